@@ -1,0 +1,37 @@
+# SymGrasp's targets; `make` alone lists them.
+PYTHON ?= python3
+BIN := .venv/bin
+SYMGRASP := $(BIN)/symgrasp
+EVAL := build/eval
+
+.DEFAULT_GOAL := help
+.PHONY: help install demo test check eval bench golden clean
+
+help: ## list the targets
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+
+install: .venv/installed ## make .venv and install symgrasp with its test tools into it
+
+.venv/installed: pyproject.toml
+	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	touch $@
+
+demo: install ## grasps on the bundled frames, pictures in build/demo
+	$(SYMGRASP) infer pipelines/weights/frames --out build/demo/grasps.h5 --overlays build/demo --overwrite
+	@echo "pictures: build/demo/*.png"
+
+test: install ## all tests
+	$(BIN)/python -m pytest -q
+
+check: install ## format, lint, types, import layers
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: install ## speeds of this machine, stage by stage
+	$(BIN)/python -m benchmarks
+
+clean: ## remove what was built, not .venv
+	rm -rf build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

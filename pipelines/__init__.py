@@ -1,0 +1,20 @@
+"""The stages of SymGrasp, and the libraries they stand on.
+
+Stages, in workflow order; each reads files, writes files, and knows no other stage:
+
+===================  ==========================================  ===============================
+stage                reads                                       writes
+===================  ==========================================  ===============================
+synthesize           procedural objects, or meshes               a GraspNet-1Billion root
+annotate_symmetry    ROOT/models                                 ROOT/symmetry/NNN.json
+refine_grasps        ROOT/grasp_label, ROOT/symmetry             ROOT/affordance/NNN.h5
+pack                 ROOT frames, symmetry, affordance           PACKED/scene_XXXX.h5
+finetune_detector    ROOT frames, symmetry                       detector.safetensors
+train                PACKED                                      network.safetensors
+infer                RGB-D frames, both weights                  grasps.h5, overlay pictures
+evaluate             grasps.h5, ROOT                             report.json, report.html
+===================  ==========================================  ===============================
+
+Libraries, from the ground up: `errors`, `configs`, `geometry` and `network`, `grasping`,
+`formats` and `metrics`, `synthesis`, `learning` and `batch`. Imports run down only.
+"""

@@ -1,0 +1,67 @@
+"""Errors a user can mend: each message says what, where, and what would be right."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+
+class SymgraspError(Exception):
+    """Base of every error that is reported as one sentence instead of a traceback."""
+
+
+class FormatError(SymgraspError):
+    """A file does not hold what its format demands."""
+
+    def __init__(self, path: Path | str, found: str, expected: str) -> None:
+        super().__init__(f"{path}: {found}; {expected}")
+        self.arguments = (path, found, expected)
+
+    def __reduce__(self) -> tuple[type["FormatError"], tuple[Path | str, str, str]]:
+        return type(self), self.arguments
+
+
+class MissingInputError(SymgraspError):
+    """A stage's input is not there yet."""
+
+    def __init__(self, path: Path | str, written_by: str) -> None:
+        super().__init__(f"{path} does not exist; `{written_by}` writes it")
+        self.arguments = (path, written_by)
+
+    def __reduce__(self) -> tuple[type["MissingInputError"], tuple[Path | str, str]]:
+        return type(self), self.arguments
+
+
+class UnknownNameError(SymgraspError):
+    """A name was given that is not among the known ones."""
+
+    def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
+        known = sorted(known)
+        super().__init__(f"{kind} {name!r} is not known; known are {', '.join(known)}")
+        self.arguments = (kind, name, known)
+
+    def __reduce__(self) -> tuple[type["UnknownNameError"], tuple[str, str, list[str]]]:
+        return type(self), self.arguments
+
+
+class StaleOutputError(SymgraspError):
+    """An output exists that was made with other settings or from other inputs."""
+
+    def __init__(self, path: Path | str) -> None:
+        super().__init__(
+            f"{path} was made with other settings or inputs; "
+            "pass --overwrite to make it again, or choose another output"
+        )
+        self.arguments = (path,)
+
+    def __reduce__(self) -> tuple[type["StaleOutputError"], tuple[Path | str]]:
+        return type(self), self.arguments
+
+
+class ValueRangeError(SymgraspError):
+    """A value is outside what it may be."""
+
+    def __init__(self, name: str, found: object, expected: str) -> None:
+        super().__init__(f"{name} is {found}; it must be {expected}")
+        self.arguments = (name, found, expected)
+
+    def __reduce__(self) -> tuple[type["ValueRangeError"], tuple[str, object, str]]:
+        return type(self), self.arguments

@@ -1,0 +1,205 @@
+"""Read and write whole files: nothing half-written, nothing unpickled, every fault one sentence."""
+
+import json
+import os
+import tempfile
+import zipfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import cv2
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.errors import FormatError, SymgraspError
+
+Array = NDArray[Any]
+
+# A zip member that claims to unpack to more than this many times its size is a zip bomb.
+MAX_UNPACK_RATIO = 2000
+MAX_UNPACK_BYTES = 16 * 2**30
+
+
+@contextmanager
+def atomic_path(path: Path) -> Iterator[Path]:
+    """Yield a temporary path beside `path`; on success it is synced and renamed to `path`."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(prefix=f".{path.stem}.", suffix=path.suffix, dir=path.parent)
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        with temporary.open("rb") as stream:
+            os.fsync(stream.fileno())
+        temporary.chmod(0o666 & ~_umask())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def write_bytes(path: Path, data: bytes) -> None:
+    """Write `data` to `path` atomically."""
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write `text` as UTF-8 to `path` atomically."""
+    write_bytes(path, text.encode())
+
+
+def write_json(path: Path, content: Any) -> None:  # noqa: ANN401 - JSON is any of many types
+    """Write `content` as indented JSON to `path` atomically."""
+    write_text(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+
+def read_json(path: Path) -> Any:  # noqa: ANN401 - JSON is any of many types
+    """Read the JSON file `path`.
+
+    Raises:
+        FormatError: the file is not JSON.
+    """
+    try:
+        return json.loads(existing(path).read_text(encoding="utf-8"))
+    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise FormatError(
+            path, f"this is not JSON ({error})", "a JSON text in UTF-8 is expected"
+        ) from error
+
+
+def existing(path: Path) -> Path:
+    """Return `path` if it is a file.
+
+    Raises:
+        SymgraspError: there is no such file.
+    """
+    if not path.is_file():
+        raise SymgraspError(f"{path} does not exist; give the path of an existing file")
+    return path
+
+
+def open_h5(path: Path) -> h5py.File:
+    """Open the HDF5 file `path` for reading.
+
+    Raises:
+        FormatError: the file is truncated or not HDF5.
+    """
+    try:
+        return h5py.File(existing(path), "r")
+    except OSError as error:
+        raise FormatError(
+            path, "this is not a whole HDF5 file", "write it again; a cut-off copy cannot be read"
+        ) from error
+
+
+def write_npy(path: Path, array: Array) -> None:
+    """Write `array` as .npy atomically."""
+    with atomic_path(path) as temporary, temporary.open("wb") as stream:
+        np.save(stream, array, allow_pickle=False)
+
+
+def read_npy(path: Path) -> Array:
+    """Read a plain .npy array.
+
+    Raises:
+        FormatError: truncated, not .npy, or pickled objects.
+    """
+    try:
+        array = np.load(existing(path), allow_pickle=False)
+    except (ValueError, EOFError, OSError, zipfile.BadZipFile) as error:
+        raise FormatError(
+            path,
+            f"this is not a whole .npy file of numbers ({error})",
+            "plain arrays are read, pickles never",
+        ) from error
+    if not isinstance(array, np.ndarray):
+        raise FormatError(path, "this is an .npz archive", "a single .npy array is expected")
+    return array
+
+
+def write_npz(path: Path, *, compress: bool = True, **arrays: Array) -> None:
+    """Write named `arrays` as .npz atomically."""
+    with atomic_path(path) as temporary, temporary.open("wb") as stream:
+        if compress:
+            np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
+        else:
+            np.savez(stream, **arrays)  # type: ignore[arg-type]
+
+
+def read_npz(path: Path, required: Sequence[str] = ()) -> dict[str, Array]:
+    """Read all arrays of an .npz file.
+
+    Raises:
+        FormatError: truncated, not .npz, pickled, a zip bomb, or a required array is missing.
+    """
+    try:
+        with zipfile.ZipFile(existing(path)) as archive:
+            _refuse_bomb(path, archive.infolist())
+        with np.load(path, allow_pickle=False) as content:
+            missing = sorted(set(required) - set(content.files))
+            if missing:
+                raise FormatError(
+                    path,
+                    f"lacks the arrays {', '.join(missing)}",
+                    f"it holds {', '.join(content.files)}",
+                )
+            return {name: content[name] for name in content.files}
+    except (ValueError, EOFError, OSError, zipfile.BadZipFile, zipfile.zlib.error) as error:  # type: ignore[attr-defined]
+        raise FormatError(
+            path,
+            f"this is not a whole .npz file of numbers ({error})",
+            "plain arrays are read, pickles never",
+        ) from error
+
+
+def _refuse_bomb(path: Path, members: Sequence[zipfile.ZipInfo]) -> None:
+    unpacked = sum(member.file_size for member in members)
+    packed = max(1, sum(member.compress_size for member in members))
+    if unpacked > MAX_UNPACK_BYTES or (unpacked > 2**30 and unpacked / packed > MAX_UNPACK_RATIO):
+        raise FormatError(
+            path,
+            f"unpacks from {packed} to {unpacked} bytes",
+            f"at most {MAX_UNPACK_BYTES} bytes and {MAX_UNPACK_RATIO} times the size are read",
+        )
+
+
+def read_image(path: Path) -> Array:
+    """Read an image as stored: (H, W) or (H, W, 3) RGB, 8 or 16 bit.
+
+    Raises:
+        FormatError: truncated or not an image.
+    """
+    data = existing(path).read_bytes()
+    _refuse_truncated_png(path, data)
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+    if image is None:
+        raise FormatError(path, "this is not a whole image", "a PNG, JPEG or TIFF file is expected")
+    if image.ndim == 3 and image.shape[2] == 4:
+        image = image[:, :, :3]
+    return np.ascontiguousarray(image[:, :, ::-1]) if image.ndim == 3 else image
+
+
+def _refuse_truncated_png(path: Path, data: bytes) -> None:
+    # OpenCV fills the missing rows of a cut-off PNG with zeros and says nothing.
+    if data.startswith(b"\x89PNG") and b"IEND" not in data[-16:]:
+        raise FormatError(path, "this PNG is cut off", "copy the whole file again")
+
+
+def write_image(path: Path, image: Array) -> None:
+    """Write `image`, (H, W) or (H, W, 3) RGB, 8 or 16 bit, atomically; the suffix says the kind."""
+    stored = image[:, :, ::-1] if image.ndim == 3 else image
+    done, data = cv2.imencode(path.suffix, np.ascontiguousarray(stored))
+    if not done:
+        raise FormatError(
+            path, f"an image of {image.dtype} cannot be stored", "use uint8 or uint16"
+        )
+    write_bytes(path, data.tobytes())

@@ -1,0 +1,42 @@
+"""Gripper presets and users' own grippers, as TOML."""
+
+import tomllib
+from dataclasses import fields
+from pathlib import Path
+
+from pipelines.errors import FormatError, UnknownNameError
+from pipelines.grasping.gripper import Gripper
+
+PRESETS = Path(__file__).parent.parent / "grippers"
+
+
+def preset_names() -> list[str]:
+    """Return the names of the grippers that come with the toolkit."""
+    return sorted(path.stem for path in PRESETS.glob("*.toml"))
+
+
+def load_gripper(name_or_path: str) -> Gripper:
+    """Return the preset of that name, or the gripper of that TOML file.
+
+    Raises:
+        UnknownNameError: neither a preset nor a file.
+        FormatError: the file is not TOML, or its keys are not a gripper's.
+    """
+    path = Path(name_or_path)
+    if not path.suffix:
+        path = PRESETS / f"{name_or_path}.toml"
+    if not path.is_file():
+        raise UnknownNameError("gripper", name_or_path, [*preset_names(), "a TOML file"])
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise FormatError(path, f"this is not TOML ({error})", "see pipelines/grippers") from error
+    names = {field.name for field in fields(Gripper)}
+    if set(content) != names:
+        wrong = sorted(set(content) ^ names)
+        raise FormatError(
+            path,
+            f"{', '.join(wrong)} are missing or unknown",
+            f"the keys are {', '.join(sorted(names))}",
+        )
+    return Gripper(**content)

@@ -1,0 +1,123 @@
+"""How an output was made: the stamp every file carries, and whether it is still the right one."""
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Mapping
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import h5py
+
+from pipelines.errors import StaleOutputError
+from pipelines.formats.files import open_h5, read_json, write_json
+
+# What must agree for an existing output to be reused; the version is recorded, not compared.
+COMPARED = ("stage", "config", "seed", "inputs")
+
+
+@dataclasses.dataclass(frozen=True)
+class Stamp:
+    """What an output was made by: stage, settings, seed and digests of its inputs."""
+
+    stage: str
+    config: Mapping[str, Any]
+    seed: int = 0
+    inputs: Mapping[str, str] = dataclasses.field(default_factory=dict)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the stamp as a JSON object, the toolkit's version included."""
+        return {
+            "stage": self.stage,
+            "config": dict(self.config),
+            "seed": self.seed,
+            "inputs": dict(self.inputs),
+            "version": version(),
+        }
+
+    def as_text(self) -> str:
+        """Return the stamp as one line of JSON."""
+        return json.dumps(self.as_json(), sort_keys=True)
+
+
+def version() -> str:
+    """Return the installed version of symgrasp."""
+    try:
+        return metadata.version("symgrasp")
+    except metadata.PackageNotFoundError:
+        return "unknown"
+
+
+def make_stamp(
+    stage: str,
+    config: Any,  # noqa: ANN401 - any dataclass, or a mapping
+    *,
+    seed: int = 0,
+    inputs: Mapping[str, str] | None = None,
+) -> Stamp:
+    """Return the stamp of `stage` run with `config`, a dataclass or a mapping."""
+    settings = config if isinstance(config, Mapping) else dataclasses.asdict(config)
+    # Through JSON and back, so that tuples and lists compare as they will when read again.
+    return Stamp(stage, json.loads(json.dumps(settings, default=str)), seed, dict(inputs or {}))
+
+
+def digest(path: Path) -> str:
+    """Return the first 16 hexadecimal digits of the file's SHA-256."""
+    with path.open("rb") as stream:
+        return "sha256:" + hashlib.file_digest(stream, "sha256").hexdigest()[:16]
+
+
+def sidecar_of(target: Path) -> Path:
+    """Return where the stamp of `target` lies when the format itself has no place for it."""
+    if target.is_dir():
+        return target / "provenance.json"
+    return target.with_name(f"{target.name}.provenance.json")
+
+
+def write_sidecar(target: Path, stamp: Stamp) -> None:
+    """Write the stamp of `target` beside it, or into it if it is a folder."""
+    write_json(sidecar_of(target), stamp.as_json())
+
+
+def read_stamp(target: Path) -> dict[str, Any] | None:
+    """Return the stamp of `target`, or None if it has none."""
+    match target.suffix:
+        case ".h5":
+            return _read_h5_stamp(target)
+        case ".json":
+            content = read_json(target)
+            return content.get("provenance") if isinstance(content, dict) else None
+        case ".safetensors":
+            return _read_safetensors_stamp(target)
+        case _:
+            sidecar = sidecar_of(target)
+            return dict(read_json(sidecar)) if sidecar.exists() else None
+
+
+def _read_h5_stamp(target: Path) -> dict[str, Any] | None:
+    with open_h5(target) as file:
+        text = file.attrs.get("provenance")
+    return None if text is None or isinstance(text, h5py.Empty) else dict(json.loads(text))
+
+
+def _read_safetensors_stamp(target: Path) -> dict[str, Any] | None:
+    from safetensors import safe_open  # noqa: PLC0415 - only this format needs it
+
+    with safe_open(str(target), framework="numpy") as file:
+        text = (file.metadata() or {}).get("provenance")
+    return None if text is None else dict(json.loads(text))
+
+
+def is_finished(target: Path, stamp: Stamp, *, overwrite: bool = False) -> bool:
+    """Return whether `target` exists and was made as `stamp` says.
+
+    Raises:
+        StaleOutputError: it exists, was made otherwise, and may not be overwritten.
+    """
+    if not target.exists() or overwrite:
+        return False
+    found, wanted = read_stamp(target) or {}, stamp.as_json()
+    if any(found.get(key) != wanted[key] for key in COMPARED):
+        raise StaleOutputError(target)
+    return True

@@ -1,0 +1,1 @@
+"""Pure geometry on arrays: transforms, cameras, clouds, meshes, symmetries. Metres, radians."""

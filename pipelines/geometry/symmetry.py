@@ -1,0 +1,204 @@
+"""The three symmetries of the paper, and the network's five slots for them (Sec. III-E, Fig. 5)."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipelines.errors import ValueRangeError
+from pipelines.geometry.transforms import rotate_vectors, rotation_about, transform_points
+
+Array = NDArray[np.float64]
+
+NUM_SLOTS = 5  # M of Eq. 7: three reflections, one rotation, one sphere
+REFLECTION_SLOTS = (0, 1, 2)
+ROTATION_SLOT = 3
+SPHERE_SLOT = 4
+
+
+def _checked_direction(name: str, vector: ArrayLike) -> Array:
+    v = np.asarray(vector, np.float64)
+    length = np.linalg.norm(v)
+    if v.shape != (3,) or not np.isfinite(v).all() or not 0.5 < length < 2.0:
+        raise ValueRangeError(name, v.tolist(), "a unit vector of 3 finite numbers")
+    return np.asarray(v / length)
+
+
+def _checked_point(vector: ArrayLike) -> Array:
+    v = np.asarray(vector, np.float64)
+    if v.shape != (3,) or not np.isfinite(v).all():
+        raise ValueRangeError("point", v.tolist(), "3 finite numbers, metres")
+    return v
+
+
+@dataclass(frozen=True)
+class ReflectionSymmetry:
+    """Mirror symmetry in the plane through `point` (3,) with unit `normal` (3,)."""
+
+    normal: Array
+    point: Array
+    error: float = 0.0
+    kind = "reflection"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "normal", _checked_direction("normal", self.normal))
+        object.__setattr__(self, "point", _checked_point(self.point))
+
+    @property
+    def direction(self) -> Array:
+        """The plane's normal."""
+        return self.normal
+
+    def counterpart(self, points: ArrayLike) -> Array:
+        """Return the mirror images (..., 3) of `points` (..., 3)."""
+        p = np.asarray(points, np.float64)
+        return np.asarray(p - 2.0 * ((p - self.point) @ self.normal)[..., None] * self.normal)
+
+    def mirror_vectors(self, vectors: ArrayLike) -> Array:
+        """Return the mirror images (..., 3) of free `vectors` (..., 3)."""
+        v = np.asarray(vectors, np.float64)
+        return np.asarray(v - 2.0 * (v @ self.normal)[..., None] * self.normal)
+
+    def transformed(self, T: ArrayLike) -> "ReflectionSymmetry":
+        """Return the symmetry of the object moved by the (4, 4) transform `T`."""
+        return replace(
+            self, normal=rotate_vectors(T, self.normal), point=transform_points(T, self.point)
+        )
+
+
+@dataclass(frozen=True)
+class RotationSymmetry:
+    """Rotation symmetry about the line through `point` (3,) along unit `axis` (3,).
+
+    `order` is None for a continuous symmetry, n for one that repeats every 1/n turn.
+    """
+
+    axis: Array
+    point: Array
+    order: int | None = None
+    error: float = 0.0
+    kind = "rotation"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "axis", _checked_direction("axis", self.axis))
+        object.__setattr__(self, "point", _checked_point(self.point))
+        if self.order is not None and self.order < 2:
+            raise ValueRangeError("order", self.order, "None (continuous) or at least 2")
+
+    @property
+    def direction(self) -> Array:
+        """The axis."""
+        return self.axis
+
+    def counterpart(self, points: ArrayLike) -> Array:
+        """Return the farthest points (..., 3) of the orbits of `points`: across the axis."""
+        foot = np.asarray(points, np.float64) - self.point
+        across = foot - (foot @ self.axis)[..., None] * self.axis
+        return np.asarray(points, np.float64) - 2.0 * across
+
+    def turn(self, points: ArrayLike, angle: float) -> Array:
+        """Return `points` (..., 3) turned by `angle` radians about the axis."""
+        R = rotation_about(self.axis, angle)
+        return (np.asarray(points, np.float64) - self.point) @ R.T + self.point
+
+    def transformed(self, T: ArrayLike) -> "RotationSymmetry":
+        """Return the symmetry of the object moved by the (4, 4) transform `T`."""
+        return replace(
+            self, axis=rotate_vectors(T, self.axis), point=transform_points(T, self.point)
+        )
+
+
+@dataclass(frozen=True)
+class SphereSymmetry:
+    """Symmetry under every rotation about `point` (3,)."""
+
+    point: Array
+    error: float = 0.0
+    kind = "sphere"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "point", _checked_point(self.point))
+
+    @property
+    def direction(self) -> Array:
+        """Three nan: a sphere has no direction."""
+        return np.full(3, np.nan)
+
+    def counterpart(self, points: ArrayLike) -> Array:
+        """Return the farthest points (..., 3) of the orbits of `points`: through the centre."""
+        return 2.0 * self.point - np.asarray(points, np.float64)
+
+    def transformed(self, T: ArrayLike) -> "SphereSymmetry":
+        """Return the symmetry of the object moved by the (4, 4) transform `T`."""
+        return replace(self, point=transform_points(T, self.point))
+
+
+Symmetry = ReflectionSymmetry | RotationSymmetry | SphereSymmetry
+
+
+@dataclass(frozen=True)
+class SymmetrySlots:
+    """Symmetries in the network's five slots: 0-2 reflection, 3 rotation, 4 sphere.
+
+    Attributes:
+        existence: (5,) probability that the slot's symmetry exists, 0 or 1 for ground truth.
+        point: (5, 3) metres; nan where the slot is empty.
+        direction: (5, 3) unit; nan where the slot is empty, and for the sphere.
+    """
+
+    existence: Array
+    point: Array
+    direction: Array
+
+    @classmethod
+    def empty(cls) -> "SymmetrySlots":
+        """Return slots without any symmetry."""
+        return cls(np.zeros(5), np.full((5, 3), np.nan), np.full((5, 3), np.nan))
+
+    @classmethod
+    def from_symmetries(cls, symmetries: Iterable[Symmetry]) -> "SymmetrySlots":
+        """Return the slots of `symmetries`: the first three planes, continuous axis, sphere.
+
+        Discrete rotations have no slot; the paper's rotation is continuous.
+        """
+        slots = cls.empty()
+        planes = 0
+        for symmetry in symmetries:
+            match symmetry:
+                case ReflectionSymmetry():
+                    slot, planes = planes, planes + 1
+                    if slot >= len(REFLECTION_SLOTS):
+                        continue
+                case RotationSymmetry(order=None):
+                    slot = ROTATION_SLOT
+                case SphereSymmetry():
+                    slot = SPHERE_SLOT
+                case _:
+                    continue
+            slots.existence[slot] = 1.0
+            slots.point[slot], slots.direction[slot] = symmetry.point, symmetry.direction
+        return slots
+
+    def symmetry(self, slot: int) -> Symmetry:
+        """Return the symmetry that the parameters of `slot` describe."""
+        if slot in REFLECTION_SLOTS:
+            return ReflectionSymmetry(self.direction[slot], self.point[slot])
+        if slot == ROTATION_SLOT:
+            return RotationSymmetry(self.direction[slot], self.point[slot])
+        return SphereSymmetry(self.point[slot])
+
+    def existing(self, threshold: float = 0.5) -> list[tuple[int, Symmetry]]:
+        """Return (slot, symmetry) of every slot whose existence exceeds `threshold`."""
+        slots: Sequence[int] = np.flatnonzero(self.existence > threshold).tolist()
+        return [(slot, self.symmetry(slot)) for slot in slots]
+
+    def to_symmetries(self, threshold: float = 0.5) -> list[Symmetry]:
+        """Return the symmetries whose existence exceeds `threshold`."""
+        return [symmetry for _, symmetry in self.existing(threshold)]
+
+    def transformed(self, T: ArrayLike) -> "SymmetrySlots":
+        """Return the slots of the object moved by the (4, 4) transform `T`."""
+        return SymmetrySlots(
+            self.existence, transform_points(T, self.point), rotate_vectors(T, self.direction)
+        )

@@ -1,0 +1,92 @@
+"""Rigid transforms, and the conventions of the whole toolkit.
+
+Metres, radians, float64. A transform is a (4, 4) matrix; `T_cam_obj` maps object coordinates to
+camera coordinates, so `T_world_obj = T_world_cam @ T_cam_obj`. The camera has OpenCV axes: x right,
+y down, z forward. An array that could be in two frames carries a suffix: `points_cam`,
+`points_obj`.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def make_pose(rotation: ArrayLike, translation: ArrayLike) -> Array:
+    """Return the (..., 4, 4) transform of `rotation` (..., 3, 3) and `translation` (..., 3)."""
+    R, t = np.asarray(rotation, np.float64), np.asarray(translation, np.float64)
+    pose = np.zeros((*np.broadcast_shapes(R.shape[:-2], t.shape[:-1]), 4, 4))
+    pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = R, t, 1.0
+    return pose
+
+
+def invert(T: ArrayLike) -> Array:
+    """Return the inverse of rigid transforms (..., 4, 4)."""
+    T = np.asarray(T, np.float64)
+    R_inverse = np.swapaxes(T[..., :3, :3], -1, -2)
+    return make_pose(R_inverse, -np.einsum("...ij,...j->...i", R_inverse, T[..., :3, 3]))
+
+
+def transform_points(T: ArrayLike, points: ArrayLike) -> Array:
+    """Map `points` (..., 3) by one transform (4, 4)."""
+    T = np.asarray(T, np.float64)
+    return np.asarray(points, np.float64) @ T[:3, :3].T + T[:3, 3]
+
+
+def rotate_vectors(T: ArrayLike, vectors: ArrayLike) -> Array:
+    """Rotate `vectors` (..., 3) by the rotation of one (4, 4) transform or (3, 3) matrix."""
+    return np.asarray(vectors, np.float64) @ np.asarray(T, np.float64)[:3, :3].T
+
+
+def unit(vectors: ArrayLike, axis: int = -1) -> Array:
+    """Return `vectors` scaled to length one along `axis`; zero vectors stay zero."""
+    v = np.asarray(vectors, np.float64)
+    length = np.linalg.norm(v, axis=axis, keepdims=True)
+    return v / np.where(length > 0, length, 1.0)
+
+
+def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Array:
+    """Return rotations (..., 3, 3) by `angle` (...) about the unit vectors `axis` (..., 3)."""
+    u, angle = unit(axis), np.asarray(angle, np.float64)
+    x, y, z = np.moveaxis(u, -1, 0)
+    zero = np.zeros_like(x)
+    cross = np.stack(
+        [np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], -2
+    )
+    s, c = np.sin(angle)[..., None, None], np.cos(angle)[..., None, None]
+    return np.asarray(np.eye(3) + s * cross + (1.0 - c) * (cross @ cross))  # Rodrigues
+
+
+def random_rotation(rng: np.random.Generator) -> Array:
+    """Return a (3, 3) rotation, uniform over all rotations."""
+    return quaternion_to_matrix(rng.normal(size=4))
+
+
+def basis_from_direction(direction: ArrayLike) -> Array:
+    """Return right-handed bases (..., 3, 3) whose first column is `direction` (..., 3)."""
+    x = unit(direction)
+    # Cross with the coordinate axis farthest from x, so that the product never vanishes.
+    helper = np.eye(3)[np.argmin(np.abs(x), axis=-1)]
+    y = unit(np.cross(helper, x))
+    return np.stack([x, y, np.cross(x, y)], -1)
+
+
+def quaternion_to_matrix(wxyz: ArrayLike) -> Array:
+    """Return rotations (..., 3, 3) of quaternions (..., 4), w first, of any length but zero."""
+    w, x, y, z = np.moveaxis(unit(wxyz), -1, 0)
+    rows = [
+        np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], -1),
+        np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], -1),
+        np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1),
+    ]
+    return np.stack(rows, -2)
+
+
+def matrix_to_quaternion(rotation: ArrayLike) -> Array:
+    """Return the quaternions (..., 4), w first and not negative, of rotations (..., 3, 3)."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import
+
+    R = np.asarray(rotation, np.float64)
+    xyzw = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_quat()
+    wxyz = xyzw[:, [3, 0, 1, 2]] * np.where(xyzw[:, 3:] < 0, -1.0, 1.0)
+    return np.asarray(wxyz.reshape(*R.shape[:-2], 4))

@@ -1,0 +1,1 @@
+"""Grasps on arrays: the grasp frame, grippers, symmetrizing, decoding, selection."""

@@ -1,0 +1,159 @@
+"""Grasps of a parallel-jaw gripper, and THE grasp frame.
+
+The columns of `rotation` are **approach, closing, approach x closing**: the hand moves along
+approach, the fingers close along closing. `translation` is the **midpoint of the two contacts**
+(the paper's t), `width` the distance between them (the paper's d). Turning a grasp by half a turn
+about its approach swaps the fingers: it is the same grasp.
+
+GraspNet has the same axes but another origin: it lies `depth` behind the finger tips along the
+approach, and its width is the opening. `to_graspnet` and `from_graspnet` own that difference.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipelines.errors import ValueRangeError
+from pipelines.geometry.transforms import rotate_vectors, transform_points, unit
+
+Array = NDArray[np.float64]
+Index = NDArray[np.bool_] | NDArray[np.integer] | slice
+
+GRASPNET_HEIGHT = 0.02  # metres; the column that graspnetAPI ignores
+GRASPNET_DEPTH = 0.02  # metres from GraspNet's origin to the finger tips
+ROTATION_TOLERANCE = 1e-4
+
+
+@dataclass(frozen=True)
+class Grasps:
+    """Any number of grasps in one frame.
+
+    Attributes:
+        rotation: (n, 3, 3), columns approach, closing, approach x closing; determinant +1.
+        translation: (n, 3) metres, midpoints of the contacts.
+        width: (n,) metres, distances of the contacts.
+    """
+
+    rotation: Array
+    translation: Array
+    width: Array
+
+    def __post_init__(self) -> None:
+        R = np.asarray(self.rotation, np.float64).reshape(-1, 3, 3)
+        t = np.asarray(self.translation, np.float64).reshape(-1, 3)
+        d = np.asarray(self.width, np.float64).reshape(-1)
+        if not len(R) == len(t) == len(d):
+            raise ValueRangeError(
+                "numbers of rotations, translations and widths", (len(R), len(t), len(d)), "equal"
+            )
+        if len(R) and not np.allclose(
+            R.swapaxes(1, 2) @ R, np.eye(3), atol=ROTATION_TOLERANCE
+        ) | np.any(np.linalg.det(R) < 0):
+            raise ValueRangeError("rotation", "not a rotation", "orthonormal, determinant +1")
+        for name, value in (("rotation", R), ("translation", t), ("width", d)):
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def empty(cls) -> "Grasps":
+        """Return no grasps."""
+        return cls(np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros(0))
+
+    @classmethod
+    def from_contacts(cls, contacts: ArrayLike, approach: ArrayLike) -> "Grasps":
+        """Return the grasps with `contacts` (n, 2, 3) along `approach` (n, 3).
+
+        Only the part of `approach` perpendicular to the contact line counts; closing points from
+        the first contact to the second.
+        """
+        pair = np.asarray(contacts, np.float64)
+        line = pair[:, 1] - pair[:, 0]
+        closing = unit(line)
+        a = np.asarray(approach, np.float64)
+        a = unit(a - np.einsum("ni,ni->n", a, closing)[:, None] * closing)
+        rotation = np.stack([a, closing, np.cross(a, closing)], -1)
+        return cls(rotation, pair.mean(axis=1), np.linalg.norm(line, axis=1))
+
+    @classmethod
+    def concatenate(cls, parts: Sequence["Grasps"]) -> "Grasps":
+        """Return all grasps of `parts`, in order."""
+        if not parts:
+            return cls.empty()
+        return cls(
+            np.concatenate([part.rotation for part in parts]),
+            np.concatenate([part.translation for part in parts]),
+            np.concatenate([part.width for part in parts]),
+        )
+
+    def __len__(self) -> int:
+        return len(self.width)
+
+    def __getitem__(self, index: Index) -> "Grasps":
+        return replace(
+            self,
+            rotation=self.rotation[index],
+            translation=self.translation[index],
+            width=self.width[index],
+        )
+
+    @property
+    def approach(self) -> Array:
+        """(n, 3) unit vectors from the hand to the object."""
+        return self.rotation[:, :, 0]
+
+    @property
+    def closing(self) -> Array:
+        """(n, 3) unit vectors from the first contact to the second."""
+        return self.rotation[:, :, 1]
+
+    @property
+    def contacts(self) -> Array:
+        """(n, 2, 3) metres, the two contacts."""
+        half = 0.5 * self.width[:, None] * self.closing
+        return np.stack([self.translation - half, self.translation + half], 1)
+
+    def transformed(self, T: ArrayLike) -> "Grasps":
+        """Return the grasps moved by the (4, 4) transform `T`."""
+        return replace(
+            self,
+            rotation=rotate_vectors(T, self.rotation.swapaxes(1, 2)).swapaxes(1, 2),
+            translation=transform_points(T, self.translation),
+        )
+
+
+def to_graspnet(
+    grasps: Grasps,
+    rank: ArrayLike,
+    *,
+    opening: ArrayLike | None = None,
+    tip_reach: float = 0.005,
+    depth: float = GRASPNET_DEPTH,
+    object_id: ArrayLike = -1,
+) -> Array:
+    """Return graspnetAPI's rows (n, 17).
+
+    Args:
+        grasps: in the camera frame.
+        rank: (n,) confidence, higher is better, GraspNet's first column.
+        opening: (n,) metres between the open fingers; the contact width if None.
+        tip_reach: metres by which the finger tips pass the contact line along approach.
+        depth: metres from GraspNet's origin to the finger tips.
+        object_id: (n,) or one number; -1 for unknown.
+    """
+    rows = np.zeros((len(grasps), 17))
+    rows[:, 0] = rank
+    rows[:, 1] = grasps.width if opening is None else opening
+    rows[:, 2], rows[:, 3] = GRASPNET_HEIGHT, depth
+    rows[:, 4:13] = grasps.rotation.reshape(-1, 9)
+    rows[:, 13:16] = grasps.translation + (tip_reach - depth) * grasps.approach
+    rows[:, 16] = object_id
+    return rows
+
+
+def from_graspnet(rows: ArrayLike, *, tip_reach: float = 0.0) -> Grasps:
+    """Return the grasps of graspnetAPI's `rows` (n, 17); `width` is then the opening."""
+    rows = np.asarray(rows, np.float64).reshape(-1, 17)
+    rotation = rows[:, 4:13].reshape(-1, 3, 3)
+    forward = (rows[:, 3] - tip_reach)[:, None] * rotation[:, :, 0]
+    return Grasps(rotation, rows[:, 13:16] + forward, rows[:, 1])

@@ -1,0 +1,82 @@
+"""The parallel-jaw gripper as three boxes in the grasp frame: two fingers and a palm."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipelines.errors import ValueRangeError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Gripper:
+    """Dimensions in metres; along the grasp frame's axes approach, closing, approach x closing.
+
+    Attributes:
+        name: as users call it.
+        max_opening: widest distance between the fingers' inner faces.
+        finger_length: from the palm's front to the finger tips, along approach.
+        finger_thickness: of one finger along closing.
+        finger_height: of a finger along the third axis.
+        palm_depth: of the palm, behind the fingers, along approach.
+        palm_width: of the palm along closing.
+        palm_height: of the palm along the third axis.
+        tip_reach: how far the tips pass the contact line along approach.
+        clearance: free distance between contact and open finger, each side.
+        flange_to_tip: from the mounting flange to the finger tips, for exporters.
+    """
+
+    name: str
+    max_opening: float
+    finger_length: float
+    finger_thickness: float
+    finger_height: float
+    palm_depth: float
+    palm_width: float
+    palm_height: float
+    tip_reach: float
+    clearance: float
+    flange_to_tip: float
+
+    def __post_init__(self) -> None:
+        for field in fields(self)[1:]:
+            value = getattr(self, field.name)
+            if not (isinstance(value, int | float) and 0.0 <= value < 1.0):
+                raise ValueRangeError(
+                    f"gripper {self.name}: {field.name}", value, "a length in metres, 0 to 1"
+                )
+        if self.max_opening <= 2 * self.clearance:
+            raise ValueRangeError(
+                f"gripper {self.name}: max_opening", self.max_opening, "wider than two clearances"
+            )
+
+    @property
+    def max_width(self) -> float:
+        """Widest distance of contacts that the open fingers still pass with their clearance."""
+        return self.max_opening - 2.0 * self.clearance
+
+    def opening(self, width: ArrayLike) -> Array:
+        """Return the distance between the open fingers for contacts `width` (...) apart."""
+        return np.asarray(width, np.float64) + 2.0 * self.clearance
+
+    def boxes(self, width: ArrayLike) -> Array:
+        """Return (..., 3, 2, 3): low and high corners of both fingers and the palm.
+
+        `width` (...) is the distance of the contacts; the frame is the grasp's, so the contact
+        line lies on approach = 0, third axis = 0.
+        """
+        inner = self.opening(width) / 2.0
+        tip, back = self.tip_reach, self.tip_reach - self.finger_length
+        boxes = np.zeros((*inner.shape, 3, 2, 3))
+        boxes[..., :2, 0, 0], boxes[..., :2, 1, 0] = back, tip
+        boxes[..., 0, 0, 1], boxes[..., 0, 1, 1] = -inner - self.finger_thickness, -inner
+        boxes[..., 1, 0, 1], boxes[..., 1, 1, 1] = inner, inner + self.finger_thickness
+        boxes[..., :2, 0, 2], boxes[..., :2, 1, 2] = -self.finger_height / 2, self.finger_height / 2
+        # The palm is at least as wide as the open fingers: they are mounted on it.
+        half = np.maximum(self.palm_width / 2, inner + self.finger_thickness)
+        boxes[..., 2, 0, 0], boxes[..., 2, 1, 0] = back - self.palm_depth, back
+        boxes[..., 2, 0, 1], boxes[..., 2, 1, 1] = -half, half
+        boxes[..., 2, 0, 2], boxes[..., 2, 1, 2] = -self.palm_height / 2, self.palm_height / 2
+        return boxes

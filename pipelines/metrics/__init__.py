@@ -1,0 +1,1 @@
+"""Grasp and symmetry metrics on arrays."""

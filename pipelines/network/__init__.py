@@ -1,0 +1,1 @@
+"""The networks, in torch: PointNet++ with PIFT, and the region detector."""

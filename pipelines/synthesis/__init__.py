@@ -1,0 +1,1 @@
+"""Procedural objects, scenes, sensors and grasp labels with known truth."""

@@ -1,0 +1,89 @@
+"""The `symgrasp` command: all commands in workflow order, and the one error boundary."""
+
+import logging
+import sys
+from typing import Annotated, Any
+
+import typer
+from click import Context
+from typer.core import TyperGroup
+
+from pipelines.errors import SymgraspError
+from symgrasp_cli.annotate_symmetry import annotate_symmetry
+from symgrasp_cli.evaluate import evaluate
+from symgrasp_cli.finetune_detector import finetune_detector
+from symgrasp_cli.infer import infer
+from symgrasp_cli.pack import pack
+from symgrasp_cli.refine_grasps import refine_grasps
+from symgrasp_cli.synthesize import synthesize
+from symgrasp_cli.train import train
+
+# The order in which a lab runs them; `symgrasp --help` teaches the workflow.
+COMMANDS = (
+    synthesize,
+    annotate_symmetry,
+    refine_grasps,
+    pack,
+    finetune_detector,
+    train,
+    infer,
+    evaluate,
+)
+
+
+class SymgraspGroup(TyperGroup):
+    """Report a `SymgraspError` as one line and exit 1; let every other exception show itself."""
+
+    def list_commands(self, ctx: Context) -> list[str]:
+        """Return the commands in workflow order."""
+        return list(self.commands)
+
+    def invoke(self, ctx: Context) -> Any:  # noqa: ANN401 - click's signature
+        """Run the command inside the error boundary."""
+        try:
+            return super().invoke(ctx)
+        except SymgraspError as error:
+            typer.echo(f"error: {error}", err=True)
+            raise typer.Exit(1) from error
+
+
+app = typer.Typer(
+    cls=SymgraspGroup,
+    name="symgrasp",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from pipelines.formats.provenance import version  # noqa: PLC0415 - lazy, `--help` stays fast
+
+        typer.echo(f"symgrasp {version()}")
+        raise typer.Exit
+
+
+@app.callback()
+def root(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version."),
+    ] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Say more on stderr.")] = False,
+) -> None:
+    """Symmetry-aware antipodal grasps from single-view RGB-D images."""
+    logging.basicConfig(
+        stream=sys.stderr,
+        level=logging.INFO if verbose else logging.WARNING,
+        format="%(levelname)s %(name)s: %(message)s",
+    )
+
+
+for command in COMMANDS:
+    app.command()(command)
+
+
+def main() -> None:
+    """Run the command line."""
+    app()

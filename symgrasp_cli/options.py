@@ -1,0 +1,36 @@
+"""Options that several commands share, and how they become `BatchOptions`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from pipelines.batch import BatchOptions
+
+Workers = Annotated[int, typer.Option(min=1, help="Processes that work at a time.")]
+Backend = Annotated[
+    str, typer.Option(help="joblib's backend: loky, or dask or ray with that extra installed.")
+]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of everything that is drawn at random.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Make outputs again that exist.")]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="Say what would be done, do nothing.")]
+Device = Annotated[
+    str, typer.Option(help="auto, cpu, cuda or cuda:N; auto takes a GPU if there is one.")
+]
+
+
+def batch_options(workers: int, backend: str, *, overwrite: bool, dry_run: bool) -> BatchOptions:
+    """Return the options of a batch, the progress bar shown where stderr is a terminal."""
+    import sys  # noqa: PLC0415
+
+    from pipelines.batch import BatchOptions  # noqa: PLC0415 - lazy, `--help` stays fast
+
+    return BatchOptions(
+        workers=workers,
+        backend=backend,
+        overwrite=overwrite,
+        dry_run=dry_run,
+        progress=sys.stderr.isatty(),
+    )

@@ -1,0 +1,15 @@
+"""What all tests share: the folder of real data, where it exists."""
+
+from pathlib import Path
+
+import pytest
+
+SHARED = Path(__file__).resolve().parents[2] / "shared"
+
+
+@pytest.fixture(scope="session")
+def shared() -> Path:
+    """The folder of real frames and meshes beside the checkout; skips where there is none."""
+    if not SHARED.is_dir():
+        pytest.skip(f"{SHARED} is not there: real frames and meshes are not part of the project")
+    return SHARED

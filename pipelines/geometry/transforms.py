@@ -30,7 +30,7 @@ def invert(T: ArrayLike) -> Array:
 def transform_points(T: ArrayLike, points: ArrayLike) -> Array:
     """Map `points` (..., 3) by one transform (4, 4)."""
     T = np.asarray(T, np.float64)
-    return np.asarray(points, np.float64) @ T[:3, :3].T + T[:3, 3]
+    return np.asarray(np.asarray(points, np.float64) @ T[:3, :3].T + T[:3, 3])
 
 
 def rotate_vectors(T: ArrayLike, vectors: ArrayLike) -> Array:

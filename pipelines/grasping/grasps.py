@@ -48,9 +48,8 @@ class Grasps:
             raise ValueRangeError(
                 "numbers of rotations, translations and widths", (len(R), len(t), len(d)), "equal"
             )
-        if len(R) and not np.allclose(
-            R.swapaxes(1, 2) @ R, np.eye(3), atol=ROTATION_TOLERANCE
-        ) | np.any(np.linalg.det(R) < 0):
+        orthonormal = np.allclose(R.swapaxes(1, 2) @ R, np.eye(3), atol=ROTATION_TOLERANCE)
+        if not orthonormal or (np.linalg.det(R) < 0).any():
             raise ValueRangeError("rotation", "not a rotation", "orthonormal, determinant +1")
         for name, value in (("rotation", R), ("translation", t), ("width", d)):
             object.__setattr__(self, name, value)

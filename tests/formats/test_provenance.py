@@ -1,0 +1,72 @@
+"""A finished output is one that was made as this run would make it."""
+
+import h5py
+import numpy as np
+import pytest
+from safetensors.numpy import save_file
+
+from pipelines.configs import RefineGraspsConfig
+from pipelines.errors import StaleOutputError
+from pipelines.formats.files import write_json
+from pipelines.formats.provenance import (
+    digest,
+    is_finished,
+    make_stamp,
+    read_stamp,
+    write_sidecar,
+)
+
+STAMP = make_stamp("refine-grasps", RefineGraspsConfig(), seed=3, inputs={"a": "sha256:0"})
+
+
+def write_h5(path):
+    with h5py.File(path, "w") as file:
+        file.attrs["provenance"] = STAMP.as_text()
+
+
+def write_folder(path):
+    path.mkdir()
+    write_sidecar(path, STAMP)
+
+
+def write_plain(path):
+    path.write_bytes(b"x")
+    write_sidecar(path, STAMP)
+
+
+WRITERS = {
+    "a.h5": write_h5,
+    "a.json": lambda path: write_json(path, {"provenance": STAMP.as_json()}),
+    "a.safetensors": lambda path: save_file(
+        {"w": np.zeros(1)}, path, {"provenance": STAMP.as_text()}
+    ),
+    "folder": write_folder,
+    "a.npz": write_plain,
+}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_every_kind_of_output_carries_its_stamp(tmp_path, name):
+    target = tmp_path / name
+    assert not is_finished(target, STAMP)
+    WRITERS[name](target)
+    assert read_stamp(target) == STAMP.as_json()
+    assert is_finished(target, STAMP)
+    assert not is_finished(target, STAMP, overwrite=True)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_an_output_made_otherwise_is_refused(tmp_path, name):
+    target = tmp_path / name
+    WRITERS[name](target)
+    other = make_stamp("refine-grasps", RefineGraspsConfig(copies_per_turn=8), seed=3)
+    with pytest.raises(StaleOutputError, match="--overwrite"):
+        is_finished(target, other)
+
+
+def test_the_digest_follows_the_content(tmp_path):
+    path = tmp_path / "a"
+    path.write_bytes(b"1")
+    first = digest(path)
+    path.write_bytes(b"2")
+    assert digest(path) != first

@@ -1,0 +1,46 @@
+"""The pinhole camera."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from pipelines.errors import ValueRangeError
+from pipelines.geometry.camera import Intrinsics
+
+CAMERA = Intrinsics(60.0, 62.0, 31.0, 23.5, 64, 48)
+
+
+def test_projection_undoes_backprojection():
+    depth = np.random.default_rng(0).uniform(0.3, 2.0, (48, 64))
+    pixels = CAMERA.project(CAMERA.backproject(depth))
+    assert_allclose(pixels[5, 7], [7, 5], atol=1e-9)
+    assert_allclose(pixels[47, 63], [63, 47], atol=1e-9)
+
+
+def test_missing_depth_is_nan():
+    depth = np.ones((48, 64))
+    depth[3, 4] = 0.0
+    points = CAMERA.backproject(depth)
+    assert np.isnan(points[3, 4]).all()
+    assert np.isfinite(points).sum() == 3 * (48 * 64 - 1)
+
+
+def test_a_resized_camera_sees_the_same_point_at_the_scaled_pixel():
+    half = CAMERA.resized(32, 24)
+    u, v = CAMERA.project([0.1, -0.05, 0.8])
+    assert_allclose(half.project([0.1, -0.05, 0.8]), [(u + 0.5) / 2 - 0.5, (v + 0.5) / 2 - 0.5])
+
+
+def test_the_matrix_round_trips():
+    assert Intrinsics.from_matrix(CAMERA.matrix, 64, 48) == CAMERA
+
+
+@pytest.mark.parametrize("fx", [0.0, -1.0, np.nan])
+def test_impossible_focal_lengths_are_refused(fx):
+    with pytest.raises(ValueRangeError, match="intrinsics"):
+        Intrinsics(fx, 60.0, 31.0, 23.5, 64, 48)
+
+
+def test_depth_of_another_size_is_refused():
+    with pytest.raises(ValueRangeError, match="depth size"):
+        CAMERA.backproject(np.ones((10, 10)))

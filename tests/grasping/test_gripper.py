@@ -1,0 +1,50 @@
+"""Grippers as boxes, and their files."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from pipelines.errors import FormatError, UnknownNameError, ValueRangeError
+from pipelines.formats.gripper_files import PRESETS, load_gripper, preset_names
+
+
+def test_every_preset_loads_under_its_own_name():
+    assert set(preset_names()) == {"rg2", "robotiq_2f85", "franka"}
+    for name in preset_names():
+        assert load_gripper(name).name == name
+
+
+def test_the_fingers_leave_the_opening_free_and_reach_past_the_contacts():
+    gripper = load_gripper("rg2")
+    left, right, palm = gripper.boxes(0.05)
+    assert_allclose(right[0, 1] - left[1, 1], gripper.opening(0.05))
+    assert_allclose(left[1, 0], gripper.tip_reach)
+    assert_allclose(palm[1, 0], left[0, 0])
+
+
+def test_boxes_are_vectorised_over_widths():
+    gripper = load_gripper("rg2")
+    widths = np.array([0.01, 0.05, 0.09])
+    assert_allclose(gripper.boxes(widths)[1], gripper.boxes(0.05))
+
+
+def test_a_user_gripper_is_read_from_toml(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text((PRESETS / "rg2.toml").read_text().replace('"rg2"', '"mine"'))
+    assert load_gripper(str(path)) == replace(load_gripper("rg2"), name="mine")
+
+
+def test_wrong_gripper_files_are_refused_with_a_sentence(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text('name = "mine"\n')
+    with pytest.raises(FormatError, match="max_opening"):
+        load_gripper(str(path))
+    path.write_text("name = ")
+    with pytest.raises(FormatError, match="TOML"):
+        load_gripper(str(path))
+    with pytest.raises(UnknownNameError, match="rg2"):
+        load_gripper("no-such-gripper")
+    with pytest.raises(ValueRangeError, match="finger_length"):
+        replace(load_gripper("rg2"), finger_length=-1.0)

@@ -1,0 +1,60 @@
+"""The batch runner: skip, collect, report."""
+
+import pytest
+
+from pipelines.batch import BatchOptions, WorkItem, run_batch
+from pipelines.errors import SymgraspError
+from pipelines.formats.files import write_json
+from pipelines.formats.provenance import make_stamp
+
+QUIET = BatchOptions(progress=False)
+
+
+def items(folder, names, setting=1):
+    stamp = make_stamp("toy", {"setting": setting})
+    return [WorkItem(name, folder / f"{name}.json", stamp) for name in names]
+
+
+def step(item):
+    if item.name == "bad":
+        raise SymgraspError("bad is bad; good would be right")
+    write_json(item.target, {"provenance": item.stamp.as_json()})
+    return "noted" if item.name == "b" else None
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_one_bad_item_fails_alone(tmp_path, workers):
+    options = BatchOptions(workers=workers, progress=False)
+    report = run_batch("toy", items(tmp_path, ["a", "bad", "b"]), step, options)
+    assert report.done == ["a", "b"]
+    assert report.failed == {"bad": "bad is bad; good would be right"}
+    assert report.notes == {"b": "noted"}
+    assert report.exit_code == 1
+
+
+def test_a_second_run_skips_what_is_finished(tmp_path):
+    run_batch("toy", items(tmp_path, ["a"]), step, QUIET)
+    report = run_batch("toy", items(tmp_path, ["a", "b"]), step, QUIET)
+    assert (report.done, report.skipped, report.exit_code) == (["b"], ["a"], 0)
+
+
+def test_other_settings_refuse_instead_of_reusing(tmp_path):
+    run_batch("toy", items(tmp_path, ["a"]), step, QUIET)
+    report = run_batch("toy", items(tmp_path, ["a"], setting=2), step, QUIET)
+    assert "other settings" in report.failed["a"]
+    forced = BatchOptions(overwrite=True, progress=False)
+    assert run_batch("toy", items(tmp_path, ["a"], setting=2), step, forced).done == ["a"]
+
+
+def test_a_dry_run_writes_nothing(tmp_path):
+    report = run_batch("toy", items(tmp_path, ["a"]), step, BatchOptions(dry_run=True))
+    assert "would write" in report.notes["a"]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_bug_is_not_swallowed(tmp_path):
+    def broken(item):
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        run_batch("toy", items(tmp_path, ["a"]), broken, QUIET)

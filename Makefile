@@ -33,5 +33,8 @@ check: install ## format, lint, types, import layers
 bench: install ## speeds of this machine, stage by stage
 	$(BIN)/python -m benchmarks
 
+golden: install ## write the golden files anew; review the difference
+	$(BIN)/python -m pytest -q tests/cli --golden
+
 clean: ## remove what was built, not .venv
 	rm -rf build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

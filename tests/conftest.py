@@ -13,3 +13,8 @@ def shared() -> Path:
     if not SHARED.is_dir():
         pytest.skip(f"{SHARED} is not there: real frames and meshes are not part of the project")
     return SHARED
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add `--golden`: write the golden files anew; review the difference."""
+    parser.addoption("--golden", action="store_true", help="write the golden files anew")

@@ -1,0 +1,89 @@
+"""Every command keeps the conventions: walked, not remembered."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.main import get_command
+from typer.testing import CliRunner
+
+from symgrasp_cli.app import COMMANDS, app
+
+ROOT = Path(__file__).resolve().parents[2]
+GOLDEN = ROOT / "tests" / "golden"
+NAMES = [function.__name__.replace("_", "-") for function in COMMANDS]
+GROUP = get_command(app)
+
+
+def help_of(name: str, monkeypatch) -> str:
+    # The width decides where help breaks its lines; colours would depend on the terminal.
+    monkeypatch.setenv("COLUMNS", "100")
+    monkeypatch.setenv("TERMINAL_WIDTH", "100")
+    monkeypatch.setenv("NO_COLOR", "1")
+    arguments = ["--help"] if name == "symgrasp" else [name, "--help"]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0
+    return "\n".join(line.rstrip() for line in result.output.splitlines()) + "\n"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_command_and_every_option_has_help_that_ends_with_a_full_stop(name):
+    command = GROUP.commands[name]
+    assert command.help.strip().endswith(".")
+    for parameter in command.params:
+        if parameter.name != "help":
+            text = getattr(parameter, "help", None)
+            assert text, f"{name}: {parameter.name} has no help"
+            assert text.endswith("."), f"{name}: {parameter.name}: {text!r}"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_command_is_in_the_readme_and_has_its_five_places(name):
+    assert f"symgrasp {name}" in (ROOT / "README.md").read_text(encoding="utf-8")
+    stem = name.replace("-", "_")
+    assert (ROOT / "symgrasp_cli" / f"{stem}.py").is_file()
+    assert (ROOT / "pipelines" / f"{stem}.py").is_file()
+    assert (ROOT / "tests" / "stages" / f"test_{stem}.py").is_file()
+    config = "".join(part.title() for part in stem.split("_")) + "Config"
+    assert f"class {config}" in (ROOT / "pipelines" / "configs.py").read_text(encoding="utf-8")
+
+
+def test_commands_are_listed_in_workflow_order(monkeypatch):
+    text = help_of("symgrasp", monkeypatch)
+    places = [text.index(f" {name} ") for name in NAMES]
+    assert places == sorted(places)
+
+
+@pytest.mark.parametrize("name", ["symgrasp", *NAMES])
+def test_help_is_as_reviewed(name, monkeypatch, request):
+    path = GOLDEN / f"help_{name}.txt"
+    text = help_of(name, monkeypatch)
+    if request.config.getoption("--golden"):
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    words = " ".join(path.read_text(encoding="utf-8").split())
+    # Word by word: how the panel is drawn is the terminal library's affair.
+    assert words == " ".join(text.split())
+
+
+def test_help_needs_neither_torch_nor_numpy():
+    code = (
+        "import sys, symgrasp_cli.app; "
+        "heavy = {'torch', 'numpy', 'cv2', 'h5py', 'scipy'} & set(sys.modules); "
+        "sys.exit(f'imported {heavy}' if heavy else 0)"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, result.stderr
+
+
+def test_wrong_usage_exits_with_2_and_a_missing_folder_with_a_sentence(tmp_path):
+    assert CliRunner().invoke(app, ["infer"]).exit_code == 2
+    result = CliRunner().invoke(
+        app, ["infer", str(tmp_path / "none"), "--out", str(tmp_path / "g.h5")]
+    )
+    assert result.exit_code in {1, 2}
+    assert "Traceback" not in result.output
+    assert "none" in result.output

@@ -65,7 +65,8 @@ def arrow_tip(color: str, name: str = "tip") -> str:
     """Return the marker that ends arrows."""
     return (
         f'<defs><marker id="{name}" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="6" '
-        f'markerHeight="6" orient="auto"><path d="M0 0 L8 4 L0 8 z" fill="{color}"/></marker></defs>'
+        f'markerHeight="6" orient="auto"><path d="M0 0 L8 4 L0 8 z" fill="{color}"/></marker>'
+        "</defs>"
     )
 
 
@@ -122,7 +123,7 @@ def frame_figure() -> str:
     body += [
         arrow(origin, np.array([0.035, 0, 0]), RED, "approach: 1st column", (8, 6)),
         arrow(origin, np.array([0, 0.05, 0]), GREEN, "closing: 2nd column", (8, 5)),
-        arrow(origin, np.array([0, 0, 0.045]), BLUE, "approach × closing", (-150, 12)),
+        arrow(origin, np.array([0, 0, 0.045]), BLUE, "approach x closing", (-150, 12)),
     ]
     body += [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="5" fill="{INK}"/>' for x, y in contacts]
     body.append(f'<circle cx="{centre[0]:.1f}" cy="{centre[1]:.1f}" r="5" fill="{RED}"/>')

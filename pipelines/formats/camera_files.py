@@ -1,0 +1,227 @@
+"""Pinhole cameras from the many small files that users have beside their images.
+
+Internally the unit of depth is always `units_per_metre`. The files' own words clash: GraspNet's
+factor_depth and our depth_scale divide, BOP's depth_scale multiplies to millimetres, RealSense's
+is metres per unit. Distortion is ignored: registered images have none.
+"""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.errors import FormatError, SymgraspError, ValueRangeError
+from pipelines.formats.files import existing, read_json, read_npy
+from pipelines.formats.graspnet_scene import read_meta
+from pipelines.geometry.camera import Intrinsics
+
+# Looked for beside the images, in this order; after them any *.intr.
+SHARED_CAMERA_FILES = (
+    "camera.json",
+    "camera_params.json",
+    "camera_intrinsics.json",
+    "camera_intrinsic.json",
+    "camera_data.json",
+    "intrinsics.json",
+    "intrinsic.json",
+    "cam_info.json",
+    "camera_info.yaml",
+    "meta.yml",
+    "cam_K.txt",
+    "camera-intrinsics.txt",
+    "test-camera-intrinsics.txt",
+    "camera_intrinsics.txt",
+    "intrinsics.txt",
+    "intrinsic/intrinsic_depth.txt",
+    "camK.npy",
+    "meta.mat",
+)
+# Looked for first: the frame's own.
+OWN_CAMERA_ENDINGS = ("camera.json", "intrinsics.json", "meta.mat")
+
+SYNONYMS = {
+    "fx": ("fx", "_fx", "fl_x"),
+    "fy": ("fy", "_fy", "fl_y"),
+    "cx": ("cx", "_cx", "x_offset", "ppx"),
+    "cy": ("cy", "_cy", "y_offset", "ppy"),
+}
+WIDTH_KEYS = ("width", "img_width", "_width", "w")
+HEIGHT_KEYS = ("height", "img_height", "_height", "h")
+SCALE_KEYS = ("depth_units_per_metre", "depth_scale", "factor_depth", "scale")
+MATRIX_KEYS = ("cam_K", "K", "k", "intrinsic_matrix", "camera_matrix")
+FORMS = "fx, fy, cx, cy or a 3x3 matrix (cam_K, K, intrinsic_matrix) is expected"
+# A principal point this near the border means intrinsics of another image size.
+CENTRAL = (0.1, 0.9)
+
+
+@dataclass(frozen=True)
+class CameraFile:
+    """A pinhole camera as a file or an option states it; sizes and unit may be unknown."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int | None = None
+    height: int | None = None
+    units_per_metre: float | None = None
+    origin: str = "--intrinsics"
+
+    def __post_init__(self) -> None:
+        for name in ("fx", "fy", "cx", "cy"):
+            value = getattr(self, name)
+            if not np.isfinite(value) or value <= 0:
+                raise ValueRangeError(f"{name} of {self.origin}", value, "positive, in pixels")
+        units = self.units_per_metre
+        if units is not None and not (np.isfinite(units) and units > 0):
+            raise ValueRangeError(f"depth scale of {self.origin}", units, "positive")
+
+    def at(self, width: int, height: int) -> Intrinsics:
+        """Return the intrinsics for images of this size.
+
+        Raises:
+            FormatError: the camera is of images of another size.
+        """
+        size = f"{width}x{height}"
+        if self.width is not None and (self.width, self.height) != (width, height):
+            found = f"describes {self.width}x{self.height} images, but the depth is {size}"
+            raise FormatError(self.origin, found, "give the intrinsics of the depth image")
+        low, high = CENTRAL
+        if not (low < self.cx / width < high and low < self.cy / height < high):
+            found = f"has its principal point at ({self.cx:g}, {self.cy:g}) of a {size} depth image"
+            raise FormatError(self.origin, found, "give the intrinsics of the depth image")
+        return Intrinsics(self.fx, self.fy, self.cx, self.cy, width, height)
+
+    @classmethod
+    def of(cls, intrinsics: Intrinsics, origin: str = "--intrinsics") -> "CameraFile":
+        """Return the camera of known `intrinsics`."""
+        i = intrinsics
+        return cls(i.fx, i.fy, i.cx, i.cy, i.width, i.height, origin=origin)
+
+    @classmethod
+    def from_matrix(cls, path: Path, matrix: NDArray[Any], **facts: Any) -> "CameraFile":  # noqa: ANN401
+        """Return the camera of a (3, 3) or (4, 4) `matrix`, as `path` holds it."""
+        K = np.asarray(matrix, dtype=np.float64)
+        if K.shape not in ((3, 3), (4, 4)) or abs(K[2, 2] - 1.0) > 1e-6:
+            raise FormatError(path, f"a camera matrix of shape {K.shape}", "3x3 is expected")
+        fx, fy, cx, cy = (float(K[row, column]) for row, column in ((0, 0), (1, 1), (0, 2), (1, 2)))
+        return cls(fx, fy, cx, cy, origin=str(path), **facts)
+
+
+def parse_camera(text: str) -> CameraFile:
+    """Return the camera of `--intrinsics`: four numbers fx,fy,cx,cy, or a file's path."""
+    try:
+        numbers = [float(part) for part in re.split(r"[,\s]+", text.strip())]
+    except ValueError:
+        return read_camera_file(Path(text))
+    if len(numbers) != 4:
+        raise ValueRangeError("--intrinsics", text, "fx,fy,cx,cy in pixels, or a camera file")
+    fx, fy, cx, cy = numbers
+    return CameraFile(fx, fy, cx, cy)
+
+
+def find_camera_file(folder: Path, name: str) -> Path | None:
+    """Return the camera file of frame `name` in `folder`: its own, or the folder's."""
+    own = [folder / f"{name}{mark}{end}" for end in OWN_CAMERA_ENDINGS for mark in "_-."]
+    shared = [folder / file for file in SHARED_CAMERA_FILES]
+    own += [folder / f"{name}.json", folder / "meta" / f"{name}.mat"]  # GraspNet's meta/
+    candidates = [*own, *shared, *sorted(folder.glob("*.intr"))]
+    return next((path for path in candidates if path.is_file()), None)
+
+
+def read_camera_file(path: Path) -> CameraFile:
+    """Read a camera file of any known form: json, intr, yaml, txt, npy, mat.
+
+    Raises:
+        FormatError: none of the known forms.
+    """
+    match path.suffix.lower():
+        case ".json" | ".intr":
+            return _from_mapping(path, read_json(path))
+        case ".yml" | ".yaml":
+            return _from_mapping(path, _flat_yaml(path))
+        case ".txt":
+            return _from_numbers(path)
+        case ".npy":
+            return CameraFile.from_matrix(path, read_npy(path))
+        case ".mat":
+            meta = read_meta(path)
+            units = meta.factor_depth
+            return CameraFile.from_matrix(path, meta.intrinsic_matrix, units_per_metre=units)
+        case _:
+            raise SymgraspError(f"{path} is no camera file; give .json, .yaml, .txt, .npy or .mat")
+
+
+def _from_mapping(path: Path, content: Any) -> CameraFile:  # noqa: ANN401 - JSON of any form
+    if not isinstance(content, dict):
+        raise FormatError(path, "this is no JSON object", FORMS)
+    try:
+        width, height = _first(content, WIDTH_KEYS), _first(content, HEIGHT_KEYS)
+        size = {} if width is None or height is None else {"width": width, "height": height}
+        facts: dict[str, Any] = {name: int(value) for name, value in size.items()}
+        facts["units_per_metre"] = _units(content)
+        matrix = _first(content, MATRIX_KEYS)
+        if matrix is not None:
+            return CameraFile.from_matrix(path, _matrix(path, matrix), **facts)
+        values = {name: _first(content, keys) for name, keys in SYNONYMS.items()}
+        missing = [name for name, value in values.items() if value is None]
+        if missing:
+            raise FormatError(path, f"lacks {', '.join(missing)}", FORMS)
+        fx, fy, cx, cy = (float(value) for value in values.values())
+    except (TypeError, ValueError) as error:
+        raise FormatError(path, f"holds what is no number ({error})", FORMS) from error
+    return CameraFile(fx, fy, cx, cy, origin=str(path), **facts)
+
+
+def _first(content: dict[str, Any], keys: tuple[str, ...]) -> Any:  # noqa: ANN401 - JSON
+    return next((content[key] for key in keys if content.get(key) is not None), None)
+
+
+def _units(content: dict[str, Any]) -> float | None:
+    scale = _first(content, SCALE_KEYS)
+    if scale is None:
+        return None
+    scale = float(scale)
+    if "cam_K" in content and scale > 0:
+        return 1000.0 / scale  # BOP: times depth_scale gives millimetres
+    return 1.0 / scale if 0 < scale < 1 else scale  # below one: RealSense's metres per unit
+
+
+def _matrix(path: Path, stored: Any) -> NDArray[np.float64]:  # noqa: ANN401 - JSON
+    values = stored.get("data") if isinstance(stored, dict) else stored
+    numbers = np.asarray(values, dtype=np.float64).ravel()
+    if numbers.size != 9:
+        raise FormatError(path, f"a camera matrix of {numbers.size} numbers", "9 are expected")
+    K = numbers.reshape(3, 3)
+    # Open3D stores columns one after the other: then the centre stands in the last row.
+    return np.asarray(K.T if K[2, 0] > 1.0 and K[0, 2] == 0.0 else K)
+
+
+def _from_numbers(path: Path) -> CameraFile:
+    try:
+        text = existing(path).read_text(encoding="utf-8")
+        numbers = np.array(re.split(r"[,\s]+", text.strip()), dtype=np.float64)
+    except ValueError as error:
+        raise FormatError(path, f"holds what is no number ({error})", FORMS) from error
+    match numbers.size:
+        case 4:
+            fx, fy, cx, cy = numbers.tolist()
+            return CameraFile(fx, fy, cx, cy, origin=str(path))
+        case 9 | 16:
+            side = int(np.sqrt(numbers.size))
+            return CameraFile.from_matrix(path, numbers.reshape(side, side))
+        case size:
+            raise FormatError(path, f"{size} numbers", "fx fy cx cy or a 3x3 matrix is expected")
+
+
+def _flat_yaml(path: Path) -> dict[str, Any]:
+    """Return the top-level numbers and number lists of a YAML file; all else is left out."""
+    text = existing(path).read_text(encoding="utf-8", errors="replace")
+    content: dict[str, Any] = {}
+    for key, value in re.findall(r"^(\w+):[ \t]*(\[[^\]]*\]|[-+.\deE]+)[ \t]*$", text, re.M):
+        numbers = [float(part) for part in re.findall(r"[-+]?[\d.]+(?:[eE][-+]?\d+)?", value)]
+        content["K" if key == "INTRINSICS" else key] = numbers if "[" in value else numbers[0]
+    return content

@@ -1,0 +1,65 @@
+"""Find RGB-D frames below a folder, whatever its layout."""
+
+from pathlib import Path
+
+from pipelines.errors import SymgraspError
+from pipelines.formats.camera_files import CameraFile
+from pipelines.formats.masks import read_masks
+from pipelines.formats.rgbd import Frame, FrameSource
+from pipelines.formats.rgbd_folder import LAYOUTS, FrameOptions, frames_in
+from pipelines.geometry.camera import Intrinsics
+
+__all__ = ["Frame", "FrameSource", "find_frames", "read_masks"]
+
+GRASPNET_CAMERAS = ("kinect", "realsense")
+
+
+def find_frames(
+    folder: Path,
+    *,
+    intrinsics: CameraFile | Intrinsics | None = None,
+    depth_units_per_metre: float | None = None,
+    camera: str | None = None,
+) -> list[FrameSource]:
+    """List the RGB-D frames of `folder`, sorted by folder and name.
+
+    Flat folders, GraspNet demo folders, GraspNet roots, scenes and camera folders are told apart
+    by their files. A folder that holds frames is not searched further down; one that holds none
+    is searched folder by folder. Nothing is read yet: `FrameSource.read` does, and raises.
+
+    Args:
+        folder: where to look.
+        intrinsics: the camera of all frames, instead of the files beside the images;
+            `camera_files.parse_camera` makes one of `--intrinsics`.
+        depth_units_per_metre: unit of the depth files, instead of what the camera files say.
+        camera: of GraspNet scenes only this camera, `kinect` or `realsense`; all if None.
+
+    Raises:
+        SymgraspError: no such folder, or no frames in it.
+    """
+    if not folder.is_dir():
+        raise SymgraspError(f"{folder} is not a folder; give the folder that holds the frames")
+    stated = CameraFile.of(intrinsics) if isinstance(intrinsics, Intrinsics) else intrinsics
+    options = FrameOptions(stated, depth_units_per_metre)
+    sources = _search(folder, "", options, camera)
+    if not sources:
+        raise SymgraspError(f"{folder} holds no RGB-D frames; looked for {LAYOUTS}")
+    return sources
+
+
+def _search(
+    folder: Path, prefix: str, options: FrameOptions, camera: str | None
+) -> list[FrameSource]:
+    if camera is not None and folder.name in GRASPNET_CAMERAS and folder.name != camera:
+        return []
+    direct = frames_in(folder, prefix, options)
+    if direct:
+        return direct
+    # Of a GraspNet root only the scenes hold frames; models/ is large.
+    below = [folder / "scenes"] if (folder / "scenes").is_dir() else sorted(folder.iterdir())
+    sources = []
+    for child in below:
+        if child.is_dir() and not child.name.startswith("."):
+            name = f"{prefix}/{child.name}" if prefix else child.name
+            sources += _search(child, name, options, camera)
+    return sources

@@ -1,0 +1,214 @@
+"""The small files of a GraspNet-1Billion scene: annotations, meta, cameras, object list.
+
+`annotations/NNNN.xml` holds 6D poses with four decimals, read by position as the original reader
+does; `meta/NNNN.mat` holds the same poses in float32. Poses map object to camera coordinates in
+metres (the tag `pos_in_world` notwithstanding).
+"""
+
+import io
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import scipy.io
+from defusedxml.ElementTree import parse as parse_xml
+from numpy.typing import NDArray
+
+from pipelines.errors import FormatError, SymgraspError
+from pipelines.formats.files import existing, read_npy, write_bytes, write_npy, write_text
+from pipelines.geometry.transforms import make_pose, matrix_to_quaternion, quaternion_to_matrix
+
+log = logging.getLogger(__name__)
+
+POSE_FIELDS = ("obj_id", "obj_name", "obj_path", "pos_in_world", "ori_in_world")
+# A .mat opens with 116 bytes of free text, where scipy puts the time of writing.
+MAT_TEXT = b"MATLAB 5.0 MAT-file, written by symgrasp".ljust(116)
+# Four decimals of a quaternion turn a pose by up to about 1e-4 rad.
+LARGEST_ROUNDING = 5e-4
+
+
+@dataclass(frozen=True)
+class ObjectPose:
+    """One object of a frame."""
+
+    object_id: int
+    T_cam_obj: NDArray[np.float64]  # (4, 4) object to camera coordinates, metres
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class FrameMeta:
+    """What `meta/NNNN.mat` (and a demo folder's `meta.mat`) says of a frame."""
+
+    intrinsic_matrix: NDArray[np.float64]  # (3, 3)
+    factor_depth: float  # depth units per metre
+    object_ids: tuple[int, ...] = ()
+    poses: NDArray[np.float64] | None = None  # (N, 4, 4) object to camera, or not in the file
+
+
+def write_annotation(path: Path, poses: Sequence[ObjectPose]) -> None:
+    """Write `annotations/NNNN.xml`: four decimals, the children in the original's order."""
+    scene = ElementTree.Element("scene")
+    for pose in poses:
+        name = f"{pose.name or f'{pose.object_id:03d}'}.ply"
+        position = pose.T_cam_obj[:3, 3]
+        quaternion = matrix_to_quaternion(pose.T_cam_obj[:3, :3])
+        texts = (str(pose.object_id), name, f"models/{name}", _four(position), _four(quaternion))
+        element = ElementTree.SubElement(scene, "obj")
+        for field, text in zip(POSE_FIELDS, texts, strict=True):
+            ElementTree.SubElement(element, field).text = text
+    ElementTree.indent(scene, space="    ")
+    text = ElementTree.tostring(scene, encoding="unicode", short_empty_elements=False)
+    write_text(path, f'<?xml version="1.0" ?>\n{text}\n')
+
+
+def read_annotation_xml(path: Path) -> list[ObjectPose]:
+    """Read the poses of `annotations/NNNN.xml`, children by position, in file order."""
+    try:
+        root = parse_xml(existing(path)).getroot()
+    except (ElementTree.ParseError, UnicodeDecodeError) as error:
+        raise FormatError(
+            path, f"not XML ({error})", "a GraspNet annotation is expected"
+        ) from error
+    return [_read_object(path, element) for element in root or ()]
+
+
+def read_poses(annotation: Path, meta: Path) -> list[ObjectPose]:
+    """Read a frame's poses from its XML, with the digits of its `.mat` where the two agree."""
+    rounded = read_annotation_xml(annotation)
+    if not meta.is_file():
+        return rounded
+    exact = read_meta(meta)
+    if exact.poses is None or exact.object_ids != tuple(pose.object_id for pose in rounded):
+        log.info("%s lists other objects than %s; poses are the XML's", meta, annotation.name)
+        return rounded
+    difference = [np.abs(p.T_cam_obj - T).max() for p, T in zip(rounded, exact.poses, strict=True)]
+    if max(difference, default=0.0) > LARGEST_ROUNDING:
+        log.warning("%s holds other poses than %s; the XML's are taken", meta, annotation.name)
+        return rounded
+    return [ObjectPose(p.object_id, T, p.name) for p, T in zip(rounded, exact.poses, strict=True)]
+
+
+def write_meta(
+    path: Path,
+    poses: Sequence[ObjectPose],
+    intrinsic_matrix: NDArray[np.floating],
+    factor_depth: float = 1000.0,
+) -> None:
+    """Write `meta/NNNN.mat` (YCB-Video style); same content, same bytes."""
+    stacked = np.zeros((3, 4, len(poses)), dtype=np.float32)
+    for index, pose in enumerate(poses):
+        stacked[:, :, index] = pose.T_cam_obj[:3]
+    content = {
+        "poses": stacked,
+        "intrinsic_matrix": np.asarray(intrinsic_matrix, dtype=np.float64),
+        "factor_depth": np.array([[factor_depth]], dtype=np.float64),
+        "cls_indexes": np.array([[pose.object_id + 1 for pose in poses]], dtype=np.int64),
+    }
+    buffer = io.BytesIO()
+    scipy.io.savemat(buffer, content, do_compression=True)  # type: ignore[arg-type]
+    write_bytes(path, MAT_TEXT + buffer.getvalue()[len(MAT_TEXT) :])
+
+
+def read_meta(path: Path) -> FrameMeta:
+    """Read `meta/NNNN.mat` or a demo folder's `meta.mat`; poses may be missing."""
+    content = _load_mat(path)
+    for name in ("intrinsic_matrix", "factor_depth"):
+        if name not in content:
+            raise FormatError(
+                path, f"lacks `{name}`", "intrinsic_matrix and factor_depth are needed"
+            )
+    matrix = np.asarray(content["intrinsic_matrix"], dtype=np.float64)
+    if matrix.shape != (3, 3):
+        raise FormatError(path, f"intrinsic_matrix is {matrix.shape}", "(3, 3) is expected")
+    ids = np.asarray(content.get("cls_indexes", np.zeros(0)), dtype=np.int64).ravel() - 1
+    return FrameMeta(
+        intrinsic_matrix=matrix,
+        factor_depth=float(np.asarray(content["factor_depth"], dtype=np.float64).ravel()[0]),
+        object_ids=tuple(int(i) for i in ids),
+        poses=_read_mat_poses(path, content.get("poses"), len(ids)),
+    )
+
+
+def write_object_ids(path: Path, object_ids: Sequence[int]) -> None:
+    """Write `object_id_list.txt`: one 0-indexed id a line."""
+    write_text(path, "".join(f"{object_id}\n" for object_id in object_ids))
+
+
+def read_object_ids(path: Path) -> list[int]:
+    """Read `object_id_list.txt`."""
+    lines = existing(path).read_text(encoding="utf-8").split()
+    if not all(line.isdigit() for line in lines):
+        raise FormatError(path, "a line that is no object id", "one integer a line, from 0")
+    return [int(line) for line in lines]
+
+
+def write_pose_array(path: Path, poses: NDArray[np.floating]) -> None:
+    """Write camera_poses.npy (n, 4, 4), rs_wrt_kn.npy (n, 4, 4) or cam0_wrt_table.npy (4, 4)."""
+    if poses.shape[-2:] != (4, 4):
+        raise FormatError(path, f"poses to write are {poses.shape}", "they must be (..., 4, 4)")
+    write_npy(path, np.asarray(poses, dtype=np.float64))
+
+
+def read_pose_array(path: Path) -> NDArray[np.float64]:
+    """Read a file of `write_pose_array`: (..., 4, 4) float64."""
+    poses = read_npy(path)
+    if poses.shape[-2:] != (4, 4):
+        raise FormatError(path, f"an array of shape {poses.shape}", "(..., 4, 4) is expected")
+    return poses.astype(np.float64)
+
+
+def _four(values: NDArray[np.floating]) -> str:
+    return " ".join(f"{value:.4f}" for value in values)
+
+
+def _read_object(path: Path, element: ElementTree.Element) -> ObjectPose:
+    tags = tuple(child.tag for child in element)
+    if tags[: len(POSE_FIELDS)] != POSE_FIELDS:
+        raise FormatError(
+            path, f"an object has the children {tags}", f"they are read in the order {POSE_FIELDS}"
+        )
+    texts = [(child.text or "").strip() for child in element]
+    try:
+        position = np.array(texts[3].split(), dtype=np.float64).reshape(3)
+        quaternion = np.array(texts[4].split(), dtype=np.float64).reshape(4)
+        object_id = int(texts[0])
+    except ValueError as error:
+        raise FormatError(
+            path, f"an object's pose is not numeric ({error})", "id, 3 metres, 4 of a quaternion"
+        ) from error
+    quaternion = quaternion / max(float(np.linalg.norm(quaternion)), 1e-12)
+    pose = make_pose(quaternion_to_matrix(quaternion), position)
+    return ObjectPose(object_id, pose, texts[1].removesuffix(".ply"))
+
+
+def _load_mat(path: Path) -> dict[str, Any]:
+    try:
+        content: dict[str, Any] = scipy.io.loadmat(str(existing(path)))
+    except (SymgraspError, OSError):
+        raise
+    except Exception as error:  # scipy raises many kinds on damaged files
+        raise FormatError(
+            path, f"not a MATLAB 5 file ({error})", "a meta .mat is expected"
+        ) from error
+    return content
+
+
+def _read_mat_poses(
+    path: Path, stored: NDArray[Any] | None, count: int
+) -> NDArray[np.float64] | None:
+    if stored is None:
+        return None
+    poses = np.asarray(stored, dtype=np.float64)
+    if count == 0:
+        return np.zeros((0, 4, 4))
+    poses = poses.reshape((3, 4, 1)) if poses.shape == (3, 4) else poses
+    if poses.shape != (3, 4, count):
+        raise FormatError(path, f"poses are {poses.shape}", f"(3, 4, {count}) is expected")
+    full = np.tile(np.eye(4), (count, 1, 1))
+    full[:, :3] = np.moveaxis(poses, 2, 0)
+    return full

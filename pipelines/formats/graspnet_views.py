@@ -1,0 +1,69 @@
+"""The view template of GraspNet-1Billion labels, and the rotation of a (view, in-plane angle).
+
+The original computes both in NumPy 1, where a float32 array stays float32; under NumPy 2 the
+same lines give float64 and entries that differ by up to 8e-5. Here float32 is explicit.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+NUM_VIEWS = 300
+NUM_ANGLES = 12  # in-plane rotations, k * pi / 12
+NUM_DEPTHS = 4  # 0.01 .. 0.04 m
+ANGLES = np.arange(NUM_ANGLES) * (np.pi / NUM_ANGLES)
+DEPTHS = 0.01 * np.arange(1, NUM_DEPTHS + 1)
+
+GOLDEN_RATIO = np.float32((np.sqrt(5.0) - 1.0) / 2.0)
+
+
+def generate_views(count: int = NUM_VIEWS) -> NDArray[np.float32]:
+    """Return the Fibonacci-lattice view directions, (count, 3) float32 unit vectors.
+
+    A view points from the object to the camera: a grasp of view v approaches along -v.
+    """
+    index = np.arange(count, dtype=np.float32)
+    z = (np.float32(2) * index + np.float32(1)) / np.float32(count) - np.float32(1)
+    radius = np.sqrt(np.float32(1) - z**2)
+    # The order of the products is the original's: in float32 it decides the last digits.
+    turn = np.float32(2) * index * np.float32(np.pi) * GOLDEN_RATIO
+    return np.stack([radius * np.cos(turn), radius * np.sin(turn), z], axis=1)
+
+
+def view_rotation(view: NDArray[np.floating], angle: float) -> NDArray[np.float32]:
+    """Return the grasp rotation (3, 3) of one view direction (3,) and in-plane angle (radians)."""
+    rotations = view_rotations(np.asarray(view)[None], np.asarray([angle]))
+    return np.asarray(rotations[0, 0], dtype=np.float32)
+
+
+def view_rotations(
+    views: NDArray[np.floating] | None = None, angles: NDArray[np.floating] | None = None
+) -> NDArray[np.float32]:
+    """Return the grasp rotations of every view at every angle.
+
+    Args:
+        views: (V, 3) view directions; the template of 300 if not given.
+        angles: (A,) radians; k * pi / 12 if not given.
+
+    Returns:
+        (V, A, 3, 3) float32, columns approach, closing, approach x closing, object frame.
+    """
+    views = generate_views() if views is None else views
+    angles = ANGLES if angles is None else angles
+    frames = _untwisted_frames(-views)  # (V, 3, 3)
+    cosine, sine = np.cos(angles), np.sin(angles)
+    twist = np.zeros((len(angles), 3, 3))
+    twist[:, 0, 0] = 1.0
+    twist[:, 1, 1], twist[:, 1, 2] = cosine, -sine
+    twist[:, 2, 1], twist[:, 2, 2] = sine, cosine
+    return np.asarray(frames[:, None] @ twist[None], dtype=np.float32)
+
+
+def _untwisted_frames(approach: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Return frames (V, 3, 3) whose first column is `approach` and whose second is level."""
+    closing = np.stack([-approach[:, 1], approach[:, 0], np.zeros_like(approach[:, 0])], axis=1)
+    length = np.linalg.norm(closing, axis=1, keepdims=True)
+    upright = length[:, 0] == 0.0
+    closing[upright], length[upright] = (0.0, 1.0, 0.0), 1.0
+    closing = closing / length
+    approach = approach / np.linalg.norm(approach, axis=1, keepdims=True)
+    return np.stack([approach, closing, np.cross(approach, closing)], axis=2)

@@ -1,0 +1,145 @@
+"""Colour and depth images paired by their names, in one folder or in two sister folders."""
+
+import functools
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipelines.errors import FormatError
+from pipelines.formats.camera_files import CameraFile, find_camera_file, read_camera_file
+from pipelines.formats.rgbd import DepthUnits, Frame, FrameSource, read_pair
+
+COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz")
+COLOR_WORDS = ("color", "colour", "rgb")
+COLOR_FOLDERS = ("rgb", "color", "image", "images")
+LAYOUTS = (
+    "*_color.png beside *_depth.png with *_camera.json, color_*.png beside depth_*.png, "
+    "rgb/ beside depth/, color.png beside depth.png with meta.mat, "
+    "GraspNet's scenes/scene_*/{kinect,realsense}"
+)
+NO_CAMERA = (
+    "give --intrinsics fx,fy,cx,cy, or put a camera file "
+    "(*_camera.json, intrinsics.json, cam_K.txt, ...) beside it"
+)
+
+
+@dataclass(frozen=True)
+class FrameOptions:
+    """What the user states about the camera; None = as the files beside the images say."""
+
+    camera: CameraFile | None = None
+    depth_units_per_metre: float | None = None
+
+
+@dataclass(frozen=True)
+class ImagePair:
+    """The colour and depth files of one frame; one of them may be missing."""
+
+    stem: str  # what is left of the file name, "" if it was only `color` or `rgb`
+    folder: Path  # where its camera file is looked for
+    color: Path | None
+    depth: Path | None
+
+
+def frames_in(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
+    """List the frames that lie directly in `folder`, sorted by name, empty if there are none.
+
+    Args:
+        folder: a flat folder, a demo folder, or one with `rgb/` and `depth/` below it.
+        prefix: the name of the folder relative to what the user gave, "" for that itself.
+        options: what the user states about the camera.
+    """
+    pairs = _flat_pairs(folder) or _sister_pairs(folder)
+    sources = []
+    for pair in sorted(pairs, key=lambda pair: pair.stem):
+        name = "/".join(part for part in (prefix, pair.stem) if part) or folder.resolve().name
+        files = tuple(path for path in (pair.color, pair.depth) if path is not None)
+        sources.append(FrameSource(name, functools.partial(_read, name, pair, options), files))
+    return sources
+
+
+def read_with_camera(
+    name: str, color: Path, depth: Path, camera_file: Path | None, options: FrameOptions
+) -> Frame:
+    """Read one frame: stated options first, then what `camera_file` says, then millimetres.
+
+    Raises:
+        FormatError: no intrinsics, or a fault of the images (see `read_depth`).
+    """
+    written = None
+    if camera_file is not None and not (options.camera and options.depth_units_per_metre):
+        written = read_camera_file(camera_file)
+    camera = options.camera or written
+    if camera is None:
+        raise FormatError(color, "no intrinsics are known for this frame", NO_CAMERA)
+    stated = options.depth_units_per_metre
+    if stated is not None:
+        units = DepthUnits(stated, stated)
+    else:
+        known = (options.camera and options.camera.units_per_metre) or (
+            written and written.units_per_metre
+        )
+        units = DepthUnits(known or DepthUnits().integers)
+    return read_pair(name, color, depth, camera.at, units)
+
+
+def _read(name: str, pair: ImagePair, options: FrameOptions) -> Frame:
+    if pair.depth is None or pair.color is None:
+        present = pair.color or pair.depth
+        missing = "depth" if pair.depth is None else "colour"
+        raise FormatError(
+            str(present), f"has no {missing} image beside it", f"frames are found as {LAYOUTS}"
+        )
+    camera_file = find_camera_file(pair.folder, pair.stem) if pair.stem else None
+    camera_file = camera_file or find_camera_file(pair.folder, pair.color.stem)
+    return read_with_camera(name, pair.color, pair.depth, camera_file, options)
+
+
+def _flat_pairs(folder: Path) -> list[ImagePair]:
+    """Pair files by name: `x_color`, `x-rgb`, `color_x`, `color`, `image` with their depth."""
+    files = sorted(path for path in folder.iterdir() if path.is_file())
+    colors = _by_stem(files, COLOR_SUFFIXES, COLOR_WORDS)
+    depths = _by_stem(files, DEPTH_SUFFIXES, ("depth",))
+    if "" in depths and "" not in colors:
+        plain = next((path for path in files if path.stem == "image"), None)
+        if plain is not None and plain.suffix.lower() in COLOR_SUFFIXES:
+            colors[""] = plain
+    stems = sorted(colors.keys() | depths.keys())
+    return [ImagePair(stem, folder, colors.get(stem), depths.get(stem)) for stem in stems]
+
+
+def _by_stem(
+    files: Iterable[Path], suffixes: tuple[str, ...], words: tuple[str, ...]
+) -> dict[str, Path]:
+    """Map what is left of a file's name without its word to the file, best suffix first."""
+    found: dict[str, Path] = {}
+    ordered = [path for path in files if path.suffix.lower() in suffixes]
+    ordered.sort(key=lambda path: (suffixes.index(path.suffix.lower()), path.name))
+    for path in ordered:
+        stem = _without_word(path.stem, words)
+        if stem is not None:
+            found.setdefault(stem, path)
+    return found
+
+
+def _without_word(stem: str, words: tuple[str, ...]) -> str | None:
+    """Return `stem` without the word it begins or ends with, None if it has none of `words`."""
+    if stem.lower() in (*words, *(f"{w}_image" for w in words), *(f"image_{w}" for w in words)):
+        return ""
+    choices = "|".join(words)
+    match = re.fullmatch(rf"(?:{choices})[-_.](.+)|(.+?)[-_.](?:{choices})", stem, re.IGNORECASE)
+    return None if match is None else match[1] or match[2]
+
+
+def _sister_pairs(folder: Path) -> list[ImagePair]:
+    """Pair `rgb/x` with `depth/x`; several names of the colour folder are in use."""
+    depth_folder = folder / "depth"
+    color_folder = next((folder / n for n in COLOR_FOLDERS if (folder / n).is_dir()), None)
+    if color_folder is None or not depth_folder.is_dir():
+        return []
+    colors = {p.stem: p for p in color_folder.iterdir() if p.suffix.lower() in COLOR_SUFFIXES}
+    depths = {p.stem: p for p in depth_folder.iterdir() if p.suffix.lower() in DEPTH_SUFFIXES}
+    stems = sorted(colors.keys() | depths.keys())
+    return [ImagePair(stem, folder, colors.get(stem), depths.get(stem)) for stem in stems]

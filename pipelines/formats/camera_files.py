@@ -38,6 +38,8 @@ SHARED_CAMERA_FILES = (
     "intrinsic/intrinsic_depth.txt",
     "camK.npy",
     "meta.mat",
+    "transforms.json",
+    "scene_camera.json",
 )
 # Looked for first: the frame's own.
 OWN_CAMERA_ENDINGS = ("camera.json", "intrinsics.json", "meta.mat")
@@ -132,15 +134,20 @@ def find_camera_file(folder: Path, name: str) -> Path | None:
     return next((path for path in candidates if path.is_file()), None)
 
 
-def read_camera_file(path: Path) -> CameraFile:
+def read_camera_file(path: Path, frame: str = "") -> CameraFile:
     """Read a camera file of any known form: json, intr, yaml, txt, npy, mat.
+
+    A BOP `scene_camera.json` has one camera a frame; `frame` names it.
 
     Raises:
         FormatError: none of the known forms.
     """
     match path.suffix.lower():
         case ".json" | ".intr":
-            return _from_mapping(path, read_json(path))
+            content = read_json(path)
+            if path.name == "scene_camera.json" and isinstance(content, dict):
+                content = content.get(frame.lstrip("0") or "0", {})
+            return _from_mapping(path, content)
         case ".yml" | ".yaml":
             return _from_mapping(path, _flat_yaml(path))
         case ".txt":

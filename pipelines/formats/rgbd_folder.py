@@ -9,6 +9,7 @@ from pathlib import Path
 from pipelines.errors import FormatError
 from pipelines.formats.camera_files import CameraFile, find_camera_file, read_camera_file
 from pipelines.formats.rgbd import DepthUnits, Frame, FrameSource, read_pair
+from pipelines.geometry.camera import Intrinsics
 
 COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz")
@@ -70,10 +71,10 @@ def read_with_camera(
     """
     written = None
     if camera_file is not None and not (options.camera and options.depth_units_per_metre):
-        written = read_camera_file(camera_file)
+        written = read_camera_file(camera_file, color.stem)
     camera = options.camera or written
-    if camera is None:
-        raise FormatError(color, "no intrinsics are known for this frame", NO_CAMERA)
+    # Asked for after the depth is read: a faulty depth image is the more telling fault.
+    intrinsics = camera.at if camera is not None else functools.partial(_refuse, color)
     stated = options.depth_units_per_metre
     if stated is not None:
         units = DepthUnits(stated, stated)
@@ -82,7 +83,11 @@ def read_with_camera(
             written and written.units_per_metre
         )
         units = DepthUnits(known or DepthUnits().integers)
-    return read_pair(name, color, depth, camera.at, units)
+    return read_pair(name, color, depth, intrinsics, units)
+
+
+def _refuse(color: Path, _width: int, _height: int) -> Intrinsics:
+    raise FormatError(color, "no intrinsics are known for this frame", NO_CAMERA)
 
 
 def _read(name: str, pair: ImagePair, options: FrameOptions) -> Frame:

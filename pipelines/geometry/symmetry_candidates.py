@@ -1,0 +1,144 @@
+"""Coarse search for the planes and axes that a surface might be symmetric about.
+
+Everything here is in normalised coordinates: origin at the surface's centroid, unit diameter.
+Directions are tried on a Fibonacci half-sphere and along the principal axes; what a reflection
+or a turn does to the surface is read from a distance grid, so thousands of tries are cheap.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+
+from pipelines.configs import AnnotateSymmetryConfig
+from pipelines.geometry.transforms import rotation_about
+
+Array = NDArray[np.float64]
+Grid = NDArray[np.float32]
+
+GENERIC_ANGLES = tuple(np.radians([47.0, 90.0, 151.0]))  # no small n-fold symmetry has all of them
+_MARGIN = 0.15  # of the diameter, around the surface
+
+
+@dataclass(frozen=True)
+class DistanceGrid:
+    """Distances to a surface at the cells of a cubic grid, capped. Normalised coordinates."""
+
+    values: Grid  # (k, k, k)
+    origin: Array  # (3,)
+    cell: float
+
+    @classmethod
+    def around(cls, points: Array, resolution: int, cap: float) -> "DistanceGrid":
+        """Build the grid around dense surface samples `points` (n, 3)."""
+        low, high = points.min(axis=0) - _MARGIN, points.max(axis=0) + _MARGIN
+        cell = float((high - low).max()) / resolution
+        empty = np.ones((resolution,) * 3, dtype=bool)
+        index = np.minimum(((points - low) / cell).astype(int), resolution - 1)
+        empty[tuple(index.T)] = False
+        distance = distance_transform_edt(empty).astype(np.float32) * cell
+        return cls(np.minimum(distance, cap), low, cell)
+
+    def lookup(self, points: Array) -> Grid:
+        """Return the capped distances at `points`: (..., 3) -> (...)."""
+        last = self.values.shape[0] - 1
+        index = np.clip((points - self.origin) / self.cell, 0, last).astype(np.int32)
+        found: Grid = self.values[index[..., 0], index[..., 1], index[..., 2]]
+        return found
+
+
+def fibonacci_directions(count: int) -> Array:
+    """Return `count` unit vectors spread evenly over the half-sphere z >= 0: (count, 3)."""
+    index = np.arange(count)
+    z = (index + 0.5) / count
+    turn = index * np.pi * (3.0 - np.sqrt(5.0))
+    radius = np.sqrt(1.0 - z**2)
+    return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), z])
+
+
+def principal_axes(points: Array) -> Array:
+    """Return the principal directions of `points` (n, 3) as rows, longest first: (3, 3)."""
+    centred = points - points.mean(axis=0)
+    axes: Array = np.linalg.eigh(centred.T @ centred)[1].T[::-1]
+    return axes
+
+
+def plane_candidates(
+    grid: DistanceGrid, points: Array, config: AnnotateSymmetryConfig
+) -> tuple[Array, Array]:
+    """Return the normals (c, 3) and offsets (c,) of the best planes n.x = d, best first.
+
+    `points`: (n, 3) surface samples. A plane of symmetry passes through the centroid; offsets
+    are tried as well because a missing part moves the centroid away from it.
+    """
+    normals = _directions(points, config.plane_directions)
+    offsets = np.asarray(config.plane_offsets)
+    reach = points @ normals.T  # (n, c)
+    score = np.empty((len(normals), len(offsets)))
+    for column, offset in enumerate(offsets):
+        step = 2.0 * (reach.T - offset)[..., None] * normals[:, None, :]
+        score[:, column] = grid.lookup(points[None] - step).mean(axis=1)
+    order = np.argsort(score, axis=None, kind="stable")
+    rows, columns = np.unravel_index(order, score.shape)
+    keep = distinct(
+        normals[rows],
+        offsets[columns],
+        config.plane_candidates,
+        min_angle=np.radians(config.plane_separation_deg),
+        min_offset=config.plane_offset_separation,
+    )
+    return normals[rows[keep]], offsets[columns[keep]]
+
+
+def axis_candidates(
+    grid: DistanceGrid,
+    points: Array,
+    config: AnnotateSymmetryConfig,
+    angles: Sequence[float] = GENERIC_ANGLES,
+) -> Array:
+    """Return the best axis directions (c, 3) through the centroid, best first.
+
+    The worst of `angles` (radians) counts: a square column passes at 90 degrees only.
+    """
+    axes = _directions(points, config.axis_directions)
+    scores = []
+    for angle in angles:
+        turned = points[None] @ rotation_about(axes, angle).swapaxes(1, 2)
+        scores.append(grid.lookup(turned).mean(axis=1))
+    order = np.argsort(np.max(scores, axis=0), kind="stable")
+    keep = distinct(
+        axes[order],
+        np.zeros(len(order)),
+        config.axis_candidates,
+        min_angle=np.radians(config.axis_separation_deg),
+        min_offset=np.inf,
+    )
+    return axes[order[keep]]
+
+
+def distinct(
+    directions: Array, offsets: Array, limit: int, *, min_angle: float, min_offset: float
+) -> NDArray[np.int64]:
+    """Return the indices of at most `limit` entries that differ from all better ones.
+
+    Entries come best first. Two are the same when their lines are within `min_angle` radians and
+    their offsets along the common direction within `min_offset`.
+    """
+    kept: list[int] = []
+    alive = np.ones(len(directions), dtype=bool)
+    cosine = np.cos(min_angle)
+    while len(kept) < limit and alive.any():
+        index = int(alive.argmax())
+        kept.append(index)
+        along = directions @ directions[index]
+        near = np.abs(offsets * np.sign(along) - offsets[index]) < min_offset
+        alive &= ~((np.abs(along) > cosine) & near)
+        alive[index] = False
+    return np.asarray(kept, dtype=np.int64)
+
+
+def _directions(points: Array, count: int) -> Array:
+    frame = principal_axes(points)
+    return np.concatenate([frame, fibonacci_directions(count) @ frame])

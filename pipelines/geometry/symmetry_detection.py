@@ -1,0 +1,212 @@
+"""Find the symmetries of a mesh: up to three planes, one axis, one sphere (Sec. III-G).
+
+Candidates are searched coarsely, refined until they fit, and accepted by their distance to the
+surface. A sphere stands for every symmetry it has, a continuous axis for the planes through it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.configs import AnnotateSymmetryConfig
+from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.symmetry import (
+    ReflectionSymmetry,
+    RotationSymmetry,
+    SphereSymmetry,
+    Symmetry,
+)
+from pipelines.geometry.symmetry_candidates import DistanceGrid, axis_candidates
+from pipelines.geometry.symmetry_refinement import fit_sphere
+from pipelines.geometry.symmetry_search import (
+    COARSE_SAMPLES,
+    FINAL_SAMPLES,
+    FINAL_SCALES,
+    FINE_SAMPLES,
+    FINE_SCALES,
+    REFINEMENT_ANGLES,
+    Shape,
+    fit_of_plane,
+    refined_axes,
+    refined_planes,
+    search_axes,
+    search_planes,
+)
+from pipelines.geometry.symmetry_verification import Fit, fit_of_turn, is_sphere
+
+Array = NDArray[np.float64]
+Accepted = tuple[Array, Fit]  # a plane (nx, ny, nz, d) and how well it fits
+
+ACROSS_COSINE = float(np.cos(np.radians(5.0)))
+PARALLEL_COSINE = float(np.cos(np.radians(7.0)))
+PAIR_TOLERANCE = float(np.radians(2.0))
+FACING_POWER = 8  # sharpness of "this face looks along the plane's normal"
+
+
+@dataclass(frozen=True)
+class Detection:
+    """The symmetries of the whole mesh, and the candidates that fit only a part of it."""
+
+    symmetries: list[Symmetry]
+    partial: list[Symmetry]
+
+
+def detect_symmetries(
+    mesh: Mesh, config: AnnotateSymmetryConfig, rng: np.random.Generator
+) -> list[Symmetry]:
+    """Return the symmetries of `mesh`, metres, mesh frame: planes, then axis, or a sphere."""
+    return analyse(mesh, config, rng).symmetries
+
+
+def analyse(mesh: Mesh, config: AnnotateSymmetryConfig, rng: np.random.Generator) -> Detection:
+    """Return the symmetries of `mesh` and its rejected candidates (best first), mesh frame."""
+    shape = Shape.from_mesh(mesh, config, rng)
+    sphere = _sphere(shape)
+    if sphere is not None:
+        return Detection([sphere], [])
+    grid = DistanceGrid.around(shape.surface.points, config.grid_resolution, config.distance_cap)
+    axes, axis_fits = search_axes(shape, grid, config)
+    planes, plane_fits = search_planes(shape, grid, config)
+    partial: list[Symmetry] = [
+        _rotation(shape, axis, None, fit)
+        for axis, (fit, continuous) in zip(axes, axis_fits, strict=True)
+        if not continuous
+    ]
+    partial += [
+        _reflection(shape, plane, fit)
+        for plane, fit in zip(planes, plane_fits, strict=True)
+        if not fit.holds(config)
+    ]
+    accepted = _not_parallel(
+        [(plane, fit) for plane, fit in zip(planes, plane_fits, strict=True) if fit.holds(config)]
+    )
+    rounds = [(axis, fit) for axis, (fit, yes) in zip(axes, axis_fits, strict=True) if yes]
+    rotation: RotationSymmetry | None
+    if rounds:
+        axis, fit = rounds[0]
+        axis = refined_axes(shape, axis[None], REFINEMENT_ANGLES, FINAL_SCALES, FINE_SAMPLES)[0]
+        accepted = _across(shape, axis, accepted, config)
+        rotation = _rotation(shape, axis, None, fit)
+    else:
+        rotation = _discrete_rotation(shape, grid, [plane for plane, _ in accepted], config)
+    symmetries: list[Symmetry] = [
+        _reflection(shape, plane, fit) for plane, fit in _best_planes(shape, accepted, config)
+    ]
+    return Detection(symmetries + ([rotation] if rotation is not None else []), partial)
+
+
+def _sphere(shape: Shape) -> SphereSymmetry | None:
+    points = shape.samples.points
+    center, radius = fit_sphere(points)
+    if not is_sphere(points, center, radius):
+        return None
+    gap = np.abs(np.linalg.norm(points - center, axis=1) - radius)
+    return SphereSymmetry(shape.to_mesh(center), float(gap.mean() / (2.0 * radius)))
+
+
+def _reflection(shape: Shape, plane: Array, fit: Fit) -> ReflectionSymmetry:
+    # The point of the plane that is nearest to the centroid: the origin moved onto the plane.
+    return ReflectionSymmetry(plane[:3], shape.to_mesh(plane[3] * plane[:3]), fit.error)
+
+
+def _rotation(shape: Shape, axis: Array, order: int | None, fit: Fit) -> RotationSymmetry:
+    foot = axis[3:] - (axis[3:] @ axis[:3]) * axis[:3]
+    return RotationSymmetry(axis[:3], shape.to_mesh(foot), order, fit.error)
+
+
+def _not_parallel(planes: Sequence[Accepted]) -> list[Accepted]:
+    """Return the planes without those parallel to a better one.
+
+    Two parallel mirrors make a translation, which no bounded object survives.
+    """
+    kept: list[Accepted] = []
+    for plane, fit in planes:
+        if all(abs(plane[:3] @ better[:3]) < PARALLEL_COSINE for better, _ in kept):
+            kept.append((plane, fit))
+    return kept
+
+
+def _across(
+    shape: Shape, axis: Array, accepted: Sequence[Accepted], config: AnnotateSymmetryConfig
+) -> list[Accepted]:
+    """Return the plane perpendicular to the continuous axis, if it is one of symmetry.
+
+    Planes through the axis are one family that the axis stands for; no other can be right.
+    """
+    for plane, fit in accepted:
+        if abs(plane[:3] @ axis[:3]) > ACROSS_COSINE:
+            return [(plane, fit)]
+    start = np.append(axis[:3], 0.0)[None]
+    plane = refined_planes(shape, start, FINE_SCALES, FINAL_SAMPLES)[0]
+    fit = fit_of_plane(shape, plane)
+    straight = abs(plane[:3] @ axis[:3]) > ACROSS_COSINE
+    return [(plane, fit)] if straight and fit.holds(config) else []
+
+
+def _discrete_rotation(
+    shape: Shape, grid: DistanceGrid, planes: Sequence[Array], config: AnnotateSymmetryConfig
+) -> RotationSymmetry | None:
+    """Return the n-fold rotation of highest order: from pairs of planes, else by search."""
+    guesses: list[tuple[int, Array]] = []
+    for first, second in combinations(planes, 2):
+        between = np.arccos(np.clip(abs(first[:3] @ second[:3]), 0.0, 1.0))
+        order = int(np.clip(np.round(np.pi / max(float(between), 1e-3)), 2, config.max_order))
+        if abs(between - np.pi / order) < PAIR_TOLERANCE:
+            guesses.append((order, _common_line(first, second)))
+    guesses.sort(key=_order_of, reverse=True)
+    if not guesses:  # a shape with a turn but no mirror, such as a propeller
+        guesses = _searched_turns(shape, grid, config)
+    for order, axis in guesses:
+        angle = 2.0 * np.pi / order
+        refined = refined_axes(shape, axis[None], (angle,), FINE_SCALES, FINE_SAMPLES)[0]
+        fit = fit_of_turn(shape.surface, shape.samples, refined[:3], refined[3:], angle)
+        if fit.holds(config):
+            return _rotation(shape, refined, order, fit)
+    return None
+
+
+def _order_of(guess: tuple[int, Array]) -> int:
+    return guess[0]
+
+
+def _common_line(first: Array, second: Array) -> Array:
+    direction = np.cross(first[:3], second[:3])
+    system = np.stack([first[:3], second[:3], direction])
+    point = np.linalg.solve(system, [first[3], second[3], 0.0])
+    return np.concatenate([direction / np.linalg.norm(direction), point])
+
+
+def _searched_turns(
+    shape: Shape, grid: DistanceGrid, config: AnnotateSymmetryConfig
+) -> list[tuple[int, Array]]:
+    guesses = []
+    for order in range(config.max_order, 1, -1):
+        angles = (2.0 * np.pi / order,)
+        best = axis_candidates(grid, shape.points(COARSE_SAMPLES), config, angles)[0]
+        guesses.append((order, np.concatenate([best, np.zeros(3)])))
+    return guesses
+
+
+def _best_planes(
+    shape: Shape, accepted: Sequence[Accepted], config: AnnotateSymmetryConfig
+) -> list[Accepted]:
+    """Return at most `max_planes` planes: the most orthogonal ones that faces look along.
+
+    A cube has nine planes and the network three slots. Among equally orthogonal triples the one
+    parallel to faces is taken, because there mirrored points face each other and can be gripped.
+    """
+    if len(accepted) <= config.max_planes:
+        return list(accepted)
+    normals = np.stack([plane[:3] for plane, _ in accepted])
+    facing = np.mean(np.abs(shape.samples.normals @ normals.T) ** FACING_POWER, axis=0)
+    overlap = np.square(normals @ normals.T)
+
+    def cost(chosen: tuple[int, ...]) -> tuple[float, float]:
+        pairs = sum(float(overlap[i, j]) for i, j in combinations(chosen, 2))
+        return round(pairs, 1), -float(facing[list(chosen)].sum())
+
+    best = min(combinations(range(len(accepted)), config.max_planes), key=cost)
+    return [accepted[index] for index in best]

@@ -1,0 +1,83 @@
+"""Dense symmetry error: how far one symmetry's map is from another's (design 5.11).
+
+The error is measured on points: where the predicted symmetry sends them against where the true
+one does, as a fraction of the longest true displacement. It needs no choice of plane origin or
+axis sign, and a plane or axis that is right at the object and wrong elsewhere costs nothing.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.errors import ValueRangeError
+from pipelines.geometry.symmetry import (
+    ReflectionSymmetry,
+    RotationSymmetry,
+    SphereSymmetry,
+    Symmetry,
+)
+
+HALF_TURN = (np.pi,)
+TURNS = tuple(np.pi * k / 8 for k in range(1, 16))
+
+Array = NDArray[np.float64]
+
+
+def reflection_error(
+    points: Array, predicted: ReflectionSymmetry, truth: ReflectionSymmetry
+) -> float:
+    """Return mean |S_pred(x) - S_true(x)| / max |S_true(x) - x|, dimensionless.
+
+    `points`: (n, 3) metres, any frame that both symmetries share, n >= 1.
+    """
+    return _displacement_ratio(points, predicted.counterpart(points), truth.counterpart(points))
+
+
+def rotation_error(
+    points: Array,
+    predicted: RotationSymmetry,
+    truth: RotationSymmetry,
+    angles: Sequence[float] = TURNS,
+) -> float:
+    """Return the same ratio for turns about the axes, averaged over `angles` (radians).
+
+    `HALF_TURN` gives the variant of SymmetryNet's released evaluation. An axis has no sign: the
+    predicted one is taken in the direction that is closer to the true one.
+    `points`: (n, 3) metres, any frame that both symmetries share, n >= 1.
+    """
+    sign = 1.0 if float(predicted.axis @ truth.axis) >= 0.0 else -1.0
+    ratios = [
+        _displacement_ratio(points, predicted.turn(points, sign * a), truth.turn(points, a))
+        for a in angles
+    ]
+    return float(np.mean(ratios))
+
+
+def sphere_distance(predicted: SphereSymmetry, truth: SphereSymmetry) -> float:
+    """Return the distance of the two centres in metres."""
+    return float(np.linalg.norm(predicted.point - truth.point))
+
+
+def symmetry_error(
+    points: Array, predicted: Symmetry, truth: Symmetry, *, half_turn: bool = False
+) -> float:
+    """Return the dense error of two symmetries of one kind; for spheres the distance in metres.
+
+    Raises `ValueRangeError` when the kinds differ, because their maps cannot be compared.
+    """
+    if isinstance(predicted, ReflectionSymmetry) and isinstance(truth, ReflectionSymmetry):
+        return reflection_error(points, predicted, truth)
+    if isinstance(predicted, RotationSymmetry) and isinstance(truth, RotationSymmetry):
+        return rotation_error(points, predicted, truth, HALF_TURN if half_turn else TURNS)
+    if isinstance(predicted, SphereSymmetry) and isinstance(truth, SphereSymmetry):
+        return sphere_distance(predicted, truth)
+    raise ValueRangeError("predicted symmetry", predicted.kind, f"a {truth.kind} like the truth")
+
+
+def _displacement_ratio(points: Array, predicted: Array, truth: Array) -> float:
+    reach = float(np.linalg.norm(truth - points, axis=1).max())
+    miss = float(np.linalg.norm(predicted - truth, axis=1).mean())
+    if reach == 0.0:  # every point lies on the true plane or axis: only a perfect map is right
+        return 0.0 if miss == 0.0 else float("inf")
+    return miss / reach

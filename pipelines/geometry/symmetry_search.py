@@ -1,0 +1,156 @@
+"""From a mesh to its best candidate planes and axes, refined and measured.
+
+Normalised coordinates: origin at the surface's centroid, unit diameter. Planes are rows
+(nx, ny, nz, d) of n.x = d, axes rows (ux, uy, uz, px, py, pz), best first.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.configs import AnnotateSymmetryConfig
+from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.surface import Surface, diameter
+from pipelines.geometry.symmetry_candidates import (
+    DistanceGrid,
+    axis_candidates,
+    distinct,
+    plane_candidates,
+)
+from pipelines.geometry.symmetry_refinement import refine_axes, refine_planes
+from pipelines.geometry.symmetry_verification import (
+    VERIFICATION_ANGLES,
+    Fit,
+    Samples,
+    continuous_fit,
+    fit_of,
+    mirrored,
+    turned,
+)
+
+Array = NDArray[np.float64]
+
+COARSE_SCALES = (0.05, 0.04, 0.03, 0.025)  # Tukey scales, shares of the diameter
+FINE_SCALES = (0.03, 0.02, 0.015, 0.012, 0.012)
+FINAL_SCALES = (0.012, 0.01, 0.01)
+REFINEMENT_ANGLES = VERIFICATION_ANGLES[1::2]
+COARSE_SAMPLES, FINE_SAMPLES, FINAL_SAMPLES = 200, 600, 2000
+KEPT_PLANES, KEPT_AXES = 14, 3
+SAME_ANGLE, SAME_OFFSET = float(np.radians(3.0)), 0.015
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A mesh's surface in normalised coordinates, `x = (x_mesh - center) / size`, with samples."""
+
+    center: Array  # (3,) metres, mesh frame
+    size: float  # metres
+    surface: Surface
+    samples: Samples
+
+    @classmethod
+    def from_mesh(
+        cls, mesh: Mesh, config: AnnotateSymmetryConfig, rng: np.random.Generator
+    ) -> "Shape":
+        """Sample `mesh` and bring it to its centroid and unit diameter."""
+        raw = Surface.from_mesh(mesh, config.num_samples, rng)
+        center, size = raw.points.mean(axis=0), diameter(mesh.vertices[np.unique(mesh.faces)])
+        surface = raw.normalised(center, size)
+        draw = rng.choice(len(raw.points), config.num_verification_samples, replace=False)
+        return cls(center, size, surface, Samples(surface.points[draw], surface.normals[draw]))
+
+    def points(self, count: int) -> Array:
+        """Return the first `count` of the samples' points: (count, 3)."""
+        return self.samples.points[:count]
+
+    def to_mesh(self, point: Array) -> Array:
+        """Return `point` (3,) in the mesh frame, metres."""
+        return self.center + self.size * point
+
+
+def search_planes(
+    shape: Shape, grid: DistanceGrid, config: AnnotateSymmetryConfig
+) -> tuple[Array, list[Fit]]:
+    """Return distinct refined planes (c, 4) and their fits."""
+    normals, offsets = plane_candidates(grid, shape.points(COARSE_SAMPLES), config)
+    planes = np.column_stack([normals, offsets])
+    planes = _distinct_planes(shape, refined_planes(shape, planes, COARSE_SCALES, COARSE_SAMPLES))
+    planes = _distinct_planes(shape, refined_planes(shape, planes, FINE_SCALES, FINE_SAMPLES))
+    fits = [fit_of_plane(shape, plane) for plane in planes]
+    good = [index for index, fit in enumerate(fits) if fit.holds(config)]
+    if good:
+        planes[good] = refined_planes(shape, planes[good], FINAL_SCALES, FINAL_SAMPLES)
+    order = np.argsort([fit.mean for fit in fits], kind="stable")
+    return planes[order], [fits[index] for index in order]
+
+
+def refined_planes(shape: Shape, planes: Array, scales: Sequence[float], count: int) -> Array:
+    """Return `planes` (c, 4) after a Gauss-Newton step a scale on `count` samples."""
+    points = shape.points(count)
+    normals, offsets = refine_planes(shape.surface, points, planes[:, :3], planes[:, 3], scales)
+    return np.column_stack([normals, offsets])
+
+
+def fit_of_plane(shape: Shape, plane: Array) -> Fit:
+    """Measure the plane (4,) on the verification samples."""
+    image = mirrored(shape.samples, plane[:3], float(plane[3]))
+    return fit_of(shape.surface, shape.samples, image)
+
+
+def search_axes(
+    shape: Shape, grid: DistanceGrid, config: AnnotateSymmetryConfig
+) -> tuple[Array, list[tuple[Fit, bool]]]:
+    """Return distinct refined axes (c, 6), and (worst fit, is it continuous) of each."""
+    directions = axis_candidates(grid, shape.points(COARSE_SAMPLES), config)
+    axes = np.column_stack([directions, np.zeros_like(directions)])
+    axes = refined_axes(shape, axes, REFINEMENT_ANGLES, COARSE_SCALES, COARSE_SAMPLES)
+    axes = _distinct_axes(shape, axes)
+    axes = refined_axes(shape, axes, REFINEMENT_ANGLES, FINE_SCALES, FINE_SAMPLES)
+    fits = [
+        continuous_fit(shape.surface, shape.samples, axis[:3], axis[3:], config) for axis in axes
+    ]
+    order = np.argsort([fit.mean for fit, _ in fits], kind="stable")
+    return axes[order], [fits[index] for index in order]
+
+
+def refined_axes(
+    shape: Shape, axes: Array, angles: Sequence[float], scales: Sequence[float], count: int
+) -> Array:
+    """Return `axes` (c, 6) after a Gauss-Newton step a scale, turning by `angles` radians."""
+    points = shape.points(count)
+    parts = refine_axes(shape.surface, points, axes[:, :3], axes[:, 3:], angles, scales)
+    return np.column_stack(parts)
+
+
+def _distinct_planes(shape: Shape, planes: Array) -> Array:
+    before = Samples(shape.points(COARSE_SAMPLES), shape.samples.normals[:COARSE_SAMPLES])
+    images = [mirrored(before, plane[:3], float(plane[3])).points for plane in planes]
+    order = np.argsort(_misses(shape, np.stack(images)), kind="stable")
+    ranked = planes[order]
+    return ranked[
+        distinct(
+            ranked[:, :3], ranked[:, 3], KEPT_PLANES, min_angle=SAME_ANGLE, min_offset=SAME_OFFSET
+        )
+    ]
+
+
+def _distinct_axes(shape: Shape, axes: Array) -> Array:
+    before = Samples(shape.points(COARSE_SAMPLES), shape.samples.normals[:COARSE_SAMPLES])
+    worst = np.zeros(len(axes))
+    for angle in REFINEMENT_ANGLES:
+        images = [turned(before, axis[:3], axis[3:], float(angle)).points for axis in axes]
+        worst = np.maximum(worst, _misses(shape, np.stack(images)))
+    ranked = axes[np.argsort(worst, kind="stable")]
+    same_line = np.zeros(len(ranked))  # one axis a direction is enough
+    return ranked[
+        distinct(ranked[:, :3], same_line, KEPT_AXES, min_angle=SAME_ANGLE, min_offset=np.inf)
+    ]
+
+
+def _misses(shape: Shape, images: Array) -> Array:
+    """Return the mean capped distance (c,) of `images` (c, n, 3) to the nearest samples."""
+    distance = shape.surface.tree.query(images)[0]
+    miss: Array = np.minimum(distance, 0.05).mean(axis=-1)
+    return miss

@@ -37,11 +37,27 @@ class SynthesizeConfig:
 
 @dataclass(frozen=True)
 class AnnotateSymmetryConfig:
-    """Symmetries of meshes (Sec. III-G); lengths are shares of the bounding box's diagonal."""
+    """Symmetries of meshes (Sec. III-G); lengths are shares of the object's diameter."""
 
-    num_samples: int = 4000
-    num_candidate_normals: int = 800
+    num_samples: int = 30000  # dense surface samples that distances are measured to
+    num_verification_samples: int = 2000
+    grid_resolution: int = 56
+    distance_cap: float = 0.06  # a larger miss is no worse than this one
+    plane_directions: int = 1000
+    plane_offsets: tuple[float, ...] = (0.0, -0.04, 0.04, -0.08, 0.08)
+    plane_candidates: int = 40
+    plane_separation_deg: float = 7.0
+    plane_offset_separation: float = 0.03
+    axis_directions: int = 600
+    axis_candidates: int = 8
+    axis_separation_deg: float = 10.0
+    max_mean: float = 0.006  # of the distance from the image to the surface
+    max_axis_mean: float = 0.01  # a turn moves more of the surface than a mirror does
+    max_p95: float = 0.025
+    max_p99: float = 0.05
+    min_agreement: float = 0.7  # share of samples whose image fits, with its normal
     max_planes: int = 3  # Sec. III-E: at most 3 reflections, 1 rotation, 1 sphere
+    max_order: int = 8  # of a discrete rotation
     min_region_extent: float = 0.01  # metres, smaller regions cannot be grasped
     min_region_support: float = 0.6  # share of a region's surface its symmetry must explain
 
@@ -100,10 +116,20 @@ class NetworkConfig:
 
     num_points: int = 1500
     feature_dim: int = 128
-    set_points: tuple[int, int, int, int] = (384, 96, 24, 8)
-    set_radii: tuple[float, float, float, float] = (0.015, 0.03, 0.06, 0.12)  # metres
-    set_neighbors: tuple[int, int, int, int] = (24, 24, 16, 8)
+    set_points: tuple[int, int, int, int] = (384, 128, 32, 8)
+    set_neighbors: tuple[int, int, int, int] = (16, 16, 16, 32)  # the last: all of its level
     use_pift: bool = True  # Table IV, "No PIFT" is False
+
+
+@dataclass(frozen=True)
+class AugmentationConfig:
+    """Random views of a region's cloud while training (Sec. III-E)."""
+
+    roll_deg: float = 25.0  # standard deviation, about the view axis
+    tilt_deg: float = 10.0  # standard deviation, about each axis across it
+    scale: float = 0.15  # uniform scaling by at most this share
+    jitter: float = 0.001  # metres, standard deviation a coordinate
+    principal_scale: float = 1.4  # of the Siamese copy: at most this factor, or its inverse
 
 
 @dataclass(frozen=True)
@@ -122,6 +148,10 @@ class TrainConfig:
     weight_existence: float = 1.0  # w^c
     weight_parameters: float = 5.0  # w^r
     use_siamese: bool = True  # Table IV, "No Siamese Training" is False
+    num_loss_points: int = 384  # of a region's 1,500; a random share of them costs less a step
+    micro_batch_size: int = 6  # gradients are accumulated to `batch_size`
+    ema_decay: float = 0.998  # of the running mean of the weights that is kept; 0 for none
+    augmentation: AugmentationConfig = field(default_factory=AugmentationConfig)
     val_fraction: float = 0.1  # of the scenes
 
 
@@ -130,10 +160,19 @@ class RegionConfig:
     """Regions found without a network: what stands on the support plane."""
 
     max_distance: float = 2.0  # metres from the camera
-    plane_tolerance: float = 0.006  # metres, at one metre; grows with the square of the distance
-    min_height: float = 0.008  # metres above the plane
+    max_range: float = 1.2  # metres beyond the nearest surfaces; behind it is background
+    plane_tolerance: float = 0.010  # 1/metres of inverse depth: metres at one metre
+    min_plane_share: float = 0.08  # of the near pixels; a smaller plane supports nothing
+    beneath_weight: float = 2.0  # how much a near pixel beneath a plane speaks against it
+    support_margin: float = 0.03  # metres that objects may stand out over the plane's border
+    min_height: float = 0.006  # metres above the plane
+    max_height: float = 0.5  # metres above the plane; higher is an arm or a wall
     min_pixels: int = 200
     max_extent: float = 0.45  # metres; larger is no object for this hand
+    depth_step: float = 0.012  # of the depth, between neighbours: a longer step parts surfaces
+    normal_radius: int = 4  # pixels that normals are smoothed over
+    crease_fold: float = 0.6  # 2 sin(fold / 2) beyond which a concave crease parts regions
+    crease_reach: float = 3.0  # how much longer than level a crease's chord may be
 
 
 @dataclass(frozen=True)
@@ -141,16 +180,27 @@ class SelectionConfig:
     """Physics-feasible grasp selection (Sec. III-F)."""
 
     min_affordance: float = 0.5  # Sec. III-E
+    weak_affordance: float = 0.1  # D. 16: below it no point of a region is worth a finger
     min_existence: float = 0.5  # D. 4
-    max_pairs: int = 200  # contact pairs a region that are tried
+    max_pairs: int = 96  # contact pairs a region that are tried
+    pair_spacing: float = 0.006  # metres between the first contacts of pairs that are tried
+    max_contact_angle: float = 0.7  # radians between a contact's normal and the contact line
+    min_width: float = 0.003  # metres; closer contacts are one
     num_approach_angles: int = 12  # M of Sec. III-F
     clearance_cap: float = 0.05  # metres, b of Eq. 8
     enclosed_height_cap: float = 0.03  # metres, h of Eq. 8
     weight_clearance: float = 1.0  # w^b
     weight_height: float = 5.0  # w^h
+    min_enclosed: float = 0.004  # metres of the object that must be between the fingers
     behind_tolerance: float = 0.005  # metres a counterpart may float before the surface, D. 6
+    depth_noise: float = 0.003  # metres at one metre, growing with z^2, D. 6
     min_table_distance: float = 0.004  # metres between finger tips and table
     max_approach_angle: float = 1.75  # radians between approach and the table's inward normal
+    max_view_angle: float = 1.05  # radians between approach and view ray where no table is seen
+    scene_resolution: float = 0.0025  # metres that the scene is thinned to for collisions
+    body_margin: float = 0.001  # metres that the gripper's bodies are blown up by
+    max_points_inside: int = 2  # measured points, as noise, that a body may hold
+    steadiness: float = 0.85  # of the best candidate's, that a candidate needs to be ranked
 
 
 @dataclass(frozen=True)

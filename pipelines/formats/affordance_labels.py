@@ -1,0 +1,62 @@
+"""`affordance/NNN.h5`: an object's symmetric contact pairs and the affordance of its surface.
+
+All in the object's canonical frame, metres.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.errors import ValueRangeError
+from pipelines.formats.files import atomic_path, open_h5
+from pipelines.formats.h5_columns import check_version, read_columns, write_columns
+from pipelines.formats.provenance import Stamp
+
+FORMAT_VERSION = 1
+UNITS = {"contacts": "m", "points": "m"}
+# Name in the file: trailing shape.
+PAIR_COLUMNS = {"contacts": (2, 3), "approach": (3,), "quality": ()}
+SURFACE_COLUMNS = {"points": (3,), "normals": (3,), "affordance": ()}
+
+
+@dataclass(frozen=True)
+class AffordanceLabels:
+    """Refined grasps as contact pairs, and the affordance they give the surface (D. 9)."""
+
+    contacts: NDArray[np.float32]  # (m, 2, 3) metres
+    approach: NDArray[np.float32]  # (m, 3) unit
+    quality: NDArray[np.float32]  # (m,) 1 - smallest friction coefficient, 0..1
+    points: NDArray[np.float32]  # (p, 3) metres, surface samples
+    normals: NDArray[np.float32]  # (p, 3) unit, outward
+    affordance: NDArray[np.float32]  # (p,) 0..1
+
+    def __post_init__(self) -> None:
+        for columns in (PAIR_COLUMNS, SURFACE_COLUMNS):
+            length = len(getattr(self, next(iter(columns))))
+            for name, trailing in columns.items():
+                array = np.asarray(getattr(self, name), dtype=np.float32)
+                if array.shape != (length, *trailing):
+                    raise ValueRangeError(name, array.shape, f"of shape {(length, *trailing)}")
+                object.__setattr__(self, name, array)
+
+
+def write(path: Path, labels: AffordanceLabels, stamp: Stamp) -> None:
+    """Write `labels`; same labels and stamp, same bytes."""
+    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+        file.attrs["format_version"] = FORMAT_VERSION
+        file.attrs["frame"] = "object"
+        file.attrs["provenance"] = stamp.as_text()
+        names = (*PAIR_COLUMNS, *SURFACE_COLUMNS)
+        write_columns(file, {name: getattr(labels, name) for name in names}, UNITS)
+
+
+def read(path: Path) -> AffordanceLabels:
+    """Read a file of `write`."""
+    with open_h5(path) as file:
+        check_version(path, file.attrs.get("format_version"), FORMAT_VERSION)
+        columns: dict[str, Any] = read_columns(path, file, (*PAIR_COLUMNS, *SURFACE_COLUMNS))
+    return AffordanceLabels(**columns)

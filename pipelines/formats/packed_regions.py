@@ -1,0 +1,154 @@
+"""`PACKED/scene_NNNN_CAMERA.h5`: the region clouds of a scene's frames, with their labels.
+
+Camera frame (OpenCV axes), metres. Slots as in `geometry/symmetry.py`: 0-2 reflection, 3 rotation,
+4 sphere; the point and direction of an empty slot are nan.
+"""
+
+import bisect
+import itertools
+import os
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.errors import FormatError, MissingInputError, ValueRangeError
+from pipelines.formats.files import atomic_path, open_h5
+from pipelines.formats.h5_columns import check_version, read_columns, write_columns
+from pipelines.formats.provenance import Stamp
+from pipelines.geometry.symmetry import NUM_SLOTS
+
+FORMAT_VERSION = 1
+UNITS = {"points": "m", "point": "m"}
+
+
+@dataclass(frozen=True)
+class PackedScene:
+    """The R packed regions of one scene, P points each."""
+
+    points: NDArray[np.float32]  # (R, P, 3) metres, camera frame
+    affordance: NDArray[np.float32]  # (R, P) 0..1
+    existence: NDArray[np.float32]  # (R, 5) 0 or 1
+    point: NDArray[np.float32]  # (R, 5, 3) metres, camera frame
+    direction: NDArray[np.float32]  # (R, 5, 3) unit, camera frame
+    object_id: NDArray[np.int32]  # (R,)
+    frame_id: NDArray[np.int32]  # (R,)
+    name: NDArray[np.object_]  # (R,) str, the region's name
+
+    def __post_init__(self) -> None:
+        regions, count = np.shape(self.points)[:2]
+        shapes: dict[str, tuple[tuple[int, ...], type]] = {
+            "points": ((regions, count, 3), np.float32),
+            "affordance": ((regions, count), np.float32),
+            "existence": ((regions, NUM_SLOTS), np.float32),
+            "point": ((regions, NUM_SLOTS, 3), np.float32),
+            "direction": ((regions, NUM_SLOTS, 3), np.float32),
+            "object_id": ((regions,), np.int32),
+            "frame_id": ((regions,), np.int32),
+            "name": ((regions,), np.object_),
+        }
+        for field, (shape, dtype) in shapes.items():
+            array: NDArray[Any] = np.asarray(getattr(self, field), dtype=dtype)
+            if array.shape != shape:
+                raise ValueRangeError(field, array.shape, f"of shape {shape}")
+            object.__setattr__(self, field, array)
+
+    def __len__(self) -> int:
+        """Return the number of regions."""
+        return len(self.points)
+
+
+@dataclass(frozen=True)
+class PackedRegion:
+    """One packed region; the fields of `PackedScene` without their first axis."""
+
+    points: NDArray[np.float32]  # (P, 3)
+    affordance: NDArray[np.float32]  # (P,)
+    existence: NDArray[np.float32]  # (5,)
+    point: NDArray[np.float32]  # (5, 3)
+    direction: NDArray[np.float32]  # (5, 3)
+    object_id: int
+    frame_id: int
+    name: str
+
+
+COLUMNS = tuple(field.name for field in fields(PackedScene))
+
+
+def write(path: Path, scene: PackedScene, stamp: Stamp) -> None:
+    """Write one scene; same regions and stamp, same bytes."""
+    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+        file.attrs["format_version"] = FORMAT_VERSION
+        file.attrs["frame"] = "camera, OpenCV axes"
+        file.attrs["provenance"] = stamp.as_text()
+        write_columns(file, {name: getattr(scene, name) for name in COLUMNS}, UNITS)
+
+
+def read(path: Path) -> PackedScene:
+    """Read a whole scene."""
+    with open_h5(path) as file:
+        check_version(path, file.attrs.get("format_version"), FORMAT_VERSION)
+        return PackedScene(**read_columns(path, file, COLUMNS))
+
+
+class PackedReader:
+    """Random access to the regions of every `*.h5` of a folder, files opened when first needed.
+
+    Pickles without its open files, and opens them anew in a forked process, so that it may be
+    handed to the workers of a data loader.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.paths = tuple(sorted(folder.glob("*.h5")))
+        if not self.paths:
+            raise MissingInputError(folder / "*.h5", "symgrasp pack")
+        self.counts = tuple(_count(path) for path in self.paths)
+        self._ends = list(itertools.accumulate(self.counts))
+        self._files: dict[int, h5py.File] = {}
+        self._process = os.getpid()
+
+    def __len__(self) -> int:
+        """Return the number of regions of all files."""
+        return self._ends[-1]
+
+    def __getitem__(self, index: int) -> PackedRegion:
+        """Return region `index`, counted through the files in the order of their names."""
+        scene, row = self.locate(index)
+        file = self._open(scene)
+        path = self.paths[scene]
+        try:
+            row_of: dict[str, Any] = {name: file[name][row] for name in COLUMNS}
+        except (KeyError, OSError) as error:
+            raise FormatError(path, f"region {row} is damaged ({error})", "pack again") from error
+        row_of["name"] = row_of["name"].decode()
+        row_of |= {key: int(row_of[key]) for key in ("object_id", "frame_id")}
+        return PackedRegion(**row_of)
+
+    def locate(self, index: int) -> tuple[int, int]:
+        """Return (index into `paths`, row in that file) of region `index`."""
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"region {index} of {len(self)}")
+        index %= len(self)
+        scene = bisect.bisect_right(self._ends, index)
+        return scene, index - (self._ends[scene] - self.counts[scene])
+
+    def _open(self, scene: int) -> h5py.File:
+        if self._process != os.getpid():  # handles must not be shared with the parent
+            self._files, self._process = {}, os.getpid()
+        if scene not in self._files:
+            self._files[scene] = open_h5(self.paths[scene])
+        return self._files[scene]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_files": {}, "_process": -1}
+
+
+def _count(path: Path) -> int:
+    with open_h5(path) as file:
+        check_version(path, file.attrs.get("format_version"), FORMAT_VERSION)
+        if "points" not in file:
+            raise FormatError(path, "has no dataset /points", "pack the scene again")
+        return int(file["points"].shape[0])

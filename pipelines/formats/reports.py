@@ -1,0 +1,65 @@
+"""`report.json` of `evaluate` and of the benchmark: figures by row and split."""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pipelines.errors import FormatError
+from pipelines.formats.files import read_json, write_json
+from pipelines.formats.provenance import Stamp
+
+FORMAT_VERSION = 1
+
+
+def write_report(
+    path: Path,
+    rows: Mapping[str, Mapping[str, Any]],
+    stamp: Stamp,
+    *,
+    seconds_per_frame: float | None = None,
+    **more: Any,  # noqa: ANN401 - JSON is any of many types
+) -> None:
+    """Write a report.
+
+    Args:
+        path: where to.
+        rows: row (ours, oracle, planar, random) to split (seen, similar, novel, all) to figures;
+            a figure that could not be computed, nan, is stored as null.
+        stamp: how it was made.
+        seconds_per_frame: mean time of `infer`.
+        more: further JSON entries.
+    """
+    content = {
+        "rows": rows,
+        "seconds_per_frame": seconds_per_frame,
+        **more,
+        "format_version": FORMAT_VERSION,
+        "provenance": stamp.as_json(),
+    }
+    write_json(path, _finite(content))
+
+
+def read_report(path: Path) -> dict[str, Any]:
+    """Read a report as the JSON object it is.
+
+    Raises:
+        FormatError: it has no `rows`.
+    """
+    content = read_json(path)
+    if not isinstance(content, dict) or not isinstance(content.get("rows"), dict):
+        raise FormatError(path, "lacks `rows`", "a report.json of `symgrasp evaluate` is expected")
+    return content
+
+
+def _finite(content: Any) -> Any:  # noqa: ANN401 - JSON is any of many types
+    """Return `content` with numbers as Python's own and nan as None: JSON has no nan."""
+    if isinstance(content, Mapping):
+        return {str(key): _finite(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [_finite(value) for value in content]
+    if hasattr(content, "tolist"):  # numpy's scalars and arrays
+        return _finite(content.tolist())
+    if isinstance(content, float) and not math.isfinite(content):
+        return None
+    return content

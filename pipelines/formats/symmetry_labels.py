@@ -1,0 +1,138 @@
+"""`symmetry/NNN.json`: the symmetries of an object and of its regions, canonical frame, metres."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.errors import FormatError, SymgraspError, UnknownNameError
+from pipelines.formats.files import read_json, write_json
+from pipelines.formats.provenance import Stamp
+from pipelines.geometry.symmetry import (
+    ReflectionSymmetry,
+    RotationSymmetry,
+    SphereSymmetry,
+    Symmetry,
+)
+
+FORMAT_VERSION = 1
+KINDS = ("reflection", "rotation", "sphere")
+
+
+@dataclass(frozen=True)
+class RegionLabel:
+    """One symmetric region of an object's surface."""
+
+    name: str
+    triangles: NDArray[np.int64]  # (k,) indices into the mesh's triangles, in file order
+    symmetries: tuple[Symmetry, ...]  # canonical object frame
+
+
+@dataclass(frozen=True)
+class ObjectSymmetries:
+    """The symmetries of a whole object, and its regions with theirs."""
+
+    name: str
+    symmetries: tuple[Symmetry, ...]
+    regions: tuple[RegionLabel, ...] = ()
+
+
+def write(path: Path, labels: ObjectSymmetries, stamp: Stamp) -> None:
+    """Write `labels` as JSON."""
+    content = {
+        "object": labels.name,
+        "symmetries": [symmetry_to_json(symmetry) for symmetry in labels.symmetries],
+        "regions": [region_to_json(region) for region in labels.regions],
+        "format_version": FORMAT_VERSION,
+        "provenance": stamp.as_json(),
+    }
+    write_json(path, content)
+
+
+def read(path: Path) -> ObjectSymmetries:
+    """Read a symmetry file, from this toolkit or written by hand.
+
+    Raises:
+        FormatError: not such a file; the sentence names the entry.
+    """
+    content = read_json(path)
+    if not isinstance(content, dict) or "symmetries" not in content:
+        raise FormatError(path, "lacks `symmetries`", "object, symmetries and regions are expected")
+    return ObjectSymmetries(
+        name=str(content.get("object", path.stem)),
+        symmetries=symmetries_from_json(path, content["symmetries"]),
+        regions=tuple(_region(path, region) for region in content.get("regions", [])),
+    )
+
+
+def symmetry_to_json(symmetry: Symmetry) -> dict[str, Any]:
+    """Return one symmetry as a JSON object; floats keep all their digits."""
+    content: dict[str, Any] = {"kind": symmetry.kind}
+    match symmetry:
+        case ReflectionSymmetry():
+            content["normal"] = symmetry.normal.tolist()
+        case RotationSymmetry():
+            content["axis"] = symmetry.axis.tolist()
+    content["point"] = symmetry.point.tolist()
+    if isinstance(symmetry, RotationSymmetry):
+        content["order"] = symmetry.order
+    content["error"] = float(symmetry.error)
+    return content
+
+
+def symmetries_from_json(path: Path, content: Sequence[Any]) -> tuple[Symmetry, ...]:
+    """Return the symmetries of a JSON list; `path` is named in errors."""
+    try:
+        return tuple(_symmetry(entry) for entry in content)
+    except (KeyError, TypeError, ValueError, SymgraspError) as error:
+        what = f"lacks {error}" if isinstance(error, KeyError) else str(error)
+        raise FormatError(
+            path, f"a symmetry is not right: {what}", "kind, normal or axis, point are expected"
+        ) from error
+
+
+def region_to_json(region: RegionLabel) -> dict[str, Any]:
+    """Return one region as a JSON object."""
+    return {
+        "name": region.name,
+        "triangles": np.asarray(region.triangles).tolist(),
+        "symmetries": [symmetry_to_json(symmetry) for symmetry in region.symmetries],
+    }
+
+
+def triangles_from_json(path: Path, content: Any) -> NDArray[np.int64]:  # noqa: ANN401 - JSON
+    """Return triangle indices (k,) of a JSON list of whole numbers."""
+    whole = isinstance(content, list) and all(
+        isinstance(i, int) and not isinstance(i, bool) and i >= 0 for i in content
+    )
+    if not whole:
+        raise FormatError(path, "`triangles` of a region are wrong", "a list of indices from 0")
+    return np.array(content, dtype=np.int64)
+
+
+def _symmetry(entry: Mapping[str, Any]) -> Symmetry:
+    error = float(entry.get("error", 0.0))
+    match entry["kind"]:
+        case "reflection":
+            return ReflectionSymmetry(entry["normal"], entry["point"], error)
+        case "rotation":
+            order = entry.get("order")
+            order = None if order is None else int(order)
+            return RotationSymmetry(entry["axis"], entry["point"], order, error)
+        case "sphere":
+            return SphereSymmetry(entry["point"], error)
+        case other:
+            raise UnknownNameError("kind of symmetry", str(other), KINDS)
+
+
+def _region(path: Path, content: Any) -> RegionLabel:  # noqa: ANN401 - JSON
+    if not isinstance(content, dict) or "triangles" not in content:
+        raise FormatError(path, "a region lacks `triangles`", "name, triangles, symmetries")
+    return RegionLabel(
+        name=str(content.get("name", "region")),
+        triangles=triangles_from_json(path, content["triangles"]),
+        symmetries=symmetries_from_json(path, content.get("symmetries", [])),
+    )

@@ -1,0 +1,1 @@
+"""What `evaluate` is made of: ground truth, predictions, baselines, records, figures, tables."""

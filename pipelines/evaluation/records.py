@@ -1,0 +1,115 @@
+"""What evaluation found out about one frame, as JSON: enough to compute every figure again.
+
+Records are written scene by scene, so that an interrupted run loses nothing and figures of any
+subset of frames can be formed later (splits, confidence intervals).
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pipelines.errors import FormatError
+from pipelines.formats.files import read_json, write_json
+from pipelines.formats.provenance import Stamp
+from pipelines.metrics.grasp_verdicts import Verdict
+
+FORMAT_VERSION = 1
+
+
+@dataclass(frozen=True)
+class JudgedPredictions:
+    """Predictions of one kind in one frame.
+
+    Attributes:
+        num_truth: how many there are to find.
+        confidence: of each prediction.
+        verdicts: of each prediction: 1 right, 0 wrong, -1 ignored; by threshold.
+    """
+
+    num_truth: int
+    confidence: list[float] = field(default_factory=list)
+    verdicts: dict[str, list[int]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class RowRecord:
+    """One method (ours, oracle, planar, random) on one frame.
+
+    Attributes:
+        verdicts: one for every visible object.
+        symmetries: by kind; empty for a method that predicts none.
+    """
+
+    verdicts: list[Verdict]
+    symmetries: dict[str, JudgedPredictions] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class FrameRecord:
+    """All methods on one frame; the regions, and so their masks, are the same for all."""
+
+    name: str
+    split: str
+    seconds: float
+    masks: JudgedPredictions
+    rows: dict[str, RowRecord]
+
+
+def threshold_key(threshold: float) -> str:
+    """Return the name of a threshold in JSON: 0.25 is "0.25"."""
+    return f"{threshold:g}"
+
+
+def write_records(path: Path, records: Sequence[FrameRecord], stamp: Stamp) -> None:
+    """Write the records of one scene."""
+    content = {
+        "format_version": FORMAT_VERSION,
+        "frames": [_finite(asdict(record)) for record in records],
+        "provenance": stamp.as_json(),
+    }
+    write_json(path, content)
+
+
+def read_records(path: Path) -> list[FrameRecord]:
+    """Read the records of one scene.
+
+    Raises:
+        FormatError: not written by `write_records`.
+    """
+    content = read_json(path)
+    try:
+        return [_record(entry) for entry in content["frames"]]
+    except (KeyError, TypeError) as error:
+        raise FormatError(
+            path, f"not the records of a scene ({error})", "delete it and run `evaluate` again"
+        ) from error
+
+
+def _finite(value: Any) -> Any:  # noqa: ANN401 - JSON is any of many types
+    """Return `value` with None for numbers that JSON has not: no force closure is null."""
+    if isinstance(value, dict):
+        return {key: _finite(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [_finite(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _record(entry: Mapping[str, Any]) -> FrameRecord:
+    rows = {name: _row(row) for name, row in entry["rows"].items()}
+    masks = JudgedPredictions(**entry["masks"])
+    return FrameRecord(entry["name"], entry["split"], entry["seconds"], masks, rows)
+
+
+def _row(entry: Mapping[str, Any]) -> RowRecord:
+    verdicts = [
+        Verdict(**{**verdict, "min_friction": _infinite(verdict["min_friction"])})
+        for verdict in entry["verdicts"]
+    ]
+    judged = {kind: JudgedPredictions(**found) for kind, found in entry["symmetries"].items()}
+    return RowRecord(verdicts, judged)
+
+
+def _infinite(friction: float | None) -> float:
+    return math.inf if friction is None else friction

@@ -1,0 +1,77 @@
+"""Antipodal scores after S4G, in its two definitions, which are not the same number.
+
+*Contact pair* (Sec. IV of the paper): `|cos a_1 cos a_2|` at the two contacts. *Closing region*:
+the mean normals of the outermost layers of surface between the fingers. Both are 1 for a perfect
+grasp and 0 for a useless one.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.gripper import Gripper
+from pipelines.metrics.contacts import Contacts
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+LAYER_DEPTH = 0.005  # metres of surface, from the outermost point inwards, that a finger feels
+MIN_REGION_POINTS = 10
+
+
+def contact_pair_score(contacts: Contacts) -> Array:
+    """Return (n,) `|cos a_1 cos a_2|` of the contacts; 0 where fingers do not touch."""
+    product = np.abs(np.prod(contacts.cosines, axis=1))
+    return np.where(contacts.found, product, 0.0)
+
+
+def closing_region_score(
+    points: Array,
+    normals: Array,
+    grasps: Grasps,
+    gripper: Gripper,
+    foreign_points: Array | None = None,
+) -> Array:
+    """Return (n,) the score of the surface between the open fingers.
+
+    Args:
+        points: (m, 3) metres, on the object's whole surface, in the frame of the grasps.
+        normals: (m, 3) unit.
+        grasps: n grasps.
+        gripper: gives the region between the open fingers.
+        foreign_points: (k, 3) on other objects; a region that holds one scores 0.
+    """
+    inner = _closing_regions(grasps, gripper)
+    foreign = np.zeros((0, 3)) if foreign_points is None else foreign_points
+    scores = np.zeros(len(grasps))
+    for i in range(len(grasps)):
+        rotation, origin = grasps.rotation[i], grasps.translation[i]
+        if _within((foreign - origin) @ rotation, inner[i]).any():
+            continue
+        local = (points - origin) @ rotation
+        inside = _within(local, inner[i])
+        scores[i] = _layers_score(local[inside, 1], (normals[inside] @ rotation)[:, 1])
+    return scores
+
+
+def _closing_regions(grasps: Grasps, gripper: Gripper) -> Array:
+    """Return (n, 2, 3) low and high corners, grasp frame, of what the fingers sweep."""
+    fingers = gripper.boxes(grasps.width)[:, :2]
+    regions = fingers[:, 0].copy()
+    regions[:, 0, 1], regions[:, 1, 1] = fingers[:, 0, 1, 1], fingers[:, 1, 0, 1]
+    return regions
+
+
+def _within(local: Array, corners: Array) -> Mask:
+    return np.asarray(((local >= corners[0]) & (local <= corners[1])).all(axis=1))
+
+
+def _layers_score(closing: Array, closing_normal: Array) -> float:
+    """Return the score of region points from their coordinates along the closing axis."""
+    if len(closing) < MIN_REGION_POINTS:
+        return 0.0
+    low, high = closing.min(), closing.max()
+    layer = min((high - low) / 3.0, LAYER_DEPTH)
+    left = np.abs(closing_normal[closing >= high - layer])
+    right = np.abs(closing_normal[closing <= low + layer])
+    return float(left.mean() * right.mean())

@@ -1,0 +1,78 @@
+"""Where closing fingers touch a mesh: exact intersections of two rays with its triangles.
+
+The two fingers start half the opening away from the grasp's midpoint and move towards it along
+the closing axis; each stops at the first surface, or at the midpoint. A finger that starts inside
+the object, or reaches the midpoint without touching anything, has no contact.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.rendering import first_hits
+from pipelines.geometry.transforms import unit
+from pipelines.grasping.grasps import Grasps
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+TRAVEL_SLACK = 1e-9  # metres; a surface exactly at the midpoint is still reached
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """Contact pairs of any number of grasps, in the frame of the grasps.
+
+    Attributes:
+        points: (n, 2, 3) metres; first the finger that starts at -closing; nan without contact.
+        normals: (n, 2, 3) unit, pointing out of the object; nan without contact.
+        found: (n,) whether both fingers touch the object.
+    """
+
+    points: Array
+    normals: Array
+    found: Mask
+
+    @property
+    def cosines(self) -> Array:
+        """(n, 2) cosines between the inward normals and the contact line; nan without contact."""
+        line = unit(self.points[:, 1] - self.points[:, 0])
+        towards = np.stack([line, -line], 1)  # from each contact to the other
+        return np.asarray(-np.einsum("nki,nki->nk", self.normals, towards))
+
+
+def close_fingers(mesh: Mesh, grasps: Grasps, opening: ArrayLike) -> Contacts:
+    """Return the contacts of `grasps` on `mesh`, both in one frame, metres.
+
+    `opening`: (n,) or one number, distance of the fingers before they close.
+    """
+    reach = np.broadcast_to(np.asarray(opening, np.float64) / 2.0, grasps.width.shape)
+    inward = np.stack([grasps.closing, -grasps.closing], 1)
+    start = grasps.translation[:, None] - reach[:, None, None] * inward
+    points, normals, touched = _first_touch(mesh, start, inward, reach)
+    found = np.asarray(touched.all(axis=1))
+    points[~found], normals[~found] = np.nan, np.nan
+    return Contacts(points, normals, found)
+
+
+def _first_touch(
+    mesh: Mesh, start: Array, inward: Array, reach: Array
+) -> tuple[Array, Array, Mask]:
+    """Return points, normals (n, 2, 3) and whether each finger (n, 2) touches within `reach`."""
+    shape = start.shape[:2]
+    _, triangle = first_hits(mesh, start.reshape(-1, 3), inward.reshape(-1, 3))
+    triangle = np.asarray(triangle).reshape(shape)
+    hit = triangle >= 0
+    chosen = np.where(hit, triangle, 0)
+    normals = mesh.face_normals[chosen]
+    corner = mesh.vertices[mesh.faces[chosen, 0]]
+    # Rays are traced in single precision: only the triangle is taken, its plane gives the point.
+    slope = np.einsum("nki,nki->nk", inward, normals)
+    hit &= slope < 0.0  # a surface seen from behind: the finger started inside
+    height = np.einsum("nki,nki->nk", corner - start, normals)
+    travel = np.divide(height, slope, out=np.full(shape, np.inf), where=hit)
+    touched = hit & (travel <= reach[:, None] + TRAVEL_SLACK)
+    travel = np.where(touched, travel, 0.0)
+    return start + travel[..., None] * inward, normals.copy(), touched

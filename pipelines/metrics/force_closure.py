@@ -1,0 +1,58 @@
+"""Force closure of two contacts with friction, its smallest friction, and grasp quality.
+
+Nguyen's condition for two point contacts: the contact line lies in both friction cones. With
+`a_i` the angle between the inward normal of contact i and the line to the other contact, the grasp
+is in force closure for friction mu exactly if `a_i <= arctan(mu)` for both. Hence the smallest
+friction in closed form, `mu* = max(tan a_1, tan a_2)`; the sweep of Sec. IV is its slow twin.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipelines.metrics.contacts import Contacts
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+MAX_FRICTION = 1.0  # Sec. IV: friction is swept over (0, 1]
+FRICTION_GRID = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  # of GraspNet's labels
+
+
+def min_friction(contacts: Contacts) -> Array:
+    """Return (n,) the smallest friction coefficient of force closure; inf where there is none."""
+    cosine = contacts.cosines.min(axis=1, initial=1.0)
+    closes = contacts.found & (cosine > 0.0)
+    cosine = np.where(closes, np.minimum(cosine, 1.0), 1.0)
+    return np.where(closes, np.sqrt(1.0 - cosine**2) / cosine, np.inf)
+
+
+def is_force_closure(contacts: Contacts, friction_coef: float) -> Mask:
+    """Return (n,) whether the contact line lies in both friction cones."""
+    angles = np.arccos(np.clip(contacts.cosines, -1.0, 1.0))
+    return np.asarray(contacts.found & (angles <= np.arctan(friction_coef)).all(axis=1))
+
+
+def friction_sweep(contacts: Contacts, grid: Sequence[float] = FRICTION_GRID) -> Array:
+    """Return (n,) the smallest friction of `grid` that gives force closure; inf where none."""
+    smallest = np.full(len(contacts.found), np.inf)
+    for friction_coef in sorted(grid, reverse=True):
+        smallest[is_force_closure(contacts, friction_coef)] = friction_coef
+    return smallest
+
+
+def on_grid(friction: ArrayLike, grid: Sequence[float] = FRICTION_GRID) -> Array:
+    """Return the smallest value of `grid` that is at least `friction` (n,); inf where none."""
+    steps = np.append(np.sort(np.asarray(grid, np.float64)), np.inf)
+    index = np.searchsorted(steps[:-1], np.asarray(friction, np.float64))
+    return np.asarray(steps[index])
+
+
+def quality(friction: ArrayLike, failed: ArrayLike = False) -> Array:
+    """Return grasp quality `1 - mu` (Sec. IV): 0 where mu > 1, without contact, or `failed`.
+
+    `friction`: (n,) smallest friction, inf without force closure. `failed`: (n,), e.g. collision.
+    """
+    mu = np.asarray(friction, np.float64)
+    return np.where((mu <= MAX_FRICTION) & ~np.asarray(failed, np.bool_), 1.0 - mu, 0.0)

@@ -1,0 +1,109 @@
+"""The verdict on grasps among true meshes: friction, quality, antipodal scores, and what failed."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.transforms import invert, transform_points
+from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.gripper import Gripper
+from pipelines.metrics.antipodal import closing_region_score, contact_pair_score
+from pipelines.metrics.contacts import close_fingers
+from pipelines.metrics.force_closure import MAX_FRICTION, min_friction, quality
+from pipelines.metrics.mesh_collision import MeshCollider, hits_table
+
+Array = NDArray[np.float64]
+
+# Why an object scored what it did, in the order in which a grasp can fail.
+REASONS = ("no region", "no grasp", "collision", "no contact", "friction", "held")
+
+
+@dataclass(frozen=True)
+class TrueObject:
+    """An object as metrics see it: its mesh, dense points of its surface, its collider."""
+
+    mesh: Mesh
+    points: Array  # (m, 3) metres, object frame
+    normals: Array  # (m, 3) unit
+    collider: MeshCollider
+
+
+@dataclass(frozen=True)
+class TrueScene:
+    """All objects of a frame with their poses, and the table under them.
+
+    Attributes:
+        objects: by object id.
+        poses: `T_cam_obj` (4, 4) by object id.
+        T_table_cam: (4, 4); the table's top is z = 0, z up.
+    """
+
+    objects: Mapping[int, TrueObject]
+    poses: Mapping[int, Array]
+    T_table_cam: Array
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What became of the best grasp of one object."""
+
+    object_id: int
+    reason: str
+    quality: float = 0.0
+    min_friction: float = float("inf")
+    antipodal: float = 0.0
+    antipodal_region: float = 0.0
+
+
+def judge_grasp(scene: TrueScene, object_id: int, grasp: Grasps, gripper: Gripper) -> Verdict:
+    """Return the verdict on one `grasp`, camera frame, that is meant for `object_id`.
+
+    A grasp in collision has quality 0 and region score 0; its contacts are judged nevertheless.
+    """
+    target = scene.objects[object_id]
+    local = grasp.transformed(invert(scene.poses[object_id]))
+    contacts = close_fingers(target.mesh, local, gripper.opening(local.width))
+    friction = min_friction(contacts)
+    colliding = collides(scene, grasp, gripper)
+    region = closing_region_score(
+        target.points, target.normals, local, gripper, _other_points(scene, object_id)
+    )
+    return Verdict(
+        object_id,
+        _reason(bool(colliding[0]), bool(contacts.found[0]), float(friction[0])),
+        float(quality(friction, colliding)[0]),
+        float(friction[0]),
+        float(contact_pair_score(contacts)[0]),
+        0.0 if colliding[0] else float(region[0]),
+    )
+
+
+def collides(scene: TrueScene, grasps: Grasps, gripper: Gripper) -> NDArray[np.bool_]:
+    """Return (n,) whether the open gripper touches any object or the table; camera frame."""
+    hit = hits_table(grasps, gripper, scene.T_table_cam)
+    for object_id, pose in scene.poses.items():
+        collider = scene.objects[object_id].collider
+        hit |= collider.hits(grasps.transformed(invert(pose)), gripper)
+    return hit
+
+
+def _other_points(scene: TrueScene, object_id: int) -> Array:
+    """Return the surface points of all other objects in the frame of `object_id`."""
+    to_object = invert(scene.poses[object_id])
+    parts = [
+        transform_points(to_object @ pose, scene.objects[other].points)
+        for other, pose in scene.poses.items()
+        if other != object_id
+    ]
+    return np.concatenate(parts) if parts else np.zeros((0, 3))
+
+
+def _reason(colliding: bool, touching: bool, friction: float) -> str:
+    if colliding:
+        return "collision"
+    if not touching:
+        return "no contact"
+    return "held" if friction <= MAX_FRICTION else "friction"

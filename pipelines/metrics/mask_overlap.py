@@ -1,0 +1,42 @@
+"""Overlaps of region masks: intersection over union, matches, and whose region it is."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipelines.metrics.average_precision import match_greedy
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+def mask_iou(masks: Sequence[Mask], others: Sequence[Mask]) -> Array:
+    """Return (p, t) intersection over union of boolean masks of one size."""
+    if not masks or not others:
+        return np.zeros((len(masks), len(others)))
+    # Products of 0/1 matrices count pixels; float32 is exact up to 16 million of them.
+    a = np.stack([mask.ravel() for mask in masks]).astype(np.float32)
+    b = np.stack([mask.ravel() for mask in others]).astype(np.float32)
+    common = (a @ b.T).astype(np.float64)
+    union = a.sum(axis=1)[:, None] + b.sum(axis=1)[None] - common
+    return np.asarray(common / np.maximum(union, 1.0))
+
+
+def match_masks(confidence: ArrayLike, iou: Array, min_iou: float) -> NDArray[np.int64]:
+    """Return (p,) the true mask each predicted one takes, -1 for none.
+
+    `iou`: (p, t) overlaps of predicted with true masks.
+    """
+    return match_greedy(confidence, np.where(iou >= min_iou, 1.0 - iou, np.inf))
+
+
+def owner_of(mask: Mask, label: NDArray[np.integer], min_share: float) -> int:
+    """Return the value of `label` (H, W) that most of `mask` covers, 0 (background) for none.
+
+    The owner must cover at least `min_share` of the mask's pixels.
+    """
+    covered = label[mask]
+    counts = np.bincount(covered[covered > 0].astype(np.int64), minlength=1)
+    owner = int(counts.argmax())
+    return owner if counts[owner] >= max(min_share * covered.size, 1.0) else 0

@@ -1,0 +1,126 @@
+"""Which predicted symmetries of a frame are right: one to one by confidence (design 5.11).
+
+Reflections and rotations are compared by the dense symmetry error, spheres by the distance of the
+centres. A truth lists at most three planes, one axis, one sphere; some symmetries follow from
+those listed (a plane through a continuous axis, any plane or axis through a sphere's centre, a
+plane turned with a discrete rotation). A prediction of such a one is neither right nor wrong.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.geometry.symmetry import (
+    ReflectionSymmetry,
+    RotationSymmetry,
+    SphereSymmetry,
+    Symmetry,
+)
+from pipelines.geometry.symmetry_error import symmetry_error
+from pipelines.geometry.transforms import rotation_about, unit
+from pipelines.metrics.average_precision import match_greedy
+
+KINDS = ("reflection", "rotation", "sphere")
+CORRECT, WRONG, IGNORED = 1, 0, -1
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PredictedSymmetry:
+    """A symmetry with its confidence, of the true region `region` (-1: of none)."""
+
+    symmetry: Symmetry
+    confidence: float
+    region: int
+
+
+@dataclass(frozen=True)
+class TrueRegion:
+    """Points (n, 3) of a region and its symmetries, in the frame of the predictions."""
+
+    points: Array
+    symmetries: tuple[Symmetry, ...]
+
+
+def scored_symmetries(region: TrueRegion, kind: str) -> list[Symmetry]:
+    """Return the region's symmetries that a prediction of `kind` has to find."""
+    return [
+        symmetry
+        for symmetry in region.symmetries
+        if symmetry.kind == kind and getattr(symmetry, "order", None) is None
+    ]
+
+
+def judge_symmetries(
+    predictions: Sequence[PredictedSymmetry], regions: Sequence[TrueRegion], threshold: float
+) -> NDArray[np.int64]:
+    """Return (p,) CORRECT, WRONG or IGNORED for predictions of one kind in one frame.
+
+    `threshold`: dense error, or metres for spheres, up to which a prediction is right.
+    """
+    if not predictions:
+        return np.zeros(0, np.int64)
+    kind = predictions[0].symmetry.kind
+    truths = [(i, s) for i, region in enumerate(regions) for s in scored_symmetries(region, kind)]
+    misfit = np.array([[_misfit(p, truth, regions) for truth in truths] for p in predictions])
+    misfit = misfit.reshape(len(predictions), len(truths))
+    matched = match_greedy(
+        [p.confidence for p in predictions], np.where(misfit <= threshold, misfit, np.inf)
+    )
+    verdicts = np.where(matched >= 0, CORRECT, WRONG)
+    for i in np.flatnonzero(matched < 0).tolist():
+        region = predictions[i].region
+        if region >= 0 and _follows(predictions[i].symmetry, regions[region], threshold):
+            verdicts[i] = IGNORED
+    return verdicts
+
+
+def _misfit(
+    prediction: PredictedSymmetry, truth: tuple[int, Symmetry], regions: Sequence[TrueRegion]
+) -> float:
+    if prediction.region != truth[0]:
+        return float("inf")
+    return symmetry_error(regions[truth[0]].points, prediction.symmetry, truth[1])
+
+
+def _follows(predicted: Symmetry, region: TrueRegion, threshold: float) -> bool:
+    """Return whether `predicted` is close to a symmetry that follows from those listed."""
+    implied = implied_symmetries(predicted, region.symmetries)
+    return any(symmetry_error(region.points, predicted, s) <= threshold for s in implied)
+
+
+def implied_symmetries(predicted: Symmetry, listed: Sequence[Symmetry]) -> list[Symmetry]:
+    """Return the true but unlisted symmetries, given those `listed`, nearest to `predicted`."""
+    implied: list[Symmetry] = []
+    for truth in listed:
+        match predicted, truth:
+            case ReflectionSymmetry() | RotationSymmetry(), SphereSymmetry():
+                implied.append(replace(predicted, point=truth.point))
+            case ReflectionSymmetry(), RotationSymmetry(order=None):
+                across = predicted.normal - (predicted.normal @ truth.axis) * truth.axis
+                if np.linalg.norm(across) > 0.5:
+                    implied.append(ReflectionSymmetry(unit(across), truth.point))
+            case ReflectionSymmetry(), RotationSymmetry():
+                implied += _turned_planes(listed, truth)
+            case _:
+                pass
+    return implied
+
+
+def _turned_planes(
+    listed: Sequence[Symmetry], rotation: RotationSymmetry
+) -> list[ReflectionSymmetry]:
+    """Return the planes through a discrete `rotation`'s axis that follow from a listed one.
+
+    An n-fold axis in a mirror plane lies in n of them, half the rotation's step apart.
+    """
+    order = rotation.order or 1
+    return [
+        replace(plane, normal=rotation_about(rotation.axis, np.pi * k / order) @ plane.normal)
+        for plane in listed
+        if isinstance(plane, ReflectionSymmetry) and abs(plane.normal @ rotation.axis) < 0.1
+        for k in range(1, order)
+    ]

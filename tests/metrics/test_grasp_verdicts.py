@@ -1,0 +1,83 @@
+"""The verdict on a grasp in a scene of known shapes."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.transforms import make_pose, random_rotation
+from pipelines.grasping.grasps import Grasps
+from pipelines.metrics.grasp_verdicts import TrueObject, TrueScene, judge_grasp
+from pipelines.metrics.mesh_collision import MeshCollider
+from tests.metrics.shapes import ball, box, gripper, surface
+
+DOWN = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # approach along -z, closing along y
+AT_BOX = Grasps(DOWN, np.array([0.0, 0.0, 0.08]), np.array(0.04))
+
+
+def true_object(mesh: Mesh) -> TrueObject:
+    points, normals = surface(mesh, 8000)
+    return TrueObject(mesh, points, normals, MeshCollider(mesh))
+
+
+OBJECTS = {0: true_object(box(0.06, 0.04, 0.1)), 1: true_object(ball(0.03))}
+
+
+def scene(ball_at: tuple[float, float, float], T: np.ndarray | None = None) -> TrueScene:
+    """A box that stands on the table at the origin and a ball; everything moved by `T`."""
+    move = np.eye(4) if T is None else T
+    poses = {
+        0: move @ make_pose(np.eye(3), np.array([0, 0, 0.05])),
+        1: move @ make_pose(np.eye(3), np.array(ball_at)),
+    }
+    return TrueScene(OBJECTS, poses, np.linalg.inv(move))
+
+
+FREE = (0.3, 0.3, 0.03)
+
+
+def test_a_good_grasp_holds_with_quality_one():
+    verdict = judge_grasp(scene(FREE), 0, AT_BOX, gripper())
+    assert verdict.reason == "held"
+    assert (verdict.quality, verdict.antipodal) == pytest.approx((1.0, 1.0))
+    assert 0.5 < verdict.antipodal_region < 1.0  # the box's top lies between the fingers too
+
+
+def test_a_neighbour_in_a_fingers_way_is_a_collision():
+    verdict = judge_grasp(scene((0.0, 0.06, 0.08)), 0, AT_BOX, gripper())
+    assert (verdict.reason, verdict.quality, verdict.antipodal_region) == ("collision", 0.0, 0.0)
+    assert verdict.antipodal == pytest.approx(1.0)  # the contacts themselves are fine
+
+
+def test_the_table_in_a_fingers_way_is_a_collision():
+    low = Grasps(DOWN, np.array([0.0, 0.0, 0.003]), np.array(0.04))
+    assert judge_grasp(scene(FREE), 0, low, gripper()).reason == "collision"
+
+
+def test_a_grasp_of_air_has_no_contact():
+    air = Grasps(DOWN, np.array([0.2, 0.0, 0.2]), np.array(0.04))
+    verdict = judge_grasp(scene(FREE), 0, air, gripper())
+    assert (verdict.reason, verdict.quality, verdict.min_friction) == ("no contact", 0.0, np.inf)
+
+
+def test_a_slanted_grasp_of_a_ball_fails_by_friction():
+    above = Grasps(DOWN, np.array([0.3, 0.3, 0.055]), np.array(0.04))
+    verdict = judge_grasp(scene(FREE), 1, above, gripper())
+    assert (verdict.reason, verdict.quality) == ("friction", 0.0)
+    assert np.isfinite(verdict.min_friction)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=10, deadline=None)
+def test_moving_the_whole_scene_changes_no_metric(seed):
+    rng = np.random.default_rng(seed)
+    T = make_pose(random_rotation(rng), rng.normal(size=3))
+    turn = random_rotation(rng) if seed % 2 else DOWN
+    grasp = Grasps(turn, np.array([0.003, 0.002, 0.08]), np.array(0.04))
+    here = judge_grasp(scene(FREE), 0, grasp, gripper())
+    there = judge_grasp(scene(FREE, T), 0, grasp.transformed(T), gripper())
+    assert there.reason == here.reason
+    assert there.quality == pytest.approx(here.quality, abs=1e-6)
+    assert there.antipodal == pytest.approx(here.antipodal, abs=1e-6)
+    assert there.antipodal_region == pytest.approx(here.antipodal_region, abs=1e-3)

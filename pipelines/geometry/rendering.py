@@ -1,0 +1,146 @@
+"""Rays against meshes: what a camera sees of posed objects, and where fingers touch.
+
+The search runs in single precision (Embree); the distance is then computed again in double
+precision from the plane of the triangle that was hit.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
+from numpy.typing import ArrayLike, NDArray
+
+from pipelines.errors import ValueRangeError
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.transforms import invert, rotate_vectors, transform_points, unit
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Hits:
+    """What each pixel of a view sees; all arrays have the image's height and width.
+
+    Attributes:
+        depth: (H, W) metres along z, 0 where nothing is hit.
+        object_index: (H, W) index of the object in the scene, -1 where nothing is hit.
+        triangle_index: (H, W) index of the triangle in that object's mesh, or -1.
+        normal: (H, W, 3) unit, camera frame, toward the camera; zero where nothing is hit.
+    """
+
+    depth: Array
+    object_index: Indices
+    triangle_index: Indices
+    normal: Array
+
+
+class Scene:
+    """Posed meshes, ready for rays.
+
+    `meshes` in their own frames, `poses` (4, 4) each, object to world; built once, cast often.
+    """
+
+    def __init__(self, meshes: Sequence[Mesh], poses: Sequence[ArrayLike]) -> None:
+        if not meshes or len(meshes) != len(poses):
+            raise ValueRangeError(
+                "numbers of meshes and poses", (len(meshes), len(poses)), "equal, at least 1"
+            )
+        triangles = [
+            transform_points(pose, mesh.triangles) for mesh, pose in zip(meshes, poses, strict=True)
+        ]
+        self._triangles = np.concatenate(triangles)
+        self._starts = np.cumsum([0, *(len(part) for part in triangles)])
+        # Single precision is finest near the origin, so the search runs about the centre.
+        self._centre = 0.5 * (self._triangles.min(axis=(0, 1)) + self._triangles.max(axis=(0, 1)))
+        a, b, c = self._triangles.swapaxes(0, 1)
+        self._normals = unit(np.cross(b - a, c - a))
+        self._embree = EmbreeScene()
+        # Embree refers to the mesh's buffers, so they live as long as the scene.
+        self._mesh = TriangleMesh(self._embree, (self._triangles - self._centre).astype(np.float32))
+
+    def cast(self, origins: ArrayLike, directions: ArrayLike) -> tuple[Array, Indices]:
+        """Return distance (n,) and triangle (n,) of each ray's first hit; inf and -1 for none.
+
+        `origins` (n, 3) metres and `directions` (n, 3) of any length, world frame; triangles are
+        numbered through all objects.
+        """
+        o = np.asarray(origins, np.float64).reshape(-1, 3)
+        d = unit(np.asarray(directions, np.float64).reshape(-1, 3))
+        if not len(o):
+            return np.zeros(0), np.zeros(0, np.int64)
+        found = self._embree.run(
+            (o - self._centre).astype(np.float32), d.astype(np.float32), output=1
+        )
+        triangle = np.where(found["geomID"] >= 0, found["primID"], -1).astype(np.int64)
+        hit = triangle >= 0
+        distance = np.full(len(o), np.inf)
+        normal, corner = self._normals[triangle[hit]], self._triangles[triangle[hit], 0]
+        slope = np.einsum("ij,ij->i", d[hit], normal)
+        ahead = np.einsum("ij,ij->i", corner - o[hit], normal)
+        # A ray within the triangle's plane has no crossing with it: there the search's own word.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            exact = ahead / slope
+        rough = found["tfar"][hit].astype(np.float64)
+        distance[hit] = np.where(np.abs(exact - rough) < 1e-3 * (1.0 + rough), exact, rough)
+        return distance, triangle
+
+    def occluded(self, origins: ArrayLike, directions: ArrayLike) -> NDArray[np.bool_]:
+        """Return whether each ray hits anything; `origins`, `directions` (n, 3), world frame."""
+        o = np.asarray(origins, np.float64).reshape(-1, 3)
+        found = self._embree.run(
+            (o - self._centre).astype(np.float32),
+            np.asarray(directions, np.float32).reshape(-1, 3),
+            query="OCCLUDED",
+        )
+        return np.asarray(found >= 0)
+
+    def owner(self, triangle: Indices) -> tuple[Indices, Indices]:
+        """Return object index and index within that object's mesh of `triangle`; -1 stays -1."""
+        index = np.searchsorted(self._starts, triangle, side="right") - 1
+        none = triangle < 0
+        return (
+            np.where(none, -1, index),
+            np.where(none, -1, triangle - self._starts[np.maximum(index, 0)]),
+        )
+
+    def normals(self, triangle: Indices) -> Array:
+        """Return the outward unit normals (..., 3), world frame, of `triangle`; zero for -1."""
+        return np.where((triangle >= 0)[..., None], self._normals[triangle], 0.0)
+
+
+def cast_view(scene: Scene, intrinsics: Intrinsics, T_world_cam: ArrayLike) -> Hits:
+    """Return what a camera at `T_world_cam` (4, 4) sees of `scene`."""
+    pose = np.asarray(T_world_cam, np.float64)
+    rays = intrinsics.rays().reshape(-1, 3)
+    directions = rotate_vectors(pose, rays)
+    distance, triangle = scene.cast(np.broadcast_to(pose[:3, 3], directions.shape), directions)
+    size = (intrinsics.height, intrinsics.width)
+    depth = np.where(triangle >= 0, distance / np.linalg.norm(rays, axis=1), 0.0)
+    normal = rotate_vectors(invert(pose), scene.normals(triangle))
+    away = np.einsum("ij,ij->i", normal, rays) > 0
+    objects, own = scene.owner(triangle)
+    return Hits(
+        depth.reshape(size),
+        objects.reshape(size),
+        own.reshape(size),
+        np.where(away[:, None], -normal, normal).reshape(*size, 3),
+    )
+
+
+_SCENES: WeakKeyDictionary[Mesh, Scene] = WeakKeyDictionary()
+
+
+def first_hits(mesh: Mesh, origins: ArrayLike, directions: ArrayLike) -> tuple[Array, Indices]:
+    """Return distance (n,) and triangle (n,) where rays first meet `mesh`; inf and -1 for none.
+
+    `origins` (n, 3) metres and `directions` (n, 3), the mesh's frame. The search structure is
+    built at the first call and kept as long as the mesh.
+    """
+    if mesh not in _SCENES:
+        _SCENES[mesh] = Scene([mesh], [np.eye(4)])
+    return _SCENES[mesh].cast(origins, directions)

@@ -11,37 +11,44 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.errors import ValueRangeError
 from pipelines.formats.files import atomic_path, open_h5
-from pipelines.formats.h5_columns import check_version, read_columns, write_columns
+from pipelines.formats.h5_columns import (
+    ColumnSpec,
+    check_version,
+    coerce_columns,
+    read_columns,
+    write_columns,
+)
 from pipelines.formats.provenance import Stamp
 
 FORMAT_VERSION = 1
 UNITS = {"contacts": "m", "points": "m"}
-# Name in the file: trailing shape.
-PAIR_COLUMNS = {"contacts": (2, 3), "approach": (3,), "quality": ()}
-SURFACE_COLUMNS = {"points": (3,), "normals": (3,), "affordance": ()}
+PAIR_COLUMNS: ColumnSpec = {
+    "contacts": ((2, 3), np.float32),
+    "approach": ((3,), np.float32),
+    "quality": ((), np.float32),
+}
+SURFACE_COLUMNS: ColumnSpec = {
+    "points": ((3,), np.float32),
+    "normals": ((3,), np.float32),
+    "affordance": ((), np.float32),
+}
 
 
 @dataclass(frozen=True)
 class AffordanceLabels:
     """Refined grasps as contact pairs, and the affordance they give the surface (D. 9)."""
 
-    contacts: NDArray[np.float32]  # (m, 2, 3) metres
-    approach: NDArray[np.float32]  # (m, 3) unit
-    quality: NDArray[np.float32]  # (m,) 1 - smallest friction coefficient, 0..1
-    points: NDArray[np.float32]  # (p, 3) metres, surface samples
-    normals: NDArray[np.float32]  # (p, 3) unit, outward
-    affordance: NDArray[np.float32]  # (p,) 0..1
+    contacts: NDArray[Any]  # f4 (m, 2, 3) metres
+    approach: NDArray[Any]  # f4 (m, 3) unit
+    quality: NDArray[Any]  # f4 (m,) 1 - smallest friction coefficient, 0..1
+    points: NDArray[Any]  # f4 (p, 3) metres, surface samples
+    normals: NDArray[Any]  # f4 (p, 3) unit, outward
+    affordance: NDArray[Any]  # f4 (p,) 0..1
 
     def __post_init__(self) -> None:
-        for columns in (PAIR_COLUMNS, SURFACE_COLUMNS):
-            length = len(getattr(self, next(iter(columns))))
-            for name, trailing in columns.items():
-                array = np.asarray(getattr(self, name), dtype=np.float32)
-                if array.shape != (length, *trailing):
-                    raise ValueRangeError(name, array.shape, f"of shape {(length, *trailing)}")
-                object.__setattr__(self, name, array)
+        coerce_columns(self, PAIR_COLUMNS, len(self.quality))
+        coerce_columns(self, SURFACE_COLUMNS, len(self.affordance))
 
 
 def write(path: Path, labels: AffordanceLabels, stamp: Stamp) -> None:

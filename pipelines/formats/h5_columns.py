@@ -8,9 +8,10 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.errors import FormatError
+from pipelines.errors import FormatError, ValueRangeError
 
 Column = NDArray[Any] | Sequence[str]
+ColumnSpec = Mapping[str, tuple[tuple[int, ...], type]]  # shape after the first axis, type
 TEXT = h5py.string_dtype("utf-8")
 
 
@@ -56,3 +57,25 @@ def check_version(path: Path, found: Any, known: int) -> None:  # noqa: ANN401 -
     """Raise FormatError unless `found` is the format version that this code knows."""
     if found is None or int(found) != known:
         raise FormatError(path, f"has format_version {found}", f"this symgrasp reads {known}")
+
+
+def coerce_columns(table: object, spec: ColumnSpec, length: int) -> None:
+    """Set the attributes of a frozen `table` named by `spec` to arrays of its shapes and types.
+
+    Args:
+        table: a dataclass instance, in its `__post_init__`.
+        spec: attribute to (shape after the first axis, type).
+        length: of the first axis of every column.
+
+    Raises:
+        ValueRangeError: a column has another shape.
+    """
+    for name, (trailing, dtype) in spec.items():
+        array: NDArray[Any] = np.asarray(getattr(table, name), dtype=dtype)
+        if array.size == 0 and length == 0:
+            array = array.reshape(0, *trailing)
+        if array.shape != (length, *trailing):
+            raise ValueRangeError(
+                f"{type(table).__name__}.{name}", array.shape, f"of shape {(length, *trailing)}"
+            )
+        object.__setattr__(table, name, array)

@@ -15,9 +15,15 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.errors import FormatError, MissingInputError, ValueRangeError
+from pipelines.errors import FormatError, MissingInputError
 from pipelines.formats.files import atomic_path, open_h5
-from pipelines.formats.h5_columns import check_version, read_columns, write_columns
+from pipelines.formats.h5_columns import (
+    ColumnSpec,
+    check_version,
+    coerce_columns,
+    read_columns,
+    write_columns,
+)
 from pipelines.formats.provenance import Stamp
 from pipelines.geometry.symmetry import NUM_SLOTS
 
@@ -29,32 +35,28 @@ UNITS = {"points": "m", "point": "m"}
 class PackedScene:
     """The R packed regions of one scene, P points each."""
 
-    points: NDArray[np.float32]  # (R, P, 3) metres, camera frame
-    affordance: NDArray[np.float32]  # (R, P) 0..1
-    existence: NDArray[np.float32]  # (R, 5) 0 or 1
-    point: NDArray[np.float32]  # (R, 5, 3) metres, camera frame
-    direction: NDArray[np.float32]  # (R, 5, 3) unit, camera frame
-    object_id: NDArray[np.int32]  # (R,)
-    frame_id: NDArray[np.int32]  # (R,)
-    name: NDArray[np.object_]  # (R,) str, the region's name
+    points: NDArray[Any]  # f4 (R, P, 3) metres, camera frame
+    affordance: NDArray[Any]  # f4 (R, P) 0..1
+    existence: NDArray[Any]  # f4 (R, 5) 0 or 1
+    point: NDArray[Any]  # f4 (R, 5, 3) metres, camera frame
+    direction: NDArray[Any]  # f4 (R, 5, 3) unit, camera frame
+    object_id: NDArray[Any]  # i4 (R,)
+    frame_id: NDArray[Any]  # i4 (R,)
+    name: NDArray[Any]  # str (R,), the region's name
 
     def __post_init__(self) -> None:
         regions, count = np.shape(self.points)[:2]
-        shapes: dict[str, tuple[tuple[int, ...], type]] = {
-            "points": ((regions, count, 3), np.float32),
-            "affordance": ((regions, count), np.float32),
-            "existence": ((regions, NUM_SLOTS), np.float32),
-            "point": ((regions, NUM_SLOTS, 3), np.float32),
-            "direction": ((regions, NUM_SLOTS, 3), np.float32),
-            "object_id": ((regions,), np.int32),
-            "frame_id": ((regions,), np.int32),
-            "name": ((regions,), np.object_),
+        spec: ColumnSpec = {
+            "points": ((count, 3), np.float32),
+            "affordance": ((count,), np.float32),
+            "existence": ((NUM_SLOTS,), np.float32),
+            "point": ((NUM_SLOTS, 3), np.float32),
+            "direction": ((NUM_SLOTS, 3), np.float32),
+            "object_id": ((), np.int32),
+            "frame_id": ((), np.int32),
+            "name": ((), np.object_),
         }
-        for field, (shape, dtype) in shapes.items():
-            array: NDArray[Any] = np.asarray(getattr(self, field), dtype=dtype)
-            if array.shape != shape:
-                raise ValueRangeError(field, array.shape, f"of shape {shape}")
-            object.__setattr__(self, field, array)
+        coerce_columns(self, spec, regions)
 
     def __len__(self) -> int:
         """Return the number of regions."""

@@ -66,12 +66,14 @@ class AnnotateSymmetryConfig:
 class RefineGraspsConfig:
     """Symmetric copies of grasp annotations (Sec. III-G, Fig. 6)."""
 
-    copies_per_turn: int = 36  # D. 3
-    sphere_axes: int = 12  # random axes through a sphere's centre, D. 3
     use_symmetry: bool = True  # Table IV, "No dataset enhancement" is False
+    max_friction: float = 1.0  # labelled grasps that hold at this friction are taken
+    copies_per_turn: int = 36  # D. 3
+    merge_distance: float = 0.001  # metres; closer contact pairs are one grasp, D. 2
+    max_surface_gap: float = 0.003  # metres; a copy whose contact lies farther off is dropped
     contact_radius: float = 0.004  # metres from a contact that its quality spreads to, D. 9
     num_surface_points: int = 4096
-    merge_distance: float = 0.001  # metres; closer copies are one grasp, D. 2
+    chunk: int = 200_000  # labelled grasps whose contacts are found at a time
 
 
 @dataclass(frozen=True)
@@ -182,7 +184,7 @@ class SelectionConfig:
     min_affordance: float = 0.5  # Sec. III-E
     weak_affordance: float = 0.1  # D. 16: below it no point of a region is worth a finger
     min_existence: float = 0.5  # D. 4
-    max_pairs: int = 96  # contact pairs a region that are tried
+    max_pairs: int = 64  # contact pairs a region that are tried
     pair_spacing: float = 0.006  # metres between the first contacts of pairs that are tried
     max_contact_angle: float = 0.7  # radians between a contact's normal and the contact line
     min_width: float = 0.003  # metres; closer contacts are one
@@ -197,7 +199,8 @@ class SelectionConfig:
     min_table_distance: float = 0.004  # metres between finger tips and table
     max_approach_angle: float = 1.75  # radians between approach and the table's inward normal
     max_view_angle: float = 1.05  # radians between approach and view ray where no table is seen
-    scene_resolution: float = 0.0025  # metres that the scene is thinned to for collisions
+    max_hidden_angle: float = 1.92  # the same over a table: no coming from behind what is seen
+    scene_resolution: float = 0.003  # metres that the scene is thinned to for collisions
     body_margin: float = 0.001  # metres that the gripper's bodies are blown up by
     max_points_inside: int = 2  # measured points, as noise, that a body may hold
     steadiness: float = 0.85  # of the best candidate's, that a candidate needs to be ranked
@@ -224,4 +227,6 @@ class EvaluateConfig:
     symmetry_thresholds: tuple[float, ...] = (0.25, 0.134, 0.067)  # dense error, D. 11
     sphere_threshold: float = 0.05  # metres, Sec. IV-E
     mask_iou: float = 0.5
-    gripper: str = "rg2"
+    min_region_share: float = 0.3  # of a region's pixels on the object whose region it is
+    min_region_iou: float = 0.25  # with the true region whose symmetries it is asked for
+    gripper: str = ""  # the one that `infer` used

@@ -9,16 +9,21 @@ from scipy.spatial.distance import pdist
 from trimesh.triangles import closest_point
 
 from pipelines.geometry.mesh import Mesh, sample_surface
+from pipelines.geometry.transforms import unit
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 MAX_HULL_CORNERS = 2000
+NUM_SMOOTHED = 16  # samples that a normal is averaged over
+SAME_SIDE_COSINE = 0.3  # the other faces of an edge and of a thin wall do not count
 
 
 @dataclass(frozen=True)
 class Surface:
     """A triangle mesh with evenly spread surface samples and a tree over them.
+
+    The normals are averaged over neighbours of the same side, for scans whose triangles are rough.
 
     `triangles`: (f, 3, 3), `points` and `normals`: (m, 3), `faces`: (m,) the triangle that each
     sample lies on; unit of the mesh, frame of the mesh. Samples rather than vertices are the
@@ -35,7 +40,8 @@ class Surface:
     def from_mesh(cls, mesh: Mesh, num_samples: int, rng: np.random.Generator) -> "Surface":
         """Sample `mesh` at `num_samples` points, uniform by area."""
         points, normals, faces = sample_surface(mesh, num_samples, rng)
-        return cls(mesh.vertices[mesh.faces], points, normals, faces, KDTree(points))
+        tree = KDTree(points)
+        return cls(mesh.triangles, points, _smoothed(tree, normals), faces, tree)
 
     def normalised(self, center: Array, size: float) -> "Surface":
         """Return the surface moved by -`center` (3,) and divided by `size`."""
@@ -63,6 +69,12 @@ class Surface:
         best = gap.argmin(axis=1)
         rows = np.arange(len(points))
         return gap[rows, best], self.normals[candidates[rows, best]]
+
+
+def _smoothed(tree: KDTree, normals: Array) -> Array:
+    neighbours = normals[np.asarray(tree.query(tree.data, k=NUM_SMOOTHED)[1])]  # (m, k, 3)
+    alike = np.einsum("mkd,md->mk", neighbours, normals) > SAME_SIDE_COSINE
+    return unit(np.einsum("mkd,mk->md", neighbours, alike.astype(np.float64)))
 
 
 def diameter(points: Array) -> float:

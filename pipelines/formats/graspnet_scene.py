@@ -18,7 +18,7 @@ import scipy.io
 from defusedxml.ElementTree import parse as parse_xml
 from numpy.typing import NDArray
 
-from pipelines.errors import FormatError, SymgraspError
+from pipelines.errors import FormatError
 from pipelines.formats.files import existing, read_npy, write_bytes, write_npy, write_text
 from pipelines.geometry.transforms import make_pose, matrix_to_quaternion, quaternion_to_matrix
 
@@ -70,7 +70,7 @@ def read_annotation_xml(path: Path) -> list[ObjectPose]:
     """Read the poses of `annotations/NNNN.xml`, children by position, in file order."""
     try:
         root = parse_xml(existing(path)).getroot()
-    except (ElementTree.ParseError, UnicodeDecodeError) as error:
+    except (ElementTree.ParseError, ValueError) as error:  # refused entities are ValueErrors
         raise FormatError(
             path, f"not XML ({error})", "a GraspNet annotation is expected"
         ) from error
@@ -187,10 +187,9 @@ def _read_object(path: Path, element: ElementTree.Element) -> ObjectPose:
 
 
 def _load_mat(path: Path) -> dict[str, Any]:
+    existing(path)
     try:
-        content: dict[str, Any] = scipy.io.loadmat(str(existing(path)))
-    except (SymgraspError, OSError):
-        raise
+        content: dict[str, Any] = scipy.io.loadmat(str(path))
     except Exception as error:  # scipy raises many kinds on damaged files
         raise FormatError(
             path, f"not a MATLAB 5 file ({error})", "a meta .mat is expected"

@@ -41,16 +41,13 @@ def read_mesh(path: Path) -> Mesh:
     if path.suffix.lower() not in MESH_SUFFIXES:
         raise UnknownNameError("mesh format", path.suffix, MESH_SUFFIXES)
     loaded = _load(existing(path))
+    if len(loaded.faces) == 0:
+        raise FormatError(path, "the mesh has no triangles", "give a triangle mesh")
+    if not np.isfinite(loaded.vertices).all():
+        raise FormatError(path, "a vertex is NaN or infinite", "finite metres are expected")
+    loaded.merge_vertices(merge_tex=True, merge_norm=True)
     faces = np.asarray(loaded.faces, dtype=np.int64)
     vertices = np.asarray(loaded.vertices, dtype=np.float64)
-    if len(faces) == 0 or len(vertices) == 0:
-        raise FormatError(path, "the mesh has no triangles", "give a triangle mesh")
-    if not np.isfinite(vertices).all():
-        raise FormatError(path, "a vertex is NaN or infinite", "finite metres are expected")
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        raise FormatError(
-            path, "a triangle names a vertex that is not there", f"there are {len(vertices)}"
-        )
     _warn_about_units(path, vertices)
     return Mesh(vertices, faces)
 
@@ -79,7 +76,12 @@ def _load(path: Path) -> trimesh.Trimesh:
         raise FormatError(path, what, "export the mesh again") from error
     if not isinstance(loaded, trimesh.Trimesh):
         raise FormatError(path, "the file holds points but no triangles", "give a triangle mesh")
-    loaded.merge_vertices(merge_tex=True, merge_norm=True)
+    if len(loaded.faces) and not 0 <= loaded.faces.min() <= loaded.faces.max() < len(
+        loaded.vertices
+    ):
+        raise FormatError(
+            path, "a triangle names a vertex that is not there", "export the mesh again"
+        )
     return loaded
 
 

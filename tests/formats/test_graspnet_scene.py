@@ -1,0 +1,162 @@
+"""Annotations, meta files and the other small files of a scene."""
+
+import time
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import scipy.io
+from numpy.testing import assert_allclose, assert_array_equal
+
+from pipelines.errors import FormatError, SymgraspError
+from pipelines.formats import graspnet_scene as scene
+from pipelines.formats.graspnet_scene import ObjectPose
+from pipelines.geometry.transforms import make_pose, random_rotation
+
+K = np.array([[900.0, 0.0, 640.0], [0.0, 901.0, 360.0], [0.0, 0.0, 1.0]])
+
+
+@pytest.fixture
+def poses() -> list[ObjectPose]:
+    rng = np.random.default_rng(0)
+    return [ObjectPose(i, make_pose(random_rotation(rng), rng.normal(size=3))) for i in (14, 2, 70)]
+
+
+def test_the_xml_has_the_originals_children_by_position(
+    tmp_path: Path, poses: list[ObjectPose]
+) -> None:
+    scene.write_annotation(tmp_path / "0000.xml", poses)
+    text = (tmp_path / "0000.xml").read_text()
+    assert text.startswith(
+        '<?xml version="1.0" ?>\n<scene>\n    <obj>\n        <obj_id>14</obj_id>'
+    )
+    assert not any(not line.strip() for line in text.splitlines())
+    # As the original reads: children 0 to 4, whatever their tags.
+    for element, pose in zip(ElementTree.fromstring(text), poses, strict=True):
+        assert int(element[0].text or "") == pose.object_id
+        position = [float(word) for word in (element[3].text or "").split()]
+        assert_allclose(position, pose.T_cam_obj[:3, 3], atol=5.1e-5)
+        assert all(len(word.split(".")[1]) == 4 for word in (element[4].text or "").split())
+
+
+def test_xml_poses_come_back_within_their_four_decimals(
+    tmp_path: Path, poses: list[ObjectPose]
+) -> None:
+    scene.write_annotation(tmp_path / "0000.xml", poses)
+    for read, pose in zip(scene.read_annotation_xml(tmp_path / "0000.xml"), poses, strict=True):
+        assert read.object_id == pose.object_id
+        assert_allclose(read.T_cam_obj, pose.T_cam_obj, atol=3e-4)
+        assert_allclose(np.linalg.det(read.T_cam_obj), 1.0)
+
+
+def test_children_in_another_order_are_refused(tmp_path: Path, poses: list[ObjectPose]) -> None:
+    path = tmp_path / "0000.xml"
+    scene.write_annotation(path, poses)
+    root = ElementTree.fromstring(path.read_text())
+    root[0][:] = [*root[0][1:], root[0][0]]
+    path.write_text(ElementTree.tostring(root, encoding="unicode"))
+    with pytest.raises(FormatError, match="order"):
+        scene.read_annotation_xml(path)
+
+
+@pytest.mark.parametrize(
+    "text", ["<scene><obj>", "", "<scene><obj><obj_id>x</obj_id></obj></scene>"]
+)
+def test_a_damaged_xml_is_one_sentence(tmp_path: Path, text: str) -> None:
+    (tmp_path / "0000.xml").write_text(text)
+    with pytest.raises(FormatError, match=r"0000\.xml"):
+        scene.read_annotation_xml(tmp_path / "0000.xml")
+
+
+def test_entities_in_an_xml_are_refused(tmp_path: Path) -> None:
+    bomb = '<!DOCTYPE s [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]><scene>&b;</scene>'
+    (tmp_path / "0000.xml").write_text(bomb)
+    with pytest.raises(SymgraspError):
+        scene.read_annotation_xml(tmp_path / "0000.xml")
+
+
+def test_meta_has_the_originals_names_types_and_one_based_ids(
+    tmp_path: Path, poses: list[ObjectPose]
+) -> None:
+    scene.write_meta(tmp_path / "0000.mat", poses, K)
+    content = scipy.io.loadmat(tmp_path / "0000.mat")
+    assert content["poses"].dtype == np.float32
+    assert content["poses"].shape == (3, 4, 3)
+    assert_array_equal(content["cls_indexes"], [[15, 3, 71]])
+    assert_array_equal(content["intrinsic_matrix"], K)
+    assert_array_equal(content["factor_depth"], [[1000.0]])
+
+
+def test_meta_bytes_do_not_depend_on_the_time(tmp_path: Path, poses: list[ObjectPose]) -> None:
+    scene.write_meta(tmp_path / "0000.mat", poses, K)
+    first = (tmp_path / "0000.mat").read_bytes()
+    time.sleep(1.05)
+    scene.write_meta(tmp_path / "0000.mat", poses, K)
+    assert (tmp_path / "0000.mat").read_bytes() == first
+
+
+@pytest.mark.parametrize("count", [0, 1, 3])
+def test_meta_poses_come_back_in_float32(
+    tmp_path: Path, poses: list[ObjectPose], count: int
+) -> None:
+    scene.write_meta(tmp_path / "0000.mat", poses[:count], K)
+    meta = scene.read_meta(tmp_path / "0000.mat")
+    assert meta.object_ids == (14, 2, 70)[:count]
+    assert meta.poses is not None
+    expected = np.array([p.T_cam_obj for p in poses[:count]]).reshape(-1, 4, 4)
+    assert_allclose(meta.poses, expected, atol=1e-6)
+
+
+def test_a_truncated_mat_is_one_sentence(tmp_path: Path, poses: list[ObjectPose]) -> None:
+    path = tmp_path / "0000.mat"
+    scene.write_meta(path, poses, K)
+    path.write_bytes(path.read_bytes()[:200])
+    with pytest.raises(FormatError, match=r"0000\.mat"):
+        scene.read_meta(path)
+
+
+def test_poses_have_the_digits_of_the_mat_where_both_agree(
+    tmp_path: Path, poses: list[ObjectPose]
+) -> None:
+    scene.write_annotation(tmp_path / "a.xml", poses)
+    scene.write_meta(tmp_path / "a.mat", poses, K)
+    for read, pose in zip(
+        scene.read_poses(tmp_path / "a.xml", tmp_path / "a.mat"), poses, strict=True
+    ):
+        assert_allclose(read.T_cam_obj, pose.T_cam_obj, atol=1e-6)
+
+
+@pytest.mark.parametrize("stale", ["moved", "other objects", "absent"])
+def test_a_stale_mat_leaves_the_poses_to_the_xml(
+    tmp_path: Path, poses: list[ObjectPose], stale: str
+) -> None:
+    scene.write_annotation(tmp_path / "a.xml", poses)
+    if stale == "moved":
+        moved = [ObjectPose(p.object_id, p.T_cam_obj + 0.01) for p in poses]
+        scene.write_meta(tmp_path / "a.mat", moved, K)
+    elif stale == "other objects":
+        scene.write_meta(tmp_path / "a.mat", poses[:2], K)
+    read = scene.read_poses(tmp_path / "a.xml", tmp_path / "a.mat")
+    assert [p.object_id for p in read] == [14, 2, 70]
+    assert_allclose(read[0].T_cam_obj, poses[0].T_cam_obj, atol=3e-4)
+
+
+def test_object_ids_are_one_a_line(tmp_path: Path) -> None:
+    scene.write_object_ids(tmp_path / "object_id_list.txt", [14, 2, 70])
+    assert (tmp_path / "object_id_list.txt").read_text() == "14\n2\n70\n"
+    assert scene.read_object_ids(tmp_path / "object_id_list.txt") == [14, 2, 70]
+
+
+def test_a_line_that_is_no_object_id_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "object_id_list.txt").write_text("14\nbanana\n")
+    with pytest.raises(FormatError, match="object id"):
+        scene.read_object_ids(tmp_path / "object_id_list.txt")
+
+
+def test_pose_arrays_must_be_transforms(tmp_path: Path) -> None:
+    scene.write_pose_array(tmp_path / "camera_poses.npy", np.tile(np.eye(4), (5, 1, 1)))
+    assert scene.read_pose_array(tmp_path / "camera_poses.npy").shape == (5, 4, 4)
+    np.save(tmp_path / "bad.npy", np.zeros((5, 3)))
+    with pytest.raises(FormatError, match=r"\(5, 3\)"):
+        scene.read_pose_array(tmp_path / "bad.npy")

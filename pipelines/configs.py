@@ -32,6 +32,7 @@ class SynthesizeConfig:
     sensor: str = "realsense"
     width: int = 1280  # as GraspNet
     height: int = 720
+    collision_labels: bool = True
     labels: LabelConfig = field(default_factory=LabelConfig)
 
 
@@ -83,7 +84,11 @@ class PackConfig:
     num_points: int = 2048  # stored; training draws 1,500 of them
     min_pixels: int = 300
     label_radius: float = 0.01  # metres from a point to the surface that labels it
+    frame_stride: int = 1  # every n-th frame of a scene
     mask_noise: bool = True  # erode, dilate, leak: what a detector's masks are like
+    mask_noise_share: float = 0.7  # of the masks; the others stay as they are
+    mask_edge: float = 0.04  # largest erosion or dilation, of the root of the mask's area
+    mask_blot: float = 0.15  # largest leak or gap, likewise
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,132 @@
+"""What one frame shows: the observed scene, and one region of it. Camera frame, metres."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.organized import smooth_normals
+from pipelines.geometry.pointcloud import Plane
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+MAX_RANGE = 3.0  # metres; nothing farther is ever near a gripper
+NORMAL_RADIUS = 3  # pixels
+STRAY = 0.012  # metres from the median of the neighbours: a pixel between two surfaces
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """The observed points around a region, thinned.
+
+    Attributes:
+        points: (n, 3) measured points, one a cell.
+        count: (n,) measured points in the cell that each stands for.
+        own: (n,) whether it belongs to the region.
+    """
+
+    points: Array
+    count: NDArray[np.int64]
+    own: Mask
+
+
+@dataclass(frozen=True)
+class SceneCloud:
+    """A depth image as obstacles, and the support plane.
+
+    Attributes:
+        depth: (H, W) metres, 0 where missing.
+        intrinsics: of the depth image.
+        plane: camera frame, normal to the camera's side; None where none is known.
+    """
+
+    depth: Array
+    intrinsics: Intrinsics
+    plane: Plane | None = None
+
+    @cached_property
+    def xyz(self) -> Array:
+        """(H, W, 3) points, nan where missing."""
+        return self.intrinsics.backproject(self.depth)
+
+    @cached_property
+    def stray(self) -> Mask:
+        """(H, W) pixels that float between two surfaces, as depth sensors make at edges."""
+        depth = np.asarray(self.depth, np.float32)
+        return np.asarray(np.abs(cv2.medianBlur(depth, 5) - depth) > STRAY)
+
+    @property
+    def inward(self) -> Array | None:
+        """Unit direction (3,) into the table; None without a plane."""
+        return None if self.plane is None else -self.plane.normal
+
+    def around(self, region: "RegionCloud", reach: float, resolution: float) -> Surroundings:
+        """Return the points within `reach` metres of the region's ball, thinned to `resolution`."""
+        low, high = region.points.min(axis=0), region.points.max(axis=0)
+        centre, radius = (low + high) / 2.0, np.linalg.norm(high - low) / 2.0 + reach
+        rows, columns = self._window(centre, radius)
+        xyz, own = self.xyz[rows, columns], region.mask[rows, columns]
+        near = np.linalg.norm(xyz - centre, axis=-1) < radius  # False where nan
+        points, own = xyz[near], own[near]
+        cells = np.floor((points - centre + radius) / resolution).astype(np.int64)
+        side = int(2 * radius / resolution) + 2
+        key = ((cells[:, 0] * side + cells[:, 1]) * side + cells[:, 2]) * 2 + own
+        _, first, count = np.unique(key, return_index=True, return_counts=True)
+        return Surroundings(points[first], count, own[first])
+
+    def _window(self, centre: Array, radius: float) -> tuple[slice, slice]:
+        """Return the rows and columns that a ball can be seen in."""
+        nearest = max(centre[2] - radius, 0.05)
+        u, v = self.intrinsics.project(centre)
+        reach_u = self.intrinsics.fx * radius / nearest
+        reach_v = self.intrinsics.fy * radius / nearest
+        return (
+            slice(max(0, int(v - reach_v)), max(0, int(v + reach_v) + 1)),
+            slice(max(0, int(u - reach_u)), max(0, int(u + reach_u) + 1)),
+        )
+
+
+@dataclass(frozen=True)
+class RegionCloud:
+    """The measured points of one region.
+
+    Attributes:
+        points: (n, 3) metres, camera frame.
+        normals: (n, 3) unit, toward the camera.
+        mask: (H, W) the region's pixels; need not be those of `points` alone.
+    """
+
+    points: Array
+    normals: Array
+    mask: Mask
+
+    @classmethod
+    def from_mask(cls, mask: Mask, scene: SceneCloud) -> "RegionCloud":
+        """Return the region of the pixels `mask` (H, W), strays left out."""
+        rows, columns = _bounds(mask)
+        sound = mask[rows, columns] & (scene.depth[rows, columns] > 0)
+        sound &= ~scene.stray[rows, columns]
+        xyz = scene.xyz[rows, columns]
+        normals = smooth_normals(xyz, sound, NORMAL_RADIUS)
+        sound &= np.isfinite(normals).all(axis=-1)
+        return cls(xyz[sound], normals[sound], mask)
+
+    def at(self, points: Array) -> "RegionCloud":
+        """Return the same region with `points` (n, 3), each with the normal measured nearest."""
+        _, nearest = KDTree(self.points).query(points)
+        return replace(self, points=np.asarray(points, np.float64), normals=self.normals[nearest])
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+def _bounds(mask: Mask) -> tuple[slice, slice]:
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not len(rows):
+        return slice(0, 0), slice(0, 0)
+    return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)

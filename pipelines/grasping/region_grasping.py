@@ -1,0 +1,109 @@
+"""From one region to ranked grasps: by symmetry, from the boundary, or at random."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.configs import SelectionConfig
+from pipelines.geometry.symmetry import SymmetrySlots
+from pipelines.geometry.transforms import unit
+from pipelines.grasping.decoding import contact_pairs
+from pipelines.grasping.gripper import Gripper
+from pipelines.grasping.observation import RegionCloud, SceneCloud
+from pipelines.grasping.planar import planar_candidates
+from pipelines.grasping.selection import Candidates, RankedGrasps, select
+
+Array = NDArray[np.float64]
+
+MIN_POINTS = 20  # fewer show no surface
+PLANAR_TURNS = np.radians([0.0, 20.0, -20.0, 40.0, -40.0])  # about the contact line
+RANDOM_DRAWS = 4000
+
+
+def plan_region(
+    region: RegionCloud,
+    scene: SceneCloud,
+    slots: SymmetrySlots,
+    affordance: Array,
+    gripper: Gripper,
+    config: SelectionConfig,
+) -> RankedGrasps:
+    """Return symmetric grasps of `region`, or planar ones where none is feasible (Sec. III-F).
+
+    Args:
+        region: n points.
+        scene: what the gripper must not touch.
+        slots: the region's symmetries, camera frame.
+        affordance: (n,) of the region's points.
+        gripper: the hand.
+        config: thresholds.
+    """
+    if len(region) < MIN_POINTS:
+        return RankedGrasps.empty()
+    pairs = contact_pairs(region, scene, slots, affordance, gripper, config)
+    candidates = Candidates(
+        pairs.contacts,
+        _base_approach(region, scene, len(pairs)),
+        pairs.affordance * pairs.alignment,
+        pairs.affordance,
+        pairs.slot,
+        "network",
+    )
+    turns = np.arange(config.num_approach_angles) * (2 * np.pi / config.num_approach_angles)
+    found = select(candidates, turns, region, scene, gripper, config)
+    return found if len(found) else plan_planar(region, scene, gripper, config)
+
+
+def plan_planar(
+    region: RegionCloud, scene: SceneCloud, gripper: Gripper, config: SelectionConfig
+) -> RankedGrasps:
+    """Return feasible grasps from the boundary of `region`, best first (D. 8)."""
+    if len(region) < MIN_POINTS:
+        return RankedGrasps.empty()
+    candidates = planar_candidates(region, scene, gripper, config)
+    return select(candidates, PLANAR_TURNS, region, scene, gripper, config)
+
+
+def plan_random(
+    region: RegionCloud,
+    scene: SceneCloud,
+    gripper: Gripper,
+    config: SelectionConfig,
+    rng: np.random.Generator,
+) -> RankedGrasps:
+    """Return feasible grasps on random antipodal pairs of `region`: a baseline.
+
+    Pairs are drawn from the region's points; both normals must be within the contact angle of
+    the line between them, as far as such pairs are seen from one side.
+    """
+    if len(region) < MIN_POINTS:
+        return RankedGrasps.empty()
+    first, second = rng.integers(0, len(region), (2, RANDOM_DRAWS))
+    contacts = np.stack([region.points[first], region.points[second]], 1)
+    line = unit(contacts[:, 1] - contacts[:, 0])
+    cosine = np.minimum(
+        -np.einsum("ni,ni->n", line, region.normals[first]),
+        np.einsum("ni,ni->n", line, region.normals[second]),
+    )
+    width = np.linalg.norm(contacts[:, 1] - contacts[:, 0], axis=1)
+    cosine[(width < config.min_width) | (width > gripper.max_width)] = -1.0
+    chosen = np.flatnonzero(cosine > np.cos(config.max_contact_angle))
+    if not len(chosen):  # nothing antipodal is seen: the least bad of what was drawn
+        chosen = np.argsort(-cosine, kind="stable")
+    chosen = chosen[: config.max_pairs]
+    count = len(chosen)
+    candidates = Candidates(
+        contacts[chosen],
+        _base_approach(region, scene, count),
+        np.ones(count),
+        np.zeros(count),
+        np.full(count, -1, np.int64),
+        "random",
+    )
+    turns = np.arange(config.num_approach_angles) * (2 * np.pi / config.num_approach_angles)
+    return select(candidates, turns, region, scene, gripper, config)
+
+
+def _base_approach(region: RegionCloud, scene: SceneCloud, count: int) -> Array:
+    """Return (count, 3) the direction that angle 0 comes closest to: into the table, or the view."""
+    base = scene.inward if scene.inward is not None else unit(np.median(region.points, axis=0))
+    return np.broadcast_to(base, (count, 3)).copy()

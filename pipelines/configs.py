@@ -147,7 +147,7 @@ class TrainConfig:
     batch_size: int = 36
     learning_rate: float = 0.001
     decay: float = 0.9  # every `decay_epochs` epochs
-    decay_epochs: int = 2
+    decay_epochs: float = 2.0
     epochs: int = 40
     weight_feature: float = 1.0  # w^f
     weight_affordance: float = 1.0  # w^a
@@ -215,10 +215,12 @@ class SelectionConfig:
 class InferConfig:
     """Frames in, grasps out."""
 
-    regions: str = "auto"  # or detector, geometric, masks
+    regions: str = "auto"  # or detector, geometric
     method: str = "network"  # or planar, random: baselines
     gripper: str = "rg2"
     min_region_pixels: int = 200
+    min_foreground: float = 0.5  # share of a detection that must stand above the table
+    min_uncovered: float = 0.5  # share of a geometric region that detections must leave
     max_grasps_per_region: int = 20
     region: RegionConfig = field(default_factory=RegionConfig)
     selection: SelectionConfig = field(default_factory=SelectionConfig)

@@ -1,0 +1,73 @@
+"""Masks as a detector makes them from masks as they are: edges moved, parts leaked or lost."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class MaskNoise:
+    """How much masks are changed; lengths are shares of the root of the mask's area.
+
+    Attributes:
+        share: of the masks that are changed at all.
+        edge: the largest erosion or dilation.
+        blot: the largest radius of a disc at the outline that leaks or is lost.
+    """
+
+    share: float
+    edge: float
+    blot: float
+
+    def applied(self, mask: Mask, rng: np.random.Generator) -> Mask:
+        """Return `mask` (H, W) changed at random; never empty where `mask` was not."""
+        if not mask.any() or rng.uniform() >= self.share:
+            return mask
+        size = float(np.sqrt(mask.sum()))
+        margin = int(np.ceil(size * (self.edge + self.blot))) + 2
+        window = _window(mask, margin)
+        changed = _moved_edge(mask[window].astype(np.uint8), size * self.edge, rng)
+        changed = _blotted(changed, size * self.blot, rng)
+        if not changed.any():
+            return mask
+        noisy = np.zeros_like(mask)
+        noisy[window] = changed > 0
+        return noisy
+
+
+def _window(mask: Mask, margin: int) -> tuple[slice, slice]:
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    return (
+        slice(max(0, int(rows[0]) - margin), int(rows[-1]) + margin + 1),
+        slice(max(0, int(columns[0]) - margin), int(columns[-1]) + margin + 1),
+    )
+
+
+def _moved_edge(
+    mask: NDArray[np.uint8], reach: float, rng: np.random.Generator
+) -> NDArray[np.uint8]:
+    radius = round(rng.uniform(-reach, reach))
+    if radius == 0:
+        return mask
+    side = 2 * abs(radius) + 1
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+    moved = cv2.dilate(mask, disc) if radius > 0 else cv2.erode(mask, disc)
+    return np.asarray(moved, np.uint8)
+
+
+def _blotted(mask: NDArray[np.uint8], reach: float, rng: np.random.Generator) -> NDArray[np.uint8]:
+    """Return `mask` with a disc at its outline filled or cleared, or, as often, neither."""
+    inner = cv2.erode(mask, np.ones((3, 3), np.uint8))
+    rows, columns = np.nonzero(mask != inner)
+    fill, pick = int(rng.integers(4)), rng.uniform()
+    if fill > 1 or not len(rows):
+        return mask
+    at = int(pick * len(rows))
+    blotted = mask.copy()
+    radius = round(rng.uniform(0.3, 1.0) * reach)
+    cv2.circle(blotted, (int(columns[at]), int(rows[at])), radius, fill, cv2.FILLED)
+    return blotted

@@ -1,0 +1,94 @@
+"""Objects dropped onto a table, settled by physics (MuJoCo). The table's top is z = 0, z up."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.transforms import make_pose, quaternion_to_matrix
+
+Array = NDArray[np.float64]
+
+TABLE_RADIUS = 0.30  # metres from the middle; what rolls farther is taken away
+DROP_RADIUS = (0.05, 0.15)  # metres, drawn for each scene: a pile or things apart
+SETTLE_SECONDS = 3.0
+TIME_STEP = 0.003
+DENSITY = 400.0  # kg / m^3, a half-full household object
+MAX_SPEED = 0.15  # metres or radians a second; what still moves faster has not settled
+
+
+@dataclass(frozen=True)
+class SettledScene:
+    """Where dropped objects came to rest.
+
+    Attributes:
+        index: (k,) which of the dropped objects stayed on the table, ascending.
+        poses: (k, 4, 4) object to table.
+    """
+
+    index: NDArray[np.int64]
+    poses: Array
+
+
+def drop_objects(pieces: Sequence[Sequence[Mesh]], rng: np.random.Generator) -> SettledScene:
+    """Drop objects, each given as convex `pieces` in its own frame, one above the other."""
+    data = mujoco.MjData(model := _model_of(pieces))
+    height, spread = 0.0, rng.uniform(*DROP_RADIUS)
+    for body, parts in enumerate(pieces):
+        radius = max(float(np.linalg.norm(part.vertices, axis=1).max()) for part in parts)
+        angle, distance = rng.uniform(0, 2 * np.pi), spread * np.sqrt(rng.uniform())
+        height += 0.6 * radius + 0.02
+        place = [distance * np.cos(angle), distance * np.sin(angle), height + radius]
+        data.qpos[7 * body : 7 * body + 7] = [*place, *_drawn_orientation(rng)]
+    for _ in range(int(SETTLE_SECONDS / TIME_STEP)):
+        mujoco.mj_step(model, data)
+    places = data.qpos.reshape(-1, 7)
+    speed = np.abs(data.qvel.reshape(-1, 6)).max(axis=1)
+    kept = (
+        (np.linalg.norm(places[:, :2], axis=1) < TABLE_RADIUS)
+        & (places[:, 2] > -0.02)
+        & (speed < MAX_SPEED)
+    )
+    index = np.flatnonzero(kept)
+    poses = make_pose(quaternion_to_matrix(places[index, 3:]), places[index, :3])
+    return SettledScene(index, poses)
+
+
+def _drawn_orientation(rng: np.random.Generator) -> Array:
+    """Return a quaternion, w first: upright half of the time, as people put things down."""
+    if rng.uniform() < 0.5:
+        half = rng.uniform(0, np.pi)
+        return np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
+    return rng.normal(size=4)
+
+
+def _model_of(pieces: Sequence[Sequence[Mesh]]) -> mujoco.MjModel:
+    spec = mujoco.MjSpec()
+    spec.option.timestep = TIME_STEP
+    spec.worldbody.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_PLANE, size=[2, 2, 0.1], friction=[0.9, 0.02, 0.005], condim=6
+    )
+    for number, parts in enumerate(pieces):
+        body = spec.worldbody.add_body(name=f"object{number}")
+        # Damping by the air stands for what stiff contacts lack: balls come to rest.
+        body.add_freejoint()
+        for part_number, part in enumerate(parts):
+            name = f"mesh{number}_{part_number}"
+            spec.add_mesh(
+                name=name,
+                uservert=part.vertices.ravel().tolist(),
+                inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX,
+            )
+            body.add_geom(
+                type=mujoco.mjtGeom.mjGEOM_MESH,
+                meshname=name,
+                density=DENSITY,
+                friction=[0.9, 0.02, 0.005],
+                condim=6,
+            )
+    model = spec.compile()
+    model.dof_damping[:] = 2e-4
+    return model

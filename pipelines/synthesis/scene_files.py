@@ -1,0 +1,111 @@
+"""One scene of a dataset, drawn, recorded and written in GraspNet-1Billion's layout."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pipelines.configs import SynthesizeConfig
+from pipelines.errors import SymgraspError
+from pipelines.formats import convex_pieces as convex_file
+from pipelines.formats.files import atomic_folder
+from pipelines.formats.graspnet import GraspNetRoot, write_camera_matrix, write_color, write_depth
+from pipelines.formats.graspnet import write_label as write_label_image
+from pipelines.formats.graspnet_labels import read_grasp_label, write_collision_labels
+from pipelines.formats.graspnet_scene import (
+    ObjectPose,
+    write_annotation,
+    write_meta,
+    write_object_ids,
+    write_pose_array,
+)
+from pipelines.formats.meshes import read_mesh
+from pipelines.formats.provenance import Stamp, write_sidecar
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.transforms import invert
+from pipelines.synthesis.grasp_sampling import scene_collisions
+from pipelines.synthesis.scenes import SceneLayout, SceneObject, View, record, settle
+from pipelines.synthesis.viewpoints import camera_folder, drawn_viewpoints, intrinsics_of
+
+TAG_SCENE, TAG_COLLISION = 2, 3  # what a child seed is for
+
+
+def write_scene(
+    root: GraspNetRoot,
+    scene_id: int,
+    members: Sequence[int],
+    config: SynthesizeConfig,
+    stamp: Stamp,
+) -> str:
+    """Draw scene `scene_id` from the objects `members` and write it whole; return a note."""
+    rng = np.random.default_rng([stamp.seed, TAG_SCENE, scene_id])
+    layout = _draw_layout(root, config, members, rng)
+    intrinsics = intrinsics_of(config.sensor, config.width, config.height)
+    viewpoints = drawn_viewpoints(layout.centre, config.views, intrinsics, rng)
+    if config.collision_labels and config.labels.num_points:
+        _write_collisions(root, scene_id, layout, config, stamp)
+    with atomic_folder(root.scene_folder(scene_id)) as folder:
+        write_object_ids(folder / "object_id_list.txt", [o.object_id for o in layout.objects])
+        write_pose_array(folder / "rs_wrt_kn.npy", np.tile(np.eye(4), (config.views, 1, 1)))
+        camera = folder / camera_folder(config.sensor)
+        write_camera_matrix(camera / "camK.npy", intrinsics)
+        write_pose_array(camera / "camera_poses.npy", invert(viewpoints[0]) @ viewpoints)
+        write_pose_array(camera / "cam0_wrt_table.npy", viewpoints[0])
+        views = record(layout, viewpoints, intrinsics, config.sensor, rng)
+        for frame_id, view in enumerate(views):
+            _write_view(camera, frame_id, view, layout, intrinsics)
+        write_sidecar(folder, stamp)
+    return f"{len(layout.objects)} objects, {config.views} views"
+
+
+def _draw_layout(
+    root: GraspNetRoot, config: SynthesizeConfig, members: Sequence[int], rng: np.random.Generator
+) -> SceneLayout:
+    if not members:
+        raise SymgraspError("no objects to make scenes of; give --models a folder of meshes")
+    count = min(int(rng.integers(config.min_objects, config.max_objects + 1)), len(members))
+    drawn = rng.choice(members, count, replace=False)
+    objects = []
+    for object_id in drawn.tolist():
+        model = root.model_path(object_id)
+        pieces = convex_file.read(model.parent / "convex.npz")
+        objects.append(SceneObject(object_id, f"{object_id:03d}", read_mesh(model), pieces))
+    return settle(objects, rng)
+
+
+def _write_view(
+    camera: Path, frame_id: int, view: View, layout: SceneLayout, intrinsics: Intrinsics
+) -> None:
+    name = f"{frame_id:04d}"
+    object_ids = np.array([item.object_id for item in layout.objects])
+    label = np.where(view.object_index >= 0, object_ids[view.object_index] + 1, 0)
+    poses = [
+        ObjectPose(item.object_id, invert(view.T_world_cam) @ pose, item.name)
+        for item, pose in zip(layout.objects, layout.poses, strict=True)
+    ]
+    write_color(camera / "rgb" / f"{name}.png", view.color)
+    write_depth(camera / "depth" / f"{name}.png", view.depth)
+    write_label_image(camera / "label" / f"{name}.png", label)
+    write_annotation(camera / "annotations" / f"{name}.xml", poses)
+    write_meta(camera / "meta" / f"{name}.mat", poses, intrinsics.matrix)
+
+
+def _write_collisions(
+    root: GraspNetRoot,
+    scene_id: int,
+    layout: SceneLayout,
+    config: SynthesizeConfig,
+    stamp: Stamp,
+) -> None:
+    labels = [read_grasp_label(root.grasp_label_path(item.object_id)) for item in layout.objects]
+    collisions = scene_collisions(
+        labels,
+        [item.mesh for item in layout.objects],
+        layout.poses,
+        config=config.labels,
+        rng=np.random.default_rng([stamp.seed, TAG_COLLISION, scene_id]),
+    )
+    target = root.collision_label_path(scene_id)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    write_sidecar(target, stamp)
+    write_collision_labels(target, collisions)

@@ -1,0 +1,157 @@
+"""What a depth sensor makes of true depth: noise, jitter at edges, holes, quantisation.
+
+`kinect`: structured light; axial noise grows with the square of the distance, and what the
+projector beside the camera cannot light has no depth. `realsense`: stereo; smooth bumps, foreground
+grown over its edges, holes at random. `perfect`: the truth.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.errors import UnknownNameError
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.rendering import Hits, Scene
+from pipelines.geometry.transforms import transform_points
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class DepthSensor:
+    """One kind of depth camera; lengths in metres, at one metre where they grow with distance.
+
+    Attributes:
+        baseline: between camera and projector, or between the stereo pair.
+        axial: constant and quadratic part of the axial noise's standard deviation.
+        smoothness: pixels over which the axial noise is alike.
+        jitter: pixels, standard deviation of the lateral noise.
+        subpixel: steps of a pixel of disparity that the sensor resolves.
+        edge_loss: share of pixels lost at depth edges.
+        grazing: cosine of the angle to the surface below which light does not return.
+        holes: holes a frame, on average.
+        fattening: pixels by which near surfaces grow over far ones.
+    """
+
+    baseline: float
+    axial: tuple[float, float]
+    smoothness: float
+    jitter: float
+    subpixel: float
+    edge_loss: float
+    grazing: float
+    holes: float
+    fattening: int
+
+
+SENSORS = {
+    "kinect": DepthSensor(0.075, (0.0012, 0.0019), 0.0, 0.6, 8.0, 0.6, 0.17, 1.0, 0),
+    "realsense": DepthSensor(0.050, (0.0006, 0.0016), 2.5, 0.4, 32.0, 0.3, 0.12, 3.0, 1),
+}
+DEPTH_EDGE = 0.02  # metres between neighbours that make an edge
+NOTHING = 1e3  # metres; stands for no surface at all
+
+
+def measured_depth(
+    name: str,
+    scene: Scene,
+    hits: Hits,
+    intrinsics: Intrinsics,
+    T_world_cam: Array,
+    rng: np.random.Generator,
+) -> Array:
+    """Return the depth (H, W) in metres that sensor `name` reports, 0 where it reports none."""
+    if name == "perfect":
+        return hits.depth
+    if name not in SENSORS:
+        raise UnknownNameError("sensor", name, [*SENSORS, "perfect"])
+    sensor, depth = SENSORS[name], hits.depth
+    unlit = _unlit(scene, hits, intrinsics, T_world_cam, sensor)
+    if sensor.fattening:
+        depth = _grown_foreground(depth, sensor.fattening, rng)
+    edges = _edges(depth)
+    depth = _jittered(depth, sensor.jitter, rng)
+    depth = depth + _axial_noise(depth, sensor, rng)
+    lost = unlit | (_cosine(hits, intrinsics) < sensor.grazing) | _holes(depth.shape, sensor, rng)
+    lost |= edges & (rng.uniform(size=depth.shape) < sensor.edge_loss)
+    return np.where(lost | (hits.depth <= 0), 0.0, _quantised(depth, intrinsics, sensor))
+
+
+def _unlit(
+    scene: Scene, hits: Hits, intrinsics: Intrinsics, T_world_cam: Array, sensor: DepthSensor
+) -> Mask:
+    """Return where the projector's, or the second camera's, view is blocked."""
+    points = transform_points(T_world_cam, intrinsics.rays() * hits.depth[..., None]).reshape(-1, 3)
+    eye = T_world_cam[:3, 3] + sensor.baseline * T_world_cam[:3, 0]
+    toward = eye - points
+    # Start a millimetre along the way, off the surface itself.
+    start = points + toward * (1e-3 / np.linalg.norm(toward, axis=1, keepdims=True))
+    blocked = np.zeros(len(points), bool)
+    seen = hits.depth.ravel() > 0
+    blocked[seen] = scene.occluded(start[seen], toward[seen])
+    return blocked.reshape(hits.depth.shape)
+
+
+def _grown_foreground(depth: Array, pixels: int, rng: np.random.Generator) -> Array:
+    """Let near surfaces cover their far neighbours by up to `pixels`, unevenly."""
+    far = np.where(depth > 0, depth, NOTHING)
+    kernel = np.ones((2 * pixels + 1, 2 * pixels + 1), np.uint8)
+    near = np.minimum(cv2.erode(far, kernel), far)
+    wobble = cv2.GaussianBlur(rng.normal(size=depth.shape), (0, 0), 3.0)
+    grown = (wobble > 0) & (near < NOTHING) & (far - near > DEPTH_EDGE)
+    return np.where(grown, near, depth)
+
+
+def _edges(depth: Array) -> Mask:
+    """Return the pixels within one of a jump in depth."""
+    kernel = np.ones((3, 3), np.uint8)
+    span = cv2.dilate(depth, kernel) - cv2.erode(depth, kernel)
+    return np.asarray(span > DEPTH_EDGE * np.maximum(depth, 0.5))
+
+
+def _jittered(depth: Array, sigma: float, rng: np.random.Generator) -> Array:
+    """Return the depth of a pixel drawn near each pixel."""
+    rows, columns = np.indices(depth.shape)
+    shift = np.rint(rng.normal(0.0, sigma, (2, *depth.shape))).astype(int)
+    rows = np.clip(rows + shift[0], 0, depth.shape[0] - 1)
+    columns = np.clip(columns + shift[1], 0, depth.shape[1] - 1)
+    moved = depth[rows, columns]
+    # Only across edges does it matter which pixel was read; elsewhere the slope is real.
+    return np.where(np.abs(moved - depth) > DEPTH_EDGE / 2, moved, depth)
+
+
+def _axial_noise(depth: Array, sensor: DepthSensor, rng: np.random.Generator) -> Array:
+    constant, quadratic = sensor.axial
+    noise: Array = rng.normal(size=depth.shape)
+    if sensor.smoothness:
+        noise = np.asarray(cv2.GaussianBlur(noise, (0, 0), sensor.smoothness), np.float64)
+        noise /= noise.std()
+    return np.asarray((constant + quadratic * np.maximum(depth - 0.4, 0.0) ** 2) * noise)
+
+
+def _cosine(hits: Hits, intrinsics: Intrinsics) -> Array:
+    """Return the cosine (H, W) between each pixel's ray and the surface's normal."""
+    rays = intrinsics.rays()
+    toward = -np.einsum("hwi,hwi->hw", hits.normal, rays) / np.linalg.norm(rays, axis=-1)
+    return np.asarray(np.where(hits.depth > 0, toward, 1.0))
+
+
+def _holes(shape: tuple[int, ...], sensor: DepthSensor, rng: np.random.Generator) -> Mask:
+    """Return a few blots without depth."""
+    blots = np.zeros(shape, np.uint8)
+    for _ in range(rng.poisson(sensor.holes)):
+        centre = (int(rng.integers(shape[1])), int(rng.integers(shape[0])))
+        axes = tuple(int(x) for x in rng.integers(1, max(3, shape[1] // 60), 2))
+        cv2.ellipse(blots, centre, axes, float(rng.uniform(0, 180)), 0, 360, 1, -1)
+    return blots > 0
+
+
+def _quantised(depth: Array, intrinsics: Intrinsics, sensor: DepthSensor) -> Array:
+    """Return the depth of the nearest step of disparity."""
+    scale = intrinsics.fx * sensor.baseline * sensor.subpixel
+    with np.errstate(divide="ignore", invalid="ignore"):
+        steps = np.rint(scale / depth)
+        return np.where(depth > 0, scale / np.maximum(steps, 1.0), 0.0)

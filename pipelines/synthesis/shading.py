@@ -1,0 +1,141 @@
+"""The colour image: procedural textures under one lamp with cast shadows."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.rendering import Hits, Scene
+from pipelines.geometry.transforms import invert, rotate_vectors, transform_points, unit
+
+Array = NDArray[np.float64]
+Texture = Callable[[Array], Array]  # points (n, 3) metres, object frame -> colours (n, 3) 0..1
+
+SHADOW_OFFSET = 5e-4  # metres off the surface, so that it does not shade itself
+
+
+@dataclass(frozen=True)
+class Lighting:
+    """One distant lamp: `direction` (3,) toward it, `color` (3,), `ambient` share 0..1."""
+
+    direction: Array
+    color: Array
+    ambient: float
+    gloss: float
+
+
+def drawn_lighting(rng: np.random.Generator) -> Lighting:
+    """Return a lamp somewhere above the table."""
+    azimuth, elevation = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(35, 85))
+    direction = [
+        np.cos(elevation) * np.cos(azimuth),
+        np.cos(elevation) * np.sin(azimuth),
+        np.sin(elevation),
+    ]
+    warmth = rng.uniform(-0.08, 0.08)
+    color = np.array([1.0 + warmth, 1.0, 1.0 - warmth]) * rng.uniform(0.75, 1.1)
+    return Lighting(np.array(direction), color, rng.uniform(0.3, 0.55), rng.uniform(0.0, 0.4))
+
+
+def drawn_color(rng: np.random.Generator, *, saturated: bool = True) -> Array:
+    """Return a colour (3,) 0..1."""
+    grey = rng.uniform(0.15, 0.95)
+    tint = rng.uniform(0, 1, 3)
+    tint = (tint - tint.mean()) * (0.9 if saturated else 0.15)
+    return np.asarray(np.clip(grey + tint, 0.03, 1.0))
+
+
+def drawn_texture(rng: np.random.Generator) -> Texture:
+    """Return a texture for an object: plain, stripes, checks, a label band, or mottled."""
+    first, second = drawn_color(rng), drawn_color(rng)
+    axis = unit(rng.normal(size=3)) if rng.uniform() < 0.5 else np.array([0.0, 0.0, 1.0])
+    pitch, phase = rng.uniform(0.008, 0.04), rng.uniform(0, 1)
+    waves, phases = rng.normal(0, 60.0, (6, 3)), rng.uniform(0, 2 * np.pi, 6)
+    kind = rng.choice(["plain", "stripes", "checks", "band", "mottled"])
+
+    def share(points: Array) -> Array:
+        match kind:
+            case "stripes":
+                return np.asarray(((points @ axis) / pitch + phase) % 1.0 < 0.5, np.float64)
+            case "checks":
+                return (np.floor(points / pitch + phase).sum(axis=1) % 2).astype(float)
+            case "band":
+                return (np.abs(points @ axis - (phase - 0.5) * 0.04) < pitch).astype(float)
+            case "mottled":
+                return np.asarray(0.5 + 0.5 * np.sin(points @ waves.T + phases).mean(axis=1))
+            case _:
+                return np.zeros(len(points))
+
+    return lambda points: first + share(points)[:, None] * (second - first)
+
+
+def table_texture(rng: np.random.Generator) -> Texture:
+    """Return a texture for the table or the floor: wood, cloth or plain."""
+    first = drawn_color(rng, saturated=False)
+    contrast = rng.uniform(0.03, 0.25)
+    waves, phases = rng.normal(0, 25.0, (5, 3)), rng.uniform(0, 2 * np.pi, 5)
+    grain = rng.uniform(60.0, 200.0)
+    kind = rng.choice(["wood", "cloth", "plain"])
+
+    def share(points: Array) -> Array:
+        wobble = np.sin(points @ waves.T + phases).mean(axis=1)
+        match kind:
+            case "wood":
+                return np.asarray(np.sin(grain * points[:, 0] + 6.0 * wobble))
+            case "cloth":
+                return np.asarray(np.sin(800 * points[:, 0]) * np.sin(800 * points[:, 1]))
+            case _:
+                return np.asarray(wobble)
+
+    return lambda points: np.clip(first * (1.0 + contrast * share(points)[:, None]), 0.0, 1.0)
+
+
+def shade(
+    scene: Scene,
+    hits: Hits,
+    poses: Array,
+    textures: list[Texture],
+    lighting: Lighting,
+    intrinsics: Intrinsics,
+    T_world_cam: Array,
+    rng: np.random.Generator,
+) -> NDArray[np.uint8]:
+    """Return the (H, W, 3) colour image of `hits`.
+
+    `poses` (k, 4, 4) object to world and one texture for each of the scene's k objects.
+    """
+    seen = hits.object_index.ravel() >= 0
+    points = transform_points(
+        T_world_cam, (intrinsics.rays() * hits.depth[..., None]).reshape(-1, 3)
+    )[seen]
+    normals = rotate_vectors(T_world_cam, hits.normal.reshape(-1, 3)[seen])
+    owner = hits.object_index.ravel()[seen]
+    albedo = np.zeros_like(points)
+    for index, texture in enumerate(textures):
+        mine = owner == index
+        if mine.any():
+            albedo[mine] = texture(transform_points(invert(poses[index]), points[mine]))
+    color = np.full((seen.size, 3), 0.5)
+    color[seen] = albedo * _light(scene, points, normals, lighting)
+    color[seen] += _highlight(points, normals, lighting, T_world_cam)[:, None]
+    noisy = np.clip(color, 0.0, 1.0) ** (1 / 1.5) * 255.0 + rng.normal(0.0, 2.0, color.shape)
+    return np.asarray(np.clip(noisy, 0, 255), np.uint8).reshape(*hits.depth.shape, 3)
+
+
+def _light(scene: Scene, points: Array, normals: Array, lighting: Lighting) -> Array:
+    """Return (n, 3): ambient and, where the lamp is seen, diffuse light."""
+    toward = np.maximum(normals @ lighting.direction, 0.0)
+    shaded = scene.occluded(
+        points + SHADOW_OFFSET * normals, np.broadcast_to(lighting.direction, points.shape)
+    )
+    diffuse = (1.0 - lighting.ambient) * np.where(shaded, 0.15, 1.0) * toward
+    return np.asarray((lighting.ambient + diffuse)[:, None] * lighting.color)
+
+
+def _highlight(points: Array, normals: Array, lighting: Lighting, T_world_cam: Array) -> Array:
+    """Return (n,) the lamp's reflection, Blinn's halfway rule."""
+    halfway = unit(unit(T_world_cam[:3, 3] - points) + lighting.direction)
+    shine = np.maximum(np.einsum("ij,ij->i", normals, halfway), 0.0) ** 40
+    return np.asarray(lighting.gloss * shine)

@@ -1,0 +1,64 @@
+"""Where the cameras stand around a table, and what lens they have."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipelines.errors import UnknownNameError
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.transforms import make_pose, rotation_about, unit
+
+Array = NDArray[np.float64]
+
+# GraspNet-1Billion's cameras at 1280 x 720: fx, fy, cx, cy in pixels.
+LENSES = {
+    "kinect": (631.54864502, 631.20751953, 638.43517329, 366.49904066),
+    "realsense": (927.16973877, 927.36688232, 651.31506348, 349.62133789),
+}
+ELEVATIONS = (np.radians(32.0), np.radians(75.0))
+DISTANCES = (0.45, 0.9)  # metres; the near end for the long lens
+MAX_ROLL = np.radians(8.0)
+
+
+def camera_folder(sensor: str) -> str:
+    """Return GraspNet's folder for `sensor`: kinect, else realsense."""
+    if sensor not in {*LENSES, "perfect"}:
+        raise UnknownNameError("sensor", sensor, [*LENSES, "perfect"])
+    return "kinect" if sensor == "kinect" else "realsense"
+
+
+def intrinsics_of(sensor: str, width: int, height: int) -> Intrinsics:
+    """Return the lens of `sensor` at another image size: same width of view, square pixels."""
+    fx, fy, cx, cy = LENSES[camera_folder(sensor)]
+    scale = width / 1280
+    return Intrinsics(
+        fx * scale, fy * scale, cx * scale, (cy - 360) * scale + height / 2, width, height
+    )
+
+
+def look_at(eye: ArrayLike, target: ArrayLike, roll: float = 0.0) -> Array:
+    """Return T_world_cam (4, 4) of a camera at `eye` (3,) that looks at `target` (3,), z up."""
+    forward = unit(np.asarray(target, np.float64) - np.asarray(eye, np.float64))
+    right = unit(np.cross(forward, [0.0, 0.0, 1.0]))
+    rotation = np.stack([right, np.cross(forward, right), forward], -1)
+    return make_pose(rotation @ rotation_about([0, 0, 1], roll), eye)
+
+
+def drawn_viewpoints(
+    centre: ArrayLike, count: int, lens: Intrinsics, rng: np.random.Generator
+) -> Array:
+    """Return `count` poses T_table_cam (count, 4, 4) spread around `centre` (3,), all above it."""
+    # A long lens stands farther away, so that about as much of the table is seen.
+    near, far = np.array(DISTANCES) * np.clip(lens.fx / lens.width / 0.7, 0.7, 1.3)
+    azimuths = rng.uniform(0, 2 * np.pi) + 2 * np.pi * (np.arange(count) + 0.5) / count
+    poses = []
+    for azimuth in azimuths:
+        elevation, distance = rng.uniform(*ELEVATIONS), rng.uniform(near, far)
+        target = np.asarray(centre, np.float64) + rng.normal(0.0, 0.03, 3) * [1, 1, 0]
+        direction = [
+            np.cos(elevation) * np.cos(azimuth),
+            np.cos(elevation) * np.sin(azimuth),
+            np.sin(elevation),
+        ]
+        eye = target + distance * np.array(direction)
+        poses.append(look_at(eye, target, rng.uniform(-MAX_ROLL, MAX_ROLL)))
+    return np.stack(poses)

@@ -1,0 +1,255 @@
+"""Stage synthesize: procedural scenes in GraspNet-1Billion's layout.
+
+Reads   nothing, or a folder of meshes (`--models`)
+Writes  ROOT/models/NNN/                     nontextured.ply, textured.obj, convex.npz
+        ROOT/grasp_label/NNN_labels.npz      sample-and-validate on GraspNet's grid
+        ROOT/scenes/scene_NNNN/CAMERA/       rgb, depth, label, annotations, meta, poses
+        ROOT/collision_label/scene_NNNN/     the labels' grasps against the scene
+        ROOT/objects.json                    family, pool and true symmetries of each object
+
+Scenes are numbered as GraspNet numbers its splits. The objects depend on the seed alone, so a
+training root and a test root of one seed share exactly the objects of the seen pool, never a scene.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache, partial
+from pathlib import Path
+
+import numpy as np
+
+from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.configs import SynthesizeConfig
+from pipelines.errors import UnknownNameError, ValueRangeError
+from pipelines.formats import convex_pieces as convex_file
+from pipelines.formats import object_list
+from pipelines.formats.files import atomic_folder
+from pipelines.formats.graspnet import GraspNetRoot
+from pipelines.formats.graspnet_labels import write_grasp_label
+from pipelines.formats.graspnet_layout import SPLITS
+from pipelines.formats.meshes import find_meshes, read_mesh, write_mesh
+from pipelines.formats.provenance import digest, make_stamp, write_sidecar
+from pipelines.synthesis.decomposition import convex_pieces
+from pipelines.synthesis.families import SyntheticObject, make_pool
+from pipelines.synthesis.grasp_sampling import sample_grasp_label
+from pipelines.synthesis.scene_files import write_scene
+from pipelines.synthesis.viewpoints import camera_folder
+
+POOLS = ("seen", "similar", "novel")
+POOL_OF_SPLIT = {"train": "seen", "seen": "seen", "similar": "similar", "novel": "novel"}
+MAX_OBJECTS = 254  # label images have 8 bits, and 0 is the background
+TAG_LABEL = 1  # what a child seed is for; scenes take 2 and 3
+
+
+def run(
+    output: Path,
+    config: SynthesizeConfig,
+    options: BatchOptions,
+    *,
+    seed: int = 0,
+    models: Path | None = None,
+) -> StageReport:
+    """Write a dataset to `output`: objects first, then scenes; finished ones are kept."""
+    _check(config, models)
+    sources = find_meshes(models) if models else []
+    ids = _object_ids(config, len(sources))
+    step = partial(_write_object, config=config, seed=seed)
+    report = run_batch(
+        "synthesize objects", _object_items(output, config, seed, ids, sources), step, options
+    )
+    if options.dry_run:
+        return report
+    if config.labels.num_points and not report.failed:
+        items = _label_items(output, config, seed, sorted(ids))
+        _merge(
+            report,
+            run_batch(
+                "synthesize labels", items, partial(_write_label, seed=seed, config=config), options
+            ),
+        )
+    if report.failed:
+        return report
+    _write_object_list(output, config, seed, ids, sources)
+    items = _scene_items(output, config, seed, ids, sources)
+    _merge(
+        report,
+        run_batch("synthesize scenes", items, partial(_write_scene, config=config), options),
+    )
+    return report
+
+
+def _check(config: SynthesizeConfig, models: Path | None) -> None:
+    for split in config.splits:
+        if split not in SPLITS:
+            raise UnknownNameError("split", split, SPLITS)
+        if config.scenes_per_split > len(SPLITS[split]):
+            raise ValueRangeError(
+                "--scenes-per-split",
+                config.scenes_per_split,
+                f"at most {len(SPLITS[split])} for {split}",
+            )
+        if models and POOL_OF_SPLIT[split] != "seen":
+            raise ValueRangeError(
+                "--splits", split, "train or seen with --models, which is one pool"
+            )
+    if len(POOLS) * config.objects_per_pool > MAX_OBJECTS:
+        raise ValueRangeError(
+            "--objects", config.objects_per_pool, f"at most {MAX_OBJECTS // len(POOLS)} a pool"
+        )
+    camera_folder(config.sensor)
+
+
+def _object_ids(config: SynthesizeConfig, num_models: int) -> dict[int, tuple[str, int]]:
+    """Return {object id: (pool, index in the pool)} of the pools that the splits need."""
+    if num_models:
+        if num_models > MAX_OBJECTS:
+            raise ValueRangeError("number of meshes", num_models, f"at most {MAX_OBJECTS}")
+        return {index: ("models", index) for index in range(num_models)}
+    needed = {POOL_OF_SPLIT[split] for split in config.splits}
+    count = config.objects_per_pool
+    return {
+        POOLS.index(pool) * count + index: (pool, index)
+        for pool in POOLS
+        if pool in needed
+        for index in range(count)
+    }
+
+
+# --- objects ---------------------------------------------------------------------------------
+
+
+def _object_items(
+    output: Path,
+    config: SynthesizeConfig,
+    seed: int,
+    ids: dict[int, tuple[str, int]],
+    sources: Sequence[Path],
+) -> list[WorkItem]:
+    items = []
+    for object_id, (pool, index) in ids.items():
+        source = sources[index] if sources else None
+        settings = {
+            "pool": pool,
+            "index": index,
+            "count": config.objects_per_pool,
+            "sdf": config.sdf,
+        }
+        inputs = {source.name: digest(source)} if source else {}
+        stamp = make_stamp("synthesize object", settings, seed=seed, inputs=inputs)
+        target = GraspNetRoot(output).model_path(object_id).parent
+        items.append(WorkItem(f"object {object_id:03d}", target, stamp, (pool, index, source)))
+    return items
+
+
+@lru_cache(maxsize=4)
+def _pool(pool: str, count: int, seed: int) -> list[SyntheticObject]:
+    return make_pool(pool, count, seed)
+
+
+def _make_object(
+    pool: str, index: int, source: Path | None, count: int, seed: int
+) -> SyntheticObject:
+    if source is None:
+        return _pool(pool, count, seed)[index]
+    mesh = read_mesh(source)
+    return SyntheticObject(source.stem, source.stem, mesh, (), convex_pieces(mesh, seed=seed))
+
+
+def _write_object(item: WorkItem, *, config: SynthesizeConfig, seed: int) -> None:
+    pool, index, source = item.arguments
+    made = _make_object(pool, index, source, config.objects_per_pool, seed)
+    with atomic_folder(item.target) as folder:
+        write_mesh(folder / "nontextured.ply", made.mesh)
+        write_mesh(folder / "textured.obj", made.mesh)
+        convex_file.write(folder / "convex.npz", made.pieces)
+        write_sidecar(folder, item.stamp)
+
+
+def _write_object_list(
+    output: Path,
+    config: SynthesizeConfig,
+    seed: int,
+    ids: dict[int, tuple[str, int]],
+    sources: Sequence[Path],
+) -> None:
+    records = []
+    for object_id, (pool, index) in ids.items():
+        if sources:
+            stem = sources[index].stem
+            records.append(object_list.ObjectRecord(object_id, stem, stem, pool))
+            continue
+        made = _pool(pool, config.objects_per_pool, seed)[index]
+        records.append(
+            object_list.ObjectRecord(object_id, made.name, made.family, pool, made.symmetries)
+        )
+    settings = {
+        "pools": sorted({pool for pool, _ in ids.values()}),
+        "count": config.objects_per_pool,
+    }
+    object_list.write(
+        output / "objects.json", records, make_stamp("synthesize object list", settings, seed=seed)
+    )
+
+
+def _label_items(
+    output: Path, config: SynthesizeConfig, seed: int, ids: Sequence[int]
+) -> list[WorkItem]:
+    root = GraspNetRoot(output)
+    items = []
+    for object_id in ids:
+        model = root.model_path(object_id)
+        stamp = make_stamp(
+            "synthesize label", config.labels, seed=seed, inputs={model.name: digest(model)}
+        )
+        target = root.grasp_label_path(object_id)
+        items.append(WorkItem(f"label {object_id:03d}", target, stamp, (object_id, model)))
+    return items
+
+
+def _write_label(item: WorkItem, *, config: SynthesizeConfig, seed: int) -> None:
+    object_id, model = item.arguments
+    rng = np.random.default_rng([seed, TAG_LABEL, object_id])
+    label = sample_grasp_label(read_mesh(model), config.labels, rng)
+    # The stamp first: a label without one would be taken for somebody else's.
+    item.target.parent.mkdir(parents=True, exist_ok=True)
+    write_sidecar(item.target, item.stamp)
+    write_grasp_label(item.target, label)
+
+
+def _scene_items(
+    output: Path,
+    config: SynthesizeConfig,
+    seed: int,
+    ids: dict[int, tuple[str, int]],
+    sources: Sequence[Path],
+) -> list[WorkItem]:
+    root = GraspNetRoot(output)
+    inputs = {source.name: digest(source) for source in sources}
+    # How many scenes and which splits a run asks for does not change any one scene.
+    settings = replace(config, splits=(), scenes_per_split=0)
+    items = []
+    for split in config.splits:
+        pool = "models" if sources else POOL_OF_SPLIT[split]
+        members = tuple(i for i, (of, _) in ids.items() if of == pool)
+        for scene_id in SPLITS[split][: config.scenes_per_split]:
+            stamp = make_stamp("synthesize scene", settings, seed=seed, inputs=inputs)
+            target = root.scene_folder(scene_id)
+            items.append(
+                WorkItem(f"scene {scene_id:04d}", target, stamp, (output, scene_id, members))
+            )
+    return items
+
+
+def _write_scene(item: WorkItem, *, config: SynthesizeConfig) -> str:
+    output, scene_id, members = item.arguments
+    return write_scene(GraspNetRoot(output), scene_id, members, config, item.stamp)
+
+
+def _merge(report: StageReport, part: StageReport) -> None:
+    """Add what `part` did to `report`; the stage is one to whoever called it."""
+    report.stage = "synthesize"
+    report.done += part.done
+    report.skipped += part.skipped
+    report.failed |= part.failed
+    report.notes |= part.notes
+    report.seconds += part.seconds

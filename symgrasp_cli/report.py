@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
     from pipelines.batch import StageReport
 
 
@@ -23,3 +25,16 @@ def conclude(report: StageReport) -> None:
     )
     if report.exit_code:
         raise typer.Exit(report.exit_code)
+
+
+def show_table(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Print a table on stdout; the first two columns are names, the others numbers."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left")
+    for index, head in enumerate(header):
+        table.add_column(head, justify="left" if index < 2 else "right")
+    for row in rows:
+        table.add_row(*row)
+    Console().print(table)

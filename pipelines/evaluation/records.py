@@ -48,7 +48,10 @@ class RowRecord:
 
 @dataclass(frozen=True)
 class FrameRecord:
-    """All methods on one frame; the regions, and so their masks, are the same for all."""
+    """All methods on one frame; the regions, and so their masks, are the same for all.
+
+    `seconds` that `infer` took; nan where it was not asked to say (`infer --timings`).
+    """
 
     name: str
     split: str
@@ -99,7 +102,8 @@ def _finite(value: Any) -> Any:  # noqa: ANN401 - JSON is any of many types
 def _record(entry: Mapping[str, Any]) -> FrameRecord:
     rows = {name: _row(row) for name, row in entry["rows"].items()}
     masks = JudgedPredictions(**entry["masks"])
-    return FrameRecord(entry["name"], entry["split"], entry["seconds"], masks, rows)
+    seconds = math.nan if entry["seconds"] is None else entry["seconds"]
+    return FrameRecord(entry["name"], entry["split"], seconds, masks, rows)
 
 
 def _row(entry: Mapping[str, Any]) -> RowRecord:

@@ -44,12 +44,9 @@ def report_page(title: str, tables: Sequence[Table]) -> str:
 
 
 def _grasp_table(rows: ReportRows) -> Table:
-    header = (
-        *("method", "split", "grasp quality", "antipodal", "antipodal (region)"),
-        *("quality if grasped", "antipodal if grasped", "frames", "objects"),
-    )
+    header = ("method", "split", "quality", "antipodal", "region", "grasped", "frames", "objects")
     return Table(
-        "Grasps, one best grasp an object",
+        "Grasp quality, antipodal score of contacts and of the closing region, quality if grasped",
         header,
         tuple(
             (
@@ -59,7 +56,6 @@ def _grasp_table(rows: ReportRows) -> Table:
                 _number(figures["antipodal_score"]),
                 _number(figures["antipodal_score_region"]),
                 _number(figures["grasp_quality_predicted"]),
-                _number(figures["antipodal_score_predicted"]),
                 str(figures["frames"]),
                 str(figures["objects"]),
             )

@@ -62,17 +62,11 @@ def _first_touch(
 ) -> tuple[Array, Array, Mask]:
     """Return points, normals (n, 2, 3) and whether each finger (n, 2) touches within `reach`."""
     shape = start.shape[:2]
-    _, triangle = first_hits(mesh, start.reshape(-1, 3), inward.reshape(-1, 3))
-    triangle = np.asarray(triangle).reshape(shape)
-    hit = triangle >= 0
-    chosen = np.where(hit, triangle, 0)
-    normals = mesh.face_normals[chosen]
-    corner = mesh.vertices[mesh.faces[chosen, 0]]
-    # Rays are traced in single precision: only the triangle is taken, its plane gives the point.
-    slope = np.einsum("nki,nki->nk", inward, normals)
-    hit &= slope < 0.0  # a surface seen from behind: the finger started inside
-    height = np.einsum("nki,nki->nk", corner - start, normals)
-    travel = np.divide(height, slope, out=np.full(shape, np.inf), where=hit)
-    touched = hit & (travel <= reach[:, None] + TRAVEL_SLACK)
+    distance, triangle = first_hits(mesh, start.reshape(-1, 3), inward.reshape(-1, 3))
+    travel = distance.reshape(shape)
+    normals = mesh.face_normals[triangle].reshape(*shape, 3)
+    # A surface seen from behind means that the finger started inside.
+    outside = np.einsum("nki,nki->nk", inward, normals) < 0.0
+    touched = outside & (travel <= reach[:, None] + TRAVEL_SLACK)
     travel = np.where(touched, travel, 0.0)
-    return start + travel[..., None] * inward, normals.copy(), touched
+    return start + travel[..., None] * inward, normals, touched

@@ -37,9 +37,9 @@ def random_frames(rng: np.random.Generator):
 
 
 def coco_ap50(frames) -> float:
-    from pycocotools import mask as rle  # noqa: PLC0415
-    from pycocotools.coco import COCO  # noqa: PLC0415
-    from pycocotools.cocoeval import COCOeval  # noqa: PLC0415
+    from pycocotools import mask as rle
+    from pycocotools.coco import COCO
+    from pycocotools.cocoeval import COCOeval
 
     def encode(mask):
         return rle.encode(np.asfortranarray(mask.astype(np.uint8)))

@@ -1,0 +1,109 @@
+"""What other methods do on the same regions: ground truth, the boundary, chance.
+
+All go through the selection that `infer` uses, on the same depth image and the same masks. The
+oracle row takes the true symmetries and the true affordance of the object that a region lies on:
+what the rest of the chain reaches with a perfect network.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from pipelines.configs import InferConfig
+from pipelines.evaluation.judging import RegionOwners
+from pipelines.evaluation.predictions import RowPredictions
+from pipelines.evaluation.truth import FrameTruth, TruthReader
+from pipelines.formats.graspnet import FrameFiles
+from pipelines.formats.rgbd import Frame
+from pipelines.geometry.regions_geometric import geometric_regions
+from pipelines.geometry.symmetry import SymmetrySlots
+from pipelines.geometry.transforms import invert, transform_points
+from pipelines.grasping.gripper import Gripper
+from pipelines.grasping.observation import RegionCloud, SceneCloud
+from pipelines.grasping.region_grasping import plan_planar, plan_random, plan_region
+from pipelines.grasping.selection import RankedGrasps
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+NUM_POINTS = 1500  # of a region that carry affordance, as the network has
+
+
+@dataclass(frozen=True)
+class Planner:
+    """The baselines with what they have in common: the hand and the settings of `infer`."""
+
+    reader: TruthReader
+    gripper: Gripper
+    config: InferConfig
+
+    def rows(
+        self,
+        masks: list[Mask],
+        owners: RegionOwners,
+        files: FrameFiles,
+        truth: FrameTruth,
+        rng: np.random.Generator,
+    ) -> dict[str, RowPredictions]:
+        """Return the rows oracle, planar and random on the regions `masks` of one frame."""
+        if not masks:
+            nothing = RowPredictions([], [])
+            return {"oracle": replace(nothing, slots=[]), "planar": nothing, "random": nothing}
+        scene = self.observe(self.reader.root.read_frame(files), rng)
+        regions = [RegionCloud.from_mask(mask, scene) for mask in masks]
+        selection, gripper = self.config.selection, self.gripper
+        slots = [true_slots(instance, truth) for instance in owners.instance]
+        oracle = [
+            self._plan_with_truth(region, scene, known, owner, truth, rng)
+            for region, known, owner in zip(regions, slots, owners.object_id, strict=True)
+        ]
+        planar = [plan_planar(region, scene, gripper, selection) for region in regions]
+        drawn = [plan_random(region, scene, gripper, selection, rng) for region in regions]
+        return {
+            "oracle": RowPredictions.from_ranked(oracle, slots),
+            "planar": RowPredictions.from_ranked(planar),
+            "random": RowPredictions.from_ranked(drawn),
+        }
+
+    def observe(self, frame: Frame, rng: np.random.Generator) -> SceneCloud:
+        """Return the frame as `infer` sees it: depth, and the support plane found in it."""
+        found = geometric_regions(frame.depth, frame.intrinsics, self.config.region, rng)
+        return SceneCloud(frame.depth.astype(np.float64), frame.intrinsics, found.plane)
+
+    def _plan_with_truth(
+        self,
+        region: RegionCloud,
+        scene: SceneCloud,
+        slots: SymmetrySlots,
+        owner: int,
+        truth: FrameTruth,
+        rng: np.random.Generator,
+    ) -> RankedGrasps:
+        thinned = _thinned(region, rng)
+        affordance = self._true_affordance(thinned.points, owner, truth)
+        return plan_region(thinned, scene, slots, affordance, self.gripper, self.config.selection)
+
+    def _true_affordance(self, points: Array, owner: int, truth: FrameTruth) -> Array:
+        """Return (n,) the affordance of the object's surface nearest to `points`, camera frame."""
+        if owner not in truth.scene.poses or not len(points):
+            return np.zeros(len(points))
+        labels = self.reader.affordance(owner)
+        local = transform_points(invert(truth.scene.poses[owner]), points)
+        _, nearest = KDTree(labels.points).query(local)
+        return np.asarray(labels.affordance[nearest], np.float64)
+
+
+def true_slots(instance: int, truth: FrameTruth) -> SymmetrySlots:
+    """Return the slots of the true region with index `instance`; none for -1."""
+    if instance < 0:
+        return SymmetrySlots.empty()
+    return SymmetrySlots.from_symmetries(truth.instances[instance].symmetries)
+
+
+def _thinned(region: RegionCloud, rng: np.random.Generator) -> RegionCloud:
+    if len(region) <= NUM_POINTS:
+        return region
+    kept = np.sort(rng.choice(len(region), NUM_POINTS, replace=False))
+    return replace(region, points=region.points[kept], normals=region.normals[kept])

@@ -1,0 +1,146 @@
+"""From predictions and ground truth of one frame to its record."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.configs import EvaluateConfig
+from pipelines.evaluation.predictions import FramePredictions, RowPredictions
+from pipelines.evaluation.records import (
+    FrameRecord,
+    JudgedPredictions,
+    RowRecord,
+    threshold_key,
+)
+from pipelines.evaluation.truth import FrameTruth
+from pipelines.geometry.symmetry import SymmetrySlots
+from pipelines.grasping.gripper import Gripper
+from pipelines.metrics.grasp_verdicts import Verdict, judge_grasp
+from pipelines.metrics.mask_overlap import mask_iou, match_masks, owner_of
+from pipelines.metrics.symmetry_matching import (
+    CORRECT,
+    KINDS,
+    WRONG,
+    PredictedSymmetry,
+    judge_symmetries,
+    scored_symmetries,
+)
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class RegionOwners:
+    """Whose the predicted regions are; one entry a region, -1 for nobody's.
+
+    Attributes:
+        object_id: the object that most of the region covers.
+        instance: index of the true symmetric region it overlaps most.
+    """
+
+    object_id: list[int]
+    instance: list[int]
+
+
+def assign_regions(
+    masks: Sequence[Mask], truth: FrameTruth, config: EvaluateConfig
+) -> RegionOwners:
+    """Return to which object and to which true region each predicted mask belongs."""
+    objects = [owner_of(mask, truth.label, config.min_region_share) - 1 for mask in masks]
+    iou = mask_iou(masks, [instance.mask for instance in truth.instances])
+    if iou.size == 0:
+        return RegionOwners(objects, [-1] * len(masks))
+    nearest = np.where(iou.max(axis=1) >= config.min_region_iou, iou.argmax(axis=1), -1)
+    return RegionOwners(objects, nearest.tolist())
+
+
+def judge_frame(
+    predictions: FramePredictions,
+    owners: RegionOwners,
+    rows: dict[str, RowPredictions],
+    truth: FrameTruth,
+    gripper: Gripper,
+    config: EvaluateConfig,
+) -> FrameRecord:
+    """Return the record of one frame, all `rows` on the same regions."""
+    return FrameRecord(
+        predictions.name,
+        truth.split,
+        predictions.seconds,
+        _judge_masks(predictions, truth, config.mask_iou),
+        {name: _judge_row(row, owners, truth, gripper, config) for name, row in rows.items()},
+    )
+
+
+def _judge_masks(
+    predictions: FramePredictions, truth: FrameTruth, min_iou: float
+) -> JudgedPredictions:
+    iou = mask_iou(predictions.masks, [instance.mask for instance in truth.instances])
+    matched = match_masks(predictions.confidence, iou, min_iou)
+    verdicts = np.where(matched >= 0, CORRECT, WRONG).tolist()
+    found = {threshold_key(min_iou): verdicts}
+    return JudgedPredictions(len(truth.instances), list(predictions.confidence), found)
+
+
+def _judge_row(
+    row: RowPredictions,
+    owners: RegionOwners,
+    truth: FrameTruth,
+    gripper: Gripper,
+    config: EvaluateConfig,
+) -> RowRecord:
+    verdicts = [
+        _judge_object(object_id, row, owners, truth, gripper) for object_id in truth.visible
+    ]
+    if row.slots is None:
+        return RowRecord(verdicts)
+    return RowRecord(verdicts, _judge_slots(row.slots, owners, truth, config))
+
+
+def _judge_object(
+    object_id: int, row: RowPredictions, owners: RegionOwners, truth: FrameTruth, gripper: Gripper
+) -> Verdict:
+    """Return the verdict on the best grasp of all regions of one object."""
+    regions = [i for i, owner in enumerate(owners.object_id) if owner == object_id]
+    if not regions:
+        return Verdict(object_id, "no region")
+    chosen = max(regions, key=lambda i: row.rank_score[i])
+    if not len(row.best[chosen]):
+        return Verdict(object_id, "no grasp")
+    return judge_grasp(truth.scene, object_id, row.best[chosen], gripper)
+
+
+def _judge_slots(
+    slots: Sequence[SymmetrySlots],
+    owners: RegionOwners,
+    truth: FrameTruth,
+    config: EvaluateConfig,
+) -> dict[str, JudgedPredictions]:
+    """Return the verdicts on every slot of every region, whatever its existence: AP ranks them."""
+    predicted = [
+        PredictedSymmetry(symmetry, float(region.existence[slot]), owner)
+        for region, owner in zip(slots, owners.instance, strict=True)
+        for slot, symmetry in region.existing(threshold=0.0)
+    ]
+    return {
+        kind: _judge_kind([p for p in predicted if p.symmetry.kind == kind], kind, truth, config)
+        for kind in KINDS
+    }
+
+
+def _judge_kind(
+    predicted: Sequence[PredictedSymmetry], kind: str, truth: FrameTruth, config: EvaluateConfig
+) -> JudgedPredictions:
+    sphere = kind == "sphere"
+    thresholds = (config.sphere_threshold,) if sphere else config.symmetry_thresholds
+    return JudgedPredictions(
+        sum(len(scored_symmetries(region, kind)) for region in truth.regions),
+        [prediction.confidence for prediction in predicted],
+        {
+            threshold_key(t): judge_symmetries(predicted, truth.regions, t).tolist()
+            for t in thresholds
+        },
+    )

@@ -1,0 +1,85 @@
+"""What is judged: the regions of a frame, and one method's best grasp and symmetries on each."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.formats.grasps_file import FrameResult, RegionTable
+from pipelines.geometry.symmetry import SPHERE_SLOT, SymmetrySlots
+from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.selection import RankedGrasps
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class RowPredictions:
+    """One method on the regions of a frame; lists have one entry a region.
+
+    Attributes:
+        best: best grasp, camera frame; empty or one grasp.
+        rank_score: of the best grasp; -inf where there is none.
+        slots: symmetries, camera frame; None for a method that predicts none.
+    """
+
+    best: list[Grasps]
+    rank_score: list[float]
+    slots: list[SymmetrySlots] | None = None
+
+    @classmethod
+    def from_ranked(
+        cls, ranked: list[RankedGrasps], slots: list[SymmetrySlots] | None = None
+    ) -> "RowPredictions":
+        """Return the best of each region's grasps, which are in order."""
+        score = [float(r.rank_score[0]) if len(r) else -np.inf for r in ranked]
+        return cls([r.grasps[:1] for r in ranked], score, slots)
+
+
+@dataclass(frozen=True)
+class FramePredictions:
+    """What `infer` wrote about one frame; lists have one entry a region.
+
+    Attributes:
+        name: of the frame.
+        seconds: that it took.
+        masks: (H, W) each.
+        confidence: of the detector.
+        row: best grasps and symmetries.
+    """
+
+    name: str
+    seconds: float
+    masks: list[Mask]
+    confidence: list[float]
+    row: RowPredictions
+
+    @classmethod
+    def from_result(cls, result: FrameResult) -> "FramePredictions":
+        """Return one frame of a `grasps.h5`."""
+        regions, grasps = result.regions, result.grasps
+        best: list[Grasps] = [Grasps.empty() for _ in range(len(regions))]
+        score = [-np.inf] * len(regions)
+        for i in np.flatnonzero(grasps.is_best).tolist():
+            region = int(grasps.region[i])
+            best[region] = Grasps(grasps.rotation[i], grasps.translation[i], grasps.width[i])
+            score[region] = float(grasps.rank_score[i])
+        slots = [_slots(regions, region) for region in range(len(regions))]
+        return cls(
+            result.name,
+            result.seconds,
+            [regions.mask(region, *result.size) for region in range(len(regions))],
+            [float(value) for value in regions.confidence],
+            RowPredictions(best, score, slots),
+        )
+
+
+def _slots(regions: RegionTable, region: int) -> SymmetrySlots:
+    """Return a region's slots; those without parameters do not exist."""
+    point = np.asarray(regions.symmetry_point[region], np.float64)
+    direction = np.asarray(regions.symmetry_direction[region], np.float64)
+    known = np.isfinite(point).all(axis=1)
+    known &= np.isfinite(direction).all(axis=1) | (np.arange(len(point)) == SPHERE_SLOT)
+    existence = np.where(known, np.nan_to_num(regions.existence[region].astype(np.float64)), 0.0)
+    return SymmetrySlots(existence, point, direction)

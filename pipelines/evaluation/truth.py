@@ -1,0 +1,125 @@
+"""The ground truth of a frame of a GraspNet root, as the metrics want it."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.configs import EvaluateConfig
+from pipelines.formats import affordance_labels
+from pipelines.formats.affordance_labels import AffordanceLabels
+from pipelines.formats.graspnet import FrameFiles, GraspNetRoot, SceneFiles, split_of_scene
+from pipelines.formats.meshes import read_mesh
+from pipelines.formats.regioned_objects import read_regioned_object
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.mesh import sample_surface
+from pipelines.geometry.region_masks import RegionInstance, visible_regions
+from pipelines.geometry.transforms import rotate_vectors, transform_points
+from pipelines.metrics.grasp_verdicts import TrueObject, TrueScene
+from pipelines.metrics.mesh_collision import MeshCollider
+from pipelines.metrics.symmetry_matching import TrueRegion
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+SURFACE_POINTS = 20000  # a point every 2 mm on an object of the size of a hand
+ERROR_POINTS = 500  # of a region, that the dense symmetry error is averaged over
+MIN_ERROR_POINTS = 20  # fewer do not span a region
+
+
+@dataclass(frozen=True)
+class FrameTruth:
+    """What is true of one frame.
+
+    Attributes:
+        intrinsics: of the camera.
+        split: seen, similar, novel or train.
+        label: (H, W) object id + 1, 0 = background.
+        visible: ids of the objects that count, ascending.
+        scene: meshes, poses, table.
+        instances: symmetric regions that are visible, with their masks.
+        regions: the same, as the symmetry metrics want them.
+    """
+
+    intrinsics: Intrinsics
+    split: str
+    label: NDArray[np.uint8]
+    visible: list[int]
+    scene: TrueScene
+    instances: list[RegionInstance]
+    regions: list[TrueRegion]
+
+
+@dataclass
+class TruthReader:
+    """Reads frames of a root; objects are read once and kept."""
+
+    root: GraspNetRoot
+    config: EvaluateConfig
+    _objects: dict[int, TrueObject] = field(default_factory=dict)
+    _affordance: dict[int, AffordanceLabels] = field(default_factory=dict)
+    _cameras: dict[Path, Intrinsics] = field(default_factory=dict)
+
+    def read(self, files: FrameFiles) -> FrameTruth:
+        """Read one frame."""
+        label = self.root.read_label(files)
+        poses = {p.object_id: p.T_cam_obj for p in self.root.read_annotation(files)}
+        scene_files = self.root.scene(files.scene_id, files.camera)
+        table = scene_files.table_from_camera(files.frame_id)
+        intrinsics = self._intrinsics(scene_files)
+        scene = TrueScene({i: self.object(i) for i in poses}, poses, table)
+        counts = np.bincount(label.ravel(), minlength=256)
+        visible = [i for i in sorted(poses) if counts[i + 1] >= self.config.min_visible_pixels]
+        instances = self._instances(label, intrinsics, poses, visible)
+        regions = [
+            TrueRegion(region_points(instance, scene, intrinsics), tuple(instance.symmetries))
+            for instance in instances
+        ]
+        split = split_of_scene(files.scene_id)
+        return FrameTruth(intrinsics, split, label, visible, scene, instances, regions)
+
+    def object(self, object_id: int) -> TrueObject:
+        """Return an object's mesh, surface points and collider."""
+        if object_id not in self._objects:
+            mesh = read_mesh(self.root.model_path(object_id))
+            rng = np.random.default_rng(object_id)
+            points, normals, _ = sample_surface(mesh, SURFACE_POINTS, rng)
+            self._objects[object_id] = TrueObject(mesh, points, normals, MeshCollider(mesh))
+        return self._objects[object_id]
+
+    def affordance(self, object_id: int) -> AffordanceLabels:
+        """Return what `refine-grasps` found of an object."""
+        if object_id not in self._affordance:
+            path = self.root.affordance_path(object_id)
+            self._affordance[object_id] = affordance_labels.read(path)
+        return self._affordance[object_id]
+
+    def _instances(
+        self,
+        label: NDArray[np.uint8],
+        intrinsics: Intrinsics,
+        poses: dict[int, Array],
+        visible: list[int],
+    ) -> list[RegionInstance]:
+        """Return the regions of visible objects that are themselves large enough to count."""
+        objects = {i: read_regioned_object(self.root.root, i) for i in visible}
+        found = visible_regions(label, intrinsics, sorted(poses.items()), objects)
+        return [i for i in found if i.mask.sum() >= self.config.min_visible_pixels]
+
+    def _intrinsics(self, scene: SceneFiles) -> Intrinsics:
+        if scene.camera_folder not in self._cameras:
+            self._cameras[scene.camera_folder] = scene.intrinsics
+        return self._cameras[scene.camera_folder]
+
+
+def region_points(instance: RegionInstance, scene: TrueScene, intrinsics: Intrinsics) -> Array:
+    """Return (n, 3) points, camera frame, of the region's true surface that the camera sees."""
+    target, pose = scene.objects[instance.object_id], scene.poses[instance.object_id]
+    points, normals = transform_points(pose, target.points), rotate_vectors(pose, target.normals)
+    pixels = np.rint(intrinsics.project(points)).astype(np.int64)
+    inside = (points[:, 2] > 0) & (np.einsum("ni,ni->n", points, normals) < 0)
+    inside &= ((pixels >= 0) & (pixels < (intrinsics.width, intrinsics.height))).all(axis=1)
+    inside[inside] = instance.mask[pixels[inside, 1], pixels[inside, 0]]
+    seen = points[inside] if inside.sum() >= MIN_ERROR_POINTS else points
+    return np.asarray(seen[:: max(1, len(seen) // ERROR_POINTS)])

@@ -3,21 +3,22 @@
 import coacd
 import numpy as np
 import trimesh
+from numpy.typing import NDArray
 
 from pipelines.geometry.mesh import Mesh
 
 CONVEX_ENOUGH = 0.95  # share of its convex hull's volume that a mesh fills
 
 
-def convex_hull(mesh: Mesh) -> Mesh:
-    """Return the convex hull of `mesh`."""
-    hull = trimesh.convex.convex_hull(mesh.vertices)
+def hull_of_points(points: NDArray[np.float64]) -> Mesh:
+    """Return the convex hull of `points` (n, 3)."""
+    hull = trimesh.convex.convex_hull(points)
     return Mesh(np.asarray(hull.vertices), np.asarray(hull.faces))
 
 
 def convex_pieces(mesh: Mesh, *, seed: int = 0) -> tuple[Mesh, ...]:
     """Return convex meshes that together fill `mesh`: its hull if that is close enough."""
-    hull = convex_hull(mesh)
+    hull = hull_of_points(mesh.vertices)
     if mesh.is_watertight and mesh.volume > CONVEX_ENOUGH * hull.volume:
         return (hull,)
     coacd.set_log_level("error")

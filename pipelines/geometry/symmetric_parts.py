@@ -29,6 +29,7 @@ NUM_SUPPORT_SAMPLES = 8000
 NUM_CANDIDATES = 6
 MIN_AREA_SHARE = 0.06  # smaller parts are left out
 MIN_COMPONENT_SHARE = 0.95  # of the area in large components, or the mesh is cut by convexity
+MAX_MEAN_NORMAL = 0.75  # 0 for a closed surface, 0.5 for a bowl, 1 for a flat sheet
 CONVEXITY = 0.1  # coacd's concavity threshold
 MAX_PIECES = 8
 # coacd's own settings take half a minute an object; these find the same few large pieces.
@@ -97,7 +98,8 @@ def _supported_body(
         if mesh.face_areas[faces].sum() < config.min_region_support * mesh.area:
             continue
         body = max(components(mesh, faces), key=lambda part: float(mesh.face_areas[part].sum()))
-        if mesh.face_areas[body].sum() < config.min_region_support * mesh.area:
+        enough = mesh.face_areas[body].sum() >= config.min_region_support * mesh.area
+        if not enough or _is_patch(mesh.submesh(body)):
             continue
         found = analyse(mesh.submesh(body), config, rng).symmetries
         return SymmetricRegion("body", body, found if has_slot(found) else [candidate])
@@ -179,11 +181,17 @@ def _outside(corners: Array, points: Array) -> Array:
     return np.asarray((points @ equations[:, :3].T + equations[:, 3]).max(axis=1))
 
 
+def _is_patch(part: Mesh) -> bool:
+    """Return whether all of `part` looks to one side: fingers cannot close on it."""
+    mean = part.face_areas @ part.face_normals / part.area
+    return float(np.linalg.norm(mean)) > MAX_MEAN_NORMAL
+
+
 def _piece_region(
     mesh: Mesh, piece: Faces, name: str, config: AnnotateSymmetryConfig, rng: np.random.Generator
 ) -> SymmetricRegion | None:
     part = mesh.submesh(piece)
-    if diameter(part.vertices[np.unique(part.faces)]) < config.min_region_extent:
+    if diameter(part.vertices[np.unique(part.faces)]) < config.min_region_extent or _is_patch(part):
         return None
     found = analyse(part, config, rng).symmetries
     return SymmetricRegion(name, piece, found) if has_slot(found) else None

@@ -156,7 +156,10 @@ def _discrete_rotation(
         order = int(np.clip(np.round(np.pi / max(float(between), 1e-3)), 2, config.max_order))
         if abs(between - np.pi / order) < PAIR_TOLERANCE:
             guesses.append((order, _common_line(first, second)))
-    guesses.sort(key=_order_of, reverse=True)
+    # Of a box's three half turns, the one about its longest side.
+    spread = [float(np.ptp(shape.samples.points @ axis[:3]).round(2)) for _, axis in guesses]
+    ranked = sorted(range(len(guesses)), key=lambda i: (-guesses[i][0], -spread[i]))
+    guesses = [guesses[i] for i in ranked]
     if not guesses:  # a shape with a turn but no mirror, such as a propeller
         guesses = _searched_turns(shape, grid, config)
     for order, axis in guesses:
@@ -166,10 +169,6 @@ def _discrete_rotation(
         if fit.holds(config):
             return _rotation(shape, refined, order, fit)
     return None
-
-
-def _order_of(guess: tuple[int, Array]) -> int:
-    return guess[0]
 
 
 def _common_line(first: Array, second: Array) -> Array:

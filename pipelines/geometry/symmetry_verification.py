@@ -21,6 +21,8 @@ Mask = NDArray[np.bool_]
 
 # Worst of these decides whether a rotation is continuous; no n-gon up to 12 has all of them.
 VERIFICATION_ANGLES = tuple(np.radians([25.0, 47.0, 77.0, 104.0, 131.0, 155.0, 180.0]))
+# Of the diameter: a flat sheet is its own mirror image, and nothing follows from that.
+MIN_DISPLACEMENT = 0.004
 SUPPORT_DISTANCE = 0.012  # of the diameter
 SUPPORT_COSINE = 0.85  # of the image's normal and the surface's: 32 degrees
 
@@ -55,6 +57,7 @@ class Fit:
             and self.p95 <= config.max_p95
             and self.p99 <= config.max_p99
             and self.agreement >= config.min_agreement
+            and self.displacement >= MIN_DISPLACEMENT
         )
 
     @property

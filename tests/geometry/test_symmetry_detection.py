@@ -1,0 +1,142 @@
+"""Detection against shapes whose symmetries are known, in any pose."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+from symmetric_shapes import ball, box, cylinder, hex_prism, l_shape, pebble
+
+from pipelines.configs import AnnotateSymmetryConfig
+from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SphereSymmetry
+from pipelines.geometry.symmetry_detection import detect_symmetries
+from pipelines.geometry.transforms import make_pose, random_rotation
+
+QUICK = AnnotateSymmetryConfig(num_samples=8000, num_verification_samples=1000)
+TOLERANCE_DEG = 0.3
+
+
+def detect(mesh, seed=0):
+    return detect_symmetries(mesh, QUICK, np.random.default_rng(seed))
+
+
+def planes_of(symmetries):
+    return [s for s in symmetries if isinstance(s, ReflectionSymmetry)]
+
+
+def axes_of(symmetries):
+    return [s for s in symmetries if isinstance(s, RotationSymmetry)]
+
+
+def angle_deg(a, b):
+    return np.degrees(np.arccos(min(1.0, abs(float(np.dot(a, b))))))
+
+
+def assert_same_symmetries(found, expected, size):
+    assert len(found) == len(expected)
+    for symmetry in expected:
+        alike = [other for other in found if other.kind == symmetry.kind]
+        if symmetry.kind == "sphere":
+            offset = np.linalg.norm(alike[0].point - symmetry.point)
+            assert offset < 0.005 * size
+            continue
+        nearest = min(alike, key=lambda other: angle_deg(other.direction, symmetry.direction))
+        assert angle_deg(nearest.direction, symmetry.direction) < TOLERANCE_DEG
+        gap = nearest.counterpart(symmetry.point) - symmetry.point
+        assert np.linalg.norm(gap) < 0.01 * size
+
+
+def test_a_box_has_its_three_planes_and_no_continuous_axis():
+    found = detect(box())
+    normals = [plane.normal for plane in planes_of(found)]
+    assert len(normals) == 3
+    assert_allclose(np.sort(np.abs(normals).argmax(axis=1)), [0, 1, 2])
+    assert all(angle_deg(n, np.eye(3)[np.abs(n).argmax()]) < TOLERANCE_DEG for n in normals)
+    assert all(axis.order is not None for axis in axes_of(found))
+
+
+def test_the_planes_of_a_cube_are_those_its_faces_look_along():
+    found = detect(box(0.06, 0.06, 0.06))
+    normals = np.abs([plane.normal for plane in planes_of(found)])
+    assert_allclose(np.sort(normals.max(axis=1)), 1.0, atol=1e-3)
+
+
+def test_a_cylinder_has_its_axis_and_the_plane_across_it():
+    found = detect(cylinder())
+    (axis,), (plane,) = axes_of(found), planes_of(found)
+    assert axis.order is None
+    assert angle_deg(axis.axis, [0, 0, 1]) < TOLERANCE_DEG
+    assert angle_deg(plane.normal, [0, 0, 1]) < TOLERANCE_DEG
+
+
+def test_a_cone_has_its_axis_and_no_plane():
+    import trimesh
+
+    cone = trimesh.creation.cone(0.04, 0.09, sections=64)
+    found = detect(Mesh(np.asarray(cone.vertices), np.asarray(cone.faces)))
+    assert [symmetry.kind for symmetry in found] == ["rotation"]
+    assert found[0].order is None
+
+
+def test_a_hexagonal_prism_turns_in_six_steps_and_not_continuously():
+    found = detect(hex_prism())
+    (axis,) = axes_of(found)
+    assert axis.order is not None
+    assert len(planes_of(found)) == 3
+
+
+def test_a_ball_is_a_sphere_and_nothing_else():
+    found = detect(ball())
+    assert [symmetry.kind for symmetry in found] == ["sphere"]
+    assert np.linalg.norm(found[0].point) < 1e-3
+
+
+def test_an_l_with_unequal_arms_has_one_plane():
+    (plane,) = planes_of(detect(l_shape()))
+    assert angle_deg(plane.normal, [0, 0, 1]) < TOLERANCE_DEG
+
+
+def test_a_pebble_has_no_symmetry():
+    assert detect(pebble()) == []
+
+
+@pytest.mark.parametrize("shape", [box, cylinder, hex_prism, l_shape, ball])
+@settings(max_examples=3, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_the_symmetries_move_with_the_mesh(shape, seed):
+    rng = np.random.default_rng(seed)
+    mesh, T = shape(), make_pose(random_rotation(rng), rng.normal(size=3))
+    expected = [symmetry.transformed(T) for symmetry in detect(mesh)]
+    found = detect(mesh.transformed(T))
+    if shape is hex_prism:  # any two upright planes at right angles will do
+        assert [s.kind for s in found] == [s.kind for s in expected]
+        return
+    assert_same_symmetries(found, expected, mesh.diagonal)
+
+
+def test_the_order_of_vertices_and_flipped_faces_change_nothing():
+    mesh, rng = l_shape(), np.random.default_rng(3)
+    order = rng.permutation(len(mesh.vertices))
+    rank = np.argsort(order)
+    shuffled = Mesh(mesh.vertices[order], rank[mesh.faces][::-1, ::-1])
+    assert_same_symmetries(detect(shuffled), detect(mesh), mesh.diagonal)
+
+
+def test_the_same_seed_gives_the_same_numbers():
+    first, second = detect(box(), seed=5), detect(box(), seed=5)
+    for a, b in zip(first, second, strict=True):
+        assert_allclose(a.point, b.point, rtol=0, atol=0)
+        assert_allclose(a.direction, b.direction, rtol=0, atol=0)
+
+
+def test_the_error_is_far_below_the_threshold_of_a_true_positive():
+    assert all(symmetry.error < 0.02 for symmetry in detect(cylinder()))
+
+
+def test_a_sphere_with_a_cap_cut_off_is_no_sphere():
+    mesh = ball()
+    kept = mesh.triangles.mean(axis=1)[:, 2] < 0.0
+    found = detect(mesh.submesh(kept))
+    assert not any(isinstance(symmetry, SphereSymmetry) for symmetry in found)
+    assert [axis.order for axis in axes_of(found)] == [None]

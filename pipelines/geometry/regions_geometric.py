@@ -88,11 +88,11 @@ def segment(xyz: Array, top: Tabletop, config: RegionConfig) -> Labels:
     `xyz`: (H, W, 3) metres, camera frame, nan where missing.
     """
     crease = concave_creases(xyz, top, config)
-    parts = _connected(xyz, top.foreground & ~crease, top.foreground, config)
+    parts = _connected(xyz, top.foreground & ~crease, config)
     sizes = np.bincount(parts.ravel())
     big = sizes >= config.min_pixels
     big[0] = False
-    whole = _connected(xyz, top.foreground, top.foreground, config)
+    whole = _connected(xyz, top.foreground, config)
     labels = _attach(xyz, np.where(big[parts], parts, 0), whole, top.foreground)
     return _sound_regions(xyz, labels, top, config)
 
@@ -130,7 +130,7 @@ def _shifted(image: Array, down: int, right: int) -> Array:
     return moved
 
 
-def _connected(xyz: Array, mask: Mask, foreground: Mask, config: RegionConfig) -> Labels:
+def _connected(xyz: Array, mask: Mask, config: RegionConfig) -> Labels:
     """Label the pieces of `mask` (H, W) whose depth has no step; 0 elsewhere."""
     index = np.full(mask.shape, -1, np.int64)
     index[mask] = np.arange(mask.sum())
@@ -138,14 +138,14 @@ def _connected(xyz: Array, mask: Mask, foreground: Mask, config: RegionConfig) -
     rows, columns = [], []
     for span in range(1, GAP + 1):
         for axis in (0, 1):
-            i, j = _pairs(index, axis, span)
-            a, b = _pairs(z, axis, span)
-            joined = (i >= 0) & (j >= 0)
-            joined &= np.abs(a - b) < config.depth_step * np.maximum(a, 0.5) * (1 + 0.25 * span)
+            near, far = _ends(axis, span)
+            joined = mask[near] & mask[far]
+            step = config.depth_step * np.maximum(z[near], 0.5) * (1 + 0.25 * span)
+            joined &= np.abs(z[near] - z[far]) < step
             for between in range(1, span):  # only where nothing was measured between
-                joined &= _between(foreground | (z > 0), axis, span, between)
-            rows.append(i[joined])
-            columns.append(j[joined])
+                joined &= _between(z > 0, axis, span, between)
+            rows.append(index[near][joined])
+            columns.append(index[far][joined])
     row, column = np.concatenate(rows), np.concatenate(columns)
     size = int(mask.sum())
     graph = coo_matrix((np.ones(len(row), bool), (row, column)), (size, size))
@@ -154,12 +154,10 @@ def _connected(xyz: Array, mask: Mask, foreground: Mask, config: RegionConfig) -
     return labels
 
 
-def _pairs(
-    image: NDArray[np.generic], axis: int, span: int
-) -> tuple[NDArray[np.generic], NDArray[np.generic]]:
-    first = image[:-span] if axis == 0 else image[:, :-span]
-    second = image[span:] if axis == 0 else image[:, span:]
-    return first, second
+def _ends(axis: int, span: int) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
+    """Return the slices of the pixels that have a partner `span` along `axis`, and of these."""
+    keep, move = slice(None, -span), slice(span, None)
+    return ((keep,), (move,)) if axis == 0 else ((slice(None), keep), (slice(None), move))
 
 
 def _between(measured: Mask, axis: int, span: int, offset: int) -> Mask:

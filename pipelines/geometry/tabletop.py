@@ -92,7 +92,8 @@ class Footprint:
         cells = np.zeros((height, width), np.uint8)
         cv2.fillConvexPoly(cells, cv2.convexHull(((flat - low) / CELL).astype(np.int32)), 1)
         size = 2 * round(margin / CELL) + 1
-        return cls(axes, low, cv2.dilate(cells, np.ones((size, size), np.uint8)))
+        wide = cv2.dilate(cells, np.ones((size, size), np.uint8))
+        return cls(axes, low, np.asarray(wide, np.uint8))
 
     def contains(self, points: Array) -> Mask:
         """Return which of `points` (n, 3) lie over it."""
@@ -186,7 +187,8 @@ def _ransac(
     coefficients: Array = hypotheses[(error < tolerance).sum(axis=0).argmax()]
     for _ in range(4):
         inliers = np.abs(design @ coefficients - disparity) < tolerance
-        coefficients = np.linalg.lstsq(design[inliers], disparity[inliers], rcond=None)[0]
+        fitted = np.linalg.lstsq(design[inliers], disparity[inliers], rcond=None)[0]
+        coefficients = np.asarray(fitted, np.float64)
     return coefficients
 
 
@@ -198,9 +200,7 @@ def _plane_of(coefficients: Array, intrinsics: Intrinsics) -> Plane:
     """Return the plane, normal toward the camera, of 1/z = a u + b v + c."""
     a, b, c = coefficients
     # u = fx x/z + cx, so 1 = a fx x + b fy y + (a cx + b cy + c) z.
-    n = np.array(
-        [a * intrinsics.fx, b * intrinsics.fy, a * intrinsics.cx + b * intrinsics.cy + c]
-    )
+    n = np.array([a * intrinsics.fx, b * intrinsics.fy, a * intrinsics.cx + b * intrinsics.cy + c])
     length = float(np.linalg.norm(n))
     return Plane(n / length, -1.0 / length).facing(np.zeros(3))
 

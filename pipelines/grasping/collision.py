@@ -15,6 +15,7 @@ from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.observation import Surroundings
 
 Array = NDArray[np.float64]
+Singles = NDArray[np.float32]
 Counts = NDArray[np.int64]
 
 CHUNK_ELEMENTS = 500_000  # bounds the memory of one pass
@@ -80,7 +81,7 @@ def _sweep_chunk(
 
 
 def _enclosed(
-    local: Array, along: Array, around: Array, angles: Array, boxes: Array
+    local: Singles, along: Singles, around: Singles, angles: Array, boxes: Singles
 ) -> Array:
     """Return (k, m) how far points between the fingers reach in from the tips' line."""
     tip, half = boxes[0, 1, 1, 0], boxes[0, 1, 1, 2]
@@ -96,7 +97,7 @@ def _enclosed(
     return result
 
 
-def _local(grasps: Grasps, points: Array) -> NDArray[np.float32]:
+def _local(grasps: Grasps, points: Array) -> Singles:
     """Return (3, k, n) the coordinates of `points` (n, 3) in each grasp's frame.
 
     Single precision: a micrometre at arm's length, and half the memory to walk through.
@@ -108,9 +109,7 @@ def _local(grasps: Grasps, points: Array) -> NDArray[np.float32]:
     return np.asarray(flat.reshape(3, len(grasps), len(points)) - origin[..., None])
 
 
-def _turned(
-    x: NDArray[np.float32], z: NDArray[np.float32], angles: Array
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _turned(x: Singles, z: Singles, angles: Array) -> tuple[Singles, Singles]:
     """Return coordinates (n, m) along approach and third axis after turning the hand."""
     cosine, sine = np.cos(angles).astype(np.float32), np.sin(angles).astype(np.float32)
     return x[:, None] * cosine + z[:, None] * sine, z[:, None] * cosine - x[:, None] * sine

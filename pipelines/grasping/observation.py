@@ -68,7 +68,7 @@ class SceneCloud:
     def around(self, region: "RegionCloud", reach: float, resolution: float) -> Surroundings:
         """Return the points within `reach` metres of the region's ball, thinned to `resolution`."""
         low, high = region.points.min(axis=0), region.points.max(axis=0)
-        centre, radius = (low + high) / 2.0, np.linalg.norm(high - low) / 2.0 + reach
+        centre, radius = (low + high) / 2.0, float(np.linalg.norm(high - low)) / 2.0 + reach
         rows, columns = self._window(centre, radius)
         xyz, own = self.xyz[rows, columns], region.mask[rows, columns]
         near = np.linalg.norm(xyz - centre, axis=-1) < radius  # False where nan

@@ -128,7 +128,7 @@ def _slice_pairs(
     config: SelectionConfig,
 ) -> tuple[Array, Array]:
     """Return contacts (k, 2, 3) and quality (k,) of the best pairs of one slice."""
-    inside = cv2.medianBlur((view.depth <= depth).astype(np.uint8), 3)
+    inside = np.asarray(cv2.medianBlur((view.depth <= depth).astype(np.uint8), 3), np.uint8)
     boundary, outward = _boundary(inside)
     if len(boundary) < 2:
         return np.zeros((0, 2, 3)), np.zeros(0)
@@ -157,11 +157,10 @@ def _slice_pairs(
 def _boundary(inside: NDArray[np.uint8]) -> tuple[Array, Array]:
     """Return boundary cells (n, 2) as (column, row), evenly taken, and outward normals (n, 2)."""
     contours, _ = cv2.findContours(inside, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-    if not contours:
+    long = [contour[:, 0] for contour in contours if len(contour) > 4]
+    if not long:
         return np.zeros((0, 2)), np.zeros((0, 2))
-    cells = np.concatenate([contour[:, 0] for contour in contours if len(contour) > 4] or [[]])
-    if not len(cells):
-        return np.zeros((0, 2)), np.zeros((0, 2))
+    cells = np.concatenate(long)
     cells = cells[:: max(1, len(cells) // MAX_BOUNDARY)]
     smooth = cv2.GaussianBlur(inside.astype(np.float64), (0, 0), 2.0)
     column, row = cells.T

@@ -48,7 +48,7 @@ def plan_region(
         pairs.slot,
         "network",
     )
-    turns = np.arange(config.num_approach_angles) * (2 * np.pi / config.num_approach_angles)
+    turns = np.linspace(0.0, 2 * np.pi, config.num_approach_angles, endpoint=False)
     found = select(candidates, turns, region, scene, gripper, config)
     return found if len(found) else plan_planar(region, scene, gripper, config)
 
@@ -99,11 +99,11 @@ def plan_random(
         np.full(count, -1, np.int64),
         "random",
     )
-    turns = np.arange(config.num_approach_angles) * (2 * np.pi / config.num_approach_angles)
+    turns = np.linspace(0.0, 2 * np.pi, config.num_approach_angles, endpoint=False)
     return select(candidates, turns, region, scene, gripper, config)
 
 
 def _base_approach(region: RegionCloud, scene: SceneCloud, count: int) -> Array:
-    """Return (count, 3) the direction that angle 0 comes closest to: into the table, or the view."""
+    """Return (count, 3) the direction nearest to angle 0: into the table, or the view."""
     base = scene.inward if scene.inward is not None else unit(np.median(region.points, axis=0))
     return np.broadcast_to(base, (count, 3)).copy()

@@ -75,9 +75,7 @@ class RankedGrasps:
     def empty(cls) -> "RankedGrasps":
         """Return no grasps."""
         zero = np.zeros(0)
-        return cls(
-            Grasps.empty(), zero, np.zeros(0, np.int64), np.zeros(0, "U7"), zero, zero, zero
-        )
+        return cls(Grasps.empty(), zero, np.zeros(0, np.int64), np.zeros(0, "U7"), zero, zero, zero)
 
     def __len__(self) -> int:
         return len(self.grasps)
@@ -185,5 +183,5 @@ def _centredness(grasps: Grasps, region: RegionCloud) -> Array:
 
 def _steadiest(steady: Array, config: SelectionConfig) -> NDArray[np.int64]:
     """Return the indices of the candidates that are worth ranking, steadiest first."""
-    order = np.argsort(-steady, kind="stable")[:MAX_RANKED]
+    order: NDArray[np.int64] = np.argsort(-steady, kind="stable")[:MAX_RANKED]
     return order[steady[order] >= config.steadiness * steady.max(initial=0.0)]

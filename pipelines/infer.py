@@ -1,0 +1,234 @@
+"""Stage `infer`: RGB-D frames in, ranked grasps out (Sec. III-E, III-F).
+
+Reads   a folder of RGB-D frames in any layout that `formats/frames.py` knows; weights
+Writes  one `grasps.h5` for all frames; with overlays, a picture a frame
+
+Each finished frame is a shard beside the output until all are done, so a run that was killed
+goes on where it stopped, and ends with the same bytes. A frame that cannot be read is listed as
+failed and does not stop the others; a frame with nothing to grasp is `empty`.
+"""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.configs import InferConfig
+from pipelines.errors import UnknownNameError, ValueRangeError
+from pipelines.formats import grasps_file
+from pipelines.formats.camera_files import CameraFile
+from pipelines.formats.frames import FrameSource, find_frames, read_masks
+from pipelines.formats.grasps_file import FrameResult
+from pipelines.formats.gripper_files import load_gripper
+from pipelines.formats.overlays import write_overlay
+from pipelines.formats.provenance import Stamp, digest, is_finished, make_stamp, read_stamp
+from pipelines.inference import models
+from pipelines.inference.frame_grasps import Planner
+from pipelines.inference.regions import SOURCES
+
+STAGE = "infer"
+METHODS = ("network", "planar", "random")
+
+
+@dataclass(frozen=True)
+class InferPaths:
+    """Where `infer` reads from and writes to; None where something is not wanted.
+
+    Attributes:
+        frames: folder of RGB-D frames.
+        output: `grasps.h5`.
+        overlays: folder for pictures.
+        masks: folder of the user's instance masks, instead of found regions.
+        detector: weights of the region detector.
+        network: weights of the grasp network.
+    """
+
+    frames: Path
+    output: Path
+    overlays: Path | None = None
+    masks: Path | None = None
+    detector: Path = models.DETECTOR_WEIGHTS
+    network: Path = models.NETWORK_WEIGHTS
+
+    def with_weights(self, detector: Path | None, network: Path | None) -> "InferPaths":
+        """Return the same paths with other weights; None keeps what is there."""
+        return replace(self, detector=detector or self.detector, network=network or self.network)
+
+
+@dataclass(frozen=True)
+class _Settings:
+    """What every frame of a run is treated with; picklable."""
+
+    paths: InferPaths
+    config: InferConfig
+    seed: int
+    device: str
+    timings: bool
+
+    @property
+    def uses_detector(self) -> bool:
+        return self.config.regions in ("auto", "detector") and self.paths.masks is None
+
+    @property
+    def uses_network(self) -> bool:
+        return self.config.method == "network"
+
+    def weights(self) -> dict[str, str]:
+        """Return the digests of the weights that are used."""
+        wanted = {}
+        if self.uses_detector:
+            path = models.existing_weights(self.paths.detector, "symgrasp finetune-detector")
+            wanted["detector"] = digest(path)
+        if self.uses_network:
+            path = models.existing_weights(self.paths.network, "symgrasp train")
+            wanted["network"] = digest(path)
+        return wanted
+
+    def other_inputs(self) -> dict[str, str]:
+        """Return the digests of the gripper and the user's masks."""
+        others = {"gripper": _text_digest(repr(load_gripper(self.config.gripper)))}
+        if self.paths.masks is not None:
+            pictures = sorted(self.paths.masks.rglob("*.png"))
+            others["masks"] = _text_digest("".join(f"{p.name} {digest(p)}" for p in pictures))
+        return others
+
+    def planner(self) -> Planner:
+        """Return the planner, its networks loaded once a process."""
+        return Planner(
+            self.config,
+            load_gripper(self.config.gripper),
+            models.detector(self.paths.detector, self.device) if self.uses_detector else None,
+            models.predictor(self.paths.network, self.device) if self.uses_network else None,
+        )
+
+
+def run(
+    paths: InferPaths,
+    config: InferConfig,
+    options: BatchOptions,
+    *,
+    camera: CameraFile | None = None,
+    depth_units_per_metre: float | None = None,
+    seed: int = 0,
+    device: str = "auto",
+    timings: bool = False,
+) -> StageReport:
+    """Find grasps in all frames of `paths.frames`.
+
+    Args:
+        paths: what to read and write.
+        config: how.
+        options: workers, overwrite, dry run.
+        camera: intrinsics of all frames, instead of the files beside them.
+        depth_units_per_metre: unit of the depth files, instead of what the files say.
+        seed: of everything that is drawn at random.
+        device: for the networks.
+        timings: write the seconds a frame took; the file then differs from run to run.
+
+    Raises:
+        SymgraspError: no frames, unknown names, weights missing, or the output was made otherwise.
+    """
+    _check_names(config)
+    settings = _Settings(paths, config, seed, device, timings)
+    sources = find_frames(
+        paths.frames, intrinsics=camera, depth_units_per_metre=depth_units_per_metre
+    )
+    weights = settings.weights()
+    common = weights | settings.other_inputs()
+    common["overrides"] = _text_digest(f"{camera} {depth_units_per_metre} {timings}")
+    items = [_item(source, settings, common) for source in sources]
+    stamp = _whole_stamp(items, settings, common)
+    if is_finished(paths.output, stamp, overwrite=options.overwrite):
+        return _finished_report(paths, sources)
+    if not options.dry_run:
+        _drop_stale_shards(items)
+    resumed = replace(options, overwrite=False)  # shards are of this very run
+    report = run_batch(STAGE, items, partial(infer_frame, settings=settings), resumed)
+    if not options.dry_run:
+        results = [_result(item, report) for item in items]
+        grasps_file.write(paths.output, results, stamp, weights)
+        grasps_file.remove_shards(paths.output)
+    return report
+
+
+def infer_frame(item: WorkItem, settings: _Settings) -> str | None:
+    """Write the shard of one frame; return a note where it is empty."""
+    (source,) = item.arguments
+    frame = source.read()
+    folder = settings.paths.masks
+    masks = None if folder is None else read_masks(folder, source.name)
+    if masks is not None and masks.shape != frame.depth.shape:
+        raise ValueRangeError(
+            f"size of the masks of {source.name}", masks.shape, f"{frame.depth.shape}"
+        )
+    result = settings.planner().plan(frame, np.random.default_rng(settings.seed), masks)
+    result = replace(
+        result, name=source.name, seconds=result.seconds if settings.timings else np.nan
+    )
+    if settings.paths.overlays is not None:
+        write_overlay(overlay_path(settings.paths.overlays, source.name), frame, result)
+    grasps_file.write_shard(item.target, result, item.stamp)
+    return result.message or None
+
+
+def overlay_path(folder: Path, frame_name: str) -> Path:
+    """Return where the picture of a frame goes."""
+    return folder / f"{frame_name}.png"
+
+
+def _check_names(config: InferConfig) -> None:
+    for kind, name, known in (
+        ("regions", config.regions, SOURCES),
+        ("method", config.method, METHODS),
+    ):
+        if name not in known:
+            raise UnknownNameError(kind, name, known)
+    load_gripper(config.gripper)
+
+
+def _item(source: FrameSource, settings: _Settings, common: dict[str, str]) -> WorkItem:
+    inputs = common | {path.name: digest(path) for path in source.files}
+    stamp = make_stamp(STAGE, settings.config, seed=settings.seed, inputs=inputs)
+    target = grasps_file.shard_path(settings.paths.output, source.name)
+    return WorkItem(source.name, target, stamp, (source,))
+
+
+def _whole_stamp(items: Sequence[WorkItem], settings: _Settings, common: dict[str, str]) -> Stamp:
+    frames = _text_digest("\n".join(f"{item.name} {item.stamp.as_text()}" for item in items))
+    inputs = common | {"frames": frames}
+    return make_stamp(STAGE, settings.config, seed=settings.seed, inputs=inputs)
+
+
+def _text_digest(text: str) -> str:
+    return "sha256:" + hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _drop_stale_shards(items: Sequence[WorkItem]) -> None:
+    """Remove shards that a killed run with other settings left: nobody waits for them."""
+    for item in items:
+        if item.target.exists() and read_stamp(item.target) != item.stamp.as_json():
+            item.target.unlink()
+
+
+def _result(item: WorkItem, report: StageReport) -> FrameResult:
+    if item.name in report.failed:
+        return FrameResult(item.name, "failed", report.failed[item.name], seconds=np.nan)
+    return grasps_file.read_shard(item.target)
+
+
+def _finished_report(paths: InferPaths, sources: Sequence[FrameSource]) -> StageReport:
+    """Return what the finished output says; pictures that are missing are drawn from it."""
+    report = StageReport(STAGE)
+    results = grasps_file.read(paths.output).results()
+    for source, result in zip(sources, results, strict=True):
+        if result.status == "failed":
+            report.failed[result.name] = result.message
+            continue
+        report.skipped.append(result.name)
+        if paths.overlays is not None and not overlay_path(paths.overlays, result.name).exists():
+            write_overlay(overlay_path(paths.overlays, result.name), source.read(), result)
+    return report

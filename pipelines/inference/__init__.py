@@ -1,0 +1,1 @@
+"""What `infer` does with one frame: models, regions, grasps."""

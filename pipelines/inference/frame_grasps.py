@@ -1,0 +1,172 @@
+"""One frame in, its regions and ranked grasps out."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.configs import InferConfig
+from pipelines.formats.grasps_file import FrameResult, GraspTable, RegionTable
+from pipelines.formats.rgbd import Frame
+from pipelines.geometry.symmetry import SymmetrySlots
+from pipelines.grasping.decoding import average_symmetries
+from pipelines.grasping.gripper import Gripper
+from pipelines.grasping.observation import RegionCloud, SceneCloud
+from pipelines.grasping.region_grasping import MIN_POINTS, plan_planar, plan_random, plan_region
+from pipelines.grasping.selection import RankedGrasps
+from pipelines.inference.regions import Detector, Region, find_regions
+
+Array = NDArray[np.float64]
+
+
+class RegionPrediction(Protocol):
+    """What the network says of one region's n points, camera frame."""
+
+    @property
+    def points(self) -> NDArray[Any]:
+        """(n, 3) metres."""
+
+    @property
+    def affordance(self) -> NDArray[Any]:
+        """(n,) 0 to 1."""
+
+    @property
+    def existence(self) -> NDArray[Any]:
+        """(n, 5) probabilities."""
+
+    @property
+    def center(self) -> NDArray[Any]:
+        """(n, 5, 3) metres."""
+
+    @property
+    def direction(self) -> NDArray[Any]:
+        """(n, 5, 3) unit."""
+
+
+class Predictor(Protocol):
+    """What predicts affordance and symmetries of region clouds."""
+
+    def predict(self, clouds: Sequence[Array]) -> Sequence[RegionPrediction]:
+        """Return one prediction for each cloud (n, 3), camera frame."""
+
+
+@dataclass(frozen=True)
+class Planner:
+    """Everything that turns regions into grasps; without networks where these are None."""
+
+    config: InferConfig
+    gripper: Gripper
+    detector: Detector | None = None
+    predictor: Predictor | None = None
+
+    def plan(
+        self, frame: Frame, rng: np.random.Generator, masks: NDArray[np.int32] | None = None
+    ) -> FrameResult:
+        """Return the regions and grasps of `frame`; `masks` (H, W) are the user's, if any."""
+        started = time.monotonic()
+        found = find_regions(frame, self.config, rng, self.detector, masks)
+        scene = SceneCloud(frame.depth.astype(np.float64), frame.intrinsics, found.geometric.plane)
+        regions = found.regions
+        clouds = [RegionCloud.from_mask(region.mask, scene) for region in regions]
+        plans = self._plans(clouds, scene, rng)
+        grasps = [plan.grasps for plan in plans]
+        count = sum(len(ranked) for ranked in grasps)
+        return FrameResult(
+            name=frame.name,
+            status="ok" if count else "empty",
+            message="" if count else _why_empty(len(regions)),
+            intrinsics=frame.intrinsics,
+            seconds=time.monotonic() - started,
+            regions=region_table(regions, plans),
+            grasps=grasp_table(grasps, self.config.max_grasps_per_region),
+        )
+
+    def _plans(
+        self, clouds: list[RegionCloud], scene: SceneCloud, rng: np.random.Generator
+    ) -> list["_Plan"]:
+        selection = self.config.selection
+        if self.config.method == "random":
+            return [
+                _Plan(plan_random(cloud, scene, self.gripper, selection, rng)) for cloud in clouds
+            ]
+        if self.predictor is None:
+            return [_Plan(plan_planar(c, scene, self.gripper, selection)) for c in clouds]
+        large = [index for index, cloud in enumerate(clouds) if len(cloud) >= MIN_POINTS]
+        predictions = self.predictor.predict([clouds[index].points for index in large])
+        plans = [_Plan(RankedGrasps.empty()) for _ in clouds]
+        for index, prediction in zip(large, predictions, strict=True):
+            plans[index] = self._symmetric_plan(clouds[index], scene, prediction)
+        return plans
+
+    def _symmetric_plan(
+        self, cloud: RegionCloud, scene: SceneCloud, prediction: RegionPrediction
+    ) -> "_Plan":
+        affordance = np.asarray(prediction.affordance, np.float64)
+        slots = average_symmetries(
+            prediction.existence, prediction.center, prediction.direction, affordance
+        )
+        sampled = cloud.at(prediction.points)
+        ranked = plan_region(sampled, scene, slots, affordance, self.gripper, self.config.selection)
+        return _Plan(ranked, slots, float(affordance.mean()), float(affordance.max()))
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """The grasps of one region and what they rest on; affordance nan where none was predicted."""
+
+    grasps: RankedGrasps
+    slots: SymmetrySlots | None = None
+    affordance_mean: float = np.nan
+    affordance_max: float = np.nan
+
+
+def region_table(regions: list[Region], plans: list[_Plan]) -> RegionTable:
+    """Return one frame's regions as columns."""
+    slots = [plan.slots or SymmetrySlots.empty() for plan in plans]
+    return RegionTable.from_masks(
+        [region.mask for region in regions],
+        confidence=[region.confidence for region in regions],
+        source=[region.source for region in regions],
+        existence=np.array([s.existence for s in slots]).reshape(-1, 5),
+        symmetry_point=np.array([s.point for s in slots]).reshape(-1, 5, 3),
+        symmetry_direction=np.array([s.direction for s in slots]).reshape(-1, 5, 3),
+        affordance_mean=[plan.affordance_mean for plan in plans],
+        affordance_max=[plan.affordance_max for plan in plans],
+    )
+
+
+def grasp_table(ranked: list[RankedGrasps], limit: int) -> GraspTable:
+    """Return the best `limit` grasps of each region as columns, the first of each marked best."""
+    kept = [grasps[:limit] for grasps in ranked]
+    counts = [len(grasps) for grasps in kept]
+
+    def column(name: str) -> NDArray[Any]:
+        return np.concatenate([np.zeros(0), *(getattr(grasps, name) for grasps in kept)])
+
+    def geometry(name: str, shape: tuple[int, ...]) -> NDArray[Any]:
+        parts = [getattr(grasps.grasps, name) for grasps in kept]
+        return np.concatenate([np.zeros((0, *shape)), *parts])
+
+    return GraspTable(
+        region=np.repeat(np.arange(len(kept)), counts),
+        rotation=geometry("rotation", (3, 3)),
+        translation=geometry("translation", (3,)),
+        width=geometry("width", ()),
+        contacts=geometry("contacts", (2, 3)),
+        affordance=column("affordance"),
+        symmetry_slot=column("slot"),
+        source=np.concatenate([np.zeros(0, object), *(g.source.astype(object) for g in kept)]),
+        clearance=column("clearance"),
+        enclosed_height=column("enclosed_height"),
+        rank_score=column("rank_score"),
+        is_best=np.concatenate([np.zeros(0, bool), *(np.arange(n) == 0 for n in counts)]),
+    )
+
+
+def _why_empty(num_regions: int) -> str:
+    if num_regions == 0:
+        return "nothing stands out from its support; is an object within reach of the camera?"
+    return f"none of {num_regions} regions has a grasp that the gripper reaches without collision"

@@ -1,0 +1,84 @@
+"""`symgrasp infer`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from symgrasp_cli.options import (
+    Backend,
+    Device,
+    DryRun,
+    Overwrite,
+    Seed,
+    Workers,
+    batch_options,
+)
+from symgrasp_cli.report import conclude
+
+
+def infer(
+    frames: Annotated[
+        Path, typer.Argument(help="Folder of RGB-D frames: flat, GraspNet scenes, demo folders.")
+    ],
+    out: Annotated[Path, typer.Option(help="The file of grasps to write.")] = Path("grasps.h5"),
+    overlays: Annotated[
+        Path | None, typer.Option(help="Folder for a picture of every frame's grasps.")
+    ] = None,
+    regions: Annotated[
+        str,
+        typer.Option(
+            help="Where regions come from: detector, geometric (what stands on the table), or "
+            "auto, the detector's completed with geometric ones."
+        ),
+    ] = "auto",
+    masks: Annotated[
+        Path | None,
+        typer.Option(help="Folder of instance masks, NAME_label.png, to use as regions instead."),
+    ] = None,
+    gripper: Annotated[
+        str, typer.Option(help="rg2, robotiq_2f85, franka, or the path of a TOML file.")
+    ] = "rg2",
+    method: Annotated[
+        str, typer.Option(help="network, or planar or random as baselines without it.")
+    ] = "network",
+    intrinsics: Annotated[
+        str | None, typer.Option(help="fx,fy,cx,cy in pixels, or a camera file, for all frames.")
+    ] = None,
+    depth_units_per_metre: Annotated[
+        float | None, typer.Option(help="What depth values are divided by to give metres.")
+    ] = None,
+    detector: Annotated[
+        Path | None, typer.Option(help="Weights of the region detector, if not the default.")
+    ] = None,
+    network: Annotated[
+        Path | None, typer.Option(help="Weights of the grasp network, if not the default.")
+    ] = None,
+    timings: Annotated[
+        bool,
+        typer.Option("--timings", help="Write each frame's seconds; files then differ by run."),
+    ] = False,
+    device: Device = "auto",
+    workers: Workers = 1,
+    backend: Backend = "loky",
+    seed: Seed = 0,
+    overwrite: Overwrite = False,
+    dry_run: DryRun = False,
+) -> None:
+    """Find ranked grasps in RGB-D frames."""
+    from pipelines import infer as stage
+    from pipelines.configs import InferConfig
+    from pipelines.formats.camera_files import parse_camera
+
+    paths = stage.InferPaths(frames, out, overlays, masks)
+    report = stage.run(
+        paths.with_weights(detector, network),
+        InferConfig(regions=regions, method=method, gripper=gripper),
+        batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run),
+        camera=None if intrinsics is None else parse_camera(intrinsics),
+        depth_units_per_metre=depth_units_per_metre,
+        seed=seed,
+        device=device,
+        timings=timings,
+    )
+    conclude(report)

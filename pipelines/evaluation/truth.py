@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import EvaluateConfig
+from pipelines.errors import MissingInputError
 from pipelines.formats import affordance_labels
 from pipelines.formats.affordance_labels import AffordanceLabels
 from pipelines.formats.graspnet import FrameFiles, GraspNetRoot, SceneFiles, split_of_scene
@@ -92,6 +93,8 @@ class TruthReader:
         """Return what `refine-grasps` found of an object."""
         if object_id not in self._affordance:
             path = self.root.affordance_path(object_id)
+            if not path.is_file():
+                raise MissingInputError(path, "symgrasp refine-grasps")
             self._affordance[object_id] = affordance_labels.read(path)
         return self._affordance[object_id]
 

@@ -1,0 +1,85 @@
+"""Figures from frame records whose means and precisions are known."""
+
+import math
+
+import pytest
+
+from pipelines.evaluation.figures import frame_figures, report_rows
+from pipelines.evaluation.records import FrameRecord, JudgedPredictions, RowRecord
+from pipelines.metrics.grasp_verdicts import Verdict
+
+THRESHOLDS = (0.25, 0.134)
+SPHERE = 0.05
+NO_MASKS = JudgedPredictions(0)
+
+
+def judged(verdicts: list[int], num_truth: int, key: str = "0.25") -> JudgedPredictions:
+    confidence = [0.9 - 0.1 * i for i in range(len(verdicts))]
+    return JudgedPredictions(num_truth, confidence, {key: verdicts, "0.134": verdicts})
+
+
+def frame(split: str, row: RowRecord, masks: JudgedPredictions = NO_MASKS) -> FrameRecord:
+    return FrameRecord("f", split, 0.1, masks, {"ours": row})
+
+
+def held(quality: float) -> Verdict:
+    return Verdict(0, "held", quality, 1.0 - quality, quality, quality)
+
+
+def figures(*records: FrameRecord) -> dict:
+    return frame_figures(records, "ours", THRESHOLDS, SPHERE)
+
+
+def test_objects_without_grasp_count_as_zero_and_stand_apart():
+    missing = Verdict(1, "no region")
+    found = figures(frame("seen", RowRecord([held(0.8), missing])))
+    assert found["grasp_quality"] == pytest.approx(0.4)
+    assert found["grasp_quality_predicted"] == pytest.approx(0.8)
+    assert found["antipodal_score"] == pytest.approx(0.4)
+    assert found["reasons"] == {"no region": 1, "held": 1}
+
+
+def test_a_collision_counts_as_predicted():
+    found = figures(frame("seen", RowRecord([held(0.8), Verdict(1, "collision")])))
+    assert found["grasp_quality_predicted"] == pytest.approx(0.4)
+
+
+def test_predictions_of_all_frames_are_ranked_together():
+    planes = {"reflection": judged([1, 0], 1)}
+    found = figures(
+        frame("seen", RowRecord([], planes)),
+        frame("novel", RowRecord([], {"reflection": judged([0, 1], 1)})),
+    )
+    # By confidence: right and wrong tie at 0.9, in file order; then wrong and right at 0.8.
+    assert found["symmetry_ap"]["reflection"] == pytest.approx(0.5 * 1.0 + 0.5 * 0.5)
+
+
+def test_ignored_predictions_are_neither_right_nor_wrong():
+    with_ignored = figures(frame("seen", RowRecord([], {"rotation": judged([-1, 1], 1)})))
+    assert with_ignored["symmetry_ap"]["rotation"] == 1.0
+
+
+def test_what_has_no_truth_is_none():
+    found = figures(frame("seen", RowRecord([], {"reflection": judged([0], 0)})))
+    assert found["symmetry_ap"] == {"reflection": None, "rotation": None, "sphere": None}
+    assert found["mask_ap50"] is None
+    assert found["grasp_quality"] is None
+
+
+def test_masks_that_are_all_found_have_average_precision_one():
+    masks = JudgedPredictions(2, [0.9, 0.8], {"0.5": [1, 1]})
+    assert figures(frame("seen", RowRecord([]), masks))["mask_ap50"] == 1.0
+
+
+def test_the_whole_is_all_splits_and_train_shows_only_if_evaluated():
+    records = [frame("seen", RowRecord([held(1.0)])), frame("novel", RowRecord([held(0.5)]))]
+    rows = report_rows(records, THRESHOLDS, SPHERE)
+    assert list(rows) == ["ours"]
+    assert list(rows["ours"]) == ["seen", "similar", "novel", "all"]
+    assert rows["ours"]["all"]["grasp_quality"] == pytest.approx(0.75)
+    trained = report_rows([frame("train", RowRecord([]))], THRESHOLDS, SPHERE)
+    assert "train" in trained["ours"]
+
+
+def test_friction_without_force_closure_stays_infinite_in_memory():
+    assert math.isinf(Verdict(0, "no contact").min_friction)

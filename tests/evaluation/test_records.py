@@ -1,0 +1,50 @@
+"""Records of a scene survive being written and read."""
+
+import pytest
+
+from pipelines.errors import FormatError
+from pipelines.evaluation.records import (
+    FrameRecord,
+    JudgedPredictions,
+    RowRecord,
+    read_records,
+    threshold_key,
+    write_records,
+)
+from pipelines.formats.files import write_json
+from pipelines.formats.provenance import is_finished, make_stamp
+from pipelines.metrics.grasp_verdicts import Verdict
+
+STAMP = make_stamp("evaluate", {"a": 1})
+RECORD = FrameRecord(
+    "scenes/scene_0100/kinect/0000",
+    "seen",
+    0.25,
+    JudgedPredictions(2, [0.9], {"0.5": [1]}),
+    {
+        "ours": RowRecord(
+            [Verdict(3, "held", 0.7, 0.3, 0.9, 0.8), Verdict(4, "no contact")],
+            {"sphere": JudgedPredictions(1, [0.5], {"0.05": [0]})},
+        )
+    },
+)
+
+
+def test_records_read_as_they_were_written(tmp_path):
+    write_records(tmp_path / "scene.json", [RECORD], STAMP)
+    assert read_records(tmp_path / "scene.json") == [RECORD]
+
+
+def test_written_records_are_finished_for_their_stamp(tmp_path):
+    write_records(tmp_path / "scene.json", [RECORD], STAMP)
+    assert is_finished(tmp_path / "scene.json", STAMP)
+
+
+def test_another_json_file_is_refused(tmp_path):
+    write_json(tmp_path / "scene.json", {"rows": []})
+    with pytest.raises(FormatError, match="not the records"):
+        read_records(tmp_path / "scene.json")
+
+
+def test_thresholds_are_named_as_they_are_written_down():
+    assert [threshold_key(t) for t in (0.25, 0.067, 0.5)] == ["0.25", "0.067", "0.5"]

@@ -8,8 +8,8 @@ import numpy as np
 from pipelines.errors import UnknownNameError
 from pipelines.geometry.mesh import Mesh
 from pipelines.geometry.symmetry import Symmetry
+from pipelines.synthesis.catalogue import NOVEL, SEEN, make_shape
 from pipelines.synthesis.decomposition import hull_of_points
-from pipelines.synthesis.families import NOVEL, SEEN, make_shape
 
 FAMILIES_OF_POOL = {"seen": tuple(SEEN), "similar": tuple(SEEN), "novel": tuple(NOVEL)}
 

@@ -59,6 +59,8 @@ def _search(
     below = [folder / "scenes"] if (folder / "scenes").is_dir() else sorted(folder.iterdir())
     sources = []
     for child in below:
+        if child.is_symlink() and folder.resolve().is_relative_to(child.resolve()):
+            continue  # a link to a folder above would be searched for ever
         if child.is_dir() and not child.name.startswith("."):
             name = f"{prefix}/{child.name}" if prefix else child.name
             sources += _search(child, name, options, camera)

@@ -55,7 +55,9 @@ GRASP_FRAME = "columns approach, closing, approach x closing; origin midway betw
 UNITS = {
     "frames": {"size": "pixel", "intrinsics": "pixel", "seconds": "s"},
     "regions": {"box": "pixel", "mask_counts": "pixel", "symmetry_point": "m"},
-    "grasps": {"translation": "m", "width": "m", "contacts": "m"},
+    "grasps": dict.fromkeys(
+        ("translation", "width", "contacts", "clearance", "enclosed_height"), "m"
+    ),
 }
 REGION_COLUMNS = (*RegionTable.SPEC, "mask_counts", "mask_start")
 

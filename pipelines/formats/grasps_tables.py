@@ -124,8 +124,8 @@ class GraspTable:
     affordance: NDArray[Any]  # f4 (g,) predicted, 0..1
     symmetry_slot: NDArray[Any]  # i4 (g,) slot that gave the counterpart, -1 for planar
     source: NDArray[Any]  # str (g,): network or planar
-    clearance: NDArray[Any]  # f4 (g,) b of Eq. 8
-    enclosed_height: NDArray[Any]  # f4 (g,) h of Eq. 8
+    clearance: NDArray[Any]  # f4 (g,) metres, b of Eq. 8
+    enclosed_height: NDArray[Any]  # f4 (g,) metres, h of Eq. 8
     rank_score: NDArray[Any]  # f4 (g,) s of Eq. 8, higher is better
     is_best: NDArray[Any]  # bool (g,) the one best of its region
     frame: NDArray[Any] = field(default_factory=lambda: np.zeros(0))  # i4 (g,) as in RegionTable

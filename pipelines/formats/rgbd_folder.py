@@ -106,6 +106,8 @@ def _flat_pairs(folder: Path) -> list[ImagePair]:
     """Pair files by name: `x_color`, `x-rgb`, `color_x`, `color`, `image` with their depth."""
     files = sorted(path for path in folder.iterdir() if path.is_file())
     colors = _by_stem(files, COLOR_SUFFIXES, COLOR_WORDS)
+    # x_depth_color.png is a picture of the depth, not a colour image.
+    colors = {stem: p for stem, p in colors.items() if _without_word(stem, ("depth",)) is None}
     depths = _by_stem(files, DEPTH_SUFFIXES, ("depth",))
     if "" in depths and "" not in colors:
         plain = next((path for path in files if path.stem == "image"), None)

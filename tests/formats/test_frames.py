@@ -67,6 +67,11 @@ def test_frames_are_named_and_sorted(flat: Path, color: np.ndarray) -> None:
     assert_array_equal(sources[0].read().color, color)
 
 
+def test_a_picture_of_the_depth_is_no_colour_image(flat: Path, color: np.ndarray) -> None:
+    cv2.imwrite(str(flat / "a_depth_color.png"), color)
+    assert [source.name for source in find_frames(flat)] == ["a", "b"]
+
+
 def test_sources_can_be_sent_to_other_processes(flat: Path) -> None:
     source = pickle.loads(pickle.dumps(find_frames(flat)[0]))
     assert source.read().name == "a"
@@ -79,6 +84,13 @@ def test_folders_of_folders_give_relative_names(tmp_path: Path, save: Save) -> N
     # Beside frames, nothing deeper is searched: native copies, masks, overlays lie there.
     save(tmp_path / "one/native/y_color.png", tmp_path / "one/native/y_depth.png", None)
     assert [source.name for source in find_frames(tmp_path)] == ["one/x", "two/deep/x"]
+
+
+def test_a_link_to_a_folder_above_ends_the_search(tmp_path: Path, save: Save) -> None:
+    folder = tmp_path / "one"
+    save(folder / "x_color.png", folder / "x_depth.png", None)
+    (tmp_path / "again").symlink_to(tmp_path)
+    assert [source.name for source in find_frames(tmp_path)] == ["one/x"]
 
 
 def test_a_demo_folder_is_named_after_itself(tmp_path: Path, save: Save) -> None:

@@ -1,0 +1,147 @@
+"""FORMATS.md says what is really in the files: names, ranks, types, units."""
+
+import json
+import re
+import tomllib
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from pipelines.formats import affordance_labels, grasps_file, packed_regions, symmetry_labels
+from pipelines.formats.affordance_labels import AffordanceLabels
+from pipelines.formats.graspnet_labels import GRID, GraspLabel, label_offsets, write_grasp_label
+from pipelines.formats.gripper_files import PRESETS
+from pipelines.formats.packed_regions import PackedScene
+from pipelines.formats.provenance import make_stamp
+from pipelines.formats.reports import write_report
+from pipelines.formats.symmetry_labels import ObjectSymmetries, RegionLabel
+from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry
+
+DOCUMENT = Path(__file__).resolve().parents[2] / "FORMATS.md"
+STAMP = make_stamp("test", {})
+TYPES = {"f4": "<f4", "f8": "<f8", "i4": "<i4", "i8": "<i8", "u4": "<u4", "bool": "|b1"}
+LINE = re.compile(r"^( *)\* ((?:`\w+`(?:, )?)+)(?: \(([^)]*)\))?(?: (\w+))?(?: \[(\w+)\])?")
+Fact = tuple[int, str, str]  # rank, type, unit
+
+
+def block(kind: str, name: str) -> str:
+    """The lines of FORMATS.md between `<!-- kind: name -->` and `<!-- end -->`."""
+    match = re.search(rf"<!-- {kind}: {re.escape(name)} -->\n(.*?)<!-- end -->", text(), re.DOTALL)
+    assert match is not None
+    return match[1]
+
+
+def text() -> str:
+    return DOCUMENT.read_text(encoding="utf-8")
+
+
+def documented(lines: str) -> dict[str, Fact]:
+    """Path of each dataset of an indented list, to its rank, type and unit."""
+    facts, group = {}, ""
+    for line in lines.splitlines():
+        match = LINE.match(line)
+        if match is None:
+            continue
+        indent, name, shape, dtype, unit = match.groups()
+        name = name.strip("`")
+        if shape == "group":
+            group = f"{name}/"
+            continue
+        prefix = group if indent else ""
+        facts[prefix + name] = (shape.count(",") + 1, dtype, unit or "")
+    return facts
+
+
+def stored(path: Path) -> dict[str, Fact]:
+    """The same of an HDF5 file."""
+    facts: dict[str, Fact] = {}
+
+    def visit(name: str, item: object) -> None:
+        if isinstance(item, h5py.Dataset):
+            is_text = h5py.check_string_dtype(item.dtype) is not None
+            names = [key for key, value in TYPES.items() if value == item.dtype.str]
+            dtype = "text" if is_text else names[0]
+            facts[name] = (item.ndim, dtype, str(item.attrs.get("units", "")))
+
+    with h5py.File(path) as file:
+        file.visititems(visit)
+    return facts
+
+
+def keys_of(lines: str, depth: int = 0) -> set[str]:
+    """The names that lines of one indentation give in backquotes before their colon."""
+    heads = [
+        line.split(":")[0] for line in lines.splitlines() if line.startswith("  " * depth + "* ")
+    ]
+    return {name for head in heads for name in re.findall(r"`(\w+)`", head)}
+
+
+def test_the_columns_of_grasps_h5_are_documented(tmp_path: Path) -> None:
+    grasps_file.write(tmp_path / "x.h5", [], STAMP)
+    assert stored(tmp_path / "x.h5") == documented(block("datasets", "grasps.h5"))
+
+
+def test_the_attributes_of_grasps_h5_are_documented(tmp_path: Path) -> None:
+    grasps_file.write(tmp_path / "x.h5", [], STAMP)
+    section = text().split("\n## grasps.h5\n")[1].split("<!--")[0]
+    with h5py.File(tmp_path / "x.h5") as file:
+        assert set(file.attrs) == keys_of(section, depth=1)
+
+
+def test_the_columns_of_affordance_files_are_documented(tmp_path: Path) -> None:
+    pairs, points = np.zeros((2, 3)), np.zeros((4, 3))
+    labels = AffordanceLabels(np.zeros((2, 2, 3)), pairs, np.zeros(2), points, points, np.zeros(4))
+    affordance_labels.write(tmp_path / "x.h5", labels, STAMP)
+    assert stored(tmp_path / "x.h5") == documented(block("datasets", "affordance"))
+
+
+def test_the_columns_of_packed_scenes_are_documented(tmp_path: Path) -> None:
+    slots = np.zeros((1, 5, 3))
+    ids, names = np.zeros(1), np.array(["a"], object)
+    scene = PackedScene(
+        np.zeros((1, 4, 3)), np.zeros((1, 4)), np.zeros((1, 5)), slots, slots, ids, ids, names
+    )
+    packed_regions.write(tmp_path / "x.h5", scene, STAMP)
+    assert stored(tmp_path / "x.h5") == documented(block("datasets", "packed"))
+
+
+def test_the_arrays_of_grasp_labels_are_documented(tmp_path: Path) -> None:
+    zeros = np.zeros((1, *GRID))
+    label = GraspLabel(np.zeros((1, 3)), label_offsets(zeros), zeros > 0, zeros)
+    write_grasp_label(tmp_path / "x.npz", label)
+    facts = documented(block("arrays", "grasp_label"))
+    with np.load(tmp_path / "x.npz") as arrays:
+        found = {name: (arrays[name].ndim, arrays[name].dtype.str) for name in arrays.files}
+    assert found == {name: (rank, TYPES[dtype]) for name, (rank, dtype, _) in facts.items()}
+
+
+def test_the_keys_of_symmetry_files_are_documented(tmp_path: Path) -> None:
+    plane = ReflectionSymmetry(np.array([1.0, 0, 0]), np.zeros(3))
+    axis = RotationSymmetry(np.array([1.0, 0, 0]), np.zeros(3))
+    region = RegionLabel("a", np.array([0]), (plane,))
+    symmetry_labels.write(
+        tmp_path / "x.json", ObjectSymmetries("o", (plane, axis), (region,)), STAMP
+    )
+    content = json.loads((tmp_path / "x.json").read_text())
+    lines = block("keys", "symmetry")
+    assert set(content) == keys_of(lines)
+    below = set().union(*content["symmetries"], *content["regions"])
+    assert below <= keys_of(lines, depth=1) | {"symmetries"}
+
+
+def test_the_keys_of_reports_are_documented(tmp_path: Path) -> None:
+    write_report(tmp_path / "x.json", {}, STAMP)
+    assert set(json.loads((tmp_path / "x.json").read_text())) == keys_of(block("keys", "report"))
+
+
+@pytest.mark.parametrize("path", sorted(PRESETS.glob("*.toml")), ids=lambda path: path.stem)
+def test_the_keys_of_grippers_are_documented(path: Path) -> None:
+    assert set(tomllib.loads(path.read_text())) == keys_of(block("keys", "gripper"))
+
+
+def test_every_link_of_the_table_leads_to_a_section() -> None:
+    headings = re.findall(r"^## (.+)$", text(), re.MULTILINE)
+    anchors = {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings}
+    assert set(re.findall(r"\]\(#([^)]+)\)", text())) <= anchors

@@ -29,11 +29,11 @@ from pipelines.formats.graspnet_labels import write_grasp_label
 from pipelines.formats.graspnet_layout import SPLITS
 from pipelines.formats.meshes import find_meshes, read_mesh, write_mesh
 from pipelines.formats.provenance import digest, make_stamp, write_sidecar
+from pipelines.synthesis.cameras import camera_folder
 from pipelines.synthesis.decomposition import convex_pieces
 from pipelines.synthesis.grasp_sampling import sample_grasp_label
 from pipelines.synthesis.pools import SyntheticObject, make_pool
 from pipelines.synthesis.scene_files import write_scene
-from pipelines.synthesis.viewpoints import camera_folder
 
 POOLS = ("seen", "similar", "novel")
 POOL_OF_SPLIT = {"train": "seen", "seen": "seen", "similar": "similar", "novel": "novel"}

@@ -23,9 +23,9 @@ from pipelines.formats.meshes import read_mesh
 from pipelines.formats.provenance import Stamp, write_sidecar
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.transforms import invert
+from pipelines.synthesis.cameras import camera_folder, drawn_viewpoints, intrinsics_of
 from pipelines.synthesis.grasp_sampling import scene_collisions
-from pipelines.synthesis.scenes import SceneLayout, SceneObject, View, record, settle
-from pipelines.synthesis.viewpoints import camera_folder, drawn_viewpoints, intrinsics_of
+from pipelines.synthesis.tables import SceneLayout, SceneObject, View, record, settle
 
 TAG_SCENE, TAG_COLLISION = 2, 3  # what a child seed is for
 

@@ -11,9 +11,9 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.mesh import Mesh
 from pipelines.geometry.rendering import Scene, cast_view
 from pipelines.geometry.transforms import make_pose
-from pipelines.synthesis.dropping import drop_objects
-from pipelines.synthesis.sensor import measured_depth
-from pipelines.synthesis.shading import drawn_lighting, drawn_texture, shade, table_texture
+from pipelines.synthesis.depth_sensors import measured_depth
+from pipelines.synthesis.lamplight import drawn_lighting, drawn_texture, shade, table_texture
+from pipelines.synthesis.settling import drop_objects
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,136 @@
+"""Stage synthesize: a small root, whole, resumable, as GraspNet lays it out."""
+
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+from numpy.testing import assert_allclose
+
+from pipelines import synthesize
+from pipelines.batch import BatchOptions
+from pipelines.configs import LabelConfig, SynthesizeConfig
+from pipelines.errors import SymgraspError
+from pipelines.formats import object_list
+from pipelines.formats.frames import find_frames
+from pipelines.formats.graspnet import GraspNetRoot
+from pipelines.formats.graspnet_labels import read_collision_labels, read_grasp_label
+from pipelines.formats.meshes import read_mesh
+from pipelines.geometry.transforms import transform_points
+
+QUIET = BatchOptions(progress=False)
+CONFIG = SynthesizeConfig(
+    splits=("train", "novel"),
+    scenes_per_split=1,
+    views=2,
+    objects_per_pool=3,
+    min_objects=2,
+    max_objects=3,
+    width=160,
+    height=120,
+    labels=LabelConfig(num_points=2),
+)
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("root")
+    report = synthesize.run(folder, CONFIG, QUIET, seed=4)
+    assert report.failed == {}
+    return folder
+
+
+def test_the_root_loads_in_the_graspnet_reader(root):
+    reader = GraspNetRoot(root)
+    assert reader.object_ids() == [0, 1, 2, 6, 7, 8]
+    assert reader.scene_ids() == [0, 160]
+    scene = reader.scene(160, "realsense")
+    assert set(scene.object_ids) <= {6, 7, 8}
+    assert scene.num_frames == 2
+    assert scene.camera_poses.shape == (2, 4, 4)
+    assert_allclose(scene.camera_poses[0], np.eye(4), atol=1e-9)
+
+
+def test_poses_masks_and_depth_agree(root):
+    reader = GraspNetRoot(root)
+    for frame in reader.scene(0, "realsense").frames():
+        recorded, label = reader.read_frame(frame), reader.read_label(frame)
+        cloud = recorded.intrinsics.backproject(recorded.depth)
+        for pose in reader.read_annotation(frame):
+            mine = cloud[(label == pose.object_id + 1) & (recorded.depth > 0)]
+            if len(mine) < 50:
+                continue
+            mesh = read_mesh(reader.model_path(pose.object_id))
+            local = transform_points(np.linalg.inv(pose.T_cam_obj), mine)
+            shape = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+            distance = np.abs(trimesh.proximity.closest_point(shape, local)[1])
+            assert np.median(distance) < 0.004
+
+
+def test_the_table_is_level_in_the_table_frame(root):
+    reader = GraspNetRoot(root)
+    scene = reader.scene(0, "realsense")
+    for frame in scene.frames():
+        recorded, label = reader.read_frame(frame), reader.read_label(frame)
+        T_table_cam = scene.cam0_wrt_table @ scene.camera_poses[frame.frame_id]
+        cloud = recorded.intrinsics.backproject(recorded.depth)[(label == 0) & (recorded.depth > 0)]
+        heights = transform_points(T_table_cam, cloud)[:, 2]
+        assert np.median(np.abs(heights[np.abs(heights) < 0.1])) < 0.004
+
+
+def test_frames_are_found_by_the_inference_reader(root):
+    frames = find_frames(root)
+    assert len(frames) == 4
+    assert frames[0].read().depth.shape == (120, 160)
+
+
+def test_labels_and_collisions_have_graspnets_shapes(root):
+    reader = GraspNetRoot(root)
+    label = read_grasp_label(reader.grasp_label_path(0))
+    assert label.offsets.shape == (2, 300, 12, 4, 3)
+    collisions = read_collision_labels(reader.collision_label_path(0))
+    assert len(collisions) == len(reader.scene(0, "realsense").object_ids)
+    assert all(array.shape == (2, 300, 12, 4) for array in collisions)
+
+
+def test_the_object_list_names_families_and_pools(root):
+    records = object_list.read(root / "objects.json")
+    assert [r.pool for r in records] == ["seen"] * 3 + ["novel"] * 3
+    assert all(r.family for r in records)
+
+
+def test_a_second_run_redoes_nothing_and_a_lost_scene_comes_back_the_same(root):
+    again = synthesize.run(root, CONFIG, QUIET, seed=4)
+    assert again.done == []
+    color = root / "scenes/scene_0160/realsense/rgb/0001.png"
+    depth = root / "scenes/scene_0160/realsense/depth/0001.png"
+    before = color.read_bytes(), depth.read_bytes()
+    shutil.rmtree(root / "scenes/scene_0160")
+    assert synthesize.run(root, CONFIG, QUIET, seed=4).done == ["scene 0160"]
+    assert (color.read_bytes(), depth.read_bytes()) == before
+
+
+def test_other_settings_are_refused(root):
+    report = synthesize.run(root, replace(CONFIG, views=3), QUIET, seed=4)
+    assert set(report.failed) == {"scene 0000", "scene 0160"}
+    assert report.exit_code == 1
+
+
+def test_the_users_own_meshes_are_taken(tmp_path):
+    for name, size in (("a", (0.05, 0.06, 0.1)), ("b", (0.04, 0.04, 0.12))):
+        trimesh.creation.box(size).export(tmp_path / f"{name}.stl")
+    config = replace(CONFIG, splits=("train",), labels=LabelConfig(num_points=0))
+    report = synthesize.run(tmp_path / "root", config, QUIET, models=tmp_path)
+    assert report.failed == {}
+    assert GraspNetRoot(tmp_path / "root").object_ids() == [0, 1]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"splits": ("dev",)}, {"scenes_per_split": 101}, {"objects_per_pool": 200}, {"sensor": "x"}],
+)
+def test_impossible_settings_are_refused_before_anything_is_written(tmp_path, change):
+    with pytest.raises(SymgraspError):
+        synthesize.run(tmp_path / "root", replace(CONFIG, **change), QUIET)
+    assert not (tmp_path / "root").exists()

@@ -23,6 +23,7 @@ log = logging.getLogger(__name__)
 MISSING_DEPTH = 65535  # saturated in 16-bit files of several sensors
 CANDIDATE_UNITS = (1000.0, 10000.0, 5000.0, 1.0)  # mm; 0.1 mm; TUM; metres
 NEAREST_SHARE = 0.3  # far background must not hide a table near the camera
+SAMPLE = 20_000  # pixels are enough for a median
 LIKELY_DEPTH = (0.15, 4.0)  # m, of the median of the nearest share
 
 
@@ -87,12 +88,14 @@ def read_depth(path: Path, units: DepthUnits) -> NDArray[np.float32]:
             path, "depth has 8 bits", "save the raw depth as a 16-bit PNG, in millimetres"
         )
     is_float = stored.dtype.kind == "f"
-    values = stored.astype(np.float64)
-    valid = np.isfinite(values) & (values > 0) & (is_float | (values != MISSING_DEPTH))
-    values = np.where(valid, values, 0.0)
-    depth = values / (units.floats if is_float else units.integers)
+    values = stored.astype(np.float32)
+    valid = np.isfinite(values) & (values > 0)
+    if not is_float:
+        valid &= stored != MISSING_DEPTH
+    values[~valid] = 0.0
+    depth = values / np.float32(units.floats if is_float else units.integers)
     _check_plausible(path, values, depth)
-    return depth.astype(np.float32)
+    return depth
 
 
 def read_pair(
@@ -163,6 +166,7 @@ def _check_plausible(path: Path, values: NDArray[Any], depth: NDArray[Any]) -> N
     )
 
 
-def _nearest_median(depth: NDArray[np.float64]) -> float:
+def _nearest_median(depth: NDArray[np.float32]) -> float:
+    depth = depth[:: max(1, depth.size // SAMPLE)]
     count = max(1, int(NEAREST_SHARE * depth.size))
     return float(np.median(np.partition(depth, count - 1)[:count]))

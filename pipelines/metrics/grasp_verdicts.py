@@ -18,7 +18,9 @@ from pipelines.metrics.mesh_collision import MeshCollider, hits_table
 Array = NDArray[np.float64]
 
 # Why an object scored what it did, in the order in which a grasp can fail.
-REASONS = ("no region", "no grasp", "collision", "no contact", "friction", "held")
+REASONS = ("no region", "no grasp", "too wide", "collision", "no contact", "friction", "held")
+
+WIDTH_SLACK = 1e-6  # metres; widths are stored in single precision
 
 
 @dataclass(frozen=True)
@@ -61,23 +63,26 @@ class Verdict:
 def judge_grasp(scene: TrueScene, object_id: int, grasp: Grasps, gripper: Gripper) -> Verdict:
     """Return the verdict on one `grasp`, camera frame, that is meant for `object_id`.
 
-    A grasp in collision has quality 0 and region score 0; its contacts are judged nevertheless.
+    A grasp in collision or too wide has quality 0 and region score 0; its contacts are judged
+    nevertheless.
     """
     target = scene.objects[object_id]
     local = grasp.transformed(invert(scene.poses[object_id]))
     contacts = close_fingers(target.mesh, local, gripper.opening(local.width))
     friction = min_friction(contacts)
-    colliding = collides(scene, grasp, gripper)
+    too_wide = float(grasp.width[0]) > gripper.max_width + WIDTH_SLACK
+    colliding = bool(collides(scene, grasp, gripper)[0])
+    failed = too_wide or colliding
     region = closing_region_score(
         target.points, target.normals, local, gripper, _other_points(scene, object_id)
     )
     return Verdict(
         object_id,
-        _reason(bool(colliding[0]), bool(contacts.found[0]), float(friction[0])),
-        float(quality(friction, colliding)[0]),
+        _reason(too_wide, colliding, bool(contacts.found[0]), float(friction[0])),
+        float(quality(friction, failed)[0]),
         float(friction[0]),
         float(contact_pair_score(contacts)[0]),
-        0.0 if colliding[0] else float(region[0]),
+        0.0 if failed else float(region[0]),
     )
 
 
@@ -101,7 +106,9 @@ def _other_points(scene: TrueScene, object_id: int) -> Array:
     return np.concatenate(parts) if parts else np.zeros((0, 3))
 
 
-def _reason(colliding: bool, touching: bool, friction: float) -> str:
+def _reason(too_wide: bool, colliding: bool, touching: bool, friction: float) -> str:
+    if too_wide:
+        return "too wide"
     if colliding:
         return "collision"
     if not touching:

@@ -55,6 +55,12 @@ def test_the_table_in_a_fingers_way_is_a_collision():
     assert judge_grasp(scene(FREE), 0, low, gripper()).reason == "collision"
 
 
+def test_a_grasp_that_the_hand_cannot_open_for_is_too_wide():
+    wide = Grasps(DOWN, np.array([0.0, 0.0, 0.08]), np.array(0.11))  # and 1 cm on each side
+    verdict = judge_grasp(scene(FREE), 0, wide, gripper())
+    assert (verdict.reason, verdict.quality) == ("too wide", 0.0)
+
+
 def test_a_grasp_of_air_has_no_contact():
     air = Grasps(DOWN, np.array([0.2, 0.0, 0.2]), np.array(0.04))
     verdict = judge_grasp(scene(FREE), 0, air, gripper())

@@ -1,0 +1,17 @@
+"""Print all speeds as one Markdown table: `python -m benchmarks`."""
+
+import sys
+
+from benchmarks import bench_dataset, bench_infer, bench_machine, bench_metrics
+from benchmarks.timing import markdown
+
+BENCHES = (bench_machine, bench_infer, bench_dataset, bench_metrics)
+
+
+def main() -> None:
+    """Run every bench, then print."""
+    sys.stdout.write(markdown([m for bench in BENCHES for m in bench.measure()]))
+
+
+if __name__ == "__main__":
+    main()

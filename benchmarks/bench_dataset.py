@@ -1,0 +1,72 @@
+"""Making data: labels of an object, symmetries of a mesh, frames packed a second."""
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.timing import Measurement, seconds_of
+from pipelines import annotate_symmetry, pack, refine_grasps, synthesize
+from pipelines.batch import BatchOptions
+from pipelines.configs import (
+    AnnotateSymmetryConfig,
+    LabelConfig,
+    PackConfig,
+    RefineGraspsConfig,
+    SynthesizeConfig,
+)
+from pipelines.formats.graspnet import GraspNetRoot
+from pipelines.formats.meshes import read_mesh
+from pipelines.synthesis.grasp_sampling import sample_grasp_label
+
+QUIET = BatchOptions(progress=False)
+NUM_OBJECTS, NUM_VIEWS = 6, 2
+LABELS = LabelConfig()
+SMALL = SynthesizeConfig(
+    splits=("train",),
+    scenes_per_split=1,
+    views=NUM_VIEWS,
+    objects_per_pool=NUM_OBJECTS,
+    min_objects=NUM_OBJECTS,
+    max_objects=NUM_OBJECTS,
+    labels=LabelConfig(num_points=16),
+)
+
+
+def measure() -> list[Measurement]:
+    """Return the speeds of the dataset stages on a dataset of one small scene."""
+    with tempfile.TemporaryDirectory() as folder:
+        root = GraspNetRoot(Path(folder) / "root")
+        made = synthesize.run(root.root, SMALL, QUIET)
+        annotated = annotate_symmetry.run(root.root, None, AnnotateSymmetryConfig(), options=QUIET)
+        refined = refine_grasps.run(root.root, RefineGraspsConfig(), options=QUIET)
+        return [
+            Measurement("synthesize a small scene", made.seconds, "s", _scene_note()),
+            Measurement("labels of an object", _label_seconds(root), "s", _label_note()),
+            Measurement("annotate-symmetry, a mesh", annotated.seconds / len(annotated.done), "s"),
+            Measurement("refine-grasps, an object", refined.seconds / len(refined.done), "s"),
+            Measurement("pack", 1.0 / _pack_seconds(root), "frames/s", _frame_note()),
+        ]
+
+
+def _label_seconds(root: GraspNetRoot) -> float:
+    mesh = read_mesh(root.model_path(0))
+    return seconds_of(lambda: sample_grasp_label(mesh, LABELS, np.random.default_rng(0)), 1)
+
+
+def _pack_seconds(root: GraspNetRoot) -> float:
+    frame = root.scenes()[0].frames()[0]
+    rng = np.random.default_rng(0)
+    return seconds_of(lambda: pack.pack_frame(root, frame, PackConfig(), rng))
+
+
+def _scene_note() -> str:
+    return f"{NUM_OBJECTS} objects, {NUM_VIEWS} views, {SMALL.width} x {SMALL.height}"
+
+
+def _label_note() -> str:
+    return f"{LABELS.num_points} points, {LABELS.num_views} views"
+
+
+def _frame_note() -> str:
+    return f"{SMALL.width} x {SMALL.height}, {NUM_OBJECTS} objects, one process"

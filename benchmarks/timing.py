@@ -1,0 +1,40 @@
+"""Measurements and how they are taken and printed."""
+
+import statistics
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """One line of the table; `value` is None where something it needs is not there."""
+
+    what: str
+    value: float | None
+    unit: str
+    note: str = ""
+
+
+def seconds_of(step: Callable[[], object], repeats: int = 3) -> float:
+    """Return the median wall-clock seconds of `step`, after one call that warms caches."""
+    step()
+    taken = []
+    for _ in range(repeats):
+        started = time.perf_counter()
+        step()
+        taken.append(time.perf_counter() - started)
+    return statistics.median(taken)
+
+
+def markdown(measurements: Iterable[Measurement]) -> str:
+    """Return the measurements as a Markdown table."""
+    lines = ["| what | value | unit | note |", "|---|---:|---|---|"]
+    lines += [f"| {m.what} | {_number(m.value)} | {m.unit} | {m.note} |" for m in measurements]
+    return "\n".join(lines) + "\n"
+
+
+def _number(value: float | None) -> str:
+    if value is None:
+        return "-"
+    return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"

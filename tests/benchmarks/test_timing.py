@@ -1,0 +1,22 @@
+"""The table that `python -m benchmarks` prints."""
+
+from benchmarks.timing import Measurement, markdown, seconds_of
+
+
+def test_a_measurement_is_one_line():
+    table = markdown([Measurement("pack", 12.345, "frames/s", "one process")])
+    assert table.splitlines()[-1] == "| pack | 12.3 | frames/s | one process |"
+
+
+def test_what_could_not_be_measured_is_a_dash():
+    assert "| infer | - |" in markdown([Measurement("infer", None, "s/frame", "no weights")])
+
+
+def test_large_numbers_are_whole():
+    assert "| 1,234,568 |" in markdown([Measurement("grasps scored", 1234567.8, "1/s")])
+
+
+def test_a_step_is_run_once_more_than_it_is_timed():
+    calls: list[int] = []
+    assert seconds_of(lambda: calls.append(1), repeats=3) >= 0.0
+    assert len(calls) == 4

@@ -60,7 +60,7 @@ class Surface:
         where the nearest triangle is among them, and too long by far less than the sample
         spacing elsewhere. `points`: (n, 3).
         """
-        candidates = np.asarray(self.tree.query(points, k=num_nearest)[1])
+        candidates = np.asarray(self.tree.query(points, k=num_nearest)[1]).reshape(len(points), -1)
         triangles = self.triangles[self.faces[candidates]].reshape(-1, 3, 3)
         foot: Array = closest_point(  # type: ignore[no-untyped-call]
             triangles, np.repeat(points, num_nearest, axis=0)

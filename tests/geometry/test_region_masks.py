@@ -1,0 +1,91 @@
+"""Region masks: which pixels show which region of a posed object."""
+
+import numpy as np
+from numpy.testing import assert_allclose
+from symmetric_shapes import box
+
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.region_masks import ObjectRegion, RegionedObject, visible_regions
+from pipelines.geometry.rendering import Scene, cast_view
+from pipelines.geometry.symmetry import ReflectionSymmetry
+from pipelines.geometry.transforms import make_pose, random_rotation
+
+CAMERA = Intrinsics(200.0, 200.0, 79.5, 59.5, 160, 120)
+PLANE = ReflectionSymmetry(np.array([1.0, 0.0, 0.0]), np.zeros(3))
+
+
+def posed_box(rng):
+    return make_pose(random_rotation(rng), np.array([0.02, 0.01, 0.5]))
+
+
+def halves(mesh):
+    """The triangles that look along +x and the others: two regions."""
+    right = mesh.face_normals[:, 0] > 0.5
+    return RegionedObject(
+        mesh,
+        (
+            ObjectRegion("right", np.flatnonzero(right), (PLANE,)),
+            ObjectRegion("other", np.flatnonzero(~right), ()),
+        ),
+    )
+
+
+def whole(mesh):
+    return RegionedObject(mesh, (ObjectRegion("whole", np.arange(len(mesh.faces)), (PLANE,)),))
+
+
+def label_of(mesh, pose):
+    return cast_view(Scene([mesh], [pose]), CAMERA, np.eye(4)).object_index + 1
+
+
+def test_the_masks_of_all_regions_are_the_object_and_do_not_overlap():
+    mesh, rng = box(), np.random.default_rng(0)
+    for pose in (posed_box(rng) for _ in range(5)):
+        label = label_of(mesh, pose)
+        found = visible_regions(label, CAMERA, [(0, pose)], {0: halves(mesh)})
+        count = np.sum([region.mask for region in found], axis=0)
+        assert_allclose(count, label == 1)
+
+
+def test_a_pixel_belongs_to_the_region_of_the_triangle_it_shows():
+    mesh, pose = box(), posed_box(np.random.default_rng(4))
+    hits = cast_view(Scene([mesh], [pose]), CAMERA, np.eye(4))
+    regioned = halves(mesh)
+    found = visible_regions(hits.object_index + 1, CAMERA, [(0, pose)], {0: regioned})
+    for region in found:
+        names = np.array(["right", "other"])
+        shown = names[regioned.region_of_triangle[hits.triangle_index[region.mask]]]
+        assert (shown == region.name).all()
+
+
+def test_an_object_of_one_region_shows_it_in_all_its_pixels():
+    mesh, pose = box(), posed_box(np.random.default_rng(1))
+    label = label_of(mesh, pose)
+    (found,) = visible_regions(label, CAMERA, [(0, pose)], {0: whole(mesh)})
+    assert_allclose(found.mask, label == 1)
+    assert found.visible > 0.85
+
+
+def test_the_visible_share_falls_with_what_is_hidden():
+    mesh, pose = box(), posed_box(np.random.default_rng(2))
+    label = label_of(mesh, pose)
+    columns = np.flatnonzero((label == 1).any(axis=0))
+    hidden = label.copy()
+    hidden[:, : int(columns.mean())] = 0
+    (seen,) = visible_regions(label, CAMERA, [(0, pose)], {0: whole(mesh)})
+    (part,) = visible_regions(hidden, CAMERA, [(0, pose)], {0: whole(mesh)})
+    assert 0.2 * seen.visible < part.visible < 0.8 * seen.visible
+
+
+def test_symmetries_come_in_the_camera_frame():
+    mesh, pose = box(), posed_box(np.random.default_rng(3))
+    (found,) = visible_regions(label_of(mesh, pose), CAMERA, [(0, pose)], {0: whole(mesh)})
+    assert_allclose(found.symmetries[0].normal, pose[:3, 0])
+    assert_allclose(found.symmetries[0].point, pose[:3, 3])
+
+
+def test_objects_without_regions_or_pixels_give_nothing():
+    mesh, pose = box(), posed_box(np.random.default_rng(5))
+    label = label_of(mesh, pose)
+    assert visible_regions(label, CAMERA, [(0, pose)], {}) == []
+    assert visible_regions(np.zeros_like(label), CAMERA, [(0, pose)], {0: halves(mesh)}) == []

@@ -1,0 +1,152 @@
+"""Copies of grasps across symmetries: laws that hold for every grasp and every symmetry."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SphereSymmetry
+from pipelines.geometry.transforms import random_rotation, unit
+from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.symmetrize import distinct, images, mirror, symmetrize, turned
+
+seeds = st.integers(0, 2**32 - 1)
+few = settings(max_examples=25, deadline=None)
+MERGE = 0.001
+
+
+def random_grasps(rng, count=12):
+    rotation = np.stack([random_rotation(rng) for _ in range(count)])
+    return Grasps(rotation, rng.uniform(-0.1, 0.1, (count, 3)), rng.uniform(0.01, 0.1, count))
+
+
+def random_plane(rng):
+    return ReflectionSymmetry(unit(rng.normal(size=3)), rng.uniform(-0.05, 0.05, 3))
+
+
+def random_symmetry(rng, kind):
+    direction, point = unit(rng.normal(size=3)), rng.uniform(-0.05, 0.05, 3)
+    made = {
+        "reflection": ReflectionSymmetry(direction, point),
+        "rotation": RotationSymmetry(direction, point),
+        "threefold": RotationSymmetry(direction, point, order=3),
+        "sphere": SphereSymmetry(point),
+    }
+    return made[kind]
+
+
+kinds = st.sampled_from(["reflection", "rotation", "threefold", "sphere"])
+
+
+def symmetrized(grasps, symmetry):
+    return symmetrize(grasps, symmetry, copies_per_turn=12, merge_distance=MERGE)
+
+
+@few
+@given(seeds)
+def test_mirrored_contacts_are_the_mirror_images_with_fingers_swapped(seed):
+    rng = np.random.default_rng(seed)
+    grasps, plane = random_grasps(rng), random_plane(rng)
+    mirrored = mirror(grasps, plane).contacts
+    assert_allclose(mirrored, plane.counterpart(grasps.contacts)[:, ::-1], atol=1e-12)
+
+
+@few
+@given(seeds)
+def test_a_mirrored_gripper_approaches_along_the_mirrored_approach(seed):
+    rng = np.random.default_rng(seed)
+    grasps, plane = random_grasps(rng), random_plane(rng)
+    mirrored = mirror(grasps, plane)
+    assert_allclose(mirrored.approach, plane.mirror_vectors(grasps.approach), atol=1e-12)
+
+
+@few
+@given(seeds, kinds)
+def test_every_copy_is_a_rotation_with_determinant_one(seed, kind):
+    rng = np.random.default_rng(seed)
+    copies = images(random_grasps(rng), random_symmetry(rng, kind), 12)
+    assert_allclose(np.linalg.det(Grasps.concatenate(copies).rotation), 1.0)
+
+
+@few
+@given(seeds)
+def test_mirroring_twice_gives_the_grasps_back(seed):
+    rng = np.random.default_rng(seed)
+    grasps, plane = random_grasps(rng), random_plane(rng)
+    back = mirror(mirror(grasps, plane), plane)
+    assert_allclose(back.rotation, grasps.rotation, atol=1e-12)
+    assert_allclose(back.translation, grasps.translation, atol=1e-12)
+
+
+@few
+@given(seeds)
+def test_turned_contacts_are_the_turned_contacts(seed):
+    rng = np.random.default_rng(seed)
+    grasps, axis = random_grasps(rng), random_symmetry(rng, "rotation")
+    angles = 2.0 * np.pi * np.arange(1, 12) / 12
+    for angle, copy in zip(angles, images(grasps, axis, 12), strict=True):
+        assert_allclose(copy.contacts, axis.turn(grasps.contacts, angle), atol=1e-12)
+
+
+@few
+@given(seeds, kinds)
+def test_symmetrizing_twice_adds_nothing(seed, kind):
+    rng = np.random.default_rng(seed)
+    grasps, symmetry = random_grasps(rng), random_symmetry(rng, kind)
+    once, _ = symmetrized(grasps, symmetry)
+    twice, origin = symmetrized(once, symmetry)
+    assert len(twice) == len(once) > len(grasps)
+    assert_allclose(origin, np.arange(len(once)))
+
+
+@few
+@given(seeds, kinds)
+def test_each_copy_names_an_original_of_the_same_width(seed, kind):
+    rng = np.random.default_rng(seed)
+    grasps, symmetry = random_grasps(rng), random_symmetry(rng, kind)
+    copies, origin = symmetrized(grasps, symmetry)
+    assert_allclose(copies.width, grasps.width[origin], atol=1e-12)
+    assert_allclose(origin[: len(grasps)], np.arange(len(grasps)))
+
+
+def test_a_grasp_across_the_plane_is_its_own_mirror_image():
+    contacts = np.array([[[-0.02, 0.0, 0.0], [0.02, 0.0, 0.0]]])
+    grasps = Grasps.from_contacts(contacts, np.array([[0.0, 0.0, 1.0]]))
+    plane = ReflectionSymmetry(np.array([1.0, 0.0, 0.0]), np.zeros(3))
+    assert len(symmetrized(grasps, plane)[0]) == 1
+
+
+def test_a_pair_across_the_axis_is_counted_once_a_half_turn():
+    contacts = np.array([[[-0.02, 0.0, 0.0], [0.02, 0.0, 0.0]]])
+    grasps = Grasps.from_contacts(contacts, np.array([[0.0, 0.0, 1.0]]))
+    axis = RotationSymmetry(np.array([0.0, 0.0, 1.0]), np.zeros(3))
+    assert len(symmetrized(grasps, axis)[0]) == 6  # of 12 turns, each meets its opposite
+
+
+def test_the_copies_on_a_ball_reach_all_its_sides():
+    contacts = np.array([[[-0.03, 0.001, 0.004], [0.03, 0.001, 0.004]]])
+    grasps = Grasps.from_contacts(contacts, np.array([[0.0, 0.3, 1.0]]))
+    copies, _ = symmetrized(grasps, SphereSymmetry(np.zeros(3)))
+    directions = unit(copies.contacts.reshape(-1, 3))
+    spread = np.linalg.eigvalsh(directions.T @ directions / len(directions))
+    assert_allclose(spread, 1.0 / 3.0, atol=1e-6)
+
+
+def test_distinct_keeps_the_first_of_each_pair_whatever_the_finger_order():
+    pair = np.array([[0.0101, 0.0204, 0.0303], [0.0507, 0.0404, 0.0101]])
+    contacts = np.stack([pair, pair[::-1], pair + 0.05])
+    grasps = Grasps.from_contacts(contacts, np.tile([0.0, 0.0, 1.0], (3, 1)))
+    assert_allclose(distinct(grasps, 0.002), [0, 2])
+
+
+def test_no_grasps_have_no_copies():
+    for kind in ("reflection", "rotation", "sphere"):
+        symmetry = random_symmetry(np.random.default_rng(0), kind)
+        assert len(symmetrized(Grasps.empty(), symmetry)[0]) == 0
+
+
+def test_turning_about_a_point_leaves_it_where_it_is():
+    rng = np.random.default_rng(1)
+    grasps, center = random_grasps(rng), rng.normal(size=3)
+    there = Grasps(grasps.rotation, np.tile(center, (len(grasps), 1)), grasps.width)
+    assert_allclose(turned(there, random_rotation(rng), center).translation - center, 0, atol=1e-12)

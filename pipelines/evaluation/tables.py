@@ -11,7 +11,7 @@ from pipelines.metrics.symmetry_matching import KINDS
 ReportRows = Mapping[str, Mapping[str, Figures]]
 
 STYLE = """
-body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem auto; max-width: 60rem; color: #1b1b1b }
+body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem auto; max-width: 60rem; padding: 0 1rem }
 table { border-collapse: collapse; margin: 0 0 2rem }
 caption { text-align: left; font-weight: 600; padding: 0 0 .4rem }
 th, td { padding: .25rem .8rem; border-bottom: 1px solid #ddd; text-align: right }
@@ -81,12 +81,13 @@ def _mask_table(rows: ReportRows) -> Table:
 
 
 def _reason_table(rows: ReportRows) -> Table:
+    cells = [cell for cell in _cells(rows) if cell[2]["objects"]]
+    reasons = [r for r in REASONS if any(figures["reasons"].get(r) for _, _, figures in cells)]
     body = tuple(
-        (row, split, *(_share(figures, reason) for reason in REASONS))
-        for row, split, figures in _cells(rows)
-        if figures["objects"]
+        (row, split, *(_percent(figures, reason) for reason in reasons))
+        for row, split, figures in cells
     )
-    return Table("What became of the objects", ("method", "split", *REASONS), body)
+    return Table("What became of the objects, percent", ("method", "split", *reasons), body)
 
 
 def _cells(rows: ReportRows) -> Iterable[tuple[str, str, Figures]]:
@@ -100,8 +101,8 @@ def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"
 
 
-def _share(figures: Figures, reason: str) -> str:
-    return f"{100.0 * figures['reasons'].get(reason, 0) / figures['objects']:.0f} %"
+def _percent(figures: Figures, reason: str) -> str:
+    return f"{100.0 * figures['reasons'].get(reason, 0) / figures['objects']:.0f}"
 
 
 def _html_table(table: Table) -> str:

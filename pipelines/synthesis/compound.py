@@ -8,13 +8,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipelines.geometry.transforms import rotation_about
 from pipelines.synthesis.lathed import smooth, turned, vessel
+from pipelines.synthesis.revolved import lathe
 from pipelines.synthesis.shape import Shape, mirror_axes
 from pipelines.synthesis.solids import (
     Solid,
     ball,
     bent_tube,
     box,
-    lathe,
     lump,
     prism,
     rounded_box,
@@ -202,7 +202,7 @@ def animal(rng: Rng) -> Shape:
     head = np.array([length, 0, leg + rng.uniform(1.1, 1.8) * r])
     solid = solid | ball(0.7 * r, 48).moved(translation=head)
     snout = ellipsoid((0.55 * r, 0.35 * r, 0.35 * r))
-    solid = solid | snout.moved(translation=head + [0.75 * r, 0, -0.15 * r])
+    solid = solid | snout.moved(translation=head + np.array([0.75, 0.0, -0.15]) * r)
     for x in (-0.6 * length, 0.6 * length):
         for y in (-0.55 * r, 0.55 * r):
             solid = solid | cylinder(thick, leg + r).moved(translation=(x, y, (leg + r) / 2))

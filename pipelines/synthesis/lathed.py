@@ -4,18 +4,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import PchipInterpolator
 
+from pipelines.synthesis.revolved import SEGMENTS, hollow_lathe, lathe, pipe, torus
 from pipelines.synthesis.shape import Shape, revolution, sphere
-from pipelines.synthesis.solids import (
-    SEGMENTS,
-    Solid,
-    ball,
-    hollow_lathe,
-    lathe,
-    lump,
-    pipe,
-    rounded_polyline,
-    torus,
-)
+from pipelines.synthesis.solids import Solid, ball, lump, rounded_polyline
 
 Array = NDArray[np.float64]
 Rng = np.random.Generator

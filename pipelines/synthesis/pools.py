@@ -50,11 +50,10 @@ def make_pool(pool: str, count: int, seed: int) -> list[SyntheticObject]:
 
 def _make(pool: str, index: int, family: str, seed: list[int]) -> SyntheticObject:
     shape = make_shape(family, np.random.default_rng(seed))
-    body = shape.solid.body.to_mesh64()
     return SyntheticObject(
         f"{pool}_{index:03d}_{family}",
         family,
-        Mesh(np.asarray(body.vert_properties)[:, :3], np.asarray(body.tri_verts)),
+        shape.solid.mesh(),
         shape.symmetries,
         tuple(hull_of_points(points) for points in shape.solid.pieces),
     )

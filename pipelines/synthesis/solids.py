@@ -1,4 +1,4 @@
-"""Closed solids as building blocks of objects: hulls, lathes, prisms, bent tubes, lumps, unions.
+"""Closed solids as building blocks of objects: hulls, prisms, bent tubes, lumps, unions.
 
 A `Solid` is exact (its union and difference are again watertight) and knows convex pieces of
 itself for physics. Metres; lathes and prisms stand on the z axis.
@@ -6,6 +6,7 @@ itself for physics. Metres; lathes and prisms stand on the z axis.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from manifold3d import CrossSection, Manifold, Mesh64
@@ -16,8 +17,9 @@ from pipelines.geometry.transforms import make_pose, transform_points, unit
 
 Array = NDArray[np.float64]
 
-SEGMENTS = 72  # around a lathe: facets of 4 cm radius stay within 0.04 mm of the round surface
-SECTORS = 12  # convex pieces around a hollow lathe
+IDENTITY = np.eye(3)
+FLAT_FACES = 3000  # triangles that an object of flat faces gets
+MAX_FACES = 8000  # fewer, larger ones where round parts have many already
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +41,7 @@ class Solid:
         """Cut `other` away; the pieces stay, so cut only what physics may overlook."""
         return Solid(self.body - other.body, self.pieces)
 
-    def moved(self, rotation: ArrayLike = np.eye(3), translation: ArrayLike = (0, 0, 0)) -> "Solid":
+    def moved(self, rotation: ArrayLike = IDENTITY, translation: ArrayLike = (0, 0, 0)) -> "Solid":
         """Return the solid rotated by (3, 3), also a mirroring, then moved by (3,) metres."""
         T = make_pose(rotation, translation)
         body = self.body.transform(np.ascontiguousarray(T[:3]))
@@ -56,15 +58,19 @@ class Solid:
         box = np.array(self.body.bounding_box()).reshape(2, 3)
         return self.moved(translation=-box.mean(axis=0))
 
-    def mesh(self, num_faces: int = 3000) -> Mesh:
-        """Return the surface, long edges split until there are about `num_faces` triangles.
+    def mesh(self) -> Mesh:
+        """Return the surface with long edges split, at most about MAX_FACES triangles.
 
         Peers read a model's vertices as its point cloud, so flat faces need vertices too.
         """
-        area = self.body.surface_area()
-        refined = self.body.refine_to_length(float(np.sqrt(area / (0.3 * num_faces))))
+        edge = float(np.sqrt(self.body.surface_area() / (0.3 * FLAT_FACES)))
+        refined = self.body.refine_to_length(edge)
+        while refined.num_tri() > max(MAX_FACES, self.body.num_tri()):
+            edge *= 1.3
+            refined = self.body.refine_to_length(edge)
         stored = refined.to_mesh64()
-        return Mesh(np.asarray(stored.vert_properties)[:, :3], np.asarray(stored.tri_verts))
+        vertices = np.asarray(stored.vert_properties)[:, :3]
+        return Mesh(vertices, np.asarray(stored.tri_verts).astype(np.int64))
 
 
 def solid_of(vertices: Array, faces: NDArray[np.int64], pieces: Sequence[Array]) -> Solid:
@@ -114,48 +120,6 @@ def ball(radius: float, segments: int = 96) -> Solid:
     return Solid(body, (points,))
 
 
-def lathe(profile: ArrayLike, segments: int = SEGMENTS, slabs: int = 4) -> Solid:
-    """Return the solid of revolution of `profile` (k, 2): radius and height from axis to axis.
-
-    The first and last point lie on the axis. Pieces: hulls of `slabs` layers; right for solids
-    without a cavity (see `hollow_lathe`).
-    """
-    p = np.asarray(profile, np.float64)
-    vertices, faces = _revolved(p, segments)
-    dense = np.concatenate([p, _resampled(p, np.linspace(0.0, 1.0, 48))])
-    return _layered(solid_of(vertices, faces, [_rings(dense, 24).reshape(-1, 3)]), 2, slabs)
-
-
-def hollow_lathe(outer: ArrayLike, inner: ArrayLike, segments: int = SEGMENTS) -> Solid:
-    """Return a vessel: `outer` (k, 2) from the axis to the rim, `inner` (m, 2) rim to axis."""
-    outside, inside = np.asarray(outer, np.float64), np.asarray(inner, np.float64)
-    vertices, faces = _revolved(np.concatenate([outside, inside]), segments)
-    floor = outside[outside[:, 1] <= inside[-1, 1] + 1e-9]
-    bottom = np.concatenate([_rings(floor, 24).reshape(-1, 3), [[0.0, 0.0, inside[-1, 1]]]])
-    return solid_of(vertices, faces, [bottom, *_wall_pieces(outside, inside)])
-
-
-def pipe(outer_radius: float, inner_radius: float, height: float, bevel: float) -> Solid:
-    """Return a tube about the z axis, its centre at the origin."""
-    h = height / 2.0
-    corners = [(outer_radius, h), (inner_radius, h), (inner_radius, -h), (outer_radius, -h)]
-    loop = rounded_polyline(np.array([*corners, corners[0], corners[1]]), bevel, 3)[1:-1]
-    rings = _rings(loop, SEGMENTS)
-    vertices, faces = rings.reshape(-1, 3), _ring_faces(len(loop), SEGMENTS, closed=True)
-    outside = np.array([[outer_radius, -h], [outer_radius, h]])
-    inside = np.array([[inner_radius, h], [inner_radius, -h]])
-    return solid_of(vertices, faces, _wall_pieces(outside, inside, bands=1))
-
-
-def torus(radius: float, section: Array) -> Solid:
-    """Return the ring of a closed convex `section` (k, 2) revolved at `radius` from the z axis."""
-    loop = section + [radius, 0.0]
-    vertices, faces = _rings(loop, SEGMENTS).reshape(-1, 3), _ring_faces(len(loop), SEGMENTS, True)
-    coarse = _rings(loop, SECTORS)
-    pieces = [coarse[:, [i, (i + 1) % SECTORS]].reshape(-1, 3) for i in range(SECTORS)]
-    return solid_of(vertices, faces, pieces)
-
-
 def prism(outline: ArrayLike, height: float, pieces: Sequence[ArrayLike] | None = None) -> Solid:
     """Return the extrusion of `outline` (k, 2), counter-clockwise, centred on z = 0.
 
@@ -186,7 +150,7 @@ def bent_tube(path: Array, radii: ArrayLike, sides: int = 32, up: ArrayLike = (0
     across = np.cos(angle)[None, :, None] * side[:, None] * r[:, None, :1]
     rings = path[:, None] + across + np.sin(angle)[None, :, None] * above[:, None] * r[:, None, 1:]
     vertices = np.concatenate([rings.reshape(-1, 3), path[[0, -1]]])
-    faces = [_ring_faces(len(path), sides, closed=False)]
+    faces = [ring_faces(len(path), sides, closed=False)]
     turn = np.arange(sides)
     following, last = (turn + 1) % sides, (len(path) - 1) * sides
     foot, tip = np.full(sides, len(path) * sides), np.full(sides, len(path) * sides + 1)
@@ -195,7 +159,7 @@ def bent_tube(path: Array, radii: ArrayLike, sides: int = 32, up: ArrayLike = (0
         np.stack([tip, last + turn, last + following], 1),
     ]
     cuts = np.linspace(0, len(path) - 1, min(9, len(path))).astype(int)
-    pieces = [rings[a : b + 1].reshape(-1, 3) for a, b in zip(cuts, cuts[1:], strict=False)]
+    pieces = [rings[a : b + 1].reshape(-1, 3) for a, b in pairwise(cuts)]
     return solid_of(vertices, np.concatenate(faces), pieces)
 
 
@@ -212,10 +176,10 @@ def lump(radius: float, stretch: ArrayLike, waves: Sequence[tuple[Array, float, 
     vertices = radius * directions * height[:, None] * np.asarray(stretch, np.float64)
     longest = int(np.argmax(np.ptp(vertices, axis=0)))
     solid = solid_of(vertices, np.asarray(mesh.tri_verts, np.int64), [vertices])
-    return _layered(solid, longest, 4)
+    return layered(solid, longest, 4)
 
 
-def _layered(solid: Solid, axis: int, count: int) -> Solid:
+def layered(solid: Solid, axis: int, count: int) -> Solid:
     """Return `solid` with its one piece cut into layers, unless it is about convex."""
     if solid.body.hull().volume() < 1.03 * solid.body.volume():
         return solid
@@ -229,7 +193,7 @@ def layers(points: Array, axis: int, count: int) -> list[Array]:
     slack = 0.12 * (high - low) / count
     inside = [
         points[(points[:, axis] >= a - slack) & (points[:, axis] <= b + slack)]
-        for a, b in zip(cuts, cuts[1:], strict=False)
+        for a, b in pairwise(cuts)
     ]
     return [part for part in inside if len(part) >= 8 and np.ptp(part, axis=0).min() > 1e-4]
 
@@ -248,14 +212,7 @@ def rounded_polyline(points: ArrayLike, radius: float, steps: int = 4) -> Array:
     return np.concatenate([*result, p[-1:]])
 
 
-def _rings(profile: Array, segments: int) -> Array:
-    """Return (k, segments, 3): each profile point turned about the z axis."""
-    angle = np.linspace(0.0, 2.0 * np.pi, segments, endpoint=False)
-    x, y = profile[:, :1] * np.cos(angle), profile[:, :1] * np.sin(angle)
-    return np.stack([x, y, np.broadcast_to(profile[:, 1:], x.shape)], -1)
-
-
-def _ring_faces(count: int, sides: int, closed: bool) -> NDArray[np.int64]:
+def ring_faces(count: int, sides: int, closed: bool) -> NDArray[np.int64]:
     """Return triangles that join `count` rings of `sides` vertices each."""
     steps = count if closed else count - 1
     ring, turn = np.meshgrid(np.arange(steps), np.arange(sides), indexing="ij")
@@ -263,37 +220,3 @@ def _ring_faces(count: int, sides: int, closed: bool) -> NDArray[np.int64]:
     a, b = ring * sides + turn, ring * sides + following
     c, d = above * sides + following, above * sides + turn
     return np.concatenate([np.stack([a, b, c], -1), np.stack([a, c, d], -1)]).reshape(-1, 3)
-
-
-def _revolved(profile: Array, segments: int) -> tuple[Array, NDArray[np.int64]]:
-    """Return vertices and triangles of a profile whose first and last point are on the axis."""
-    inner = profile[1:-1]
-    vertices = np.concatenate(
-        [_rings(inner, segments).reshape(-1, 3), [[0, 0, profile[0, 1]], [0, 0, profile[-1, 1]]]]
-    )
-    turn = np.arange(segments)
-    following, last = (turn + 1) % segments, (len(inner) - 1) * segments
-    foot = np.full(segments, len(inner) * segments)
-    caps = [
-        np.stack([foot, following, turn], 1),
-        np.stack([foot + 1, last + turn, last + following], 1),
-    ]
-    return vertices, np.concatenate([_ring_faces(len(inner), segments, closed=False), *caps])
-
-
-def _wall_pieces(outside: Array, inside: Array, bands: int = 3) -> list[Array]:
-    """Return convex pieces between an outer profile and an inner one, around the axis."""
-    share = np.linspace(0.0, 1.0, bands + 1)
-    outer, inner = _resampled(outside, share), _resampled(inside[::-1], share)
-    outer_rings, inner_rings = _rings(outer, SECTORS), _rings(inner, SECTORS)
-    pieces = []
-    for band in range(bands):
-        rings = np.concatenate([outer_rings[band : band + 2], inner_rings[band : band + 2]])
-        pieces += [rings[:, [i, (i + 1) % SECTORS]].reshape(-1, 3) for i in range(SECTORS)]
-    return pieces
-
-
-def _resampled(profile: Array, share: Array) -> Array:
-    """Return the points of a profile at shares of its length."""
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(profile, axis=0), axis=1))])
-    return np.column_stack([np.interp(share * length[-1], length, profile[:, i]) for i in (0, 1)])

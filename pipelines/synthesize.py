@@ -29,7 +29,7 @@ from pipelines.formats.graspnet_labels import write_grasp_label
 from pipelines.formats.graspnet_layout import SPLITS
 from pipelines.formats.meshes import find_meshes, read_mesh, write_mesh
 from pipelines.formats.provenance import digest, make_stamp, write_sidecar
-from pipelines.synthesis.cameras import camera_folder
+from pipelines.synthesis.cameras import MIXED, camera_folder
 from pipelines.synthesis.decomposition import convex_pieces
 from pipelines.synthesis.grasp_sampling import sample_grasp_label
 from pipelines.synthesis.pools import SyntheticObject, make_pool
@@ -96,7 +96,8 @@ def _check(config: SynthesizeConfig, models: Path | None) -> None:
         raise ValueRangeError(
             "--objects", config.objects_per_pool, f"at most {MAX_OBJECTS // len(POOLS)} a pool"
         )
-    camera_folder(config.sensor)
+    if config.sensor != MIXED:
+        camera_folder(config.sensor)
 
 
 def _object_ids(config: SynthesizeConfig, num_models: int) -> dict[int, tuple[str, int]]:
@@ -132,7 +133,6 @@ def _object_items(
             "pool": pool,
             "index": index,
             "count": config.objects_per_pool,
-            "sdf": config.sdf,
         }
         inputs = {source.name: digest(source)} if source else {}
         stamp = make_stamp("synthesize object", settings, seed=seed, inputs=inputs)

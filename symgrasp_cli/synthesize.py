@@ -34,7 +34,7 @@ def synthesize(
         str, typer.Option(metavar="MIN-MAX", help="Objects dropped into a scene.")
     ] = f"{DEFAULTS.min_objects}-{DEFAULTS.max_objects}",
     sensor: Annotated[
-        str, typer.Option(help="Depth sensor: perfect, kinect or realsense.")
+        str, typer.Option(help="Depth sensor: perfect, kinect, realsense, or mixed (by scene).")
     ] = DEFAULTS.sensor,
     size: Annotated[
         str, typer.Option(metavar="WxH", help="Size of the images in pixels.")

@@ -14,6 +14,7 @@ LENSES = {
     "kinect": (631.54864502, 631.20751953, 638.43517329, 366.49904066),
     "realsense": (927.16973877, 927.36688232, 651.31506348, 349.62133789),
 }
+MIXED = "mixed"  # each scene draws kinect or realsense
 ELEVATIONS = (np.radians(32.0), np.radians(75.0))
 DISTANCES = (0.45, 0.9)  # metres; the near end for the long lens
 MAX_ROLL = np.radians(8.0)

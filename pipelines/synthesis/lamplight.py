@@ -60,9 +60,10 @@ def drawn_texture(rng: np.random.Generator) -> Texture:
             case "stripes":
                 return np.asarray(((points @ axis) / pitch + phase) % 1.0 < 0.5, np.float64)
             case "checks":
-                return (np.floor(points / pitch + phase).sum(axis=1) % 2).astype(float)
+                return np.asarray(np.floor(points / pitch + phase).sum(axis=1) % 2)
             case "band":
-                return (np.abs(points @ axis - (phase - 0.5) * 0.04) < pitch).astype(float)
+                away = np.abs(points @ axis - (phase - 0.5) * 0.04)
+                return np.asarray(away < pitch, np.float64)
             case "mottled":
                 return np.asarray(0.5 + 0.5 * np.sin(points @ waves.T + phases).mean(axis=1))
             case _:
@@ -89,7 +90,9 @@ def table_texture(rng: np.random.Generator) -> Texture:
             case _:
                 return np.asarray(wobble)
 
-    return lambda points: np.clip(first * (1.0 + contrast * share(points)[:, None]), 0.0, 1.0)
+    return lambda points: np.asarray(
+        np.clip(first * (1.0 + contrast * share(points)[:, None]), 0.0, 1.0)
+    )
 
 
 def shade(

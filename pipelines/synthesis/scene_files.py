@@ -23,11 +23,12 @@ from pipelines.formats.meshes import read_mesh
 from pipelines.formats.provenance import Stamp, write_sidecar
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.transforms import invert
-from pipelines.synthesis.cameras import camera_folder, drawn_viewpoints, intrinsics_of
+from pipelines.synthesis.cameras import MIXED, camera_folder, drawn_viewpoints, intrinsics_of
+from pipelines.synthesis.depth_sensors import SENSORS
 from pipelines.synthesis.grasp_sampling import scene_collisions
 from pipelines.synthesis.tables import SceneLayout, SceneObject, View, record, settle
 
-TAG_SCENE, TAG_COLLISION = 2, 3  # what a child seed is for
+TAG_SCENE, TAG_COLLISION, TAG_SENSOR = 2, 3, 4  # what a child seed is for
 
 
 def write_scene(
@@ -40,22 +41,29 @@ def write_scene(
     """Draw scene `scene_id` from the objects `members` and write it whole; return a note."""
     rng = np.random.default_rng([stamp.seed, TAG_SCENE, scene_id])
     layout = _draw_layout(root, config, members, rng)
-    intrinsics = intrinsics_of(config.sensor, config.width, config.height)
+    sensor = _sensor_of(config, scene_id, stamp.seed)
+    intrinsics = intrinsics_of(sensor, config.width, config.height)
     viewpoints = drawn_viewpoints(layout.centre, config.views, intrinsics, rng)
     if config.collision_labels and config.labels.num_points:
         _write_collisions(root, scene_id, layout, config, stamp)
     with atomic_folder(root.scene_folder(scene_id)) as folder:
         write_object_ids(folder / "object_id_list.txt", [o.object_id for o in layout.objects])
         write_pose_array(folder / "rs_wrt_kn.npy", np.tile(np.eye(4), (config.views, 1, 1)))
-        camera = folder / camera_folder(config.sensor)
+        camera = folder / camera_folder(sensor)
         write_camera_matrix(camera / "camK.npy", intrinsics)
         write_pose_array(camera / "camera_poses.npy", invert(viewpoints[0]) @ viewpoints)
         write_pose_array(camera / "cam0_wrt_table.npy", viewpoints[0])
-        views = record(layout, viewpoints, intrinsics, config.sensor, rng)
+        views = record(layout, viewpoints, intrinsics, sensor, rng)
         for frame_id, view in enumerate(views):
             _write_view(camera, frame_id, view, layout, intrinsics)
         write_sidecar(folder, stamp)
     return f"{len(layout.objects)} objects, {config.views} views"
+
+
+def _sensor_of(config: SynthesizeConfig, scene_id: int, seed: int) -> str:
+    if config.sensor != MIXED:
+        return config.sensor
+    return str(np.random.default_rng([seed, TAG_SENSOR, scene_id]).choice(list(SENSORS)))
 
 
 def _draw_layout(
@@ -101,7 +109,7 @@ def _write_collisions(
     collisions = scene_collisions(
         labels,
         [item.mesh for item in layout.objects],
-        layout.poses,
+        list(layout.poses),
         config=config.labels,
         rng=np.random.default_rng([stamp.seed, TAG_COLLISION, scene_id]),
     )

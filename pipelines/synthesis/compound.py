@@ -252,7 +252,7 @@ def plug(rng: Rng) -> Shape:
 def lumpy(rng: Rng) -> Shape:
     """Potatoes, clay, soft toys: round and without any symmetry."""
     waves = [
-        (rng.normal(size=3) * rng.uniform(1.5, 3.0), rng.uniform(0.05, 0.13), rng.uniform(0, 6.28))
+        (rng.normal(size=3) * rng.uniform(1.5, 3.0), rng.uniform(0.04, 0.09), rng.uniform(0, 6.28))
         for _ in range(4)
     ]
     stretch = rng.uniform([0.9, 0.7, 0.6], [1.5, 1.0, 0.9])

@@ -103,8 +103,8 @@ def sphere_ball(rng: Rng) -> Shape:
 
 def dimpled_ball(rng: Rng) -> Shape:
     """Golf and massage balls: dimples a hundredth of the radius deep."""
-    waves = [(18.0 * axis, 0.004, 0.0) for axis in np.eye(3)]
-    return Shape(lump(rng.uniform(0.018, 0.042), (1, 1, 1), waves), sphere(error=0.02))
+    waves = [(12.0 * axis, 0.004, 0.0) for axis in np.eye(3)]
+    return Shape(lump(rng.uniform(0.018, 0.042), (1, 1, 1), waves, 112), sphere(error=0.02))
 
 
 def fruit(rng: Rng) -> Shape:

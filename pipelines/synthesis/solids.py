@@ -163,12 +163,17 @@ def bent_tube(path: Array, radii: ArrayLike, sides: int = 32, up: ArrayLike = (0
     return solid_of(vertices, np.concatenate(faces), pieces)
 
 
-def lump(radius: float, stretch: ArrayLike, waves: Sequence[tuple[Array, float, float]]) -> Solid:
+def lump(
+    radius: float,
+    stretch: ArrayLike,
+    waves: Sequence[tuple[Array, float, float]],
+    segments: int = 72,
+) -> Solid:
     """Return a ball of `radius`, dented by `waves` (direction, amplitude, phase), then stretched.
 
     Each wave adds amplitude * sin(direction . unit vector + phase) to the radius, as a share.
     """
-    mesh = Manifold.sphere(1.0, 4 * 14).to_mesh64()
+    mesh = Manifold.sphere(1.0, segments).to_mesh64()
     directions = unit(np.asarray(mesh.vert_properties)[:, :3])
     height = np.ones(len(directions))
     for direction, amplitude, phase in waves:

@@ -199,7 +199,7 @@ def animal(rng: Rng) -> Shape:
     length, r = rng.uniform(0.035, 0.05), rng.uniform(0.017, 0.024)
     leg, thick = rng.uniform(0.025, 0.04), rng.uniform(0.006, 0.009)
     solid = ellipsoid((length, r, 0.9 * r)).moved(translation=(0, 0, leg + 0.6 * r))
-    head = np.array([length, 0, leg + rng.uniform(1.1, 1.8) * r])
+    head = np.array([0.85 * length, 0, leg + rng.uniform(1.0, 1.5) * r])
     solid = solid | ball(0.7 * r, 48).moved(translation=head)
     snout = ellipsoid((0.55 * r, 0.35 * r, 0.35 * r))
     solid = solid | snout.moved(translation=head + np.array([0.75, 0.0, -0.15]) * r)
@@ -265,5 +265,5 @@ def sculpture(rng: Rng) -> Shape:
     for _ in range(int(rng.integers(2, 4))):
         turn = rotation_about(rng.normal(size=3), rng.uniform(0.4, 1.4))
         part = rounded_box(rng.uniform(0.018, 0.045, 3), 0.004)
-        solid = solid | part.moved(turn, rng.uniform(-0.03, 0.03, 3))
+        solid = solid | part.moved(turn, rng.uniform(-0.02, 0.02, 3))
     return Shape(solid)

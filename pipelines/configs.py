@@ -176,6 +176,9 @@ class RegionConfig:
     max_height: float = 0.5  # metres above the plane; higher is an arm or a wall
     min_pixels: int = 200
     max_extent: float = 0.45  # metres; larger is no object for this hand
+    max_cut_extent: float = 0.2  # metres, of what the picture's border cuts off
+    max_border: float = 3.0  # squared pixels on the border a pixel: more is a strip along it
+    max_floating: float = 0.05  # metres between the table and the lowest visible part
     depth_step: float = 0.012  # of the depth, between neighbours: a longer step parts surfaces
     normal_radius: int = 4  # pixels that normals are smoothed over
     crease_fold: float = 0.6  # 2 sin(fold / 2) beyond which a concave crease parts regions

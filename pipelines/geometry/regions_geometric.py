@@ -1,9 +1,4 @@
-"""Regions without a network: what stands on the table, cut where surfaces part or meet concavely.
-
-A region is a connected piece of foreground whose depth has no step and no concave crease: the
-objects of a household are mostly convex, so where one ends and another begins the surface folds
-inward. Pixels of a crease go to the nearest region afterwards.
-"""
+"""Regions without a network: pieces of what stands on the table that may be objects."""
 
 from dataclasses import dataclass
 
@@ -11,13 +6,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_fill_holes, find_objects
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import KDTree
 
 from pipelines.configs import RegionConfig
 from pipelines.geometry.camera import Intrinsics
-from pipelines.geometry.organized import smooth_normals
+from pipelines.geometry.depth_segments import extent, segment
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.tabletop import Tabletop, find_tabletop
 
@@ -26,7 +18,9 @@ Mask = NDArray[np.bool_]
 Labels = NDArray[np.int32]
 
 WORKING_WIDTH = 640  # pixels; larger images are thinned to about this
-GAP = 4  # pixels without depth that a surface is followed across
+FOOT = 6  # pixels below and above a piece where something nearer may hide its foot
+TALL = 2.0  # heights that stand out from noise which an object's highest part must reach
+MIN_BORDER = 20  # pixels on the picture's border that say a thing goes on outside
 
 
 @dataclass(frozen=True)
@@ -68,7 +62,8 @@ def geometric_regions(
     )
     xyz = camera.backproject(small)
     top = find_tabletop(xyz, camera, config, rng)
-    labels = segment(xyz, top, config)
+    pieces, whole = segment(xyz, top.foreground, config)
+    labels = _sound_regions(xyz, pieces, whole, top, config)
     scaled = [_enlarged(image, depth.shape) for image in (labels, top.foreground)]
     return GeometricRegions(scaled[0].astype(np.int32), top.plane, scaled[1].astype(bool))
 
@@ -82,144 +77,78 @@ def _enlarged(image: NDArray[np.generic], shape: tuple[int, ...]) -> Labels:
     )
 
 
-def segment(xyz: Array, top: Tabletop, config: RegionConfig) -> Labels:
-    """Return the (H, W) labels 1, 2, ... of the regions of `top.foreground`, 0 elsewhere.
-
-    `xyz`: (H, W, 3) metres, camera frame, nan where missing.
-    """
-    crease = concave_creases(xyz, top, config)
-    parts = _connected(xyz, top.foreground & ~crease, config)
-    sizes = np.bincount(parts.ravel())
-    big = sizes >= config.min_pixels
-    big[0] = False
-    whole = _connected(xyz, top.foreground, config)
-    labels = _attach(xyz, np.where(big[parts], parts, 0), whole, top.foreground)
-    return _sound_regions(xyz, labels, top, config)
-
-
-def concave_creases(xyz: Array, top: Tabletop, config: RegionConfig) -> Mask:
-    """Return the (H, W) foreground pixels where the surface folds inward.
-
-    Normals on both sides of a convex edge point apart, of a concave one toward each other
-    (Stein et al., LCCP): (n_2 - n_1) . (p_2 - p_1) / |p_2 - p_1| is then negative.
-    """
-    normals = smooth_normals(xyz, top.foreground, config.normal_radius)
-    reach = config.normal_radius + 1
-    crease = np.zeros(top.foreground.shape, bool)
-    for down, right in ((0, reach), (reach, 0), (reach, reach), (reach, -reach)):
-        p, q = _shifted(xyz, -down, -right), _shifted(xyz, down, right)
-        n, m = _shifted(normals, -down, -right), _shifted(normals, down, right)
-        line = q - p
-        with np.errstate(invalid="ignore"):
-            length = np.linalg.norm(line, axis=-1)
-            fold = np.einsum("hwi,hwi->hw", m - n, line) / length
-            near = length < config.crease_reach * np.hypot(down, right) * xyz[..., 2] / 500.0
-            crease |= near & (fold < -config.crease_fold)
-    return crease & top.foreground
-
-
-def _shifted(image: Array, down: int, right: int) -> Array:
-    """Return `image` (H, W, c) moved so that pixel (v, u) holds (v + down, u + right)."""
-    moved = np.full_like(image, np.nan)
-    height, width = image.shape[:2]
-    rows = slice(max(0, -down), min(height, height - down))
-    columns = slice(max(0, -right), min(width, width - right))
-    source_rows = slice(max(0, down), min(height, height + down))
-    source_columns = slice(max(0, right), min(width, width + right))
-    moved[rows, columns] = image[source_rows, source_columns]
-    return moved
-
-
-def _connected(xyz: Array, mask: Mask, config: RegionConfig) -> Labels:
-    """Label the pieces of `mask` (H, W) whose depth has no step; 0 elsewhere."""
-    index = np.full(mask.shape, -1, np.int64)
-    index[mask] = np.arange(mask.sum())
-    z = np.nan_to_num(xyz[..., 2])
-    rows, columns = [], []
-    for span in range(1, GAP + 1):
-        for axis in (0, 1):
-            near, far = _ends(axis, span)
-            joined = mask[near] & mask[far]
-            step = config.depth_step * np.maximum(z[near], 0.5) * (1 + 0.25 * span)
-            joined &= np.abs(z[near] - z[far]) < step
-            for between in range(1, span):  # only where nothing was measured between
-                joined &= _between(z > 0, axis, span, between)
-            rows.append(index[near][joined])
-            columns.append(index[far][joined])
-    row, column = np.concatenate(rows), np.concatenate(columns)
-    size = int(mask.sum())
-    graph = coo_matrix((np.ones(len(row), bool), (row, column)), (size, size))
-    labels = np.zeros(mask.shape, np.int32)
-    labels[mask] = connected_components(graph, directed=False)[1] + 1
-    return labels
-
-
-def _ends(axis: int, span: int) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
-    """Return the slices of the pixels that have a partner `span` along `axis`, and of these."""
-    keep, move = slice(None, -span), slice(span, None)
-    return ((keep,), (move,)) if axis == 0 else ((slice(None), keep), (slice(None), move))
-
-
-def _between(measured: Mask, axis: int, span: int, offset: int) -> Mask:
-    length = measured.shape[axis] - span
-    taken = np.take(measured, np.arange(offset, offset + length), axis=axis)
-    return np.asarray(~taken)
-
-
-def _attach(xyz: Array, cores: Labels, whole: Labels, foreground: Mask) -> Labels:
-    """Give the foreground outside `cores` to the nearest core of the same whole piece.
-
-    A whole piece without a core (small or thin) becomes a region of its own.
-    """
-    labels = cores.copy()
-    rest = foreground & (cores == 0)
-    with_core = np.zeros(whole.max(initial=0) + 1, bool)
-    with_core[whole[cores > 0]] = True
-    loose = rest & ~with_core[whole]
-    labels[loose] = cores.max(initial=0) + whole[loose]
-    rest &= ~loose
-    if rest.any():
-        seeds = cv2.dilate(rest.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
-        seeds &= cores > 0
-        if seeds.any():
-            _, nearest = KDTree(xyz[seeds]).query(xyz[rest])
-            labels[rest] = cores[seeds][nearest]
-    return labels
-
-
-def _sound_regions(xyz: Array, labels: Labels, top: Tabletop, config: RegionConfig) -> Labels:
+def _sound_regions(
+    xyz: Array, labels: Labels, whole: Labels, top: Tabletop, config: RegionConfig
+) -> Labels:
     """Renumber the regions that may be objects, holes filled, nearest first; drop the others."""
     kept: list[tuple[float, Mask, tuple[slice, slice]]] = []
+    standing = _standing(xyz, whole, top, config)
     names, compact = np.unique(labels, return_inverse=True)
-    compact = compact.reshape(labels.shape) if names[0] == 0 else compact.reshape(labels.shape) + 1
+    compact = compact.reshape(labels.shape) + (names[0] != 0)
     for index, box in enumerate(find_objects(compact), 1):
-        if box is None:
+        rows, columns = box
+        mask = compact[rows, columns] == index
+        points = xyz[rows, columns][mask]
+        if mask.sum() < config.min_pixels or not standing[whole[rows, columns][mask][0]]:
             continue
-        mask = compact[box] == index
-        points = xyz[box][mask]
-        if _may_be_object(mask, points, box, labels.shape, top, config):
-            filled = binary_fill_holes(mask) & ((compact[box] == 0) | mask)
-            kept.append((float(np.median(points[:, 2])), filled, box))
+        if _may_be_object(points, _border_pixels(mask, rows, columns, labels.shape), top, config):
+            filled = binary_fill_holes(mask) & ((compact[rows, columns] == 0) | mask)
+            kept.append((float(np.median(points[:, 2])), filled, (rows, columns)))
     result = np.zeros(labels.shape, np.int32)
     for number, (_, mask, box) in enumerate(sorted(kept, key=lambda entry: entry[0]), 1):
         result[box][mask] = number
     return result
 
 
-def _may_be_object(
-    mask: Mask,
-    points: Array,
-    box: tuple[slice, slice],
-    shape: tuple[int, ...],
-    top: Tabletop,
-    config: RegionConfig,
-) -> bool:
-    if mask.sum() < config.min_pixels:
+def _standing(xyz: Array, whole: Labels, top: Tabletop, config: RegionConfig) -> Mask:
+    """Return (pieces + 1,) which connected pieces come down to the table.
+
+    One whose foot is hidden behind a nearer piece may; an arm that hangs into the picture or
+    what is seen beyond the table does not.
+    """
+    count = int(whole.max(initial=0))
+    result = np.ones(count + 1, bool)
+    if top.plane is None:
+        return result
+    height = top.plane.height(np.nan_to_num(xyz))
+    z = np.nan_to_num(xyz[..., 2])
+    for index, box in enumerate(find_objects(whole), 1):
+        mask = whole[box] == index
+        if np.count_nonzero(mask) < config.min_pixels:
+            continue
+        if np.percentile(height[box][mask], 2) < config.max_floating:
+            continue
+        grown = tuple(slice(max(0, s.start - FOOT), s.stop + FOOT) for s in box)
+        inside = whole[grown] == index
+        below = cv2.dilate(inside.astype(np.uint8), np.ones((2 * FOOT + 1, 1), np.uint8)) > 0
+        neighbour = below & ~inside & (whole[grown] > 0)
+        hidden = neighbour & (z[grown] < np.median(z[box][mask]))
+        result[index] = hidden.sum() > FOOT * 0.3 * np.count_nonzero(inside.any(axis=0))
+    return result
+
+
+def _border_pixels(mask: Mask, rows: slice, columns: slice, shape: tuple[int, ...]) -> int:
+    """Return how many pixels of `mask`, a cut-out of an image, lie on the image's border."""
+    sides = (
+        (rows.start == 0, mask[0]),
+        (rows.stop == shape[0], mask[-1]),
+        (columns.start == 0, mask[:, 0]),
+        (columns.stop == shape[1], mask[:, -1]),
+    )
+    return sum(int(side.sum()) for touches, side in sides if touches)
+
+
+def _may_be_object(points: Array, border_pixels: int, top: Tabletop, config: RegionConfig) -> bool:
+    """Return whether the region of `points` (n, 3) is of an object's size and place."""
+    size = extent(points)
+    if size > config.max_extent:
         return False
-    low, high = np.percentile(points, [2, 98], axis=0)
-    if np.linalg.norm(high - low) > config.max_extent:
+    # A strip along the picture's border, or a big thing that reaches in from outside.
+    if border_pixels**2 > config.max_border * len(points):
+        return False
+    if border_pixels > MIN_BORDER and size > config.max_cut_extent:
         return False
     if top.plane is None:
         return True
     tall = np.percentile(top.plane.height(points), 90)
-    return bool(tall > 1.5 * config.min_height)
+    return bool(tall > TALL * top.threshold(np.median(points[:, 2]), config))

@@ -5,11 +5,11 @@ nearly constant noise there, so planes are fitted and judged in inverse depth, a
 `t` metres at one metre means t z^2 metres at depth z.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pipelines.configs import RegionConfig
 from pipelines.geometry.camera import Intrinsics
@@ -23,6 +23,8 @@ MAX_PLANES = 4  # candidates that are drawn one after the other
 ITERATIONS = 300  # hypotheses a candidate
 SAMPLE = 4000  # pixels that hypotheses are counted on
 MIN_PIXELS = 200  # fewer show no plane
+WARP_WINDOW = 81  # pixels over which a sensor bends a flat table
+NOISE_FACTOR = 4.0  # standard deviations that foreground stands out by
 CELL = 0.01  # metres, of the grid on the plane that its extent is drawn into
 
 
@@ -40,6 +42,13 @@ class Tabletop:
     foreground: Mask
     noise: float
 
+    def threshold(self, z: ArrayLike, config: RegionConfig) -> Array:
+        """Return (...) the height over the plane that stands out from noise at depth `z` (...)."""
+        offset = 0.0 if self.plane is None else self.plane.offset
+        # Depth errs by noise z^2 along the ray, whose cosine to the normal is offset / z.
+        error = self.noise * np.minimum(z, 10.0) * offset
+        return np.asarray(np.maximum(config.min_height, NOISE_FACTOR * error))
+
 
 def find_tabletop(
     xyz: Array, intrinsics: Intrinsics, config: RegionConfig, rng: np.random.Generator
@@ -52,15 +61,30 @@ def find_tabletop(
     support = _find_support(xyz, near, intrinsics, config, rng)
     if support is None:
         return Tabletop(None, near, config.plane_tolerance / 3.0)
-    z = np.nan_to_num(xyz[..., 2], nan=np.inf)
-    height = support.plane.height(np.nan_to_num(xyz))
-    threshold = np.maximum(config.min_height, 4.0 * support.noise * np.minimum(z, 10.0) ** 2)
-    above = near & (height > threshold) & (height < config.max_height)
     with np.errstate(divide="ignore"):
-        inliers = near & (np.abs(support.residual(xyz[..., 2])) < config.plane_tolerance)
+        residual = np.nan_to_num(support.residual(xyz[..., 2]), nan=-np.inf)
+    inliers = near & (np.abs(residual) < config.plane_tolerance)
+    warp = _smooth(np.where(inliers, residual, 0.0), inliers)
+    noise = 1.4826 * float(np.median(np.abs(residual - warp)[inliers]))
+    # Inverse depth less the sensor's warp of the table: the same pixels, the table made flat.
+    scale = 1.0 / (1.0 - warp * np.nan_to_num(xyz[..., 2]))
+    height = support.plane.height(np.nan_to_num(xyz) * scale[..., None])
+    z = np.nan_to_num(xyz[..., 2], nan=np.inf)
+    top = Tabletop(support.plane, near, noise)
+    above = near & (height > top.threshold(z, config)) & (height < config.max_height)
+    above = cv2.medianBlur(above.astype(np.uint8), 3) > 0
+    above &= near
     table = Footprint.around(xyz[_large_parts(inliers)], support.plane, config.support_margin)
     above[above] = table.contains(xyz[above])
-    return Tabletop(support.plane, above, support.noise)
+    return replace(top, foreground=above)
+
+
+def _smooth(values: Array, mask: Mask) -> Array:
+    """Return (H, W) the mean of `values` over the pixels of `mask` in a wide window, else 0."""
+    size = (WARP_WINDOW, WARP_WINDOW)
+    weight = cv2.boxFilter(mask.astype(np.float64), -1, size)
+    total = cv2.boxFilter(np.where(mask, values, 0.0), -1, size)
+    return np.where(weight > 0.1, total / np.maximum(weight, 0.1), 0.0)
 
 
 def near_pixels(xyz: Array, config: RegionConfig) -> Mask:

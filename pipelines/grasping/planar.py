@@ -27,7 +27,9 @@ STEEP_APPROACH = 0.9  # cosine to the table's normal from which the table bounds
 MIN_CELL, MAX_CELLS = 0.002, 120  # metres; cells along a slice's longer side
 MAX_BOUNDARY = 96  # boundary points a slice
 MAX_PAIRS = 24  # pairs a slice
-MIN_HOLDING = 0.75  # cosine of the contact angle below which a finger slips
+MIN_HOLDING = 0.6  # cosine of the contact angle below which any finger slips
+COVERED = 0.4  # share of trust left to a boundary that something nearer makes
+OCCLUSION_STEP = 0.008  # metres by which it is nearer
 HIDDEN_PENALTY = 0.3  # a boundary that faces away from the camera may not be the object's end
 
 
@@ -65,7 +67,7 @@ def planar_candidates(
     for approach in approach_directions(region, scene):
         view = _HeightMap.of(region.points, approach)
         for depth, contact_depth in _slice_depths(view, scene, gripper, config):
-            found = _slice_pairs(view, depth, contact_depth, region, gripper, config)
+            found = _slice_pairs(view, depth, contact_depth, region, scene, gripper, config)
             parts.append((*found, approach))
     if not parts:
         return no_candidates("planar")
@@ -124,6 +126,7 @@ def _slice_pairs(
     depth: float,
     contact_depth: float,
     region: RegionCloud,
+    scene: SceneCloud,
     gripper: Gripper,
     config: SelectionConfig,
 ) -> tuple[Array, Array]:
@@ -134,8 +137,9 @@ def _slice_pairs(
         return np.zeros((0, 2, 3)), np.zeros(0)
     steep = _wall_steepness(view, depth, boundary, outward)
     ray = unit(np.median(region.points, axis=0)) @ view.axes[:, 1:]
-    trust = 1.0 - HIDDEN_PENALTY * np.maximum(outward @ ray, 0.0)
     contact = boundary + 0.5 * outward  # from a cell's centre to its outer edge
+    trust = 1.0 - HIDDEN_PENALTY * np.maximum(outward @ ray, 0.0)
+    trust[_covered(view.points_at(boundary + 2.0 * outward, depth), region, scene)] *= COVERED
     line = contact[None] - contact[:, None]
     width = np.linalg.norm(line, axis=-1)
     line = line / np.maximum(width, 1e-9)[..., None]
@@ -143,7 +147,7 @@ def _slice_pairs(
         -np.einsum("iju,iu->ij", line, outward), np.einsum("iju,ju->ij", line, outward)
     )
     holding = cosine * np.minimum(steep[:, None], steep)
-    quality = holding * np.minimum(trust[:, None], trust)
+    quality = holding**2 * np.minimum(trust[:, None], trust)
     fits = (width * view.cell > config.min_width) & (width * view.cell < gripper.max_width)
     first, second = np.nonzero(np.triu(fits & (holding > MIN_HOLDING), 1))
     order = _spread(0.5 * (contact[first] + contact[second]), quality[first, second])
@@ -182,6 +186,16 @@ def _wall_steepness(view: _HeightMap, depth: float, cells: Array, outward: Array
     fall = view.depth[outer[:, 1], outer[:, 0]] - depth
     fall = np.where(np.isfinite(fall), np.maximum(fall, 0.0), 1.0) / (2.5 * view.cell)
     return np.asarray(fall / np.hypot(fall, 1.0))
+
+
+def _covered(points: Array, region: RegionCloud, scene: SceneCloud) -> NDArray[np.bool_]:
+    """Return which of `points` (n, 3) another thing hides: the region may go on behind it."""
+    pixels = np.round(scene.intrinsics.project(points)).astype(int)
+    limit = np.array(scene.depth.shape[::-1]) - 1
+    u, v = np.clip(pixels, 0, limit).T
+    seen = scene.depth[v, u]
+    nearer = (seen > 0) & (seen < points[:, 2] - OCCLUSION_STEP) & ~region.mask[v, u]
+    return np.asarray(nearer)
 
 
 def _spread(middle: Array, quality: Array) -> NDArray[np.int64]:

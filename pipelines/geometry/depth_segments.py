@@ -1,0 +1,161 @@
+"""Cutting a foreground where its depth has a step or its surface folds inward.
+
+The objects of a household are mostly convex, so where one ends and another begins the surface
+folds inward: a concave crease. Pixels of a crease go to the nearest piece afterwards.
+"""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+
+from pipelines.configs import RegionConfig
+from pipelines.geometry.organized import smooth_normals
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Labels = NDArray[np.int32]
+
+GAP = 4  # pixels without depth that a surface is followed across
+FINER = 0.5  # share of fold and step that too large a piece is cut at again
+
+
+def segment(xyz: Array, foreground: Mask, config: RegionConfig) -> tuple[Labels, Labels]:
+    """Cut `foreground` (H, W) into pieces; 0 elsewhere.
+
+    Pieces too large for an object are cut again at weaker creases and lower steps.
+
+    Args:
+        xyz: (H, W, 3) metres, camera frame, nan where missing.
+        foreground: (H, W) what to cut.
+        config: thresholds.
+
+    Returns:
+        The pieces (H, W), and (H, W) what hangs together without a step in depth.
+    """
+    fold = inward_fold(xyz, foreground, config)
+    whole = connected(xyz, foreground, config)
+    labels = _cut(xyz, foreground, whole, fold, config)
+    large = np.isin(labels, _too_large(xyz, labels, config)) & (labels > 0)
+    if large.any():
+        finer = replace(
+            config,
+            crease_fold=FINER * config.crease_fold,
+            depth_step=FINER * config.depth_step,
+        )
+        again = _cut(xyz, large, connected(xyz, large, finer), fold, finer)
+        labels = np.where(large, again + labels.max(initial=0), labels)
+    return labels, whole
+
+
+def _cut(xyz: Array, mask: Mask, whole: Labels, fold: Array, config: RegionConfig) -> Labels:
+    parts = connected(xyz, mask & (fold > -config.crease_fold), config)
+    big = np.bincount(parts.ravel()) >= config.min_pixels
+    big[0] = False
+    return _attach(xyz, np.where(big[parts], parts, 0), whole, mask)
+
+
+def _too_large(xyz: Array, labels: Labels, config: RegionConfig) -> list[int]:
+    counts = np.bincount(labels.ravel())
+    found = np.flatnonzero(counts >= config.min_pixels)
+    return [int(i) for i in found if i and extent(xyz[labels == i]) > config.max_extent]
+
+
+def extent(points: Array) -> float:
+    """Return the diagonal in metres of the box around `points` (n, 3), outliers left out."""
+    low, high = np.percentile(points, [2, 98], axis=0)
+    return float(np.linalg.norm(high - low))
+
+
+def inward_fold(xyz: Array, mask: Mask, config: RegionConfig) -> Array:
+    """Return (H, W) how far the surface of `mask` folds: -2 sin(angle / 2) inward, 0 elsewhere.
+
+    Normals on both sides of a convex edge point apart, of a concave one toward each other
+    (Stein et al., LCCP): (n_2 - n_1) . (p_2 - p_1) / |p_2 - p_1| is then negative.
+    """
+    normals = smooth_normals(xyz, mask, config.normal_radius)
+    reach = config.normal_radius + 1
+    deepest = np.zeros(mask.shape)
+    for down, right in ((0, reach), (reach, 0), (reach, reach), (reach, -reach)):
+        p, q = _shifted(xyz, -down, -right), _shifted(xyz, down, right)
+        n, m = _shifted(normals, -down, -right), _shifted(normals, down, right)
+        line = q - p
+        with np.errstate(invalid="ignore"):
+            length = np.linalg.norm(line, axis=-1)
+            fold = np.einsum("hwi,hwi->hw", m - n, line) / length
+            near = length < config.crease_reach * np.hypot(down, right) * xyz[..., 2] / 500.0
+        np.minimum(deepest, np.where(near & np.isfinite(fold), fold, 0.0), out=deepest)
+    return np.where(mask, deepest, 0.0)
+
+
+def _shifted(image: Array, down: int, right: int) -> Array:
+    """Return `image` (H, W, c) moved so that pixel (v, u) holds (v + down, u + right)."""
+    moved = np.full_like(image, np.nan)
+    height, width = image.shape[:2]
+    rows = slice(max(0, -down), min(height, height - down))
+    columns = slice(max(0, -right), min(width, width - right))
+    source_rows = slice(max(0, down), min(height, height + down))
+    source_columns = slice(max(0, right), min(width, width + right))
+    moved[rows, columns] = image[source_rows, source_columns]
+    return moved
+
+
+def connected(xyz: Array, mask: Mask, config: RegionConfig) -> Labels:
+    """Label the pieces of `mask` (H, W) whose depth has no step; 0 elsewhere."""
+    index = np.full(mask.shape, -1, np.int64)
+    index[mask] = np.arange(mask.sum())
+    z = np.nan_to_num(xyz[..., 2])
+    rows, columns = [], []
+    for span in range(1, GAP + 1):
+        for axis in (0, 1):
+            near, far = _ends(axis, span)
+            joined = mask[near] & mask[far]
+            step = config.depth_step * np.maximum(z[near], 0.5) * (1 + 0.25 * span)
+            joined &= np.abs(z[near] - z[far]) < step
+            for between in range(1, span):  # only where nothing was measured between
+                joined &= _between(z > 0, axis, span, between)
+            rows.append(index[near][joined])
+            columns.append(index[far][joined])
+    row, column = np.concatenate(rows), np.concatenate(columns)
+    size = int(mask.sum())
+    graph = coo_matrix((np.ones(len(row), bool), (row, column)), (size, size))
+    labels = np.zeros(mask.shape, np.int32)
+    labels[mask] = connected_components(graph, directed=False)[1] + 1
+    return labels
+
+
+def _ends(axis: int, span: int) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
+    """Return the slices of the pixels that have a partner `span` along `axis`, and of these."""
+    keep, move = slice(None, -span), slice(span, None)
+    return ((keep,), (move,)) if axis == 0 else ((slice(None), keep), (slice(None), move))
+
+
+def _between(measured: Mask, axis: int, span: int, offset: int) -> Mask:
+    length = measured.shape[axis] - span
+    taken = np.take(measured, np.arange(offset, offset + length), axis=axis)
+    return np.asarray(~taken)
+
+
+def _attach(xyz: Array, cores: Labels, whole: Labels, foreground: Mask) -> Labels:
+    """Give the foreground outside `cores` to the nearest core of the same whole piece.
+
+    A whole piece without a core (small or thin) becomes a region of its own.
+    """
+    labels = cores.copy()
+    rest = foreground & (cores == 0)
+    with_core = np.zeros(whole.max(initial=0) + 1, bool)
+    with_core[whole[cores > 0]] = True
+    loose = rest & ~with_core[whole]
+    labels[loose] = cores.max(initial=0) + whole[loose]
+    rest &= ~loose
+    if rest.any():
+        seeds = cv2.dilate(rest.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
+        seeds &= cores > 0
+        if seeds.any():
+            _, nearest = KDTree(xyz[seeds]).query(xyz[rest])
+            labels[rest] = cores[seeds][nearest]
+    return labels

@@ -40,7 +40,7 @@ def can(rng: Rng) -> Shape:
 
 def bottle(rng: Rng) -> Shape:
     """Bottles: body, shoulder, neck and cap."""
-    r, h = rng.uniform(0.022, 0.042), rng.uniform(0.12, 0.24)
+    r, h = rng.uniform(0.022, 0.042), rng.uniform(0.12, 0.22)
     neck, cap = r * rng.uniform(0.3, 0.55), rng.uniform(0.012, 0.03)
     shoulder, waist = h * rng.uniform(0.5, 0.75), r * rng.uniform(0.82, 1.0)
     body = smooth(

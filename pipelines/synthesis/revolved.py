@@ -10,6 +10,9 @@ Array = NDArray[np.float64]
 SEGMENTS = 72  # around a lathe: facets of 4 cm radius stay within 0.04 mm of the round surface
 SECTORS = 12  # convex pieces around a hollow lathe
 
+# The five neighbours in a ring of 4 * SECTORS points that a piece spans.
+SPANS = (4 * np.arange(SECTORS)[:, None] + np.arange(5)) % (4 * SECTORS)
+
 
 def lathe(profile: ArrayLike, segments: int = SEGMENTS, slabs: int = 4) -> Solid:
     """Return the solid of revolution of `profile` (k, 2): radius and height from axis to axis.
@@ -50,8 +53,8 @@ def torus(radius: float, section: Array) -> Solid:
     """Return the ring of a closed convex `section` (k, 2) revolved at `radius` from the z axis."""
     loop = section + np.array([radius, 0.0])
     vertices, faces = _rings(loop, SEGMENTS).reshape(-1, 3), ring_faces(len(loop), SEGMENTS, True)
-    coarse = _rings(loop, SECTORS)
-    pieces = [coarse[:, [i, (i + 1) % SECTORS]].reshape(-1, 3) for i in range(SECTORS)]
+    coarse = _rings(loop, 4 * SECTORS)
+    pieces = [coarse[:, span].reshape(-1, 3) for span in SPANS]
     return solid_of(vertices, faces, pieces)
 
 
@@ -83,9 +86,8 @@ def _wall_pieces(outside: Array, inside: Array, bands: int = 3) -> list[Array]:
     heights = np.linspace(inside[:, 1].min() + 1e-6, inside[:, 1].max(), 3 * bands + 1)
     walls = [np.interp(heights, p[:, 1], p[:, 0]) for p in (outside, inside[::-1])]
     rings = np.stack([_rings(np.column_stack([r, heights]), 4 * SECTORS) for r in walls])
-    spans = (4 * np.arange(SECTORS)[:, None] + np.arange(5)) % (4 * SECTORS)
     bows = [rings[:, 3 * band : 3 * band + 4] for band in range(bands)]
-    return [bow[:, :, span].reshape(-1, 3) for bow in bows for span in spans]
+    return [bow[:, :, span].reshape(-1, 3) for bow in bows for span in SPANS]
 
 
 def _resampled(profile: Array, share: Array) -> Array:

@@ -10,10 +10,11 @@ from pipelines.errors import SymgraspError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.mesh import Mesh
 from pipelines.geometry.rendering import Scene, cast_view
-from pipelines.geometry.transforms import make_pose
+from pipelines.geometry.transforms import invert, make_pose
 from pipelines.synthesis.depth_sensors import measured_depth
 from pipelines.synthesis.lamplight import drawn_lighting, drawn_texture, shade, table_texture
 from pipelines.synthesis.settling import drop_objects
+from pipelines.synthesis.smoothing import corner_normals, with_smooth_normals
 
 Array = NDArray[np.float64]
 
@@ -101,10 +102,14 @@ def record(
     textures = [drawn_texture(rng) for _ in layout.objects]
     textures += [table_texture(rng), table_texture(rng)]
     lighting = drawn_lighting(rng)
+    meshes = [item.mesh for item in layout.objects]
+    corners = [corner_normals(mesh) for mesh in meshes]
     for T_world_cam in viewpoints:
         hits = cast_view(scene, intrinsics, T_world_cam)
+        T_cam_obj = invert(T_world_cam) @ layout.poses
+        curved = with_smooth_normals(hits, meshes, corners, T_cam_obj, intrinsics)
         yield View(
-            shade(scene, hits, poses, textures, lighting, intrinsics, T_world_cam, rng),
+            shade(scene, curved, poses, textures, lighting, intrinsics, T_world_cam, rng),
             measured_depth(sensor, scene, hits, intrinsics, T_world_cam, rng),
             np.where(hits.object_index < len(layout.objects), hits.object_index, -1),
             T_world_cam,

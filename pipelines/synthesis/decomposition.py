@@ -1,13 +1,14 @@
-"""Convex pieces of any mesh, for physics (coacd)."""
+"""Convex pieces of any mesh, for physics."""
 
-import coacd
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from pipelines.geometry import convex_decomposition
 from pipelines.geometry.mesh import Mesh
 
 CONVEX_ENOUGH = 0.95  # share of its convex hull's volume that a mesh fills
+MAX_PIECES = 12
 
 
 def hull_of_points(points: NDArray[np.float64]) -> Mesh:
@@ -21,9 +22,6 @@ def convex_pieces(mesh: Mesh, *, seed: int = 0) -> tuple[Mesh, ...]:
     hull = hull_of_points(mesh.vertices)
     if mesh.is_watertight and mesh.volume > CONVEX_ENOUGH * hull.volume:
         return (hull,)
-    coacd.set_log_level("error")
-    parts = coacd.run_coacd(
-        coacd.Mesh(mesh.vertices, mesh.faces), threshold=0.08, max_convex_hull=12, seed=seed
-    )
-    pieces = [Mesh(np.asarray(v), np.asarray(f)) for v, f in parts if len(v) >= 4]
-    return tuple(pieces) if pieces else (hull,)
+    settings = {"threshold": 0.08, "max_convex_hull": MAX_PIECES, "seed": seed}
+    pieces = convex_decomposition.convex_pieces(mesh, settings)
+    return tuple(hull_of_points(corners) for corners in pieces) or (hull,)

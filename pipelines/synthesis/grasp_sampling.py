@@ -26,7 +26,7 @@ from pipelines.synthesis.graspnet_gripper import FINGER, hits_plane, hits_sample
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-NUM_SAMPLES = 1500  # of a surface, that the gripper's boxes must not hold
+NUM_SAMPLES = 4000  # of a surface, that the gripper's boxes must not hold
 INFEASIBLE = -1.0  # GraspNet's word for a candidate that holds at no friction
 
 

@@ -40,8 +40,7 @@ def hits_samples(
     if not len(views) or not len(samples):
         return hit
     half = (0.5 * np.asarray(width)).astype(np.float32)
-    reach = np.hypot(half[candidates].max() + FINGER, HALF_HEIGHT)
-    view, q = _near_gripper(samples, origin, views, float(reach))
+    view, q = _near_gripper(samples - origin, views, half, candidates)
     wanted = np.asarray(candidates.any(axis=2))  # (300, 12)
     for angle, (cosine, sine) in enumerate(_turns()):
         level = cosine * q[2] - sine * q[1]
@@ -54,22 +53,26 @@ def hits_samples(
 
 
 def _near_gripper(
-    samples: NDArray[np.floating],
-    origin: NDArray[np.floating],
-    views: NDArray[np.int64],
-    reach: float,
+    around: Array, views: NDArray[np.int64], half: Singles, candidates: Mask
 ) -> tuple[NDArray[np.int64], Singles]:
-    """Return view (k,) and coordinates (3, k) at angle 0 of samples the gripper might reach."""
-    around = np.asarray(samples - origin, np.float32)
-    radius = np.hypot(reach, max(DEPTHS.max(), -SLAB_BACK))
-    around = around[np.einsum("ni,ni->n", around, around) < radius**2]
+    """Return view (k,) and coordinates (3, k) at angle 0 of samples that some box might hold."""
+    # Per view, whatever the angle: how near the approach fingers come, and how far boxes reach.
+    inner = np.where(candidates, half, np.inf).min(axis=(1, 2))[views, None]
+    outer = np.where(candidates, half, 0.0).max(axis=(1, 2))[views, None] + FINGER
+    outer_squared = (outer**2 + HALF_HEIGHT**2).astype(np.float32)
+    tips = np.where(candidates, DEPTHS, 0.0).max(axis=(1, 2))[views, None].astype(np.float32)
+    points = around.astype(np.float32)
+    square = np.einsum("ni,ni->n", points, points)
+    near = square < outer_squared.max() + max(DEPTHS.max(), -SLAB_BACK) ** 2
+    points, square = points[near], square[near]
     frames = view_rotations(angles=np.zeros(1))[views, 0]
-    along = frames[:, :, 0] @ around.T  # (v, n)
-    row, sample = np.nonzero((along > SLAB_BACK) & (along < DEPTHS.max()))
-    closing, level = (frames[:, :, i] @ around.T for i in (1, 2))
-    q = np.stack([along[row, sample], closing[row, sample], level[row, sample]])
-    reached = np.flatnonzero(q[1] ** 2 + q[2] ** 2 < reach**2)
-    return views[row[reached]], q[:, reached]
+    along = frames[:, :, 0] @ points.T  # (v, n)
+    away = square - along**2  # from the line of approach, squared
+    reached = (along > SLAB_BACK) & (along < tips) & (away < outer_squared)
+    reached &= (along < FINGER_BACK) | (away > 0.999 * inner.astype(np.float32) ** 2)
+    row, sample = np.nonzero(reached)
+    across = np.einsum("kij,ki->jk", frames[row, :, 1:], points[sample])
+    return views[row], np.concatenate([along[row, sample][None], across])
 
 
 def _turns() -> list[tuple[np.float32, np.float32]]:

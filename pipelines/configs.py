@@ -98,8 +98,9 @@ class DetectorConfig:
     variant: str = "light"  # or resnet50
     input: str = "geometry"  # or color, both
     min_size: int = 288  # pixels, shorter side at the network's input
-    max_size: int = 384
+    max_size: int = 512  # and the longer one
     max_detections: int = 40
+    candidate_confidence: float = 0.05  # below, regions are not even drawn for figures
     min_confidence: float = 0.5
     mask_threshold: float = 0.5
     nms_threshold: float = 0.5
@@ -182,7 +183,7 @@ class RegionConfig:
     depth_step: float = 0.012  # of the depth, between neighbours: a longer step parts surfaces
     normal_radius: int = 4  # pixels that normals are smoothed over
     crease_fold: float = 0.6  # 2 sin(fold / 2) beyond which a concave crease parts regions
-    crease_reach: float = 3.0  # how much longer than level a crease's chord may be
+    crease_reach: float = 4.5  # how much longer than level a crease's chord may be
 
 
 @dataclass(frozen=True)

@@ -19,13 +19,19 @@ DryRun = Annotated[bool, typer.Option("--dry-run", help="Say what would be done,
 Device = Annotated[
     str, typer.Option(help="auto, cpu, cuda or cuda:N; auto takes a GPU if there is one.")
 ]
+Resume = Annotated[bool, typer.Option("--resume", help="Go on with an unfinished training.")]
+Threads = Annotated[int, typer.Option(min=1, help="CPU cores to train on.")]
+TimeLimit = Annotated[
+    float | None,
+    typer.Option(min=0.0, help="Minutes after which to stop cleanly; --resume goes on."),
+]
 
 
 def batch_options(workers: int, backend: str, *, overwrite: bool, dry_run: bool) -> BatchOptions:
     """Return the options of a batch, the progress bar shown where stderr is a terminal."""
-    import sys  # noqa: PLC0415
+    import sys
 
-    from pipelines.batch import BatchOptions  # noqa: PLC0415 - lazy, `--help` stays fast
+    from pipelines.batch import BatchOptions
 
     return BatchOptions(
         workers=workers,
@@ -34,3 +40,10 @@ def batch_options(workers: int, backend: str, *, overwrite: bool, dry_run: bool)
         dry_run=dry_run,
         progress=sys.stderr.isatty(),
     )
+
+
+def show_training() -> None:
+    """Let the lines that the training engine logs (losses, time left) reach the terminal."""
+    import logging
+
+    logging.getLogger("pipelines.learning").setLevel(logging.INFO)

@@ -1,0 +1,114 @@
+"""Batches of packed regions: random access, drawn by seed and step, read in this process."""
+
+import queue
+import re
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import TypeVar
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from pipelines.errors import ValueRangeError
+from pipelines.formats.packed_regions import PackedReader, PackedRegion
+from pipelines.network.regions import RegionBatch
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+Indices = NDArray[np.int64]
+
+
+def epoch_batches(
+    indices: Sequence[int] | Indices, batch_size: int, rng: np.random.Generator
+) -> list[Indices]:
+    """Return `indices` in random order, cut into batches; what is left over waits an epoch."""
+    order = rng.permutation(np.asarray(indices, np.int64))
+    count = max(1, len(order) // batch_size)
+    return [order[i * batch_size : (i + 1) * batch_size] for i in range(count)]
+
+
+def split_by_scene(
+    reader: PackedReader, fraction: float, rng: np.random.Generator
+) -> tuple[Indices, Indices]:
+    """Return indices of regions to train on and of the `fraction` of scenes held out.
+
+    Files of one scene (its two cameras) stay together: a view of a training scene tells nothing
+    about unseen ones. At least one scene is held out and one is trained on.
+
+    Raises:
+        ValueRangeError: there is only one scene.
+    """
+    scene_of_file = [_scene_name(path.stem) for path in reader.paths]
+    scenes = sorted(set(scene_of_file))
+    if len(scenes) < 2:
+        raise ValueRangeError(
+            "number of packed scenes", len(scenes), "at least 2, or give --val a folder of its own"
+        )
+    count = min(max(1, round(fraction * len(scenes))), len(scenes) - 1)
+    held_out = set(rng.permutation(scenes)[:count].tolist())
+    is_held_out = np.repeat([scene in held_out for scene in scene_of_file], reader.counts)
+    return np.flatnonzero(~is_held_out), np.flatnonzero(is_held_out)
+
+
+def _scene_name(stem: str) -> str:
+    found = re.match(r"scene_\d+", stem)
+    return found.group() if found else stem
+
+
+def load_regions(
+    reader: PackedReader, indices: Indices, num_points: int, rng: np.random.Generator
+) -> RegionBatch:
+    """Return regions with `num_points` of their points each, centred on those points' centroid."""
+    regions = [_draw_points(reader[int(i)], num_points, rng) for i in indices]
+    return RegionBatch(*(torch.from_numpy(np.stack(each)) for each in zip(*regions, strict=True)))
+
+
+def _draw_points(
+    region: PackedRegion, count: int, rng: np.random.Generator
+) -> tuple[NDArray[np.float32], ...]:
+    available = len(region.points)
+    chosen = rng.permutation(available)[:count]
+    if available < count:
+        chosen = np.concatenate([chosen, rng.integers(available, size=count - available)])
+    points = region.points[chosen]
+    centroid = points.mean(0)
+    center = np.nan_to_num(region.point - centroid)
+    direction = np.nan_to_num(region.direction)
+    affordance = np.nan_to_num(region.affordance[chosen])
+    return points - centroid, affordance, region.existence, center, direction
+
+
+def prefetch(
+    load: Callable[[Item], Result], items: Iterable[Item], depth: int = 2
+) -> Iterator[Result]:
+    """Yield `load(item)` for each item, `depth` of them loaded ahead in a thread.
+
+    An exception of `load` is raised where its result was due.
+    """
+    ready: queue.Queue[Result | BaseException | None] = queue.Queue(depth)
+    stopped = threading.Event()
+
+    def work() -> None:
+        try:
+            for item in items:
+                if stopped.is_set():
+                    return
+                ready.put(load(item))
+            ready.put(None)
+        except BaseException as error:
+            ready.put(error)
+
+    thread = threading.Thread(target=work, daemon=True)
+    thread.start()
+    try:
+        while (result := ready.get()) is not None:
+            if isinstance(result, BaseException):
+                raise result
+            yield result
+    finally:
+        stopped.set()
+        while thread.is_alive():  # it may wait for room in the queue
+            while not ready.empty():
+                ready.get_nowait()
+            thread.join(0.01)

@@ -1,0 +1,92 @@
+"""A training as it was asked for, the files it owns, and where an earlier one stands."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pipelines.errors import SymgraspError
+from pipelines.formats.checkpoints import load_training
+from pipelines.formats.provenance import Stamp, read_stamp
+
+
+@dataclass(frozen=True)
+class RunRequest:
+    """What the user asks of a run that does not change what it converges to.
+
+    Attributes:
+        seed: of everything drawn at random.
+        device: auto, cpu, cuda or cuda:N.
+        threads: CPU cores to use.
+        time_limit: minutes after which the run stops cleanly, None for no limit.
+        resume: go on with an unfinished run.
+        overwrite: start again whatever is there.
+    """
+
+    seed: int = 0
+    device: str = "auto"
+    threads: int = 2
+    time_limit: float | None = None
+    resume: bool = False
+    overwrite: bool = False
+
+
+@dataclass
+class Progress:
+    """Where a run stands; what a checkpoint remembers beside tensors."""
+
+    epoch: int = 0
+    step: int = 0  # of this epoch
+    total_steps: int = 0
+    seconds: float = 0.0
+    best: float | None = None
+    figures: dict[str, float] = field(default_factory=dict)  # of the best weights
+    finished: bool = False
+
+
+def checkpoint_path(output: Path) -> Path:
+    """Return where the checkpoint of the run that writes `output` lies."""
+    return output.with_name(f"{output.stem}.checkpoint.safetensors")
+
+
+def log_folder(output: Path) -> Path:
+    """Return where the TensorBoard scalars of the run that writes `output` lie."""
+    return output.with_name(f"{output.stem}.logs")
+
+
+def find_progress(output: Path, stamp: Stamp, request: RunRequest) -> Progress | None:
+    """Return the progress of an earlier run that is finished or to be resumed, None if none is.
+
+    Raises:
+        SymgraspError: there is an earlier run, and neither --resume nor --overwrite says what is
+            to become of it; or it was made with other settings and cannot be resumed.
+    """
+    checkpoint = checkpoint_path(output)
+    if request.overwrite or not (checkpoint.exists() or output.exists()):
+        return None
+    if not checkpoint.exists():
+        raise SymgraspError(
+            f"{output} exists without {checkpoint.name}; pass --overwrite to train it again"
+        )
+    wanted, found = stamp.as_json(), read_stamp(checkpoint) or {}
+    changed = [key for key in ("stage", "config", "seed") if found.get(key) != wanted[key]]
+    if changed:
+        raise SymgraspError(
+            f"{checkpoint} was made with another {' and '.join(changed)}; "
+            "give the same options to resume it, or pass --overwrite to start again"
+        )
+    progress = Progress(**load_training(checkpoint).progress)
+    if not request.resume and not progress.finished:
+        raise SymgraspError(
+            f"{checkpoint} holds an unfinished training; "
+            "pass --resume to go on with it or --overwrite to start again"
+        )
+    return progress
+
+
+def describe(progress: Progress) -> str:
+    """Return how far a run came and how good its best weights are, in one line."""
+    figures = ", ".join(f"{name} {value:.4g}" for name, value in progress.figures.items())
+    state = "finished" if progress.finished else "stopped by its time limit, --resume goes on"
+    return (
+        f"{progress.total_steps} steps in {progress.seconds / 60:.1f} min, {state}; "
+        f"best on unseen scenes: {figures}"
+    )

@@ -1,0 +1,52 @@
+"""The running mean of a module's weights: steadier than the last step's, at no cost a step."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+
+import torch
+from torch import Tensor, nn
+
+
+class WeightAverage:
+    """Exponential running mean of all floating-point state; other state is the module's own."""
+
+    def __init__(self, module: nn.Module, decay: float) -> None:
+        self.module, self.decay = module, decay
+        self._mean = {name: each.detach().clone() for name, each in self._live().items()}
+
+    def _live(self) -> dict[str, Tensor]:
+        state = self.module.state_dict()
+        return {name: each for name, each in state.items() if each.is_floating_point()}
+
+    @torch.no_grad()
+    def update(self, step: int) -> None:
+        """Take in the weights after step number `step`, counted from 1.
+
+        Early on the mean is over fewer steps: it forgets the random start.
+        """
+        decay = min(self.decay, step / (step + 10.0))
+        torch._foreach_lerp_(list(self._mean.values()), list(self._live().values()), 1.0 - decay)
+
+    @contextmanager
+    def applied(self) -> Iterator[None]:
+        """Give the module the mean weights for as long as the context lasts."""
+        own = {name: each.detach().clone() for name, each in self._live().items()}
+        try:
+            self._set(self._mean)
+            yield
+        finally:
+            self._set(own)
+
+    @torch.no_grad()
+    def _set(self, tensors: Mapping[str, Tensor]) -> None:
+        live = self._live()
+        for name, tensor in tensors.items():
+            live[name].copy_(tensor)
+
+    def state(self) -> dict[str, Tensor]:
+        """Return the mean by name."""
+        return dict(self._mean)
+
+    def load(self, state: Mapping[str, Tensor]) -> None:
+        """Take over a mean returned by `state`."""
+        self._mean = {name: state[name].clone() for name in self._mean}

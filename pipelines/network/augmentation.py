@@ -1,0 +1,112 @@
+"""Random views of a region: whole-cloud augmentation, and the copy scaled for Siamese training.
+
+Labels follow exactly: planes and axes turn with the cloud, and a scaling is only drawn along a
+direction that leaves every symmetry of the region a symmetry (Sec. III-E, "principal").
+"""
+
+import math
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from pipelines.configs import AugmentationConfig
+from pipelines.network.heads import SPHERE_SLOT
+from pipelines.network.regions import RegionBatch
+
+# How parallel (cosine) or perpendicular (sine) two directions must be to keep a symmetry.
+ALIGNMENT = 0.03
+ROTATION_SLOT = 3
+
+
+def augment(
+    batch: RegionBatch, config: AugmentationConfig, generator: torch.Generator
+) -> RegionBatch:
+    """Return the regions rolled, tilted, mirrored, scaled and jittered at random.
+
+    The camera looks along z: rolls are about z, tilts about axes across it, and the mirror swaps
+    left and right. Small scalings are uniform, since widths are metric.
+    """
+    roll = torch.randn(len(batch), generator=generator) * config.roll_deg
+    across = torch.randn(len(batch), 2, generator=generator) * config.tilt_deg
+    turn = _rotations(torch.cat([across, roll[:, None]], -1) * (math.pi / 180.0))
+    mirror = torch.where(torch.rand(len(batch), generator=generator) < 0.5, -1.0, 1.0)
+    flip = torch.diag_embed(torch.stack([mirror, *[torch.ones_like(mirror)] * 2], -1))
+    scale = 1.0 + config.scale * (2.0 * torch.rand(len(batch), generator=generator) - 1.0)
+    isometry = turn @ flip
+    moved = batch.mapped(isometry * scale[:, None, None], isometry)
+    noise = torch.randn(batch.points.shape, generator=generator)
+    return replace(moved, points=moved.points + config.jitter * noise)
+
+
+def scaled_copy(
+    batch: RegionBatch,
+    config: AugmentationConfig,
+    generator: torch.Generator,
+    *,
+    spheres: bool = True,
+) -> RegionBatch:
+    """Return the regions scaled along or across one principal direction each (Fig. 3).
+
+    A plane allows any direction along or across its normal. A rotation stays one only if its axis
+    is such a direction and both directions across it share one scale. A sphere becomes an
+    ellipsoid: the features of its points should not mind, but its labels no longer hold;
+    `spheres=False` leaves it as it is.
+    """
+    direction = principal_directions(batch, generator)
+    limit = math.log(config.principal_scale)
+    factor = torch.exp(limit * (2.0 * torch.rand(len(batch), generator=generator) - 1.0))
+    if not spheres:
+        factor = torch.where(batch.existence[:, SPHERE_SLOT] > 0, torch.ones(()), factor)
+    along = torch.rand(len(batch), generator=generator) < 0.5
+    one = torch.ones_like(factor)
+    outer = direction[:, :, None] * direction[:, None]
+    scaling = torch.where(along, factor, one)[:, None, None] * outer + torch.where(
+        along, one, factor
+    )[:, None, None] * (torch.eye(3) - outer)
+    # Normals and axes are eigenvectors of the scaling: they keep their directions.
+    return batch.mapped(scaling, torch.eye(3).expand_as(scaling))
+
+
+def principal_directions(batch: RegionBatch, generator: torch.Generator) -> Tensor:
+    """Return a random direction (B, 3) along which scaling keeps all planes and axes.
+
+    Candidates are the normals and the axis, their cross products, a random direction across the
+    only one there is, and for regions without any (or spheres) a random one.
+    """
+    directions = batch.direction[:, :SPHERE_SLOT]  # (B, 4, 3)
+    exists = batch.existence[:, :SPHERE_SLOT] > 0
+    random = functional.normalize(torch.randn(len(batch), 3, generator=generator), dim=-1)
+    first = directions.gather(
+        1, exists.float().argmax(1)[:, None, None].expand(-1, 1, 3)
+    )  # (B, 1, 3)
+    candidates = torch.cat(
+        [
+            directions,
+            torch.linalg.cross(directions[:, [0, 0, 1]], directions[:, [1, 2, 2]]),
+            torch.linalg.cross(first, random[:, None]),
+        ],
+        1,
+    )
+    length = candidates.norm(dim=-1, keepdim=True)
+    candidates = candidates / length.clamp(min=1e-6)
+    cosine = (candidates @ directions.transpose(1, 2)).abs()  # (B, candidate, slot)
+    keeps = (cosine < ALIGNMENT) | (cosine > 1.0 - ALIGNMENT**2)
+    keeps[..., ROTATION_SLOT] = cosine[..., ROTATION_SLOT] > 1.0 - ALIGNMENT**2
+    valid = (keeps | ~exists[:, None]).all(-1) & (length[..., 0] > 0.1) & exists.any(-1)[:, None]
+    weight = valid.float() + 1e-9  # never a row of zeros
+    chosen = torch.multinomial(weight, 1, generator=generator)[..., None].expand(-1, 1, 3)
+    picked = candidates.gather(1, chosen)[:, 0]
+    return torch.where(valid.any(-1)[:, None], picked, random)
+
+
+def _rotations(
+    vectors: Tensor,  # (B, 3)
+) -> Tensor:
+    """Return rotations (B, 3, 3) by rotation vectors, radians."""
+    x, y, z = vectors.unbind(-1)
+    zero = torch.zeros_like(x)
+    skew = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).view(-1, 3, 3)
+    rotations: Tensor = torch.linalg.matrix_exp(skew)
+    return rotations

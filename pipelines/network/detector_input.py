@@ -1,0 +1,27 @@
+"""What the detector is shown of a frame: geometry from depth, colour, or both (D. on input)."""
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from pipelines.geometry.depth_channels import SmallFrame, depth_channels
+from pipelines.geometry.pointcloud import Plane
+
+COLOR_MEAN = (0.485, 0.456, 0.406)  # ImageNet's, which COCO weights were trained with
+COLOR_STD = (0.229, 0.224, 0.225)
+
+
+def detector_image(frame: SmallFrame, plane: Plane, kind: str) -> Tensor:
+    """Return (C, h, w) float32: colour, then geometry, as far as `kind` asks for them.
+
+    `kind`: geometry, color or both. `plane`: what things stand on, camera frame.
+    """
+    parts: list[NDArray[np.float32]] = []
+    if kind in {"color", "both"}:
+        color = frame.color.astype(np.float32) / 255.0
+        normalised = (color - np.array(COLOR_MEAN, np.float32)) / np.array(COLOR_STD, np.float32)
+        parts.append(np.moveaxis(normalised, -1, 0))
+    if kind in {"geometry", "both"}:
+        parts.append(depth_channels(frame.depth, frame.intrinsics, plane))
+    return torch.from_numpy(np.ascontiguousarray(np.concatenate(parts), np.float32))

@@ -1,0 +1,22 @@
+"""Where tensors live: `auto`, `cpu`, `cuda` or `cuda:N`."""
+
+import torch
+
+from pipelines.errors import UnknownNameError, ValueRangeError
+
+
+def find_device(name: str) -> torch.device:
+    """Return the device called `name`; `auto` is a GPU if there is one, else the CPU.
+
+    Raises:
+        UnknownNameError: `name` is none of the known ones.
+        ValueRangeError: a GPU is asked for that is not there.
+    """
+    if name == "auto":
+        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    kind, _, number = name.partition(":")
+    if kind not in {"cpu", "cuda"} or (number and not number.isdecimal()):
+        raise UnknownNameError("device", name, ["auto", "cpu", "cuda", "cuda:N"])
+    if kind == "cuda" and int(number or 0) >= torch.cuda.device_count():
+        raise ValueRangeError("device", name, f"one of {torch.cuda.device_count()} GPUs, or cpu")
+    return torch.device(name)

@@ -1,0 +1,78 @@
+"""What each point predicts from its feature: affordance, existence and symmetry (Fig. 5)."""
+
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+NUM_SLOTS = 5  # M of Eq. 7: three reflections, one rotation, one sphere
+NUM_DIRECTIONS = 4  # slots with a direction: all but the sphere
+SPHERE_SLOT = 4
+FIRST_OUTPUTS = 0.3  # how large, against what keeps the variance
+POWER_STEPS = 4  # squarings: the second eigenvalue fades as its share to the power of 16
+POSITIVE_SHIFT = 1.2  # no eigenvalue of a matrix with six numbers of unit length is below -1.2
+
+
+def mlp(in_dim: int, hidden: tuple[int, int, int], out_dim: int) -> nn.Sequential:
+    """Return four fully connected layers (Sec. III-G)."""
+    dims = (in_dim, *hidden)
+    layers: list[nn.Module] = []
+    for wide, narrow in pairwise(dims):
+        layers += [nn.Linear(wide, narrow), nn.ReLU()]
+    return nn.Sequential(*layers, nn.Linear(hidden[-1], out_dim))
+
+
+class Heads(nn.Module):
+    """Three MLPs: affordance (regression), existence (classification), parameters (regression).
+
+    A plane's normal and an axis have no sign, and a vector that turns with the object must jump
+    somewhere. So six numbers are regressed, a symmetric matrix that can turn without a jump, and
+    the direction is its leading eigenvector.
+    """
+
+    def __init__(self, feature_dim: int) -> None:
+        super().__init__()
+        self.affordance = mlp(feature_dim, (64, 32, 16), 1)
+        self.existence = mlp(feature_dim, (64, 32, 16), NUM_SLOTS)
+        self.symmetry = mlp(feature_dim, (128, 96, 64), 3 * NUM_SLOTS + 6 * NUM_DIRECTIONS)
+
+    @torch.no_grad()
+    def shrink_outputs(self) -> None:
+        """Let first predictions be small: planes and axes then start near the centroid."""
+        for head in (self.affordance, self.existence, self.symmetry):
+            head.get_parameter(f"{len(head) - 1}.weight").mul_(FIRST_OUTPUTS)
+
+    def forward(
+        self,
+        features: Tensor,  # (B, N, C)
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Return affordance (B, N), logits (B, N, 5), center and direction (B, N, 5, 3).
+
+        The sphere has no direction; its slot holds zeros.
+        """
+        shape = features.shape[:2]
+        parameters = self.symmetry(features)
+        center = parameters[..., : 3 * NUM_SLOTS].view(*shape, NUM_SLOTS, 3)
+        six = parameters[..., 3 * NUM_SLOTS :].view(*shape, NUM_DIRECTIONS, 6)
+        direction = functional.pad(leading_direction(six), (0, 0, 0, 1))
+        return self.affordance(features)[..., 0], self.existence(features), center, direction
+
+
+def leading_direction(
+    six: Tensor,  # (..., 6)
+) -> Tensor:
+    """Return the unit eigenvector (..., 3) of the largest eigenvalue of a symmetric matrix.
+
+    `six` holds xx, yy, zz, xy, xz, yz. The matrix is made positive and squared until its columns
+    are all along that eigenvector; the longest one is taken.
+    """
+    six = six / (six.norm(dim=-1, keepdim=True) + 1e-6)
+    matrix = six[..., [0, 3, 4, 3, 1, 5, 4, 5, 2]].view(*six.shape[:-1], 3, 3)
+    power = matrix + POSITIVE_SHIFT * torch.eye(3, dtype=six.dtype, device=six.device)
+    for _ in range(POWER_STEPS):
+        power = power @ power
+        power = power / power.diagonal(dim1=-2, dim2=-1).sum(-1)[..., None, None]
+    longest = power.diagonal(dim1=-2, dim2=-1).argmax(-1)
+    column = power.gather(-1, longest[..., None, None].expand(*longest.shape, 3, 1))[..., 0]
+    return functional.normalize(column, dim=-1)

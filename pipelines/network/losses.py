@@ -1,0 +1,159 @@
+"""The training loss (Sec. III-E): consistency, affordance (Eq. 6) and symmetry (Eq. 7).
+
+Every term is a mean over points where the paper sums: the weights between the terms stay the
+paper's, and the number of points asked about does not change the step.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from pipelines.configs import TrainConfig
+from pipelines.network.dense_error import (
+    reflection_error,
+    reflection_extent,
+    rotation_error,
+    rotation_extent,
+)
+from pipelines.network.heads import SPHERE_SLOT
+from pipelines.network.matching import NUM_REFLECTIONS, match_reflections
+from pipelines.network.model import Prediction
+from pipelines.network.regions import RegionBatch
+
+ROTATION_SLOT = 3
+
+# A fresh network predicts no affordance anywhere, and some regions have none: this is added to
+# the predicted affordance before Eq. 7 weighs by it, and each region's weights sum to one.
+WEIGHT_FLOOR = 0.1
+
+# A thin object's mirror images are close together; below this share of its size the dense error
+# is not divided by their distance, or such objects would drown the others.
+MIN_EXTENT_SHARE = 0.3
+
+GRASPABLE = 0.05  # affordance above which a point counts as positive
+MAX_BALANCE = 4.0  # a rare class weighs at most this many times a common one
+NUM_ERROR_POINTS = 16  # points of the region on which dense errors are measured
+
+
+@dataclass(frozen=True)
+class LossTerms:
+    """Terms of the loss, each a scalar; `total` is what is minimised."""
+
+    total: Tensor
+    feature: Tensor
+    affordance: Tensor
+    existence: Tensor
+    parameters: Tensor
+
+    def scalars(self) -> dict[str, float]:
+        """Return the terms as plain numbers."""
+        return {name: float(getattr(self, name).detach()) for name in self.__dataclass_fields__}
+
+
+def total_loss(
+    prediction: Prediction,
+    truth: RegionBatch,
+    copy_features: Tensor | None,  # (B, Q, 128)
+    config: TrainConfig,
+    points: Tensor,  # (B, S, 3)
+) -> LossTerms:
+    """Return L = w^f L^f + w^a sum L^a + w^s sum L^s over one batch.
+
+    `truth` holds the Q points that were asked about, `copy_features` their features in the
+    scaled copy (None without Siamese training), `points` those that measure dense errors.
+    """
+    feature = prediction.features.new_zeros(())
+    if copy_features is not None:
+        feature = consistency_loss(prediction.features, copy_features)
+    affordance = affordance_loss(prediction.affordance, truth.affordance)
+    weight = symmetry_weights(prediction.affordance)
+    matched = match_reflections(
+        truth, points, prediction.direction[:, :, :3], prediction.center[:, :, :3], weight
+    )
+    existence = (weight * existence_loss(prediction.existence, matched)).sum(-1).mean()
+    parameters = (weight * parameter_loss(prediction, matched, points)).sum(-1).mean()
+    symmetry = config.weight_existence * existence + config.weight_parameters * parameters
+    total = (
+        config.weight_feature * feature
+        + config.weight_affordance * affordance
+        + config.weight_symmetry * symmetry
+    )
+    return LossTerms(total, feature, affordance, existence, parameters)
+
+
+def consistency_loss(
+    features: Tensor,  # (B, Q, C)
+    copy_features: Tensor,  # (B, Q, C)
+) -> Tensor:
+    """Return L^f: squared distance of a point's two features, a mean over channels."""
+    return functional.mse_loss(features, copy_features)
+
+
+def affordance_loss(
+    predicted: Tensor,  # (B, Q)
+    truth: Tensor,  # (B, Q)
+) -> Tensor:
+    """Return the L1 of Eq. 6, graspable and other points weighing alike.
+
+    An L1 is minimised by the median, which is zero where few points are graspable. So the batch's
+    positives and negatives each get half of the weight, within `MAX_BALANCE`.
+    """
+    positive = (truth > GRASPABLE).to(truth.dtype)
+    share = positive.mean().clamp(1e-3, 1.0 - 1e-3)
+    ratio = ((1.0 - share) / share).clamp(1.0 / MAX_BALANCE, MAX_BALANCE)
+    weight = torch.where(positive > 0, ratio.sqrt(), 1.0 / ratio.sqrt())
+    return ((predicted - truth).abs() * weight).sum() / weight.sum()  # Eq. 6
+
+
+def symmetry_weights(
+    affordance: Tensor,  # (B, Q)
+) -> Tensor:
+    """Return the weights a_j of Eq. 7, rows summing to one, without a gradient (D. 1)."""
+    weight = affordance.detach().clamp(0.0, 1.0) + WEIGHT_FLOOR
+    return weight / weight.sum(-1, keepdim=True)
+
+
+def existence_loss(
+    logits: Tensor,  # (B, Q, 5)
+    truth: RegionBatch,
+) -> Tensor:
+    """Return L_c of each point (B, Q): five binary cross-entropies, summed (D. 12)."""
+    target = truth.existence[:, None].expand_as(logits)
+    return functional.binary_cross_entropy_with_logits(logits, target, reduction="none").sum(-1)
+
+
+def parameter_loss(
+    prediction: Prediction,
+    truth: RegionBatch,
+    points: Tensor,  # (B, S, 3)
+) -> Tensor:
+    """Return L_r of each point (B, Q), summed over the slots that exist.
+
+    Reflection and rotation: dense error over the true extent. Sphere: squared distance of the
+    centre, in units of the radius, which makes it as dimensionless as the others.
+    """
+    size = (points - points.mean(1, keepdim=True)).norm(dim=-1).amax(-1)  # (B,)
+    smallest = MIN_EXTENT_SHARE * size + 1e-6
+    losses = []
+    for slot in range(NUM_REFLECTIONS + 1):
+        direction, center = truth.direction[:, slot], truth.center[:, slot]
+        rotation = slot == ROTATION_SLOT
+        error, extent = (
+            (rotation_error, rotation_extent) if rotation else (reflection_error, reflection_extent)
+        )
+        predicted = prediction.direction[:, :, slot], prediction.center[:, :, slot]
+        scale = torch.maximum(extent(points, direction, center), smallest)
+        losses.append(error(points, *predicted, direction, center) / scale[:, None])
+    losses.append(_sphere_loss(prediction, truth, points, smallest))
+    return (torch.stack(losses, -1) * truth.existence[:, None]).sum(-1)
+
+
+def _sphere_loss(
+    prediction: Prediction, truth: RegionBatch, points: Tensor, smallest: Tensor
+) -> Tensor:
+    center = truth.center[:, None, SPHERE_SLOT]
+    radius = torch.maximum((points - center).norm(dim=-1).amax(-1), smallest)
+    offset = prediction.center[:, :, SPHERE_SLOT] - center
+    return offset.square().sum(-1) / radius[:, None].square()

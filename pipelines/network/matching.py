@@ -1,0 +1,70 @@
+"""Which reflection slot answers for which true plane: Hungarian assignment (Sec. III-E)."""
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+from scipy.optimize import linear_sum_assignment
+from torch import Tensor
+
+from pipelines.network.dense_error import reflection_error
+from pipelines.network.regions import RegionBatch
+
+NUM_REFLECTIONS = 3
+MAX_MATCHED = 96  # about as many points vote on the assignment
+
+
+@torch.no_grad()
+def match_reflections(
+    truth: RegionBatch,
+    points: Tensor,  # (B, S, 3)
+    normal: Tensor,  # (B, Q, 3, 3)
+    center: Tensor,  # (B, Q, 3, 3)
+    weight: Tensor,  # (B, Q)
+) -> RegionBatch:
+    """Return `truth` with its planes moved to the slots whose predictions fit them best.
+
+    The cost of giving a plane to a slot is the dense error of the slot's predictions, averaged
+    over (some of) the Q points by `weight` (B, Q). Labels may list planes in any order.
+    """
+    stride = max(1, normal.shape[1] // MAX_MATCHED)
+    normal, center, weight = normal[:, ::stride], center[:, ::stride], weight[:, ::stride]
+    cost = torch.stack(
+        [_costs_of_plane(truth, plane, points, normal, center, weight) for plane in range(3)], -1
+    )  # (B, slot, plane)
+    existing = truth.existence[:, None, :NUM_REFLECTIONS] > 0
+    # An absent plane costs the same everywhere: it takes the slots that the others leave.
+    order = torch.from_numpy(_assign(torch.where(existing, cost, 0.0).cpu().numpy()))
+    order = order.to(points.device)
+    picked = torch.cat(
+        [order, truth.existence.new_tensor([[3, 4]]).long().expand(len(order), 2)], 1
+    )
+    rows = picked[..., None].expand(-1, -1, 3)
+    return replace(
+        truth,
+        existence=truth.existence.gather(1, picked),
+        center=truth.center.gather(1, rows),
+        direction=truth.direction.gather(1, rows),
+    )
+
+
+def _costs_of_plane(
+    truth: RegionBatch, plane: int, points: Tensor, normal: Tensor, center: Tensor, weight: Tensor
+) -> Tensor:
+    """Return what it costs (B, slot) to give one true plane to each slot, any length unit."""
+    errors = [
+        reflection_error(
+            points,
+            normal[:, :, slot],
+            center[:, :, slot],
+            truth.direction[:, plane],
+            truth.center[:, plane],
+        )
+        for slot in range(NUM_REFLECTIONS)
+    ]
+    return torch.stack([(error * weight).sum(-1) for error in errors], -1)
+
+
+def _assign(cost: np.ndarray) -> np.ndarray:
+    """Return for each row of (B, slot, plane) costs the plane (B, slot) given to each slot."""
+    return np.stack([linear_sum_assignment(matrix)[1] for matrix in cost])

@@ -1,0 +1,92 @@
+"""Principal-directional scale-Invariant Feature Transformer, PIFT (Sec. III-E, Eqs. 3-5).
+
+A small point convolutional network looks at a layer's points and proposes T = S R: turn the cloud
+into a canonical frame, then scale it along that frame's axes. The layer aggregates features among
+the deformed points; its sampled points are brought back exactly.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from pipelines.network.pooling import max_over_group
+
+# exp of at most this: a scale leaves [1/e, e] in no layer, whatever the regression says.
+MAX_LOG_SCALE = 1.0
+MAX_POINTS = 375  # about as many points are looked at: the pose of a cloud needs no more
+IDENTITY_6D = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Deformation:
+    """T = S R about a centre, one for each cloud of a batch.
+
+    Attributes:
+        rotation: (B, 3, 3), R of Eq. 3.
+        scale: (B, 3), the diagonal of S.
+        center: (B, 3), centroid of P_i, which stays where it is.
+    """
+
+    rotation: Tensor
+    scale: Tensor
+    center: Tensor
+
+    def deform(
+        self,
+        points: Tensor,  # (B, N, 3)
+    ) -> Tensor:
+        """Return the points in the transformed coordinate frame, S R (p - c) + c.  # Eq. 3."""
+        center = self.center[:, None]
+        turned = (points - center) @ self.rotation.transpose(1, 2)
+        return turned * self.scale[:, None] + center
+
+    def undo(
+        self,
+        points: Tensor,  # (B, N, 3)
+    ) -> Tensor:
+        """Return deformed points in the camera frame, R^T S^-1 (p - c) + c.  # Eq. 5."""
+        center = self.center[:, None]
+        return ((points - center) / self.scale[:, None]) @ self.rotation + center
+
+
+class PIFT(nn.Module):
+    """F^PIFT of Eq. 3: from points and their features to a deformation, identity at first."""
+
+    def __init__(self, feature_dim: int, hidden: int = 64) -> None:
+        super().__init__()
+        self.encode = nn.Sequential(
+            nn.Linear(3 + feature_dim, hidden), nn.ReLU(), nn.Linear(hidden, hidden)
+        )
+        self.norm = nn.LayerNorm(hidden)
+        self.hidden = nn.Linear(hidden, hidden)
+        self.regress = nn.Linear(hidden, 9)
+        nn.init.zeros_(self.regress.weight)
+        with torch.no_grad():
+            self.regress.bias.copy_(torch.tensor([*IDENTITY_6D, 0.0, 0.0, 0.0]))
+
+    def forward(
+        self,
+        points: Tensor,  # (B, N, 3)
+        features: Tensor,  # (B, N, C)
+    ) -> Deformation:
+        """Return the deformation that the whole cloud asks for."""
+        center = points.mean(1)
+        stride = max(1, points.shape[1] // MAX_POINTS)
+        seen, known = points[:, ::stride] - center[:, None], features[:, ::stride]
+        encoded = self.encode(torch.cat([seen, known], -1))
+        pooled = torch.relu(self.norm(max_over_group(encoded[:, None])[:, 0]))
+        output = self.regress(torch.relu(self.hidden(pooled)))
+        scale = torch.exp(MAX_LOG_SCALE * torch.tanh(output[:, 6:]))
+        return Deformation(rotation_from_6d(output[:, :6]), scale, center)
+
+
+def rotation_from_6d(
+    vectors: Tensor,  # (B, 6)
+) -> Tensor:
+    """Return rotations (B, 3, 3) whose first two rows are the two 3-vectors, orthonormalised."""
+    first = functional.normalize(vectors[:, :3], dim=-1)
+    across = vectors[:, 3:] - (first * vectors[:, 3:]).sum(-1, keepdim=True) * first
+    second = functional.normalize(across, dim=-1)
+    return torch.stack([first, second, torch.linalg.cross(first, second)], 1)

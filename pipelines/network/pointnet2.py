@@ -1,0 +1,85 @@
+"""PointNet++ layers: set abstraction and feature propagation, arranged for few operations.
+
+Two rewritings leave the result as it is. A linear layer of (p_j - c_i, e_j) is
+(W [p_j, e_j]) - W_p c_i, so it is applied to each point once and not to each of its groups; and
+a linear layer commutes with interpolation, so it is applied to the few coarse points.
+Activations are normalised after pooling, where they are sixteen times fewer, and by layer
+instead of by batch: no statistics to keep, and a batch may be cut into pieces exactly.
+"""
+
+import torch
+from torch import Tensor, nn
+
+from pipelines.network.pooling import max_over_group
+from pipelines.network.sampling import (
+    farthest_points,
+    gather,
+    nearest_neighbors,
+    three_nearest,
+    weighted_sum,
+)
+
+
+class PointNorm(nn.BatchNorm1d):
+    """Batch norm of features (..., C) over all points of all clouds."""
+
+    def forward(self, features: Tensor) -> Tensor:
+        """Return the features normalised, in their shape."""
+        normalised: Tensor = super().forward(features.flatten(0, -2))
+        return normalised.view(features.shape)
+
+
+class SetAbstraction(nn.Module):
+    """Sample points, group their neighbours, and pool a small network over each group.
+
+    Neighbours are the k nearest, not those within a radius: a group then has the same number of
+    points on a large object as on a small one, and follows PIFT's scaling.
+    """
+
+    def __init__(
+        self, in_dim: int, dims: tuple[int, int, int], num_points: int, num_neighbors: int
+    ) -> None:
+        super().__init__()
+        self.num_points, self.num_neighbors = num_points, num_neighbors
+        self.position = nn.Linear(3, dims[0], bias=False)
+        self.content = nn.Linear(in_dim, dims[0])
+        self.group = nn.Linear(dims[0], dims[1], bias=False)
+        self.point = nn.Sequential(
+            PointNorm(dims[1]), nn.ReLU(), nn.Linear(dims[1], dims[2]), PointNorm(dims[2])
+        )
+
+    def forward(
+        self,
+        points: Tensor,  # (B, N, 3)
+        features: Tensor,  # (B, N, C)
+    ) -> tuple[Tensor, Tensor]:
+        """Return sampled points (B, M, 3) and their features (B, M, dims[2]).  # Eq. 4."""
+        centers = gather(points, farthest_points(points, self.num_points))
+        neighbors = nearest_neighbors(centers, points, self.num_neighbors)
+        projected = gather(self.position(points) + self.content(features), neighbors)
+        hidden = torch.relu_(projected + self.position(-centers)[:, :, None])
+        return centers, torch.relu(self.point(max_over_group(self.group(hidden))))
+
+
+class FeaturePropagation(nn.Module):
+    """Interpolate coarse features at finer points and join them with what is known there."""
+
+    def __init__(self, coarse_dim: int, fine_dim: int, out_dim: int) -> None:
+        super().__init__()
+        self.coarse = nn.Linear(coarse_dim, out_dim, bias=False)
+        self.fine = nn.Linear(fine_dim, out_dim)
+        self.joined = nn.Sequential(
+            PointNorm(out_dim), nn.ReLU(), nn.Linear(out_dim, out_dim), PointNorm(out_dim)
+        )
+
+    def forward(
+        self,
+        points: Tensor,  # (B, N, 3)
+        features: Tensor,  # (B, N, fine_dim)
+        coarse_points: Tensor,  # (B, M, 3)
+        coarse_features: Tensor,  # (B, M, coarse_dim)
+    ) -> Tensor:
+        """Return features (B, N, out_dim) at the finer points."""
+        index, weight = three_nearest(points, coarse_points)
+        interpolated = weighted_sum(self.coarse(coarse_features), index, weight)
+        return torch.relu(self.joined(interpolated + self.fine(features)))

@@ -1,0 +1,101 @@
+"""The trained grasp network as a function: region clouds in, per-point predictions out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from pipelines.configs import NetworkConfig
+from pipelines.errors import ValueRangeError
+from pipelines.network.devices import find_device
+from pipelines.network.model import SymmetryGraspNet
+from pipelines.network.weights_files import fill, read_weights
+
+Array = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class RegionPrediction:
+    """What the network says of one region, camera frame, metres.
+
+    Attributes:
+        points: (N, 3), the points drawn from the region.
+        affordance: (N,) in [0, 1].
+        existence: (N, 5) probabilities; slots 0-2 reflection, 3 rotation, 4 sphere.
+        center: (N, 5, 3).
+        direction: (N, 5, 3) unit; zeros for the sphere.
+    """
+
+    points: Array
+    affordance: Array
+    existence: Array
+    center: Array
+    direction: Array
+
+
+class GraspPredictor:
+    """Draws points from regions, centres them, runs the network on all regions at once."""
+
+    def __init__(
+        self, network: SymmetryGraspNet, config: NetworkConfig, device: torch.device
+    ) -> None:
+        self.network, self.config, self.device = network.to(device).eval(), config, device
+
+    @classmethod
+    def load(cls, path: Path, device: str = "auto") -> Self:
+        """Read weights that `symgrasp train` wrote.
+
+        Raises:
+            FormatError: the file holds no weights of this network.
+        """
+        found = find_device(device)
+        tensors, config = read_weights(path, SymmetryGraspNet.__name__, NetworkConfig)
+        network = SymmetryGraspNet(config)
+        fill(network, tensors, path)
+        return cls(network, config, found)
+
+    @torch.inference_mode()
+    def predict(
+        self, clouds: Sequence[NDArray[np.floating]], seed: int = 0
+    ) -> list[RegionPrediction]:
+        """Return predictions for regions of (n, 3) points each, metres, camera frame.
+
+        Which points are drawn depends on `seed` and the region alone, not on its neighbours in
+        the list.
+
+        Raises:
+            ValueRangeError: a region has no points, or points that are not finite.
+        """
+        if not clouds:
+            return []
+        drawn = np.stack([self._draw(cloud, seed) for cloud in clouds])
+        centroid = drawn.mean(1, keepdims=True)
+        centered = torch.from_numpy((drawn - centroid).astype(np.float32)).to(self.device)
+        prediction = self.network(centered)
+        centers = prediction.center.cpu().numpy() + centroid[:, :, None].astype(np.float32)
+        columns = (
+            drawn.astype(np.float32),
+            prediction.affordance.clamp(0.0, 1.0).cpu().numpy(),
+            torch.sigmoid(prediction.existence).cpu().numpy(),
+            centers,
+            prediction.direction.cpu().numpy(),
+        )
+        return [RegionPrediction(*each) for each in zip(*columns, strict=True)]
+
+    def _draw(self, cloud: NDArray[np.floating], seed: int) -> NDArray[np.float64]:
+        points = np.asarray(cloud, np.float64)
+        if points.ndim != 2 or points.shape[1] != 3 or not len(points):
+            raise ValueRangeError(
+                "shape of a region's points", points.shape, "(n, 3), n at least 1"
+            )
+        if not np.isfinite(points).all():
+            raise ValueRangeError("a region's points", "not finite", "finite, metres")
+        rng, count = np.random.default_rng(seed), self.config.num_points
+        chosen = rng.permutation(len(points))[:count]
+        if len(points) < count:
+            chosen = np.concatenate([chosen, rng.integers(len(points), size=count - len(points))])
+        return points[chosen]

@@ -1,0 +1,74 @@
+"""A batch of labelled regions, as the losses and augmentations see it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from pipelines.network.sampling import gather
+
+
+@dataclass(frozen=True)
+class RegionBatch:
+    """Region clouds and their labels, each centred on its cloud's centroid, camera axes.
+
+    Attributes:
+        points: (B, N, 3) metres.
+        affordance: (B, N) in [0, 1].
+        existence: (B, 5), 0 or 1; slots 0-2 reflection, 3 rotation, 4 sphere.
+        center: (B, 5, 3) metres; zeros where the slot is empty.
+        direction: (B, 5, 3) unit; zeros where the slot is empty or has no direction.
+    """
+
+    points: Tensor
+    affordance: Tensor
+    existence: Tensor
+    center: Tensor
+    direction: Tensor
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __getitem__(self, rows: slice) -> "RegionBatch":
+        return self._each(lambda tensor: tensor[rows])
+
+    def to(self, device: torch.device) -> "RegionBatch":
+        """Return the batch on `device`."""
+        return self._each(lambda tensor: tensor.to(device))
+
+    def at(
+        self,
+        query: Tensor,  # (B, Q)
+    ) -> "RegionBatch":
+        """Return the batch with only the points of the indices `query`."""
+        return replace(
+            self,
+            points=gather(self.points, query),
+            affordance=self.affordance.gather(1, query),
+        )
+
+    def mapped(
+        self,
+        matrix: Tensor,  # (B, 3, 3)
+        directions: Tensor | None = None,  # (B, 3, 3)
+    ) -> "RegionBatch":
+        """Return the batch under linear maps; `directions` maps directions if not `matrix`."""
+        turned = self.direction @ (matrix if directions is None else directions).transpose(1, 2)
+        return replace(
+            self,
+            points=self.points @ matrix.transpose(1, 2),
+            center=self.center @ matrix.transpose(1, 2),
+            direction=turned,
+        )
+
+    def mixed(self, other: "RegionBatch", generator: torch.Generator) -> "RegionBatch":
+        """Return the batch with each region, at random, this batch's or the other's."""
+        own = torch.rand(len(self), generator=generator) < 0.5
+        pairs = ((getattr(self, name), getattr(other, name)) for name in self.__dataclass_fields__)
+        return RegionBatch(
+            *(torch.where(own.view(-1, *[1] * (a.dim() - 1)), a, b) for a, b in pairs)
+        )
+
+    def _each(self, function: Callable[[Tensor], Tensor]) -> "RegionBatch":
+        return RegionBatch(*(function(getattr(self, name)) for name in self.__dataclass_fields__))

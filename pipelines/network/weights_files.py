@@ -1,0 +1,53 @@
+"""Weights in a file, with the settings of the network that they belong to."""
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any, TypeVar
+
+from torch import Tensor, nn
+
+from pipelines.errors import FormatError
+from pipelines.formats.checkpoints import load_weights
+
+Config = TypeVar("Config")
+
+
+def weights_metadata(model: str, config: Any) -> dict[str, str]:  # noqa: ANN401 - any dataclass
+    """Return what a weights file says of the network `model` built from `config`."""
+    return {"model": model, "config": json.dumps(dataclasses.asdict(config), sort_keys=True)}
+
+
+def read_weights(
+    path: Path, model: str, config_type: type[Config]
+) -> tuple[dict[str, Tensor], Config]:
+    """Read tensors and settings of the network called `model`.
+
+    Raises:
+        FormatError: the file holds no weights of that network.
+    """
+    tensors, metadata = load_weights(path)
+    found = metadata.get("model", "no network that is known")
+    if found != model or "config" not in metadata:
+        raise FormatError(path, f"holds {found}", f"weights of {model} are expected")
+    settings = json.loads(metadata["config"])
+    known = {field.name for field in dataclasses.fields(config_type)}  # type: ignore[arg-type]
+    chosen = {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in settings.items()
+        if name in known
+    }
+    return tensors, config_type(**chosen)
+
+
+def fill(module: nn.Module, tensors: dict[str, Tensor], path: Path) -> None:
+    """Give `module` the weights read from `path`.
+
+    Raises:
+        FormatError: names or shapes do not fit.
+    """
+    try:
+        module.load_state_dict(tensors)
+    except RuntimeError as error:
+        expected = "train it again with this version, or give weights made by it"
+        raise FormatError(path, "its tensors do not fit the network", expected) from error

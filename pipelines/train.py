@@ -1,0 +1,92 @@
+"""train: the symmetry-aware grasp network on packed regions (Sec. III-E, III-G).
+
+Reads   PACKED/*.h5                 region clouds with labels, camera frame
+Writes  NAME.safetensors            the best weights so far by validation on unseen scenes
+        NAME.checkpoint.safetensors everything that `--resume` needs
+        NAME.logs/                  TensorBoard scalars
+"""
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from pipelines.batch import StageReport
+from pipelines.configs import TrainConfig
+from pipelines.formats.packed_regions import PackedReader
+from pipelines.formats.provenance import make_stamp
+from pipelines.learning.grasp_training import GraspTraining, RegionSet
+from pipelines.learning.loaders import split_by_scene
+from pipelines.learning.loop import LoopOptions, TrainingRun
+from pipelines.learning.runs import RunRequest, describe, find_progress
+from pipelines.network.devices import find_device
+from pipelines.network.model import SymmetryGraspNet
+from pipelines.network.weights_files import weights_metadata
+
+STAGE = "train"
+
+
+def run(
+    packed: Path,
+    validation: Path | None,
+    output: Path,
+    config: TrainConfig,
+    request: RunRequest,
+) -> StageReport:
+    """Train on the folder `packed` and validate on `validation`, or on scenes held out."""
+    started, report = time.monotonic(), StageReport(STAGE)
+    device = find_device(request.device)
+    stamp = make_stamp(STAGE, config, seed=request.seed, inputs=_inputs(packed, validation))
+    earlier = find_progress(output, stamp, request)
+    if earlier is not None and earlier.finished:
+        report.skipped.append(output.name)
+        return report
+    train_set, val_set = region_sets(packed, validation, config, request.seed)
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(request.seed)  # layers are initialised from torch's own generator
+        network = SymmetryGraspNet(config.network)
+    trainee = GraspTraining(network, train_set, val_set, config, device)
+    metadata = weights_metadata(SymmetryGraspNet.__name__, config.network)
+    training = TrainingRun(trainee, loop_options(config, request), output, stamp, metadata)
+    if earlier is not None:
+        training.resume()
+    progress = training.run()
+    report.done.append(output.name)
+    report.notes[output.name] = describe(progress)
+    report.seconds = time.monotonic() - started
+    return report
+
+
+def region_sets(
+    packed: Path, validation: Path | None, config: TrainConfig, seed: int
+) -> tuple[RegionSet, RegionSet]:
+    """Return the regions to train on and those to validate on, of different scenes."""
+    reader = PackedReader(packed)
+    if validation is not None:
+        held_out = PackedReader(validation)
+        return RegionSet(reader, np.arange(len(reader))), RegionSet(
+            held_out, np.arange(len(held_out))
+        )
+    train, val = split_by_scene(reader, config.val_fraction, np.random.default_rng(seed))
+    return RegionSet(reader, train), RegionSet(reader, val)
+
+
+def loop_options(config: TrainConfig, request: RunRequest) -> LoopOptions:
+    """Return the engine's options: what the config says of steps, the request of this run."""
+    return LoopOptions(
+        epochs=config.epochs,
+        learning_rate=config.learning_rate,
+        decay=config.decay,
+        decay_epochs=config.decay_epochs,
+        ema_decay=config.ema_decay,
+        seed=request.seed,
+        threads=request.threads,
+        time_limit=request.time_limit,
+    )
+
+
+def _inputs(packed: Path, validation: Path | None) -> dict[str, str]:
+    folders: Sequence[tuple[str, Path | None]] = (("packed", packed), ("validation", validation))
+    return {name: folder.name for name, folder in folders if folder is not None}

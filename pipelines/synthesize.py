@@ -1,7 +1,8 @@
 """Stage synthesize: procedural scenes in GraspNet-1Billion's layout.
 
 Reads   nothing, or a folder of meshes (`--models`)
-Writes  ROOT/models/NNN/                     nontextured.ply, textured.obj, convex.npz
+Writes  ROOT/models/NNN/                     nontextured.ply, textured.obj, convex.npz; with `--sdf`
+                                             textured.sdf, dex-net's distance grid
         ROOT/grasp_label/NNN_labels.npz      sample-and-validate on GraspNet's grid
         ROOT/scenes/scene_NNNN/CAMERA/       rgb, depth, label, annotations, meta, poses
         ROOT/collision_label/scene_NNNN/     the labels' grasps against the scene
@@ -29,8 +30,10 @@ from pipelines.formats.graspnet_labels import write_grasp_label
 from pipelines.formats.graspnet_layout import SPLITS
 from pipelines.formats.meshes import find_meshes, read_mesh, write_mesh
 from pipelines.formats.provenance import digest, make_stamp, write_sidecar
+from pipelines.formats.signed_distance import write_sdf
 from pipelines.synthesis.cameras import MIXED, camera_folder
 from pipelines.synthesis.decomposition import convex_pieces
+from pipelines.synthesis.distance_grid import signed_distance_grid
 from pipelines.synthesis.grasp_sampling import sample_grasp_label
 from pipelines.synthesis.pools import SyntheticObject, make_pool
 from pipelines.synthesis.scene_files import write_scene
@@ -48,8 +51,12 @@ def run(
     *,
     seed: int = 0,
     models: Path | None = None,
+    sdf: bool = False,
 ) -> StageReport:
-    """Write a dataset to `output`: objects first, then scenes; finished ones are kept."""
+    """Write a dataset to `output`: objects first, then scenes; finished ones are kept.
+
+    `models`: meshes to take instead of procedural objects. `sdf`: write `textured.sdf` too.
+    """
     _check(config, models)
     sources = find_meshes(models) if models else []
     ids = _object_ids(config, len(sources))
@@ -67,6 +74,9 @@ def run(
                 "synthesize labels", items, partial(_write_label, seed=seed, config=config), options
             ),
         )
+    if sdf and not report.failed:
+        grids = _grid_items(output, sorted(ids))
+        _merge(report, run_batch("synthesize distance grids", grids, _write_grid, options))
     if report.failed:
         return report
     _write_object_list(output, config, seed, ids, sources)
@@ -214,6 +224,22 @@ def _write_label(item: WorkItem, *, config: SynthesizeConfig, seed: int) -> None
     item.target.parent.mkdir(parents=True, exist_ok=True)
     write_sidecar(item.target, item.stamp)
     write_grasp_label(item.target, label)
+
+
+def _grid_items(output: Path, ids: Sequence[int]) -> list[WorkItem]:
+    items = []
+    for object_id in ids:
+        model = GraspNetRoot(output).model_path(object_id)
+        stamp = make_stamp("synthesize distance grid", {}, inputs={model.name: digest(model)})
+        target = model.with_name("textured.sdf")
+        items.append(WorkItem(f"distance grid {object_id:03d}", target, stamp, (model,)))
+    return items
+
+
+def _write_grid(item: WorkItem) -> None:
+    (model,) = item.arguments
+    write_sidecar(item.target, item.stamp)
+    write_sdf(item.target, signed_distance_grid(read_mesh(model)))
 
 
 def _scene_items(

@@ -45,6 +45,10 @@ def synthesize(
     collision_labels: Annotated[
         bool, typer.Option(help="Test the labels' grasps against each scene.")
     ] = DEFAULTS.collision_labels,
+    sdf: Annotated[
+        bool,
+        typer.Option("--sdf", help="Write textured.sdf too, as dex-net does: 10 MB an object."),
+    ] = False,
     seed: Seed = 0,
     workers: Workers = 1,
     backend: Backend = "loky",
@@ -70,7 +74,7 @@ def synthesize(
         labels=LabelConfig(num_points=grasp_points),
     )
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
-    conclude(stage.run(output, config, options, seed=seed, models=models))
+    conclude(stage.run(output, config, options, seed=seed, models=models, sdf=sdf))
 
 
 def parse_pair(text: str, separator: str, option: str) -> tuple[int, int]:

@@ -17,6 +17,8 @@ from pipelines.formats.frames import find_frames
 from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.formats.graspnet_labels import read_collision_labels, read_grasp_label
 from pipelines.formats.meshes import read_mesh
+from pipelines.formats.signed_distance import read_sdf
+from pipelines.geometry.surface import Surface
 from pipelines.geometry.transforms import transform_points
 
 QUIET = BatchOptions(progress=False)
@@ -63,9 +65,8 @@ def test_poses_masks_and_depth_agree(root):
                 continue
             mesh = read_mesh(reader.model_path(pose.object_id))
             local = transform_points(np.linalg.inv(pose.T_cam_obj), mine)
-            shape = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-            distance = np.abs(trimesh.proximity.closest_point(shape, local)[1])
-            assert np.median(distance) < 0.004
+            surface = Surface.from_mesh(mesh, 5000, np.random.default_rng(0))
+            assert np.median(surface.distances(local)[0]) < 0.004
 
 
 def test_the_table_is_level_in_the_table_frame(root):
@@ -124,6 +125,18 @@ def test_the_users_own_meshes_are_taken(tmp_path):
     report = synthesize.run(tmp_path / "root", config, QUIET, models=tmp_path)
     assert report.failed == {}
     assert GraspNetRoot(tmp_path / "root").object_ids() == [0, 1]
+
+
+def test_distance_grids_are_added_to_a_finished_root(tmp_path):
+    trimesh.creation.box((0.05, 0.06, 0.1)).export(tmp_path / "a.stl")
+    small = {"splits": ("train",), "min_objects": 1, "labels": LabelConfig(num_points=0)}
+    config, root = replace(CONFIG, **small), tmp_path / "root"
+    assert synthesize.run(root, config, QUIET, models=tmp_path).failed == {}
+    again = synthesize.run(root, config, QUIET, models=tmp_path, sdf=True)
+    assert (again.done, again.failed) == (["distance grid 000"], {})
+    grid = read_sdf(root / "models/000/textured.sdf")
+    assert (grid.values < 0).sum() * grid.spacing**3 == pytest.approx(0.05 * 0.06 * 0.1, rel=0.05)
+    assert synthesize.run(root, config, QUIET, models=tmp_path, sdf=True).done == []
 
 
 @pytest.mark.parametrize(

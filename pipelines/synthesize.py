@@ -4,7 +4,8 @@ Reads   nothing, or a folder of meshes (`--models`)
 Writes  ROOT/models/NNN/                     nontextured.ply, textured.obj, convex.npz; with `--sdf`
                                              textured.sdf, dex-net's distance grid
         ROOT/grasp_label/NNN_labels.npz      sample-and-validate on GraspNet's grid
-        ROOT/scenes/scene_NNNN/CAMERA/       rgb, depth, label, annotations, meta, poses
+        ROOT/scenes/scene_NNNN/CAMERA/       rgb, depth, label, annotations, meta, poses,
+                                             and rect where there are collision labels
         ROOT/collision_label/scene_NNNN/     the labels' grasps against the scene
         ROOT/objects.json                    family, pool and true symmetries of each object
 

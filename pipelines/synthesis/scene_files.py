@@ -11,7 +11,11 @@ from pipelines.formats import convex_pieces as convex_file
 from pipelines.formats.files import atomic_folder
 from pipelines.formats.graspnet import GraspNetRoot, write_camera_matrix, write_color, write_depth
 from pipelines.formats.graspnet import write_label as write_label_image
-from pipelines.formats.graspnet_labels import read_grasp_label, write_collision_labels
+from pipelines.formats.graspnet_labels import (
+    read_grasp_label,
+    write_collision_labels,
+    write_rect,
+)
 from pipelines.formats.graspnet_scene import (
     ObjectPose,
     write_annotation,
@@ -26,6 +30,7 @@ from pipelines.geometry.transforms import invert
 from pipelines.synthesis.cameras import MIXED, camera_folder, drawn_viewpoints, intrinsics_of
 from pipelines.synthesis.depth_sensors import SENSORS
 from pipelines.synthesis.grasp_sampling import scene_collisions
+from pipelines.synthesis.planar_labels import FreeGrasps, free_grasps, planar_rows
 from pipelines.synthesis.tables import SceneLayout, SceneObject, View, record, settle
 
 TAG_SCENE, TAG_COLLISION, TAG_SENSOR = 2, 3, 4  # what a child seed is for
@@ -44,8 +49,8 @@ def write_scene(
     sensor = _sensor_of(config, scene_id, stamp.seed)
     intrinsics = intrinsics_of(sensor, config.width, config.height)
     viewpoints = drawn_viewpoints(layout.centre, config.views, intrinsics, rng)
-    if config.collision_labels and config.labels.num_points:
-        _write_collisions(root, scene_id, layout, config, stamp)
+    labelled = config.collision_labels and config.labels.num_points > 0
+    free = _write_collisions(root, scene_id, layout, config, stamp) if labelled else []
     with atomic_folder(root.scene_folder(scene_id)) as folder:
         write_object_ids(folder / "object_id_list.txt", [o.object_id for o in layout.objects])
         write_pose_array(folder / "rs_wrt_kn.npy", np.tile(np.eye(4), (config.views, 1, 1)))
@@ -56,6 +61,8 @@ def write_scene(
         views = record(layout, viewpoints, intrinsics, sensor, rng)
         for frame_id, view in enumerate(views):
             _write_view(camera, frame_id, view, layout, intrinsics)
+            if labelled:
+                _write_planar(camera, frame_id, view, layout, intrinsics, free)
         write_sidecar(folder, stamp)
     return f"{len(layout.objects)} objects, {config.views} views"
 
@@ -98,13 +105,28 @@ def _write_view(
     write_meta(camera / "meta" / f"{name}.mat", poses, intrinsics.matrix)
 
 
+def _write_planar(
+    camera: Path,
+    frame_id: int,
+    view: View,
+    layout: SceneLayout,
+    intrinsics: Intrinsics,
+    free: Sequence[FreeGrasps],
+) -> None:
+    T_cam_obj = invert(view.T_world_cam) @ layout.poses
+    rows = [
+        planar_rows(grasps, pose, intrinsics) for grasps, pose in zip(free, T_cam_obj, strict=True)
+    ]
+    write_rect(camera / "rect" / f"{frame_id:04d}.npy", np.concatenate(rows))
+
+
 def _write_collisions(
     root: GraspNetRoot,
     scene_id: int,
     layout: SceneLayout,
     config: SynthesizeConfig,
     stamp: Stamp,
-) -> None:
+) -> list[FreeGrasps]:
     labels = [read_grasp_label(root.grasp_label_path(item.object_id)) for item in layout.objects]
     collisions = scene_collisions(
         labels,
@@ -117,3 +139,7 @@ def _write_collisions(
     target.parent.mkdir(parents=True, exist_ok=True)
     write_sidecar(target, stamp)
     write_collision_labels(target, collisions)
+    return [
+        free_grasps(item.object_id, label, collision)
+        for item, label, collision in zip(layout.objects, labels, collisions, strict=True)
+    ]

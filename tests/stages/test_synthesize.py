@@ -15,7 +15,11 @@ from pipelines.errors import SymgraspError
 from pipelines.formats import object_list
 from pipelines.formats.frames import find_frames
 from pipelines.formats.graspnet import GraspNetRoot
-from pipelines.formats.graspnet_labels import read_collision_labels, read_grasp_label
+from pipelines.formats.graspnet_labels import (
+    read_collision_labels,
+    read_grasp_label,
+    read_rect,
+)
 from pipelines.formats.meshes import read_mesh
 from pipelines.formats.signed_distance import read_sdf
 from pipelines.geometry.surface import Surface
@@ -93,6 +97,8 @@ def test_labels_and_collisions_have_graspnets_shapes(root):
     collisions = read_collision_labels(reader.collision_label_path(0))
     assert len(collisions) == len(reader.scene(0, "realsense").object_ids)
     assert all(array.shape == (2, 300, 12, 4) for array in collisions)
+    for frame in reader.scene(0, "realsense").frames():
+        assert set(read_rect(frame.path("rect"))[:, 6]) <= {0.0, 1.0, 2.0}
 
 
 def test_the_object_list_names_families_and_pools(root):

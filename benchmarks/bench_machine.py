@@ -14,5 +14,6 @@ def measure() -> list[Measurement]:
     rng = np.random.default_rng(0)
     a, b = rng.random((2, SIDE, SIDE), np.float32)
     gflop = 2.0 * SIDE**3 / 1e9
-    note = f"{SIDE} x {SIDE}, {os.cpu_count()} cores"
+    busy = os.getloadavg()[0]  # other work on the machine makes every figure worse
+    note = f"{SIDE} x {SIDE}, {os.cpu_count()} cores, load {busy:.1f} at the start"
     return [Measurement("SGEMM", gflop / seconds_of(lambda: a @ b), "GFLOP/s", note)]

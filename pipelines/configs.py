@@ -71,6 +71,7 @@ class RefineGraspsConfig:
     max_friction: float = 1.0  # labelled grasps that hold at this friction are taken
     copies_per_turn: int = 36  # D. 3
     merge_distance: float = 0.001  # metres; closer contact pairs are one grasp, D. 2
+    max_copies: int = 100_000  # under one symmetry; of more grasps, as many as that are copied
     max_surface_gap: float = 0.003  # metres; a copy whose contact lies farther off is dropped
     contact_radius: float = 0.004  # metres from a contact that its quality spreads to, D. 9
     num_surface_points: int = 4096
@@ -113,8 +114,14 @@ class FinetuneDetectorConfig:
     detector: DetectorConfig = field(default_factory=DetectorConfig)
     epochs: int = 12
     batch_size: int = 4
+    micro_batch_size: int = 2  # gradients are accumulated to `batch_size`
     learning_rate: float = 0.001
+    decay: float = 0.9  # every `decay_epochs` epochs
+    decay_epochs: float = 0.5
+    ema_decay: float = 0.998  # of the running mean of the weights that is kept
     min_pixels: int = 200  # smaller region masks are not trained on
+    frame_stride: int = 1  # every how many-th frame of a scene is used
+    max_val_frames: int = 120  # that one validation looks at
     val_fraction: float = 0.1  # of the scenes
 
 

@@ -38,7 +38,7 @@ from pipelines.geometry.surface import Surface
 from pipelines.geometry.symmetry import Symmetry
 from pipelines.grasping.affordance import point_affordance
 from pipelines.grasping.grasps import Grasps
-from pipelines.grasping.symmetrize import distinct, symmetrize
+from pipelines.grasping.symmetrize import distinct, num_images, symmetrize
 from pipelines.metrics.contacts import close_fingers
 
 Array = NDArray[np.float64]
@@ -108,7 +108,7 @@ def refine(
     points, normals, _ = sample_surface(mesh, config.num_surface_points, rng)
     found, num_labelled = exact_grasps(mesh, label, config)
     surface = Surface.from_mesh(mesh, NUM_SURFACE_SAMPLES, rng)
-    refined = copied(found, symmetries, surface, config) if config.use_symmetry else found
+    refined = copied(found, symmetries, surface, config, rng) if config.use_symmetry else found
     before, after = (
         point_affordance(points, rated.grasps.contacts, rated.quality, config.contact_radius)
         for rated in (found, refined)
@@ -141,7 +141,7 @@ def exact_grasps(
     """
     per_point = max(1, int(np.prod(label.min_friction.shape[1:])))
     stride = max(1, config.chunk // per_point)
-    best, count = RatedGrasps(Grasps.empty(), np.zeros(0)), 0
+    best, pending, count = RatedGrasps(Grasps.empty(), np.zeros(0)), list[RatedGrasps](), 0
     for start in range(0, len(label.points), stride):
         rows = slice(start, start + stride)
         part = GraspLabel(
@@ -152,8 +152,12 @@ def exact_grasps(
         )
         holding = holding_grasps(part, config.max_friction)
         count += len(holding)
-        best = _best(RatedGrasps.concatenate([best, _closed(mesh, holding)]), config.merge_distance)
-    return best, count
+        pending.append(_best(_closed(mesh, holding), config.merge_distance))
+        # Merged when there is as much new as old: each grasp is sorted a few times, not hundreds.
+        if sum(map(len, pending)) > len(best):
+            best = _best(RatedGrasps.concatenate([best, *pending]), config.merge_distance)
+            pending.clear()
+    return _best(RatedGrasps.concatenate([best, *pending]), config.merge_distance), count
 
 
 def _closed(mesh: Mesh, holding: LabelledGrasps) -> RatedGrasps:
@@ -189,6 +193,7 @@ def copied(
     symmetries: ObjectSymmetries,
     surface: Surface,
     config: RefineGraspsConfig,
+    rng: np.random.Generator,
 ) -> RatedGrasps:
     """Return `rated` with its copies: under the object's symmetries, and within its regions.
 
@@ -196,33 +201,38 @@ def copied(
     contacts miss the surface are dropped: scans are symmetric only so far.
     """
     for symmetry in symmetries.symmetries:
-        rated = _with_copies(rated, symmetry, surface, config)
+        rated = _with_copies(rated, symmetry, surface, config, rng)
     for region in symmetries.regions:
         inside = np.isin(surface.faces, region.triangles)
         owner = np.asarray(inside[surface.nearest(rated.grasps.contacts)].all(axis=1))
         part, rest = rated[owner], rated[~owner]
         for symmetry in region.symmetries:
             if not _is_listed(symmetry, symmetries.symmetries):
-                part = _with_copies(part, symmetry, surface, config)
+                part = _with_copies(part, symmetry, surface, config, rng)
         rated = RatedGrasps.concatenate([part, rest])
     return rated
 
 
 def _with_copies(
-    rated: RatedGrasps, symmetry: Symmetry, surface: Surface, config: RefineGraspsConfig
+    rated: RatedGrasps,
+    symmetry: Symmetry,
+    surface: Surface,
+    config: RefineGraspsConfig,
+    rng: np.random.Generator,
 ) -> RatedGrasps:
+    limit = config.max_copies // num_images(symmetry, config.copies_per_turn)
+    # A revolved label of a whole dataset would be millions of grasps that add nothing.
+    source = rated if len(rated) <= limit else rated[np.sort(rng.permutation(len(rated))[:limit])]
     grasps, origin = symmetrize(
-        rated.grasps,
+        source.grasps,
         symmetry,
         copies_per_turn=config.copies_per_turn,
         merge_distance=config.merge_distance,
     )
-    contacts = grasps.contacts[len(rated) :].reshape(-1, 3)
-    kept = np.ones(len(grasps), dtype=bool)
-    if len(contacts):
-        gap = surface.distances(contacts, num_nearest=1)[0].reshape(-1, 2)
-        kept[len(rated) :] = gap.max(axis=1) <= config.max_surface_gap
-    return RatedGrasps(grasps[kept], rated.quality[origin[kept]])
+    copies = RatedGrasps(grasps, source.quality[origin])[np.arange(len(source), len(grasps))]
+    gap = surface.distances(copies.grasps.contacts.reshape(-1, 3), num_nearest=1)[0]
+    kept = gap.reshape(-1, 2).max(axis=1, initial=0.0) <= config.max_surface_gap
+    return RatedGrasps.concatenate([rated, copies[kept]])
 
 
 def _is_listed(symmetry: Symmetry, listed: Sequence[Symmetry]) -> bool:

@@ -25,8 +25,8 @@ def annotate_symmetry(
     dry_run: DryRun = False,
 ) -> None:
     """Find the symmetries and the symmetric regions of meshes."""
-    from pipelines import annotate_symmetry as stage  # noqa: PLC0415 - lazy, `--help` stays fast
-    from pipelines.configs import AnnotateSymmetryConfig  # noqa: PLC0415
+    from pipelines import annotate_symmetry as stage
+    from pipelines.configs import AnnotateSymmetryConfig
 
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
     config = AnnotateSymmetryConfig()

@@ -39,7 +39,7 @@ def pack(
     dry_run: DryRun = False,
 ) -> None:
     """Cut frames into region point clouds with labels for training."""
-    from pipelines import pack as stage  # noqa: PLC0415 - lazy, `--help` stays fast
+    from pipelines import pack as stage
 
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
     config = PackConfig(frame_stride=frame_stride, mask_noise=mask_noise)

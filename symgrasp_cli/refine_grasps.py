@@ -31,7 +31,7 @@ def refine_grasps(
     dry_run: DryRun = False,
 ) -> None:
     """Make grasp labels symmetric and spread them to per-point affordance."""
-    from pipelines import refine_grasps as stage  # noqa: PLC0415 - lazy, `--help` stays fast
+    from pipelines import refine_grasps as stage
 
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
     config = RefineGraspsConfig(use_symmetry=symmetry, copies_per_turn=copies_per_turn)

@@ -53,19 +53,35 @@ class Surface:
         """Return the index of the sample nearest to each of `points`: (..., 3) -> (...)."""
         return np.asarray(self.tree.query(points)[1])
 
-    def distances(self, points: Array, num_nearest: int = 3) -> tuple[Array, Array]:
+    def within(self, points: Array, reach: float) -> tuple[Array, Indices]:
+        """Return distance and index (...) of the nearest sample, of any that is within `reach`.
+
+        Elsewhere the distance is inf and the index 0. Far points cost next to nothing.
+        """
+        distance, index = self.tree.query(points, distance_upper_bound=reach)
+        found = np.isfinite(distance)
+        return np.asarray(distance), np.where(found, index, 0)
+
+    def distances(
+        self, points: Array, num_nearest: int = 3, reach: float = np.inf
+    ) -> tuple[Array, Array]:
         """Return the distance to the surface (n,) and its unit normal there (n, 3).
 
         The triangles of the `num_nearest` nearest samples are tried, so the distance is exact
         where the nearest triangle is among them, and too long by far less than the sample
-        spacing elsewhere. `points`: (n, 3).
+        spacing elsewhere. Points without a sample within `reach` are `reach` away, with any
+        normal; they cost next to nothing. `points`: (n, 3).
         """
-        candidates = np.asarray(self.tree.query(points, k=num_nearest)[1]).reshape(len(points), -1)
+        found = self.tree.query(points, k=num_nearest, distance_upper_bound=reach)[1]
+        candidates = np.asarray(found).reshape(len(points), num_nearest)
+        missing = candidates == len(self.points)
+        candidates = np.where(missing, 0, candidates)
         triangles = self.triangles[self.faces[candidates]].reshape(-1, 3, 3)
         foot: Array = closest_point(  # type: ignore[no-untyped-call]
             triangles, np.repeat(points, num_nearest, axis=0)
         )
         gap = np.linalg.norm(foot.reshape(*candidates.shape, 3) - points[:, None], axis=2)
+        gap[missing] = reach
         best = gap.argmin(axis=1)
         rows = np.arange(len(points))
         return gap[rows, best], self.normals[candidates[rows, best]]

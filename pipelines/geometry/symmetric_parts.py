@@ -6,7 +6,7 @@ or into nearly convex pieces, and each is searched for symmetries of its own.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, KDTree, QhullError
 
 from pipelines.configs import AnnotateSymmetryConfig
+from pipelines.geometry.convex_decomposition import convex_pieces
 from pipelines.geometry.mesh import Mesh
 from pipelines.geometry.surface import Surface, diameter
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, Symmetry
@@ -30,10 +31,12 @@ NUM_CANDIDATES = 6
 MIN_AREA_SHARE = 0.06  # smaller parts are left out
 MIN_COMPONENT_SHARE = 0.95  # of the area in large components, or the mesh is cut by convexity
 MAX_MEAN_NORMAL = 0.75  # 0 for a closed surface, 0.5 for a bowl, 1 for a flat sheet
-CONVEXITY = 0.1  # coacd's concavity threshold
-MAX_PIECES = 8
+PIECE_SAMPLES = 12000  # a piece is smaller than its object
 # coacd's own settings take half a minute an object; these find the same few large pieces.
 COARSE_SEARCH = {
+    "threshold": 0.15,
+    "max_convex_hull": 6,
+    "seed": 0,
     "preprocess_resolution": 20,
     "resolution": 500,
     "mcts_nodes": 8,
@@ -154,16 +157,13 @@ def _share(mesh: Mesh, faces: Faces) -> float:
 
 def _convex_pieces(mesh: Mesh, faces: Faces) -> list[Faces]:
     """Cut `faces` by the nearly convex pieces of their mesh: each goes to the nearest piece."""
-    import coacd  # noqa: PLC0415 - slow to import, and few objects need it
-
-    coacd.set_log_level("error")
     used, index = np.unique(mesh.faces[faces], return_inverse=True)
-    part = coacd.Mesh(mesh.vertices[used], index.reshape(-1, 3))
-    hulls = coacd.run_coacd(
-        part, threshold=CONVEXITY, max_convex_hull=MAX_PIECES, seed=0, **COARSE_SEARCH
-    )
+    part = Mesh(mesh.vertices[used], index.reshape(-1, 3))
+    hulls = convex_pieces(part, COARSE_SEARCH)
+    if not hulls:
+        return components(mesh, faces)
     centers = mesh.triangles[faces].mean(axis=1)
-    depth = np.stack([_outside(vertices, centers) for vertices, _ in hulls])
+    depth = np.stack([_outside(corners, centers) for corners in hulls])
     owner = depth.argmin(axis=0)
     return [
         max(components(mesh, faces[owner == hull]), key=len)
@@ -193,5 +193,6 @@ def _piece_region(
     part = mesh.submesh(piece)
     if diameter(part.vertices[np.unique(part.faces)]) < config.min_region_extent or _is_patch(part):
         return None
-    found = analyse(part, config, rng).symmetries
+    coarser = replace(config, num_samples=min(PIECE_SAMPLES, config.num_samples))
+    found = analyse(part, coarser, rng).symmetries
     return SymmetricRegion(name, piece, found) if has_slot(found) else None

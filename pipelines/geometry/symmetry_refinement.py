@@ -117,11 +117,9 @@ def _turn_equations(
 
 def _compare(surface: Surface, image: Array, scale: float) -> tuple[Array, Array, Array]:
     """Return residual (c, n), the normals met (c, n, 3) and Tukey weights (c, n) of `image`."""
-    index = surface.nearest(image)
+    distance, index = surface.within(image, 2.0 * scale)  # beyond, the weight is zero
     met = surface.normals[index]
-    gap = image - surface.points[index]
-    residual = _dot(gap, met)
-    distance = np.sqrt(_dot(gap, gap))
+    residual = np.where(np.isfinite(distance), _dot(image - surface.points[index], met), 0.0)
     # Samples lie apart, so only the part of the gap along the normal says that the image misses.
     far = np.maximum(np.abs(residual), distance - scale)
     weight = np.square(np.clip(1.0 - np.square(far / scale), 0.0, None))

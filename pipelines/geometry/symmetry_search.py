@@ -38,6 +38,7 @@ FINAL_SCALES = (0.012, 0.01, 0.01)
 REFINEMENT_ANGLES = VERIFICATION_ANGLES[1::2]
 COARSE_SAMPLES, FINE_SAMPLES, FINAL_SAMPLES = 200, 600, 2000
 KEPT_PLANES, KEPT_AXES = 14, 3
+MISS_CAP = 0.05  # of the diameter; a larger miss is no worse
 SAME_ANGLE, SAME_OFFSET = float(np.radians(3.0)), 0.015
 
 
@@ -151,6 +152,5 @@ def _distinct_axes(shape: Shape, axes: Array) -> Array:
 
 def _misses(shape: Shape, images: Array) -> Array:
     """Return the mean capped distance (c,) of `images` (c, n, 3) to the nearest samples."""
-    distance = shape.surface.tree.query(images)[0]
-    miss: Array = np.minimum(distance, 0.05).mean(axis=-1)
-    return miss
+    distance = shape.surface.within(images, MISS_CAP)[0]
+    return np.asarray(np.minimum(distance, MISS_CAP).mean(axis=-1))

@@ -23,6 +23,7 @@ Mask = NDArray[np.bool_]
 VERIFICATION_ANGLES = tuple(np.radians([25.0, 47.0, 77.0, 104.0, 131.0, 155.0, 180.0]))
 # Of the diameter: a flat sheet is its own mirror image, and nothing follows from that.
 MIN_DISPLACEMENT = 0.004
+FAR = 0.15  # of the diameter; a larger miss is no worse than this one
 SUPPORT_DISTANCE = 0.012  # of the diameter
 SUPPORT_COSINE = 0.85  # of the image's normal and the surface's: 32 degrees
 
@@ -83,7 +84,7 @@ def turned(samples: Samples, axis: Array, center: Array, angle: float) -> Sample
 
 def fit_of(surface: Surface, before: Samples, image: Samples) -> Fit:
     """Measure how well `image`, the image of `before`, fits `surface`."""
-    distance, normals = surface.distances(image.points)
+    distance, normals = surface.distances(image.points, reach=FAR)
     cosine = np.abs(np.einsum("nd,nd->n", normals, image.normals))
     p95, p99 = np.percentile(distance, [95.0, 99.0])
     return Fit(
@@ -134,12 +135,11 @@ def supported(surface: Surface, images: Iterable[Samples], size: float = 1.0) ->
     tolerance = SUPPORT_DISTANCE * size
     masks = []
     for image in images:
-        index = surface.nearest(image.points)
+        reach, index = surface.within(image.points, 2.0 * tolerance)
         met = surface.normals[index]
         gap = np.abs(np.einsum("nd,nd->n", image.points - surface.points[index], met))
-        reach = np.linalg.norm(image.points - surface.points[index], axis=1)
         cosine = np.abs(np.einsum("nd,nd->n", met, image.normals))
-        near = (gap < tolerance) & (reach < 2.0 * tolerance)
+        near = (gap < tolerance) & np.isfinite(reach)
         masks.append(near & (cosine > SUPPORT_COSINE))
     agreed: Mask = np.logical_and.reduce(masks)
     return agreed

@@ -67,6 +67,11 @@ def images(grasps: Grasps, symmetry: Symmetry, copies_per_turn: int) -> list[Gra
             return [turned(grasps, turn, symmetry.point) for turn in others]
 
 
+def num_images(symmetry: Symmetry, copies_per_turn: int) -> int:
+    """Return how many copies of a grasp `images` makes."""
+    return len(images(Grasps.empty(), symmetry, copies_per_turn))
+
+
 def symmetrize(
     grasps: Grasps, symmetry: Symmetry, *, copies_per_turn: int, merge_distance: float
 ) -> tuple[Grasps, Indices]:

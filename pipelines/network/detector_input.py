@@ -19,9 +19,8 @@ def detector_image(frame: SmallFrame, plane: Plane, kind: str) -> Tensor:
     """
     parts: list[NDArray[np.float32]] = []
     if kind in {"color", "both"}:
-        color = frame.color.astype(np.float32) / 255.0
-        normalised = (color - np.array(COLOR_MEAN, np.float32)) / np.array(COLOR_STD, np.float32)
-        parts.append(np.moveaxis(normalised, -1, 0))
+        normalised = (frame.color / 255.0 - np.array(COLOR_MEAN)) / np.array(COLOR_STD)
+        parts.append(np.moveaxis(normalised, -1, 0).astype(np.float32))
     if kind in {"geometry", "both"}:
         parts.append(depth_channels(frame.depth, frame.intrinsics, plane))
     return torch.from_numpy(np.ascontiguousarray(np.concatenate(parts), np.float32))

@@ -97,7 +97,7 @@ def build_detector(config: DetectorConfig) -> MaskRCNN:
     builders = {"light": _light, "resnet50": _resnet50}
     if config.variant not in builders:
         raise UnknownNameError("detector variant", config.variant, builders)
-    model = builders[config.variant](NUM_CHANNELS[config.input], config)
+    model: MaskRCNN = builders[config.variant](NUM_CHANNELS[config.input], config)
     model.transform = PreparedImages()
     rpn, roi = model.rpn.fg_bg_sampler, model.roi_heads.fg_bg_sampler
     model.rpn.fg_bg_sampler = SeededSampler(rpn.batch_size_per_image, rpn.positive_fraction)

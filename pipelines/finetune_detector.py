@@ -1,0 +1,214 @@
+"""finetune-detector: Mask R-CNN on masks of symmetric regions (Sec. III-D).
+
+Reads   ROOT/scenes/scene_NNNN/CAMERA/{rgb,depth,label,annotations}
+        ROOT/symmetry/NNN.json       regions, from annotate-symmetry
+Writes  NAME.safetensors             the best weights so far by mask AP50 on unseen scenes
+        NAME.frames/*.h5             small frames with their region masks, made once
+        NAME.checkpoint.safetensors  everything that `--resume` needs
+        NAME.logs/                   TensorBoard scalars
+"""
+
+import logging
+import time
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import torch
+from torchvision.models.detection import MaskRCNN
+
+from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.configs import FinetuneDetectorConfig
+from pipelines.errors import SymgraspError, ValueRangeError
+from pipelines.formats import detector_frames
+from pipelines.formats.detector_frames import DetectorFrame
+from pipelines.formats.graspnet import FrameFiles, GraspNetRoot, SceneFiles
+from pipelines.formats.provenance import make_stamp
+from pipelines.formats.regioned_objects import read_regioned_object
+from pipelines.formats.torch_weights import read_torch_weights
+from pipelines.geometry.depth_channels import find_plane, shrink
+from pipelines.geometry.region_masks import visible_regions
+from pipelines.learning.detector_training import DetectorTraining, FrameSets
+from pipelines.learning.loop import LoopOptions, TrainingRun
+from pipelines.learning.runs import RunRequest, describe, find_progress
+from pipelines.network.detector import MODEL_NAME
+from pipelines.network.devices import find_device
+from pipelines.network.mask_rcnn import adopt_coco, build_detector
+from pipelines.network.weights_files import weights_metadata
+
+STAGE = "finetune-detector"
+MOST_REGIONS = 255  # of one frame; the rest, the smallest, are left out
+
+log = logging.getLogger(__name__)
+
+
+def run(
+    root: Path,
+    output: Path,
+    config: FinetuneDetectorConfig,
+    request: RunRequest,
+    *,
+    split: str = "train",
+    camera: str | None = None,
+    coco_weights: str | None = None,
+    options: BatchOptions | None = None,
+) -> StageReport:
+    """Prepare the frames of `split` beside `output`, then train on them.
+
+    `coco_weights`: a file of torchvision's COCO weights, or `download`; for the resnet50 variant.
+    """
+    started, report = time.monotonic(), StageReport(STAGE)
+    device = find_device(request.device)
+    stamp = make_stamp(STAGE, config, seed=request.seed, inputs={"root": root.name})
+    earlier = find_progress(output, stamp, request)
+    if earlier is not None and earlier.finished:
+        report.skipped.append(output.name)
+        return report
+    prepared = prepare(GraspNetRoot(root), output, config, split, camera, options or BatchOptions())
+    if prepared.failed:
+        return prepared
+    frames = split_frames(sorted(frames_folder(output).glob("*.h5")), config, request.seed)
+    trainee = DetectorTraining(build(config, coco_weights, request.seed), frames, config, device)
+    metadata = weights_metadata(MODEL_NAME, config.detector)
+    training = TrainingRun(trainee, loop_options(config, request), output, stamp, metadata)
+    if earlier is not None:
+        training.resume()
+    progress = training.run()
+    report.done.append(output.name)
+    report.notes[output.name] = describe(progress)
+    report.seconds = time.monotonic() - started
+    return report
+
+
+def frames_folder(output: Path) -> Path:
+    """Return where the prepared frames of the run that writes `output` lie."""
+    return output.with_name(f"{output.stem}.frames")
+
+
+def prepare(
+    root: GraspNetRoot,
+    output: Path,
+    config: FinetuneDetectorConfig,
+    split: str,
+    camera: str | None,
+    options: BatchOptions,
+) -> StageReport:
+    """Write one file of small frames with their regions for each scene that has none yet."""
+    scenes = root.scenes(camera, split)
+    if not scenes:
+        raise SymgraspError(f"{root.root} holds no {split} scene; name another --split or --camera")
+    detector = config.detector
+    settings = {
+        "size": [detector.min_size, detector.max_size],
+        "min_pixels": config.min_pixels,
+        "frame_stride": config.frame_stride,
+    }
+    items = [
+        WorkItem(
+            f"scene_{scene.scene_id:04d}_{scene.camera}",
+            frames_folder(output) / f"scene_{scene.scene_id:04d}_{scene.camera}.h5",
+            make_stamp(STAGE, settings),
+            (scene,),
+        )
+        for scene in scenes
+    ]
+    return run_batch(STAGE, items, partial(prepare_scene, root=root, config=config), options)
+
+
+def prepare_scene(item: WorkItem, root: GraspNetRoot, config: FinetuneDetectorConfig) -> str:
+    """Prepare one scene; `item.arguments` are its files. Return the count of frames."""
+    scene: SceneFiles = item.arguments[0]
+    frames = [
+        prepare_frame(root, files, config) for files in scene.frames()[:: config.frame_stride]
+    ]
+    detector_frames.write(item.target, frames, item.stamp)
+    return f"{len(frames)} frames"
+
+
+def prepare_frame(
+    root: GraspNetRoot, files: FrameFiles, config: FinetuneDetectorConfig
+) -> DetectorFrame:
+    """Return a frame at the detector's size with the regions it shows, numbered from 1."""
+    frame, detector = root.read_frame(files), config.detector
+    small = shrink(frame.color, frame.depth, frame.intrinsics, detector.min_size, detector.max_size)
+    poses = [(pose.object_id, pose.T_cam_obj) for pose in root.read_annotation(files)]
+    objects = {object_id: read_regioned_object(root.root, object_id) for object_id, _ in poses}
+    shown = visible_regions(root.read_label(files), frame.intrinsics, poses, objects)
+    shown = [each for each in shown if each.mask.sum() >= config.min_pixels]
+    shown = sorted(shown, key=lambda each: -int(each.mask.sum()))[:MOST_REGIONS]
+    regions = np.zeros((frame.intrinsics.height, frame.intrinsics.width), np.uint8)
+    for number, region in enumerate(shown, start=1):
+        regions[region.mask] = number
+    rows = np.floor((np.arange(small.depth.shape[0]) + 0.5) * regions.shape[0] / len(small.depth))
+    columns = np.floor(
+        (np.arange(small.depth.shape[1]) + 0.5) * regions.shape[1] / small.depth.shape[1]
+    )
+    picked = regions[np.ix_(rows.astype(int), columns.astype(int))]
+    return DetectorFrame(small, find_plane(small), picked)
+
+
+def split_frames(files: list[Path], config: FinetuneDetectorConfig, seed: int) -> FrameSets:
+    """Return the frames of most scenes to train on and of the others to validate on.
+
+    Raises:
+        ValueRangeError: there is only one scene.
+    """
+    scenes = sorted({path.stem[: len("scene_0000")] for path in files})
+    if len(scenes) < 2:
+        raise ValueRangeError("number of scenes", len(scenes), "at least 2, one to validate on")
+    count = min(max(1, round(config.val_fraction * len(scenes))), len(scenes) - 1)
+    held_out = set(np.random.default_rng(seed).permutation(scenes)[:count].tolist())
+    keys = [(path, row) for path in files for row in range(detector_frames.count(path))]
+    is_val = [path.stem[: len("scene_0000")] in held_out for path, _ in keys]
+    return FrameSets(
+        [key for key, val in zip(keys, is_val, strict=True) if not val],
+        [key for key, val in zip(keys, is_val, strict=True) if val],
+    )
+
+
+def build(config: FinetuneDetectorConfig, coco_weights: str | None, seed: int) -> MaskRCNN:
+    """Return the detector to start from, with COCO's weights where they are asked for.
+
+    Raises:
+        ValueRangeError: COCO weights are asked for a variant that has none.
+    """
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)  # layers are initialised from torch's own generator
+        model = build_detector(config.detector)
+    if coco_weights is None:
+        return model
+    if config.detector.variant != "resnet50":
+        raise ValueRangeError("--coco-weights", coco_weights, "left out unless --variant resnet50")
+    fresh = adopt_coco(model, read_coco(coco_weights))
+    log.info("%d tensors start anew, the others from COCO", len(fresh))
+    return model
+
+
+def read_coco(source: str) -> dict[str, torch.Tensor]:
+    """Return torchvision's COCO weights from a file, or from its hub for `download`."""
+    if source != "download":
+        return read_torch_weights(Path(source))
+    from torchvision.models.detection import MaskRCNN_ResNet50_FPN_Weights  # noqa: PLC0415
+
+    weights = MaskRCNN_ResNet50_FPN_Weights.COCO_V1
+    log.warning("downloading COCO weights from %s", weights.url)
+    try:
+        return dict(weights.get_state_dict(progress=False, check_hash=True))
+    except OSError as error:
+        raise SymgraspError(
+            f"{weights.url} cannot be reached ({error}); give --coco-weights a file of it"
+        ) from error
+
+
+def loop_options(config: FinetuneDetectorConfig, request: RunRequest) -> LoopOptions:
+    """Return the engine's options: what the config says of steps, the request of this run."""
+    return LoopOptions(
+        epochs=config.epochs,
+        learning_rate=config.learning_rate,
+        decay=config.decay,
+        decay_epochs=config.decay_epochs,
+        ema_decay=config.ema_decay,
+        seed=request.seed,
+        threads=request.threads,
+        time_limit=request.time_limit,
+    )

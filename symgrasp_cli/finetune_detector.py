@@ -1,0 +1,88 @@
+"""`symgrasp finetune-detector`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipelines.configs import DetectorConfig, FinetuneDetectorConfig
+from symgrasp_cli.options import (
+    Backend,
+    Device,
+    Overwrite,
+    Resume,
+    Seed,
+    Threads,
+    TimeLimit,
+    Workers,
+    batch_options,
+    show_training,
+)
+from symgrasp_cli.report import conclude
+
+
+def finetune_detector(
+    root: Annotated[Path, typer.Argument(help="Dataset root with scenes/ and symmetry/.")],
+    out: Annotated[Path, typer.Option(help="Weights to write, NAME.safetensors.")],
+    split: Annotated[str, typer.Option(help="Scenes to use: train, seen, similar or novel.")] = (
+        "train"
+    ),
+    camera: Annotated[
+        str | None, typer.Option(help="kinect or realsense; by default all that are there.")
+    ] = None,
+    variant: Annotated[
+        str, typer.Option(help="light, or resnet50 as in the paper.")
+    ] = DetectorConfig.variant,
+    input_kind: Annotated[
+        str, typer.Option("--input", help="What it is shown: geometry, color or both.")
+    ] = DetectorConfig.input,
+    coco_weights: Annotated[
+        str | None,
+        typer.Option(help="Start of resnet50: a file of torchvision's weights, or download."),
+    ] = None,
+    epochs: Annotated[
+        int, typer.Option(min=1, help="Passes over the frames.")
+    ] = FinetuneDetectorConfig.epochs,
+    batch_size: Annotated[
+        int, typer.Option(min=1, help="Frames a step.")
+    ] = FinetuneDetectorConfig.batch_size,
+    learning_rate: Annotated[
+        float, typer.Option(min=0.0, help="Of Adam, at first.")
+    ] = FinetuneDetectorConfig.learning_rate,
+    decay_epochs: Annotated[
+        float, typer.Option(min=0.01, help="Epochs after which the rate drops by a tenth.")
+    ] = FinetuneDetectorConfig.decay_epochs,
+    time_limit: TimeLimit = None,
+    threads: Threads = 2,
+    device: Device = "auto",
+    workers: Workers = 1,
+    backend: Backend = "loky",
+    seed: Seed = 0,
+    resume: Resume = False,
+    overwrite: Overwrite = False,
+) -> None:
+    """Train the detector of symmetric regions on a dataset's frames."""
+    from pipelines import finetune_detector as stage
+    from pipelines.learning.runs import RunRequest
+
+    config = FinetuneDetectorConfig(
+        detector=DetectorConfig(variant=variant, input=input_kind),
+        epochs=epochs,
+        batch_size=batch_size,
+        learning_rate=learning_rate,
+        decay_epochs=decay_epochs,
+    )
+    request = RunRequest(seed, device, threads, time_limit, resume, overwrite)
+    show_training()
+    options = batch_options(workers, backend, overwrite=overwrite, dry_run=False)
+    report = stage.run(
+        root,
+        out,
+        config,
+        request,
+        split=split,
+        camera=camera,
+        coco_weights=coco_weights,
+        options=options,
+    )
+    conclude(report)

@@ -71,7 +71,7 @@ class RefineGraspsConfig:
     max_friction: float = 1.0  # labelled grasps that hold at this friction are taken
     copies_per_turn: int = 36  # D. 3
     merge_distance: float = 0.001  # metres; closer contact pairs are one grasp, D. 2
-    max_copies: int = 100_000  # under one symmetry; of more grasps, as many as that are copied
+    max_copies: int = 40_000  # under one symmetry; of more grasps, as many as that are copied
     max_surface_gap: float = 0.003  # metres; a copy whose contact lies farther off is dropped
     contact_radius: float = 0.004  # metres from a contact that its quality spreads to, D. 9
     num_surface_points: int = 4096

@@ -20,11 +20,14 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Labels = NDArray[np.int32]
 
+USUAL_FOCAL = 525.0  # pixels; a coarser image is smoothed over fewer
 GAP = 4  # pixels without depth that a surface is followed across
 FINER = 0.5  # share of fold and step that too large a piece is cut at again
 
 
-def segment(xyz: Array, foreground: Mask, config: RegionConfig) -> tuple[Labels, Labels]:
+def segment(
+    xyz: Array, foreground: Mask, clear: Mask, focal: float, config: RegionConfig
+) -> tuple[Labels, Labels]:
     """Cut `foreground` (H, W) into pieces; 0 elsewhere.
 
     Pieces too large for an object are cut again at weaker creases and lower steps.
@@ -32,13 +35,16 @@ def segment(xyz: Array, foreground: Mask, config: RegionConfig) -> tuple[Labels,
     Args:
         xyz: (H, W, 3) metres, camera frame, nan where missing.
         foreground: (H, W) what to cut.
+        clear: (H, W) the part of it that pieces may hang together by.
+        focal: pixels, focal length of the image.
         config: thresholds.
 
     Returns:
         The pieces (H, W), and (H, W) what hangs together without a step in depth.
     """
-    fold = inward_fold(xyz, foreground, config)
+    fold = inward_fold(xyz, foreground, focal, config)
     whole = connected(xyz, foreground, config)
+    fold[foreground & ~clear] = -np.inf
     labels = _cut(xyz, foreground, whole, fold, config)
     large = np.isin(labels, _too_large(xyz, labels, config)) & (labels > 0)
     if large.any():
@@ -71,14 +77,15 @@ def extent(points: Array) -> float:
     return float(np.linalg.norm(high - low))
 
 
-def inward_fold(xyz: Array, mask: Mask, config: RegionConfig) -> Array:
+def inward_fold(xyz: Array, mask: Mask, focal: float, config: RegionConfig) -> Array:
     """Return (H, W) how far the surface of `mask` folds: -2 sin(angle / 2) inward, 0 elsewhere.
 
     Normals on both sides of a convex edge point apart, of a concave one toward each other
     (Stein et al., LCCP): (n_2 - n_1) . (p_2 - p_1) / |p_2 - p_1| is then negative.
     """
-    normals = smooth_normals(xyz, mask, config.normal_radius)
-    reach = config.normal_radius + 1
+    radius = max(2, round(config.normal_radius * min(1.0, focal / USUAL_FOCAL)))
+    normals = smooth_normals(xyz, mask, radius)
+    reach = radius + 1
     deepest = np.zeros(mask.shape)
     for down, right in ((0, reach), (reach, 0), (reach, reach), (reach, -reach)):
         p, q = _shifted(xyz, -down, -right), _shifted(xyz, down, right)
@@ -87,7 +94,7 @@ def inward_fold(xyz: Array, mask: Mask, config: RegionConfig) -> Array:
         with np.errstate(invalid="ignore"):
             length = np.linalg.norm(line, axis=-1)
             fold = np.einsum("hwi,hwi->hw", m - n, line) / length
-            near = length < config.crease_reach * np.hypot(down, right) * xyz[..., 2] / 500.0
+            near = length < config.crease_reach * np.hypot(down, right) * xyz[..., 2] / focal
         np.minimum(deepest, np.where(near & np.isfinite(fold), fold, 0.0), out=deepest)
     return np.where(mask, deepest, 0.0)
 

@@ -19,7 +19,7 @@ Labels = NDArray[np.int32]
 
 WORKING_WIDTH = 640  # pixels; larger images are thinned to about this
 FOOT = 6  # pixels below and above a piece where something nearer may hide its foot
-TALL = 2.0  # heights that stand out from noise which an object's highest part must reach
+TALL = 1.7  # heights that stand out from noise which an object's highest part must reach
 MIN_BORDER = 20  # pixels on the picture's border that say a thing goes on outside
 
 
@@ -62,7 +62,7 @@ def geometric_regions(
     )
     xyz = camera.backproject(small)
     top = find_tabletop(xyz, camera, config, rng)
-    pieces, whole = segment(xyz, top.foreground, config)
+    pieces, whole = segment(xyz, top.foreground, top.clear, camera.fx, config)
     labels = _sound_regions(xyz, pieces, whole, top, config)
     scaled = [_enlarged(image, depth.shape) for image in (labels, top.foreground)]
     return GeometricRegions(scaled[0].astype(np.int32), top.plane, scaled[1].astype(bool))

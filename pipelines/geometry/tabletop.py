@@ -24,6 +24,7 @@ ITERATIONS = 300  # hypotheses a candidate
 SAMPLE = 4000  # pixels that hypotheses are counted on
 MIN_PIXELS = 200  # fewer show no plane
 WARP_WINDOW = 81  # pixels over which a sensor bends a flat table
+CLEARLY = 1.6  # heights that stand out from noise which a thing does not share with its neighbour
 NOISE_FACTOR = 4.0  # standard deviations that foreground stands out by
 CELL = 0.01  # metres, of the grid on the plane that its extent is drawn into
 
@@ -35,11 +36,13 @@ class Tabletop:
     Attributes:
         plane: camera frame, normal to the camera's side; None where there is none.
         foreground: (H, W) pixels above the plane (all near pixels where there is no plane).
+        clear: (H, W) the foreground that stands out well; bridges of noise between things do not.
         noise: metres, standard deviation of the depth at one metre; grows with z^2.
     """
 
     plane: Plane | None
     foreground: Mask
+    clear: Mask
     noise: float
 
     def threshold(self, z: ArrayLike, config: RegionConfig) -> Array:
@@ -60,7 +63,7 @@ def find_tabletop(
     near = near_pixels(xyz, config)
     support = _find_support(xyz, near, intrinsics, config, rng)
     if support is None:
-        return Tabletop(None, near, config.plane_tolerance / 3.0)
+        return Tabletop(None, near, near, config.plane_tolerance / 3.0)
     with np.errstate(divide="ignore"):
         residual = np.nan_to_num(support.residual(xyz[..., 2]), nan=-np.inf)
     inliers = near & (np.abs(residual) < config.plane_tolerance)
@@ -70,13 +73,14 @@ def find_tabletop(
     scale = 1.0 / (1.0 - warp * np.nan_to_num(xyz[..., 2]))
     height = support.plane.height(np.nan_to_num(xyz) * scale[..., None])
     z = np.nan_to_num(xyz[..., 2], nan=np.inf)
-    top = Tabletop(support.plane, near, noise)
-    above = near & (height > top.threshold(z, config)) & (height < config.max_height)
+    top = Tabletop(support.plane, near, near, noise)
+    threshold = top.threshold(z, config)
+    above = near & (height > threshold) & (height < config.max_height)
     above = cv2.medianBlur(above.astype(np.uint8), 3) > 0
     above &= near
     table = Footprint.around(xyz[_large_parts(inliers)], support.plane, config.support_margin)
     above[above] = table.contains(xyz[above])
-    return replace(top, foreground=above)
+    return replace(top, foreground=above, clear=above & (height > CLEARLY * threshold))
 
 
 def _smooth(values: Array, mask: Mask) -> Array:

@@ -183,5 +183,6 @@ def _centredness(grasps: Grasps, region: RegionCloud) -> Array:
 
 def _steadiest(steady: Array, config: SelectionConfig) -> NDArray[np.int64]:
     """Return the indices of the candidates that are worth ranking, steadiest first."""
-    order: NDArray[np.int64] = np.argsort(-steady, kind="stable")[:MAX_RANKED]
-    return order[steady[order] >= config.steadiness * steady.max(initial=0.0)]
+    order = np.argsort(-steady, kind="stable")[:MAX_RANKED]
+    worth = steady[order] >= config.steadiness * steady.max(initial=0.0)
+    return np.asarray(order[worth], np.int64)

@@ -26,6 +26,18 @@ Indices = NDArray[np.int64]
 
 # A mirrored gripper is left-handed; with its fingers renamed it is a gripper again.
 SWAP_FINGERS = np.diag([1.0, -1.0, 1.0])
+# Odd 64-bit numbers without a pattern: fractional parts of the roots of the first primes.
+CELL_FACTORS = np.array(
+    [
+        0x6A09E667F3BCC909,
+        0xBB67AE8584CAA73B,
+        0x3C6EF372FE94F82B,
+        0xA54FF53A5F1D36F1,
+        0x510E527FADE682D1,
+        0x9B05688C2B3E6C1F,
+    ],
+    dtype=np.uint64,
+)
 CELL_SLACK = 0.9  # cells a little smaller than the merge distance, so that rounding cannot matter
 
 
@@ -99,7 +111,10 @@ def distinct(grasps: Grasps, merge_distance: float) -> Indices:
     less than `merge_distance` metres: what is left out is closer than that to what is kept.
     """
     cells = _ordered(grasps.contacts, CELL_SLACK * merge_distance / np.sqrt(6.0))
-    return np.sort(np.unique(cells, axis=0, return_index=True)[1])
+    # One number a cell is sorted ten times faster than six; it wraps around, and two cells
+    # share a number once in 10^19.
+    numbers = (cells.astype(np.uint64) * CELL_FACTORS).sum(axis=1, dtype=np.uint64)
+    return np.sort(np.unique(numbers, return_index=True)[1])
 
 
 def _near(grasps: Grasps, others: Grasps, distance: float) -> NDArray[np.bool_]:

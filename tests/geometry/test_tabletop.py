@@ -1,0 +1,98 @@
+"""The support plane and what stands on it."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipelines.configs import RegionConfig
+from pipelines.geometry.organized import smooth_normals
+from pipelines.geometry.regions_geometric import geometric_regions
+from pipelines.geometry.tabletop import find_tabletop
+from tests.geometry.tabletops import CAMERA, Ball, Box, Can, looking_at_table, render
+
+CONFIG = RegionConfig()
+
+
+def regions_of(depth):
+    return geometric_regions(depth, CAMERA, CONFIG, np.random.default_rng(0))
+
+
+def overlap(a, b):
+    return (a & b).sum() / (a | b).sum()
+
+
+def best_overlap(regions, mask):
+    return max((overlap(region, mask) for region in regions.masks), default=0.0)
+
+
+@given(st.floats(0.5, 1.5), st.floats(0.6, 1.0))
+@settings(max_examples=8, deadline=None)
+def test_the_table_is_found_from_any_height(elevation, distance):
+    pose = looking_at_table(distance, elevation)
+    depth, _ = render([Box((0.06, 0.06, 0.1))], pose)
+    top = find_tabletop(CAMERA.backproject(depth), CAMERA, CONFIG, np.random.default_rng(0))
+    np.testing.assert_allclose(top.plane.normal, pose[:3, 2], atol=5e-3)
+    np.testing.assert_allclose(top.plane.offset, -pose[:3, 2] @ pose[:3, 3], atol=3e-3)
+
+
+def test_the_foreground_is_the_objects():
+    depth, index = render([Box((0.06, 0.06, 0.1)), Can(0.03, 0.12, (0.15, 0.0, 0.0))])
+    top = find_tabletop(CAMERA.backproject(depth), CAMERA, CONFIG, np.random.default_rng(0))
+    assert overlap(top.foreground, index >= 0) > 0.93
+
+
+def test_noise_does_not_make_foreground():
+    rng = np.random.default_rng(1)
+    depth, _ = render([])
+    noisy = depth + (depth > 0) * 0.002 * depth**2 * rng.normal(size=depth.shape)
+    regions = regions_of(noisy)
+    assert regions.foreground.mean() < 0.01
+    assert not regions.masks
+
+
+def test_separate_objects_are_separate_regions():
+    shapes = [Box((0.06, 0.05, 0.1), (-0.15, 0, 0)), Can(0.035, 0.1), Ball(0.04, (0.15, 0, 0.04))]
+    depth, index = render(shapes)
+    regions = regions_of(depth)
+    assert len(regions.masks) == 3
+    assert all(best_overlap(regions, index == i) > 0.85 for i in range(3))
+
+
+def test_a_box_on_a_box_is_two_regions():
+    shapes = [Box((0.18, 0.14, 0.05)), Box((0.06, 0.06, 0.1), (0.0, 0.0, 0.05), 0.4)]
+    depth, index = render(shapes)
+    regions = regions_of(depth)
+    assert all(best_overlap(regions, index == i) > 0.8 for i in range(2))
+
+
+def test_convex_edges_do_not_part_an_object():
+    depth, index = render([Box((0.1, 0.08, 0.12), yaw=0.6)])
+    regions = regions_of(depth)
+    assert len(regions.masks) == 1
+    assert best_overlap(regions, index == 0) > 0.9
+
+
+def test_what_is_too_large_for_the_hand_is_no_region():
+    depth, _ = render([Box((0.8, 0.05, 0.4), (0, 0.25, 0))])
+    assert all(np.ptp(np.nonzero(mask)[1]) < 300 for mask in regions_of(depth).masks)
+
+
+def test_a_frame_without_depth_has_no_regions():
+    regions = regions_of(np.zeros((240, 320)))
+    assert regions.plane is None
+    assert not regions.masks
+
+
+def test_the_same_seed_gives_the_same_regions():
+    depth, _ = render([Box((0.06, 0.06, 0.1)), Can(0.03, 0.12, (0.15, 0.0, 0.0))])
+    np.testing.assert_array_equal(regions_of(depth).labels, regions_of(depth).labels)
+
+
+@pytest.mark.parametrize("radius", [2, 4])
+def test_smooth_normals_of_a_plane_are_its_normal(radius):
+    pose = looking_at_table()
+    depth, _ = render([], pose)
+    normals = smooth_normals(CAMERA.backproject(depth), depth > 0, radius)
+    inside = normals[60:180, 80:240]
+    np.testing.assert_allclose(inside, np.broadcast_to(pose[:3, 2], inside.shape), atol=1e-6)

@@ -1,0 +1,121 @@
+"""Gripper bodies against points: the fast way equals the obvious one."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipelines.formats.gripper_files import load_gripper
+from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.transforms import (
+    make_pose,
+    random_rotation,
+    rotate_vectors,
+    transform_points,
+    unit,
+)
+from pipelines.grasping.collision import clearance, lowest_height, sweep, turned
+from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.observation import Surroundings
+
+GRIPPER = load_gripper("rg2")
+ANGLES = np.array([0.0, 0.7, 2.9])
+seeds = st.integers(0, 2**31)
+
+
+def random_grasps(rng, count=5):
+    rotation = np.stack([random_rotation(rng) for _ in range(count)])
+    return Grasps(rotation, rng.normal(0, 0.02, (count, 3)), rng.uniform(0.01, 0.1, count))
+
+
+def random_scene(rng, count=400):
+    return Surroundings(
+        rng.uniform(-0.12, 0.12, (count, 3)), rng.integers(1, 4, count), np.zeros(count, bool)
+    )
+
+
+def boxes_of(grasps, index, margin):
+    boxes = GRIPPER.boxes(grasps.width[index : index + 1])[0]
+    return boxes[:, 0] - margin, boxes[:, 1] + margin
+
+
+def naive_inside(grasps, index, scene, margin):
+    local = (scene.points - grasps.translation[index]) @ grasps.rotation[index]
+    low, high = boxes_of(grasps, index, margin)
+    inside = [((local > lo) & (local < hi)).all(1) for lo, hi in zip(low, high, strict=True)]
+    return int(sum((hit * scene.count).sum() for hit in inside))
+
+
+def naive_enclosed(grasps, index, scene):
+    local = (scene.points - grasps.translation[index]) @ grasps.rotation[index]
+    low, high = boxes_of(grasps, index, 0.0)
+    between = (np.abs(local[:, 1]) < low[1, 1]) & (np.abs(local[:, 2]) < high[1, 2])
+    between &= (local[:, 0] < high[1, 0]) & (local[:, 0] > low[1, 0])
+    return (high[1, 0] - local[between, 0]).max(initial=0.0)
+
+
+@given(seeds)
+@settings(max_examples=15, deadline=None)
+def test_the_sweep_counts_what_a_loop_counts(seed):
+    rng = np.random.default_rng(seed)
+    grasps, scene = random_grasps(rng), random_scene(rng)
+    met = sweep(grasps, ANGLES, GRIPPER, scene, 0.001)
+    for column, angle in enumerate(ANGLES):
+        hands = turned(grasps, np.arange(len(grasps)), np.full(len(grasps), angle))
+        for row in range(len(grasps)):
+            assert met.inside[row, column] == naive_inside(hands, row, scene, 0.001)
+            found = naive_enclosed(hands, row, scene)
+            np.testing.assert_allclose(met.enclosed[row, column], found, atol=1e-5)
+
+
+@given(seeds)
+@settings(max_examples=15, deadline=None)
+def test_moving_hand_and_scene_together_changes_nothing(seed):
+    rng = np.random.default_rng(seed)
+    grasps, scene = random_grasps(rng), random_scene(rng)
+    T = make_pose(random_rotation(rng), rng.normal(size=3))
+    moved = Surroundings(transform_points(T, scene.points), scene.count, scene.own)
+    here = sweep(grasps, ANGLES, GRIPPER, scene, 0.001)
+    there = sweep(grasps.transformed(T), ANGLES, GRIPPER, moved, 0.001)
+    assert (np.abs(here.inside - there.inside) <= 3).all()  # a point on a box's face may flip
+    assert (here.inside == there.inside).mean() > 0.8
+    for points, hands in ((scene.points, grasps), (moved.points, grasps.transformed(T))):
+        found = clearance(hands, GRIPPER, points, 0.05)
+        np.testing.assert_allclose(found, clearance(grasps, GRIPPER, scene.points, 0.05), atol=1e-5)
+
+
+@given(seeds)
+@settings(max_examples=15, deadline=None)
+def test_the_clearance_is_the_nearest_point_of_a_loop(seed):
+    rng = np.random.default_rng(seed)
+    grasps, scene = random_grasps(rng), random_scene(rng, 12)
+    found = clearance(grasps, GRIPPER, scene.points, 0.05)
+    for index in range(len(grasps)):
+        local = (scene.points - grasps.translation[index]) @ grasps.rotation[index]
+        low, high = boxes_of(grasps, index, 0.0)
+        gaps = [
+            np.linalg.norm(np.maximum(np.maximum(lo - local, local - hi), 0), axis=1)
+            for lo, hi in zip(low, high, strict=True)
+        ]
+        np.testing.assert_allclose(found[index], min(np.min(gaps), 0.05), atol=1e-5)
+
+
+def test_without_points_the_clearance_is_the_cap():
+    grasps = random_grasps(np.random.default_rng(0))
+    np.testing.assert_array_equal(clearance(grasps, GRIPPER, np.zeros((0, 3)), 0.05), 0.05)
+
+
+@given(seeds)
+@settings(max_examples=15, deadline=None)
+def test_the_lowest_height_is_that_of_the_lowest_corner(seed):
+    rng = np.random.default_rng(seed)
+    grasps, plane = random_grasps(rng), Plane(unit(rng.normal(size=3)), float(rng.normal()))
+    found = lowest_height(grasps, GRIPPER, plane)
+    for index in range(len(grasps)):
+        low, high = boxes_of(grasps, index, 0.0)
+        corners = [
+            np.where([i & 1, i & 2, i & 4], hi, lo)
+            for lo, hi in zip(low, high, strict=True)
+            for i in range(8)
+        ]
+        placed = rotate_vectors(grasps.rotation[index], corners) + grasps.translation[index]
+        np.testing.assert_allclose(found[index], plane.height(placed).min(), atol=1e-12)

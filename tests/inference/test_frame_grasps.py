@@ -1,0 +1,88 @@
+"""One frame through the planner, with a stand-in for the network that knows the truth."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipelines.configs import InferConfig
+from pipelines.formats.gripper_files import load_gripper
+from pipelines.formats.overlays import draw_overlay
+from pipelines.formats.rgbd import Frame
+from pipelines.geometry.symmetry import ReflectionSymmetry, SymmetrySlots
+from pipelines.geometry.transforms import transform_points
+from pipelines.inference.frame_grasps import Planner
+from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
+
+POSE = looking_at_table()
+DEPTH, INDEX = render([Box((0.06, 0.09, 0.1))], POSE)
+FRAME = Frame("f", np.full((240, 320, 3), 90, np.uint8), DEPTH.astype(np.float32), CAMERA)
+CONFIG = InferConfig(regions="geometric")
+
+
+@dataclass(frozen=True)
+class Prediction:
+    points: np.ndarray
+    affordance: np.ndarray
+    existence: np.ndarray
+    center: np.ndarray
+    direction: np.ndarray
+
+
+class Oracle:
+    """Predicts the box's two upright planes at every point."""
+
+    def predict(self, clouds):
+        middle = transform_points(POSE, [0, 0, 0.05])
+        planes = [ReflectionSymmetry(POSE[:3, axis], middle) for axis in (0, 1)]
+        slots = SymmetrySlots.from_symmetries(planes)
+        point, direction = np.nan_to_num(slots.point), np.nan_to_num(slots.direction)
+        return [
+            Prediction(
+                cloud[::2],
+                np.ones(len(cloud[::2])),
+                np.tile(slots.existence, (len(cloud[::2]), 1)),
+                np.tile(point, (len(cloud[::2]), 1, 1)),
+                np.tile(direction, (len(cloud[::2]), 1, 1)),
+            )
+            for cloud in clouds
+        ]
+
+
+def plan(predictor):
+    planner = Planner(CONFIG, load_gripper("rg2"), predictor=predictor)
+    return planner.plan(FRAME, np.random.default_rng(0))
+
+
+def test_predicted_symmetries_give_network_grasps_and_are_written_down():
+    result = plan(Oracle())
+    assert result.status == "ok"
+    assert set(result.grasps.source) == {"network"}
+    np.testing.assert_allclose(result.regions.existence[0], [1, 1, 0, 0, 0], atol=1e-6)
+    cosine = result.regions.symmetry_direction[0, :2] @ POSE[:3, :2]
+    np.testing.assert_allclose(np.abs(np.diag(cosine)), 1.0, atol=1e-5)
+    assert result.regions.affordance_max[0] == 1.0
+
+
+def test_without_a_network_the_boundary_serves_and_no_affordance_is_claimed():
+    result = plan(None)
+    assert set(result.grasps.source) == {"planar"}
+    assert np.isnan(result.regions.affordance_mean[0])
+
+
+def test_at_most_so_many_grasps_a_region_are_kept():
+    result = plan(Oracle())
+    assert len(result.grasps) <= CONFIG.max_grasps_per_region
+    assert result.grasps.is_best.sum() == 1
+
+
+def test_the_overlay_marks_planes_regions_and_hand():
+    with_network, without = draw_overlay(FRAME, plan(Oracle())), draw_overlay(FRAME, plan(None))
+    assert (with_network != FRAME.color).any()
+    assert (with_network != without).mean() > 0.01  # the planes' sheets
+
+
+def test_the_overlay_of_an_empty_frame_is_the_picture_itself():
+    bare = Frame("bare", FRAME.color, np.zeros_like(FRAME.depth), CAMERA)
+    result = Planner(CONFIG, load_gripper("rg2")).plan(bare, np.random.default_rng(0))
+    assert result.status == "empty"
+    np.testing.assert_array_equal(draw_overlay(bare, result), FRAME.color)

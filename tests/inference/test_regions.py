@@ -1,0 +1,66 @@
+"""Where a frame's regions come from."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pipelines.configs import InferConfig
+from pipelines.formats.rgbd import Frame
+from pipelines.inference.regions import find_regions
+from tests.geometry.tabletops import CAMERA, Box, Can, render
+
+SHAPES = [Box((0.06, 0.09, 0.1)), Can(0.035, 0.12, (0.15, 0, 0))]
+DEPTH, INDEX = render(SHAPES)
+FRAME = Frame("f", np.zeros((240, 320, 3), np.uint8), DEPTH.astype(np.float32), CAMERA)
+
+
+@dataclass(frozen=True)
+class Found:
+    mask: np.ndarray
+    confidence: float = 0.9
+
+
+@dataclass(frozen=True)
+class StandIn:
+    """A detector that finds what it is told to find."""
+
+    found: list
+
+    def detect(self, color, depth, intrinsics):
+        return self.found
+
+
+def regions(detector, **settings):
+    config = replace(InferConfig(), **settings)
+    return find_regions(FRAME, config, np.random.default_rng(0), detector).regions
+
+
+def test_auto_completes_the_detector_with_what_it_left_uncovered():
+    found = regions(StandIn([Found(INDEX == 0)]))
+    assert [region.source for region in found] == ["detector", "geometric"]
+    assert (found[1].mask & (INDEX == 1)).sum() > 0.8 * (INDEX == 1).sum()
+
+
+def test_the_detector_alone_is_not_completed():
+    found = regions(StandIn([Found(INDEX == 0)]), regions="detector")
+    assert [region.source for region in found] == ["detector"]
+
+
+def test_detections_of_the_table_are_dropped():
+    table = np.zeros(DEPTH.shape, bool)
+    table[200:230, 20:80] = True
+    assert not regions(StandIn([Found(table & (INDEX < 0))]), regions="detector")
+
+
+def test_overlapping_detections_go_to_the_more_confident():
+    both = StandIn([Found(INDEX >= 0, 0.6), Found(INDEX == 0, 0.9)])
+    found = regions(both, regions="detector")
+    assert [region.confidence for region in found] == [0.9, 0.6]
+    assert not (found[0].mask & found[1].mask).any()
+
+
+def test_small_detections_are_dropped():
+    speck = np.zeros(DEPTH.shape, bool)
+    rows, columns = np.nonzero(INDEX == 0)
+    speck[rows[:50], columns[:50]] = True
+    assert not regions(StandIn([Found(speck)]), regions="detector")

@@ -1,0 +1,238 @@
+"""Stage `infer` on small synthetic frames: one file out, resumable, faults one by one."""
+
+import dataclasses
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipelines import infer
+from pipelines.batch import BatchOptions
+from pipelines.configs import InferConfig
+from pipelines.errors import MissingInputError, StaleOutputError, SymgraspError, UnknownNameError
+from pipelines.formats import grasps_file
+from pipelines.formats.files import read_image, write_image, write_json
+from tests.geometry.tabletops import CAMERA, Box, Can, render
+
+CONFIG = InferConfig(regions="geometric", method="planar")
+OPTIONS = BatchOptions(progress=False)
+SHAPES = {
+    "a": [Box((0.06, 0.09, 0.1))],
+    "b": [Can(0.035, 0.12), Box((0.05, 0.05, 0.05), (0.15, 0, 0))],
+    "c": [],
+}
+
+
+def write_frame(folder, name, shapes):
+    depth, index = render(shapes)
+    color = np.zeros((*depth.shape, 3), np.uint8)
+    color[...] = 90 + 40 * (index[..., None] + 1)
+    write_image(folder / f"{name}_color.png", color)
+    write_image(folder / f"{name}_depth.png", np.round(depth * 10000).astype(np.uint16))
+    fields = ("fx", "fy", "cx", "cy", "width", "height")
+    camera = {field: getattr(CAMERA, field) for field in fields} | {"depth_scale": 10000.0}
+    write_json(folder / f"{name}_camera.json", camera)
+    return index
+
+
+@pytest.fixture(scope="module")
+def frames(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("frames")
+    for name, shapes in SHAPES.items():
+        write_frame(folder, name, shapes)
+    return folder
+
+
+def run(frames, output, *, config=CONFIG, options=OPTIONS, overlays=None, masks=None, **settings):
+    return infer.run(infer.InferPaths(frames, output, overlays, masks), config, options, **settings)
+
+
+def test_every_frame_has_a_status_and_every_object_a_best_grasp(frames, tmp_path):
+    report = run(frames, tmp_path / "g.h5")
+    assert report.exit_code == 0
+    found = grasps_file.read(tmp_path / "g.h5")
+    assert list(found.frames.name) == ["a", "b", "c"]
+    assert list(found.frames.status) == ["ok", "ok", "empty"]
+    np.testing.assert_array_equal(np.bincount(found.regions.frame), [1, 2])
+    best = found.grasps.is_best
+    np.testing.assert_array_equal(np.sort(found.grasps.region[best]), [0, 1, 2])
+    assert set(found.grasps.source) == {"planar"}
+
+
+def test_the_best_grasp_of_a_region_has_its_highest_rank(frames, tmp_path):
+    run(frames, tmp_path / "g.h5")
+    grasps = grasps_file.read(tmp_path / "g.h5").grasps
+    for region in np.unique(grasps.region):
+        mine = grasps.region == region
+        assert grasps.rank_score[mine & grasps.is_best] >= grasps.rank_score[mine].max() - 1e-5
+
+
+def test_two_runs_write_the_same_bytes(frames, tmp_path):
+    for name in ("one.h5", "two.h5"):
+        run(frames, tmp_path / name)
+    assert (tmp_path / "one.h5").read_bytes() == (tmp_path / "two.h5").read_bytes()
+
+
+def test_several_workers_write_the_same_bytes(frames, tmp_path):
+    run(frames, tmp_path / "one.h5")
+    run(frames, tmp_path / "two.h5", options=dataclasses.replace(OPTIONS, workers=2))
+    assert (tmp_path / "one.h5").read_bytes() == (tmp_path / "two.h5").read_bytes()
+
+
+def test_a_second_run_skips_everything(frames, tmp_path):
+    run(frames, tmp_path / "g.h5")
+    before = (tmp_path / "g.h5").stat().st_mtime_ns
+    report = run(frames, tmp_path / "g.h5")
+    assert report.skipped == ["a", "b", "c"]
+    assert (tmp_path / "g.h5").stat().st_mtime_ns == before
+    assert not grasps_file.parts_folder(tmp_path / "g.h5").exists()
+
+
+def test_other_settings_do_not_pass_for_finished(frames, tmp_path):
+    run(frames, tmp_path / "g.h5")
+    with pytest.raises(StaleOutputError):
+        run(frames, tmp_path / "g.h5", config=dataclasses.replace(CONFIG, gripper="franka"))
+    again = dataclasses.replace(OPTIONS, overwrite=True)
+    report = run(
+        frames,
+        tmp_path / "g.h5",
+        config=dataclasses.replace(CONFIG, gripper="franka"),
+        options=again,
+    )
+    assert report.done == ["a", "b", "c"]
+
+
+KILLED = """
+import sys, time
+from pathlib import Path
+from pipelines import infer
+from pipelines.batch import BatchOptions
+from pipelines.configs import InferConfig
+
+step = infer.infer_frame
+def slow(item, settings):
+    if item.name == "b":
+        time.sleep(60)
+    return step(item, settings)
+infer.infer_frame = slow
+config = InferConfig(regions="geometric", method="planar")
+paths = infer.InferPaths(Path(sys.argv[1]), Path(sys.argv[2]))
+infer.run(paths, config, BatchOptions(progress=False))
+"""
+
+
+def test_a_killed_run_goes_on_where_it_stopped_and_ends_with_the_same_bytes(frames, tmp_path):
+    output = tmp_path / "g.h5"
+    shard = grasps_file.shard_path(output, "a")
+    environment = os.environ | {"PYTHONPATH": str(Path(infer.__file__).parents[1])}
+    command = [sys.executable, "-c", KILLED, str(frames), str(output)]
+    with subprocess.Popen(command, env=environment) as process:
+        waited = time.monotonic()
+        while not shard.exists() and time.monotonic() - waited < 50:
+            time.sleep(0.05)
+        process.send_signal(signal.SIGKILL)
+    assert shard.exists()
+    assert not output.exists()
+    report = run(frames, output)
+    assert report.skipped == ["a"]
+    assert report.done == ["b", "c"]
+    run(frames, tmp_path / "whole.h5")
+    assert output.read_bytes() == (tmp_path / "whole.h5").read_bytes()
+
+
+def test_shards_of_other_settings_are_made_again(frames, tmp_path):
+    output = tmp_path / "g.h5"
+    run(frames, tmp_path / "other.h5", config=dataclasses.replace(CONFIG, gripper="franka"))
+    other = grasps_file.read(tmp_path / "other.h5")
+    stamp = infer.make_stamp("infer", {}, inputs={"weights": "other"})
+    grasps_file.write_shard(grasps_file.shard_path(output, "a"), other.results()[0], stamp)
+    assert run(frames, output).done == ["a", "b", "c"]
+
+
+def test_a_bad_frame_fails_alone_with_a_sentence(tmp_path):
+    folder = tmp_path / "frames"
+    write_frame(folder, "good", SHAPES["a"])
+    write_frame(folder, "torn", SHAPES["a"])
+    torn = folder / "torn_depth.png"
+    torn.write_bytes(torn.read_bytes()[: torn.stat().st_size // 2])
+    report = run(folder, tmp_path / "g.h5")
+    assert report.exit_code == 1
+    assert "torn_depth.png" in report.failed["torn"]
+    found = grasps_file.read(tmp_path / "g.h5")
+    assert list(found.frames.status) == ["ok", "failed"]
+    assert "torn_depth.png" in found.frames.message[1]
+    again = run(folder, tmp_path / "g.h5")
+    assert again.exit_code == 1  # skipping what is done does not make it whole
+    assert again.skipped == ["good"]
+
+
+def test_an_empty_frame_is_no_failure(tmp_path):
+    write_frame(tmp_path / "frames", "bare", [])
+    report = run(tmp_path / "frames", tmp_path / "g.h5")
+    assert report.exit_code == 0
+    assert "nothing stands out" in report.notes["bare"]
+
+
+def test_the_users_masks_are_the_regions(frames, tmp_path):
+    masks = tmp_path / "masks"
+    for name, shapes in SHAPES.items():
+        _, index = render(shapes)
+        write_image(masks / f"{name}_label.png", (index + 1).astype(np.uint8))
+    run(frames, tmp_path / "g.h5", masks=masks)
+    found = grasps_file.read(tmp_path / "g.h5")
+    assert set(found.regions.source) == {"masks"}
+    np.testing.assert_array_equal(found.regions.mask(0, 320, 240), render(SHAPES["a"])[1] == 0)
+
+
+def test_masks_of_another_size_fail_with_both_sizes(frames, tmp_path):
+    masks = tmp_path / "masks"
+    for name in SHAPES:
+        write_image(masks / f"{name}_label.png", np.ones((10, 20), np.uint8))
+    report = run(frames, tmp_path / "g.h5", masks=masks)
+    assert "(10, 20)" in report.failed["a"]
+    assert "(240, 320)" in report.failed["a"]
+
+
+def test_overlays_are_pictures_of_the_frames_and_drawn_again_when_lost(frames, tmp_path):
+    pictures = tmp_path / "pictures"
+    run(frames, tmp_path / "g.h5", overlays=pictures)
+    drawn = (pictures / "a.png").read_bytes()
+    assert read_image(pictures / "a.png").shape == (240, 320, 3)
+    (pictures / "a.png").unlink()
+    run(frames, tmp_path / "g.h5", overlays=pictures)
+    assert (pictures / "a.png").read_bytes() == drawn
+
+
+def test_seconds_are_written_only_on_demand(frames, tmp_path):
+    run(frames, tmp_path / "without.h5")
+    assert np.isnan(grasps_file.read(tmp_path / "without.h5").frames.seconds).all()
+    run(frames, tmp_path / "with.h5", timings=True)
+    assert (grasps_file.read(tmp_path / "with.h5").frames.seconds > 0).all()
+
+
+def test_a_dry_run_writes_nothing(frames, tmp_path):
+    report = run(frames, tmp_path / "g.h5", options=dataclasses.replace(OPTIONS, dry_run=True))
+    assert len(report.notes) == 3
+    assert not list(tmp_path.iterdir())
+
+
+def test_missing_weights_name_the_command_that_makes_them(frames, tmp_path):
+    paths = infer.InferPaths(frames, tmp_path / "g.h5", network=tmp_path / "none.safetensors")
+    with pytest.raises(MissingInputError, match="symgrasp train"):
+        infer.run(paths, InferConfig(regions="geometric"), OPTIONS)
+
+
+@pytest.mark.parametrize("wrong", [{"regions": "all"}, {"method": "magic"}, {"gripper": "claw"}])
+def test_unknown_names_list_the_known_ones(frames, tmp_path, wrong):
+    with pytest.raises(UnknownNameError, match="known are"):
+        run(frames, tmp_path / "g.h5", config=dataclasses.replace(CONFIG, **wrong))
+
+
+def test_a_folder_without_frames_is_one_sentence(tmp_path):
+    with pytest.raises(SymgraspError, match="no RGB-D frames"):
+        run(tmp_path, tmp_path / "g.h5")

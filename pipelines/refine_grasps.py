@@ -203,12 +203,14 @@ def copied(
     for symmetry in symmetries.symmetries:
         rated = _with_copies(rated, symmetry, surface, config, rng)
     for region in symmetries.regions:
+        own = [s for s in region.symmetries if not _is_listed(s, symmetries.symmetries)]
+        if not own:
+            continue
         inside = np.isin(surface.faces, region.triangles)
         owner = np.asarray(inside[surface.nearest(rated.grasps.contacts)].all(axis=1))
         part, rest = rated[owner], rated[~owner]
-        for symmetry in region.symmetries:
-            if not _is_listed(symmetry, symmetries.symmetries):
-                part = _with_copies(part, symmetry, surface, config, rng)
+        for symmetry in own:
+            part = _with_copies(part, symmetry, surface, config, rng)
         rated = RatedGrasps.concatenate([part, rest])
     return rated
 

@@ -3,6 +3,11 @@ PYTHON ?= python3
 BIN := .venv/bin
 SYMGRASP := $(BIN)/symgrasp
 EVAL := build/eval
+EVAL_ROOT := $(EVAL)/root
+# The seed of the training set: its seen objects are the trained ones, its scenes never are.
+EVAL_SET := --splits seen,similar,novel --scenes-per-split 6 --views 4 --objects 24 \
+	--size 640x480 --grasp-points 48 --seed 0
+WEIGHTS := $(wildcard pipelines/weights/*.safetensors)
 
 .DEFAULT_GOAL := help
 .PHONY: help install demo test check eval bench golden clean
@@ -29,6 +34,21 @@ check: install ## format, lint, types, import layers
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+eval: install $(EVAL)/report.json ## the benchmark in three splits: ours, oracle, planar, random
+	$(SYMGRASP) evaluate $(EVAL)/grasps.h5 --dataset $(EVAL_ROOT) --out $(EVAL)/report.json --baselines
+
+$(EVAL)/dataset.made: | install
+	$(SYMGRASP) synthesize $(EVAL_ROOT) $(EVAL_SET) --no-collision-labels --workers 2
+	$(SYMGRASP) annotate-symmetry $(EVAL_ROOT) --workers 2
+	$(SYMGRASP) refine-grasps $(EVAL_ROOT) --workers 2
+	touch $@
+
+$(EVAL)/grasps.h5: $(EVAL)/dataset.made $(WEIGHTS)
+	$(SYMGRASP) infer $(EVAL_ROOT) --out $@ --timings --overwrite
+
+$(EVAL)/report.json: $(EVAL)/grasps.h5
+	$(SYMGRASP) evaluate $< --dataset $(EVAL_ROOT) --out $@ --baselines --overwrite --workers 2 > /dev/null
 
 bench: install ## speeds of this machine, stage by stage
 	$(BIN)/python -m benchmarks

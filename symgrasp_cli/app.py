@@ -5,7 +5,6 @@ import sys
 from typing import Annotated, Any
 
 import typer
-from click import Context
 from typer.core import TyperGroup
 
 from pipelines.errors import SymgraspError
@@ -34,11 +33,11 @@ COMMANDS = (
 class SymgraspGroup(TyperGroup):
     """Report a `SymgraspError` as one line and exit 1; let every other exception show itself."""
 
-    def list_commands(self, ctx: Context) -> list[str]:
+    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401 - click's or typer's own
         """Return the commands in workflow order."""
         return list(self.commands)
 
-    def invoke(self, ctx: Context) -> Any:  # noqa: ANN401 - click's signature
+    def invoke(self, ctx: Any) -> Any:  # noqa: ANN401 - click's or typer's own
         """Run the command inside the error boundary."""
         try:
             return super().invoke(ctx)
@@ -58,7 +57,7 @@ app = typer.Typer(
 
 def _show_version(wanted: bool) -> None:
     if wanted:
-        from pipelines.formats.provenance import version  # noqa: PLC0415 - lazy, `--help` stays fast
+        from pipelines.formats.provenance import version
 
         typer.echo(f"symgrasp {version()}")
         raise typer.Exit

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import AnnotateSymmetryConfig
+from pipelines.errors import ValueRangeError
 from pipelines.geometry.mesh import Mesh
 from pipelines.geometry.surface import Surface, diameter
 from pipelines.geometry.symmetry_candidates import (
@@ -38,6 +39,7 @@ FINAL_SCALES = (0.012, 0.01, 0.01)
 REFINEMENT_ANGLES = VERIFICATION_ANGLES[1::2]
 COARSE_SAMPLES, FINE_SAMPLES, FINAL_SAMPLES = 200, 600, 2000
 KEPT_PLANES, KEPT_AXES = 14, 3
+MIN_AREA = 1e-9  # of the squared diameter; a mesh of less is points or a line
 MISS_CAP = 0.05  # of the diameter; a larger miss is no worse
 SAME_ANGLE, SAME_OFFSET = float(np.radians(3.0)), 0.015
 
@@ -55,9 +57,16 @@ class Shape:
     def from_mesh(
         cls, mesh: Mesh, config: AnnotateSymmetryConfig, rng: np.random.Generator
     ) -> "Shape":
-        """Sample `mesh` and bring it to its centroid and unit diameter."""
+        """Sample `mesh` and bring it to its centroid and unit diameter.
+
+        Raises:
+            ValueRangeError: the triangles have no area.
+        """
+        size = diameter(mesh.vertices[np.unique(mesh.faces)])
+        if not mesh.area > MIN_AREA * size**2:
+            raise ValueRangeError("area of the mesh", mesh.area, "positive: a surface")
         raw = Surface.from_mesh(mesh, config.num_samples, rng)
-        center, size = raw.points.mean(axis=0), diameter(mesh.vertices[np.unique(mesh.faces)])
+        center = raw.points.mean(axis=0)
         surface = raw.normalised(center, size)
         draw = rng.choice(len(raw.points), config.num_verification_samples, replace=False)
         return cls(center, size, surface, Samples(surface.points[draw], surface.normals[draw]))

@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 from symmetric_shapes import ball, box, cylinder, hex_prism, l_shape, pebble
 
 from pipelines.configs import AnnotateSymmetryConfig
+from pipelines.errors import ValueRangeError
 from pipelines.geometry.mesh import Mesh
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SphereSymmetry
 from pipelines.geometry.symmetry_detection import detect_symmetries
@@ -121,6 +122,19 @@ def test_the_order_of_vertices_and_flipped_faces_change_nothing():
     rank = np.argsort(order)
     shuffled = Mesh(mesh.vertices[order], rank[mesh.faces][::-1, ::-1])
     assert_same_symmetries(detect(shuffled), detect(mesh), mesh.diagonal)
+
+
+@pytest.mark.parametrize("corners", [np.zeros((3, 3)), np.outer([0.0, 1.0, 2.0], np.ones(3))])
+def test_a_mesh_without_area_is_an_error_in_one_sentence(corners):
+    with pytest.raises(ValueRangeError, match="area"):
+        detect(Mesh(corners, np.array([[0, 1, 2]])))
+
+
+def test_doubled_degenerate_and_unused_parts_change_nothing():
+    mesh = l_shape()
+    extra = np.concatenate([mesh.faces, mesh.faces[:, ::-1], [[0, 0, 1]]])
+    messy = Mesh(np.concatenate([mesh.vertices, [[9.0, 9.0, 9.0]]]), extra)
+    assert_same_symmetries(detect(messy), detect(mesh), mesh.diagonal)
 
 
 def test_the_same_seed_gives_the_same_numbers():

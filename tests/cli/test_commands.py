@@ -16,15 +16,16 @@ NAMES = [function.__name__.replace("_", "-") for function in COMMANDS]
 GROUP = get_command(app)
 
 
-def help_of(name: str, monkeypatch) -> str:
-    # The width decides where help breaks its lines; colours would depend on the terminal.
-    monkeypatch.setenv("COLUMNS", "100")
-    monkeypatch.setenv("TERMINAL_WIDTH", "100")
-    monkeypatch.setenv("NO_COLOR", "1")
-    arguments = ["--help"] if name == "symgrasp" else [name, "--help"]
-    result = CliRunner().invoke(app, arguments)
-    assert result.exit_code == 0
-    return "\n".join(line.rstrip() for line in result.output.splitlines()) + "\n"
+def interface_of(name: str) -> str:
+    """The command's text, options, defaults and their help; how help is drawn is typer's affair."""
+    command = GROUP if name == "symgrasp" else GROUP.commands[name]
+    lines = [name, command.help.strip(), ""]
+    for parameter in command.params:
+        names = ", ".join([*parameter.opts, *parameter.secondary_opts])
+        default = "required" if parameter.required else f"default {parameter.default!r}"
+        lines.append(f"{names} ({default}): {parameter.help}")
+    lines += [f"command {each}" for each in NAMES] if name == "symgrasp" else []
+    return "\n".join(lines) + "\n"
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -49,22 +50,25 @@ def test_every_command_is_in_the_readme_and_has_its_five_places(name):
     assert f"class {config}" in (ROOT / "pipelines" / "configs.py").read_text(encoding="utf-8")
 
 
-def test_commands_are_listed_in_workflow_order(monkeypatch):
-    text = help_of("symgrasp", monkeypatch)
+def test_commands_are_listed_in_workflow_order():
+    text = CliRunner().invoke(app, ["--help"]).output
     places = [text.index(f" {name} ") for name in NAMES]
     assert places == sorted(places)
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_every_command_prints_its_help(name):
+    assert CliRunner().invoke(app, [name, "--help"]).exit_code == 0
+
+
 @pytest.mark.parametrize("name", ["symgrasp", *NAMES])
-def test_help_is_as_reviewed(name, monkeypatch, request):
+def test_the_interface_is_as_reviewed(name, request):
     path = GOLDEN / f"help_{name}.txt"
-    text = help_of(name, monkeypatch)
+    text = interface_of(name)
     if request.config.getoption("--golden"):
         path.parent.mkdir(exist_ok=True)
         path.write_text(text, encoding="utf-8")
-    words = " ".join(path.read_text(encoding="utf-8").split())
-    # Word by word: how the panel is drawn is the terminal library's affair.
-    assert words == " ".join(text.split())
+    assert path.read_text(encoding="utf-8") == text
 
 
 def test_help_needs_neither_torch_nor_numpy():

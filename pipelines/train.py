@@ -14,16 +14,17 @@ import numpy as np
 import torch
 
 from pipelines.batch import StageReport
-from pipelines.configs import TrainConfig
+from pipelines.configs import NetworkConfig, TrainConfig
+from pipelines.formats.files import existing
 from pipelines.formats.packed_regions import PackedReader
-from pipelines.formats.provenance import make_stamp
+from pipelines.formats.provenance import digest, make_stamp
 from pipelines.learning.grasp_training import GraspTraining, RegionSet
 from pipelines.learning.loaders import split_by_scene
 from pipelines.learning.loop import LoopOptions, TrainingRun
 from pipelines.learning.runs import RunRequest, describe, find_progress
 from pipelines.network.devices import find_device
 from pipelines.network.model import SymmetryGraspNet
-from pipelines.network.weights_files import weights_metadata
+from pipelines.network.weights_files import fill, read_weights, weights_metadata
 
 STAGE = "train"
 
@@ -34,11 +35,17 @@ def run(
     output: Path,
     config: TrainConfig,
     request: RunRequest,
+    *,
+    init: Path | None = None,
 ) -> StageReport:
-    """Train on the folder `packed` and validate on `validation`, or on scenes held out."""
+    """Train on the folder `packed` and validate on `validation`, or on scenes held out.
+
+    `init`: weights of an earlier training to start from, instead of drawn ones.
+    """
     started, report = time.monotonic(), StageReport(STAGE)
     device = find_device(request.device)
-    stamp = make_stamp(STAGE, config, seed=request.seed, inputs=_inputs(packed, validation))
+    inputs = _inputs(packed, validation, init)
+    stamp = make_stamp(STAGE, config, seed=request.seed, inputs=inputs)
     earlier = find_progress(output, stamp, request)
     if earlier is not None and earlier.finished:
         report.skipped.append(output.name)
@@ -47,6 +54,8 @@ def run(
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(request.seed)  # layers are initialised from torch's own generator
         network = SymmetryGraspNet(config.network)
+    if init is not None:
+        fill(network, read_weights(init, SymmetryGraspNet.__name__, NetworkConfig)[0], init)
     trainee = GraspTraining(network, train_set, val_set, config, device)
     metadata = weights_metadata(SymmetryGraspNet.__name__, config.network)
     training = TrainingRun(trainee, loop_options(config, request), output, stamp, metadata)
@@ -87,6 +96,7 @@ def loop_options(config: TrainConfig, request: RunRequest) -> LoopOptions:
     )
 
 
-def _inputs(packed: Path, validation: Path | None) -> dict[str, str]:
+def _inputs(packed: Path, validation: Path | None, init: Path | None) -> dict[str, str]:
     folders: Sequence[tuple[str, Path | None]] = (("packed", packed), ("validation", validation))
-    return {name: folder.name for name, folder in folders if folder is not None}
+    inputs = {name: folder.name for name, folder in folders if folder is not None}
+    return inputs if init is None else inputs | {"init": digest(existing(init))}

@@ -25,6 +25,9 @@ def train(
         Path | None,
         typer.Option(help="Packed regions to validate on; by default a tenth of the scenes."),
     ] = None,
+    init: Annotated[
+        Path | None, typer.Option(help="Weights of an earlier training to start from.")
+    ] = None,
     epochs: Annotated[
         int, typer.Option(min=1, help="Passes over the regions.")
     ] = TrainConfig.epochs,
@@ -62,4 +65,4 @@ def train(
     )
     request = RunRequest(seed, device, threads, time_limit, resume, overwrite)
     show_training()
-    conclude(stage.run(packed, val, out, config, request))
+    conclude(stage.run(packed, val, out, config, request, init=init))

@@ -162,7 +162,7 @@ def _check_plausible(path: Path, values: NDArray[Any], depth: NDArray[Any]) -> N
         path,
         f"the nearest depths are about {_nearest_median(depth[valid]):.4g} m, "
         f"outside {near:g} to {far:g} m",
-        f"give the units per metre with --depth-scale: they would be {options}",
+        f"give the units per metre with --depth-units-per-metre: they would be {options}",
     )
 
 

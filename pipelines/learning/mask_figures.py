@@ -25,7 +25,8 @@ class MaskFigures:
     def add(self, truth: Masks, predicted: Masks, confidence: NDArray[np.floating]) -> None:
         """Take in one frame: masks (n, h, w) and (m, h, w), confidences (m,)."""
         image = len(self._images) + 1
-        self._images.append({"id": image})
+        height, width = truth.shape[1:]
+        self._images.append({"id": image, "height": height, "width": width})
         for mask in truth:
             number = len(self._truths) + 1
             box = _encoded(mask) | {"id": number, "image_id": image, "iscrowd": 0}
@@ -47,7 +48,9 @@ class MaskFigures:
             }
             truth.dataset = dataset
             truth.createIndex()
-            judge = COCOeval(truth, truth.loadRes(self._predictions), "segm")
+            judge = COCOeval(
+                truth, truth.loadRes([dict(each) for each in self._predictions]), "segm"
+            )
             judge.params.maxDets = [1, 10, MAX_DETECTIONS]
             judge.evaluate()
             judge.accumulate()

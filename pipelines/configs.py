@@ -133,6 +133,7 @@ class NetworkConfig:
     feature_dim: int = 128
     set_points: tuple[int, int, int, int] = (384, 128, 32, 8)
     set_neighbors: tuple[int, int, int, int] = (16, 16, 16, 32)  # the last: all of its level
+    set_strides: tuple[int, int, int, int] = (3, 1, 1, 1)  # every how many-th point is a neighbour
     use_pift: bool = True  # Table IV, "No PIFT" is False
 
 
@@ -143,7 +144,7 @@ class AugmentationConfig:
     roll_deg: float = 25.0  # standard deviation, about the view axis
     tilt_deg: float = 10.0  # standard deviation, about each axis across it
     scale: float = 0.15  # uniform scaling by at most this share
-    jitter: float = 0.001  # metres, standard deviation a coordinate
+    jitter: float = 0.0005  # metres, standard deviation a coordinate
     principal_scale: float = 1.4  # of the Siamese copy: at most this factor, or its inverse
 
 

@@ -42,6 +42,20 @@ def segment(
     Returns:
         The pieces (H, W), and (H, W) what hangs together without a step in depth.
     """
+    rows, columns = np.nonzero(foreground)
+    if not len(rows):
+        return np.zeros(foreground.shape, np.int32), np.zeros(foreground.shape, np.int32)
+    window = slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1)
+    pieces, whole = np.zeros((2, *foreground.shape), np.int32)
+    pieces[window], whole[window] = _segment(
+        xyz[window], foreground[window], clear[window], focal, config
+    )
+    return pieces, whole
+
+
+def _segment(
+    xyz: Array, foreground: Mask, clear: Mask, focal: float, config: RegionConfig
+) -> tuple[Labels, Labels]:
     fold = inward_fold(xyz, foreground, focal, config)
     whole = connected(xyz, foreground, config)
     fold[foreground & ~clear] = -np.inf
@@ -84,31 +98,37 @@ def inward_fold(xyz: Array, mask: Mask, focal: float, config: RegionConfig) -> A
     (Stein et al., LCCP): (n_2 - n_1) . (p_2 - p_1) / |p_2 - p_1| is then negative.
     """
     radius = max(2, round(config.normal_radius * min(1.0, focal / USUAL_FOCAL)))
-    normals = smooth_normals(xyz, mask, radius)
     reach = radius + 1
+    points = _padded(xyz, reach)
+    normals = _padded(smooth_normals(xyz, mask, radius), reach)
+    longest = config.crease_reach / focal * xyz[..., 2].astype(np.float32)
     deepest = np.zeros(mask.shape)
     for down, right in ((0, reach), (reach, 0), (reach, reach), (reach, -reach)):
-        p, q = _shifted(xyz, -down, -right), _shifted(xyz, down, right)
-        n, m = _shifted(normals, -down, -right), _shifted(normals, down, right)
-        line = q - p
-        with np.errstate(invalid="ignore"):
-            length = np.linalg.norm(line, axis=-1)
-            fold = np.einsum("hwi,hwi->hw", m - n, line) / length
-            near = length < config.crease_reach * np.hypot(down, right) * xyz[..., 2] / focal
+        here, there = _ends_about(mask.shape, reach, down, right)
+        line = points[there] - points[here]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            length = np.sqrt(np.einsum("hwi,hwi->hw", line, line))
+            fold = np.einsum("hwi,hwi->hw", normals[there] - normals[here], line) / length
+            near = length < np.float32(np.hypot(down, right)) * longest
         np.minimum(deepest, np.where(near & np.isfinite(fold), fold, 0.0), out=deepest)
     return np.where(mask, deepest, 0.0)
 
 
-def _shifted(image: Array, down: int, right: int) -> Array:
-    """Return `image` (H, W, c) moved so that pixel (v, u) holds (v + down, u + right)."""
-    moved = np.full_like(image, np.nan)
-    height, width = image.shape[:2]
-    rows = slice(max(0, -down), min(height, height - down))
-    columns = slice(max(0, -right), min(width, width - right))
-    source_rows = slice(max(0, down), min(height, height + down))
-    source_columns = slice(max(0, right), min(width, width + right))
-    moved[rows, columns] = image[source_rows, source_columns]
-    return moved
+def _padded(image: Array, margin: int) -> NDArray[np.float32]:
+    width = ((margin, margin), (margin, margin), (0, 0))
+    return np.pad(image.astype(np.float32), width, constant_values=np.nan)
+
+
+def _ends_about(
+    shape: tuple[int, ...], margin: int, down: int, right: int
+) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """Return the slices of an image padded by `margin` that lie so far before and after it."""
+
+    def moved(rows: int, columns: int) -> tuple[slice, slice]:
+        first, second = margin + rows, margin + columns
+        return slice(first, first + shape[0]), slice(second, second + shape[1])
+
+    return moved(-down, -right), moved(down, right)
 
 
 def connected(xyz: Array, mask: Mask, config: RegionConfig) -> Labels:

@@ -71,7 +71,8 @@ class SceneCloud:
         centre, radius = (low + high) / 2.0, float(np.linalg.norm(high - low)) / 2.0 + reach
         rows, columns = self._window(centre, radius)
         xyz, own = self.xyz[rows, columns], region.mask[rows, columns]
-        near = np.linalg.norm(xyz - centre, axis=-1) < radius  # False where nan
+        away = xyz - centre
+        near = np.einsum("hwi,hwi->hw", away, away) < radius**2  # False where nan
         points, own = xyz[near], own[near]
         cells = np.floor((points - centre + radius) / resolution).astype(np.int64)
         side = int(2 * radius / resolution) + 2

@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 MAX_RANKED = 96  # steadiest feasible candidates that the clearance is computed for
+MAX_ROUNDS = 4  # of `max_pairs` pairs each, before a region counts as out of reach
 OFF_CENTRE = 0.5  # steadiness lost by a grasp at the region's rim
 
 
@@ -120,7 +121,7 @@ def select(
     allowed = _reachable(base, turns, scene, gripper, config)
     order = np.argsort(-steady, kind="stable")
     order = order[allowed[order].any(axis=1)]
-    for start in range(0, len(order), config.max_pairs):
+    for start in range(0, min(len(order), MAX_ROUNDS * config.max_pairs), config.max_pairs):
         tried = order[start : start + config.max_pairs]
         met = sweep(base[tried], turns, gripper, around, config.body_margin)
         free = (met.inside <= config.max_points_inside) & (met.enclosed >= config.min_enclosed)

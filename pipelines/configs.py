@@ -199,7 +199,7 @@ class SelectionConfig:
     """Physics-feasible grasp selection (Sec. III-F)."""
 
     min_affordance: float = 0.5  # Sec. III-E
-    weak_affordance: float = 0.1  # D. 16: below it no point of a region is worth a finger
+    weak_affordance: float = 0.1  # D. 27: below it no point of a region is worth a finger
     min_existence: float = 0.5  # D. 4
     max_pairs: int = 64  # contact pairs a region that are tried
     pair_spacing: float = 0.006  # metres between the first contacts of pairs that are tried

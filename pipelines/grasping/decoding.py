@@ -94,7 +94,7 @@ def weighted_median(values: Array, weight: Array) -> float:
 def graspable(affordance: Array, config: SelectionConfig) -> Mask:
     """Return which points (n,) have high affordance (> 0.5 in Sec. III-E).
 
-    Where no point does, those near the region's best count as high, unless that is weak (D. 16):
+    Where no point does, those near the region's best count as high, unless that is weak (D. 27):
     an underestimate on an unusual object should not cost it its symmetric grasps.
     """
     best = float(affordance.max(initial=0.0))

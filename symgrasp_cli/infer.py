@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from pipelines.configs import InferConfig, SelectionConfig
 from symgrasp_cli.options import (
     Backend,
     Device,
@@ -42,6 +43,9 @@ def infer(
     method: Annotated[
         str, typer.Option(help="network, or planar or random as baselines without it.")
     ] = "network",
+    grounding: Annotated[
+        bool, typer.Option(help="Fit predicted symmetries to the surface that is seen.")
+    ] = SelectionConfig.ground_symmetries,
     intrinsics: Annotated[
         str | None, typer.Option(help="fx,fy,cx,cy in pixels, or a camera file, for all frames.")
     ] = None,
@@ -67,13 +71,17 @@ def infer(
 ) -> None:
     """Find ranked grasps in RGB-D frames."""
     from pipelines import infer as stage
-    from pipelines.configs import InferConfig
     from pipelines.formats.camera_files import parse_camera
 
     paths = stage.InferPaths(frames, out, overlays, masks)
     report = stage.run(
         paths.with_weights(detector, network),
-        InferConfig(regions=regions, method=method, gripper=gripper),
+        InferConfig(
+            regions=regions,
+            method=method,
+            gripper=gripper,
+            selection=SelectionConfig(ground_symmetries=grounding),
+        ),
         batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run),
         camera=None if intrinsics is None else parse_camera(intrinsics),
         depth_units_per_metre=depth_units_per_metre,

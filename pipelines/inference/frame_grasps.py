@@ -14,6 +14,7 @@ from pipelines.formats.rgbd import Frame
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.grasping.decoding import average_symmetries
 from pipelines.grasping.gripper import Gripper
+from pipelines.grasping.grounding import ground_symmetries
 from pipelines.grasping.observation import RegionCloud, SceneCloud
 from pipelines.grasping.region_grasping import MIN_POINTS, plan_planar, plan_random, plan_region
 from pipelines.grasping.selection import RankedGrasps
@@ -108,8 +109,10 @@ class Planner:
         slots = average_symmetries(
             prediction.existence, prediction.center, prediction.direction, affordance
         )
-        sampled = cloud.at(prediction.points)
-        ranked = plan_region(sampled, scene, slots, affordance, self.gripper, self.config.selection)
+        sampled, selection = cloud.at(prediction.points), self.config.selection
+        if selection.ground_symmetries:
+            slots = ground_symmetries(slots, sampled, scene, selection)
+        ranked = plan_region(sampled, scene, slots, affordance, self.gripper, selection)
         return _Plan(ranked, slots, float(affordance.mean()), float(affordance.max()))
 
 

@@ -48,12 +48,12 @@ def run(
     config: FinetuneDetectorConfig,
     request: RunRequest,
     *,
-    split: str = "train",
+    split: str | None = "train",
     camera: str | None = None,
     coco_weights: str | None = None,
     options: BatchOptions | None = None,
 ) -> StageReport:
-    """Prepare the frames of `split` beside `output`, then train on them.
+    """Prepare the frames of `split` (None: all) beside `output`, then train on them.
 
     `coco_weights`: a file of torchvision's COCO weights, or `download`; for the resnet50 variant.
     """
@@ -89,14 +89,16 @@ def prepare(
     root: GraspNetRoot,
     output: Path,
     config: FinetuneDetectorConfig,
-    split: str,
+    split: str | None,
     camera: str | None,
     options: BatchOptions,
 ) -> StageReport:
     """Write one file of small frames with their regions for each scene that has none yet."""
     scenes = root.scenes(camera, split)
     if not scenes:
-        raise SymgraspError(f"{root.root} holds no {split} scene; name another --split or --camera")
+        raise SymgraspError(
+            f"{root.root} holds no {split or 'any'} scene; name another --split or --camera"
+        )
     detector = config.detector
     settings = {
         "size": [detector.min_size, detector.max_size],

@@ -24,9 +24,9 @@ from symgrasp_cli.report import conclude
 def finetune_detector(
     root: Annotated[Path, typer.Argument(help="Dataset root with scenes/ and symmetry/.")],
     out: Annotated[Path, typer.Option(help="Weights to write, NAME.safetensors.")],
-    split: Annotated[str, typer.Option(help="Scenes to use: train, seen, similar or novel.")] = (
-        "train"
-    ),
+    split: Annotated[
+        str, typer.Option(help="Scenes to use: train, seen, similar, novel or all.")
+    ] = ("train"),
     camera: Annotated[
         str | None, typer.Option(help="kinect or realsense; by default all that are there.")
     ] = None,
@@ -80,7 +80,7 @@ def finetune_detector(
         out,
         config,
         request,
-        split=split,
+        split=None if split == "all" else split,
         camera=camera,
         coco_weights=coco_weights,
         options=options,

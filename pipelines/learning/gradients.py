@@ -7,8 +7,9 @@ are put together in the order of the micro-batches, so the number of threads cha
 """
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from types import TracebackType
 from typing import Any, Self
 
@@ -19,6 +20,17 @@ from torch import Tensor, nn
 from pipelines.learning.trainee import Trainee
 
 Gradients = list[Tensor]
+
+
+@contextmanager
+def intra_op_threads(count: int) -> Iterator[None]:
+    """Let one operation use `count` cores at most for as long as the context lasts."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 class GradientWorkers:

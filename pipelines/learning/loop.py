@@ -26,7 +26,7 @@ from pipelines.formats.checkpoints import (
     save_weights,
 )
 from pipelines.formats.provenance import Stamp
-from pipelines.learning.gradients import GradientWorkers
+from pipelines.learning.gradients import GradientWorkers, intra_op_threads
 from pipelines.learning.loaders import prefetch
 from pipelines.learning.runs import Progress, checkpoint_path, log_folder
 from pipelines.learning.trainee import Trainee
@@ -104,7 +104,11 @@ class TrainingRun:
         self.writer = SummaryWriter(str(log_folder(self.output)), purge_step=purge)
         self._began = self._saved = self._logged = time.monotonic()
         threads = self.options.threads if self.trainee.parallel else 1
-        with self.writer, GradientWorkers(self.trainee, threads) as workers:
+        with (
+            self.writer,
+            intra_op_threads(self.options.threads),
+            GradientWorkers(self.trainee, threads) as workers,
+        ):
             while self.progress.epoch < self.options.epochs and not self._out_of_time():
                 self._run_epoch(workers)
         self.progress.finished = self.progress.epoch >= self.options.epochs

@@ -42,10 +42,9 @@ class SymmetryGraspNet(nn.Module):
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
         dims = [3, *(widths[-1] for widths in SET_DIMS)]
-        sizes = zip(config.set_points, config.set_neighbors, strict=True)
+        sizes = zip(config.set_points, config.set_neighbors, config.set_strides, strict=True)
         self.set_abstractions = nn.ModuleList(
-            SetAbstraction(dims[i], SET_DIMS[i], points, neighbors)
-            for i, (points, neighbors) in enumerate(sizes)
+            SetAbstraction(dims[i], SET_DIMS[i], *size) for i, size in enumerate(sizes)
         )
         self.pifts = nn.ModuleList(PIFT(dim) for dim in dims[:-1]) if config.use_pift else None
         out_dims = [config.feature_dim, config.feature_dim, *dims[2:4]]

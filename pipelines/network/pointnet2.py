@@ -33,14 +33,21 @@ class SetAbstraction(nn.Module):
     """Sample points, group their neighbours, and pool a small network over each group.
 
     Neighbours are the k nearest, not those within a radius: a group then has the same number of
-    points on a large object as on a small one, and follows PIFT's scaling.
+    points on a large object as on a small one, and follows PIFT's scaling. With a stride they are
+    sought among every so many points: a wider group of the same size, as a radius with more points
+    in it than are taken gives in the original. Points are in random order.
     """
 
     def __init__(
-        self, in_dim: int, dims: tuple[int, int, int], num_points: int, num_neighbors: int
+        self,
+        in_dim: int,
+        dims: tuple[int, int, int],
+        num_points: int,
+        num_neighbors: int,
+        stride: int = 1,
     ) -> None:
         super().__init__()
-        self.num_points, self.num_neighbors = num_points, num_neighbors
+        self.num_points, self.num_neighbors, self.stride = num_points, num_neighbors, stride
         self.position = nn.Linear(3, dims[0], bias=False)
         self.content = nn.Linear(in_dim, dims[0])
         self.group = nn.Linear(dims[0], dims[1], bias=False)
@@ -55,6 +62,7 @@ class SetAbstraction(nn.Module):
     ) -> tuple[Tensor, Tensor]:
         """Return sampled points (B, M, 3) and their features (B, M, dims[2]).  # Eq. 4."""
         centers = gather(points, farthest_points(points, self.num_points))
+        points, features = points[:, :: self.stride], features[:, :: self.stride]
         neighbors = nearest_neighbors(centers, points, self.num_neighbors)
         projected = gather(self.position(points) + self.content(features), neighbors)
         hidden = torch.relu_(projected + self.position(-centers)[:, :, None])

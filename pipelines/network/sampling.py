@@ -26,9 +26,9 @@ def farthest_points(
     points: Tensor,  # (B, N, 3)
     count: int,
 ) -> Tensor:
-    """Return indices (B, count) of points far from each other, the first point first.
+    """Return indices (B, count) of points far from each other, the same ones each time.
 
-    Each next point is the one farthest from all that were chosen before.
+    After a first point, each next one is the farthest from all that were chosen before.
     """
     if count >= points.shape[1]:
         return torch.arange(points.shape[1], device=points.device).expand(points.shape[:2])

@@ -1,0 +1,25 @@
+"""Figures of predictions whose quality is known."""
+
+import pytest
+import torch
+
+from pipelines.learning.region_figures import RegionFigures, area_under_roc
+from tests.network.test_losses import perfect_prediction
+from tests.network.toy_regions import toy_batch
+
+
+def test_a_perfect_prediction_has_perfect_figures():
+    truth, figures = toy_batch(6, 64), RegionFigures()
+    figures.add(perfect_prediction(truth), truth)
+    got = figures.figures()
+    assert got["affordance_mae"] == pytest.approx(0.0)
+    assert got["affordance_auc"] == pytest.approx(1.0)
+    assert got["existence_accuracy"] == pytest.approx(1.0)
+    for name in ("plane_angle_deg", "axis_angle_deg", "sphere_offset_m", "plane_dense_error"):
+        assert got[name] == pytest.approx(0.0, abs=0.1)
+
+
+def test_the_area_counts_how_often_a_positive_is_above_a_negative():
+    values = torch.tensor([0.9, 0.6, 0.4, 0.1])
+    assert area_under_roc(values, torch.tensor([True, False, True, False])) == pytest.approx(0.75)
+    assert area_under_roc(values, torch.zeros(4, dtype=torch.bool)) == 0.5

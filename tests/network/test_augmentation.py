@@ -1,0 +1,78 @@
+"""Augmented labels still fit augmented points."""
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipelines.configs import AugmentationConfig
+from pipelines.network import augmentation
+from tests.network.toy_regions import toy_batch
+
+seeds = st.integers(0, 2**31 - 1)
+STILL = AugmentationConfig(jitter=0.0)
+
+
+def mirrored(points, normal, center):
+    return points - 2.0 * ((points - center) @ normal)[..., None] * normal
+
+
+@settings(max_examples=15, deadline=None)
+@given(seeds)
+def test_planes_and_axes_move_with_the_points(seed):
+    batch = toy_batch(3, 32, seed)
+    moved = augmentation.augment(batch, STILL, torch.Generator().manual_seed(seed))
+    for row, slot in ((0, 0), (0, 1), (0, 2), (1, 0)):
+        before = mirrored(batch.points[row], batch.direction[row, slot], batch.center[row, slot])
+        after = mirrored(moved.points[row], moved.direction[row, slot], moved.center[row, slot])
+        scale = moved.points[row].norm() / batch.points[row].norm()
+        torch.testing.assert_close(
+            torch.cdist(after, moved.points[row]),
+            scale * torch.cdist(before, batch.points[row]),
+            rtol=1e-3, atol=2e-5,
+        )  # fmt: skip
+
+
+@settings(max_examples=15, deadline=None)
+@given(seeds)
+def test_a_scaled_copy_keeps_every_plane_and_axis(seed):
+    batch = toy_batch(2, 32, seed, tumbled=True)  # a box, a can
+    generator = torch.Generator().manual_seed(seed)
+    scaled = augmentation.scaled_copy(batch, STILL, generator)
+    # What was mirrored and then scaled must be what is scaled and then mirrored.
+    for row, slot in ((0, 0), (0, 1), (0, 2), (1, 0)):
+        points, center = batch.points[row], batch.center[row, slot]
+        A = torch.linalg.lstsq(points, scaled.points[row]).solution
+        image = mirrored(points, batch.direction[row, slot], center) @ A
+        expected = mirrored(
+            scaled.points[row], scaled.direction[row, slot], scaled.center[row, slot]
+        )
+        torch.testing.assert_close(image, expected, rtol=1e-3, atol=1e-5)
+    axis, points = batch.direction[1, 3], batch.points[1]
+    A = torch.linalg.lstsq(points, scaled.points[1]).solution
+    across = torch.linalg.svdvals(A - torch.outer(axis, axis) * (axis @ A @ axis))[:2]
+    assert float(across[0] - across[1]) == pytest.approx(0.0, abs=1e-3)
+
+
+def test_scaling_stays_within_its_limit():
+    batch = toy_batch(30, 16)
+    scaled = augmentation.scaled_copy(batch, STILL, torch.Generator().manual_seed(0))
+    ratio = scaled.points.norm(dim=-1) / batch.points.norm(dim=-1).clamp(min=1e-9)
+    assert float(ratio.max()) <= STILL.principal_scale + 1e-4
+    assert float(ratio.min()) >= 1.0 / STILL.principal_scale - 1e-4
+    assert float(ratio.std()) > 0.02
+
+
+def test_spheres_can_be_left_as_they_are():
+    batch = toy_batch(3, 16)
+    generator = torch.Generator().manual_seed(1)
+    scaled = augmentation.scaled_copy(batch, STILL, generator, spheres=False)
+    torch.testing.assert_close(scaled.points[2], batch.points[2])
+
+
+def test_the_same_generator_gives_the_same_view():
+    batch, config = toy_batch(3, 16), AugmentationConfig()
+    first, second = (
+        augmentation.augment(batch, config, torch.Generator().manual_seed(5)) for _ in range(2)
+    )
+    assert torch.equal(first.points, second.points)

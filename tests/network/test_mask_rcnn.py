@@ -1,0 +1,91 @@
+"""The detector on tiny images: it trains, and its answers are drawn where they belong."""
+
+import numpy as np
+import pytest
+import torch
+from numpy.testing import assert_array_equal
+
+from pipelines.configs import DetectorConfig
+from pipelines.errors import UnknownNameError, ValueRangeError
+from pipelines.geometry.camera import Intrinsics
+from pipelines.network.detector import RegionDetector, draw_mask
+from pipelines.network.mask_rcnn import SeededSampler, build_detector, seed_samplers
+
+CONFIG = DetectorConfig(min_size=96, max_size=128, min_confidence=0.0)
+
+
+def example():
+    image = torch.zeros(6, 96, 128)
+    image[3, 20:60, 30:80] = 1.0
+    mask = (image[3:4] > 0).to(torch.uint8)
+    box = torch.tensor([[30.0, 20.0, 80.0, 60.0]])
+    return image, {"boxes": box, "labels": torch.ones(1, dtype=torch.int64), "masks": mask}
+
+
+def test_a_few_steps_on_one_image_lower_the_loss():
+    torch.manual_seed(0)
+    model = build_detector(CONFIG).train()
+    optimizer = torch.optim.Adam(model.parameters(), 0.002)
+    image, target = example()
+    totals = []
+    for _ in range(8):
+        seed_samplers(model, torch.Generator().manual_seed(0))
+        total = torch.stack(list(model([image], [target]).values())).sum()
+        optimizer.zero_grad()
+        total.backward()
+        optimizer.step()
+        totals.append(float(total.detach()))
+    assert totals[-1] < 0.8 * totals[0]
+
+
+def test_what_is_drawn_at_random_depends_on_the_generator_alone():
+    labels = [torch.cat([torch.ones(30), torch.zeros(70)])]
+    drawn = []
+    for _ in range(2):
+        sampler = SeededSampler(16, 0.25)
+        sampler.generator.manual_seed(4)
+        drawn.append(sampler(labels))
+    assert torch.equal(drawn[0][0][0], drawn[1][0][0])
+    assert int(drawn[0][0][0].sum()) == 4
+    assert int(drawn[0][1][0].sum()) == 12
+    assert not (drawn[0][1][0] & (labels[0] > 0)).any()
+
+
+def test_an_unknown_input_names_the_known_ones():
+    with pytest.raises(UnknownNameError, match="both, color, geometry"):
+        build_detector(DetectorConfig(input="thermal"))
+
+
+def test_a_full_mask_fills_its_box():
+    mask = draw_mask(np.ones((28, 28), np.float32), np.array([10.0, 20.0, 40.0, 50.0]), (60, 80))
+    expected = np.zeros((60, 80), bool)
+    expected[20:50, 10:40] = True
+    assert_array_equal(mask[21:49, 11:39], expected[21:49, 11:39])
+    assert not (mask & ~expected).any()
+
+
+def test_half_a_mask_fills_half_its_box_also_beyond_the_image():
+    soft = np.zeros((28, 28), np.float32)
+    soft[:, :14] = 1.0
+    mask = draw_mask(soft, np.array([-20.0, 0.0, 36.0, 56.0]), (40, 40))
+    columns = mask[5:35].mean(0)
+    assert (columns[:7] == 1.0).all()
+    assert not columns[9:].any()
+
+
+def test_images_of_another_size_than_the_camera_are_refused():
+    torch.manual_seed(0)
+    detector = RegionDetector(build_detector(CONFIG), CONFIG, torch.device("cpu"))
+    camera = Intrinsics(100.0, 100.0, 64.0, 48.0, 128, 96)
+    with pytest.raises(ValueRangeError, match="shapes of colour and depth"):
+        detector.detect(np.zeros((96, 128, 3), np.uint8), np.zeros((90, 128), np.float32), camera)
+
+
+def test_a_frame_without_depth_is_answered():
+    torch.manual_seed(0)
+    detector = RegionDetector(build_detector(CONFIG), CONFIG, torch.device("cpu"))
+    camera = Intrinsics(100.0, 100.0, 64.0, 48.0, 128, 96)
+    for found in detector.detect(
+        np.zeros((96, 128, 3), np.uint8), np.zeros((96, 128), np.float32), camera
+    ):
+        assert found.mask.shape == (96, 128)

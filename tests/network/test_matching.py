@@ -1,0 +1,42 @@
+"""Hungarian assignment of planes to slots."""
+
+from dataclasses import replace
+
+import torch
+
+from pipelines.network.matching import match_reflections
+from tests.network.toy_regions import toy_batch
+
+WEIGHT = torch.full((2, 5), 0.2)
+
+
+def slots_of(truth):
+    return truth.direction[:, None, :3].expand(-1, 5, -1, -1), truth.center[:, None, :3].expand(
+        -1, 5, -1, -1
+    )
+
+
+def test_planes_go_to_the_slots_that_predict_them():
+    truth = toy_batch(2, 64)
+    order = torch.tensor([2, 0, 1, 3, 4])
+    shuffled = replace(
+        truth,
+        existence=truth.existence[:, order],
+        center=truth.center[:, order],
+        direction=truth.direction[:, order],
+    )
+    normal, center = slots_of(shuffled)
+    matched = match_reflections(truth, truth.points, normal, center, WEIGHT)
+    assert torch.equal(matched.existence[0], shuffled.existence[0])
+    torch.testing.assert_close(matched.direction[0], shuffled.direction[0])
+
+
+def test_a_single_plane_takes_the_best_slot_and_leaves_the_others_empty():
+    truth = toy_batch(2, 64)  # the second is a can: its plane is in slot 0
+    normal = torch.eye(3).expand(2, 5, 3, 3).clone()
+    center = torch.zeros(2, 5, 3, 3)
+    normal[1, :, 1] = truth.direction[1, 0]
+    center[1, :, 1] = truth.center[1, 0]
+    matched = match_reflections(truth, truth.points, normal, center, WEIGHT)
+    assert matched.existence[1].tolist() == [0.0, 1.0, 0.0, 1.0, 0.0]
+    torch.testing.assert_close(matched.center[1, 3], truth.center[1, 3])

@@ -1,0 +1,58 @@
+"""PIFT: deform and undo exactly, and do nothing before anything is learned (Eqs. 3-5)."""
+
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipelines.configs import NetworkConfig
+from pipelines.network.model import SymmetryGraspNet
+from pipelines.network.pift import PIFT, rotation_from_6d
+
+seeds = st.integers(0, 2**31 - 1)
+
+
+def learned_pift(seed):
+    torch.manual_seed(seed)
+    module = PIFT(4).double()
+    torch.nn.init.normal_(module.regress.weight)
+    points, features = torch.randn(3, 50, 3).double(), torch.randn(3, 50, 4).double()
+    return module(points, features), points
+
+
+@settings(max_examples=15, deadline=None)
+@given(seeds)
+def test_undo_brings_deformed_points_back(seed):
+    deformation, points = learned_pift(seed)
+    torch.testing.assert_close(deformation.undo(deformation.deform(points)), points)
+
+
+@settings(max_examples=15, deadline=None)
+@given(seeds)
+def test_the_deformation_turns_first_then_scales_along_the_axes_about_the_centroid(seed):
+    deformation, points = learned_pift(seed)
+    center = points.mean(1)
+    for b in range(3):
+        T = torch.diag(deformation.scale[b]) @ deformation.rotation[b]
+        expected = (T @ (points[b] - center[b]).T).T + center[b]
+        torch.testing.assert_close(deformation.deform(points)[b], expected)
+
+
+@settings(max_examples=15, deadline=None)
+@given(seeds)
+def test_six_numbers_make_a_rotation(seed):
+    R = rotation_from_6d(torch.randn(4, 6, generator=torch.Generator().manual_seed(seed)).double())
+    torch.testing.assert_close(R @ R.transpose(1, 2), torch.eye(3).double().expand(4, 3, 3))
+    torch.testing.assert_close(torch.linalg.det(R), torch.ones(4).double())
+
+
+def test_at_its_first_weights_the_network_equals_plain_pointnet2():
+    torch.manual_seed(0)
+    small = {"set_points": (64, 32, 16, 4), "set_neighbors": (8, 8, 8, 16)}
+    deforming = SymmetryGraspNet(NetworkConfig(**small)).eval()
+    plain = SymmetryGraspNet(NetworkConfig(use_pift=False, **small)).eval()
+    plain.load_state_dict(deforming.state_dict(), strict=False)
+    points = 0.05 * torch.randn(2, 200, 3)
+    with torch.no_grad():
+        torch.testing.assert_close(
+            deforming(points).features, plain(points).features, rtol=1e-4, atol=1e-4
+        )

@@ -1,0 +1,92 @@
+"""The trained network as a function."""
+
+import numpy as np
+import pytest
+import torch
+from numpy.testing import assert_allclose, assert_array_equal
+
+from pipelines.configs import NetworkConfig
+from pipelines.errors import FormatError, ValueRangeError
+from pipelines.formats.checkpoints import save_weights
+from pipelines.network.model import SymmetryGraspNet
+from pipelines.network.predictor import GraspPredictor
+from pipelines.network.weights_files import weights_metadata
+
+CONFIG = NetworkConfig(num_points=200, set_points=(64, 32, 16, 4), set_neighbors=(8, 8, 8, 16))
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory):
+    torch.manual_seed(0)
+    network = SymmetryGraspNet(CONFIG)
+    path = tmp_path_factory.mktemp("weights") / "network.safetensors"
+    save_weights(path, network.state_dict(), weights_metadata("SymmetryGraspNet", CONFIG))
+    return path
+
+
+@pytest.fixture(scope="module")
+def predictor(weights):
+    return GraspPredictor.load(weights, "cpu")
+
+
+def cloud(count, seed=0):
+    return np.random.default_rng(seed).normal((0.1, -0.2, 0.7), 0.03, (count, 3))
+
+
+def test_shapes_and_ranges_are_as_documented(predictor):
+    for prediction in predictor.predict([cloud(500), cloud(50, 1)]):
+        assert prediction.points.shape == (200, 3)
+        assert prediction.center.shape == prediction.direction.shape == (200, 5, 3)
+        assert prediction.existence.shape == (200, 5)
+        assert ((prediction.affordance >= 0) & (prediction.affordance <= 1)).all()
+        assert_allclose(np.linalg.norm(prediction.direction[:, :4], axis=-1), 1.0, rtol=1e-5)
+
+
+def test_points_are_the_regions_own(predictor):
+    region = cloud(300).astype(np.float32)
+    (prediction,) = predictor.predict([region])
+    assert set(map(tuple, prediction.points)) <= set(map(tuple, region))
+
+
+def test_moving_a_region_moves_what_is_predicted(predictor):
+    region, shift = cloud(200), np.array([0.3, 0.1, 0.2])
+    (here,), (there,) = predictor.predict([region]), predictor.predict([region + shift])
+    assert_allclose(there.center, here.center + shift, atol=2e-3)
+    assert_allclose(there.affordance, here.affordance, atol=2e-2)
+
+
+def test_a_region_is_predicted_alike_alone_and_among_others(predictor):
+    alone = predictor.predict([cloud(300)])[0]
+    among = predictor.predict([cloud(80, 3), cloud(300), cloud(900, 4)])[1]
+    assert_array_equal(alone.points, among.points)
+    assert_allclose(alone.center, among.center, atol=1e-5)
+
+
+def test_the_same_input_gives_the_same_bytes(predictor):
+    first, second = (predictor.predict([cloud(300)])[0] for _ in range(2))
+    assert first.center.tobytes() == second.center.tobytes()
+
+
+def test_no_regions_give_no_predictions(predictor):
+    assert predictor.predict([]) == []
+
+
+@pytest.mark.parametrize("bad", [np.zeros((0, 3)), np.zeros((4, 2)), np.full((4, 3), np.nan)])
+def test_what_is_no_region_is_refused(predictor, bad):
+    with pytest.raises(ValueRangeError):
+        predictor.predict([bad])
+
+
+def test_weights_of_something_else_are_refused(tmp_path):
+    path = tmp_path / "other.safetensors"
+    save_weights(path, {"a": torch.zeros(2)}, {"model": "Other"})
+    with pytest.raises(FormatError, match="holds Other"):
+        GraspPredictor.load(path, "cpu")
+
+
+def test_weights_that_do_not_fit_are_refused(tmp_path):
+    path = tmp_path / "torn.safetensors"
+    metadata = weights_metadata("SymmetryGraspNet", CONFIG)
+    save_weights(path, {"a": torch.zeros(2)}, metadata)
+    with pytest.raises(FormatError, match="do not fit"):
+        GraspPredictor.load(path, "cpu")

@@ -1,0 +1,86 @@
+"""The finetune-detector stage on a toy dataset: frames once, weights that load."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from toy_root import write_root
+
+from pipelines import finetune_detector
+from pipelines.batch import BatchOptions
+from pipelines.configs import DetectorConfig, FinetuneDetectorConfig
+from pipelines.errors import FormatError, SymgraspError, UnknownNameError, ValueRangeError
+from pipelines.formats import detector_frames
+from pipelines.learning.runs import RunRequest
+from pipelines.network.detector import RegionDetector
+
+CONFIG = FinetuneDetectorConfig(
+    detector=DetectorConfig(min_size=96, max_size=128, min_confidence=0.0),
+    epochs=1,
+    batch_size=2,
+    micro_batch_size=1,
+    min_pixels=50,
+)
+REQUEST = RunRequest(device="cpu", threads=1)
+QUIET = BatchOptions(progress=False)
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory):
+    return write_root(tmp_path_factory.mktemp("root"))
+
+
+@pytest.fixture(scope="module")
+def output(root, tmp_path_factory):
+    path = tmp_path_factory.mktemp("out") / "detector.safetensors"
+    finetune_detector.run(root.root, path, CONFIG, REQUEST, split=None, options=QUIET)
+    return path
+
+
+def test_frames_are_prepared_with_their_regions(output):
+    files = sorted(finetune_detector.frames_folder(output).glob("*.h5"))
+    assert len(files) == 2
+    frame = detector_frames.read(files[0], 0)
+    assert frame.regions.shape == frame.frame.depth.shape == (96, 128)
+    assert set(np.unique(frame.regions)) == {0, 1, 2, 3}
+    heights = frame.plane.height(frame.frame.intrinsics.backproject(frame.frame.depth))
+    assert np.nanmedian(heights[frame.regions > 0]) > 0.02
+    assert abs(np.nanmedian(heights[frame.regions == 0])) < 0.005
+
+
+def test_the_weights_load_into_the_detector(root, output):
+    frame = root.read_frame(root.scenes()[0].frames()[0])
+    detector = RegionDetector.load(output, "cpu")
+    for found in detector.detect(frame.color, frame.depth, frame.intrinsics):
+        assert found.mask.shape == frame.depth.shape
+        assert 0.0 <= found.confidence <= 1.0
+
+
+def test_a_finished_training_is_skipped(root, output):
+    report = finetune_detector.run(root.root, output, CONFIG, REQUEST, split=None, options=QUIET)
+    assert report.skipped == ["detector.safetensors"]
+
+
+def test_coco_weights_are_for_resnet50_only(root, tmp_path):
+    with pytest.raises(ValueRangeError, match="resnet50"):
+        finetune_detector.build(CONFIG, "weights.pth", 0)
+
+
+def test_weights_that_run_code_are_refused(tmp_path):
+    path = tmp_path / "coco.pth"
+    path.write_bytes(b"\x80\x02cos\nsystem\n.")
+    with pytest.raises(FormatError, match="cannot be read as weights"):
+        finetune_detector.read_coco(str(path))
+
+
+def test_an_unknown_variant_names_the_known_ones(root):
+    config = replace(CONFIG, detector=replace(CONFIG.detector, variant="yolo"))
+    with pytest.raises(UnknownNameError, match="light, resnet50"):
+        finetune_detector.build(config, None, 0)
+
+
+def test_a_split_without_scenes_is_refused(root, tmp_path):
+    with pytest.raises(SymgraspError, match="no similar scene"):
+        finetune_detector.run(
+            root.root, tmp_path / "d.safetensors", CONFIG, REQUEST, split="similar", options=QUIET
+        )

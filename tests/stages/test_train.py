@@ -1,0 +1,60 @@
+"""The train stage: weights that load, what is skipped, what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipelines import train
+from pipelines.errors import SymgraspError
+from pipelines.learning.runs import RunRequest
+from pipelines.network.predictor import GraspPredictor
+from tests.learning.packed_toys import CONFIG, write_packed
+
+REQUEST = RunRequest(device="cpu", threads=1)
+
+
+@pytest.fixture(scope="module")
+def packed(tmp_path_factory):
+    return write_packed(tmp_path_factory.mktemp("packed"))
+
+
+@pytest.fixture(scope="module")
+def output(packed, tmp_path_factory):
+    path = tmp_path_factory.mktemp("out") / "network.safetensors"
+    train.run(packed, None, path, CONFIG, REQUEST)
+    return path
+
+
+def test_the_weights_load_into_the_predictor(output):
+    region = np.random.default_rng(0).normal((0.0, 0.0, 0.6), 0.03, (300, 3))
+    (prediction,) = GraspPredictor.load(output, "cpu").predict([region])
+    assert np.isfinite(prediction.center).all()
+
+
+def test_a_finished_training_is_skipped(packed, output):
+    before = output.stat().st_mtime_ns
+    report = train.run(packed, None, output, CONFIG, REQUEST)
+    assert report.skipped == ["network.safetensors"]
+    assert output.stat().st_mtime_ns == before
+
+
+def test_other_settings_are_refused(packed, output):
+    with pytest.raises(SymgraspError, match="another config"):
+        train.run(packed, None, output, replace(CONFIG, learning_rate=0.1), REQUEST)
+
+
+def test_a_resumed_training_equals_one_that_never_stopped(packed, output, tmp_path):
+    path = tmp_path / "network.safetensors"
+    limited = replace(REQUEST, time_limit=0.0)  # stops before its first step
+    train.run(packed, None, path, CONFIG, limited)
+    assert not path.exists()
+    train.run(packed, None, path, CONFIG, replace(REQUEST, resume=True))
+    assert path.read_bytes() == output.read_bytes()
+
+
+def test_a_folder_of_its_own_can_be_validated_on(packed, tmp_path):
+    other = write_packed(tmp_path / "val", 1)
+    path = tmp_path / "network.safetensors"
+    report = train.run(packed, other, path, replace(CONFIG, epochs=1), REQUEST)
+    assert "plane_angle_deg" in report.notes["network.safetensors"]

@@ -231,6 +231,7 @@ class InferConfig:
     regions: str = "auto"  # or detector, geometric
     method: str = "network"  # or planar, random: baselines
     gripper: str = "rg2"
+    geometric_confidence: float = 0.4  # of regions that the detector did not name
     min_region_pixels: int = 200
     min_foreground: float = 0.5  # share of a detection that must stand above the table
     min_uncovered: float = 0.5  # share of a geometric region that detections must leave

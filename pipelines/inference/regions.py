@@ -89,6 +89,8 @@ def _detected(
         standing = int((measured & geometric.foreground).sum())
         if standing < config.min_foreground * max(1, int(measured.sum())):
             continue
+        # The network's masks are coarse; what lies on the table is known to the pixel.
+        mask = mask & (geometric.foreground | (frame.depth <= 0))
         free &= ~mask
         regions.append(Region(mask, float(detection.confidence), "detector"))
     return regions
@@ -105,5 +107,5 @@ def _completed(
     for mask in geometric.masks:
         rest = mask & ~covered
         if np.count_nonzero(rest) > config.min_uncovered * np.count_nonzero(mask):
-            result.append(Region(rest, 1.0, "geometric"))
+            result.append(Region(rest, config.geometric_confidence, "geometric"))
     return result

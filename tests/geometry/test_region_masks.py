@@ -2,13 +2,13 @@
 
 import numpy as np
 from numpy.testing import assert_allclose
-from symmetric_shapes import box
 
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.region_masks import ObjectRegion, RegionedObject, visible_regions
 from pipelines.geometry.rendering import Scene, cast_view
 from pipelines.geometry.symmetry import ReflectionSymmetry
 from pipelines.geometry.transforms import make_pose, random_rotation
+from tests.geometry.symmetric_shapes import box
 
 CAMERA = Intrinsics(200.0, 200.0, 79.5, 59.5, 160, 120)
 PLANE = ReflectionSymmetry(np.array([1.0, 0.0, 0.0]), np.zeros(3))

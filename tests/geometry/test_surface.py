@@ -2,10 +2,10 @@
 
 import numpy as np
 from numpy.testing import assert_allclose
-from symmetric_shapes import ball, box
 
 from pipelines.geometry.surface import Surface, diameter
 from pipelines.geometry.transforms import make_pose, random_rotation, transform_points
+from tests.geometry.symmetric_shapes import ball, box
 
 
 def test_the_distance_to_a_box_from_outside_is_that_to_its_clamped_point():

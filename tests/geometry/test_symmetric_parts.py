@@ -1,10 +1,10 @@
 """Cutting objects into symmetric regions."""
 
 import numpy as np
-from symmetric_shapes import ball_beside_box, box, pebble
 
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.geometry.symmetric_parts import components, symmetric_regions
+from tests.geometry.symmetric_shapes import ball_beside_box, box, pebble
 
 QUICK = AnnotateSymmetryConfig(num_samples=8000, num_verification_samples=1000)
 

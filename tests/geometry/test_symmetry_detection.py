@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-from symmetric_shapes import ball, box, cylinder, hex_prism, l_shape, pebble
 
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.errors import ValueRangeError
@@ -13,6 +12,7 @@ from pipelines.geometry.mesh import Mesh
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SphereSymmetry
 from pipelines.geometry.symmetry_detection import detect_symmetries
 from pipelines.geometry.transforms import make_pose, random_rotation
+from tests.geometry.symmetric_shapes import ball, box, cylinder, hex_prism, l_shape, pebble
 
 QUICK = AnnotateSymmetryConfig(num_samples=8000, num_verification_samples=1000)
 TOLERANCE_DEG = 0.3

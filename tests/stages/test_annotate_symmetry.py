@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 import trimesh
-from dataset_root import shapes
 
 from pipelines import annotate_symmetry
 from pipelines.batch import BatchOptions
@@ -14,6 +13,7 @@ from pipelines.errors import SymgraspError
 from pipelines.formats import symmetry_labels
 from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.formats.meshes import write_mesh
+from tests.stages.dataset_root import shapes
 
 QUICK = AnnotateSymmetryConfig(num_samples=8000, num_verification_samples=1000)
 QUIET = BatchOptions(progress=False)

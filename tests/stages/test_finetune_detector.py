@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from toy_root import write_root
 
 from pipelines import finetune_detector
 from pipelines.batch import BatchOptions
@@ -13,6 +12,7 @@ from pipelines.errors import FormatError, SymgraspError, UnknownNameError, Value
 from pipelines.formats import detector_frames
 from pipelines.learning.runs import RunRequest
 from pipelines.network.detector import RegionDetector
+from tests.stages.toy_root import write_root
 
 CONFIG = FinetuneDetectorConfig(
     detector=DetectorConfig(min_size=96, max_size=128, min_confidence=0.0),

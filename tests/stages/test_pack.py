@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from dataset_root import write_root
 from numpy.testing import assert_allclose, assert_array_equal
 
 from pipelines import annotate_symmetry, pack, refine_grasps
@@ -14,6 +13,7 @@ from pipelines.formats.meshes import read_mesh
 from pipelines.geometry.surface import Surface
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.geometry.transforms import invert, transform_points
+from tests.stages.dataset_root import write_root
 
 QUIET = BatchOptions(progress=False)
 CONFIG = PackConfig(num_points=256, min_pixels=100)

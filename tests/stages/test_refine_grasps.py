@@ -4,7 +4,6 @@ import shutil
 
 import numpy as np
 import pytest
-from dataset_root import write_root
 from numpy.testing import assert_allclose
 
 from pipelines import annotate_symmetry, refine_grasps
@@ -15,6 +14,7 @@ from pipelines.formats.graspnet import GraspLabel, GraspNetRoot, read_grasp_labe
 from pipelines.formats.meshes import read_mesh
 from pipelines.geometry.surface import Surface
 from pipelines.geometry.symmetry import RotationSymmetry
+from tests.stages.dataset_root import write_root
 
 ANNOTATE = AnnotateSymmetryConfig(num_samples=8000, num_verification_samples=1000)
 CONFIG = RefineGraspsConfig(copies_per_turn=12, num_surface_points=1024)

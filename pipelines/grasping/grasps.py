@@ -16,7 +16,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipelines.errors import ValueRangeError
-from pipelines.geometry.transforms import rotate_vectors, transform_points, unit
+from pipelines.geometry.transforms import (
+    basis_from_direction,
+    rotate_vectors,
+    transform_points,
+    unit,
+)
 
 Array = NDArray[np.float64]
 Index = NDArray[np.bool_] | NDArray[np.integer] | slice
@@ -24,6 +29,7 @@ Index = NDArray[np.bool_] | NDArray[np.integer] | slice
 GRASPNET_HEIGHT = 0.02  # metres; the column that graspnetAPI ignores
 GRASPNET_DEPTH = 0.02  # metres from GraspNet's origin to the finger tips
 ROTATION_TOLERANCE = 1e-4
+PARALLEL = 1e-6  # sine below which an approach runs along the contact line
 
 
 @dataclass(frozen=True)
@@ -63,14 +69,16 @@ class Grasps:
     def from_contacts(cls, contacts: ArrayLike, approach: ArrayLike) -> "Grasps":
         """Return the grasps with `contacts` (n, 2, 3) along `approach` (n, 3).
 
-        Only the part of `approach` perpendicular to the contact line counts; closing points from
-        the first contact to the second.
+        Only the part of `approach` perpendicular to the contact line counts; where there is none,
+        any perpendicular direction is taken. Closing points from the first contact to the second.
         """
         pair = np.asarray(contacts, np.float64)
         line = pair[:, 1] - pair[:, 0]
         closing = unit(line)
         a = np.asarray(approach, np.float64)
-        a = unit(a - np.einsum("ni,ni->n", a, closing)[:, None] * closing)
+        a = a - np.einsum("ni,ni->n", a, closing)[:, None] * closing
+        along = np.linalg.norm(a, axis=1) < PARALLEL
+        a = unit(np.where(along[:, None], basis_from_direction(closing)[..., 1], a))
         rotation = np.stack([a, closing, np.cross(a, closing)], -1)
         return cls(rotation, pair.mean(axis=1), np.linalg.norm(line, axis=1))
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import SelectionConfig
+from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import (
     REFLECTION_SLOTS,
     ROTATION_SLOT,
@@ -22,7 +23,13 @@ from pipelines.geometry.symmetry import (
     Symmetry,
     SymmetrySlots,
 )
-from pipelines.geometry.symmetry_fitting import Fit, fit_reflection, fit_rotation, fit_sphere
+from pipelines.geometry.symmetry_fitting import (
+    MIN_OVERLAP,
+    Fit,
+    fit_reflection,
+    fit_rotation,
+    fit_sphere,
+)
 from pipelines.geometry.transforms import unit
 from pipelines.grasping.decoding import in_observed_frustum
 from pipelines.grasping.observation import RegionCloud, SceneCloud
@@ -34,13 +41,18 @@ TURNS = np.radians([60.0, 120.0, 180.0, 240.0, 300.0])
 HEAD_START = 0.05  # of support, for the network's own axis over the other candidates
 SAME_ANGLE = np.radians(15.0)  # planes closer than both are one
 SAME_OFFSET = 0.008  # metres
+LEVEL_ANGLE = np.radians(25.0)
+TOP_PERCENTILE = 97.0  # of a region's heights, against flying pixels
 
 # Logistic regression of truth on (1, existence, support, consistency), on held-out scenes of the
-# training set.
+# training set. A mirror plane whose far side is hidden is a case of its own, and so is the level
+# plane halfway up what stands on the table.
 WEIGHTS = {
-    "reflection": np.array([-10.8, 0.2, 3.8, 9.0]),
-    "rotation": np.array([-6.2, 3.5, 5.8, 2.1]),
-    "sphere": np.array([-3.6, 4.0, 5.7, 0.2]),
+    "reflection": np.array([-13.9, -0.1, 4.4, 11.7]),
+    "hidden": np.array([-5.3, 1.9, -0.6, 3.8]),
+    "level": np.array([-6.1, 2.4, -0.5, 5.2]),
+    "rotation": np.array([-8.6, 5.1, 6.3, 3.1]),
+    "sphere": np.array([-4.3, 4.6, 7.2, 0.4]),
 }
 
 
@@ -53,18 +65,20 @@ class Evidence:
         existence: what the network says; 0 for a candidate that it did not name.
         support: share of the seen surface that the fit explains.
         consistency: share of images that lie on or behind the observed surface.
+        case: whose weights turn the evidence into confidence.
     """
 
     symmetry: Symmetry
     existence: float
     support: float
     consistency: float
+    case: str
 
     @property
     def confidence(self) -> float:
         """Probability that the symmetry is true."""
         features = np.array([1.0, self.existence, self.support, self.consistency])
-        return float(1.0 / (1.0 + np.exp(-features @ WEIGHTS[self.symmetry.kind])))
+        return float(1.0 / (1.0 + np.exp(-features @ WEIGHTS[self.case])))
 
 
 def ground_symmetries(
@@ -96,8 +110,29 @@ def plane_evidence(
     for direction, point, existence in starts:
         fit = fit_reflection(ReflectionSymmetry(direction, point), points, normals)
         plane = ReflectionSymmetry(fit.direction, fit.point)
-        images = plane.counterpart(points)
-        yield Evidence(plane, float(existence), fit.support, _consistency(images, scene, config))
+        consistency = _consistency(plane.counterpart(points), scene, config)
+        case = "reflection" if fit.support >= MIN_OVERLAP else "hidden"
+        yield Evidence(plane, float(existence), fit.support, consistency, case)
+    if scene.plane is not None:
+        yield level_evidence(slots, points, scene.plane, scene, config)
+
+
+def level_evidence(
+    slots: SymmetrySlots, points: Array, table: Plane, scene: SceneCloud, config: SelectionConfig
+) -> Evidence:
+    """Return the plane halfway between the table and the region's top: cans and boxes have it.
+
+    Its lower half is hidden, so the network's word for it is that of its most level plane.
+    """
+    up = table.normal
+    top = float(np.percentile(table.height(points), TOP_PERCENTILE))
+    foot = np.median(points, axis=0)
+    plane = ReflectionSymmetry(up, foot + (top / 2.0 - float(table.height(foot))) * up)
+    cosine = np.abs(slots.direction[list(REFLECTION_SLOTS)] @ up)
+    named = np.where(cosine > np.cos(LEVEL_ANGLE), slots.existence[list(REFLECTION_SLOTS)], 0.0)
+    low = float((table.height(points) < top / 2.0).mean())
+    consistency = _consistency(plane.counterpart(points), scene, config)
+    return Evidence(plane, float(named.max()), low, consistency, "level")
 
 
 def axis_evidence(
@@ -116,7 +151,8 @@ def axis_evidence(
     axis = RotationSymmetry(fit.direction, fit.point)
     images = np.concatenate([axis.turn(points, angle) for angle in TURNS])
     existence = float(slots.existence[ROTATION_SLOT])
-    return Evidence(axis, existence, fit.support, _consistency(images, scene, config))
+    consistency = _consistency(images, scene, config)
+    return Evidence(axis, existence, fit.support, consistency, "rotation")
 
 
 def sphere_evidence(
@@ -126,7 +162,8 @@ def sphere_evidence(
     fit = fit_sphere(slots.point[SPHERE_SLOT], points, normals)
     sphere = SphereSymmetry(fit.point)
     consistency = _consistency(sphere.counterpart(points), scene, config)
-    return Evidence(sphere, float(slots.existence[SPHERE_SLOT]), fit.support, consistency)
+    existence = float(slots.existence[SPHERE_SLOT])
+    return Evidence(sphere, existence, fit.support, consistency, "sphere")
 
 
 def _best(starts: list[Array], fitted: Callable[[Array], Fit]) -> Fit:

@@ -34,6 +34,14 @@ class Surroundings:
     count: NDArray[np.int64]
     own: Mask
 
+    def with_own(self, points: Array, count: int) -> "Surroundings":
+        """Return these and further points (m, 3) of the region, each counted `count` times."""
+        return Surroundings(
+            np.concatenate([self.points, points]),
+            np.concatenate([self.count, np.full(len(points), count)]),
+            np.concatenate([self.own, np.ones(len(points), bool)]),
+        )
+
 
 @dataclass(frozen=True)
 class SceneCloud:

@@ -4,9 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import SelectionConfig
-from pipelines.geometry.symmetry import SymmetrySlots
+from pipelines.geometry.pointcloud import voxel_downsample
+from pipelines.geometry.symmetry import RotationSymmetry, SymmetrySlots
 from pipelines.geometry.transforms import unit
-from pipelines.grasping.decoding import contact_pairs
+from pipelines.grasping.decoding import contact_pairs, in_observed_frustum
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.observation import RegionCloud, SceneCloud
 from pipelines.grasping.planar import planar_candidates
@@ -17,6 +18,7 @@ Array = NDArray[np.float64]
 MIN_POINTS = 20  # fewer show no surface
 PLANAR_TURNS = np.radians([0.0, 20.0, -20.0, 40.0, -40.0])  # about the contact line
 RANDOM_DRAWS = 4000
+COMPLETING_TURNS = np.radians(np.arange(45.0, 360.0, 45.0))
 
 
 def plan_region(
@@ -49,8 +51,24 @@ def plan_region(
         "network",
     )
     turns = np.linspace(0.0, 2 * np.pi, config.num_approach_angles, endpoint=False)
-    found = select(candidates, turns, region, scene, gripper, config)
+    hidden = hidden_points(region, scene, slots, config)
+    found = select(candidates, turns, region, scene, gripper, config, hidden)
     return found if len(found) else plan_planar(region, scene, gripper, config)
+
+
+def hidden_points(
+    region: RegionCloud, scene: SceneCloud, slots: SymmetrySlots, config: SelectionConfig
+) -> Array:
+    """Return (m, 3) points of `region` that its trusted symmetries put where nothing is seen."""
+    images = [np.zeros((0, 3))]
+    for _, symmetry in slots.existing(config.min_completion):
+        if isinstance(symmetry, RotationSymmetry):
+            images += [symmetry.turn(region.points, angle) for angle in COMPLETING_TURNS]
+        else:
+            images.append(symmetry.counterpart(region.points))
+    points = np.concatenate(images)
+    points = points[voxel_downsample(points, config.scene_resolution)]
+    return points[in_observed_frustum(points, scene, config)]
 
 
 def plan_planar(

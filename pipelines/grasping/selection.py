@@ -18,6 +18,7 @@ Mask = NDArray[np.bool_]
 
 MAX_RANKED = 96  # steadiest feasible candidates that the clearance is computed for
 MAX_ROUNDS = 4  # of `max_pairs` pairs each, before a region counts as out of reach
+HIDDEN_COUNT = 1  # measured points that a point known by symmetry alone is worth
 OFF_CENTRE = 0.5  # steadiness lost by a grasp at the region's rim
 
 
@@ -108,15 +109,19 @@ def select(
     scene: SceneCloud,
     gripper: Gripper,
     config: SelectionConfig,
+    hidden: Array | None = None,
 ) -> RankedGrasps:
     """Return the candidates that are feasible at one of `angles` (radians), best first.
 
-    Pairs are tried in rounds, the steadiest first, until a round has feasible ones.
+    Pairs are tried in rounds, the steadiest first, until a round has feasible ones. `hidden`
+    (m, 3) are points of the region that the camera does not see and the hand must not meet.
     """
     turns = np.asarray(angles, np.float64)
     base = Grasps.from_contacts(candidates.contacts, candidates.approach)
     reach = gripper.finger_length + gripper.palm_depth + config.clearance_cap
     around = scene.around(region, reach, config.scene_resolution)
+    if hidden is not None:
+        around = around.with_own(hidden, HIDDEN_COUNT)
     steady = candidates.quality * _centredness(base, region)
     allowed = _reachable(base, turns, scene, gripper, config)
     order = np.argsort(-steady, kind="stable")

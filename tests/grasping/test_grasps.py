@@ -39,6 +39,12 @@ def test_an_approach_along_the_contacts_too_is_made_perpendicular(seed):
     assert_allclose(np.linalg.det(grasps.rotation), 1.0)
 
 
+def test_an_approach_along_the_contact_line_becomes_a_perpendicular_one():
+    grasps = Grasps.from_contacts([[[0, 0, 0], [0, 0, 0.05]]], [[0, 0, 1.0]])
+    assert_allclose(grasps.approach[0] @ grasps.closing[0], 0.0, atol=1e-12)
+    assert_allclose(np.linalg.det(grasps.rotation), 1.0)
+
+
 @few
 @given(seeds)
 def test_moving_grasps_moves_their_contacts(seed):

@@ -108,9 +108,9 @@ def test_of_equal_planes_the_most_trusted_stays():
     far = ReflectionSymmetry([0, 1, 0], [0, 0, 0])
     kept = distinct_planes(
         [
-            Evidence(near, 0.1, 0.2, 0.9),
-            Evidence(plane, 0.9, 0.9, 1.0),
-            Evidence(far, 0.5, 0.5, 1.0),
+            Evidence(near, 0.1, 0.2, 0.9, "reflection"),
+            Evidence(plane, 0.9, 0.9, 1.0, "reflection"),
+            Evidence(far, 0.5, 0.5, 1.0, "reflection"),
         ]
     )
     assert [evidence.symmetry for evidence in kept] == [plane, far]
@@ -118,6 +118,9 @@ def test_of_equal_planes_the_most_trusted_stays():
 
 def test_more_support_and_fewer_floating_images_mean_more_trust():
     plane = ReflectionSymmetry([1, 0, 0], [0, 0, 0])
-    good, floating = Evidence(plane, 0.5, 0.8, 1.0), Evidence(plane, 0.5, 0.8, 0.5)
-    assert good.confidence > Evidence(plane, 0.5, 0.3, 1.0).confidence
+    good, floating = (
+        Evidence(plane, 0.5, 0.8, 1.0, "reflection"),
+        Evidence(plane, 0.5, 0.8, 0.5, "reflection"),
+    )
+    assert good.confidence > Evidence(plane, 0.5, 0.3, 1.0, "reflection").confidence
     assert good.confidence > floating.confidence

@@ -13,8 +13,14 @@ from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.rendering import Scene, cast_view
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SymmetrySlots
 from pipelines.geometry.transforms import invert, make_pose, rotate_vectors, unit
-from pipelines.grasping.grounding import Evidence, distinct_planes, ground_symmetries
+from pipelines.grasping.grounding import (
+    Evidence,
+    distinct_planes,
+    ground_symmetries,
+    level_evidence,
+)
 from pipelines.grasping.observation import RegionCloud, SceneCloud
+from pipelines.grasping.region_grasping import hidden_points
 
 CAMERA = Intrinsics(460.0, 460.0, 159.5, 119.5, 320, 240)
 CONFIG = SelectionConfig()
@@ -124,3 +130,25 @@ def test_more_support_and_fewer_floating_images_mean_more_trust():
     )
     assert good.confidence > Evidence(plane, 0.5, 0.3, 1.0, "reflection").confidence
     assert good.confidence > floating.confidence
+
+
+def test_the_level_plane_of_a_can_lies_halfway_up(can):
+    scene, region, _ = can
+    slots = uncertain([])
+    found = level_evidence(slots, region.points, scene.plane, scene, CONFIG)
+    assert abs(float(scene.plane.height(found.symmetry.point)) - 0.05) < 0.002
+    assert found.case == "level"
+
+
+def test_trusted_symmetries_fill_in_the_unseen_side(can):
+    scene, region, pose = can
+    slots = SymmetrySlots.from_symmetries(
+        [RotationSymmetry([0, 0, 1], [0, 0, 0]).transformed(pose)]
+    )
+    hidden = hidden_points(region, scene, slots, CONFIG)
+    local = (hidden - pose[:3, 3]) @ pose[:3, :3]
+    side = local[np.abs(local[:, 2]) < 0.045]
+    np.testing.assert_allclose(np.linalg.norm(side[:, :2], axis=1), 0.03, atol=0.002)
+    assert (side[:, 1] > 0.02).any()  # the far side
+    doubted = replace(slots, existence=np.full(5, 0.6))
+    assert len(hidden_points(region, scene, doubted, CONFIG)) == 0

@@ -3,9 +3,11 @@
 Scenes of their own seed, so that no object of them was ever trained on; one view of each.
 """
 
-import shutil
 import tempfile
+from dataclasses import asdict, replace
 from pathlib import Path
+
+import numpy as np
 
 from pipelines import synthesize
 from pipelines.batch import BatchOptions
@@ -15,6 +17,7 @@ from pipelines.formats.graspnet import GraspNetRoot
 
 FOLDER = Path(__file__).parent.parent / "pipelines" / "weights" / "frames"
 SEED = 2026
+WIDTH, HEIGHT = 800, 600  # of the window that is kept, about the objects
 CONFIG = SynthesizeConfig(
     splits=("seen", "novel"),
     scenes_per_split=2,
@@ -23,8 +26,8 @@ CONFIG = SynthesizeConfig(
     min_objects=6,
     max_objects=8,
     sensor="realsense",
-    width=640,
-    height=480,
+    width=1280,
+    height=960,
     collision_labels=False,
     labels=LabelConfig(num_points=0),
 )
@@ -39,14 +42,23 @@ def main() -> None:
         root = GraspNetRoot(Path(folder))
         for number, scene in enumerate(root.scenes(), start=1):
             files = scene.frame(0)
-            camera = root.read_frame(files).intrinsics
-            stem = FOLDER / f"table_{number}"
-            FOLDER.mkdir(parents=True, exist_ok=True)
-            write_image(stem.with_name(f"{stem.name}_color.png"), root.read_frame(files).color)
-            shutil.copyfile(files.path("depth"), stem.with_name(f"{stem.name}_depth.png"))
-            fields = ("fx", "fy", "cx", "cy", "width", "height")
-            content = {field: getattr(camera, field) for field in fields} | {"depth_scale": 1000}
-            write_json(stem.with_name(f"{stem.name}_camera.json"), content)
+            frame, label = root.read_frame(files), root.read_label(files)
+            top, left = window_about(label > 0)
+            view = np.s_[top : top + HEIGHT, left : left + WIDTH]
+            lens = frame.intrinsics
+            camera = replace(lens, cx=lens.cx - left, cy=lens.cy - top, width=WIDTH, height=HEIGHT)
+            write_image(FOLDER / f"table_{number}_color.png", frame.color[view])
+            depth = np.rint(frame.depth[view] * 1000).astype(np.uint16)
+            write_image(FOLDER / f"table_{number}_depth.png", depth)
+            content = asdict(camera) | {"depth_scale": 1000}
+            write_json(FOLDER / f"table_{number}_camera.json", content)
+
+
+def window_about(mask: np.ndarray) -> tuple[int, int]:
+    """Return top and left of the window whose middle is that of `mask`."""
+    rows, columns = np.nonzero(mask)
+    top, left = int(rows.mean()) - HEIGHT // 2, int(columns.mean()) - WIDTH // 2
+    return min(max(top, 0), mask.shape[0] - HEIGHT), min(max(left, 0), mask.shape[1] - WIDTH)
 
 
 if __name__ == "__main__":

@@ -34,6 +34,7 @@ CONTACT: Color = (255, 40, 40)
 HALO: Color = (0, 0, 0)
 FINGER, WRIST = 0.045, 0.05  # metres, of the drawn hand
 NEAREST = 0.02  # metres; nothing nearer is drawn
+USED_OPACITY, OPACITY = 0.35, 0.1  # of the plane that gave the best grasp, and of others
 FIXED_BITS = 3  # OpenCV draws at eighths of a pixel
 
 
@@ -97,8 +98,11 @@ def _draw_symmetries(
     if not existing or not len(cloud):
         return
     radius = float(np.percentile(np.linalg.norm(cloud - np.median(cloud, axis=0), axis=1), 90))
+    grasps = result.grasps
+    used = grasps.symmetry_slot[(grasps.region == region) & grasps.is_best].tolist()
     for slot in existing:
-        _draw_symmetry(picture, frame.intrinsics, slots.symmetry(slot), slot, radius)
+        opacity = USED_OPACITY if slot in used else OPACITY
+        _draw_symmetry(picture, frame.intrinsics, slots.symmetry(slot), slot, radius, opacity)
 
 
 def _is_known(slots: SymmetrySlots, slot: int) -> bool:
@@ -107,7 +111,12 @@ def _is_known(slots: SymmetrySlots, slot: int) -> bool:
 
 
 def _draw_symmetry(
-    picture: Picture, camera: Intrinsics, symmetry: Symmetry, slot: int, radius: float
+    picture: Picture,
+    camera: Intrinsics,
+    symmetry: Symmetry,
+    slot: int,
+    radius: float,
+    opacity: float,
 ) -> None:
     point = symmetry.point
     if slot == SPHERE_SLOT:
@@ -122,11 +131,16 @@ def _draw_symmetry(
             for color, size in ((HALO, 4), (AXIS_COLOR, 2)):
                 _line(picture, ends[0], ends[1], color, size)
     else:
-        _draw_plane(picture, camera, symmetry, radius, PLANE_COLORS[slot])
+        _draw_plane(picture, camera, symmetry, radius, PLANE_COLORS[slot], opacity)
 
 
 def _draw_plane(
-    picture: Picture, camera: Intrinsics, plane: Symmetry, radius: float, color: Color
+    picture: Picture,
+    camera: Intrinsics,
+    plane: Symmetry,
+    radius: float,
+    color: Color,
+    opacity: float,
 ) -> None:
     # One side of the quad is level in the image, so the quad reads as a sheet and not a kite.
     across = np.cross(plane.direction, [0.0, 1.0, 0.0])
@@ -135,13 +149,13 @@ def _draw_plane(
     across = unit(across)
     up = np.cross(plane.direction, across)
     signs = np.array([[-1, -1], [-1, 1], [1, 1], [1, -1]])
-    corners = plane.point + 1.1 * radius * (signs[:, :1] * across + signs[:, 1:] * up)
+    corners = plane.point + 0.8 * radius * (signs[:, :1] * across + signs[:, 1:] * up)
     pixels = _pixels(camera, corners)
     if pixels is None:
         return
     sheet = picture.copy()
     cv2.fillConvexPoly(sheet, pixels, color, cv2.LINE_AA, FIXED_BITS)
-    cv2.addWeighted(sheet, 0.3, picture, 0.7, 0.0, dst=picture)
+    cv2.addWeighted(sheet, opacity, picture, 1.0 - opacity, 0.0, dst=picture)
     cv2.polylines(picture, [pixels], True, color, 1, cv2.LINE_AA, FIXED_BITS)
 
 

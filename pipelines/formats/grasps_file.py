@@ -141,12 +141,13 @@ def write(
             write_columns(file.create_group(group), columns, UNITS[group])
 
 
-def read(path: Path) -> GraspsFile:
+def read(path: Path | str) -> GraspsFile:
     """Read a whole file.
 
     Raises:
         FormatError: not a grasps.h5, of another version, truncated, or inconsistent.
     """
+    path = Path(path)
     with open_h5(path) as file:
         check_version(path, file.attrs.get("format_version"), FORMAT_VERSION)
         names = {"frames": FrameTable.SPEC, "regions": REGION_COLUMNS, "grasps": GraspTable.SPEC}

@@ -48,11 +48,11 @@ TOP_PERCENTILE = 97.0  # of a region's heights, against flying pixels
 # training set. A mirror plane whose far side is hidden is a case of its own, and so is the level
 # plane halfway up what stands on the table.
 WEIGHTS = {
-    "reflection": np.array([-13.9, -0.1, 4.4, 11.7]),
-    "hidden": np.array([-5.3, 1.9, -0.6, 3.8]),
-    "level": np.array([-6.1, 2.4, -0.5, 5.2]),
-    "rotation": np.array([-8.6, 5.1, 6.3, 3.1]),
-    "sphere": np.array([-4.3, 4.6, 7.2, 0.4]),
+    "reflection": np.array([-19.9, -0.2, 4.1, 18.0]),
+    "hidden": np.array([-6.8, 0.5, -0.1, 6.1]),
+    "level": np.array([-9.4, 2.0, 0.1, 8.7]),
+    "rotation": np.array([-11.1, 5.2, 7.5, 5.1]),
+    "sphere": np.array([-5.1, 5.5, 8.5, 0.5]),
 }
 
 

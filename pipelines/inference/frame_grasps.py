@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -18,7 +18,7 @@ from pipelines.grasping.grounding import ground_symmetries
 from pipelines.grasping.observation import RegionCloud, SceneCloud
 from pipelines.grasping.region_grasping import MIN_POINTS, plan_planar, plan_random, plan_region
 from pipelines.grasping.selection import RankedGrasps
-from pipelines.inference.regions import Detector, Region, find_regions
+from pipelines.inference.regions import Detector, FrameRegions, Region, find_regions
 
 Array = NDArray[np.float64]
 
@@ -73,6 +73,11 @@ class Planner:
         regions = found.regions
         clouds = [RegionCloud.from_mask(region.mask, scene) for region in regions]
         plans = self._plans(clouds, scene, rng)
+        if self.config.method != "random":
+            plans = [
+                plan if len(plan.grasps) else self._piecewise(plan, region.mask, found, scene)
+                for plan, region in zip(plans, regions, strict=True)
+            ]
         grasps = [plan.grasps for plan in plans]
         count = sum(len(ranked) for ranked in grasps)
         return FrameResult(
@@ -101,6 +106,20 @@ class Planner:
         for index, prediction in zip(large, predictions, strict=True):
             plans[index] = self._symmetric_plan(clouds[index], scene, prediction)
         return plans
+
+    def _piecewise(
+        self, plan: "_Plan", mask: NDArray[np.bool_], found: FrameRegions, scene: SceneCloud
+    ) -> "_Plan":
+        """Return planar grasps of the geometric pieces of a region that has none as a whole."""
+        inside = self.config.min_piece_inside
+        for piece in found.geometric.masks:
+            if np.count_nonzero(piece & mask) < inside * np.count_nonzero(piece):
+                continue
+            cloud = RegionCloud.from_mask(piece & mask, scene)
+            ranked = plan_planar(cloud, scene, self.gripper, self.config.selection)
+            if len(ranked):
+                return replace(plan, grasps=ranked)
+        return plan
 
     def _symmetric_plan(
         self, cloud: RegionCloud, scene: SceneCloud, prediction: RegionPrediction

@@ -17,7 +17,7 @@ from pipelines.batch import StageReport
 from pipelines.configs import NetworkConfig, TrainConfig
 from pipelines.formats.files import existing
 from pipelines.formats.packed_regions import PackedReader
-from pipelines.formats.provenance import digest, make_stamp
+from pipelines.formats.provenance import digest, digest_folder, make_stamp
 from pipelines.learning.grasp_training import GraspTraining, RegionSet
 from pipelines.learning.loaders import split_by_scene
 from pipelines.learning.loop import LoopOptions, TrainingRun
@@ -98,5 +98,5 @@ def loop_options(config: TrainConfig, request: RunRequest) -> LoopOptions:
 
 def _inputs(packed: Path, validation: Path | None, init: Path | None) -> dict[str, str]:
     folders: Sequence[tuple[str, Path | None]] = (("packed", packed), ("validation", validation))
-    inputs = {name: folder.name for name, folder in folders if folder is not None}
+    inputs = {name: digest_folder(folder, "*.h5") for name, folder in folders if folder is not None}
     return inputs if init is None else inputs | {"init": digest(existing(init))}

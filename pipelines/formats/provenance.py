@@ -68,6 +68,14 @@ def digest(path: Path) -> str:
         return "sha256:" + hashlib.file_digest(stream, "sha256").hexdigest()[:16]
 
 
+def digest_folder(folder: Path, pattern: str) -> str:
+    """Return one digest of the names and contents of all files of `folder` that fit `pattern`."""
+    total = hashlib.sha256()
+    for path in sorted(folder.glob(pattern)):
+        total.update(f"{path.name} {digest(path)}\n".encode())
+    return "sha256:" + total.hexdigest()[:16]
+
+
 def sidecar_of(target: Path) -> Path:
     """Return where the stamp of `target` lies when the format itself has no place for it."""
     if target.is_dir():

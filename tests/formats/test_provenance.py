@@ -10,6 +10,7 @@ from pipelines.errors import StaleOutputError
 from pipelines.formats.files import write_json
 from pipelines.formats.provenance import (
     digest,
+    digest_folder,
     is_finished,
     make_stamp,
     read_stamp,
@@ -70,3 +71,12 @@ def test_the_digest_follows_the_content(tmp_path):
     first = digest(path)
     path.write_bytes(b"2")
     assert digest(path) != first
+
+
+def test_the_digest_of_a_folder_follows_names_and_contents(tmp_path):
+    (tmp_path / "a.h5").write_bytes(b"1")
+    first = digest_folder(tmp_path, "*.h5")
+    (tmp_path / "a.h5").write_bytes(b"2")
+    second = digest_folder(tmp_path, "*.h5")
+    (tmp_path / "a.h5").rename(tmp_path / "b.h5")
+    assert len({first, second, digest_folder(tmp_path, "*.h5")}) == 3

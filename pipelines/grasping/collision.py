@@ -64,8 +64,9 @@ def _sweep_chunk(
     around = np.sqrt(local[0] ** 2 + local[2] ** 2)
     inner = boxes[:, 1, 0, 1] - margin
     outer = boxes[:, 1, 1, 1] + margin
-    finger_reach = np.hypot(np.abs(boxes[0, 1, :, 0]).max(), boxes[0, 1, 1, 2]) + margin
-    palm_reach = np.hypot(boxes[0, 2, 0, 0], boxes[0, 2, 1, 2]) + margin
+    # To the corners of the blown-up boxes: the margin counts along both edges.
+    finger_reach = np.hypot(np.abs(boxes[0, 1, :, 0]).max() + margin, boxes[0, 1, 1, 2] + margin)
+    palm_reach = np.hypot(-boxes[0, 2, 0, 0] + margin, boxes[0, 2, 1, 2] + margin)
     palm_front = -boxes[0, 2, 1, 0] - margin
     inside = np.zeros((len(grasps), len(angles)), np.int64)
     at_fingers = (along > inner[:, None]) & (along < outer[:, None]) & (around < finger_reach)

@@ -31,7 +31,7 @@ def surface(kind: int, size: np.ndarray, count: int, rng: np.random.Generator):
 def region(kind: int, count: int, rng: np.random.Generator, tumbled: bool = False):
     """Points, affordance, existence, center, direction of one region, camera frame, centred."""
     size = rng.uniform(0.02, 0.06, 3)
-    points, normals = surface(kind, size, 6 * count, rng)
+    points, normals = surface(kind, size, 40 * count, rng)
     R = DOWN @ (
         random_rotation(rng) if tumbled else rotation_about([0, 0, 1.0], 6.3 * rng.random())
     )

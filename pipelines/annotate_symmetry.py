@@ -26,7 +26,7 @@ from pipelines.geometry.symmetric_parts import (
     has_slot,
     symmetric_regions,
 )
-from pipelines.geometry.symmetry_detection import detect_symmetries
+from pipelines.geometry.symmetry_detection import analyse, detect_symmetries
 
 STAGE = "annotate-symmetry"
 
@@ -64,14 +64,15 @@ def annotate(
     regions_path: Path | None = None,
 ) -> ObjectSymmetries:
     """Return the symmetries of `mesh` and its regions, those of `regions_path` if given."""
-    if regions_path is None:
-        symmetries, regions = symmetric_regions(mesh, config, rng)
-    else:
-        symmetries = detect_symmetries(mesh, config, rng)
-        regions = _given_regions(mesh, regions_path, config, rng)
+    detection = analyse(mesh, config, rng)
+    regions = (
+        symmetric_regions(mesh, detection, config, rng)
+        if regions_path is None
+        else _given_regions(mesh, regions_path, config, rng)
+    )
     return ObjectSymmetries(
         name,
-        tuple(symmetries),
+        tuple(detection.symmetries),
         tuple(RegionLabel(r.name, r.triangles, tuple(r.symmetries)) for r in regions),
     )
 

@@ -19,7 +19,7 @@ from pipelines.geometry.convex_decomposition import convex_pieces
 from pipelines.geometry.mesh import Mesh
 from pipelines.geometry.surface import Surface, diameter
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, Symmetry
-from pipelines.geometry.symmetry_detection import analyse
+from pipelines.geometry.symmetry_detection import Detection, analyse
 from pipelines.geometry.symmetry_verification import VERIFICATION_ANGLES, Samples, supported
 
 Array = NDArray[np.float64]
@@ -55,18 +55,17 @@ class SymmetricRegion:
 
 
 def symmetric_regions(
-    mesh: Mesh, config: AnnotateSymmetryConfig, rng: np.random.Generator
-) -> tuple[list[Symmetry], list[SymmetricRegion]]:
-    """Return the symmetries of the whole `mesh` and its symmetric regions, mesh frame.
+    mesh: Mesh, detection: Detection, config: AnnotateSymmetryConfig, rng: np.random.Generator
+) -> list[SymmetricRegion]:
+    """Return the symmetric regions of `mesh`, of which `detection` was made, mesh frame.
 
     An object with a symmetry that the network has a slot for is one region, the whole; so is an
     object in which nothing symmetric is found, then without symmetries.
     """
-    detection = analyse(mesh, config, rng)
     everything = np.arange(len(mesh.faces))
     whole = SymmetricRegion(WHOLE, everything, detection.symmetries)
     if has_slot(detection.symmetries):
-        return detection.symmetries, [whole]
+        return [whole]
     regions = []
     rest = everything
     body = _supported_body(mesh, detection.partial, config, rng)
@@ -77,7 +76,7 @@ def symmetric_regions(
         region = _piece_region(mesh, piece, f"part{len(regions)}", config, rng)
         if region is not None:
             regions.append(region)
-    return detection.symmetries, regions or [whole]
+    return regions or [whole]
 
 
 def has_slot(symmetries: list[Symmetry]) -> bool:

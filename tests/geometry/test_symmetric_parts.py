@@ -4,13 +4,16 @@ import numpy as np
 
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.geometry.symmetric_parts import components, symmetric_regions
+from pipelines.geometry.symmetry_detection import analyse
 from tests.geometry.symmetric_shapes import ball_beside_box, box, pebble
 
 QUICK = AnnotateSymmetryConfig(num_samples=8000, num_verification_samples=1000)
 
 
 def regions_of(mesh):
-    return symmetric_regions(mesh, QUICK, np.random.default_rng(0))
+    rng = np.random.default_rng(0)
+    detection = analyse(mesh, QUICK, rng)
+    return detection.symmetries, symmetric_regions(mesh, detection, QUICK, rng)
 
 
 def test_an_object_with_global_symmetry_is_one_region():

@@ -1,7 +1,8 @@
 """Read and write triangle meshes: ply, obj, stl, off and glb in, binary ply and obj out.
 
 Vertices are metres in the object frame. Triangles keep the order they have in the file, so that
-triangle indices (symmetric regions) mean the same thing to every reader.
+triangle indices (symmetric regions) mean the same thing to every reader; `clean_mesh` drops the
+bad ones, for those who write a mesh of their own, and says which are left.
 """
 
 import logging
@@ -11,14 +12,15 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from pipelines.errors import FormatError, UnknownNameError
+from pipelines.errors import FormatError, UnknownNameError, ValueRangeError
 from pipelines.formats.files import existing, write_bytes
 from pipelines.geometry.mesh import Mesh
 
 log = logging.getLogger(__name__)
 
 MESH_SUFFIXES = (".glb", ".obj", ".off", ".ply", ".stl")
-LARGEST_LIKELY_EXTENT = 3.0  # m; what a gripper may hold is smaller, a file in mm is larger
+LARGEST_LIKELY_DIAGONAL = 2.0  # m; what a gripper may hold is smaller, a file in mm is larger
+THINNEST_TRIANGLE = 1e-10  # height over longest edge; a thinner one has no normal to speak of
 
 PLY_HEADER = """ply
 format binary_little_endian 1.0
@@ -32,8 +34,11 @@ end_header
 """
 
 
-def read_mesh(path: Path) -> Mesh:
+def read_mesh(path: Path, scale: float = 1.0) -> Mesh:
     """Read one mesh: metres, object frame, equal vertices merged, triangles in file order.
+
+    `scale`: metres per unit of the file, 0.001 for millimetres. A mesh too large to be in metres
+    is warned of on the log.
 
     Raises:
         FormatError: unreadable, without triangles, or with vertices that are not finite.
@@ -44,12 +49,53 @@ def read_mesh(path: Path) -> Mesh:
     if len(loaded.faces) == 0:
         raise FormatError(path, "the mesh has no triangles", "give a triangle mesh")
     if not np.isfinite(loaded.vertices).all():
-        raise FormatError(path, "a vertex is NaN or infinite", "finite metres are expected")
+        bad = int((~np.isfinite(loaded.vertices).all(axis=1)).sum())
+        found = f"{bad} of {len(loaded.vertices)} vertices are NaN or infinite"
+        raise FormatError(path, found, "finite metres are expected; export the mesh again")
     loaded.merge_vertices(merge_tex=True, merge_norm=True)
     faces = np.asarray(loaded.faces, dtype=np.int64)
-    vertices = np.asarray(loaded.vertices, dtype=np.float64)
-    _warn_about_units(path, vertices)
-    return Mesh(vertices, faces)
+    mesh = Mesh(scale * np.asarray(loaded.vertices, dtype=np.float64), faces)
+    warning = size_warning(mesh, path)
+    if warning:
+        log.warning("%s", warning)
+    return mesh
+
+
+def size_warning(mesh: Mesh, path: Path) -> str | None:
+    """Return the sentence on a mesh too large to be in metres: its size, and what to pass."""
+    size = mesh.diagonal
+    if size <= LARGEST_LIKELY_DIAGONAL:
+        return None
+    return (
+        f"{path}: the mesh is {size:.4g} m from corner to corner, which looks like millimetres; "
+        f"scale it to metres (--mesh-scale 0.001 makes that {size / 1000:.4g} m)"
+    )
+
+
+def clean_mesh(mesh: Mesh) -> tuple[Mesh, NDArray[np.int64], str]:
+    """Drop triangles without area, and all but the first of those with the same three corners.
+
+    Returns:
+        the mesh that is left, the indices of its triangles in `mesh`, and a sentence on what was
+        dropped, empty if nothing was.
+
+    Raises:
+        ValueRangeError: no triangle is left.
+    """
+    edges = mesh.triangles - np.roll(mesh.triangles, 1, axis=1)
+    longest = np.einsum("fei,fei->fe", edges, edges).max(axis=1)
+    flat = 2.0 * mesh.face_areas <= THINNEST_TRIANGLE * longest
+    firsts = np.unique(np.sort(mesh.faces, axis=1), axis=0, return_index=True)[1]
+    repeated = np.ones(len(mesh.faces), np.bool_)
+    repeated[firsts] = False
+    repeated &= ~flat
+    kept = np.flatnonzero(~flat & ~repeated)
+    if not len(kept):
+        raise ValueRangeError("mesh", "without area", "a surface: no triangle has three corners")
+    counts = {"degenerate": int(flat.sum()), "duplicate": int(repeated.sum())}
+    dropped = [f"{count} {kind}" for kind, count in counts.items() if count]
+    note = f"dropped {' and '.join(dropped)} triangles" if dropped else ""
+    return mesh.submesh(kept), kept, note
 
 
 def write_mesh(path: Path, mesh: Mesh) -> None:
@@ -83,14 +129,6 @@ def _load(path: Path) -> trimesh.Trimesh:
             path, "a triangle names a vertex that is not there", "export the mesh again"
         )
     return loaded
-
-
-def _warn_about_units(path: Path, vertices: NDArray[np.float64]) -> None:
-    extent = float(np.ptp(vertices, axis=0).max())
-    if extent > LARGEST_LIKELY_EXTENT:
-        log.warning(
-            "%s is %.4g m long: that looks like millimetres; scale the mesh to metres", path, extent
-        )
 
 
 def _ply_bytes(mesh: Mesh) -> bytes:

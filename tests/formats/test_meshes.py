@@ -8,8 +8,8 @@ import pytest
 import trimesh
 from numpy.testing import assert_allclose, assert_array_equal
 
-from pipelines.errors import FormatError, SymgraspError, UnknownNameError
-from pipelines.formats.meshes import find_meshes, read_mesh, write_mesh
+from pipelines.errors import FormatError, SymgraspError, UnknownNameError, ValueRangeError
+from pipelines.formats.meshes import clean_mesh, find_meshes, read_mesh, size_warning, write_mesh
 from pipelines.geometry.mesh import Mesh
 
 
@@ -86,6 +86,44 @@ def test_millimetres_are_warned_of(tmp_path: Path, caplog: pytest.LogCaptureFixt
     with caplog.at_level(logging.WARNING):
         read_mesh(tmp_path / "large.ply")
     assert "millimetres" in caplog.text
+    assert "374.2 m" in caplog.text
+    assert "--mesh-scale 0.001" in caplog.text
+
+
+def test_a_scale_turns_millimetres_into_metres_without_a_warning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    write_mesh(tmp_path / "large.ply", box(100.0))
+    with caplog.at_level(logging.WARNING):
+        mesh = read_mesh(tmp_path / "large.ply", scale=0.001)
+    assert not caplog.text
+    assert size_warning(mesh, tmp_path) is None
+    assert_allclose(np.ptp(mesh.vertices, axis=0), (0.1, 0.2, 0.3), rtol=1e-6)
+
+
+def test_degenerate_and_duplicate_triangles_are_dropped_and_said() -> None:
+    good = box()
+    point, line, middle = [0, 0, 1], [0, 1, len(good.vertices)], good.vertices[[0, 1]].mean(axis=0)
+    turned = good.faces[3][[1, 2, 0]]  # the same triangle, another corner first
+    faces = np.concatenate([[point], good.faces, [line], [turned], [turned[::-1]]])
+    mesh, kept, note = clean_mesh(Mesh(np.concatenate([good.vertices, [middle]]), faces))
+    assert_array_equal(mesh.faces, good.faces)
+    assert_array_equal(kept, np.arange(len(good.faces)) + 1)
+    assert note == "dropped 2 degenerate and 2 duplicate triangles"
+    assert clean_mesh(good)[2] == ""
+
+
+def test_a_mesh_of_degenerate_triangles_alone_is_refused() -> None:
+    with pytest.raises(ValueRangeError, match="without area"):
+        clean_mesh(Mesh(np.eye(3), np.array([[0, 0, 1]])))
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".obj", ".stl", ".off"])
+def test_an_empty_file_is_one_sentence(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"empty{suffix}"
+    path.write_bytes(b"")
+    with pytest.raises(FormatError, match=r"empty\."):
+        read_mesh(path)
 
 
 def test_meshes_of_a_folder_are_listed_in_order(tmp_path: Path) -> None:

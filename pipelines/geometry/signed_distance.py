@@ -1,14 +1,15 @@
-"""Signed-distance grids of meshes, for `textured.sdf` (dex-net's recipe: 100 nodes, 5 of margin).
+"""Signed-distance grids of meshes (dex-net's recipe: 100 nodes, 5 of margin on each side).
 
 Distances are exact within NARROW_BAND nodes of the surface. Farther away a node takes the closest
 surface point of the band's nearest node: never too short, too long by a spacing at most.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from pipelines.formats.signed_distance import SignedDistanceGrid
 from pipelines.geometry.mesh import Mesh
 from pipelines.geometry.rendering import first_hits
 
@@ -22,6 +23,15 @@ NARROW_BAND = 2.5  # spacings
 PAIRS_AT_A_TIME = 400_000  # (triangle, node) pairs held in memory
 OFF_GRID = 1.234e-5  # spacings a column is moved aside, so that rays miss edges and vertices
 STEP_PAST = 1e-7  # metres behind a hit that the next ray starts
+
+
+@dataclass(frozen=True)
+class SignedDistanceGrid:
+    """A signed-distance grid: metres, object frame, negative inside."""
+
+    values: Array  # (nx, ny, nz)
+    origin: Array  # (3,) of node (0, 0, 0)
+    spacing: float
 
 
 def signed_distance_grid(mesh: Mesh, nodes: int = NODES) -> SignedDistanceGrid:

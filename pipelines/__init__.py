@@ -12,6 +12,7 @@ pack                 ROOT frames, symmetry, affordance           PACKED/scene_XX
 finetune_detector    ROOT frames, symmetry                       detector.safetensors
 train                PACKED                                      network.safetensors
 infer                RGB-D frames, both weights                  grasps.h5, overlay pictures
+score_grasps         any mesh, any grasps (N, 17)                verdicts.npz
 evaluate             grasps.h5, ROOT                             report.json, report.html
 ===================  ==========================================  ===============================
 

@@ -245,6 +245,16 @@ class InferConfig:
 
 
 @dataclass(frozen=True)
+class ScoreGraspsConfig:
+    """Anybody's grasps on anybody's mesh, in graspnetAPI's rows."""
+
+    compatible: bool = False  # graspnetAPI's verdicts, its faults included
+    mesh_scale: float = 1.0  # to metres
+    max_width: float = 0.1  # metres, the peer's; wider openings are cut to it
+    friction_grid: tuple[float, ...] = (0.2, 0.4, 0.6, 0.8, 1.0, 1.2)  # the peer's
+
+
+@dataclass(frozen=True)
 class EvaluateConfig:
     """Metrics (Sec. IV)."""
 

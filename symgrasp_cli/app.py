@@ -14,6 +14,7 @@ from symgrasp_cli.finetune_detector import finetune_detector
 from symgrasp_cli.infer import infer
 from symgrasp_cli.pack import pack
 from symgrasp_cli.refine_grasps import refine_grasps
+from symgrasp_cli.score_grasps import score_grasps
 from symgrasp_cli.synthesize import synthesize
 from symgrasp_cli.train import train
 
@@ -26,6 +27,7 @@ COMMANDS = (
     finetune_detector,
     train,
     infer,
+    score_grasps,
     evaluate,
 )
 

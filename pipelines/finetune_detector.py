@@ -12,18 +12,20 @@ import logging
 import time
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from torchvision.models.detection import MaskRCNN
 
 from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
-from pipelines.configs import FinetuneDetectorConfig
+from pipelines.configs import DetectorConfig, FinetuneDetectorConfig
 from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.formats import detector_frames
 from pipelines.formats.detector_frames import DetectorFrame
+from pipelines.formats.files import existing
 from pipelines.formats.graspnet import FrameFiles, GraspNetRoot, SceneFiles
-from pipelines.formats.provenance import make_stamp
+from pipelines.formats.provenance import Stamp, digest, digest_folder, make_stamp
 from pipelines.formats.regioned_objects import read_regioned_object
 from pipelines.formats.torch_weights import read_torch_weights
 from pipelines.geometry.depth_channels import find_plane, shrink
@@ -34,7 +36,7 @@ from pipelines.learning.runs import RunRequest, describe, find_progress
 from pipelines.network.detector import MODEL_NAME
 from pipelines.network.devices import find_device
 from pipelines.network.mask_rcnn import adopt_coco, build_detector
-from pipelines.network.weights_files import weights_metadata
+from pipelines.network.weights_files import fill, read_weights, weights_metadata
 
 STAGE = "finetune-detector"
 MOST_REGIONS = 255  # of one frame; the rest, the smallest, are left out
@@ -51,15 +53,19 @@ def run(
     split: str | None = "train",
     camera: str | None = None,
     coco_weights: str | None = None,
+    init: Path | None = None,
     options: BatchOptions | None = None,
 ) -> StageReport:
     """Prepare the frames of `split` (None: all) beside `output`, then train on them.
 
     `coco_weights`: a file of torchvision's COCO weights, or `download`; for the resnet50 variant.
+    `init`: weights of an earlier training to start from, the default ones for example.
     """
     started, report = time.monotonic(), StageReport(STAGE)
     device = find_device(request.device)
-    stamp = make_stamp(STAGE, config, seed=request.seed, inputs={"root": root.name})
+    inputs = {"root": root.name, "symmetry": digest_folder(root / "symmetry", "*.json")}
+    inputs |= {} if init is None else {"init": digest(existing(init))}
+    stamp = make_stamp(STAGE, config, seed=request.seed, inputs=inputs)
     earlier = find_progress(output, stamp, request)
     if earlier is not None and earlier.finished:
         report.skipped.append(output.name)
@@ -68,9 +74,12 @@ def run(
     if prepared.failed:
         return prepared
     frames = split_frames(sorted(frames_folder(output).glob("*.h5")), config, request.seed)
-    trainee = DetectorTraining(build(config, coco_weights, request.seed), frames, config, device)
+    detector = build(config, coco_weights, request.seed)
+    if init is not None:
+        fill(detector, read_weights(init, MODEL_NAME, DetectorConfig)[0], init)
+    trainee = DetectorTraining(detector, frames, config, device)
     metadata = weights_metadata(MODEL_NAME, config.detector)
-    training = TrainingRun(trainee, loop_options(config, request), output, stamp, metadata)
+    training = TrainingRun(trainee, LoopOptions.of(config, request), output, stamp, metadata)
     if earlier is not None:
         training.resume()
     progress = training.run()
@@ -109,12 +118,19 @@ def prepare(
         WorkItem(
             f"scene_{scene.scene_id:04d}_{scene.camera}",
             frames_folder(output) / f"scene_{scene.scene_id:04d}_{scene.camera}.h5",
-            make_stamp(STAGE, settings),
+            _scene_stamp(root, scene, settings),
             (scene,),
         )
         for scene in scenes
     ]
     return run_batch(STAGE, items, partial(prepare_scene, root=root, config=config), options)
+
+
+def _scene_stamp(root: GraspNetRoot, scene: SceneFiles, settings: dict[str, Any]) -> Stamp:
+    labels = [root.symmetry_path(object_id) for object_id in scene.object_ids]
+    # A label that is not there fails its scenes, when it is read.
+    inputs = {path.name: digest(path) if path.is_file() else "missing" for path in labels}
+    return make_stamp(STAGE, settings, inputs=inputs)
 
 
 def prepare_scene(item: WorkItem, root: GraspNetRoot, config: FinetuneDetectorConfig) -> str:
@@ -200,17 +216,3 @@ def read_coco(source: str) -> dict[str, torch.Tensor]:
         raise SymgraspError(
             f"{weights.url} cannot be reached ({error}); give --coco-weights a file of it"
         ) from error
-
-
-def loop_options(config: FinetuneDetectorConfig, request: RunRequest) -> LoopOptions:
-    """Return the engine's options: what the config says of steps, the request of this run."""
-    return LoopOptions(
-        epochs=config.epochs,
-        learning_rate=config.learning_rate,
-        decay=config.decay,
-        decay_epochs=config.decay_epochs,
-        ema_decay=config.ema_decay,
-        seed=request.seed,
-        threads=request.threads,
-        time_limit=request.time_limit,
-    )

@@ -40,6 +40,9 @@ def finetune_detector(
         str | None,
         typer.Option(help="Start of resnet50: a file of torchvision's weights, or download."),
     ] = None,
+    init: Annotated[
+        Path | None, typer.Option(help="Weights of an earlier training to start from.")
+    ] = None,
     epochs: Annotated[
         int, typer.Option(min=1, help="Passes over the frames.")
     ] = FinetuneDetectorConfig.epochs,
@@ -83,6 +86,7 @@ def finetune_detector(
         split=None if split == "all" else split,
         camera=camera,
         coco_weights=coco_weights,
+        init=init,
         options=options,
     )
     conclude(report)

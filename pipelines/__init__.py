@@ -9,10 +9,10 @@ synthesize           procedural objects, or meshes               a GraspNet-1Bil
 annotate_symmetry    ROOT/models                                 ROOT/symmetry/NNN.json
 refine_grasps        ROOT/grasp_label, ROOT/symmetry             ROOT/affordance/NNN.h5
 pack                 ROOT frames, symmetry, affordance           PACKED/scene_XXXX.h5
-export_coco          ROOT frames, symmetry                       a COCO instance dataset
-finetune_detector    ROOT or COCO frames, symmetry               detector.safetensors
+finetune_detector    ROOT frames, symmetry                       detector.safetensors
 train                PACKED                                      network.safetensors
 infer                RGB-D frames, both weights                  grasps.h5, overlay pictures
+score_grasps         any mesh, any grasps (N, 17)                verdicts.npz
 evaluate             grasps.h5, ROOT                             report.json, report.html
 ===================  ==========================================  ===============================
 

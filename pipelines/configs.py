@@ -40,7 +40,6 @@ class SynthesizeConfig:
 class AnnotateSymmetryConfig:
     """Symmetries of meshes (Sec. III-G); lengths are shares of the object's diameter."""
 
-    mesh_scale: float = 1.0  # metres a unit of the mesh's file
     num_samples: int = 30000  # dense surface samples that distances are measured to
     num_verification_samples: int = 2000
     grid_resolution: int = 56
@@ -72,11 +71,13 @@ class RefineGraspsConfig:
     max_friction: float = 1.0  # labelled grasps that hold at this friction are taken
     copies_per_turn: int = 36  # D. 3
     merge_distance: float = 0.001  # metres; closer contact pairs are one grasp, D. 2
-    max_copies: int = 40_000  # under one symmetry; of more grasps, as many as that are copied
+    max_grasps: int = 500_000  # contact pairs of an object's label; of more, an even sample, D. 40
+    max_copies: int = 500_000  # of these, under an object's symmetries and under each region's
     max_surface_gap: float = 0.003  # metres; a copy whose contact lies farther off is dropped
+    validate_copies: bool = False  # close the fingers of each copy anew, measure its friction anew
     contact_radius: float = 0.004  # metres from a contact that its quality spreads to, D. 9
     num_surface_points: int = 4096
-    chunk: int = 200_000  # labelled grasps whose contacts are found at a time
+    chunk: int = 500_000  # candidates of a label that are read at a time
 
 
 @dataclass(frozen=True)
@@ -91,17 +92,6 @@ class PackConfig:
     mask_noise_share: float = 0.7  # of the masks; the others stay as they are
     mask_edge: float = 0.04  # largest erosion or dilation, of the root of the mask's area
     mask_blot: float = 0.15  # largest leak or gap, likewise
-
-
-@dataclass(frozen=True)
-class ExportCocoConfig:
-    """Region masks as a COCO instance dataset (Sec. III-D)."""
-
-    categories: str = "kind"  # or object, region
-    min_pixels: int = 200  # smaller region masks are left out, as in training
-    frame_stride: int = 1  # every n-th frame of a scene
-    val_fraction: float = 0.1  # of the scenes
-    link: bool = False  # link to the dataset's images, or copy them
 
 
 @dataclass(frozen=True)
@@ -252,6 +242,16 @@ class InferConfig:
     max_grasps_per_region: int = 20
     region: RegionConfig = field(default_factory=RegionConfig)
     selection: SelectionConfig = field(default_factory=SelectionConfig)
+
+
+@dataclass(frozen=True)
+class ScoreGraspsConfig:
+    """Anybody's grasps on anybody's mesh, in graspnetAPI's rows."""
+
+    compatible: bool = False  # graspnetAPI's verdicts, its faults included
+    mesh_scale: float = 1.0  # to metres
+    max_width: float = 0.1  # metres, the peer's; wider openings are cut to it
+    friction_grid: tuple[float, ...] = (0.2, 0.4, 0.6, 0.8, 1.0, 1.2)  # the peer's
 
 
 @dataclass(frozen=True)

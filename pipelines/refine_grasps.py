@@ -7,11 +7,11 @@ Writes  ROOT/affordance/NNN.h5             contact pairs with their copies, affo
                                            surface; canonical frame
 
 The fingers of each labelled grasp are closed anew on the mesh by exact rays, so labels made on
-another grid or another sampling of the surface give exact contacts.
+another grid or another sampling of the surface give exact contacts. A label is read piece by
+piece: its fifty million candidates are never in memory together.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -22,14 +22,10 @@ from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.configs import RefineGraspsConfig
 from pipelines.errors import MissingInputError
 from pipelines.formats import affordance_labels, symmetry_labels
-from pipelines.formats.affordance_labels import AffordanceLabels
-from pipelines.formats.graspnet import (
-    GraspLabel,
-    GraspNetRoot,
-    LabelledGrasps,
-    holding_grasps,
-    read_grasp_label,
-)
+from pipelines.formats.affordance_labels import AffordanceLabels, RefinementCounts
+from pipelines.formats.graspnet import GraspLabel, GraspNetRoot, LabelledGrasps, holding_grasps
+from pipelines.formats.graspnet_label_stream import grasp_label_pieces
+from pipelines.formats.graspnet_labels import GRID
 from pipelines.formats.meshes import read_mesh
 from pipelines.formats.provenance import digest, make_stamp
 from pipelines.formats.symmetry_labels import ObjectSymmetries
@@ -38,33 +34,15 @@ from pipelines.geometry.surface import Surface
 from pipelines.geometry.symmetry import Symmetry
 from pipelines.grasping.affordance import point_affordance
 from pipelines.grasping.grasps import Grasps
-from pipelines.grasping.symmetrize import distinct, num_images, symmetrize
+from pipelines.grasping.rated_grasps import GraspSample, RatedGrasps
+from pipelines.grasping.symmetrize import copies_under, symmetry_group
 from pipelines.metrics.contacts import close_fingers
+from pipelines.metrics.force_closure import min_friction, on_grid
 
 Array = NDArray[np.float64]
 
 STAGE = "refine-grasps"
 NUM_SURFACE_SAMPLES = 30000
-
-
-@dataclass(frozen=True)
-class RatedGrasps:
-    """Grasps with exact contacts, and `quality` (n,) = 1 - smallest friction coefficient."""
-
-    grasps: Grasps
-    quality: Array
-
-    def __len__(self) -> int:
-        return len(self.quality)
-
-    def __getitem__(self, index: NDArray[np.integer] | NDArray[np.bool_]) -> "RatedGrasps":
-        return RatedGrasps(self.grasps[index], self.quality[index])
-
-    @classmethod
-    def concatenate(cls, parts: Sequence["RatedGrasps"]) -> "RatedGrasps":
-        """Return all grasps of `parts`, in order."""
-        quality = [np.zeros(0), *(part.quality for part in parts)]
-        return cls(Grasps.concatenate([part.grasps for part in parts]), np.concatenate(quality))
 
 
 def run(
@@ -84,80 +62,63 @@ def run(
 def refine_file(item: WorkItem, root: GraspNetRoot, config: RefineGraspsConfig, seed: int) -> str:
     """Refine the labels of one object; `item.arguments` is its id. Return the counts."""
     (object_id,) = item.arguments
-    labels, note = refine(
-        read_mesh(root.model_path(object_id)),
-        read_grasp_label(_existing(root.grasp_label_path(object_id), "symgrasp synthesize")),
-        symmetry_labels.read(
-            _existing(root.symmetry_path(object_id), "symgrasp annotate-symmetry")
-        ),
-        config,
-        np.random.default_rng(seed),
-    )
+    symmetry = _existing(root.symmetry_path(object_id), "symgrasp annotate-symmetry")
+    label = _existing(root.grasp_label_path(object_id), "symgrasp synthesize")
+    pieces = grasp_label_pieces(label, max(1, config.chunk // int(np.prod(GRID))))
+    mesh = read_mesh(root.model_path(object_id))
+    labels = refine(mesh, pieces, symmetry_labels.read(symmetry), config, seed)
     affordance_labels.write(item.target, labels, item.stamp)
-    return note
+    return _note(labels)
 
 
 def refine(
     mesh: Mesh,
-    label: GraspLabel,
+    label: Iterable[GraspLabel],
     symmetries: ObjectSymmetries,
     config: RefineGraspsConfig,
-    rng: np.random.Generator,
-) -> tuple[AffordanceLabels, str]:
-    """Return the refined labels of one object, object frame, and a sentence of counts."""
+    seed: int = 0,
+) -> AffordanceLabels:
+    """Return the refined labels of one object, object frame; `label` comes in pieces."""
+    rng = np.random.default_rng(seed)
     points, normals, _ = sample_surface(mesh, config.num_surface_points, rng)
-    found, num_labelled = exact_grasps(mesh, label, config)
     surface = Surface.from_mesh(mesh, NUM_SURFACE_SAMPLES, rng)
-    refined = copied(found, symmetries, surface, config, rng) if config.use_symmetry else found
+    sample, num_labelled = exact_grasps(mesh, label, config, seed)
+    found, num_dropped = sample.result(), 0
+    refined = found
+    if config.use_symmetry:
+        refined, num_dropped = with_copies(found, symmetries, surface, mesh, config, rng)
     before, after = (
         point_affordance(points, rated.grasps.contacts, rated.quality, config.contact_radius)
         for rated in (found, refined)
     )
-    note = (
-        f"{num_labelled} labelled grasps, {len(found)} distinct contact pairs, "
-        f"{len(refined)} with copies; affordance on {np.count_nonzero(before)} of {len(points)} "
-        f"surface points before, {np.count_nonzero(after)} after"
+    counts = RefinementCounts(
+        num_labelled=num_labelled,
+        num_distinct=sample.num_distinct,
+        num_originals=len(found),
+        num_copies=len(refined) - len(found),
+        num_dropped=num_dropped,
+        num_points_before=int(np.count_nonzero(before)),
+        num_points_after=int(np.count_nonzero(after)),
     )
-    return (
-        AffordanceLabels(
-            refined.grasps.contacts,
-            refined.grasps.approach,
-            refined.quality,
-            points,
-            normals,
-            after,
-        ),
-        note,
+    grasps = refined.grasps
+    return AffordanceLabels(
+        grasps.contacts, grasps.approach, refined.quality, points, normals, after, counts
     )
 
 
 def exact_grasps(
-    mesh: Mesh, label: GraspLabel, config: RefineGraspsConfig
-) -> tuple[RatedGrasps, int]:
+    mesh: Mesh, label: Iterable[GraspLabel], config: RefineGraspsConfig, seed: int
+) -> tuple[GraspSample, int]:
     """Return the labelled grasps that hold, with contacts found anew, and how many were labelled.
 
-    Works through the label by grasp points, so that fifty million candidates fit into memory.
-    Best quality first; of grasps with the same contacts only the best is kept.
+    Of grasps with the same contacts only the best is kept.
     """
-    per_point = max(1, int(np.prod(label.min_friction.shape[1:])))
-    stride = max(1, config.chunk // per_point)
-    best, pending, count = RatedGrasps(Grasps.empty(), np.zeros(0)), list[RatedGrasps](), 0
-    for start in range(0, len(label.points), stride):
-        rows = slice(start, start + stride)
-        part = GraspLabel(
-            label.points[rows],
-            label.offsets[rows],
-            label.collision[rows],
-            label.min_friction[rows],
-        )
-        holding = holding_grasps(part, config.max_friction)
+    sample, count = GraspSample(config.merge_distance, config.max_grasps, seed), 0
+    for piece in label:
+        holding = holding_grasps(piece, config.max_friction)
         count += len(holding)
-        pending.append(_best(_closed(mesh, holding), config.merge_distance))
-        # Merged when there is as much new as old: each grasp is sorted a few times, not hundreds.
-        if sum(map(len, pending)) > len(best):
-            best = _best(RatedGrasps.concatenate([best, *pending]), config.merge_distance)
-            pending.clear()
-    return _best(RatedGrasps.concatenate([best, *pending]), config.merge_distance), count
+        sample.add(_closed(mesh, holding))
+    return sample, count
 
 
 def _closed(mesh: Mesh, holding: LabelledGrasps) -> RatedGrasps:
@@ -165,12 +126,20 @@ def _closed(mesh: Mesh, holding: LabelledGrasps) -> RatedGrasps:
     rotation = _orthonormal(holding.rotation.astype(np.float64))
     tips = holding.origin + holding.depth[:, None].astype(np.float64) * rotation[:, :, 0]
     opened = Grasps(rotation, tips, holding.opening.astype(np.float64))
+    pairs, index = _contact_pairs(mesh, opened)[:2]
+    quality = 1.0 - holding.min_friction[index].astype(np.float64).round(6)
+    return RatedGrasps(Grasps.from_contacts(pairs, opened.approach[index]), quality)
+
+
+def _contact_pairs(mesh: Mesh, opened: Grasps) -> tuple[Array, NDArray[np.int64], Array]:
+    """Return the contacts (m, 2, 3) of those of `opened` that have both, their indices, friction.
+
+    The width of `opened` is the opening that the fingers close from.
+    """
     contacts = close_fingers(mesh, opened, opened.width)
-    width = np.linalg.norm(contacts.points[:, 1] - contacts.points[:, 0], axis=1)
-    found = contacts.found & (width > 0.0)
-    pairs = contacts.points[found]
-    grasps = replace(opened[found], translation=pairs.mean(axis=1), width=width[found])
-    return RatedGrasps(grasps, 1.0 - holding.min_friction[found].astype(np.float64).round(6))
+    apart = np.linalg.norm(contacts.points[:, 1] - contacts.points[:, 0], axis=1) > 0.0
+    index = np.flatnonzero(contacts.found & apart)
+    return contacts.points[index], index, min_friction(contacts)[index]
 
 
 def _orthonormal(rotation: Array) -> Array:
@@ -182,59 +151,76 @@ def _orthonormal(rotation: Array) -> Array:
     return np.stack([approach, closing, np.cross(approach, closing)], axis=-1)
 
 
-def _best(rated: RatedGrasps, merge_distance: float) -> RatedGrasps:
-    """Return one grasp of each group with the same contacts, best quality first."""
-    ranked = rated[np.argsort(-rated.quality, kind="stable")]
-    return ranked[distinct(ranked.grasps, merge_distance)]
-
-
-def copied(
+def with_copies(
     rated: RatedGrasps,
     symmetries: ObjectSymmetries,
     surface: Surface,
+    mesh: Mesh,
     config: RefineGraspsConfig,
     rng: np.random.Generator,
-) -> RatedGrasps:
-    """Return `rated` with its copies: under the object's symmetries, and within its regions.
+) -> tuple[RatedGrasps, int]:
+    """Return `rated` and after them their copies that hold, and the number of those that do not.
 
-    A region's symmetry copies the grasps that touch the region with both fingers. Copies whose
-    contacts miss the surface are dropped: scans are symmetric only so far.
+    The object's symmetries copy every grasp. A region's copy the grasps that touch the region with
+    both fingers, copies by the object's symmetries among them.
     """
-    for symmetry in symmetries.symmetries:
-        rated = _with_copies(rated, symmetry, surface, config, rng)
+    rated, dropped = _copied(rated, symmetries.symmetries, surface, mesh, config, rng)
     for region in symmetries.regions:
         own = [s for s in region.symmetries if not _is_listed(s, symmetries.symmetries)]
         if not own:
             continue
         inside = np.isin(surface.faces, region.triangles)
         owner = np.asarray(inside[surface.nearest(rated.grasps.contacts)].all(axis=1))
-        part, rest = rated[owner], rated[~owner]
-        for symmetry in own:
-            part = _with_copies(part, symmetry, surface, config, rng)
-        rated = RatedGrasps.concatenate([part, rest])
-    return rated
+        part = rated[owner]
+        more, missed = _copied(part, own, surface, mesh, config, rng)
+        copies = more[np.arange(len(part), len(more))]
+        rated, dropped = RatedGrasps.concatenate([rated, copies]), dropped + missed
+    return rated, dropped
 
 
-def _with_copies(
+def _copied(
     rated: RatedGrasps,
-    symmetry: Symmetry,
+    symmetries: Sequence[Symmetry],
     surface: Surface,
+    mesh: Mesh,
     config: RefineGraspsConfig,
     rng: np.random.Generator,
-) -> RatedGrasps:
-    limit = config.max_copies // num_images(symmetry, config.copies_per_turn)
-    # A revolved label of a whole dataset would be millions of grasps that add nothing.
-    source = rated if len(rated) <= limit else rated[np.sort(rng.permutation(len(rated))[:limit])]
-    grasps, origin = symmetrize(
-        source.grasps,
-        symmetry,
-        copies_per_turn=config.copies_per_turn,
+) -> tuple[RatedGrasps, int]:
+    grasps, origin = copies_under(
+        rated.grasps,
+        symmetry_group(symmetries, config.copies_per_turn),
         merge_distance=config.merge_distance,
+        max_copies=config.max_copies,
+        rng=rng,
     )
-    copies = RatedGrasps(grasps, source.quality[origin])[np.arange(len(source), len(grasps))]
+    copies = RatedGrasps(grasps, rated.quality[origin])
+    if config.validate_copies:
+        held = _validated(copies, mesh, config)
+    else:
+        held = _on_surface(copies, surface, config)
+    return RatedGrasps.concatenate([rated, held]), len(copies) - len(held)
+
+
+def _on_surface(copies: RatedGrasps, surface: Surface, config: RefineGraspsConfig) -> RatedGrasps:
+    """Return the copies whose contacts lie on the surface: scans are symmetric only so far."""
     gap = surface.distances(copies.grasps.contacts.reshape(-1, 3), num_nearest=1)[0]
-    kept = gap.reshape(-1, 2).max(axis=1, initial=0.0) <= config.max_surface_gap
-    return RatedGrasps.concatenate([rated, copies[kept]])
+    return copies[gap.reshape(-1, 2).max(axis=1, initial=0.0) <= config.max_surface_gap]
+
+
+def _validated(copies: RatedGrasps, mesh: Mesh, config: RefineGraspsConfig) -> RatedGrasps:
+    """Return the copies that hold on the mesh, between exact contacts, with their own friction.
+
+    The fingers close from `max_surface_gap` beyond each contact and must meet the surface within
+    as much of it. Friction is measured on the labels' grid.
+    """
+    gap, grasps = config.max_surface_gap, copies.grasps
+    opened = Grasps(grasps.rotation, grasps.translation, grasps.width + 2.0 * gap)
+    pairs, index, friction = _contact_pairs(mesh, opened)
+    friction = on_grid(friction)
+    moved = np.linalg.norm(pairs - grasps.contacts[index], axis=2).max(axis=1, initial=0.0)
+    kept = (moved <= gap) & (friction <= config.max_friction)
+    approach = grasps.approach[index[kept]]
+    return RatedGrasps(Grasps.from_contacts(pairs[kept], approach), 1.0 - friction[kept])
 
 
 def _is_listed(symmetry: Symmetry, listed: Sequence[Symmetry]) -> bool:
@@ -244,6 +230,17 @@ def _is_listed(symmetry: Symmetry, listed: Sequence[Symmetry]) -> bool:
         and np.allclose(symmetry.point, other.point)
         and np.allclose(symmetry.direction, other.direction, equal_nan=True)
         for other in listed
+    )
+
+
+def _note(labels: AffordanceLabels) -> str:
+    counts, points = labels.counts, len(labels.points)
+    dropped = f" ({counts.num_dropped} dropped)" if counts.num_dropped else ""
+    return (
+        f"{counts.num_labelled} labelled grasps, {counts.num_distinct} distinct contact pairs, "
+        f"{counts.num_originals} kept, {counts.num_originals + counts.num_copies} with copies"
+        f"{dropped}; affordance on {counts.num_points_before} of {points} surface points before, "
+        f"{counts.num_points_after} after"
     )
 
 

@@ -32,9 +32,9 @@ from pipelines.formats.graspnet_layout import SPLITS
 from pipelines.formats.meshes import find_meshes, read_mesh, write_mesh
 from pipelines.formats.provenance import digest, make_stamp, write_sidecar
 from pipelines.formats.signed_distance import write_sdf
+from pipelines.geometry.signed_distance import signed_distance_grid
 from pipelines.synthesis.cameras import MIXED, camera_folder
 from pipelines.synthesis.decomposition import convex_pieces
-from pipelines.synthesis.distance_grid import signed_distance_grid
 from pipelines.synthesis.grasp_sampling import sample_grasp_label
 from pipelines.synthesis.pools import SyntheticObject, make_pool
 from pipelines.synthesis.scene_files import write_scene

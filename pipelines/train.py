@@ -1,6 +1,6 @@
 """train: the symmetry-aware grasp network on packed regions (Sec. III-E, III-G).
 
-Reads   PACKED/*.h5                 region clouds with labels, camera frame
+Reads   PACKED/**/*.h5              region clouds with labels, camera frame
 Writes  NAME.safetensors            the best weights so far by validation on unseen scenes
         NAME.checkpoint.safetensors everything that `--resume` needs
         NAME.logs/                  TensorBoard scalars
@@ -58,7 +58,7 @@ def run(
         fill(network, read_weights(init, SymmetryGraspNet.__name__, NetworkConfig)[0], init)
     trainee = GraspTraining(network, train_set, val_set, config, device)
     metadata = weights_metadata(SymmetryGraspNet.__name__, config.network)
-    training = TrainingRun(trainee, loop_options(config, request), output, stamp, metadata)
+    training = TrainingRun(trainee, LoopOptions.of(config, request), output, stamp, metadata)
     if earlier is not None:
         training.resume()
     progress = training.run()
@@ -82,21 +82,9 @@ def region_sets(
     return RegionSet(reader, train), RegionSet(reader, val)
 
 
-def loop_options(config: TrainConfig, request: RunRequest) -> LoopOptions:
-    """Return the engine's options: what the config says of steps, the request of this run."""
-    return LoopOptions(
-        epochs=config.epochs,
-        learning_rate=config.learning_rate,
-        decay=config.decay,
-        decay_epochs=config.decay_epochs,
-        ema_decay=config.ema_decay,
-        seed=request.seed,
-        threads=request.threads,
-        time_limit=request.time_limit,
-    )
-
-
 def _inputs(packed: Path, validation: Path | None, init: Path | None) -> dict[str, str]:
     folders: Sequence[tuple[str, Path | None]] = (("packed", packed), ("validation", validation))
-    inputs = {name: digest_folder(folder, "*.h5") for name, folder in folders if folder is not None}
+    inputs = {
+        name: digest_folder(folder, "**/*.h5") for name, folder in folders if folder is not None
+    }
     return inputs if init is None else inputs | {"init": digest(existing(init))}

@@ -10,11 +10,11 @@ from typer.core import TyperGroup
 from pipelines.errors import SymgraspError
 from symgrasp_cli.annotate_symmetry import annotate_symmetry
 from symgrasp_cli.evaluate import evaluate
-from symgrasp_cli.export_coco import export_coco
 from symgrasp_cli.finetune_detector import finetune_detector
 from symgrasp_cli.infer import infer
 from symgrasp_cli.pack import pack
 from symgrasp_cli.refine_grasps import refine_grasps
+from symgrasp_cli.score_grasps import score_grasps
 from symgrasp_cli.synthesize import synthesize
 from symgrasp_cli.train import train
 
@@ -24,10 +24,10 @@ COMMANDS = (
     annotate_symmetry,
     refine_grasps,
     pack,
-    export_coco,
     finetune_detector,
     train,
     infer,
+    score_grasps,
     evaluate,
 )
 

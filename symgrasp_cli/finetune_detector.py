@@ -22,10 +22,7 @@ from symgrasp_cli.report import conclude
 
 
 def finetune_detector(
-    root: Annotated[
-        Path,
-        typer.Argument(help="Dataset root with scenes/ and symmetry/, or what export-coco wrote."),
-    ],
+    root: Annotated[Path, typer.Argument(help="Dataset root with scenes/ and symmetry/.")],
     out: Annotated[Path, typer.Option(help="Weights to write, NAME.safetensors.")],
     split: Annotated[
         str, typer.Option(help="Scenes to use: train, seen, similar, novel or all.")
@@ -42,6 +39,9 @@ def finetune_detector(
     coco_weights: Annotated[
         str | None,
         typer.Option(help="Start of resnet50: a file of torchvision's weights, or download."),
+    ] = None,
+    init: Annotated[
+        Path | None, typer.Option(help="Weights of an earlier training to start from.")
     ] = None,
     epochs: Annotated[
         int, typer.Option(min=1, help="Passes over the frames.")
@@ -86,6 +86,7 @@ def finetune_detector(
         split=None if split == "all" else split,
         camera=camera,
         coco_weights=coco_weights,
+        init=init,
         options=options,
     )
     conclude(report)

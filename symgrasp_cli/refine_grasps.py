@@ -24,6 +24,14 @@ def refine_grasps(
     copies_per_turn: Annotated[
         int, typer.Option(min=1, help="Equal angles about a continuous axis.")
     ] = RefineGraspsConfig.copies_per_turn,
+    validate: Annotated[
+        bool,
+        typer.Option(
+            "--validate/--no-validate",
+            help="Close each copy's fingers on the mesh anew: what fails is dropped, "
+            "the friction is that of the mesh.",
+        ),
+    ] = RefineGraspsConfig.validate_copies,
     workers: Workers = 1,
     backend: Backend = "loky",
     seed: Seed = 0,
@@ -34,5 +42,7 @@ def refine_grasps(
     from pipelines import refine_grasps as stage
 
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
-    config = RefineGraspsConfig(use_symmetry=symmetry, copies_per_turn=copies_per_turn)
+    config = RefineGraspsConfig(
+        use_symmetry=symmetry, copies_per_turn=copies_per_turn, validate_copies=validate
+    )
     conclude(stage.run(root, config, seed=seed, options=options))

@@ -97,14 +97,14 @@ def read(path: Path) -> PackedScene:
 
 
 class PackedReader:
-    """Random access to the regions of every `*.h5` of a folder, files opened when first needed.
+    """Random access to the regions of every `*.h5` under a folder, files opened when first needed.
 
     Pickles without its open files, and opens them anew in a forked process, so that it may be
     handed to the workers of a data loader.
     """
 
     def __init__(self, folder: Path) -> None:
-        self.paths = tuple(sorted(folder.glob("*.h5")))
+        self.paths = tuple(sorted(folder.rglob("*.h5")))
         if not self.paths:
             raise MissingInputError(folder / "*.h5", "symgrasp pack")
         self.counts = tuple(_count(path) for path in self.paths)

@@ -4,25 +4,15 @@ Line 1 "nx ny nz", line 2 the origin, line 3 the spacing, then nx * ny * nz valu
 x fastest; metres, object frame, negative inside. Node (i, j, k) lies at origin + spacing (i, j, k).
 """
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipelines.errors import FormatError
 from pipelines.formats.files import existing, write_text
+from pipelines.geometry.signed_distance import SignedDistanceGrid
 
 HEADER_NUMBERS = 7
-
-
-@dataclass(frozen=True)
-class SignedDistanceGrid:
-    """A signed-distance grid: metres, object frame, negative inside."""
-
-    values: NDArray[np.float64]  # (nx, ny, nz)
-    origin: NDArray[np.float64]  # (3,) of node (0, 0, 0)
-    spacing: float
 
 
 def write_sdf(path: Path, grid: SignedDistanceGrid) -> None:

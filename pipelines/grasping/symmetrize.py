@@ -1,10 +1,11 @@
 """Copy grasps across an object's symmetries (Sec. III-G, Fig. 6).
 
-The copies of a grasp are its images under the symmetry's finite group: the mirror, the turns by
-equal angles, or the icosahedron's 60 turns for a sphere. So what is symmetrized once has every
-copy already, and doing it again adds nothing.
+The copies of a grasp are its images under a finite group: of one symmetry the mirror, the turns by
+equal angles, or the icosahedron's 60 turns for a sphere; of several, whatever these make together.
+So what is symmetrized once has every copy already, and doing it again adds nothing.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +19,7 @@ from pipelines.geometry.symmetry import (
     SphereSymmetry,
     Symmetry,
 )
-from pipelines.geometry.transforms import rotation_about
+from pipelines.geometry.transforms import make_pose, rotation_about, transform_points
 from pipelines.grasping.grasps import Grasps
 
 Array = NDArray[np.float64]
@@ -38,83 +39,164 @@ CELL_FACTORS = np.array(
     ],
     dtype=np.uint64,
 )
+COARSEST_STEP = np.deg2rad(10.0)  # 36 copies a turn; no list of symmetries has finer steps
+STEP_SHARE = 0.51  # of a step: every turn about a continuous axis is within it of a copy's
+MAX_GROUP = 288  # transforms; a continuous axis, a plane across it and one along it make 143
 CELL_SLACK = 0.9  # cells a little smaller than the merge distance, so that rounding cannot matter
 
 
-def mirror(grasps: Grasps, plane: ReflectionSymmetry) -> Grasps:
-    """Mirror every grasp in `plane`, both in the object frame.
+def image(grasps: Grasps, isometry: ArrayLike) -> Grasps:
+    """Return `grasps` under an `isometry` (4, 4) that maps the object onto itself, same frame.
 
-    The approach is mirrored and the fingers trade places, so each rotation keeps determinant +1
-    and the contacts are the mirror images of the old ones.
+    Under a reflection the approach is mirrored and the fingers trade places, so each rotation
+    keeps determinant +1 and the contacts are the images of the old ones.
     """
-    matrix = np.eye(3) - 2.0 * np.outer(plane.normal, plane.normal)
-    return replace(
-        grasps,
-        rotation=matrix @ grasps.rotation @ SWAP_FINGERS,
-        translation=plane.counterpart(grasps.translation),
-    )
+    T = np.asarray(isometry, np.float64)
+    rotation = T[:3, :3] @ grasps.rotation
+    if np.linalg.det(T[:3, :3]) < 0.0:
+        rotation = rotation @ SWAP_FINGERS
+    return replace(grasps, rotation=rotation, translation=transform_points(T, grasps.translation))
+
+
+def mirror(grasps: Grasps, plane: ReflectionSymmetry) -> Grasps:
+    """Mirror every grasp in `plane`, both in the object frame."""
+    return image(grasps, isometries(plane, 1)[0])
 
 
 def turned(grasps: Grasps, rotation: ArrayLike, center: ArrayLike) -> Grasps:
     """Turn every grasp by `rotation` (3, 3) about the point `center` (3,)."""
-    R, c = np.asarray(rotation, np.float64), np.asarray(center, np.float64)
-    return replace(
-        grasps, rotation=R @ grasps.rotation, translation=(grasps.translation - c) @ R.T + c
-    )
+    return image(grasps, _about(np.asarray(rotation, np.float64), np.asarray(center, np.float64)))
+
+
+def isometries(symmetry: Symmetry, copies_per_turn: int) -> Array:
+    """Return the (k, 4, 4) transforms of `symmetry`, the identity left out."""
+    match symmetry:
+        case ReflectionSymmetry():
+            matrices = np.eye(3)[None] - 2.0 * np.outer(symmetry.normal, symmetry.normal)
+        case RotationSymmetry():
+            count = copies_per_turn if symmetry.order is None else symmetry.order
+            angles = 2.0 * np.pi * np.arange(1, count) / count
+            matrices = rotation_about(np.broadcast_to(symmetry.axis, (len(angles), 3)), angles)
+        case SphereSymmetry():
+            group = Rotation.create_group("I").as_matrix()
+            matrices = group[~np.isclose(group, np.eye(3)).all(axis=(1, 2))]
+    return _about(matrices, symmetry.point)
+
+
+def symmetry_group(symmetries: Sequence[Symmetry], copies_per_turn: int) -> Array:
+    """Return the (k, 4, 4) transforms that `symmetries` make together, the identity left out.
+
+    Products are taken until nothing is new: the half turn of two crossed mirrors is one of them,
+    so what is copied by all of these once has every copy, and doing it again adds nothing.
+    A sphere stands for everything about its centre. Measured symmetries fit each other only so
+    far: a transform that turns within half a step of a known one is that one again, for all
+    symmetries of an object share its centre. Short products come first, at most MAX_GROUP.
+    """
+    spheres = [each for each in symmetries if isinstance(each, SphereSymmetry)]
+    generators = [isometries(each, copies_per_turn) for each in spheres[:1] or symmetries]
+    steps = np.concatenate([np.zeros((0, 4, 4)), *generators])
+    half_step = min(COARSEST_STEP, 2.0 * np.pi / copies_per_turn) * STEP_SHARE
+    group, fresh = np.eye(4)[None], np.eye(4)[None]
+    while len(fresh) and len(group) <= MAX_GROUP:
+        products = (fresh[:, None] @ steps[None]).reshape(-1, 4, 4)
+        fresh = _new_transforms(products, group, half_step)
+        group = np.concatenate([group, fresh])
+    return group[1 : MAX_GROUP + 1]
+
+
+def _new_transforms(products: Array, known: Array, angle: float) -> Array:
+    """Return those of `products` that turn by over `angle` from `known` and each other."""
+    reach = 2.0 * np.sqrt(2.0) * np.sin(angle / 2.0)  # between matrices that differ by that turn
+
+    def matrices(transforms: Array) -> Array:
+        return transforms[:, :3, :3].reshape(-1, 9)
+
+    gap = KDTree(matrices(known)).query(matrices(products), distance_upper_bound=reach)[0]
+    products = products[~np.isfinite(gap)]
+    repeated = np.zeros(len(products), dtype=bool)
+    if len(products):
+        pairs = KDTree(matrices(products)).query_pairs(reach, output_type="ndarray")
+        for first, second in pairs[np.lexsort(pairs.T[::-1])]:
+            repeated[second] |= not repeated[first]
+    return products[~repeated]
+
+
+def _about(matrices: Array, point: Array) -> Array:
+    """Return the transforms (..., 4, 4) of `matrices` (..., 3, 3) that leave `point` in place."""
+    return make_pose(matrices, point - matrices @ point)
 
 
 def images(grasps: Grasps, symmetry: Symmetry, copies_per_turn: int) -> list[Grasps]:
     """Return the copies of `grasps` under `symmetry`, the originals left out."""
-    match symmetry:
-        case ReflectionSymmetry():
-            return [mirror(grasps, symmetry)]
-        case RotationSymmetry():
-            count = copies_per_turn if symmetry.order is None else symmetry.order
-            angles = 2.0 * np.pi * np.arange(1, count) / count
-            turns = rotation_about(np.broadcast_to(symmetry.axis, (len(angles), 3)), angles)
-            return [turned(grasps, turn, symmetry.point) for turn in turns]
-        case SphereSymmetry():
-            group = Rotation.create_group("I").as_matrix()
-            others = [turn for turn in group if not np.allclose(turn, np.eye(3))]
-            return [turned(grasps, turn, symmetry.point) for turn in others]
+    return [image(grasps, each) for each in isometries(symmetry, copies_per_turn)]
 
 
-def num_images(symmetry: Symmetry, copies_per_turn: int) -> int:
-    """Return how many copies of a grasp `images` makes."""
-    return len(images(Grasps.empty(), symmetry, copies_per_turn))
+def copies_under(
+    grasps: Grasps,
+    group: Array,
+    *,
+    merge_distance: float,
+    max_copies: int,
+    rng: np.random.Generator,
+) -> tuple[Grasps, Indices]:
+    """Return copies of `grasps` under the transforms `group` (k, 4, 4), and their originals (m,).
+
+    A copy whose contacts lie within `merge_distance` metres of a grasp's, or of another copy's, is
+    left out. If there would be more than `max_copies`, each transform copies as many grasps,
+    drawn anew for each, so that no part of the object and no quality is favoured.
+    """
+    share, origin = max_copies // max(1, len(group)), np.arange(len(grasps))
+    if len(grasps) <= share:
+        chosen = [origin] * len(group)
+    else:
+        chosen = [np.sort(rng.choice(len(grasps), share, replace=False)) for _ in group]
+    parts = [image(grasps[index], T) for index, T in zip(chosen, group, strict=True)]
+    copies, origin = Grasps.concatenate(parts), np.concatenate([origin[:0], *chosen])
+    if not len(copies):
+        return copies, origin
+    fresh = np.flatnonzero(~_near(copies, grasps, merge_distance))
+    fresh = fresh[distinct(copies[fresh], merge_distance)]
+    return copies[fresh], origin[fresh]
 
 
 def symmetrize(
     grasps: Grasps, symmetry: Symmetry, *, copies_per_turn: int, merge_distance: float
 ) -> tuple[Grasps, Indices]:
-    """Return `grasps` with their copies under `symmetry`, and the original (m,) of each.
+    """Return `grasps` with all their copies under `symmetry`, and the original (m,) of each.
 
-    The originals come first, all of them. A copy whose contacts lie within `merge_distance`
-    metres of another grasp's is that grasp again, and is left out.
+    The originals come first, all of them.
     """
-    copies = images(grasps, symmetry, copies_per_turn)
-    everything = Grasps.concatenate([grasps, *copies])
-    origin = np.tile(np.arange(len(grasps)), len(copies) + 1)
-    if not len(grasps):
-        return everything, origin
-    fresh = np.arange(len(grasps), len(everything))
-    fresh = fresh[~_near(everything[fresh], grasps, merge_distance)]
-    fresh = fresh[distinct(everything[fresh], merge_distance)]
-    index = np.concatenate([np.arange(len(grasps)), fresh])
-    return everything[index], origin[index]
+    group = isometries(symmetry, copies_per_turn)
+    copies, origin = copies_under(
+        grasps,
+        group,
+        merge_distance=merge_distance,
+        max_copies=len(group) * max(1, len(grasps)),
+        rng=np.random.default_rng(0),  # draws nothing: all are copied
+    )
+    return (
+        Grasps.concatenate([grasps, copies]),
+        np.concatenate([np.arange(len(grasps)), origin]),
+    )
 
 
 def distinct(grasps: Grasps, merge_distance: float) -> Indices:
-    """Return the indices of the first grasp of each group with the same contacts, ascending.
+    """Return the indices of the first grasp of each group with the same contacts, ascending."""
+    numbers = cell_numbers(grasps.contacts, merge_distance)
+    return np.sort(np.unique(numbers, return_index=True)[1])
+
+
+def cell_numbers(contacts: Array, merge_distance: float) -> NDArray[np.uint64]:
+    """Return a number (n,) for each of `contacts` (n, 2, 3): the same for the same pair.
 
     Contact pairs fall into cells of which the diagonal, in the six numbers of a pair, is a little
-    less than `merge_distance` metres: what is left out is closer than that to what is kept.
+    less than `merge_distance` metres: pairs of one cell are closer than that. The fingers' order
+    does not matter.
     """
-    cells = _ordered(grasps.contacts, CELL_SLACK * merge_distance / np.sqrt(6.0))
+    cells = _ordered(contacts, CELL_SLACK * merge_distance / np.sqrt(6.0))
     # One number a cell is sorted ten times faster than six; it wraps around, and two cells
     # share a number once in 10^19.
-    numbers = (cells.astype(np.uint64) * CELL_FACTORS).sum(axis=1, dtype=np.uint64)
-    return np.sort(np.unique(numbers, return_index=True)[1])
+    return np.asarray((cells.astype(np.uint64) * CELL_FACTORS).sum(axis=1, dtype=np.uint64))
 
 
 def _near(grasps: Grasps, others: Grasps, distance: float) -> NDArray[np.bool_]:

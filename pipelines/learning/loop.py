@@ -18,6 +18,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from pipelines.configs import FinetuneDetectorConfig, TrainConfig
 from pipelines.errors import ValueRangeError
 from pipelines.formats.checkpoints import (
     TrainingState,
@@ -28,11 +29,14 @@ from pipelines.formats.checkpoints import (
 from pipelines.formats.provenance import Stamp
 from pipelines.learning.gradients import GradientWorkers, intra_op_threads
 from pipelines.learning.loaders import prefetch
-from pipelines.learning.runs import Progress, checkpoint_path, log_folder
+from pipelines.learning.runs import Progress, RunRequest, checkpoint_path, log_folder
 from pipelines.learning.trainee import Trainee
 from pipelines.learning.weight_average import WeightAverage
 
 log = logging.getLogger(__name__)
+
+
+LearningConfig = TrainConfig | FinetuneDetectorConfig
 
 
 @dataclass(frozen=True)
@@ -64,6 +68,20 @@ class LoopOptions:
     time_limit: float | None = None
     checkpoint_minutes: float = 3.0
     log_seconds: float = 20.0
+
+    @classmethod
+    def of(cls, config: LearningConfig, request: RunRequest) -> "LoopOptions":
+        """Return what the config of a stage says of steps, and the request of this run."""
+        return cls(
+            epochs=config.epochs,
+            learning_rate=config.learning_rate,
+            decay=config.decay,
+            decay_epochs=config.decay_epochs,
+            ema_decay=config.ema_decay,
+            seed=request.seed,
+            threads=request.threads,
+            time_limit=request.time_limit,
+        )
 
 
 class TrainingRun:

@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 
 from pipelines.errors import FormatError, ValueRangeError
 from pipelines.formats import affordance_labels
-from pipelines.formats.affordance_labels import AffordanceLabels
+from pipelines.formats.affordance_labels import AffordanceLabels, RefinementCounts
 from pipelines.formats.provenance import is_finished, make_stamp
 
 STAMP = make_stamp("refine-grasps", {"copies_per_turn": 36}, seed=1)
@@ -25,6 +25,7 @@ def labels(pairs: int, points: int) -> AffordanceLabels:
         points=rng.random((points, 3)),
         normals=rng.random((points, 3)),
         affordance=rng.random(points),
+        counts=RefinementCounts(num_labelled=2 * pairs, num_originals=pairs),
     )
 
 
@@ -33,10 +34,21 @@ def test_labels_come_back_as_they_were(tmp_path: Path, pairs: int, points: int) 
     path, made = tmp_path / "005.h5", labels(pairs, points)
     affordance_labels.write(path, made, STAMP)
     again = affordance_labels.read(path)
-    for field in dataclasses.fields(made):
-        assert_array_equal(getattr(again, field.name), getattr(made, field.name))
-        assert getattr(again, field.name).dtype == np.float32
+    for name in (*affordance_labels.PAIR_COLUMNS, *affordance_labels.SURFACE_COLUMNS):
+        assert_array_equal(getattr(again, name), getattr(made, name))
+        assert getattr(again, name).dtype == np.float32
+    assert again.counts == made.counts
+    surface = affordance_labels.read_surface(path)
+    assert surface.keys() == affordance_labels.SURFACE_COLUMNS.keys()
+    assert_array_equal(surface["affordance"], made.affordance)
     assert is_finished(path, STAMP)
+
+
+def test_a_file_without_counts_is_read(tmp_path: Path) -> None:
+    affordance_labels.write(tmp_path / "005.h5", labels(5, 9), STAMP)
+    with h5py.File(tmp_path / "005.h5", "a") as file:
+        del file.attrs["num_labelled"]
+    assert affordance_labels.read(tmp_path / "005.h5").counts.num_labelled == 0
 
 
 def test_the_same_labels_give_the_same_bytes(tmp_path: Path) -> None:

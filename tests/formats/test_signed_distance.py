@@ -7,7 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from pipelines.errors import FormatError
-from pipelines.formats.signed_distance import SignedDistanceGrid, read_sdf, write_sdf
+from pipelines.formats.signed_distance import read_sdf, write_sdf
+from pipelines.geometry.signed_distance import SignedDistanceGrid
 
 
 def test_a_grid_is_written_with_x_fastest_and_read_again(tmp_path: Path) -> None:

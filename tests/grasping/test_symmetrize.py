@@ -3,12 +3,28 @@
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SphereSymmetry
-from pipelines.geometry.transforms import random_rotation, unit
+from pipelines.geometry.transforms import (
+    make_pose,
+    random_rotation,
+    rotation_about,
+    transform_points,
+    unit,
+)
 from pipelines.grasping.grasps import Grasps
-from pipelines.grasping.symmetrize import distinct, images, mirror, symmetrize, turned
+from pipelines.grasping.symmetrize import (
+    MAX_GROUP,
+    copies_under,
+    distinct,
+    image,
+    images,
+    mirror,
+    symmetrize,
+    symmetry_group,
+    turned,
+)
 
 seeds = st.integers(0, 2**32 - 1)
 few = settings(max_examples=25, deadline=None)
@@ -150,3 +166,126 @@ def test_turning_about_a_point_leaves_it_where_it_is():
     grasps, center = random_grasps(rng), rng.normal(size=3)
     there = Grasps(grasps.rotation, np.tile(center, (len(grasps), 1)), grasps.width)
     assert_allclose(turned(there, random_rotation(rng), center).translation - center, 0, atol=1e-12)
+
+
+X, Y, Z = np.eye(3)
+ORIGIN = np.zeros(3)
+# Symmetries as they are listed, and how many transforms they make, the identity left out.
+GROUPS = {
+    "nothing": ([], 0),
+    "box": ([ReflectionSymmetry(normal, ORIGIN) for normal in (X, Y, Z)], 7),
+    "two planes at 60 degrees": (
+        [ReflectionSymmetry(X, ORIGIN), ReflectionSymmetry([0.5, np.sqrt(0.75), 0.0], ORIGIN)],
+        5,
+    ),
+    "square prism": (
+        [
+            RotationSymmetry(Z, ORIGIN, order=4),
+            ReflectionSymmetry(X, ORIGIN),
+            ReflectionSymmetry(Z, ORIGIN),
+        ],
+        15,
+    ),
+    "cup": ([RotationSymmetry(Z, ORIGIN)], 35),
+    "can": ([RotationSymmetry(Z, ORIGIN), ReflectionSymmetry(Z, ORIGIN)], 71),
+    "can with a plane along its axis": (
+        [
+            RotationSymmetry(Z, ORIGIN),
+            ReflectionSymmetry(Z, ORIGIN),
+            ReflectionSymmetry([np.cos(0.3), np.sin(0.3), 0.0], ORIGIN),
+        ],
+        143,
+    ),
+    "ball": ([SphereSymmetry(ORIGIN), ReflectionSymmetry(unit([1.0, 2.0, 3.0]), ORIGIN)], 59),
+}
+groups = st.sampled_from(sorted(GROUPS))
+
+
+def posed(symmetries, rng):
+    T = make_pose(random_rotation(rng), rng.uniform(-0.05, 0.05, 3))
+    return [symmetry.transformed(T) for symmetry in symmetries]
+
+
+@settings(max_examples=8, deadline=None)
+@given(seeds, groups)
+def test_a_group_has_every_product_and_no_transform_twice(seed, name):
+    symmetries, size = GROUPS[name]
+    group = symmetry_group(posed(symmetries, np.random.default_rng(seed)), 36)
+    assert len(group) == size
+    whole = np.concatenate([np.eye(4)[None], group])
+    products = (whole[:, None] @ whole[None]).reshape(-1, 16)
+    gaps = np.abs(products[:, None] - whole.reshape(1, -1, 16)).max(axis=2)
+    assert ((gaps < 1e-9).sum(axis=1) == 1).all()
+
+
+@few
+@given(seeds, groups)
+def test_copies_under_several_symmetries_are_complete_the_first_time(seed, name):
+    rng = np.random.default_rng(seed)
+    group, grasps = symmetry_group(posed(GROUPS[name][0], rng), 12), random_grasps(rng, 3)
+
+    def copies_of(some):
+        return copies_under(some, group, merge_distance=MERGE, max_copies=10**6, rng=rng)[0]
+
+    once = Grasps.concatenate([grasps, copies_of(grasps)])
+    assert len(once) == len(grasps) * (len(group) + 1)
+    assert len(copies_of(once)) == 0
+
+
+@few
+@given(seeds, groups)
+def test_contacts_of_images_are_images_of_contacts(seed, name):
+    rng = np.random.default_rng(seed)
+    grasps = random_grasps(rng)
+    for isometry in symmetry_group(posed(GROUPS[name][0], rng), 12):
+        copies, expected = image(grasps, isometry), transform_points(isometry, grasps.contacts)
+        swapped = np.linalg.det(isometry[:3, :3]) < 0
+        assert_allclose(copies.contacts, expected[:, ::-1] if swapped else expected, atol=1e-12)
+        assert_allclose(np.linalg.det(copies.rotation), 1.0)
+        approach = grasps.approach @ isometry[:3, :3].T
+        assert_allclose(copies.approach, approach, atol=1e-12)
+
+
+@few
+@given(seeds, st.sampled_from(["box", "square prism", "two planes at 60 degrees"]))
+def test_measured_symmetries_make_the_group_of_the_true_ones(seed, name):
+    rng = np.random.default_rng(seed)
+    symmetries, size = GROUPS[name]
+    turn = unit(rng.normal(size=(len(symmetries), 3)))
+    poses = [rotation_about(axis, np.deg2rad(0.5)) for axis in turn]
+    measured = [
+        each.transformed(make_pose(pose, rng.normal(size=3) * 0.0005))
+        for each, pose in zip(symmetries, poses, strict=True)
+    ]
+    assert len(symmetry_group(measured, 36)) == size
+
+
+def test_symmetries_that_contradict_each_other_end():
+    rng = np.random.default_rng(0)
+    wild = [RotationSymmetry(unit(rng.normal(size=3)), ORIGIN) for _ in range(3)]
+    assert len(symmetry_group(wild, 36)) == MAX_GROUP
+
+
+def test_of_too_many_copies_each_transform_makes_as_many_and_no_grasp_is_favoured():
+    rng = np.random.default_rng(0)
+    grasps = random_grasps(rng, 2000)
+    group = symmetry_group(GROUPS["box"][0], 36)
+    few_copies, origin = copies_under(
+        grasps, group, merge_distance=1e-9, max_copies=7 * 500, rng=np.random.default_rng(1)
+    )
+    assert len(few_copies) == 7 * 500
+    sides = np.array([image(grasps[:1], T).translation[0] > 0 for T in group])
+    per_side = [
+        ((few_copies.translation > 0) == (grasps.translation[origin] > 0) ^ flip).all(axis=1).sum()
+        for flip in np.unique(sides ^ (grasps.translation[:1] > 0), axis=0)
+    ]
+    assert_array_equal(per_side, 500)
+    # Of the first half of the grasps about half the copies: four standard deviations.
+    assert abs((origin < 1000).mean() - 0.5) < 4 * 0.5 / np.sqrt(3500)
+
+
+def test_without_symmetries_there_are_no_copies():
+    grasps = random_grasps(np.random.default_rng(0))
+    group = symmetry_group([], 36)
+    rng = np.random.default_rng(0)
+    assert len(copies_under(grasps, group, merge_distance=MERGE, max_copies=9, rng=rng)[0]) == 0

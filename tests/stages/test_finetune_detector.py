@@ -1,15 +1,19 @@
 """The finetune-detector stage on a toy dataset: frames once, weights that load."""
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from pipelines import finetune_detector
 from pipelines.batch import BatchOptions
 from pipelines.configs import DetectorConfig, FinetuneDetectorConfig
 from pipelines.errors import FormatError, SymgraspError, UnknownNameError, ValueRangeError
 from pipelines.formats import detector_frames
+from pipelines.formats.checkpoints import load_weights
+from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.learning.runs import RunRequest
 from pipelines.network.detector import RegionDetector
 from tests.stages.toy_root import write_root
@@ -59,6 +63,28 @@ def test_the_weights_load_into_the_detector(root, output):
 def test_a_finished_training_is_skipped(root, output):
     report = finetune_detector.run(root.root, output, CONFIG, REQUEST, split=None, options=QUIET)
     assert report.skipped == ["detector.safetensors"]
+
+
+def test_it_goes_on_from_given_weights(root, output, tmp_path):
+    still = replace(CONFIG, learning_rate=0.0, ema_decay=0.0)
+    path = tmp_path / "again.safetensors"
+    finetune_detector.run(root.root, path, still, REQUEST, split=None, init=output, options=QUIET)
+    before, after = load_weights(output)[0], load_weights(path)[0]
+    name = "roi_heads.box_predictor.bbox_pred.weight"
+    torch.testing.assert_close(after[name], before[name])
+
+
+def test_frames_prepared_with_other_labels_are_not_reused(root, output, tmp_path):
+    copy = tmp_path / "root"
+    shutil.copytree(root.root, copy)
+    label = sorted((copy / "symmetry").glob("*.json"))[0]
+    label.write_text(label.read_text() + "\n")
+    report = finetune_detector.prepare(GraspNetRoot(copy), output, CONFIG, None, None, QUIET)
+    assert report.failed
+    assert all(
+        "other settings" in sentence or "otherwise" in sentence
+        for sentence in report.failed.values()
+    )
 
 
 def test_coco_weights_are_for_resnet50_only(root, tmp_path):

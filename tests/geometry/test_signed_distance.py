@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from pipelines.formats.signed_distance import read_sdf, write_sdf
 from pipelines.geometry.mesh import Mesh
-from pipelines.synthesis.distance_grid import NARROW_BAND, closest_points, signed_distance_grid
+from pipelines.geometry.signed_distance import NARROW_BAND, closest_points, signed_distance_grid
 
 SIZE = np.array([0.06, 0.04, 0.1])
 

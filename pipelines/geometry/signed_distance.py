@@ -1,14 +1,16 @@
-"""Signed-distance grids of meshes, for `textured.sdf` (dex-net's recipe: 100 nodes, 5 of margin).
+"""Signed-distance grids of meshes (dex-net's recipe: 100 nodes, 5 of margin on each side).
 
 Distances are exact within NARROW_BAND nodes of the surface. Farther away a node takes the closest
 surface point of the band's nearest node: never too short, too long by a spacing at most.
 """
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from pipelines.formats.signed_distance import SignedDistanceGrid
 from pipelines.geometry.mesh import Mesh
 from pipelines.geometry.rendering import first_hits
 
@@ -22,6 +24,15 @@ NARROW_BAND = 2.5  # spacings
 PAIRS_AT_A_TIME = 400_000  # (triangle, node) pairs held in memory
 OFF_GRID = 1.234e-5  # spacings a column is moved aside, so that rays miss edges and vertices
 STEP_PAST = 1e-7  # metres behind a hit that the next ray starts
+
+
+@dataclass(frozen=True)
+class SignedDistanceGrid:
+    """A signed-distance grid: metres, object frame, negative inside."""
+
+    values: Array  # (nx, ny, nz)
+    origin: Array  # (3,) of node (0, 0, 0)
+    spacing: float
 
 
 def signed_distance_grid(mesh: Mesh, nodes: int = NODES) -> SignedDistanceGrid:
@@ -44,16 +55,10 @@ def _feet_in_band(mesh: Mesh, origin: Array, spacing: float, nodes: int) -> Arra
     best = np.full(nodes**3, np.inf)
     foot = np.full((nodes**3, 3), np.nan)
     corners = (mesh.triangles - origin) / spacing  # in spacings, so that node i lies at i
-    low = np.maximum(np.ceil(corners.min(axis=1) - NARROW_BAND), 0).astype(np.int64)
-    high = np.minimum(np.floor(corners.max(axis=1) + NARROW_BAND), nodes - 1).astype(np.int64)
-    size = np.maximum(high - low + 1, 0)
-    share = np.cumsum(size.prod(axis=1)) // PAIRS_AT_A_TIME
-    for chunk in range(int(share[-1]) + 1):
-        mine = np.flatnonzero(share == chunk)
-        triangle, node = _pairs(mine, low[mine], size[mine])
-        above = np.einsum("ni,ni->n", node - corners[triangle, 0], mesh.face_normals[triangle])
+    for triangles, places in node_pairs(corners, nodes, NARROW_BAND):
+        above = np.einsum("ni,ni->n", places - corners[triangles, 0], mesh.face_normals[triangles])
         near = np.abs(above) <= NARROW_BAND  # of the plane: a cheap way to drop half of the pairs
-        triangle, node = triangle[near], node[near]
+        triangle, node = triangles[near], places[near]
         close = closest_points(corners[triangle], node.astype(np.float64))
         gap = np.linalg.norm(node - close, axis=1)
         flat = np.ravel_multi_index((node[:, 0], node[:, 1], node[:, 2]), (nodes,) * 3)
@@ -62,6 +67,21 @@ def _feet_in_band(mesh: Mesh, origin: Array, spacing: float, nodes: int) -> Arra
         kept = kept[np.argsort(-gap[kept], kind="stable")]
         best[flat[kept]], foot[flat[kept]] = gap[kept], close[kept]
     return (foot * spacing + origin).reshape(nodes, nodes, nodes, 3)
+
+
+def node_pairs(corners: Array, nodes: int, band: float) -> Iterator[tuple[Indices, Indices]]:
+    """Yield triangle (m,) and node (m, 3) of all pairs that may be within `band`, in chunks.
+
+    `corners`: (f, 3, 3) of the triangles, in spacings, so that node i lies at i.
+    """
+    low = np.maximum(np.ceil(corners.min(axis=1) - band), 0).astype(np.int64)
+    high = np.minimum(np.floor(corners.max(axis=1) + band), nodes - 1).astype(np.int64)
+    size = np.maximum(high - low + 1, 0)
+    share = np.cumsum(size.prod(axis=1)) // PAIRS_AT_A_TIME
+    for chunk in range(int(share[-1]) + 1):
+        mine = np.flatnonzero(share == chunk)
+        if len(mine):
+            yield _pairs(mine, low[mine], size[mine])
 
 
 def _pairs(triangles: Indices, low: Indices, size: Indices) -> tuple[Indices, Indices]:

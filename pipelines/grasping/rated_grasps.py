@@ -1,0 +1,121 @@
+"""Grasps with their quality, and a bounded sample of many of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.symmetrize import cell_numbers
+
+Array = NDArray[np.float64]
+Index = NDArray[np.integer] | NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class RatedGrasps:
+    """Grasps with exact contacts, and `quality` (n,) = 1 - smallest friction coefficient."""
+
+    grasps: Grasps
+    quality: Array
+
+    def __len__(self) -> int:
+        return len(self.quality)
+
+    def __getitem__(self, index: Index) -> "RatedGrasps":
+        return RatedGrasps(self.grasps[index], self.quality[index])
+
+    @classmethod
+    def empty(cls) -> "RatedGrasps":
+        """Return no grasps."""
+        return cls(Grasps.empty(), np.zeros(0))
+
+    @classmethod
+    def concatenate(cls, parts: Sequence["RatedGrasps"]) -> "RatedGrasps":
+        """Return all grasps of `parts`, in order."""
+        quality = [np.zeros(0), *(part.quality for part in parts)]
+        return cls(Grasps.concatenate([part.grasps for part in parts]), np.concatenate(quality))
+
+
+@dataclass(frozen=True)
+class _Pairs:
+    """Contact pairs as a file has them, in a third of the memory of grasps, and their cells."""
+
+    contacts: NDArray[np.float32]  # (n, 2, 3)
+    approach: NDArray[np.float32]  # (n, 3)
+    quality: NDArray[np.float32]  # (n,)
+    cell: NDArray[np.uint64]  # (n,)
+    draw: NDArray[np.uint64]  # (n,) by which cells are drawn
+
+    def __getitem__(self, index: Index) -> "_Pairs":
+        return _Pairs(*(getattr(self, field.name)[index] for field in fields(self)))
+
+
+class GraspSample:
+    """The best grasp of each group with the same contacts, of a stream of any length.
+
+    If there are more than `limit` groups, that many of them are drawn, each as likely as any
+    other: those whose hash is smallest. So what is kept depends neither on how many grasps of the
+    stream fell into a group nor on how it was cut into pieces.
+    """
+
+    def __init__(self, merge_distance: float, limit: int, seed: int) -> None:
+        self._merge_distance, self._limit = merge_distance, limit
+        self._seed = np.uint64(seed % 2**64)
+        self._kept: list[_Pairs] = []
+        self._sorted = 0  # of the kept, those that are distinct and best first
+        self._cells: list[NDArray[np.uint64]] = []
+        self._last = np.uint64(2**64 - 1)  # no cell is drawn after it
+
+    def add(self, rated: RatedGrasps) -> None:
+        """Take in further grasps."""
+        contacts = rated.grasps.contacts.astype(np.float32)
+        cell = cell_numbers(contacts.astype(np.float64), self._merge_distance)
+        self._cells.append(np.unique(cell))
+        pairs = _Pairs(
+            contacts,
+            rated.grasps.approach.astype(np.float32),
+            rated.quality.astype(np.float32),
+            cell,
+            _hashed(cell ^ self._seed),
+        )
+        self._kept.append(pairs[pairs.draw <= self._last])
+        # Merged when there is as much new as old: each pair is sorted a few times, not hundreds.
+        if sum(len(part.quality) for part in self._kept) > 2 * max(self._sorted, self._limit // 4):
+            self._merge()
+
+    @property
+    def num_distinct(self) -> int:
+        """How many groups of grasps with the same contacts the stream had."""
+        return len(np.unique(np.concatenate([np.zeros(0, np.uint64), *self._cells])))
+
+    def result(self) -> RatedGrasps:
+        """Return what is kept, best quality first."""
+        if not self._kept:
+            return RatedGrasps.empty()
+        pairs = self._merge()
+        return RatedGrasps(
+            Grasps.from_contacts(pairs.contacts.astype(np.float64), pairs.approach),
+            pairs.quality.astype(np.float64).round(6),
+        )
+
+    def _merge(self) -> _Pairs:
+        columns = ([getattr(part, field.name) for part in self._kept] for field in fields(_Pairs))
+        pairs = _Pairs(*(np.concatenate(column) for column in columns))
+        ranked = pairs[np.argsort(-pairs.quality, kind="stable")]
+        best = np.sort(np.unique(ranked.cell, return_index=True)[1])
+        if len(best) > self._limit:
+            draw = ranked.draw[best]
+            self._last = np.partition(draw, self._limit - 1)[self._limit - 1]
+            best = best[draw <= self._last]
+        merged = ranked[best]
+        self._kept, self._sorted = [merged], len(best)
+        return merged
+
+
+def _hashed(numbers: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """Return numbers that look random and differ where `numbers` do (the end of SplitMix64)."""
+    mixed = (numbers ^ (numbers >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return np.asarray(mixed ^ (mixed >> np.uint64(31)))

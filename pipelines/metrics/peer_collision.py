@@ -1,0 +1,89 @@
+"""GraspNet's box gripper against an object alone: exact triangles, or the peer's voxel cloud.
+
+The fingers are 1 cm thick and 2 cm high and reach from 2 cm behind the grasp's origin to its tips,
+the bottom is a slab of 1 cm behind them. `depth` is how far the tips lie past the origin.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.geometry.mesh import Mesh, sample_surface
+from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.gripper import Gripper
+from pipelines.metrics.mesh_collision import MeshCollider
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+FINGER = 0.01  # metres: thickness of a finger and of the bottom, half a finger's height
+BEHIND = 0.02  # metres from the origin back to the bottom
+VOXEL = 0.008  # metres, of the peer's cloud
+MIN_INNER = 10  # points of that cloud between the fingers, or the grasp is empty
+NUM_SAMPLES = 40000
+AT_A_TIME = 500  # grasps
+
+
+def exact_collision(mesh: Mesh, grasps: Grasps, depth: Array) -> tuple[Mask, Mask]:
+    """Return (n,) whether the open gripper meets `mesh`, and whether nothing is between it.
+
+    `grasps`: mesh frame, metres, `translation` between the finger tips and `width` the opening.
+    """
+    collider, collision = MeshCollider(mesh), np.zeros(len(grasps), np.bool_)
+    for reach in np.unique(depth):
+        some = np.flatnonzero(depth == reach)
+        collision[some] = collider.hits(grasps[some], _box_gripper(float(reach)))
+    samples = sample_surface(mesh, NUM_SAMPLES, np.random.default_rng(0))[0]
+    return collision, _between(samples, grasps, depth)[1] == 0
+
+
+def cloud_collision(mesh: Mesh, grasps: Grasps, depth: Array) -> tuple[Mask, Mask]:
+    """Return (n,) collision and emptiness as the peer has them; empty grasps count as colliding.
+
+    Its cloud is drawn at random, so this agrees with it up to a voxel's share of doubt.
+    """
+    samples = sample_surface(mesh, NUM_SAMPLES, np.random.default_rng(0))[0]
+    hit, inner = _between(voxel_means(samples, VOXEL), grasps, depth)
+    empty = inner < MIN_INNER
+    return hit | empty, empty
+
+
+def voxel_means(points: Array, size: float) -> Array:
+    """Return the mean of the points (n, 3) in each voxel of edge `size`: (m, 3)."""
+    voxel = np.floor((points - points.min(axis=0) + size / 2.0) / size).astype(np.int64)
+    index = np.unique(voxel, axis=0, return_inverse=True)[1].reshape(-1)
+    count = np.bincount(index)
+    return np.stack([np.bincount(index, column) / count for column in points.T], axis=1)
+
+
+def _between(points: Array, grasps: Grasps, depth: Array) -> tuple[Mask, NDArray[np.int64]]:
+    """Return (n,) whether a box of the gripper holds a point, and (n,) how many lie between."""
+    hit, inner = np.zeros(len(grasps), np.bool_), np.zeros(len(grasps), np.int64)
+    for start in range(0, len(grasps), AT_A_TIME):
+        part = slice(start, start + AT_A_TIME)
+        some, tips = grasps[part], depth[part, None]
+        local = np.einsum("nji,nmj->nmi", some.rotation, points - some.translation[:, None])
+        along, across = local[..., 0] + tips, np.abs(local[..., 1])
+        half = some.width[:, None] / 2.0
+        level = np.abs(local[..., 2]) < FINGER
+        reached = level & (along > -BEHIND) & (along < tips)
+        fingers = reached & (across > half) & (across < half + FINGER)
+        bottom = level & (along > -BEHIND - FINGER) & (along < -BEHIND) & (across < half + FINGER)
+        hit[part] = (fingers | bottom).any(axis=1)
+        inner[part] = (reached & (across <= half)).sum(axis=1)
+    return hit, inner
+
+
+def _box_gripper(depth: float) -> Gripper:
+    return Gripper(
+        name="graspnet",
+        max_opening=0.5,
+        finger_length=depth + BEHIND,
+        finger_thickness=FINGER,
+        finger_height=2.0 * FINGER,
+        palm_depth=FINGER,
+        palm_width=0.0,
+        palm_height=2.0 * FINGER,
+        tip_reach=0.0,
+        clearance=0.0,
+        flange_to_tip=0.0,
+    )

@@ -1,0 +1,116 @@
+"""score-grasps: anybody's grasps on anybody's mesh (Sec. IV-A).
+
+Reads   MESH            in metres
+        GRASPS.npy      (N, 17) graspnetAPI's rows, in the mesh's frame
+Writes  VERDICTS.npz    contacts, smallest friction, antipodal score, collision: one row a grasp
+        VERDICTS.npz.provenance.json
+"""
+
+import time
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.batch import StageReport
+from pipelines.configs import ScoreGraspsConfig
+from pipelines.formats.files import existing
+from pipelines.formats.grasp_rows import read_grasp_rows, write_verdicts
+from pipelines.formats.meshes import read_mesh
+from pipelines.formats.provenance import digest, is_finished, make_stamp
+from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.single_precision import single_precision_grid
+from pipelines.grasping.grasps import from_graspnet
+from pipelines.metrics.antipodal import contact_pair_score
+from pipelines.metrics.contacts import close_fingers
+from pipelines.metrics.force_closure import min_friction, on_grid
+from pipelines.metrics.grid_contacts import close_fingers_on_grid
+from pipelines.metrics.peer_collision import cloud_collision, exact_collision
+
+STAGE = "score-grasps"
+NAMED_FAULTS = 5
+
+
+def run(
+    mesh_path: Path,
+    grasps_path: Path,
+    output: Path,
+    config: ScoreGraspsConfig,
+    *,
+    overwrite: bool = False,
+) -> StageReport:
+    """Score the rows of `grasps_path` on the mesh; rows that are no grasps are named."""
+    started, report = time.monotonic(), StageReport(STAGE)
+    inputs = {"mesh": digest(existing(mesh_path)), "grasps": digest(existing(grasps_path))}
+    stamp = make_stamp(STAGE, config, inputs=inputs)
+    if is_finished(output, stamp, overwrite=overwrite):
+        report.skipped.append(output.name)
+        return report
+    mesh, given = read_mesh(mesh_path, config.mesh_scale), read_grasp_rows(grasps_path)
+    verdicts = score(mesh, given.rows, config)
+    _forget(verdicts, sorted(given.faults))
+    write_verdicts(output, verdicts, stamp)
+    report.done.append(output.name)
+    report.notes[output.name] = _summary(verdicts)
+    for row in sorted(given.faults)[:NAMED_FAULTS]:
+        report.failed[f"row {row}"] = f"{grasps_path} {given.faults[row]}; it is scored as failed"
+    if len(given.faults) > NAMED_FAULTS:
+        report.failed["other rows"] = f"{len(given.faults) - NAMED_FAULTS} more are no grasps"
+    report.seconds = time.monotonic() - started
+    return report
+
+
+def score(
+    mesh: Mesh, rows: NDArray[np.float64], config: ScoreGraspsConfig
+) -> dict[str, NDArray[np.generic]]:
+    """Return the verdicts on `rows` (n, 17), mesh frame, metres; see `VERDICT_ARRAYS`.
+
+    Compatible: contacts, friction grid and collision as graspnetAPI finds them, its faults
+    included. Otherwise contacts are exact intersections and collision that of triangles.
+    """
+    clipped = rows.copy()
+    clipped[:, 1] = np.clip(rows[:, 1], 0.0, config.max_width)
+    grasps = from_graspnet(clipped)  # translation lies between the finger tips
+    if config.compatible:
+        contacts = close_fingers_on_grid(single_precision_grid(mesh), grasps, grasps.width)
+        collision, empty = cloud_collision(mesh, grasps, rows[:, 3])
+    else:
+        contacts = close_fingers(mesh, grasps, grasps.width)
+        collision, empty = exact_collision(mesh, grasps, rows[:, 3])
+    smallest = min_friction(contacts)
+    stepped = on_grid(smallest, config.friction_grid)
+    return {
+        "min_friction": np.where(contacts.found, smallest, np.nan),
+        "min_friction_grid": np.where(np.isfinite(stepped), stepped, -1.0),
+        "contacts": contacts.points,
+        "normals": contacts.normals,
+        "found": contacts.found,
+        "antipodal": contact_pair_score(contacts),
+        "collision": collision,
+        "empty": empty,
+    }
+
+
+def _forget(verdicts: dict[str, NDArray[np.generic]], rows: list[int]) -> None:
+    """Set the verdicts on rows that are no grasps to failure, in place."""
+    for name, failed in (
+        ("min_friction", np.nan),
+        ("min_friction_grid", -1.0),
+        ("contacts", np.nan),
+        ("normals", np.nan),
+        ("found", False),
+        ("antipodal", 0.0),
+        ("collision", True),
+        ("empty", True),
+    ):
+        verdicts[name][rows] = failed
+
+
+def _summary(verdicts: dict[str, NDArray[np.generic]]) -> str:
+    found = verdicts["found"].astype(bool)
+    held = verdicts["min_friction_grid"].astype(np.float64) > 0.0
+    free = ~verdicts["collision"].astype(bool)
+    return (
+        f"{len(found)} grasps, {found.sum()} touch with both fingers, {held.sum()} hold at a "
+        f"friction of the grid, {(held & free).sum()} of them without collision"
+    )

@@ -1,0 +1,34 @@
+"""GraspNet's box gripper against an object, beside the peer's verdicts on 6,000 grasps."""
+
+import numpy as np
+import pytest
+
+from pipelines.formats.files import read_npy, read_npz
+from pipelines.formats.meshes import read_mesh
+from pipelines.grasping.grasps import from_graspnet
+from pipelines.metrics.peer_collision import cloud_collision, exact_collision, voxel_means
+
+
+@pytest.mark.parametrize("kind", ["antipodal", "label"])
+@pytest.mark.parametrize("shape", ["box", "cylinder", "sphere"])
+def test_the_cloud_agrees_with_the_peers_random_one(shared, shape, kind):
+    rows = read_npy(shared / "oracle" / f"{shape}_{kind}.npy")
+    peer = read_npz(shared / "oracle" / f"{shape}_{kind}.eval.npz")
+    mesh = read_mesh(shared / "oracle" / f"{shape}.obj")
+    collision, empty = cloud_collision(mesh, from_graspnet(rows), rows[:, 3])
+    assert (collision == peer["collision"]).mean() > 0.99
+    assert (empty == peer["empty"]).mean() > 0.99
+
+
+def test_triangles_find_what_the_cloud_finds_and_more(shared):
+    rows = read_npy(shared / "oracle" / "box_label.npy")[:300]
+    mesh = read_mesh(shared / "oracle" / "box.obj")
+    exact = exact_collision(mesh, from_graspnet(rows), rows[:, 3])[0]
+    cloud, empty = cloud_collision(mesh, from_graspnet(rows), rows[:, 3])
+    assert exact[cloud & ~empty].all()
+
+
+def test_voxel_means_are_means():
+    points = np.array([[0.0, 0.0, 0.0], [0.001, 0.0, 0.0], [0.02, 0.0, 0.0]])
+    means = voxel_means(points, 0.008)
+    assert sorted(means[:, 0].round(6)) == [0.0005, 0.02]

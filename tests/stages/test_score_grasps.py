@@ -1,0 +1,126 @@
+"""score-grasps: any rows on any mesh, faults named, nothing lost."""
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from pipelines import score_grasps
+from pipelines.configs import ScoreGraspsConfig
+from pipelines.errors import FormatError, StaleOutputError
+from pipelines.formats.files import read_npz, write_npy
+from pipelines.formats.grasp_rows import VERDICT_ARRAYS, read_verdicts
+from pipelines.formats.meshes import write_mesh
+from pipelines.geometry.transforms import rotation_about
+from pipelines.grasping.grasps import to_graspnet
+from symgrasp_cli.app import app
+from tests.metrics.shapes import box, random_grasps
+
+SIDES = (0.04, 0.05, 0.06)
+TILT = rotation_about([0.0, 0.0, 1.0], 0.3)  # about the approach
+
+
+@pytest.fixture
+def mesh_path(tmp_path):
+    write_mesh(tmp_path / "box.ply", box(*SIDES))
+    return tmp_path / "box.ply"
+
+
+def rows_across(count=4) -> np.ndarray:
+    """Grasps across the x sides of the box, from above, tips at its middle."""
+    rows = np.zeros((count, 17))
+    rows[:, 1], rows[:, 2], rows[:, 3], rows[:, 16] = 0.06, 0.02, 0.03, -1
+    rows[:, 4:13] = np.array([[0, 1, 0], [0, 0, -1], [-1, 0, 0]]).ravel()
+    rows[:, 15] = 0.03
+    return rows
+
+
+def run(mesh_path, rows, *, compatible=False, overwrite=False):
+    path, out = mesh_path.with_name("rows.npy"), mesh_path.with_name("verdicts.npz")
+    write_npy(path, rows)
+    config = ScoreGraspsConfig(compatible=compatible)
+    report = score_grasps.run(mesh_path, path, out, config, overwrite=overwrite)
+    return report, read_verdicts(out)
+
+
+def test_a_tilted_grasp_across_two_faces_needs_the_tangent_of_its_tilt(mesh_path):
+    rows = rows_across()
+    rows[:, 4:13] = (TILT @ rows[:, 4:13].reshape(-1, 3, 3)).reshape(-1, 9)
+    report, verdicts = run(mesh_path, rows)
+    assert report.exit_code == 0
+    assert verdicts["found"].all()
+    np.testing.assert_allclose(verdicts["min_friction"], np.tan(0.3))
+    assert set(verdicts["min_friction_grid"]) == {0.4}
+    np.testing.assert_allclose(np.abs(verdicts["contacts"][..., 0]), 0.02)
+    np.testing.assert_allclose(verdicts["antipodal"], np.cos(0.3) ** 2)
+    assert not verdicts["collision"].any()
+    assert not verdicts["empty"].any()
+
+
+def test_the_compatible_mode_differs_only_by_contacts_it_misses_and_edges(mesh_path):
+    rows = to_graspnet(random_grasps(np.random.default_rng(0), 500, 0.005), 1.0, tip_reach=0.0)
+    rows[:, 1] = 0.09
+    exact = run(mesh_path, rows)[1]
+    theirs = run(mesh_path, rows, compatible=True, overwrite=True)[1]
+    both = exact["found"] & theirs["found"]
+    assert both.sum() > 100
+    assert not (theirs["found"] & ~exact["found"]).any()
+    same = exact["min_friction_grid"] == theirs["min_friction_grid"]
+    assert same[both].mean() > 0.9
+
+
+@pytest.mark.parametrize("compatible", [False, True])
+def test_collision_and_emptiness(mesh_path, compatible):
+    rows = rows_across(3)
+    rows[1, 1] = 0.03  # the fingers are in the box
+    rows[2, 13] = 0.3
+    verdicts = run(mesh_path, rows, compatible=compatible)[1]
+    assert verdicts["collision"].tolist()[:2] == [False, True]
+    assert verdicts["empty"].tolist() == [False, False, True]
+    assert verdicts["min_friction_grid"][2] == -1.0
+
+
+def test_bad_rows_are_named_and_the_rest_is_scored(mesh_path):
+    rows = rows_across(5)
+    rows[1, 4] = np.nan
+    rows[2, 4:13] = np.ones(9)
+    rows[3, 1] = -0.01
+    report, verdicts = run(mesh_path, rows)
+    assert report.exit_code == 1
+    assert set(report.failed) == {"row 1", "row 2", "row 3"}
+    assert verdicts["found"].tolist() == [True, False, False, False, True]
+
+
+def test_a_rotation_rounded_to_half_precision_is_a_rotation(mesh_path):
+    grasps = random_grasps(np.random.default_rng(0), 50, 0.02)
+    rows = to_graspnet(grasps, 1.0, tip_reach=0.0)
+    rows[:, 4:13] = rows[:, 4:13].astype(np.float16)
+    assert run(mesh_path, rows)[0].exit_code == 0
+
+
+def test_no_rows_no_verdicts(mesh_path):
+    report, verdicts = run(mesh_path, np.zeros((0, 17)))
+    assert report.exit_code == 0
+    assert all(len(verdicts[name]) == 0 for name in VERDICT_ARRAYS)
+    assert len(run(mesh_path, np.zeros((0, 17)), compatible=True, overwrite=True)[1]["found"]) == 0
+
+
+def test_planar_rows_are_refused_with_what_is_expected(mesh_path):
+    with pytest.raises(FormatError, match=r"planar grasps.*17"):
+        run(mesh_path, np.zeros((3, 7)))
+
+
+def test_other_settings_are_refused_and_the_same_skipped(mesh_path):
+    run(mesh_path, rows_across())
+    assert run(mesh_path, rows_across())[0].skipped
+    with pytest.raises(StaleOutputError):
+        run(mesh_path, rows_across(), compatible=True)
+
+
+def test_the_command(mesh_path):
+    rows, out = mesh_path.with_name("rows.npy"), mesh_path.with_name("v.npz")
+    write_npy(rows, rows_across())
+    result = CliRunner().invoke(
+        app, ["score-grasps", str(mesh_path), str(rows), "--out", str(out), "--compatible"]
+    )
+    assert result.exit_code == 0, result.output
+    assert set(read_npz(out)) == set(VERDICT_ARRAYS)

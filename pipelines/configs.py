@@ -60,7 +60,9 @@ class AnnotateSymmetryConfig:
     max_planes: int = 3  # Sec. III-E: at most 3 reflections, 1 rotation, 1 sphere
     max_order: int = 8  # of a discrete rotation
     min_region_extent: float = 0.01  # metres, smaller regions cannot be grasped
-    min_region_support: float = 0.6  # share of a region's surface its symmetry must explain
+    min_region_support: float = 0.8  # share of a region's surface its symmetry must explain
+    min_body_share: float = 0.25  # of what curves about it, or mirror planes stay whole, D. 36
+    min_part_share: float = 0.03  # of the area; smaller parts join the one they touch
 
 
 @dataclass(frozen=True)

@@ -1,48 +1,37 @@
-"""Cut an object without global symmetry into regions that have their own (Sec. III-D).
+"""Cut an object into regions that have a symmetry of their own (Sec. III-D; D. 36).
 
-A candidate that holds on most of the surface, such as a teapot body's axis, gives the first
-region: the connected triangles that support it. What is left is cut into connected components,
-or into nearly convex pieces, and each is searched for symmetries of its own.
+A sphere or a body of revolution stays whole. Anything else is searched for bodies of revolution:
+where one holds enough of what fingers close on, as a mug's wall does, it becomes a region, and so
+does every graspable part that is left. An object of mirror planes without such a body, a box,
+stays whole too. What has no symmetry at all is cut further: by the mirror plane that explains
+most of it, and into nearly convex pieces.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import ConvexHull, KDTree, QhullError
 
 from pipelines.configs import AnnotateSymmetryConfig
-from pipelines.geometry.convex_decomposition import convex_pieces
+from pipelines.geometry.convex_parts import convex_owner
 from pipelines.geometry.mesh import Mesh
-from pipelines.geometry.surface import Surface, diameter
-from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, Symmetry
-from pipelines.geometry.symmetry_detection import Detection, analyse
-from pipelines.geometry.symmetry_verification import VERIFICATION_ANGLES, Samples, supported
+from pipelines.geometry.part_symmetries import PartSymmetries, turns
+from pipelines.geometry.revolved_bodies import revolved_bodies
+from pipelines.geometry.sampled_parts import NO_PART, SampledParts
+from pipelines.geometry.surface import diameter
+from pipelines.geometry.symmetry import Symmetry
+from pipelines.geometry.symmetry_detection import Detection
 
-Array = NDArray[np.float64]
 Faces = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 WHOLE = "whole"
-NUM_SUPPORT_SAMPLES = 8000
-NUM_CANDIDATES = 6
-MIN_AREA_SHARE = 0.06  # smaller parts are left out
-MIN_COMPONENT_SHARE = 0.95  # of the area in large components, or the mesh is cut by convexity
-MAX_MEAN_NORMAL = 0.75  # 0 for a closed surface, 0.5 for a bowl, 1 for a flat sheet
-PIECE_SAMPLES = 12000  # a piece is smaller than its object
-# coacd's own settings take half a minute an object; these find the same few large pieces.
-COARSE_SEARCH = {
-    "threshold": 0.15,
-    "max_convex_hull": 6,
-    "seed": 0,
-    "preprocess_resolution": 20,
-    "resolution": 500,
-    "mcts_nodes": 8,
-    "mcts_iterations": 20,
-    "mcts_max_depth": 1,
-}
+NUM_SAMPLES = 8000
+MAX_MEAN_NORMAL = 0.6  # 0 for a closed surface, 0.5 for a bowl, 1 for a sheet: no grip across it
+SMALL_OBJECT = 0.5  # of its object's diameter: so large a part is what there is to grasp
+MAX_LOOSE_SHARE = 0.2  # a body with more beside it that cannot be gripped is a peach, not a mug
+MIN_DETAIL = 0.1  # of what has no symmetry, a symmetric part of less is not worth a cut
+MIN_CUT_SHARE = 0.2  # smaller parts are not cut into convex pieces
 
 
 @dataclass(frozen=True)
@@ -54,29 +43,43 @@ class SymmetricRegion:
     symmetries: list[Symmetry]
 
 
+@dataclass(frozen=True)
+class _Piece:
+    members: Mask  # (m,) samples
+    symmetries: list[Symmetry]
+    is_body: bool = False
+
+
+@dataclass(frozen=True)
+class _Cutting:
+    """An object while it is cut."""
+
+    parts: SampledParts
+    symmetries_of: PartSymmetries
+    config: AnnotateSymmetryConfig
+    size: float  # diameter, metres
+
+
 def symmetric_regions(
     mesh: Mesh, detection: Detection, config: AnnotateSymmetryConfig, rng: np.random.Generator
 ) -> list[SymmetricRegion]:
     """Return the symmetric regions of `mesh`, of which `detection` was made, mesh frame.
 
-    An object with a symmetry that the network has a slot for is one region, the whole; so is an
-    object in which nothing symmetric is found, then without symmetries.
+    No triangle is in two regions. An object in which nothing symmetric is found is one region,
+    the whole, without symmetries.
     """
-    everything = np.arange(len(mesh.faces))
-    whole = SymmetricRegion(WHOLE, everything, detection.symmetries)
-    if has_slot(detection.symmetries):
+    whole = SymmetricRegion(WHOLE, np.arange(len(mesh.faces)), detection.symmetries)
+    if any(turns(symmetry) for symmetry in detection.symmetries):
         return [whole]
-    regions = []
-    rest = everything
-    body = _supported_body(mesh, detection.partial, config, rng)
-    if body is not None:
-        regions.append(body)
-        rest = np.setdiff1d(everything, body.triangles)
-    for piece in _pieces(mesh, rest):
-        region = _piece_region(mesh, piece, f"part{len(regions)}", config, rng)
-        if region is not None:
-            regions.append(region)
-    return regions or [whole]
+    parts = SampledParts.of(mesh, NUM_SAMPLES, rng)
+    size = diameter(parts.surface.points)
+    cutting = _Cutting(parts, PartSymmetries(parts, detection, config, rng, size), config, size)
+    mirrored = has_slot(detection.symmetries)
+    pieces = _mirrored_pieces(cutting) if mirrored else _asymmetric_pieces(cutting)
+    symmetric = sum(parts.share(piece.members) for piece in pieces if has_slot(piece.symmetries))
+    if symmetric < MIN_DETAIL:
+        return [whole]
+    return _regions(parts, pieces)
 
 
 def has_slot(symmetries: list[Symmetry]) -> bool:
@@ -84,114 +87,118 @@ def has_slot(symmetries: list[Symmetry]) -> bool:
     return any(getattr(symmetry, "order", None) is None for symmetry in symmetries)
 
 
-def _supported_body(
-    mesh: Mesh,
-    candidates: list[Symmetry],
-    config: AnnotateSymmetryConfig,
-    rng: np.random.Generator,
-) -> SymmetricRegion | None:
-    """Return the largest connected part that supports a candidate on enough of the surface."""
-    surface = Surface.from_mesh(mesh, NUM_SUPPORT_SAMPLES, rng)
-    size = diameter(mesh.vertices[np.unique(mesh.faces)])
-    for candidate in candidates[:NUM_CANDIDATES]:
-        images = _images(surface, candidate)
-        held = supported(surface, images, size)
-        faces = np.flatnonzero(_face_votes(mesh, surface, held))
-        if mesh.face_areas[faces].sum() < config.min_region_support * mesh.area:
-            continue
-        body = max(components(mesh, faces), key=lambda part: float(mesh.face_areas[part].sum()))
-        enough = mesh.face_areas[body].sum() >= config.min_region_support * mesh.area
-        if not enough or _is_patch(mesh.submesh(body)):
-            continue
-        found = analyse(mesh.submesh(body), config, rng).symmetries
-        return SymmetricRegion("body", body, found if has_slot(found) else [candidate])
-    return None
-
-
-def _images(surface: Surface, candidate: Symmetry) -> Iterator[Samples]:
-    points, normals = surface.points, surface.normals
-    if isinstance(candidate, ReflectionSymmetry):
-        yield Samples(candidate.counterpart(points), candidate.mirror_vectors(normals))
-    elif isinstance(candidate, RotationSymmetry):
-        for angle in VERIFICATION_ANGLES:
-            moved = candidate.turn(points, angle)
-            yield Samples(moved, candidate.turn(points + normals, angle) - moved)
-
-
-def _face_votes(mesh: Mesh, surface: Surface, held: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which triangles (f,) hold: the majority of their samples, else the nearest one."""
-    count = np.bincount(surface.faces, minlength=len(mesh.faces))
-    votes = np.bincount(surface.faces, weights=held, minlength=len(mesh.faces))
-    nearest = surface.nearest(mesh.triangles.mean(axis=1))
-    return np.where(count > 0, votes > 0.5 * count, held[nearest])
-
-
-def components(mesh: Mesh, faces: Faces) -> list[Faces]:
-    """Return the connected parts of `faces`: triangles that share an edge, as index arrays."""
-    edges = np.sort(mesh.faces[faces][:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    number = np.unique(edges, axis=0, return_inverse=True)[1].reshape(-1)
-    owner = np.repeat(np.arange(len(faces)), 3)
-    # Triangles and edges are the two sides of one graph.
-    size = len(faces) + int(number.max(initial=-1)) + 1
-    graph = coo_matrix((np.ones(len(owner)), (owner, len(faces) + number)), shape=(size, size))
-    label = connected_components(graph, directed=False)[1][: len(faces)]
-    return [faces[label == part] for part in np.unique(label)]
-
-
-def _pieces(mesh: Mesh, faces: Faces) -> list[Faces]:
-    """Return the parts of `faces` to search, largest first; parts too small are left out."""
-    if not len(faces):
+def _mirrored_pieces(cutting: _Cutting) -> list[_Piece]:
+    """Return bodies of revolution and the parts beside them; none if the planes say it better."""
+    everything = np.ones(NUM_SAMPLES, dtype=np.bool_)
+    pieces = _bodies(cutting, everything, cutting.config.min_body_share)
+    if not pieces:
         return []
-    large = [part for part in components(mesh, faces) if _share(mesh, part) >= MIN_AREA_SHARE]
-    covered = sum(_share(mesh, part) for part in large)
-    if len(large) < 2 or covered < MIN_COMPONENT_SHARE * _share(mesh, faces):
-        large = _convex_pieces(mesh, faces)
-    large = [part for part in large if _share(mesh, part) >= MIN_AREA_SHARE]
-    return sorted(large, key=lambda part: -_share(mesh, part))
+    loose: list[Mask] = []
+    for members in cutting.parts.clusters(_left(pieces, everything)):
+        if _is_graspable(cutting, members):
+            pieces.append(_Piece(members, cutting.symmetries_of.part(members)))
+        else:
+            loose.append(members)
+    if sum(cutting.parts.share(members) for members in loose) > MAX_LOOSE_SHARE:
+        return []
+    return _joined(cutting.parts, pieces, loose)
 
 
-def _share(mesh: Mesh, faces: Faces) -> float:
-    return float(mesh.face_areas[faces].sum() / mesh.area)
+def _asymmetric_pieces(cutting: _Cutting) -> list[_Piece]:
+    """Return the symmetric parts of an object that has no symmetry, and what is left of it."""
+    everything = np.ones(NUM_SAMPLES, dtype=np.bool_)
+    pieces = _bodies(cutting, everything, cutting.config.min_body_share)
+    mirrored = cutting.symmetries_of.largest_mirrored(_left(pieces, everything))
+    if mirrored is not None and _is_graspable(cutting, mirrored):
+        pieces.append(_Piece(mirrored, cutting.symmetries_of.part(mirrored)))
+    loose: list[Mask] = []
+    for members in cutting.parts.clusters(_left(pieces, everything)):
+        found = _cut_further(cutting, members)
+        pieces += found
+        for left in cutting.parts.clusters(_left(found, members)):
+            if _is_graspable(cutting, left):
+                pieces.append(_Piece(left, []))
+            else:
+                loose.append(left)
+    return _joined(cutting.parts, pieces, loose)
 
 
-def _convex_pieces(mesh: Mesh, faces: Faces) -> list[Faces]:
-    """Cut `faces` by the nearly convex pieces of their mesh: each goes to the nearest piece."""
-    used, index = np.unique(mesh.faces[faces], return_inverse=True)
-    part = Mesh(mesh.vertices[used], index.reshape(-1, 3))
-    hulls = convex_pieces(part, COARSE_SEARCH)
-    if not hulls:
-        return components(mesh, faces)
-    centers = mesh.triangles[faces].mean(axis=1)
-    depth = np.stack([_outside(corners, centers) for corners in hulls])
-    owner = depth.argmin(axis=0)
+def _bodies(cutting: _Cutting, among: Mask, min_lateral: float) -> list[_Piece]:
     return [
-        max(components(mesh, faces[owner == hull]), key=len)
-        for hull in range(len(hulls))
-        if (owner == hull).any()
+        _Piece(body.members, cutting.symmetries_of.body(body), is_body=True)
+        for body in revolved_bodies(cutting.parts, among, min_lateral)
+        if _is_graspable(cutting, body.members)
     ]
 
 
-def _outside(corners: Array, points: Array) -> Array:
-    """Return how far `points` (n, 3) lie outside the hull of `corners`; negative inside."""
-    try:
-        equations = ConvexHull(corners, qhull_options="QJ").equations
-    except QhullError:
-        return np.asarray(KDTree(corners).query(points)[0])
-    return np.asarray((points @ equations[:, :3].T + equations[:, 3]).max(axis=1))
+def _cut_further(cutting: _Cutting, members: Mask) -> list[_Piece]:
+    """Return the symmetric pieces of `members`: all of it, bodies in it, nearly convex parts."""
+    if not _is_graspable(cutting, members):
+        return []
+    found = cutting.symmetries_of.part(members)
+    if has_slot(found):
+        return [_Piece(members, found)]
+    pieces = _bodies(cutting, members, MIN_DETAIL)
+    for rest in cutting.parts.clusters(_left(pieces, members)):
+        if cutting.parts.share(rest) >= MIN_CUT_SHARE:
+            pieces += _convex_pieces(cutting, rest)
+    return pieces
 
 
-def _is_patch(part: Mesh) -> bool:
-    """Return whether all of `part` looks to one side: fingers cannot close on it."""
-    mean = part.face_areas @ part.face_normals / part.area
-    return float(np.linalg.norm(mean)) > MAX_MEAN_NORMAL
+def _convex_pieces(cutting: _Cutting, members: Mask) -> list[_Piece]:
+    """Return those nearly convex parts of `members` that are symmetric."""
+    pieces = []
+    owner = np.full(NUM_SAMPLES, NO_PART, dtype=np.int64)
+    part = cutting.parts.submesh(members)
+    owner[members] = convex_owner(part, cutting.parts.surface.points[members])
+    for index in np.unique(owner[members]):
+        piece = cutting.parts.clusters(owner == index)[0]
+        found = cutting.symmetries_of.part(piece) if _is_graspable(cutting, piece) else []
+        if has_slot(found):
+            pieces.append(_Piece(piece, found))
+    return pieces
 
 
-def _piece_region(
-    mesh: Mesh, piece: Faces, name: str, config: AnnotateSymmetryConfig, rng: np.random.Generator
-) -> SymmetricRegion | None:
-    part = mesh.submesh(piece)
-    if diameter(part.vertices[np.unique(part.faces)]) < config.min_region_extent or _is_patch(part):
-        return None
-    coarser = replace(config, num_samples=min(PIECE_SAMPLES, config.num_samples))
-    found = analyse(part, coarser, rng).symmetries
-    return SymmetricRegion(name, piece, found) if has_slot(found) else None
+def _is_graspable(cutting: _Cutting, members: Mask) -> bool:
+    """Return whether a part is large enough, and no sheet that fingers cannot close on."""
+    surface, config = cutting.parts.surface, cutting.config
+    if cutting.parts.share(members) < config.min_part_share or members.sum() < 5:
+        return False
+    extent = diameter(surface.points[members])
+    if extent < min(config.min_region_extent, SMALL_OBJECT * cutting.size):
+        return False
+    return float(np.linalg.norm(surface.normals[members].mean(axis=0))) <= MAX_MEAN_NORMAL
+
+
+def _left(pieces: list[_Piece], members: Mask) -> Mask:
+    left = members.copy()
+    for piece in pieces:
+        left &= ~piece.members
+    return left
+
+
+def _joined(parts: SampledParts, pieces: list[_Piece], loose: list[Mask]) -> list[_Piece]:
+    """Return `pieces` with each of `loose` joined to the one it touches most; none stays out."""
+    if not pieces:
+        return []
+    members = [piece.members.copy() for piece in pieces]
+    for scrap in loose:
+        links = [parts.touching(scrap, piece.members) for piece in pieces]
+        if max(links) > 0:
+            members[int(np.argmax(links))] |= scrap
+    return [replace(piece, members=mine) for piece, mine in zip(pieces, members, strict=True)]
+
+
+def _regions(parts: SampledParts, pieces: list[_Piece]) -> list[SymmetricRegion]:
+    owner = np.full(NUM_SAMPLES, NO_PART, dtype=np.int64)
+    for index, piece in enumerate(pieces):
+        owner[piece.members] = index
+    of_faces = parts.owner_of_faces(owner)
+    regions: list[SymmetricRegion] = []
+    for index, piece in enumerate(pieces):
+        triangles = np.flatnonzero(of_faces == index)
+        kind = "body" if piece.is_body else "part"
+        number = sum(region.name.startswith(kind) for region in regions)
+        if len(triangles):
+            regions.append(SymmetricRegion(f"{kind}{number}", triangles, piece.symmetries))
+    return regions

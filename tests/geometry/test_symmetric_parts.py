@@ -1,10 +1,15 @@
 """Cutting objects into symmetric regions."""
 
 import numpy as np
+import pytest
+from numpy.testing import assert_allclose
 
 from pipelines.configs import AnnotateSymmetryConfig
-from pipelines.geometry.symmetric_parts import components, symmetric_regions
+from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.symmetric_parts import symmetric_regions
 from pipelines.geometry.symmetry_detection import analyse
+from pipelines.geometry.transforms import make_pose, random_rotation
+from pipelines.synthesis.catalogue import make_shape
 from tests.geometry.symmetric_shapes import ball_beside_box, box, pebble
 
 QUICK = AnnotateSymmetryConfig(num_samples=8000, num_verification_samples=1000)
@@ -16,7 +21,27 @@ def regions_of(mesh):
     return detection.symmetries, symmetric_regions(mesh, detection, QUICK, rng)
 
 
-def test_an_object_with_global_symmetry_is_one_region():
+def kinds(region):
+    return [symmetry.kind for symmetry in region.symmetries]
+
+
+def axis_of(region):
+    (axis,) = [symmetry for symmetry in region.symmetries if symmetry.kind == "rotation"]
+    return axis
+
+
+@pytest.fixture(scope="module")
+def mug():
+    """A cup about z with a handle toward +x."""
+    return make_shape("mug", np.random.default_rng(3)).solid.mesh()
+
+
+@pytest.fixture(scope="module")
+def regions_of_mug(mug):
+    return regions_of(mug)[1]
+
+
+def test_an_object_of_mirror_planes_is_one_region():
     symmetries, (whole,) = regions_of(box())
     assert whole.name == "whole"
     assert whole.symmetries == symmetries
@@ -28,23 +53,63 @@ def test_an_object_with_nothing_symmetric_is_one_region_without_symmetries():
     assert symmetries == whole.symmetries == []
 
 
+def test_a_mug_is_a_body_of_revolution_and_a_handle(mug, regions_of_mug):
+    body, handle = regions_of_mug
+    assert abs(axis_of(body).axis[2]) > np.cos(np.radians(0.5))
+    radius = np.linalg.norm(mug.triangles.mean(axis=1)[:, :2] - axis_of(body).point[:2], axis=1)
+    outside = radius > np.percentile(radius[body.triangles], 99.0) + 0.004
+    assert set(np.flatnonzero(outside)) <= set(handle.triangles)
+    assert mug.face_areas[handle.triangles].sum() < 0.15 * mug.area
+
+
+def test_a_handle_keeps_the_plane_of_its_mug(regions_of_mug):
+    planes = [plane for plane in regions_of_mug[1].symmetries if plane.kind == "reflection"]
+    assert max(abs(plane.normal[1]) for plane in planes) > np.cos(np.radians(1.0))
+
+
+def test_regions_move_with_their_object(mug, regions_of_mug):
+    pose = make_pose(random_rotation(np.random.default_rng(5)), np.array([0.3, -0.2, 1.0]))
+    moved = regions_of(mug.transformed(pose))[1]
+    assert [region.name for region in moved] == [region.name for region in regions_of_mug]
+    for region, before in zip(moved, regions_of_mug, strict=True):
+        both = np.intersect1d(region.triangles, before.triangles)
+        either = np.union1d(region.triangles, before.triangles)
+        assert mug.face_areas[both].sum() > 0.95 * mug.face_areas[either].sum()
+    turned = axis_of(regions_of_mug[0]).transformed(pose)
+    assert_allclose(abs(axis_of(moved[0]).axis @ turned.axis), 1.0, atol=1e-4)
+
+
+def test_a_body_is_found_behind_the_hole_of_its_handle(mug, regions_of_mug):
+    body = mug.submesh(regions_of_mug[0].triangles)
+    angle = np.arctan2(*body.triangles.mean(axis=1)[:, [1, 0]].T)
+    height = body.triangles.mean(axis=1)[:, 2]
+    window = (np.abs(angle) < 0.5) & (np.abs(height - height.mean()) < 0.02)
+    regions = regions_of(body.submesh(~window))[1]
+    assert any("rotation" in kinds(region) for region in regions)
+
+
+def test_a_hexagonal_column_is_no_body_of_revolution():
+    prism = make_shape("polygon_prism", np.random.default_rng(101)).solid.mesh()
+    symmetries, (whole,) = regions_of(prism)
+    assert whole.name == "whole"
+    assert all(getattr(symmetry, "order", 0) is not None for symmetry in symmetries)
+
+
 def test_a_ball_beside_a_box_is_a_sphere_and_a_region_of_three_planes():
     symmetries, regions = regions_of(ball_beside_box())
     assert symmetries == []
-    kinds = [[symmetry.kind for symmetry in region.symmetries] for region in regions]
-    assert ["sphere"] in kinds
-    assert any(found.count("reflection") == 3 for found in kinds)
+    assert ["sphere"] in [kinds(region) for region in regions]
+    assert any(kinds(region).count("reflection") == 3 for region in regions)
 
 
-def test_regions_do_not_share_triangles():
-    _, regions = regions_of(ball_beside_box())
-    triangles = np.concatenate([region.triangles for region in regions])
+def test_regions_do_not_share_triangles(regions_of_mug):
+    triangles = np.concatenate([region.triangles for region in regions_of_mug])
     assert len(np.unique(triangles)) == len(triangles)
 
 
-def test_components_are_the_connected_parts():
-    mesh = ball_beside_box()
-    parts = components(mesh, np.arange(len(mesh.faces)))
-    assert len(parts) == 2
-    vertices = [set(mesh.faces[part].ravel()) for part in parts]
-    assert not vertices[0] & vertices[1]
+def test_triangles_turned_inside_out_change_nothing(mug, regions_of_mug):
+    turned = np.random.default_rng(0).uniform(size=len(mug.faces)) < 0.3
+    faces = np.where(turned[:, None], mug.faces[:, ::-1], mug.faces)
+    regions = regions_of(Mesh(mug.vertices, faces))[1]
+    assert [region.name for region in regions] == [region.name for region in regions_of_mug]
+    assert abs(axis_of(regions[0]).axis @ axis_of(regions_of_mug[0]).axis) > 0.9999

@@ -97,7 +97,7 @@ def test_a_folder_without_meshes_is_one_sentence(tmp_path):
 def test_the_note_counts_symmetries_and_names_regions():
     mesh, rng = shapes()[2], np.random.default_rng(0)
     labels = annotate_symmetry.annotate(mesh, "pair", QUICK, rng)
-    assert {region.name for region in labels.regions} == {"part0", "part1"}
+    assert {region.name for region in labels.regions} == {"body0", "part0"}
     whole = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
     triangles = np.concatenate([region.triangles for region in labels.regions])
     assert len(triangles) == len(whole.faces)

@@ -1,0 +1,117 @@
+"""The symmetries of an object's parts: their own, and the planes of the whole they share."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.configs import AnnotateSymmetryConfig
+from pipelines.geometry.revolved_bodies import Body
+from pipelines.geometry.sampled_parts import SampledParts
+from pipelines.geometry.symmetry import (
+    ReflectionSymmetry,
+    RotationSymmetry,
+    SphereSymmetry,
+    Symmetry,
+)
+from pipelines.geometry.symmetry_detection import Detection, analyse
+from pipelines.geometry.symmetry_verification import SUPPORT_COSINE, SUPPORT_DISTANCE
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+PIECE_SAMPLES = 12000  # a part is smaller than its object
+SAME_AXIS = float(np.cos(np.radians(5.0)))
+SAME_PLANE = float(np.cos(np.radians(10.0)))
+NUM_PARTIAL = 6  # rejected candidates that are tried on parts
+
+
+@dataclass(frozen=True)
+class PartSymmetries:
+    """What is known of an object's symmetries, to find those of its parts."""
+
+    parts: SampledParts
+    detection: Detection
+    config: AnnotateSymmetryConfig
+    rng: np.random.Generator
+    size: float  # diameter of the object, metres
+
+    def body(self, body: Body) -> list[Symmetry]:
+        """Return the symmetries of a body of revolution: its axis at least, or a sphere.
+
+        The detection's axis is the finer one; where holes hide it, the normals' axis stands.
+        """
+        found = self._analysed(body.members)
+        if any(isinstance(symmetry, SphereSymmetry) for symmetry in found):
+            return found
+        axis = RotationSymmetry(body.axis.direction, body.axis.point)
+        for symmetry in found:
+            if turns(symmetry) and abs(symmetry.direction @ axis.axis) > SAME_AXIS:
+                return found
+        across = [
+            symmetry
+            for symmetry in found
+            if isinstance(symmetry, ReflectionSymmetry)
+            and abs(symmetry.normal @ axis.axis) > SAME_AXIS
+        ]
+        return [*across, axis]
+
+    def part(self, members: Mask) -> list[Symmetry]:
+        """Return the symmetries of the part `members` (m,), and the whole's planes it shares."""
+        found = self._analysed(members)
+        if any(turns(symmetry) for symmetry in found):
+            return found
+        planes = [symmetry for symmetry in found if isinstance(symmetry, ReflectionSymmetry)]
+        others = [symmetry for symmetry in found if not isinstance(symmetry, ReflectionSymmetry)]
+        for plane in self._planes():
+            known = any(abs(plane.normal @ other.normal) > SAME_PLANE for other in planes)
+            if not known and len(planes) < self.config.max_planes and self._keeps(plane, members):
+                planes.append(plane)
+        return [*planes, *others]
+
+    def largest_mirrored(self, members: Mask) -> Mask | None:
+        """Return the largest connected part of `members` that a plane of the object explains.
+
+        None if that is less than `min_region_support` of it: the cut would be where the plane
+        ceases to hold, which no one sees.
+        """
+        for plane in self._planes():
+            held = members.copy()
+            held[members] = self._supported(plane, members)
+            clusters = self.parts.clusters(self.parts.smoothed(held) & members)
+            enough = self.config.min_region_support * members.sum()
+            if clusters and clusters[0].sum() >= enough:
+                return clusters[0]
+        return None
+
+    def _planes(self) -> list[ReflectionSymmetry]:
+        known = [*self.detection.symmetries, *self.detection.partial[:NUM_PARTIAL]]
+        return [symmetry for symmetry in known if isinstance(symmetry, ReflectionSymmetry)]
+
+    def _keeps(self, plane: ReflectionSymmetry, members: Mask) -> bool:
+        """Return whether `plane` maps the part `members` to itself."""
+        held = self._supported(plane, members)
+        return bool(held.mean() >= self.config.min_agreement)
+
+    def _supported(self, plane: ReflectionSymmetry, members: Mask) -> Mask:
+        """Return which of `members` (k,) have their image on the surface of `members`."""
+        surface = self.parts.surface
+        image = plane.counterpart(surface.points[members])
+        normals = plane.mirror_vectors(surface.normals[members])
+        index = surface.nearest(image)
+        met = surface.normals[index]
+        gap = np.einsum("nd,nd->n", image - surface.points[index], met)
+        beside = np.linalg.norm(image - surface.points[index], axis=1)
+        tolerance = SUPPORT_DISTANCE * self.size
+        near = (np.abs(gap) < tolerance) & (beside < 3.0 * tolerance) & members[index]
+        return np.asarray(near & (np.abs(np.einsum("nd,nd->n", met, normals)) > SUPPORT_COSINE))
+
+    def _analysed(self, members: Mask) -> list[Symmetry]:
+        coarser = replace(self.config, num_samples=min(PIECE_SAMPLES, self.config.num_samples))
+        return analyse(self.parts.submesh(members), coarser, self.rng).symmetries
+
+
+def turns(symmetry: Symmetry) -> bool:
+    """Return whether `symmetry` is a continuous rotation or a sphere."""
+    continuous = isinstance(symmetry, RotationSymmetry) and symmetry.order is None
+    return continuous or isinstance(symmetry, SphereSymmetry)

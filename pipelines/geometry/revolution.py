@@ -1,0 +1,201 @@
+"""Axes that parts of a surface revolve about, and which samples of it they explain.
+
+On a surface of revolution every normal's line meets the axis: the normal has no lean sideways.
+That is linear in the axis' line coordinates, so a patch of the surface gives its axis by one
+eigenvalue problem. A patch proves little; what counts is that the surface goes all the way
+round: a sample is supported when samples of its height, radius and slope fill its circle.
+Normalised coordinates: origin at the surface's centroid, unit diameter.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.geometry.transforms import basis_from_direction
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+NUM_PATCHES = 48
+PATCH_RADII = (0.08, 0.16, 0.32, 2.0)  # of the diameter; the last is all of the surface
+PATCH_SAMPLES = 2000
+KEPT_AXES = 5
+SAME_ANGLE, SAME_OFFSET = float(np.radians(6.0)), 0.03
+STEPS = (0.5, 0.35, 0.25)  # sideways lean of the normals that a step of the fit is based on
+
+MAX_LEAN = float(np.sin(np.radians(20.0)))  # a hexagon's sides lean by up to 30 degrees
+NEAR_AXIS = 0.012  # of the diameter; so near to the axis a lean says nothing
+CELL = 0.025  # of the diameter, of height and radius of a circle
+SECTORS = 6  # of the slope of a circle's surface
+BINS = 24  # of the angle around the axis
+USUAL_BIN = 17  # three quarters of the bins hold at most as much as this one
+BLUR = {-2: 1 / 9, -1: 2 / 9, 0: 3 / 9, 1: 2 / 9, 2: 1 / 9}  # of neighbouring bins
+MIN_COVERAGE = 0.55  # of the circle; half a pipe fills 0.5, what a handle leaves of it more
+MIN_COUNT = 12  # fewer samples do not say whether a circle is full
+MAX_HARMONIC = 0.1  # radians; a regular n-gon leans by 2 / n, an ellipse by 1 - its flattening
+HARMONICS = range(1, 13)
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A line: unit `direction` (3,) through `point` (3,)."""
+
+    direction: Array
+    point: Array
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Samples in cylinder coordinates about an axis, all (n,): the normal's parts too."""
+
+    height: Array
+    radius: Array
+    angle: Array  # radians
+    lean: Array  # sine between the outward normal and the plane through axis and sample
+    slope: Array  # radians, direction of the normal in that plane, the same for both signs
+    lateral: Array  # sine between normal and axis: 0 for what lies flat across it
+
+
+def candidate_axes(points: Array, normals: Array) -> list[Axis]:
+    """Return axes that patches of the surface revolve about, the best explaining first.
+
+    `points`, `normals`: (n, 3) samples, evenly spread.
+    """
+    stride = max(1, len(points) // PATCH_SAMPLES)
+    p, n = points[::stride], normals[::stride]
+    centers = p[:: max(1, len(p) // NUM_PATCHES)]
+    distance = np.linalg.norm(centers[:, None] - p[None], axis=2)
+    members = np.concatenate([distance < radius for radius in PATCH_RADII])
+    directions, feet = _fitted(p, n, members.astype(np.float64))
+    for limit in STEPS:
+        lean = _leans(p, n, directions, feet) / limit
+        directions, feet = _fitted(p, n, np.where(np.abs(lean) < 1.0, (1.0 - lean**2) ** 2, 0.0))
+    lateral = np.linalg.norm(np.cross(n[None], directions[:, None]), axis=2)
+    explained = np.abs(_leans(p, n, directions, feet)) < MAX_LEAN
+    order = np.argsort(-(lateral * explained).sum(axis=1), kind="stable")
+    kept: list[Axis] = []
+    for index in order:
+        axis = Axis(directions[index], feet[index])
+        if len(kept) < KEPT_AXES and not any(_same(axis, better) for better in kept):
+            kept.append(axis)
+    return kept
+
+
+def refined(axis: Axis, points: Array, normals: Array, steps: int = 3) -> tuple[Axis, Mask]:
+    """Return `axis` fitted to the samples that it supports, and which (n,) these are."""
+    held = support(profile(axis, points, normals))
+    for _ in range(steps):
+        if held.sum() < MIN_COUNT:
+            break
+        directions, feet = _fitted(points, normals, held[None].astype(np.float64))
+        axis = Axis(directions[0], feet[0])
+        held = support(profile(axis, points, normals))
+    return axis, held
+
+
+def profile(axis: Axis, points: Array, normals: Array) -> Profile:
+    """Return `points` with their `normals`, both (n, 3), in cylinder coordinates about `axis`."""
+    arm = points - axis.point
+    height = arm @ axis.direction
+    across = arm - height[:, None] * axis.direction
+    radius = np.linalg.norm(across, axis=1)
+    outward = across / np.maximum(radius, 1e-12)[:, None]
+    # The first sample says where angles start, so that they turn with the surface.
+    start = outward[0] if radius[0] > 1e-9 else basis_from_direction(axis.direction)[:, 1]
+    side = np.cross(axis.direction, start)
+    along, away = normals @ axis.direction, np.einsum("nd,nd->n", normals, outward)
+    lean = np.einsum("nd,nd->n", normals, np.cross(axis.direction, outward))
+    return Profile(
+        height=height - height[0],
+        radius=radius,
+        angle=np.arctan2(across @ side, across @ start),
+        lean=np.where(away < 0.0, -lean, lean),  # some meshes have triangles turned inside out
+        slope=np.arctan2(along, away) % np.pi,
+        lateral=np.sqrt(np.clip(1.0 - along**2, 0.0, 1.0)),
+    )
+
+
+def support(p: Profile) -> Mask:
+    """Return which samples (n,) lie on circles that the surface fills, and that are round."""
+    upright = (np.abs(p.lean) < MAX_LEAN) | (p.radius < NEAR_AXIS)
+    held = np.zeros(len(p.height), dtype=np.bool_)
+    sector = np.pi / SECTORS
+    index = np.flatnonzero(upright)
+    for shift in (0.0, 0.5):  # a cell's border must not cut a circle
+        cell = np.column_stack(
+            [
+                np.floor(p.height[index] / CELL + shift),
+                np.floor(p.radius[index] / CELL + shift),
+                np.floor(p.slope[index] / sector + shift) % SECTORS,
+            ]
+        )
+        number = np.unique(cell, axis=0, return_inverse=True)[1].reshape(-1)
+        good = _full_circles(number, p.angle[index]) & _round_circles(
+            number, p.angle[index], p.lean[index]
+        )
+        held[index] |= good[number]
+    return held
+
+
+def _round_circles(number: NDArray[np.int64], angle: Array, lean: Array) -> Mask:
+    """Return which cells (c,) have normals that lean without a regular pattern.
+
+    Those of an n-gon's sides, or of an ellipse (n = 2), lean to and fro n times around, those of
+    a circle beside the axis once: there a tube bends away.
+    """
+    count = np.maximum(np.bincount(number), 1)
+    spread = np.sqrt(np.bincount(number, weights=lean**2) / count)
+    worst = np.zeros(len(count))
+    for order in HARMONICS:
+        wave = [
+            np.bincount(number, weights=lean * part(order * angle)) for part in (np.sin, np.cos)
+        ]
+        worst = np.maximum(worst, 2.0 * np.hypot(*wave) / count)
+    # What scattered normals show by chance is no pattern.
+    return np.asarray(worst < MAX_HARMONIC + 2.0 * spread * np.sqrt(2.0 / count))
+
+
+def _full_circles(number: NDArray[np.int64], angle: Array) -> Mask:
+    """Return which cells (c,) hold a full circle; `number` (n,) is each sample's cell."""
+    count = int(number.max(initial=-1)) + 1
+    bins = np.minimum(((angle + np.pi) / (2.0 * np.pi) * BINS).astype(np.int64), BINS - 1)
+    filled = np.bincount(number * BINS + bins, minlength=count * BINS).reshape(count, BINS)
+    smooth = np.sum([w * np.roll(filled, step, axis=1) for step, w in BLUR.items()], axis=0)
+    total = smooth.sum(axis=1)
+    usual = np.partition(smooth, USUAL_BIN, axis=1)[:, USUAL_BIN]  # of the bins that are filled
+    coverage = np.minimum(smooth, usual[:, None]).sum(axis=1) / np.maximum(BINS * usual, 1e-9)
+    return np.asarray((coverage >= MIN_COVERAGE) & (total >= MIN_COUNT))
+
+
+def _fitted(points: Array, normals: Array, weights: Array) -> tuple[Array, Array]:
+    """Return direction (k, 3) and point (k, 3) of the best axis for each row of `weights` (k, n).
+
+    A turn w about a point moves x by v + w cross x; on a surface of revolution that is along the
+    surface: n.v + w.(x cross n) = 0. The smallest eigenvector for unit w is the axis; what v has
+    along w is the pitch of a screw, which a cylinder cannot tell from a turn.
+    """
+    rows = np.concatenate([np.cross(points, normals), normals], axis=1)
+    moment = (weights @ (rows[:, :, None] * rows[:, None, :]).reshape(len(rows), 36)).reshape(
+        -1, 6, 6
+    )
+    turning, mixed, moving = moment[:, :3, :3], moment[:, :3, 3:], moment[:, 3:, 3:]
+    scale = np.trace(moving, axis1=1, axis2=2)[:, None, None] + 1e-9
+    back = np.linalg.solve(moving + 1e-5 * scale * np.eye(3), mixed.swapaxes(1, 2))
+    directions = np.linalg.eigh(turning - mixed @ back)[1][:, :, 0]
+    velocity = -np.einsum("kij,kj->ki", back, directions)
+    return directions, np.cross(directions, velocity)
+
+
+def _leans(points: Array, normals: Array, directions: Array, feet: Array) -> Array:
+    """Return the sine (k, n) between each normal and the plane through each axis and sample."""
+    sideways = np.cross(directions[:, None], points[None] - feet[:, None])
+    radius = np.linalg.norm(sideways, axis=2)
+    return np.asarray(np.einsum("nd,knd->kn", normals, sideways) / np.maximum(radius, 1e-9))
+
+
+def _same(first: Axis, second: Axis) -> bool:
+    if abs(first.direction @ second.direction) < np.cos(SAME_ANGLE):
+        return False
+    between = np.cross(first.point - second.point, second.direction)
+    return float(np.linalg.norm(between)) < SAME_OFFSET

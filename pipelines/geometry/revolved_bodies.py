@@ -1,0 +1,96 @@
+"""Bodies of revolution among the parts of a surface: a mug's wall, a pan, a hammer's grip.
+
+An axis is proposed by patches (`revolution.py`) and grows to the connected samples on full, round
+circles about it. Flat samples look the same about every axis across them, so they belong to
+a body only where it bounds them, as a mug bounds its bottom; the flats of a nut stay out. And a
+body ends at an edge: the middle of a banana is round as well, but nobody sees where it ends.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.geometry.revolution import Axis, candidate_axes, profile, refined
+from pipelines.geometry.sampled_parts import SampledParts
+from pipelines.geometry.surface import diameter
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+MAX_BODIES = 4
+FLAT = float(np.sin(np.radians(15.0)))  # between normal and axis
+SAME_FLAT = 0.9  # cosine; the two sides of a plate are two flats
+MIN_BOUNDED = 2.0 / 3.0  # share of the links around a flat that lead to its body
+MAX_SMOOTH_BORDER = 0.8  # share of a body's border where the surface just goes on
+MIN_LATERAL = 0.15  # share of a body that is not flat, or it is a disc drawn on a plate
+
+
+@dataclass(frozen=True)
+class Body:
+    """The samples (m,) of a body of revolution, its axis, and how much it is of what curves.
+
+    `axis` in the frame and unit of the mesh. `lateral` weighs samples by the sine between normal
+    and axis: the share of the surface that fingers close on across the axis, 0 to 1.
+    """
+
+    axis: Axis
+    members: Mask
+    lateral: float
+
+
+def revolved_bodies(parts: SampledParts, among: Mask, min_lateral: float) -> list[Body]:
+    """Return the bodies of revolution of at least `min_lateral`, the largest first.
+
+    They are sought `among` (m,) the samples, the next one among those that are left over.
+    """
+    center = parts.surface.points.mean(axis=0)
+    size = diameter(parts.surface.points)
+    points, normals = (parts.surface.points - center) / size, parts.surface.normals
+    left = among.copy()
+    bodies: list[Body] = []
+    while len(bodies) < MAX_BODIES and left.mean() > min_lateral:
+        best = _largest_body(parts, points, normals, left)
+        if best is None or best.lateral < min_lateral:
+            break
+        axis = Axis(best.axis.direction, best.axis.point * size + center)
+        bodies.append(replace(best, axis=axis))
+        left &= ~best.members
+    return bodies
+
+
+def _largest_body(parts: SampledParts, points: Array, normals: Array, left: Mask) -> Body | None:
+    bodies = []
+    for axis in candidate_axes(points[left], normals[left]):
+        fitted, held_left = refined(axis, points[left], normals[left])
+        held = np.zeros(len(points), dtype=np.bool_)
+        held[left] = held_left
+        body = _grown(parts, fitted, points, normals, held)
+        if body is not None:
+            bodies.append(body)
+    return max(bodies, key=lambda body: body.lateral, default=None)
+
+
+def _grown(
+    parts: SampledParts, axis: Axis, points: Array, normals: Array, held: Mask
+) -> Body | None:
+    lateral = profile(axis, points, normals).lateral
+    held = _without_loose_flats(parts, parts.smoothed(held) & held, lateral)
+    if not held.any():
+        return None
+    members = parts.clusters(held)[0]
+    if lateral[members].mean() < MIN_LATERAL or parts.smooth_border(members) > MAX_SMOOTH_BORDER:
+        return None
+    return Body(axis, members, float(lateral[members].sum() / lateral.sum()))
+
+
+def _without_loose_flats(parts: SampledParts, held: Mask, lateral: Array) -> Mask:
+    """Return `held` without the flats that are bounded by something else."""
+    flat = held & (lateral < FLAT)
+    kept = held.copy()
+    for members in parts.clusters(flat, SAME_FLAT):
+        inside = parts.touching(members, held & ~members)
+        outside = parts.touching(members, ~held)
+        if inside < MIN_BOUNDED * (inside + outside):
+            kept &= ~members
+    return kept

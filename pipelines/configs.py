@@ -56,7 +56,9 @@ class AnnotateSymmetryConfig:
     max_axis_mean: float = 0.01  # a turn moves more of the surface than a mirror does
     max_p95: float = 0.025
     max_p99: float = 0.05
-    min_agreement: float = 0.7  # share of samples whose image fits, with its normal
+    max_error: float = 0.03  # mean distance over the largest displacement: thin things count too
+    min_agreement: float = 0.65  # of normals, as a share of that of the surface with itself nearby
+    max_unseen: float = 0.4  # share of samples whose image may land beyond an open rim
     max_planes: int = 3  # Sec. III-E: at most 3 reflections, 1 rotation, 1 sphere
     max_order: int = 8  # of a discrete rotation
     min_region_extent: float = 0.01  # metres, smaller regions cannot be grasped

@@ -9,7 +9,8 @@ from scipy.spatial.distance import pdist
 from trimesh.triangles import closest_point
 
 from pipelines.geometry.mesh import Mesh, sample_surface
-from pipelines.geometry.transforms import unit
+from pipelines.geometry.open_boundary import OpenBoundary
+from pipelines.geometry.transforms import basis_from_direction, unit
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -17,6 +18,11 @@ Indices = NDArray[np.int64]
 MAX_HULL_CORNERS = 2000
 NUM_SMOOTHED = 16  # samples that a normal is averaged over
 SAME_SIDE_COSINE = 0.3  # the other faces of an edge and of a thin wall do not count
+ROUGH_PASSES = 3  # of averaging, where noise has tilted the triangles
+ROUGH_SLOPE = 0.03  # noise over the distance of the neighbours it is measured among
+NUM_PROBES, NUM_NEIGHBOURS = 500, 40  # places where noise is measured, and samples around each
+FAR_NEIGHBOURS = 24  # from here on neighbours are not averaged into the same normals
+AGREEING_COSINE = 0.85  # of two normals: 32 degrees
 
 
 @dataclass(frozen=True)
@@ -26,8 +32,9 @@ class Surface:
     The normals are averaged over neighbours of the same side, for scans whose triangles are rough.
 
     `triangles`: (f, 3, 3), `points` and `normals`: (m, 3), `faces`: (m,) the triangle that each
-    sample lies on; unit of the mesh, frame of the mesh. Samples rather than vertices are the
-    base of every search, so the tessellation does not matter.
+    sample lies on; unit of the mesh, frame of the mesh. `rim` is where the surface ends.
+    Samples rather than vertices are the base of every search, so the tessellation
+    does not matter.
     """
 
     triangles: Array
@@ -35,19 +42,45 @@ class Surface:
     normals: Array
     faces: Indices
     tree: KDTree
+    rim: OpenBoundary
+    noise: float  # of samples about a smooth surface through their neighbours, one sigma
+    steadiness: float  # share of neighbouring samples whose normals agree
 
     @classmethod
     def from_mesh(cls, mesh: Mesh, num_samples: int, rng: np.random.Generator) -> "Surface":
         """Sample `mesh` at `num_samples` points, uniform by area."""
         points, normals, faces = sample_surface(mesh, num_samples, rng)
         tree = KDTree(points)
-        return cls(mesh.triangles, points, _smoothed(tree, normals), faces, tree)
+        data = np.arange(0, num_samples, max(1, num_samples // NUM_PROBES))
+        found = tree.query(points[data], k=min(NUM_NEIGHBOURS, num_samples))
+        distance, index = (np.asarray(part) for part in found)
+        noise, slope = _noise(points[index] - points[data][:, None], normals[index], distance)
+        passes = ROUGH_PASSES if slope > ROUGH_SLOPE else 1
+        normals = _smoothed(tree, normals, passes)
+        return cls(
+            triangles=mesh.triangles,
+            points=points,
+            normals=normals,
+            faces=faces,
+            tree=tree,
+            rim=OpenBoundary.of(mesh),
+            noise=noise,
+            steadiness=_agreement(normals[index[:, FAR_NEIGHBOURS:]], normals[data]),
+        )
 
     def normalised(self, center: Array, size: float) -> "Surface":
         """Return the surface moved by -`center` (3,) and divided by `size`."""
         points = (self.points - center) / size
-        triangles = (self.triangles - center) / size
-        return Surface(triangles, points, self.normals, self.faces, KDTree(points))
+        return Surface(
+            triangles=(self.triangles - center) / size,
+            points=points,
+            normals=self.normals,
+            faces=self.faces,
+            tree=KDTree(points),
+            rim=self.rim.moved(center, size),
+            noise=self.noise / size,
+            steadiness=self.steadiness,
+        )
 
     def nearest(self, points: Array) -> Indices:
         """Return the index of the sample nearest to each of `points`: (..., 3) -> (...)."""
@@ -87,10 +120,41 @@ class Surface:
         return gap[rows, best], self.normals[candidates[rows, best]]
 
 
-def _smoothed(tree: KDTree, normals: Array) -> Array:
-    neighbours = normals[np.asarray(tree.query(tree.data, k=NUM_SMOOTHED)[1])]  # (m, k, 3)
-    alike = np.einsum("mkd,md->mk", neighbours, normals) > SAME_SIDE_COSINE
-    return unit(np.einsum("mkd,mk->md", neighbours, alike.astype(np.float64)))
+def _smoothed(tree: KDTree, normals: Array, passes: int) -> Array:
+    index = np.asarray(tree.query(tree.data, k=NUM_SMOOTHED)[1])
+    for _ in range(passes):
+        neighbours = normals[index]  # (m, k, 3)
+        alike = np.einsum("mkd,md->mk", neighbours, normals) > SAME_SIDE_COSINE
+        normals = unit(np.einsum("mkd,mk->md", neighbours, alike.astype(np.float64)))
+    return normals
+
+
+def _noise(near: Array, normals: Array, distance: Array) -> tuple[float, float]:
+    """Return the noise of samples, in their unit, and as a slope: over their neighbours' reach.
+
+    The median, over many places, of what is left when a quadratic surface is fitted to the
+    samples around: shape bends, so it is fitted; edges are few, so they do not count. `near`,
+    `normals`: (p, k, 3) neighbours seen from each place, nearest first; `distance`: (p, k).
+    """
+    alike = np.einsum("pkd,pd->pk", normals, normals[:, 0]) > 0.0
+    frame = basis_from_direction(np.einsum("pkd,pk->pd", normals, alike.astype(np.float64)))
+    reach = np.maximum(distance[:, -1:], 1e-12)
+    height, x, y = np.moveaxis(near @ frame, -1, 0) / reach
+    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
+    weighted = np.swapaxes(terms * alike[..., None], 1, 2)
+    system = weighted @ terms + 1e-9 * np.eye(terms.shape[-1])
+    left = height - (terms @ np.linalg.solve(system, weighted @ height[..., None]))[..., 0]
+    freedom = np.maximum(alike.sum(axis=1) - terms.shape[-1], 1)
+    slope = np.sqrt((np.square(left) * alike).sum(axis=1) / freedom)
+    return float(np.median(slope * reach[:, 0])), float(np.median(slope))
+
+
+def _agreement(neighbours: Array, normals: Array) -> float:
+    """Return the share of `neighbours` (p, k, 3) whose normals agree with `normals` (p, 3)."""
+    if not neighbours.size:
+        return 1.0
+    cosine = np.abs(np.einsum("pkd,pd->pk", neighbours, normals))
+    return float(np.mean(cosine > AGREEING_COSINE))
 
 
 def diameter(points: Array) -> float:

@@ -41,7 +41,7 @@ Array = NDArray[np.float64]
 Accepted = tuple[Array, Fit]  # a plane (nx, ny, nz, d) and how well it fits
 
 ACROSS_COSINE = float(np.cos(np.radians(5.0)))
-PARALLEL_COSINE = float(np.cos(np.radians(7.0)))
+SAME_COSINE = float(np.cos(np.radians(13.0)))
 PAIR_TOLERANCE = float(np.radians(2.0))
 FACING_POWER = 8  # sharpness of "this face looks along the plane's normal"
 
@@ -118,13 +118,14 @@ def _rotation(shape: Shape, axis: Array, order: int | None, fit: Fit) -> Rotatio
 
 
 def _not_parallel(planes: Sequence[Accepted]) -> list[Accepted]:
-    """Return the planes without those parallel to a better one.
+    """Return the planes without those nearly parallel to a better one.
 
-    Two parallel mirrors make a translation, which no bounded object survives.
+    Two parallel mirrors make a translation, which no bounded object survives; two that meet at
+    less than 15 degrees a rotation of more than twelve-fold symmetry, or one plane found twice.
     """
     kept: list[Accepted] = []
     for plane, fit in planes:
-        if all(abs(plane[:3] @ better[:3]) < PARALLEL_COSINE for better, _ in kept):
+        if all(abs(plane[:3] @ better[:3]) < SAME_COSINE for better, _ in kept):
             kept.append((plane, fit))
     return kept
 

@@ -69,7 +69,8 @@ class Shape:
         center = raw.points.mean(axis=0)
         surface = raw.normalised(center, size)
         draw = rng.choice(len(raw.points), config.num_verification_samples, replace=False)
-        return cls(center, size, surface, Samples(surface.points[draw], surface.normals[draw]))
+        make = Samples.with_links if len(surface.rim.points) else Samples
+        return cls(center, size, surface, make(surface.points[draw], surface.normals[draw]))
 
     def points(self, count: int) -> Array:
         """Return the first `count` of the samples' points: (count, 3)."""
@@ -92,7 +93,7 @@ def search_planes(
     good = [index for index, fit in enumerate(fits) if fit.holds(config)]
     if good:
         planes[good] = refined_planes(shape, planes[good], FINAL_SCALES, FINAL_SAMPLES)
-    order = np.argsort([fit.mean for fit in fits], kind="stable")
+    order = np.argsort([fit.loss for fit in fits], kind="stable")
     return planes[order], [fits[index] for index in order]
 
 
@@ -121,7 +122,7 @@ def search_axes(
     fits = [
         continuous_fit(shape.surface, shape.samples, axis[:3], axis[3:], config) for axis in axes
     ]
-    order = np.argsort([fit.mean for fit, _ in fits], kind="stable")
+    order = np.argsort([fit.loss for fit, _ in fits], kind="stable")
     return axes[order], [fits[index] for index in order]
 
 

@@ -3,6 +3,11 @@
 The mean alone cannot tell "all but the handle" from a noisy scan: a mug turned about its body's
 axis misses by 0.3 % on average, but by more than 6 % at its 99th percentile. So a symmetry holds
 when mean, 95th and 99th percentile of the distance do, and the normals agree.
+
+Two things are not held against a symmetry. Noise: two noisy surfaces miss each other by what the
+noise makes them miss, which is taken off in quadrature, and their normals need not agree better
+than the surface's own do a little way off. Holes: what lies beyond an open rim is unknown, so
+samples whose image lands there are left out, unless they are too many.
 Normalised coordinates: origin at the surface's centroid, unit diameter.
 """
 
@@ -13,10 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import AnnotateSymmetryConfig
-from pipelines.geometry.surface import Surface
+from pipelines.geometry.open_boundary import cut_off, linked
+from pipelines.geometry.surface import AGREEING_COSINE, Surface
 from pipelines.geometry.transforms import rotation_about
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 # Worst of these decides whether a rotation is continuous; no n-gon up to 12 has all of them.
@@ -25,41 +32,75 @@ VERIFICATION_ANGLES = tuple(np.radians([25.0, 47.0, 77.0, 104.0, 131.0, 155.0, 1
 MIN_DISPLACEMENT = 0.004
 FAR = 0.15  # of the diameter; a larger miss is no worse than this one
 SUPPORT_DISTANCE = 0.012  # of the diameter
-SUPPORT_COSINE = 0.85  # of the image's normal and the surface's: 32 degrees
+SUPPORT_COSINE = AGREEING_COSINE  # of the image's normal and the surface's
 
 # An octagonal column misses nothing at 45 degrees and most at 22; a dented can misses alike.
 _ROUND_MEAN, _ROUND_RATIO = 0.002, 3.0
+# |N(0, 2)|, the distance of two surfaces of unit noise: its mean, 95th and 99th percentile.
+_NOISE_MEAN, _NOISE_P95, _NOISE_P99 = 1.13, 2.77, 3.64
 _SPHERE_MEAN, _SPHERE_P95 = 0.01, 0.025  # of the diameter
 _SPHERE_OFFCENTER, _SPHERE_MIN_SPREAD = 0.2, 0.2  # a cap is no sphere
 
 
 @dataclass(frozen=True)
 class Samples:
-    """Surface samples in normalised coordinates: `points` and unit `normals`, both (n, 3)."""
+    """Surface samples in normalised coordinates: `points` and unit `normals`, both (n, 3).
+
+    Where the surface has a rim, `links` (e, 2) are the pairs of neighbours among the samples, and
+    `spacing` is how far apart neighbours lie.
+    """
 
     points: Array
     normals: Array
+    links: Indices | None = None
+    spacing: float = 0.0
+
+    @classmethod
+    def with_links(cls, points: Array, normals: Array) -> "Samples":
+        """Return the samples with the links between them."""
+        links = linked(points)
+        spacing = np.linalg.norm(points[links[:, 0]] - points[links[:, 1]], axis=1).mean()
+        return cls(points, normals, links, float(spacing))
 
 
 @dataclass(frozen=True)
 class Fit:
-    """How well an image fits its surface; distances are shares of the diameter."""
+    """How well an image fits its surface; distances are shares of the diameter.
+
+    Measured where the image does not land beyond a rim; `unseen` is the share that does.
+    """
 
     mean: float
     p95: float
     p99: float
     agreement: float  # share of samples whose image lies near, with the surface's normal
     displacement: float  # how far the farthest sample moves
+    unseen: float  # share of all samples
+    noise: float  # of the surface about a smooth one, one sigma
+    steadiness: float  # the agreement of the surface with itself, a little way off
+    loss: float  # mean miss of all samples, those beyond a rim among them
 
     def holds(self, config: AnnotateSymmetryConfig, max_mean: float | None = None) -> bool:
         """Return whether the symmetry is one of the whole surface."""
         return (
-            self.mean <= (config.max_mean if max_mean is None else max_mean)
-            and self.p95 <= config.max_p95
-            and self.p99 <= config.max_p99
-            and self.agreement >= config.min_agreement
+            self.excess(self.mean, _NOISE_MEAN)
+            <= (config.max_mean if max_mean is None else max_mean)
+            and self.excess(self.p95, _NOISE_P95) <= config.max_p95
+            and self.excess(self.p99, _NOISE_P99) <= config.max_p99
+            and self.agreement >= config.min_agreement * self.steadiness
             and self.displacement >= MIN_DISPLACEMENT
+            and self.miss <= config.max_error * self.displacement
+            and self.unseen <= config.max_unseen
         )
+
+    def excess(self, statistic: float, of_noise: float) -> float:
+        """Return what noise does not explain of a `statistic` that is `of_noise` for unit noise."""
+        return float(np.sqrt(max(statistic**2 - (of_noise * self.noise) ** 2, 0.0)))
+
+    @property
+    def miss(self) -> float:
+        """The mean distance that noise does not explain."""
+        return self.excess(self.mean, _NOISE_MEAN)
 
     @property
     def error(self) -> float:
@@ -86,6 +127,10 @@ def fit_of(surface: Surface, before: Samples, image: Samples) -> Fit:
     """Measure how well `image`, the image of `before`, fits `surface`."""
     distance, normals = surface.distances(image.points, reach=FAR)
     cosine = np.abs(np.einsum("nd,nd->n", normals, image.normals))
+    seen = ~_unseen(surface, before, image, distance)
+    loss, unseen = float(distance.mean()), 1.0 - float(seen.mean())
+    if seen.any():
+        distance, cosine = distance[seen], cosine[seen]
     p95, p99 = np.percentile(distance, [95.0, 99.0])
     return Fit(
         mean=float(distance.mean()),
@@ -93,7 +138,18 @@ def fit_of(surface: Surface, before: Samples, image: Samples) -> Fit:
         p99=float(p99),
         agreement=float(np.mean((distance < SUPPORT_DISTANCE) & (cosine > SUPPORT_COSINE))),
         displacement=float(np.linalg.norm(image.points - before.points, axis=1).max()),
+        unseen=unseen,
+        noise=surface.noise,
+        steadiness=surface.steadiness,
+        loss=loss,
     )
+
+
+def _unseen(surface: Surface, before: Samples, image: Samples, distance: Array) -> Mask:
+    missed = distance > SUPPORT_DISTANCE
+    if before.links is None or not missed.any():
+        return np.zeros(len(distance), dtype=bool)
+    return cut_off(missed, surface.rim.near(image.points, before.spacing), before.links)
 
 
 def fit_of_turn(
@@ -119,12 +175,12 @@ def continuous_fit(
         fits.append(fit_of_turn(surface, samples, axis, center, angle))
         if not fits[-1].holds(config, config.max_axis_mean):
             return fits[-1], False
-    worst, best = max(fits, key=_mean), min(fits, key=_mean)
-    return worst, worst.mean <= _ROUND_MEAN or worst.mean <= _ROUND_RATIO * best.mean
+    worst, best = max(fits, key=_miss), min(fits, key=_miss)
+    return worst, worst.miss <= _ROUND_MEAN or worst.miss <= _ROUND_RATIO * best.miss
 
 
-def _mean(fit: Fit) -> float:
-    return fit.mean
+def _miss(fit: Fit) -> float:
+    return fit.miss
 
 
 def supported(surface: Surface, images: Iterable[Samples], size: float = 1.0) -> Mask:

@@ -6,6 +6,7 @@ Stages, in workflow order; each reads files, writes files, and knows no other st
 stage                reads                                       writes
 ===================  ==========================================  ===============================
 synthesize           procedural objects, or meshes               a GraspNet-1Billion root
+label_grasps         meshes                                      ROOT/models, ROOT/grasp_label
 annotate_symmetry    ROOT/models                                 ROOT/symmetry/NNN.json
 refine_grasps        ROOT/grasp_label, ROOT/symmetry             ROOT/affordance/NNN.h5
 pack                 ROOT frames, symmetry, affordance           PACKED/scene_XXXX.h5

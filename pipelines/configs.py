@@ -20,6 +20,16 @@ class LabelConfig:
 
 
 @dataclass(frozen=True)
+class LabelGraspsConfig:
+    """Grasp labels of the user's own meshes."""
+
+    labels: LabelConfig = field(default_factory=lambda: LabelConfig(num_points=0))  # 0: by area
+    point_area: float = 32e-6  # square metres a grasp point, GraspNet's density, D. 39
+    min_points: int = 64
+    max_points: int = 3500  # as GraspNet's largest label
+
+
+@dataclass(frozen=True)
 class SynthesizeConfig:
     """Procedural scenes in GraspNet-1Billion's layout."""
 

@@ -12,6 +12,7 @@ from symgrasp_cli.annotate_symmetry import annotate_symmetry
 from symgrasp_cli.evaluate import evaluate
 from symgrasp_cli.finetune_detector import finetune_detector
 from symgrasp_cli.infer import infer
+from symgrasp_cli.label_grasps import label_grasps
 from symgrasp_cli.pack import pack
 from symgrasp_cli.refine_grasps import refine_grasps
 from symgrasp_cli.score_grasps import score_grasps
@@ -21,6 +22,7 @@ from symgrasp_cli.train import train
 # The order in which a lab runs them; `symgrasp --help` teaches the workflow.
 COMMANDS = (
     synthesize,
+    label_grasps,
     annotate_symmetry,
     refine_grasps,
     pack,

@@ -66,7 +66,7 @@ def label_offsets(width: NDArray[np.floating]) -> NDArray[np.float32]:
     return offsets
 
 
-def write_grasp_label(path: Path, label: GraspLabel) -> None:
+def write_grasp_label(path: Path, label: GraspLabel, *, compress: bool = True) -> None:
     """Write `grasp_label/NNN_labels.npz` with the original's names and types."""
     shape = (len(label.points), *GRID)
     for name, array, expected in (
@@ -78,6 +78,7 @@ def write_grasp_label(path: Path, label: GraspLabel) -> None:
             raise FormatError(path, f"{name} to write is {array.shape}", f"it must be {expected}")
     write_npz(
         path,
+        compress=compress,
         points=label.points.astype(np.float32),
         offsets=label.offsets.astype(np.float32),
         collision=label.collision.astype(bool),

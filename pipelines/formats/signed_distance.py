@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from pipelines.errors import FormatError
-from pipelines.formats.files import existing, write_text
+from pipelines.formats.files import atomic_path, existing
 from pipelines.geometry.signed_distance import SignedDistanceGrid
 
 HEADER_NUMBERS = 7
@@ -20,8 +20,11 @@ def write_sdf(path: Path, grid: SignedDistanceGrid) -> None:
     nx, ny, nz = grid.values.shape
     ox, oy, oz = grid.origin
     header = f"{nx} {ny} {nz}\n{ox:.6g} {oy:.6g} {oz:.6g}\n{grid.spacing:.6g}\n"
-    values = grid.values.flatten(order="F").tolist()
-    write_text(path, header + "\n".join(map("{:.6g}".format, values)) + "\n")
+    with atomic_path(path) as temporary, temporary.open("w", encoding="ascii") as stream:
+        stream.write(header)
+        for k in range(nz):
+            values = grid.values[:, :, k].flatten(order="F").tolist()
+            stream.write("\n".join(map("{:.6g}".format, values)) + "\n")
 
 
 def read_sdf(path: Path) -> SignedDistanceGrid:

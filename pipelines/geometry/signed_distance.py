@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from pipelines.geometry.line_crossings import line_crossings
 from pipelines.geometry.mesh import Mesh
-from pipelines.geometry.rendering import first_hits
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -23,7 +23,6 @@ MARGIN = 5  # nodes free on each side of the mesh's longest extent
 NARROW_BAND = 2.5  # spacings
 PAIRS_AT_A_TIME = 400_000  # (triangle, node) pairs held in memory
 OFF_GRID = 1.234e-5  # spacings a column is moved aside, so that rays miss edges and vertices
-STEP_PAST = 1e-7  # metres behind a hit that the next ray starts
 
 
 @dataclass(frozen=True)
@@ -36,7 +35,7 @@ class SignedDistanceGrid:
 
 
 def signed_distance_grid(mesh: Mesh, nodes: int = NODES) -> SignedDistanceGrid:
-    """Return the signed distance to the closed `mesh` on a cubic grid; negative inside, metres."""
+    """Return the signed distance to `mesh` on a cubic grid; negative inside, metres."""
     low, high = mesh.bounds
     spacing = float((high - low).max()) / (nodes - 2 * MARGIN)
     origin = (low + high) / 2.0 - nodes * spacing / 2.0
@@ -124,30 +123,32 @@ def closest_points(triangles: Array, points: Array) -> Array:
 def _inside(mesh: Mesh, origin: Array, spacing: float, nodes: int) -> Mask:
     """Return (nodes, nodes, nodes) which nodes the mesh encloses, by vote of the three axes.
 
-    One axis alone errs in a whole column if a ray slips through between two triangles.
+    A column of nodes along an axis votes by how many surfaces lie before each node. One that
+    crosses an odd number of surfaces passes through a hole, or slips between two triangles: it
+    abstains. So a mesh with holes has a sign too, wrong at most near the holes.
     """
     votes = np.zeros((nodes,) * 3, np.int64)
     for axis in range(3):
-        votes += np.moveaxis(_column_parity(mesh, origin, spacing, nodes, axis), 2, axis)
-    return votes >= 2
+        votes += np.moveaxis(_column_votes(mesh, origin, spacing, nodes, axis), 2, axis)
+    return votes > 0
 
 
-def _column_parity(mesh: Mesh, origin: Array, spacing: float, nodes: int, axis: int) -> Mask:
-    """Return (nodes, nodes, nodes): inside or not, the nodes along `axis` last."""
+def _column_votes(
+    mesh: Mesh, origin: Array, spacing: float, nodes: int, axis: int
+) -> NDArray[np.int64]:
+    """Return (nodes, nodes, nodes), 1 inside, -1 outside, 0 unknown; nodes along `axis` last."""
     others = [i for i in range(3) if i != axis]
     first, second = np.meshgrid(np.arange(nodes), np.arange(nodes), indexing="ij")
     start = np.zeros((nodes * nodes, 3))
     start[:, others[0]], start[:, others[1]] = first.ravel(), second.ravel()
     start = origin + spacing * (start + OFF_GRID * np.array([1.0, 1.7, 2.3]))
     start[:, axis] = origin[axis] - spacing
-    direction = np.eye(3)[axis]
-    inside = np.zeros((nodes * nodes, nodes), np.bool_)
-    heights = origin[axis] + spacing * np.arange(nodes)
-    column = np.arange(nodes * nodes)
-    while len(column):
-        distance, _ = first_hits(mesh, start, np.broadcast_to(direction, start.shape))
-        hit = np.isfinite(distance)
-        column, start = column[hit], start[hit] + distance[hit, None] * direction
-        inside[column] ^= heights > start[:, axis, None]
-        start = start + STEP_PAST * direction
-    return inside.reshape(nodes, nodes, nodes)
+    direction = np.broadcast_to(np.eye(3)[axis], start.shape)
+    crossings = line_crossings(mesh, start, direction, (nodes + 2) * spacing)
+    heights = spacing * np.arange(1, nodes + 1)  # of the nodes above the columns' starts
+    before = np.zeros((nodes * nodes, nodes), np.int64)
+    for distance in crossings.distance.T:
+        before += heights > distance[:, None]
+    known = crossings.count % 2 == 0
+    votes = np.where(known[:, None], 2 * (before % 2) - 1, 0)
+    return votes.reshape(nodes, nodes, nodes)

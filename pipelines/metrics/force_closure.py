@@ -23,7 +23,16 @@ FRICTION_GRID = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  # of GraspNe
 def min_friction(contacts: Contacts) -> Array:
     """Return (n,) the smallest friction coefficient of force closure; inf where there is none."""
     cosine = contacts.cosines.min(axis=1, initial=1.0)
-    closes = contacts.found & (cosine > 0.0)
+    return friction_of_cosine(np.where(contacts.found, cosine, 0.0))
+
+
+def friction_of_cosine(cosine: Array) -> Array:
+    """Return the tangent (...) of the angle with `cosine`; inf where that is not positive.
+
+    `cosine`: (...) between a contact's inward normal and the line to the other contact; the
+    smaller of the two decides.
+    """
+    closes = cosine > 0.0
     cosine = np.where(closes, np.minimum(cosine, 1.0), 1.0)
     return np.where(closes, np.sqrt(1.0 - cosine**2) / cosine, np.inf)
 

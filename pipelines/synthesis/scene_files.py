@@ -33,7 +33,7 @@ from pipelines.synthesis.grasp_sampling import scene_collisions
 from pipelines.synthesis.planar_labels import FreeGrasps, free_grasps, planar_rows
 from pipelines.synthesis.tables import SceneLayout, SceneObject, View, record, settle
 
-TAG_SCENE, TAG_COLLISION, TAG_SENSOR = 2, 3, 4  # what a child seed is for
+TAG_SCENE, TAG_SENSOR = 2, 4  # what a child seed is for
 
 
 def write_scene(
@@ -50,7 +50,7 @@ def write_scene(
     intrinsics = intrinsics_of(sensor, config.width, config.height)
     viewpoints = drawn_viewpoints(layout.centre, config.views, intrinsics, rng)
     labelled = config.collision_labels and config.labels.num_points > 0
-    free = _write_collisions(root, scene_id, layout, config, stamp) if labelled else []
+    free = _write_collisions(root, scene_id, layout, stamp) if labelled else []
     with atomic_folder(root.scene_folder(scene_id)) as folder:
         write_object_ids(folder / "object_id_list.txt", [o.object_id for o in layout.objects])
         write_pose_array(folder / "rs_wrt_kn.npy", np.tile(np.eye(4), (config.views, 1, 1)))
@@ -124,17 +124,11 @@ def _write_collisions(
     root: GraspNetRoot,
     scene_id: int,
     layout: SceneLayout,
-    config: SynthesizeConfig,
     stamp: Stamp,
 ) -> list[FreeGrasps]:
     labels = [read_grasp_label(root.grasp_label_path(item.object_id)) for item in layout.objects]
-    collisions = scene_collisions(
-        labels,
-        [item.mesh for item in layout.objects],
-        list(layout.poses),
-        config=config.labels,
-        rng=np.random.default_rng([stamp.seed, TAG_COLLISION, scene_id]),
-    )
+    meshes = [item.mesh for item in layout.objects]
+    collisions = scene_collisions(labels, meshes, list(layout.poses))
     target = root.collision_label_path(scene_id)
     target.parent.mkdir(parents=True, exist_ok=True)
     write_sidecar(target, stamp)

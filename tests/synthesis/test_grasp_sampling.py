@@ -1,6 +1,8 @@
-"""Grasp labels of a box against slow, obvious checks; collisions in scenes."""
+"""Grasp labels against slow, obvious checks; collisions in scenes."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,8 +13,15 @@ from pipelines.configs import LabelConfig
 from pipelines.errors import ValueRangeError
 from pipelines.formats.graspnet_labels import GraspLabel
 from pipelines.formats.graspnet_views import DEPTHS, view_rotations
-from pipelines.geometry.mesh import Mesh, sample_surface
-from pipelines.synthesis.grasp_sampling import NUM_SAMPLES, sample_grasp_label, scene_collisions
+from pipelines.formats.meshes import read_mesh
+from pipelines.geometry.mesh import Mesh
+from pipelines.synthesis.grasp_sampling import (
+    LabelTarget,
+    label_points,
+    sample_grasp_label,
+    scene_collisions,
+)
+from tests.synthesis import naive_labels
 
 Array = NDArray[np.float64]
 
@@ -31,73 +40,91 @@ def label() -> GraspLabel:
     return sample_grasp_label(box(), CONFIG, np.random.default_rng(5))
 
 
-def some_candidates(label: GraspLabel, count: int, *, feasible: bool) -> Array:
-    index = np.argwhere((label.min_friction > 0) == feasible)
-    return np.random.default_rng(1).permutation(index)[:count]
+def naive(triangles: Array, label: GraspLabel, candidate: Array) -> tuple[float, float, bool]:
+    point, view, angle, depth = (int(i) for i in candidate)
+    return naive_labels.label(triangles, label.points[point].astype(float), view, angle, depth)
 
 
-def line_through_box(tip: Array, closing: Array) -> tuple[float, float, int, int]:
-    """Where the line `tip + s * closing` enters and leaves the box, and across which axes."""
-    enter, leave, enter_axis, leave_axis = -np.inf, np.inf, 0, 0
-    for axis in range(3):
-        half = SIDES[axis] / 2
-        with np.errstate(divide="ignore"):  # parallel to two faces: infinitely far ends are right
-            ends = sorted((side - tip[axis]) / closing[axis] for side in (-half, half))
-        if ends[0] > enter:
-            enter, enter_axis = ends[0], axis
-        if ends[1] < leave:
-            leave, leave_axis = ends[1], axis
-    return enter, leave, enter_axis, leave_axis
+def assert_equals_naive(mesh: Mesh, label: GraspLabel, candidates: Array) -> None:
+    for candidate in candidates:
+        friction, width, collision = naive(mesh.triangles, label, candidate)
+        at = tuple(candidate)
+        assert label.min_friction[at] == pytest.approx(friction), at
+        assert label.offsets[at][2] == pytest.approx(width, abs=1e-6), at
+        assert label.collision[at] == collision, at
 
 
-def slow_friction_and_width(tip: Array, closing: Array) -> tuple[float, float]:
-    """What the label must say of one candidate, from the planes of the box alone."""
-    enter, leave, enter_axis, leave_axis = line_through_box(tip, closing)
-    if not -0.06 <= enter <= 0.0 <= leave <= 0.06:
-        return -1.0, 0.0
-    angles = [np.arccos(abs(closing[axis])) for axis in (enter_axis, leave_axis)]
-    needed = max(np.tan(angles))
-    holding = [mu / 10 for mu in range(1, 11) if mu / 10 >= needed]
-    return (holding[0] if holding else -1.0), min(2 * max(-enter, leave) + 0.01, 0.12)
+def cup() -> Mesh:
+    """A cup of 5 cm with a wall of 3 mm: one finger inside, one outside holds it."""
+    outer, inner = 0.025, 0.022
+    outline = [[0, 0], [outer, 0], [outer, 0.08], [inner, 0.08], [inner, 0.003], [0, 0.003]]
+    made = trimesh.creation.revolve(np.array(outline), sections=40)
+    return Mesh(np.asarray(made.vertices), np.asarray(made.faces))
 
 
-@pytest.mark.parametrize("feasible", [True, False])
-def test_friction_and_width_equal_those_of_a_slow_check(label: GraspLabel, feasible: bool) -> None:
-    candidates = some_candidates(label, 200, feasible=feasible)
-    assert len(candidates) == 200
-    for point, view, angle, depth in candidates:
-        frame = R[view, angle]
-        tip = label.points[point] + DEPTHS[depth] * frame[:, 0]
-        friction, width = slow_friction_and_width(tip, frame[:, 1])
-        assert label.min_friction[point, view, angle, depth] == pytest.approx(friction)
-        assert label.offsets[point, view, angle, depth, 2] == pytest.approx(width, abs=1e-6)
+def fork() -> Mesh:
+    """Four tines on a bar, 6 mm apart: closer than a finger is thick."""
+    parts = [trimesh.creation.box((0.03, 0.01, 0.004))]
+    for x in (-0.0135, -0.0045, 0.0045, 0.0135):
+        tine = trimesh.creation.box((0.003, 0.05, 0.004))
+        parts.append(tine.apply_translation((x, 0.03, 0.0)))
+    made = trimesh.util.concatenate(parts)
+    return Mesh(np.asarray(made.vertices), np.asarray(made.faces))
 
 
-def slow_collision(samples: Array, origin: Array, frame: Array, depth: float, width: float) -> bool:
-    for along, side, level in (samples - origin) @ frame:
-        if abs(level) >= 0.01:
-            continue
-        finger = -0.02 < along < depth and width / 2 < abs(side) < width / 2 + 0.01
-        slab = -0.03 < along < -0.02 and abs(side) < width / 2 + 0.01
-        if finger or slab:
-            return True
-    return False
+def blob() -> Mesh:
+    made = trimesh.creation.icosphere(subdivisions=2, radius=0.03)
+    dents = 1.0 + 0.25 * np.sin(130.0 * made.vertices).sum(axis=1, keepdims=True)
+    return Mesh(made.vertices * dents, np.asarray(made.faces))
 
 
-def test_self_collision_equals_that_of_a_slow_check(label: GraspLabel) -> None:
-    rng = np.random.default_rng(5)
-    sample_surface(box(), CONFIG.num_points, rng)
-    samples = sample_surface(box(), NUM_SAMPLES, rng)[0]
-    verdicts = []
-    for candidate in some_candidates(label, 200, feasible=True):
-        point, view, angle, depth = candidate
-        width = float(label.offsets[(*candidate, 2)])
-        if width > 0.1199:  # opened to the end, a finger may just touch: a tie
-            continue
-        verdict = slow_collision(samples, label.points[point], R[view, angle], DEPTHS[depth], width)
-        assert label.collision[tuple(candidate)] == verdict
-        verdicts.append(verdict)
-    assert 20 < sum(verdicts) < 180
+@pytest.mark.parametrize("make", [cup, fork, blob])
+def test_friction_width_and_collision_equal_a_slow_check(make: Callable[[], Mesh]) -> None:
+    mesh, rng = make(), np.random.default_rng(7)
+    made = sample_grasp_label(mesh, LabelConfig(num_points=12), rng)
+    anywhere = np.stack([rng.integers(0, n, 1000) for n in made.min_friction.shape], axis=1)
+    holding = rng.permutation(np.argwhere(made.min_friction > 0))[:200]
+    free = rng.permutation(np.argwhere(~made.collision))[:100]
+    assert len(free) > 20
+    assert_equals_naive(mesh, made, np.concatenate([anywhere, holding, free]))
+
+
+@pytest.mark.parametrize(
+    "name", ["ycb_035_power_drill", "ycb_025_mug", "ycb_030_fork", "os_scorpion"]
+)
+def test_real_meshes_equal_a_slow_check(shared: Path, name: str) -> None:
+    mesh, rng = read_mesh(shared / "meshes" / f"{name}.ply"), np.random.default_rng(8)
+    made = sample_grasp_label(mesh, LabelConfig(num_points=4), rng)
+    anywhere = np.stack([rng.integers(0, n, 150) for n in made.min_friction.shape], axis=1)
+    holding = rng.permutation(np.argwhere(made.min_friction > 0))[:50]
+    assert_equals_naive(mesh, made, np.concatenate([anywhere, holding]))
+
+
+def test_a_thin_wall_is_held_with_one_finger_inside_the_cup() -> None:
+    # The widest opening would put the inner finger beyond the far wall: 5 cm of cup, 12 of opening.
+    turn = np.linspace(0.1, 6.1, 6)
+    rim = np.stack([0.0235 * np.cos(turn), 0.0235 * np.sin(turn), np.full(6, 0.08)], axis=1)
+    made = label_points(LabelTarget.from_mesh(cup()), np.float32(rim), CONFIG)
+    width = made.offsets[..., 2]
+    free = ~made.collision & (width < 0.016)
+    assert free.any(axis=(1, 2, 3)).all()
+    assert np.isclose(width[free], 0.013, atol=0.0015).any()  # the wall and the margin
+
+
+def test_a_gap_too_narrow_for_a_finger_is_spanned() -> None:
+    made = sample_grasp_label(fork(), LabelConfig(num_points=30), np.random.default_rng(4))
+    tines = made.points[:, 1] > 0.02
+    free = ~made.collision[tines]
+    assert (made.offsets[tines][free][:, 2] > 0.03).any()  # around all four
+
+
+def test_another_grouping_of_the_points_gives_the_same_label() -> None:
+    target, points = LabelTarget.from_mesh(box()), np.float32([[0.02, 0, 0], [0, 0.03, 0.01]])
+    both = label_points(target, points, CONFIG)
+    for i in range(2):
+        one = label_points(target, points[i : i + 1], CONFIG)
+        np.testing.assert_array_equal(one.offsets[0], both.offsets[i])
+        np.testing.assert_array_equal(one.collision[0], both.collision[i])
 
 
 def test_candidates_without_friction_are_marked_as_colliding(label: GraspLabel) -> None:
@@ -158,11 +185,8 @@ def lifted(x: float = 0.0, z: float = 0.05) -> Array:
 def collide(
     labels: list[GraspLabel], poses: list[Array], table_height: float = -9.0
 ) -> list[NDArray[np.bool_]]:
-    rng = np.random.default_rng(0)
     meshes = [box() for _ in labels]
-    return scene_collisions(
-        labels, meshes, poses, config=CONFIG, rng=rng, table_height=table_height
-    )
+    return scene_collisions(labels, meshes, poses, table_height=table_height)
 
 
 def test_an_object_alone_in_the_air_collides_only_with_itself(label: GraspLabel) -> None:

@@ -1,0 +1,305 @@
+"""label-grasps: grasp labels of any meshes, in GraspNet-1Billion's layout.
+
+Reads   a mesh, a folder of meshes, or a dataset root with models/NNN/nontextured.ply
+Writes  ROOT/models/NNN/              nontextured.ply, textured.obj: cleaned, metres; textured.sdf
+        ROOT/grasp_label/NNN_labels.npz
+        ROOT/objects.json             which mesh is which NNN
+
+A mesh keeps its number as long as objects.json is there: more meshes get the next ones. An object
+is labelled some points at a time by all workers; what is finished lies in NNN_labels.parts/, so a
+killed run goes on where it was. ROOT may be the dataset root that is read: its models stay as
+they are.
+"""
+
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.configs import LabelConfig, LabelGraspsConfig
+from pipelines.errors import SymgraspError, ValueRangeError
+from pipelines.formats import object_list
+from pipelines.formats.files import atomic_folder
+from pipelines.formats.graspnet import GraspNetRoot
+from pipelines.formats.graspnet_label_parts import join_grasp_labels, part_arrays
+from pipelines.formats.graspnet_labels import write_grasp_label
+from pipelines.formats.meshes import (
+    MESH_SUFFIXES,
+    clean_mesh,
+    find_meshes,
+    read_mesh,
+    size_warning,
+    write_mesh,
+)
+from pipelines.formats.object_list import ObjectRecord
+from pipelines.formats.provenance import (
+    Stamp,
+    digest,
+    is_finished,
+    make_stamp,
+    read_stamp,
+    write_sidecar,
+)
+from pipelines.formats.signed_distance import write_sdf
+from pipelines.geometry.mesh import Mesh, sample_surface
+from pipelines.geometry.signed_distance import signed_distance_grid
+from pipelines.synthesis.grasp_sampling import LabelTarget, label_points
+
+STAGE = "label-grasps"
+MAX_OBJECTS = 1000  # ids have three digits
+POINTS_A_PART = 32
+TAG_POINTS = 1  # what a child seed is for
+
+
+@dataclass(frozen=True)
+class Source:
+    """One mesh to label and the object id that it has in ROOT."""
+
+    object_id: int
+    name: str
+    path: Path
+
+    @property
+    def title(self) -> str:
+        """What reports call the object."""
+        number = f"{self.object_id:03d}"
+        return number if self.name == number else f"{number} {self.name}"
+
+
+def run(
+    meshes: Path,
+    output: Path,
+    config: LabelGraspsConfig,
+    *,
+    seed: int = 0,
+    mesh_scale: float | None = None,
+    sdf: bool = True,
+    compress: bool = False,
+    options: BatchOptions | None = None,
+) -> StageReport:
+    """Label `meshes` into the dataset root `output`; finished objects are kept.
+
+    `mesh_scale`: metres per unit of the meshes; None is 1, and refuses meshes too large for it to
+    be so. `sdf`: write textured.sdf too. `compress`: labels
+    some thirty times smaller, slower to read.
+    """
+    options = options or BatchOptions()
+    root, in_place = GraspNetRoot(output), (meshes / "models").is_dir() and _same(meshes, output)
+    if in_place and mesh_scale is not None:
+        raise ValueRangeError("--mesh-scale", mesh_scale, "left out for a root labelled in place")
+    sources = _sources(meshes, output)
+    report = StageReport(STAGE)
+    if not in_place:
+        items = [_model_item(root, source, mesh_scale) for source in sources]
+        sources = _run_step(report, sources, items, _write_model, options)
+    if options.dry_run:
+        labels = {source.title: root.grasp_label_path(source.object_id) for source in sources}
+        report.notes |= {title: f"would write {path}" for title, path in labels.items()}
+        return report
+    if not in_place:
+        _write_object_list(meshes, output, sources)
+    if sdf:
+        items = [_grid_item(root, source) for source in sources]
+        sources = _run_step(report, sources, items, _write_grid, options)
+    for number, source in enumerate(sources, start=1):
+        _label(report, root, source, config, seed, compress, options, f"{number}/{len(sources)}")
+    return report
+
+
+def _same(one: Path, other: Path) -> bool:
+    return one.resolve() == other.resolve()
+
+
+def _run_step(
+    report: StageReport,
+    sources: Sequence[Source],
+    items: Sequence[WorkItem],
+    step: Callable[[WorkItem], str | None],
+    options: BatchOptions,
+) -> list[Source]:
+    """Run one step for every object, tell `report`, and return the objects it went well for."""
+    part = run_batch(STAGE, items, step, options)
+    report.failed |= part.failed
+    report.notes |= {} if options.dry_run else part.notes
+    report.seconds += part.seconds
+    return [source for source in sources if source.title not in part.failed]
+
+
+# --- which mesh is which object --------------------------------------------------------------
+
+
+def _sources(meshes: Path, output: Path) -> list[Source]:
+    """Return the meshes to label with their ids, those that objects.json knows as it has them."""
+    if (meshes / "models").is_dir():
+        root = GraspNetRoot(meshes)
+        names = {record.object_id: record.name for record in _records(meshes)}
+        return [Source(i, names.get(i, f"{i:03d}"), root.model_path(i)) for i in root.object_ids()]
+    if not meshes.exists():
+        raise SymgraspError(f"{meshes} does not exist; give a mesh, a folder of meshes or a root")
+    paths = find_meshes(meshes) if meshes.is_dir() else [meshes]
+    if not paths:
+        kinds = ", ".join(MESH_SUFFIXES)
+        raise SymgraspError(f"{meshes} holds no meshes; files ending in {kinds} are read")
+    known = {str(record.details.get("file")): record.object_id for record in _records(output)}
+    new = iter(range(max(known.values(), default=-1) + 1, MAX_OBJECTS))
+    sources = []
+    for path in paths:
+        number = known.get(path.name)
+        number = next(new, MAX_OBJECTS) if number is None else number
+        if number == MAX_OBJECTS:
+            raise ValueRangeError("number of meshes", "above 1000", "at most 1000 a root")
+        sources.append(Source(number, path.stem, path))
+    return sources
+
+
+def _records(root: Path) -> list[ObjectRecord]:
+    path = root / "objects.json"
+    return object_list.read(path) if path.is_file() else []
+
+
+def _write_object_list(meshes: Path, output: Path, sources: Sequence[Source]) -> None:
+    """Write ROOT/objects.json: what it held, and the objects of this run."""
+    records = {record.object_id: record for record in _records(output)}
+    described = {record.object_id: record for record in _records(meshes)}
+    for source in sources:
+        record = ObjectRecord(
+            source.object_id, source.name, source.name, "models", details={"file": source.path.name}
+        )
+        records[source.object_id] = described.get(source.object_id, record)
+    files = {f"{r.object_id:03d}": str(r.details.get("file", r.name)) for r in records.values()}
+    stamp = make_stamp(f"{STAGE} object list", {"files": files})
+    object_list.write(output / "objects.json", list(records.values()), stamp)
+
+
+# --- models ----------------------------------------------------------------------------------
+
+
+def _model_item(root: GraspNetRoot, source: Source, mesh_scale: float | None) -> WorkItem:
+    # A mesh that is not there fails as its own item, when it is read.
+    inputs = {"mesh": digest(source.path) if source.path.is_file() else "missing"}
+    stamp = make_stamp(f"{STAGE} model", {"mesh_scale": mesh_scale or 1.0}, inputs=inputs)
+    target = root.model_path(source.object_id).parent
+    return WorkItem(source.title, target, stamp, (source.path, mesh_scale))
+
+
+def _write_model(item: WorkItem) -> str:
+    path, mesh_scale = item.arguments
+    mesh, _, note = clean_mesh(read_mesh(path, mesh_scale or 1.0))
+    too_large = size_warning(mesh, path) if mesh_scale is None else None
+    if too_large:
+        raise SymgraspError(f"{too_large}; if it is in metres, say so: --mesh-scale 1")
+    notes = [note]
+    if mesh.is_watertight and mesh.volume < 0.0:
+        mesh = replace(mesh, faces=mesh.faces[:, ::-1])
+        notes.append("turned its triangles, which looked inward")
+    with atomic_folder(item.target) as folder:
+        write_mesh(folder / "nontextured.ply", mesh)
+        write_mesh(folder / "textured.obj", mesh)
+        write_sidecar(folder, item.stamp)
+    return "; ".join(note for note in notes if note)
+
+
+def _grid_item(root: GraspNetRoot, source: Source) -> WorkItem:
+    model = root.model_path(source.object_id)
+    inputs = {model.name: digest(model) if model.is_file() else "missing"}
+    stamp = make_stamp(f"{STAGE} distance grid", {}, inputs=inputs)
+    return WorkItem(source.title, model.with_name("textured.sdf"), stamp, (model,))
+
+
+def _write_grid(item: WorkItem) -> None:
+    (model,) = item.arguments
+    grid = signed_distance_grid(read_mesh(model))
+    # The stamp first: a file without one would be taken for somebody else's.
+    write_sidecar(item.target, item.stamp)
+    write_sdf(item.target, grid)
+
+
+# --- labels ----------------------------------------------------------------------------------
+
+
+def _label(
+    report: StageReport,
+    root: GraspNetRoot,
+    source: Source,
+    config: LabelGraspsConfig,
+    seed: int,
+    compress: bool,
+    options: BatchOptions,
+    place: str,
+) -> None:
+    """Label one object with all workers, part by part, and tell `report`."""
+    model, target = root.model_path(source.object_id), root.grasp_label_path(source.object_id)
+    try:
+        stamp = make_stamp(STAGE, config, seed=seed, inputs={model.name: digest(model)})
+        if is_finished(target, stamp, overwrite=options.overwrite):
+            report.skipped.append(source.title)
+            return
+        mesh = read_mesh(model)
+        labels = replace(config.labels, num_points=number_of_points(mesh, config))
+        items = _part_items(model, target, stamp, labels.num_points)
+        step = partial(_write_part, config=labels, seed=seed)
+        parts = run_batch(f"{place} {source.title}", items, step, replace(options, overwrite=False))
+        report.seconds += parts.seconds
+        if parts.failed:
+            raise SymgraspError(next(iter(parts.failed.values())))
+        files = [item.target for item in items]
+        summary = _summary(files)
+        write_sidecar(target, stamp)
+        join_grasp_labels(target, files, compress=compress)
+        shutil.rmtree(files[0].parent)
+    except (SymgraspError, OSError) as error:
+        report.failed[source.title] = str(error)
+        return
+    report.done.append(source.title)
+    note = report.notes.pop(source.title, "")
+    report.notes[source.title] = "; ".join(text for text in (summary, note) if text)
+
+
+def number_of_points(mesh: Mesh, config: LabelGraspsConfig) -> int:
+    """Return how many grasp points `mesh` gets: as asked for, or by its area (D. 39)."""
+    by_area = round(mesh.area / config.point_area)
+    return config.labels.num_points or int(np.clip(by_area, config.min_points, config.max_points))
+
+
+def _part_items(model: Path, target: Path, stamp: Stamp, num_points: int) -> list[WorkItem]:
+    """Return the parts of a label; finished ones of other settings are thrown away."""
+    folder = target.with_name(f"{target.stem}.parts")
+    if folder.is_dir() and read_stamp(folder) != stamp.as_json():
+        shutil.rmtree(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_sidecar(folder, stamp)
+    return [
+        WorkItem(f"points {first} on", folder / f"{first:05d}.npz", stamp, (model, first))
+        for first in range(0, num_points, POINTS_A_PART)
+    ]
+
+
+@lru_cache(maxsize=1)
+def _prepared(
+    model: Path, _digest: str, num_points: int, seed: int
+) -> tuple[LabelTarget, NDArray[np.float32]]:
+    """Return a model ready for labelling, and its grasp points: the same in every worker."""
+    mesh = read_mesh(model)
+    points = sample_surface(mesh, num_points, np.random.default_rng([seed, TAG_POINTS]))[0]
+    return LabelTarget.from_mesh(mesh), points.astype(np.float32)
+
+
+def _write_part(item: WorkItem, *, config: LabelConfig, seed: int) -> None:
+    model, first = item.arguments
+    prepared, points = _prepared(model, item.stamp.inputs[model.name], config.num_points, seed)
+    label = label_points(prepared, points[first : first + POINTS_A_PART], config)
+    write_sidecar(item.target, item.stamp)
+    write_grasp_label(item.target, label, compress=False)
+
+
+def _summary(parts: Sequence[Path]) -> str:
+    """Return how many grasps a label has, and how many of them are good."""
+    points = sum(len(array) for array in part_arrays(parts, "points"))
+    free = sum(int((~array).sum()) for array in part_arrays(parts, "collision"))
+    holding = sum(int((array > 0.0).sum()) for array in part_arrays(parts, "scores"))
+    return f"{points:,} points, {holding:,} grasps hold, {free:,} of them without collision"

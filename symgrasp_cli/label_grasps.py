@@ -1,0 +1,56 @@
+"""`symgrasp label-grasps`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipelines.configs import LabelConfig, LabelGraspsConfig
+from symgrasp_cli.options import Backend, DryRun, Overwrite, Seed, Workers, batch_options
+from symgrasp_cli.report import conclude
+
+
+def label_grasps(
+    meshes: Annotated[
+        Path,
+        typer.Argument(help="A mesh, a folder of meshes, or a dataset root with models/."),
+    ],
+    out: Annotated[Path, typer.Option(help="Dataset root to write; may be the root that is read.")],
+    points: Annotated[
+        int, typer.Option(min=0, help="Grasp points an object; 0 takes one every 32 mm2.")
+    ] = 0,
+    max_width: Annotated[
+        float, typer.Option(min=0.0, help="Widest opening of the gripper, metres.")
+    ] = LabelConfig.max_width,
+    mesh_scale: Annotated[
+        float | None,
+        typer.Option(min=0.0, help="Metres per unit of the meshes: 0.001 for millimetres."),
+    ] = None,
+    sdf: Annotated[
+        bool, typer.Option(help="Write textured.sdf too, as dex-net does: 10 MB an object.")
+    ] = True,
+    compress: Annotated[
+        bool, typer.Option("--compress", help="Zip the labels: far smaller, slower to read.")
+    ] = False,
+    seed: Seed = 0,
+    workers: Workers = 1,
+    backend: Backend = "loky",
+    overwrite: Overwrite = False,
+    dry_run: DryRun = False,
+) -> None:
+    """Label grasps on your own meshes, in GraspNet-1Billion's layout."""
+    from pipelines import label_grasps as stage
+
+    options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
+    labels = LabelConfig(num_points=points, max_width=max_width)
+    report = stage.run(
+        meshes,
+        out,
+        LabelGraspsConfig(labels=labels),
+        seed=seed,
+        mesh_scale=mesh_scale,
+        sdf=sdf,
+        compress=compress,
+        options=options,
+    )
+    conclude(report)

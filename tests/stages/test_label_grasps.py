@@ -1,0 +1,246 @@
+"""label-grasps on meshes of all kinds, good and bad."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from pipelines import label_grasps
+from pipelines.batch import BatchOptions, StageReport
+from pipelines.configs import LabelConfig, LabelGraspsConfig
+from pipelines.errors import SymgraspError
+from pipelines.formats.graspnet import GraspNetRoot, read_grasp_label
+from pipelines.formats.meshes import read_mesh, write_mesh
+from pipelines.formats.object_list import read as read_object_list
+from pipelines.formats.signed_distance import read_sdf
+from pipelines.geometry.mesh import Mesh
+
+QUIET = BatchOptions(progress=False)
+CONFIG = LabelGraspsConfig(labels=LabelConfig(num_points=3))
+
+
+def mesh_of(shape: trimesh.Trimesh) -> Mesh:
+    return Mesh(np.asarray(shape.vertices), np.asarray(shape.faces))
+
+
+def box(size: float = 0.04) -> Mesh:
+    return mesh_of(trimesh.creation.box((size, 1.5 * size, 2 * size)))
+
+
+@pytest.fixture
+def meshes(tmp_path: Path) -> Path:
+    write_mesh(tmp_path / "in" / "box.ply", box())
+    write_mesh(tmp_path / "in" / "rod.obj", mesh_of(trimesh.creation.cylinder(0.01, 0.1)))
+    return tmp_path / "in"
+
+
+def label(meshes: Path, out: Path, config: LabelGraspsConfig = CONFIG, **more) -> StageReport:
+    more = {"options": QUIET, "sdf": False, **more}
+    return label_grasps.run(meshes, out, config, **more)
+
+
+def content(root: Path) -> dict[str, bytes]:
+    return {
+        str(path.relative_to(root)): path.read_bytes()
+        for path in sorted(root.rglob("*"))
+        if path.is_file()
+    }
+
+
+def test_a_folder_of_meshes_becomes_a_dataset_root(meshes: Path, tmp_path: Path) -> None:
+    report = label(meshes, tmp_path / "out", sdf=True)
+    assert report.done == ["000 box", "001 rod"]
+    assert not report.failed
+    root = GraspNetRoot(tmp_path / "out")
+    assert root.object_ids() == [0, 1]
+    for i in (0, 1):
+        folder = root.model_path(i).parent
+        names = {"nontextured.ply", "textured.obj", "textured.sdf"}
+        assert names <= {path.name for path in folder.iterdir()}
+        assert read_sdf(folder / "textured.sdf").values.shape == (100, 100, 100)
+        made = read_grasp_label(root.grasp_label_path(i))
+        assert len(made.points) == 3
+        assert (made.min_friction > 0).any()
+    records = read_object_list(tmp_path / "out" / "objects.json")
+    assert [(r.object_id, r.name, r.details["file"]) for r in records] == [
+        (0, "box", "box.ply"),
+        (1, "rod", "rod.obj"),
+    ]
+
+
+def test_the_arrays_are_what_the_originals_loader_reads(meshes: Path, tmp_path: Path) -> None:
+    # graspnetAPI's loadGraspLabels: np.load, three arrays by name, to float32.
+    label(meshes / "box.ply", tmp_path / "out")
+    path = tmp_path / "out" / "grasp_label" / f"{str(0).zfill(3)}_labels.npz"
+    file = np.load(path)
+    points, offsets, scores = (
+        file[name].astype(np.float32) for name in ("points", "offsets", "scores")
+    )
+    collision = file["collision"]
+    assert (points.shape, offsets.shape) == ((3, 3), (3, 300, 12, 4, 3))
+    assert scores.shape == collision.shape == (3, 300, 12, 4)
+    assert collision.dtype == np.bool_
+    assert {file[name].dtype for name in ("points", "offsets", "scores")} == {np.dtype("f4")}
+    # loadGrasp's mask, and the columns it makes of what passes.
+    mask = (scores <= 0.4) & (scores > 0) & ~collision
+    assert mask.any()
+    angle, depth, width = offsets[mask].T
+    assert ((angle >= 0) & (angle < np.pi)).all()
+    assert set(np.round(depth * 100).astype(int)) <= {1, 2, 3, 4}
+    assert ((width > 0) & (width <= np.float32(0.12))).all()
+
+
+def test_a_second_run_skips_and_other_settings_are_refused(meshes: Path, tmp_path: Path) -> None:
+    label(meshes, tmp_path / "out")
+    before = content(tmp_path / "out")
+    again = label(meshes, tmp_path / "out")
+    assert again.skipped == ["000 box", "001 rod"]
+    assert content(tmp_path / "out") == before
+    other = LabelGraspsConfig(labels=LabelConfig(num_points=4))
+    refused = label(meshes, tmp_path / "out", other)
+    assert refused.exit_code == 1
+    assert "--overwrite" in refused.failed["000 box"]
+    assert content(tmp_path / "out") == before
+
+
+def test_workers_and_a_kill_halfway_change_no_byte(
+    meshes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(label_grasps, "POINTS_A_PART", 1)
+    label(meshes, tmp_path / "one")
+    two = BatchOptions(progress=False, workers=2, backend="threading")
+    label(meshes, tmp_path / "two", options=two)
+    written = []
+
+    def killed(*arguments: object, **named: object) -> None:
+        written.append(arguments)
+        if len(written) == 2:
+            raise KeyboardInterrupt
+        write(*arguments, **named)
+
+    write = label_grasps.write_grasp_label
+    monkeypatch.setattr(label_grasps, "write_grasp_label", killed)
+    with pytest.raises(KeyboardInterrupt):
+        label(meshes, tmp_path / "cut")
+    assert not list((tmp_path / "cut" / "grasp_label").glob("*.npz"))
+    label(meshes, tmp_path / "cut")
+    assert len(written) == 2 + 5  # the first part was not made again
+    assert content(tmp_path / "two") == content(tmp_path / "one")
+    assert content(tmp_path / "cut") == content(tmp_path / "one")
+
+
+def test_parts_of_other_settings_are_not_joined(
+    meshes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def killed(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(label_grasps, "join_grasp_labels", killed)
+        with pytest.raises(KeyboardInterrupt):
+            label(meshes / "box.ply", tmp_path / "out", seed=1)
+    label(meshes / "box.ply", tmp_path / "out", seed=2)
+    label(meshes / "box.ply", tmp_path / "fresh", seed=2)
+    assert content(tmp_path / "out") == content(tmp_path / "fresh")
+
+
+def test_compressed_labels_hold_the_same_in_less(meshes: Path, tmp_path: Path) -> None:
+    label(meshes / "box.ply", tmp_path / "plain")
+    label(meshes / "box.ply", tmp_path / "zipped", compress=True)
+    paths = [GraspNetRoot(tmp_path / name).grasp_label_path(0) for name in ("plain", "zipped")]
+    plain, zipped = (read_grasp_label(path) for path in paths)
+    np.testing.assert_array_equal(plain.offsets, zipped.offsets)
+    np.testing.assert_array_equal(plain.collision, zipped.collision)
+    assert paths[1].stat().st_size < 0.2 * paths[0].stat().st_size
+
+
+def test_bad_meshes_are_named_and_the_rest_is_done(meshes: Path, tmp_path: Path) -> None:
+    (meshes / "empty.ply").write_bytes(b"")
+    (meshes / "nan.obj").write_text("v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n")
+    write_mesh(meshes / "large.ply", box(40.0))
+    twice = box()
+    write_mesh(meshes / "twice.ply", Mesh(twice.vertices, np.tile(twice.faces, (2, 1))))
+    report = label(meshes, tmp_path / "out")
+    assert report.exit_code == 1
+    assert sorted(report.failed) == ["001 empty", "002 large", "003 nan"]
+    assert all("\n" not in sentence for sentence in report.failed.values())
+    assert "NaN" in report.failed["003 nan"]
+    for word in ("107.7 m", "--mesh-scale 0.001", "--mesh-scale 1"):
+        assert word in report.failed["002 large"]
+    assert report.done == ["000 box", "004 rod", "005 twice"]
+    assert "dropped 12 duplicate triangles" in report.notes["005 twice"]
+    names = [r.name for r in read_object_list(tmp_path / "out" / "objects.json")]
+    assert names == ["box", "rod", "twice"]
+
+
+def test_millimetres_are_scaled_and_give_the_label_of_metres(tmp_path: Path) -> None:
+    write_mesh(tmp_path / "metres" / "box.ply", box(0.04))
+    write_mesh(tmp_path / "mm" / "box.ply", box(40.0))
+    label(tmp_path / "metres", tmp_path / "a")
+    label(tmp_path / "mm", tmp_path / "b", mesh_scale=0.001)
+    one, other = (
+        read_grasp_label(GraspNetRoot(tmp_path / name).grasp_label_path(0)) for name in "ab"
+    )
+    np.testing.assert_allclose(one.points, other.points, atol=1e-7)
+    assert (one.min_friction == other.min_friction).mean() > 0.9999
+
+
+def test_a_mesh_turned_inside_out_is_turned_back(tmp_path: Path) -> None:
+    good = box()
+    write_mesh(tmp_path / "in" / "box.ply", Mesh(good.vertices, good.faces[:, ::-1]))
+    report = label(tmp_path / "in", tmp_path / "out")
+    assert "inward" in report.notes["000 box"]
+    assert read_mesh(GraspNetRoot(tmp_path / "out").model_path(0)).volume > 0
+
+
+def test_more_meshes_get_the_next_numbers(meshes: Path, tmp_path: Path) -> None:
+    label(meshes, tmp_path / "out")
+    write_mesh(meshes / "apple.ply", box(0.03))
+    report = label(meshes, tmp_path / "out")
+    assert report.done == ["002 apple"]
+    assert sorted(report.skipped) == ["000 box", "001 rod"]
+
+
+def test_a_root_is_labelled_in_place_or_into_another(meshes: Path, tmp_path: Path) -> None:
+    for object_id in (3, 7):
+        write_mesh(GraspNetRoot(tmp_path / "root").model_path(object_id), box())
+    label(tmp_path / "root", tmp_path / "other")
+    assert GraspNetRoot(tmp_path / "other").object_ids() == [3, 7]
+    report = label(tmp_path / "root", tmp_path / "root")
+    assert report.done == ["003", "007"]
+    here, there = (
+        GraspNetRoot(tmp_path / name).grasp_label_path(7).read_bytes() for name in ("root", "other")
+    )
+    assert here == there
+    assert not (tmp_path / "root" / "models" / "003" / "provenance.json").exists()
+
+
+def test_a_dry_run_writes_nothing(meshes: Path, tmp_path: Path) -> None:
+    report = label(meshes, tmp_path / "out", options=BatchOptions(dry_run=True, progress=False))
+    assert "000_labels.npz" in report.notes["000 box"]
+    assert not (tmp_path / "out").exists()
+
+
+def test_points_follow_the_area_within_bounds() -> None:
+    assert label_grasps.number_of_points(box(), CONFIG) == 3
+    config = LabelGraspsConfig()
+    assert label_grasps.number_of_points(box(), config) == round(box().area / 32e-6)
+    assert label_grasps.number_of_points(box(0.001), config) == 64
+    assert label_grasps.number_of_points(box(1.0), config) == 3500
+
+
+def test_no_meshes_is_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(SymgraspError, match="does not exist"):
+        label(tmp_path / "none", tmp_path / "out")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(SymgraspError, match="holds no meshes"):
+        label(tmp_path / "empty", tmp_path / "out")
+
+
+def test_the_list_of_objects_does_not_depend_on_the_run(meshes: Path, tmp_path: Path) -> None:
+    label(meshes / "box.ply", tmp_path / "out")
+    label(meshes / "rod.obj", tmp_path / "out")
+    listed = json.loads((tmp_path / "out" / "objects.json").read_text())
+    assert [entry["name"] for entry in listed["objects"]] == ["box", "rod"]

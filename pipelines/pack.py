@@ -20,7 +20,7 @@ from scipy.spatial import KDTree
 
 from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.configs import PackConfig
-from pipelines.errors import MissingInputError, SymgraspError
+from pipelines.errors import FormatError, MissingInputError, SymgraspError
 from pipelines.formats import affordance_labels, packed_regions
 from pipelines.formats.graspnet import FrameFiles, GraspNetRoot, SceneFiles
 from pipelines.formats.packed_regions import PackedScene
@@ -65,7 +65,8 @@ def run(
     if not scenes:
         wanted = f"{split or 'any'} scene" + (f" seen by {camera}" if camera else "")
         raise SymgraspError(f"{source} holds no {wanted}; name another --split or --camera")
-    items = [_item(root, scene, output_dir, config, seed) for scene in scenes]
+    digests = _label_digests(root, scenes)
+    items = [_item(scene, output_dir, config, seed, digests) for scene in scenes]
     step = partial(pack_scene, root=root, config=config, seed=seed)
     return run_batch(STAGE, items, step, options or BatchOptions())
 
@@ -73,8 +74,10 @@ def run(
 def pack_scene(item: WorkItem, root: GraspNetRoot, config: PackConfig, seed: int) -> str:
     """Pack one scene; `item.arguments` are its files. Return the counts."""
     (scene,) = item.arguments
-    frames = scene.frames()[:: config.frame_stride]
-    clouds = []
+    # A frame that has poses but no depth is a fault, not a frame less.
+    frame_ids = sorted({*scene.frame_ids, *scene.ids_of("annotations")})
+    frames = [scene.frame(frame_id) for frame_id in frame_ids[:: config.frame_stride]]
+    clouds: list[LabelledCloud] = []
     for frame in frames:
         rng = np.random.default_rng([seed, frame.scene_id, frame.frame_id])
         clouds += pack_frame(root, frame, config, rng)
@@ -86,14 +89,19 @@ def pack_frame(
     root: GraspNetRoot, files: FrameFiles, config: PackConfig, rng: np.random.Generator
 ) -> list[LabelledCloud]:
     """Return the labelled clouds of every region of a frame that shows enough of itself."""
-    frame, label = root.read_frame(files), root.read_label(files)
-    poses = {pose.object_id: pose.T_cam_obj for pose in root.read_annotation(files)}
+    depth, intrinsics = root.read_depth(files)
+    label, poses = root.read_label(files), _poses(root, files)
+    if label.shape != depth.shape:
+        found = f"the label image is {label.shape[1]}x{label.shape[0]}"
+        expected = f"the depth image is {depth.shape[1]}x{depth.shape[0]}"
+        raise FormatError(files.path("label"), found, expected)
+    _check_listed(files, label, poses)
     objects = {object_id: read_regioned_object(root.root, object_id) for object_id in poses}
-    scene = SceneCloud(np.asarray(frame.depth, np.float64), frame.intrinsics)
+    scene = SceneCloud(np.asarray(depth, np.float64), intrinsics)
     noise = MaskNoise(config.mask_noise_share, config.mask_edge, config.mask_blot)
     clouds = []
-    for instance in visible_regions(label, frame.intrinsics, list(poses.items()), objects):
-        if (instance.mask & (frame.depth > 0)).sum() < config.min_pixels:
+    for instance in visible_regions(label, intrinsics, list(poses.items()), objects):
+        if (instance.mask & (depth > 0)).sum() < config.min_pixels:
             continue
         mask = noise.applied(instance.mask, rng) if config.mask_noise else instance.mask
         points = RegionCloud.from_mask(mask, scene).points
@@ -103,6 +111,34 @@ def pack_frame(
         pose = poses[instance.object_id]
         clouds.append(_labelled(root, instance, files.frame_id, drawn, pose, config))
     return clouds
+
+
+def _poses(root: GraspNetRoot, files: FrameFiles) -> dict[int, Array]:
+    """Return the pose of each object that the scene lists, by its id.
+
+    Raises:
+        FormatError: an object of the scene has no pose in this frame.
+    """
+    poses = {pose.object_id: pose.T_cam_obj for pose in root.read_annotation(files)}
+    missing = [i for i in root.scene(files.scene_id, files.camera).object_ids if i not in poses]
+    if missing:
+        raise FormatError(
+            files.path("annotations"),
+            f"holds no pose of object {missing[0]}",
+            "object_id_list.txt names it",
+        )
+    return poses
+
+
+def _check_listed(files: FrameFiles, label: NDArray[np.uint8], poses: dict[int, Array]) -> None:
+    shown = np.flatnonzero(np.bincount(label.ravel())) - 1
+    unknown = sorted(set(shown.tolist()) - poses.keys() - {-1})
+    if unknown:
+        raise FormatError(
+            files.path("label"),
+            f"shows object {unknown[0]}",
+            f"{files.path('annotations').name} has no pose of it",
+        )
 
 
 def _draw(available: int, wanted: int, rng: np.random.Generator) -> NDArray[np.int64]:
@@ -118,7 +154,7 @@ def _labelled(
     T_cam_obj: Array,
     config: PackConfig,
 ) -> LabelledCloud:
-    tree, surface_affordance = _affordance(root.affordance_path(instance.object_id))
+    tree, surface_affordance = _affordance(*_version(root.affordance_path(instance.object_id)))
     points_obj = transform_points(invert(T_cam_obj), points)
     gap, nearest = (
         np.asarray(part)
@@ -131,13 +167,18 @@ def _labelled(
     return LabelledCloud(points, affordance, slots, instance.object_id, frame_id, instance.name)
 
 
-@lru_cache(maxsize=256)
-def _affordance(path: Path) -> tuple[KDTree, Array]:
-    """Return a tree of the labelled surface points and their affordance, object frame."""
+def _version(path: Path) -> tuple[Path, int]:
+    """Return `path` and when it was written: what is kept in memory is of that time."""
     if not path.is_file():
         raise MissingInputError(path, "symgrasp refine-grasps")
-    labels = affordance_labels.read(path)
-    return KDTree(np.asarray(labels.points, np.float64)), np.asarray(labels.affordance, np.float64)
+    return path, path.stat().st_mtime_ns
+
+
+@lru_cache(maxsize=256)
+def _affordance(path: Path, written: int) -> tuple[KDTree, Array]:
+    """Return a tree of the labelled surface points and their affordance, object frame."""
+    surface = affordance_labels.read_surface(path)
+    return KDTree(surface["points"].astype(np.float64)), surface["affordance"].astype(np.float64)
 
 
 def _stacked(clouds: Sequence[LabelledCloud], num_points: int) -> PackedScene:
@@ -153,14 +194,37 @@ def _stacked(clouds: Sequence[LabelledCloud], num_points: int) -> PackedScene:
     )
 
 
+def _label_digests(root: GraspNetRoot, scenes: Sequence[SceneFiles]) -> dict[int, dict[str, str]]:
+    """Return the digests of each object's labels: taken once, not once a scene."""
+    listed = {object_id for scene in scenes for object_id in _object_ids(scene)}
+    return {
+        object_id: {
+            # A label that is not there fails its scenes, when it is read.
+            path.name: digest(path) if path.is_file() else "missing"
+            for path in (root.symmetry_path(object_id), root.affordance_path(object_id))
+        }
+        for object_id in sorted(listed)
+    }
+
+
+def _object_ids(scene: SceneFiles) -> list[int]:
+    """Return the scene's objects; none if the list is at fault, which then fails the scene."""
+    try:
+        return scene.object_ids
+    except SymgraspError:
+        return []
+
+
 def _item(
-    root: GraspNetRoot, scene: SceneFiles, output_dir: Path, config: PackConfig, seed: int
+    scene: SceneFiles,
+    output_dir: Path,
+    config: PackConfig,
+    seed: int,
+    digests: dict[int, dict[str, str]],
 ) -> WorkItem:
     inputs = {"frames": str(scene.num_frames)}
-    for object_id in scene.object_ids:
-        for path in (root.symmetry_path(object_id), root.affordance_path(object_id)):
-            # A label that is not there fails its scenes, when it is read.
-            inputs[path.name] = digest(path) if path.is_file() else "missing"
+    for object_id in _object_ids(scene):
+        inputs |= digests[object_id]
     name = f"scene_{scene.scene_id:04d}_{scene.camera}"
     stamp = make_stamp(STAGE, config, seed=seed, inputs=inputs)
     return WorkItem(name, output_dir / f"{name}.h5", stamp, (scene,))

@@ -107,14 +107,14 @@ def existing(path: Path) -> Path:
     return path
 
 
-def open_h5(path: Path) -> h5py.File:
-    """Open the HDF5 file `path` for reading.
+def open_h5(path: Path, cache_bytes: int | None = None) -> h5py.File:
+    """Open the HDF5 file `path` for reading, with a chunk cache of `cache_bytes` a dataset.
 
     Raises:
         FormatError: the file is truncated or not HDF5.
     """
     try:
-        return h5py.File(existing(path), "r")
+        return h5py.File(existing(path), "r", rdcc_nbytes=cache_bytes)
     except OSError as error:
         raise FormatError(
             path, "this is not a whole HDF5 file", "write it again; a cut-off copy cannot be read"

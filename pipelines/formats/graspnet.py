@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.errors import FormatError, MissingInputError, SymgraspError, UnknownNameError
+from pipelines.formats.camera_files import read_camera_file
 from pipelines.formats.files import read_image, write_image, write_npy
 from pipelines.formats.graspnet_labels import (
     GraspLabel,
@@ -53,7 +54,7 @@ from pipelines.formats.graspnet_scene import (
     write_pose_array,
 )
 from pipelines.formats.graspnet_views import generate_views, view_rotation, view_rotations
-from pipelines.formats.rgbd import Frame
+from pipelines.formats.rgbd import DepthUnits, Frame, read_depth
 from pipelines.formats.rgbd_folder import FrameOptions, read_with_camera
 from pipelines.geometry.camera import Intrinsics
 
@@ -178,8 +179,8 @@ class GraspNetRoot:
     def read_annotation(self, frame: FrameFiles) -> list[ObjectPose]:
         """Read the poses of a frame's objects, camera frame, in the order of the object list.
 
-        The XML is read by position, as the original reader does, but has four decimals; where
-        `meta/NNNN.mat` holds the same poses, its digits are taken.
+        The XML is read by its tags and has four decimals; where `meta/NNNN.mat` holds the same
+        poses, its digits are taken.
         """
         return read_poses(frame.path("annotations"), frame.path("meta"))
 
@@ -191,6 +192,12 @@ class GraspNetRoot:
             found = f"{label.dtype} of shape {label.shape}"
             raise FormatError(path, found, "8 bit in one channel is expected")
         return label
+
+    def read_depth(self, frame: FrameFiles) -> tuple[NDArray[np.float32], Intrinsics]:
+        """Read a frame's depth (H, W), metres, 0 = missing, with the camera of `camK.npy`."""
+        depth = read_depth(frame.path("depth"), DepthUnits(MILLIMETRES, MILLIMETRES))
+        camera = read_camera_file(frame.camera_folder / "camK.npy", frame.path("depth").stem)
+        return depth, camera.at(depth.shape[1], depth.shape[0])
 
     def read_frame(self, frame: FrameFiles) -> Frame:
         """Read a frame's images, with the camera of `camK.npy`."""

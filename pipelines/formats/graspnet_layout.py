@@ -61,8 +61,12 @@ class SceneFiles:
 
     @property
     def frame_ids(self) -> list[int]:
-        """The ids of the frames that are there, ascending."""
-        files = (self.camera_folder / "depth").glob("*.png")
+        """The ids of the frames that are there, ascending: those with a depth image."""
+        return self.ids_of("depth")
+
+    def ids_of(self, kind: str) -> list[int]:
+        """Return the ids of the frames that have a file of `kind`, as `FrameFiles.path` has it."""
+        files = (self.camera_folder / kind).glob("*" + self.frame(0).path(kind).suffix)
         return sorted(int(file.stem) for file in files if file.stem.isdigit())
 
     @property
@@ -73,16 +77,20 @@ class SceneFiles:
     @property
     def camera_poses(self) -> NDArray[np.float64]:
         """(n, 4, 4): camera i to camera 0 coordinates, metres."""
-        return read_pose_array(self.camera_folder / "camera_poses.npy")
+        return read_pose_array(self.camera_folder / "camera_poses.npy", ndim=3)
 
     @property
     def cam0_wrt_table(self) -> NDArray[np.float64]:
         """(4, 4): camera 0 to table coordinates; the table's top is z = 0, z up."""
-        return read_pose_array(self.camera_folder / "cam0_wrt_table.npy")
+        return read_pose_array(self.camera_folder / "cam0_wrt_table.npy", ndim=2)
 
     def table_from_camera(self, frame_id: int) -> NDArray[np.float64]:
         """Return (4, 4): coordinates of the frame's camera to table coordinates."""
-        return np.asarray(self.cam0_wrt_table @ self.camera_poses[frame_id])
+        poses = self.camera_poses
+        if frame_id >= len(poses):
+            path = self.camera_folder / "camera_poses.npy"
+            raise FormatError(path, f"holds {len(poses)} poses", f"frame {frame_id} has none")
+        return np.asarray(self.cam0_wrt_table @ poses[frame_id])
 
     @property
     def intrinsics(self) -> Intrinsics:

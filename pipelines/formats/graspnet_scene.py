@@ -1,8 +1,8 @@
 """The small files of a GraspNet-1Billion scene: annotations, meta, cameras, object list.
 
-`annotations/NNNN.xml` holds 6D poses with four decimals, read by position as the original reader
-does; `meta/NNNN.mat` holds the same poses in float32. Poses map object to camera coordinates in
-metres (the tag `pos_in_world` notwithstanding).
+`annotations/NNNN.xml` holds 6D poses with four decimals, written in the order in which the original
+reader takes them and read by their tags; `meta/NNNN.mat` holds the same poses in float32. Poses map
+object to camera coordinates in metres (the tag `pos_in_world` notwithstanding).
 """
 
 import io
@@ -27,8 +27,11 @@ log = logging.getLogger(__name__)
 POSE_FIELDS = ("obj_id", "obj_name", "obj_path", "pos_in_world", "ori_in_world")
 # A .mat opens with 116 bytes of free text, where scipy puts the time of writing.
 MAT_TEXT = b"MATLAB 5.0 MAT-file, written by symgrasp".ljust(116)
+NEEDED_FIELDS = ("obj_id", "pos_in_world", "ori_in_world")
 # Four decimals of a quaternion turn a pose by up to about 1e-4 rad.
 LARGEST_ROUNDING = 5e-4
+# How far R^T R, or a quaternion's length, may be off one: rounding is far below, faults far above.
+RIGID_TOLERANCE = 1e-2
 
 
 @dataclass(frozen=True)
@@ -67,30 +70,43 @@ def write_annotation(path: Path, poses: Sequence[ObjectPose]) -> None:
 
 
 def read_annotation_xml(path: Path) -> list[ObjectPose]:
-    """Read the poses of `annotations/NNNN.xml`, children by position, in file order."""
+    """Read the poses of `annotations/NNNN.xml` by their tags, objects in file order.
+
+    Raises:
+        FormatError: not XML, entities, a tag missing, not a rigid pose, an object listed twice.
+    """
     try:
         root = parse_xml(existing(path)).getroot()
     except (ElementTree.ParseError, ValueError) as error:  # refused entities are ValueErrors
         raise FormatError(
             path, f"not XML ({error})", "a GraspNet annotation is expected"
         ) from error
-    return [_read_object(path, element) for element in root or ()]
+    poses = [_read_object(path, element) for element in root or ()]
+    ids = [pose.object_id for pose in poses]
+    twice = sorted({object_id for object_id in ids if ids.count(object_id) > 1})
+    if twice:
+        raise FormatError(path, f"lists object {twice[0]} twice", "one pose an object is expected")
+    return poses
 
 
 def read_poses(annotation: Path, meta: Path) -> list[ObjectPose]:
-    """Read a frame's poses from its XML, with the digits of its `.mat` where the two agree."""
+    """Read a frame's poses from its XML, with the digits of its `.mat` where the two agree.
+
+    The two are matched by object ids: their orders may differ.
+    """
     rounded = read_annotation_xml(annotation)
     if not meta.is_file():
         return rounded
-    exact = read_meta(meta)
-    if exact.poses is None or exact.object_ids != tuple(pose.object_id for pose in rounded):
+    stored = read_meta(meta)
+    exact = dict(zip(stored.object_ids, () if stored.poses is None else stored.poses, strict=False))
+    if sorted(stored.object_ids) != sorted(exact) or exact.keys() != {p.object_id for p in rounded}:
         log.info("%s lists other objects than %s; poses are the XML's", meta, annotation.name)
         return rounded
-    difference = [np.abs(p.T_cam_obj - T).max() for p, T in zip(rounded, exact.poses, strict=True)]
-    if max(difference, default=0.0) > LARGEST_ROUNDING:
+    difference = [np.abs(pose.T_cam_obj - exact[pose.object_id]).max() for pose in rounded]
+    if not max(difference, default=0.0) <= LARGEST_ROUNDING:
         log.warning("%s holds other poses than %s; the XML's are taken", meta, annotation.name)
         return rounded
-    return [ObjectPose(p.object_id, T, p.name) for p, T in zip(rounded, exact.poses, strict=True)]
+    return [ObjectPose(pose.object_id, exact[pose.object_id], pose.name) for pose in rounded]
 
 
 def write_meta(
@@ -154,12 +170,28 @@ def write_pose_array(path: Path, poses: NDArray[np.floating]) -> None:
     write_npy(path, np.asarray(poses, dtype=np.float64))
 
 
-def read_pose_array(path: Path) -> NDArray[np.float64]:
-    """Read a file of `write_pose_array`: (..., 4, 4) float64."""
+def read_pose_array(path: Path, ndim: int | None = None) -> NDArray[np.float64]:
+    """Read a file of `write_pose_array`: (..., 4, 4) float64, of `ndim` dimensions if given.
+
+    Raises:
+        FormatError: another shape, or matrices that are no rigid transforms.
+    """
     poses = read_npy(path)
-    if poses.shape[-2:] != (4, 4):
-        raise FormatError(path, f"an array of shape {poses.shape}", "(..., 4, 4) is expected")
+    expected = {2: "(4, 4)", 3: "(n, 4, 4)"}.get(ndim or 0, "(..., 4, 4)")
+    if poses.shape[-2:] != (4, 4) or ndim not in (None, poses.ndim):
+        raise FormatError(path, f"an array of shape {poses.shape}", f"{expected} is expected")
+    if poses.dtype.kind not in "fiu" or not _are_rigid(poses):
+        raise FormatError(path, "a matrix is no rigid transform", "rotations are orthonormal")
     return poses.astype(np.float64)
+
+
+def _are_rigid(poses: NDArray[Any]) -> bool:
+    """Return whether all of `poses` (..., 4, 4) are, but for rounding; False for nan."""
+    R, last = poses[..., :3, :3].astype(np.float64), poses[..., 3, :]
+    misfit = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3)).max(initial=0.0)
+    misfit = max(misfit, np.abs(last - np.array([0.0, 0.0, 0.0, 1.0])).max(initial=0.0))
+    right_handed = bool((np.linalg.det(R) > 0.0).all())
+    return bool(misfit <= RIGID_TOLERANCE) and right_handed and bool(np.isfinite(poses).all())
 
 
 def _four(values: NDArray[np.floating]) -> str:
@@ -167,23 +199,32 @@ def _four(values: NDArray[np.floating]) -> str:
 
 
 def _read_object(path: Path, element: ElementTree.Element) -> ObjectPose:
-    tags = tuple(child.tag for child in element)
-    if tags[: len(POSE_FIELDS)] != POSE_FIELDS:
+    texts = {child.tag: (child.text or "").strip() for child in element}
+    missing = [field for field in NEEDED_FIELDS if field not in texts]
+    if missing:
         raise FormatError(
-            path, f"an object has the children {tags}", f"they are read in the order {POSE_FIELDS}"
+            path,
+            f"<{element.tag}> lacks {', '.join(missing)}",
+            f"an object has {', '.join(POSE_FIELDS)}",
         )
-    texts = [(child.text or "").strip() for child in element]
     try:
-        position = np.array(texts[3].split(), dtype=np.float64).reshape(3)
-        quaternion = np.array(texts[4].split(), dtype=np.float64).reshape(4)
-        object_id = int(texts[0])
+        position = np.array(texts["pos_in_world"].split(), dtype=np.float64).reshape(3)
+        quaternion = np.array(texts["ori_in_world"].split(), dtype=np.float64).reshape(4)
+        object_id = int(texts["obj_id"])
     except ValueError as error:
         raise FormatError(
             path, f"an object's pose is not numeric ({error})", "id, 3 metres, 4 of a quaternion"
         ) from error
-    quaternion = quaternion / max(float(np.linalg.norm(quaternion)), 1e-12)
+    length = float(np.linalg.norm(quaternion))
+    # Written so that nan fails too.
+    if not (abs(length - 1.0) <= RIGID_TOLERANCE and np.isfinite(position).all()):
+        raise FormatError(
+            path,
+            f"the pose of object {object_id} is no rigid transform",
+            "3 finite metres, a quaternion of length 1",
+        )
     pose = make_pose(quaternion_to_matrix(quaternion), position)
-    return ObjectPose(object_id, pose, texts[1].removesuffix(".ply"))
+    return ObjectPose(object_id, pose, texts.get("obj_name", "").removesuffix(".ply"))
 
 
 def _load_mat(path: Path) -> dict[str, Any]:

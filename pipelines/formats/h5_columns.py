@@ -1,6 +1,6 @@
 """Columns of HDF5 files: named arrays of equal first axis, with their units beside them."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,15 +16,20 @@ TEXT = h5py.string_dtype("utf-8")
 
 
 def write_columns(
-    group: h5py.Group, columns: Mapping[str, Column], units: Mapping[str, str] | None = None
+    group: h5py.Group,
+    columns: Mapping[str, Column],
+    units: Mapping[str, str] | None = None,
+    by_row: Collection[str] = (),
 ) -> None:
     """Write `columns` as datasets of `group`, in order, with the attribute `units` where given.
 
-    Dates are not stored (`track_times`): the same columns give the same bytes.
+    Those named in `by_row` are stored a row a chunk, to be read in any order. Dates are not stored
+    (`track_times`): the same columns give the same bytes.
     """
     for name, column in columns.items():
         if isinstance(column, np.ndarray) and column.dtype.kind not in "UOS":
-            dataset = group.create_dataset(name, data=column, track_times=False)
+            chunks = (1, *column.shape[1:]) if name in by_row and len(column) else None
+            dataset = group.create_dataset(name, data=column, chunks=chunks, track_times=False)
         else:
             texts = np.array([str(text) for text in column], dtype=object)
             dataset = group.create_dataset(name, data=texts, dtype=TEXT, track_times=False)

@@ -29,6 +29,9 @@ from pipelines.geometry.symmetry import NUM_SLOTS
 
 FORMAT_VERSION = 1
 UNITS = {"points": "m", "point": "m"}
+# What makes up nearly all of a region: a row a chunk, and not packed, so that training reads it
+# in any order at the speed of the disk. All else of a scene is small and kept in memory.
+BY_ROW = ("points", "affordance")
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,8 @@ def write(path: Path, scene: PackedScene, stamp: Stamp) -> None:
         file.attrs["format_version"] = FORMAT_VERSION
         file.attrs["frame"] = "camera, OpenCV axes"
         file.attrs["provenance"] = stamp.as_text()
-        write_columns(file, {name: getattr(scene, name) for name in COLUMNS}, UNITS)
+        columns = {name: getattr(scene, name) for name in COLUMNS}
+        write_columns(file, columns, UNITS, BY_ROW)
 
 
 def read(path: Path) -> PackedScene:
@@ -96,20 +100,45 @@ def read(path: Path) -> PackedScene:
         return PackedScene(**read_columns(path, file, COLUMNS))
 
 
+@dataclass(frozen=True)
+class _OpenScene:
+    """An open file: the datasets that are read row by row, and the columns kept in memory."""
+
+    rows: dict[str, h5py.Dataset]
+    columns: dict[str, NDArray[Any]]
+
+    @classmethod
+    def of(cls, path: Path) -> "_OpenScene":
+        file = open_h5(path, cache_bytes=0)  # no chunk is read twice in a row
+        small = [name for name in COLUMNS if name not in BY_ROW]
+        columns, rows = read_columns(path, file, small), {name: file.get(name) for name in BY_ROW}
+        for name, dataset in rows.items():
+            if not isinstance(dataset, h5py.Dataset) or len(dataset) != len(columns["name"]):
+                raise FormatError(path, f"/{name} is missing or cut off", "pack the scene again")
+        return cls(rows, columns)
+
+    def region(self, row: int) -> PackedRegion:
+        columns = {name: column[row] for name, column in self.columns.items()}
+        columns |= {name: dataset[row] for name, dataset in self.rows.items()}
+        columns |= {name: int(columns[name]) for name in ("object_id", "frame_id")}
+        return PackedRegion(**columns)
+
+
 class PackedReader:
     """Random access to the regions of every `*.h5` under a folder, files opened when first needed.
 
     Pickles without its open files, and opens them anew in a forked process, so that it may be
-    handed to the workers of a data loader.
+    handed to the workers of a data loader. Hidden files are what an interrupted `pack` left.
     """
 
     def __init__(self, folder: Path) -> None:
-        self.paths = tuple(sorted(folder.rglob("*.h5")))
+        files = (path for path in folder.rglob("*.h5") if not path.name.startswith("."))
+        self.paths = tuple(sorted(files))
         if not self.paths:
             raise MissingInputError(folder / "*.h5", "symgrasp pack")
         self.counts = tuple(_count(path) for path in self.paths)
         self._ends = list(itertools.accumulate(self.counts))
-        self._files: dict[int, h5py.File] = {}
+        self._scenes: dict[int, _OpenScene] = {}
         self._process = os.getpid()
 
     def __len__(self) -> int:
@@ -119,15 +148,13 @@ class PackedReader:
     def __getitem__(self, index: int) -> PackedRegion:
         """Return region `index`, counted through the files in the order of their names."""
         scene, row = self.locate(index)
-        file = self._open(scene)
-        path = self.paths[scene]
+        opened = self._open(scene)
         try:
-            row_of: dict[str, Any] = {name: file[name][row] for name in COLUMNS}
-        except (KeyError, OSError) as error:
-            raise FormatError(path, f"region {row} is damaged ({error})", "pack again") from error
-        row_of["name"] = row_of["name"].decode()
-        row_of |= {key: int(row_of[key]) for key in ("object_id", "frame_id")}
-        return PackedRegion(**row_of)
+            return opened.region(row)
+        except OSError as error:
+            raise FormatError(
+                self.paths[scene], f"region {row} is damaged ({error})", "pack again"
+            ) from error
 
     def locate(self, index: int) -> tuple[int, int]:
         """Return (index into `paths`, row in that file) of region `index`."""
@@ -137,15 +164,15 @@ class PackedReader:
         scene = bisect.bisect_right(self._ends, index)
         return scene, index - (self._ends[scene] - self.counts[scene])
 
-    def _open(self, scene: int) -> h5py.File:
+    def _open(self, scene: int) -> _OpenScene:
         if self._process != os.getpid():  # handles must not be shared with the parent
-            self._files, self._process = {}, os.getpid()
-        if scene not in self._files:
-            self._files[scene] = open_h5(self.paths[scene])
-        return self._files[scene]
+            self._scenes, self._process = {}, os.getpid()
+        if scene not in self._scenes:
+            self._scenes[scene] = _OpenScene.of(self.paths[scene])
+        return self._scenes[scene]
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_files": {}, "_process": -1}
+        return {**self.__dict__, "_scenes": {}, "_process": -1}
 
 
 def _count(path: Path) -> int:

@@ -69,9 +69,12 @@ def digest(path: Path) -> str:
 
 
 def digest_folder(folder: Path, pattern: str) -> str:
-    """Return one digest of the names and contents of all files of `folder` that fit `pattern`."""
+    """Return one digest of the names and contents of all files of `folder` that fit `pattern`.
+
+    Hidden files are what an interrupted run left behind, and do not count.
+    """
     total = hashlib.sha256()
-    for path in sorted(folder.glob(pattern)):
+    for path in sorted(path for path in folder.glob(pattern) if not path.name.startswith(".")):
         total.update(f"{path.name} {digest(path)}\n".encode())
     return "sha256:" + total.hexdigest()[:16]
 

@@ -132,3 +132,21 @@ def test_every_scene_has_one_split() -> None:
     assert [splits.count(name) for name in graspnet.SPLITS] == [100, 30, 30, 30]
     with pytest.raises(SymgraspError, match="190"):
         graspnet.split_of_scene(190)
+
+
+def test_depth_alone_is_that_of_the_frame(root: GraspNetRoot) -> None:
+    files = root.scene(0).frame(1)
+    files.path("rgb").unlink()
+    depth, intrinsics = root.read_depth(files)
+    assert_allclose(depth, DEPTH, atol=5.1e-4)
+    assert intrinsics == CAMERA
+
+
+def test_a_frame_without_a_camera_pose_is_one_sentence(root: GraspNetRoot) -> None:
+    scene = root.scene(0)
+    assert_array_equal(scene.table_from_camera(2), np.eye(4))
+    with pytest.raises(FormatError, match="frame 3 has none"):
+        scene.table_from_camera(3)
+    graspnet.write_pose_array(scene.camera_folder / "camera_poses.npy", np.eye(4))
+    with pytest.raises(FormatError, match=r"\(n, 4, 4\)"):
+        scene.table_from_camera(0)

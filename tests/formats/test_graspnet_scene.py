@@ -1,6 +1,7 @@
 """Annotations, meta files and the other small files of a scene."""
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -50,14 +51,74 @@ def test_xml_poses_come_back_within_their_four_decimals(
         assert_allclose(np.linalg.det(read.T_cam_obj), 1.0)
 
 
-def test_children_in_another_order_are_refused(tmp_path: Path, poses: list[ObjectPose]) -> None:
+def rewritten(path: Path, change: Callable[[ElementTree.Element], object]) -> None:
+    root = ElementTree.fromstring(path.read_text())
+    change(root)
+    path.write_text(ElementTree.tostring(root, encoding="unicode"))
+
+
+def test_children_in_another_order_are_read_by_their_tags(
+    tmp_path: Path, poses: list[ObjectPose]
+) -> None:
     path = tmp_path / "0000.xml"
     scene.write_annotation(path, poses)
-    root = ElementTree.fromstring(path.read_text())
-    root[0][:] = [*root[0][1:], root[0][0]]
-    path.write_text(ElementTree.tostring(root, encoding="unicode"))
-    with pytest.raises(FormatError, match="order"):
+    before = scene.read_annotation_xml(path)
+
+    def shuffle(root: ElementTree.Element) -> None:
+        rng = np.random.default_rng(0)
+        for element in root:
+            children = list(element)
+            element[:] = [children[i] for i in rng.permutation(len(children))]
+            ElementTree.SubElement(element, "note").text = "by hand"
+
+    rewritten(path, shuffle)
+    for read, known in zip(scene.read_annotation_xml(path), before, strict=True):
+        assert read.object_id == known.object_id
+        assert read.name == known.name
+        assert_array_equal(read.T_cam_obj, known.T_cam_obj)
+
+
+def test_objects_in_another_order_keep_their_own_poses(
+    tmp_path: Path, poses: list[ObjectPose]
+) -> None:
+    scene.write_annotation(tmp_path / "a.xml", poses[::-1])
+    scene.write_meta(tmp_path / "a.mat", poses, K)
+    read = scene.read_poses(tmp_path / "a.xml", tmp_path / "a.mat")
+    assert [pose.object_id for pose in read] == [70, 2, 14]
+    for pose, known in zip(read, poses[::-1], strict=True):
+        assert_allclose(pose.T_cam_obj, known.T_cam_obj, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("tag", "text", "sentence"),
+    [
+        ("pos_in_world", None, "lacks pos_in_world"),
+        ("obj_id", None, "lacks obj_id"),
+        ("obj_id", "70", "lists object 70 twice"),
+        ("pos_in_world", "1 2", "not numeric"),
+        ("pos_in_world", "1 nan 2", "no rigid transform"),
+        ("ori_in_world", "0 0 0 0", "no rigid transform"),
+        ("ori_in_world", "0.9 0.2 0.4 0.4", "no rigid transform"),
+        ("ori_in_world", "nan 0 0 1", "no rigid transform"),
+    ],
+)
+def test_a_pose_at_fault_is_one_sentence(
+    tmp_path: Path, poses: list[ObjectPose], tag: str, text: str | None, sentence: str
+) -> None:
+    path = tmp_path / "0003.xml"
+    scene.write_annotation(path, poses)
+
+    def spoil(root: ElementTree.Element) -> None:
+        child = root[0].find(tag)
+        assert child is not None
+        child.text = text
+        if text is None:
+            root[0].remove(child)
+
+    rewritten(path, spoil)
+    with pytest.raises(FormatError, match=sentence) as error:
         scene.read_annotation_xml(path)
+    assert "0003.xml" in str(error.value)
 
 
 @pytest.mark.parametrize(
@@ -160,3 +221,32 @@ def test_pose_arrays_must_be_transforms(tmp_path: Path) -> None:
     np.save(tmp_path / "bad.npy", np.zeros((5, 3)))
     with pytest.raises(FormatError, match=r"\(5, 3\)"):
         scene.read_pose_array(tmp_path / "bad.npy")
+
+
+@pytest.mark.parametrize(("shape", "ndim"), [((4, 4), 3), ((5, 4, 4), 2), ((5, 3, 4), 3)])
+def test_pose_arrays_of_another_shape_are_refused(
+    tmp_path: Path, shape: tuple[int, ...], ndim: int
+) -> None:
+    np.save(tmp_path / "camera_poses.npy", np.zeros(shape))
+    with pytest.raises(FormatError, match=r"an array of shape .* is expected"):
+        scene.read_pose_array(tmp_path / "camera_poses.npy", ndim)
+
+
+@pytest.mark.parametrize("fault", ["scaled", "sheared", "mirrored", "nan", "last row", "objects"])
+def test_matrices_that_are_not_rigid_are_refused(tmp_path: Path, fault: str) -> None:
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    match fault:
+        case "scaled":
+            poses[1, :3, :3] *= 1.1
+        case "sheared":
+            poses[1, 0, 1] = 0.1
+        case "mirrored":
+            poses[1, 0, 0] = -1.0
+        case "nan":
+            poses[1, 2, 3] = np.nan
+        case "last row":
+            poses[1, 3, 3] = 1000.0
+    stored = np.array([None], object) if fault == "objects" else poses
+    np.save(tmp_path / "camera_poses.npy", stored, allow_pickle=True)
+    with pytest.raises(FormatError, match=r"rigid|pickles never"):
+        scene.read_pose_array(tmp_path / "camera_poses.npy", 3)

@@ -1,17 +1,20 @@
 """Packed region clouds and random access to them."""
 
 import pickle
+import tempfile
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from pipelines.errors import FormatError, MissingInputError, ValueRangeError
 from pipelines.formats import packed_regions
 from pipelines.formats.packed_regions import COLUMNS, PackedReader, PackedScene
-from pipelines.formats.provenance import is_finished, make_stamp
+from pipelines.formats.provenance import digest_folder, is_finished, make_stamp
 
 STAMP = make_stamp("pack", {"num_points": 16})
 
@@ -55,6 +58,45 @@ def test_regions_are_counted_through_the_files(folder: Path) -> None:
     assert_array_equal(reader[4].points, packed(2, 20).points[1])
     with pytest.raises(IndexError):
         reader[5]
+
+
+def test_points_are_stored_a_region_a_chunk(folder: Path) -> None:
+    with h5py.File(folder / "scene_0000.h5") as file:
+        assert file["points"].chunks == (1, 16, 3)
+        assert file["affordance"].chunks == (1, 16)
+        assert file["object_id"].chunks is None
+
+
+def test_files_of_before_there_were_chunks_are_read(folder: Path) -> None:
+    with h5py.File(folder / "scene_0002.h5", "a") as file:
+        points = file["points"][()]
+        del file["points"]
+        file["points"] = points
+        assert file["points"].chunks is None
+    assert_array_equal(PackedReader(folder)[4].points, packed(2, 20).points[1])
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.permutations(range(5)))
+def test_regions_read_in_any_order_are_those_of_the_scene(order: list[int]) -> None:
+    with tempfile.TemporaryDirectory() as name:
+        scenes = {Path(name) / "a.h5": packed(3), Path(name) / "b.h5": packed(2, 7)}
+        for path, scene in scenes.items():
+            packed_regions.write(path, scene, STAMP)
+        reader = PackedReader(Path(name))
+        for index in order:
+            scene = packed(3) if index < 3 else packed(2, 7)
+            for column in COLUMNS:
+                read = getattr(reader[index], column)
+                assert_array_equal(read, getattr(scene, column)[index % 3])
+
+
+def test_what_an_interrupted_run_left_is_not_read(folder: Path) -> None:
+    (folder / ".scene_0001.x7.h5").write_bytes(b"half a scene")
+    assert len(PackedReader(folder)) == 5
+    before = digest_folder(folder, "*.h5")
+    (folder / ".scene_0001.x7.h5").unlink()
+    assert digest_folder(folder, "*.h5") == before
 
 
 def test_a_reader_in_use_can_be_sent_to_other_processes(folder: Path) -> None:

@@ -1,7 +1,17 @@
 """The pack stage: region clouds whose labels are those of the posed objects."""
 
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import cv2
 import numpy as np
 import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from pipelines import annotate_symmetry, pack, refine_grasps
@@ -9,10 +19,28 @@ from pipelines.batch import BatchOptions
 from pipelines.configs import AnnotateSymmetryConfig, PackConfig, RefineGraspsConfig
 from pipelines.errors import SymgraspError
 from pipelines.formats import packed_regions, symmetry_labels
+from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.formats.meshes import read_mesh
+from pipelines.formats.packed_regions import PackedReader
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.region_masks import ObjectRegion, RegionedObject, visible_regions
 from pipelines.geometry.surface import Surface
-from pipelines.geometry.symmetry import SymmetrySlots
-from pipelines.geometry.transforms import invert, transform_points
+from pipelines.geometry.symmetry import (
+    ROTATION_SLOT,
+    SPHERE_SLOT,
+    ReflectionSymmetry,
+    RotationSymmetry,
+    SphereSymmetry,
+    SymmetrySlots,
+)
+from pipelines.geometry.transforms import (
+    invert,
+    make_pose,
+    random_rotation,
+    transform_points,
+    unit,
+)
 from tests.stages.dataset_root import write_root
 
 QUIET = BatchOptions(progress=False)
@@ -128,3 +156,187 @@ def test_a_finished_scene_is_skipped(root, tmp_path):
 def test_a_split_without_scenes_is_one_sentence(root, tmp_path):
     with pytest.raises(SymgraspError, match="novel scene"):
         pack.run(root.root, tmp_path, CONFIG, split="novel", options=QUIET)
+
+
+def test_counterparts_of_packed_points_lie_on_the_posed_object(root, tmp_path):
+    config = PackConfig(num_points=256, min_pixels=100, mask_noise=False)
+    pack.run(root.root, tmp_path, config, options=QUIET)
+    reader, checked = PackedReader(tmp_path), 0
+    for region in (reader[i] for i in range(len(reader))):
+        pose = poses_of(root, region.frame_id)[region.object_id]
+        mesh = read_mesh(root.model_path(region.object_id)).transformed(pose)
+        surface = Surface.from_mesh(mesh, 20000, np.random.default_rng(0))
+        slots = SymmetrySlots(region.existence, region.point, region.direction)
+        for symmetry in slots.to_symmetries():
+            images = symmetry.counterpart(region.points)
+            assert np.mean(surface.distances(images)[0] < 0.003) > 0.95
+            checked += 1
+    assert checked > 6
+
+
+# Two boxes apart, so that each is a region of which some of every pose is seen.
+BOXES = [trimesh.creation.box((0.05, 0.05, 0.05)) for _ in range(2)]
+BOXES[1].apply_translation((0.09, 0.0, 0.0))
+PAIR = trimesh.util.concatenate(BOXES)
+PAIR_MESH = Mesh(np.asarray(PAIR.vertices), np.asarray(PAIR.faces))
+CAMERA = Intrinsics(60.0, 60.0, 31.5, 23.5, 64, 48)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_symmetries_of_the_camera_frame_are_those_of_the_posed_points(seed):
+    rng = np.random.default_rng(seed)
+    pose = make_pose(random_rotation(rng), [*rng.uniform(-0.05, 0.05, 2), 0.5])
+    regions = [
+        ObjectRegion(
+            name,
+            triangles,
+            (
+                *(ReflectionSymmetry(unit(rng.normal(size=3)), rng.normal(size=3)) for _ in "abc"),
+                RotationSymmetry(unit(rng.normal(size=3)), rng.normal(size=3)),
+                SphereSymmetry(rng.normal(size=3)),
+            ),
+        )
+        for name, triangles in (("left", np.arange(12)), ("right", np.arange(12, 24)))
+    ]
+    label = np.ones((48, 64), np.uint8)
+    posed = {0: RegionedObject(PAIR_MESH, tuple(regions))}
+    found = visible_regions(label, CAMERA, [(0, pose)], posed)
+    assert {each.name for each in found} <= {"left", "right"}
+    assert found
+    points = rng.normal(size=(9, 3))
+    angle = rng.uniform(-np.pi, np.pi)
+    for instance in found:
+        known = next(region for region in regions if region.name == instance.name)
+        slots = SymmetrySlots.from_symmetries(instance.symmetries)
+        for slot, symmetry in zip(range(5), known.symmetries, strict=True):
+            in_camera = slots.symmetry(slot)
+            reflected = in_camera.counterpart(transform_points(pose, points))
+            expected = transform_points(pose, symmetry.counterpart(points))
+            assert_allclose(reflected, expected, atol=1e-9)
+        axis, turned = slots.symmetry(ROTATION_SLOT), known.symmetries[3].turn(points, angle)
+        assert_allclose(
+            axis.turn(transform_points(pose, points), angle),
+            transform_points(pose, turned),
+            atol=1e-9,
+        )
+        centre = transform_points(pose, known.symmetries[4].point)
+        assert_allclose(slots.point[SPHERE_SLOT], centre, atol=1e-12)
+
+
+def changed_text(kind, old, new):
+    def damage(camera):
+        path = camera / kind
+        text = path.read_text()
+        assert old in text
+        path.write_text(text.replace(old, new, 1))
+
+    return damage
+
+
+def without_pose(camera):
+    path = camera / "annotations" / "0001.xml"
+    text = path.read_text()
+    path.write_text(text[: text.rindex("<obj>")] + "</scene>")
+
+
+def smaller_depth(camera):
+    cv2.imwrite(str(camera / "depth/0001.png"), np.full((120, 160), 600, np.uint16))
+
+
+def cut_depth(camera):
+    path = camera / "depth/0001.png"
+    path.write_bytes(path.read_bytes()[:500])
+
+
+def unknown_object(camera):
+    cv2.imwrite(str(camera / "label/0001.png"), np.full((240, 320), 60, np.uint8))
+
+
+BOMB = '<!DOCTYPE s [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;">]><scene>&b;'
+# What is wrong with a scene, and words of the sentence that says so.
+FAULTS = {
+    "a depth image is missing": (lambda c: (c / "depth/0000.png").unlink(), "depth/0000.png does"),
+    "depth of another size": (smaller_depth, "160x120"),
+    "depth cut off": (cut_depth, "cut off"),
+    "no pose of an object": (without_pose, "0001.xml: holds no pose of object 2"),
+    "no annotation": (lambda c: (c / "annotations/0001.xml").unlink(), "0001.xml does not exist"),
+    "entities": (changed_text("annotations/0000.xml", "<scene>", BOMB), "not XML"),
+    "not rigid": (
+        changed_text("annotations/0000.xml", "<ori_in_world>", "<ori_in_world>3"),
+        "object 0",
+    ),
+    "no object list": (lambda c: (c.parent / "object_id_list.txt").unlink(), "object_id_list"),
+    "an object of no scene": (unknown_object, "shows object 59"),
+    "no camera": (lambda c: np.save(c / "camK.npy", np.eye(4)), "camK.npy"),
+}
+
+
+def test_scenes_at_fault_are_a_sentence_each_and_the_rest_is_packed(root, tmp_path):
+    other = GraspNetRoot(shutil.copytree(root.root, tmp_path / "copy"))
+    for number, (damage, _) in enumerate(FAULTS.values(), start=1):
+        shutil.copytree(other.scene_folder(0), other.scene_folder(number))
+        damage(other.scene_folder(number) / "realsense")
+    report = pack.run(other.root, tmp_path / "out", CONFIG, options=QUIET)
+    assert report.done == [NAME]
+    assert report.exit_code == 1
+    assert len(report.failed) == len(FAULTS)
+    for sentence, (_, words) in zip(report.failed.values(), FAULTS.values(), strict=True):
+        assert words in sentence
+        assert "\n" not in sentence
+    assert [path.name for path in (tmp_path / "out").iterdir()] == [f"{NAME}.h5"]
+
+
+def test_poses_with_their_children_and_objects_in_another_order_give_the_same_regions(
+    root, tmp_path, packed
+):
+    other = GraspNetRoot(shutil.copytree(root.root, tmp_path / "copy"))
+    for path in (other.scene_folder(0) / "realsense" / "annotations").iterdir():
+        objects = path.read_text().split("<obj>")
+        lines = [["<obj>", *part.split("</obj>")[0].splitlines()[::-1]] for part in objects[1:]]
+        text = "".join("\n".join([*part, "</obj>"]) for part in lines)
+        path.write_text(f"<scene>{text}</scene>")
+    pack.run(other.root, tmp_path / "out", CONFIG, options=QUIET)
+    again = packed_regions.read(tmp_path / "out" / f"{NAME}.h5")
+    for name in packed_regions.COLUMNS:
+        assert_array_equal(getattr(again, name), getattr(packed, name))
+
+
+def test_labels_written_anew_are_read_anew(root, tmp_path):
+    other = GraspNetRoot(shutil.copytree(root.root, tmp_path / "copy"))
+    pack.run(other.root, tmp_path / "a", CONFIG, options=QUIET)
+    refine = RefineGraspsConfig(contact_radius=1e-6, num_surface_points=1024)
+    refine_grasps.run(other.root, refine, options=BatchOptions(progress=False, overwrite=True))
+    pack.run(other.root, tmp_path / "b", CONFIG, options=QUIET)
+    before, after = (packed_regions.read(tmp_path / name / f"{NAME}.h5") for name in "ab")
+    assert np.count_nonzero(after.affordance) < np.count_nonzero(before.affordance)
+
+
+def test_a_run_killed_while_it_writes_leaves_whole_files(root, tmp_path):
+    other, out = GraspNetRoot(shutil.copytree(root.root, tmp_path / "copy")), tmp_path / "out"
+    for number in range(1, 30):
+        shutil.copytree(other.scene_folder(0), other.scene_folder(number))
+    script = (
+        "import sys; from pathlib import Path\n"
+        "from pipelines import pack; from pipelines.configs import PackConfig\n"
+        "pack.run(Path(sys.argv[1]), Path(sys.argv[2]), PackConfig(2048, 100))\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", script, str(other.root), str(out)], stderr=subprocess.DEVNULL
+    )
+    done = 0
+    while process.poll() is None and not (done and list(out.glob(".*"))) and done < 5:
+        done = len(list(out.glob("scene*")))
+        time.sleep(0.0005)
+    process.kill()
+    assert process.wait() == -signal.SIGKILL
+    files = list(out.glob("scene_*.h5"))
+    assert 0 < len(files) < 30
+    for path in files:
+        assert len(packed_regions.read(path)) > 0
+    reader = PackedReader(out)
+    assert reader[len(reader) - 1].points.shape == (2048, 3)
+    report = pack.run(other.root, out, PackConfig(2048, 100), options=QUIET)
+    assert report.skipped == [path.stem for path in sorted(files)]
+    assert len(report.done) == 30 - len(files)
+    assert len(PackedReader(out)) == 30 * len(packed_regions.read(files[0]))

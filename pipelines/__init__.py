@@ -10,7 +10,8 @@ label_grasps         meshes                                      ROOT/models, RO
 annotate_symmetry    ROOT/models                                 ROOT/symmetry/NNN.json
 refine_grasps        ROOT/grasp_label, ROOT/symmetry             ROOT/affordance/NNN.h5
 pack                 ROOT frames, symmetry, affordance           PACKED/scene_XXXX.h5
-finetune_detector    ROOT frames, symmetry                       detector.safetensors
+export_coco          ROOT frames, symmetry                       a COCO instance dataset
+finetune_detector    ROOT or COCO frames, symmetry               detector.safetensors
 train                PACKED                                      network.safetensors
 infer                RGB-D frames, both weights                  grasps.h5, overlay pictures
 score_grasps         any mesh, any grasps (N, 17)                verdicts.npz

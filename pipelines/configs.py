@@ -50,6 +50,7 @@ class SynthesizeConfig:
 class AnnotateSymmetryConfig:
     """Symmetries of meshes (Sec. III-G); lengths are shares of the object's diameter."""
 
+    mesh_scale: float = 1.0  # metres a unit of the mesh's file
     num_samples: int = 30000  # dense surface samples that distances are measured to
     num_verification_samples: int = 2000
     grid_resolution: int = 56
@@ -106,6 +107,17 @@ class PackConfig:
     mask_noise_share: float = 0.7  # of the masks; the others stay as they are
     mask_edge: float = 0.04  # largest erosion or dilation, of the root of the mask's area
     mask_blot: float = 0.15  # largest leak or gap, likewise
+
+
+@dataclass(frozen=True)
+class ExportCocoConfig:
+    """Region masks as a COCO instance dataset (Sec. III-D)."""
+
+    categories: str = "kind"  # or object, region
+    min_pixels: int = 200  # smaller region masks are left out, as in training
+    frame_stride: int = 1  # every n-th frame of a scene
+    val_fraction: float = 0.1  # of the scenes
+    link: bool = False  # link to the dataset's images, or copy them
 
 
 @dataclass(frozen=True)

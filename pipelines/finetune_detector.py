@@ -2,34 +2,43 @@
 
 Reads   ROOT/scenes/scene_NNNN/CAMERA/{rgb,depth,label,annotations}
         ROOT/symmetry/NNN.json       regions, from annotate-symmetry
+        or a COCO instance dataset of `export-coco`, with its own split
 Writes  NAME.safetensors             the best weights so far by mask AP50 on unseen scenes
         NAME.frames/*.h5             small frames with their region masks, made once
         NAME.checkpoint.safetensors  everything that `--resume` needs
         NAME.logs/                   TensorBoard scalars
 """
 
+import json
 import logging
 import time
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torchvision.models.detection import MaskRCNN
 
 from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.configs import DetectorConfig, FinetuneDetectorConfig
 from pipelines.errors import SymgraspError, ValueRangeError
-from pipelines.formats import detector_frames
+from pipelines.formats import coco_instances, detector_frames
+from pipelines.formats.coco_instances import CocoFrame
 from pipelines.formats.detector_frames import DetectorFrame
 from pipelines.formats.files import existing
-from pipelines.formats.graspnet import FrameFiles, GraspNetRoot, SceneFiles
-from pipelines.formats.provenance import Stamp, digest, digest_folder, make_stamp
-from pipelines.formats.regioned_objects import read_regioned_object
+from pipelines.formats.graspnet import GraspNetRoot, SceneFiles
+from pipelines.formats.provenance import Stamp, digest, digest_folder, digest_text, make_stamp
+from pipelines.formats.region_frames import (
+    MOST_REGIONS,
+    held_out_scenes,
+    read_region_frame,
+)
+from pipelines.formats.rgbd import Frame
 from pipelines.formats.torch_weights import read_torch_weights
 from pipelines.geometry.depth_channels import find_plane, shrink
-from pipelines.geometry.region_masks import visible_regions
 from pipelines.learning.detector_training import DetectorTraining, FrameSets
 from pipelines.learning.loop import LoopOptions, TrainingRun
 from pipelines.learning.runs import RunRequest, describe, find_progress
@@ -39,7 +48,7 @@ from pipelines.network.mask_rcnn import adopt_coco, build_detector
 from pipelines.network.weights_files import fill, read_weights, weights_metadata
 
 STAGE = "finetune-detector"
-MOST_REGIONS = 255  # of one frame; the rest, the smallest, are left out
+SCENE = len("scene_0000")
 
 log = logging.getLogger(__name__)
 
@@ -63,17 +72,23 @@ def run(
     """
     started, report = time.monotonic(), StageReport(STAGE)
     device = find_device(request.device)
-    inputs = {"root": root.name, "symmetry": digest_folder(root / "symmetry", "*.json")}
+    labels = "annotations" if coco_instances.is_coco(root) else "symmetry"
+    inputs = {"root": root.name, labels: digest_folder(root / labels, "*.json")}
     inputs |= {} if init is None else {"init": digest(existing(init))}
     stamp = make_stamp(STAGE, config, seed=request.seed, inputs=inputs)
     earlier = find_progress(output, stamp, request)
     if earlier is not None and earlier.finished:
         report.skipped.append(output.name)
         return report
-    prepared = prepare(GraspNetRoot(root), output, config, split, camera, options or BatchOptions())
+    options = options or BatchOptions()
+    if coco_instances.is_coco(root):
+        prepared = prepare_coco(root, output, config, options)
+    else:
+        prepared = prepare(GraspNetRoot(root), output, config, split, camera, options)
     if prepared.failed:
         return prepared
-    frames = split_frames(sorted(frames_folder(output).glob("*.h5")), config, request.seed)
+    files = sorted(frames_folder(output).glob("*.h5"))
+    frames = split_frames(files, config, request.seed, _given_split(root))
     detector = build(config, coco_weights, request.seed)
     if init is not None:
         fill(detector, read_weights(init, MODEL_NAME, DetectorConfig)[0], init)
@@ -87,6 +102,13 @@ def run(
     report.notes[output.name] = describe(progress)
     report.seconds = time.monotonic() - started
     return report
+
+
+def _given_split(root: Path) -> set[str] | None:
+    """Return the scenes that a COCO dataset sets apart to validate on; None for other roots."""
+    if not coco_instances.is_coco(root):
+        return None
+    return {frame.scene[:SCENE] for frame in coco_instances.read_frames(root, "val")}
 
 
 def frames_folder(output: Path) -> Path:
@@ -108,18 +130,12 @@ def prepare(
         raise SymgraspError(
             f"{root.root} holds no {split or 'any'} scene; name another --split or --camera"
         )
-    detector = config.detector
-    settings = {
-        "size": [detector.min_size, detector.max_size],
-        "min_pixels": config.min_pixels,
-        "frame_stride": config.frame_stride,
-    }
     items = [
-        WorkItem(
+        _item(
+            output,
             f"scene_{scene.scene_id:04d}_{scene.camera}",
-            frames_folder(output) / f"scene_{scene.scene_id:04d}_{scene.camera}.h5",
-            _scene_stamp(root, scene, settings),
-            (scene,),
+            _scene_stamp(root, scene, _settings(config)),
+            scene,
         )
         for scene in scenes
     ]
@@ -133,30 +149,67 @@ def _scene_stamp(root: GraspNetRoot, scene: SceneFiles, settings: dict[str, Any]
     return make_stamp(STAGE, settings, inputs=inputs)
 
 
+def prepare_coco(
+    folder: Path, output: Path, config: FinetuneDetectorConfig, options: BatchOptions
+) -> StageReport:
+    """Write the same files from a COCO instance dataset that has depth and cameras beside it."""
+    scenes: dict[str, list[CocoFrame]] = {}
+    for split in coco_instances.SPLITS:
+        for frame in coco_instances.read_frames(folder, split):
+            scenes.setdefault(frame.scene, []).append(frame)
+    items = []
+    for name, frames in sorted(scenes.items()):
+        shown = json.dumps([frame.annotations for frame in frames], sort_keys=True)
+        stamp = make_stamp(STAGE, _settings(config), inputs={"annotations": digest_text(shown)})
+        items.append(_item(output, name, stamp, frames))
+    root = GraspNetRoot(folder)
+    return run_batch(STAGE, items, partial(prepare_coco_scene, root=root, config=config), options)
+
+
+def _settings(config: FinetuneDetectorConfig) -> dict[str, Any]:
+    return {
+        "size": [config.detector.min_size, config.detector.max_size],
+        "min_pixels": config.min_pixels,
+        "frame_stride": config.frame_stride,
+    }
+
+
+def _item(output: Path, name: str, stamp: Stamp, source: SceneFiles | list[CocoFrame]) -> WorkItem:
+    return WorkItem(name, frames_folder(output) / f"{name}.h5", stamp, (source,))
+
+
 def prepare_scene(item: WorkItem, root: GraspNetRoot, config: FinetuneDetectorConfig) -> str:
     """Prepare one scene; `item.arguments` are its files. Return the count of frames."""
     scene: SceneFiles = item.arguments[0]
-    frames = [
-        prepare_frame(root, files, config) for files in scene.frames()[:: config.frame_stride]
-    ]
+    frames = []
+    for files in scene.frames()[:: config.frame_stride]:
+        shown = read_region_frame(root, files, config.min_pixels)
+        masks = [region.mask for region in shown.regions]
+        frames.append(prepare_frame(shown.frame, masks, config))
+    detector_frames.write(item.target, frames, item.stamp)
+    return f"{len(frames)} frames"
+
+
+def prepare_coco_scene(item: WorkItem, root: GraspNetRoot, config: FinetuneDetectorConfig) -> str:
+    """Prepare one scene of a COCO dataset; `item.arguments` are its frames."""
+    listed: list[CocoFrame] = item.arguments[0]
+    frames = []
+    for each in listed[:: config.frame_stride]:
+        masks = [mask for mask in each.masks() if mask.sum() >= config.min_pixels]
+        frames.append(prepare_frame(root.read_frame(each.files), masks[:MOST_REGIONS], config))
     detector_frames.write(item.target, frames, item.stamp)
     return f"{len(frames)} frames"
 
 
 def prepare_frame(
-    root: GraspNetRoot, files: FrameFiles, config: FinetuneDetectorConfig
+    frame: Frame, masks: Sequence[NDArray[np.bool_]], config: FinetuneDetectorConfig
 ) -> DetectorFrame:
-    """Return a frame at the detector's size with the regions it shows, numbered from 1."""
-    frame, detector = root.read_frame(files), config.detector
+    """Return a frame at the detector's size with its regions, numbered from 1."""
+    detector = config.detector
     small = shrink(frame.color, frame.depth, frame.intrinsics, detector.min_size, detector.max_size)
-    poses = [(pose.object_id, pose.T_cam_obj) for pose in root.read_annotation(files)]
-    objects = {object_id: read_regioned_object(root.root, object_id) for object_id, _ in poses}
-    shown = visible_regions(root.read_label(files), frame.intrinsics, poses, objects)
-    shown = [each for each in shown if each.mask.sum() >= config.min_pixels]
-    shown = sorted(shown, key=lambda each: -int(each.mask.sum()))[:MOST_REGIONS]
     regions = np.zeros((frame.intrinsics.height, frame.intrinsics.width), np.uint8)
-    for number, region in enumerate(shown, start=1):
-        regions[region.mask] = number
+    for number, mask in enumerate(masks, start=1):
+        regions[mask] = number
     rows = np.floor((np.arange(small.depth.shape[0]) + 0.5) * regions.shape[0] / len(small.depth))
     columns = np.floor(
         (np.arange(small.depth.shape[1]) + 0.5) * regions.shape[1] / small.depth.shape[1]
@@ -165,19 +218,26 @@ def prepare_frame(
     return DetectorFrame(small, find_plane(small), picked)
 
 
-def split_frames(files: list[Path], config: FinetuneDetectorConfig, seed: int) -> FrameSets:
+def split_frames(
+    files: list[Path],
+    config: FinetuneDetectorConfig,
+    seed: int,
+    held_out: set[str] | None = None,
+) -> FrameSets:
     """Return the frames of most scenes to train on and of the others to validate on.
+
+    `held_out`: the scenes to validate on, where they are given.
 
     Raises:
         ValueRangeError: there is only one scene.
     """
-    scenes = sorted({path.stem[: len("scene_0000")] for path in files})
+    scenes = {path.stem[:SCENE] for path in files}
     if len(scenes) < 2:
         raise ValueRangeError("number of scenes", len(scenes), "at least 2, one to validate on")
-    count = min(max(1, round(config.val_fraction * len(scenes))), len(scenes) - 1)
-    held_out = set(np.random.default_rng(seed).permutation(scenes)[:count].tolist())
+    if held_out is None:
+        held_out = held_out_scenes(sorted(scenes), config.val_fraction, seed)
     keys = [(path, row) for path in files for row in range(detector_frames.count(path))]
-    is_val = [path.stem[: len("scene_0000")] in held_out for path, _ in keys]
+    is_val = [path.stem[:SCENE] in held_out for path, _ in keys]
     return FrameSets(
         [key for key, val in zip(keys, is_val, strict=True) if not val],
         [key for key, val in zip(keys, is_val, strict=True) if val],

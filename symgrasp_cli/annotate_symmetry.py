@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from pipelines.configs import AnnotateSymmetryConfig
 from symgrasp_cli.options import Backend, DryRun, Overwrite, Seed, Workers, batch_options
 from symgrasp_cli.report import conclude
 
@@ -18,6 +19,26 @@ def annotate_symmetry(
         Path | None,
         typer.Option(help="Folder for NAME.json of loose meshes; a dataset has symmetry/."),
     ] = None,
+    pictures: Annotated[
+        Path | None,
+        typer.Option(help="Folder for contact sheets, the most doubtful objects first."),
+    ] = None,
+    edit: Annotated[
+        Path | None,
+        typer.Option(help="Corrections by hand, JSON: drop, fix, add or accept a symmetry."),
+    ] = None,
+    bop_symmetries: Annotated[
+        Path | None,
+        typer.Option(help="BOP's models_info.json: its rotations win over those found."),
+    ] = None,
+    bop: Annotated[
+        Path | None,
+        typer.Option(help="BOP's models_info.json to write: sizes and rotations."),
+    ] = None,
+    mesh_scale: Annotated[
+        float,
+        typer.Option(min=1e-6, help="Metres a unit of loose meshes; 0.001 for millimetres."),
+    ] = AnnotateSymmetryConfig.mesh_scale,
     workers: Workers = 1,
     backend: Backend = "loky",
     seed: Seed = 0,
@@ -26,8 +47,9 @@ def annotate_symmetry(
 ) -> None:
     """Find the symmetries and the symmetric regions of meshes."""
     from pipelines import annotate_symmetry as stage
-    from pipelines.configs import AnnotateSymmetryConfig
+    from pipelines.annotation.extras import AnnotationExtras
 
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
-    config = AnnotateSymmetryConfig()
-    conclude(stage.run(source, out, config, seed=seed, options=options))
+    config = AnnotateSymmetryConfig(mesh_scale=mesh_scale)
+    extras = AnnotationExtras(edit, bop_symmetries, bop, pictures)
+    conclude(stage.run(source, out, config, extras=extras, seed=seed, options=options))

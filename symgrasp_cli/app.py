@@ -10,6 +10,7 @@ from typer.core import TyperGroup
 from pipelines.errors import SymgraspError
 from symgrasp_cli.annotate_symmetry import annotate_symmetry
 from symgrasp_cli.evaluate import evaluate
+from symgrasp_cli.export_coco import export_coco
 from symgrasp_cli.finetune_detector import finetune_detector
 from symgrasp_cli.infer import infer
 from symgrasp_cli.label_grasps import label_grasps
@@ -26,6 +27,7 @@ COMMANDS = (
     annotate_symmetry,
     refine_grasps,
     pack,
+    export_coco,
     finetune_detector,
     train,
     infer,

@@ -22,7 +22,10 @@ from symgrasp_cli.report import conclude
 
 
 def finetune_detector(
-    root: Annotated[Path, typer.Argument(help="Dataset root with scenes/ and symmetry/.")],
+    root: Annotated[
+        Path,
+        typer.Argument(help="Dataset root with scenes/ and symmetry/, or what export-coco wrote."),
+    ],
     out: Annotated[Path, typer.Option(help="Weights to write, NAME.safetensors.")],
     split: Annotated[
         str, typer.Option(help="Scenes to use: train, seen, similar, novel or all.")

@@ -68,6 +68,11 @@ def digest(path: Path) -> str:
         return "sha256:" + hashlib.file_digest(stream, "sha256").hexdigest()[:16]
 
 
+def digest_text(text: str) -> str:
+    """Return the first 16 hexadecimal digits of the SHA-256 of `text`."""
+    return "sha256:" + hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
 def digest_folder(folder: Path, pattern: str) -> str:
     """Return one digest of the names and contents of all files of `folder` that fit `pattern`.
 

@@ -20,6 +20,7 @@ from pipelines.geometry.symmetry import (
 
 FORMAT_VERSION = 1
 KINDS = ("reflection", "rotation", "sphere")
+FOUND, BY_HAND, FROM_BOP = "found", "hand", "bop"  # who says that a symmetry is one
 
 
 @dataclass(frozen=True)
@@ -33,18 +34,44 @@ class RegionLabel:
 
 @dataclass(frozen=True)
 class ObjectSymmetries:
-    """The symmetries of a whole object, and its regions with theirs."""
+    """The symmetries of a whole object, and its regions with theirs.
+
+    Attributes:
+        name: of the object.
+        symmetries: of the whole object.
+        regions: its symmetric parts; one of them the whole, where that is symmetric.
+        doubt: how near a decision was to falling the other way, 0 to 1; None: not known.
+        rejected: the candidates that came nearest to holding, nearest first.
+        sources: who says so of each of `symmetries`: FOUND, BY_HAND or FROM_BOP; empty: found.
+        found: what `symmetries` were before corrections by hand; None: there were none.
+        found_sources: who said so of each of `found`.
+    """
 
     name: str
     symmetries: tuple[Symmetry, ...]
     regions: tuple[RegionLabel, ...] = ()
+    doubt: float | None = None
+    rejected: tuple[Symmetry, ...] = ()
+    sources: tuple[str, ...] = ()
+    found: tuple[Symmetry, ...] | None = None
+    found_sources: tuple[str, ...] = ()
+
+    @property
+    def all_sources(self) -> tuple[str, ...]:
+        """Who says so, of each symmetry."""
+        return self.sources or (FOUND,) * len(self.symmetries)
 
 
 def write(path: Path, labels: ObjectSymmetries, stamp: Stamp) -> None:
     """Write `labels` as JSON."""
     content = {
         "object": labels.name,
-        "symmetries": [symmetry_to_json(symmetry) for symmetry in labels.symmetries],
+        "symmetries": _with_sources(labels.symmetries, labels.all_sources),
+        "doubt": labels.doubt,
+        "rejected": [symmetry_to_json(symmetry) for symmetry in labels.rejected],
+        "found": None
+        if labels.found is None
+        else _with_sources(labels.found, labels.found_sources or (FOUND,) * len(labels.found)),
         "regions": [region_to_json(region) for region in labels.regions],
         "format_version": FORMAT_VERSION,
         "provenance": stamp.as_json(),
@@ -61,11 +88,28 @@ def read(path: Path) -> ObjectSymmetries:
     content = read_json(path)
     if not isinstance(content, dict) or "symmetries" not in content:
         raise FormatError(path, "lacks `symmetries`", "object, symmetries and regions are expected")
+    doubt, found = content.get("doubt"), content.get("found")
     return ObjectSymmetries(
         name=str(content.get("object", path.stem)),
         symmetries=symmetries_from_json(path, content["symmetries"]),
         regions=tuple(_region(path, region) for region in content.get("regions", [])),
+        doubt=doubt if isinstance(doubt, float | int) else None,
+        rejected=symmetries_from_json(path, content.get("rejected", [])),
+        sources=_sources(content["symmetries"]),
+        found=None if found is None else symmetries_from_json(path, found),
+        found_sources=() if found is None else _sources(found),
     )
+
+
+def _with_sources(symmetries: Sequence[Symmetry], sources: Sequence[str]) -> list[dict[str, Any]]:
+    return [
+        symmetry_to_json(symmetry) | {"source": source}
+        for symmetry, source in zip(symmetries, sources, strict=True)
+    ]
+
+
+def _sources(entries: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
+    return tuple(str(entry.get("source", FOUND)) for entry in entries)
 
 
 def symmetry_to_json(symmetry: Symmetry) -> dict[str, Any]:

@@ -9,14 +9,22 @@ import h5py
 import numpy as np
 import pytest
 
-from pipelines.formats import affordance_labels, grasps_file, packed_regions, symmetry_labels
+from pipelines.formats import (
+    affordance_labels,
+    coco_instances,
+    grasps_file,
+    packed_regions,
+    symmetry_labels,
+)
 from pipelines.formats.affordance_labels import AffordanceLabels
+from pipelines.formats.graspnet import FrameFiles
 from pipelines.formats.graspnet_labels import GRID, GraspLabel, label_offsets, write_grasp_label
 from pipelines.formats.gripper_files import PRESETS
 from pipelines.formats.packed_regions import PackedScene
 from pipelines.formats.provenance import make_stamp
 from pipelines.formats.reports import write_report
 from pipelines.formats.symmetry_labels import ObjectSymmetries, RegionLabel
+from pipelines.geometry.region_masks import RegionInstance
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "FORMATS.md"
@@ -129,6 +137,20 @@ def test_the_keys_of_symmetry_files_are_documented(tmp_path: Path) -> None:
     assert set(content) == keys_of(lines)
     below = set().union(*content["symmetries"], *content["regions"])
     assert below <= keys_of(lines, depth=1) | {"symmetries"}
+
+
+def test_the_keys_of_coco_entries_are_documented(tmp_path: Path) -> None:
+    files = FrameFiles(tmp_path / "images" / "scene_0000" / "kinect", 0, "kinect", 0)
+    image = coco_instances.image_entry(files, 4, 3)
+    region = RegionInstance(0, "whole", np.ones((3, 4), bool), 1.0, ())
+    annotation = coco_instances.annotation_entry(image, 1, region, 1)
+    assert set(image) == keys_of(block("keys", "coco image"), depth=1)
+    documented_keys = {
+        name
+        for line in block("keys", "coco annotation").splitlines()
+        for name in re.findall(r"`(\w+)`", line.split(": ")[0])
+    }
+    assert set(annotation) == documented_keys
 
 
 def test_the_keys_of_reports_are_documented(tmp_path: Path) -> None:

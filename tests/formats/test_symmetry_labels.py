@@ -66,7 +66,8 @@ def test_a_label_file_comes_back_and_is_stamped(tmp_path: Path) -> None:
     assert is_finished(path, STAMP)
     content = json.loads(path.read_text())
     assert content["symmetries"][0] == {
-        "kind": "reflection", "normal": [1.0, 0.0, 0.0], "point": [0.0, 0.0, 0.0], "error": 0.004
+        "kind": "reflection", "normal": [1.0, 0.0, 0.0], "point": [0.0, 0.0, 0.0], "error": 0.004,
+        "source": "found",
     }  # fmt: skip
 
 

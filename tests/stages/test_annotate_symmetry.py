@@ -1,18 +1,24 @@
 """The annotate-symmetry stage: files in, files out."""
 
 import json
+import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
-import trimesh
 
 from pipelines import annotate_symmetry
+from pipelines.annotation.extras import AnnotationExtras
+from pipelines.annotation.objects import annotate
 from pipelines.batch import BatchOptions
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.errors import SymgraspError
 from pipelines.formats import symmetry_labels
+from pipelines.formats.files import read_image
 from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.formats.meshes import write_mesh
+from pipelines.formats.provenance import sidecar_of
+from pipelines.geometry.mesh import Mesh
 from tests.stages.dataset_root import shapes
 
 QUICK = AnnotateSymmetryConfig(num_samples=8000, num_verification_samples=1000)
@@ -94,10 +100,217 @@ def test_a_folder_without_meshes_is_one_sentence(tmp_path):
         run(tmp_path, tmp_path / "out")
 
 
-def test_the_note_counts_symmetries_and_names_regions():
+def test_two_meshes_of_one_name_fail_with_a_sentence_each_and_the_rest_is_done(tmp_path):
+    folder = write_meshes(tmp_path / "meshes")
+    write_mesh(folder / "box.obj", shapes()[0])
+    report = run(folder, tmp_path / "out")
+    assert report.done == ["can", "pair"]
+    assert set(report.failed) == {"box.obj", "box.ply"}
+    assert "rename one" in report.failed["box.obj"]
+
+
+BAD = {
+    "empty.ply": b"",
+    "points.ply": b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\n"
+    b"property float y\nproperty float z\nend_header\n0 0 0\n",
+    "nan.obj": b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+    "flat.obj": b"v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n",
+    "noise.stl": b"\x00\x01\x02" * 50,
+}
+
+
+def test_bad_meshes_are_a_sentence_each_and_the_rest_is_done(tmp_path):
+    folder = tmp_path / "meshes"
+    write_mesh(folder / "can.ply", shapes()[1])
+    for name, content in BAD.items():
+        (folder / name).write_bytes(content)
+    report = run(folder, tmp_path / "out")
+    assert report.done == ["can"]
+    assert set(report.failed) == {name.split(".")[0] for name in BAD}
+    assert report.exit_code == 1
+    assert not any("\n" in sentence for sentence in report.failed.values())
+
+
+def test_degenerate_and_repeated_triangles_change_nothing_but_the_note(tmp_path):
+    can = shapes()[1]
+    spoilt = Mesh(can.vertices, np.concatenate([can.faces, can.faces[:9], [[0, 0, 1], [5, 5, 5]]]))
+    write_mesh(tmp_path / "can.ply", spoilt)
+    report = run(tmp_path / "can.ply", tmp_path / "out")
+    assert "2 degenerate and 9 duplicate" in report.notes["can"]
+    labels = symmetry_labels.read(tmp_path / "out" / "can.json")
+    assert [symmetry.kind for symmetry in labels.symmetries] == ["reflection", "rotation"]
+    assert len(labels.regions[0].triangles) == len(spoilt.faces)
+
+
+def test_regions_hold_the_repetitions_of_their_triangles(tmp_path):
+    pair = shapes()[2]
+    write_mesh(tmp_path / "pair.ply", Mesh(pair.vertices, np.concatenate([pair.faces] * 2)))
+    run(tmp_path / "pair.ply", tmp_path / "out")
+    regions = symmetry_labels.read(tmp_path / "out" / "pair.json").regions
+    triangles = np.concatenate([region.triangles for region in regions])
+    assert len(triangles) == len(np.unique(triangles)) == 2 * len(pair.faces)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_millimetres_are_named_in_a_warning_and_mended_by_the_scale(tmp_path):
+    can = shapes()[1]
+    write_mesh(tmp_path / "can.ply", Mesh(1000.0 * can.vertices, can.faces))
+    assert "millimetres" in run(tmp_path / "can.ply", tmp_path / "mm").notes["can"]
+    config = replace(QUICK, mesh_scale=0.001)
+    report = annotate_symmetry.run(tmp_path / "can.ply", tmp_path / "m", config, options=QUIET)
+    assert "millimetres" not in report.notes["can"]
+
+
+def corrected(tmp_path, entries, options=QUIET, name="box"):
+    path = tmp_path / "edits.json"
+    path.write_text(json.dumps({name: entries}))
+    extras = AnnotationExtras(edits=path)
+    return annotate_symmetry.run(
+        tmp_path / "box.ply", tmp_path / "out", QUICK, extras=extras, options=options
+    )
+
+
+@pytest.fixture(scope="module")
+def finished_box(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("box")
+    write_mesh(folder / "box.ply", shapes()[0])
+    run(folder / "box.ply", folder / "out")
+    return folder
+
+
+@pytest.fixture
+def box(finished_box, tmp_path):
+    """A folder with `box.ply` and its annotation."""
+    shutil.copytree(finished_box, tmp_path, dirs_exist_ok=True)
+    return tmp_path
+
+
+DROP = {"drop": {"kind": "reflection", "index": 1}}
+
+
+def labels_of(folder):
+    return symmetry_labels.read(folder / "out" / "box.json")
+
+
+def test_a_correction_is_made_to_the_finished_annotation_and_recorded(box):
+    before = labels_of(box)
+    assert corrected(box, [DROP]).done == ["box"]
+    after = labels_of(box)
+    assert len(after.symmetries) == len(before.symmetries) - 1
+    assert [s.point.tolist() for s in after.found] == [s.point.tolist() for s in before.symmetries]
+    assert after.doubt == 0.0
+    assert [len(region.symmetries) for region in after.regions] == [len(after.symmetries)]
+    content = json.loads((box / "out" / "box.json").read_text())
+    assert "edits" in content["provenance"]["inputs"]
+
+
+def test_a_correction_before_the_annotation_is_as_one_after_it(box):
+    corrected(box, [DROP])
+    after = (box / "out" / "box.json").read_text()
+    (box / "out" / "box.json").unlink()
+    corrected(box, [DROP])
+    assert (box / "out" / "box.json").read_text() == after
+
+
+def test_work_by_hand_outlives_a_run_without_it(box):
+    corrected(box, [DROP])
+    corrections = (box / "out" / "box.json").read_bytes()
+    assert run(box / "box.ply", box / "out").skipped == ["box"]
+    assert (box / "out" / "box.json").read_bytes() == corrections
+    again = run(box / "box.ply", box / "out", BatchOptions(progress=False, overwrite=True))
+    assert "--edit" in again.failed["box"]
+    assert (box / "out" / "box.json").read_bytes() == corrections
+
+
+def test_the_same_corrections_are_skipped_and_others_start_from_what_was_found(box):
+    corrected(box, [DROP])
+    assert corrected(box, [DROP]).skipped == ["box"]
+    assert corrected(box, []).done == ["box"]
+    again = labels_of(box)
+    assert len(again.symmetries) == len(again.found) == 4
+
+
+def test_an_added_symmetry_is_measured_and_a_bad_one_is_warned_of(box):
+    tilted = {"kind": "reflection", "normal": [0.6, 0.8, 0.0], "point": [0, 0, 0]}
+    report = corrected(box, [DROP, {"add": tilted}])
+    assert "does not fit" in report.notes["box"]
+    labels = labels_of(box)
+    assert labels.sources == ("found", "found", "hand", "found")
+    assert labels.symmetries[2].error > 0.02
+    exact = {"kind": "reflection", "normal": [0.0, 1.0, 0.0], "point": [0, 0, 0]}
+    assert "does not fit" not in corrected(box, [DROP, {"add": exact}]).notes["box"]
+
+
+def test_an_object_without_symmetry_after_correction_is_cut_into_parts_anew(box):
+    drops = [{"drop": {"kind": "reflection", "index": index}} for index in range(3)]
+    assert corrected(box, [*drops, {"drop": {"kind": "rotation", "index": 0}}]).done == ["box"]
+    assert labels_of(box).symmetries == ()
+    assert labels_of(box).regions
+
+
+def test_corrections_of_an_object_that_is_not_there_list_what_is(box):
+    report = corrected(box, [DROP], name="cup")
+    assert report.skipped == ["box"]
+    assert "there are box" in report.failed["cup"]
+
+
+def test_a_dry_run_corrects_nothing(box):
+    before = (box / "out" / "box.json").read_bytes()
+    report = corrected(box, [DROP], BatchOptions(progress=False, dry_run=True))
+    assert "would write" in report.notes["box"]
+    assert (box / "out" / "box.json").read_bytes() == before
+
+
+def test_pictures_are_made_of_finished_annotations_and_only_once(box):
+    extras = AnnotationExtras(pictures=box / "pictures")
+
+    def draw():
+        return annotate_symmetry.run(
+            box / "box.ply", box / "out", QUICK, extras=extras, options=QUIET
+        )
+
+    report = draw()
+    assert report.skipped == ["box"]
+    assert "1 objects on 1 sheets" in report.notes["pictures"]
+    sheet = read_image(box / "pictures" / "sheet_01.png")
+    assert len(np.unique(sheet.reshape(-1, 3), axis=0)) > 100
+    assert "objects/box.png" in (box / "pictures" / "index.html").read_text()
+    assert "pictures" not in draw().notes
+    corrected(box, [DROP])
+    assert "pictures" in draw().notes
+
+
+def test_bops_file_is_written_and_one_of_others_is_not_replaced(box):
+    path = box / "models_info.json"
+    extras = AnnotationExtras(bop=path)
+    annotate_symmetry.run(box / "box.ply", box / "out", QUICK, extras=extras, options=QUIET)
+    info = json.loads(path.read_text())
+    assert len(info["1"]["symmetries_discrete"]) == 3
+    assert info["1"]["size_x"] == pytest.approx(120.0, abs=1e-3)
+    sidecar_of(path).unlink()
+    with pytest.raises(SymgraspError, match="other settings"):
+        annotate_symmetry.run(box / "box.ply", box / "out", QUICK, extras=extras, options=QUIET)
+
+
+def test_bops_rotation_wins_over_the_one_found(tmp_path):
+    write_mesh(tmp_path / "obj_000004.ply", shapes()[1])
+    axis = {"axis": [0, 0, 1], "offset": [0, 0, 0]}
+    path = tmp_path / "models_info.json"
+    path.write_text(json.dumps({"4": {"symmetries_continuous": [axis]}}))
+    extras = AnnotationExtras(bop_symmetries=path)
+    report = annotate_symmetry.run(
+        tmp_path / "obj_000004.ply", tmp_path / "out", QUICK, extras=extras, options=QUIET
+    )
+    assert "does not fit" not in report.notes["obj_000004"]
+    labels = symmetry_labels.read(tmp_path / "out" / "obj_000004.json")
+    assert labels.sources == ("found", "bop")
+    assert labels.symmetries[1].axis.tolist() == [0.0, 0.0, 1.0]
+
+
+def test_regions_of_parts_are_named_and_cover_the_object():
     mesh, rng = shapes()[2], np.random.default_rng(0)
-    labels = annotate_symmetry.annotate(mesh, "pair", QUICK, rng)
+    labels, notes = annotate(mesh, "pair", QUICK, rng)
     assert {region.name for region in labels.regions} == {"body0", "part0"}
-    whole = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
     triangles = np.concatenate([region.triangles for region in labels.regions])
-    assert len(triangles) == len(whole.faces)
+    assert len(triangles) == len(mesh.faces)
+    assert notes == ()

@@ -1,0 +1,1 @@
+"""Annotating one object: what is found, what is given, what a person corrects, and its picture."""

@@ -1,0 +1,126 @@
+"""What is made of finished annotations: contact sheets to look through, BOP's models_info.json."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from pipelines.annotation.jobs import STAGE
+from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.configs import AnnotateSymmetryConfig
+from pipelines.errors import StaleOutputError
+from pipelines.formats import bop_models_info, contact_sheet, symmetry_labels
+from pipelines.formats.files import read_image, read_json, write_image
+from pipelines.formats.meshes import read_mesh
+from pipelines.formats.provenance import (
+    Stamp,
+    digest,
+    make_stamp,
+    read_stamp,
+    sidecar_of,
+    write_sidecar,
+)
+from pipelines.formats.symmetry_pictures import object_views
+
+PICTURES = "annotate-symmetry, pictures"
+
+
+@dataclass(frozen=True)
+class AnnotationExtras:
+    """What else is read and written; none of it is needed.
+
+    Attributes:
+        edits: corrections by hand.
+        bop_symmetries: a models_info.json whose rotations win over those found.
+        bop: a models_info.json to write.
+        pictures: a folder for contact sheets.
+    """
+
+    edits: Path | None = None
+    bop_symmetries: Path | None = None
+    bop: Path | None = None
+    pictures: Path | None = None
+
+
+def write_extras(
+    report: StageReport,
+    items: Sequence[WorkItem],
+    extras: AnnotationExtras,
+    config: AnnotateSymmetryConfig,
+    options: BatchOptions,
+) -> None:
+    """Write the contact sheets and BOP's file from every annotation that is there."""
+    finished = [i for i in items if i.name not in report.failed and i.target.is_file()]
+    if extras.pictures is not None and finished:
+        _write_pictures(report, finished, extras.pictures, config, options)
+    if extras.bop is not None and finished:
+        _write_bop(finished, extras.bop, config, overwrite=options.overwrite)
+
+
+def _write_pictures(
+    report: StageReport,
+    items: Sequence[WorkItem],
+    folder: Path,
+    config: AnnotateSymmetryConfig,
+    options: BatchOptions,
+) -> None:
+    """Draw every annotated object, and the sheets of them, unless they are drawn already."""
+    stamp = _stamp_of_all(PICTURES, items)
+    if folder.is_dir() and read_stamp(folder) == stamp.as_json():
+        return
+    drawings = [
+        WorkItem(
+            f"picture of {item.name}",
+            folder / "objects" / f"{item.name}.png",
+            stamp,
+            (item.arguments[0].mesh, item.target),
+        )
+        for item in items
+    ]
+    drawn = run_batch(
+        PICTURES, drawings, partial(draw_file, config=config), replace(options, overwrite=True)
+    )
+    report.failed |= drawn.failed
+    tiles = [
+        contact_sheet.Tile(
+            item.name,
+            read_image(drawing.target),
+            symmetry_labels.read(item.target),
+            f"objects/{drawing.target.name}",
+        )
+        for item, drawing in zip(items, drawings, strict=True)
+        if drawing.name not in drawn.failed
+    ]
+    pages = contact_sheet.write_sheets(folder, tiles)
+    write_sidecar(folder, stamp)
+    report.notes["pictures"] = f"{len(tiles)} objects on {len(pages)} sheets, {folder}"
+
+
+def _write_bop(
+    items: Sequence[WorkItem], path: Path, config: AnnotateSymmetryConfig, *, overwrite: bool
+) -> None:
+    """Write BOP's file; one that this stage has not written is not replaced unasked."""
+    sidecar = sidecar_of(path)
+    ours = sidecar.is_file() and read_json(sidecar).get("stage") == STAGE
+    if path.exists() and not ours and not overwrite:
+        raise StaleOutputError(path)
+    objects = {
+        item.name: (
+            read_mesh(item.arguments[0].mesh, config.mesh_scale),
+            symmetry_labels.read(item.target).symmetries,
+        )
+        for item in items
+    }
+    bop_models_info.write(path, objects)
+    write_sidecar(path, _stamp_of_all(STAGE, items))
+
+
+def _stamp_of_all(stage: str, items: Sequence[WorkItem]) -> Stamp:
+    return make_stamp(stage, {}, inputs={item.name: digest(item.target) for item in items})
+
+
+def draw_file(item: WorkItem, config: AnnotateSymmetryConfig) -> None:
+    """Draw one annotated object; `item.arguments` are its mesh and its annotation."""
+    mesh_path, labels_path = item.arguments
+    mesh = read_mesh(mesh_path, config.mesh_scale)
+    write_image(item.target, object_views(mesh, symmetry_labels.read(labels_path)))

@@ -1,0 +1,142 @@
+"""What is to be annotated: one item an object, with all that its annotation is made of."""
+
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from pipelines.batch import WorkItem
+from pipelines.configs import AnnotateSymmetryConfig
+from pipelines.errors import SymgraspError
+from pipelines.formats.bop_models_info import ModelInfo, object_key
+from pipelines.formats.graspnet import GraspNetRoot
+from pipelines.formats.meshes import MESH_SUFFIXES, find_meshes
+from pipelines.formats.provenance import digest, digest_text, make_stamp, read_stamp
+from pipelines.formats.symmetry_edits import ObjectEdits
+
+STAGE = "annotate-symmetry"
+Named = tuple[str, Path, "Job"]  # an object's name, its annotation, what that is made of
+
+
+@dataclass(frozen=True)
+class Job:
+    """What an object's annotation is made of; `refusal` says why there can be none."""
+
+    mesh: Path
+    regions: Path | None = None
+    edits: ObjectEdits | None = None
+    given: ModelInfo | None = None
+    refusal: str | None = None
+
+
+@dataclass(frozen=True)
+class Sources:
+    """What applies to some objects only: their corrections, and what BOP says of them."""
+
+    edits: dict[str, ObjectEdits] = field(default_factory=dict)
+    given: dict[str, ModelInfo] = field(default_factory=dict)
+
+
+def items_of(
+    source: Path,
+    output_dir: Path | None,
+    config: AnnotateSymmetryConfig,
+    seed: int,
+    sources: Sources,
+) -> list[WorkItem]:
+    """Return the items of a dataset root, or of a mesh or a folder of meshes.
+
+    Raises:
+        SymgraspError: nothing is there to annotate, or nowhere to write to.
+    """
+    jobs = _dataset_jobs(source, config)
+    if output_dir is not None or not jobs:
+        jobs = _mesh_jobs(source, output_dir)
+    return [_item(name, target, job, config, seed, sources) for name, target, job in jobs]
+
+
+def edits_of(target: Path) -> str | None:
+    """Return the digest of the corrections that an annotation holds, if it holds any."""
+    try:
+        stamp = read_stamp(target) if target.is_file() else None
+    except SymgraspError:  # what is no annotation is told when the item's turn comes
+        return None
+    return None if stamp is None else stamp.get("inputs", {}).get("edits")
+
+
+def is_to_correct(item: WorkItem) -> bool:
+    """Return whether `item` is finished but for its corrections."""
+    job: Job = item.arguments[0]
+    if job.edits is None or not item.target.is_file():
+        return False
+    try:
+        stamp = read_stamp(item.target) or {}
+    except SymgraspError:
+        return False
+    wanted = item.stamp.as_json()
+    same = all(stamp.get(key) == wanted[key] for key in ("stage", "config", "seed"))
+    before = {key: value for key, value in stamp.get("inputs", {}).items() if key != "edits"}
+    inputs = {key: value for key, value in wanted["inputs"].items() if key != "edits"}
+    return same and before == inputs and stamp["inputs"].get("edits") != job.edits.digest
+
+
+def _dataset_jobs(source: Path, config: AnnotateSymmetryConfig) -> list[Named]:
+    if not (source / "models").is_dir():
+        return []
+    if config.mesh_scale != 1.0:
+        raise SymgraspError(
+            f"{source} is a dataset, whose meshes every stage takes as metres; "
+            "--mesh-scale is for loose meshes"
+        )
+    root = GraspNetRoot(source)
+    jobs = []
+    for object_id in root.object_ids():
+        given = root.region_path(object_id)
+        job = Job(root.model_path(object_id), given if given.is_file() else None)
+        jobs.append((f"{object_id:03d}", root.symmetry_path(object_id), job))
+    return jobs
+
+
+def _mesh_jobs(source: Path, output_dir: Path | None) -> list[Named]:
+    if not source.exists():
+        raise SymgraspError(f"{source} does not exist; give a dataset root, a mesh or a folder")
+    if output_dir is None:
+        raise SymgraspError(
+            f"{source} holds no models/ folder, so it is no dataset; pass --out for loose meshes"
+        )
+    meshes = find_meshes(source) if source.is_dir() else [source]
+    if not meshes:
+        kinds = ", ".join(MESH_SUFFIXES)
+        raise SymgraspError(f"{source} holds no meshes; files ending in {kinds} are read")
+    count = Counter(path.stem for path in meshes)
+    return [
+        (path.stem, output_dir / f"{path.stem}.json", Job(path))
+        if count[path.stem] == 1
+        else (path.name, output_dir / f"{path.name}.json", _refused(path))
+        for path in meshes
+    ]
+
+
+def _refused(path: Path) -> Job:
+    found = f"{path} shares its name with another mesh of the folder"
+    return Job(path, refusal=f"{found}, and both would be {path.stem}.json; rename one")
+
+
+def _item(
+    name: str,
+    target: Path,
+    job: Job,
+    config: AnnotateSymmetryConfig,
+    seed: int,
+    sources: Sources,
+) -> WorkItem:
+    key = object_key(name)
+    given = sources.given.get(name, sources.given.get(key or ""))
+    job = replace(job, edits=sources.edits.get(name), given=given)
+    # A mesh that is not there fails as its own item, when it is read.
+    inputs = {"mesh": digest(job.mesh) if job.mesh.is_file() else "missing"}
+    inputs |= {} if job.regions is None else {"regions": digest(job.regions)}
+    inputs |= {} if given is None else {"bop": digest_text(repr(given))}
+    edits = edits_of(target) if job.edits is None else job.edits.digest
+    # Corrections that are not given again are kept: the file is finished with them.
+    inputs |= {} if edits is None else {"edits": edits}
+    return WorkItem(name, target, make_stamp(STAGE, config, seed=seed, inputs=inputs), (job,))

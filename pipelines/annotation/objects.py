@@ -1,0 +1,201 @@
+"""The symmetries and regions of one object: searched for, given by others, corrected by hand."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.configs import AnnotateSymmetryConfig
+from pipelines.formats import regions as manual_regions
+from pipelines.formats import symmetry_edits
+from pipelines.formats.meshes import clean_mesh
+from pipelines.formats.symmetry_edits import ObjectEdits
+from pipelines.formats.symmetry_labels import (
+    BY_HAND,
+    FOUND,
+    FROM_BOP,
+    ObjectSymmetries,
+    RegionLabel,
+)
+from pipelines.geometry.doubt import Gauge
+from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.symmetric_parts import SymmetricRegion, symmetric_regions
+from pipelines.geometry.symmetry import (
+    ReflectionSymmetry,
+    RotationSymmetry,
+    SphereSymmetry,
+    Symmetry,
+)
+from pipelines.geometry.symmetry_detection import analyse, detect_symmetries
+
+THROUGH_COSINE = float(np.cos(np.radians(85.0)))  # of a plane's normal and an axis in it
+
+
+@dataclass(frozen=True)
+class Said:
+    """Symmetries, who says so of each, and sentences on those that do not fit the mesh."""
+
+    symmetries: tuple[Symmetry, ...]
+    sources: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+
+
+def annotate(
+    mesh: Mesh,
+    name: str,
+    config: AnnotateSymmetryConfig,
+    rng: np.random.Generator,
+    *,
+    regions_path: Path | None = None,
+    given: Sequence[Symmetry] = (),
+    edits: ObjectEdits | None = None,
+) -> tuple[ObjectSymmetries, tuple[str, ...]]:
+    """Return the annotation of `mesh`, object frame, metres, and sentences on what is odd in it.
+
+    Args:
+        mesh: the object; triangles without area and repeated ones are passed over.
+        name: of the object.
+        config: the limits.
+        rng: of all samples.
+        regions_path: regions by hand; they win over those that are found.
+        given: a rotation or sphere that others state; it wins over the one that is found.
+        edits: corrections by hand of what was found.
+
+    Raises:
+        ValueRangeError: no triangle has an area.
+        SymgraspError: the corrections name what there is not.
+    """
+    cleaned, kept, dropped = clean_mesh(mesh)
+    gauge = Gauge.of(cleaned, config, rng.spawn(1)[0])
+    detection = analyse(cleaned, config, rng)
+    said = _with_given(detection.symmetries, given, gauge)
+    judgement = gauge.judge(said.symmetries, detection.partial)
+    labels = ObjectSymmetries(
+        name,
+        said.symmetries,
+        doubt=judgement.doubt,
+        rejected=judgement.rejected,
+        sources=said.sources,
+    )
+    notes = (*filter(None, [dropped]), *said.notes)
+    if edits is not None:
+        labels, more = _edited(labels, edits, gauge)
+        notes += more
+    if regions_path is not None:
+        regions = _given_regions(mesh, regions_path, config, rng)
+    else:
+        decided = replace(detection, symmetries=list(labels.symmetries))
+        found = symmetric_regions(cleaned, decided, config, rng)
+        regions = [replace(r, triangles=_in_file(mesh, kept, r.triangles)) for r in found]
+    return replace(labels, regions=_labels_of(regions)), notes
+
+
+def correct(
+    mesh: Mesh,
+    labels: ObjectSymmetries,
+    edits: ObjectEdits,
+    config: AnnotateSymmetryConfig,
+    rng: np.random.Generator,
+    regions_path: Path | None = None,
+) -> tuple[ObjectSymmetries, tuple[str, ...]]:
+    """Return a finished annotation of `mesh` with `edits` made to what had been found in it.
+
+    Corrections made earlier are undone: the file of corrections says all that is to be corrected.
+    Its parts are cut anew, because they follow from the symmetries of the whole.
+    """
+    cleaned, kept, _ = clean_mesh(mesh)
+    if labels.found is not None:
+        labels = replace(labels, symmetries=labels.found, sources=labels.found_sources, found=None)
+    labels, notes = _edited(labels, edits, Gauge.of(cleaned, config, rng.spawn(1)[0]))
+    if regions_path is not None:
+        return labels, notes
+    detection = replace(analyse(cleaned, config, rng), symmetries=list(labels.symmetries))
+    found = symmetric_regions(cleaned, detection, config, rng)
+    regions = [replace(r, triangles=_in_file(mesh, kept, r.triangles)) for r in found]
+    return replace(labels, regions=_labels_of(regions)), notes
+
+
+def _edited(
+    labels: ObjectSymmetries, edits: ObjectEdits, gauge: Gauge
+) -> tuple[ObjectSymmetries, tuple[str, ...]]:
+    symmetries, sources = symmetry_edits.apply(
+        edits, labels.symmetries, labels.all_sources, labels.rejected
+    )
+    measured = _measured(symmetries, sources, gauge, BY_HAND)
+    # A person has looked: nothing of it is in doubt any more.
+    edited = replace(
+        labels,
+        symmetries=measured.symmetries,
+        sources=measured.sources,
+        doubt=0.0,
+        found=labels.symmetries,
+        found_sources=labels.all_sources,
+    )
+    return edited, measured.notes
+
+
+def _with_given(found: Sequence[Symmetry], given: Sequence[Symmetry], gauge: Gauge) -> Said:
+    """Return `found` with the rotation or sphere that was `given` in the place of its own."""
+    if not given:
+        return Said(tuple(found), (FOUND,) * len(found))
+    if any(isinstance(symmetry, SphereSymmetry) for symmetry in given):
+        planes: list[Symmetry] = []
+    else:
+        planes = [s for s in found if isinstance(s, ReflectionSymmetry)]
+    for symmetry in given:
+        if isinstance(symmetry, RotationSymmetry) and symmetry.order is None:
+            # The axis stands for the planes that contain it.
+            axis = symmetry.axis
+            planes = [s for s in planes if abs(s.direction @ axis) > THROUGH_COSINE]
+    sources = (*(FOUND,) * len(planes), *(FROM_BOP,) * len(given))
+    return _measured([*planes, *given], sources, gauge, FROM_BOP)
+
+
+def _measured(
+    symmetries: Sequence[Symmetry], sources: Sequence[str], gauge: Gauge, source: str
+) -> Said:
+    """Return the symmetries, those of `source` with the error that they have on the mesh."""
+    measured, notes = [], []
+    for symmetry, origin in zip(symmetries, sources, strict=True):
+        if origin != source:
+            measured.append(symmetry)
+            continue
+        measure = gauge.measure(symmetry)
+        measured.append(replace(symmetry, error=measure.error))
+        if measure.strain > 1.0:
+            notes.append(
+                f"warning: the {symmetry.kind} by {source} does not fit the mesh well, error "
+                f"{measure.error:.3f}; limits {measure.strain:.1f} times as wide would accept it"
+            )
+    return Said(tuple(measured), tuple(sources), tuple(notes))
+
+
+def _given_regions(
+    mesh: Mesh, path: Path, config: AnnotateSymmetryConfig, rng: np.random.Generator
+) -> list[SymmetricRegion]:
+    regions = []
+    for given in manual_regions.read(path, mesh):
+        stated = given.symmetries
+        found = (
+            detect_symmetries(mesh.submesh(given.triangles), config, rng)
+            if stated is None
+            else list(stated)
+        )
+        regions.append(SymmetricRegion(given.name, given.triangles, found))
+    return regions
+
+
+def _labels_of(regions: Sequence[SymmetricRegion]) -> tuple[RegionLabel, ...]:
+    return tuple(RegionLabel(r.name, r.triangles, tuple(r.symmetries)) for r in regions)
+
+
+def _in_file(
+    mesh: Mesh, kept: NDArray[np.int64], triangles: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Return the indices in `mesh` of `triangles` of its cleaned copy, with their repetitions."""
+    if len(triangles) == len(kept):
+        return np.arange(len(mesh.faces))
+    corners = np.unique(np.sort(mesh.faces, axis=1), axis=0, return_inverse=True)[1].reshape(-1)
+    return np.flatnonzero(np.isin(corners, corners[kept[triangles]]))

@@ -1,0 +1,175 @@
+"""The export-coco stage: COCO's readers open it, and the detector trains on the same masks."""
+
+import json
+
+import numpy as np
+import pytest
+from pycocotools.coco import COCO
+from torchvision.datasets import CocoDetection
+
+from pipelines import export_coco, finetune_detector
+from pipelines.batch import BatchOptions
+from pipelines.configs import DetectorConfig, ExportCocoConfig, FinetuneDetectorConfig
+from pipelines.errors import FormatError, SymgraspError, UnknownNameError
+from pipelines.formats import coco_instances, detector_frames
+from pipelines.formats.region_frames import held_out_scenes, read_region_frame
+from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SphereSymmetry
+from tests.stages.toy_root import FRAMES, SCENES, write_root
+
+CONFIG = ExportCocoConfig(min_pixels=50)
+DETECTOR = FinetuneDetectorConfig(detector=DetectorConfig(min_size=96, max_size=128), min_pixels=50)
+QUIET = BatchOptions(progress=False)
+X, Z, ORIGIN = np.eye(3)[0], np.eye(3)[2], np.zeros(3)
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory):
+    return write_root(tmp_path_factory.mktemp("root"))
+
+
+@pytest.fixture(scope="module")
+def exported(root, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("coco")
+    report = export_coco.run(root.root, folder, CONFIG, split=None, options=QUIET)
+    assert len(report.done) == len(SCENES)
+    return folder
+
+
+def coco(folder, split="train"):
+    return COCO(coco_instances.annotations_path(folder, split))
+
+
+def test_pycocotools_opens_both_splits(exported):
+    ids = {split: set(coco(exported, split).getImgIds()) for split in ("train", "val")}
+    assert len(ids["train"]) == len(ids["val"]) == len(FRAMES)
+    assert not ids["train"] & ids["val"]
+    annotations = coco(exported).loadAnns(coco(exported).getAnnIds())
+    assert {a["category_id"] for a in annotations} == {1, 2, 3}
+    names = {c["id"]: c["name"] for c in coco(exported).loadCats(coco(exported).getCatIds())}
+    assert names == {1: "reflection", 2: "rotation", 3: "sphere", 4: "none"}
+
+
+def test_torchvision_opens_images_with_their_targets(exported):
+    path = coco_instances.annotations_path(exported, "val")
+    dataset = CocoDetection(exported / "images", path)
+    image, target = dataset[0]
+    assert image.size == (320, 240)
+    assert len(target) == 3
+
+
+@pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")
+def test_masks_areas_and_boxes_are_those_of_the_frame(root, exported):
+    for split in coco_instances.SPLITS:
+        api = coco(exported, split)
+        for frame in coco_instances.read_frames(exported, split):
+            files = root.frame(f"{frame.files.name}")
+            regions = read_region_frame(root, files, CONFIG.min_pixels).regions
+            assert len(regions) == len(frame.annotations) == 3
+            for region, annotation in zip(regions, frame.annotations, strict=True):
+                assert np.array_equal(api.annToMask(annotation), region.mask)
+                rows, columns = np.nonzero(region.mask)
+                x, y, w, h = annotation["bbox"]
+                assert (x, y) == (columns.min(), rows.min())
+                assert (x + w - 1, y + h - 1) == (columns.max(), rows.max())
+                assert annotation["area"] == region.mask.sum()
+                assert annotation["iscrowd"] == 0
+
+
+def test_the_detector_sees_the_same_frames_from_both(root, exported, tmp_path):
+    outputs = [tmp_path / "a.safetensors", tmp_path / "b.safetensors"]
+    finetune_detector.prepare(root, outputs[0], DETECTOR, None, None, QUIET)
+    report = finetune_detector.prepare_coco(exported, outputs[1], DETECTOR, QUIET)
+    assert not report.failed
+    folders = [finetune_detector.frames_folder(output) for output in outputs]
+    names = sorted(path.name for path in folders[0].iterdir())
+    assert names == sorted(path.name for path in folders[1].iterdir())
+    for name in names:
+        for row in range(len(FRAMES)):
+            first, second = (detector_frames.read(folder / name, row) for folder in folders)
+            assert np.array_equal(first.regions, second.regions)
+            assert np.array_equal(first.frame.depth, second.frame.depth)
+            assert np.array_equal(first.frame.color, second.frame.color)
+            assert first.frame.intrinsics == second.frame.intrinsics
+
+
+def test_the_detector_validates_on_the_datasets_own_split(exported, tmp_path):
+    output = tmp_path / "d.safetensors"
+    finetune_detector.prepare_coco(exported, output, DETECTOR, QUIET)
+    files = sorted(finetune_detector.frames_folder(output).glob("*.h5"))
+    for scene in (f"scene_{number:04d}" for number in SCENES):
+        sets = finetune_detector.split_frames(files, DETECTOR, 0, {scene})
+        assert {path.stem[:10] for path, _ in sets.val} == {scene}
+        assert {path.stem[:10] for path, _ in sets.train} == {
+            f"scene_{number:04d}" for number in SCENES
+        } - {scene}
+
+
+def test_a_second_run_skips_and_writes_the_same(root, exported):
+    path = coco_instances.annotations_path(exported, "train")
+    before = path.read_bytes()
+    report = export_coco.run(root.root, exported, CONFIG, split=None, options=QUIET)
+    assert len(report.skipped) == len(SCENES)
+    assert path.read_bytes() == before
+
+
+def test_more_workers_write_the_same_bytes(root, exported, tmp_path):
+    options = BatchOptions(progress=False, workers=2, backend="threading")
+    export_coco.run(root.root, tmp_path, CONFIG, split=None, options=options)
+    for path in exported.rglob("*"):
+        if path.is_file():
+            assert (tmp_path / path.relative_to(exported)).read_bytes() == path.read_bytes()
+
+
+def test_links_lead_to_the_datasets_images(root, tmp_path):
+    config = ExportCocoConfig(min_pixels=50, link=True, frame_stride=2, categories="object")
+    export_coco.run(root.root, tmp_path, config, split="seen", options=QUIET)
+    pictures = sorted((tmp_path / "images").rglob("*.png"))
+    assert len(pictures) == 2
+    assert all(path.is_symlink() and path.is_file() for path in pictures)
+    content = json.loads(coco_instances.annotations_path(tmp_path, "train").read_text())
+    assert [category["name"] for category in content["categories"]] == ["000", "001", "002"]
+    assert all(a["category_id"] == a["object_id"] + 1 for a in content["annotations"])
+    assert content["provenance"]["stage"] == "export-coco"
+
+
+def test_other_settings_are_refused_and_unknown_ones_named(root, exported, tmp_path):
+    other = ExportCocoConfig(min_pixels=60)
+    report = export_coco.run(root.root, exported, other, split=None, options=QUIET)
+    assert all("--overwrite" in sentence for sentence in report.failed.values())
+    with pytest.raises(UnknownNameError, match="kind, object, region"):
+        export_coco.run(root.root, tmp_path, ExportCocoConfig("color"), split=None)
+    with pytest.raises(SymgraspError, match="no similar scene"):
+        export_coco.run(root.root, tmp_path, CONFIG, split="similar")
+
+
+def test_a_damaged_scene_fails_alone(root, tmp_path):
+    copy = write_root(tmp_path / "root")
+    label = copy.scenes()[0].frames()[0].path("label")
+    label.write_bytes(label.read_bytes()[:50])
+    report = export_coco.run(copy.root, tmp_path / "out", CONFIG, split=None, options=QUIET)
+    assert len(report.done) == len(report.failed) == 1
+    assert not (tmp_path / "out" / "scenes" / f"{next(iter(report.failed))}.json").exists()
+
+
+def test_a_dataset_of_another_maker_is_one_sentence(tmp_path):
+    path = coco_instances.annotations_path(tmp_path, "train")
+    path.parent.mkdir()
+    path.write_text(json.dumps({"images": [{"id": 1, "file_name": "a.png"}], "annotations": []}))
+    with pytest.raises(FormatError, match="scene_id"):
+        coco_instances.read_frames(tmp_path, "train")
+
+
+def test_a_region_goes_by_its_strongest_symmetry():
+    plane, axis = ReflectionSymmetry(X, ORIGIN), RotationSymmetry(Z, ORIGIN)
+    assert coco_instances.kind_of([plane, axis]) == "rotation"
+    assert coco_instances.kind_of([plane, RotationSymmetry(Z, ORIGIN, 2)]) == "reflection"
+    assert coco_instances.kind_of([SphereSymmetry(ORIGIN)]) == "sphere"
+    assert coco_instances.kind_of([RotationSymmetry(Z, ORIGIN, 3)]) == "none"
+
+
+def test_scenes_are_held_out_by_seed_but_never_all():
+    names = [f"scene_{number:04d}" for number in range(20)]
+    assert len(held_out_scenes(names, 0.1, 0)) == 2
+    assert held_out_scenes(names, 0.1, 0) == held_out_scenes(names[::-1], 0.1, 0)
+    assert len(held_out_scenes(names, 1.0, 0)) == 19
+    assert held_out_scenes(names[:1], 0.5, 0) == set()

@@ -86,8 +86,8 @@ class RefineGraspsConfig:
     max_friction: float = 1.0  # labelled grasps that hold at this friction are taken
     copies_per_turn: int = 36  # D. 3
     merge_distance: float = 0.001  # metres; closer contact pairs are one grasp, D. 2
-    max_grasps: int = 500_000  # contact pairs of an object's label; of more, an even sample, D. 40
-    max_copies: int = 500_000  # of these, under an object's symmetries and under each region's
+    max_grasps: int = 200_000  # contact pairs of an object's label; of more, an even sample, D. 40
+    max_copies: int = 200_000  # of these, under an object's symmetries and under each region's
     max_surface_gap: float = 0.003  # metres; a copy whose contact lies farther off is dropped
     validate_copies: bool = False  # close the fingers of each copy anew, measure its friction anew
     contact_radius: float = 0.004  # metres from a contact that its quality spreads to, D. 9

@@ -11,7 +11,8 @@ another grid or another sampling of the surface give exact contacts. A label is 
 piece: its fifty million candidates are never in memory together.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -34,8 +35,8 @@ from pipelines.geometry.surface import Surface
 from pipelines.geometry.symmetry import Symmetry
 from pipelines.grasping.affordance import point_affordance
 from pipelines.grasping.grasps import Grasps
-from pipelines.grasping.rated_grasps import GraspSample, RatedGrasps
-from pipelines.grasping.symmetrize import copies_under, symmetry_group
+from pipelines.grasping.rated_grasps import BestOfPlaces, GraspSample, RatedGrasps
+from pipelines.grasping.symmetrize import copies_under, image, symmetry_group
 from pipelines.metrics.contacts import close_fingers
 from pipelines.metrics.force_closure import min_friction, on_grid
 
@@ -43,6 +44,7 @@ Array = NDArray[np.float64]
 
 STAGE = "refine-grasps"
 NUM_SURFACE_SAMPLES = 30000
+PLACE_SHARE = 0.5  # of the contact radius: the best grasp at each such place stands for all there
 
 
 def run(
@@ -82,20 +84,16 @@ def refine(
     rng = np.random.default_rng(seed)
     points, normals, _ = sample_surface(mesh, config.num_surface_points, rng)
     surface = Surface.from_mesh(mesh, NUM_SURFACE_SAMPLES, rng)
-    sample, num_labelled = exact_grasps(mesh, label, config, seed)
-    found, num_dropped = sample.result(), 0
-    refined = found
-    if config.use_symmetry:
-        refined, num_dropped = with_copies(found, symmetries, surface, mesh, config, rng)
-    before, after = (
-        point_affordance(points, rated.grasps.contacts, rated.quality, config.contact_radius)
-        for rated in (found, refined)
-    )
+    given = symmetries if config.use_symmetry else ObjectSymmetries(symmetries.name, ())
+    copier = Copier(mesh, surface, given, config)
+    found = exact_grasps(mesh, label, config, seed)
+    refined, num_dropped = copier.with_copies(found.sample, rng)
+    before, after = copier.affordance(points, found.best)
     counts = RefinementCounts(
-        num_labelled=num_labelled,
-        num_distinct=sample.num_distinct,
-        num_originals=len(found),
-        num_copies=len(refined) - len(found),
+        num_labelled=found.num_labelled,
+        num_distinct=found.num_distinct,
+        num_originals=len(found.sample),
+        num_copies=len(refined) - len(found.sample),
         num_dropped=num_dropped,
         num_points_before=int(np.count_nonzero(before)),
         num_points_after=int(np.count_nonzero(after)),
@@ -106,19 +104,29 @@ def refine(
     )
 
 
-def exact_grasps(
-    mesh: Mesh, label: Iterable[GraspLabel], config: RefineGraspsConfig, seed: int
-) -> tuple[GraspSample, int]:
-    """Return the labelled grasps that hold, with contacts found anew, and how many were labelled.
+@dataclass(frozen=True)
+class ExactGrasps:
+    """The grasps of a label that hold, between exact contacts."""
 
-    Of grasps with the same contacts only the best is kept.
-    """
-    sample, count = GraspSample(config.merge_distance, config.max_grasps, seed), 0
+    sample: RatedGrasps  # at most `max_grasps` of those with different contacts
+    best: RatedGrasps  # the best of all at each place that a finger touches
+    num_labelled: int
+    num_distinct: int
+
+
+def exact_grasps(
+    mesh: Mesh, label: Iterable[GraspLabel], config: RefineGraspsConfig, seed: int = 0
+) -> ExactGrasps:
+    """Return the labelled grasps that hold, with contacts found anew; `label` comes in pieces."""
+    sample = GraspSample(config.merge_distance, config.max_grasps, seed)
+    best, count = BestOfPlaces(config.contact_radius * PLACE_SHARE), 0
     for piece in label:
         holding = holding_grasps(piece, config.max_friction)
         count += len(holding)
-        sample.add(_closed(mesh, holding))
-    return sample, count
+        closed = _closed(mesh, holding)
+        sample.add(closed)
+        best.add(closed)
+    return ExactGrasps(sample.result(), best.result(), count, sample.num_distinct)
 
 
 def _closed(mesh: Mesh, holding: LabelledGrasps) -> RatedGrasps:
@@ -151,60 +159,82 @@ def _orthonormal(rotation: Array) -> Array:
     return np.stack([approach, closing, np.cross(approach, closing)], axis=-1)
 
 
-def with_copies(
-    rated: RatedGrasps,
-    symmetries: ObjectSymmetries,
-    surface: Surface,
-    mesh: Mesh,
-    config: RefineGraspsConfig,
-    rng: np.random.Generator,
-) -> tuple[RatedGrasps, int]:
-    """Return `rated` and after them their copies that hold, and the number of those that do not.
+@dataclass(frozen=True)
+class Copier:
+    """Copies grasps across an object's symmetries, object frame.
 
     The object's symmetries copy every grasp. A region's copy the grasps that touch the region with
     both fingers, copies by the object's symmetries among them.
     """
-    rated, dropped = _copied(rated, symmetries.symmetries, surface, mesh, config, rng)
-    for region in symmetries.regions:
-        own = [s for s in region.symmetries if not _is_listed(s, symmetries.symmetries)]
-        if not own:
-            continue
-        inside = np.isin(surface.faces, region.triangles)
-        owner = np.asarray(inside[surface.nearest(rated.grasps.contacts)].all(axis=1))
-        part = rated[owner]
-        more, missed = _copied(part, own, surface, mesh, config, rng)
-        copies = more[np.arange(len(part), len(more))]
-        rated, dropped = RatedGrasps.concatenate([rated, copies]), dropped + missed
-    return rated, dropped
 
+    mesh: Mesh
+    surface: Surface
+    symmetries: ObjectSymmetries
+    config: RefineGraspsConfig
 
-def _copied(
-    rated: RatedGrasps,
-    symmetries: Sequence[Symmetry],
-    surface: Surface,
-    mesh: Mesh,
-    config: RefineGraspsConfig,
-    rng: np.random.Generator,
-) -> tuple[RatedGrasps, int]:
-    grasps, origin = copies_under(
-        rated.grasps,
-        symmetry_group(symmetries, config.copies_per_turn),
-        merge_distance=config.merge_distance,
-        max_copies=config.max_copies,
-        rng=rng,
-    )
-    copies = RatedGrasps(grasps, rated.quality[origin])
-    if config.validate_copies:
-        held = _validated(copies, mesh, config)
-    else:
-        held = _on_surface(copies, surface, config)
-    return RatedGrasps.concatenate([rated, held]), len(copies) - len(held)
+    def with_copies(self, rated: RatedGrasps, rng: np.random.Generator) -> tuple[RatedGrasps, int]:
+        """Return `rated`, after them copies that hold, and the number of those that do not."""
+        rated, dropped = self._copied(rated, self.symmetries.symmetries, rng)
+        for inside, own in self._regions():
+            part = rated[self._touches(rated, inside)]
+            more, missed = self._copied(part, own, rng)
+            copies = more[np.arange(len(part), len(more))]
+            rated, dropped = RatedGrasps.concatenate([rated, copies]), dropped + missed
+        return rated, dropped
 
+    def affordance(self, points: Array, rated: RatedGrasps) -> tuple[Array, Array]:
+        """Return the affordance (n,) of `points` (n, 3) from `rated` alone, and with all copies."""
+        before = after = self._spread(points, rated)
+        reached = [rated]
+        for T in symmetry_group(self.symmetries.symmetries, self.config.copies_per_turn):
+            reached.append(self._held(RatedGrasps(image(rated.grasps, T), rated.quality)))
+            after = np.maximum(after, self._spread(points, reached[-1]))
+        places = BestOfPlaces(self.config.contact_radius * PLACE_SHARE)
+        places.add(RatedGrasps.concatenate(reached))
+        best = places.result()
+        for inside, own in self._regions():
+            part = best[self._touches(best, inside)]
+            for T in symmetry_group(own, self.config.copies_per_turn):
+                held = self._held(RatedGrasps(image(part.grasps, T), part.quality))
+                after = np.maximum(after, self._spread(points, held))
+        return before, after
 
-def _on_surface(copies: RatedGrasps, surface: Surface, config: RefineGraspsConfig) -> RatedGrasps:
-    """Return the copies whose contacts lie on the surface: scans are symmetric only so far."""
-    gap = surface.distances(copies.grasps.contacts.reshape(-1, 3), num_nearest=1)[0]
-    return copies[gap.reshape(-1, 2).max(axis=1, initial=0.0) <= config.max_surface_gap]
+    def _spread(self, points: Array, rated: RatedGrasps) -> Array:
+        contacts, radius = rated.grasps.contacts, self.config.contact_radius
+        return point_affordance(points, contacts, rated.quality, radius)
+
+    def _regions(self) -> Iterator[tuple[NDArray[np.bool_], list[Symmetry]]]:
+        """Yield which surface samples lie on a region, and symmetries that it has of its own."""
+        listed = self.symmetries.symmetries
+        for region in self.symmetries.regions:
+            own = [each for each in region.symmetries if not _is_listed(each, listed)]
+            if own:
+                yield np.isin(self.surface.faces, region.triangles), own
+
+    def _touches(self, rated: RatedGrasps, inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return which grasps have both contacts on what the surface samples `inside` lie on."""
+        return np.asarray(inside[self.surface.nearest(rated.grasps.contacts)].all(axis=1))
+
+    def _copied(
+        self, rated: RatedGrasps, symmetries: Sequence[Symmetry], rng: np.random.Generator
+    ) -> tuple[RatedGrasps, int]:
+        grasps, origin = copies_under(
+            rated.grasps,
+            symmetry_group(symmetries, self.config.copies_per_turn),
+            merge_distance=self.config.merge_distance,
+            max_copies=self.config.max_copies,
+            rng=rng,
+        )
+        held = self._held(RatedGrasps(grasps, rated.quality[origin]))
+        return RatedGrasps.concatenate([rated, held]), len(grasps) - len(held)
+
+    def _held(self, copies: RatedGrasps) -> RatedGrasps:
+        """Return the copies that hold on the mesh, or just lie on it: scans are not exact."""
+        if self.config.validate_copies:
+            return _validated(copies, self.mesh, self.config)
+        gap = self.surface.distances(copies.grasps.contacts.reshape(-1, 3), num_nearest=1)[0]
+        farthest = gap.reshape(-1, 2).max(axis=1, initial=0.0)
+        return copies[farthest <= self.config.max_surface_gap]
 
 
 def _validated(copies: RatedGrasps, mesh: Mesh, config: RefineGraspsConfig) -> RatedGrasps:

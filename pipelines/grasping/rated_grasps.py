@@ -1,4 +1,4 @@
-"""Grasps with their quality, and a bounded sample of many of them."""
+"""Grasps with their quality; of a stream of them, a bounded sample and the best at each place."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.grasping.grasps import Grasps
-from pipelines.grasping.symmetrize import cell_numbers
+from pipelines.grasping.symmetrize import CELL_FACTORS, cell_numbers
 
 Array = NDArray[np.float64]
 Index = NDArray[np.integer] | NDArray[np.bool_]
@@ -72,7 +72,7 @@ class GraspSample:
         """Take in further grasps."""
         contacts = rated.grasps.contacts.astype(np.float32)
         cell = cell_numbers(contacts.astype(np.float64), self._merge_distance)
-        self._cells.append(np.unique(cell))
+        self._cells.append(cell)
         pairs = _Pairs(
             contacts,
             rated.grasps.approach.astype(np.float32),
@@ -88,7 +88,8 @@ class GraspSample:
     @property
     def num_distinct(self) -> int:
         """How many groups of grasps with the same contacts the stream had."""
-        return len(np.unique(np.concatenate([np.zeros(0, np.uint64), *self._cells])))
+        cells = np.sort(np.concatenate([np.zeros(0, np.uint64), *self._cells]))
+        return len(cells[:1]) + int(np.count_nonzero(cells[1:] != cells[:-1]))
 
     def result(self) -> RatedGrasps:
         """Return what is kept, best quality first."""
@@ -112,6 +113,32 @@ class GraspSample:
         merged = ranked[best]
         self._kept, self._sorted = [merged], len(best)
         return merged
+
+
+class BestOfPlaces:
+    """The best grasp of a stream at each place that a finger touches.
+
+    Places are cells of which no two points are `size` metres apart. What is kept says how well an
+    object can be held anywhere as the whole stream would, but for that distance; a sample would
+    not, for the best of few grasps is worse than the best of many.
+    """
+
+    def __init__(self, size: float) -> None:
+        self._side = size / np.sqrt(3.0)
+        self._best = RatedGrasps.empty()
+
+    def add(self, rated: RatedGrasps) -> None:
+        """Take in further grasps."""
+        both = RatedGrasps.concatenate([self._best, rated])
+        ranked = np.argsort(-both.quality, kind="stable")
+        places = np.floor(both.grasps.contacts[ranked] / self._side).astype(np.int64)
+        cell = (places.astype(np.uint64) * CELL_FACTORS[:3]).sum(axis=2, dtype=np.uint64)
+        first = np.unique(cell.ravel(), return_index=True)[1] // 2  # two contacts a grasp
+        self._best = both[ranked[np.unique(first)]]
+
+    def result(self) -> RatedGrasps:
+        """Return what is kept, best quality first."""
+        return self._best
 
 
 def _hashed(numbers: NDArray[np.uint64]) -> NDArray[np.uint64]:

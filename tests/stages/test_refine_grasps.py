@@ -26,6 +26,7 @@ from pipelines.geometry.symmetry import (
     SphereSymmetry,
 )
 from pipelines.geometry.transforms import random_rotation
+from pipelines.grasping.affordance import point_affordance
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.rated_grasps import RatedGrasps
 from pipelines.metrics.contacts import close_fingers
@@ -169,6 +170,26 @@ def test_at_most_the_documented_numbers_are_kept(root):
     assert labels.counts.num_distinct > 100
 
 
+def test_affordance_is_that_of_all_grasps_however_few_are_kept(root):
+    for object_id in range(3):
+        plenty = refined(root, object_id)
+        config = RefineGraspsConfig(
+            copies_per_turn=12, num_surface_points=1024, max_grasps=50, max_copies=50
+        )
+        scarce = refined(root, object_id, config)
+        assert scarce.counts.num_originals == 50
+        assert_allclose(scarce.affordance, plenty.affordance)
+
+
+def test_affordance_explains_itself_by_the_pairs(root):
+    labels, radius = affordance_labels.read(root.affordance_path(1)), CONFIG.contact_radius
+    spread = point_affordance(labels.points, labels.contacts, labels.quality, radius)
+    # Half a radius apart, one grasp stands for all at its place.
+    wider = point_affordance(labels.points, labels.contacts, labels.quality, 0.5 * radius)
+    assert (labels.affordance <= spread + 1e-6).mean() > 0.99
+    assert (labels.affordance >= wider - 1e-6).mean() > 0.99
+
+
 def shape(made):
     return Mesh(np.asarray(made.vertices), np.asarray(made.faces))
 
@@ -208,7 +229,7 @@ def copied(mesh, rated, symmetries, config):
     rng = np.random.default_rng(0)
     surface = Surface.from_mesh(mesh, 8000, rng)
     labels = ObjectSymmetries("x", symmetries)
-    return refine_grasps.with_copies(rated, labels, surface, mesh, config, rng)
+    return refine_grasps.Copier(mesh, surface, labels, config).with_copies(rated, rng)
 
 
 @settings(max_examples=12, deadline=None)
@@ -270,7 +291,8 @@ def test_a_regions_symmetry_copies_the_grasps_of_that_region_alone():
     across = Grasps.from_contacts([[[0.0, 0.0, -0.03], [0.0, 0.0, 0.115]]], [[1.0, 0.0, 0.0]])
     others = RatedGrasps(Grasps.concatenate([lifted, across]), np.array([0.5, 0.4]))
     rated = RatedGrasps.concatenate([others, on_ball])
-    both, _ = refine_grasps.with_copies(rated, labels, surface, mesh, CONFIG, rng)
+    copier = refine_grasps.Copier(mesh, surface, labels, CONFIG)
+    both, _ = copier.with_copies(rated, rng)
     copies = both[np.arange(len(rated), len(both))]
     assert len(copies) > 20 * len(on_ball)
     assert not np.isin(copies.quality, [0.5, 0.4]).any()

@@ -72,10 +72,7 @@ def run(
     """
     started, report = time.monotonic(), StageReport(STAGE)
     device = find_device(request.device)
-    labels = "annotations" if coco_instances.is_coco(root) else "symmetry"
-    inputs = {"root": root.name, labels: digest_folder(root / labels, "*.json")}
-    inputs |= {} if init is None else {"init": digest(existing(init))}
-    stamp = make_stamp(STAGE, config, seed=request.seed, inputs=inputs)
+    stamp = make_stamp(STAGE, config, seed=request.seed, inputs=_inputs(root, init))
     earlier = find_progress(output, stamp, request)
     if earlier is not None and earlier.finished:
         report.skipped.append(output.name)
@@ -102,6 +99,12 @@ def run(
     report.notes[output.name] = describe(progress)
     report.seconds = time.monotonic() - started
     return report
+
+
+def _inputs(root: Path, init: Path | None) -> dict[str, str]:
+    labels = "annotations" if coco_instances.is_coco(root) else "symmetry"
+    inputs = {"root": root.name, labels: digest_folder(root / labels, "*.json")}
+    return inputs if init is None else inputs | {"init": digest(existing(init))}
 
 
 def _given_split(root: Path) -> set[str] | None:

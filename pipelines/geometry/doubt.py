@@ -34,7 +34,7 @@ SPHERE_ANGLES = VERIFICATION_ANGLES[::3]
 SAME_COSINE = float(np.cos(np.radians(7.0)))
 SAME_OFFSET = 0.03  # of the diameter
 STRAINS = np.geomspace(1 / 32, 32, 513).tolist()  # steps of 1.4 %
-NUM_JUDGED, NUM_REJECTED = 8, 3  # rejected candidates that are measured, and that are told
+NUM_JUDGED, NUM_REJECTED = 5, 3  # rejected candidates that are measured, and that are told
 LIKELY = 0.5  # nearness from which a sphere, which is not searched for, is told as a candidate
 
 

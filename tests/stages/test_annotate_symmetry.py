@@ -21,7 +21,13 @@ from pipelines.formats.provenance import sidecar_of
 from pipelines.geometry.mesh import Mesh
 from tests.stages.dataset_root import shapes
 
-QUICK = AnnotateSymmetryConfig(num_samples=8000, num_verification_samples=1000)
+QUICK = AnnotateSymmetryConfig(
+    num_samples=6000,
+    num_verification_samples=800,
+    grid_resolution=40,
+    plane_directions=400,
+    axis_directions=250,
+)
 QUIET = BatchOptions(progress=False)
 
 

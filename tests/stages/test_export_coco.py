@@ -1,6 +1,7 @@
 """The export-coco stage: COCO's readers open it, and the detector trains on the same masks."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from pipelines.errors import FormatError, SymgraspError, UnknownNameError
 from pipelines.formats import coco_instances, detector_frames
 from pipelines.formats.region_frames import held_out_scenes, read_region_frame
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SphereSymmetry
+from pipelines.learning.runs import RunRequest
 from tests.stages.toy_root import FRAMES, SCENES, write_root
 
 CONFIG = ExportCocoConfig(min_pixels=50)
@@ -102,6 +104,17 @@ def test_the_detector_validates_on_the_datasets_own_split(exported, tmp_path):
         assert {path.stem[:10] for path, _ in sets.train} == {
             f"scene_{number:04d}" for number in SCENES
         } - {scene}
+
+
+def test_the_detector_trains_on_it(exported, tmp_path):
+    output = tmp_path / "detector.safetensors"
+    config = replace(DETECTOR, epochs=1, batch_size=2, micro_batch_size=1)
+    request = RunRequest(device="cpu", threads=1)
+    report = finetune_detector.run(exported, output, config, request, options=QUIET)
+    assert report.done == [output.name]
+    assert output.is_file()
+    again = finetune_detector.run(exported, output, config, request, options=QUIET)
+    assert again.skipped == [output.name]
 
 
 def test_a_second_run_skips_and_writes_the_same(root, exported):

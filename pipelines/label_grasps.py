@@ -5,10 +5,9 @@ Writes  ROOT/models/NNN/              nontextured.ply, textured.obj: cleaned, me
         ROOT/grasp_label/NNN_labels.npz
         ROOT/objects.json             which mesh is which NNN
 
-A mesh keeps its number as long as objects.json is there: more meshes get the next ones. An object
-is labelled some points at a time by all workers; what is finished lies in NNN_labels.parts/, so a
-killed run goes on where it was. ROOT may be the dataset root that is read: its models stay as
-they are.
+A mesh keeps its number as long as objects.json is there; more meshes get the next free ones. An
+object is labelled some points at a time by all workers; what is finished lies in NNN_labels.parts/,
+so a killed run goes on where it was. ROOT may be the root that is read: its models stay.
 """
 
 import shutil
@@ -84,12 +83,12 @@ def run(
 ) -> StageReport:
     """Label `meshes` into the dataset root `output`; finished objects are kept.
 
-    `mesh_scale`: metres per unit of the meshes; None is 1, and refuses meshes too large for it to
-    be so. `sdf`: write textured.sdf too. `compress`: labels
-    some thirty times smaller, slower to read.
+    `mesh_scale`: metres per unit of the meshes; None is 1, and refuses meshes too large for it.
+    `sdf`: write textured.sdf too. `compress`: zip the labels.
     """
     options = options or BatchOptions()
-    root, in_place = GraspNetRoot(output), (meshes / "models").is_dir() and _same(meshes, output)
+    root = GraspNetRoot(output)
+    in_place = (meshes / "models").is_dir() and meshes.resolve() == output.resolve()
     if in_place and mesh_scale is not None:
         raise ValueRangeError("--mesh-scale", mesh_scale, "left out for a root labelled in place")
     sources = _sources(meshes, output)
@@ -97,22 +96,14 @@ def run(
     if not in_place:
         items = [_model_item(root, source, mesh_scale) for source in sources]
         sources = _run_step(report, sources, items, _write_model, options)
-    if options.dry_run:
-        labels = {source.title: root.grasp_label_path(source.object_id) for source in sources}
-        report.notes |= {title: f"would write {path}" for title, path in labels.items()}
-        return report
-    if not in_place:
+    if not in_place and not options.dry_run:
         _write_object_list(meshes, output, sources)
-    if sdf:
+    if sdf and not options.dry_run:
         items = [_grid_item(root, source) for source in sources]
         sources = _run_step(report, sources, items, _write_grid, options)
     for number, source in enumerate(sources, start=1):
         _label(report, root, source, config, seed, compress, options, f"{number}/{len(sources)}")
     return report
-
-
-def _same(one: Path, other: Path) -> bool:
-    return one.resolve() == other.resolve()
 
 
 def _run_step(
@@ -125,7 +116,7 @@ def _run_step(
     """Run one step for every object, tell `report`, and return the objects it went well for."""
     part = run_batch(STAGE, items, step, options)
     report.failed |= part.failed
-    report.notes |= {} if options.dry_run else part.notes
+    report.notes |= part.notes
     report.seconds += part.seconds
     return [source for source in sources if source.title not in part.failed]
 
@@ -145,16 +136,15 @@ def _sources(meshes: Path, output: Path) -> list[Source]:
     if not paths:
         kinds = ", ".join(MESH_SUFFIXES)
         raise SymgraspError(f"{meshes} holds no meshes; files ending in {kinds} are read")
-    known = {str(record.details.get("file")): record.object_id for record in _records(output)}
-    new = iter(range(max(known.values(), default=-1) + 1, MAX_OBJECTS))
-    sources = []
-    for path in paths:
-        number = known.get(path.name)
-        number = next(new, MAX_OBJECTS) if number is None else number
-        if number == MAX_OBJECTS:
-            raise ValueRangeError("number of meshes", "above 1000", "at most 1000 a root")
-        sources.append(Source(number, path.stem, path))
-    return sources
+    records = _records(output)
+    known = {str(r.details["file"]): r.object_id for r in records if "file" in r.details}
+    taken = {record.object_id for record in records}
+    free = iter([number for number in range(MAX_OBJECTS) if number not in taken])
+    numbers = {path.name: known[path.name] for path in paths if path.name in known}
+    numbers |= dict(zip([p.name for p in paths if p.name not in known], free, strict=False))
+    if len(numbers) < len(paths):
+        raise ValueRangeError("number of meshes", f"above {MAX_OBJECTS}", "three digits a root")
+    return [Source(numbers[path.name], path.stem, path) for path in paths]
 
 
 def _records(root: Path) -> list[ObjectRecord]:
@@ -235,9 +225,13 @@ def _label(
     """Label one object with all workers, part by part, and tell `report`."""
     model, target = root.model_path(source.object_id), root.grasp_label_path(source.object_id)
     try:
-        stamp = make_stamp(STAGE, config, seed=seed, inputs={model.name: digest(model)})
+        inputs = {model.name: digest(model) if model.is_file() else "missing"}
+        stamp = make_stamp(STAGE, config, seed=seed, inputs=inputs)
         if is_finished(target, stamp, overwrite=options.overwrite):
             report.skipped.append(source.title)
+            return
+        if options.dry_run:
+            report.notes[source.title] = f"would write {target}"
             return
         mesh = read_mesh(model)
         labels = replace(config.labels, num_points=number_of_points(mesh, config))

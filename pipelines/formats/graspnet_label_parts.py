@@ -19,7 +19,7 @@ from pipelines.formats.graspnet_labels import LABEL_ARRAYS
 def join_grasp_labels(path: Path, parts: Sequence[Path], *, compress: bool = False) -> None:
     """Write `grasp_label/NNN_labels.npz` from its `parts`, in their order.
 
-    Uncompressed, as the original is published; `compress` makes it some thirty times smaller.
+    Uncompressed, as the original is published; `compress` makes it some fifteen times smaller.
     """
     method = zipfile.ZIP_DEFLATED if compress else zipfile.ZIP_STORED
     with atomic_path(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
@@ -39,7 +39,7 @@ def part_arrays(parts: Sequence[Path], name: str) -> Iterator[Array]:
     """
     for part in parts:
         try:
-            with np.load(existing(part), allow_pickle=False) as arrays:
+            with existing(part).open("rb") as file, np.load(file, allow_pickle=False) as arrays:
                 array = arrays[name]
         except (ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
             found = f"this part of a grasp label is damaged ({error})"

@@ -67,3 +67,42 @@ def test_closest_points_agree_with_trimesh(seed):
     triangles, points = rng.normal(size=(50, 3, 3)), 2.0 * rng.normal(size=(50, 3))
     expected = trimesh.triangles.closest_point(triangles, points)
     assert_allclose(closest_points(triangles, points), expected, atol=1e-9)
+
+
+def test_a_turned_box_is_right_to_a_ten_thousandth_of_the_spacing_near_its_surface(tmp_path):
+    turn = trimesh.transformations.euler_matrix(0.3, 0.5, 0.7)
+    grid = signed_distance_grid(mesh_of(trimesh.creation.box(SIZE).apply_transform(turn)))
+    write_sdf(tmp_path / "textured.sdf", grid)
+    read = read_sdf(tmp_path / "textured.sdf")  # with six digits
+    beyond = np.abs(places(grid) @ turn[:3, :3]) - SIZE / 2
+    exact = np.linalg.norm(np.maximum(beyond, 0.0), axis=-1) + np.minimum(beyond.max(-1), 0.0)
+    near = np.abs(exact) < NARROW_BAND * grid.spacing
+    assert np.abs(read.values - exact)[near].max() < 1e-4 * grid.spacing
+    assert ((read.values < 0) == (exact < 0))[np.abs(exact) > 1e-4 * grid.spacing].all()
+
+
+def test_a_ball_is_right_up_to_its_facets():
+    ball = trimesh.creation.icosphere(4, 0.03)
+    grid = signed_distance_grid(mesh_of(ball), nodes=40)
+    exact = np.linalg.norm(places(grid), axis=-1) - 0.03
+    assert np.abs(grid.values - exact)[np.abs(exact) < 2 * grid.spacing].max() < 1.2e-4
+    assert ((grid.values < 0) == (exact < 0))[np.abs(exact) > 1.2e-4].all()
+
+
+@pytest.mark.parametrize("missing", [1, 12])
+def test_a_ball_with_holes_has_an_inside_too(missing):
+    ball = mesh_of(trimesh.creation.icosphere(3, 0.03))
+    torn = ball.submesh(np.random.default_rng(0).permutation(len(ball.faces))[missing:])
+    assert not torn.is_watertight
+    grid = signed_distance_grid(torn, nodes=40)
+    exact = np.linalg.norm(places(grid), axis=-1) - 0.03
+    wrong = ((grid.values < 0) != (exact < 0)) & (np.abs(exact) > grid.spacing)
+    assert wrong.mean() < 1e-3
+
+
+def test_two_overlapping_copies_of_a_mesh_end():
+    # Coincident triangles: the search for the next surface must get past both.
+    ball = mesh_of(trimesh.creation.icosphere(3, 0.03))
+    twice = Mesh(np.tile(ball.vertices, (2, 1)), np.concatenate([ball.faces, ball.faces + 642]))
+    grid = signed_distance_grid(twice, nodes=30)
+    assert np.isfinite(grid.values).all()

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from typer.testing import CliRunner
 
 from pipelines import label_grasps
 from pipelines.batch import BatchOptions, StageReport
@@ -16,6 +17,7 @@ from pipelines.formats.meshes import read_mesh, write_mesh
 from pipelines.formats.object_list import read as read_object_list
 from pipelines.formats.signed_distance import read_sdf
 from pipelines.geometry.mesh import Mesh
+from symgrasp_cli.app import app
 
 QUIET = BatchOptions(progress=False)
 CONFIG = LabelGraspsConfig(labels=LabelConfig(num_points=3))
@@ -203,6 +205,22 @@ def test_more_meshes_get_the_next_numbers(meshes: Path, tmp_path: Path) -> None:
     assert sorted(report.skipped) == ["000 box", "001 rod"]
 
 
+def test_a_mended_mesh_fills_the_gap_that_it_left(meshes: Path, tmp_path: Path) -> None:
+    (meshes / "lid.ply").write_bytes(b"")
+    assert label(meshes, tmp_path / "out").done == ["000 box", "002 rod"]
+    write_mesh(meshes / "lid.ply", box(0.03))
+    assert label(meshes, tmp_path / "out").done == ["001 lid"]
+
+
+def test_the_command_names_what_fails_and_exits_with_1(meshes: Path, tmp_path: Path) -> None:
+    (meshes / "lid.ply").write_bytes(b"")
+    arguments = ["label-grasps", str(meshes), "--out", str(tmp_path / "out"), "--points", "1"]
+    result = CliRunner().invoke(app, [*arguments, "--no-sdf"])
+    assert result.exit_code == 1
+    assert "error: 001 lid" in result.output
+    assert "2 done, 0 skipped as finished, 1 failed" in result.output
+
+
 def test_a_root_is_labelled_in_place_or_into_another(meshes: Path, tmp_path: Path) -> None:
     for object_id in (3, 7):
         write_mesh(GraspNetRoot(tmp_path / "root").model_path(object_id), box())
@@ -221,6 +239,12 @@ def test_a_dry_run_writes_nothing(meshes: Path, tmp_path: Path) -> None:
     report = label(meshes, tmp_path / "out", options=BatchOptions(dry_run=True, progress=False))
     assert "000_labels.npz" in report.notes["000 box"]
     assert not (tmp_path / "out").exists()
+    label(meshes / "box.ply", tmp_path / "out")
+    before = content(tmp_path / "out")
+    again = label(meshes, tmp_path / "out", options=BatchOptions(dry_run=True, progress=False))
+    assert again.skipped == ["000 box"]
+    assert "001_labels.npz" in again.notes["001 rod"]
+    assert content(tmp_path / "out") == before
 
 
 def test_points_follow_the_area_within_bounds() -> None:

@@ -97,7 +97,8 @@ def marks_of(mesh: Mesh, labels: ObjectSymmetries) -> list[Mark]:
         color = PLANES[number % len(PLANES)] if flat else AXIS
         marks.append(Mark(symmetry, mesh, color, number if flat else None))
     for index, region in enumerate(labels.regions):
-        if len(region.triangles) == len(mesh.faces) or not len(region.triangles):
+        is_whole = len(region.triangles) == len(mesh.faces)
+        if not len(region.triangles) or (is_whole and labels.symmetries):
             continue
         part, tint = mesh.submesh(region.triangles), _dark(REGIONS[index % len(REGIONS)])
         marks += [Mark(symmetry, part, tint) for symmetry in region.symmetries]

@@ -24,6 +24,7 @@ MARGIN = 1.22  # of the picture over the object
 OBLIQUE_COSINE = 0.5  # between the view and a plane's normal or an axis: neither hidden nor flat
 AREA_WEIGHT, TOP_WEIGHT = 0.6, 0.2
 SQUARE_COSINE = 0.05
+PARALLEL_COSINE = float(np.cos(np.radians(3.0)))
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -68,7 +69,7 @@ def telling_view(mesh: Mesh, symmetries: Sequence[Symmetry]) -> Array:
     Along the axis, where what is round must look round; along the planes, where left must
     be the mirror image of right; from behind the oblique view where there are neither.
     """
-    normals = [s.normal for s in symmetries if isinstance(s, ReflectionSymmetry)]
+    normals = _distinct([s.normal for s in symmetries if isinstance(s, ReflectionSymmetry)])
     axes = [s for s in symmetries if isinstance(s, RotationSymmetry)]
     turning = [s.axis for s in axes if s.order != 2]
     if turning:
@@ -86,6 +87,15 @@ def telling_view(mesh: Mesh, symmetries: Sequence[Symmetry]) -> Array:
         return look_at(mesh, -axes[0].axis if axes[0].axis[2] > 0 else axes[0].axis, UP)
     oblique = oblique_view(mesh, symmetries)
     return look_at(mesh, -oblique[:3, 2], UP)
+
+
+def _distinct(normals: Sequence[Array]) -> list[Array]:
+    """Return the normals of planes that are not parallel: parts of an object may share a plane."""
+    kept: list[Array] = []
+    for normal in normals:
+        if all(abs(normal @ other) < PARALLEL_COSINE for other in kept):
+            kept.append(normal)
+    return kept
 
 
 def _is_square(normal: Array, normals: Sequence[Array]) -> bool:

@@ -8,7 +8,7 @@ from pipelines.formats import contact_sheet
 from pipelines.formats.contact_sheet import COLUMNS, ROWS, Tile, write_sheets
 from pipelines.formats.files import read_image
 from pipelines.formats.symmetry_labels import ObjectSymmetries, RegionLabel
-from pipelines.formats.symmetry_pictures import PLANES, REGIONS, object_views
+from pipelines.formats.symmetry_pictures import PLANES, REGIONS, marks_of, object_views
 from pipelines.geometry.mesh import Mesh
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SphereSymmetry
 
@@ -60,6 +60,16 @@ def test_regions_have_colours_of_their_own(box):
     picture = object_views(box, ObjectSymmetries("a", (), tuple(halves)))
     for color in REGIONS[:2]:
         assert colored(picture, color, tolerance=15) > 300
+
+
+def test_a_part_that_is_all_of_an_object_without_symmetry_shows_its_own(box):
+    part = RegionLabel("part0", np.arange(12), (PLANE,))
+    only_rejected = ObjectSymmetries("a", (), (), rejected=(AXIS,))
+    marks = marks_of(box, ObjectSymmetries("a", (), (part,), rejected=(AXIS,)))
+    assert [mark.symmetry for mark in marks] == [PLANE]
+    assert [mark.dashed for mark in marks_of(box, only_rejected)] == [True]
+    whole = ObjectSymmetries("a", (PLANE,), (RegionLabel("whole", np.arange(12), (PLANE,)),))
+    assert len(marks_of(box, whole)) == 1
 
 
 def test_the_most_doubtful_come_first_and_the_unknown_before_all(tmp_path):

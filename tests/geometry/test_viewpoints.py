@@ -63,6 +63,12 @@ def test_one_plane_is_an_upright_line():
     assert np.allclose(np.abs(rotate_vectors(invert(pose), X)), X, atol=1e-6)
 
 
+def test_parts_that_share_a_plane_are_seen_along_it():
+    planes = [ReflectionSymmetry(X, ORIGIN), ReflectionSymmetry(-X, ORIGIN)]
+    pose = telling_view(box(), planes)
+    assert np.allclose(np.abs(rotate_vectors(invert(pose), X)), X, atol=1e-6)
+
+
 def test_a_round_axis_is_looked_along():
     assert abs(telling_view(box(), [RotationSymmetry(Y, ORIGIN)])[:3, 2] @ Y) > 0.999
 

@@ -16,11 +16,15 @@ from pipelines.configs import (
     SynthesizeConfig,
 )
 from pipelines.formats.graspnet import GraspNetRoot
+from pipelines.formats.graspnet_label_stream import grasp_label_pieces
+from pipelines.formats.graspnet_labels import GRID
 from pipelines.formats.meshes import read_mesh
+from pipelines.formats.packed_regions import PackedReader
 from pipelines.synthesis.grasp_sampling import sample_grasp_label
 
 QUIET = BatchOptions(progress=False)
 NUM_OBJECTS, NUM_VIEWS = 6, 2
+NUM_PIECE_POINTS, NUM_READS = 32, 2000
 LABELS = LabelConfig()
 SMALL = SynthesizeConfig(
     splits=("train",),
@@ -45,7 +49,9 @@ def measure() -> list[Measurement]:
             Measurement("labels of an object", _label_seconds(root), "s", _label_note()),
             Measurement("annotate-symmetry, a mesh", annotated.seconds / len(annotated.done), "s"),
             Measurement("refine-grasps, an object", refined.seconds / len(refined.done), "s"),
+            Measurement("refine-grasps, a label", _candidates(root), "candidates/s", _label_size()),
             Measurement("pack", 1.0 / _pack_seconds(root), "frames/s", _frame_note()),
+            _packed_reads(root, Path(folder) / "packed"),
         ]
 
 
@@ -58,6 +64,32 @@ def _pack_seconds(root: GraspNetRoot) -> float:
     frame = root.scenes()[0].frames()[0]
     rng = np.random.default_rng(0)
     return seconds_of(lambda: pack.pack_frame(root, frame, PackConfig(), rng))
+
+
+def _candidates(root: GraspNetRoot) -> float:
+    mesh, path, config = (
+        read_mesh(root.model_path(0)),
+        root.grasp_label_path(0),
+        RefineGraspsConfig(),
+    )
+
+    def stream() -> None:
+        refine_grasps.exact_grasps(mesh, grasp_label_pieces(path, NUM_PIECE_POINTS), config)
+
+    return SMALL.labels.num_points * float(np.prod(GRID)) / seconds_of(stream)
+
+
+def _packed_reads(root: GraspNetRoot, folder: Path) -> Measurement:
+    pack.run(root.root, folder, PackConfig(), options=QUIET)
+    reader, size = PackedReader(folder), sum(path.stat().st_size for path in folder.iterdir())
+    order = np.random.default_rng(0).integers(len(reader), size=NUM_READS).tolist()
+    seconds = seconds_of(lambda: [reader[index] for index in order])
+    note = f"random order, one process, {size / len(reader):,.0f} bytes a region"
+    return Measurement("packed regions read", NUM_READS / seconds, "1/s", note)
+
+
+def _label_size() -> str:
+    return "49.8 million an object of GraspNet-1Billion"
 
 
 def _scene_note() -> str:

@@ -3,33 +3,41 @@
 from functools import lru_cache
 from pathlib import Path
 
-from pipelines.errors import FormatError, MissingInputError
+from pipelines.errors import MissingInputError
 from pipelines.formats import symmetry_labels
 from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.formats.meshes import read_mesh
+from pipelines.formats.regions import check_triangles
 from pipelines.geometry.region_masks import ObjectRegion, RegionedObject
 
 
-@lru_cache(maxsize=256)
 def read_regioned_object(root: Path, object_id: int) -> RegionedObject:
-    """Read an object of the dataset `root`; read once and kept.
+    """Read an object of the dataset `root`; kept until one of its files changes.
 
     Raises:
         MissingInputError: `annotate-symmetry` has not been run.
-        FormatError: a region has triangles that the mesh lacks.
+        FormatError: a region has triangles that the mesh lacks, or that another region has.
     """
     files = GraspNetRoot(root)
-    path = files.symmetry_path(object_id)
+    mesh, labels = files.model_path(object_id), files.symmetry_path(object_id)
+    if not labels.is_file():
+        raise MissingInputError(labels, "symgrasp annotate-symmetry")
+    return _read(mesh, labels, _version(mesh), _version(labels))
+
+
+def _version(path: Path) -> tuple[int, int]:
     if not path.is_file():
-        raise MissingInputError(path, "symgrasp annotate-symmetry")
-    mesh, labels = read_mesh(files.model_path(object_id)), symmetry_labels.read(path)
-    for region in labels.regions:
-        if len(region.triangles) and region.triangles.max() >= len(mesh.faces):
-            raise FormatError(
-                path,
-                f"region {region.name!r} names triangles beyond the mesh",
-                f"the mesh has {len(mesh.faces)}; annotate it again",
-            )
+        return 0, 0  # reading it says what is missing
+    status = path.stat()
+    return status.st_mtime_ns, status.st_size
+
+
+@lru_cache(maxsize=256)
+def _read(
+    mesh_path: Path, labels_path: Path, _mesh: tuple[int, int], _labels: tuple[int, int]
+) -> RegionedObject:
+    mesh, labels = read_mesh(mesh_path), symmetry_labels.read(labels_path)
+    check_triangles(labels_path, ((r.name, r.triangles) for r in labels.regions), mesh)
     regions = tuple(
         ObjectRegion(region.name, region.triangles, region.symmetries)
         for region in labels.regions

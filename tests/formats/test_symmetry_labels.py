@@ -110,20 +110,40 @@ def test_a_manual_region_is_a_list_or_a_box_of_triangles(tmp_path: Path, mesh: M
     assert rest.symmetries is None
 
 
+AXIS = {"kind": "rotation", "axis": [0, 0, 1], "point": [0, 0, 0]}
+
+
 @pytest.mark.parametrize(
-    "entry",
+    ("entries", "sentence"),
     [
-        {"name": "both", "triangles": [0], "box": [[0, 0, 0], [1, 1, 1]]},
-        {"name": "neither"},
-        {"triangles": [99]},
-        {"triangles": []},
-        {"box": [[5, 5, 5], [6, 6, 6]]},
-        {"box": [1, 2]},
-        7,
+        ([{"triangles": [0], "box": [[0, 0, 0], [1, 1, 1]]}], "either `triangles` or `box`"),
+        ([{"name": "neither"}], "either `triangles` or `box`"),
+        ([7], "either `triangles` or `box`"),
+        ([{"name": "lid", "triangles": [3, 99]}], "'lid' names triangle 99, .* has 12"),
+        ([{"name": "lid", "triangles": [3, 3]}], "'lid' names a triangle twice"),
+        ([{"name": "lid", "triangles": []}], "'lid' has no triangles"),
+        ([{"triangles": [1.5]}], "indices from 0"),
+        ([{"name": "lid", "box": [[5, 5, 5], [6, 6, 6]]}], "'lid' has no triangles; its box"),
+        ([{"box": [1, 2]}], "two corners"),
+        ([{"box": [[1, 1, 1], [-1, -1, -1]]}], "lower one first"),
+        ([{"box": [[None, 0, 0], [1, 1, 1]]}], "corners|two corners"),
+        (
+            [{"name": "a", "triangles": [0, 1]}, {"name": "b", "triangles": [2, 1]}],
+            "'a' and 'b' share 1 triangles, 1 the first; a triangle is in one",
+        ),
+        ([], "is empty"),
+        ([{"triangles": [0], "symmetries": [{**AXIS, "axis": [0, 0, 10]}]}], "unit vector"),
+        ([{"triangles": [0], "symmetries": [{**AXIS, "axis": [0, 0, 0]}]}], "unit vector"),
+        ([{"triangles": [0], "symmetries": [{"kind": "rotation"}]}], "lacks 'axis'"),
+        ([{"name": "lid", "triangles": [0], "symmetries": AXIS}], "'lid' are no list"),
     ],
 )
-def test_a_manual_region_that_is_none_is_refused(tmp_path: Path, mesh: Mesh, entry: object) -> None:
+def test_a_bad_file_of_regions_is_one_sentence(
+    tmp_path: Path, mesh: Mesh, entries: list[object], sentence: str
+) -> None:
     path = tmp_path / "005.json"
-    path.write_text(json.dumps({"regions": [entry]}))
-    with pytest.raises(FormatError, match=r"005\.json"):
+    path.write_text(json.dumps({"regions": entries}))
+    with pytest.raises(FormatError, match=sentence) as caught:
         regions.read(path, mesh)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)

@@ -7,8 +7,8 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.region_masks import ObjectRegion, RegionedObject, visible_regions
 from pipelines.geometry.rendering import Scene, cast_view
 from pipelines.geometry.symmetry import ReflectionSymmetry
-from pipelines.geometry.transforms import make_pose, random_rotation
-from tests.geometry.symmetric_shapes import box
+from pipelines.geometry.transforms import make_pose, random_rotation, transform_points
+from tests.geometry.symmetric_shapes import ball_beside_box, box
 
 CAMERA = Intrinsics(200.0, 200.0, 79.5, 59.5, 160, 120)
 PLANE = ReflectionSymmetry(np.array([1.0, 0.0, 0.0]), np.zeros(3))
@@ -89,3 +89,42 @@ def test_objects_without_regions_or_pixels_give_nothing():
     label = label_of(mesh, pose)
     assert visible_regions(label, CAMERA, [(0, pose)], {}) == []
     assert visible_regions(np.zeros_like(label), CAMERA, [(0, pose)], {0: halves(mesh)}) == []
+
+
+def triangle_seen(triangles, ray):
+    """The triangle that `ray` (3,) from the origin meets first, all of them tried; -1 for none."""
+    a, b, c = triangles.swapaxes(0, 1)
+    system = np.stack([b - a, c - a, np.broadcast_to(-ray, a.shape)], axis=2)
+    u, v, depth = np.linalg.solve(system, -a[..., None])[..., 0].T
+    met = (np.minimum(u, v) >= 0.0) & (u + v <= 1.0) & (depth > 0.0)
+    return np.where(met, depth, np.inf).argmin() if met.any() else -1
+
+
+def test_masks_equal_rays_tried_triangle_by_triangle_where_parts_hide_each_other():
+    mesh = ball_beside_box()
+    in_box = np.arange(len(mesh.faces)) >= len(mesh.faces) - 12
+    in_crown = ~in_box & (mesh.triangles[..., 2].min(axis=1) > 0.005)
+    # The ball's lower half is in no region, but hides what is behind it all the same.
+    regioned = RegionedObject(
+        mesh,
+        (
+            ObjectRegion("box", np.flatnonzero(in_box), ()),
+            ObjectRegion("crown", np.flatnonzero(in_crown), ()),
+        ),
+    )
+    camera = Intrinsics(60.0, 60.0, 19.5, 14.5, 40, 30)
+    toward = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])  # the ball is before the box
+    pose = make_pose(toward, np.array([0.001, 0.002, 0.2]))
+    label = cast_view(Scene([mesh], [pose]), camera, np.eye(4)).object_index + 1
+    expected = np.full(label.shape, -1)
+    triangles = transform_points(pose, mesh.triangles)
+    for v, u in np.argwhere(label == 1):
+        ray = np.array([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, 1.0])
+        seen = triangle_seen(triangles, ray)
+        expected[v, u] = -1 if seen < 0 else regioned.region_of_triangle[seen]
+    found = {r.name: r.mask for r in visible_regions(label, camera, [(0, pose)], {0: regioned})}
+    assert (expected == -1)[label == 1].any()
+    unhidden = cast_view(Scene([mesh.submesh(in_box)], [pose]), camera, np.eye(4))
+    assert 0 < (expected == 0).sum() < (unhidden.object_index == 0).sum()
+    for index, name in enumerate(("box", "crown")):
+        np.testing.assert_array_equal(found[name], expected == index)

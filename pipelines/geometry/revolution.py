@@ -17,9 +17,9 @@ from pipelines.geometry.transforms import basis_from_direction
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-NUM_PATCHES = 48
+NUM_PATCHES = 32
 PATCH_RADII = (0.08, 0.16, 0.32, 2.0)  # of the diameter; the last is all of the surface
-PATCH_SAMPLES = 2000
+PATCH_SAMPLES = 1300
 KEPT_AXES = 5
 SAME_ANGLE, SAME_OFFSET = float(np.radians(6.0)), 0.03
 STEPS = (0.5, 0.35, 0.25)  # sideways lean of the normals that a step of the fit is based on
@@ -29,10 +29,9 @@ NEAR_AXIS = 0.012  # of the diameter; so near to the axis a lean says nothing
 CELL = 0.025  # of the diameter, of height and radius of a circle
 SECTORS = 6  # of the slope of a circle's surface
 BINS = 24  # of the angle around the axis
-USUAL_BIN = 17  # three quarters of the bins hold at most as much as this one
-BLUR = {-2: 1 / 9, -1: 2 / 9, 0: 3 / 9, 1: 2 / 9, 2: 1 / 9}  # of neighbouring bins
-MIN_COVERAGE = 0.55  # of the circle; half a pipe fills 0.5, what a handle leaves of it more
+MIN_COVERAGE = 0.5  # of the circle, as scattered samples show it: some 0.8 for all, 0.4 for a half
 MIN_COUNT = 12  # fewer samples do not say whether a circle is full
+MANY = 72  # from so many on, every bin counts; of fewer, every pair of bins
 MAX_HARMONIC = 0.1  # radians; a regular n-gon leans by 2 / n, an ellipse by 1 - its flattening
 HARMONICS = range(1, 13)
 
@@ -77,7 +76,7 @@ def candidate_axes(points: Array, normals: Array) -> list[Axis]:
     kept: list[Axis] = []
     for index in order:
         axis = Axis(directions[index], feet[index])
-        if len(kept) < KEPT_AXES and not any(_same(axis, better) for better in kept):
+        if len(kept) < KEPT_AXES and not any(same_line(axis, better) for better in kept):
             kept.append(axis)
     return kept
 
@@ -123,19 +122,25 @@ def support(p: Profile) -> Mask:
     sector = np.pi / SECTORS
     index = np.flatnonzero(upright)
     for shift in (0.0, 0.5):  # a cell's border must not cut a circle
-        cell = np.column_stack(
-            [
-                np.floor(p.height[index] / CELL + shift),
-                np.floor(p.radius[index] / CELL + shift),
-                np.floor(p.slope[index] / sector + shift) % SECTORS,
-            ]
+        number = _numbered(
+            np.floor(p.height[index] / CELL + shift),
+            np.floor(p.radius[index] / CELL + shift),
+            np.floor(p.slope[index] / sector + shift) % SECTORS,
         )
-        number = np.unique(cell, axis=0, return_inverse=True)[1].reshape(-1)
         good = _full_circles(number, p.angle[index]) & _round_circles(
             number, p.angle[index], p.lean[index]
         )
         held[index] |= good[number]
     return held
+
+
+def _numbered(*columns: Array) -> NDArray[np.int64]:
+    """Return numbers (n,) from 0 for the different rows of whole-numbered `columns` (n,)."""
+    key = np.zeros(len(columns[0]), dtype=np.int64)
+    for column in columns:
+        whole = column.astype(np.int64) - int(column.min(initial=0.0))
+        key = key * (int(whole.max(initial=0)) + 1) + whole
+    return np.unique(key, return_inverse=True)[1].reshape(-1)
 
 
 def _round_circles(number: NDArray[np.int64], angle: Array, lean: Array) -> Mask:
@@ -160,12 +165,20 @@ def _full_circles(number: NDArray[np.int64], angle: Array) -> Mask:
     """Return which cells (c,) hold a full circle; `number` (n,) is each sample's cell."""
     count = int(number.max(initial=-1)) + 1
     bins = np.minimum(((angle + np.pi) / (2.0 * np.pi) * BINS).astype(np.int64), BINS - 1)
-    filled = np.bincount(number * BINS + bins, minlength=count * BINS).reshape(count, BINS)
-    smooth = np.sum([w * np.roll(filled, step, axis=1) for step, w in BLUR.items()], axis=0)
-    total = smooth.sum(axis=1)
-    usual = np.partition(smooth, USUAL_BIN, axis=1)[:, USUAL_BIN]  # of the bins that are filled
-    coverage = np.minimum(smooth, usual[:, None]).sum(axis=1) / np.maximum(BINS * usual, 1e-9)
+    fine = np.bincount(number * BINS + bins, minlength=count * BINS).reshape(count, BINS)
+    coarse = fine.reshape(count, BINS // 2, 2).sum(axis=2)
+    total = fine.sum(axis=1)
+    coverage = np.where(total < MANY, _filled(coarse), _filled(fine))
     return np.asarray((coverage >= MIN_COVERAGE) & (total >= MIN_COUNT))
+
+
+def _filled(bins: NDArray[np.int64]) -> Array:
+    """Return the share (c,) of each row of `bins` (c, k) that is as full as those not empty."""
+    ranked = np.sort(bins, axis=1)
+    empty = (bins == 0).sum(axis=1)
+    middle = np.minimum(empty + (bins.shape[1] - empty) // 2, bins.shape[1] - 1)
+    usual = np.maximum(np.take_along_axis(ranked, middle[:, None], axis=1), 1)
+    return np.asarray(np.minimum(bins / usual, 1.0).mean(axis=1))
 
 
 def _fitted(points: Array, normals: Array, weights: Array) -> tuple[Array, Array]:
@@ -194,7 +207,8 @@ def _leans(points: Array, normals: Array, directions: Array, feet: Array) -> Arr
     return np.asarray(np.einsum("nd,knd->kn", normals, sideways) / np.maximum(radius, 1e-9))
 
 
-def _same(first: Axis, second: Axis) -> bool:
+def same_line(first: Axis, second: Axis) -> bool:
+    """Return whether two axes are nearly one."""
     if abs(first.direction @ second.direction) < np.cos(SAME_ANGLE):
         return False
     between = np.cross(first.point - second.point, second.direction)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.geometry.revolution import Axis, candidate_axes, profile, refined
+from pipelines.geometry.revolution import Axis, candidate_axes, profile, refined, same_line
 from pipelines.geometry.sampled_parts import SampledParts
 from pipelines.geometry.surface import diameter
 
@@ -60,9 +60,13 @@ def revolved_bodies(parts: SampledParts, among: Mask, min_lateral: float) -> lis
 
 
 def _largest_body(parts: SampledParts, points: Array, normals: Array, left: Mask) -> Body | None:
-    bodies = []
+    bodies: list[Body] = []
+    fits: list[Axis] = []
     for axis in candidate_axes(points[left], normals[left]):
+        if any(same_line(axis, known) for known in fits):
+            continue
         fitted, held_left = refined(axis, points[left], normals[left])
+        fits.append(fitted)
         held = np.zeros(len(points), dtype=np.bool_)
         held[left] = held_left
         body = _grown(parts, fitted, points, normals, held)

@@ -16,7 +16,7 @@ from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.geometry.convex_parts import convex_owner
 from pipelines.geometry.mesh import Mesh
 from pipelines.geometry.part_symmetries import PartSymmetries, turns
-from pipelines.geometry.revolved_bodies import revolved_bodies
+from pipelines.geometry.revolved_bodies import MAX_SMOOTH_BORDER, revolved_bodies
 from pipelines.geometry.sampled_parts import NO_PART, SampledParts
 from pipelines.geometry.surface import diameter
 from pipelines.geometry.symmetry import Symmetry
@@ -153,7 +153,10 @@ def _convex_pieces(cutting: _Cutting, members: Mask) -> list[_Piece]:
     owner[members] = convex_owner(part, cutting.parts.surface.points[members])
     for index in np.unique(owner[members]):
         piece = cutting.parts.clusters(owner == index)[0]
-        found = cutting.symmetries_of.part(piece) if _is_graspable(cutting, piece) else []
+        seen = cutting.parts.smooth_border(piece) <= MAX_SMOOTH_BORDER
+        if not seen or not _is_graspable(cutting, piece):
+            continue
+        found = cutting.symmetries_of.part(piece)
         if has_slot(found):
             pieces.append(_Piece(piece, found))
     return pieces

@@ -83,20 +83,18 @@ def test_friction_width_and_collision_equal_a_slow_check(make: Callable[[], Mesh
     mesh, rng = make(), np.random.default_rng(7)
     made = sample_grasp_label(mesh, LabelConfig(num_points=12), rng)
     anywhere = np.stack([rng.integers(0, n, 1000) for n in made.min_friction.shape], axis=1)
-    holding = rng.permutation(np.argwhere(made.min_friction > 0))[:200]
+    holding = rng.permutation(np.argwhere(made.min_friction > 0))[:100]
     free = rng.permutation(np.argwhere(~made.collision))[:100]
     assert len(free) > 20
     assert_equals_naive(mesh, made, np.concatenate([anywhere, holding, free]))
 
 
-@pytest.mark.parametrize(
-    "name", ["ycb_035_power_drill", "ycb_025_mug", "ycb_030_fork", "os_scorpion"]
-)
+@pytest.mark.parametrize("name", ["ycb_035_power_drill", "ycb_025_mug", "os_scorpion"])
 def test_real_meshes_equal_a_slow_check(shared: Path, name: str) -> None:
     mesh, rng = read_mesh(shared / "meshes" / f"{name}.ply"), np.random.default_rng(8)
     made = sample_grasp_label(mesh, LabelConfig(num_points=4), rng)
-    anywhere = np.stack([rng.integers(0, n, 150) for n in made.min_friction.shape], axis=1)
-    holding = rng.permutation(np.argwhere(made.min_friction > 0))[:50]
+    anywhere = np.stack([rng.integers(0, n, 100) for n in made.min_friction.shape], axis=1)
+    holding = rng.permutation(np.argwhere(made.min_friction > 0))[:30]
     assert_equals_naive(mesh, made, np.concatenate([anywhere, holding]))
 
 

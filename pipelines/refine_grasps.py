@@ -65,7 +65,7 @@ def refine_file(item: WorkItem, root: GraspNetRoot, config: RefineGraspsConfig, 
     """Refine the labels of one object; `item.arguments` is its id. Return the counts."""
     (object_id,) = item.arguments
     symmetry = _existing(root.symmetry_path(object_id), "symgrasp annotate-symmetry")
-    label = _existing(root.grasp_label_path(object_id), "symgrasp synthesize")
+    label = _existing(root.grasp_label_path(object_id), "symgrasp label-grasps")
     pieces = grasp_label_pieces(label, max(1, config.chunk // int(np.prod(GRID))))
     mesh = read_mesh(root.model_path(object_id))
     labels = refine(mesh, pieces, symmetry_labels.read(symmetry), config, seed)

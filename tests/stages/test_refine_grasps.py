@@ -299,6 +299,27 @@ def test_a_regions_symmetry_copies_the_grasps_of_that_region_alone():
     assert_allclose(np.linalg.norm(copies.grasps.contacts, axis=-1), 0.03, atol=1e-3)
 
 
+def test_grasps_with_a_finger_off_the_region_are_not_copied_where_the_copies_would_hold():
+    box = trimesh.creation.box((0.06, 0.04, 0.08)).subdivide().subdivide().subdivide()
+    mesh, rng = shape(box), np.random.default_rng(0)
+    upper = np.flatnonzero(mesh.triangles[:, :, 2].min(axis=1) >= 0.0)
+    region = RegionLabel("upper", upper, (ReflectionSymmetry(X, ORIGIN),))
+    labels, surface = ObjectSymmetries("x", (), (region,)), Surface.from_mesh(mesh, 8000, rng)
+    high = [[0.02, -0.02, 0.03], [0.02, 0.02, 0.03]]
+    low = [[0.02, -0.02, -0.03], [0.02, 0.02, -0.03]]
+    across = [[0.02, 0.0, -0.04], [0.02, 0.0, 0.04]]
+    grasps = Grasps.from_contacts([high, low, across], np.tile(X, (3, 1)))
+    copier = refine_grasps.Copier(mesh, surface, labels, CONFIG)
+    both, dropped = copier.with_copies(RatedGrasps(grasps, np.array([0.7, 0.8, 0.9])), rng)
+    assert dropped == 0
+    assert_allclose(both.quality, [0.7, 0.8, 0.9, 0.7])
+    assert_allclose(both.grasps.translation[3], [-0.02, 0.0, 0.03], atol=1e-9)
+    mirrored = np.array([[-0.02, 0.02, 0.03], [-0.02, 0.02, -0.03], [-0.02, 0.0, -0.04]])
+    before, after = copier.affordance(mirrored, RatedGrasps(grasps, np.array([0.7, 0.8, 0.9])))
+    assert_allclose(before, 0.0)
+    assert_allclose(after, [0.7, 0.0, 0.0])
+
+
 def damaged(root, tmp_path, damages):
     """A root of one object a damage, with objects 0 to 2 as they should be, and its report."""
     other = GraspNetRoot(shutil.copytree(root.root, tmp_path / "copy"))

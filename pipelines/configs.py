@@ -61,7 +61,7 @@ class AnnotateSymmetryConfig:
     plane_separation_deg: float = 7.0
     plane_offset_separation: float = 0.03
     axis_directions: int = 600
-    axis_candidates: int = 8
+    axis_candidates: int = 3
     axis_separation_deg: float = 10.0
     max_mean: float = 0.006  # of the distance from the image to the surface
     max_axis_mean: float = 0.01  # a turn moves more of the surface than a mirror does

@@ -28,7 +28,7 @@ OPPOSITE_COSINE = 0.5  # sheets that meet at a seam do not leave it in the same 
 MIN_SEAM_SHARE = 0.5  # of an edge's points
 MAX_POINTS = 60000
 NUM_LINKS = 8  # neighbours of a sample
-MIN_RIM_SHARE = 0.6  # of the border of a patch that landed in a hole
+MIN_RIM_SHARE = 0.5  # of the border of a patch that landed in a hole
 NUM_NEAREST = 6
 
 

@@ -68,7 +68,7 @@ def analyse(mesh: Mesh, config: AnnotateSymmetryConfig, rng: np.random.Generator
     if sphere is not None:
         return Detection([sphere], [])
     grid = DistanceGrid.around(shape.surface.points, config.grid_resolution, config.distance_cap)
-    axes, axis_fits = search_axes(shape, grid, config)
+    axes, axis_fits = search_axes(shape, config)
     planes, plane_fits = search_planes(shape, grid, config)
     partial: list[Symmetry] = [
         _rotation(shape, axis, None, fit)

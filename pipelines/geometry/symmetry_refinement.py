@@ -144,7 +144,7 @@ def _clipped(step: Array, limit: float) -> Array:
 
 
 def _tangents(directions: Array) -> Array:
-    return np.stack([basis_from_direction(d).T[1:] for d in directions])
+    return basis_from_direction(directions).swapaxes(1, 2)[:, 1:]
 
 
 def _dot(a: Array, b: Array) -> Array:

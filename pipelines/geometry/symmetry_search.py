@@ -16,11 +16,11 @@ from pipelines.geometry.mesh import Mesh
 from pipelines.geometry.surface import Surface, diameter
 from pipelines.geometry.symmetry_candidates import (
     DistanceGrid,
-    axis_candidates,
     distinct,
     plane_candidates,
 )
 from pipelines.geometry.symmetry_refinement import refine_axes, refine_planes
+from pipelines.geometry.symmetry_revolution import revolution_candidates
 from pipelines.geometry.symmetry_verification import (
     VERIFICATION_ANGLES,
     Fit,
@@ -28,7 +28,6 @@ from pipelines.geometry.symmetry_verification import (
     continuous_fit,
     fit_of,
     mirrored,
-    turned,
 )
 
 Array = NDArray[np.float64]
@@ -38,9 +37,10 @@ FINE_SCALES = (0.03, 0.02, 0.015, 0.012, 0.012)
 FINAL_SCALES = (0.012, 0.01, 0.01)
 REFINEMENT_ANGLES = VERIFICATION_ANGLES[1::2]
 COARSE_SAMPLES, FINE_SAMPLES, FINAL_SAMPLES = 200, 600, 2000
-KEPT_PLANES, KEPT_AXES = 14, 3
+KEPT_PLANES = 14
 MIN_AREA = 1e-9  # of the squared diameter; a mesh of less is points or a line
 MISS_CAP = 0.05  # of the diameter; a larger miss is no worse
+MAX_MISS = 0.5 * MISS_CAP
 SAME_ANGLE, SAME_OFFSET = float(np.radians(3.0)), 0.015
 
 
@@ -111,13 +111,15 @@ def fit_of_plane(shape: Shape, plane: Array) -> Fit:
 
 
 def search_axes(
-    shape: Shape, grid: DistanceGrid, config: AnnotateSymmetryConfig
+    shape: Shape, config: AnnotateSymmetryConfig
 ) -> tuple[Array, list[tuple[Fit, bool]]]:
     """Return distinct refined axes (c, 6), and (worst fit, is it continuous) of each."""
-    directions = axis_candidates(grid, shape.points(COARSE_SAMPLES), config)
-    axes = np.column_stack([directions, np.zeros_like(directions)])
-    axes = refined_axes(shape, axes, REFINEMENT_ANGLES, COARSE_SCALES, COARSE_SAMPLES)
-    axes = _distinct_axes(shape, axes)
+    axes = revolution_candidates(
+        shape.samples.points,
+        shape.samples.normals,
+        config.axis_candidates,
+        np.radians(config.axis_separation_deg),
+    )
     axes = refined_axes(shape, axes, REFINEMENT_ANGLES, FINE_SCALES, FINE_SAMPLES)
     fits = [
         continuous_fit(shape.surface, shape.samples, axis[:3], axis[3:], config) for axis in axes
@@ -138,25 +140,14 @@ def refined_axes(
 def _distinct_planes(shape: Shape, planes: Array) -> Array:
     before = Samples(shape.points(COARSE_SAMPLES), shape.samples.normals[:COARSE_SAMPLES])
     images = [mirrored(before, plane[:3], float(plane[3])).points for plane in planes]
-    order = np.argsort(_misses(shape, np.stack(images)), kind="stable")
-    ranked = planes[order]
+    misses = _misses(shape, np.stack(images))
+    order = np.argsort(misses, kind="stable")
+    # A plane that misses with half of the surface is none of a region either.
+    ranked = planes[order[: max(1, int(np.sum(misses < MAX_MISS)))]]
     return ranked[
         distinct(
             ranked[:, :3], ranked[:, 3], KEPT_PLANES, min_angle=SAME_ANGLE, min_offset=SAME_OFFSET
         )
-    ]
-
-
-def _distinct_axes(shape: Shape, axes: Array) -> Array:
-    before = Samples(shape.points(COARSE_SAMPLES), shape.samples.normals[:COARSE_SAMPLES])
-    worst = np.zeros(len(axes))
-    for angle in REFINEMENT_ANGLES:
-        images = [turned(before, axis[:3], axis[3:], float(angle)).points for axis in axes]
-        worst = np.maximum(worst, _misses(shape, np.stack(images)))
-    ranked = axes[np.argsort(worst, kind="stable")]
-    same_line = np.zeros(len(ranked))  # one axis a direction is enough
-    return ranked[
-        distinct(ranked[:, :3], same_line, KEPT_AXES, min_angle=SAME_ANGLE, min_offset=np.inf)
     ]
 
 

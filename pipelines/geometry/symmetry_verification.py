@@ -38,6 +38,7 @@ SUPPORT_COSINE = AGREEING_COSINE  # of the image's normal and the surface's
 _ROUND_MEAN, _ROUND_RATIO = 0.002, 3.0
 # |N(0, 2)|, the distance of two surfaces of unit noise: its mean, 95th and 99th percentile.
 _NOISE_MEAN, _NOISE_P95, _NOISE_P99 = 1.13, 2.77, 3.64
+_RIM_REACH = 1.5  # spacings: the last sample that meets the surface is this near to its rim
 _SPHERE_MEAN, _SPHERE_P95 = 0.01, 0.025  # of the diameter
 _SPHERE_OFFCENTER, _SPHERE_MIN_SPREAD = 0.2, 0.2  # a cap is no sphere
 
@@ -75,6 +76,7 @@ class Fit:
     p99: float
     agreement: float  # share of samples whose image lies near, with the surface's normal
     displacement: float  # how far the farthest sample moves
+    reach: float  # how far it moves at most: by half a turn
     unseen: float  # share of all samples
     noise: float  # of the surface about a smooth one, one sigma
     steadiness: float  # the agreement of the surface with itself, a little way off
@@ -89,7 +91,7 @@ class Fit:
             and self.excess(self.p99, _NOISE_P99) <= config.max_p99
             and self.agreement >= config.min_agreement * self.steadiness
             and self.displacement >= MIN_DISPLACEMENT
-            and self.miss <= config.max_error * self.displacement
+            and self.miss <= config.max_error * self.reach
             and self.unseen <= config.max_unseen
         )
 
@@ -123,8 +125,8 @@ def turned(samples: Samples, axis: Array, center: Array, angle: float) -> Sample
     return Samples((samples.points - center) @ turn.T + center, samples.normals @ turn.T)
 
 
-def fit_of(surface: Surface, before: Samples, image: Samples) -> Fit:
-    """Measure how well `image`, the image of `before`, fits `surface`."""
+def fit_of(surface: Surface, before: Samples, image: Samples, angle: float = np.pi) -> Fit:
+    """Measure how well `image`, the image of `before`, fits `surface`; `angle` if turned."""
     distance, normals = surface.distances(image.points, reach=FAR)
     cosine = np.abs(np.einsum("nd,nd->n", normals, image.normals))
     seen = ~_unseen(surface, before, image, distance)
@@ -132,12 +134,14 @@ def fit_of(surface: Surface, before: Samples, image: Samples) -> Fit:
     if seen.any():
         distance, cosine = distance[seen], cosine[seen]
     p95, p99 = np.percentile(distance, [95.0, 99.0])
+    displacement = float(np.linalg.norm(image.points - before.points, axis=1).max())
     return Fit(
         mean=float(distance.mean()),
         p95=float(p95),
         p99=float(p99),
         agreement=float(np.mean((distance < SUPPORT_DISTANCE) & (cosine > SUPPORT_COSINE))),
-        displacement=float(np.linalg.norm(image.points - before.points, axis=1).max()),
+        displacement=displacement,
+        reach=displacement / abs(float(np.sin(angle / 2.0))),
         unseen=unseen,
         noise=surface.noise,
         steadiness=surface.steadiness,
@@ -149,14 +153,16 @@ def _unseen(surface: Surface, before: Samples, image: Samples, distance: Array) 
     missed = distance > SUPPORT_DISTANCE
     if before.links is None or not missed.any():
         return np.zeros(len(distance), dtype=bool)
-    return cut_off(missed, surface.rim.near(image.points, before.spacing), before.links)
+    return cut_off(
+        missed, surface.rim.near(image.points, _RIM_REACH * before.spacing), before.links
+    )
 
 
 def fit_of_turn(
     surface: Surface, samples: Samples, axis: Array, center: Array, angle: float
 ) -> Fit:
     """Measure how well `samples` turned by `angle` radians fit `surface`."""
-    return fit_of(surface, samples, turned(samples, axis, center, angle))
+    return fit_of(surface, samples, turned(samples, axis, center, angle), angle)
 
 
 def continuous_fit(
@@ -176,7 +182,7 @@ def continuous_fit(
         if not fits[-1].holds(config, config.max_axis_mean):
             return fits[-1], False
     worst, best = max(fits, key=_miss), min(fits, key=_miss)
-    return worst, worst.miss <= _ROUND_MEAN or worst.miss <= _ROUND_RATIO * best.miss
+    return worst, worst.miss <= np.hypot(_ROUND_MEAN, _ROUND_RATIO * best.miss)
 
 
 def _miss(fit: Fit) -> float:

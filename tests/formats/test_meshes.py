@@ -137,3 +137,10 @@ def test_real_meshes_are_read(shared: Path) -> None:
     for path in find_meshes(shared / "meshes")[::15]:
         mesh = read_mesh(path)
         assert 0.01 < mesh.diagonal < 2.0
+
+
+def test_comments_in_another_encoding_do_no_harm(tmp_path: Path) -> None:
+    path = tmp_path / "box.obj"
+    write_mesh(path, box())
+    path.write_bytes("# Würfel, Größe in Metern\n".encode("latin-1") + path.read_bytes())
+    assert len(read_mesh(path).faces) == 12

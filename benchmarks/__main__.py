@@ -2,10 +2,17 @@
 
 import sys
 
-from benchmarks import bench_dataset, bench_infer, bench_labels, bench_machine, bench_metrics
+from benchmarks import (
+    bench_annotate,
+    bench_dataset,
+    bench_infer,
+    bench_labels,
+    bench_machine,
+    bench_metrics,
+)
 from benchmarks.timing import markdown
 
-BENCHES = (bench_machine, bench_infer, bench_dataset, bench_labels, bench_metrics)
+BENCHES = (bench_machine, bench_infer, bench_annotate, bench_dataset, bench_labels, bench_metrics)
 
 
 def main() -> None:

@@ -39,7 +39,7 @@ CELL_FACTORS = np.array(
     ],
     dtype=np.uint64,
 )
-COARSEST_STEP = np.deg2rad(10.0)  # 36 copies a turn; no list of symmetries has finer steps
+LEAST_ORDER = 12  # mirrors and turns measured on scans are less than half such a step off
 STEP_SHARE = 0.51  # of a step: every turn about a continuous axis is within it of a copy's
 MAX_GROUP = 288  # transforms; a continuous axis, a plane across it and one along it make 143
 CELL_SLACK = 0.9  # cells a little smaller than the merge distance, so that rounding cannot matter
@@ -95,7 +95,9 @@ def symmetry_group(symmetries: Sequence[Symmetry], copies_per_turn: int) -> Arra
     spheres = [each for each in symmetries if isinstance(each, SphereSymmetry)]
     generators = [isometries(each, copies_per_turn) for each in spheres[:1] or symmetries]
     steps = np.concatenate([np.zeros((0, 4, 4)), *generators])
-    half_step = min(COARSEST_STEP, 2.0 * np.pi / copies_per_turn) * STEP_SHARE
+    turns = [each for each in symmetries if isinstance(each, RotationSymmetry)]
+    finest = max([LEAST_ORDER, *(each.order or copies_per_turn for each in turns)])
+    half_step = STEP_SHARE * 2.0 * np.pi / finest
     group, fresh = np.eye(4)[None], np.eye(4)[None]
     while len(fresh) and len(group) <= MAX_GROUP:
         products = (fresh[:, None] @ steps[None]).reshape(-1, 4, 4)

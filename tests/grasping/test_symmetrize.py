@@ -1,7 +1,7 @@
 """Copies of grasps across symmetries: laws that hold for every grasp and every symmetry."""
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -248,6 +248,7 @@ def test_contacts_of_images_are_images_of_contacts(seed, name):
 
 @few
 @given(seeds, st.sampled_from(["box", "square prism", "two planes at 60 degrees"]))
+@example(245, "two planes at 60 degrees")
 def test_measured_symmetries_make_the_group_of_the_true_ones(seed, name):
     rng = np.random.default_rng(seed)
     symmetries, size = GROUPS[name]

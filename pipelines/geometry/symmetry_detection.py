@@ -140,11 +140,15 @@ def _across(
     for plane, fit in accepted:
         if abs(plane[:3] @ axis[:3]) > ACROSS_COSINE:
             return [(plane, fit)]
-    start = np.append(axis[:3], 0.0)[None]
-    plane = refined_planes(shape, start, FINE_SCALES, FINAL_SAMPLES)[0]
-    fit = fit_of_plane(shape, plane)
-    straight = abs(plane[:3] @ axis[:3]) > ACROSS_COSINE
-    return [(plane, fit)] if straight and fit.holds(config) else []
+    # Halfway between the ends: where a lid is missing, the centroid is not in the plane.
+    height = shape.samples.points @ axis[:3]
+    for offset in (0.0, (height.min() + height.max()) / 2.0):
+        start = np.append(axis[:3], offset)[None]
+        plane = refined_planes(shape, start, FINE_SCALES, FINAL_SAMPLES)[0]
+        fit = fit_of_plane(shape, plane)
+        if abs(plane[:3] @ axis[:3]) > ACROSS_COSINE and fit.holds(config):
+            return [(plane, fit)]
+    return []
 
 
 def _discrete_rotation(

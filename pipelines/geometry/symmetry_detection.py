@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import AnnotateSymmetryConfig
+from pipelines.geometry.canonical_pose import CanonicalPose
 from pipelines.geometry.mesh import Mesh
 from pipelines.geometry.symmetry import (
     ReflectionSymmetry,
@@ -63,7 +64,15 @@ def detect_symmetries(
 
 def analyse(mesh: Mesh, config: AnnotateSymmetryConfig, rng: np.random.Generator) -> Detection:
     """Return the symmetries of `mesh` and its rejected candidates (best first), mesh frame."""
-    shape = Shape.from_mesh(mesh, config, rng)
+    pose = CanonicalPose.of(mesh)
+    found = _analyse(Shape.from_mesh(pose.mesh, config, rng), config)
+    return Detection(
+        [pose.given(each) for each in found.symmetries],
+        [pose.given(each) for each in found.partial],
+    )
+
+
+def _analyse(shape: Shape, config: AnnotateSymmetryConfig) -> Detection:
     sphere = _sphere(shape)
     if sphere is not None:
         return Detection([sphere], [])

@@ -95,8 +95,7 @@ def _closure(generators: Sequence[Array]) -> list[Array] | None:
 
     Elements are made of as few factors as possible, so errors of the generators add up least.
     """
-    group = [np.eye(4)]
-    frontier = group
+    group, frontier = [np.eye(4)], [np.eye(4)]
     while frontier:
         fresh: list[Array] = []
         for element in frontier:
@@ -105,8 +104,8 @@ def _closure(generators: Sequence[Array]) -> list[Array] | None:
                 if not any(_same(product, known) for known in group):
                     group.append(product)
                     fresh.append(product)
-        if len(group) > MAX_ELEMENTS:
-            return None
+            if len(group) > MAX_ELEMENTS:
+                return None
         frontier = fresh
     return group
 

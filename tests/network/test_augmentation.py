@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from hypothesis import example, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from pipelines.configs import AugmentationConfig
@@ -11,6 +11,7 @@ from tests.network.toy_regions import toy_batch
 
 seeds = st.integers(0, 2**31 - 1)
 STILL = AugmentationConfig(jitter=0.0)
+MAX_CONDITION = 10.0
 
 
 def mirrored(points, normal, center):
@@ -38,6 +39,8 @@ def test_planes_and_axes_move_with_the_points(seed):
 @example(6493)  # little of the box is seen
 def test_a_scaled_copy_keeps_every_plane_and_axis(seed):
     batch = toy_batch(2, 32, seed, tumbled=True)  # a box, a can
+    # Points nearly in one plane do not tell single precision which map moved them.
+    assume(float(torch.linalg.cond(batch.points).max()) < MAX_CONDITION)
     generator = torch.Generator().manual_seed(seed)
     scaled = augmentation.scaled_copy(batch, STILL, generator)
     # What was mirrored and then scaled must be what is scaled and then mirrored.

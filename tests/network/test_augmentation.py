@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from hypothesis import assume, example, given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from pipelines.configs import AugmentationConfig
@@ -11,7 +11,6 @@ from tests.network.toy_regions import toy_batch
 
 seeds = st.integers(0, 2**31 - 1)
 STILL = AugmentationConfig(jitter=0.0)
-MAX_CONDITION = 10.0
 
 
 def mirrored(points, normal, center):
@@ -37,10 +36,9 @@ def test_planes_and_axes_move_with_the_points(seed):
 @settings(max_examples=15, deadline=None)
 @given(seeds)
 @example(6493)  # little of the box is seen
+@example(1649)  # a direction that is nearly across
 def test_a_scaled_copy_keeps_every_plane_and_axis(seed):
     batch = toy_batch(2, 32, seed, tumbled=True)  # a box, a can
-    # Points nearly in one plane do not tell single precision which map moved them.
-    assume(float(torch.linalg.cond(batch.points).max()) < MAX_CONDITION)
     generator = torch.Generator().manual_seed(seed)
     scaled = augmentation.scaled_copy(batch, STILL, generator)
     # What was mirrored and then scaled must be what is scaled and then mirrored.
@@ -51,11 +49,12 @@ def test_a_scaled_copy_keeps_every_plane_and_axis(seed):
         expected = mirrored(
             scaled.points[row], scaled.direction[row, slot], scaled.center[row, slot]
         )
-        torch.testing.assert_close(image, expected, rtol=1e-3, atol=1e-5)
+        # A random direction may lie within `ALIGNMENT` of one that keeps the symmetry exactly.
+        torch.testing.assert_close(image, expected, rtol=0.0, atol=5e-4)
     axis, points = batch.direction[1, 3], batch.points[1]
     A = torch.linalg.lstsq(points, scaled.points[1]).solution
     across = torch.linalg.svdvals(A - torch.outer(axis, axis) * (axis @ A @ axis))[:2]
-    assert float(across[0] - across[1]) == pytest.approx(0.0, abs=1e-3)
+    assert float(across[0] - across[1]) == pytest.approx(0.0, abs=5e-3)
 
 
 def test_scaling_stays_within_its_limit():

@@ -44,6 +44,7 @@ Array = NDArray[np.float64]
 
 STAGE = "refine-grasps"
 NUM_SURFACE_SAMPLES = 30000
+SAMPLE_SPACINGS = 6.0  # no place of the surface is so far from its samples
 PLACE_SHARE = 0.5  # of the contact radius: the best grasp at each such place stands for all there
 
 
@@ -184,24 +185,39 @@ class Copier:
 
     def affordance(self, points: Array, rated: RatedGrasps) -> tuple[Array, Array]:
         """Return the affordance (n,) of `points` (n, 3) from `rated` alone, and with all copies."""
-        before = after = self._spread(points, rated)
-        reached = [rated]
-        for T in symmetry_group(self.symmetries.symmetries, self.config.copies_per_turn):
-            reached.append(self._held(RatedGrasps(image(rated.grasps, T), rated.quality)))
-            after = np.maximum(after, self._spread(points, reached[-1]))
-        places = BestOfPlaces(self.config.contact_radius * PLACE_SHARE)
-        places.add(RatedGrasps.concatenate(reached))
-        best = places.result()
-        for inside, own in self._regions():
-            part = best[self._touches(best, inside)]
-            for T in symmetry_group(own, self.config.copies_per_turn):
-                held = self._held(RatedGrasps(image(part.grasps, T), part.quality))
-                after = np.maximum(after, self._spread(points, held))
+        before = point_affordance(
+            points, rated.grasps.contacts, rated.quality, self.config.contact_radius
+        )
+        after = self._spread(points, before, rated, self.symmetries.symmetries)
+        regions = list(self._regions())
+        best = self._everywhere(rated) if regions else rated
+        for inside, own in regions:
+            after = self._spread(points, after, best[self._touches(best, inside)], own)
         return before, after
 
-    def _spread(self, points: Array, rated: RatedGrasps) -> Array:
-        contacts, radius = rated.grasps.contacts, self.config.contact_radius
-        return point_affordance(points, contacts, rated.quality, radius)
+    def _spread(
+        self, points: Array, known: Array, rated: RatedGrasps, symmetries: Sequence[Symmetry]
+    ) -> Array:
+        """Return the affordance (n,): `known`, or better by a copy of `rated`."""
+        after, radius = known.copy(), self.config.contact_radius
+        for T in symmetry_group(symmetries, self.config.copies_per_turn):
+            # Grasps no better than what every point has already need not be copied.
+            wanting = np.flatnonzero(after < rated.quality.max(initial=0.0))
+            rated = rated[rated.quality > after.min(initial=1.0)]
+            if not len(wanting):
+                break
+            held = self._held(RatedGrasps(image(rated.grasps, T), rated.quality))
+            found = point_affordance(points[wanting], held.grasps.contacts, held.quality, radius)
+            after[wanting] = np.maximum(after[wanting], found)
+        return after
+
+    def _everywhere(self, rated: RatedGrasps) -> RatedGrasps:
+        """Return the best at each place of `rated` and their copies by the whole's symmetries."""
+        places = BestOfPlaces(self.config.contact_radius * PLACE_SHARE)
+        places.add(rated)
+        for T in symmetry_group(self.symmetries.symmetries, self.config.copies_per_turn):
+            places.add(self._held(RatedGrasps(image(rated.grasps, T), rated.quality)))
+        return places.result()
 
     def _regions(self) -> Iterator[tuple[NDArray[np.bool_], list[Symmetry]]]:
         """Yield which surface samples lie on a region, and symmetries that it has of its own."""
@@ -232,9 +248,12 @@ class Copier:
         """Return the copies that hold on the mesh, or just lie on it: scans are not exact."""
         if self.config.validate_copies:
             return _validated(copies, self.mesh, self.config)
-        gap = self.surface.distances(copies.grasps.contacts.reshape(-1, 3), num_nearest=1)[0]
+        limit = self.config.max_surface_gap
+        reach = 2.0 * limit + SAMPLE_SPACINGS * self.surface.spacing
+        contacts = copies.grasps.contacts.reshape(-1, 3)
+        gap = self.surface.distances(contacts, num_nearest=1, reach=reach)[0]
         farthest = gap.reshape(-1, 2).max(axis=1, initial=0.0)
-        return copies[farthest <= self.config.max_surface_gap]
+        return copies[farthest <= limit]
 
 
 def _validated(copies: RatedGrasps, mesh: Mesh, config: RefineGraspsConfig) -> RatedGrasps:

@@ -58,17 +58,27 @@ class CanonicalPose:
         vertices = (mesh.vertices - center) @ rotation.T / size
         return cls(Mesh(vertices, _in_order(vertices, mesh.faces)), rotation, center, size)
 
+    def posed(self, symmetry: Symmetry) -> Symmetry:
+        """Return `symmetry` of the given mesh in the frame of the canonical one."""
+        point = self.rotation @ (symmetry.point - self.center) / self.size
+        return _moved(symmetry, self.rotation, point)
+
     def given(self, symmetry: Symmetry) -> Symmetry:
         """Return `symmetry` of the canonical mesh in the frame of the given one."""
         point = self.center + self.size * symmetry.point @ self.rotation
-        match symmetry:
-            case ReflectionSymmetry():
-                return ReflectionSymmetry(symmetry.normal @ self.rotation, point, symmetry.error)
-            case RotationSymmetry():
-                axis = symmetry.axis @ self.rotation
-                return RotationSymmetry(axis, point, symmetry.order, symmetry.error)
-            case SphereSymmetry():
-                return SphereSymmetry(point, symmetry.error)
+        return _moved(symmetry, self.rotation.T, point)
+
+
+def _moved(symmetry: Symmetry, rotation: Array, point: Array) -> Symmetry:
+    """Return `symmetry` turned by `rotation` (3, 3), through `point` (3,)."""
+    match symmetry:
+        case ReflectionSymmetry():
+            return ReflectionSymmetry(rotation @ symmetry.normal, point, symmetry.error)
+        case RotationSymmetry():
+            axis = rotation @ symmetry.axis
+            return RotationSymmetry(axis, point, symmetry.order, symmetry.error)
+        case SphereSymmetry():
+            return SphereSymmetry(point, symmetry.error)
 
 
 def _without_doubles(mesh: Mesh) -> Mesh:

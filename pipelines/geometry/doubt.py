@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import AnnotateSymmetryConfig
+from pipelines.geometry.canonical_pose import CanonicalPose
 from pipelines.geometry.mesh import Mesh
 from pipelines.geometry.symmetry import (
     ReflectionSymmetry,
@@ -24,8 +25,8 @@ from pipelines.geometry.symmetry import (
     Symmetry,
 )
 from pipelines.geometry.symmetry_refinement import fit_sphere
-from pipelines.geometry.symmetry_search import Shape, fit_of_plane
-from pipelines.geometry.symmetry_verification import VERIFICATION_ANGLES, Fit, fit_of_turn
+from pipelines.geometry.symmetry_search import Shape, fit_of_plane, fit_of_turn
+from pipelines.geometry.symmetry_verification import VERIFICATION_ANGLES, Fit
 
 Array = NDArray[np.float64]
 
@@ -64,8 +65,9 @@ class Judgement:
 
 @dataclass(frozen=True)
 class Gauge:
-    """A mesh's surface and samples of it, to measure symmetries on."""
+    """A mesh's surface and samples of it in its canonical pose, to measure symmetries on."""
 
+    pose: CanonicalPose
     shape: Shape
     config: AnnotateSymmetryConfig
 
@@ -77,22 +79,28 @@ class Gauge:
             num_samples=min(NUM_SURFACE, config.num_samples),
             num_verification_samples=min(NUM_SAMPLES, config.num_verification_samples),
         )
-        return cls(Shape.from_mesh(mesh, coarser, rng), config)
+        pose = CanonicalPose.of(mesh)
+        return cls(pose, Shape.from_mesh(pose.mesh, coarser, rng), config)
 
     def measure(self, symmetry: Symmetry) -> Measure:
         """Return how well `symmetry`, mesh frame, metres, fits."""
-        point = (symmetry.point - self.shape.center) / self.shape.size
-        match symmetry:
+        shape, posed = self.shape, self.pose.posed(symmetry)
+        point = (posed.point - shape.center) / shape.size
+        match posed:
             case ReflectionSymmetry():
-                plane = np.append(symmetry.normal, point @ symmetry.normal)
-                return self._measure([fit_of_plane(self.shape, plane)], self.config.max_mean)
+                plane = np.append(posed.normal, point @ posed.normal)
+                return self._measure(
+                    [fit_of_plane(shape, plane, shape.samples)], self.config.max_mean
+                )
             case RotationSymmetry(order=None):
-                fits = self._turns(symmetry.axis, point, VERIFICATION_ANGLES)
-                means = [fit.mean for fit in fits]
-                roundness = min(means) / max(*means, 1e-9)
-                return self._measure(fits, self.config.max_axis_mean, roundness)
+                fits = self._turns(posed.axis, point, VERIFICATION_ANGLES)
+                measure = self._measure(fits, self.config.max_axis_mean)
+                misses = [fit.miss for fit in fits]
+                oval = max(fit.ovalness for fit in fits)
+                roundness = min(misses) / max(*misses, 1e-9)
+                return Measure(max(measure.strain, oval), measure.error, roundness)
             case RotationSymmetry():
-                fits = self._turns(symmetry.axis, point, [2.0 * np.pi / (symmetry.order or 1)])
+                fits = self._turns(posed.axis, point, [2.0 * np.pi / (posed.order or 1)])
                 return self._measure(fits, self.config.max_mean)
             case SphereSymmetry():
                 fits = [
@@ -110,7 +118,7 @@ class Gauge:
         others = sorted(others, key=lambda each: each.error)[:NUM_JUDGED]
         if not any(isinstance(symmetry, SphereSymmetry) for symmetry in accepted):
             center, _ = fit_sphere(self.shape.samples.points)
-            others.append(SphereSymmetry(self.shape.to_mesh(center)))
+            others.append(self.pose.given(SphereSymmetry(self.shape.to_mesh(center))))
         measures = [self.measure(symmetry) for symmetry in others]
         near = [_nearness(measure) for measure in measures]
         told = [
@@ -121,12 +129,12 @@ class Gauge:
         return Judgement(round(max([*doubts, *near], default=0.0), 4), tuple(told[:NUM_REJECTED]))
 
     def _turns(self, axis: Array, point: Array, angles: Sequence[float]) -> list[Fit]:
-        shape = self.shape
-        return [fit_of_turn(shape.surface, shape.samples, axis, point, angle) for angle in angles]
+        line = np.concatenate([axis, point])
+        return [fit_of_turn(self.shape, line, angle, self.shape.samples) for angle in angles]
 
-    def _measure(self, fits: Sequence[Fit], max_mean: float, roundness: float = 1.0) -> Measure:
+    def _measure(self, fits: Sequence[Fit], max_mean: float) -> Measure:
         strain = max(_strain(fit, self.config, max_mean) for fit in fits)
-        return Measure(strain, max(fit.error for fit in fits), roundness)
+        return Measure(strain, max(fit.error for fit in fits))
 
     def _is_known(self, candidate: Symmetry, accepted: Sequence[Symmetry]) -> bool:
         return any(self._implies(known, candidate) for known in accepted)
@@ -134,7 +142,7 @@ class Gauge:
     def _implies(self, known: Symmetry, candidate: Symmetry) -> bool:
         """Return whether `candidate` is nearly `known`, or one of the family it stands for."""
         between = candidate.point - known.point
-        reach = SAME_OFFSET * self.shape.size
+        reach = SAME_OFFSET * self.shape.size * self.pose.size
         match known, candidate:
             case ReflectionSymmetry(), ReflectionSymmetry():
                 return bool(abs(known.normal @ candidate.normal) > SAME_COSINE)

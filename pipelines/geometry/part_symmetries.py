@@ -14,14 +14,13 @@ from pipelines.geometry.symmetry import (
     SphereSymmetry,
     Symmetry,
 )
-from pipelines.geometry.symmetry_detection import Detection, analyse
+from pipelines.geometry.symmetry_detection import Detection, analyse, analyse_body
 from pipelines.geometry.symmetry_verification import SUPPORT_COSINE, SUPPORT_DISTANCE
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-PIECE_SAMPLES = 12000  # a part is smaller than its object
-SAME_AXIS = float(np.cos(np.radians(5.0)))
+PIECE_SAMPLES = 12000
 SAME_PLANE = float(np.cos(np.radians(10.0)))
 NUM_PARTIAL = 6  # rejected candidates that are tried on parts
 
@@ -37,24 +36,10 @@ class PartSymmetries:
     size: float  # diameter of the object, metres
 
     def body(self, body: Body) -> list[Symmetry]:
-        """Return the symmetries of a body of revolution: its axis at least, or a sphere.
-
-        The detection's axis is the finer one; where holes hide it, the normals' axis stands.
-        """
-        found = self._analysed(body.members)
-        if any(isinstance(symmetry, SphereSymmetry) for symmetry in found):
-            return found
+        """Return the symmetries of a body of revolution: its axis at least, or a sphere."""
         axis = RotationSymmetry(body.axis.direction, body.axis.point)
-        for symmetry in found:
-            if turns(symmetry) and abs(symmetry.direction @ axis.axis) > SAME_AXIS:
-                return found
-        across = [
-            symmetry
-            for symmetry in found
-            if isinstance(symmetry, ReflectionSymmetry)
-            and abs(symmetry.normal @ axis.axis) > SAME_AXIS
-        ]
-        return [*across, axis]
+        mesh = self.parts.submesh(body.members)
+        return analyse_body(mesh, axis, self._coarser, self.rng)
 
     def part(self, members: Mask) -> list[Symmetry]:
         """Return the symmetries of the part `members` (m,), and the whole's planes it shares."""
@@ -107,8 +92,12 @@ class PartSymmetries:
         return np.asarray(near & (np.abs(np.einsum("nd,nd->n", met, normals)) > SUPPORT_COSINE))
 
     def _analysed(self, members: Mask) -> list[Symmetry]:
-        coarser = replace(self.config, num_samples=min(PIECE_SAMPLES, self.config.num_samples))
-        return analyse(self.parts.submesh(members), coarser, self.rng).symmetries
+        return analyse(self.parts.submesh(members), self._coarser, self.rng).symmetries
+
+    @property
+    def _coarser(self) -> AnnotateSymmetryConfig:
+        """The configuration for parts: they are smaller than their object."""
+        return replace(self.config, num_samples=min(PIECE_SAMPLES, self.config.num_samples))
 
 
 def turns(symmetry: Symmetry) -> bool:

@@ -33,7 +33,7 @@ MIN_COVERAGE = 0.5  # of the circle, as scattered samples show it: some 0.8 for 
 MIN_COUNT = 12  # fewer samples do not say whether a circle is full
 MANY = 72  # from so many on, every bin counts; of fewer, every pair of bins
 MAX_HARMONIC = 0.1  # radians; a regular n-gon leans by 2 / n, an ellipse by 1 - its flattening
-HARMONICS = range(1, 13)
+MAX_ORDER = 12  # of the harmonics that are looked for
 
 
 @dataclass(frozen=True)
@@ -152,11 +152,12 @@ def _round_circles(number: NDArray[np.int64], angle: Array, lean: Array) -> Mask
     count = np.maximum(np.bincount(number), 1)
     spread = np.sqrt(np.bincount(number, weights=lean**2) / count)
     worst = np.zeros(len(count))
-    for order in HARMONICS:
-        wave = [
-            np.bincount(number, weights=lean * part(order * angle)) for part in (np.sin, np.cos)
-        ]
-        worst = np.maximum(worst, 2.0 * np.hypot(*wave) / count)
+    turn = np.exp(1j * angle)
+    wave = lean.astype(np.complex128)
+    for _ in range(MAX_ORDER):
+        wave = wave * turn
+        parts = (np.bincount(number, weights=part) for part in (wave.real, wave.imag))
+        worst = np.maximum(worst, 2.0 * np.hypot(*parts) / count)
     # What scattered normals show by chance is no pattern.
     return np.asarray(worst < MAX_HARMONIC + 2.0 * spread * np.sqrt(2.0 / count))
 

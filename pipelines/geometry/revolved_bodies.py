@@ -50,8 +50,8 @@ def revolved_bodies(parts: SampledParts, among: Mask, min_lateral: float) -> lis
     left = among.copy()
     bodies: list[Body] = []
     while len(bodies) < MAX_BODIES and left.mean() > min_lateral:
-        best = _largest_body(parts, points, normals, left)
-        if best is None or best.lateral < min_lateral:
+        best = _largest_body(parts, points, normals, left, min_lateral)
+        if best is None:
             break
         axis = Axis(best.axis.direction, best.axis.point * size + center)
         bodies.append(replace(best, axis=axis))
@@ -59,7 +59,10 @@ def revolved_bodies(parts: SampledParts, among: Mask, min_lateral: float) -> lis
     return bodies
 
 
-def _largest_body(parts: SampledParts, points: Array, normals: Array, left: Mask) -> Body | None:
+def _largest_body(
+    parts: SampledParts, points: Array, normals: Array, left: Mask, min_lateral: float
+) -> Body | None:
+    """Return the largest body among `left` (n,), of at least `min_lateral`."""
     bodies: list[Body] = []
     fits: list[Axis] = []
     for axis in candidate_axes(points[left], normals[left]):
@@ -69,23 +72,33 @@ def _largest_body(parts: SampledParts, points: Array, normals: Array, left: Mask
         fits.append(fitted)
         held = np.zeros(len(points), dtype=np.bool_)
         held[left] = held_left
-        body = _grown(parts, fitted, points, normals, held)
+        body = _grown(parts, fitted, points, normals, held, min_lateral)
         if body is not None:
             bodies.append(body)
     return max(bodies, key=lambda body: body.lateral, default=None)
 
 
 def _grown(
-    parts: SampledParts, axis: Axis, points: Array, normals: Array, held: Mask
+    parts: SampledParts,
+    axis: Axis,
+    points: Array,
+    normals: Array,
+    held: Mask,
+    min_lateral: float,
 ) -> Body | None:
+    """Return the body about `axis` that is the largest connected part of `held` (n,)."""
     lateral = profile(axis, points, normals).lateral
+    enough = min_lateral * lateral.sum()
+    if lateral[held].sum() < enough:
+        return None
     held = _without_loose_flats(parts, parts.smoothed(held) & held, lateral)
     if not held.any():
         return None
     members = parts.clusters(held)[0]
     if lateral[members].mean() < MIN_LATERAL or parts.smooth_border(members) > MAX_SMOOTH_BORDER:
         return None
-    return Body(axis, members, float(lateral[members].sum() / lateral.sum()))
+    inside = float(lateral[members].sum())
+    return Body(axis, members, inside / float(lateral.sum())) if inside >= enough else None
 
 
 def _without_loose_flats(parts: SampledParts, held: Mask, lateral: Array) -> Mask:

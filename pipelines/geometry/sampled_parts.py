@@ -5,6 +5,7 @@ double walls do not fall apart, and the tessellation does not matter.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,22 +26,25 @@ NO_PART = -1
 
 @dataclass(frozen=True)
 class SampledParts:
-    """Surface samples of `mesh`, and the graph (m, m) of those that lie beside each other."""
+    """Evenly spread surface samples of `mesh`."""
 
     mesh: Mesh
     surface: Surface
-    beside: csr_matrix
 
     @classmethod
     def of(cls, mesh: Mesh, num_samples: int, rng: np.random.Generator) -> "SampledParts":
         """Draw the samples, evenly by area."""
-        surface = Surface.from_mesh(mesh, num_samples, rng)
-        reach = LINK * float(np.sqrt(mesh.area / num_samples))
-        first, second = surface.tree.query_pairs(reach, output_type="ndarray").T
+        return cls(mesh, Surface.from_mesh(mesh, num_samples, rng))
+
+    @cached_property
+    def beside(self) -> csr_matrix:
+        """The graph (m, m) of samples that lie beside each other; most objects never ask."""
+        count = len(self.surface.points)
+        reach = LINK * float(np.sqrt(self.mesh.area / count))
+        first, second = self.surface.tree.query_pairs(reach, output_type="ndarray").T
         links = np.ones(2 * len(first), dtype=np.float32)
         rows, columns = np.concatenate([first, second]), np.concatenate([second, first])
-        graph = coo_matrix((links, (rows, columns)), shape=(num_samples, num_samples))
-        return cls(mesh, surface, graph.tocsr())
+        return coo_matrix((links, (rows, columns)), shape=(count, count)).tocsr()
 
     def share(self, members: Mask) -> float:
         """Return which share of the area the samples `members` (m,) stand for."""

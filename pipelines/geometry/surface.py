@@ -50,7 +50,7 @@ class Surface:
     def from_mesh(cls, mesh: Mesh, num_samples: int, rng: np.random.Generator) -> "Surface":
         """Sample `mesh` at `num_samples` points, uniform by area."""
         points, normals, faces = sample_surface(mesh, num_samples, rng)
-        tree = KDTree(points)
+        tree = _tree(points)
         data = np.arange(0, num_samples, max(1, num_samples // NUM_PROBES))
         found = tree.query(points[data], k=min(NUM_NEIGHBOURS, num_samples))
         distance, index = (np.asarray(part) for part in found)
@@ -76,11 +76,18 @@ class Surface:
             points=points,
             normals=self.normals,
             faces=self.faces,
-            tree=KDTree(points),
+            tree=_tree(points),
             rim=self.rim.moved(center, size),
             noise=self.noise / size,
             steadiness=self.steadiness,
         )
+
+    @property
+    def spacing(self) -> float:
+        """How far samples lie apart: the root of the area that each stands for."""
+        edges = np.diff(self.triangles, axis=1)
+        area = 0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1).sum()
+        return float(np.sqrt(area / len(self.points)))
 
     def nearest(self, points: Array) -> Indices:
         """Return the index of the sample nearest to each of `points`: (..., 3) -> (...)."""
@@ -118,6 +125,12 @@ class Surface:
         best = gap.argmin(axis=1)
         rows = np.arange(len(points))
         return gap[rows, best], self.normals[candidates[rows, best]]
+
+
+def _tree(points: Array) -> KDTree:
+    # Many short searches of a cloud that fits the cache: tight boxes about nodes cost more time
+    # than they save, half of it and more.
+    return KDTree(points, leafsize=24, compact_nodes=False, balanced_tree=False)
 
 
 def _smoothed(tree: KDTree, normals: Array, passes: int) -> Array:

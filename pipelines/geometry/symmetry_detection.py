@@ -24,19 +24,22 @@ from pipelines.geometry.symmetry_candidates import DistanceGrid, axis_candidates
 from pipelines.geometry.symmetry_refinement import fit_sphere
 from pipelines.geometry.symmetry_search import (
     COARSE_SAMPLES,
+    COARSE_SCALES,
     FINAL_SAMPLES,
     FINAL_SCALES,
     FINE_SAMPLES,
     FINE_SCALES,
     REFINEMENT_ANGLES,
     Shape,
+    continuous_fit,
     fit_of_plane,
+    fit_of_turn,
     refined_axes,
     refined_planes,
     search_axes,
     search_planes,
 )
-from pipelines.geometry.symmetry_verification import Fit, fit_of_turn, is_sphere
+from pipelines.geometry.symmetry_verification import Fit, is_sphere
 
 Array = NDArray[np.float64]
 Accepted = tuple[Array, Fit]  # a plane (nx, ny, nz, d) and how well it fits
@@ -70,6 +73,34 @@ def analyse(mesh: Mesh, config: AnnotateSymmetryConfig, rng: np.random.Generator
         [pose.given(each) for each in found.symmetries],
         [pose.given(each) for each in found.partial],
     )
+
+
+def analyse_body(
+    mesh: Mesh, guess: RotationSymmetry, config: AnnotateSymmetryConfig, rng: np.random.Generator
+) -> list[Symmetry]:
+    """Return the symmetries of a body of revolution about `guess`, mesh frame.
+
+    A sphere; or the plane across, if it is one, and the axis: refined where all of the surface
+    turns about it, as guessed where holes or noise hide that.
+    """
+    pose = CanonicalPose.of(mesh)
+    shape = Shape.from_mesh(pose.mesh, config, rng)
+    sphere = _sphere(shape)
+    if sphere is not None:
+        return [pose.given(sphere)]
+    known = pose.posed(guess)
+    axis = np.concatenate([known.direction, (known.point - shape.center) / shape.size])
+    for scales in (FINE_SCALES, FINAL_SCALES):
+        better = refined_axes(shape, axis[None], REFINEMENT_ANGLES, scales, FINE_SAMPLES)[0]
+        fit, continuous = continuous_fit(shape, better, config)
+        if not continuous or abs(better[:3] @ known.direction) < ACROSS_COSINE:
+            fit = continuous_fit(shape, axis, config)[0]
+            break
+        axis = better
+    found: list[Symmetry] = [
+        _reflection(shape, plane, fit) for plane, fit in _across(shape, axis, [], config)
+    ]
+    return [pose.given(each) for each in [*found, _rotation(shape, axis, None, fit)]]
 
 
 def _analyse(shape: Shape, config: AnnotateSymmetryConfig) -> Detection:
@@ -154,7 +185,7 @@ def _across(
     for offset in (0.0, (height.min() + height.max()) / 2.0):
         start = np.append(axis[:3], offset)[None]
         plane = refined_planes(shape, start, FINE_SCALES, FINAL_SAMPLES)[0]
-        fit = fit_of_plane(shape, plane)
+        fit = fit_of_plane(shape, plane, shape.samples)
         if abs(plane[:3] @ axis[:3]) > ACROSS_COSINE and fit.holds(config):
             return [(plane, fit)]
     return []
@@ -178,8 +209,11 @@ def _discrete_rotation(
         guesses = _searched_turns(shape, grid, config)
     for order, axis in guesses:
         angle = 2.0 * np.pi / order
-        refined = refined_axes(shape, axis[None], (angle,), FINE_SCALES, FINE_SAMPLES)[0]
-        fit = fit_of_turn(shape.surface, shape.samples, refined[:3], refined[3:], angle)
+        coarse = refined_axes(shape, axis[None], (angle,), COARSE_SCALES, COARSE_SAMPLES)
+        if fit_of_turn(shape, coarse[0], angle, shape.few).is_hopeless(config):
+            continue
+        refined = refined_axes(shape, coarse, (angle,), FINE_SCALES, FINE_SAMPLES)[0]
+        fit = fit_of_turn(shape, refined, angle, shape.samples)
         if fit.holds(config):
             return _rotation(shape, refined, order, fit)
     return None

@@ -4,8 +4,10 @@ Normalised coordinates: origin at the surface's centroid, unit diameter. Planes 
 (nx, ny, nz, d) of n.x = d, axes rows (ux, uy, uz, px, py, pz), best first.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +27,10 @@ from pipelines.geometry.symmetry_verification import (
     VERIFICATION_ANGLES,
     Fit,
     Samples,
-    continuous_fit,
+    are_round,
     fit_of,
     mirrored,
+    turned,
 )
 
 Array = NDArray[np.float64]
@@ -37,6 +40,7 @@ FINE_SCALES = (0.03, 0.02, 0.015, 0.012, 0.012)
 FINAL_SCALES = (0.012, 0.01, 0.01)
 REFINEMENT_ANGLES = VERIFICATION_ANGLES[1::2]
 COARSE_SAMPLES, FINE_SAMPLES, FINAL_SAMPLES = 200, 600, 2000
+FEW_SAMPLES = 400
 KEPT_PLANES = 14
 MIN_AREA = 1e-9  # of the squared diameter; a mesh of less is points or a line
 MISS_CAP = 0.05  # of the diameter; a larger miss is no worse
@@ -52,6 +56,7 @@ class Shape:
     size: float  # metres
     surface: Surface
     samples: Samples
+    few: Samples  # the first of them, to see what is hopeless
 
     @classmethod
     def from_mesh(
@@ -70,7 +75,10 @@ class Shape:
         surface = raw.normalised(center, size)
         draw = rng.choice(len(raw.points), config.num_verification_samples, replace=False)
         make = Samples.with_links if len(surface.rim.points) else Samples
-        return cls(center, size, surface, make(surface.points[draw], surface.normals[draw]))
+        samples, few = (
+            make(surface.points[some], surface.normals[some]) for some in (draw, draw[:FEW_SAMPLES])
+        )
+        return cls(center, size, surface, samples, few)
 
     def points(self, count: int) -> Array:
         """Return the first `count` of the samples' points: (count, 3)."""
@@ -89,7 +97,7 @@ def search_planes(
     planes = np.column_stack([normals, offsets])
     planes = _distinct_planes(shape, refined_planes(shape, planes, COARSE_SCALES, COARSE_SAMPLES))
     planes = _distinct_planes(shape, refined_planes(shape, planes, FINE_SCALES, FINE_SAMPLES))
-    fits = [fit_of_plane(shape, plane) for plane in planes]
+    fits = [staged_fit(shape, config, partial(fit_of_plane, shape, plane)) for plane in planes]
     good = [index for index, fit in enumerate(fits) if fit.holds(config)]
     if good:
         planes[good] = refined_planes(shape, planes[good], FINAL_SCALES, FINAL_SAMPLES)
@@ -104,10 +112,36 @@ def refined_planes(shape: Shape, planes: Array, scales: Sequence[float], count: 
     return np.column_stack([normals, offsets])
 
 
-def fit_of_plane(shape: Shape, plane: Array) -> Fit:
-    """Measure the plane (4,) on the verification samples."""
-    image = mirrored(shape.samples, plane[:3], float(plane[3]))
-    return fit_of(shape.surface, shape.samples, image)
+def staged_fit(
+    shape: Shape, config: AnnotateSymmetryConfig, measure: Callable[[Samples], Fit]
+) -> Fit:
+    """Return what `measure` finds on all samples, or on few if these say it is hopeless."""
+    fit = measure(shape.few)
+    return fit if fit.is_hopeless(config) else measure(shape.samples)
+
+
+def fit_of_plane(shape: Shape, plane: Array, samples: Samples) -> Fit:
+    """Measure the plane (4,) on `samples` of the shape."""
+    return fit_of(shape.surface, samples, mirrored(samples, plane[:3], float(plane[3])))
+
+
+def fit_of_turn(shape: Shape, axis: Array, angle: float, samples: Samples) -> Fit:
+    """Measure a turn by `angle` radians about the axis (6,) on `samples` of the shape."""
+    image = turned(samples, axis[:3], axis[3:], angle)
+    return fit_of(shape.surface, samples, image, angle)
+
+
+def continuous_fit(shape: Shape, axis: Array, config: AnnotateSymmetryConfig) -> tuple[Fit, bool]:
+    """Return the worst fit of the axis (6,) over generic angles, and if it is continuous.
+
+    Stops at the first angle that does not hold.
+    """
+    fits: list[Fit] = []
+    for angle in VERIFICATION_ANGLES:
+        fits.append(staged_fit(shape, config, partial(fit_of_turn, shape, axis, angle)))
+        if fits[-1].ovalness > 1.0 or not fits[-1].holds(config, config.max_axis_mean):
+            return fits[-1], False
+    return max(fits, key=attrgetter("miss")), are_round(fits)
 
 
 def search_axes(
@@ -121,9 +155,7 @@ def search_axes(
         np.radians(config.axis_separation_deg),
     )
     axes = refined_axes(shape, axes, REFINEMENT_ANGLES, FINE_SCALES, FINE_SAMPLES)
-    fits = [
-        continuous_fit(shape.surface, shape.samples, axis[:3], axis[3:], config) for axis in axes
-    ]
+    fits = [continuous_fit(shape, axis, config) for axis in axes]
     order = np.argsort([fit.loss for fit, _ in fits], kind="stable")
     return axes[order], [fits[index] for index in order]
 

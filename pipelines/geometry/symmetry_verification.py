@@ -11,7 +11,7 @@ samples whose image lands there are left out, unless they are too many.
 Normalised coordinates: origin at the surface's centroid, unit diameter.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,6 +30,7 @@ Mask = NDArray[np.bool_]
 VERIFICATION_ANGLES = tuple(np.radians([25.0, 47.0, 77.0, 104.0, 131.0, 155.0, 180.0]))
 # Of the diameter: a flat sheet is its own mirror image, and nothing follows from that.
 MIN_DISPLACEMENT = 0.004
+HOPELESS = 2.0  # times the limit of the mean
 FAR = 0.15  # of the diameter; a larger miss is no worse than this one
 SUPPORT_DISTANCE = 0.012  # of the diameter
 SUPPORT_COSINE = AGREEING_COSINE  # of the image's normal and the surface's
@@ -101,10 +102,19 @@ class Fit:
         """Return what noise does not explain of a `statistic` that is `of_noise` for unit noise."""
         return float(np.sqrt(max(statistic**2 - (of_noise * self.noise) ** 2, 0.0)))
 
+    def is_hopeless(self, config: AnnotateSymmetryConfig) -> bool:
+        """Return whether no better samples could make this a symmetry: it misses by far."""
+        return self.miss > HOPELESS * max(config.max_mean, config.max_axis_mean)
+
     @property
     def miss(self) -> float:
         """The mean distance that noise does not explain."""
         return self.excess(self.mean, _NOISE_MEAN)
+
+    @property
+    def ovalness(self) -> float:
+        """What a turn misses of the width, over the most that what is round misses."""
+        return self.miss / float(np.hypot(_ROUND_MEAN, _ROUND_ERROR * self.reach))
 
     @property
     def error(self) -> float:
@@ -160,36 +170,10 @@ def _unseen(surface: Surface, before: Samples, image: Samples, distance: Array) 
     )
 
 
-def fit_of_turn(
-    surface: Surface, samples: Samples, axis: Array, center: Array, angle: float
-) -> Fit:
-    """Measure how well `samples` turned by `angle` radians fit `surface`."""
-    return fit_of(surface, samples, turned(samples, axis, center, angle), angle)
-
-
-def continuous_fit(
-    surface: Surface,
-    samples: Samples,
-    axis: Array,
-    center: Array,
-    config: AnnotateSymmetryConfig,
-) -> tuple[Fit, bool]:
-    """Return the worst fit over generic angles, and whether the rotation is continuous.
-
-    Stops at the first angle that does not hold.
-    """
-    fits = []
-    for angle in VERIFICATION_ANGLES:
-        fits.append(fit_of_turn(surface, samples, axis, center, angle))
-        oval = fits[-1].miss > np.hypot(_ROUND_MEAN, _ROUND_ERROR * fits[-1].reach)
-        if oval or not fits[-1].holds(config, config.max_axis_mean):
-            return fits[-1], False
-    worst, best = max(fits, key=_miss), min(fits, key=_miss)
-    return worst, worst.miss <= np.hypot(_ROUND_MEAN, _ROUND_RATIO * best.miss)
-
-
-def _miss(fit: Fit) -> float:
-    return fit.miss
+def are_round(fits: Sequence[Fit]) -> bool:
+    """Return whether turns about one axis by generic angles all fit alike."""
+    misses = [fit.miss for fit in fits]
+    return bool(max(misses) <= np.hypot(_ROUND_MEAN, _ROUND_RATIO * min(misses)))
 
 
 def supported(surface: Surface, images: Iterable[Samples], size: float = 1.0) -> Mask:

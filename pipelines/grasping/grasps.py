@@ -54,8 +54,7 @@ class Grasps:
             raise ValueRangeError(
                 "numbers of rotations, translations and widths", (len(R), len(t), len(d)), "equal"
             )
-        orthonormal = np.allclose(R.swapaxes(1, 2) @ R, np.eye(3), atol=ROTATION_TOLERANCE)
-        if not orthonormal or (np.linalg.det(R) < 0).any():
+        if not are_rotations(R):
             raise ValueRangeError("rotation", "not a rotation", "orthonormal, determinant +1")
         for name, value in (("rotation", R), ("translation", t), ("width", d)):
             object.__setattr__(self, name, value)
@@ -127,6 +126,16 @@ class Grasps:
             rotation=rotate_vectors(T, self.rotation.swapaxes(1, 2)).swapaxes(1, 2),
             translation=transform_points(T, self.translation),
         )
+
+
+def are_rotations(matrices: Array) -> bool:
+    """Return whether all of `matrices` (n, 3, 3) are orthonormal with determinant +1."""
+    # One contiguous row a coordinate: a fifth of the time of small matrix products.
+    a, b, c = np.ascontiguousarray(np.moveaxis(matrices, 0, 2)).swapaxes(0, 1)
+    third = np.stack([a[i] * b[j] - a[j] * b[i] for i, j in ((1, 2), (2, 0), (0, 1))])
+    off = [(a * a).sum(axis=0) - 1.0, (b * b).sum(axis=0) - 1.0, (a * b).sum(axis=0), *(third - c)]
+    # Not "greater than": nothing compares with nan.
+    return bool((np.abs(off) <= ROTATION_TOLERANCE).all())
 
 
 def to_graspnet(

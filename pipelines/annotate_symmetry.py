@@ -22,7 +22,7 @@ from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.errors import SymgraspError
 from pipelines.formats import bop_models_info, symmetry_edits, symmetry_labels
-from pipelines.formats.meshes import read_mesh, size_warning
+from pipelines.formats.meshes import read_mesh
 from pipelines.formats.symmetry_edits import ObjectEdits
 from pipelines.formats.symmetry_labels import ObjectSymmetries
 from pipelines.geometry.symmetric_parts import has_slot
@@ -77,8 +77,7 @@ def annotate_file(item: WorkItem, config: AnnotateSymmetryConfig, seed: int) -> 
             regions_path=job.regions, given=given, edits=job.edits,
         )  # fmt: skip
     symmetry_labels.write(item.target, labels, item.stamp)
-    warning = size_warning(mesh, job.mesh)
-    return "; ".join([_summary(labels), *filter(None, [warning]), *notes])
+    return "; ".join([_summary(labels), *notes])
 
 
 def _add(report: StageReport, more: StageReport) -> None:

@@ -6,7 +6,15 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import AnnotateSymmetryConfig
-from symgrasp_cli.options import Backend, DryRun, Overwrite, Seed, Workers, batch_options
+from symgrasp_cli.options import (
+    Backend,
+    DryRun,
+    MeshScale,
+    Overwrite,
+    Seed,
+    Workers,
+    batch_options,
+)
 from symgrasp_cli.report import conclude
 
 
@@ -35,10 +43,7 @@ def annotate_symmetry(
         Path | None,
         typer.Option(help="BOP's models_info.json to write: sizes and rotations."),
     ] = None,
-    mesh_scale: Annotated[
-        float,
-        typer.Option(min=1e-6, help="Metres a unit of loose meshes; 0.001 for millimetres."),
-    ] = AnnotateSymmetryConfig.mesh_scale,
+    mesh_scale: MeshScale = AnnotateSymmetryConfig.mesh_scale,
     workers: Workers = 1,
     backend: Backend = "loky",
     seed: Seed = 0,

@@ -6,7 +6,18 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import ExportCocoConfig
-from symgrasp_cli.options import Backend, DryRun, Overwrite, Seed, Workers, batch_options
+from symgrasp_cli.options import (
+    Backend,
+    CameraName,
+    DatasetSplit,
+    DryRun,
+    FrameStride,
+    Overwrite,
+    Seed,
+    Workers,
+    batch_options,
+    scenes_of,
+)
 from symgrasp_cli.report import conclude
 
 
@@ -14,21 +25,15 @@ def export_coco(
     root: Annotated[Path, typer.Argument(help="Dataset root with scenes/ and symmetry/.")],
     *,
     out: Annotated[Path, typer.Option(help="Folder for annotations/, images/ and scenes/.")],
-    split: Annotated[
-        str, typer.Option(help="Scenes to export: train, seen, similar, novel or all.")
-    ] = "train",
-    camera: Annotated[
-        str | None, typer.Option(help="kinect or realsense; every camera if not given.")
-    ] = None,
+    split: DatasetSplit = "train",
+    camera: CameraName = None,
     categories: Annotated[
         str, typer.Option(help="By what regions are told apart: kind, object, or region for one.")
     ] = ExportCocoConfig.categories,
     min_pixels: Annotated[
         int, typer.Option(min=1, help="Regions that show in fewer pixels are left out.")
     ] = ExportCocoConfig.min_pixels,
-    frame_stride: Annotated[
-        int, typer.Option(min=1, help="Export every n-th frame of a scene.")
-    ] = ExportCocoConfig.frame_stride,
+    frame_stride: FrameStride = ExportCocoConfig.frame_stride,
     val_fraction: Annotated[
         float, typer.Option(min=0.0, max=1.0, help="Share of the scenes to validate on.")
     ] = ExportCocoConfig.val_fraction,
@@ -46,6 +51,7 @@ def export_coco(
 
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
     config = ExportCocoConfig(categories, min_pixels, frame_stride, val_fraction, link)
-    wanted = None if split == "all" else split
-    report = stage.run(root, out, config, split=wanted, camera=camera, seed=seed, options=options)
+    report = stage.run(
+        root, out, config, split=scenes_of(split), camera=camera, seed=seed, options=options
+    )
     conclude(report)

@@ -19,6 +19,16 @@ DryRun = Annotated[bool, typer.Option("--dry-run", help="Say what would be done,
 Device = Annotated[
     str, typer.Option(help="auto, cpu, cuda or cuda:N; auto takes a GPU if there is one.")
 ]
+DatasetSplit = Annotated[
+    str, typer.Option(help="Scenes to take: train, seen, similar, novel or all.")
+]
+CameraName = Annotated[
+    str | None, typer.Option(help="kinect or realsense; every camera if not given.")
+]
+FrameStride = Annotated[int, typer.Option(min=1, help="Take every n-th frame of a scene.")]
+MeshScale = Annotated[
+    float, typer.Option(min=1e-6, help="Metres a unit of the mesh's file; 0.001 for millimetres.")
+]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on with an unfinished training.")]
 Threads = Annotated[int, typer.Option(min=1, help="CPU cores to train on.")]
 TimeLimit = Annotated[
@@ -40,6 +50,11 @@ def batch_options(workers: int, backend: str, *, overwrite: bool, dry_run: bool)
         dry_run=dry_run,
         progress=sys.stderr.isatty(),
     )
+
+
+def scenes_of(split: str) -> str | None:
+    """Return the split that a stage is asked for by `DatasetSplit`; None is all of them."""
+    return None if split == "all" else split
 
 
 def show_training() -> None:

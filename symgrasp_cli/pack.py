@@ -6,7 +6,18 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import PackConfig
-from symgrasp_cli.options import Backend, DryRun, Overwrite, Seed, Workers, batch_options
+from symgrasp_cli.options import (
+    Backend,
+    CameraName,
+    DatasetSplit,
+    DryRun,
+    FrameStride,
+    Overwrite,
+    Seed,
+    Workers,
+    batch_options,
+    scenes_of,
+)
 from symgrasp_cli.report import conclude
 
 
@@ -16,15 +27,9 @@ def pack(
     ],
     *,
     out: Annotated[Path, typer.Option(help="Folder for scene_NNNN_CAMERA.h5.")],
-    split: Annotated[
-        str, typer.Option(help="Scenes to pack: train, seen, similar, novel or all.")
-    ] = "train",
-    camera: Annotated[
-        str | None, typer.Option(help="kinect or realsense; every camera if not given.")
-    ] = None,
-    frame_stride: Annotated[
-        int, typer.Option(min=1, help="Pack every n-th frame of a scene.")
-    ] = PackConfig.frame_stride,
+    split: DatasetSplit = "train",
+    camera: CameraName = None,
+    frame_stride: FrameStride = PackConfig.frame_stride,
     mask_noise: Annotated[
         bool,
         typer.Option(
@@ -43,6 +48,7 @@ def pack(
 
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
     config = PackConfig(frame_stride=frame_stride, mask_noise=mask_noise)
-    wanted = None if split == "all" else split
-    report = stage.run(root, out, config, split=wanted, camera=camera, seed=seed, options=options)
+    report = stage.run(
+        root, out, config, split=scenes_of(split), camera=camera, seed=seed, options=options
+    )
     conclude(report)

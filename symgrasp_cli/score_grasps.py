@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import ScoreGraspsConfig
-from symgrasp_cli.options import Overwrite
+from symgrasp_cli.options import MeshScale, Overwrite
 from symgrasp_cli.report import conclude
 
 
@@ -23,9 +23,7 @@ def score_grasps(
             "--compatible", help="Verdicts of graspnetAPI, its faults on flat faces included."
         ),
     ] = False,
-    mesh_scale: Annotated[
-        float, typer.Option(min=1e-6, help="Factor to metres, 0.001 for a mesh in millimetres.")
-    ] = ScoreGraspsConfig.mesh_scale,
+    mesh_scale: MeshScale = ScoreGraspsConfig.mesh_scale,
     max_width: Annotated[
         float,
         typer.Option(min=0.001, max=1.0, help="Widest opening in metres; wider ones are cut."),

@@ -287,7 +287,6 @@ class EvaluateConfig:
     min_visible_pixels: int = 300  # objects less visible do not count
     symmetry_thresholds: tuple[float, ...] = (0.25, 0.134, 0.067)  # dense error, D. 11
     sphere_threshold: float = 0.05  # metres, Sec. IV-E
-    mask_iou: float = 0.5
     min_region_share: float = 0.3  # of a region's pixels on the object whose region it is
     min_region_iou: float = 0.25  # with the true region whose symmetries it is asked for
     gripper: str = ""  # the one that `infer` used

@@ -4,17 +4,19 @@ Reads   grasps.h5            of `infer`, run on a dataset in GraspNet-1Billion's
         ROOT/scenes, models  poses, labels, cameras, meshes
         ROOT/symmetry        of `annotate-symmetry`: the true symmetries and regions
         ROOT/affordance      of `refine-grasps`: for the oracle row
+        success.json         of `simulate`, if given: the rates of success in physics
 Writes  report.json          figures by row (ours, oracle, planar, random) and split
-        report.html          the same as tables
+        report.html          the same as one page: tables, curves, best and worst frames
         report.frames/       what was found frame by frame, one file a scene
 
 Every visible object of a frame gets one grasp: the best of all regions that lie on it. An object
-without a grasp has quality 0. Scenes that are finished are not judged again.
+without a grasp has quality 0. Scenes that are finished are not judged again. No more than a frame
+is in memory at a time, and of each prediction a few bytes for the figures.
 """
 
 import functools
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -24,18 +26,23 @@ from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.configs import EvaluateConfig, InferConfig
 from pipelines.errors import StaleOutputError, SymgraspError
 from pipelines.evaluation.baselines import Planner
-from pipelines.evaluation.figures import report_rows
 from pipelines.evaluation.judging import assign_regions, judge_frame
 from pipelines.evaluation.predictions import FramePredictions
-from pipelines.evaluation.records import FrameRecord, read_records, write_records
-from pipelines.evaluation.tables import Table, report_page, report_tables
+from pipelines.evaluation.records import (
+    FrameRecord,
+    read_records,
+    records_folder,
+    write_records,
+)
+from pipelines.evaluation.report_files import Judged, write_report_files
+from pipelines.evaluation.tables import Table, report_tables
 from pipelines.evaluation.truth import TruthReader
-from pipelines.formats import grasps_file, reports
-from pipelines.formats.files import write_text
+from pipelines.formats import reports
 from pipelines.formats.graspnet import GraspNetRoot
-from pipelines.formats.grasps_file import FrameResult, GraspsFile
+from pipelines.formats.grasps_file import FrameResult
+from pipelines.formats.grasps_stream import GraspsIndex, read_frames, read_index
 from pipelines.formats.gripper_files import load_gripper
-from pipelines.formats.provenance import Stamp, digest, is_finished, make_stamp
+from pipelines.formats.provenance import Stamp, digest, digest_folder, is_finished, make_stamp
 
 DEFAULT_GRIPPER = "rg2"
 
@@ -48,6 +55,7 @@ def run(
     options: BatchOptions,
     *,
     baselines: bool = False,
+    success: Path | None = None,
     seed: int = 0,
 ) -> StageReport:
     """Evaluate `grasps` against `dataset` and write `output` and what lies beside it.
@@ -59,30 +67,28 @@ def run(
         config: thresholds.
         options: how the batch is run.
         baselines: also plan with ground truth, from the boundary, and at random.
+        success: `success.json` that `simulate` made of the same grasps.
         seed: of the baselines' random draws.
     """
-    found = grasps_file.read(grasps)
+    root, found = GraspNetRoot(dataset), read_index(grasps)
     config = replace(config, gripper=config.gripper or _gripper_used(found))
     settings = {**asdict(config), "baselines": baselines}
-    stamp = make_stamp("evaluate", settings, seed=seed, inputs={"grasps": digest(grasps)})
+    inputs = {"grasps": digest(grasps), **_digests(root, baselines=baselines)}
+    stamp = make_stamp("evaluate", settings, seed=seed, inputs=inputs)
     is_finished(output, stamp, overwrite=options.overwrite)  # refuses to replace another report
-    items = _scene_items(found, GraspNetRoot(dataset), output, stamp, options)
+    simulated = reports.read_success(success, inputs["grasps"]) if success else None
+    items = _scene_items(grasps, found, root, output, stamp, options)
     step = functools.partial(_evaluate_scene, dataset, config, baselines)
     report = run_batch("evaluate", items, step, options)
     if not options.dry_run:
-        records = [r for item in items if item.target.exists() for r in read_records(item.target)]
-        _write_report(output, records, config, stamp)
+        judged = Judged(grasps, found, root, config, stamp)
+        report.notes |= write_report_files(output, _finished(items), judged, simulated)
     return report
 
 
 def tables(output: Path) -> list[Table]:
     """Return the tables of a written report."""
-    return report_tables(reports.read_report(output)["rows"])
-
-
-def records_folder(output: Path) -> Path:
-    """Return where the records of the report `output` lie, one file a scene."""
-    return output.with_suffix(".frames")
+    return report_tables(reports.read_report(output))
 
 
 def evaluate_frame(
@@ -106,25 +112,31 @@ def _evaluate_scene(
 ) -> str | None:
     reader = TruthReader(GraspNetRoot(dataset), config)
     planner = Planner(reader, load_gripper(config.gripper), InferConfig()) if baselines else None
-    records = [evaluate_frame(r, reader, planner, item.stamp.seed) for r in item.arguments]
+    results = read_frames(*item.arguments)
+    records = [evaluate_frame(result, reader, planner, item.stamp.seed) for result in results]
     write_records(item.target, records, item.stamp)
     return None
 
 
 def _scene_items(
-    found: GraspsFile, root: GraspNetRoot, output: Path, stamp: Stamp, options: BatchOptions
+    grasps: Path,
+    found: GraspsIndex,
+    root: GraspNetRoot,
+    output: Path,
+    stamp: Stamp,
+    options: BatchOptions,
 ) -> list[WorkItem]:
-    """Return one item a scene and camera, with the frames that `infer` was given."""
-    scenes: Mapping[str, list[FrameResult]] = defaultdict(list)
-    for result in found.results():
-        frame = root.frame(result.name)
-        scenes[f"scene_{frame.scene_id:04d}_{frame.camera}"].append(result)
+    """Return one item a scene and camera, with the places of the frames `infer` was given."""
+    scenes: dict[str, list[int]] = defaultdict(list)
+    for place, name in enumerate(found.names):
+        frame = root.frame(name)
+        scenes[f"scene_{frame.scene_id:04d}_{frame.camera}"].append(place)
     if not scenes:
         raise SymgraspError("the grasps file holds no frames; run infer on the dataset first")
     folder = records_folder(output)
     items = [
-        WorkItem(name, folder / f"{name}.json", stamp, tuple(results))
-        for name, results in sorted(scenes.items())
+        WorkItem(name, folder / f"{name}.json", stamp, (grasps, places))
+        for name, places in sorted(scenes.items())
     ]
     _drop_stale(items, options)
     return items
@@ -140,16 +152,22 @@ def _drop_stale(items: Sequence[WorkItem], options: BatchOptions) -> None:
                 item.target.unlink()
 
 
-def _write_report(
-    output: Path, records: Sequence[FrameRecord], config: EvaluateConfig, stamp: Stamp
-) -> None:
-    rows = report_rows(records, config.symmetry_thresholds, config.sphere_threshold)
-    timed = [r.seconds for r in records if np.isfinite(r.seconds)]
-    seconds = float(np.mean(timed)) if timed else None
-    reports.write_report(output, rows, stamp, seconds_per_frame=seconds)
-    title = f"SymGrasp: evaluation of {len(records)} frames"
-    write_text(output.with_suffix(".html"), report_page(title, report_tables(rows)))
+def _finished(items: Sequence[WorkItem]) -> Iterator[list[FrameRecord]]:
+    """Yield the records of each finished scene."""
+    return (read_records(item.target) for item in items if item.target.exists())
 
 
-def _gripper_used(found: GraspsFile) -> str:
+def _digests(root: GraspNetRoot, *, baselines: bool) -> dict[str, str]:
+    """Return digests of the labels that decide what is true."""
+    labels = {"symmetry": "*.json", "regions": "*.json"} | (
+        {"affordance": "*.h5"} if baselines else {}
+    )
+    return {
+        name: digest_folder(root.root / name, pattern)
+        for name, pattern in labels.items()
+        if (root.root / name).is_dir()
+    }
+
+
+def _gripper_used(found: GraspsIndex) -> str:
     return str(found.attrs["config"].get("gripper", DEFAULT_GRIPPER))

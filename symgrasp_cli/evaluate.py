@@ -20,7 +20,7 @@ def evaluate(
         Path,
         typer.Option(exists=True, file_okay=False, help="Root of the dataset, GraspNet's layout."),
     ],
-    out: Annotated[Path, typer.Option(help="Report to write; tables go beside it as .html.")] = (
+    out: Annotated[Path, typer.Option(help="Report to write; beside it goes a page, .html.")] = (
         Path("report.json")
     ),
     baselines: Annotated[
@@ -30,6 +30,10 @@ def evaluate(
             help="Also plan on the same regions with ground truth, from the boundary, at random.",
         ),
     ] = False,
+    success: Annotated[
+        Path | None,
+        typer.Option(exists=True, dir_okay=False, help="success.json of `simulate`: Table III."),
+    ] = None,
     gripper: Annotated[
         str, typer.Option(help="Gripper preset or TOML file; by default the one of the grasps.")
     ] = EvaluateConfig.gripper,
@@ -47,8 +51,10 @@ def evaluate(
 
     config = EvaluateConfig(gripper=gripper, min_visible_pixels=min_visible_pixels)
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
-    report = stage.run(grasps, dataset, out, config, options, baselines=baselines, seed=seed)
+    report = stage.run(
+        grasps, dataset, out, config, options, baselines=baselines, success=success, seed=seed
+    )
     if not dry_run:
         for table in stage.tables(out):
-            show_table(table.title, table.header, table.rows)
+            show_table(table)
     conclude(report)

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
     from pipelines.batch import StageReport
+    from pipelines.evaluation.tables import Table
 
 
 def conclude(report: StageReport) -> None:
@@ -27,14 +26,18 @@ def conclude(report: StageReport) -> None:
         raise typer.Exit(report.exit_code)
 
 
-def show_table(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Print a table on stdout; the first two columns are names, the others numbers."""
+def show_table(table: Table) -> None:
+    """Print a table on stdout, names on the left, numbers on the right, what is meant below."""
+    from rich import box
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Table as Drawn
 
-    table = Table(title=title, title_justify="left")
-    for index, head in enumerate(header):
-        table.add_column(head, justify="left" if index < 2 else "right")
-    for row in rows:
-        table.add_row(*row)
-    Console().print(table)
+    drawn = Drawn(title=table.title, title_justify="left", box=box.SIMPLE_HEAD)
+    for index, head in enumerate(table.header):
+        drawn.add_column(head, justify="left" if index < table.names else "right")
+    for number, row in enumerate(table.rows, 1):
+        drawn.add_row(*row, end_section=number == table.published)
+    console = Console()
+    console.print(drawn)
+    if table.note:
+        console.print(f"  {table.note}\n", style="dim", markup=False, highlight=False)

@@ -1,4 +1,4 @@
-"""The figures of `report.json` from frame records: means over objects, average precisions.
+"""The figures of `report.json` from the tally of frame records: means, precisions, curves.
 
 Every visible object counts once a frame; an object without a grasp has quality and antipodal
 score 0. Beside each mean stands the mean over the objects that did get a grasp, `..._predicted`,
@@ -6,112 +6,158 @@ which is how the paper counts.
 """
 
 import math
-from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from pipelines.evaluation.records import FrameRecord, JudgedPredictions, RowRecord, threshold_key
-from pipelines.metrics.average_precision import average_precision, coco_average_precision
-from pipelines.metrics.grasp_verdicts import REASONS, Verdict
-from pipelines.metrics.symmetry_matching import CORRECT, IGNORED, KINDS
+from pipelines.evaluation.records import threshold_key
+from pipelines.evaluation.tallies import ALL, JudgedTally, ReportTally, RowTally
+from pipelines.metrics.average_precision import average_precision, interpolated_precision
+from pipelines.metrics.coco_masks import IOU_THRESHOLDS, coco_average_precision
+from pipelines.metrics.grasp_verdicts import REASONS
+from pipelines.metrics.symmetry_matching import KINDS
 
 ROWS = ("ours", "oracle", "planar", "random")
 TEST_SPLITS = ("seen", "similar", "novel")
-WITHOUT_GRASP = ("no region", "no grasp")
+CURVE_FRICTIONS = np.round(np.arange(0.0, 1.001, 0.05), 2)  # of the share of objects held
+CURVE_RECALLS = np.round(np.linspace(0.0, 1.0, 51), 2)
 
 Figures = dict[str, Any]
 
 
 def report_rows(
-    records: Sequence[FrameRecord], thresholds: Sequence[float], sphere_threshold: float
+    tally: ReportTally, thresholds: Sequence[float], sphere_threshold: float
 ) -> dict[str, dict[str, Figures]]:
     """Return FIGURES by row and split: seen, similar, novel, all; train where it was evaluated.
 
     `thresholds`: of the dense symmetry error, the first one is the reported one, the others are
     the stricter ones beside it. `sphere_threshold`: metres.
     """
-    present = {record.split for record in records}
-    splits = [*(["train"] if "train" in present else []), *TEST_SPLITS, "all"]
-    rows = [row for row in ROWS if any(row in record.rows for record in records)]
     return {
         row: {
-            split: frame_figures(
-                [r for r in records if split in ("all", r.split)], row, thresholds, sphere_threshold
+            split: split_figures(
+                tally.rows[row].get(split, RowTally()),
+                tally.masks.get(split, JudgedTally()),
+                thresholds,
+                sphere_threshold,
             )
-            for split in splits
+            for split in _splits(tally)
         }
-        for row in rows
+        for row in ROWS
+        if row in tally.rows
     }
 
 
-def frame_figures(
-    records: Sequence[FrameRecord],
-    row: str,
-    thresholds: Sequence[float],
-    sphere_threshold: float,
+def split_figures(
+    row: RowTally, masks: JudgedTally, thresholds: Sequence[float], sphere_threshold: float
 ) -> Figures:
-    """Return FIGURES of one row over `records`; what has no truth to find is None."""
-    found = [record.rows[row] for record in records if row in record.rows]
-    verdicts = [verdict for frame in found for verdict in frame.verdicts]
-    reasons = Counter(verdict.reason for verdict in verdicts)
+    """Return FIGURES of one row in one split; what has no truth to find is None."""
     reported, *stricter = thresholds
     return {
-        **_means(verdicts, ""),
-        **_means([v for v in verdicts if v.reason not in WITHOUT_GRASP], "_predicted"),
-        "symmetry_ap": _symmetry_ap(found, reported, sphere_threshold),
+        **_means(row, np.ones(len(row.predicted), np.bool_), ""),
+        **_means(row, np.array(row.predicted, np.bool_), "_predicted"),
+        "symmetry_ap": _symmetry_ap(row, reported, sphere_threshold),
         "symmetry_ap_strict": {
-            threshold_key(threshold): _symmetry_ap(found, threshold, sphere_threshold)
+            threshold_key(threshold): _symmetry_ap(row, threshold, sphere_threshold)
             for threshold in stricter
         },
-        "mask_ap50": _mask_ap(record.masks for record in records),
-        "frames": len(found),
-        "objects": len(verdicts),
-        "reasons": {reason: reasons[reason] for reason in REASONS if reasons[reason]},
+        **_mask_ap(masks),
+        "frames": row.frames,
+        "objects": len(row.predicted),
+        "reasons": {reason: row.reasons[reason] for reason in REASONS if row.reasons[reason]},
     }
 
 
-def _means(verdicts: Sequence[Verdict], suffix: str) -> dict[str, float | None]:
+def report_curves(
+    tally: ReportTally, thresholds: Sequence[float], sphere_threshold: float
+) -> dict[str, Any]:
+    """Return the curves of a report, over all frames.
+
+    `held`: by row, the share of objects held at each of `friction`. `symmetry`: by row, kind and
+    threshold, the precision at each of `recall`, the best at that recall or beyond.
+    """
+    rows = {row: tally.rows[row][ALL] for row in ROWS if row in tally.rows}
+    symmetry = {
+        row: {kind: _curves_of(found, kind, thresholds, sphere_threshold) for kind in KINDS}
+        for row, found in rows.items()
+    }
     return {
-        f"grasp_quality{suffix}": _mean([v.quality for v in verdicts]),
-        f"antipodal_score{suffix}": _mean([v.antipodal for v in verdicts]),
-        f"antipodal_score_region{suffix}": _mean([v.antipodal_region for v in verdicts]),
+        "friction": CURVE_FRICTIONS.tolist(),
+        "held": {row: _held_share(found) for row, found in rows.items() if found.predicted},
+        "recall": CURVE_RECALLS.tolist(),
+        "symmetry": {row: curves for row, curves in symmetry.items() if any(curves.values())},
     }
 
 
-def _mean(values: Sequence[float]) -> float | None:
-    return float(np.mean(values)) if values else None
+def _splits(tally: ReportTally) -> list[str]:
+    return [*(["train"] if "train" in tally.masks else []), *TEST_SPLITS, ALL]
+
+
+def _means(row: RowTally, counted: NDArray[np.bool_], suffix: str) -> dict[str, float | None]:
+    return {
+        f"grasp_quality{suffix}": _mean(row.quality, counted),
+        f"antipodal_score{suffix}": _mean(row.antipodal, counted),
+        f"antipodal_score_region{suffix}": _mean(row.antipodal_region, counted),
+    }
+
+
+def _mean(values: ArrayLike, counted: NDArray[np.bool_]) -> float | None:
+    return float(np.mean(np.asarray(values)[counted])) if counted.any() else None
+
+
+def _key(kind: str, threshold: float, sphere_threshold: float) -> str:
+    return threshold_key(sphere_threshold if kind == "sphere" else threshold)
 
 
 def _symmetry_ap(
-    frames: Sequence[RowRecord], threshold: float, sphere_threshold: float
+    row: RowTally, threshold: float, sphere_threshold: float
 ) -> dict[str, float | None]:
     """Return all-point AP by kind; None where no truth, or where a method predicts none."""
-    key = {kind: sphere_threshold if kind == "sphere" else threshold for kind in KINDS}
-    precisions = {}
-    for kind in KINDS:
-        judged = [frame.symmetries[kind] for frame in frames if kind in frame.symmetries]
-        precisions[kind] = _defined(average_precision(*_pooled(judged, threshold_key(key[kind]))))
-    return precisions
+    return {
+        kind: _defined(
+            average_precision(*_judged(row, kind).pooled(_key(kind, threshold, sphere_threshold)))
+        )
+        for kind in KINDS
+    }
 
 
-def _mask_ap(judged: Iterable[JudgedPredictions]) -> float | None:
-    pooled = list(judged)
-    keys = {key for entry in pooled for key in entry.verdicts}
-    return _defined(coco_average_precision(*_pooled(pooled, next(iter(keys), ""))))
+def _curves_of(
+    row: RowTally, kind: str, thresholds: Sequence[float], sphere_threshold: float
+) -> dict[str, list[float]]:
+    judged = _judged(row, kind)
+    keys = dict.fromkeys(_key(kind, threshold, sphere_threshold) for threshold in thresholds)
+    if not judged.num_truth:
+        return {}
+    return {
+        key: interpolated_precision(*judged.pooled(key), CURVE_RECALLS).round(4).tolist()
+        for key in keys
+    }
 
 
-def _pooled(judged: Sequence[JudgedPredictions], key: str) -> tuple[list[float], list[bool], int]:
-    """Return confidences, verdicts and the number of truths of all frames together."""
-    pairs = [
-        (confidence, verdict == CORRECT)
-        for entry in judged
-        for confidence, verdict in zip(entry.confidence, entry.verdicts.get(key, []), strict=True)
-        if verdict != IGNORED
-    ]
-    truths = sum(entry.num_truth for entry in judged)
-    return [confidence for confidence, _ in pairs], [right for _, right in pairs], truths
+def _judged(row: RowTally, kind: str) -> JudgedTally:
+    return row.symmetries.get(kind, JudgedTally())
+
+
+def _held_share(row: RowTally) -> list[float]:
+    friction = np.sort(np.array(row.held_friction))
+    held = np.searchsorted(friction, CURVE_FRICTIONS, side="right")
+    return [float(share) for share in held / len(friction)]
+
+
+def _mask_ap(masks: JudgedTally) -> dict[str, float | None]:
+    """Return COCO's AP at IoU 0.5, at 0.75, and the mean over 0.5 to 0.95."""
+    pooled = [masks.pooled(threshold_key(threshold)) for threshold in IOU_THRESHOLDS]
+    confidence = pooled[0][0]
+    # Frames without predictions need not name thresholds.
+    correct = [right if len(right) else np.zeros(len(confidence)) for _, right, _ in pooled]
+    precision = coco_average_precision(confidence, np.array(correct), masks.num_truth)
+    return {
+        "mask_ap50": _defined(float(precision[0])),
+        "mask_ap75": _defined(float(precision[IOU_THRESHOLDS.index(0.75)])),
+        "mask_ap": _defined(float(precision.mean())),
+    }
 
 
 def _defined(value: float) -> float | None:

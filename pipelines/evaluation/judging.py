@@ -17,8 +17,9 @@ from pipelines.evaluation.records import (
 from pipelines.evaluation.truth import FrameTruth
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.grasping.gripper import Gripper
+from pipelines.metrics.coco_masks import IOU_THRESHOLDS, match_masks
 from pipelines.metrics.grasp_verdicts import Verdict, judge_grasp
-from pipelines.metrics.mask_overlap import mask_iou, match_masks, owner_of
+from pipelines.metrics.mask_overlap import mask_iou, owner_of
 from pipelines.metrics.symmetry_matching import (
     CORRECT,
     KINDS,
@@ -70,19 +71,19 @@ def judge_frame(
         predictions.name,
         truth.split,
         predictions.seconds,
-        _judge_masks(predictions, truth, config.mask_iou),
+        _judge_masks(predictions, truth),
         {name: _judge_row(row, owners, truth, gripper, config) for name, row in rows.items()},
     )
 
 
-def _judge_masks(
-    predictions: FramePredictions, truth: FrameTruth, min_iou: float
-) -> JudgedPredictions:
-    iou = mask_iou(predictions.masks, [instance.mask for instance in truth.instances])
-    matched = match_masks(predictions.confidence, iou, min_iou)
-    verdicts = np.where(matched >= 0, CORRECT, WRONG).tolist()
-    found = {threshold_key(min_iou): verdicts}
-    return JudgedPredictions(len(truth.instances), list(predictions.confidence), found)
+def _judge_masks(predictions: FramePredictions, truth: FrameTruth) -> JudgedPredictions:
+    true_masks = [instance.mask for instance in truth.instances]
+    right = match_masks(predictions.masks, predictions.confidence, true_masks)
+    found = {
+        threshold_key(iou): np.where(verdicts, CORRECT, WRONG).tolist()
+        for iou, verdicts in zip(IOU_THRESHOLDS, right, strict=True)
+    }
+    return JudgedPredictions(len(true_masks), list(predictions.confidence), found)
 
 
 def _judge_row(

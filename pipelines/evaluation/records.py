@@ -60,6 +60,11 @@ class FrameRecord:
     rows: dict[str, RowRecord]
 
 
+def records_folder(report: Path) -> Path:
+    """Return where the records of the report `report` lie, one file a scene."""
+    return report.with_suffix(".frames")
+
+
 def threshold_key(threshold: float) -> str:
     """Return the name of a threshold in JSON: 0.25 is "0.25"."""
     return f"{threshold:g}"

@@ -1,115 +1,197 @@
-"""The report as tables of text, and as one self-contained HTML page."""
+"""The tables of a report: the paper's I to III with ours beside them, symmetries, masks, failures.
 
-import html
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+The paper has the splits seen and unseen; ours has seen, similar and novel, of which the latter two
+together are unseen.
+"""
 
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from pipelines.evaluation import published
 from pipelines.evaluation.figures import Figures
+from pipelines.evaluation.published import PublishedRow
+from pipelines.evaluation.tallies import ALL
 from pipelines.metrics.grasp_verdicts import REASONS
 from pipelines.metrics.symmetry_matching import KINDS
 
 ReportRows = Mapping[str, Mapping[str, Figures]]
 
-STYLE = """
-body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem auto; max-width: 60rem; padding: 0 1rem }
-table { border-collapse: collapse; margin: 0 0 2rem }
-caption { text-align: left; font-weight: 600; padding: 0 0 .4rem }
-th, td { padding: .25rem .8rem; border-bottom: 1px solid #ddd; text-align: right }
-th:nth-child(-n+2), td:nth-child(-n+2) { text-align: left }
-"""
+METHODS = {"ours": "SymGrasp", "oracle": "oracle", "planar": "planar", "random": "random"}
+METHODS_NOTE = (
+    "SymGrasp is ours, on the dataset evaluated here; oracle: ground truth through the same "
+    "selection; planar: from the boundary of the region; random: any grasp the hand can do."
+)
+UNSEEN = ("similar", "novel")
+SUCCESS_KINDS = ("reflection", "rotation", "sphere", "none")
+NO_SUCCESS = "not simulated: `symgrasp simulate`, then `symgrasp evaluate --success success.json`"
 
 
 @dataclass(frozen=True)
 class Table:
-    """A title, column heads, and rows of text."""
+    """A title, column heads, and rows of text; a line below that says what is meant.
+
+    Attributes:
+        published: how many of the first rows are from the paper.
+        names: how many of the first columns are names, not numbers.
+    """
 
     title: str
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
+    note: str = ""
+    published: int = 0
+    names: int = 1
 
 
-def report_tables(rows: ReportRows) -> list[Table]:
-    """Return the tables of a report, in the order in which they are read."""
-    return [_grasp_table(rows), _symmetry_table(rows), _mask_table(rows), _reason_table(rows)]
-
-
-def report_page(title: str, tables: Sequence[Table]) -> str:
-    """Return an HTML page of `tables` that needs no other file and no network."""
-    body = "\n".join(_html_table(table) for table in tables)
-    head = f'<meta charset="utf-8"><title>{html.escape(title)}</title><style>{STYLE}</style>'
-    return (
-        f'<!doctype html>\n<html lang="en"><head>{head}</head>\n'
-        f"<body><h1>{html.escape(title)}</h1>\n{body}\n</body></html>\n"
+def report_tables(report: Mapping[str, Any]) -> list[Table]:
+    """Return the tables of a `report.json`, in the order in which they are read."""
+    rows: ReportRows = report["rows"]
+    quality = split_table(
+        rows, "grasp_quality", published.GRASP_QUALITY, title="Table I. Grasp quality, 1 - mu"
     )
-
-
-def _grasp_table(rows: ReportRows) -> Table:
-    header = ("method", "split", "quality", "antipodal", "region", "grasped", "frames", "objects")
-    return Table(
-        "Grasp quality, antipodal score of contacts and of the closing region, quality if grasped",
-        header,
-        tuple(
-            (
-                row,
-                split,
-                _number(figures["grasp_quality"]),
-                _number(figures["antipodal_score"]),
-                _number(figures["antipodal_score_region"]),
-                _number(figures["grasp_quality_predicted"]),
-                str(figures["frames"]),
-                str(figures["objects"]),
-            )
-            for row, split, figures in _cells(rows)
-        ),
+    quality = replace(quality, note=f"{quality.note} {METHODS_NOTE}")
+    pair = split_table(
+        rows,
+        "antipodal_score",
+        published.ANTIPODAL_SCORE,
+        title="Table II. Antipodal score of the contact pair",
     )
-
-
-def _symmetry_table(rows: ReportRows) -> Table:
-    cells = [
-        (row, split, figures["symmetry_ap"])
-        for row, split, figures in _cells(rows)
-        if any(value is not None for value in figures["symmetry_ap"].values())
+    region = split_table(
+        rows, "antipodal_score_region", (), title="Antipodal score of the closing region (S4G's)"
+    )
+    return [
+        quality,
+        pair,
+        region,
+        success_table(report),
+        symmetry_table(rows),
+        mask_table(rows),
+        reason_table(rows),
     ]
-    body = tuple((row, split, *(_number(ap[kind]) for kind in KINDS)) for row, split, ap in cells)
-    return Table("Symmetry, average precision", ("method", "split", *KINDS), body)
 
 
-def _mask_table(rows: ReportRows) -> Table:
-    splits = rows.get("ours", {})
-    body = tuple(("ours", split, _number(found["mask_ap50"])) for split, found in splits.items())
-    return Table("Region masks", ("method", "split", "AP50"), body)
+def split_table(rows: ReportRows, figure: str, paper: Sequence[PublishedRow], title: str) -> Table:
+    """Return a mean over objects by method and split, the paper's rows first."""
+    splits = ["seen", "unseen", *UNSEEN, *(["train"] if _has(rows, "train") else []), ALL]
+    blank = ("",) * (len(splits) - 2)
+    body = [(row.method, *map(_number, row.figures), *blank) for row in paper]
+    for row, figures in rows.items():
+        body.append((METHODS[row], *(_number(_mean(figures, figure, s)) for s in splits)))
+        if row == "ours":
+            found = (_number(_mean(figures, f"{figure}_predicted", s)) for s in splits)
+            body.append(("SymGrasp, if grasped", *found))
+    source = f"First rows: {published.SOURCE}. " if paper else ""
+    note = f"{source}An object without a grasp counts 0; unseen is similar and novel together."
+    return Table(title, ("method", *splits), tuple(body), note, len(paper))
 
 
-def _reason_table(rows: ReportRows) -> Table:
+def success_table(report: Mapping[str, Any]) -> Table:
+    """Return the success rates by symmetry: the paper's real ones, ours in simulation."""
+    body = [
+        (row.method, "real robot", *(f"{100 * rate:.0f} %" for rate in row.figures))
+        for row in published.SUCCESS_RATE
+    ]
+    by_kind = report.get("success_by_friction", {}).get(ALL, {})
+    frictions = sorted({key for found in by_kind.values() for key in found}, key=float)
+    for key in frictions:
+        rates = (_rate(by_kind.get(kind, {}).get(key)) for kind in SUCCESS_KINDS)
+        body.append((METHODS["ours"], f"friction {key}", *rates))
+    ours = "simulated, all splits, with Wilson 95 % intervals" if by_kind else NO_SUCCESS
+    note = f"First rows: {published.SOURCE_ROBOT}. SymGrasp: {ours}."
+    header = ("method", "how", *SUCCESS_KINDS)
+    title = "Table III. Success rate by symmetry of what is grasped"
+    return Table(title, header, tuple(body), note, len(published.SUCCESS_RATE), names=2)
+
+
+def symmetry_table(rows: ReportRows) -> Table:
+    """Return symmetry AP by method, split and threshold of the dense error."""
+    body = [(row.method, "test set", *map(_number, row.figures)) for row in published.SYMMETRY_AP]
+    for row, split, figures in _cells(rows):
+        if any(value is not None for value in figures["symmetry_ap"].values()):
+            body.append((METHODS[row], split, *(_number(figures["symmetry_ap"][k]) for k in KINDS)))
+    for threshold, ap in rows.get("ours", {}).get(ALL, {}).get("symmetry_ap_strict", {}).items():
+        cells = (_number(ap[kind]) if kind != "sphere" else "" for kind in KINDS)
+        body.append((METHODS["ours"], f"all, error < {threshold}", *cells))
+    note = (
+        f"First rows: {published.SOURCE}. Right is a dense error below 0.25, or a "
+        "sphere's centre within 5 cm; the last rows at stricter errors."
+    )
+    header = ("method", "split", *KINDS)
+    title = "Symmetry, average precision"
+    return Table(title, header, tuple(body), note, len(published.SYMMETRY_AP), names=2)
+
+
+def mask_table(rows: ReportRows) -> Table:
+    """Return the average precision of region masks by split."""
+    seen, unseen = published.MASK_AP50[0].figures
+    method = published.MASK_AP50[0].method
+    body: list[tuple[str, ...]] = [
+        (method, "seen", _number(seen), "", ""),
+        (method, "unseen", _number(unseen), "", ""),
+    ]
+    body += [
+        (
+            METHODS["ours"],
+            split,
+            *(_number(found[k]) for k in ("mask_ap50", "mask_ap75", "mask_ap")),
+        )
+        for row, split, found in _cells(rows)
+        if row == "ours"
+    ]
+    note = f"First rows: {published.SOURCE}. AP: mean over overlaps 0.5 to 0.95, by pycocotools."
+    header = ("method", "split", "AP50", "AP75", "AP")
+    return Table("Average precision of region masks", header, tuple(body), note, 2, names=2)
+
+
+def reason_table(rows: ReportRows) -> Table:
+    """Return what became of the visible objects, in percent of them."""
     cells = [cell for cell in _cells(rows) if cell[2]["objects"]]
     reasons = [r for r in REASONS if any(figures["reasons"].get(r) for _, _, figures in cells)]
     body = tuple(
-        (row, split, *(_percent(figures, reason) for reason in reasons))
+        (METHODS[row], split, str(figures["frames"]), str(figures["objects"]),
+         *(_percent(figures, reason) for reason in reasons))
         for row, split, figures in cells
-    )
-    return Table("What became of the objects, percent", ("method", "split", *reasons), body)
+    )  # fmt: skip
+    header = ("method", "split", "frames", "objects", *reasons)
+    return Table("What became of the objects, percent", header, body, names=2)
 
 
-def _cells(rows: ReportRows) -> Iterable[tuple[str, str, Figures]]:
+def _cells(rows: ReportRows) -> Iterator[tuple[str, str, Figures]]:
     for row, splits in rows.items():
         for split, figures in splits.items():
             if figures["frames"]:
                 yield row, split, figures
 
 
+def _has(rows: ReportRows, split: str) -> bool:
+    return any(figures.get(split, {}).get("frames") for figures in rows.values())
+
+
+def _mean(figures: Mapping[str, Figures], name: str, split: str) -> float | None:
+    """Return a mean over the objects of a split; of `unseen`, of both its parts together."""
+    parts = [figures[part] for part in (UNSEEN if split == "unseen" else (split,))]
+    counted = [(part[name], _count(part, name)) for part in parts if part[name] is not None]
+    total = sum(count for _, count in counted)
+    return sum(mean * count for mean, count in counted) / total if total else None
+
+
+def _count(figures: Figures, name: str) -> int:
+    """Return how many objects the mean `name` is over."""
+    missing = ("no region", "no grasp") if name.endswith("_predicted") else ()
+    return int(figures["objects"] - sum(figures["reasons"].get(reason, 0) for reason in missing))
+
+
 def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"
 
 
+def _rate(found: Mapping[str, Any] | None) -> str:
+    if not found or found.get("rate") is None:
+        return "-"
+    low, high = 100 * found["low"], 100 * found["high"]
+    return f"{100 * found['rate']:.0f} % ({low:.0f}-{high:.0f}, n={found['trials']})"
+
+
 def _percent(figures: Figures, reason: str) -> str:
     return f"{100.0 * figures['reasons'].get(reason, 0) / figures['objects']:.0f}"
-
-
-def _html_table(table: Table) -> str:
-    head = _html_row("th", table.header)
-    body = "\n".join(_html_row("td", row) for row in table.rows)
-    return f"<table><caption>{html.escape(table.title)}</caption>\n{head}\n{body}\n</table>"
-
-
-def _html_row(tag: str, cells: Iterable[str]) -> str:
-    return "<tr>" + "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in cells) + "</tr>"

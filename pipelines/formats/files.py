@@ -216,10 +216,18 @@ def _refuse_truncated_png(path: Path, data: bytes) -> None:
 
 def write_image(path: Path, image: Array) -> None:
     """Write `image`, (H, W) or (H, W, 3) RGB, 8 or 16 bit, atomically; the suffix says the kind."""
+    try:
+        data = encode_image(image, path.suffix)
+    except SymgraspError as error:
+        raise FormatError(path, str(error), "use uint8 or uint16") from error
+    write_bytes(path, data)
+
+
+def encode_image(image: Array, suffix: str, jpeg_quality: int = 95) -> bytes:
+    """Return `image`, (H, W) or (H, W, 3) RGB, as the bytes of a file with that suffix."""
     stored = image[:, :, ::-1] if image.ndim == 3 else image
-    done, data = cv2.imencode(path.suffix, np.ascontiguousarray(stored))
+    options = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality] if suffix == ".jpg" else []
+    done, data = cv2.imencode(suffix, np.ascontiguousarray(stored), options)
     if not done:
-        raise FormatError(
-            path, f"an image of {image.dtype} cannot be stored", "use uint8 or uint16"
-        )
-    write_bytes(path, data.tobytes())
+        raise SymgraspError(f"an image of {image.dtype} cannot be stored as {suffix}")
+    return data.tobytes()

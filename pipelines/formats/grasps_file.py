@@ -15,6 +15,7 @@ from urllib.parse import quote
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.formats.files import atomic_path, open_h5
@@ -60,6 +61,7 @@ UNITS = {
     ),
 }
 REGION_COLUMNS = (*RegionTable.SPEC, "mask_counts", "mask_start")
+SCHEMA = {"frames": FrameTable.SPEC, "regions": REGION_COLUMNS, "grasps": GraspTable.SPEC}
 
 
 @dataclass(frozen=True)
@@ -73,11 +75,7 @@ class GraspsFile:
 
     def intrinsics(self, frame: int) -> Intrinsics | None:
         """Return the camera of a frame, None where it could not be read."""
-        width, height = self.frames.size[frame].tolist()
-        if width == 0:
-            return None
-        fx, fy, cx, cy = self.frames.intrinsics[frame].tolist()
-        return Intrinsics(fx, fy, cx, cy, width, height)
+        return intrinsics_of(self.frames.size[frame], self.frames.intrinsics[frame])
 
     def results(self) -> list[FrameResult]:
         """Return the file frame by frame, indices local to each frame."""
@@ -149,20 +147,38 @@ def read(path: Path | str) -> GraspsFile:
     """
     path = Path(path)
     with open_h5(path) as file:
-        check_version(path, file.attrs.get("format_version"), FORMAT_VERSION)
-        names = {"frames": FrameTable.SPEC, "regions": REGION_COLUMNS, "grasps": GraspTable.SPEC}
-        missing = [group for group in names if group not in file]
-        if missing:
-            raise FormatError(path, f"has no /{missing[0]}", "a grasps.h5 of infer is expected")
-        columns = {group: read_columns(path, file[group], names[group]) for group in names}
-        attrs = dict(file.attrs)
-    attrs |= {name: json.loads(attrs.get(name, "{}")) for name in ("config", "weights")}
+        check_file(path, file)
+        columns = {group: read_columns(path, file[group], SCHEMA[group]) for group in SCHEMA}
+        attrs = file_attributes(file)
     try:
         frames = FrameTable(**columns["frames"])
         regions, grasps = RegionTable(**columns["regions"]), GraspTable(**columns["grasps"])
     except SymgraspError as error:
         raise FormatError(path, f"its columns disagree ({error})", "run infer again") from error
     return GraspsFile(frames, regions, grasps, attrs)
+
+
+def check_file(path: Path, file: h5py.File) -> None:
+    """Raise FormatError unless the open `file` is a grasps.h5 of the version known here."""
+    check_version(path, file.attrs.get("format_version"), FORMAT_VERSION)
+    missing = [group for group in SCHEMA if group not in file]
+    if missing:
+        raise FormatError(path, f"has no /{missing[0]}", "a grasps.h5 of infer is expected")
+
+
+def file_attributes(file: h5py.File) -> dict[str, Any]:
+    """Return the attributes of an open file, `config` and `weights` as JSON objects."""
+    attrs = dict(file.attrs)
+    return attrs | {name: json.loads(attrs.get(name, "{}")) for name in ("config", "weights")}
+
+
+def intrinsics_of(size: NDArray[Any], intrinsics: NDArray[Any]) -> Intrinsics | None:
+    """Return the camera of a row of `/frames`; None where it could not be read."""
+    width, height = size.tolist()
+    if width == 0:
+        return None
+    fx, fy, cx, cy = intrinsics.tolist()
+    return Intrinsics(fx, fy, cx, cy, width, height)
 
 
 def parts_folder(path: Path) -> Path:

@@ -1,4 +1,4 @@
-"""`report.json` of `evaluate` and of the benchmark: figures by row and split."""
+"""`report.json` of `evaluate`, figures by row and split, and `success.json` of `simulate`."""
 
 import math
 from collections.abc import Mapping
@@ -49,6 +49,23 @@ def read_report(path: Path) -> dict[str, Any]:
     content = read_json(path)
     if not isinstance(content, dict) or not isinstance(content.get("rows"), dict):
         raise FormatError(path, "lacks `rows`", "a report.json of `symgrasp evaluate` is expected")
+    return content
+
+
+def read_success(path: Path, grasps: str) -> dict[str, Any]:
+    """Read the rates of success that `simulate` found for the file of grasps of digest `grasps`.
+
+    Raises:
+        FormatError: not a success.json, of another version, or of other grasps.
+    """
+    content = read_json(path)
+    if not isinstance(content, dict) or not isinstance(content.get("success"), dict):
+        raise FormatError(path, "lacks `success`", "a success.json of `simulate` is expected")
+    if content.get("format_version") != FORMAT_VERSION:
+        found = f"has format_version {content.get('format_version')}"
+        raise FormatError(path, found, f"this symgrasp reads {FORMAT_VERSION}")
+    if grasps not in ((content.get("provenance") or {}).get("inputs") or {}).values():
+        raise FormatError(path, "was simulated from other grasps", "run simulate on these grasps")
     return content
 
 

@@ -2,7 +2,7 @@
 
 Predictions are matched to the truth one to one, the most confident first; a second prediction of
 a truth already taken is wrong. Average precision is the whole area under the precision-recall
-curve (all points), or COCO's mean over 101 recalls.
+curve, all points; of masks COCO's is in `coco_masks`.
 """
 
 from dataclasses import dataclass
@@ -12,8 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
-COCO_RECALLS = np.linspace(0.0, 1.0, 101)
 
 
 @dataclass(frozen=True)
@@ -70,13 +68,13 @@ def average_precision(confidence: ArrayLike, correct: ArrayLike, num_truth: int)
     return float(steps @ _envelope(curve.precision))
 
 
-def coco_average_precision(confidence: ArrayLike, correct: ArrayLike, num_truth: int) -> float:
-    """Return COCO's average precision, the mean precision at 101 recalls; nan without truth."""
-    if num_truth == 0:
-        return float("nan")
+def interpolated_precision(
+    confidence: ArrayLike, correct: ArrayLike, num_truth: int, recalls: ArrayLike
+) -> Array:
+    """Return (r,) the best precision at each of `recalls` or beyond; 0 where it is not reached."""
     curve = precision_recall(confidence, correct, num_truth)
-    reached = np.searchsorted(curve.recall, COCO_RECALLS, side="left")
-    return float(np.append(_envelope(curve.precision), 0.0)[reached].mean())
+    reached = np.searchsorted(curve.recall, np.asarray(recalls, np.float64), side="left")
+    return np.append(_envelope(curve.precision), 0.0)[reached]
 
 
 def _envelope(precision: Array) -> Array:

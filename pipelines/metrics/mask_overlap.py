@@ -1,11 +1,9 @@
-"""Overlaps of region masks: intersection over union, matches, and whose region it is."""
+"""Overlaps of region masks: intersection over union, and whose region it is."""
 
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
-from pipelines.metrics.average_precision import match_greedy
+from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -21,14 +19,6 @@ def mask_iou(masks: Sequence[Mask], others: Sequence[Mask]) -> Array:
     common = (a @ b.T).astype(np.float64)
     union = a.sum(axis=1)[:, None] + b.sum(axis=1)[None] - common
     return np.asarray(common / np.maximum(union, 1.0))
-
-
-def match_masks(confidence: ArrayLike, iou: Array, min_iou: float) -> NDArray[np.int64]:
-    """Return (p,) the true mask each predicted one takes, -1 for none.
-
-    `iou`: (p, t) overlaps of predicted with true masks.
-    """
-    return match_greedy(confidence, np.where(iou >= min_iou, 1.0 - iou, np.inf))
 
 
 def owner_of(mask: Mask, label: NDArray[np.integer], min_share: float) -> int:

@@ -2,10 +2,13 @@
 
 import math
 
+import numpy as np
 import pytest
 
-from pipelines.evaluation.figures import frame_figures, report_rows
+from pipelines.evaluation.figures import report_curves, report_rows
 from pipelines.evaluation.records import FrameRecord, JudgedPredictions, RowRecord
+from pipelines.evaluation.tallies import ReportTally
+from pipelines.metrics.coco_masks import IOU_THRESHOLDS
 from pipelines.metrics.grasp_verdicts import Verdict
 
 THRESHOLDS = (0.25, 0.134)
@@ -27,7 +30,7 @@ def held(quality: float) -> Verdict:
 
 
 def figures(*records: FrameRecord) -> dict:
-    return frame_figures(records, "ours", THRESHOLDS, SPHERE)
+    return report_rows(ReportTally.of(records), THRESHOLDS, SPHERE)["ours"]["all"]
 
 
 def test_objects_without_grasp_count_as_zero_and_stand_apart():
@@ -67,17 +70,46 @@ def test_what_has_no_truth_is_none():
 
 
 def test_masks_that_are_all_found_have_average_precision_one():
-    masks = JudgedPredictions(2, [0.9, 0.8], {"0.5": [1, 1]})
-    assert figures(frame("seen", RowRecord([]), masks))["mask_ap50"] == 1.0
+    masks = JudgedPredictions(2, [0.9, 0.8], {f"{iou:g}": [1, 1] for iou in IOU_THRESHOLDS})
+    found = figures(frame("seen", RowRecord([]), masks))
+    assert [found[name] for name in ("mask_ap50", "mask_ap75", "mask_ap")] == [1.0, 1.0, 1.0]
+
+
+def test_the_share_held_rises_with_friction_and_failures_are_never_held():
+    verdicts = [held(0.8), held(0.5), Verdict(1, "collision", 0.0, 0.1), Verdict(2, "no region")]
+    tally = ReportTally.of([frame("seen", RowRecord(verdicts))])
+    curves = report_curves(tally, THRESHOLDS, SPHERE)
+    share = dict(zip(curves["friction"], curves["held"]["ours"], strict=True))
+    assert [share[mu] for mu in (0.15, 0.2, 0.45, 0.5, 1.0)] == [0.0, 0.25, 0.25, 0.5, 0.5]
+
+
+def test_the_area_above_the_share_held_is_the_mean_quality():
+    rng = np.random.default_rng(0)
+    verdicts = [held(float(quality)) for quality in rng.random(2000)]
+    tally = ReportTally.of([frame("seen", RowRecord(verdicts))])
+    shares = report_curves(tally, THRESHOLDS, SPHERE)["held"]["ours"]
+    mean = figures(frame("seen", RowRecord(verdicts)))["grasp_quality"]
+    assert np.trapezoid(shares, dx=0.05) == pytest.approx(mean, abs=0.01)
+
+
+def test_the_precision_of_a_curve_is_the_best_at_that_recall_or_beyond():
+    planes = {"reflection": judged([1, 0, 1], 4)}
+    tally = ReportTally.of([frame("seen", RowRecord([], planes))])
+    curves = report_curves(tally, THRESHOLDS, SPHERE)
+    found = dict(
+        zip(curves["recall"], curves["symmetry"]["ours"]["reflection"]["0.25"], strict=True)
+    )
+    assert [found[r] for r in (0.0, 0.24, 0.26, 0.5, 0.52)] == [1.0, 1.0, 0.6667, 0.6667, 0.0]
 
 
 def test_the_whole_is_all_splits_and_train_shows_only_if_evaluated():
     records = [frame("seen", RowRecord([held(1.0)])), frame("novel", RowRecord([held(0.5)]))]
-    rows = report_rows(records, THRESHOLDS, SPHERE)
+    rows = report_rows(ReportTally.of(records), THRESHOLDS, SPHERE)
     assert list(rows) == ["ours"]
     assert list(rows["ours"]) == ["seen", "similar", "novel", "all"]
     assert rows["ours"]["all"]["grasp_quality"] == pytest.approx(0.75)
-    trained = report_rows([frame("train", RowRecord([]))], THRESHOLDS, SPHERE)
+    train = ReportTally.of([frame("train", RowRecord([]))])
+    trained = report_rows(train, THRESHOLDS, SPHERE)
     assert "train" in trained["ours"]
 
 

@@ -1,35 +1,83 @@
-"""Tables and page of a report."""
+"""Tables of a report."""
+
+import pytest
 
 from pipelines.evaluation.figures import report_rows
 from pipelines.evaluation.records import FrameRecord, JudgedPredictions, RowRecord
-from pipelines.evaluation.tables import Table, report_page, report_tables
+from pipelines.evaluation.tables import Table, report_tables
+from pipelines.evaluation.tallies import ReportTally
 from pipelines.metrics.grasp_verdicts import Verdict
 
-RECORD = FrameRecord(
-    "f",
-    "seen",
-    0.1,
-    JudgedPredictions(1, [0.9], {"0.5": [1]}),
-    {"ours": RowRecord([Verdict(0, "held", 0.5, 0.5, 0.8, 0.7), Verdict(1, "no grasp")])},
-)
-TABLES = report_tables(report_rows([RECORD], (0.25,), 0.05))
+
+def record(split: str, qualities: list[float]) -> FrameRecord:
+    held = [Verdict(i, "held", q, 1 - q, 0.8, 0.7) for i, q in enumerate(qualities)]
+    rows = {"ours": RowRecord([*held, Verdict(9, "no grasp")])}
+    return FrameRecord("f", split, 0.1, JudgedPredictions(1, [0.9], {"0.5": [1]}), rows)
+
+
+def report(*records: FrameRecord, **more) -> dict:
+    return {"rows": report_rows(ReportTally.of(records), (0.25,), 0.05), **more}
+
+
+def table_of(tables: list[Table], start: str) -> Table:
+    return next(table for table in tables if table.title.startswith(start))
+
+
+def cell(table: Table, method: str, column: str) -> str:
+    row = next(row for row in table.rows if row[0] == method)
+    return row[table.header.index(column)]
+
+
+TABLES = report_tables(report(record("seen", [0.5])))
 
 
 def test_a_table_has_a_cell_for_every_head():
     assert all(len(row) == len(table.header) for table in TABLES for row in table.rows)
 
 
-def test_splits_without_frames_are_left_out():
-    assert {row[1] for row in TABLES[0].rows} == {"seen", "all"}
+def test_the_papers_rows_come_first_and_are_counted():
+    table = table_of(TABLES, "Table I.")
+    assert table.published == 5
+    assert table.rows[4][:3] == ("SymmetryGrasp", "0.382", "0.297")
+    assert table.rows[5][0] == "SymGrasp"
+    assert "paper" in table.note
+
+
+def test_both_antipodal_scores_are_named_apart():
+    titles = [table.title for table in TABLES if "ntipodal" in table.title]
+    assert len(titles) == 2
+    assert "contact pair" in titles[0]
+    assert "closing region" in titles[1]
 
 
 def test_means_have_three_digits_and_what_is_unknown_a_dash():
-    assert TABLES[0].rows[0][2] == "0.250"
-    assert TABLES[2].rows[1][2] == "-"
+    table = table_of(TABLES, "Table I.")
+    assert cell(table, "SymGrasp", "seen") == "0.250"
+    assert cell(table, "SymGrasp", "unseen") == "-"
 
 
-def test_a_page_escapes_what_it_is_given():
-    page = report_page("a < b", [Table("<script>", ("x",), (("&",),))])
-    assert "<script>" not in page
-    assert "a &lt; b" in page
-    assert "<td>&amp;</td>" in page
+def test_unseen_is_the_mean_over_the_objects_of_both_splits():
+    pooled = report(record("similar", [0.9]), record("novel", [0.3, 0.6, 0.6]))
+    table = table_of(report_tables(pooled), "Table I.")
+    assert float(cell(table, "SymGrasp", "unseen")) == pytest.approx(2.4 / 6)
+    assert float(cell(table, "SymGrasp, if grasped", "unseen")) == pytest.approx(2.4 / 4)
+
+
+def test_splits_without_frames_have_no_row():
+    assert {row[1] for row in table_of(TABLES, "What became").rows} == {"seen", "all"}
+
+
+def test_success_not_simulated_says_how_to():
+    assert "symgrasp simulate" in table_of(TABLES, "Table III").note
+
+
+def test_success_has_a_row_a_friction_with_its_interval():
+    rate = {"trials": 20, "held": 15, "rate": 0.75, "low": 0.531, "high": 0.888}
+    missing = {"trials": 0, "held": 0, "rate": None, "low": None, "high": None}
+    found = {"all": {"sphere": {"0.5": rate, "0.3": missing}}}
+    simulated = report(record("seen", [0.5]), success_by_friction=found)
+    table = table_of(report_tables(simulated), "Table III")
+    ours = [row for row in table.rows if row[0] == "SymGrasp"]
+    assert [row[1] for row in ours] == ["friction 0.3", "friction 0.5"]
+    assert ours[1][table.header.index("sphere")] == "75 % (53-89, n=20)"
+    assert ours[0][table.header.index("sphere")] == "-"

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from pipelines.metrics.average_precision import (
     average_precision,
-    coco_average_precision,
+    interpolated_precision,
     match_greedy,
     precision_recall,
 )
@@ -40,17 +40,14 @@ def test_average_precision_of_a_known_ranking():
 
 def test_perfect_predictions_have_average_precision_one():
     assert average_precision([0.4, 0.9], [True, True], 2) == 1.0
-    assert coco_average_precision([0.4, 0.9], [True, True], 2) == 1.0
 
 
 def test_average_precision_without_truth_is_undefined():
     assert np.isnan(average_precision([0.5], [False], 0))
-    assert np.isnan(coco_average_precision([0.5], [False], 0))
 
 
 def test_average_precision_without_predictions_is_zero():
     assert average_precision([], [], 4) == 0.0
-    assert coco_average_precision([], [], 4) == 0.0
 
 
 @given(seeds)
@@ -80,3 +77,13 @@ def test_a_wrong_prediction_at_the_end_changes_nothing(seed):
     confidence, correct = rng.uniform(0.1, 1.0, 10), rng.random(10) < 0.5
     longer = average_precision([*confidence, 0.05], [*correct, False], 12)
     assert longer == pytest.approx(average_precision(confidence, correct, 12))
+
+
+@given(seeds)
+@few
+def test_the_mean_of_interpolated_precision_nears_the_area(seed):
+    rng = np.random.default_rng(seed)
+    confidence, correct = rng.random(30), rng.random(30) < 0.5
+    recalls = (np.arange(20000) + 0.5) / 20000
+    mean = interpolated_precision(confidence, correct, 40, recalls).mean()
+    assert mean == pytest.approx(average_precision(confidence, correct, 40), abs=2e-3)

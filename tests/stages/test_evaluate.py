@@ -1,5 +1,8 @@
 """`evaluate` on a dataset whose truth is known."""
 
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -8,11 +11,13 @@ import pytest
 from pipelines import evaluate
 from pipelines.batch import BatchOptions, StageReport
 from pipelines.configs import EvaluateConfig
-from pipelines.errors import StaleOutputError
-from pipelines.evaluation.records import read_records
+from pipelines.errors import FormatError, StaleOutputError
+from pipelines.evaluation.records import read_records, records_folder
 from pipelines.formats import reports
+from pipelines.formats.files import write_json
 from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.formats.grasps_file import FrameResult
+from pipelines.formats.provenance import digest, make_stamp
 from tests.stages.toy_root import SCENES, frame_names, true_result, write_grasps, write_root
 
 QUIET = BatchOptions(progress=False)
@@ -31,7 +36,7 @@ def truth_file(root: GraspNetRoot, tmp_path_factory: pytest.TempPathFactory) -> 
 
 
 def run(grasps: Path, root: GraspNetRoot, output: Path, **options) -> StageReport:
-    baselines = options.pop("baselines", False)
+    baselines, success = options.pop("baselines", False), options.pop("success", None)
     return evaluate.run(
         grasps,
         root.root,
@@ -39,6 +44,7 @@ def run(grasps: Path, root: GraspNetRoot, output: Path, **options) -> StageRepor
         EvaluateConfig(min_visible_pixels=100),
         BatchOptions(progress=False, **options),
         baselines=baselines,
+        success=success,
     )
 
 
@@ -88,10 +94,104 @@ def test_the_oracle_holds_objects_and_chance_does_no_better(truth_report):
     assert figures(truth_report, "planar")["symmetry_ap"]["reflection"] is None
 
 
-def test_the_page_holds_the_tables_and_needs_no_network(truth_report):
+def test_the_page_holds_tables_and_frames_and_needs_no_network(truth_report):
     page = truth_report.with_suffix(".html").read_text()
     assert "oracle" in page
+    assert "Table III" in page
+    assert page.count("data:image/jpeg;base64,") == 2 * len(SCENES)  # the best, the worst
     assert "http" not in page
+
+
+def test_a_frame_without_its_image_is_named_and_the_report_is_whole(truth_file, tmp_path):
+    root = write_root(tmp_path / "root")
+    for name in frame_names():
+        root.frame(name).path("rgb").unlink()
+    report = run(truth_file, root, tmp_path / "report.json")
+    assert len(report.notes) == 2 * len(SCENES)
+    assert all("gallery" in note for note in report.notes.values())
+    assert figures(tmp_path / "report.json")["objects"] == 12
+
+
+def write_success(path: Path, grasps: Path, **content) -> Path:
+    rates = {"trials": 20, "held": 15, "rate": 0.75, "low": 0.53, "high": 0.89}
+    found = {
+        "format_version": 1,
+        "frictions": [0.3, 0.5],
+        "success": {s: {"sphere": {"0.3": rates, "0.5": rates}} for s in ("seen", "all")},
+        "provenance": make_stamp("simulate", {}, inputs={"grasps": digest(grasps)}).as_json(),
+    }
+    write_json(path, found | content)
+    return path
+
+
+def test_success_stands_in_the_figures_and_needs_no_second_judging(root, truth_file, tmp_path):
+    output = tmp_path / "report.json"
+    run(truth_file, root, output)
+    success = write_success(tmp_path / "success.json", truth_file)
+    assert run(truth_file, root, output, success=success).done == []
+    assert figures(output)["success"]["sphere"]["held"] == 15
+    assert figures(output, split="novel")["success"] == {}
+    assert reports.read_report(output)["success_by_friction"]["seen"]["sphere"]["0.3"]["held"] == 15
+    assert "75 %" in output.with_suffix(".html").read_text()
+
+
+def test_success_of_other_grasps_is_refused_before_anything_is_judged(root, truth_file, tmp_path):
+    other = {"provenance": {"inputs": {"grasps": "sha256:0"}}}
+    success = write_success(tmp_path / "success.json", truth_file, **other)
+    with pytest.raises(FormatError, match="other grasps"):
+        run(truth_file, root, tmp_path / "report.json", success=success)
+    assert [path.name for path in tmp_path.iterdir()] == ["success.json"]
+
+
+@pytest.mark.parametrize("content", [{"success": 3}, {"format_version": 9}])
+def test_what_is_no_success_file_is_one_sentence(root, truth_file, tmp_path, content):
+    success = write_success(tmp_path / "success.json", truth_file, **content)
+    with pytest.raises(FormatError, match=r"success\.json"):
+        run(truth_file, root, tmp_path / "report.json", success=success)
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from pipelines import evaluate
+from pipelines.batch import BatchOptions
+from pipelines.configs import EvaluateConfig
+
+write, written = evaluate.write_records, []
+
+def write_then_die(*arguments):
+    if written:
+        os.kill(os.getpid(), signal.SIGKILL)
+    write(*arguments)
+    written.append(1)
+
+evaluate.write_records = write_then_die
+paths = [Path(argument) for argument in sys.argv[1:]]
+evaluate.run(*paths, EvaluateConfig(min_visible_pixels=100), BatchOptions(progress=False))
+"""
+
+
+def test_a_killed_run_goes_on_where_it_was_and_gives_the_same_bytes(root, truth_file, tmp_path):
+    whole, output = tmp_path / "whole" / "report.json", tmp_path / "killed" / "report.json"
+    run(truth_file, root, whole)
+    command = [sys.executable, "-c", KILLED, str(truth_file), str(root.root), str(output)]
+    assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
+    assert not output.exists()
+    report = run(truth_file, root, output)
+    assert (len(report.skipped), len(report.done)) == (1, len(SCENES) - 1)
+    for suffix in (".json", ".html"):
+        assert output.with_suffix(suffix).read_bytes() == whole.with_suffix(suffix).read_bytes()
+    folders = [records_folder(path) for path in (whole, output)]
+    names = [sorted(path.name for path in folder.iterdir()) for folder in folders]
+    assert names[0] == names[1]
+
+
+def test_labels_made_anew_make_a_report_stale(truth_file, tmp_path):
+    root = write_root(tmp_path / "root")
+    run(truth_file, root, tmp_path / "report.json")
+    root.symmetry_path(0).write_text(root.symmetry_path(0).read_text() + " ")
+    with pytest.raises(StaleOutputError):
+        run(truth_file, root, tmp_path / "report.json")
 
 
 def test_an_object_without_region_has_quality_zero(root, tmp_path):
@@ -121,7 +221,7 @@ def test_a_second_run_judges_nothing_again_and_an_interrupted_one_only_the_rest(
     assert len(run(truth_file, root, output).done) == len(SCENES)
     whole = output.read_bytes()
     assert run(truth_file, root, output).done == []
-    records = sorted(evaluate.records_folder(output).iterdir())
+    records = sorted(records_folder(output).iterdir())
     records[0].unlink()
     output.unlink()
     assert run(truth_file, root, output).done == [records[0].stem]
@@ -159,7 +259,7 @@ def test_a_dry_run_writes_nothing(root, truth_file, tmp_path):
 
 
 def test_records_read_as_they_were_written(truth_report):
-    folder = evaluate.records_folder(truth_report)
+    folder = records_folder(truth_report)
     frames = [record for path in sorted(folder.iterdir()) for record in read_records(path)]
     assert [frame.name for frame in frames] == frame_names()
     assert {row for frame in frames for row in frame.rows} == {

@@ -1,0 +1,78 @@
+"""Writing a report from the records of its scenes: `report.json`, and the page beside it."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipelines.configs import EvaluateConfig
+from pipelines.evaluation.figures import Figures, report_curves, report_rows
+from pipelines.evaluation.gallery import FrameChoice, draw_gallery
+from pipelines.evaluation.records import FrameRecord, threshold_key
+from pipelines.evaluation.report_page import report_page
+from pipelines.evaluation.tallies import ReportTally
+from pipelines.formats import reports
+from pipelines.formats.files import write_text
+from pipelines.formats.graspnet import GraspNetRoot
+from pipelines.formats.grasps_stream import GraspsIndex
+from pipelines.formats.provenance import Stamp
+
+TABLE_FRICTION = 0.5  # of the simulated trials that stand beside the paper's Table III
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What a report is about.
+
+    Attributes:
+        grasps: the file that was judged.
+        index: its frames and attributes.
+        root: the dataset it was judged against.
+        config: thresholds.
+        stamp: how the records were made.
+    """
+
+    grasps: Path
+    index: GraspsIndex
+    root: GraspNetRoot
+    config: EvaluateConfig
+    stamp: Stamp
+
+
+def write_report_files(
+    output: Path,
+    scenes: Iterable[list[FrameRecord]],
+    judged: Judged,
+    success: Mapping[str, Any] | None = None,
+) -> dict[str, str]:
+    """Write `output` and the page beside it from the records of scenes, one scene in memory.
+
+    Returns:
+        What could not be drawn: frame to sentence.
+    """
+    tally, choice = ReportTally(), FrameChoice()
+    for records in scenes:
+        choice.add(records)
+        for record in records:
+            tally.add(record)
+    thresholds, sphere = judged.config.symmetry_thresholds, judged.config.sphere_threshold
+    rows = report_rows(tally, thresholds, sphere)
+    more: dict[str, Any] = {"curves": report_curves(tally, thresholds, sphere)}
+    if success is not None:
+        _add_success(rows, success)
+        more["success_by_friction"] = success["success"]
+    seconds = float(np.mean(tally.seconds)) if tally.seconds else None
+    reports.write_report(output, rows, judged.stamp, seconds_per_frame=seconds, **more)
+    gallery, faults = draw_gallery(choice, judged.grasps, judged.index, judged.root)
+    write_text(output.with_suffix(".html"), report_page(reports.read_report(output), gallery))
+    return faults
+
+
+def _add_success(rows: Mapping[str, Mapping[str, Figures]], success: Mapping[str, Any]) -> None:
+    """Put the rates of success at TABLE_FRICTION beside the figures of the same split."""
+    for split, figures in rows.get("ours", {}).items():
+        by_kind = success["success"].get(split, {})
+        key = threshold_key(TABLE_FRICTION)
+        figures["success"] = {kind: found[key] for kind, found in by_kind.items() if key in found}

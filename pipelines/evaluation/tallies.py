@@ -1,0 +1,129 @@
+"""Frame records added up: what figures need of each prediction, a few bytes, and no more.
+
+So the records of any number of frames go by one scene at a time.
+"""
+
+from array import array
+from collections import Counter, defaultdict
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.evaluation.records import FrameRecord, JudgedPredictions, RowRecord
+from pipelines.metrics.grasp_verdicts import Verdict
+from pipelines.metrics.symmetry_matching import CORRECT, IGNORED
+
+ALL = "all"
+WITHOUT_GRASP = ("no region", "no grasp")
+
+
+def _floats() -> "array[float]":
+    return array("d")
+
+
+@dataclass
+class JudgedTally:
+    """Predictions of one kind, of many frames.
+
+    Attributes:
+        num_truth: how many there were to find.
+        confidence: of each prediction.
+        verdicts: of each prediction by threshold, as in `JudgedPredictions`.
+    """
+
+    num_truth: int = 0
+    confidence: "array[float]" = field(default_factory=_floats)
+    verdicts: dict[str, "array[int]"] = field(default_factory=dict)
+
+    def add(self, judged: JudgedPredictions) -> None:
+        """Add one frame's."""
+        self.num_truth += judged.num_truth
+        self.confidence.extend(judged.confidence)
+        for key, verdicts in judged.verdicts.items():
+            self.verdicts.setdefault(key, array("b")).extend(verdicts)
+
+    def pooled(self, key: str) -> tuple[NDArray[np.float64], NDArray[np.bool_], int]:
+        """Return confidences (p,), whether each is right (p,), and the number of truths."""
+        verdicts = np.array(self.verdicts.get(key, []), np.int8)
+        counted = verdicts != IGNORED
+        confidence = np.array(self.confidence, np.float64)[: len(counted)]
+        return confidence[counted], verdicts[counted] == CORRECT, self.num_truth
+
+
+@dataclass
+class RowTally:
+    """One method on many frames; the arrays have one entry a visible object and frame.
+
+    Attributes:
+        frames: how many.
+        quality, antipodal, antipodal_region: of the verdicts.
+        held_friction: smallest friction that holds; inf where the grasp fails for any reason.
+        predicted: 1 where there was a grasp to judge.
+        reasons: how often each.
+        symmetries: by kind.
+    """
+
+    frames: int = 0
+    quality: "array[float]" = field(default_factory=_floats)
+    antipodal: "array[float]" = field(default_factory=_floats)
+    antipodal_region: "array[float]" = field(default_factory=_floats)
+    held_friction: "array[float]" = field(default_factory=_floats)
+    predicted: "array[int]" = field(default_factory=lambda: array("b"))
+    reasons: Counter[str] = field(default_factory=Counter)
+    symmetries: defaultdict[str, JudgedTally] = field(
+        default_factory=lambda: defaultdict(JudgedTally)
+    )
+
+    def add(self, row: RowRecord) -> None:
+        """Add one frame's."""
+        self.frames += 1
+        for verdict in row.verdicts:
+            self._add_verdict(verdict)
+        for kind, judged in row.symmetries.items():
+            self.symmetries[kind].add(judged)
+
+    def _add_verdict(self, verdict: Verdict) -> None:
+        self.quality.append(verdict.quality)
+        self.antipodal.append(verdict.antipodal)
+        self.antipodal_region.append(verdict.antipodal_region)
+        held = verdict.reason == "held"
+        self.held_friction.append(verdict.min_friction if held else float("inf"))
+        self.predicted.append(verdict.reason not in WITHOUT_GRASP)
+        self.reasons[verdict.reason] += 1
+
+
+@dataclass
+class ReportTally:
+    """All methods on many frames, by split; the split `all` holds every frame.
+
+    Attributes:
+        frames: how many.
+        seconds: that `infer` took, of the frames of which it is known.
+        masks: by split; the same for all methods.
+        rows: by method and split.
+    """
+
+    frames: int = 0
+    seconds: "array[float]" = field(default_factory=_floats)
+    masks: defaultdict[str, JudgedTally] = field(default_factory=lambda: defaultdict(JudgedTally))
+    rows: dict[str, defaultdict[str, RowTally]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, records: Iterable[FrameRecord]) -> "ReportTally":
+        """Return the tally of `records`."""
+        tally = cls()
+        for record in records:
+            tally.add(record)
+        return tally
+
+    def add(self, record: FrameRecord) -> None:
+        """Add one frame's record."""
+        self.frames += 1
+        if np.isfinite(record.seconds):
+            self.seconds.append(record.seconds)
+        for split in (record.split, ALL):
+            self.masks[split].add(record.masks)
+            for name, row in record.rows.items():
+                self.rows.setdefault(name, defaultdict(RowTally))[split].add(row)

@@ -1,0 +1,104 @@
+"""Reading `grasps.h5` a frame at a time: memory does not grow with the number of frames.
+
+The tables of a file are sorted by frame, so the rows of a frame are found by bisection and only
+these are read.
+"""
+
+from bisect import bisect_left
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from pipelines.errors import FormatError, SymgraspError
+from pipelines.formats.files import open_h5
+from pipelines.formats.grasps_file import SCHEMA, check_file, file_attributes, intrinsics_of
+from pipelines.formats.grasps_tables import FrameResult, GraspTable, RegionTable
+from pipelines.formats.h5_columns import read_columns
+
+
+@dataclass(frozen=True)
+class GraspsIndex:
+    """What a file holds, without its grasps: names of its frames, in order, and attributes."""
+
+    names: list[str]
+    attrs: Mapping[str, Any]
+
+
+def read_index(path: Path) -> GraspsIndex:
+    """Read the names of all frames and the attributes.
+
+    Raises:
+        FormatError: not a grasps.h5, of another version, truncated, or inconsistent.
+    """
+    with _opened(path) as file:
+        names = read_columns(path, file["frames"], ["name"])["name"]
+        return GraspsIndex([str(name) for name in names], file_attributes(file))
+
+
+def read_frames(path: Path, frames: Iterable[int]) -> Iterator[FrameResult]:
+    """Yield the frames with the given places in the file, one in memory at a time.
+
+    Raises:
+        FormatError: as `read_index`.
+    """
+    with _opened(path) as file:
+        for frame in frames:
+            try:
+                yield _read_frame(file, frame)
+            except (OSError, SymgraspError) as error:
+                raise FormatError(
+                    path, f"frame {frame} is damaged ({error})", "run infer again"
+                ) from error
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[h5py.File]:
+    with open_h5(path) as file:
+        check_file(path, file)
+        for group, names in SCHEMA.items():
+            lengths = {name: len(file[group][name]) for name in names if name in file[group]}
+            missing = set(names) - set(lengths)
+            lengths = {name: n for name, n in lengths.items() if not name.startswith("mask_")}
+            if missing or len(set(lengths.values())) > 1:
+                found = f"has no dataset /{group}/{min(missing)}" if missing else "columns disagree"
+                raise FormatError(path, found, "run infer again")
+        yield file
+
+
+def _read_frame(file: h5py.File, frame: int) -> FrameResult:
+    table = file["frames"]
+    first, last = _rows(file["regions/frame"], frame)
+    start, end = _rows(file["grasps/frame"], frame)
+    regions = _slice(file["regions"], RegionTable.SPEC, first, last)
+    mask_start = file["regions/mask_start"][first : last + 1].astype(np.int64)
+    regions["mask_counts"] = file["regions/mask_counts"][mask_start[0] : mask_start[-1]]
+    regions["mask_start"] = mask_start - mask_start[0]
+    grasps = _slice(file["grasps"], GraspTable.SPEC, start, end)
+    local = GraspTable(**grasps)
+    return FrameResult(
+        name=table["name"].asstr()[frame],
+        status=table["status"].asstr()[frame],
+        message=table["message"].asstr()[frame],
+        intrinsics=intrinsics_of(table["size"][frame], table["intrinsics"][frame]),
+        seconds=float(table["seconds"][frame]),
+        regions=replace(RegionTable(**regions), frame=np.zeros(last - first)),
+        grasps=replace(local, frame=np.zeros(end - start), region=local.region - first),
+    )
+
+
+def _rows(frame_of_row: h5py.Dataset, frame: int) -> tuple[int, int]:
+    first = bisect_left(frame_of_row, frame)
+    return first, bisect_left(frame_of_row, frame + 1, lo=first)
+
+
+def _slice(group: h5py.Group, names: Iterable[str], start: int, end: int) -> dict[str, Any]:
+    def column(dataset: h5py.Dataset) -> Any:  # noqa: ANN401 - an array of any type
+        is_text = h5py.check_string_dtype(dataset.dtype) is not None
+        return dataset.asstr()[start:end] if is_text else dataset[start:end]
+
+    return {name: column(group[name]) for name in names}

@@ -1,0 +1,98 @@
+"""Average precision of masks, by pycocotools itself.
+
+`match_masks` is COCOeval's matching of one image, `coco_average_precision` its accumulation over
+all images from what the matching found: so images need not be in memory together.
+"""
+
+import contextlib
+import io
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pycocotools import mask as run_lengths
+from pycocotools.coco import COCO
+from pycocotools.cocoeval import COCOeval
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+IOU_THRESHOLDS = tuple(round(0.5 + 0.05 * step, 2) for step in range(10))
+ANY_AREA = [0.0, 1e10]
+
+
+def match_masks(
+    masks: Sequence[Mask], confidence: Sequence[float], truth: Sequence[Mask]
+) -> NDArray[np.bool_]:
+    """Return (10, p) whether each predicted mask is right, at each of IOU_THRESHOLDS.
+
+    Each true mask is found once, by the most confident prediction; all of one image and one class.
+    """
+    if not masks or not truth:
+        return np.zeros((len(IOU_THRESHOLDS), len(masks)), np.bool_)
+    known, found = _image(truth, [1.0] * len(truth)), _image(masks, confidence)
+    with contextlib.redirect_stdout(io.StringIO()):  # pycocotools talks
+        judge = COCOeval(known, found, "segm")
+        judge.params.maxDets = [len(masks)]
+        judge.params.areaRng = [ANY_AREA]
+        judge.params.areaRngLbl = ["all"]
+        judge.evaluate()
+    entry = judge.evalImgs[0]
+    right = np.zeros((len(IOU_THRESHOLDS), len(masks)), np.bool_)
+    right[:, np.array(entry["dtIds"]) - 1] = np.asarray(entry["dtMatches"]) > 0
+    return right
+
+
+def coco_average_precision(
+    confidence: ArrayLike, correct: ArrayLike, num_truth: int
+) -> NDArray[np.float64]:
+    """Return (k,) COCO's average precision at each of k thresholds; nan without any truth.
+
+    Args:
+        confidence: (p,) of the predictions of all images.
+        correct: (k, p) whether each is right.
+        num_truth: of all images.
+    """
+    right = np.atleast_2d(np.asarray(correct, np.bool_))
+    if num_truth == 0:
+        return np.full(len(right), np.nan)
+    scores = np.asarray(confidence, np.float64)
+    with contextlib.redirect_stdout(io.StringIO()):
+        judge: Any = COCOeval(iouType="segm")
+        judge.params.imgIds, judge.params.catIds = [0], [1]
+        judge.params.iouThrs = np.arange(len(right), dtype=np.float64)
+        judge.params.maxDets = [max(len(scores), 1)]
+        judge.params.areaRng, judge.params.areaRngLbl = [ANY_AREA], ["all"]
+        judge._paramsEval = judge.params
+        judge.evalImgs = [
+            {
+                "dtScores": scores.tolist(),
+                "dtMatches": right.astype(np.float64),
+                "dtIgnore": np.zeros(right.shape, np.bool_),
+                "gtIgnore": np.zeros(num_truth, np.bool_),
+            }
+        ]
+        judge.accumulate()
+    return np.asarray(judge.eval["precision"][:, :, 0, 0, 0].mean(axis=1))
+
+
+def _image(masks: Sequence[Mask], confidence: Sequence[float]) -> Any:  # noqa: ANN401 - a COCO, whose type says too little
+    """Return one image's masks as a COCO data set; ids count from 1."""
+    height, width = masks[0].shape
+    entries: list[dict[str, Any]] = []
+    for index, (mask, score) in enumerate(zip(masks, confidence, strict=True)):
+        counts = run_lengths.encode(np.asfortranarray(mask.astype(np.uint8)))
+        entry = {"id": index + 1, "image_id": 0, "category_id": 1, "iscrowd": 0}
+        entries.append(
+            entry | {"segmentation": counts, "area": int(mask.sum()), "score": float(score)}
+        )
+    coco: Any = COCO()
+    coco.dataset = {
+        "images": [{"id": 0, "height": height, "width": width}],
+        "annotations": entries,
+        "categories": [{"id": 1, "name": "region"}],
+    }
+    with contextlib.redirect_stdout(io.StringIO()):
+        coco.createIndex()
+    return coco

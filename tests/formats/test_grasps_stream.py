@@ -1,0 +1,67 @@
+"""grasps.h5 a frame at a time: the same as all of it at once."""
+
+from dataclasses import fields
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from pipelines.errors import FormatError
+from pipelines.formats import grasps_file
+from pipelines.formats.grasps_file import FrameResult
+from pipelines.formats.grasps_stream import read_frames, read_index
+from tests.formats.test_grasps_file import STAMP, result
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    failed = FrameResult("b", "failed", "b_depth.png: depth has 8 bits; ümlaut")
+    results = [result("s/a", 2, 3), failed, result("c", 0, 0), result("d", 3, 7, seed=1)]
+    grasps_file.write(tmp_path / "g.h5", results, STAMP)
+    return tmp_path / "g.h5"
+
+
+def assert_same(one: FrameResult, other: FrameResult) -> None:
+    for name in ("name", "status", "message", "intrinsics", "seconds"):
+        assert getattr(one, name) == getattr(other, name)
+    for first, second in ((one.regions, other.regions), (one.grasps, other.grasps)):
+        for field in fields(first):
+            assert_array_equal(getattr(first, field.name), getattr(second, field.name))
+
+
+def test_frames_read_one_by_one_are_those_of_the_whole_file(path):
+    whole = grasps_file.read(path).results()
+    for order in ([0, 1, 2, 3], [3, 1]):
+        for place, found in zip(order, read_frames(path, order), strict=True):
+            assert_same(found, whole[place])
+
+
+def test_the_index_names_frames_and_settings(path):
+    index = read_index(path)
+    assert index.names == ["s/a", "b", "c", "d"]
+    assert index.attrs["config"] == {"gripper": "rg2"}
+
+
+@pytest.mark.parametrize("damage", ["grasps/width", "grasps", "regions/mask_start"])
+def test_a_file_without_a_column_is_one_sentence(path, damage):
+    with h5py.File(path, "a") as file:
+        del file[damage]
+    with pytest.raises(FormatError, match="has no"):
+        read_index(path)
+
+
+def test_columns_of_unequal_length_are_refused(path):
+    with h5py.File(path, "a") as file:
+        del file["grasps/width"]
+        file["grasps/width"] = np.zeros(3, np.float32)
+    with pytest.raises(FormatError, match="disagree"):
+        read_index(path)
+
+
+def test_a_frame_whose_rows_make_no_sense_is_named(path):
+    with h5py.File(path, "a") as file:
+        file["grasps/region"][...] = 99
+    with pytest.raises(FormatError, match="frame 3"):
+        list(read_frames(path, [3]))

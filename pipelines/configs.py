@@ -290,3 +290,12 @@ class EvaluateConfig:
     min_region_share: float = 0.3  # of a region's pixels on the object whose region it is
     min_region_iou: float = 0.25  # with the true region whose symmetries it is asked for
     gripper: str = ""  # the one that `infer` used
+
+
+@dataclass(frozen=True)
+class CompareConfig:
+    """Runs side by side: a paired bootstrap over frames."""
+
+    row: str = "ours"  # of the reports
+    resamples: int = 2000
+    level: float = 0.95

@@ -9,6 +9,7 @@ from typer.core import TyperGroup
 
 from pipelines.errors import SymgraspError
 from symgrasp_cli.annotate_symmetry import annotate_symmetry
+from symgrasp_cli.compare import compare
 from symgrasp_cli.evaluate import evaluate
 from symgrasp_cli.export_coco import export_coco
 from symgrasp_cli.finetune_detector import finetune_detector
@@ -33,6 +34,7 @@ COMMANDS = (
     infer,
     score_grasps,
     evaluate,
+    compare,
 )
 
 

@@ -76,6 +76,11 @@ def html_table(table: Table) -> str:
     )
 
 
+def note_list(notes: Iterable[str]) -> str:
+    """Return sentences as a list."""
+    return f"<ul>{''.join(f'<li>{html.escape(note)}</li>' for note in notes)}</ul>"
+
+
 def _columns(tables: Iterable[str], chart: str) -> str:
     blocks = "".join(f"<div>{part}</div>" for part in (*tables, chart))
     return f'<div class="columns">{blocks}</div>'

@@ -9,6 +9,8 @@ import h5py
 import numpy as np
 import pytest
 
+from pipelines import compare
+from pipelines.configs import CompareConfig
 from pipelines.formats import (
     affordance_labels,
     coco_instances,
@@ -26,6 +28,7 @@ from pipelines.formats.reports import write_report
 from pipelines.formats.symmetry_labels import ObjectSymmetries, RegionLabel
 from pipelines.geometry.region_masks import RegionInstance
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry
+from tests.stages.test_compare import write_run
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "FORMATS.md"
 STAMP = make_stamp("test", {})
@@ -156,6 +159,12 @@ def test_the_keys_of_coco_entries_are_documented(tmp_path: Path) -> None:
 def test_the_keys_of_reports_are_documented(tmp_path: Path) -> None:
     write_report(tmp_path / "x.json", {}, STAMP)
     assert set(json.loads((tmp_path / "x.json").read_text())) == keys_of(block("keys", "report"))
+
+
+def test_the_keys_of_comparisons_are_documented(tmp_path: Path) -> None:
+    reports = [write_run(tmp_path / "a"), write_run(tmp_path / "b", seed=1)]
+    compare.run(reports, CompareConfig(resamples=10), tmp_path / "x.json")
+    assert set(json.loads((tmp_path / "x.json").read_text())) == keys_of(block("keys", "compare"))
 
 
 @pytest.mark.parametrize("path", sorted(PRESETS.glob("*.toml")), ids=lambda path: path.stem)

@@ -1,0 +1,257 @@
+"""Stage `compare`: several runs of `evaluate` side by side, and how certain their differences are.
+
+Reads   A.json, B.json, ...  reports of `evaluate`
+        A.frames/, ...       the records beside each
+Writes  compare.json or compare.html, if asked for
+
+Only frames that all runs have are compared; the others are counted. The interval of a difference
+to the first run is a paired bootstrap over frames.
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from pipelines.configs import CompareConfig
+from pipelines.errors import SymgraspError
+from pipelines.evaluation.figures import TEST_SPLITS
+from pipelines.evaluation.paired_runs import METRICS, Run, paired_frames, read_run
+from pipelines.evaluation.records import records_folder
+from pipelines.evaluation.report_page import html_table, note_list, whole_page
+from pipelines.evaluation.tables import Table
+from pipelines.evaluation.tallies import ALL
+from pipelines.formats.files import write_json, write_text
+from pipelines.formats.provenance import (
+    Stamp,
+    digest,
+    digest_folder,
+    is_finished,
+    make_stamp,
+    write_sidecar,
+)
+from pipelines.metrics.paired_bootstrap import Difference, differences
+
+FORMAT_VERSION = 1
+SUFFIXES = (".json", ".html")
+METRIC_NAMES = {
+    "grasp_quality": "grasp quality",
+    "antipodal_score": "antipodal, pair",
+    "antipodal_score_region": "antipodal, region",
+    "share_held": "share held",
+    "symmetry_ap reflection": "AP reflection",
+    "symmetry_ap rotation": "AP rotation",
+    "symmetry_ap sphere": "AP sphere",
+    "mask_ap50": "mask AP50",
+}
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One metric in one split: the value of each run, and the differences to the first."""
+
+    metric: str
+    split: str
+    frames: int
+    values: list[float]
+    differences: list[Difference]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What a comparison found: names of the runs, remarks on what differs, figures."""
+
+    runs: list[str]
+    notes: list[str]
+    figures: list[Figure]
+    config: CompareConfig
+
+
+def run(
+    reports: Sequence[Path],
+    config: CompareConfig,
+    output: Path | None = None,
+    *,
+    seed: int = 0,
+    overwrite: bool = False,
+) -> Comparison:
+    """Compare `reports` with the first of them and write `output`, .json or .html, if given.
+
+    Raises:
+        SymgraspError: runs that cannot be paired, or fewer than two.
+    """
+    if len(reports) < 2:
+        raise SymgraspError("one report has nothing to be compared with; give two or more")
+    stamp = make_stamp("compare", config, seed=seed, inputs=_digests(reports))
+    if output is not None:
+        if output.suffix not in SUFFIXES:
+            raise SymgraspError(f"{output} is neither .json nor .html; name one of these")
+        is_finished(output, stamp, overwrite=overwrite)  # refuses to replace another comparison
+    names = run_names(reports)
+    runs = [read_run(path, name, config.row) for path, name in zip(reports, names, strict=True)]
+    found = compare(runs, config, seed)
+    if output is not None:
+        _write(output, found, reports, stamp)
+    return found
+
+
+def compare(runs: Sequence[Run], config: CompareConfig, seed: int) -> Comparison:
+    """Return how `runs` differ on the frames that all of them have."""
+    paired = set(paired_frames(runs))
+    notes = [*_frame_notes(runs, len(paired)), *_setting_notes(runs)]
+    figures = []
+    for metric in METRICS:
+        for split in (ALL, "train", *TEST_SPLITS):
+            names = [name for name in runs[0].names_in(split) if name in paired]
+            if not names:
+                continue
+            each = [run.figure(metric, names) for run in runs]
+            values, found = differences(each, len(names), config.resamples, config.level, seed)
+            if any(map(math.isfinite, values)):
+                figures.append(Figure(metric, split, len(names), values, found))
+    return Comparison([run.name for run in runs], notes, figures, config)
+
+
+def tables(comparison: Comparison) -> list[Table]:
+    """Return a table a split: a value a run, then its difference to the first."""
+    first, *others = comparison.runs
+    config = comparison.config
+    header = ["", first]
+    for name in others:
+        header += [name, "difference", f"{100 * config.level:g} % interval"]
+    found = []
+    for split in dict.fromkeys(figure.split for figure in comparison.figures):
+        figures = [figure for figure in comparison.figures if figure.split == split]
+        title = f"{split}: {figures[0].frames} frames in common, row `{config.row}`"
+        found.append(Table(title, tuple(header), tuple(map(_row, figures))))
+    note = (
+        f"Differences to {first}; intervals by paired bootstrap over frames, {config.resamples} "
+        "draws; * leaves out zero. Views of one scene are much alike, so true intervals are wider "
+        "where scenes have many."
+    )
+    return [*found[:-1], replace(found[-1], note=note)]
+
+
+def run_names(reports: Sequence[Path]) -> list[str]:
+    """Return short names of `reports` that tell them apart, without what all share at their ends.
+
+    Raises:
+        SymgraspError: a report is given twice.
+    """
+    parts = [path.absolute().with_suffix("").parts for path in reports]
+    if len(set(parts)) < len(parts):
+        raise SymgraspError("a report is given twice; name each once")
+    end = 0
+    while len({each[-end - 1] for each in parts}) == 1:
+        end += 1
+    length = 1
+    while len({each[: len(each) - end][-length:] for each in parts}) < len(parts):
+        length += 1
+    return ["/".join(each[: len(each) - end][-length:]) for each in parts]
+
+
+def _frame_notes(runs: Sequence[Run], paired: int) -> list[str]:
+    notes = [f"{paired} frames are in all {len(runs)} runs and are compared."]
+    return notes + [
+        f"{len(run.frames) - paired} of the {len(run.frames)} frames of {run.name} are not in "
+        "every run and are left out."
+        for run in runs
+        if len(run.frames) > paired
+    ]
+
+
+def _setting_notes(runs: Sequence[Run]) -> list[str]:
+    """Return a sentence for whatever differs between the first run and another."""
+    first, *others = (_provenance(run) for run in runs)
+    notes = []
+    for run, other in zip(runs[1:], others, strict=True):
+        settings = _changed(first["config"] | _rest(first), other["config"] | _rest(other))
+        if settings:
+            notes.append(f"{run.name} was judged with other settings: {', '.join(settings)}.")
+        labels = [
+            name
+            for name in sorted(first["inputs"].keys() | other["inputs"].keys())
+            if name != "grasps" and first["inputs"].get(name) != other["inputs"].get(name)
+        ]
+        if labels:
+            notes.append(f"{run.name} was judged against other labels: {', '.join(labels)}.")
+        if first["inputs"].get("grasps") == other["inputs"].get("grasps"):
+            notes.append(f"{run.name} judges the same grasps as {runs[0].name}.")
+    return notes
+
+
+def _provenance(run: Run) -> dict[str, Any]:
+    return {"config": {}, "inputs": {}} | dict(run.report.get("provenance") or {})
+
+
+def _rest(stamp: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: stamp.get(name) for name in ("seed", "version")}
+
+
+def _changed(first: Mapping[str, Any], other: Mapping[str, Any]) -> Iterable[str]:
+    return [
+        f"{name} {other.get(name)} instead of {first.get(name)}"
+        for name in sorted(first.keys() | other.keys())
+        if first.get(name) != other.get(name)
+    ]
+
+
+def _digests(reports: Sequence[Path]) -> dict[str, str]:
+    digests = {}
+    for place, path in enumerate(reports):
+        digests[f"report {place}"] = digest(path) if path.is_file() else ""
+        digests[f"frames {place}"] = digest_folder(records_folder(path), "*.json")
+    return digests
+
+
+def _write(output: Path, found: Comparison, reports: Sequence[Path], stamp: Stamp) -> None:
+    if output.suffix == ".html":
+        body = note_list(found.notes) + "".join(map(html_table, tables(found)))
+        write_text(output, whole_page(f"SymGrasp: {' and '.join(found.runs)}", body))
+        write_sidecar(output, stamp)
+        return
+    figures: dict[str, dict[str, Any]] = {}
+    for figure in found.figures:
+        figures.setdefault(figure.split, {})[figure.metric] = {
+            "frames": figure.frames,
+            "values": [_finite(value) for value in figure.values],
+            "differences": [
+                {key: _finite(value) for key, value in asdict(difference).items()}
+                for difference in figure.differences
+            ],
+        }
+    content = {
+        "runs": [
+            {"name": name, "report": str(path)}
+            for name, path in zip(found.runs, reports, strict=True)
+        ],
+        "row": found.config.row,
+        "notes": found.notes,
+        "figures": figures,
+        "format_version": FORMAT_VERSION,
+        "provenance": stamp.as_json(),
+    }
+    write_json(output, content)
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _number(value: float) -> str:
+    return f"{value:.3f}" if math.isfinite(value) else "-"
+
+
+def _row(figure: Figure) -> tuple[str, ...]:
+    row = [METRIC_NAMES[figure.metric], _number(figure.values[0])]
+    for value, difference in zip(figure.values[1:], figure.differences, strict=True):
+        row += [_number(value), *_words(difference)]
+    return tuple(row)
+
+
+def _words(difference: Difference) -> tuple[str, str]:
+    if not math.isfinite(difference.low):
+        return "-", "-"
+    mark = " *" if difference.is_certain else ""
+    return f"{difference.value:+.3f}", f"{difference.low:+.3f} to {difference.high:+.3f}{mark}"

@@ -1,0 +1,137 @@
+"""Paired bootstrap over frames: how certain a difference between two runs is.
+
+A resample draws as many frames as there are, with repetition; all runs are computed on the same
+draw, so what makes a frame easy or hard for all of them cancels. A draw is a weight a frame, how
+often it was drawn, and every figure here takes weights: no frame is copied.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+COCO_RECALLS = np.linspace(0.0, 1.0, 101)
+LARGEST_BLOCK = 4_000_000  # weights of predictions that are in memory at a time
+
+
+@dataclass(frozen=True)
+class FrameMeans:
+    """A mean over objects: of each of f frames the sum of its objects' values, and their number."""
+
+    sums: Array
+    counts: Array
+
+    def at(self, weights: Array) -> Array:
+        """Return (b,) the means of `weights` (b, f); nan without objects."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray((weights @ self.sums) / (weights @ self.counts))
+
+
+@dataclass(frozen=True)
+class FramePrecision:
+    """An average precision: p predictions of f frames, the most confident first.
+
+    Attributes:
+        correct: (p,) 1 right, 0 wrong.
+        frame: (p,) index of each one's frame.
+        num_truth: (f,) how many there are to find.
+        coco: COCO's mean over 101 recalls, not the area under all points.
+    """
+
+    correct: Array
+    frame: NDArray[np.int64]
+    num_truth: Array
+    coco: bool = False
+
+    @classmethod
+    def ranked(
+        cls,
+        confidence: Array,
+        correct: NDArray[np.bool_],
+        frame: NDArray[np.int64],
+        num_truth: Array,
+        *,
+        coco: bool = False,
+    ) -> "FramePrecision":
+        """Return it from predictions in any order; equal confidences keep their order."""
+        order = np.argsort(-confidence, kind="stable")
+        return cls(correct[order].astype(np.float64), frame[order], num_truth, coco)
+
+    def at(self, weights: Array) -> Array:
+        """Return (b,) the average precisions of `weights` (b, f); nan without any truth."""
+        size = max(1, LARGEST_BLOCK // max(len(self.frame), 1))
+        blocks = [self._at(weights[i : i + size]) for i in range(0, len(weights), size)]
+        return np.concatenate(blocks)
+
+    def _at(self, weights: Array) -> Array:
+        total = weights @ self.num_truth
+        counted = weights[:, self.frame]
+        right = np.cumsum(counted * self.correct, axis=1)
+        precision = right / np.maximum(np.cumsum(counted, axis=1), 1.0)
+        best = np.maximum.accumulate(precision[:, ::-1], axis=1)[:, ::-1]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            if not self.coco:
+                return np.asarray((counted * self.correct * best).sum(axis=1) / total)
+            recall = right / total[:, None]
+        means = [
+            np.append(row, 0.0)[np.searchsorted(reached, COCO_RECALLS, side="left")].mean()
+            for row, reached in zip(best, recall, strict=True)
+        ]
+        return np.where(total > 0, means, np.nan)
+
+
+FrameFigure = FrameMeans | FramePrecision
+
+
+@dataclass(frozen=True)
+class Difference:
+    """How much larger a figure is than the first run's, with its interval; nan if undefined."""
+
+    value: float
+    low: float
+    high: float
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether the interval leaves out zero."""
+        return self.low > 0.0 or self.high < 0.0
+
+
+def draws(num_frames: int, resamples: int, rng: np.random.Generator) -> Iterator[Array]:
+    """Yield blocks (b, f) of weights, `resamples` rows in all."""
+    size = max(1, LARGEST_BLOCK // max(num_frames, 1))
+    share = np.full(num_frames, 1.0 / num_frames)
+    for start in range(0, resamples, size):
+        rows = min(size, resamples - start)
+        yield rng.multinomial(num_frames, share, size=rows).astype(np.float64)
+
+
+def differences(
+    figures: list[FrameFigure], num_frames: int, resamples: int, level: float, seed: int
+) -> tuple[list[float], list[Difference]]:
+    """Return each run's figure on all frames, and the differences of all but the first to it.
+
+    Args:
+        figures: of the runs, over the same frames in the same order.
+        num_frames: how many.
+        resamples: how many draws; the same seed draws the same frames.
+        level: share of the draws inside the interval.
+        seed: of the draws.
+    """
+    everything = np.ones((1, num_frames))
+    values = [float(figure.at(everything)[0]) for figure in figures]
+    if num_frames == 0:
+        return values, [Difference(np.nan, np.nan, np.nan)] * (len(figures) - 1)
+    blocks = draws(num_frames, resamples, np.random.default_rng(seed))
+    drawn = np.hstack([np.stack([figure.at(w) for figure in figures]) for w in blocks])
+    ends = [50.0 * (1.0 - level), 50.0 * (1.0 + level)]
+    found = []
+    for value, row in zip(values[1:], drawn[1:] - drawn[0], strict=True):
+        defined = row[np.isfinite(row)]  # a draw may hold no truth at all
+        enough = 2 * len(defined) >= len(row)
+        low, high = np.percentile(defined, ends) if enough else (np.nan, np.nan)
+        found.append(Difference(value - values[0], float(low), float(high)))
+    return values, found

@@ -1,0 +1,106 @@
+"""Weights instead of copies: figures of drawn frames, and the interval of a difference."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipelines.metrics.average_precision import average_precision
+from pipelines.metrics.coco_masks import coco_average_precision
+from pipelines.metrics.paired_bootstrap import FrameMeans, FramePrecision, differences, draws
+
+few = settings(max_examples=25, deadline=None)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def predictions(rng: np.random.Generator, frames: int = 6, count: int = 40):
+    confidence = rng.random(count)
+    return confidence, rng.random(count) < 0.6, rng.integers(0, frames, count)
+
+
+def copies(weights, confidence, correct, frame, num_truth):
+    """The predictions of every frame as often as its weight, and the number of truths."""
+    times = weights[frame].astype(int)
+    return np.repeat(confidence, times), np.repeat(correct, times), int(weights @ num_truth)
+
+
+@given(seeds)
+@few
+def test_weights_count_as_copies_of_frames(seed):
+    rng = np.random.default_rng(seed)
+    confidence, correct, frame = predictions(rng)
+    num_truth = rng.integers(6, 12, 6).astype(float)
+    weights = next(iter(draws(6, 4, rng)))
+    found = FramePrecision.ranked(confidence, correct, frame, num_truth).at(weights)
+    coco = FramePrecision.ranked(confidence, correct, frame, num_truth, coco=True).at(weights)
+    for row, area, mean in zip(weights, found, coco, strict=True):
+        copied = copies(row, confidence, correct, frame, num_truth)
+        assert area == pytest.approx(average_precision(*copied), abs=1e-9)
+        assert mean == pytest.approx(coco_average_precision(*copied)[0], abs=1e-9)
+
+
+@given(seeds)
+@few
+def test_the_mean_over_objects_is_that_of_copies(seed):
+    rng = np.random.default_rng(seed)
+    values, frame = rng.random(20), rng.integers(0, 5, 20)
+    sums = np.bincount(frame, values, minlength=5)
+    figure = FrameMeans(sums, np.bincount(frame, minlength=5).astype(float))
+    weights = next(iter(draws(5, 3, rng)))
+    for row, mean in zip(weights, figure.at(weights), strict=True):
+        if row[frame].any():
+            assert mean == pytest.approx(np.average(values, weights=row[frame]))
+
+
+def test_a_draw_holds_as_many_frames_as_there_are():
+    blocks = list(draws(7, 10, np.random.default_rng(0)))
+    assert np.concatenate(blocks).shape == (10, 7)
+    assert (np.concatenate(blocks).sum(axis=1) == 7).all()
+
+
+def test_what_all_runs_share_cancels():
+    rng = np.random.default_rng(0)
+    hard, ones = rng.random(200), np.ones(200)
+    first, second = FrameMeans(hard, ones), FrameMeans(hard + 0.01, ones)
+    values, (difference,) = differences([first, second], 200, 500, 0.95, seed=0)
+    assert values[0] == pytest.approx(hard.mean())
+    assert difference.value == pytest.approx(0.01)
+    assert (difference.low, difference.high) == pytest.approx((0.01, 0.01))
+    assert difference.is_certain
+
+
+def test_the_interval_is_as_wide_as_theory_says():
+    rng = np.random.default_rng(1)
+    noise, ones = rng.normal(0.0, 0.2, 400), np.ones(400)
+    zero = FrameMeans(np.zeros(400), ones)
+    _, (difference,) = differences([zero, FrameMeans(noise, ones)], 400, 4000, 0.95, seed=0)
+    assert difference.high - difference.low == pytest.approx(2 * 1.96 * 0.2 / 20, rel=0.1)
+
+
+def test_chance_is_rarely_taken_for_a_difference():
+    rng = np.random.default_rng(3)
+    zero, ones = np.zeros(60), np.ones(60)
+    pairs = [[FrameMeans(zero, ones), FrameMeans(rng.normal(size=60), ones)] for _ in range(300)]
+    certain = [differences(pair, 60, 300, 0.95, seed=0)[1][0].is_certain for pair in pairs]
+    assert 0.02 < np.mean(certain) < 0.10
+
+
+def test_the_same_seed_draws_the_same():
+    rng = np.random.default_rng(2)
+    figures = [FrameMeans(rng.random(30), np.ones(30)) for _ in range(3)]
+    assert differences(figures, 30, 50, 0.9, seed=5) == differences(figures, 30, 50, 0.9, seed=5)
+    assert differences(figures, 30, 50, 0.9, seed=5) != differences(figures, 30, 50, 0.9, seed=6)
+
+
+def test_a_run_differs_from_itself_by_nothing():
+    figure = FrameMeans(np.arange(10.0), np.ones(10))
+    _, (difference,) = differences([figure, figure], 10, 50, 0.95, seed=0)
+    assert (difference.value, difference.low, difference.high) == (0.0, 0.0, 0.0)
+    assert not difference.is_certain
+
+
+def test_what_has_no_truth_is_nan():
+    none = FramePrecision.ranked(np.zeros(0), np.zeros(0, bool), np.zeros(0, int), np.zeros(3))
+    values, (difference,) = differences([none, none], 3, 20, 0.95, seed=0)
+    assert np.isnan(values).all()
+    assert np.isnan([difference.value, difference.low, difference.high]).all()

@@ -1,0 +1,209 @@
+"""`compare` on runs whose differences are known."""
+
+import json
+from pathlib import Path
+from zlib import crc32
+
+import numpy as np
+import pytest
+
+from pipelines import compare
+from pipelines.configs import CompareConfig, EvaluateConfig
+from pipelines.errors import (
+    FormatError,
+    MissingInputError,
+    StaleOutputError,
+    SymgraspError,
+    UnknownNameError,
+)
+from pipelines.evaluation.figures import report_rows
+from pipelines.evaluation.records import (
+    FrameRecord,
+    JudgedPredictions,
+    RowRecord,
+    records_folder,
+    write_records,
+)
+from pipelines.evaluation.tallies import ReportTally
+from pipelines.formats.provenance import make_stamp
+from pipelines.formats.reports import write_report
+from pipelines.metrics.coco_masks import IOU_THRESHOLDS
+from pipelines.metrics.grasp_verdicts import Verdict
+
+CONFIG = CompareConfig(resamples=200)
+SCENES = {"scene_0100_kinect": "seen", "scene_0160_kinect": "novel"}
+
+
+def judged(rng: np.random.Generator, keys: list[str], num_truth: int) -> JudgedPredictions:
+    verdicts = {key: rng.choice([-1, 0, 1], 4, p=[0.2, 0.3, 0.5]).tolist() for key in keys}
+    return JudgedPredictions(num_truth, rng.random(4).round(1).tolist(), verdicts)
+
+
+def frame(name: str, split: str, better: float, seed: int, objects: int = 3) -> FrameRecord:
+    """Three objects of random quality, `better` by as much; random symmetries and masks."""
+    place = crc32(name.encode())
+    rng, shared = np.random.default_rng([seed, place]), np.random.default_rng(place)
+    quality = shared.uniform(0.1, 0.5, objects) + better
+    verdicts = [Verdict(i, "held", float(q), 1 - float(q), 0.9) for i, q in enumerate(quality)]
+    kinds = {
+        kind: judged(rng, ["0.25", "0.134", "0.067"], 3) for kind in ("reflection", "rotation")
+    }
+    kinds["sphere"] = judged(rng, ["0.05"], 1)
+    masks = judged(rng, [f"{iou:g}" for iou in IOU_THRESHOLDS], 3)
+    masks = JudgedPredictions(
+        3, masks.confidence, {key: [max(v, 0) for v in vs] for key, vs in masks.verdicts.items()}
+    )
+    return FrameRecord(name, split, 0.1, masks, {"ours": RowRecord(verdicts, kinds)})
+
+
+def write_run(folder: Path, better: float = 0.0, seed: int = 0, frames: int = 5, **options) -> Path:
+    """Write a report with its records; `options`: objects of a frame, gripper, labels."""
+    path = folder / "report.json"
+    settings = EvaluateConfig(gripper=options.get("gripper", "rg2"))
+    inputs = {"grasps": f"sha256:{folder.name}", "symmetry": options.get("labels", "a")}
+    stamp = make_stamp("evaluate", settings, inputs=inputs)
+    records = []
+    for scene, split in SCENES.items():
+        scene_number = scene.split("_")[1]
+        names = [f"scenes/scene_{scene_number}/kinect/{i:04d}" for i in range(frames)]
+        found = [frame(n, split, better, seed, options.get("objects", 3)) for n in names]
+        write_records(records_folder(path) / f"{scene}.json", found, stamp)
+        records += found
+    tally = ReportTally.of(records)
+    write_report(path, report_rows(tally, (0.25, 0.134, 0.067), 0.05), stamp)
+    return path
+
+
+def figure(found: compare.Comparison, metric: str, split: str = "all") -> compare.Figure:
+    return next(f for f in found.figures if (f.metric, f.split) == (metric, split))
+
+
+def test_a_constant_gain_is_found_and_certain(tmp_path):
+    paths = [write_run(tmp_path / "a"), write_run(tmp_path / "b", better=0.1)]
+    found = figure(compare.run(paths, CONFIG), "grasp_quality")
+    assert found.differences[0].value == pytest.approx(0.1)
+    assert found.differences[0].low == pytest.approx(0.1)
+    assert found.differences[0].is_certain
+    assert found.frames == 10
+
+
+def test_values_are_those_of_the_reports(tmp_path):
+    paths = [write_run(tmp_path / "a", seed=1), write_run(tmp_path / "b", seed=2)]
+    found = compare.run(paths, CONFIG)
+    for place, path in enumerate(paths):
+        for split, figures in json.loads(path.read_text())["rows"]["ours"].items():
+            if not figures["frames"]:
+                continue
+            for metric in ("grasp_quality", "antipodal_score", "mask_ap50"):
+                assert figure(found, metric, split).values[place] == pytest.approx(figures[metric])
+            for kind, value in figures["symmetry_ap"].items():
+                values = figure(found, f"symmetry_ap {kind}", split).values
+                assert values[place] == pytest.approx(value)
+
+
+def test_every_run_is_compared_with_the_first(tmp_path):
+    gains = {"a": 0.0, "b": 0.2, "c": -0.05}
+    found = compare.run([write_run(tmp_path / n, better=g) for n, g in gains.items()], CONFIG)
+    assert found.runs == ["a", "b", "c"]
+    values = [difference.value for difference in figure(found, "grasp_quality").differences]
+    assert values == pytest.approx([0.2, -0.05])
+
+
+def test_frames_that_only_one_run_has_are_left_out_and_said(tmp_path):
+    paths = [write_run(tmp_path / "a", frames=5), write_run(tmp_path / "b", frames=3)]
+    found = compare.run(paths, CONFIG)
+    assert figure(found, "grasp_quality").frames == 6
+    assert found.notes[0].startswith("6 frames are in all 2 runs")
+    assert found.notes[1].startswith("4 of the 10 frames of a ")
+
+
+def test_other_settings_and_labels_are_said(tmp_path):
+    paths = [write_run(tmp_path / "a"), write_run(tmp_path / "b", gripper="franka", labels="b")]
+    notes = " ".join(compare.run(paths, CONFIG).notes)
+    assert "other settings: gripper franka instead of rg2" in notes
+    assert "other labels: symmetry" in notes
+
+
+def test_runs_on_other_objects_cannot_be_paired(tmp_path):
+    paths = [write_run(tmp_path / "a"), write_run(tmp_path / "b", objects=2)]
+    with pytest.raises(SymgraspError, match="other visible objects"):
+        compare.run(paths, CONFIG)
+
+
+def test_runs_without_a_common_frame_cannot_be_paired(tmp_path):
+    first, second = write_run(tmp_path / "a"), write_run(tmp_path / "b")
+    for path in records_folder(second).iterdir():
+        path.write_text(path.read_text().replace("/kinect/", "/realsense/"))
+    with pytest.raises(SymgraspError, match="no frame in common"):
+        compare.run([first, second], CONFIG)
+
+
+def test_records_of_another_run_than_the_report_are_refused(tmp_path):
+    first, second = write_run(tmp_path / "a"), write_run(tmp_path / "b")
+    scene = next(records_folder(second).iterdir())
+    scene.write_bytes((records_folder(first) / scene.name).read_bytes())
+    with pytest.raises(FormatError, match="made otherwise"):
+        compare.run([first, second], CONFIG)
+
+
+def test_a_report_without_records_names_what_writes_them(tmp_path):
+    first, second = write_run(tmp_path / "a"), write_run(tmp_path / "b")
+    records_folder(second).rename(tmp_path / "moved")
+    with pytest.raises(MissingInputError, match="evaluate"):
+        compare.run([first, second], CONFIG)
+
+
+def test_one_report_the_same_twice_or_an_unknown_row_is_refused(tmp_path):
+    first, second = write_run(tmp_path / "a"), write_run(tmp_path / "b")
+    with pytest.raises(SymgraspError, match="two or more"):
+        compare.run([first], CONFIG)
+    with pytest.raises(SymgraspError, match="twice"):
+        compare.run([first, first], CONFIG)
+    with pytest.raises(UnknownNameError, match="oracle"):
+        compare.run([first, second], CompareConfig(row="oracle"))
+
+
+@pytest.mark.parametrize("suffix", [".json", ".html"])
+def test_the_written_comparison_is_the_same_each_time_and_never_replaced_unasked(tmp_path, suffix):
+    paths = [write_run(tmp_path / "a"), write_run(tmp_path / "b", seed=3)]
+    output = tmp_path / f"out{suffix}"
+    compare.run(paths, CONFIG, output)
+    written = output.read_bytes()
+    compare.run(paths, CONFIG, output)
+    assert output.read_bytes() == written
+    with pytest.raises(StaleOutputError):
+        compare.run(paths, CONFIG, output, seed=1)
+    compare.run(paths, CONFIG, output, seed=1, overwrite=True)
+    assert output.read_bytes() != written
+
+
+def test_the_page_needs_no_network_and_the_file_is_plain_json(tmp_path):
+    paths = [write_run(tmp_path / "a"), write_run(tmp_path / "b", better=0.1)]
+    compare.run(paths, CONFIG, tmp_path / "c.html")
+    page = (tmp_path / "c.html").read_text()
+    assert "+0.100" in page
+    assert "http" not in page
+    compare.run(paths, CONFIG, tmp_path / "c.json")
+    content = json.loads((tmp_path / "c.json").read_text())
+    found = content["figures"]["all"]["grasp_quality"]["differences"][0]
+    assert found["value"] == pytest.approx(0.1)
+    with pytest.raises(SymgraspError, match=r"neither \.json nor \.html"):
+        compare.run(paths, CONFIG, tmp_path / "c.txt")
+
+
+def test_names_are_as_short_as_tells_runs_apart():
+    def names(*paths: str) -> list[str]:
+        return compare.run_names([Path("/runs") / path for path in paths])
+
+    assert names("a/report.json", "b/report.json") == ["a", "b"]
+    assert names("one.json", "two.json") == ["one", "two"]
+    assert names("x/a/1.json", "y/a/1.json") == ["x", "y"]
+    assert names("a/1.json", "a/2.json", "b/1.json") == ["a/1", "a/2", "b/1"]
+    assert names("report.json", "b/report.json") == ["runs", "b"]
+
+
+def test_tables_have_a_cell_for_every_head(tmp_path):
+    paths = [write_run(tmp_path / name, seed=i) for i, name in enumerate("abc")]
+    tables = compare.tables(compare.run(paths, CONFIG))
+    assert [table.title.split(":")[0] for table in tables] == ["all", "seen", "novel"]
+    assert all(len(row) == len(table.header) for table in tables for row in table.rows)

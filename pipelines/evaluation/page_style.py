@@ -37,7 +37,7 @@ figure { margin: 0 }
 .legend.tall { margin: .8rem 0 }
 .legend i { display: inline-block; width: .8rem; height: .8rem; border-radius: 2px;
   vertical-align: -1px }
-.bars { display: grid; grid-template-columns: minmax(7rem, 17rem) 1fr; gap: .4rem .8rem;
+.bars { display: grid; grid-template-columns: max-content 1fr; gap: .4rem .8rem;
   align-items: center; font-size: .92rem }
 .bars div { display: flex; border-radius: 4px; overflow: hidden; height: 1.7rem }
 .bars i { font-style: normal; font-size: .78rem; color: #10141a; text-align: center;

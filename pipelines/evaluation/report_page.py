@@ -139,11 +139,11 @@ def _symmetry_charts(report: Mapping[str, Any]) -> str:
     """Return precision-recall of ours, a chart a kind with a line a threshold."""
     curves = report.get("curves", {})
     found = curves.get("symmetry", {}).get("ours", {})
-    charts = []
+    charts, blue = [], ROW_COLORS["ours"]
     for kind in KINDS:
         measure = "centre within {} m" if kind == "sphere" else "error below {}"
         lines = [
-            Series(measure.format(key), curves["recall"], precision, ROW_COLORS["ours"], dashes)
+            Series(measure.format(key), *_reached(curves["recall"], precision), blue, dashes)
             for (key, precision), dashes in zip(
                 found.get(kind, {}).items(), THRESHOLD_DASHES, strict=False
             )
@@ -151,6 +151,14 @@ def _symmetry_charts(report: Mapping[str, Any]) -> str:
         if lines:
             charts.append(line_chart(f"{kind}, all splits", "recall", "precision", lines))
     return f'<div class="charts">{"".join(charts)}</div>'
+
+
+def _reached(
+    recall: Sequence[float], precision: Sequence[float]
+) -> tuple[Sequence[float], Sequence[float]]:
+    """Return a curve up to the first recall that no prediction reaches."""
+    end = next((place + 1 for place, value in enumerate(precision) if not value), len(precision))
+    return recall[:end], precision[:end]
 
 
 def _reason_bars(report: Mapping[str, Any]) -> str:

@@ -32,7 +32,7 @@ def _version(path: Path) -> tuple[int, int]:
     return status.st_mtime_ns, status.st_size
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=32)
 def _read(
     mesh_path: Path, labels_path: Path, _mesh: tuple[int, int], _labels: tuple[int, int]
 ) -> RegionedObject:

@@ -3,6 +3,7 @@
 import signal
 import subprocess
 import sys
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from pipelines.formats import reports
 from pipelines.formats.files import write_json
 from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.formats.grasps_file import FrameResult
+from pipelines.formats.grasps_stream import read_frames
 from pipelines.formats.provenance import digest, make_stamp
 from tests.stages.toy_root import SCENES, frame_names, true_result, write_grasps, write_root
 
@@ -148,6 +150,20 @@ def test_what_is_no_success_file_is_one_sentence(root, truth_file, tmp_path, con
     success = write_success(tmp_path / "success.json", truth_file, **content)
     with pytest.raises(FormatError, match=r"success\.json"):
         run(truth_file, root, tmp_path / "report.json", success=success)
+
+
+def test_one_frame_at_a_time_is_in_memory(root, truth_file, tmp_path, monkeypatch):
+    seen = []
+
+    def watched(path, frames):
+        for found in read_frames(path, frames):
+            seen.append(weakref.ref(found))
+            assert sum(each() is not None for each in seen) <= 2  # the one judged last, this one
+            yield found
+
+    monkeypatch.setattr(evaluate, "read_frames", watched)
+    run(truth_file, root, tmp_path / "report.json")
+    assert len(seen) == len(frame_names())
 
 
 KILLED = """

@@ -1,0 +1,58 @@
+"""What is kept of a record: little."""
+
+import tracemalloc
+import weakref
+
+import numpy as np
+
+from pipelines.evaluation.records import FrameRecord, JudgedPredictions, RowRecord
+from pipelines.evaluation.tallies import JudgedTally, ReportTally
+from pipelines.metrics.coco_masks import IOU_THRESHOLDS
+from pipelines.metrics.grasp_verdicts import Verdict
+
+
+def record(index: int, objects: int = 8) -> FrameRecord:
+    """A frame of the size that real ones have."""
+    verdicts = [Verdict(i, "held", 0.5, 0.5, 0.9, 0.8) for i in range(objects)]
+    confidence = [float(x) for x in np.random.default_rng(index).random(3 * objects)]
+    right = [1] * len(confidence)
+    planes = JudgedPredictions(objects, confidence, {k: right for k in ("0.25", "0.134", "0.067")})
+    masks = JudgedPredictions(
+        objects, confidence[:objects], {f"{i:g}": [1] * objects for i in IOU_THRESHOLDS}
+    )
+    row = RowRecord(verdicts, {"reflection": planes, "rotation": planes})
+    return FrameRecord(f"f{index}", "seen", 0.1, masks, {"ours": row, "oracle": row})
+
+
+def test_no_record_stays_in_memory():
+    made = []
+
+    def stream():
+        for index in range(50):
+            found = record(index)
+            made.append(weakref.ref(found))
+            assert sum(each() is not None for each in made) <= 2  # the one added last, the next
+            yield found
+
+    assert ReportTally.of(stream()).frames == 50
+
+
+def test_a_frame_costs_a_few_kilobytes():
+    tracemalloc.start()
+    tally = ReportTally.of(record(index) for index in range(50))
+    before = tracemalloc.get_traced_memory()[0]
+    for index in range(400):
+        tally.add(record(index))
+    grown = tracemalloc.get_traced_memory()[0] - before
+    tracemalloc.stop()
+    assert grown / 400 < 6000
+
+
+def test_ignored_predictions_are_not_pooled():
+    tally = JudgedTally()
+    tally.add(JudgedPredictions(2, [0.9, 0.8, 0.7], {"a": [1, -1, 0]}))
+    tally.add(JudgedPredictions(1))
+    confidence, correct, num_truth = tally.pooled("a")
+    assert confidence.tolist() == [0.9, 0.7]
+    assert correct.tolist() == [True, False]
+    assert num_truth == 3

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -75,6 +76,31 @@ def test_masks_areas_and_boxes_are_those_of_the_frame(root, exported):
                 assert (x + w - 1, y + h - 1) == (columns.max(), rows.max())
                 assert annotation["area"] == region.mask.sum()
                 assert annotation["iscrowd"] == 0
+
+
+@pytest.mark.parametrize("files", [0, 3, 5])
+def test_a_run_stopped_anywhere_goes_on_to_the_same_bytes(
+    root, exported, tmp_path, monkeypatch, files
+):
+    copied = []
+
+    def stopped(source, target):
+        if len(copied) == files:
+            Path(target).write_bytes(b"half")
+            raise KeyboardInterrupt
+        copied.append(target)
+        Path(target).write_bytes(Path(source).read_bytes())
+
+    with monkeypatch.context() as patch:
+        patch.setattr("pipelines.export_coco.shutil.copyfile", stopped)
+        with pytest.raises(KeyboardInterrupt):
+            export_coco.run(root.root, tmp_path, CONFIG, split=None, options=QUIET)
+    assert not list(tmp_path.glob("annotations/*"))
+    export_coco.run(root.root, tmp_path, CONFIG, split=None, options=QUIET)
+    written = {p.relative_to(tmp_path): p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
+    assert written == {
+        p.relative_to(exported): p.read_bytes() for p in exported.rglob("*") if p.is_file()
+    }
 
 
 def test_the_detector_sees_the_same_frames_from_both(root, exported, tmp_path):

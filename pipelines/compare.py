@@ -9,14 +9,14 @@ to the first run is a paired bootstrap over frames.
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from pipelines.configs import CompareConfig
 from pipelines.errors import SymgraspError
-from pipelines.evaluation.figures import TEST_SPLITS
+from pipelines.evaluation.figures import ROWS, TEST_SPLITS
 from pipelines.evaluation.paired_runs import METRICS, Run, paired_frames, read_run
 from pipelines.evaluation.records import records_folder
 from pipelines.evaluation.report_page import html_table, note_list, whole_page
@@ -35,6 +35,7 @@ from pipelines.metrics.paired_bootstrap import Difference, differences
 
 FORMAT_VERSION = 1
 SUFFIXES = (".json", ".html")
+FOR_BASELINES = ("baselines", "seed", "affordance")  # nothing of these concerns our own row
 METRIC_NAMES = {
     "grasp_quality": "grasp quality",
     "antipodal_score": "antipodal, pair",
@@ -99,7 +100,7 @@ def run(
 def compare(runs: Sequence[Run], config: CompareConfig, seed: int) -> Comparison:
     """Return how `runs` differ on the frames that all of them have."""
     paired = set(paired_frames(runs))
-    notes = [*_frame_notes(runs, len(paired)), *_setting_notes(runs)]
+    notes = [*_frame_notes(runs, len(paired)), *_setting_notes(runs, config.row)]
     figures = []
     for metric in METRICS:
         for split in (ALL, "train", *TEST_SPLITS):
@@ -161,40 +162,38 @@ def _frame_notes(runs: Sequence[Run], paired: int) -> list[str]:
     ]
 
 
-def _setting_notes(runs: Sequence[Run]) -> list[str]:
+def _setting_notes(runs: Sequence[Run], row: str) -> list[str]:
     """Return a sentence for whatever differs between the first run and another."""
-    first, *others = (_provenance(run) for run in runs)
+    unused = FOR_BASELINES if row == ROWS[0] else ()
+    settings, labels = zip(*(_provenance(run, unused) for run in runs), strict=True)
     notes = []
-    for run, other in zip(runs[1:], others, strict=True):
-        settings = _changed(first["config"] | _rest(first), other["config"] | _rest(other))
-        if settings:
-            notes.append(f"{run.name} was judged with other settings: {', '.join(settings)}.")
-        labels = [
-            name
-            for name in sorted(first["inputs"].keys() | other["inputs"].keys())
-            if name != "grasps" and first["inputs"].get(name) != other["inputs"].get(name)
+    for place, run in enumerate(runs[1:], 1):
+        changed = [
+            f"{name} {settings[place].get(name)} instead of {settings[0].get(name)}"
+            for name in _differing(settings[0], settings[place])
         ]
-        if labels:
-            notes.append(f"{run.name} was judged against other labels: {', '.join(labels)}.")
-        if first["inputs"].get("grasps") == other["inputs"].get("grasps"):
+        if changed:
+            notes.append(f"{run.name} was judged with other settings: {', '.join(changed)}.")
+        other = _differing(labels[0], labels[place])
+        if "grasps" not in other:
             notes.append(f"{run.name} judges the same grasps as {runs[0].name}.")
+        if other := [name for name in other if name != "grasps"]:
+            notes.append(f"{run.name} was judged against other labels: {', '.join(other)}.")
     return notes
 
 
-def _provenance(run: Run) -> dict[str, Any]:
-    return {"config": {}, "inputs": {}} | dict(run.report.get("provenance") or {})
+def _provenance(run: Run, unused: Collection[str]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return settings and digests of inputs that a report says it was made with."""
+    stamp = run.report.get("provenance") or {}
+    settings = {**stamp.get("config", {}), "seed": stamp.get("seed")}
+    settings["version"] = stamp.get("version")
+    groups = (settings, stamp.get("inputs", {}))
+    used = [{name: value for name, value in g.items() if name not in unused} for g in groups]
+    return used[0], used[1]
 
 
-def _rest(stamp: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: stamp.get(name) for name in ("seed", "version")}
-
-
-def _changed(first: Mapping[str, Any], other: Mapping[str, Any]) -> Iterable[str]:
-    return [
-        f"{name} {other.get(name)} instead of {first.get(name)}"
-        for name in sorted(first.keys() | other.keys())
-        if first.get(name) != other.get(name)
-    ]
+def _differing(first: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
+    return [name for name in sorted({*first, *other}) if first.get(name) != other.get(name)]
 
 
 def _digests(reports: Sequence[Path]) -> dict[str, str]:

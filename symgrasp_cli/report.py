@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from pipelines.batch import StageReport
     from pipelines.evaluation.tables import Table
 
+CLOSE_COLUMNS = 8  # tables with more stand closer
+
 
 def conclude(report: StageReport) -> None:
     """Print what was done, skipped and failed on stderr; exit 1 if anything failed."""
@@ -32,9 +34,17 @@ def show_table(table: Table) -> None:
     from rich.console import Console
     from rich.table import Table as Drawn
 
-    drawn = Drawn(title=table.title, title_justify="left", box=box.SIMPLE_HEAD)
+    gap = 1 if len(table.header) <= CLOSE_COLUMNS else 0  # for 80 characters
+    drawn = Drawn(
+        title=table.title,
+        title_justify="left",
+        box=box.SIMPLE_HEAD,
+        pad_edge=False,
+        padding=(0, gap, 0, 0),
+    )
     for index, head in enumerate(table.header):
-        drawn.add_column(head, justify="left" if index < table.names else "right")
+        is_name = index < table.names
+        drawn.add_column(head, justify="left" if is_name else "right", no_wrap=is_name)
     for number, row in enumerate(table.rows, 1):
         drawn.add_row(*row, end_section=number == table.published)
     console = Console()

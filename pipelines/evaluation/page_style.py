@@ -43,6 +43,7 @@ figure { margin: 0 }
 .bars i { font-style: normal; font-size: .78rem; color: #10141a; text-align: center;
   line-height: 1.7rem; overflow: hidden; min-width: 1px; white-space: nowrap }
 summary { cursor: pointer; color: #1668b8; font-size: .9rem; margin-top: .6rem }
+.note + .gallery { margin-top: 1rem }
 .gallery { display: grid; grid-template-columns: repeat(auto-fill, minmax(20rem, 1fr));
   gap: 1.4rem 1rem }
 .shot { position: relative }
@@ -58,6 +59,7 @@ summary { cursor: pointer; color: #1668b8; font-size: .9rem; margin-top: .6rem }
   .gallery { grid-template-columns: 1fr }
   .bars { grid-template-columns: 1fr; gap: .1rem }
   .bars div { margin-bottom: .5rem }
-  th, td { padding: .28rem .45rem }
+  table { font-size: .82rem }
+  th, td { padding: .28rem .4rem }
 }
 """

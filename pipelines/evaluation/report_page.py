@@ -28,6 +28,11 @@ REASON_WORDS = {
     "friction": "it would need friction above 1",
     "held": "held",
 }
+GALLERY_NOTE = (
+    "A scene shows at most its best and its worst frame. Hands: green where a symmetry gave the "
+    "grasp, orange where the boundary did; red dots are contacts. Sheets are mirror planes, red "
+    "lines axes, red rings spheres. A number has the colour of what became of its object."
+)
 
 
 def report_page(report: Mapping[str, Any], gallery: Gallery) -> str:
@@ -39,7 +44,7 @@ def report_page(report: Mapping[str, Any], gallery: Gallery) -> str:
         ("Symmetries", (html_table(symmetry), _symmetry_charts(report))),
         ("Region masks", (html_table(masks),)),
         ("What became of the objects", (_reason_bars(report), _folded(reasons))),
-        ("Best frames", (_gallery(gallery.best),)),
+        ("Best frames", (f'<p class="note">{GALLERY_NOTE}</p>', _gallery(gallery.best))),
         ("Worst frames", (_gallery(gallery.worst),)),
         ("How this was made", (_provenance(report),)),
     )

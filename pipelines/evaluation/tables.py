@@ -149,12 +149,15 @@ def reason_table(rows: ReportRows) -> Table:
     cells = [cell for cell in _cells(rows) if cell[2]["objects"]]
     reasons = [r for r in REASONS if any(figures["reasons"].get(r) for _, _, figures in cells)]
     body = tuple(
-        (METHODS[row], split, str(figures["frames"]), str(figures["objects"]),
+        (METHODS[row], split, str(figures["objects"]),
          *(_percent(figures, reason) for reason in reasons))
         for row, split, figures in cells
     )  # fmt: skip
-    header = ("method", "split", "frames", "objects", *reasons)
-    return Table("What became of the objects, percent", header, body, names=2)
+    header = ("method", "split", "objects", *reasons)
+    ours = rows.get("ours", {}).items()
+    frames = ", ".join(f"{split} {found['frames']}" for split, found in ours if found["frames"])
+    title = "What became of the objects, percent"
+    return Table(title, header, body, f"Frames: {frames}." if frames else "", names=2)
 
 
 def _cells(rows: ReportRows) -> Iterator[tuple[str, str, Figures]]:

@@ -16,6 +16,7 @@ train                PACKED                                      network.safeten
 infer                RGB-D frames, both weights                  grasps.h5, overlay pictures
 score_grasps         any mesh, any grasps (N, 17)                verdicts.npz
 evaluate             grasps.h5, ROOT                             report.json, report.html
+evaluate_dump        grasp dumps of any detector, ROOT           report.json, report.html
 compare              several report.json                         compare.json, compare.html
 ===================  ==========================================  ===============================
 

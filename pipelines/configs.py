@@ -293,6 +293,14 @@ class EvaluateConfig:
 
 
 @dataclass(frozen=True)
+class EvaluateDumpConfig:
+    """GraspNet-1Billion's protocol on dumps of any detector; the rest of it has no choices."""
+
+    exact: bool = False  # exact contacts and collision instead of graspnetAPI's
+    max_width: float = 0.1  # metres, the peer's; wider openings are cut to it
+
+
+@dataclass(frozen=True)
 class CompareConfig:
     """Runs side by side: a paired bootstrap over frames."""
 

@@ -5,15 +5,21 @@ from typing import Annotated
 
 import typer
 
-from pipelines.configs import EvaluateConfig
+from pipelines.configs import EvaluateConfig, EvaluateDumpConfig
 from symgrasp_cli.options import Backend, DryRun, Overwrite, Seed, Workers, batch_options
 from symgrasp_cli.report import conclude, show_table
+
+PROTOCOLS = ("symgrasp", "graspnet")
 
 
 def evaluate(
     grasps: Annotated[
         Path,
-        typer.Argument(exists=True, dir_okay=False, help="grasps.h5 of `infer` on the dataset."),
+        typer.Argument(
+            exists=True,
+            help="grasps.h5 of `infer` on the dataset; with --protocol graspnet the folder of "
+            "another detector's dump, scene_NNNN/CAMERA/NNNN.npy.",
+        ),
     ],
     *,
     dataset: Annotated[
@@ -23,6 +29,19 @@ def evaluate(
     out: Annotated[Path, typer.Option(help="Report to write; beside it goes a page, .html.")] = (
         Path("report.json")
     ),
+    protocol: Annotated[
+        str,
+        typer.Option(
+            help="symgrasp: quality of one best grasp an object, symmetries, masks; graspnet: "
+            "graspnetAPI's AP of a dump, its faults included."
+        ),
+    ] = "symgrasp",
+    exact: Annotated[
+        bool,
+        typer.Option(
+            "--exact", help="With --protocol graspnet: contacts and collision without the faults."
+        ),
+    ] = False,
     baselines: Annotated[
         bool,
         typer.Option(
@@ -47,14 +66,36 @@ def evaluate(
     dry_run: DryRun = False,
 ) -> None:
     """Judge grasps, symmetries and masks against a dataset: report, tables, baselines."""
-    from pipelines import evaluate as stage
-
-    config = EvaluateConfig(gripper=gripper, min_visible_pixels=min_visible_pixels)
+    needs_grasps = baselines or success is not None
+    _refuse_mixtures(grasps, protocol, exact=exact, needs_grasps=needs_grasps)
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
-    report = stage.run(
-        grasps, dataset, out, config, options, baselines=baselines, success=success, seed=seed
-    )
-    if not dry_run:
-        for table in stage.tables(out):
-            show_table(table)
+    if protocol == "graspnet":
+        from pipelines import evaluate_dump
+
+        report = evaluate_dump.run(grasps, dataset, out, EvaluateDumpConfig(exact=exact), options)
+        tables = [] if dry_run else evaluate_dump.tables(out)
+    else:
+        from pipelines import evaluate as stage
+
+        config = EvaluateConfig(gripper=gripper, min_visible_pixels=min_visible_pixels)
+        report = stage.run(
+            grasps, dataset, out, config, options, baselines=baselines, success=success, seed=seed
+        )
+        tables = [] if dry_run else stage.tables(out)
+    for table in tables:
+        show_table(table)
     conclude(report)
+
+
+def _refuse_mixtures(grasps: Path, protocol: str, *, exact: bool, needs_grasps: bool) -> None:
+    """Refuse what does not go together: wrong usage, exit code 2."""
+    if protocol not in PROTOCOLS:
+        raise typer.BadParameter(f"{protocol!r} is not known; known are {', '.join(PROTOCOLS)}")
+    if protocol == "graspnet" and not grasps.is_dir():
+        raise typer.BadParameter(f"{grasps} is a file; --protocol graspnet takes a dump's folder")
+    if protocol == "graspnet" and needs_grasps:
+        raise typer.BadParameter("--baselines and --success go with a grasps.h5, not with a dump")
+    if protocol != "graspnet" and grasps.is_dir():
+        raise typer.BadParameter(f"{grasps} is a folder; give a grasps.h5, or --protocol graspnet")
+    if protocol != "graspnet" and exact:
+        raise typer.BadParameter("--exact goes with --protocol graspnet; others are always exact")

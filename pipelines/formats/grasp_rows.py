@@ -33,31 +33,43 @@ VERDICT_ARRAYS = (
 
 @dataclass(frozen=True)
 class GraspRows:
-    """Rows (n, 17), float64, and which of them (n,) are no grasps, with the reason."""
+    """Rows of a file.
+
+    Attributes:
+        rows: (n, 17) float64; those that are no grasps are zero but for a unit rotation.
+        faults: which rows are no grasps, with the reason.
+        straightened: (n,) whose rotations were a little off and have been made exact.
+    """
 
     rows: Array
     faults: dict[int, str]
+    straightened: NDArray[np.bool_]
 
 
-def read_grasp_rows(path: Path) -> GraspRows:
+def read_grasp_rows(
+    path: Path, *, max_width: float | None = None, max_skew: float = MAX_SKEW
+) -> GraspRows:
     """Read grasp rows; rotations a little off are made exact, rows that are none are named.
+
+    Args:
+        path: `.npy`.
+        max_width: widths are cut to 0 and this, in the file's precision; if None they stay, and
+            a negative one is a fault.
+        max_skew: largest error of a rotation's entries that is made good.
 
     Raises:
         FormatError: not a plain array of 17 columns.
     """
-    rows = read_npy(path)
-    if rows.ndim != 2 or rows.shape[1] != COLUMNS or rows.dtype.kind not in "fiu":
-        found = f"an array of shape {rows.shape} and type {rows.dtype}"
-        if rows.ndim == 2 and rows.shape[1] == RECT_COLUMNS:
-            found += " (planar grasps in pixels)"
-        raise FormatError(path, found, f"(N, {COLUMNS}) numbers, graspnetAPI's rows, are expected")
-    rows = rows.astype(np.float64)
+    stored = _numbers(path)
+    if max_width is not None:
+        stored[:, 1] = np.clip(stored[:, 1], 0.0, max_width)
+    rows = stored.astype(np.float64)
     faults = {int(i): "holds numbers that are not finite" for i in _not_finite(rows)}
     rotation = np.where(np.isfinite(rows[:, 4:13]), rows[:, 4:13], 0.0).reshape(-1, 3, 3)
     u, _, v = np.linalg.svd(rotation)
     nearest = u @ v
     skew = np.abs(nearest - rotation).max(axis=(1, 2))
-    wrong = (skew > MAX_SKEW) | (np.linalg.det(nearest) < 0.0)
+    wrong = (skew > max_skew) | (np.linalg.det(nearest) < 0.0)
     for row in np.flatnonzero(wrong).tolist():
         faults.setdefault(row, "has no rotation in columns 4 to 12")
     rounded = (skew > SAME) & ~wrong
@@ -67,7 +79,20 @@ def read_grasp_rows(path: Path) -> GraspRows:
     for row in faults:
         rows[row] = 0.0
         rows[row, 4:13] = np.eye(3).ravel()
-    return GraspRows(rows, faults)
+    rounded[list(faults)] = False
+    return GraspRows(rows, faults, rounded)
+
+
+def _numbers(path: Path) -> NDArray[np.floating]:
+    rows = read_npy(path)
+    if rows.size == 0 and rows.dtype.kind in "fiu":
+        return np.zeros((0, COLUMNS))
+    if rows.ndim != 2 or rows.shape[1] != COLUMNS or rows.dtype.kind not in "fiu":
+        found = f"an array of shape {rows.shape} and type {rows.dtype}"
+        if rows.ndim == 2 and rows.shape[1] == RECT_COLUMNS:
+            found += " (planar grasps in pixels)"
+        raise FormatError(path, found, f"(N, {COLUMNS}) numbers, graspnetAPI's rows, are expected")
+    return rows if rows.dtype.kind == "f" else rows.astype(np.float64)
 
 
 def _not_finite(rows: Array) -> NDArray[np.int64]:

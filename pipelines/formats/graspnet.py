@@ -155,6 +155,10 @@ class GraspNetRoot:
         """ROOT/models/NNN/nontextured.ply."""
         return self.root / "models" / f"{object_id:03d}" / "nontextured.ply"
 
+    def textured_path(self, object_id: int, suffix: str) -> Path:
+        """ROOT/models/NNN/textured.obj or .sdf: the same surface; not every root has them."""
+        return self.root / "models" / f"{object_id:03d}" / f"textured{suffix}"
+
     def grasp_label_path(self, object_id: int) -> Path:
         """ROOT/grasp_label/NNN_labels.npz."""
         return self.root / "grasp_label" / f"{object_id:03d}_labels.npz"

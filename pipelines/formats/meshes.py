@@ -7,12 +7,13 @@ bad ones, for those who write a mesh of their own, and says which are left.
 
 import logging
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from pipelines.errors import FormatError, UnknownNameError, ValueRangeError
+from pipelines.errors import FormatError, SymgraspError, UnknownNameError, ValueRangeError
 from pipelines.formats.files import existing, write_bytes
 from pipelines.geometry.mesh import Mesh
 
@@ -59,6 +60,23 @@ def read_mesh(path: Path, scale: float = 1.0) -> Mesh:
     if warning:
         log.warning("%s", warning)
     return mesh
+
+
+def read_vertices(path: Path) -> NDArray[np.float64]:
+    """Read the points of a mesh or a cloud (n, 3), as they are in the file: none are merged."""
+    try:
+        loaded: Any = trimesh.load(existing(path), process=False)  # a mesh, or a cloud
+        points = np.asarray(loaded.vertices, dtype=np.float64)
+    except SymgraspError:
+        raise
+    except Exception as error:  # trimesh's parsers raise whatever they stumble over
+        what = f"not readable as {path.suffix} ({type(error).__name__}: {error})"
+        raise FormatError(path, what, "export the mesh again") from error
+    if len(points) == 0 or not np.isfinite(points).all():
+        raise FormatError(
+            path, "no points, or some that are not finite", "finite metres are expected"
+        )
+    return points
 
 
 def size_warning(mesh: Mesh, path: Path) -> str | None:

@@ -7,16 +7,18 @@ x fastest; metres, object frame, negative inside. Node (i, j, k) lies at origin 
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipelines.errors import FormatError
 from pipelines.formats.files import atomic_path, existing
 from pipelines.geometry.signed_distance import SignedDistanceGrid
 
 HEADER_NUMBERS = 7
+DIGITS = 6  # significant, the original's precision
 
 
 def write_sdf(path: Path, grid: SignedDistanceGrid) -> None:
-    """Write `grid` with six significant digits, the original's precision."""
+    """Write `grid` with `DIGITS` significant digits."""
     nx, ny, nz = grid.values.shape
     ox, oy, oz = grid.origin
     header = f"{nx} {ny} {nz}\n{ox:.6g} {oy:.6g} {oz:.6g}\n{grid.spacing:.6g}\n"
@@ -25,6 +27,18 @@ def write_sdf(path: Path, grid: SignedDistanceGrid) -> None:
         for k in range(nz):
             values = grid.values[:, :, k].flatten(order="F").tolist()
             stream.write("\n".join(map("{:.6g}".format, values)) + "\n")
+
+
+def as_stored(grid: SignedDistanceGrid) -> SignedDistanceGrid:
+    """Return the grid that `write_sdf` and `read_sdf` make of `grid`, without writing it."""
+    spacing = float(_rounded(np.array([grid.spacing]))[0])
+    return SignedDistanceGrid(_rounded(grid.values), _rounded(grid.origin), spacing)
+
+
+def _rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    size = np.abs(np.where(values == 0.0, 1.0, values))
+    scale = 10.0 ** (DIGITS - 1 - np.floor(np.log10(size)))
+    return np.asarray(np.rint(values * scale) / scale)
 
 
 def read_sdf(path: Path) -> SignedDistanceGrid:

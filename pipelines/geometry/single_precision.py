@@ -42,7 +42,7 @@ def single_precision_grid(mesh: Mesh, nodes: int = NODES) -> SignedDistanceGrid:
         places = (grid.origin + grid.spacing * node).astype(np.float32)
         flat = np.ravel_multi_index((node[:, 0], node[:, 1], node[:, 2]), shape)
         gap = distances(places, corners[triangle])
-        np.minimum.at(best, flat, gap)
+        np.fmin.at(best, flat, gap)  # a triangle without area has no distance, nan
         touching = gap < TOUCHING * grid.spacing
         height = _heights(places[touching], corners[triangle[touching]])
         _settle_signs(sign, flat[touching], gap[touching], height)

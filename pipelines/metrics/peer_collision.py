@@ -1,4 +1,4 @@
-"""GraspNet's box gripper against an object alone: exact triangles, or the peer's voxel cloud.
+"""GraspNet's box gripper against objects: exact triangles, or clouds as the peer has them.
 
 The fingers are 1 cm thick and 2 cm high and reach from 2 cm behind the grasp's origin to its tips,
 the bottom is a slab of 1 cm behind them. `depth` is how far the tips lie past the origin.
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pipelines.geometry.mesh import Mesh, sample_surface
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
-from pipelines.metrics.mesh_collision import MeshCollider
+from pipelines.metrics.mesh_collision import MeshCollider, hits_table
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -21,6 +21,8 @@ VOXEL = 0.008  # metres, of the peer's cloud
 MIN_INNER = 10  # points of that cloud between the fingers, or the grasp is empty
 NUM_SAMPLES = 40000
 AT_A_TIME = 500  # grasps
+LONGEST = 0.9  # metres; what a finger may be
+TABLE_SIDE, TABLE_DEPTH = 1.0, 0.05  # metres, of the peer's cloud
 
 
 def exact_collision(mesh: Mesh, grasps: Grasps, depth: Array) -> tuple[Mask, Mask]:
@@ -28,12 +30,27 @@ def exact_collision(mesh: Mesh, grasps: Grasps, depth: Array) -> tuple[Mask, Mas
 
     `grasps`: mesh frame, metres, `translation` between the finger tips and `width` the opening.
     """
-    collider, collision = MeshCollider(mesh), np.zeros(len(grasps), np.bool_)
+    collision = meets_mesh(MeshCollider(mesh), grasps, depth)
+    samples = sample_surface(mesh, NUM_SAMPLES, np.random.default_rng(0))[0]
+    return collision, meets_points(samples, grasps, depth)[1] == 0
+
+
+def meets_mesh(collider: MeshCollider, grasps: Grasps, depth: Array) -> Mask:
+    """Return (n,) whether the open gripper touches the mesh, or is in it; frame of the mesh."""
+    collision = np.zeros(len(grasps), np.bool_)
     for reach in np.unique(depth):
         some = np.flatnonzero(depth == reach)
         collision[some] = collider.hits(grasps[some], _box_gripper(float(reach)))
-    samples = sample_surface(mesh, NUM_SAMPLES, np.random.default_rng(0))[0]
-    return collision, _between(samples, grasps, depth)[1] == 0
+    return collision
+
+
+def meets_table(grasps: Grasps, depth: Array, T_table_grasps: Array) -> Mask:
+    """Return (n,) whether the open gripper reaches below the table's top, z = 0."""
+    collision = np.zeros(len(grasps), np.bool_)
+    for reach in np.unique(depth):
+        some = np.flatnonzero(depth == reach)
+        collision[some] = hits_table(grasps[some], _box_gripper(float(reach)), T_table_grasps)
+    return collision
 
 
 def cloud_collision(mesh: Mesh, grasps: Grasps, depth: Array) -> tuple[Mask, Mask]:
@@ -42,29 +59,47 @@ def cloud_collision(mesh: Mesh, grasps: Grasps, depth: Array) -> tuple[Mask, Mas
     Its cloud is drawn at random, so this agrees with it up to a voxel's share of doubt.
     """
     samples = sample_surface(mesh, NUM_SAMPLES, np.random.default_rng(0))[0]
-    hit, inner = _between(voxel_means(samples, VOXEL), grasps, depth)
+    hit, inner = meets_points(voxel_means(samples, VOXEL), grasps, depth)
     empty = inner < MIN_INNER
     return hit | empty, empty
 
 
 def voxel_means(points: Array, size: float) -> Array:
-    """Return the mean of the points (n, 3) in each voxel of edge `size`: (m, 3)."""
-    voxel = np.floor((points - points.min(axis=0) + size / 2.0) / size).astype(np.int64)
+    """Return the mean of the points (n, 3) in each voxel of edge `size`: (m, 3).
+
+    The first voxel's corner lies half a voxel below the lowest coordinates, as in Open3D.
+    """
+    corner = points.min(axis=0) - size * 0.5
+    voxel = np.floor((points - corner) / size).astype(np.int64)
     index = np.unique(voxel, axis=0, return_inverse=True)[1].reshape(-1)
     count = np.bincount(index)
     return np.stack([np.bincount(index, column) / count for column in points.T], axis=1)
 
 
-def _between(points: Array, grasps: Grasps, depth: Array) -> tuple[Mask, NDArray[np.int64]]:
-    """Return (n,) whether a box of the gripper holds a point, and (n,) how many lie between."""
+def table_cloud() -> Array:
+    """Return the peer's table (93750, 3), table frame, top at z = 0: 8 mm apart, 5 cm deep."""
+    side = np.linspace(0.0, TABLE_SIDE, int(TABLE_SIDE / VOXEL)) - TABLE_SIDE / 2.0
+    height = np.linspace(0.0, TABLE_DEPTH, int(TABLE_DEPTH / VOXEL)) - TABLE_DEPTH
+    return np.stack(np.meshgrid(side, side, height), -1).reshape(-1, 3)
+
+
+def meets_points(points: Array, grasps: Grasps, depth: Array) -> tuple[Mask, NDArray[np.int64]]:
+    """Return (n,) whether a box of the gripper holds a point, and (n,) how many lie between.
+
+    Args:
+        points: (m, 3) metres, frame of the grasps.
+        grasps: `translation` between the finger tips, `width` the opening.
+        depth: (n,) metres from the origin of GraspNet's frame to the tips.
+    """
     hit, inner = np.zeros(len(grasps), np.bool_), np.zeros(len(grasps), np.int64)
     for start in range(0, len(grasps), AT_A_TIME):
         part = slice(start, start + AT_A_TIME)
         some, tips = grasps[part], depth[part, None]
-        local = np.einsum("nji,nmj->nmi", some.rotation, points - some.translation[:, None])
-        along, across = local[..., 0] + tips, np.abs(local[..., 1])
+        turn = some.rotation.swapaxes(1, 2)
+        local = turn @ points.T - turn @ some.translation[..., None]  # (n, 3, m)
+        along, across = local[:, 0] + tips, np.abs(local[:, 1])
         half = some.width[:, None] / 2.0
-        level = np.abs(local[..., 2]) < FINGER
+        level = np.abs(local[:, 2]) < FINGER
         reached = level & (along > -BEHIND) & (along < tips)
         fingers = reached & (across > half) & (across < half + FINGER)
         bottom = level & (along > -BEHIND - FINGER) & (along < -BEHIND) & (across < half + FINGER)
@@ -77,7 +112,7 @@ def _box_gripper(depth: float) -> Gripper:
     return Gripper(
         name="graspnet",
         max_opening=0.5,
-        finger_length=depth + BEHIND,
+        finger_length=float(np.clip(depth + BEHIND, 0.0, LONGEST)),
         finger_thickness=FINGER,
         finger_height=2.0 * FINGER,
         palm_depth=FINGER,

@@ -19,6 +19,7 @@ from pipelines.formats import (
     symmetry_labels,
 )
 from pipelines.formats.affordance_labels import AffordanceLabels
+from pipelines.formats.dump_verdicts import FrameVerdicts, write_dump_verdicts
 from pipelines.formats.graspnet import FrameFiles
 from pipelines.formats.graspnet_labels import GRID, GraspLabel, label_offsets, write_grasp_label
 from pipelines.formats.gripper_files import PRESETS
@@ -165,6 +166,23 @@ def test_the_keys_of_comparisons_are_documented(tmp_path: Path) -> None:
     reports = [write_run(tmp_path / "a"), write_run(tmp_path / "b", seed=1)]
     compare.run(reports, CompareConfig(resamples=10), tmp_path / "x.json")
     assert set(json.loads((tmp_path / "x.json").read_text())) == keys_of(block("keys", "compare"))
+
+
+def test_the_keys_of_reports_on_dumps_are_documented(tmp_path: Path) -> None:
+    write_report(tmp_path / "x.json", {}, STAMP, protocol="graspnet", exact=False)
+    keys = keys_of(block("keys", "dump report"))
+    assert set(json.loads((tmp_path / "x.json").read_text())) == keys
+
+
+def test_the_arrays_of_dump_verdicts_are_documented(tmp_path: Path) -> None:
+    frame = FrameVerdicts(0, "missing", "0000.npy is missing", 0, 0, 0, np.zeros((50, 6)))
+    write_dump_verdicts(tmp_path / "x.npz", [frame], STAMP)
+    facts = documented(block("arrays", "dump verdicts"))
+    with np.load(tmp_path / "x.npz") as arrays:
+        kinds = {n: arrays[n].dtype.str if arrays[n].dtype.kind != "U" else "text" for n in arrays}
+        found = {name: (arrays[name].ndim, kind) for name, kind in kinds.items()}
+    types = {**TYPES, "i1": "|i1", "text": "text"}
+    assert found == {name: (rank, types[dtype]) for name, (rank, dtype, _) in facts.items()}
 
 
 @pytest.mark.parametrize("path", sorted(PRESETS.glob("*.toml")), ids=lambda path: path.stem)

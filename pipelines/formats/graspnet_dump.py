@@ -1,0 +1,51 @@
+"""Dumps of grasp detectors as graspnetAPI evaluates them: one array of grasp rows a frame.
+
+DUMP/scene_NNNN/{kinect,realsense}/NNNN.npy     (N, 17), see `grasp_rows`; camera frame
+"""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipelines.errors import FormatError
+from pipelines.formats.graspnet_layout import CAMERAS
+
+WANTED = "DUMP/scene_NNNN/{kinect,realsense}/NNNN.npy is expected"
+
+
+@dataclass(frozen=True)
+class DumpedScene:
+    """The dump of one scene seen by one camera."""
+
+    folder: Path
+    scene_id: int
+    camera: str
+
+    def path(self, frame_id: int) -> Path:
+        """Return where the grasps of a frame are."""
+        return self.folder / f"{frame_id:04d}.npy"
+
+    @property
+    def frame_ids(self) -> list[int]:
+        """The ids of the frames that are there, ascending."""
+        return sorted(int(file.stem) for file in self.folder.glob("*.npy") if file.stem.isdigit())
+
+
+def dumped_scenes(dump: Path) -> list[DumpedScene]:
+    """List the scenes and cameras of a dump, in order.
+
+    Raises:
+        FormatError: there are none.
+    """
+    found = [
+        DumpedScene(scene / camera, int(match[1]), camera)
+        for scene in sorted(dump.iterdir())
+        if (match := re.fullmatch(r"scene_(\d{4})", scene.name)) is not None
+        for camera in CAMERAS
+        if (scene / camera).is_dir()
+    ]
+    if not any(scene.frame_ids for scene in found):
+        within = sorted(path.parent.name for path in dump.glob("*/scene_[0-9][0-9][0-9][0-9]"))
+        hint = f"; its folder {within[0]} holds scenes, give that" if within else ""
+        raise FormatError(dump, "no dump of a grasp detector", WANTED + hint)
+    return found

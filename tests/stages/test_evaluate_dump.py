@@ -1,0 +1,241 @@
+"""`evaluate --protocol graspnet` beside graspnetAPI itself, and on dumps that break it."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from pipelines import evaluate_dump
+from pipelines.batch import BatchOptions, StageReport
+from pipelines.configs import EvaluateDumpConfig
+from pipelines.errors import FormatError, StaleOutputError
+from pipelines.formats import reports
+from pipelines.formats.dump_verdicts import read_dump_verdicts
+from pipelines.formats.graspnet import GraspNetRoot
+from symgrasp_cli.app import app
+from tests.stages.toy_dump import frame_file, write_dump, write_root
+
+# What GraspNetEval.eval_scene of graspnetAPI 1.2.11 gave the ranked grasps of `write_dump` on
+# `write_root`, with textured.sdf beside textured.obj as `label-grasps` writes it.
+N = -1.0
+PEER = {
+    (100, 0): [N, 0.4, 0.6, 0.2, 0.4, N, N, N, N, N, N, N, N, 0.8],
+    (100, 1): [0.2, 0.6, N, 0.2, N, N, N, N, 0.2, 0.2],
+    (160, 0): [0.2, N, N, 0.2, 0.2, N, 0.2, 0.4, N, 0.8, 0.6, N],
+    (160, 1): [N, 0.2, N, 0.6, N, N, 0.6, N],
+}
+PEER_AP = {"seen": 0.23203575323630057, "novel": 0.2174331168184574}
+PEER_AP04 = {"seen": 0.19197611971480577, "novel": 0.17035708220452736}
+PEER_AP08 = {"seen": 0.270150942313351, "novel": 0.24991259732500598}
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> GraspNetRoot:
+    return write_root(tmp_path_factory.mktemp("root"))
+
+
+@pytest.fixture(scope="module")
+def pristine(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_dump(tmp_path_factory.mktemp("dump"))
+
+
+@pytest.fixture
+def dump(pristine: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(pristine, tmp_path / "dump"))
+
+
+def run(dump: Path, root: GraspNetRoot, output: Path, **options) -> StageReport:
+    config = EvaluateDumpConfig(exact=options.pop("exact", False))
+    return evaluate_dump.run(
+        dump, root.root, output, config, BatchOptions(progress=False, **options)
+    )
+
+
+def figures(output: Path, split: str = "all") -> dict:
+    return reports.read_report(output)["rows"]["realsense"][split]
+
+
+def verdicts(output: Path, scene_id: int) -> dict:
+    folder = evaluate_dump.scenes_folder(output)
+    return read_dump_verdicts(folder / f"scene_{scene_id:04d}_realsense.npz")
+
+
+@pytest.fixture(scope="module")
+def report(root, pristine, tmp_path_factory) -> Path:
+    output = tmp_path_factory.mktemp("report") / "report.json"
+    assert run(pristine, root, output).exit_code == 0
+    return output
+
+
+@pytest.mark.parametrize(("scene_id", "frame"), PEER)
+def test_every_ranked_grasp_is_judged_as_graspnetapi_does(report, scene_id, frame):
+    friction = verdicts(report, scene_id)["friction"][frame]
+    assert friction[np.isfinite(friction)].tolist() == PEER[scene_id, frame]
+
+
+@pytest.mark.parametrize("split", ["seen", "novel"])
+def test_the_average_precisions_are_graspnetapis(report, split):
+    found = figures(report, split)
+    assert found["ap"] == pytest.approx(PEER_AP[split], abs=1e-15)
+    assert found["ap_0.4"] == pytest.approx(PEER_AP04[split], abs=1e-15)
+    assert found["ap_0.8"] == pytest.approx(PEER_AP08[split], abs=1e-15)
+    assert found["ap_by_friction"]["0.8"] == found["ap_0.8"]
+
+
+def test_all_is_the_mean_over_frames_and_a_split_without_frames_has_no_figure(report):
+    assert figures(report)["ap"] == pytest.approx(np.mean(list(PEER_AP.values())))
+    assert figures(report, "similar")["ap"] is None
+    assert figures(report)["frames"] == 4
+    assert sum(figures(report)["reasons"].values()) == sum(map(len, PEER.values()))
+
+
+def test_a_grid_on_disk_gives_the_same_as_one_computed(root, pristine, report, tmp_path):
+    from pipelines.formats.meshes import read_mesh
+    from pipelines.formats.signed_distance import write_sdf
+    from pipelines.geometry.single_precision import single_precision_grid
+
+    other = GraspNetRoot(Path(shutil.copytree(root.root, tmp_path / "root")))
+    mesh = read_mesh(other.textured_path(1, ".obj"))
+    write_sdf(other.textured_path(1, ".sdf"), single_precision_grid(mesh))
+    assert run(pristine, other, tmp_path / "r.json").exit_code == 0
+    for scene_id in (100, 160):
+        theirs, ours = verdicts(tmp_path / "r.json", scene_id), verdicts(report, scene_id)
+        np.testing.assert_array_equal(theirs["friction"], ours["friction"])
+
+
+def test_exact_contacts_hold_what_the_peer_holds_but_for_collision(root, pristine, tmp_path):
+    output = tmp_path / "exact.json"
+    assert run(pristine, root, output, exact=True).exit_code == 0
+    assert reports.read_report(output)["exact"] is True
+    held = {s: verdicts(output, s)["friction"] for s in (100, 160)}
+    both = [(held[s][f][: len(PEER[s, f])], np.array(PEER[s, f])) for s, f in PEER]
+    # Triangles stop more grasps than voxels do; a grasp that both let through holds in both.
+    for ours, theirs in both:
+        free = (ours > 0) & (theirs > 0)
+        assert free.any()
+        assert (np.abs(ours[free] - theirs[free]) < 0.21).all()
+
+
+def test_an_empty_dump_scores_nothing(root, dump, tmp_path):
+    for index, empty in enumerate((np.zeros((0, 17)), np.zeros(0))):
+        np.save(frame_file(dump, 100, index), empty)
+    assert run(dump, root, tmp_path / "r.json").exit_code == 0
+    assert figures(tmp_path / "r.json", "seen")["ap"] == 0.0
+    assert figures(tmp_path / "r.json", "novel")["ap"] == pytest.approx(PEER_AP["novel"])
+
+
+def test_a_missing_frame_is_named_and_counts_as_without_grasps(root, dump, tmp_path):
+    frame_file(dump, 100, 1).unlink()
+    report = run(dump, root, tmp_path / "r.json")
+    assert report.exit_code == 1
+    assert "0001.npy is missing" in report.failed["scene_0100_realsense"]
+    found = figures(tmp_path / "r.json", "seen")
+    assert (found["frames"], found["frames_absent"]) == (2, 1)
+    assert found["ap"] == pytest.approx(found["ap_present"] / 2.0)
+
+
+@pytest.mark.parametrize("content", [np.zeros((3, 7)), np.zeros(17), np.array(["grasp"])])
+def test_a_file_of_another_shape_is_named_and_the_rest_is_judged(root, dump, tmp_path, content):
+    np.save(frame_file(dump, 160, 0), content)
+    report = run(dump, root, tmp_path / "r.json")
+    assert set(report.failed) == {"scene_0160_realsense"}
+    assert "17" in report.failed["scene_0160_realsense"]
+    assert figures(tmp_path / "r.json", "seen")["ap"] == pytest.approx(PEER_AP["seen"])
+
+
+def test_a_cut_off_file_is_named(root, dump, tmp_path):
+    path = frame_file(dump, 160, 0)
+    path.write_bytes(path.read_bytes()[:500])
+    assert "0000.npy" in run(dump, root, tmp_path / "r.json").failed["scene_0160_realsense"]
+
+
+def test_rows_that_are_no_grasps_are_left_out_and_named(root, dump, tmp_path, report):
+    path = frame_file(dump, 100, 0)
+    rows = np.load(path)
+    bad = rows[:3].copy()
+    bad[0, 13], bad[1, 4:13], bad[2, 0] = np.nan, 0.0, np.inf
+    np.save(path, np.concatenate([bad, rows]))
+    done = run(dump, root, tmp_path / "r.json")
+    assert "row 0 holds numbers that are not finite, 3 rows" in done.failed["scene_0100_realsense"]
+    found, before = verdicts(tmp_path / "r.json", 100), verdicts(report, 100)
+    np.testing.assert_array_equal(found["friction"], before["friction"])
+    assert found["left_out"].tolist() == [3, 0]
+    assert found["row"][0][0] == before["row"][0][0] + 3
+
+
+def test_rotations_a_little_off_are_straightened_and_counted(root, dump, tmp_path):
+    path = frame_file(dump, 100, 0)
+    rows = np.load(path)
+    rows[:5, 4:13] *= 1.01
+    np.save(path, rows)
+    assert run(dump, root, tmp_path / "r.json").exit_code == 0
+    assert verdicts(tmp_path / "r.json", 100)["friction"][0][:14].tolist() == PEER[100, 0]
+    assert figures(tmp_path / "r.json")["rows_straightened"] == 5
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.float32])
+def test_dumps_of_lower_precision_are_read(root, dump, tmp_path, dtype):
+    for path in dump.rglob("*.npy"):
+        np.save(path, np.load(path).astype(dtype))
+    assert run(dump, root, tmp_path / "r.json").exit_code == 0
+    assert figures(tmp_path / "r.json")["ap"] == pytest.approx(0.225, abs=0.08)
+
+
+def test_widths_are_cut_and_a_closed_hand_holds_nothing(root, dump, tmp_path):
+    path = frame_file(dump, 100, 0)
+    rows = np.load(path)
+    rows[:, 1] = np.where(np.arange(len(rows)) % 2, 0.0, -0.01)
+    np.save(path, rows)
+    assert run(dump, root, tmp_path / "r.json").exit_code == 0
+    assert verdicts(tmp_path / "r.json", 100)["accuracy"][0].max() == 0.0
+
+
+def test_a_wrong_folder_is_refused_with_what_is_expected(root, dump, tmp_path):
+    with pytest.raises(FormatError, match=r"scene_NNNN.*folder dump holds scenes"):
+        run(dump.parent, root, tmp_path / "r.json")
+    with pytest.raises(FormatError, match="scene_NNNN"):
+        run(root.root, root, tmp_path / "r.json")
+
+
+def test_a_scene_that_the_dataset_lacks_fails_alone(root, dump, tmp_path):
+    shutil.copytree(dump / "scene_0100", dump / "scene_0101")
+    report = run(dump, root, tmp_path / "r.json")
+    assert set(report.failed) == {"scene_0101_realsense"}
+    assert figures(tmp_path / "r.json")["frames"] == 4
+
+
+def test_finished_scenes_are_skipped_and_workers_change_nothing(root, pristine, tmp_path):
+    output = tmp_path / "r.json"
+    run(pristine, root, output, workers=2)
+    written = {
+        path.name: path.read_bytes() for path in output.parent.rglob("*.*") if path.is_file()
+    }
+    (evaluate_dump.scenes_folder(output) / "scene_0100_realsense.npz").unlink()
+    again = run(pristine, root, output)
+    assert (again.done, again.skipped) == (["scene_0100_realsense"], ["scene_0160_realsense"])
+    after = {path.name: path.read_bytes() for path in output.parent.rglob("*.*") if path.is_file()}
+    assert after == written
+    with pytest.raises(StaleOutputError):
+        run(pristine, root, output, exact=True)
+
+
+def test_the_command_prints_the_figures(root, pristine, tmp_path):
+    arguments = ["--dataset", str(root.root), "--out", str(tmp_path / "r.json")]
+    result = CliRunner().invoke(
+        app, ["evaluate", str(pristine), *arguments, "--protocol", "graspnet"]
+    )
+    assert result.exit_code == 0, result.output
+    assert "23.20" in result.output
+    page = (tmp_path / "r.html").read_text()
+    assert "23.20" in page
+    assert "http" not in page
+
+
+@pytest.mark.parametrize(
+    "options", [[], ["--protocol", "cocoa"], ["--protocol", "graspnet", "--baselines"], ["--exact"]]
+)
+def test_what_does_not_go_together_is_wrong_usage(root, pristine, tmp_path, options):
+    arguments = ["--dataset", str(root.root), "--out", str(tmp_path / "r.json"), *options]
+    assert CliRunner().invoke(app, ["evaluate", str(pristine), *arguments]).exit_code == 2

@@ -15,11 +15,13 @@ finetune_detector    ROOT or COCO frames, symmetry               detector.safete
 train                PACKED                                      network.safetensors
 infer                RGB-D frames, both weights                  grasps.h5, overlay pictures
 score_grasps         any mesh, any grasps (N, 17)                verdicts.npz
+simulate             grasps.h5, ROOT                             success.json
 evaluate             grasps.h5, ROOT                             report.json, report.html
 evaluate_dump        grasp dumps of any detector, ROOT           report.json, report.html
 compare              several report.json                         compare.json, compare.html
 ===================  ==========================================  ===============================
 
 Libraries, from the ground up: `errors`, `configs`, `geometry` and `network`, `grasping`,
-`formats` and `metrics`, `synthesis`, `learning` and `batch`. Imports run down only.
+`formats` and `metrics`, `synthesis` and `evaluation`, `simulation`, `learning` and `batch`.
+Imports run down only.
 """

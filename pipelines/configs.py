@@ -307,3 +307,22 @@ class CompareConfig:
     row: str = "ours"  # of the reports
     resamples: int = 2000
     level: float = 0.95
+
+
+@dataclass(frozen=True)
+class SimulateConfig:
+    """Success in physics (Sec. IV-A, Table III); D. 48, D. 49."""
+
+    frictions: tuple[float, ...] = (0.3, 0.5, 0.8)  # between fingers and objects
+    approach: float = 0.10  # metres, along the approach axis
+    lift: float = 0.15  # metres
+    tug: float = 5.0  # m / s^2, of each of five tugs, on top of gravity
+    max_slip: float = 0.05  # metres in the hand, from closing to the end
+    max_turn: float = 15.0  # degrees, likewise
+    grip_force: float = 8.0  # of a finger, in weights of the object: 20 N on a quarter of a kg
+    max_force: float = 40.0  # newtons of a finger, an RG2's largest
+    arm_force: float = 60.0  # newtons that the arm pushes with at most
+    stop_force: float = 30.0  # newtons on the way in at which a careful arm stops
+    min_visible_pixels: int = 300  # objects less visible do not count
+    min_region_share: float = 0.3  # of a region's pixels on the object whose region it is
+    gripper: str = ""  # the one that `infer` used

@@ -58,6 +58,12 @@ def assign_regions(
     return RegionOwners(objects, nearest.tolist())
 
 
+def best_region(object_id: int, row: RowPredictions, owners: RegionOwners) -> int | None:
+    """Return which of an object's regions has the best grasp; None for an object without one."""
+    regions = [i for i, owner in enumerate(owners.object_id) if owner == object_id]
+    return max(regions, key=lambda i: row.rank_score[i], default=None)
+
+
 def judge_frame(
     predictions: FramePredictions,
     owners: RegionOwners,
@@ -105,10 +111,9 @@ def _judge_object(
     object_id: int, row: RowPredictions, owners: RegionOwners, truth: FrameTruth, gripper: Gripper
 ) -> Verdict:
     """Return the verdict on the best grasp of all regions of one object."""
-    regions = [i for i, owner in enumerate(owners.object_id) if owner == object_id]
-    if not regions:
+    chosen = best_region(object_id, row, owners)
+    if chosen is None:
         return Verdict(object_id, "no region")
-    chosen = max(regions, key=lambda i: row.rank_score[i])
     if not len(row.best[chosen]):
         return Verdict(object_id, "no grasp")
     return judge_grasp(truth.scene, object_id, row.best[chosen], gripper)

@@ -29,6 +29,7 @@ from pipelines.formats.reports import write_report
 from pipelines.formats.symmetry_labels import ObjectSymmetries, RegionLabel
 from pipelines.geometry.region_masks import RegionInstance
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry
+from pipelines.simulation.success import write_success
 from tests.stages.test_compare import write_run
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "FORMATS.md"
@@ -183,6 +184,14 @@ def test_the_arrays_of_dump_verdicts_are_documented(tmp_path: Path) -> None:
         found = {name: (arrays[name].ndim, kind) for name, kind in kinds.items()}
     types = {**TYPES, "i1": "|i1", "text": "text"}
     assert found == {name: (rank, types[dtype]) for name, (rank, dtype, _) in facts.items()}
+
+
+def test_the_keys_of_success_files_are_documented(tmp_path: Path) -> None:
+    write_success(tmp_path / "x.json", [], (0.5,), STAMP)
+    content = json.loads((tmp_path / "x.json").read_text())
+    lines = block("keys", "success")
+    assert set(content) == keys_of(lines)
+    assert set(content["success"]["all"]["all"]["0.5"]) == keys_of(lines, depth=1)
 
 
 @pytest.mark.parametrize("path", sorted(PRESETS.glob("*.toml")), ids=lambda path: path.stem)

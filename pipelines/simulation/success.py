@@ -1,0 +1,104 @@
+"""Success rates by split, kind of symmetry and friction, with intervals: the paper's Table III."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pipelines.evaluation.tables import Table
+from pipelines.formats.files import write_json
+from pipelines.formats.graspnet import SPLITS
+from pipelines.formats.provenance import Stamp
+from pipelines.metrics.success_rate import SuccessRate
+from pipelines.simulation.records import FORMAT_VERSION, FrameTrials, TrialRecord, friction_key
+from pipelines.simulation.trial import REASONS
+
+KINDS = ("reflection", "rotation", "sphere", "none", "all")
+Rates = dict[str, dict[str, dict[str, dict[str, Any]]]]
+Counts = dict[str, dict[str, dict[str, int]]]
+
+
+def success_rates(frames: Sequence[FrameTrials], frictions: Sequence[float]) -> Rates:
+    """Return rates by split, kind and friction."""
+    return {
+        split: {
+            kind: {
+                key: _rate([t for t in trials if kind in ("all", t.kind)], key)
+                for key in map(friction_key, frictions)
+            }
+            for kind in KINDS
+        }
+        for split, trials in _by_split(frames).items()
+    }
+
+
+def reasons(frames: Sequence[FrameTrials], frictions: Sequence[float]) -> Counts:
+    """Return what became of the trials, by split and friction."""
+    counts: Counts = {}
+    for split, trials in _by_split(frames).items():
+        counts[split] = {}
+        for key in map(friction_key, frictions):
+            found = Counter(trial.outcomes[key].reason for trial in trials)
+            counts[split][key] = {reason: found[reason] for reason in REASONS if found[reason]}
+    return counts
+
+
+def write_success(
+    path: Path, frames: Sequence[FrameTrials], frictions: Sequence[float], stamp: Stamp
+) -> None:
+    """Write `success.json`."""
+    content = {
+        "frictions": list(frictions),
+        "success": success_rates(frames, frictions),
+        "reasons": reasons(frames, frictions),
+        "format_version": FORMAT_VERSION,
+        "provenance": stamp.as_json(),
+    }
+    write_json(path, content)
+
+
+def success_tables(content: Mapping[str, Any]) -> list[Table]:
+    """Return the tables of a `success.json`."""
+    frictions = [friction_key(friction) for friction in content["frictions"]]
+    return [_rate_table(content["success"], frictions), _reason_table(content["reasons"])]
+
+
+def _by_split(frames: Sequence[FrameTrials]) -> dict[str, list[TrialRecord]]:
+    splits = [split for split in SPLITS if any(frame.split == split for frame in frames)]
+    return {
+        split: [
+            trial for frame in frames if split in ("all", frame.split) for trial in frame.trials
+        ]
+        for split in (*splits, "all")
+    }
+
+
+def _rate(trials: Sequence[TrialRecord], key: str) -> dict[str, Any]:
+    rate = SuccessRate(len(trials), sum(t.outcomes[key].reason == "held" for t in trials))
+    low, high = rate.interval
+    return {"trials": rate.trials, "held": rate.held, "rate": rate.rate, "low": low, "high": high}
+
+
+def _rate_table(success: Mapping[str, Any], frictions: Sequence[str]) -> Table:
+    header = ("split", "region", "trials", *(f"friction {friction}" for friction in frictions))
+    body = tuple(
+        (split, kind, str(rates[frictions[0]]["trials"]), *(_cell(rates[f]) for f in frictions))
+        for split, kinds in success.items()
+        for kind, rates in kinds.items()
+        if rates[frictions[0]]["trials"]
+    )
+    return Table("Success in simulation, percent, with 95 % intervals", header, body)
+
+
+def _cell(rate: Mapping[str, float]) -> str:
+    return f"{100 * rate['rate']:.0f} ({100 * rate['low']:.0f} to {100 * rate['high']:.0f})"
+
+
+def _reason_table(counts: Mapping[str, Any]) -> Table:
+    cells = [(s, f, found) for s, by_friction in counts.items() for f, found in by_friction.items()]
+    names = [name for name in REASONS if any(found.get(name) for _, _, found in cells)]
+    body = tuple(
+        (split, friction, *(str(found.get(name, 0)) for name in names))
+        for split, friction, found in cells
+    )
+    return Table("What became of the trials", ("split", "friction", *names), body)

@@ -1,0 +1,92 @@
+"""Objects on a table as a MuJoCo model, and how they come to rest. Table frame, top at z = 0."""
+
+from collections.abc import Mapping, Sequence
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.transforms import make_pose, matrix_to_quaternion, quaternion_to_matrix
+
+Array = NDArray[np.float64]
+Pieces = Sequence[Mesh]
+
+TIME_STEP = 0.001  # seconds
+# Twice the time step is the stiffest contact that MuJoCo resolves.
+STIFF = [2.0 * TIME_STEP, 1.0]
+HARD = [0.95, 0.99, 0.001, 0.5, 2.0]
+FRICTION_LAW = 20.0  # how much stiffer contacts are along the surface: else what is held creeps
+WORLD_FRICTION = [0.9, 0.02, 0.005]  # of objects with table and each other, as they were dropped
+DENSITY = 400.0  # kg / m^3, a half-full household object
+# Bits of who touches what: a hand's parts do not touch each other.
+HAND, WORLD = 1, 2
+
+REST_SECONDS = 1.0  # at most
+REST_SPEED = 1e-3  # metres or radians a second
+REST_DAMPING = 0.9  # of its speed that a body keeps a step: it sinks into place without a bounce
+REST_CHECK = 20  # steps
+
+
+def empty_world() -> mujoco.MjSpec:
+    """Return a table without anything on it."""
+    spec = mujoco.MjSpec()
+    option = spec.option
+    option.timestep = TIME_STEP
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.impratio = FRICTION_LAW
+    table = spec.worldbody.add_geom(
+        name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[2.0, 2.0, 0.1]
+    )
+    _make_world(table)
+    return spec
+
+
+def add_object(spec: mujoco.MjSpec, name: str, pieces: Pieces, pose: Array) -> None:
+    """Add an object of convex `pieces`, object frame, at `pose` (4, 4), object to table."""
+    body = spec.worldbody.add_body(
+        name=name, pos=pose[:3, 3].tolist(), quat=matrix_to_quaternion(pose[:3, :3]).tolist()
+    )
+    body.add_freejoint(name=name)
+    for number, piece in enumerate(pieces):
+        mesh = f"{name}_{number}"
+        spec.add_mesh(
+            name=mesh,
+            uservert=piece.vertices.ravel().tolist(),
+            inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX,
+        )
+        geom = body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh, density=DENSITY)
+        _make_world(geom)
+
+
+def object_pose(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Array:
+    """Return (4, 4), object to table."""
+    body = model.body(name).id
+    start = model.jnt_qposadr[model.body_jntadr[body]]
+    place = data.qpos[start : start + 7]
+    return make_pose(quaternion_to_matrix(place[3:]), place[:3])
+
+
+def at_rest(objects: Mapping[int, Pieces], poses: Mapping[int, Array]) -> dict[int, Array]:
+    """Return the `poses` (4, 4), object to table, once everything has come to rest.
+
+    Poses of a dataset are rounded or measured: things float a little or overlap. They sink into
+    place as if in honey, so that nothing is flung away.
+    """
+    spec = empty_world()
+    for object_id, pose in poses.items():
+        add_object(spec, str(object_id), objects[object_id], pose)
+    data = mujoco.MjData(model := spec.compile())
+    for step in range(int(REST_SECONDS / TIME_STEP)):
+        mujoco.mj_step(model, data)
+        data.qvel *= REST_DAMPING
+        if step % REST_CHECK == REST_CHECK - 1 and np.abs(data.qvel).max() < REST_SPEED:
+            break
+    return {object_id: object_pose(model, data, str(object_id)) for object_id in poses}
+
+
+def _make_world(geom: mujoco.MjsGeom) -> None:
+    geom.friction, geom.condim = WORLD_FRICTION, 6
+    geom.solref, geom.solimp = STIFF, HARD
+    geom.contype, geom.conaffinity = WORLD, WORLD | HAND

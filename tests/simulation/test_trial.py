@@ -1,0 +1,150 @@
+"""What physics must say of grasps that anybody can judge, both ways."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from pipelines.configs import SimulateConfig
+from pipelines.formats.gripper_files import load_gripper, preset_names
+from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.transforms import make_pose, rotation_about
+from pipelines.grasping.grasps import Grasps
+from pipelines.simulation.trial import Outcome, Trial
+from tests.metrics.shapes import ball, box
+
+X, Y, Z = np.eye(3)
+DOWN = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # approach down, closing along y
+LEVEL = np.eye(3)  # approach along x, closing along y
+
+
+def can(radius: float, height: float) -> Mesh:
+    made = trimesh.creation.cylinder(radius, height, sections=64)
+    return Mesh(np.asarray(made.vertices), np.asarray(made.faces))
+
+
+def wedge(slope: float) -> Mesh:
+    """A bar along x, 6 cm high, whose sides towards +-y lean inward by `slope` degrees."""
+    lean = 0.06 * np.tan(np.radians(slope))
+    outline = [(-0.04, 0.0), (0.04, 0.0), (0.04 - lean, 0.06), (lean - 0.04, 0.06)]
+    corners = np.array([(x, y, z - 0.03) for x in (-0.03, 0.03) for y, z in outline])
+    hull = trimesh.convex.convex_hull(corners)
+    return Mesh(np.asarray(hull.vertices), np.asarray(hull.faces))
+
+
+# A shape, how high its middle stands, and the width and height of a centred antipodal grasp.
+SHAPES = {
+    "box": (box(0.06, 0.04, 0.10), 0.05, 0.04, 0.03),
+    "can": (can(0.025, 0.08), 0.04, 0.05, 0.01),
+    "ball": (ball(0.03), 0.03, 0.06, 0.0),
+}
+
+
+def attempt(
+    mesh: Mesh,
+    height: float,
+    width: float,
+    above: float,
+    friction: float,
+    rotation: np.ndarray = DOWN,
+    gripper: str = "rg2",
+) -> Outcome:
+    """Try a grasp `above` the middle of an object that stands on the table at `height`."""
+    grasp = Grasps(rotation, np.array([0.0, 0.0, height + above]), np.array(width))
+    pose = make_pose(np.eye(3), [0.0, 0.0, height])
+    hand, config = load_gripper(gripper), SimulateConfig()
+    return Trial.of({7: [mesh]}, {7: pose}, 7, grasp, hand, config).run(friction)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("friction", [0.3, 0.8])
+def test_a_centred_antipodal_grasp_lifts(shape, friction):
+    outcome = attempt(*SHAPES[shape], friction)
+    assert outcome.reason == "held"
+    assert outcome.slip < 0.002
+    assert outcome.turn < 2.0
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_the_same_grasp_drops_with_slippery_fingers(shape):
+    assert attempt(*SHAPES[shape], 0.05).reason == "not lifted"
+
+
+@pytest.mark.parametrize("gripper", preset_names())
+def test_every_preset_lifts_a_can(gripper):
+    assert attempt(*SHAPES["can"], 0.5, gripper=gripper).reason == "held"
+
+
+@pytest.mark.parametrize("axis", [X, Z])
+@pytest.mark.parametrize("friction", [0.3, 0.8])
+def test_the_grasp_of_the_box_turned_by_30_degrees_fails(axis, friction):
+    turned = rotation_about(axis, np.radians(30.0)) @ DOWN
+    assert attempt(*SHAPES["box"], friction, turned).reason == "collision"
+
+
+@pytest.mark.parametrize("shape", ["can", "ball"])
+def test_turning_about_the_axis_of_a_round_thing_changes_nothing(shape):
+    turned = rotation_about(Z, np.radians(30.0)) @ DOWN
+    assert attempt(*SHAPES[shape], 0.3, turned).reason == "held"
+
+
+def test_sides_that_lean_inward_hold_above_the_tangent_of_their_slope_only():
+    # Squeezed fingers climb a slope of 25 degrees if friction is below tan 25 = 0.47.
+    assert attempt(wedge(25.0), 0.03, 0.052, 0.01, 0.3).reason == "not lifted"
+    assert attempt(wedge(25.0), 0.03, 0.052, 0.01, 0.8).reason == "held"
+
+
+def test_a_long_bar_held_at_its_end_turns_and_held_in_its_middle_does_not():
+    bar = box(0.24, 0.02, 0.02)
+    at_end = Grasps(DOWN, np.array([0.1, 0.0, 0.012]), np.array(0.02))
+    pose = make_pose(np.eye(3), [0.0, 0.0, 0.01])
+    hand, config = load_gripper("rg2"), SimulateConfig()
+    outcome = Trial.of({0: [bar]}, {0: pose}, 0, at_end, hand, config).run(0.5)
+    assert outcome.reason != "held"
+    assert attempt(bar, 0.01, 0.02, 0.002, 0.5).reason == "held"
+
+
+def test_a_grasp_beside_the_object_lifts_nothing():
+    pose = make_pose(np.eye(3), [0.2, 0.0, 0.03])
+    grasp = Grasps(DOWN, np.array([0.0, 0.0, 0.03]), np.array(0.05))
+    trial = Trial.of({0: [ball(0.03)]}, {0: pose}, 0, grasp, load_gripper("rg2"), SimulateConfig())
+    assert trial.run(0.5).reason == "not lifted"
+
+
+def test_fingers_in_the_table_are_a_collision():
+    assert attempt(ball(0.03), 0.03, 0.06, -0.03, 0.5).reason == "collision"
+
+
+def test_a_palm_that_lands_on_the_object_is_a_collision():
+    tall = box(0.04, 0.04, 0.12)
+    assert attempt(tall, 0.06, 0.04, 0.03, 0.5).reason == "held"
+    assert attempt(tall, 0.06, 0.04, 0.0, 0.5).reason == "collision"
+
+
+def test_a_way_in_that_starts_inside_a_neighbour_is_a_collision():
+    wall = box(0.02, 0.2, 0.2)
+    poses = {0: make_pose(np.eye(3), [0, 0, 0.04]), 1: make_pose(np.eye(3), [-0.12, 0, 0.1])}
+    grasp = Grasps(LEVEL, np.array([0.0, 0.0, 0.04]), np.array(0.05))
+    objects = {0: [can(0.025, 0.08)], 1: [wall]}
+    trial = Trial.of(objects, poses, 0, grasp, load_gripper("rg2"), SimulateConfig())
+    assert trial.run(0.5).reason == "collision"
+
+
+def test_a_trial_does_not_depend_on_those_before_it():
+    mesh, height, width, above = SHAPES["can"]
+    grasp = Grasps(DOWN, np.array([0.004, 0.003, height + above]), np.array(width))
+    pose = make_pose(np.eye(3), [0.0, 0.0, height])
+    trial = Trial.of({0: [mesh]}, {0: pose}, 0, grasp, load_gripper("rg2"), SimulateConfig())
+    first = trial.run(0.5)
+    assert trial.run(0.05) != first
+    assert trial.run(0.5) == first
+
+
+def test_the_fingers_squeeze_with_weights_of_the_object_up_to_what_they_can():
+    pose = make_pose(np.eye(3), [0.0, 0.0, 0.1])
+    grasp = Grasps(DOWN, np.array([0.0, 0.0, 0.1]), np.array(0.05))
+    config = SimulateConfig()
+    forces = [
+        Trial.of({0: [box(*size)]}, {0: pose}, 0, grasp, load_gripper("rg2"), config).grip_force
+        for size in ((0.05, 0.05, 0.1), (0.2, 0.2, 0.2))
+    ]
+    assert forces == pytest.approx([8.0 * 9.81 * 0.1, config.max_force], rel=1e-3)

@@ -1,0 +1,245 @@
+"""`simulate` on a dataset whose best grasps are known."""
+
+import hashlib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from pipelines import simulate
+from pipelines.batch import BatchOptions, StageReport
+from pipelines.configs import SimulateConfig
+from pipelines.errors import FormatError, StaleOutputError, SymgraspError, UnknownNameError
+from pipelines.formats import convex_pieces
+from pipelines.formats.files import read_json
+from pipelines.formats.graspnet import GraspNetRoot
+from pipelines.formats.grasps_file import FrameResult
+from pipelines.formats.meshes import read_mesh, write_mesh
+from pipelines.simulation.records import read_trials
+from symgrasp_cli.app import app
+from tests.stages.toy_root import SCENES, frame_names, true_result, write_grasps, write_root
+
+KINDS = {0: "reflection", 1: "rotation", 2: "sphere"}
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> GraspNetRoot:
+    return write_root(tmp_path_factory.mktemp("toy"))
+
+
+@pytest.fixture(scope="module")
+def truth_file(root: GraspNetRoot, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("truth") / "grasps.h5"
+    write_grasps(path, [true_result(root, name) for name in frame_names()])
+    return path
+
+
+@pytest.fixture(scope="module")
+def small_file(root: GraspNetRoot, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One frame a scene, one grasp a frame."""
+    path = tmp_path_factory.mktemp("small") / "grasps.h5"
+    write_grasps(path, [true_result(root, name, (1,)) for name in frame_names()[::2]])
+    return path
+
+
+def run(grasps: Path, root: GraspNetRoot, output: Path, **options) -> StageReport:
+    config = SimulateConfig(
+        frictions=options.pop("frictions", (0.5,)),
+        min_visible_pixels=100,
+        gripper=options.pop("gripper", ""),
+    )
+    seed = options.pop("seed", 0)
+    return simulate.run(
+        grasps, root.root, output, config, BatchOptions(progress=False, **options), seed=seed
+    )
+
+
+def content_of(folder: Path) -> dict[str, str]:
+    """Digest of every file below a folder."""
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+@pytest.fixture(scope="module")
+def truth_success(root, truth_file, tmp_path_factory) -> Path:
+    output = tmp_path_factory.mktemp("success") / "success.json"
+    assert run(truth_file, root, output, frictions=(0.05, 0.3, 0.8)).exit_code == 0
+    return output
+
+
+def test_true_grasps_hold_and_slippery_fingers_do_not(truth_success):
+    rates = read_json(truth_success)["success"]["all"]["all"]
+    assert [(rates[f]["held"], rates[f]["trials"]) for f in ("0.05", "0.3", "0.8")] == [
+        (0, 12), (12, 12), (12, 12),
+    ]  # fmt: skip
+
+
+def test_trials_count_with_the_symmetry_of_their_region_and_in_their_split(truth_success):
+    success = read_json(truth_success)["success"]
+    assert list(success) == ["seen", "novel", "all"]
+    for kinds in (success["seen"], success["novel"]):
+        trials = {kind: cell["0.3"]["trials"] for kind, cell in kinds.items()}
+        assert trials == {"reflection": 2, "rotation": 2, "sphere": 2, "none": 0, "all": 6}
+
+
+def test_every_trial_is_recorded(truth_success):
+    folder = simulate.trials_folder(truth_success)
+    frames = [frame for path in sorted(folder.iterdir()) for frame in read_trials(path)]
+    assert [frame.name for frame in frames] == frame_names()
+    for frame in frames:
+        assert {trial.object_id: trial.kind for trial in frame.trials} == KINDS
+        assert all(list(trial.outcomes) == ["0.05", "0.3", "0.8"] for trial in frame.trials)
+
+
+def test_the_tables_show_rates_with_intervals_and_reasons(truth_success):
+    rates, reasons = simulate.tables(truth_success)
+    assert rates.rows[-1] == (
+        "all",
+        "all",
+        "12",
+        "0 (0 to 24)",
+        "100 (76 to 100)",
+        "100 (76 to 100)",
+    )
+    assert reasons.rows[-1] == ("all", "0.8", "0", "12")
+
+
+def test_two_workers_write_the_same_bytes_and_the_dataset_is_only_read(root, small_file, tmp_path):
+    before = content_of(root.root)
+    run(small_file, root, tmp_path / "one" / "success.json")
+    run(small_file, root, tmp_path / "two" / "success.json", workers=2)
+    assert content_of(tmp_path / "one") == content_of(tmp_path / "two")
+    assert content_of(root.root) == before
+
+
+def test_a_second_run_tries_nothing_again_and_an_interrupted_one_only_the_rest(
+    root, small_file, tmp_path
+):
+    output = tmp_path / "success.json"
+    run(small_file, root, output)
+    whole = content_of(tmp_path)
+    assert run(small_file, root, output).done == []
+    records = sorted(simulate.trials_folder(output).iterdir())
+    records[0].unlink()
+    output.unlink()
+    assert run(small_file, root, output).done == [records[0].stem]
+    assert content_of(tmp_path) == whole
+
+
+def test_rates_of_other_grasps_are_not_replaced_unasked(root, small_file, tmp_path):
+    output = tmp_path / "success.json"
+    run(small_file, root, output)
+    write_grasps(tmp_path / "g.h5", [true_result(root, name, (0,)) for name in frame_names()])
+    with pytest.raises(StaleOutputError, match="--overwrite"):
+        run(tmp_path / "g.h5", root, output)
+    with pytest.raises(StaleOutputError, match="--overwrite"):
+        run(small_file, root, output, frictions=(0.4,))
+    run(tmp_path / "g.h5", root, output, overwrite=True)
+    assert read_json(output)["reasons"]["all"]["0.5"] == {"no grasp": 8, "held": 4}
+
+
+def test_a_dry_run_writes_nothing(root, small_file, tmp_path):
+    report = run(small_file, root, tmp_path / "success.json", dry_run=True)
+    assert len(report.notes) == len(SCENES) + len(KINDS)  # no toy has convex pieces yet
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_objects_of_failed_and_empty_frames_are_trials_without_grasp(root, tmp_path):
+    first, second, *_ = frame_names()
+    results = [FrameResult(first, "failed", "cut off"), FrameResult(second, "empty")]
+    write_grasps(tmp_path / "g.h5", results)
+    assert run(tmp_path / "g.h5", root, tmp_path / "success.json").exit_code == 0
+    success = read_json(tmp_path / "success.json")
+    assert success["reasons"]["all"]["0.5"] == {"no grasp": 6}
+    assert success["success"]["seen"]["sphere"]["0.5"]["trials"] == 2
+
+
+def test_a_grasp_moved_off_its_object_fails(root, tmp_path):
+    name = frame_names()[0]
+    result = true_result(root, name)
+    shift = 0.1 * np.array([0.0, 0.0, -1.0])  # towards the camera
+    grasps = replace(result.grasps, translation=result.grasps.translation + shift)
+    write_grasps(tmp_path / "g.h5", [replace(result, grasps=grasps)])
+    run(tmp_path / "g.h5", root, tmp_path / "success.json")
+    assert "held" not in read_json(tmp_path / "success.json")["reasons"]["all"]["0.5"]
+
+
+def test_convex_pieces_of_the_dataset_are_taken(small_file, tmp_path):
+    own = write_root(tmp_path / "root")
+    for object_id in KINDS:
+        model = own.model_path(object_id)
+        mesh = read_mesh(model)
+        elsewhere = replace(mesh, vertices=mesh.vertices + 0.2)
+        convex_pieces.write(model.with_name("convex.npz"), [elsewhere])
+    report = run(small_file, own, tmp_path / "success.json")
+    assert len(report.done) == len(SCENES)
+    assert not simulate.pieces_folder(tmp_path / "success.json").exists()
+    assert read_json(tmp_path / "success.json")["success"]["all"]["rotation"]["0.5"]["held"] == 0
+
+
+def test_cached_pieces_of_another_mesh_are_made_again(small_file, tmp_path):
+    own, output = write_root(tmp_path / "root"), tmp_path / "success.json"
+    run(small_file, own, output)
+    pieces = simulate.pieces_folder(output) / "002.npz"
+    before = pieces.read_bytes()
+    mesh = read_mesh(own.model_path(2))
+    write_mesh(own.model_path(2), replace(mesh, vertices=1.01 * mesh.vertices))
+    with pytest.raises(StaleOutputError, match="--overwrite"):
+        run(small_file, own, output)
+    output.unlink()
+    report = run(small_file, own, output)
+    assert report.done == ["model 002", *(f"scene_{s:04d}_realsense" for s in SCENES)]
+    assert pieces.read_bytes() != before
+
+
+def test_a_scene_with_a_damaged_label_fails_alone(tmp_path):
+    root = write_root(tmp_path / "root")
+    label = root.frame(frame_names()[0]).path("label")
+    label.write_bytes(label.read_bytes()[:100])
+    results = [FrameResult(name, "empty") for name in frame_names()[:2]]
+    results += [true_result(root, name) for name in frame_names()[2:]]
+    write_grasps(tmp_path / "g.h5", results)
+    report = run(tmp_path / "g.h5", root, tmp_path / "success.json")
+    assert list(report.failed) == ["scene_0100_realsense"]
+    assert read_json(tmp_path / "success.json")["success"]["all"]["all"]["0.5"]["held"] == 6
+
+
+def test_a_file_without_frames_is_refused_in_a_sentence(root, tmp_path):
+    write_grasps(tmp_path / "g.h5", [])
+    with pytest.raises(SymgraspError, match="holds no frames"):
+        run(tmp_path / "g.h5", root, tmp_path / "success.json")
+
+
+@pytest.mark.parametrize("name", ["scenes/scene_0007/realsense/0000", "table_color"])
+def test_grasps_of_another_dataset_are_refused_in_a_sentence(root, tmp_path, name):
+    write_grasps(tmp_path / "g.h5", [FrameResult(name, "empty")])
+    with pytest.raises(FormatError, match=f"frame {name} is not in"):
+        run(tmp_path / "g.h5", root, tmp_path / "success.json")
+
+
+def test_an_unknown_gripper_is_refused_before_anything_is_done(root, small_file, tmp_path):
+    with pytest.raises(UnknownNameError, match="hand"):
+        run(small_file, root, tmp_path / "success.json", gripper="hand")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("friction", ["", "0.3,much", "0.3,-1", "0", "nan"])
+def test_frictions_that_are_no_positive_numbers_are_wrong_usage(root, small_file, friction):
+    arguments = ["simulate", str(small_file), "--dataset", str(root.root), "--friction", friction]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 2
+    assert "--friction" in result.output
+
+
+def test_the_command_prints_the_rates(root, small_file, tmp_path):
+    out = tmp_path / "success.json"
+    arguments = ["simulate", str(small_file), "--dataset", str(root.root), "--out", str(out)]
+    result = CliRunner().invoke(app, [*arguments, "--friction", "0.8,0.5,0.5"])
+    assert result.exit_code == 0
+    assert "Success in simulation" in result.output
+    assert read_json(out)["frictions"] == [0.5, 0.8]

@@ -5,6 +5,7 @@ import sys
 from benchmarks import (
     bench_annotate,
     bench_dataset,
+    bench_evaluate,
     bench_infer,
     bench_labels,
     bench_machine,
@@ -12,7 +13,15 @@ from benchmarks import (
 )
 from benchmarks.timing import markdown
 
-BENCHES = (bench_machine, bench_infer, bench_annotate, bench_dataset, bench_labels, bench_metrics)
+BENCHES = (
+    bench_machine,
+    bench_infer,
+    bench_annotate,
+    bench_dataset,
+    bench_labels,
+    bench_metrics,
+    bench_evaluate,
+)
 
 
 def main() -> None:

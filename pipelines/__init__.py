@@ -14,6 +14,7 @@ export_coco          ROOT frames, symmetry                       a COCO instance
 finetune_detector    ROOT or COCO frames, symmetry               detector.safetensors
 train                PACKED                                      network.safetensors
 infer                RGB-D frames, both weights                  grasps.h5, overlay pictures
+export               grasps.h5                                   dumps for graspnetAPI
 score_grasps         any mesh, any grasps (N, 17)                verdicts.npz
 simulate             grasps.h5, ROOT                             success.json
 evaluate             grasps.h5, ROOT                             report.json, report.html

@@ -271,6 +271,14 @@ class InferConfig:
 
 
 @dataclass(frozen=True)
+class ExportConfig:
+    """Grasps in the formats of other tools."""
+
+    to: str = "graspnet"
+    gripper: str = ""  # the one that `infer` used
+
+
+@dataclass(frozen=True)
 class ScoreGraspsConfig:
     """Anybody's grasps on anybody's mesh, in graspnetAPI's rows."""
 

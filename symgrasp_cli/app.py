@@ -11,6 +11,7 @@ from pipelines.errors import SymgraspError
 from symgrasp_cli.annotate_symmetry import annotate_symmetry
 from symgrasp_cli.compare import compare
 from symgrasp_cli.evaluate import evaluate
+from symgrasp_cli.export import export
 from symgrasp_cli.export_coco import export_coco
 from symgrasp_cli.finetune_detector import finetune_detector
 from symgrasp_cli.infer import infer
@@ -33,6 +34,7 @@ COMMANDS = (
     finetune_detector,
     train,
     infer,
+    export,
     score_grasps,
     simulate,
     evaluate,

@@ -1,6 +1,8 @@
 """The table that `python -m benchmarks` prints."""
 
-from benchmarks.timing import Measurement, markdown, seconds_of
+import time
+
+from benchmarks.timing import Measurement, cpu_seconds_of, markdown, seconds_of
 
 
 def test_a_measurement_is_one_line():
@@ -20,3 +22,7 @@ def test_a_step_is_run_once_more_than_it_is_timed():
     calls: list[int] = []
     assert seconds_of(lambda: calls.append(1), repeats=3) >= 0.0
     assert len(calls) == 4
+
+
+def test_the_processor_is_not_busy_while_a_step_sleeps():
+    assert cpu_seconds_of(lambda: time.sleep(0.05), repeats=1) < 0.05

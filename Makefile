@@ -4,6 +4,8 @@ BIN := .venv/bin
 SYMGRASP := $(BIN)/symgrasp
 EVAL := build/eval
 EVAL_ROOT := $(EVAL)/root
+EVAL_ARGUMENTS := $(EVAL)/grasps.h5 --dataset $(EVAL_ROOT) --out $(EVAL)/report.json \
+	--success $(EVAL)/success.json --baselines
 # The seed of the training set: its seen objects are the trained ones, its scenes never are.
 EVAL_SET := --splits seen,similar,novel --scenes-per-split 6 --views 4 --objects 24 \
 	--size 640x480 --grasp-points 48 --seed 0
@@ -35,8 +37,9 @@ check: install ## format, lint, types, import layers
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-eval: install $(EVAL)/report.json ## the benchmark in three splits: ours, oracle, planar, random
-	$(SYMGRASP) evaluate $(EVAL)/grasps.h5 --dataset $(EVAL_ROOT) --out $(EVAL)/report.json --baselines
+eval: install $(EVAL)/report.json ## tables I, II, III, symmetry and mask AP in three splits, and build/eval/report.html
+	$(SYMGRASP) evaluate $(EVAL_ARGUMENTS)
+	@echo "report: $(EVAL)/report.html"
 
 $(EVAL)/dataset.made: | install
 	$(SYMGRASP) synthesize $(EVAL_ROOT) $(EVAL_SET) --no-collision-labels --workers 2
@@ -44,11 +47,19 @@ $(EVAL)/dataset.made: | install
 	$(SYMGRASP) refine-grasps $(EVAL_ROOT) --workers 2
 	touch $@
 
+# What an interrupted run finished frame by frame or scene by scene is taken up again; what was made
+# from older inputs is not.
 $(EVAL)/grasps.h5: $(EVAL)/dataset.made $(WEIGHTS)
-	$(SYMGRASP) infer $(EVAL_ROOT) --out $@ --timings --overwrite
+	rm -f $@
+	$(SYMGRASP) infer $(EVAL_ROOT) --out $@ --timings
 
-$(EVAL)/report.json: $(EVAL)/grasps.h5
-	$(SYMGRASP) evaluate $< --dataset $(EVAL_ROOT) --out $@ --baselines --overwrite --workers 2 > /dev/null
+$(EVAL)/success.json: $(EVAL)/grasps.h5
+	rm -f $@
+	$(SYMGRASP) simulate $< --dataset $(EVAL_ROOT) --out $@ --workers 2 > /dev/null
+
+$(EVAL)/report.json: $(EVAL)/grasps.h5 $(EVAL)/success.json
+	rm -f $@
+	$(SYMGRASP) evaluate $(EVAL_ARGUMENTS) --workers 2 > /dev/null
 
 bench: install ## speeds of this machine, stage by stage
 	$(BIN)/python -m benchmarks

@@ -63,6 +63,7 @@ def write_report_files(
     if success is not None:
         _add_success(rows, success)
         more["success_by_friction"] = success["success"]
+        more["success_reasons"] = success.get("reasons", {})
     seconds = float(np.mean(tally.seconds)) if tally.seconds else None
     reports.write_report(output, rows, judged.stamp, seconds_per_frame=seconds, **more)
     gallery, faults = draw_gallery(choice, judged.grasps, judged.index, judged.root)

@@ -37,10 +37,10 @@ GALLERY_NOTE = (
 
 def report_page(report: Mapping[str, Any], gallery: Gallery) -> str:
     """Return the page of a `report.json` and its `gallery`."""
-    quality, pair, region, success, symmetry, masks, reasons = report_tables(report)
+    quality, pair, region, *success, symmetry, masks, reasons = report_tables(report)
     sections = (
-        ("Grasps", (_columns(map(html_table, (quality, pair, region)), _held_chart(report)),)),
-        ("Success", (html_table(success),)),
+        ("Grasps", (_columns((*map(html_table, (quality, pair, region)), _held_chart(report))),)),
+        ("Success", (_columns(map(html_table, success)),)),
         ("Symmetries", (html_table(symmetry), _symmetry_charts(report))),
         ("Region masks", (html_table(masks),)),
         ("What became of the objects", (_reason_bars(report), _folded(reasons))),
@@ -86,8 +86,8 @@ def note_list(notes: Iterable[str]) -> str:
     return f"<ul>{''.join(f'<li>{html.escape(note)}</li>' for note in notes)}</ul>"
 
 
-def _columns(tables: Iterable[str], chart: str) -> str:
-    blocks = "".join(f"<div>{part}</div>" for part in (*tables, chart))
+def _columns(parts: Iterable[str]) -> str:
+    blocks = "".join(f"<div>{part}</div>" for part in parts)
     return f'<div class="columns">{blocks}</div>'
 
 

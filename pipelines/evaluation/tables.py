@@ -23,7 +23,7 @@ METHODS_NOTE = (
     "selection; planar: from the boundary of the region; random: any grasp the hand can do."
 )
 UNSEEN = ("similar", "novel")
-SUCCESS_KINDS = ("reflection", "rotation", "sphere", "none")
+SUCCESS_KINDS = ("reflection", "rotation", "sphere", "none", ALL)
 NO_SUCCESS = "not simulated: `symgrasp simulate`, then `symgrasp evaluate --success success.json`"
 
 
@@ -60,15 +60,9 @@ def report_tables(report: Mapping[str, Any]) -> list[Table]:
     region = split_table(
         rows, "antipodal_score_region", (), title="Antipodal score of the closing region (S4G's)"
     )
-    return [
-        quality,
-        pair,
-        region,
-        success_table(report),
-        symmetry_table(rows),
-        mask_table(rows),
-        reason_table(rows),
-    ]
+    tables = [quality, pair, region, success_table(report), trial_table(report)]
+    tables += [symmetry_table(rows), mask_table(rows), reason_table(rows)]
+    return [table for table in tables if table is not None]
 
 
 def split_table(rows: ReportRows, figure: str, paper: Sequence[PublishedRow], title: str) -> Table:
@@ -89,19 +83,42 @@ def split_table(rows: ReportRows, figure: str, paper: Sequence[PublishedRow], ti
 def success_table(report: Mapping[str, Any]) -> Table:
     """Return the success rates by symmetry: the paper's real ones, ours in simulation."""
     body = [
-        (row.method, "real robot", *(f"{100 * rate:.0f} %" for rate in row.figures))
+        (row.method, *(f"{100 * rate:.0f}" for rate in row.figures), "")
         for row in published.SUCCESS_RATE
     ]
     by_kind = report.get("success_by_friction", {}).get(ALL, {})
     frictions = sorted({key for found in by_kind.values() for key in found}, key=float)
     for key in frictions:
         rates = (_rate(by_kind.get(kind, {}).get(key)) for kind in SUCCESS_KINDS)
-        body.append((METHODS["ours"], f"friction {key}", *rates))
-    ours = "simulated, all splits, with Wilson 95 % intervals" if by_kind else NO_SUCCESS
-    note = f"First rows: {published.SOURCE_ROBOT}. SymGrasp: {ours}."
-    header = ("method", "how", *SUCCESS_KINDS)
-    title = "Table III. Success rate by symmetry of what is grasped"
-    return Table(title, header, tuple(body), note, len(published.SUCCESS_RATE), names=2)
+        body.append((f"{METHODS['ours']}, mu {key}", *rates))
+    note = f"First rows: {published.SOURCE_ROBOT}. SymGrasp: {_success_note(by_kind)}."
+    title = "Table III. Success rate by symmetry of what is grasped, percent"
+    return Table(title, ("method", *SUCCESS_KINDS), tuple(body), note, len(published.SUCCESS_RATE))
+
+
+def _success_note(by_kind: Mapping[str, Mapping[str, Any]]) -> str:
+    if not by_kind:
+        return NO_SUCCESS
+    trials = {
+        kind: max((rate["trials"] for rate in found.values()), default=0)
+        for kind, found in by_kind.items()
+    }
+    counted = ", ".join(f"{kind} {trials[kind]}" for kind in SUCCESS_KINDS if kind in trials)
+    return f"in simulation, all splits, with Wilson 95 % intervals; trials: {counted}"
+
+
+def trial_table(report: Mapping[str, Any]) -> Table | None:
+    """Return what became of the simulated trials, in percent; None where none were."""
+    by_friction = report.get("success_reasons", {}).get(ALL, {})
+    names = list(dict.fromkeys(name for counts in by_friction.values() for name in counts))
+    names.sort(key="held".__eq__)  # last, as in the other tables
+    body = tuple(
+        (f"mu {key}", *(f"{100 * counts.get(n, 0) / sum(counts.values()):.0f}" for n in names))
+        for key, counts in by_friction.items()
+        if sum(counts.values())
+    )
+    title = "What became of the simulated trials, percent"
+    return Table(title, ("friction", *names), body) if body else None
 
 
 def symmetry_table(rows: ReportRows) -> Table:
@@ -193,7 +210,7 @@ def _rate(found: Mapping[str, Any] | None) -> str:
     if not found or found.get("rate") is None:
         return "-"
     low, high = 100 * found["low"], 100 * found["high"]
-    return f"{100 * found['rate']:.0f} % ({low:.0f}-{high:.0f}, n={found['trials']})"
+    return f"{100 * found['rate']:.0f} ({low:.0f}-{high:.0f})"
 
 
 def _percent(figures: Figures, reason: str) -> str:

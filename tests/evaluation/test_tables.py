@@ -77,7 +77,16 @@ def test_success_has_a_row_a_friction_with_its_interval():
     found = {"all": {"sphere": {"0.5": rate, "0.3": missing}}}
     simulated = report(record("seen", [0.5]), success_by_friction=found)
     table = table_of(report_tables(simulated), "Table III")
-    ours = [row for row in table.rows if row[0] == "SymGrasp"]
-    assert [row[1] for row in ours] == ["friction 0.3", "friction 0.5"]
-    assert ours[1][table.header.index("sphere")] == "75 % (53-89, n=20)"
-    assert ours[0][table.header.index("sphere")] == "-"
+    ours = {row[0]: row for row in table.rows if row[0].startswith("SymGrasp")}
+    assert list(ours) == ["SymGrasp, mu 0.3", "SymGrasp, mu 0.5"]
+    assert ours["SymGrasp, mu 0.5"][table.header.index("sphere")] == "75 (53-89)"
+    assert ours["SymGrasp, mu 0.3"][table.header.index("sphere")] == "-"
+    assert "sphere 20" in table.note
+
+
+def test_what_became_of_trials_is_in_percent_of_them():
+    counts = {"all": {"0.5": {"held": 3, "slipped": 1}}}
+    simulated = report(record("seen", [0.5]), success_reasons=counts)
+    table = table_of(report_tables(simulated), "What became of the simulated")
+    assert table.header == ("friction", "slipped", "held")
+    assert table.rows == (("mu 0.5", "25", "75"),)

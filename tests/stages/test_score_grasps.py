@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from pipelines import score_grasps
@@ -10,10 +12,10 @@ from pipelines.errors import FormatError, StaleOutputError
 from pipelines.formats.files import read_npz, write_npy
 from pipelines.formats.grasp_rows import VERDICT_ARRAYS, read_verdicts
 from pipelines.formats.meshes import write_mesh
-from pipelines.geometry.transforms import rotation_about
-from pipelines.grasping.grasps import to_graspnet
+from pipelines.geometry.transforms import make_pose, random_rotation, rotation_about
+from pipelines.grasping.grasps import Grasps, to_graspnet
 from symgrasp_cli.app import app
-from tests.metrics.shapes import box, random_grasps
+from tests.metrics.shapes import box, moved, random_grasps
 
 SIDES = (0.04, 0.05, 0.06)
 TILT = rotation_about([0.0, 0.0, 1.0], 0.3)  # about the approach
@@ -77,6 +79,49 @@ def test_collision_and_emptiness(mesh_path, compatible):
     assert verdicts["collision"].tolist()[:2] == [False, True]
     assert verdicts["empty"].tolist() == [False, False, True]
     assert verdicts["min_friction_grid"][2] == -1.0
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=8, deadline=None)
+def test_moving_grasps_and_mesh_together_changes_no_verdict_of_the_exact_mode(seed):
+    rng = np.random.default_rng(seed)
+    T = make_pose(random_rotation(rng), rng.normal(size=3))
+    mesh, grasps = box(*SIDES), random_grasps(rng, 60, 0.015)
+    opened = Grasps(grasps.rotation, grasps.translation, rng.uniform(0.05, 0.1, 60))
+    here, there = (
+        score_grasps.score(m, to_graspnet(g, 1.0, tip_reach=0.0), ScoreGraspsConfig())
+        for m, g in ((mesh, opened), (moved(mesh, T), opened.transformed(T)))
+    )
+    np.testing.assert_array_equal(there["found"], here["found"])
+    np.testing.assert_allclose(there["min_friction"], here["min_friction"], rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(there["antipodal"], here["antipodal"], atol=1e-7)
+    np.testing.assert_array_equal(there["empty"], here["empty"])
+    expected = np.where(here["found"][:, None, None], transform_all(T, here["contacts"]), np.nan)
+    np.testing.assert_allclose(there["contacts"], expected, atol=1e-7)
+    assert (there["collision"] == here["collision"]).mean() >= 0.95  # touches within rounding
+
+
+def transform_all(T: np.ndarray, points: np.ndarray) -> np.ndarray:
+    return points @ T[:3, :3].T + T[:3, 3]
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=8, deadline=None)
+def test_a_finer_friction_grid_lies_between_the_exact_friction_and_a_coarser_one(seed):
+    rng = np.random.default_rng(seed)
+    rows = to_graspnet(random_grasps(rng, 60, 0.01), 1.0, tip_reach=0.0)
+    rows[:, 1] = 0.09
+    coarse = ScoreGraspsConfig().friction_grid
+    fine = tuple(sorted({*coarse, *rng.uniform(0.05, 1.2, 7).tolist()}))
+    stepped = {
+        grid: score_grasps.score(box(*SIDES), rows, ScoreGraspsConfig(friction_grid=grid))
+        for grid in (coarse, fine)
+    }
+    held = stepped[coarse]["min_friction_grid"] > 0.0
+    np.testing.assert_array_equal(held, stepped[fine]["min_friction_grid"] > 0.0)
+    exact, finer = stepped[fine]["min_friction"], stepped[fine]["min_friction_grid"]
+    assert (exact[held] <= finer[held]).all()
+    assert (finer[held] <= stepped[coarse]["min_friction_grid"][held]).all()
 
 
 def test_bad_rows_are_named_and_the_rest_is_scored(mesh_path):

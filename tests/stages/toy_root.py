@@ -147,10 +147,10 @@ def true_result(root: GraspNetRoot, name: str, objects: tuple[int, ...] = (0, 1,
         affordance_max=zeros,
     )
     grasps = Grasps.concatenate([best_grasp(i, files.frame_id) for i in objects])
-    return FrameResult(name, "ok", "", CAMERA, 0.5, regions, _grasp_table(grasps))
+    return FrameResult(name, "ok", "", CAMERA, 0.5, regions, grasp_table(grasps))
 
 
-def _grasp_table(grasps: Grasps) -> GraspTable:
+def grasp_table(grasps: Grasps) -> GraspTable:
     count = len(grasps)
     return GraspTable(
         region=np.arange(count),

@@ -1,0 +1,68 @@
+"""The truth as a prediction: the oracle's grasps, judged as ours, score what the oracle does."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipelines import evaluate
+from pipelines.batch import BatchOptions
+from pipelines.configs import EvaluateConfig, InferConfig
+from pipelines.evaluation.baselines import Planner
+from pipelines.evaluation.judging import assign_regions
+from pipelines.evaluation.predictions import FramePredictions
+from pipelines.evaluation.truth import TruthReader
+from pipelines.formats import reports
+from pipelines.formats.graspnet import GraspNetRoot
+from pipelines.formats.grasps_file import FrameResult
+from pipelines.formats.gripper_files import load_gripper
+from pipelines.grasping.grasps import Grasps
+from tests.stages.toy_root import frame_names, grasp_table, true_result, write_grasps, write_root
+
+CONFIG = EvaluateConfig(min_visible_pixels=100, gripper="rg2")
+SEED = 3
+
+
+def planned_by_the_oracle(root: GraspNetRoot, name: str) -> FrameResult:
+    """The truth's regions and symmetries with the grasps that the oracle row plans on them."""
+    result, files = true_result(root, name), root.frame(name)
+    reader = TruthReader(root, CONFIG)
+    truth, predictions = reader.read(files), FramePredictions.from_result(result)
+    owners = assign_regions(predictions.masks, truth, CONFIG)
+    rng = np.random.default_rng([SEED, files.scene_id, files.frame_id])
+    planner = Planner(reader, load_gripper("rg2"), InferConfig())
+    row = planner.rows(predictions.masks, owners, files, truth, rng)["oracle"]
+    regions = np.flatnonzero([len(best) for best in row.best])
+    table = grasp_table(Grasps.concatenate([row.best[region] for region in regions]))
+    scores = np.array(row.rank_score)[regions]
+    return replace(result, grasps=replace(table, region=regions, rank_score=scores))
+
+
+@pytest.fixture(scope="module")
+def rows(tmp_path_factory: pytest.TempPathFactory) -> dict:
+    folder: Path = tmp_path_factory.mktemp("oracle")
+    root = write_root(folder / "root")
+    results = [planned_by_the_oracle(root, name) for name in frame_names()]
+    write_grasps(folder / "grasps.h5", results)
+    options = BatchOptions(progress=False)
+    output = folder / "report.json"
+    evaluate.run(
+        folder / "grasps.h5", root.root, output, CONFIG, options, baselines=True, seed=SEED
+    )
+    return reports.read_report(output)["rows"]
+
+
+@pytest.mark.parametrize("figure", ["grasp_quality", "antipodal_score", "antipodal_score_region"])
+def test_the_oracles_grasps_score_what_the_oracle_row_scores(rows, figure):
+    assert rows["oracle"]["all"][figure] > 0.3
+    assert rows["ours"]["all"][figure] == pytest.approx(rows["oracle"]["all"][figure], abs=1e-4)
+
+
+def test_what_became_of_each_grasp_is_the_same(rows):
+    assert rows["ours"]["all"]["reasons"] == rows["oracle"]["all"]["reasons"]
+
+
+def test_true_symmetries_and_masks_have_every_average_precision_one(rows):
+    assert set(rows["ours"]["all"]["symmetry_ap"].values()) == {1.0}
+    assert rows["ours"]["all"]["mask_ap50"] == 1.0

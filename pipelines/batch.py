@@ -10,7 +10,7 @@ from typing import Any
 from joblib import Parallel, delayed, parallel_config
 from rich.progress import track
 
-from pipelines.errors import SymgraspError
+from pipelines.errors import StaleOutputError, SymgraspError
 from pipelines.formats.provenance import Stamp, is_finished
 
 log = logging.getLogger(__name__)
@@ -87,6 +87,19 @@ def run_batch(
             report.notes[item.name] = note
     report.seconds = time.monotonic() - started
     return report
+
+
+def drop_stale(items: Sequence[WorkItem], options: BatchOptions) -> None:
+    """Remove targets that were made otherwise, for outputs that are parts of another.
+
+    Without the whole that they belong to they are but an interrupted run's.
+    """
+    for item in items:
+        try:
+            is_finished(item.target, item.stamp)
+        except StaleOutputError:
+            if not options.dry_run:
+                item.target.unlink()
 
 
 def _unfinished(

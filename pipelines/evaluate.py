@@ -15,16 +15,14 @@ is in memory at a time, and of each prediction a few bytes for the figures.
 """
 
 import functools
-from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 
-from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
 from pipelines.configs import EvaluateConfig, InferConfig
-from pipelines.errors import StaleOutputError, SymgraspError
 from pipelines.evaluation.baselines import Planner
 from pipelines.evaluation.judging import assign_regions, judge_frame
 from pipelines.evaluation.predictions import FramePredictions
@@ -40,11 +38,9 @@ from pipelines.evaluation.truth import TruthReader
 from pipelines.formats import reports
 from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.formats.grasps_file import FrameResult
-from pipelines.formats.grasps_stream import GraspsIndex, read_frames, read_index
+from pipelines.formats.grasps_stream import GraspsIndex, read_frames, read_index, scenes_of
 from pipelines.formats.gripper_files import load_gripper
 from pipelines.formats.provenance import Stamp, digest, digest_folder, is_finished, make_stamp
-
-DEFAULT_GRIPPER = "rg2"
 
 
 def run(
@@ -71,7 +67,7 @@ def run(
         seed: of the baselines' random draws.
     """
     root, found = GraspNetRoot(dataset), read_index(grasps)
-    config = replace(config, gripper=config.gripper or _gripper_used(found))
+    config = replace(config, gripper=config.gripper or found.gripper)
     settings = {**asdict(config), "baselines": baselines}
     inputs = {"grasps": digest(grasps), **_digests(root, baselines=baselines)}
     stamp = make_stamp("evaluate", settings, seed=seed, inputs=inputs)
@@ -127,29 +123,13 @@ def _scene_items(
     options: BatchOptions,
 ) -> list[WorkItem]:
     """Return one item a scene and camera, with the places of the frames `infer` was given."""
-    scenes: dict[str, list[int]] = defaultdict(list)
-    for place, name in enumerate(found.names):
-        frame = root.frame(name)
-        scenes[f"scene_{frame.scene_id:04d}_{frame.camera}"].append(place)
-    if not scenes:
-        raise SymgraspError("the grasps file holds no frames; run infer on the dataset first")
     folder = records_folder(output)
     items = [
-        WorkItem(name, folder / f"{name}.json", stamp, (grasps, places))
-        for name, places in sorted(scenes.items())
+        WorkItem(scene.name, folder / f"{scene.name}.json", stamp, (grasps, places))
+        for scene, places in scenes_of(grasps, found, root).items()
     ]
-    _drop_stale(items, options)
+    drop_stale(items, options)
     return items
-
-
-def _drop_stale(items: Sequence[WorkItem], options: BatchOptions) -> None:
-    """Remove records made otherwise: without their report they are but an interrupted run's."""
-    for item in items:
-        try:
-            is_finished(item.target, item.stamp)
-        except StaleOutputError:
-            if not options.dry_run:
-                item.target.unlink()
 
 
 def _finished(items: Sequence[WorkItem]) -> Iterator[list[FrameRecord]]:
@@ -167,7 +147,3 @@ def _digests(root: GraspNetRoot, *, baselines: bool) -> dict[str, str]:
         for name, pattern in labels.items()
         if (root.root / name).is_dir()
     }
-
-
-def _gripper_used(found: GraspsIndex) -> str:
-    return str(found.attrs["config"].get("gripper", DEFAULT_GRIPPER))

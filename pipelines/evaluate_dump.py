@@ -15,9 +15,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
 from pipelines.configs import EvaluateDumpConfig
-from pipelines.errors import StaleOutputError
 from pipelines.evaluation.graspnet_figures import DumpTotals, dump_tables
 from pipelines.evaluation.graspnet_scenes import judge_scene
 from pipelines.evaluation.report_page import html_table, whole_page
@@ -53,7 +52,7 @@ def run(
     items = _scene_items(dumped_scenes(dump), output, config)
     stamp = _stamp(config, digest_text("".join(i.stamp.inputs["dump"] for i in items)))
     is_finished(output, stamp, overwrite=options.overwrite)  # refuses to replace another report
-    _drop_stale(items, options)
+    drop_stale(items, options)
     root = GraspNetRoot(dataset)
     report = run_batch(STAGE, items, functools.partial(_evaluate_scene, root, config), options)
     if not options.dry_run:
@@ -100,16 +99,6 @@ def _scene_items(
 
 def _stamp(config: EvaluateDumpConfig, digest: str) -> Stamp:
     return make_stamp(f"{STAGE} --protocol {PROTOCOL}", config, inputs={"dump": digest})
-
-
-def _drop_stale(items: Sequence[WorkItem], options: BatchOptions) -> None:
-    """Remove verdicts made otherwise: without their report they are but an interrupted run's."""
-    for item in items:
-        try:
-            is_finished(item.target, item.stamp)
-        except StaleOutputError:
-            if not options.dry_run:
-                item.target.unlink()
 
 
 def _figures(items: Sequence[WorkItem], report: StageReport) -> dict[str, dict[str, Any]]:

@@ -12,20 +12,17 @@ Scenes that are finished are not tried again. The dataset is only read.
 """
 
 import functools
-from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
 from pipelines.configs import SimulateConfig
-from pipelines.errors import FormatError, StaleOutputError, SymgraspError
 from pipelines.evaluation.tables import Table
 from pipelines.formats import convex_pieces as convex_file
-from pipelines.formats import grasps_file
 from pipelines.formats.files import read_json
 from pipelines.formats.graspnet import GraspNetRoot, SceneFiles
-from pipelines.formats.grasps_file import FrameResult, GraspsFile
+from pipelines.formats.grasps_stream import read_frames, read_index, scenes_of
 from pipelines.formats.gripper_files import load_gripper
 from pipelines.formats.meshes import read_mesh
 from pipelines.formats.provenance import (
@@ -38,11 +35,9 @@ from pipelines.formats.provenance import (
     write_sidecar,
 )
 from pipelines.simulation.frames import FrameSimulator, PiecesReader
-from pipelines.simulation.records import read_trials, write_trials
+from pipelines.simulation.records import FrameTrials, read_trials, write_trials
 from pipelines.simulation.success import success_tables, write_success
 from pipelines.synthesis.decomposition import convex_pieces
-
-DEFAULT_GRIPPER = "rg2"
 
 
 def run(
@@ -64,23 +59,22 @@ def run(
         options: how the batch is run.
         seed: of coacd, which cuts models into convex pieces.
     """
-    found, root = grasps_file.read(grasps), GraspNetRoot(dataset)
-    config = replace(config, gripper=config.gripper or _gripper_used(found))
+    root, found = GraspNetRoot(dataset), read_index(grasps)
+    config = replace(config, gripper=config.gripper or found.gripper)
     load_gripper(config.gripper)  # an unknown one is refused before anything is done
-    scenes = _by_scene(found, root, grasps)
+    scenes = scenes_of(grasps, found, root)
     inputs = {"grasps": digest(grasps), **_digests(scenes, root, output)}
     stamp = make_stamp("simulate", config, seed=seed, inputs=inputs)
     is_finished(output, stamp, overwrite=options.overwrite)  # refuses to replace another
-    models = _model_items(scenes, root, output, seed)
-    _drop_stale(models, options)
-    report = run_batch("simulate models", models, _cut_model, options)
-    items = _scene_items(scenes, output, stamp)
-    _drop_stale(items, options)
+    models = _model_items(scenes, root, output, config, seed)
+    drop_stale(models, options)
+    report = run_batch("simulate models", models, functools.partial(_cut_model, config), options)
+    items = _scene_items(grasps, scenes, output, stamp)
+    drop_stale(items, options)
     step = functools.partial(_simulate_scene, dataset, output, config)
     report = _joined(report, run_batch("simulate", items, step, options))
     if not options.dry_run:
-        frames = [f for item in items if item.target.exists() for f in read_trials(item.target)]
-        write_success(output, frames, config.frictions, stamp)
+        write_success(output, _finished(items), config.frictions, stamp)
     return report
 
 
@@ -99,45 +93,37 @@ def pieces_folder(output: Path) -> Path:
     return output.with_suffix(".convex")
 
 
-def _by_scene(
-    found: GraspsFile, root: GraspNetRoot, grasps: Path
-) -> dict[SceneFiles, list[FrameResult]]:
-    """Return the frames of each scene and camera.
-
-    Raises:
-        SymgraspError: there are no frames, or the dataset is not the one that they are from.
-    """
-    scenes: dict[SceneFiles, list[FrameResult]] = defaultdict(list)
-    for result in found.results():
-        try:
-            frame = root.frame(result.name)
-        except SymgraspError as error:
-            raise FormatError(
-                grasps, f"frame {result.name} is not in {root.root}", "give infer's dataset"
-            ) from error
-        scenes[root.scene(frame.scene_id, frame.camera)].append(result)
-    if not scenes:
-        raise SymgraspError(f"{grasps} holds no frames; run infer on the dataset first")
-    return dict(scenes)
-
-
 def _model_items(
-    scenes: Iterable[SceneFiles], root: GraspNetRoot, output: Path, seed: int
+    scenes: Iterable[SceneFiles],
+    root: GraspNetRoot,
+    output: Path,
+    config: SimulateConfig,
+    seed: int,
 ) -> list[WorkItem]:
     """Return one item for every object of the scenes that has no convex pieces in the dataset."""
     reader = PiecesReader(root, pieces_folder(output))
+    settings = {
+        name: getattr(config, name) for name in ("convex_enough", "concavity", "max_pieces")
+    }
     items = []
     for object_id in _object_ids(scenes):
         model, target = reader.source(object_id), reader.path(object_id)
         if model != target and model.is_file():
-            stamp = make_stamp("simulate model", {}, seed=seed, inputs={"mesh": digest(model)})
+            inputs = {"mesh": digest(model)}
+            stamp = make_stamp("simulate model", settings, seed=seed, inputs=inputs)
             items.append(WorkItem(f"model {object_id:03d}", target, stamp, (model,)))
     return items
 
 
-def _cut_model(item: WorkItem) -> None:
+def _cut_model(config: SimulateConfig, item: WorkItem) -> None:
     (model,) = item.arguments
-    pieces = convex_pieces(read_mesh(model), seed=item.stamp.seed)
+    pieces = convex_pieces(
+        read_mesh(model),
+        convex_enough=config.convex_enough,
+        concavity=config.concavity,
+        max_pieces=config.max_pieces,
+        seed=item.stamp.seed,
+    )
     # The stamp first: pieces without one would be taken for those of another mesh.
     item.target.parent.mkdir(parents=True, exist_ok=True)
     write_sidecar(item.target, item.stamp)
@@ -145,43 +131,36 @@ def _cut_model(item: WorkItem) -> None:
 
 
 def _scene_items(
-    scenes: Mapping[SceneFiles, list[FrameResult]], output: Path, stamp: Stamp
+    grasps: Path, scenes: Mapping[SceneFiles, list[int]], output: Path, stamp: Stamp
 ) -> list[WorkItem]:
     folder = trials_folder(output)
-    named = {f"scene_{s.scene_id:04d}_{s.camera}": frames for s, frames in scenes.items()}
     return [
-        WorkItem(name, folder / f"{name}.json", stamp, tuple(frames))
-        for name, frames in sorted(named.items())
+        WorkItem(scene.name, folder / f"{scene.name}.json", stamp, (grasps, places))
+        for scene, places in scenes.items()
     ]
 
 
-def _simulate_scene(
-    dataset: Path, output: Path, config: SimulateConfig, item: WorkItem
-) -> str | None:
+def _simulate_scene(dataset: Path, output: Path, config: SimulateConfig, item: WorkItem) -> None:
     root = GraspNetRoot(dataset)
     pieces = PiecesReader(root, pieces_folder(output))
     simulator = FrameSimulator(root, pieces, load_gripper(config.gripper), config)
-    frames = [simulator.run(result) for result in item.arguments]
+    frames = [simulator.run(result) for result in read_frames(*item.arguments)]
     write_trials(item.target, frames, item.stamp)
-    return None
 
 
-def _drop_stale(items: Sequence[WorkItem], options: BatchOptions) -> None:
-    """Remove what was made otherwise: without its `success.json` it is an interrupted run's."""
+def _finished(items: Iterable[WorkItem]) -> Iterator[FrameTrials]:
+    """Yield the frames of all finished scenes."""
     for item in items:
-        try:
-            is_finished(item.target, item.stamp)
-        except StaleOutputError:
-            if not options.dry_run:
-                item.target.unlink()
+        if item.target.exists():
+            yield from read_trials(item.target)
 
 
 def _digests(scenes: Iterable[SceneFiles], root: GraspNetRoot, output: Path) -> dict[str, str]:
     """Return digests of what of the dataset, besides the scenes, decides the outcome."""
     reader = PiecesReader(root, pieces_folder(output))
-    solids = [reader.source(i) for i in _object_ids(scenes)]
-    models = "".join(f"{path} {digest(path)}" for path in solids if path.is_file())
-    found = {"models": digest_text(models.replace(str(root.root), ""))}
+    sources = [path for path in map(reader.source, _object_ids(scenes)) if path.is_file()]
+    models = "".join(f"{path.relative_to(root.root)} {digest(path)}\n" for path in sources)
+    found = {"models": digest_text(models)}
     if (root.root / "symmetry").is_dir():
         found["symmetry"] = digest_folder(root.root / "symmetry", "*.json")
     return found
@@ -201,7 +180,3 @@ def _joined(first: StageReport, second: StageReport) -> StageReport:
         first.notes | second.notes,
         first.seconds + second.seconds,
     )
-
-
-def _gripper_used(found: GraspsFile) -> str:
-    return str(found.attrs["config"].get("gripper", DEFAULT_GRIPPER))

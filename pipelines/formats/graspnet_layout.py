@@ -50,6 +50,11 @@ class SceneFiles:
     camera: str
 
     @property
+    def name(self) -> str:
+        """scene_NNNN_CAMERA, as results about it are called."""
+        return f"scene_{self.scene_id:04d}_{self.camera}"
+
+    @property
     def camera_folder(self) -> Path:
         """ROOT/scenes/scene_NNNN/CAMERA."""
         return self.folder / self.camera

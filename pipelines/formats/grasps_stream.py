@@ -5,6 +5,7 @@ these are read.
 """
 
 from bisect import bisect_left
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -16,9 +17,12 @@ import numpy as np
 
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.formats.files import open_h5
+from pipelines.formats.graspnet import GraspNetRoot, SceneFiles
 from pipelines.formats.grasps_file import SCHEMA, check_file, file_attributes, intrinsics_of
 from pipelines.formats.grasps_tables import FrameResult, GraspTable, RegionTable
 from pipelines.formats.h5_columns import read_columns
+
+DEFAULT_GRIPPER = "rg2"
 
 
 @dataclass(frozen=True)
@@ -27,6 +31,11 @@ class GraspsIndex:
 
     names: list[str]
     attrs: Mapping[str, Any]
+
+    @property
+    def gripper(self) -> str:
+        """The gripper that the grasps were found for."""
+        return str(self.attrs["config"].get("gripper", DEFAULT_GRIPPER))
 
 
 def read_index(path: Path) -> GraspsIndex:
@@ -54,6 +63,25 @@ def read_frames(path: Path, frames: Iterable[int]) -> Iterator[FrameResult]:
                 raise FormatError(
                     path, f"frame {frame} is damaged ({error})", "run infer again"
                 ) from error
+
+
+def scenes_of(path: Path, index: GraspsIndex, root: GraspNetRoot) -> dict[SceneFiles, list[int]]:
+    """Return the places of the frames of each scene and camera, in the order of their names.
+
+    Raises:
+        SymgraspError: `path` holds no frames, or some that are not of the dataset.
+    """
+    scenes: dict[SceneFiles, list[int]] = defaultdict(list)
+    for place, name in enumerate(index.names):
+        try:
+            frame = root.frame(name)
+        except SymgraspError as error:
+            found = f"its frame {name} is not in {root.root}"
+            raise FormatError(path, found, "give the dataset that infer was run on") from error
+        scenes[root.scene(frame.scene_id, frame.camera)].append(place)
+    if not scenes:
+        raise FormatError(path, "holds no frames", "run infer on the dataset first")
+    return {scene: scenes[scene] for scene in sorted(scenes, key=lambda scene: scene.name)}
 
 
 @contextmanager

@@ -1,7 +1,7 @@
 """Success rates by split, kind of symmetry and friction, with intervals: the paper's Table III."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -44,9 +44,10 @@ def reasons(frames: Sequence[FrameTrials], frictions: Sequence[float]) -> Counts
 
 
 def write_success(
-    path: Path, frames: Sequence[FrameTrials], frictions: Sequence[float], stamp: Stamp
+    path: Path, frames: Iterable[FrameTrials], frictions: Sequence[float], stamp: Stamp
 ) -> None:
     """Write `success.json`."""
+    frames = list(frames)
     content = {
         "frictions": list(frictions),
         "success": success_rates(frames, frictions),
@@ -80,18 +81,19 @@ def _rate(trials: Sequence[TrialRecord], key: str) -> dict[str, Any]:
 
 
 def _rate_table(success: Mapping[str, Any], frictions: Sequence[str]) -> Table:
-    header = ("split", "region", "trials", *(f"friction {friction}" for friction in frictions))
+    header = ("split", "region", "trials", *(f"mu {friction}" for friction in frictions))
     body = tuple(
         (split, kind, str(rates[frictions[0]]["trials"]), *(_cell(rates[f]) for f in frictions))
         for split, kinds in success.items()
         for kind, rates in kinds.items()
         if rates[frictions[0]]["trials"]
     )
-    return Table("Success in simulation, percent, with 95 % intervals", header, body)
+    note = "In brackets what 95 % confidence leaves (Wilson); mu is the fingers' friction."
+    return Table("Success in simulation, percent", header, body, note, names=2)
 
 
 def _cell(rate: Mapping[str, float]) -> str:
-    return f"{100 * rate['rate']:.0f} ({100 * rate['low']:.0f} to {100 * rate['high']:.0f})"
+    return f"{100 * rate['rate']:.0f} [{100 * rate['low']:.0f}-{100 * rate['high']:.0f}]"
 
 
 def _reason_table(counts: Mapping[str, Any]) -> Table:
@@ -101,4 +103,4 @@ def _reason_table(counts: Mapping[str, Any]) -> Table:
         (split, friction, *(str(found.get(name, 0)) for name in names))
         for split, friction, found in cells
     )
-    return Table("What became of the trials", ("split", "friction", *names), body)
+    return Table("What became of the trials", ("split", "mu", *names), body, names=2)

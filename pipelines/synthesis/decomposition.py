@@ -8,6 +8,7 @@ from pipelines.geometry import convex_decomposition
 from pipelines.geometry.mesh import Mesh
 
 CONVEX_ENOUGH = 0.95  # share of its convex hull's volume that a mesh fills
+CONCAVITY = 0.08  # enough for things to fall and lie as they would
 MAX_PIECES = 12
 
 
@@ -17,11 +18,21 @@ def hull_of_points(points: NDArray[np.float64]) -> Mesh:
     return Mesh(np.asarray(hull.vertices), np.asarray(hull.faces))
 
 
-def convex_pieces(mesh: Mesh, *, seed: int = 0) -> tuple[Mesh, ...]:
-    """Return convex meshes that together fill `mesh`: its hull if that is close enough."""
+def convex_pieces(
+    mesh: Mesh,
+    *,
+    convex_enough: float = CONVEX_ENOUGH,
+    concavity: float = CONCAVITY,
+    max_pieces: int = MAX_PIECES,
+    seed: int = 0,
+) -> tuple[Mesh, ...]:
+    """Return convex meshes that together fill `mesh`: its hull if that is close enough.
+
+    `concavity`: how far from convex a piece may be, as coacd measures it.
+    """
     hull = hull_of_points(mesh.vertices)
-    if mesh.is_watertight and mesh.volume > CONVEX_ENOUGH * hull.volume:
+    if mesh.is_watertight and mesh.volume > convex_enough * hull.volume:
         return (hull,)
-    settings = {"threshold": 0.08, "max_convex_hull": MAX_PIECES, "seed": seed}
+    settings = {"threshold": concavity, "max_convex_hull": max_pieces, "seed": seed}
     pieces = convex_decomposition.convex_pieces(mesh, settings)
     return tuple(hull_of_points(corners) for corners in pieces) or (hull,)

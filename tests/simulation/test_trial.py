@@ -10,7 +10,8 @@ from pipelines.geometry.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, rotation_about
 from pipelines.grasping.grasps import Grasps
 from pipelines.simulation.trial import Outcome, Trial
-from tests.metrics.shapes import ball, box
+from pipelines.synthesis.decomposition import hull_of_points
+from tests.metrics.shapes import ball, box, moved
 
 X, Y, Z = np.eye(3)
 DOWN = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # approach down, closing along y
@@ -127,6 +128,21 @@ def test_a_way_in_that_starts_inside_a_neighbour_is_a_collision():
     objects = {0: [can(0.025, 0.08)], 1: [wall]}
     trial = Trial.of(objects, poses, 0, grasp, load_gripper("rg2"), SimulateConfig())
     assert trial.run(0.5).reason == "collision"
+
+
+def test_a_wall_of_a_tray_is_held_with_one_finger_inside():
+    bottom = moved(box(0.08, 0.1, 0.01), make_pose(np.eye(3), [0.0, 0.0, 0.005]))
+    walls = [
+        moved(box(0.08, 0.006, 0.05), make_pose(np.eye(3), [0.0, y, 0.03])) for y in (0.047, -0.047)
+    ]
+    filled = hull_of_points(np.concatenate([wall.vertices for wall in walls]))
+    grasp = Grasps(DOWN, np.array([0.0, 0.047, 0.045]), np.array(0.006))
+    hand, config = load_gripper("rg2"), SimulateConfig()
+    outcomes = [
+        Trial.of({0: [bottom, *pieces]}, {0: np.eye(4)}, 0, grasp, hand, config).run(0.8).reason
+        for pieces in (walls, [filled])
+    ]
+    assert outcomes == ["held", "collision"]
 
 
 def test_a_trial_does_not_depend_on_those_before_it():

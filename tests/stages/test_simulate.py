@@ -102,9 +102,9 @@ def test_the_tables_show_rates_with_intervals_and_reasons(truth_success):
         "all",
         "all",
         "12",
-        "0 (0 to 24)",
-        "100 (76 to 100)",
-        "100 (76 to 100)",
+        "0 [0-24]",
+        "100 [76-100]",
+        "100 [76-100]",
     )
     assert reasons.rows[-1] == ("all", "0.8", "0", "12")
 

@@ -31,6 +31,7 @@ from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.rated_grasps import RatedGrasps
 from pipelines.metrics.contacts import close_fingers
 from pipelines.metrics.force_closure import min_friction
+from pipelines.refinement.copies import Copier
 from tests.stages.dataset_root import write_root
 
 ANNOTATE = AnnotateSymmetryConfig(num_samples=8000, num_verification_samples=1000)
@@ -229,7 +230,7 @@ def copied(mesh, rated, symmetries, config):
     rng = np.random.default_rng(0)
     surface = Surface.from_mesh(mesh, 8000, rng)
     labels = ObjectSymmetries("x", symmetries)
-    return refine_grasps.Copier(mesh, surface, labels, config).with_copies(rated, rng)
+    return Copier(mesh, surface, labels, config).with_copies(rated, rng)
 
 
 @settings(max_examples=12, deadline=None)
@@ -291,7 +292,7 @@ def test_a_regions_symmetry_copies_the_grasps_of_that_region_alone():
     across = Grasps.from_contacts([[[0.0, 0.0, -0.03], [0.0, 0.0, 0.115]]], [[1.0, 0.0, 0.0]])
     others = RatedGrasps(Grasps.concatenate([lifted, across]), np.array([0.5, 0.4]))
     rated = RatedGrasps.concatenate([others, on_ball])
-    copier = refine_grasps.Copier(mesh, surface, labels, CONFIG)
+    copier = Copier(mesh, surface, labels, CONFIG)
     both, _ = copier.with_copies(rated, rng)
     copies = both[np.arange(len(rated), len(both))]
     assert len(copies) > 20 * len(on_ball)
@@ -309,7 +310,7 @@ def test_grasps_with_a_finger_off_the_region_are_not_copied_where_the_copies_wou
     low = [[0.02, -0.02, -0.03], [0.02, 0.02, -0.03]]
     across = [[0.02, 0.0, -0.04], [0.02, 0.0, 0.04]]
     grasps = Grasps.from_contacts([high, low, across], np.tile(X, (3, 1)))
-    copier = refine_grasps.Copier(mesh, surface, labels, CONFIG)
+    copier = Copier(mesh, surface, labels, CONFIG)
     both, dropped = copier.with_copies(RatedGrasps(grasps, np.array([0.7, 0.8, 0.9])), rng)
     assert dropped == 0
     assert_allclose(both.quality, [0.7, 0.8, 0.9, 0.7])

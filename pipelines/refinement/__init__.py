@@ -1,0 +1,1 @@
+"""What `refine-grasps` is made of: contacts found anew, and symmetric copies that hold."""

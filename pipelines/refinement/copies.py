@@ -1,0 +1,157 @@
+"""Symmetric copies of grasps: by an object's symmetries, then by those of its regions (D. 2)."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.configs import RefineGraspsConfig
+from pipelines.formats.symmetry_labels import ObjectSymmetries
+from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.surface import Surface
+from pipelines.geometry.symmetry import Symmetry
+from pipelines.grasping.affordance import point_affordance
+from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.rated_grasps import BestOfPlaces, RatedGrasps
+from pipelines.grasping.symmetrize import copies_under, image, symmetry_group
+from pipelines.metrics.contacts import close_fingers
+from pipelines.metrics.force_closure import min_friction, on_grid
+
+Array = NDArray[np.float64]
+
+SAMPLE_SPACINGS = 6.0  # no place of the surface is so far from its samples
+PLACE_SHARE = 0.5  # of the contact radius: the best grasp at each such place stands for all there
+
+
+@dataclass(frozen=True)
+class Copier:
+    """Copies grasps across an object's symmetries, object frame.
+
+    The object's symmetries copy every grasp. A region's copy the grasps that touch the region with
+    both fingers, copies by the object's symmetries among them.
+    """
+
+    mesh: Mesh
+    surface: Surface
+    symmetries: ObjectSymmetries
+    config: RefineGraspsConfig
+
+    def with_copies(self, rated: RatedGrasps, rng: np.random.Generator) -> tuple[RatedGrasps, int]:
+        """Return `rated`, after them copies that hold, and the number of those that do not."""
+        rated, dropped = self._copied(rated, self.symmetries.symmetries, rng)
+        for inside, own in self._regions():
+            part = rated[self._touches(rated, inside)]
+            more, missed = self._copied(part, own, rng)
+            copies = more[np.arange(len(part), len(more))]
+            rated, dropped = RatedGrasps.concatenate([rated, copies]), dropped + missed
+        return rated, dropped
+
+    def affordance(self, points: Array, rated: RatedGrasps) -> tuple[Array, Array]:
+        """Return the affordance (n,) of `points` (n, 3) from `rated` alone, and with all copies."""
+        before = point_affordance(
+            points, rated.grasps.contacts, rated.quality, self.config.contact_radius
+        )
+        after = self._spread(points, before, rated, self.symmetries.symmetries)
+        regions = list(self._regions())
+        best = self._everywhere(rated) if regions else rated
+        for inside, own in regions:
+            after = self._spread(points, after, best[self._touches(best, inside)], own)
+        return before, after
+
+    def _spread(
+        self, points: Array, known: Array, rated: RatedGrasps, symmetries: Sequence[Symmetry]
+    ) -> Array:
+        """Return the affordance (n,): `known`, or better by a copy of `rated`."""
+        after, radius = known.copy(), self.config.contact_radius
+        for T in symmetry_group(symmetries, self.config.copies_per_turn):
+            # Grasps no better than what every point has already need not be copied.
+            wanting = np.flatnonzero(after < rated.quality.max(initial=0.0))
+            rated = rated[rated.quality > after.min(initial=1.0)]
+            if not len(wanting):
+                break
+            held = self._held(RatedGrasps(image(rated.grasps, T), rated.quality))
+            found = point_affordance(points[wanting], held.grasps.contacts, held.quality, radius)
+            after[wanting] = np.maximum(after[wanting], found)
+        return after
+
+    def _everywhere(self, rated: RatedGrasps) -> RatedGrasps:
+        """Return the best at each place of `rated` and their copies by the whole's symmetries."""
+        places = BestOfPlaces(self.config.contact_radius * PLACE_SHARE)
+        places.add(rated)
+        for T in symmetry_group(self.symmetries.symmetries, self.config.copies_per_turn):
+            places.add(self._held(RatedGrasps(image(rated.grasps, T), rated.quality)))
+        return places.result()
+
+    def _regions(self) -> Iterator[tuple[NDArray[np.bool_], list[Symmetry]]]:
+        """Yield which surface samples lie on a region, and symmetries that it has of its own."""
+        listed = self.symmetries.symmetries
+        for region in self.symmetries.regions:
+            own = [each for each in region.symmetries if not _is_listed(each, listed)]
+            if own:
+                yield np.isin(self.surface.faces, region.triangles), own
+
+    def _touches(self, rated: RatedGrasps, inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return which grasps have both contacts on what the surface samples `inside` lie on."""
+        return np.asarray(inside[self.surface.nearest(rated.grasps.contacts)].all(axis=1))
+
+    def _copied(
+        self, rated: RatedGrasps, symmetries: Sequence[Symmetry], rng: np.random.Generator
+    ) -> tuple[RatedGrasps, int]:
+        grasps, origin = copies_under(
+            rated.grasps,
+            symmetry_group(symmetries, self.config.copies_per_turn),
+            merge_distance=self.config.merge_distance,
+            max_copies=self.config.max_copies,
+            rng=rng,
+        )
+        held = self._held(RatedGrasps(grasps, rated.quality[origin]))
+        return RatedGrasps.concatenate([rated, held]), len(grasps) - len(held)
+
+    def _held(self, copies: RatedGrasps) -> RatedGrasps:
+        """Return the copies that hold on the mesh, or just lie on it: scans are not exact."""
+        if self.config.validate_copies:
+            return _validated(copies, self.mesh, self.config)
+        limit = self.config.max_surface_gap
+        reach = 2.0 * limit + SAMPLE_SPACINGS * self.surface.spacing
+        contacts = copies.grasps.contacts.reshape(-1, 3)
+        gap = self.surface.distances(contacts, num_nearest=1, reach=reach)[0]
+        farthest = gap.reshape(-1, 2).max(axis=1, initial=0.0)
+        return copies[farthest <= limit]
+
+
+def _validated(copies: RatedGrasps, mesh: Mesh, config: RefineGraspsConfig) -> RatedGrasps:
+    """Return the copies that hold on the mesh, between exact contacts, with their own friction.
+
+    The fingers close from `max_surface_gap` beyond each contact and must meet the surface within
+    as much of it. Friction is measured on the labels' grid.
+    """
+    gap, grasps = config.max_surface_gap, copies.grasps
+    opened = Grasps(grasps.rotation, grasps.translation, grasps.width + 2.0 * gap)
+    pairs, index, friction = contact_pairs(mesh, opened)
+    friction = on_grid(friction)
+    moved = np.linalg.norm(pairs - grasps.contacts[index], axis=2).max(axis=1, initial=0.0)
+    kept = (moved <= gap) & (friction <= config.max_friction)
+    approach = grasps.approach[index[kept]]
+    return RatedGrasps(Grasps.from_contacts(pairs[kept], approach), 1.0 - friction[kept])
+
+
+def _is_listed(symmetry: Symmetry, listed: Sequence[Symmetry]) -> bool:
+    """Return whether `symmetry` is one of `listed`, as the whole's region repeats the object's."""
+    return any(
+        symmetry.kind == other.kind
+        and np.allclose(symmetry.point, other.point)
+        and np.allclose(symmetry.direction, other.direction, equal_nan=True)
+        for other in listed
+    )
+
+
+def contact_pairs(mesh: Mesh, opened: Grasps) -> tuple[Array, NDArray[np.int64], Array]:
+    """Return the contacts (m, 2, 3) of those of `opened` that have both, their indices, friction.
+
+    The width of `opened` is the opening that the fingers close from.
+    """
+    contacts = close_fingers(mesh, opened, opened.width)
+    apart = np.linalg.norm(contacts.points[:, 1] - contacts.points[:, 0], axis=1) > 0.0
+    index = np.flatnonzero(contacts.found & apart)
+    return contacts.points[index], index, min_friction(contacts)[index]

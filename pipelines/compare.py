@@ -1,7 +1,7 @@
 """Stage `compare`: several runs of `evaluate` side by side, and how certain their differences are.
 
 Reads   A.json, B.json, ...  reports of `evaluate`
-        A.frames/, ...       the records beside each
+        A.frames/, ...       the records beside each, or A.scenes/ of a dump
 Writes  compare.json or compare.html, if asked for
 
 Only frames that all runs have are compared; the others are counted. The interval of a difference
@@ -16,10 +16,10 @@ from typing import Any
 
 from pipelines.configs import CompareConfig
 from pipelines.errors import SymgraspError
-from pipelines.evaluation.figures import ROWS, TEST_SPLITS
-from pipelines.evaluation.paired_runs import METRICS, Run, paired_frames, read_run
-from pipelines.evaluation.records import records_folder
+from pipelines.evaluation.figures import TEST_SPLITS
+from pipelines.evaluation.paired_runs import Run, paired_frames
 from pipelines.evaluation.report_page import html_table, note_list, whole_page
+from pipelines.evaluation.run_readers import DEFAULT_ROW, compared_folders, read_run
 from pipelines.evaluation.tables import Table
 from pipelines.evaluation.tallies import ALL
 from pipelines.formats.files import write_json, write_text
@@ -34,7 +34,6 @@ from pipelines.formats.provenance import (
 from pipelines.metrics.paired_bootstrap import Difference, differences
 
 FORMAT_VERSION = 1
-SUFFIXES = (".json", ".html")
 FOR_BASELINES = ("baselines", "seed", "affordance")  # nothing of these concerns our own row
 METRIC_NAMES = {
     "grasp_quality": "grasp quality",
@@ -45,6 +44,9 @@ METRIC_NAMES = {
     "symmetry_ap rotation": "AP rotation",
     "symmetry_ap sphere": "AP sphere",
     "mask_ap50": "mask AP50",
+    "ap": "AP",
+    "ap_0.8": "AP 0.8",
+    "ap_0.4": "AP 0.4",
 }
 
 
@@ -80,14 +82,10 @@ def run(
     """Compare `reports` with the first of them and write `output`, .json or .html, if given.
 
     Raises:
-        SymgraspError: runs that cannot be paired, or fewer than two.
+        SymgraspError: runs that cannot be paired.
     """
-    if len(reports) < 2:
-        raise SymgraspError("one report has nothing to be compared with; give two or more")
     stamp = make_stamp("compare", config, seed=seed, inputs=_digests(reports))
     if output is not None:
-        if output.suffix not in SUFFIXES:
-            raise SymgraspError(f"{output} is neither .json nor .html; name one of these")
         is_finished(output, stamp, overwrite=overwrite)  # refuses to replace another comparison
     names = run_names(reports)
     runs = [read_run(path, name, config.row) for path, name in zip(reports, names, strict=True)]
@@ -102,7 +100,8 @@ def compare(runs: Sequence[Run], config: CompareConfig, seed: int) -> Comparison
     paired = set(paired_frames(runs))
     notes = [*_frame_notes(runs, len(paired)), *_setting_notes(runs, config.row)]
     figures = []
-    for metric in METRICS:
+    shared = set.intersection(*(run.metrics for run in runs))
+    for metric in filter(shared.__contains__, METRIC_NAMES):
         for split in (ALL, "train", *TEST_SPLITS):
             names = [name for name in runs[0].names_in(split) if name in paired]
             if not names:
@@ -124,7 +123,8 @@ def tables(comparison: Comparison) -> list[Table]:
     found = []
     for split in dict.fromkeys(figure.split for figure in comparison.figures):
         figures = [figure for figure in comparison.figures if figure.split == split]
-        title = f"{split}: {figures[0].frames} frames in common, row `{config.row}`"
+        title = f"{split}: {figures[0].frames} frames in common"
+        title += f", row `{config.row}`" if config.row != DEFAULT_ROW else ""
         found.append(Table(title, tuple(header), tuple(map(_row, figures))))
     note = (
         f"Differences to {first}; intervals by paired bootstrap over frames, {config.resamples} "
@@ -164,7 +164,7 @@ def _frame_notes(runs: Sequence[Run], paired: int) -> list[str]:
 
 def _setting_notes(runs: Sequence[Run], row: str) -> list[str]:
     """Return a sentence for whatever differs between the first run and another."""
-    unused = FOR_BASELINES if row == ROWS[0] else ()
+    unused = FOR_BASELINES if row == DEFAULT_ROW else ()
     settings, labels = zip(*(_provenance(run, unused) for run in runs), strict=True)
     notes = []
     for place, run in enumerate(runs[1:], 1):
@@ -200,7 +200,8 @@ def _digests(reports: Sequence[Path]) -> dict[str, str]:
     digests = {}
     for place, path in enumerate(reports):
         digests[f"report {place}"] = digest(path) if path.is_file() else ""
-        digests[f"frames {place}"] = digest_folder(records_folder(path), "*.json")
+        for folder in compared_folders(path):
+            digests[f"{folder.suffix[1:]} {place}"] = digest_folder(folder, "*")
     return digests
 
 

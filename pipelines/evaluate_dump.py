@@ -22,7 +22,12 @@ from pipelines.evaluation.graspnet_scenes import judge_scene
 from pipelines.evaluation.report_page import html_table, whole_page
 from pipelines.evaluation.tables import Table
 from pipelines.formats import reports
-from pipelines.formats.dump_verdicts import STATUSES, read_dump_verdicts, write_dump_verdicts
+from pipelines.formats.dump_verdicts import (
+    STATUSES,
+    read_dump_verdicts,
+    scenes_folder,
+    write_dump_verdicts,
+)
 from pipelines.formats.files import write_text
 from pipelines.formats.graspnet import SPLITS, GraspNetRoot
 from pipelines.formats.graspnet_dump import DumpedScene, dumped_scenes
@@ -68,11 +73,6 @@ def run(
 def tables(output: Path) -> list[Table]:
     """Return the tables of a written report."""
     return dump_tables(reports.read_report(output)["rows"])
-
-
-def scenes_folder(output: Path) -> Path:
-    """Return where the verdicts of the report `output` lie, one file a scene."""
-    return output.with_suffix(".scenes")
 
 
 def _evaluate_scene(root: GraspNetRoot, config: EvaluateDumpConfig, item: WorkItem) -> str | None:

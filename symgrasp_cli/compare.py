@@ -24,7 +24,8 @@ def compare(
         Path | None, typer.Option(help="Comparison to write, .json or .html; none by default.")
     ] = None,
     row: Annotated[
-        str, typer.Option(help="Row of the reports: ours, oracle, planar or random.")
+        str,
+        typer.Option(help="Row of the reports: ours, oracle, planar, random; of a dump a camera."),
     ] = CompareConfig.row,
     resamples: Annotated[
         int, typer.Option(min=1, help="Draws of the bootstrap.")
@@ -33,6 +34,10 @@ def compare(
     overwrite: Overwrite = False,
 ) -> None:
     """Put several runs of `evaluate` side by side, with intervals of their differences."""
+    if len(reports) < 2:
+        raise typer.BadParameter("one report has nothing to be compared with; give two or more")
+    if out is not None and out.suffix not in {".json", ".html"}:
+        raise typer.BadParameter(f"{out} is neither .json nor .html; name one of these")
     from pipelines import compare as stage
 
     config = CompareConfig(row=row, resamples=resamples)

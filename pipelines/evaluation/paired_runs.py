@@ -1,4 +1,4 @@
-"""The records of several runs, frame by frame, and which of their frames can be paired.
+"""Several runs frame by frame, and which of their frames can be paired.
 
 Frames are paired by name. Two runs were judged against the same truth if a frame has the same
 visible objects and as many masks and symmetries to find in both; runs of which this is not so
@@ -8,32 +8,18 @@ cannot be paired at all.
 from array import array
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.errors import FormatError, MissingInputError, SymgraspError, UnknownNameError
-from pipelines.evaluation.records import (
-    FrameRecord,
-    JudgedPredictions,
-    RowRecord,
-    read_records,
-    records_folder,
-    threshold_key,
-)
+from pipelines.errors import SymgraspError
+from pipelines.evaluation.records import JudgedPredictions
 from pipelines.evaluation.tallies import ALL
-from pipelines.formats import reports
-from pipelines.formats.provenance import COMPARED, read_stamp
-from pipelines.metrics.coco_masks import IOU_THRESHOLDS
 from pipelines.metrics.paired_bootstrap import FrameFigure, FrameMeans, FramePrecision
-from pipelines.metrics.symmetry_matching import CORRECT, IGNORED, KINDS
+from pipelines.metrics.symmetry_matching import CORRECT, IGNORED
 
-MEANS = ("grasp_quality", "antipodal_score", "antipodal_score_region", "share_held")
 MASKS = "mask_ap50"
-PRECISIONS = (*(f"symmetry_ap {kind}" for kind in KINDS), MASKS)
-METRICS = (*MEANS, *PRECISIONS)
 
 Truth = tuple[tuple[int, ...], int, tuple[int, ...]]  # visible objects, masks, symmetries by kind
 
@@ -83,8 +69,9 @@ class Run:
         report: the content of `report.json`.
         frames: name to place.
         splits, truth: of each frame.
-        sums: by metric of MEANS, of each frame the sum over its objects.
-        judged: by metric of PRECISIONS.
+        counts: how many objects (or whatever means are over) each frame has.
+        sums: by metric that is a mean, of each frame the sum over its objects.
+        judged: by metric that is an average precision over all frames.
     """
 
     name: str
@@ -92,86 +79,43 @@ class Run:
     frames: dict[str, int] = field(default_factory=dict)
     splits: list[str] = field(default_factory=list)
     truth: list[Truth] = field(default_factory=list)
-    sums: dict[str, "array[float]"] = field(
-        default_factory=lambda: {name: array("d") for name in MEANS}
-    )
-    judged: dict[str, Judged] = field(
-        default_factory=lambda: {name: Judged() for name in PRECISIONS}
-    )
+    counts: "array[float]" = field(default_factory=lambda: array("d"))
+    sums: dict[str, "array[float]"] = field(default_factory=dict)
+    judged: dict[str, Judged] = field(default_factory=dict)
 
-    def add(self, record: FrameRecord, row: RowRecord, keys: Mapping[str, str]) -> None:
-        """Add one frame; `keys` name the threshold of each metric of PRECISIONS."""
-        place = self.frames.setdefault(record.name, len(self.frames))
-        self.splits.append(record.split)
-        symmetries = [row.symmetries.get(kind) for kind in KINDS]
-        self.truth.append(
-            (
-                tuple(sorted(verdict.object_id for verdict in row.verdicts)),
-                record.masks.num_truth,
-                tuple(judged.num_truth if judged else 0 for judged in symmetries),
-            )
-        )
-        values = {
-            "grasp_quality": [verdict.quality for verdict in row.verdicts],
-            "antipodal_score": [verdict.antipodal for verdict in row.verdicts],
-            "antipodal_score_region": [verdict.antipodal_region for verdict in row.verdicts],
-            "share_held": [float(verdict.reason == "held") for verdict in row.verdicts],
-        }
-        for name in MEANS:
-            self.sums[name].append(float(np.sum(values[name])))
-        for name, judged in zip(PRECISIONS, (*symmetries, record.masks), strict=True):
-            self.judged[name].add(place, judged, keys[name])
+    @property
+    def metrics(self) -> set[str]:
+        """What this run can be compared by."""
+        return {*self.sums, *self.judged}
+
+    def add(
+        self, name: str, split: str, truth: Truth, count: int, sums: Mapping[str, float]
+    ) -> int:
+        """Add one frame; return its place."""
+        place = self.frames.setdefault(name, len(self.frames))
+        if place < len(self.splits):
+            raise SymgraspError(f"{self.name} holds the frame {name} twice; evaluate it again")
+        self.splits.append(split)
+        self.truth.append(truth)
+        self.counts.append(count)
+        for metric, value in sums.items():
+            self.sums.setdefault(metric, array("d")).append(value)
+        return place
+
+    def judge(self, place: int, metric: str, judged: JudgedPredictions | None, key: str) -> None:
+        """Add the predictions of one frame that `metric` ranks, judged at the threshold `key`."""
+        self.judged.setdefault(metric, Judged()).add(place, judged, key)
 
     def figure(self, metric: str, names: Sequence[str]) -> FrameFigure:
         """Return `metric` over the frames called `names`, in that order."""
         places = np.array([self.frames[name] for name in names], np.int64)
-        if metric in MEANS:
-            counts = np.array([len(self.truth[place][0]) for place in places], np.float64)
-            return FrameMeans(np.array(self.sums[metric])[places], counts)
+        if metric in self.sums:
+            return FrameMeans(np.array(self.sums[metric])[places], np.array(self.counts)[places])
         return self.judged[metric].at(places, coco=metric == MASKS)
 
     def names_in(self, split: str) -> list[str]:
         """Return the names of the frames of a split, sorted."""
         return sorted(n for n, place in self.frames.items() if split in (ALL, self.splits[place]))
-
-
-def read_run(path: Path, name: str, row: str) -> Run:
-    """Read the records beside the report `path`, a scene at a time.
-
-    Raises:
-        MissingInputError: there are none.
-        FormatError: they were made otherwise than the report.
-        UnknownNameError: the report has no such row.
-    """
-    report = reports.read_report(path)
-    if row not in report["rows"]:
-        raise UnknownNameError(f"row of {path}", row, report["rows"])
-    stamp = report.get("provenance") or {}
-    scenes = sorted(records_folder(path).glob("[!.]*.json"))
-    if not scenes:
-        raise MissingInputError(records_folder(path), "symgrasp evaluate")
-    run, keys = Run(name, report), _threshold_keys(path, stamp)
-    for scene in scenes:
-        found = read_stamp(scene) or {}
-        if any(found.get(key) != stamp.get(key) for key in COMPARED):
-            expected = "run evaluate again, both come from one run"
-            raise FormatError(scene, f"was made otherwise than {path.name}", expected)
-        for record in read_records(scene):
-            if row in record.rows:
-                run.add(record, record.rows[row], keys)
-    return run
-
-
-def _threshold_keys(path: Path, stamp: Mapping[str, Any]) -> dict[str, str]:
-    """Return the threshold at which each metric of PRECISIONS is compared: the reported one."""
-    try:
-        dense = threshold_key(stamp["config"]["symmetry_thresholds"][0])
-        sphere = threshold_key(stamp["config"]["sphere_threshold"])
-    except (KeyError, IndexError, TypeError) as error:
-        expected = "a report of `symgrasp evaluate` is expected"
-        raise FormatError(path, "does not say its thresholds", expected) from error
-    keys = [sphere if kind == "sphere" else dense for kind in KINDS]
-    return dict(zip(PRECISIONS, (*keys, threshold_key(IOU_THRESHOLDS[0])), strict=True))
 
 
 def paired_frames(runs: Sequence[Run]) -> list[str]:
@@ -181,6 +125,8 @@ def paired_frames(runs: Sequence[Run]) -> list[str]:
         SymgraspError: there is none, or a frame has another truth in one run than in another.
     """
     first, *others = runs
+    if not set.intersection(*(run.metrics for run in runs)):
+        raise SymgraspError("runs of different protocols have no figure in common to compare")
     for other in others:
         common = sorted(first.frames.keys() & other.frames.keys())
         if not common:

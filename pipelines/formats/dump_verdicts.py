@@ -66,6 +66,11 @@ class FrameVerdicts:
     reason: NDArray[np.generic] = field(default_factory=lambda: NONE)
 
 
+def scenes_folder(report: Path) -> Path:
+    """Return where the verdicts of the report `report` lie, one file a scene."""
+    return report.with_suffix(".scenes")
+
+
 def write_dump_verdicts(path: Path, frames: Sequence[FrameVerdicts], stamp: Stamp) -> None:
     """Write the verdicts on a scene's frames, and the stamp beside them."""
     arrays: dict[str, NDArray[np.generic]] = {

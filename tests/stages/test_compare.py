@@ -6,9 +6,10 @@ from zlib import crc32
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from pipelines import compare
-from pipelines.configs import CompareConfig, EvaluateConfig
+from pipelines.configs import CompareConfig, EvaluateConfig, EvaluateDumpConfig
 from pipelines.errors import (
     FormatError,
     MissingInputError,
@@ -17,6 +18,7 @@ from pipelines.errors import (
     UnknownNameError,
 )
 from pipelines.evaluation.figures import report_rows
+from pipelines.evaluation.graspnet_figures import DumpTotals
 from pipelines.evaluation.records import (
     FrameRecord,
     JudgedPredictions,
@@ -25,10 +27,18 @@ from pipelines.evaluation.records import (
     write_records,
 )
 from pipelines.evaluation.tallies import ReportTally
+from pipelines.formats.dump_verdicts import (
+    FrameVerdicts,
+    read_dump_verdicts,
+    scenes_folder,
+    write_dump_verdicts,
+)
 from pipelines.formats.provenance import make_stamp
 from pipelines.formats.reports import write_report
 from pipelines.metrics.coco_masks import IOU_THRESHOLDS
 from pipelines.metrics.grasp_verdicts import Verdict
+from pipelines.metrics.graspnet_ap import FRICTIONS, RANKS
+from symgrasp_cli.app import app
 
 CONFIG = CompareConfig(resamples=200)
 SCENES = {"scene_0100_kinect": "seen", "scene_0160_kinect": "novel"}
@@ -153,10 +163,8 @@ def test_a_report_without_records_names_what_writes_them(tmp_path):
         compare.run([first, second], CONFIG)
 
 
-def test_one_report_the_same_twice_or_an_unknown_row_is_refused(tmp_path):
+def test_the_same_report_twice_or_an_unknown_row_is_refused(tmp_path):
     first, second = write_run(tmp_path / "a"), write_run(tmp_path / "b")
-    with pytest.raises(SymgraspError, match="two or more"):
-        compare.run([first], CONFIG)
     with pytest.raises(SymgraspError, match="twice"):
         compare.run([first, first], CONFIG)
     with pytest.raises(UnknownNameError, match="oracle"):
@@ -187,8 +195,6 @@ def test_the_page_needs_no_network_and_the_file_is_plain_json(tmp_path):
     content = json.loads((tmp_path / "c.json").read_text())
     found = content["figures"]["all"]["grasp_quality"]["differences"][0]
     assert found["value"] == pytest.approx(0.1)
-    with pytest.raises(SymgraspError, match=r"neither \.json nor \.html"):
-        compare.run(paths, CONFIG, tmp_path / "c.txt")
 
 
 def test_names_are_as_short_as_tells_runs_apart():
@@ -207,3 +213,56 @@ def test_tables_have_a_cell_for_every_head(tmp_path):
     tables = compare.tables(compare.run(paths, CONFIG))
     assert [table.title.split(":")[0] for table in tables] == ["all", "seen", "novel"]
     assert all(len(row) == len(table.header) for table in tables for row in table.rows)
+
+
+def write_dump_run(folder: Path, better: float = 0.0) -> Path:
+    """Write a report by GraspNet's protocol, two cameras; accuracies are `better` by as much."""
+    path, config = folder / "report.json", EvaluateDumpConfig()
+    for camera in ("kinect", "realsense"):
+        rng = np.random.default_rng(len(camera))
+        accuracy = [rng.uniform(0.1, 0.5, (RANKS, len(FRICTIONS))) + better for _ in range(6)]
+        frames = [FrameVerdicts(i, "ok", "", 9, 0, 0, each) for i, each in enumerate(accuracy)]
+        stamp = make_stamp("evaluate --protocol graspnet", config, inputs={"dump": camera})
+        target = scenes_folder(path) / f"scene_0100_{camera}.npz"
+        write_dump_verdicts(target, frames, stamp)
+    stamp = make_stamp("evaluate --protocol graspnet", config, inputs={"dump": folder.name})
+    write_report(path, {"kinect": {}, "realsense": {}}, stamp, protocol="graspnet")
+    return path
+
+
+def test_dumps_are_compared_by_graspnets_ap(tmp_path):
+    paths = [write_dump_run(tmp_path / "a"), write_dump_run(tmp_path / "b", better=0.1)]
+    found = compare.run(paths, CONFIG)
+    assert {figure.metric for figure in found.figures} == {"ap", "ap_0.8", "ap_0.4"}
+    assert figure(found, "ap_0.4").differences[0].value == pytest.approx(0.1)
+    assert figure(found, "ap").frames == 12
+    one_camera = compare.run(paths, CompareConfig(row="kinect", resamples=10))
+    assert figure(one_camera, "ap").frames == 6
+
+
+def test_the_ap_of_a_dump_is_that_of_its_report(tmp_path):
+    path = write_dump_run(tmp_path / "a")
+    totals = DumpTotals()
+    for scene in sorted(scenes_folder(path).glob("*.npz")):
+        totals.add(read_dump_verdicts(scene))
+    found = compare.run([path, write_dump_run(tmp_path / "b")], CONFIG)
+    for metric in ("ap", "ap_0.8", "ap_0.4"):
+        assert figure(found, metric).values[0] == pytest.approx(totals.figures()[metric])
+
+
+def test_a_dump_and_a_file_of_grasps_have_nothing_to_compare(tmp_path):
+    paths = [write_run(tmp_path / "a"), write_dump_run(tmp_path / "b")]
+    with pytest.raises(SymgraspError, match="different protocols"):
+        compare.run(paths, CONFIG)
+
+
+def test_wrong_usage_is_told_from_bad_data(tmp_path):
+    paths = [str(write_run(tmp_path / name)) for name in "ab"]
+    assert CliRunner().invoke(app, ["compare", paths[0]]).exit_code == 2
+    assert CliRunner().invoke(app, ["compare", *paths, "--out", "x.txt"]).exit_code == 2
+    result = CliRunner().invoke(app, ["compare", *paths, "--resamples", "10"])
+    assert result.exit_code == 0
+    assert "grasp quality" in result.output
+    records = next(records_folder(Path(paths[1])).iterdir())
+    records.write_text("{}")
+    assert CliRunner().invoke(app, ["compare", *paths]).exit_code == 1

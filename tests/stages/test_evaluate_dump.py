@@ -12,7 +12,7 @@ from pipelines.batch import BatchOptions, StageReport
 from pipelines.configs import EvaluateDumpConfig
 from pipelines.errors import FormatError, StaleOutputError
 from pipelines.formats import reports
-from pipelines.formats.dump_verdicts import read_dump_verdicts
+from pipelines.formats.dump_verdicts import read_dump_verdicts, scenes_folder
 from pipelines.formats.graspnet import GraspNetRoot
 from symgrasp_cli.app import app
 from tests.stages.toy_dump import frame_file, write_dump, write_root
@@ -58,7 +58,7 @@ def figures(output: Path, split: str = "all") -> dict:
 
 
 def verdicts(output: Path, scene_id: int) -> dict:
-    folder = evaluate_dump.scenes_folder(output)
+    folder = scenes_folder(output)
     return read_dump_verdicts(folder / f"scene_{scene_id:04d}_realsense.npz")
 
 
@@ -212,7 +212,7 @@ def test_finished_scenes_are_skipped_and_workers_change_nothing(root, pristine, 
     written = {
         path.name: path.read_bytes() for path in output.parent.rglob("*.*") if path.is_file()
     }
-    (evaluate_dump.scenes_folder(output) / "scene_0100_realsense.npz").unlink()
+    (scenes_folder(output) / "scene_0100_realsense.npz").unlink()
     again = run(pristine, root, output)
     assert (again.done, again.skipped) == (["scene_0100_realsense"], ["scene_0160_realsense"])
     after = {path.name: path.read_bytes() for path in output.parent.rglob("*.*") if path.is_file()}

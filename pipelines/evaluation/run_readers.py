@@ -1,0 +1,129 @@
+"""Reading what lies beside a report, scene by scene, into a `Run` that can be compared."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipelines.errors import FormatError, MissingInputError, UnknownNameError
+from pipelines.evaluation.paired_runs import MASKS, Run
+from pipelines.evaluation.records import (
+    FrameRecord,
+    RowRecord,
+    read_records,
+    records_folder,
+    threshold_key,
+)
+from pipelines.formats import reports
+from pipelines.formats.dump_verdicts import read_dump_verdicts, scenes_folder
+from pipelines.formats.graspnet import split_of_scene
+from pipelines.formats.provenance import COMPARED, read_stamp
+from pipelines.metrics.coco_masks import IOU_THRESHOLDS
+from pipelines.metrics.graspnet_ap import FRICTIONS
+from pipelines.metrics.symmetry_matching import KINDS
+
+PRECISIONS = (*(f"symmetry_ap {kind}" for kind in KINDS), MASKS)
+DUMP_FRICTIONS = {"ap": FRICTIONS, "ap_0.8": (0.8,), "ap_0.4": (0.4,)}
+DEFAULT_ROW = "ours"
+
+
+def compared_folders(report: Path) -> list[Path]:
+    """Return the folders beside `report` that a comparison may read, those that are there."""
+    return [folder for folder in (records_folder(report), scenes_folder(report)) if folder.is_dir()]
+
+
+def read_run(path: Path, name: str, row: str) -> Run:
+    """Read the records beside the report `path`, a scene at a time.
+
+    Args:
+        path: `report.json`, of a `grasps.h5` or of a dump by GraspNet's protocol.
+        name: of the run.
+        row: of the report. Rows of a dump are cameras; DEFAULT_ROW means all of them.
+
+    Raises:
+        MissingInputError: there are none.
+        FormatError: they were made otherwise than the report.
+        UnknownNameError: the report has no such row.
+    """
+    report = reports.read_report(path)
+    is_dump = report.get("protocol") == "graspnet"
+    if row not in report["rows"] and not (is_dump and row == DEFAULT_ROW):
+        raise UnknownNameError(f"row of {path}", row, report["rows"])
+    folder = scenes_folder(path) if is_dump else records_folder(path)
+    scenes = sorted(folder.glob("[!.]*.npz" if is_dump else "[!.]*.json"))
+    if not scenes:
+        raise MissingInputError(folder, "symgrasp evaluate")
+    run = Run(name, report)
+    if is_dump:
+        _read_dump(run, path, scenes, "" if row == DEFAULT_ROW else row)
+    else:
+        _read_records(run, path, scenes, row)
+    return run
+
+
+def _read_records(run: Run, path: Path, scenes: list[Path], row: str) -> None:
+    stamp = run.report.get("provenance") or {}
+    keys = _threshold_keys(path, stamp)
+    for scene in scenes:
+        _check_stamp(scene, path, stamp, COMPARED)
+        for record in read_records(scene):
+            if row in record.rows:
+                _add_record(run, record, record.rows[row], keys)
+
+
+def _add_record(run: Run, record: FrameRecord, row: RowRecord, keys: Mapping[str, str]) -> None:
+    symmetries = [row.symmetries.get(kind) for kind in KINDS]
+    truth = (
+        tuple(sorted(verdict.object_id for verdict in row.verdicts)),
+        record.masks.num_truth,
+        tuple(judged.num_truth if judged else 0 for judged in symmetries),
+    )
+    values = {
+        "grasp_quality": [verdict.quality for verdict in row.verdicts],
+        "antipodal_score": [verdict.antipodal for verdict in row.verdicts],
+        "antipodal_score_region": [verdict.antipodal_region for verdict in row.verdicts],
+        "share_held": [float(verdict.reason == "held") for verdict in row.verdicts],
+    }
+    sums = {name: float(np.sum(each)) for name, each in values.items()}
+    place = run.add(record.name, record.split, truth, len(row.verdicts), sums)
+    for metric, judged in zip(PRECISIONS, (*symmetries, record.masks), strict=True):
+        run.judge(place, metric, judged, keys[metric])
+
+
+def _read_dump(run: Run, path: Path, scenes: list[Path], camera: str) -> None:
+    """Add the frames of a dump that `camera` saw, of all cameras if empty."""
+    stamp = run.report.get("provenance") or {}
+    for path_of_scene in scenes:
+        _check_stamp(path_of_scene, path, stamp, ("stage", "config"))
+        scene, seen_by = path_of_scene.stem.rsplit("_", 1)
+        if camera not in ("", seen_by):
+            continue
+        found, split = read_dump_verdicts(path_of_scene), split_of_scene(int(scene[-4:]))
+        by_friction = np.asarray(found["accuracy"], np.float64).mean(axis=1)
+        for frame_id, accuracy in zip(found["frame_id"].tolist(), by_friction, strict=True):
+            sums = {
+                metric: float(np.mean([accuracy[FRICTIONS.index(mu)] for mu in frictions]))
+                for metric, frictions in DUMP_FRICTIONS.items()
+            }
+            name = f"scenes/{scene}/{seen_by}/{frame_id:04d}"
+            run.add(name, split, ((), 0, ()), 1, sums)
+
+
+def _check_stamp(scene: Path, path: Path, stamp: Mapping[str, Any], names: tuple[str, ...]) -> None:
+    found = read_stamp(scene) or {}
+    if any(found.get(name) != stamp.get(name) for name in names):
+        expected = "run evaluate again, both come from one run"
+        raise FormatError(scene, f"was made otherwise than {path.name}", expected)
+
+
+def _threshold_keys(path: Path, stamp: Mapping[str, Any]) -> dict[str, str]:
+    """Return the threshold at which each metric of PRECISIONS is compared: the reported one."""
+    try:
+        dense = threshold_key(stamp["config"]["symmetry_thresholds"][0])
+        sphere = threshold_key(stamp["config"]["sphere_threshold"])
+    except (KeyError, IndexError, TypeError) as error:
+        expected = "a report of `symgrasp evaluate` is expected"
+        raise FormatError(path, "does not say its thresholds", expected) from error
+    keys = [sphere if kind == "sphere" else dense for kind in KINDS]
+    return dict(zip(PRECISIONS, (*keys, threshold_key(IOU_THRESHOLDS[0])), strict=True))

@@ -1,6 +1,7 @@
 """score-grasps: anybody's grasps on anybody's mesh (Sec. IV-A).
 
 Reads   MESH            in metres
+        MESH's .sdf     beside it, if it is there and `compatible`: graspnetAPI reads both
         GRASPS.npy      (N, 17) graspnetAPI's rows, in the mesh's frame
 Writes  VERDICTS.npz    contacts, smallest friction, antipodal score, collision: one row a grasp
         VERDICTS.npz.provenance.json
@@ -18,7 +19,9 @@ from pipelines.formats.files import existing
 from pipelines.formats.grasp_rows import read_grasp_rows, write_verdicts
 from pipelines.formats.meshes import read_mesh
 from pipelines.formats.provenance import digest, is_finished, make_stamp
+from pipelines.formats.signed_distance import read_sdf
 from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.signed_distance import SignedDistanceGrid
 from pipelines.geometry.single_precision import single_precision_grid
 from pipelines.grasping.grasps import from_graspnet
 from pipelines.metrics.antipodal import contact_pair_score
@@ -42,12 +45,16 @@ def run(
     """Score the rows of `grasps_path` on the mesh; rows that are no grasps are named."""
     started, report = time.monotonic(), StageReport(STAGE)
     inputs = {"mesh": digest(existing(mesh_path)), "grasps": digest(existing(grasps_path))}
+    stored = mesh_path.with_suffix(".sdf")
+    with_grid = config.compatible and config.mesh_scale == 1.0 and stored.is_file()
+    if with_grid:
+        inputs["sdf"] = digest(stored)
     stamp = make_stamp(STAGE, config, inputs=inputs)
     if is_finished(output, stamp, overwrite=overwrite):
         report.skipped.append(output.name)
         return report
     mesh, given = read_mesh(mesh_path, config.mesh_scale), read_grasp_rows(grasps_path)
-    verdicts = score(mesh, given.rows, config)
+    verdicts = score(mesh, given.rows, config, read_sdf(stored) if with_grid else None)
     _forget(verdicts, sorted(given.faults))
     write_verdicts(output, verdicts, stamp)
     report.done.append(output.name)
@@ -61,18 +68,22 @@ def run(
 
 
 def score(
-    mesh: Mesh, rows: NDArray[np.float64], config: ScoreGraspsConfig
+    mesh: Mesh,
+    rows: NDArray[np.float64],
+    config: ScoreGraspsConfig,
+    grid: SignedDistanceGrid | None = None,
 ) -> dict[str, NDArray[np.generic]]:
     """Return the verdicts on `rows` (n, 17), mesh frame, metres; see `VERDICT_ARRAYS`.
 
     Compatible: contacts, friction grid and collision as graspnetAPI finds them, its faults
-    included. Otherwise contacts are exact intersections and collision that of triangles.
+    included; on `grid`, or on one computed from the mesh. Otherwise contacts are exact
+    intersections and collision that of triangles.
     """
     clipped = rows.copy()
     clipped[:, 1] = np.clip(rows[:, 1], 0.0, config.max_width)
     grasps = from_graspnet(clipped)  # translation lies between the finger tips
     if config.compatible:
-        contacts = close_fingers_on_grid(single_precision_grid(mesh), grasps, grasps.width)
+        contacts = close_fingers_on_grid(grid or single_precision_grid(mesh), grasps, grasps.width)
         collision, empty = cloud_collision(mesh, grasps, rows[:, 3])
     else:
         contacts = close_fingers(mesh, grasps, grasps.width)

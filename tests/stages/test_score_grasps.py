@@ -12,6 +12,8 @@ from pipelines.errors import FormatError, StaleOutputError
 from pipelines.formats.files import read_npz, write_npy
 from pipelines.formats.grasp_rows import VERDICT_ARRAYS, read_verdicts
 from pipelines.formats.meshes import write_mesh
+from pipelines.formats.signed_distance import write_sdf
+from pipelines.geometry.signed_distance import SignedDistanceGrid
 from pipelines.geometry.transforms import make_pose, random_rotation, rotation_about
 from pipelines.grasping.grasps import Grasps, to_graspnet
 from symgrasp_cli.app import app
@@ -68,6 +70,19 @@ def test_the_compatible_mode_differs_only_by_contacts_it_misses_and_edges(mesh_p
     assert not (theirs["found"] & ~exact["found"]).any()
     same = exact["min_friction_grid"] == theirs["min_friction_grid"]
     assert same[both].mean() > 0.9
+
+
+def test_a_grid_beside_the_mesh_is_taken_as_graspnetapi_does(mesh_path):
+    rows = rows_across(2)
+    rows[:, 4:13] = (TILT @ rows[:, 4:13].reshape(-1, 3, 3)).reshape(-1, 9)
+    computed = run(mesh_path, rows, compatible=True)[1]
+    assert computed["found"].all()
+    elsewhere = SignedDistanceGrid(np.ones((9, 9, 9)), -np.full(3, 0.05), 0.0125)  # all air
+    write_sdf(mesh_path.with_suffix(".sdf"), elsewhere)
+    with pytest.raises(StaleOutputError):
+        run(mesh_path, rows, compatible=True)
+    assert not run(mesh_path, rows, compatible=True, overwrite=True)[1]["found"].any()
+    assert run(mesh_path, rows, overwrite=True)[1]["found"].all()  # the exact mode needs none
 
 
 @pytest.mark.parametrize("compatible", [False, True])

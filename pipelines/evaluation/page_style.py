@@ -6,7 +6,7 @@ body { font: 16px/1.5 system-ui, -apple-system, "Segoe UI", Roboto, sans-serif; 
   background: #fff; margin: 0 auto; max-width: 76rem; padding: 1.2rem 1rem 4rem }
 h1 { font-size: 1.6rem; margin: .4rem 0 1rem }
 h2 { font-size: 1.2rem; margin: 2.6rem 0 .8rem; padding-top: .6rem; border-top: 2px solid #e3e6ea }
-.tiles { display: grid; grid-template-columns: repeat(auto-fill, minmax(8.6rem, 1fr)); gap: .6rem }
+.tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(8.2rem, 1fr)); gap: .6rem }
 .tiles div { background: #f5f7f9; border-radius: 8px; padding: .6rem .8rem }
 .tiles b { display: block; font-size: 1.5rem; line-height: 1.2 }
 .tiles span { display: block; font-size: .9rem }
@@ -60,6 +60,7 @@ summary { cursor: pointer; color: #1668b8; font-size: .9rem; margin-top: .6rem }
   .bars { grid-template-columns: 1fr; gap: .1rem }
   .bars div { margin-bottom: .5rem }
   table { font-size: .82rem }
+  caption { white-space: normal }
   th, td { padding: .28rem .4rem }
 }
 """

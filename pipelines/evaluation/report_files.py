@@ -10,16 +10,15 @@ import numpy as np
 from pipelines.configs import EvaluateConfig
 from pipelines.evaluation.figures import Figures, report_curves, report_rows
 from pipelines.evaluation.gallery import FrameChoice, draw_gallery
-from pipelines.evaluation.records import FrameRecord, threshold_key
+from pipelines.evaluation.records import FrameRecord
 from pipelines.evaluation.report_page import report_page
+from pipelines.evaluation.tables import TABLE_FRICTION
 from pipelines.evaluation.tallies import ReportTally
 from pipelines.formats import reports
 from pipelines.formats.files import write_text
 from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.formats.grasps_stream import GraspsIndex
 from pipelines.formats.provenance import Stamp
-
-TABLE_FRICTION = 0.5  # of the simulated trials that stand beside the paper's Table III
 
 
 @dataclass(frozen=True)
@@ -74,6 +73,6 @@ def write_report_files(
 def _add_success(rows: Mapping[str, Mapping[str, Figures]], success: Mapping[str, Any]) -> None:
     """Put the rates of success at TABLE_FRICTION beside the figures of the same split."""
     for split, figures in rows.get("ours", {}).items():
-        by_kind = success["success"].get(split, {})
-        key = threshold_key(TABLE_FRICTION)
-        figures["success"] = {kind: found[key] for kind, found in by_kind.items() if key in found}
+        found = success["success"].get(split, {})
+        at = {kind: by_friction.get(TABLE_FRICTION) for kind, by_friction in found.items()}
+        figures["success"] = {kind: rate for kind, rate in at.items() if rate is not None}

@@ -40,7 +40,7 @@ def report_page(report: Mapping[str, Any], gallery: Gallery) -> str:
     quality, pair, region, *success, symmetry, masks, reasons = report_tables(report)
     sections = (
         ("Grasps", (_columns((*map(html_table, (quality, pair, region)), _held_chart(report))),)),
-        ("Success", (_columns(map(html_table, success)),)),
+        ("Success", tuple(map(html_table, success))),
         ("Symmetries", (html_table(symmetry), _symmetry_charts(report))),
         ("Region masks", (html_table(masks),)),
         ("What became of the objects", (_reason_bars(report), _folded(reasons))),
@@ -118,6 +118,9 @@ def _summary(report: Mapping[str, Any]) -> str:
         ("mask AP50", figures.get("mask_ap50"), "0.72 seen, 0.55 unseen"),
         ("seconds a frame", seconds, "0.3"),
     ]
+    success = figures.get("success", {}).get(ALL, {})
+    if success:
+        tiles.insert(2, ("success in simulation", success["rate"], "0.47 to 0.74, real"))
     return '<div class="tiles">' + "".join(
         f"<div><b>{'-' if value is None else f'{value:.3f}'}</b><span>{name}</span>"
         f"<small>paper: {paper}</small></div>"

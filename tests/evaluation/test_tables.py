@@ -71,16 +71,16 @@ def test_success_not_simulated_says_how_to():
     assert "symgrasp simulate" in table_of(TABLES, "Table III").note
 
 
-def test_success_has_a_row_a_friction_with_its_interval():
+def test_success_has_a_row_a_friction_and_a_row_a_split():
     rate = {"trials": 20, "held": 15, "rate": 0.75, "low": 0.531, "high": 0.888}
     missing = {"trials": 0, "held": 0, "rate": None, "low": None, "high": None}
-    found = {"all": {"sphere": {"0.5": rate, "0.3": missing}}}
-    simulated = report(record("seen", [0.5]), success_by_friction=found)
+    found = {"sphere": {"0.5": rate, "0.3": missing}}
+    simulated = report(record("seen", [0.5]), success_by_friction={"all": found, "novel": found})
     table = table_of(report_tables(simulated), "Table III")
-    ours = {row[0]: row for row in table.rows if row[0].startswith("SymGrasp")}
-    assert list(ours) == ["SymGrasp, mu 0.3", "SymGrasp, mu 0.5"]
-    assert ours["SymGrasp, mu 0.5"][table.header.index("sphere")] == "75 (53-89)"
-    assert ours["SymGrasp, mu 0.3"][table.header.index("sphere")] == "-"
+    ours = {row[0]: row for row in table.rows[table.published :]}
+    assert list(ours) == ["mu 0.3, all", "mu 0.5, all", "mu 0.5, novel"]
+    assert ours["mu 0.5, all"][table.header.index("sphere")] == "75 (53-89)"
+    assert ours["mu 0.3, all"][table.header.index("sphere")] == "-"
     assert "sphere 20" in table.note
 
 

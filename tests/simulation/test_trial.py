@@ -121,13 +121,37 @@ def test_a_palm_that_lands_on_the_object_is_a_collision():
     assert attempt(tall, 0.06, 0.04, 0.0, 0.5).reason == "collision"
 
 
-def test_a_way_in_that_starts_inside_a_neighbour_is_a_collision():
-    wall = box(0.02, 0.2, 0.2)
-    poses = {0: make_pose(np.eye(3), [0, 0, 0.04]), 1: make_pose(np.eye(3), [-0.12, 0, 0.1])}
+@pytest.mark.parametrize(("away", "reason"), [(0.0, "collision"), (0.2, "held")])
+def test_a_way_in_that_starts_inside_a_neighbour_is_a_collision_however_light_it_is(away, reason):
+    # A small box that the palm, 10 cm and its fingers' 4.5 cm behind the can, would push aside.
+    poses = {0: make_pose(np.eye(3), [0, 0, 0.04]), 1: make_pose(np.eye(3), [-0.15, away, 0.02])}
     grasp = Grasps(LEVEL, np.array([0.0, 0.0, 0.04]), np.array(0.05))
-    objects = {0: [can(0.025, 0.08)], 1: [wall]}
+    objects = {0: [can(0.025, 0.08)], 1: [box(0.03, 0.03, 0.04)]}
     trial = Trial.of(objects, poses, 0, grasp, load_gripper("rg2"), SimulateConfig())
-    assert trial.run(0.5).reason == "collision"
+    assert trial.run(0.5).reason == reason
+
+
+def test_tugs_pull_out_what_lifting_alone_leaves_in_the_hand():
+    mesh, height, width, above = SHAPES["ball"]
+    grasp = Grasps(DOWN, np.array([0.0, 0.0, height + above]), np.array(width))
+    pose = make_pose(np.eye(3), [0.0, 0.0, height])
+    reasons = [
+        Trial.of({0: [mesh]}, {0: pose}, 0, grasp, load_gripper("rg2"), SimulateConfig(tug=tug))
+        .run(0.1)
+        .reason
+        for tug in (0.0, 40.0)
+    ]
+    assert reasons == ["held", "dropped"]
+
+
+def test_soft_pads_resist_turning_in_proportion_to_friction():
+    # A ball whose counterweight, 4 cm aside, turns it about the line of the fingers.
+    lopsided = [ball(0.02), moved(box(0.02, 0.02, 0.02), make_pose(np.eye(3), [0.04, 0, -0.01]))]
+    grasp = Grasps(DOWN, np.array([0.0, 0.0, 0.02]), np.array(0.04))
+    trial = Trial.of({0: lopsided}, {0: make_pose(np.eye(3), [0, 0, 0.02])}, 0, grasp,
+                     load_gripper("rg2"), SimulateConfig())  # fmt: skip
+    assert trial.run(0.15).reason == "turned"
+    assert trial.run(0.8).turn < 2.0
 
 
 def test_a_wall_of_a_tray_is_held_with_one_finger_inside():

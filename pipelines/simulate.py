@@ -39,6 +39,8 @@ from pipelines.simulation.records import FrameTrials, read_trials, write_trials
 from pipelines.simulation.success import success_tables, write_success
 from pipelines.synthesis.decomposition import convex_pieces
 
+LARGE_SHIFT = 0.01  # metres, more than rounded poses make
+
 
 def run(
     grasps: Path,
@@ -140,12 +142,18 @@ def _scene_items(
     ]
 
 
-def _simulate_scene(dataset: Path, output: Path, config: SimulateConfig, item: WorkItem) -> None:
+def _simulate_scene(
+    dataset: Path, output: Path, config: SimulateConfig, item: WorkItem
+) -> str | None:
     root = GraspNetRoot(dataset)
     pieces = PiecesReader(root, pieces_folder(output))
     simulator = FrameSimulator(root, pieces, load_gripper(config.gripper), config)
     frames = [simulator.run(result) for result in read_frames(*item.arguments)]
     write_trials(item.target, frames, item.stamp)
+    farthest = max(frame.shift for frame in frames)
+    if farthest < LARGE_SHIFT:
+        return None
+    return f"objects moved by up to {1000 * farthest:.0f} mm before they lay still: check the poses"
 
 
 def _finished(items: Iterable[WorkItem]) -> Iterator[FrameTrials]:

@@ -68,9 +68,10 @@ class FrameSimulator:
         predictions = FramePredictions.from_result(result)
         owners = assign_regions(predictions.masks, truth, self._rules)
         T_table_cam = truth.scene.T_table_cam
-        poses = {i: T_table_cam @ pose for i, pose in truth.scene.poses.items()}
-        objects = {i: self.pieces.read(i) for i in poses}
-        poses = at_rest(objects, poses)
+        given = {i: T_table_cam @ pose for i, pose in truth.scene.poses.items()}
+        objects = {i: self.pieces.read(i) for i in given}
+        poses = at_rest(objects, given)
+        shift = max(np.linalg.norm(poses[i][:3, 3] - given[i][:3, 3]) for i in given)
         trials = []
         for object_id in truth.visible:
             region = best_region(object_id, predictions.row, owners)
@@ -78,7 +79,7 @@ class FrameSimulator:
             mask = None if region is None else predictions.masks[region]
             outcomes = self._try(objects, poses, object_id, grasp.transformed(T_table_cam))
             trials.append(TrialRecord(object_id, kind_at(truth, object_id, mask), outcomes))
-        return FrameTrials(result.name, truth.split, trials)
+        return FrameTrials(result.name, truth.split, float(shift), trials)
 
     def _try(
         self,

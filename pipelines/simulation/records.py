@@ -33,10 +33,11 @@ class TrialRecord:
 
 @dataclass(frozen=True)
 class FrameTrials:
-    """All trials of one frame."""
+    """All trials of one frame; `shift`: metres that an object moved at most to come to rest."""
 
     name: str
     split: str
+    shift: float
     trials: list[TrialRecord]
 
 
@@ -79,4 +80,4 @@ def _frame(entry: Mapping[str, Any]) -> FrameTrials:
         )
         for trial in entry["trials"]
     ]
-    return FrameTrials(entry["name"], entry["split"], trials)
+    return FrameTrials(entry["name"], entry["split"], entry["shift"], trials)

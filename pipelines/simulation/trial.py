@@ -16,7 +16,25 @@ from pipelines.simulation.world import TIME_STEP, Pieces, add_object, empty_worl
 Array = NDArray[np.float64]
 
 # What can become of a trial, in the order in which it can happen.
-REASONS = ("no grasp", "collision", "not lifted", "dropped", "slipped", "turned", "held")
+REASONS = (
+    "no grasp",
+    "diverged",
+    "collision",
+    "not lifted",
+    "dropped",
+    "slipped",
+    "turned",
+    "held",
+)
+# MuJoCo starts a scene anew whose numbers have run away; that is no trial.
+DIVERGED = [
+    int(warning)
+    for warning in (
+        mujoco.mjtWarning.mjWARN_BADQPOS,
+        mujoco.mjtWarning.mjWARN_BADQVEL,
+        mujoco.mjtWarning.mjWARN_BADQACC,
+    )
+]
 
 GRAVITY = 9.81  # m / s^2
 APPROACH_SECONDS, LIFT_SECONDS = 0.6, 0.75
@@ -81,6 +99,11 @@ class Trial:
 
     def run(self, friction: float) -> Outcome:
         """Try the grasp once, from the beginning, with `friction` between fingers and objects."""
+        outcome = self._attempt(friction)
+        diverged = any(self.data.warning[warning].number for warning in DIVERGED)
+        return Outcome("diverged") if diverged else outcome
+
+    def _attempt(self, friction: float) -> Outcome:
         mujoco.mj_resetData(self.model, self.data)
         self.hand.set_friction(friction)
         self.hand.limit_forces(self.config.arm_force, self.grip_force)

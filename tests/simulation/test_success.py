@@ -16,9 +16,11 @@ def trial(kind: str, *what: str) -> TrialRecord:
 
 
 FRAMES = [
-    FrameTrials("a", "seen", [trial("sphere", "held", "held"), trial("none", "turned", "held")]),
-    FrameTrials("b", "novel", [trial("sphere", "collision", "dropped")]),
-    FrameTrials("c", "novel", []),
+    FrameTrials(
+        "a", "seen", 0.001, [trial("sphere", "held", "held"), trial("none", "turned", "held")]
+    ),
+    FrameTrials("b", "novel", 0.0, [trial("sphere", "collision", "dropped")]),
+    FrameTrials("c", "novel", 0.0, []),
 ]
 FRICTIONS = (0.3, 0.5)
 

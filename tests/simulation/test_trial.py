@@ -179,6 +179,24 @@ def test_a_trial_does_not_depend_on_those_before_it():
     assert trial.run(0.5) == first
 
 
+def test_a_scene_whose_numbers_run_away_is_no_success(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)  # where MuJoCo logs what it warns of
+    mesh, height, width, above = SHAPES["can"]
+    grasp = Grasps(DOWN, np.array([0.0, 0.0, height + above]), np.array(width))
+    pose = make_pose(np.eye(3), [0.0, 0.0, height])
+    trial = Trial.of({0: [mesh]}, {0: pose}, 0, grasp, load_gripper("rg2"), SimulateConfig())
+    close = Trial._close
+
+    def break_and_close(self: Trial) -> None:
+        self.data.qvel[:] = np.inf
+        close(self)
+
+    monkeypatch.setattr(Trial, "_close", break_and_close)
+    assert trial.run(0.5).reason == "diverged"
+    monkeypatch.undo()
+    assert trial.run(0.5).reason == "held"
+
+
 def test_the_fingers_squeeze_with_weights_of_the_object_up_to_what_they_can():
     pose = make_pose(np.eye(3), [0.0, 0.0, 0.1])
     grasp = Grasps(DOWN, np.array([0.0, 0.0, 0.1]), np.array(0.05))

@@ -14,12 +14,26 @@ from pipelines.configs import SimulateConfig
 from pipelines.errors import FormatError, StaleOutputError, SymgraspError, UnknownNameError
 from pipelines.formats import convex_pieces
 from pipelines.formats.files import read_json
-from pipelines.formats.graspnet import GraspNetRoot
+from pipelines.formats.graspnet import (
+    GraspNetRoot,
+    ObjectPose,
+    write_annotation,
+    write_meta,
+)
 from pipelines.formats.grasps_file import FrameResult
 from pipelines.formats.meshes import read_mesh, write_mesh
+from pipelines.geometry.transforms import make_pose
 from pipelines.simulation.records import read_trials
 from symgrasp_cli.app import app
-from tests.stages.toy_root import SCENES, frame_names, true_result, write_grasps, write_root
+from tests.stages.toy_root import (
+    CAMERA,
+    SCENES,
+    frame_names,
+    poses_in_camera,
+    true_result,
+    write_grasps,
+    write_root,
+)
 
 KINDS = {0: "reflection", 1: "rotation", 2: "sphere"}
 
@@ -207,6 +221,18 @@ def test_a_scene_with_a_damaged_label_fails_alone(tmp_path):
     report = run(tmp_path / "g.h5", root, tmp_path / "success.json")
     assert list(report.failed) == ["scene_0100_realsense"]
     assert read_json(tmp_path / "success.json")["success"]["all"]["all"]["0.5"]["held"] == 6
+
+
+def test_objects_that_hardly_stand_where_their_poses_say_are_remarked_on(tmp_path):
+    root = write_root(tmp_path / "root")
+    poses = [pose @ make_pose(np.eye(3), [0.0, 0.0, 0.03]) for pose in poses_in_camera(0).values()]
+    files = root.frame(frame_names()[0])
+    listed = [ObjectPose(i, pose) for i, pose in enumerate(poses)]
+    write_annotation(files.path("annotations"), listed)
+    write_meta(files.path("meta"), listed, CAMERA.matrix)
+    write_grasps(tmp_path / "g.h5", [FrameResult(files.name, "empty")])
+    report = run(tmp_path / "g.h5", root, tmp_path / "success.json")
+    assert "30 mm before they lay still" in report.notes["scene_0100_realsense"]
 
 
 def test_a_file_without_frames_is_refused_in_a_sentence(root, tmp_path):

@@ -11,7 +11,7 @@ from pipelines.configs import SimulateConfig
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
 from pipelines.simulation.hand import Hand, add_hand, stroke
-from pipelines.simulation.world import TIME_STEP, Pieces, add_object, empty_world
+from pipelines.simulation.world import TIME_STEP, Pieces, add_object, compiled, empty_world
 
 Array = NDArray[np.float64]
 
@@ -92,7 +92,7 @@ class Trial:
         add_hand(spec, grasp, gripper)
         for object_id, pose in poses.items():
             add_object(spec, str(object_id), objects[object_id], pose)
-        data = mujoco.MjData(model := spec.compile())
+        data = mujoco.MjData(model := compiled(spec))
         hand = Hand.of(model, data)
         body = model.body(str(target)).id
         return cls(model, data, hand, body, stroke(grasp, gripper), config)

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.errors import SymgraspError
 from pipelines.geometry.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, matrix_to_quaternion, quaternion_to_matrix
 
@@ -60,6 +61,21 @@ def add_object(spec: mujoco.MjSpec, name: str, pieces: Pieces, pose: Array) -> N
         _make_world(geom)
 
 
+def compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """Return the model of a world.
+
+    Raises:
+        SymgraspError: MuJoCo cannot make bodies of the objects' pieces.
+    """
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise SymgraspError(
+            f"convex pieces of a model make no solid body ({' '.join(str(error).split())}); mend "
+            "its mesh, and delete its convex.npz"
+        ) from error
+
+
 def object_pose(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Array:
     """Return (4, 4), object to table."""
     body = model.body(name).id
@@ -77,7 +93,7 @@ def at_rest(objects: Mapping[int, Pieces], poses: Mapping[int, Array]) -> dict[i
     spec = empty_world()
     for object_id, pose in poses.items():
         add_object(spec, str(object_id), objects[object_id], pose)
-    data = mujoco.MjData(model := spec.compile())
+    data = mujoco.MjData(model := compiled(spec))
     for step in range(int(REST_SECONDS / TIME_STEP)):
         mujoco.mj_step(model, data)
         data.qvel *= REST_DAMPING

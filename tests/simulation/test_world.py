@@ -4,6 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 
+from pipelines.errors import SymgraspError
+from pipelines.geometry.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, rotation_about
 from pipelines.simulation.world import add_object, at_rest, empty_world, object_pose
 from tests.metrics.shapes import ball, box
@@ -46,6 +48,14 @@ def test_an_object_in_the_table_comes_up_and_does_not_jump():
 def test_a_ball_does_not_roll_away():
     poses = {0: make_pose(rotation_about([1, 0, 0], 0.3), [0, 0, 0.031])}
     assert moved(poses, at_rest({0: [ball(0.03)]}, poses))[0] < 0.005
+
+
+def test_pieces_without_volume_are_refused_in_a_sentence():
+    sheet = Mesh(
+        np.array([[0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]]), [[0, 1, 2], [0, 2, 3]]
+    )
+    with pytest.raises(SymgraspError, match="make no solid body"):
+        at_rest({0: [sheet]}, standing((0, 0, 0)))
 
 
 def test_what_is_at_rest_stays_at_rest_without_damping():

@@ -18,6 +18,7 @@ STAGES = (
     ("finetune-detector", "Mask R-CNN on region masks", "detector.safetensors"),
     ("train", "PointNet++ with PIFT, Siamese", "network.safetensors"),
     ("infer", "frames in, grasps out", "grasps.h5, overlays"),
+    ("simulate", "lift and tug, in physics", "success.json"),
     ("evaluate", "quality, antipodal, symmetry AP", "report.json, report.html"),
 )
 

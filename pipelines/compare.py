@@ -5,7 +5,7 @@ Reads   A.json, B.json, ...  reports of `evaluate`
 Writes  compare.json or compare.html, if asked for
 
 Only frames that all runs have are compared; the others are counted. The interval of a difference
-to the first run is a paired bootstrap over frames.
+to the first run is a paired bootstrap over frames, or over scenes with all their frames.
 """
 
 import math
@@ -14,8 +14,11 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pipelines.configs import CompareConfig
-from pipelines.errors import SymgraspError
+from pipelines.errors import SymgraspError, UnknownNameError
 from pipelines.evaluation.figures import TEST_SPLITS
 from pipelines.evaluation.paired_runs import Run, paired_frames
 from pipelines.evaluation.report_page import html_table, note_list, whole_page
@@ -23,6 +26,7 @@ from pipelines.evaluation.run_readers import DEFAULT_ROW, compared_folders, read
 from pipelines.evaluation.tables import Table
 from pipelines.evaluation.tallies import ALL
 from pipelines.formats.files import write_json, write_text
+from pipelines.formats.graspnet import frame_key
 from pipelines.formats.provenance import (
     Stamp,
     digest,
@@ -35,6 +39,8 @@ from pipelines.metrics.paired_bootstrap import Difference, differences
 
 FORMAT_VERSION = 1
 FOR_BASELINES = ("baselines", "seed", "affordance")  # nothing of these concerns our own row
+UNITS = ("frame", "scene")
+VIEWS_NOTE = "Views of one scene are much alike: over scenes, intervals are wider and more honest."
 METRIC_NAMES = {
     "grasp_quality": "grasp quality",
     "antipodal_score": "antipodal, pair",
@@ -84,6 +90,8 @@ def run(
     Raises:
         SymgraspError: runs that cannot be paired.
     """
+    if config.unit not in UNITS:
+        raise UnknownNameError("unit", config.unit, UNITS)
     stamp = make_stamp("compare", config, seed=seed, inputs=_digests(reports))
     if output is not None:
         is_finished(output, stamp, overwrite=overwrite)  # refuses to replace another comparison
@@ -107,7 +115,8 @@ def compare(runs: Sequence[Run], config: CompareConfig, seed: int) -> Comparison
             if not names:
                 continue
             each = [run.figure(metric, names) for run in runs]
-            values, found = differences(each, len(names), config.resamples, config.level, seed)
+            group = _groups(names, config.unit)
+            values, found = differences(each, group, config.resamples, config.level, seed)
             if any(map(math.isfinite, values)):
                 figures.append(Figure(metric, split, len(names), values, found))
     return Comparison([run.name for run in runs], notes, figures, config)
@@ -127,10 +136,10 @@ def tables(comparison: Comparison) -> list[Table]:
         title += f", row `{config.row}`" if config.row != DEFAULT_ROW else ""
         found.append(Table(title, tuple(header), tuple(map(_row, figures))))
     note = (
-        f"Differences to {first}; intervals by paired bootstrap over frames, {config.resamples} "
-        "draws; * leaves out zero. Views of one scene are much alike, so true intervals are wider "
-        "where scenes have many."
+        f"Differences to {first}; intervals by paired bootstrap over {config.unit}s, "
+        f"{config.resamples} draws; * leaves out zero."
     )
+    note += f" {VIEWS_NOTE}" if config.unit == "frame" else ""
     return [*found[:-1], replace(found[-1], note=note)]
 
 
@@ -150,6 +159,14 @@ def run_names(reports: Sequence[Path]) -> list[str]:
     while len({each[: len(each) - end][-length:] for each in parts}) < len(parts):
         length += 1
     return ["/".join(each[: len(each) - end][-length:]) for each in parts]
+
+
+def _groups(names: Sequence[str], unit: str) -> NDArray[np.int64]:
+    """Return (f,) the index of what each frame is drawn with: itself, or its scene."""
+    if unit == "frame":
+        return np.arange(len(names))
+    scenes = [key[0] if (key := frame_key(name)) else name for name in names]
+    return np.unique(scenes, return_inverse=True)[1].astype(np.int64)
 
 
 def _frame_notes(runs: Sequence[Run], paired: int) -> list[str]:

@@ -310,9 +310,10 @@ class EvaluateDumpConfig:
 
 @dataclass(frozen=True)
 class CompareConfig:
-    """Runs side by side: a paired bootstrap over frames."""
+    """Runs side by side: a paired bootstrap over frames or scenes."""
 
     row: str = "ours"  # of the reports
+    unit: str = "frame"  # or scene: what is drawn
     resamples: int = 2000
     level: float = 0.95
 

@@ -27,6 +27,10 @@ def compare(
         str,
         typer.Option(help="Row of the reports: ours, oracle, planar, random; of a dump a camera."),
     ] = CompareConfig.row,
+    unit: Annotated[
+        str,
+        typer.Option(help="What the bootstrap draws: frame, or scene, whose views are alike."),
+    ] = CompareConfig.unit,
     resamples: Annotated[
         int, typer.Option(min=1, help="Draws of the bootstrap.")
     ] = CompareConfig.resamples,
@@ -40,7 +44,7 @@ def compare(
         raise typer.BadParameter(f"{out} is neither .json nor .html; name one of these")
     from pipelines import compare as stage
 
-    config = CompareConfig(row=row, resamples=resamples)
+    config = CompareConfig(row=row, unit=unit, resamples=resamples)
     found = stage.run(reports, config, out, seed=seed, overwrite=overwrite)
     for table in stage.tables(found):
         show_table(table)

@@ -1,8 +1,9 @@
-"""Paired bootstrap over frames: how certain a difference between two runs is.
+"""Paired bootstrap over frames or scenes: how certain a difference between two runs is.
 
-A resample draws as many frames as there are, with repetition; all runs are computed on the same
-draw, so what makes a frame easy or hard for all of them cancels. A draw is a weight a frame, how
-often it was drawn, and every figure here takes weights: no frame is copied.
+A resample draws as many frames (or scenes, with all their frames) as there are, with repetition;
+all runs are computed on the same draw, so what makes a frame easy or hard for all of them cancels.
+A draw is a weight a frame, how often it was drawn, and every figure here takes weights: no frame is
+copied.
 """
 
 from collections.abc import Iterator
@@ -15,6 +16,7 @@ Array = NDArray[np.float64]
 
 COCO_RECALLS = np.linspace(0.0, 1.0, 101)
 LARGEST_BLOCK = 4_000_000  # weights of predictions that are in memory at a time
+LARGEST_DRAW = 64  # draws that are computed together
 
 
 @dataclass(frozen=True)
@@ -100,33 +102,37 @@ class Difference:
         return self.low > 0.0 or self.high < 0.0
 
 
-def draws(num_frames: int, resamples: int, rng: np.random.Generator) -> Iterator[Array]:
-    """Yield blocks (b, f) of weights, `resamples` rows in all."""
-    size = max(1, LARGEST_BLOCK // max(num_frames, 1))
-    share = np.full(num_frames, 1.0 / num_frames)
+def draws(num_drawn: int, resamples: int, rng: np.random.Generator) -> Iterator[Array]:
+    """Yield blocks (b, g) of weights of frames or scenes, `resamples` rows in all."""
+    size = max(1, min(LARGEST_DRAW, LARGEST_BLOCK // num_drawn))
+    share = np.full(num_drawn, 1.0 / num_drawn)
     for start in range(0, resamples, size):
         rows = min(size, resamples - start)
-        yield rng.multinomial(num_frames, share, size=rows).astype(np.float64)
+        yield rng.multinomial(num_drawn, share, size=rows).astype(np.float64)
 
 
 def differences(
-    figures: list[FrameFigure], num_frames: int, resamples: int, level: float, seed: int
+    figures: list[FrameFigure],
+    group: NDArray[np.int64],
+    resamples: int,
+    level: float,
+    seed: int,
 ) -> tuple[list[float], list[Difference]]:
     """Return each run's figure on all frames, and the differences of all but the first to it.
 
     Args:
         figures: of the runs, over the same frames in the same order.
-        num_frames: how many.
+        group: (f,) index of what each frame is drawn with: itself, or its scene; 0, 1, ...
         resamples: how many draws; the same seed draws the same frames.
         level: share of the draws inside the interval.
         seed: of the draws.
     """
-    everything = np.ones((1, num_frames))
+    everything = np.ones((1, len(group)))
     values = [float(figure.at(everything)[0]) for figure in figures]
-    if num_frames == 0:
+    if not len(group):
         return values, [Difference(np.nan, np.nan, np.nan)] * (len(figures) - 1)
-    blocks = draws(num_frames, resamples, np.random.default_rng(seed))
-    drawn = np.hstack([np.stack([figure.at(w) for figure in figures]) for w in blocks])
+    blocks = draws(int(group.max()) + 1, resamples, np.random.default_rng(seed))
+    drawn = np.hstack([np.stack([figure.at(w[:, group]) for figure in figures]) for w in blocks])
     ends = [50.0 * (1.0 - level), 50.0 * (1.0 + level)]
     found = []
     for value, row in zip(values[1:], drawn[1:] - drawn[0], strict=True):

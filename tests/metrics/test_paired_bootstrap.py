@@ -62,7 +62,7 @@ def test_what_all_runs_share_cancels():
     rng = np.random.default_rng(0)
     hard, ones = rng.random(200), np.ones(200)
     first, second = FrameMeans(hard, ones), FrameMeans(hard + 0.01, ones)
-    values, (difference,) = differences([first, second], 200, 500, 0.95, seed=0)
+    values, (difference,) = differences([first, second], np.arange(200), 500, 0.95, seed=0)
     assert values[0] == pytest.approx(hard.mean())
     assert difference.value == pytest.approx(0.01)
     assert (difference.low, difference.high) == pytest.approx((0.01, 0.01))
@@ -73,7 +73,9 @@ def test_the_interval_is_as_wide_as_theory_says():
     rng = np.random.default_rng(1)
     noise, ones = rng.normal(0.0, 0.2, 400), np.ones(400)
     zero = FrameMeans(np.zeros(400), ones)
-    _, (difference,) = differences([zero, FrameMeans(noise, ones)], 400, 4000, 0.95, seed=0)
+    _, (difference,) = differences(
+        [zero, FrameMeans(noise, ones)], np.arange(400), 4000, 0.95, seed=0
+    )
     assert difference.high - difference.low == pytest.approx(2 * 1.96 * 0.2 / 20, rel=0.1)
 
 
@@ -81,26 +83,44 @@ def test_chance_is_rarely_taken_for_a_difference():
     rng = np.random.default_rng(3)
     zero, ones = np.zeros(60), np.ones(60)
     pairs = [[FrameMeans(zero, ones), FrameMeans(rng.normal(size=60), ones)] for _ in range(300)]
-    certain = [differences(pair, 60, 300, 0.95, seed=0)[1][0].is_certain for pair in pairs]
+    certain = [
+        differences(pair, np.arange(60), 300, 0.95, seed=0)[1][0].is_certain for pair in pairs
+    ]
     assert 0.02 < np.mean(certain) < 0.10
+
+
+def test_scenes_drawn_whole_are_less_certain_where_their_frames_are_alike():
+    rng = np.random.default_rng(4)
+    scene, ones = np.repeat(np.arange(20), 10), np.ones(200)
+    alike = FrameMeans(rng.normal(0.0, 0.2, 20)[scene], ones)
+    pair = [FrameMeans(np.zeros(200), ones), alike]
+    _, (frames,) = differences(pair, np.arange(200), 2000, 0.95, seed=0)
+    _, (scenes,) = differences(pair, scene, 2000, 0.95, seed=0)
+    assert frames.value == scenes.value
+    width = (scenes.high - scenes.low) / (frames.high - frames.low)
+    assert width == pytest.approx(np.sqrt(10), rel=0.15)
 
 
 def test_the_same_seed_draws_the_same():
     rng = np.random.default_rng(2)
     figures = [FrameMeans(rng.random(30), np.ones(30)) for _ in range(3)]
-    assert differences(figures, 30, 50, 0.9, seed=5) == differences(figures, 30, 50, 0.9, seed=5)
-    assert differences(figures, 30, 50, 0.9, seed=5) != differences(figures, 30, 50, 0.9, seed=6)
+    assert differences(figures, np.arange(30), 50, 0.9, seed=5) == differences(
+        figures, np.arange(30), 50, 0.9, seed=5
+    )
+    assert differences(figures, np.arange(30), 50, 0.9, seed=5) != differences(
+        figures, np.arange(30), 50, 0.9, seed=6
+    )
 
 
 def test_a_run_differs_from_itself_by_nothing():
     figure = FrameMeans(np.arange(10.0), np.ones(10))
-    _, (difference,) = differences([figure, figure], 10, 50, 0.95, seed=0)
+    _, (difference,) = differences([figure, figure], np.arange(10), 50, 0.95, seed=0)
     assert (difference.value, difference.low, difference.high) == (0.0, 0.0, 0.0)
     assert not difference.is_certain
 
 
 def test_what_has_no_truth_is_nan():
     none = FramePrecision.ranked(np.zeros(0), np.zeros(0, bool), np.zeros(0, int), np.zeros(3))
-    values, (difference,) = differences([none, none], 3, 20, 0.95, seed=0)
+    values, (difference,) = differences([none, none], np.arange(3), 20, 0.95, seed=0)
     assert np.isnan(values).all()
     assert np.isnan([difference.value, difference.low, difference.high]).all()

@@ -1,6 +1,7 @@
 """`compare` on runs whose differences are known."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from zlib import crc32
 
@@ -125,6 +126,18 @@ def test_frames_that_only_one_run_has_are_left_out_and_said(tmp_path):
     assert figure(found, "grasp_quality").frames == 6
     assert found.notes[0].startswith("6 frames are in all 2 runs")
     assert found.notes[1].startswith("4 of the 10 frames of a ")
+
+
+def test_scenes_are_drawn_whole_if_asked_for(tmp_path):
+    paths = [write_run(tmp_path / "a"), write_run(tmp_path / "b", seed=1)]
+    frames, scenes = (
+        figure(compare.run(paths, replace(CONFIG, unit=unit)), "symmetry_ap rotation")
+        for unit in ("frame", "scene")
+    )
+    assert frames.differences[0].value == scenes.differences[0].value
+    assert frames.differences != scenes.differences
+    with pytest.raises(UnknownNameError, match="unit"):
+        compare.run(paths, replace(CONFIG, unit="object"))
 
 
 def test_other_settings_and_labels_are_said(tmp_path):

@@ -15,6 +15,7 @@ from pipelines.geometry.signed_distance import SignedDistanceGrid
 
 HEADER_NUMBERS = 7
 DIGITS = 6  # significant, the original's precision
+EXACT_POWER = 22  # the largest power of ten that a float64 holds exactly
 
 
 def write_sdf(path: Path, grid: SignedDistanceGrid) -> None:
@@ -36,9 +37,14 @@ def as_stored(grid: SignedDistanceGrid) -> SignedDistanceGrid:
 
 
 def _rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return `values` as their text would be read, bit for bit."""
     size = np.abs(np.where(values == 0.0, 1.0, values))
-    scale = 10.0 ** (DIGITS - 1 - np.floor(np.log10(size)))
-    return np.asarray(np.rint(values * scale) / scale)
+    shift = DIGITS - 1 - np.floor(np.log10(size))
+    scale = 10.0**shift
+    rounded = np.asarray(np.rint(values * scale) / scale)
+    tiny = shift > EXACT_POWER
+    rounded[tiny] = [float(f"{value:.{DIGITS}g}") for value in values[tiny]]
+    return rounded
 
 
 def read_sdf(path: Path) -> SignedDistanceGrid:

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from pipelines.errors import FormatError
-from pipelines.formats.signed_distance import read_sdf, write_sdf
+from pipelines.formats.signed_distance import as_stored, read_sdf, write_sdf
 from pipelines.geometry.signed_distance import SignedDistanceGrid
 
 
@@ -28,3 +28,15 @@ def test_a_damaged_grid_is_one_sentence(tmp_path: Path, text: str) -> None:
     (tmp_path / "textured.sdf").write_text(text)
     with pytest.raises(FormatError, match=r"textured\.sdf"):
         read_sdf(tmp_path / "textured.sdf")
+
+
+def test_the_grid_as_stored_is_the_one_that_is_read_again(tmp_path):
+    rng = np.random.default_rng(0)
+    values = rng.normal(size=(7, 8, 9)) * 10.0 ** rng.integers(-9, 1, (7, 8, 9))
+    values[0, 0, :2] = 0.0, 9.9999996e-4
+    grid = SignedDistanceGrid(values, rng.normal(size=3), 0.00123456789)
+    write_sdf(tmp_path / "x.sdf", grid)
+    again, stored = read_sdf(tmp_path / "x.sdf"), as_stored(grid)
+    np.testing.assert_array_equal(stored.values, again.values)
+    np.testing.assert_array_equal(stored.origin, again.origin)
+    assert stored.spacing == again.spacing

@@ -97,17 +97,23 @@ def test_moving_grasps_and_scene_together_changes_no_verdict(seed):
     assert (there.friction == here.friction).mean() >= 0.95  # a touch within rounding may differ
 
 
-def test_the_peers_points_are_those_around_the_grasped_object_only():
-    # A far neighbour in the palm's way, 6 cm beyond the box's cloud: the peer does not see it.
-    neighbour = make_pose(np.eye(3), [0.0, 0.0, 0.1 + 0.06 + 0.035])
-    both = [PLACES[0].astype(np.float32), neighbour.astype(np.float32)]
-    seen = PeerScene(peer().objects, both, np.eye(4))
-    lying = make_pose(np.eye(3), [0.0, 0.0, 0.1 + 0.035])
-    near = PeerScene(peer().objects, [both[0], lying.astype(np.float32)], np.eye(4))
-    grasp = Grasps(DOWN, np.array([0.0, 0.0, 0.09]), np.array(0.06))
-    far = rows_of(grasp)
-    assert words(judge_rows(far, seen)) != ["collision"]
-    assert words(judge_rows(far, near)) == ["collision"]
+def test_the_peer_looks_five_centimetres_around_the_grasped_object_and_no_farther():
+    # The box is 10 cm high, the ball's lowest point at 15.1 cm, the palm from 14.5 to 15.5 cm.
+    above = [PLACES[0], make_pose(np.eye(3), [0.0, 0.0, 0.151 + 0.03])]
+    grasp = Grasps(DOWN, np.array([0.0, 0.0, 0.085]), np.array(0.06))
+    rows = to_graspnet(grasp, [0.5], tip_reach=0.0, depth=0.04)
+    single = [pose.astype(np.float32) for pose in above]
+    blind = PeerScene(peer().objects, single, np.eye(4))
+    assert words(judge_rows(rows, ExactScene(SOLIDS, above, np.eye(4)))) == ["collision"]
+    assert words(judge_rows(rows, blind)) != ["collision"]
+
+
+@pytest.mark.parametrize(("count", "empty"), [(9, True), (10, False)])
+def test_fewer_than_ten_points_between_the_fingers_are_none_for_the_peer(count, empty):
+    points = np.stack([np.zeros(count), np.linspace(-0.02, 0.02, count), np.zeros(count)], 1)
+    scene = PeerScene([GridObject(points, GRIDS[1])], [PLACES[1].astype(np.float32)], np.eye(4))
+    judged = judge_rows(rows_of(grasps_at((0.2, 0.0, 0.025))), scene)
+    assert (words(judged) == ["empty"]) is empty
 
 
 def test_open3ds_voxels_start_half_a_voxel_below_the_lowest_point():

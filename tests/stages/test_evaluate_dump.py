@@ -11,6 +11,7 @@ from pipelines import evaluate_dump
 from pipelines.batch import BatchOptions, StageReport
 from pipelines.configs import EvaluateDumpConfig
 from pipelines.errors import FormatError, StaleOutputError
+from pipelines.evaluation.graspnet_truth import grid_object
 from pipelines.formats import reports
 from pipelines.formats.dump_verdicts import read_dump_verdicts, scenes_folder
 from pipelines.formats.graspnet import GraspNetRoot
@@ -99,6 +100,9 @@ def test_a_grid_on_disk_gives_the_same_as_one_computed(root, pristine, report, t
     other = GraspNetRoot(Path(shutil.copytree(root.root, tmp_path / "root")))
     mesh = read_mesh(other.textured_path(1, ".obj"))
     write_sdf(other.textured_path(1, ".sdf"), single_precision_grid(mesh))
+    computed, stored = grid_object(root, 1).grid, grid_object(other, 1).grid
+    np.testing.assert_array_equal(computed.values, stored.values)
+    assert computed.spacing == stored.spacing
     assert run(pristine, other, tmp_path / "r.json").exit_code == 0
     for scene_id in (100, 160):
         theirs, ours = verdicts(tmp_path / "r.json", scene_id), verdicts(report, scene_id)

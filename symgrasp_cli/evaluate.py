@@ -92,7 +92,10 @@ def _refuse_mixtures(grasps: Path, protocol: str, *, exact: bool, needs_grasps: 
     if protocol not in PROTOCOLS:
         raise typer.BadParameter(f"{protocol!r} is not known; known are {', '.join(PROTOCOLS)}")
     if protocol == "graspnet" and not grasps.is_dir():
-        raise typer.BadParameter(f"{grasps} is a file; --protocol graspnet takes a dump's folder")
+        raise typer.BadParameter(
+            f"{grasps} is a file; --protocol graspnet takes the folder of a dump, which "
+            "`symgrasp export` makes of a grasps.h5"
+        )
     if protocol == "graspnet" and needs_grasps:
         raise typer.BadParameter("--baselines and --success go with a grasps.h5, not with a dump")
     if protocol != "graspnet" and grasps.is_dir():

@@ -191,7 +191,8 @@ def _check_names(config: InferConfig) -> None:
 
 
 def _item(source: FrameSource, settings: _Settings, common: dict[str, str]) -> WorkItem:
-    inputs = common | {path.name: digest(path) for path in source.files}
+    # Colour and depth may have one name, in two folders.
+    inputs = common | {f"{i} {path.name}": digest(path) for i, path in enumerate(source.files)}
     stamp = make_stamp(STAGE, settings.config, seed=settings.seed, inputs=inputs)
     target = grasps_file.shard_path(settings.paths.output, source.name)
     return WorkItem(source.name, target, stamp, (source,))

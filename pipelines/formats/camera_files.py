@@ -55,6 +55,8 @@ HEIGHT_KEYS = ("height", "img_height", "_height", "h")
 SCALE_KEYS = ("depth_units_per_metre", "depth_scale", "factor_depth", "scale")
 MATRIX_KEYS = ("cam_K", "K", "k", "intrinsic_matrix", "camera_matrix")
 FORMS = "fx, fy, cx, cy or a 3x3 matrix (cam_K, K, intrinsic_matrix) is expected"
+NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+UNITS_RANGE = (1e-3, 1e9)  # kilometres to nanometres: beyond, a file is damaged
 # A principal point this near the border means intrinsics of another image size.
 CENTRAL = (0.1, 0.9)
 
@@ -77,9 +79,7 @@ class CameraFile:
             value = getattr(self, name)
             if not np.isfinite(value) or value <= 0:
                 raise ValueRangeError(f"{name} of {self.origin}", value, "positive, in pixels")
-        units = self.units_per_metre
-        if units is not None and not (np.isfinite(units) and units > 0):
-            raise ValueRangeError(f"depth scale of {self.origin}", units, "positive")
+        check_units(f"depth scale of {self.origin}", self.units_per_metre)
 
     def at(self, width: int, height: int) -> Intrinsics:
         """Return the intrinsics for images of this size.
@@ -106,11 +106,21 @@ class CameraFile:
     @classmethod
     def from_matrix(cls, path: Path, matrix: NDArray[Any], **facts: Any) -> "CameraFile":  # noqa: ANN401
         """Return the camera of a (3, 3) or (4, 4) `matrix`, as `path` holds it."""
-        K = np.asarray(matrix, dtype=np.float64)
+        try:
+            K = np.asarray(matrix, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise FormatError(path, f"holds what is no number ({error})", FORMS) from error
         if K.shape not in ((3, 3), (4, 4)) or abs(K[2, 2] - 1.0) > 1e-6:
             raise FormatError(path, f"a camera matrix of shape {K.shape}", "3x3 is expected")
         fx, fy, cx, cy = (float(K[row, column]) for row, column in ((0, 0), (1, 1), (0, 2), (1, 2)))
         return cls(fx, fy, cx, cy, origin=str(path), **facts)
+
+
+def check_units(name: str, units: float | None) -> None:
+    """Raise a ValueRangeError if `units` cannot be units per metre; None is unknown, and fine."""
+    low, high = UNITS_RANGE
+    if units is not None and not low <= units <= high:  # written so that nan fails too
+        raise ValueRangeError(name, units, f"between {low:g} and {high:g} units per metre")
 
 
 def parse_camera(text: str) -> CameraFile:
@@ -127,11 +137,21 @@ def parse_camera(text: str) -> CameraFile:
 
 def find_camera_file(folder: Path, name: str) -> Path | None:
     """Return the camera file of frame `name` in `folder`: its own, or the folder's."""
+    return own_camera_file(folder, name) or shared_camera_file(folder)
+
+
+def own_camera_file(folder: Path, name: str) -> Path | None:
+    """Return the camera file of frame `name` alone."""
     own = [folder / f"{name}{mark}{end}" for end in OWN_CAMERA_ENDINGS for mark in "_-."]
-    shared = [folder / file for file in SHARED_CAMERA_FILES]
     own += [folder / f"{name}.json", folder / "meta" / f"{name}.mat"]  # GraspNet's meta/
-    candidates = [*own, *shared, *sorted(folder.glob("*.intr"))]
-    return next((path for path in candidates if path.is_file()), None)
+    return next((path for path in own if path.is_file()), None)
+
+
+def shared_camera_file(folder: Path) -> Path | None:
+    """Return the camera file of all frames in `folder`."""
+    shared = (folder / file for file in SHARED_CAMERA_FILES)
+    found = next((path for path in shared if path.is_file()), None)
+    return found or min(folder.glob("*.intr"), default=None)
 
 
 def read_camera_file(path: Path, frame: str = "") -> CameraFile:
@@ -146,10 +166,10 @@ def read_camera_file(path: Path, frame: str = "") -> CameraFile:
         case ".json" | ".intr":
             content = read_json(path)
             if path.name == "scene_camera.json" and isinstance(content, dict):
-                content = content.get(frame.lstrip("0") or "0", {})
-            return _from_mapping(path, content)
+                content = _camera_of(path, content, frame)
+            return camera_from_mapping(path, content)
         case ".yml" | ".yaml":
-            return _from_mapping(path, _flat_yaml(path))
+            return camera_from_mapping(path, _flat_yaml(path))
         case ".txt":
             return _from_numbers(path)
         case ".npy":
@@ -162,11 +182,17 @@ def read_camera_file(path: Path, frame: str = "") -> CameraFile:
             raise SymgraspError(f"{path} is no camera file; give .json, .yaml, .txt, .npy or .mat")
 
 
-def _from_mapping(path: Path, content: Any) -> CameraFile:  # noqa: ANN401 - JSON of any form
+def camera_from_mapping(path: Path, content: Any) -> CameraFile:  # noqa: ANN401 - JSON
+    """Return the camera of the keys and values that `path` holds.
+
+    Raises:
+        FormatError: keys are missing, or values are no numbers.
+    """
     if not isinstance(content, dict):
         raise FormatError(path, "this is no JSON object", FORMS)
     try:
-        width, height = _first(content, WIDTH_KEYS), _first(content, HEIGHT_KEYS)
+        height, width = content.get("resolution") or (None, None)  # MegaPose's
+        width, height = width or _first(content, WIDTH_KEYS), height or _first(content, HEIGHT_KEYS)
         size = {} if width is None or height is None else {"width": width, "height": height}
         facts: dict[str, Any] = {name: int(value) for name, value in size.items()}
         facts["units_per_metre"] = _units(content)
@@ -178,9 +204,18 @@ def _from_mapping(path: Path, content: Any) -> CameraFile:  # noqa: ANN401 - JSO
         if missing:
             raise FormatError(path, f"lacks {', '.join(missing)}", FORMS)
         fx, fy, cx, cy = (float(value) for value in values.values())
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise FormatError(path, f"holds what is no number ({error})", FORMS) from error
     return CameraFile(fx, fy, cx, cy, origin=str(path), **facts)
+
+
+def _camera_of(path: Path, scene: dict[str, Any], frame: str) -> Any:  # noqa: ANN401 - JSON
+    """Return the camera of one image of a BOP scene; the keys have no leading zeros."""
+    if not frame:
+        raise FormatError(path, "has a camera for each image", "name one camera's file instead")
+    if (key := frame.lstrip("0") or "0") not in scene:
+        raise FormatError(path, f"lacks a camera for image {key}", "each image of rgb/ has one")
+    return scene[key]
 
 
 def _first(content: dict[str, Any], keys: tuple[str, ...]) -> Any:  # noqa: ANN401 - JSON
@@ -228,7 +263,7 @@ def _flat_yaml(path: Path) -> dict[str, Any]:
     """Return the top-level numbers and number lists of a YAML file; all else is left out."""
     text = existing(path).read_text(encoding="utf-8", errors="replace")
     content: dict[str, Any] = {}
-    for key, value in re.findall(r"^(\w+):[ \t]*(\[[^\]]*\]|[-+.\deE]+)[ \t]*$", text, re.M):
-        numbers = [float(part) for part in re.findall(r"[-+]?[\d.]+(?:[eE][-+]?\d+)?", value)]
+    for key, value in re.findall(rf"^(\w+):[ \t]*(\[[^\][]*\]|{NUMBER})[ \t]*$", text, re.M):
+        numbers = [float(part) for part in re.findall(NUMBER, value)]
         content["K" if key == "INTRINSICS" else key] = numbers if "[" in value else numbers[0]
     return content

@@ -3,8 +3,12 @@
 import json
 import os
 import shutil
+import struct
 import tempfile
+import tokenize
+import warnings
 import zipfile
+import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,7 +25,25 @@ Array = NDArray[Any]
 
 # A zip member that claims to unpack to more than this many times its size is a zip bomb.
 MAX_UNPACK_RATIO = 2000
+JPEG_TAIL = 4096  # bytes in which the end mark must lie; some cameras pad with zeros
 MAX_UNPACK_BYTES = 16 * 2**30
+# What numpy and zipfile raise on files that are cut off, damaged, encrypted, or claim a size that
+# does not fit into memory.
+DAMAGED = (
+    ArithmeticError,
+    EOFError,
+    LookupError,
+    MemoryError,
+    OSError,
+    RuntimeError,
+    SyntaxError,
+    TypeError,
+    ValueError,
+    struct.error,
+    tokenize.TokenError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 
 
 @contextmanager
@@ -90,10 +112,18 @@ def read_json(path: Path) -> Any:  # noqa: ANN401 - JSON is any of many types
     """
     try:
         return json.loads(existing(path).read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+    except (ValueError, RecursionError) as error:  # not text, not JSON, too many digits, too deep
         raise FormatError(
             path, f"this is not JSON ({error})", "a JSON text in UTF-8 is expected"
         ) from error
+
+
+def is_file(path: Path) -> bool:
+    """Return whether `path` is a file; False too where it cannot be a path, as damage makes it."""
+    try:
+        return path.is_file()
+    except OSError:  # too long, for one
+        return False
 
 
 def existing(path: Path) -> Path:
@@ -102,7 +132,7 @@ def existing(path: Path) -> Path:
     Raises:
         SymgraspError: there is no such file.
     """
-    if not path.is_file():
+    if not is_file(path):
         raise SymgraspError(f"{path} does not exist; give the path of an existing file")
     return path
 
@@ -134,8 +164,9 @@ def read_npy(path: Path) -> Array:
         FormatError: truncated, not .npy, or pickled objects.
     """
     try:
-        array = np.load(existing(path), allow_pickle=False)
-    except (ValueError, EOFError, OSError, zipfile.BadZipFile) as error:
+        with _old_headers_unmentioned():
+            array = np.load(existing(path), allow_pickle=False)
+    except DAMAGED as error:
         raise FormatError(
             path,
             f"this is not a whole .npy file of numbers ({error})",
@@ -144,6 +175,14 @@ def read_npy(path: Path) -> Array:
     if not isinstance(array, np.ndarray):
         raise FormatError(path, "this is an .npz archive", "a single .npy array is expected")
     return array
+
+
+@contextmanager
+def _old_headers_unmentioned() -> Iterator[None]:
+    """Keep numpy from warning of headers that Python 2 wrote: they are read well."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        yield
 
 
 def write_npz(path: Path, *, compress: bool = True, **arrays: Array) -> None:
@@ -164,7 +203,7 @@ def read_npz(path: Path, required: Sequence[str] = ()) -> dict[str, Array]:
     try:
         with zipfile.ZipFile(existing(path)) as archive:
             _refuse_bomb(path, archive.infolist())
-        with np.load(path, allow_pickle=False) as content:
+        with _old_headers_unmentioned(), np.load(path, allow_pickle=False) as content:
             missing = sorted(set(required) - set(content.files))
             if missing:
                 raise FormatError(
@@ -173,7 +212,7 @@ def read_npz(path: Path, required: Sequence[str] = ()) -> dict[str, Array]:
                     f"it holds {', '.join(content.files)}",
                 )
             return {name: content[name] for name in content.files}
-    except (ValueError, EOFError, OSError, zipfile.BadZipFile, zipfile.zlib.error) as error:  # type: ignore[attr-defined]
+    except DAMAGED as error:
         raise FormatError(
             path,
             f"this is not a whole .npz file of numbers ({error})",
@@ -199,8 +238,11 @@ def read_image(path: Path) -> Array:
         FormatError: truncated or not an image.
     """
     data = existing(path).read_bytes()
-    _refuse_truncated_png(path, data)
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+    _refuse_truncated(path, data)
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+    except cv2.error:  # damage that OpenCV notices too late for an answer of None
+        image = None
     if image is None:
         raise FormatError(path, "this is not a whole image", "a PNG, JPEG or TIFF file is expected")
     if image.ndim == 3 and image.shape[2] == 4:
@@ -208,10 +250,12 @@ def read_image(path: Path) -> Array:
     return np.ascontiguousarray(image[:, :, ::-1]) if image.ndim == 3 else image
 
 
-def _refuse_truncated_png(path: Path, data: bytes) -> None:
-    # OpenCV fills the missing rows of a cut-off PNG with zeros and says nothing.
+def _refuse_truncated(path: Path, data: bytes) -> None:
+    # OpenCV fills the missing rows of a cut-off image and says nothing.
     if data.startswith(b"\x89PNG") and b"IEND" not in data[-16:]:
         raise FormatError(path, "this PNG is cut off", "copy the whole file again")
+    if data.startswith(b"\xff\xd8") and b"\xff\xd9" not in data[-JPEG_TAIL:]:
+        raise FormatError(path, "this JPEG is cut off", "copy the whole file again")
 
 
 def write_image(path: Path, image: Array) -> None:

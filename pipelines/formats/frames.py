@@ -4,9 +4,10 @@ from pathlib import Path
 
 from pipelines.errors import SymgraspError
 from pipelines.formats.camera_files import CameraFile
+from pipelines.formats.layouts.registry import LAYOUTS, frames_in
 from pipelines.formats.masks import read_masks
 from pipelines.formats.rgbd import Frame, FrameSource
-from pipelines.formats.rgbd_folder import LAYOUTS, FrameOptions, frames_in
+from pipelines.formats.rgbd_folder import FrameOptions
 from pipelines.geometry.camera import Intrinsics
 
 __all__ = ["Frame", "FrameSource", "find_frames", "read_masks"]
@@ -23,12 +24,12 @@ def find_frames(
 ) -> list[FrameSource]:
     """List the RGB-D frames of `folder`, sorted by folder and name.
 
-    Flat folders, GraspNet demo folders, GraspNet roots, scenes and camera folders are told apart
-    by their files. A folder that holds frames is not searched further down; one that holds none
-    is searched folder by folder. Nothing is read yet: `FrameSource.read` does, and raises.
+    Layouts are told apart by their files. A folder that holds frames is not searched further
+    down; one that holds none is searched folder by folder. Images are not read yet:
+    `FrameSource.read` does, and raises.
 
     Args:
-        folder: where to look.
+        folder: where to look, or one file of a frame (an image, `.npz`, `.pcd`).
         intrinsics: the camera of all frames, instead of the files beside the images;
             `camera_files.parse_camera` makes one of `--intrinsics`.
         depth_units_per_metre: unit of the depth files, instead of what the camera files say.
@@ -37,14 +38,22 @@ def find_frames(
     Raises:
         SymgraspError: no such folder, or no frames in it.
     """
-    if not folder.is_dir():
-        raise SymgraspError(f"{folder} is not a folder; give the folder that holds the frames")
     stated = CameraFile.of(intrinsics) if isinstance(intrinsics, Intrinsics) else intrinsics
     options = FrameOptions(stated, depth_units_per_metre)
+    if not folder.is_dir():
+        sources = [found for found in _beside(folder, options) if folder in found.files]
+        if not sources:
+            raise SymgraspError(f"{folder} is not a folder; give the folder that holds the frames")
+        return sources
     sources = _search(folder, "", options, camera)
     if not sources:
-        raise SymgraspError(f"{folder} holds no RGB-D frames; looked for {LAYOUTS}")
+        looked_for = ", ".join(layout.looks_like for layout in LAYOUTS)
+        raise SymgraspError(f"{folder} holds no RGB-D frames; looked for {looked_for}")
     return sources
+
+
+def _beside(file: Path, options: FrameOptions) -> list[FrameSource]:
+    return frames_in(file.parent, "", options) if file.is_file() else []
 
 
 def _search(

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from pipelines.errors import FormatError
 from pipelines.formats.files import existing, read_npy, write_bytes, write_npy, write_text
+from pipelines.formats.mat_files import read_mat
 from pipelines.geometry.transforms import make_pose, matrix_to_quaternion, quaternion_to_matrix
 
 log = logging.getLogger(__name__)
@@ -132,7 +133,7 @@ def write_meta(
 
 def read_meta(path: Path) -> FrameMeta:
     """Read `meta/NNNN.mat` or a demo folder's `meta.mat`; poses may be missing."""
-    content = _load_mat(path)
+    content = read_mat(path)
     for name in ("intrinsic_matrix", "factor_depth"):
         if name not in content:
             raise FormatError(
@@ -141,10 +142,11 @@ def read_meta(path: Path) -> FrameMeta:
     matrix = np.asarray(content["intrinsic_matrix"], dtype=np.float64)
     if matrix.shape != (3, 3):
         raise FormatError(path, f"intrinsic_matrix is {matrix.shape}", "(3, 3) is expected")
+    (factor,) = content["factor_depth"].ravel()[:1] if content["factor_depth"].size else (np.nan,)
     ids = np.asarray(content.get("cls_indexes", np.zeros(0)), dtype=np.int64).ravel() - 1
     return FrameMeta(
         intrinsic_matrix=matrix,
-        factor_depth=float(np.asarray(content["factor_depth"], dtype=np.float64).ravel()[0]),
+        factor_depth=float(factor),
         object_ids=tuple(int(i) for i in ids),
         poses=_read_mat_poses(path, content.get("poses"), len(ids)),
     )
@@ -225,17 +227,6 @@ def _read_object(path: Path, element: ElementTree.Element) -> ObjectPose:
         )
     pose = make_pose(quaternion_to_matrix(quaternion), position)
     return ObjectPose(object_id, pose, texts.get("obj_name", "").removesuffix(".ply"))
-
-
-def _load_mat(path: Path) -> dict[str, Any]:
-    existing(path)
-    try:
-        content: dict[str, Any] = scipy.io.loadmat(str(path))
-    except Exception as error:  # scipy raises many kinds on damaged files
-        raise FormatError(
-            path, f"not a MATLAB 5 file ({error})", "a meta .mat is expected"
-        ) from error
-    return content
 
 
 def _read_mat_poses(

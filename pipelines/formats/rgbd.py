@@ -4,6 +4,7 @@ Depth leaves here as float32 metres with 0 = missing: 0, NaN, infinities, negati
 65535 in the file all mean missing.
 """
 
+import functools
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -35,6 +36,8 @@ class Frame:
     color: NDArray[np.uint8]  # (H, W, 3) RGB
     depth: NDArray[np.float32]  # (H, W) metres along the optical axis, 0 = missing
     intrinsics: Intrinsics
+    units_per_metre: float | None = None  # what the file's numbers were divided by, if known
+    notes: tuple[str, ...] = ()  # what was odd, a sentence each
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,7 @@ class FrameSource:
     name: str  # relative to the folder that was searched, with forward slashes
     read: Callable[[], Frame]
     files: tuple[Path, ...] = ()  # the frame's existing files, colour first
+    layout: str = ""  # the name of the layout it was found in
 
 
 def read_color(path: Path) -> NDArray[np.uint8]:
@@ -74,28 +78,7 @@ def read_depth(path: Path, units: DepthUnits) -> NDArray[np.float32]:
     Raises:
         FormatError: colourised, 8 bit, damaged, empty, or in an implausible unit.
     """
-    stored = _stored_depth(path)
-    if stored.ndim == 3 and stored.shape[2] == 1:
-        stored = stored[:, :, 0]
-    if stored.ndim != 2:
-        raise FormatError(
-            path,
-            f"depth has {stored.shape[-1]} channels, as a colourised picture has",
-            "save the raw depth as a 16-bit PNG of one channel",
-        )
-    if stored.dtype.itemsize == 1:
-        raise FormatError(
-            path, "depth has 8 bits", "save the raw depth as a 16-bit PNG, in millimetres"
-        )
-    is_float = stored.dtype.kind == "f"
-    values = stored.astype(np.float32)
-    valid = np.isfinite(values) & (values > 0)
-    if not is_float:
-        valid &= stored != MISSING_DEPTH
-    values[~valid] = 0.0
-    depth = values / np.float32(units.floats if is_float else units.integers)
-    _check_plausible(path, values, depth)
-    return depth
+    return _metres(path, _stored_depth(path), units)[0]
 
 
 def read_pair(
@@ -104,21 +87,40 @@ def read_pair(
     depth_path: Path,
     intrinsics: Callable[[int, int], Intrinsics],
     units: DepthUnits,
+    notes: tuple[str, ...] = (),
 ) -> Frame:
-    """Read a frame from its two images.
+    """Read a frame from its two images; see `make_frame`."""
+    color = functools.partial(read_color, color_path)
+    stored = _stored_depth(depth_path)
+    return make_frame(name, (color_path, color), (depth_path, stored), intrinsics, units, notes)
+
+
+def make_frame(
+    name: str,
+    color: tuple[Path, Callable[[], NDArray[np.uint8]]],
+    depth: tuple[Path, NDArray[Any]],
+    intrinsics: Callable[[int, int], Intrinsics],
+    units: DepthUnits,
+    notes: tuple[str, ...] = (),
+) -> Frame:
+    """Make a frame of what files hold. The depth is looked at first: its faults tell the most.
 
     Args:
         name: the frame's name.
-        color_path: colour image; resampled to the depth if its size is an integer multiple.
-        depth_path: see `read_depth`.
+        color: the file, and what reads (H, W, 3) RGB from it; resampled to the depth's size.
+        depth: the file, and the numbers in it.
         intrinsics: called with the depth's width and height, returns its camera or raises.
         units: see `read_depth`.
+        notes: what is odd about the frame.
     """
-    depth = read_depth(depth_path, units)
-    height, width = depth.shape
+    measured, unit = _metres(*depth, units)
+    height, width = measured.shape
     camera = intrinsics(width, height)
-    color = fit_color(color_path, read_color(color_path), width, height)
-    return Frame(name, color, depth, camera)
+    path, image = color[0], color[1]()
+    fitted = fit_color(path, image, width, height)
+    if fitted is not image:
+        notes += (f"colour of {image.shape[1]}x{image.shape[0]} is resampled to the depth",)
+    return Frame(name, fitted, measured, camera, unit, notes)
 
 
 def fit_color(path: Path, color: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:
@@ -136,15 +138,47 @@ def fit_color(path: Path, color: NDArray[np.uint8], width: int, height: int) -> 
     return np.asarray(cv2.resize(color, (width, height), interpolation=how), dtype=np.uint8)
 
 
+def _metres(
+    path: Path, stored: NDArray[Any], units: DepthUnits
+) -> tuple[NDArray[np.float32], float]:
+    """Return depth (H, W) in metres, 0 = missing, and its unit, of the numbers `path` holds."""
+    if stored.ndim == 3 and stored.shape[2] == 1:
+        stored = stored[:, :, 0]
+    if stored.ndim == 3 and stored.shape[2] in (3, 4):
+        raise FormatError(
+            path,
+            f"depth has {stored.shape[2]} channels, as a colourised picture has",
+            "save the raw depth as a 16-bit PNG of one channel",
+        )
+    if stored.ndim != 2 or stored.size == 0 or stored.dtype.kind not in "fiu":
+        found = f"depth is an array {stored.shape} of {stored.dtype}"
+        raise FormatError(path, found, "numbers of shape (height, width) are expected")
+    if stored.dtype.itemsize == 1:
+        raise FormatError(
+            path, "depth has 8 bits", "save the raw depth as a 16-bit PNG, in millimetres"
+        )
+    is_float = stored.dtype.kind == "f"
+    with np.errstate(over="ignore"):  # too large for float32 is infinite, hence missing
+        values = stored.astype(np.float32)
+    valid = np.isfinite(values) & (values > 0)
+    if not is_float:
+        valid &= stored != MISSING_DEPTH
+    values[~valid] = 0.0
+    unit = units.floats if is_float else units.integers
+    depth = values / np.float32(unit)
+    _check_plausible(path, values, depth)
+    return depth, unit
+
+
 def _stored_depth(path: Path) -> NDArray[Any]:
     match path.suffix.lower():
         case ".npy":
             return read_npy(path)
         case ".npz":
             arrays = read_npz(path)
-            if len(arrays) != 1 and "depth" not in arrays:
+            if not arrays or (len(arrays) != 1 and "depth" not in arrays):
                 raise FormatError(path, f"holds {sorted(arrays)}", "name one array `depth`")
-            return arrays.get("depth", next(iter(arrays.values())))
+            return arrays["depth"] if "depth" in arrays else next(iter(arrays.values()))
         case _:
             return read_image(path)
 

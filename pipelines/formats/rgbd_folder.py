@@ -7,19 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipelines.errors import FormatError
-from pipelines.formats.camera_files import CameraFile, find_camera_file, read_camera_file
-from pipelines.formats.rgbd import DepthUnits, Frame, FrameSource, read_pair
+from pipelines.formats.camera_files import CameraFile, check_units, read_camera_file
+from pipelines.formats.rgbd import DepthUnits, Frame, read_pair
 from pipelines.geometry.camera import Intrinsics
 
 COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz")
 COLOR_WORDS = ("color", "colour", "rgb")
-COLOR_FOLDERS = ("rgb", "color", "image", "images")
-LAYOUTS = (
-    "*_color.png beside *_depth.png with *_camera.json, color_*.png beside depth_*.png, "
-    "rgb/ beside depth/, color.png beside depth.png with meta.mat, "
-    "GraspNet's scenes/scene_*/{kinect,realsense}"
-)
+COLOR_FOLDERS = ("rgb", "color", "image", "images", "gray")
 NO_CAMERA = (
     "give --intrinsics fx,fy,cx,cy, or put a camera file "
     "(*_camera.json, intrinsics.json, cam_K.txt, ...) beside it"
@@ -33,38 +28,28 @@ class FrameOptions:
     camera: CameraFile | None = None
     depth_units_per_metre: float | None = None
 
+    def __post_init__(self) -> None:
+        check_units("--depth-units-per-metre", self.depth_units_per_metre)
+
 
 @dataclass(frozen=True)
 class ImagePair:
     """The colour and depth files of one frame; one of them may be missing."""
 
     stem: str  # what is left of the file name, "" if it was only `color` or `rgb`
-    folder: Path  # where its camera file is looked for
     color: Path | None
     depth: Path | None
 
 
-def frames_in(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
-    """List the frames that lie directly in `folder`, sorted by name, empty if there are none.
-
-    Args:
-        folder: a flat folder, a demo folder, or one with `rgb/` and `depth/` below it.
-        prefix: the name of the folder relative to what the user gave, "" for that itself.
-        options: what the user states about the camera.
-    """
-    pairs = _flat_pairs(folder) or _sister_pairs(folder)
-    sources = []
-    for pair in sorted(pairs, key=lambda pair: pair.stem):
-        name = "/".join(part for part in (prefix, pair.stem) if part) or folder.resolve().name
-        files = tuple(path for path in (pair.color, pair.depth) if path is not None)
-        sources.append(FrameSource(name, functools.partial(_read, name, pair, options), files))
-    return sources
-
-
 def read_with_camera(
-    name: str, color: Path, depth: Path, camera_file: Path | None, options: FrameOptions
+    name: str,
+    color: Path,
+    depth: Path,
+    camera_file: Path | None,
+    options: FrameOptions,
+    usual_units: float = DepthUnits().integers,
 ) -> Frame:
-    """Read one frame: stated options first, then what `camera_file` says, then millimetres.
+    """Read one frame: stated options first, then what `camera_file` says, then `usual_units`.
 
     Raises:
         FormatError: no intrinsics, or a fault of the images (see `read_depth`).
@@ -82,7 +67,7 @@ def read_with_camera(
         known = (options.camera and options.camera.units_per_metre) or (
             written and written.units_per_metre
         )
-        units = DepthUnits(known or DepthUnits().integers)
+        units = DepthUnits(known or usual_units)
     return read_pair(name, color, depth, intrinsics, units)
 
 
@@ -90,19 +75,7 @@ def _refuse(color: Path, _width: int, _height: int) -> Intrinsics:
     raise FormatError(color, "no intrinsics are known for this frame", NO_CAMERA)
 
 
-def _read(name: str, pair: ImagePair, options: FrameOptions) -> Frame:
-    if pair.depth is None or pair.color is None:
-        present = pair.color or pair.depth
-        missing = "depth" if pair.depth is None else "colour"
-        raise FormatError(
-            str(present), f"has no {missing} image beside it", f"frames are found as {LAYOUTS}"
-        )
-    camera_file = find_camera_file(pair.folder, pair.stem) if pair.stem else None
-    camera_file = camera_file or find_camera_file(pair.folder, pair.color.stem)
-    return read_with_camera(name, pair.color, pair.depth, camera_file, options)
-
-
-def _flat_pairs(folder: Path) -> list[ImagePair]:
+def flat_pairs(folder: Path) -> list[ImagePair]:
     """Pair files by name: `x_color`, `x-rgb`, `color_x`, `color`, `image` with their depth."""
     files = sorted(path for path in folder.iterdir() if path.is_file())
     colors = _by_stem(files, COLOR_SUFFIXES, COLOR_WORDS)
@@ -114,7 +87,7 @@ def _flat_pairs(folder: Path) -> list[ImagePair]:
         if plain is not None and plain.suffix.lower() in COLOR_SUFFIXES:
             colors[""] = plain
     stems = sorted(colors.keys() | depths.keys())
-    return [ImagePair(stem, folder, colors.get(stem), depths.get(stem)) for stem in stems]
+    return [ImagePair(stem, colors.get(stem), depths.get(stem)) for stem in stems]
 
 
 def _by_stem(
@@ -140,7 +113,7 @@ def _without_word(stem: str, words: tuple[str, ...]) -> str | None:
     return None if match is None else match[1] or match[2]
 
 
-def _sister_pairs(folder: Path) -> list[ImagePair]:
+def sister_pairs(folder: Path) -> list[ImagePair]:
     """Pair `rgb/x` with `depth/x`; several names of the colour folder are in use."""
     depth_folder = folder / "depth"
     color_folder = next((folder / n for n in COLOR_FOLDERS if (folder / n).is_dir()), None)
@@ -149,4 +122,4 @@ def _sister_pairs(folder: Path) -> list[ImagePair]:
     colors = {p.stem: p for p in color_folder.iterdir() if p.suffix.lower() in COLOR_SUFFIXES}
     depths = {p.stem: p for p in depth_folder.iterdir() if p.suffix.lower() in DEPTH_SUFFIXES}
     stems = sorted(colors.keys() | depths.keys())
-    return [ImagePair(stem, folder, colors.get(stem), depths.get(stem)) for stem in stems]
+    return [ImagePair(stem, colors.get(stem), depths.get(stem)) for stem in stems]

@@ -153,6 +153,12 @@ def test_stated_intrinsics_and_units_win_over_files(flat: Path) -> None:
     assert_allclose(frame.depth[0, 2], 0.35)
 
 
+@pytest.mark.parametrize("units", [0.0, -1000.0, float("nan"), float("inf")])
+def test_units_that_are_none_are_refused(flat: Path, units: float) -> None:
+    with pytest.raises(SymgraspError, match="--depth-units-per-metre is"):
+        find_frames(flat, depth_units_per_metre=units)
+
+
 def test_intrinsics_of_another_size_are_refused(tmp_path: Path, save: Save) -> None:
     save(tmp_path / "x_color.png", tmp_path / "x_depth.png", None)
     other = Intrinsics(120.0, 120.0, 64.0, 48.0, 128, 96)

@@ -1,0 +1,143 @@
+"""Contact-GraspNet's and 6-DOF GraspNet's frames: named arrays in one `.npz` a frame.
+
+    depth              (H, W) float metres; whole numbers are millimetres
+    K                  (3, 3); also `intrinsics_matrix`, `intrinsic_matrix`, `cam_K`
+    rgb                (H, W, 3) uint8 in the order **BGR**, as Contact-GraspNet has it; optional
+    image              (H, W, 3) uint8 RGB, as 6-DOF GraspNet has it
+
+Their `.npy` files are pickled dictionaries, which can run any code: they are refused, and the
+sentence says how to convert them.
+"""
+
+import functools
+import re
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.errors import FormatError
+from pipelines.formats.camera_files import CameraFile
+from pipelines.formats.files import read_npz
+from pipelines.formats.layouts.layout import Layout, frame_name
+from pipelines.formats.rgbd import DepthUnits, Frame, FrameSource, make_frame
+from pipelines.formats.rgbd_folder import FrameOptions
+
+NAME = "Contact-GraspNet / 6-DOF GraspNet arrays"
+PICKLED_NAME = "Contact-GraspNet / 6-DOF GraspNet pickles"
+CAMERA_KEYS = ("K", "intrinsics_matrix", "intrinsic_matrix", "cam_K")
+CLOUD_KEYS = ("xyz", "xyz_color")
+GREY = 128
+HEADER_BYTES = 256  # of a .npy; its type stands in the first hundred
+PICKLES = (".npy", ".pkl", ".pickle")
+
+
+def find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
+    """List the `.npz` files of `folder` that hold a frame, and pickles that have no such twin."""
+    files = [path for path in sorted(folder.glob("*.npz")) if _holds_frame(path)]
+    sources = []
+    for path in files:
+        name = frame_name(folder, prefix, path.stem)
+        read = functools.partial(_read, name, path, options)
+        sources.append(FrameSource(name, read, (path,), NAME))
+    twins = {path.stem for path in files}
+    pickled = find_pickled(folder, prefix, options) if files else []
+    return sources + [source for source in pickled if source.files[0].stem not in twins]
+
+
+def find_pickled(folder: Path, prefix: str, _options: FrameOptions) -> list[FrameSource]:
+    """List the `.npy` files of `folder` that hold a pickle; to read one raises."""
+    sources = []
+    for path in sorted(folder.glob("*.npy")):
+        if is_pickled(path):
+            name = frame_name(folder, prefix, path.stem)
+            sources.append(
+                FrameSource(name, functools.partial(_refuse, path), (path,), PICKLED_NAME)
+            )
+    return sources
+
+
+def is_pickled(path: Path) -> bool:
+    """Return whether a `.npy` holds Python objects instead of numbers; nothing is unpickled."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as stream:
+        header = stream.read(HEADER_BYTES)
+    return re.search(rb"'descr': *'\|?O[48]?'", header) is not None
+
+
+def frame_of_arrays(
+    name: str, path: Path, arrays: dict[str, NDArray[Any]], options: FrameOptions
+) -> Frame:
+    """Return the frame that the named arrays of `path` make.
+
+    Raises:
+        FormatError: no depth, no camera, or arrays that are none of the two.
+    """
+    if "depth" not in arrays:
+        kind = "a point cloud" if set(CLOUD_KEYS) & set(arrays) else f"{sorted(arrays)}"
+        raise FormatError(path, f"holds {kind} without a depth image", "add the array `depth`")
+    notes: tuple[str, ...] = ()
+    depth = arrays["depth"]
+    key = next((key for key in ("rgb", "image") if key in arrays), None)
+    if key is None:
+        notes = ("has no colour (rgb or image); grey is taken",)
+        color = np.full((*depth.shape[:2], 3), GREY, np.uint8)
+    else:
+        color = _color(path, key, arrays[key])
+    camera = options.camera or _camera(path, arrays)
+    unit = options.depth_units_per_metre
+    units = DepthUnits() if unit is None else DepthUnits(unit, unit)
+    return make_frame(name, (path, lambda: color), (path, depth), camera.at, units, notes)
+
+
+def _read(name: str, path: Path, options: FrameOptions) -> Frame:
+    return frame_of_arrays(name, path, read_npz(path), options)
+
+
+def _refuse(path: Path) -> Frame:
+    raise FormatError(
+        path,
+        "holds a pickled dictionary, which can run any code when it is read",
+        f"if you trust it, `symgrasp convert-frames {path} --out DIR --trust-pickle` "
+        "takes the arrays out",
+    )
+
+
+def _holds_frame(path: Path) -> bool:
+    """Return whether an `.npz` names a camera or a colour beside its depth; only its list is read.
+
+    An `.npz` of depth alone belongs to a colour image of its name.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = {name.removesuffix(".npy") for name in archive.namelist()}
+    except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile):
+        # Damaged: whose it is the other files say, and reading it says what is wrong.
+        return not any(word in path.stem.lower() for word in ("depth", "color", "rgb"))
+    others = {*CAMERA_KEYS, "rgb", "image"}
+    return ("depth" in names and bool(names & others)) or bool(names & {CLOUD_KEYS[0]})
+
+
+def _color(path: Path, key: str, stored: NDArray[Any]) -> NDArray[np.uint8]:
+    if stored.ndim != 3 or stored.shape[2] not in (3, 4) or stored.dtype != np.uint8:
+        found = f"`{key}` is an array {stored.shape} of {stored.dtype}"
+        raise FormatError(path, found, "(height, width, 3) of uint8 is expected")
+    if 0 in stored.shape:
+        raise FormatError(path, f"`{key}` is empty", "(height, width, 3) of uint8 is expected")
+    color = stored[:, :, :3]
+    return np.ascontiguousarray(color[:, :, ::-1] if key == "rgb" else color)
+
+
+def _camera(path: Path, arrays: dict[str, NDArray[Any]]) -> CameraFile:
+    key = next((key for key in CAMERA_KEYS if key in arrays), None)
+    if key is None:
+        expected = f"add one of {', '.join(CAMERA_KEYS)}, or give --intrinsics fx,fy,cx,cy"
+        raise FormatError(path, "has no camera matrix", expected)
+    return CameraFile.from_matrix(path, arrays[key])
+
+
+LAYOUT = Layout(NAME, "*.npz with the arrays depth, K and rgb", find)
+PICKLED = Layout(PICKLED_NAME, "their pickled *.npy", find_pickled)

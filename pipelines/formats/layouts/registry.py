@@ -1,0 +1,50 @@
+"""All layouts of RGB-D frames, most specific first: the first that finds frames has the folder."""
+
+import functools
+from pathlib import Path
+
+from pipelines.errors import SymgraspError
+from pipelines.formats.layouts import arrays, nerfstudio, paired, pcd, tum
+from pipelines.formats.layouts.layout import Layout, frame_name
+from pipelines.formats.rgbd import Frame, FrameSource
+from pipelines.formats.rgbd_folder import FrameOptions
+
+LAYOUTS: tuple[Layout, ...] = (
+    paired.GRASPNET_SCENE,
+    paired.GRASPNET_DEMO,
+    paired.BOP_SCENE,
+    paired.BOP_IMAGE,
+    paired.RECORDER,
+    paired.YCB_VIDEO,
+    paired.PRINCETON,
+    paired.SCANNET,
+    tum.LAYOUT,
+    nerfstudio.LAYOUT,
+    paired.FOUNDATION_POSE,
+    paired.GQCNN,
+    arrays.LAYOUT,
+    paired.FLAT,
+    paired.SISTERS,
+    pcd.LAYOUT,
+    arrays.PICKLED,
+)
+
+
+def frames_in(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
+    """List the frames that lie directly in `folder`, empty if there are none.
+
+    A folder whose index is damaged gives one source, which raises what is wrong with it.
+    """
+    for layout in LAYOUTS:
+        try:
+            found = layout.find(folder, prefix, options)
+        except SymgraspError as error:
+            name = frame_name(folder, prefix, "")
+            return [FrameSource(name, functools.partial(_refuse, error), (), layout.name)]
+        if found:
+            return found
+    return []
+
+
+def _refuse(error: SymgraspError) -> Frame:
+    raise error

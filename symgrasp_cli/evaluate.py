@@ -6,7 +6,17 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import EvaluateConfig, EvaluateDumpConfig
-from symgrasp_cli.options import Backend, DryRun, Overwrite, Seed, Workers, batch_options
+from symgrasp_cli.options import (
+    Backend,
+    DatasetRoot,
+    DryRun,
+    GripperUsed,
+    MinVisiblePixels,
+    Overwrite,
+    Seed,
+    Workers,
+    batch_options,
+)
 from symgrasp_cli.report import conclude, show_table
 
 PROTOCOLS = ("symgrasp", "graspnet")
@@ -22,10 +32,7 @@ def evaluate(
         ),
     ],
     *,
-    dataset: Annotated[
-        Path,
-        typer.Option(exists=True, file_okay=False, help="Root of the dataset, GraspNet's layout."),
-    ],
+    dataset: DatasetRoot,
     out: Annotated[Path, typer.Option(help="Report to write; beside it goes a page, .html.")] = (
         Path("report.json")
     ),
@@ -53,12 +60,8 @@ def evaluate(
         Path | None,
         typer.Option(exists=True, dir_okay=False, help="success.json of `simulate`: Table III."),
     ] = None,
-    gripper: Annotated[
-        str, typer.Option(help="Gripper preset or TOML file; by default the one of the grasps.")
-    ] = EvaluateConfig.gripper,
-    min_visible_pixels: Annotated[
-        int, typer.Option(min=1, help="Objects with fewer visible pixels do not count.")
-    ] = EvaluateConfig.min_visible_pixels,
+    gripper: GripperUsed = EvaluateConfig.gripper,
+    min_visible_pixels: MinVisiblePixels = EvaluateConfig.min_visible_pixels,
     workers: Workers = 1,
     backend: Backend = "loky",
     seed: Seed = 0,

@@ -6,7 +6,10 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import ExportConfig
-from symgrasp_cli.options import Overwrite
+from symgrasp_cli.options import (
+    GripperUsed,
+    Overwrite,
+)
 from symgrasp_cli.report import conclude
 
 
@@ -19,9 +22,7 @@ def export(
     to: Annotated[
         str, typer.Option(help="Format: graspnet, graspnetAPI's dump of 17 columns a grasp.")
     ] = ExportConfig.to,
-    gripper: Annotated[
-        str, typer.Option(help="Gripper preset or TOML file; by default the one of the grasps.")
-    ] = ExportConfig.gripper,
+    gripper: GripperUsed = ExportConfig.gripper,
     overwrite: Overwrite = False,
 ) -> None:
     """Write grasps in the formats of other tools."""

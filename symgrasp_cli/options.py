@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -28,6 +29,16 @@ CameraName = Annotated[
 FrameStride = Annotated[int, typer.Option(min=1, help="Take every n-th frame of a scene.")]
 MeshScale = Annotated[
     float, typer.Option(min=1e-6, help="Metres a unit of the mesh's file; 0.001 for millimetres.")
+]
+DatasetRoot = Annotated[
+    Path,
+    typer.Option(exists=True, file_okay=False, help="Root of the dataset, GraspNet's layout."),
+]
+GripperUsed = Annotated[
+    str, typer.Option(help="Gripper preset or TOML file; by default the one of the grasps.")
+]
+MinVisiblePixels = Annotated[
+    int, typer.Option(min=1, help="Objects with fewer visible pixels do not count.")
 ]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on with an unfinished training.")]
 Threads = Annotated[int, typer.Option(min=1, help="CPU cores to train on.")]

@@ -7,7 +7,17 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import SimulateConfig
-from symgrasp_cli.options import Backend, DryRun, Overwrite, Seed, Workers, batch_options
+from symgrasp_cli.options import (
+    Backend,
+    DatasetRoot,
+    DryRun,
+    GripperUsed,
+    MinVisiblePixels,
+    Overwrite,
+    Seed,
+    Workers,
+    batch_options,
+)
 from symgrasp_cli.report import conclude, show_table
 
 DEFAULTS = SimulateConfig()
@@ -20,10 +30,7 @@ def simulate(
         typer.Argument(exists=True, dir_okay=False, help="grasps.h5 of `infer` on the dataset."),
     ],
     *,
-    dataset: Annotated[
-        Path,
-        typer.Option(exists=True, file_okay=False, help="Root of the dataset, GraspNet's layout."),
-    ],
+    dataset: DatasetRoot,
     out: Annotated[Path, typer.Option(help="Rates to write; trials go beside it.")] = (
         Path("success.json")
     ),
@@ -31,12 +38,8 @@ def simulate(
         str,
         typer.Option(metavar="MU,...", help="Frictions of fingers and objects, each one a trial."),
     ] = FRICTIONS,
-    gripper: Annotated[
-        str, typer.Option(help="Gripper preset or TOML file; by default the one of the grasps.")
-    ] = DEFAULTS.gripper,
-    min_visible_pixels: Annotated[
-        int, typer.Option(min=1, help="Objects with fewer visible pixels do not count.")
-    ] = DEFAULTS.min_visible_pixels,
+    gripper: GripperUsed = DEFAULTS.gripper,
+    min_visible_pixels: MinVisiblePixels = DEFAULTS.min_visible_pixels,
     workers: Workers = 1,
     backend: Backend = "loky",
     seed: Seed = 0,

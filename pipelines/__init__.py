@@ -13,6 +13,8 @@ pack                 ROOT frames, symmetry, affordance           PACKED/scene_XX
 export_coco          ROOT frames, symmetry                       a COCO instance dataset
 finetune_detector    ROOT or COCO frames, symmetry               detector.safetensors
 train                PACKED                                      network.safetensors
+inspect              RGB-D frames of any layout                  nothing; says what they are
+convert_frames       RGB-D frames of any layout                  RGB-D frames as flat pairs
 infer                RGB-D frames, both weights                  grasps.h5, overlay pictures
 export               grasps.h5                                   dumps for graspnetAPI
 score_grasps         any mesh, any grasps (N, 17)                verdicts.npz

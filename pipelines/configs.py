@@ -271,6 +271,20 @@ class InferConfig:
 
 
 @dataclass(frozen=True)
+class InspectConfig:
+    """What would be read of a folder of frames."""
+
+    max_frames: int = 100  # read, evenly spread over what is found
+
+
+@dataclass(frozen=True)
+class ConvertFramesConfig:
+    """Frames of any layout as flat pairs."""
+
+    trust_pickle: bool = False  # also take the arrays out of pickles; D. 53
+
+
+@dataclass(frozen=True)
 class ExportConfig:
     """Grasps in the formats of other tools."""
 

@@ -26,6 +26,7 @@ from pipelines.formats.grasps_file import FrameResult
 from pipelines.formats.gripper_files import load_gripper
 from pipelines.formats.overlays import write_overlay
 from pipelines.formats.provenance import Stamp, digest, is_finished, make_stamp, read_stamp
+from pipelines.formats.registration import oddities
 from pipelines.inference import models
 from pipelines.inference.frame_grasps import Planner
 from pipelines.inference.regions import SOURCES
@@ -172,7 +173,7 @@ def infer_frame(item: WorkItem, settings: _Settings) -> str | None:
     if settings.paths.overlays is not None:
         write_overlay(overlay_path(settings.paths.overlays, source.name), frame, result)
     grasps_file.write_shard(item.target, result, item.stamp)
-    return result.message or None
+    return "; ".join(filter(None, (*oddities(frame), result.message))) or None
 
 
 def overlay_path(folder: Path, frame_name: str) -> Path:

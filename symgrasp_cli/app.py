@@ -10,11 +10,13 @@ from typer.core import TyperGroup
 from pipelines.errors import SymgraspError
 from symgrasp_cli.annotate_symmetry import annotate_symmetry
 from symgrasp_cli.compare import compare
+from symgrasp_cli.convert_frames import convert_frames
 from symgrasp_cli.evaluate import evaluate
 from symgrasp_cli.export import export
 from symgrasp_cli.export_coco import export_coco
 from symgrasp_cli.finetune_detector import finetune_detector
 from symgrasp_cli.infer import infer
+from symgrasp_cli.inspect import inspect
 from symgrasp_cli.label_grasps import label_grasps
 from symgrasp_cli.pack import pack
 from symgrasp_cli.refine_grasps import refine_grasps
@@ -33,6 +35,8 @@ COMMANDS = (
     export_coco,
     finetune_detector,
     train,
+    inspect,
+    convert_frames,
     infer,
     export,
     score_grasps,

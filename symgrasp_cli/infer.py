@@ -8,8 +8,11 @@ import typer
 from pipelines.configs import InferConfig, SelectionConfig
 from symgrasp_cli.options import (
     Backend,
+    DepthUnitsPerMetre,
     Device,
     DryRun,
+    FrameFolder,
+    IntrinsicsText,
     Overwrite,
     Seed,
     Workers,
@@ -19,9 +22,7 @@ from symgrasp_cli.report import conclude
 
 
 def infer(
-    frames: Annotated[
-        Path, typer.Argument(help="Folder of RGB-D frames: flat, GraspNet scenes, demo folders.")
-    ],
+    frames: FrameFolder,
     out: Annotated[Path, typer.Option(help="The file of grasps to write.")] = Path("grasps.h5"),
     overlays: Annotated[
         Path | None, typer.Option(help="Folder for a picture of every frame's grasps.")
@@ -46,12 +47,8 @@ def infer(
     grounding: Annotated[
         bool, typer.Option(help="Fit predicted symmetries to the surface that is seen.")
     ] = SelectionConfig.ground_symmetries,
-    intrinsics: Annotated[
-        str | None, typer.Option(help="fx,fy,cx,cy in pixels, or a camera file, for all frames.")
-    ] = None,
-    depth_units_per_metre: Annotated[
-        float | None, typer.Option(help="What depth values are divided by to give metres.")
-    ] = None,
+    intrinsics: IntrinsicsText = None,
+    depth_units_per_metre: DepthUnitsPerMetre = None,
     detector: Annotated[
         Path | None, typer.Option(help="Weights of the region detector, if not the default.")
     ] = None,

@@ -41,6 +41,16 @@ MinVisiblePixels = Annotated[
     int, typer.Option(min=1, help="Objects with fewer visible pixels do not count.")
 ]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on with an unfinished training.")]
+FrameFolder = Annotated[
+    Path,
+    typer.Argument(help="Folder of RGB-D frames in any layout of FORMATS.md, or a frame's file."),
+]
+IntrinsicsText = Annotated[
+    str | None, typer.Option(help="fx,fy,cx,cy in pixels, or a camera file, for all frames.")
+]
+DepthUnitsPerMetre = Annotated[
+    float | None, typer.Option(help="What depth values are divided by to give metres.")
+]
 Threads = Annotated[int, typer.Option(min=1, help="CPU cores to train on.")]
 TimeLimit = Annotated[
     float | None,

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from pipelines.errors import SymgraspError
 from pipelines.formats.camera_files import CameraFile
-from pipelines.formats.layouts.registry import LAYOUTS, frames_in
+from pipelines.formats.layouts.registry import LAYOUTS, frames_in, pickled_in
 from pipelines.formats.masks import read_masks
 from pipelines.formats.rgbd import Frame, FrameSource
 from pipelines.formats.rgbd_folder import FrameOptions
@@ -21,6 +21,7 @@ def find_frames(
     intrinsics: CameraFile | Intrinsics | None = None,
     depth_units_per_metre: float | None = None,
     camera: str | None = None,
+    trust_pickles: bool = False,
 ) -> list[FrameSource]:
     """List the RGB-D frames of `folder`, sorted by folder and name.
 
@@ -34,12 +35,13 @@ def find_frames(
             `camera_files.parse_camera` makes one of `--intrinsics`.
         depth_units_per_metre: unit of the depth files, instead of what the camera files say.
         camera: of GraspNet scenes only this camera, `kinect` or `realsense`; all if None.
+        trust_pickles: take the arrays out of pickles too, with `plain_pickle`.
 
     Raises:
         SymgraspError: no such folder, or no frames in it.
     """
     stated = CameraFile.of(intrinsics) if isinstance(intrinsics, Intrinsics) else intrinsics
-    options = FrameOptions(stated, depth_units_per_metre)
+    options = FrameOptions(stated, depth_units_per_metre, trust_pickles)
     if not folder.is_dir():
         sources = [found for found in _beside(folder, options) if folder in found.files]
         if not sources:
@@ -53,7 +55,12 @@ def find_frames(
 
 
 def _beside(file: Path, options: FrameOptions) -> list[FrameSource]:
-    return frames_in(file.parent, "", options) if file.is_file() else []
+    """List the frames of the file's folder, and of the one above: images may lie in `rgb/`."""
+    if not file.is_file():
+        return []
+    folders = (file.parent, file.parent.parent)
+    found = [source for folder in folders for source in frames_in(folder, "", options)]
+    return found + pickled_in(file.parent, "", options)
 
 
 def _search(
@@ -73,4 +80,4 @@ def _search(
         if child.is_dir() and not child.name.startswith("."):
             name = f"{prefix}/{child.name}" if prefix else child.name
             sources += _search(child, name, options, camera)
-    return sources
+    return sources or pickled_in(folder, prefix, options)

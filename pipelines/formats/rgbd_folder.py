@@ -23,10 +23,11 @@ NO_CAMERA = (
 
 @dataclass(frozen=True)
 class FrameOptions:
-    """What the user states about the camera; None = as the files beside the images say."""
+    """What the user states about the frames; None = as the files beside the images say."""
 
     camera: CameraFile | None = None
     depth_units_per_metre: float | None = None
+    trust_pickles: bool = False
 
     def __post_init__(self) -> None:
         check_units("--depth-units-per-metre", self.depth_units_per_metre)

@@ -5,8 +5,8 @@
     rgb                (H, W, 3) uint8 in the order **BGR**, as Contact-GraspNet has it; optional
     image              (H, W, 3) uint8 RGB, as 6-DOF GraspNet has it
 
-Their `.npy` files are pickled dictionaries, which can run any code: they are refused, and the
-sentence says how to convert them.
+Their `.npy` files (and `.pkl`) are pickled dictionaries, which can run any code: they are refused,
+and the sentence says how to convert them.
 """
 
 import functools
@@ -22,6 +22,7 @@ from pipelines.errors import FormatError
 from pipelines.formats.camera_files import CameraFile
 from pipelines.formats.files import read_npz
 from pipelines.formats.layouts.layout import Layout, frame_name
+from pipelines.formats.plain_pickle import read_plain_pickle
 from pipelines.formats.rgbd import DepthUnits, Frame, FrameSource, make_frame
 from pipelines.formats.rgbd_folder import FrameOptions
 
@@ -47,15 +48,18 @@ def find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
     return sources + [source for source in pickled if source.files[0].stem not in twins]
 
 
-def find_pickled(folder: Path, prefix: str, _options: FrameOptions) -> list[FrameSource]:
-    """List the `.npy` files of `folder` that hold a pickle; to read one raises."""
+def find_pickled(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
+    """List the files of `folder` that hold a pickle; to read one raises, unless it is trusted.
+
+    What a `.pkl` is about nobody knows: it is listed only if pickles are trusted.
+    """
+    suffixes = PICKLES if options.trust_pickles else PICKLES[:1]
     sources = []
-    for path in sorted(folder.glob("*.npy")):
-        if is_pickled(path):
+    for path in sorted(path for path in folder.iterdir() if path.suffix in suffixes):
+        if path.suffix != ".npy" or is_pickled(path):
             name = frame_name(folder, prefix, path.stem)
-            sources.append(
-                FrameSource(name, functools.partial(_refuse, path), (path,), PICKLED_NAME)
-            )
+            read = functools.partial(_read_pickled, name, path, options)
+            sources.append(FrameSource(name, read, (path,), PICKLED_NAME))
     return sources
 
 
@@ -97,13 +101,20 @@ def _read(name: str, path: Path, options: FrameOptions) -> Frame:
     return frame_of_arrays(name, path, read_npz(path), options)
 
 
-def _refuse(path: Path) -> Frame:
-    raise FormatError(
-        path,
-        "holds a pickled dictionary, which can run any code when it is read",
-        f"if you trust it, `symgrasp convert-frames {path} --out DIR --trust-pickle` "
-        "takes the arrays out",
-    )
+def _read_pickled(name: str, path: Path, options: FrameOptions) -> Frame:
+    if not options.trust_pickles:
+        raise FormatError(
+            path,
+            "holds a pickled dictionary, which can run any code when it is read",
+            f"if you trust it, `symgrasp convert-frames {path} --out DIR --trust-pickle` "
+            "takes the arrays out",
+        )
+    content = read_plain_pickle(path)
+    if not isinstance(content, dict):
+        found = f"holds a {type(content).__name__}"
+        raise FormatError(path, found, "a dictionary of arrays is expected")
+    arrays = {key: value for key, value in content.items() if isinstance(value, np.ndarray)}
+    return frame_of_arrays(name, path, arrays, options)
 
 
 def _holds_frame(path: Path) -> bool:

@@ -26,8 +26,9 @@ LAYOUTS: tuple[Layout, ...] = (
     paired.FLAT,
     paired.SISTERS,
     pcd.LAYOUT,
-    arrays.PICKLED,
 )
+# Asked of folders that hold no frame, nor do those below: a stray pickle must not hide any.
+LAST_RESORT = arrays.PICKLED
 
 
 def frames_in(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
@@ -36,14 +37,22 @@ def frames_in(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSou
     A folder whose index is damaged gives one source, which raises what is wrong with it.
     """
     for layout in LAYOUTS:
-        try:
-            found = layout.find(folder, prefix, options)
-        except SymgraspError as error:
-            name = frame_name(folder, prefix, "")
-            return [FrameSource(name, functools.partial(_refuse, error), (), layout.name)]
-        if found:
+        if found := _found(layout, folder, prefix, options):
             return found
     return []
+
+
+def pickled_in(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
+    """List the pickles in `folder`; to read one raises, unless pickles are trusted."""
+    return _found(LAST_RESORT, folder, prefix, options)
+
+
+def _found(layout: Layout, folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
+    try:
+        return layout.find(folder, prefix, options)
+    except SymgraspError as error:
+        name = frame_name(folder, prefix, "")
+        return [FrameSource(name, functools.partial(_refuse, error), (), layout.name)]
 
 
 def _refuse(error: SymgraspError) -> Frame:

@@ -2,6 +2,7 @@
 
 import functools
 import re
+from dataclasses import replace
 from pathlib import Path
 
 from pipelines.errors import FormatError
@@ -38,7 +39,7 @@ def find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
         return []
     camera_file = find_camera_file(folder, "rgb")
     if options.camera is None and camera_file is None:
-        options = FrameOptions(_published(folder), options.depth_units_per_metre)
+        options = replace(options, camera=_published(folder))
     sources = []
     for color, depth in pairs:
         name = frame_name(folder, prefix, color.stem)

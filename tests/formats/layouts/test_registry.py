@@ -39,8 +39,7 @@ def test_each_layout_is_recognised_and_read(tmp_path: Path, key: str) -> None:
 
 def test_every_registered_layout_is_tried_above() -> None:
     written = {name for name, _write in build.LAYOUTS.values()}
-    pickled = "Contact-GraspNet / 6-DOF GraspNet pickles"
-    assert written | {pickled} == {layout.name for layout in LAYOUTS}
+    assert written == {layout.name for layout in LAYOUTS}
 
 
 def test_names_are_relative_to_the_folder_given(tmp_path: Path) -> None:
@@ -56,6 +55,19 @@ def test_one_file_is_the_frame_it_belongs_to(tmp_path: Path) -> None:
     build.contact_graspnet(tmp_path / "b")
     (source,) = find_frames(tmp_path / "b/1.npz")
     assert source.name == "1"
+
+
+def test_an_image_in_a_sister_folder_is_its_frame(tmp_path: Path) -> None:
+    build.recorder(tmp_path)
+    (source,) = find_frames(tmp_path / "depth/000001.png")
+    assert source.name == "000001"
+
+
+def test_a_stray_pickle_hides_no_frames_below(tmp_path: Path) -> None:
+    np.save(tmp_path / "notes.npy", {"a": 1}, allow_pickle=True)
+    (tmp_path / "frames").mkdir()
+    build.flat(tmp_path / "frames")
+    assert [source.name for source in find_frames(tmp_path)] == ["frames/0", "frames/1"]
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,109 @@
+"""Stage `convert-frames`: RGB-D frames of any layout as flat pairs, the layout that needs no words.
+
+Reads   frames in any layout that `formats/layouts` knows; pickles only if they are trusted
+Writes  OUT/NAME_color.png, OUT/NAME_depth.png, OUT/NAME_camera.json, OUT/provenance.json
+
+Nothing is lost: depth that does not fit into 16 bits, as floats, goes to `NAME_depth.npz`. The
+folder appears whole; frames that cannot be read are failed and left out.
+"""
+
+import hashlib
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pipelines.batch import StageReport
+from pipelines.configs import ConvertFramesConfig
+from pipelines.errors import SymgraspError
+from pipelines.formats.camera_files import CameraFile
+from pipelines.formats.files import atomic_folder, write_image, write_json, write_npz
+from pipelines.formats.frames import FrameSource, find_frames
+from pipelines.formats.provenance import digest, is_finished, make_stamp, write_sidecar
+from pipelines.formats.rgbd import Frame
+
+STAGE = "convert-frames"
+LARGEST = 65534  # 65535 reads as missing
+
+
+def run(
+    frames: Path,
+    output: Path,
+    config: ConvertFramesConfig,
+    *,
+    camera: CameraFile | None = None,
+    depth_units_per_metre: float | None = None,
+    overwrite: bool = False,
+) -> StageReport:
+    """Write the frames of `frames`, a folder or one file of a frame, into the folder `output`.
+
+    Args:
+        frames: what to read.
+        output: the folder to write.
+        config: whether pickles are trusted.
+        camera: intrinsics of all frames, instead of the files beside them.
+        depth_units_per_metre: unit of the depth files, instead of what the files say.
+        overwrite: replace an output that was made otherwise.
+
+    Raises:
+        SymgraspError: no frames, or `output` is somebody else's folder or was made otherwise.
+    """
+    started, report = time.monotonic(), StageReport(STAGE)
+    sources = find_frames(
+        frames,
+        intrinsics=camera,
+        depth_units_per_metre=depth_units_per_metre,
+        trust_pickles=config.trust_pickle,
+    )
+    inputs = {"frames": _digest(sources), "overrides": f"{camera} {depth_units_per_metre}"}
+    stamp = make_stamp(STAGE, config, inputs=inputs)
+    if is_finished(output, stamp, overwrite=overwrite):
+        report.skipped += [source.name for source in sources]
+        return report
+    if output.exists() and not (output / "provenance.json").is_file():
+        raise SymgraspError(f"{output} exists and is no conversion of ours; choose another folder")
+    with atomic_folder(output) as folder:
+        for source in sources:
+            try:
+                write_frame(folder, source.read())
+            except (SymgraspError, OSError) as error:
+                report.failed[source.name] = str(error)
+                continue
+            report.done.append(source.name)
+        write_sidecar(folder, stamp)
+        if not report.done:
+            raise SymgraspError(_nothing(report))
+    report.seconds = time.monotonic() - started
+    return report
+
+
+def write_frame(folder: Path, frame: Frame) -> None:
+    """Write one frame as a flat pair; read again, it is the same to the last bit."""
+    units = frame.units_per_metre or 1.0
+    stored = np.round(frame.depth.astype(np.float64) * units)
+    camera = frame.intrinsics
+    facts = {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
+    write_image(folder / f"{frame.name}_color.png", frame.color)
+    if stored.max() <= LARGEST and _is_exact(stored, units, frame):
+        write_image(folder / f"{frame.name}_depth.png", stored.astype(np.uint16))
+        facts["depth_scale"] = units
+    else:
+        write_npz(folder / f"{frame.name}_depth.npz", depth=frame.depth)
+    write_json(folder / f"{frame.name}_camera.json", facts)
+
+
+def _is_exact(stored: np.ndarray, units: float, frame: Frame) -> bool:
+    return bool((stored.astype(np.float32) / np.float32(units) == frame.depth).all())
+
+
+def _digest(sources: Sequence[FrameSource]) -> str:
+    lines = [f"{source.name} {' '.join(map(digest, source.files))}" for source in sources]
+    return "sha256:" + hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
+
+
+def _nothing(report: StageReport) -> str:
+    name, sentence = next(iter(report.failed.items()))
+    return (
+        f"none of {len(report.failed)} frames can be read, nothing is written; {name}: {sentence}"
+    )

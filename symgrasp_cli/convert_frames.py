@@ -1,0 +1,37 @@
+"""`symgrasp convert-frames`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipelines.configs import ConvertFramesConfig
+from symgrasp_cli.options import DepthUnitsPerMetre, FrameFolder, IntrinsicsText, Overwrite
+from symgrasp_cli.report import conclude
+
+
+def convert_frames(
+    frames: FrameFolder,
+    *,
+    out: Annotated[Path, typer.Option(help="Folder to write.")],
+    trust_pickle: Annotated[
+        bool,
+        typer.Option("--trust-pickle", help="Take arrays out of pickles too; nothing else is."),
+    ] = ConvertFramesConfig.trust_pickle,
+    intrinsics: IntrinsicsText = None,
+    depth_units_per_metre: DepthUnitsPerMetre = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Write RGB-D frames of any layout as colour and depth images with camera files."""
+    from pipelines import convert_frames as stage
+    from pipelines.formats.camera_files import parse_camera
+
+    report = stage.run(
+        frames,
+        out,
+        ConvertFramesConfig(trust_pickle=trust_pickle),
+        camera=None if intrinsics is None else parse_camera(intrinsics),
+        depth_units_per_metre=depth_units_per_metre,
+        overwrite=overwrite,
+    )
+    conclude(report)

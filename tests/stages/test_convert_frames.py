@@ -1,0 +1,99 @@
+"""`convert-frames`: any layout as flat pairs, to the last bit; pickles only if trusted."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from typer.testing import CliRunner
+
+from pipelines import convert_frames
+from pipelines.configs import ConvertFramesConfig
+from pipelines.errors import StaleOutputError, SymgraspError
+from pipelines.formats.camera_files import CameraFile
+from pipelines.formats.frames import find_frames
+from symgrasp_cli.app import app
+from tests.formats.layouts import build
+
+CONFIG, TRUSTING = ConvertFramesConfig(), ConvertFramesConfig(trust_pickle=True)
+METRES = build.depth(0).astype(np.float32) / 1000
+
+
+@pytest.mark.parametrize("key", build.LAYOUTS)
+def test_every_layout_is_the_same_after_conversion(tmp_path: Path, key: str) -> None:
+    (tmp_path / "in").mkdir()
+    build.LAYOUTS[key][1](tmp_path / "in")
+    camera = CameraFile(*build.FOUR) if key == "tum" else None
+    report = convert_frames.run(tmp_path / "in", tmp_path / "out", CONFIG, camera=camera)
+    before = [source.read() for source in find_frames(tmp_path / "in", intrinsics=camera)]
+    after = [source.read() for source in find_frames(tmp_path / "out")]
+    assert [frame.name for frame in after] == [frame.name for frame in before] == report.done
+    for one, other in zip(before, after, strict=True):
+        assert_array_equal(one.depth, other.depth)
+        assert_array_equal(one.color, other.color)
+        assert one.intrinsics == other.intrinsics
+
+
+@pytest.fixture
+def pickled(tmp_path: Path) -> Path:
+    content = {"depth": METRES, "K": build.K, "rgb": build.color(0)[:, :, ::-1], "note": "mug"}
+    folder = tmp_path / "in"
+    folder.mkdir()
+    np.save(folder / "mug.npy", content, allow_pickle=True)
+    return folder
+
+
+def test_a_pickle_is_refused_unless_it_is_trusted(pickled: Path, tmp_path: Path) -> None:
+    with pytest.raises(SymgraspError, match="--trust-pickle"):
+        convert_frames.run(pickled, tmp_path / "out", CONFIG)
+    assert not (tmp_path / "out").exists()
+    convert_frames.run(pickled / "mug.npy", tmp_path / "out", TRUSTING)
+    frame = find_frames(tmp_path / "out")[0].read()
+    assert_array_equal(frame.depth, METRES)
+    assert_array_equal(frame.color, build.color(0))
+
+
+class Evil:
+    def __reduce__(self) -> Any:
+        return os.system, ("touch flag",)
+
+
+def test_a_trusted_pickle_still_runs_nothing(
+    pickled: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    np.save(pickled / "evil.npy", {"depth": METRES, "K": Evil()}, allow_pickle=True)
+    report = convert_frames.run(pickled, tmp_path / "out", TRUSTING)
+    assert report.done == ["mug"]
+    assert "system" in report.failed["evil"]
+    assert not (tmp_path / "flag").exists()
+    assert not (tmp_path / "out/evil_color.png").exists()
+
+
+def test_a_second_run_skips_and_other_settings_are_refused(pickled: Path, tmp_path: Path) -> None:
+    convert_frames.run(pickled, tmp_path / "out", TRUSTING)
+    assert convert_frames.run(pickled, tmp_path / "out", TRUSTING).skipped == ["mug"]
+    with pytest.raises(StaleOutputError):
+        convert_frames.run(pickled, tmp_path / "out", TRUSTING, depth_units_per_metre=0.9)
+    (tmp_path / "mine").mkdir()
+    with pytest.raises(SymgraspError, match="no conversion of ours"):
+        convert_frames.run(pickled, tmp_path / "mine", TRUSTING, overwrite=True)
+
+
+def test_a_real_pickle_of_python_2_becomes_the_flat_frame(shared: Path, tmp_path: Path) -> None:
+    native = shared / "frames/6dofgraspnet_realsense/native/blue_mug.npy"
+    convert_frames.run(native, tmp_path / "out", TRUSTING)
+    frame = find_frames(tmp_path / "out")[0].read()
+    flat = {s.name: s for s in find_frames(shared / "frames/6dofgraspnet_realsense")}["blue_mug"]
+    assert np.abs(frame.depth - flat.read().depth).max() < 6e-4  # stored in whole millimetres
+    assert_array_equal(frame.color, flat.read().color)
+
+
+def test_the_command(pickled: Path, tmp_path: Path) -> None:
+    arguments = ["convert-frames", str(pickled), "--out", str(tmp_path / "out")]
+    refused = CliRunner().invoke(app, arguments)
+    assert refused.exit_code == 1
+    assert "Traceback" not in refused.output
+    assert CliRunner().invoke(app, [*arguments, "--trust-pickle"]).exit_code == 0

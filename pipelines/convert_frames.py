@@ -98,7 +98,8 @@ def _is_exact(stored: np.ndarray, units: float, frame: Frame) -> bool:
 
 
 def _digest(sources: Sequence[FrameSource]) -> str:
-    lines = [f"{source.name} {' '.join(map(digest, source.files))}" for source in sources]
+    digests = {path: digest(path) for path in {path for each in sources for path in each.files}}
+    lines = [f"{each.name} {' '.join(digests[path] for path in each.files)}" for each in sources]
     return "sha256:" + hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
 
 

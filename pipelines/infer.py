@@ -141,7 +141,9 @@ def run(
     weights = settings.weights()
     common = weights | settings.other_inputs()
     common["overrides"] = _text_digest(f"{camera} {depth_units_per_metre} {timings}")
-    items = [_item(source, settings, common) for source in sources]
+    # A bag is one file of many frames: it is read once.
+    digests = {path: digest(path) for path in {path for each in sources for path in each.files}}
+    items = [_item(source, settings, common, digests) for source in sources]
     stamp = _whole_stamp(items, settings, common)
     if is_finished(paths.output, stamp, overwrite=options.overwrite):
         return _finished_report(paths, sources)
@@ -191,9 +193,11 @@ def _check_names(config: InferConfig) -> None:
     load_gripper(config.gripper)
 
 
-def _item(source: FrameSource, settings: _Settings, common: dict[str, str]) -> WorkItem:
+def _item(
+    source: FrameSource, settings: _Settings, common: dict[str, str], digests: dict[Path, str]
+) -> WorkItem:
     # Colour and depth may have one name, in two folders.
-    inputs = common | {f"{i} {path.name}": digest(path) for i, path in enumerate(source.files)}
+    inputs = common | {f"{i} {path.name}": digests[path] for i, path in enumerate(source.files)}
     stamp = make_stamp(STAGE, settings.config, seed=settings.seed, inputs=inputs)
     target = grasps_file.shard_path(settings.paths.output, source.name)
     return WorkItem(source.name, target, stamp, (source,))

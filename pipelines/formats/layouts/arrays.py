@@ -37,7 +37,7 @@ PICKLES = (".npy", ".pkl", ".pickle")
 
 def find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
     """List the `.npz` files of `folder` that hold a frame, and pickles that have no such twin."""
-    files = [path for path in sorted(folder.glob("*.npz")) if _holds_frame(path)]
+    files = [path for path in sorted(folder.glob("*.npz")) if path.is_file() and _holds_frame(path)]
     sources = []
     for path in files:
         name = frame_name(folder, prefix, path.stem)

@@ -4,6 +4,7 @@ import functools
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 from pipelines.errors import FormatError
 from pipelines.formats.camera_files import CameraFile, find_camera_file
@@ -22,6 +23,7 @@ CALIBRATIONS = {
     "freiburg3": (535.4, 539.2, 320.1, 247.6),
 }
 Stamped = list[tuple[float, Path]]
+Item = TypeVar("Item", Path, int)
 
 
 def find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
@@ -50,9 +52,11 @@ def find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
     return sources
 
 
-def associate(colors: Stamped, depths: Stamped) -> list[tuple[Path, Path]]:
+def associate(
+    colors: list[tuple[float, Item]], depths: list[tuple[float, Item]]
+) -> list[tuple[Item, Item]]:
     """Pair images whose times are nearest, each used once and at most 0.02 s apart."""
-    near = []
+    near: list[tuple[float, tuple[float, Item], tuple[float, Item]]] = []
     depths, first = sorted(depths), 0
     for color in sorted(colors):
         while first < len(depths) and depths[first][0] < color[0] - LARGEST_GAP:
@@ -61,11 +65,13 @@ def associate(colors: Stamped, depths: Stamped) -> list[tuple[Path, Path]]:
             if depth[0] > color[0] + LARGEST_GAP:
                 break
             near.append((abs(depth[0] - color[0]), color, depth))
-    used: set[tuple[float, Path]] = set()
+    used_colors: set[tuple[float, Item]] = set()
+    used_depths: set[tuple[float, Item]] = set()
     pairs = []
     for _gap, color, depth in sorted(near):
-        if not used & {color, depth}:
-            used |= {color, depth}
+        if color not in used_colors and depth not in used_depths:
+            used_colors.add(color)
+            used_depths.add(depth)
             pairs.append((color, depth))
     return [(color[1], depth[1]) for color, depth in sorted(pairs)]
 

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pipelines.errors import SymgraspError
 from pipelines.formats.camera_files import CameraFile
 from pipelines.formats.frames import find_frames
-from pipelines.formats.layouts.registry import LAYOUTS
+from pipelines.formats.layouts.registry import LAST_RESORT, LAYOUTS
 from pipelines.formats.rgbd import Frame
 from tests.formats.layouts import build
 
@@ -39,7 +39,13 @@ def test_each_layout_is_recognised_and_read(tmp_path: Path, key: str) -> None:
 
 def test_every_registered_layout_is_tried_above() -> None:
     written = {name for name, _write in build.LAYOUTS.values()}
-    assert written == {layout.name for layout in LAYOUTS}
+    assert written | {"ROS bag"} == {layout.name for layout in LAYOUTS}  # bags: test_rosbag
+
+
+def test_every_layout_is_in_the_document() -> None:
+    document = (Path(__file__).resolve().parents[3] / "FORMATS.md").read_text(encoding="utf-8")
+    for layout in (*LAYOUTS, LAST_RESORT):
+        assert f"\n| {layout.name}" in document
 
 
 def test_names_are_relative_to_the_folder_given(tmp_path: Path) -> None:

@@ -78,7 +78,7 @@ def read_depth(path: Path, units: DepthUnits) -> NDArray[np.float32]:
     Raises:
         FormatError: colourised, 8 bit, damaged, empty, or in an implausible unit.
     """
-    return _metres(path, _stored_depth(path), units)[0]
+    return _metres(path, stored_depth(path), units)[0]
 
 
 def read_pair(
@@ -91,7 +91,7 @@ def read_pair(
 ) -> Frame:
     """Read a frame from its two images; see `make_frame`."""
     color = functools.partial(read_color, color_path)
-    stored = _stored_depth(depth_path)
+    stored = stored_depth(depth_path)
     return make_frame(name, (color_path, color), (depth_path, stored), intrinsics, units, notes)
 
 
@@ -170,7 +170,8 @@ def _metres(
     return depth, unit
 
 
-def _stored_depth(path: Path) -> NDArray[Any]:
+def stored_depth(path: Path) -> NDArray[Any]:
+    """Return the numbers of a depth file as they are; see `read_depth` for the kinds."""
     match path.suffix.lower():
         case ".npy":
             return read_npy(path)

@@ -71,12 +71,13 @@ def _find(pairing: Pairing, folder: Path, prefix: str, options: FrameOptions) ->
         name = frame_name(folder, prefix, pair.stem)
         camera = pairing.camera_file(folder, pair, shared)
         files = tuple(path for path in (pair.color, pair.depth, camera) if path is not None)
-        read = functools.partial(_read, name, pair, camera, options)
+        read = functools.partial(read_frame, name, pair, camera, options)
         sources.append(FrameSource(name, read, files, pairing.name))
     return sources
 
 
-def _read(name: str, pair: ImagePair, camera: Path | None, options: FrameOptions) -> Frame:
+def read_frame(name: str, pair: ImagePair, camera: Path | None, options: FrameOptions) -> Frame:
+    """Read a pair; raises a FormatError if one of the two is missing."""
     if pair.depth is None or pair.color is None:
         present = pair.color or pair.depth
         missing = "depth" if pair.depth is None else "colour"
@@ -125,11 +126,6 @@ PRINCETON = paired_layout(
     Pairing("7-Scenes / Princeton", ("frame-*.depth.png",), flat_pairs,
             (*PRINCETON_CAMERAS, *(f"../{name}" for name in PRINCETON_CAMERAS))),
     "frame-*.color.png beside frame-*.depth.png with camera-intrinsics.txt",
-)  # fmt: skip
-SCANNET = paired_layout(
-    Pairing("ScanNet", ("intrinsic/intrinsic_depth.txt",), sister_pairs,
-            ("intrinsic/intrinsic_depth.txt",)),
-    "color/ beside depth/ with intrinsic/intrinsic_depth.txt",
 )  # fmt: skip
 GQCNN = paired_layout(
     Pairing("gqcnn", ("*.intr",), flat_pairs),

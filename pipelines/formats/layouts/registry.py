@@ -4,7 +4,7 @@ import functools
 from pathlib import Path
 
 from pipelines.errors import SymgraspError
-from pipelines.formats.layouts import arrays, nerfstudio, paired, pcd, rosbag, tum
+from pipelines.formats.layouts import arrays, nerfstudio, paired, pcd, rosbag, scannet, tum
 from pipelines.formats.layouts.layout import Layout, frame_name
 from pipelines.formats.rgbd import Frame, FrameSource
 from pipelines.formats.rgbd_folder import FrameOptions
@@ -17,7 +17,7 @@ LAYOUTS: tuple[Layout, ...] = (
     paired.RECORDER,
     paired.YCB_VIDEO,
     paired.PRINCETON,
-    paired.SCANNET,
+    scannet.LAYOUT,
     rosbag.LAYOUT,
     tum.LAYOUT,
     nerfstudio.LAYOUT,

@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.errors import FormatError
+from pipelines.errors import FormatError, SymgraspError
 from pipelines.formats.camera_files import CameraFile
-from pipelines.formats.files import read_npz
+from pipelines.formats.files import DAMAGED, existing, read_npz
 from pipelines.formats.layouts.layout import Layout, frame_name
 from pipelines.formats.plain_pickle import read_plain_pickle
 from pipelines.formats.rgbd import DepthUnits, Frame, FrameSource, make_frame
@@ -36,31 +36,49 @@ PICKLES = (".npy", ".pkl", ".pickle")
 
 
 def find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
-    """List the `.npz` files of `folder` that hold a frame, and pickles that have no such twin."""
-    files = [path for path in sorted(folder.glob("*.npz")) if path.is_file() and _holds_frame(path)]
-    sources = []
-    for path in files:
-        name = frame_name(folder, prefix, path.stem)
-        read = functools.partial(_read, name, path, options)
-        sources.append(FrameSource(name, read, (path,), NAME))
-    twins = {path.stem for path in files}
-    pickled = find_pickled(folder, prefix, options) if files else []
-    return sources + [source for source in pickled if source.files[0].stem not in twins]
+    """List the `.npz` files of `folder` that hold a frame.
+
+    With them, so that they are named, the damaged ones, and pickles that have no such twin.
+    """
+    files = sorted(path for path in folder.glob("*.npz") if path.is_file())
+    names = {path: _arrays_in(path) for path in files}
+    frames = [path for path in files if _make_frame(names[path])]
+    if not frames:
+        return []
+    listed = [path for path in files if path in frames or names[path] is None]
+    twins = {path.stem for path in listed}
+    pickles = [path for path in _pickles(folder, options) if path.stem not in twins]
+    sources = [_source(folder, prefix, path, options) for path in listed]
+    return sources + [_pickled(folder, prefix, path, options) for path in pickles]
 
 
 def find_pickled(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
     """List the files of `folder` that hold a pickle; to read one raises, unless it is trusted.
 
-    What a `.pkl` is about nobody knows: it is listed only if pickles are trusted.
+    Damaged `.npz` files are listed too: nothing else told what they are.
     """
+    damaged = [path for path in sorted(folder.glob("*.npz")) if _arrays_in(path) is None]
+    sources = [_source(folder, prefix, path, options) for path in damaged]
+    pickles = _pickles(folder, options)
+    return sources + [_pickled(folder, prefix, path, options) for path in pickles]
+
+
+def _source(folder: Path, prefix: str, path: Path, options: FrameOptions) -> FrameSource:
+    name = frame_name(folder, prefix, path.stem)
+    return FrameSource(name, functools.partial(_read, name, path, options), (path,), NAME)
+
+
+def _pickled(folder: Path, prefix: str, path: Path, options: FrameOptions) -> FrameSource:
+    name = frame_name(folder, prefix, path.stem)
+    read = functools.partial(_read_pickled, name, path, options)
+    return FrameSource(name, read, (path,), PICKLED_NAME)
+
+
+def _pickles(folder: Path, options: FrameOptions) -> list[Path]:
+    """List the pickles. What a `.pkl` is about nobody knows: it counts only if it is trusted."""
     suffixes = PICKLES if options.trust_pickles else PICKLES[:1]
-    sources = []
-    for path in sorted(path for path in folder.iterdir() if path.suffix in suffixes):
-        if path.suffix != ".npy" or is_pickled(path):
-            name = frame_name(folder, prefix, path.stem)
-            read = functools.partial(_read_pickled, name, path, options)
-            sources.append(FrameSource(name, read, (path,), PICKLED_NAME))
-    return sources
+    files = sorted(path for path in folder.iterdir() if path.suffix in suffixes)
+    return [path for path in files if path.suffix != ".npy" or is_pickled(path)]
 
 
 def is_pickled(path: Path) -> bool:
@@ -117,19 +135,23 @@ def _read_pickled(name: str, path: Path, options: FrameOptions) -> Frame:
     return frame_of_arrays(name, path, arrays, options)
 
 
-def _holds_frame(path: Path) -> bool:
-    """Return whether an `.npz` names a camera or a colour beside its depth; only its list is read.
+def _arrays_in(path: Path) -> set[str] | None:
+    """Return the names in an `.npz`, of which only the list is read; None if it is damaged."""
+    try:
+        with zipfile.ZipFile(existing(path)) as archive:
+            return {name.removesuffix(".npy") for name in archive.namelist()}
+    except (*DAMAGED, SymgraspError):
+        return None
+
+
+def _make_frame(names: set[str] | None) -> bool:
+    """Return whether arrays of these names are a frame.
 
     An `.npz` of depth alone belongs to a colour image of its name.
     """
-    try:
-        with zipfile.ZipFile(path) as archive:
-            names = {name.removesuffix(".npy") for name in archive.namelist()}
-    except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile):
-        # Damaged: whose it is the other files say, and reading it says what is wrong.
-        return not any(word in path.stem.lower() for word in ("depth", "color", "rgb"))
+    names = names or set()
     others = {*CAMERA_KEYS, "rgb", "image"}
-    return ("depth" in names and bool(names & others)) or bool(names & {CLOUD_KEYS[0]})
+    return ("depth" in names and bool(names & others)) or CLOUD_KEYS[0] in names
 
 
 def _color(path: Path, key: str, stored: NDArray[Any]) -> NDArray[np.uint8]:

@@ -18,7 +18,6 @@ LAYOUTS: tuple[Layout, ...] = (
     paired.YCB_VIDEO,
     paired.PRINCETON,
     scannet.LAYOUT,
-    rosbag.LAYOUT,
     tum.LAYOUT,
     nerfstudio.LAYOUT,
     paired.FOUNDATION_POSE,
@@ -27,6 +26,7 @@ LAYOUTS: tuple[Layout, ...] = (
     paired.FLAT,
     paired.SISTERS,
     pcd.LAYOUT,
+    rosbag.LAYOUT,  # last: images that were taken out of a bag often lie beside it
 )
 # Asked of folders that hold no frame, nor do those below: a stray pickle must not hide any.
 LAST_RESORT = arrays.PICKLED

@@ -72,3 +72,14 @@ def test_of_a_pickle_and_its_arrays_the_arrays_are_read(tmp_path: Path) -> None:
 def test_pickled_members_of_an_npz_are_never_unpickled(tmp_path: Path) -> None:
     bad = np.array({"K": 1}, dtype=object)
     assert "pickles never" in refusal(tmp_path, depth=METRES, K=build.K, segmap=bad)
+
+
+def test_a_damaged_archive_is_named_beside_its_fellows_and_hides_no_images(tmp_path: Path) -> None:
+    (tmp_path / "broken.npz").write_bytes(b"PK")
+    with pytest.raises(FormatError, match="not a whole"):
+        find_frames(tmp_path)[0].read()
+    np.savez(tmp_path / "x.npz", depth=METRES, K=build.K)
+    assert [source.name for source in find_frames(tmp_path)] == ["broken", "x"]
+    (tmp_path / "x.npz").unlink()
+    build.flat(tmp_path)
+    assert [source.name for source in find_frames(tmp_path)] == ["0", "1"]

@@ -76,6 +76,12 @@ def test_a_stray_pickle_hides_no_frames_below(tmp_path: Path) -> None:
     assert [source.name for source in find_frames(tmp_path)] == ["frames/0", "frames/1"]
 
 
+def test_a_bag_hides_no_images_that_were_taken_out_of_it(tmp_path: Path) -> None:
+    build.recorder(tmp_path)
+    (tmp_path / "recording.bag").write_bytes(b"#ROSBAG V2.0")
+    assert {source.layout for source in find_frames(tmp_path)} == {"Open3D / RealSense recorder"}
+
+
 @pytest.fixture(scope="module")
 def laid_out(shared: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two real frames in the layouts of people's own tools."""

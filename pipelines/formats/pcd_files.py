@@ -1,6 +1,5 @@
 """Point clouds of the Point Cloud Library, `.pcd`: text, binary and compressed."""
 
-import io
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -86,8 +85,11 @@ def _header(path: Path, content: bytes) -> Header:
 
 
 def _text_columns(path: Path, header: Header, body: bytes) -> dict[str, NDArray[Any]]:
+    lines = [line for line in body.decode("latin1").splitlines() if line.strip()]
+    if len(lines) != header.count:
+        raise FormatError(path, f"has {len(lines)} points, {header.count} are announced", WHOLE)
     try:
-        rows = np.loadtxt(io.BytesIO(body), dtype=np.float64, ndmin=2, max_rows=header.count + 1)
+        rows = np.loadtxt(lines, dtype=np.float64, ndmin=2, comments=None)
     except (ValueError, TypeError) as error:
         raise FormatError(path, f"has a line that is no point ({error})", WHOLE) from error
     ends = np.cumsum([count for _name, _kind, count in header.fields])

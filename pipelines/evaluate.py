@@ -39,7 +39,7 @@ from pipelines.formats import reports
 from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.formats.grasps_file import FrameResult
 from pipelines.formats.grasps_stream import GraspsIndex, read_frames, read_index, scenes_of
-from pipelines.formats.gripper_files import load_gripper
+from pipelines.formats.gripper_files import gripper_digest, load_gripper
 from pipelines.formats.provenance import Stamp, digest, digest_folder, is_finished, make_stamp
 
 
@@ -69,7 +69,8 @@ def run(
     root, found = GraspNetRoot(dataset), read_index(grasps)
     config = replace(config, gripper=config.gripper or found.gripper)
     settings = {**asdict(config), "baselines": baselines}
-    inputs = {"grasps": digest(grasps), **_digests(root, baselines=baselines)}
+    inputs = {"grasps": digest(grasps), "gripper": gripper_digest(config.gripper)}
+    inputs |= _digests(root, baselines=baselines)
     stamp = make_stamp("evaluate", settings, seed=seed, inputs=inputs)
     is_finished(output, stamp, overwrite=options.overwrite)  # refuses to replace another report
     simulated = reports.read_success(success, inputs["grasps"]) if success else None

@@ -8,7 +8,6 @@ goes on where it stopped, and ends with the same bytes. A frame that cannot be r
 failed and does not stop the others; a frame with nothing to grasp is `empty`.
 """
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -23,9 +22,16 @@ from pipelines.formats import grasps_file
 from pipelines.formats.camera_files import CameraFile
 from pipelines.formats.frames import FrameSource, find_frames, read_masks
 from pipelines.formats.grasps_file import FrameResult
-from pipelines.formats.gripper_files import load_gripper
+from pipelines.formats.gripper_files import gripper_digest, load_gripper
 from pipelines.formats.overlays import write_overlay
-from pipelines.formats.provenance import Stamp, digest, is_finished, make_stamp, read_stamp
+from pipelines.formats.provenance import (
+    Stamp,
+    digest,
+    digest_text,
+    is_finished,
+    make_stamp,
+    read_stamp,
+)
 from pipelines.formats.registration import oddities
 from pipelines.inference import models
 from pipelines.inference.frame_grasps import Planner
@@ -91,10 +97,10 @@ class _Settings:
 
     def other_inputs(self) -> dict[str, str]:
         """Return the digests of the gripper and the user's masks."""
-        others = {"gripper": _text_digest(repr(load_gripper(self.config.gripper)))}
+        others = {"gripper": gripper_digest(self.config.gripper)}
         if self.paths.masks is not None:
             pictures = sorted(self.paths.masks.rglob("*.png"))
-            others["masks"] = _text_digest("".join(f"{p.name} {digest(p)}" for p in pictures))
+            others["masks"] = digest_text("".join(f"{p.name} {digest(p)}" for p in pictures))
         return others
 
     def planner(self) -> Planner:
@@ -140,7 +146,7 @@ def run(
     )
     weights = settings.weights()
     common = weights | settings.other_inputs()
-    common["overrides"] = _text_digest(f"{camera} {depth_units_per_metre} {timings}")
+    common["overrides"] = digest_text(f"{camera} {depth_units_per_metre} {timings}")
     # A bag is one file of many frames: it is read once.
     digests = {path: digest(path) for path in {path for each in sources for path in each.files}}
     items = [_item(source, settings, common, digests) for source in sources]
@@ -204,13 +210,9 @@ def _item(
 
 
 def _whole_stamp(items: Sequence[WorkItem], settings: _Settings, common: dict[str, str]) -> Stamp:
-    frames = _text_digest("\n".join(f"{item.name} {item.stamp.as_text()}" for item in items))
+    frames = digest_text("\n".join(f"{item.name} {item.stamp.as_text()}" for item in items))
     inputs = common | {"frames": frames}
     return make_stamp(STAGE, settings.config, seed=settings.seed, inputs=inputs)
-
-
-def _text_digest(text: str) -> str:
-    return "sha256:" + hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def _drop_stale_shards(items: Sequence[WorkItem]) -> None:

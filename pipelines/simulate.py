@@ -23,7 +23,7 @@ from pipelines.formats import convex_pieces as convex_file
 from pipelines.formats.files import read_json
 from pipelines.formats.graspnet import GraspNetRoot, SceneFiles
 from pipelines.formats.grasps_stream import read_frames, read_index, scenes_of
-from pipelines.formats.gripper_files import load_gripper
+from pipelines.formats.gripper_files import gripper_digest, load_gripper
 from pipelines.formats.meshes import read_mesh
 from pipelines.formats.provenance import (
     Stamp,
@@ -63,9 +63,9 @@ def run(
     """
     root, found = GraspNetRoot(dataset), read_index(grasps)
     config = replace(config, gripper=config.gripper or found.gripper)
-    load_gripper(config.gripper)  # an unknown one is refused before anything is done
+    hand = gripper_digest(config.gripper)  # an unknown one is refused before anything is done
     scenes = scenes_of(grasps, found, root)
-    inputs = {"grasps": digest(grasps), **_digests(scenes, root, output)}
+    inputs = {"grasps": digest(grasps), "gripper": hand, **_digests(scenes, root, output)}
     stamp = make_stamp("simulate", config, seed=seed, inputs=inputs)
     is_finished(output, stamp, overwrite=options.overwrite)  # refuses to replace another
     models = _model_items(scenes, root, output, config, seed)

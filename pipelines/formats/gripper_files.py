@@ -5,6 +5,7 @@ from dataclasses import fields
 from pathlib import Path
 
 from pipelines.errors import FormatError, UnknownNameError
+from pipelines.formats.provenance import digest_text
 from pipelines.grasping.gripper import Gripper
 
 PRESETS = Path(__file__).parent.parent / "grippers"
@@ -13,6 +14,11 @@ PRESETS = Path(__file__).parent.parent / "grippers"
 def preset_names() -> list[str]:
     """Return the names of the grippers that come with the toolkit."""
     return sorted(path.stem for path in PRESETS.glob("*.toml"))
+
+
+def gripper_digest(name_or_path: str) -> str:
+    """Return a digest of what a gripper is like, not of its name; errors as `load_gripper`."""
+    return digest_text(repr(load_gripper(name_or_path)))
 
 
 def load_gripper(name_or_path: str) -> Gripper:

@@ -194,7 +194,9 @@ def _setting_notes(runs: Sequence[Run], row: str) -> list[str]:
         other = _differing(labels[0], labels[place])
         if "grasps" not in other:
             notes.append(f"{run.name} judges the same grasps as {runs[0].name}.")
-        if other := [name for name in other if name != "grasps"]:
+        if "gripper" in other:
+            notes.append(f"{run.name} was judged with a hand of other measures.")
+        if other := [name for name in other if name not in ("grasps", "gripper")]:
             notes.append(f"{run.name} was judged against other labels: {', '.join(other)}.")
     return notes
 

@@ -9,7 +9,9 @@ other names are refused. For files that the user trusts nonetheless (D. 53): beh
 import io
 import math
 import pickle
+import pickletools
 import re
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -38,7 +40,8 @@ def read_plain_pickle(path: Path) -> Any:  # noqa: ANN401 - whatever containers 
                 _skip_npy_head(stream)
             else:
                 stream.seek(0)
-            content = _PlainUnpickler(io.BytesIO(stream.read()), encoding="latin1").load()
+            steps = _without_far_places(stream.read())
+            content = _PlainUnpickler(io.BytesIO(steps), encoding="latin1").load()
             return _plain(content, [MAX_VALUES], MAX_DEPTH)
         except (*DAMAGED, AttributeError, pickle.UnpicklingError) as error:
             raise FormatError(path, f"this pickle is not read ({error})", EXPECTED) from error
@@ -48,6 +51,19 @@ def _skip_npy_head(stream: BinaryIO) -> None:
     major, _minor = stream.read(2)
     size = int.from_bytes(stream.read(2 if major == 1 else 4), "little")
     stream.read(size)
+
+
+def _without_far_places(steps: bytes) -> bytes:
+    """Return the pickle `steps`, if it remembers nothing at a place beyond its own length.
+
+    The unpickler makes room up to the place that is named: four bytes ask for 64 GB.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of texts that escape what needs none
+        for step, place, _ in pickletools.genops(steps):
+            if step.name.endswith("PUT") and int(place or 0) > len(steps):
+                raise pickle.UnpicklingError(f"it remembers something at place {place}")
+    return steps
 
 
 class _Stand:

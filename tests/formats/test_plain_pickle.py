@@ -156,6 +156,12 @@ def test_containers_that_unfold_without_end_are_refused(tmp_path: Path) -> None:
         read(tmp_path / "a.pkl", pickle.dumps(bomb))
 
 
+@pytest.mark.parametrize("put", [b"r\xff\xff\xff\x7f", b"p2147483647\n"])
+def test_a_far_place_to_remember_at_takes_no_memory(tmp_path: Path, put: bytes) -> None:
+    with pytest.raises(FormatError, match="at place 2147483647"):
+        read(tmp_path / "a.pkl", b"]" + put + b".")
+
+
 def test_arrays_may_not_claim_what_is_not_there(tmp_path: Path) -> None:
     data = pickle.dumps(np.arange(2.0), 2).replace(b"K\x02\x85", b"K\x7f\x85")
     with pytest.raises(FormatError, match="reshape"):
@@ -168,7 +174,7 @@ def test_the_names_that_are_known_are_few_and_harmless() -> None:
     assert len(ALLOWED) == 13
 
 
-@settings(max_examples=300)
+@settings(max_examples=300, deadline=None)
 @given(st.binary(max_size=40), st.integers(0, 400), st.integers(0, 5))
 def test_damaged_pickles_are_a_sentence_or_numbers(
     tmp_path_factory: pytest.TempPathFactory, piece: bytes, at: int, protocol: int

@@ -1,7 +1,7 @@
 """Gripper presets and users' own grippers, as TOML."""
 
 import tomllib
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 from pipelines.errors import FormatError, UnknownNameError
@@ -17,8 +17,8 @@ def preset_names() -> list[str]:
 
 
 def gripper_digest(name_or_path: str) -> str:
-    """Return a digest of what a gripper is like, not of its name; errors as `load_gripper`."""
-    return digest_text(repr(load_gripper(name_or_path)))
+    """Return a digest of a gripper's measures, not of its name; errors as `load_gripper`."""
+    return digest_text(repr(replace(load_gripper(name_or_path), name="")))
 
 
 def load_gripper(name_or_path: str) -> Gripper:

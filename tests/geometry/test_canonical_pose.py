@@ -36,6 +36,23 @@ def given_otherwise(mesh: Mesh, seed: int) -> tuple[Mesh, np.ndarray, np.ndarray
     return Mesh(vertices, faces), rotation, shift, scale
 
 
+@pytest.mark.parametrize(
+    "symmetry",
+    [
+        ReflectionSymmetry([0.6, 0.0, 0.8], [1.0, 2.0, 3.0], 0.01),
+        RotationSymmetry([0.6, 0.0, 0.8], [1.0, 2.0, 3.0], 5, 0.01),
+        SphereSymmetry([1.0, 2.0, 3.0], 0.01),
+    ],
+)
+def test_a_symmetry_comes_back_from_the_canonical_pose_as_it_went(symmetry):
+    pose = CanonicalPose.of(given_otherwise(dented_box(), 1)[0])
+    back = pose.given(pose.posed(symmetry))
+    assert back.kind == symmetry.kind
+    assert_allclose(back.point, symmetry.point)
+    assert_allclose(back.direction, symmetry.direction, atol=1e-12)
+    assert not np.allclose(pose.posed(symmetry).point, symmetry.point)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_the_canonical_mesh_does_not_depend_on_how_the_surface_is_given(seed):
     mesh = dented_box()

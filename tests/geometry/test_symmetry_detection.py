@@ -10,12 +10,13 @@ from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.mesh import Mesh
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SphereSymmetry
-from pipelines.geometry.symmetry_detection import detect_symmetries
+from pipelines.geometry.symmetry_detection import analyse_body, detect_symmetries
 from pipelines.geometry.transforms import make_pose, random_rotation
 from tests.geometry.symmetric_shapes import ball, box, cylinder, hex_prism, l_shape, pebble
 
 QUICK = AnnotateSymmetryConfig(num_samples=8000, num_verification_samples=1000)
 TOLERANCE_DEG = 0.3
+Z = np.eye(3)[2]
 
 
 def detect(mesh, seed=0):
@@ -154,3 +155,23 @@ def test_a_sphere_with_a_cap_cut_off_is_no_sphere():
     found = detect(mesh.submesh(kept))
     assert not any(isinstance(symmetry, SphereSymmetry) for symmetry in found)
     assert [axis.order for axis in axes_of(found)] == [None]
+
+
+def test_a_body_known_to_be_round_gets_its_own_axis_from_a_rough_guess():
+    tilt = np.radians(2.0)
+    guess = RotationSymmetry([np.sin(tilt), 0.0, np.cos(tilt)], [0.001, 0.0, 0.0])
+    plane, axis = analyse_body(cylinder(), guess, QUICK, np.random.default_rng(0))
+    assert angle_deg(axis.axis, Z) < 0.1
+    assert angle_deg(plane.normal, Z) < 0.1
+
+
+def test_a_guess_that_does_not_hold_stands_where_nothing_better_is_found():
+    guess = RotationSymmetry(Z, np.zeros(3))
+    axis = analyse_body(box(), guess, QUICK, np.random.default_rng(0))[-1]
+    assert angle_deg(axis.axis, Z) < 1e-6
+    assert axis.error > 0.03
+
+
+def test_a_body_that_is_a_ball_is_a_sphere():
+    found = analyse_body(ball(), RotationSymmetry(Z, np.zeros(3)), QUICK, np.random.default_rng(0))
+    assert [each.kind for each in found] == ["sphere"]

@@ -19,6 +19,7 @@ from pipelines.formats.files import write_json
 from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.formats.grasps_file import FrameResult
 from pipelines.formats.grasps_stream import read_frames
+from pipelines.formats.gripper_files import PRESETS
 from pipelines.formats.provenance import digest, make_stamp
 from tests.stages.toy_root import SCENES, frame_names, true_result, write_grasps, write_root
 
@@ -208,6 +209,18 @@ def test_labels_made_anew_make_a_report_stale(truth_file, tmp_path):
     root.symmetry_path(0).write_text(root.symmetry_path(0).read_text() + " ")
     with pytest.raises(StaleOutputError):
         run(truth_file, root, tmp_path / "report.json")
+
+
+def test_a_gripper_file_that_changed_makes_a_report_stale(root, truth_file, tmp_path):
+    hand, output = tmp_path / "hand.toml", tmp_path / "report.json"
+    content = (PRESETS / "rg2.toml").read_text()
+    config = EvaluateConfig(min_visible_pixels=100, gripper=str(hand))
+    options = BatchOptions(progress=False)
+    hand.write_text(content)
+    evaluate.run(truth_file, root.root, output, config, options)
+    hand.write_text(content.replace("clearance = 0.006", "clearance = 0.005"))
+    with pytest.raises(StaleOutputError):
+        evaluate.run(truth_file, root.root, output, config, options)
 
 
 def test_an_object_without_region_has_quality_zero(root, tmp_path):

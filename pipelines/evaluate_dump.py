@@ -11,7 +11,7 @@ grasps. Scenes that are finished are not judged again.
 """
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -54,11 +54,17 @@ def run(
         config: exact or as the peer.
         options: how the batch is run.
     """
-    items = _scene_items(dumped_scenes(dump), output, config)
-    stamp = _stamp(config, digest_text("".join(i.stamp.inputs["dump"] for i in items)))
+    root = GraspNetRoot(dataset)
+    items = _scene_items(dumped_scenes(dump), root, output, config)
+    stamp = _stamp(
+        config,
+        {
+            kind: digest_text("".join(item.stamp.inputs[kind] for item in items))
+            for kind in ("dump", "poses")
+        },
+    )
     is_finished(output, stamp, overwrite=options.overwrite)  # refuses to replace another report
     drop_stale(items, options)
-    root = GraspNetRoot(dataset)
     report = run_batch(STAGE, items, functools.partial(_evaluate_scene, root, config), options)
     if not options.dry_run:
         finished = [item for item in items if item.target.exists()]
@@ -86,19 +92,25 @@ def _evaluate_scene(root: GraspNetRoot, config: EvaluateDumpConfig, item: WorkIt
 
 
 def _scene_items(
-    scenes: Sequence[DumpedScene], output: Path, config: EvaluateDumpConfig
+    scenes: Sequence[DumpedScene], root: GraspNetRoot, output: Path, config: EvaluateDumpConfig
 ) -> list[WorkItem]:
+    """Return one item a scene and camera; other grasps or other true poses make it stale."""
     folder = scenes_folder(output)
     items = []
     for scene in scenes:
         name = f"scene_{scene.scene_id:04d}_{scene.camera}"
-        stamp = _stamp(config, digest_folder(scene.folder, "*.npy"))
+        poses = root.scene_folder(scene.scene_id) / scene.camera / "annotations"
+        inputs = {
+            "dump": digest_folder(scene.folder, "*.npy"),
+            "poses": digest_folder(poses, "*.xml"),
+        }
+        stamp = _stamp(config, inputs)
         items.append(WorkItem(name, folder / f"{name}.npz", stamp, (scene,)))
     return items
 
 
-def _stamp(config: EvaluateDumpConfig, digest: str) -> Stamp:
-    return make_stamp(f"{STAGE} --protocol {PROTOCOL}", config, inputs={"dump": digest})
+def _stamp(config: EvaluateDumpConfig, inputs: Mapping[str, str]) -> Stamp:
+    return make_stamp(f"{STAGE} --protocol {PROTOCOL}", config, inputs=inputs)
 
 
 def _figures(items: Sequence[WorkItem], report: StageReport) -> dict[str, dict[str, Any]]:

@@ -8,6 +8,7 @@ Frames without grasps have an empty array. Frames that failed have no file, and 
 """
 
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,14 +22,14 @@ from pipelines.formats.files import atomic_folder, write_npy
 from pipelines.formats.graspnet import frame_key
 from pipelines.formats.graspnet_dump import DumpedScene
 from pipelines.formats.grasps_file import FrameResult, GraspTable
-from pipelines.formats.gripper_files import load_gripper
+from pipelines.formats.grasps_stream import read_index
+from pipelines.formats.gripper_files import gripper_digest, load_gripper
 from pipelines.formats.provenance import digest, is_finished, make_stamp, write_sidecar
 from pipelines.grasping.grasps import Grasps, to_graspnet
 from pipelines.grasping.gripper import Gripper
 
 STAGE = "export"
 FORMATS = ("graspnet",)
-DEFAULT_GRIPPER = "rg2"
 
 
 def run(
@@ -38,15 +39,16 @@ def run(
     started, report = time.monotonic(), StageReport(STAGE)
     if config.to not in FORMATS:
         raise UnknownNameError("format", config.to, FORMATS)
-    found = grasps_file.read(grasps)
-    used = config.gripper or str(found.attrs["config"].get("gripper", DEFAULT_GRIPPER))
-    gripper = load_gripper(used)
-    stamp = make_stamp(STAGE, config, inputs={"grasps": digest(grasps)})
+    config = replace(config, gripper=config.gripper or read_index(grasps).gripper)
+    gripper = load_gripper(config.gripper)
+    inputs = {"grasps": digest(grasps), "gripper": gripper_digest(config.gripper)}
+    stamp = make_stamp(STAGE, config, inputs=inputs)
     if is_finished(output, stamp, overwrite=overwrite):
         report.skipped.append(output.name)
         return report
     if output.exists() and not (output / "provenance.json").is_file():
         raise SymgraspError(f"{output} exists and is no export of ours; choose another folder")
+    found = grasps_file.read(grasps)
     with atomic_folder(output) as folder:
         for result in found.results():
             _write_frame(folder, result, gripper, report)

@@ -225,6 +225,15 @@ def test_finished_scenes_are_skipped_and_workers_change_nothing(root, pristine, 
         run(pristine, root, output, exact=True)
 
 
+def test_a_report_on_a_dataset_of_other_poses_is_not_reused(root, pristine, tmp_path):
+    other = GraspNetRoot(Path(shutil.copytree(root.root, tmp_path / "root")))
+    run(pristine, root, tmp_path / "report.json")
+    annotation = other.frame("scenes/scene_0100/realsense/0000").path("annotations")
+    annotation.write_text(annotation.read_text().replace("<pos_in_world>", "<pos_in_world> "))
+    with pytest.raises(StaleOutputError):
+        run(pristine, other, tmp_path / "report.json")
+
+
 def test_the_command_prints_the_figures(root, pristine, tmp_path):
     arguments = ["--dataset", str(root.root), "--out", str(tmp_path / "r.json")]
     result = CliRunner().invoke(

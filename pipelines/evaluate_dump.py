@@ -18,6 +18,7 @@ from typing import Any
 from pipelines.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
 from pipelines.configs import EvaluateDumpConfig
 from pipelines.evaluation.graspnet_figures import DumpTotals, dump_tables
+from pipelines.evaluation.graspnet_inputs import InputDigests
 from pipelines.evaluation.graspnet_scenes import judge_scene
 from pipelines.evaluation.report_page import html_table, whole_page
 from pipelines.evaluation.tables import Table
@@ -31,7 +32,7 @@ from pipelines.formats.dump_verdicts import (
 from pipelines.formats.files import write_text
 from pipelines.formats.graspnet import SPLITS, GraspNetRoot
 from pipelines.formats.graspnet_dump import DumpedScene, dumped_scenes
-from pipelines.formats.provenance import Stamp, digest_folder, digest_text, is_finished, make_stamp
+from pipelines.formats.provenance import Stamp, digest_text, is_finished, make_stamp
 
 STAGE = "evaluate"
 PROTOCOL = "graspnet"
@@ -60,7 +61,7 @@ def run(
         config,
         {
             kind: digest_text("".join(item.stamp.inputs[kind] for item in items))
-            for kind in ("dump", "poses")
+            for kind in items[0].stamp.inputs
         },
     )
     is_finished(output, stamp, overwrite=options.overwrite)  # refuses to replace another report
@@ -94,17 +95,11 @@ def _evaluate_scene(root: GraspNetRoot, config: EvaluateDumpConfig, item: WorkIt
 def _scene_items(
     scenes: Sequence[DumpedScene], root: GraspNetRoot, output: Path, config: EvaluateDumpConfig
 ) -> list[WorkItem]:
-    """Return one item a scene and camera; other grasps or other true poses make it stale."""
-    folder = scenes_folder(output)
-    items = []
+    """Return one item a scene and camera; other grasps, true poses or meshes make it stale."""
+    folder, digests, items = scenes_folder(output), InputDigests(root, exact=config.exact), []
     for scene in scenes:
         name = f"scene_{scene.scene_id:04d}_{scene.camera}"
-        poses = root.scene_folder(scene.scene_id) / scene.camera / "annotations"
-        inputs = {
-            "dump": digest_folder(scene.folder, "*.npy"),
-            "poses": digest_folder(poses, "*.xml"),
-        }
-        stamp = _stamp(config, inputs)
+        stamp = _stamp(config, digests.of(scene))
         items.append(WorkItem(name, folder / f"{name}.npz", stamp, (scene,)))
     return items
 

@@ -68,27 +68,57 @@ class SceneTruth:
         return read_annotation_xml(frame.path("annotations"))
 
 
-@functools.lru_cache(maxsize=KEPT_OBJECTS)
+def object_files(root: GraspNetRoot, object_id: int, *, exact: bool) -> tuple[Path, ...]:
+    """Return the files that say what an object is: its points, and its surface or grid."""
+    surface = _surface(root, object_id)
+    if exact:
+        return (surface,)
+    stored = root.textured_path(object_id, ".sdf")
+    return (root.model_path(object_id), stored if stored.is_file() else surface)
+
+
 def grid_object(root: GraspNetRoot, object_id: int) -> GridObject:
     """Return an object as the peer has it: its model's vertices, and `textured.sdf`.
 
     Without that file the grid is computed from the mesh, as it would be read from the file: its six
     digits decide on flat faces.
     """
-    model = root.model_path(object_id)
-    points = voxel_means(read_vertices(model), VOXEL)
-    stored = root.textured_path(object_id, ".sdf")
-    if stored.is_file():
-        return GridObject(points, read_sdf(stored))
-    grid = single_precision_grid(read_mesh(_surface(root, object_id)))
-    return GridObject(points, as_stored(grid))
+    return _grid_object(*map(_version, object_files(root, object_id, exact=False)))
+
+
+def solid_object(root: GraspNetRoot, object_id: int) -> SolidObject:
+    """Return an object as it is; whose a grasp is, points all over its surface say."""
+    return _solid_object(*map(_version, object_files(root, object_id, exact=True)), object_id)
+
+
+@dataclass(frozen=True)
+class _Version:
+    """A file as it was when it was last written: what is in memory is good for that only."""
+
+    path: Path
+    written: int = 0  # nanoseconds
+    size: int = 0
+
+
+def _version(path: Path) -> _Version:
+    if not path.is_file():
+        return _Version(path)  # reading it says what is missing
+    status = path.stat()
+    return _Version(path, status.st_mtime_ns, status.st_size)
 
 
 @functools.lru_cache(maxsize=KEPT_OBJECTS)
-def solid_object(root: GraspNetRoot, object_id: int) -> SolidObject:
-    """Return an object as it is; whose a grasp is, points all over its surface say."""
-    mesh = read_mesh(_surface(root, object_id))
-    samples = sample_surface(mesh, NUM_SAMPLES, np.random.default_rng(object_id))[0]
+def _grid_object(model: _Version, grid: _Version) -> GridObject:
+    points = voxel_means(read_vertices(model.path), VOXEL)
+    if grid.path.suffix == ".sdf":
+        return GridObject(points, read_sdf(grid.path))
+    return GridObject(points, as_stored(single_precision_grid(read_mesh(grid.path))))
+
+
+@functools.lru_cache(maxsize=KEPT_OBJECTS)
+def _solid_object(surface: _Version, seed: int) -> SolidObject:
+    mesh = read_mesh(surface.path)
+    samples = sample_surface(mesh, NUM_SAMPLES, np.random.default_rng(seed))[0]
     return SolidObject(voxel_means(samples, VOXEL), mesh, MeshCollider(mesh))
 
 

@@ -7,6 +7,7 @@ object to camera coordinates in metres (the tag `pos_in_world` notwithstanding).
 
 import io
 import logging
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +29,7 @@ log = logging.getLogger(__name__)
 POSE_FIELDS = ("obj_id", "obj_name", "obj_path", "pos_in_world", "ori_in_world")
 # A .mat opens with 116 bytes of free text, where scipy puts the time of writing.
 MAT_TEXT = b"MATLAB 5.0 MAT-file, written by symgrasp".ljust(116)
+OBJECT_ID = re.compile(rb"<obj_id>\s*(\d+)\s*</obj_id>")
 NEEDED_FIELDS = ("obj_id", "pos_in_world", "ori_in_world")
 # Four decimals of a quaternion turn a pose by up to about 1e-4 rad.
 LARGEST_ROUNDING = 5e-4
@@ -88,6 +90,15 @@ def read_annotation_xml(path: Path) -> list[ObjectPose]:
     if twice:
         raise FormatError(path, f"lists object {twice[0]} twice", "one pose an object is expected")
     return poses
+
+
+def annotated_ids(folder: Path) -> list[int]:
+    """List the objects that any `NNNN.xml` of `annotations/` names, ascending.
+
+    The files are searched, not parsed: one that is damaged is for whoever reads its poses to name.
+    """
+    texts = (path.read_bytes() for path in folder.glob("*.xml"))
+    return sorted({int(found) for text in texts for found in OBJECT_ID.findall(text)})
 
 
 def read_poses(annotation: Path, meta: Path) -> list[ObjectPose]:

@@ -15,6 +15,11 @@ from pipelines.evaluation.graspnet_truth import grid_object
 from pipelines.formats import reports
 from pipelines.formats.dump_verdicts import read_dump_verdicts, scenes_folder
 from pipelines.formats.graspnet import GraspNetRoot
+from pipelines.formats.meshes import read_mesh, write_mesh
+from pipelines.formats.signed_distance import write_sdf
+from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.single_precision import single_precision_grid
+from pipelines.geometry.transforms import rotation_about
 from symgrasp_cli.app import app
 from tests.stages.toy_dump import frame_file, write_dump, write_root
 
@@ -93,10 +98,6 @@ def test_all_is_the_mean_over_frames_and_a_split_without_frames_has_no_figure(re
 
 
 def test_a_grid_on_disk_gives_the_same_as_one_computed(root, pristine, report, tmp_path):
-    from pipelines.formats.meshes import read_mesh
-    from pipelines.formats.signed_distance import write_sdf
-    from pipelines.geometry.single_precision import single_precision_grid
-
     other = GraspNetRoot(Path(shutil.copytree(root.root, tmp_path / "root")))
     mesh = read_mesh(other.textured_path(1, ".obj"))
     write_sdf(other.textured_path(1, ".sdf"), single_precision_grid(mesh))
@@ -232,6 +233,29 @@ def test_a_report_on_a_dataset_of_other_poses_is_not_reused(root, pristine, tmp_
     annotation.write_text(annotation.read_text().replace("<pos_in_world>", "<pos_in_world> "))
     with pytest.raises(StaleOutputError):
         run(pristine, other, tmp_path / "report.json")
+
+
+def test_another_mesh_makes_a_report_stale(root, pristine, tmp_path):
+    other = GraspNetRoot(Path(shutil.copytree(root.root, tmp_path / "root")))
+    output = tmp_path / "r.json"
+    run(pristine, other, output, exact=True)
+    before = figures(output)
+    path = other.textured_path(1, ".obj")
+    mesh = read_mesh(path)
+    write_mesh(path, Mesh(mesh.vertices @ rotation_about([1.0, 0.0, 0.0], 0.4), mesh.faces))
+    with pytest.raises(StaleOutputError):
+        run(pristine, other, output, exact=True)
+    output.unlink()
+    assert len(run(pristine, other, output, exact=True).done) == 2
+    assert figures(output) != before
+
+
+def test_a_mesh_that_is_none_is_named(root, pristine, tmp_path):
+    other = GraspNetRoot(Path(shutil.copytree(root.root, tmp_path / "root")))
+    other.model_path(1).write_bytes(b"nothing")
+    report = run(pristine, other, tmp_path / "r.json")
+    assert len(report.failed) == 2
+    assert all("nontextured.ply" in sentence for sentence in report.failed.values())
 
 
 def test_the_command_prints_the_figures(root, pristine, tmp_path):

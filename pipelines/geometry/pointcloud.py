@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import KDTree
 
+from pipelines.geometry.point_cells import cell_keys, first_of_each
 from pipelines.geometry.transforms import unit
 
 Array = NDArray[np.float64]
@@ -105,6 +106,4 @@ def voxel_downsample(points: ArrayLike, size: float) -> NDArray[np.int64]:
     p = np.asarray(points, np.float64)
     if not len(p):
         return np.zeros(0, np.int64)
-    cells = np.floor((p - p.min(axis=0)) / size).astype(np.int64)
-    _, first = np.unique(cells, axis=0, return_index=True)
-    return np.sort(first)
+    return np.sort(first_of_each(cell_keys(p, size))[0])

@@ -10,6 +10,7 @@ from scipy.spatial import KDTree
 
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.organized import smooth_normals
+from pipelines.geometry.point_cells import first_of_each
 from pipelines.geometry.pointcloud import Plane
 
 Array = NDArray[np.float64]
@@ -85,7 +86,7 @@ class SceneCloud:
         cells = np.floor((points - centre + radius) / resolution).astype(np.int64)
         side = int(2 * radius / resolution) + 2
         key = ((cells[:, 0] * side + cells[:, 1]) * side + cells[:, 2]) * 2 + own
-        _, first, count = np.unique(key, return_index=True, return_counts=True)
+        first, count = first_of_each(key)
         return Surroundings(points[first], count, own[first])
 
     def _window(self, centre: Array, radius: float) -> tuple[slice, slice]:

@@ -9,15 +9,16 @@ from pipelines.geometry.symmetry import RotationSymmetry, SymmetrySlots
 from pipelines.geometry.transforms import unit
 from pipelines.grasping.decoding import contact_pairs, in_observed_frustum
 from pipelines.grasping.gripper import Gripper
-from pipelines.grasping.observation import RegionCloud, SceneCloud
+from pipelines.grasping.observation import RegionCloud, SceneCloud, Surroundings
 from pipelines.grasping.planar import planar_candidates
-from pipelines.grasping.selection import Candidates, RankedGrasps, select
+from pipelines.grasping.selection import Candidates, RankedGrasps, select, surroundings
 
 Array = NDArray[np.float64]
 
 MIN_POINTS = 20  # fewer show no surface
 PLANAR_TURNS = np.radians([0.0, 20.0, -20.0, 40.0, -40.0])  # about the contact line
 RANDOM_DRAWS = 4000
+HIDDEN_COUNT = 1  # measured points that a point known by symmetry alone is worth
 COMPLETING_TURNS = np.radians(np.arange(45.0, 360.0, 45.0))
 
 
@@ -51,9 +52,10 @@ def plan_region(
         "network",
     )
     turns = np.linspace(0.0, 2 * np.pi, config.num_approach_angles, endpoint=False)
-    hidden = hidden_points(region, scene, slots, config)
-    found = select(candidates, turns, region, scene, gripper, config, hidden)
-    return found if len(found) else plan_planar(region, scene, gripper, config)
+    around = surroundings(region, scene, gripper, config)
+    whole = around.with_own(hidden_points(region, scene, slots, config), HIDDEN_COUNT)
+    found = select(candidates, turns, region, scene, gripper, config, whole)
+    return found if len(found) else plan_planar(region, scene, gripper, config, around)
 
 
 def hidden_points(
@@ -72,13 +74,21 @@ def hidden_points(
 
 
 def plan_planar(
-    region: RegionCloud, scene: SceneCloud, gripper: Gripper, config: SelectionConfig
+    region: RegionCloud,
+    scene: SceneCloud,
+    gripper: Gripper,
+    config: SelectionConfig,
+    around: Surroundings | None = None,
 ) -> RankedGrasps:
-    """Return feasible grasps from the boundary of `region`, best first (D. 8)."""
+    """Return feasible grasps from the boundary of `region`, best first (D. 8).
+
+    `around` is what the hand must not meet, if that is known already.
+    """
     if len(region) < MIN_POINTS:
         return RankedGrasps.empty()
     candidates = planar_candidates(region, scene, gripper, config)
-    return select(candidates, PLANAR_TURNS, region, scene, gripper, config)
+    around = around or surroundings(region, scene, gripper, config)
+    return select(candidates, PLANAR_TURNS, region, scene, gripper, config, around)
 
 
 def plan_random(
@@ -118,7 +128,8 @@ def plan_random(
         "random",
     )
     turns = np.linspace(0.0, 2 * np.pi, config.num_approach_angles, endpoint=False)
-    return select(candidates, turns, region, scene, gripper, config)
+    around = surroundings(region, scene, gripper, config)
+    return select(candidates, turns, region, scene, gripper, config, around)
 
 
 def _base_approach(region: RegionCloud, scene: SceneCloud, count: int) -> Array:

@@ -8,17 +8,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipelines.configs import SelectionConfig
 from pipelines.geometry.transforms import unit
-from pipelines.grasping.collision import clearance, lowest_height, sweep, turned
+from pipelines.grasping.collision import Obstacles, clearance, lowest_height, meets, turned
 from pipelines.grasping.grasps import Grasps, Index
 from pipelines.grasping.gripper import Gripper
-from pipelines.grasping.observation import RegionCloud, SceneCloud
+from pipelines.grasping.observation import RegionCloud, SceneCloud, Surroundings
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 MAX_RANKED = 96  # steadiest feasible candidates that the clearance is computed for
 MAX_ROUNDS = 4  # of `max_pairs` pairs each, before a region counts as out of reach
-HIDDEN_COUNT = 1  # measured points that a point known by symmetry alone is worth
+BATCH = 16  # pairs that are tried at a time
+ROUNDING = 1e-6  # metres
 OFF_CENTRE = 0.5  # steadiness lost by a grasp at the region's rim
 
 
@@ -109,36 +110,87 @@ def select(
     scene: SceneCloud,
     gripper: Gripper,
     config: SelectionConfig,
-    hidden: Array | None = None,
+    around: Surroundings,
 ) -> RankedGrasps:
     """Return the candidates that are feasible at one of `angles` (radians), best first.
 
-    Pairs are tried in rounds, the steadiest first, until a round has feasible ones. `hidden`
-    (m, 3) are points of the region that the camera does not see and the hand must not meet.
+    Pairs are tried in rounds, the steadiest first, until a round has feasible ones, and in a round
+    as long as they are worth ranking. `around` is what the hand must not meet (`surroundings`).
     """
     turns = np.asarray(angles, np.float64)
     base = Grasps.from_contacts(candidates.contacts, candidates.approach)
-    reach = gripper.finger_length + gripper.palm_depth + config.clearance_cap
-    around = scene.around(region, reach, config.scene_resolution)
-    if hidden is not None:
-        around = around.with_own(hidden, HIDDEN_COUNT)
     steady = candidates.quality * _centredness(base, region)
-    allowed = _reachable(base, turns, scene, gripper, config)
+    count = len(turns)
+    hands = turned(base, np.repeat(np.arange(len(base)), count), np.tile(turns, len(base)))
+    allowed = _reachable(hands, scene, gripper, config).reshape(len(base), count)
     order = np.argsort(-steady, kind="stable")
     order = order[allowed[order].any(axis=1)]
+    trial = _Trial(hands, allowed, steady, _above_table(around, scene, config), gripper, config)
     for start in range(0, min(len(order), MAX_ROUNDS * config.max_pairs), config.max_pairs):
-        tried = order[start : start + config.max_pairs]
-        met = sweep(base[tried], turns, gripper, around, config.body_margin)
-        free = (met.inside <= config.max_points_inside) & (met.enclosed >= config.min_enclosed)
-        row, turn = np.nonzero(free & allowed[tried])
-        if len(row):
-            kept = _steadiest(steady[tried[row]], config)
-            pair = tried[row[kept]]
-            grasps = turned(base, pair, turns[turn[kept]])
-            found = _ranked(candidates, pair, grasps, met.enclosed[row, turn][kept])
-            b = clearance(grasps, gripper, around.points[~around.own], config.clearance_cap)
+        hand, enclosed = trial.feasible(order[start : start + config.max_pairs])
+        if len(hand):
+            kept = _steadiest(steady[hand // count], config)
+            hand, pair = hand[kept], hand[kept] // count
+            found = _ranked(candidates, pair, hands[hand], enclosed[kept])
+            others = Obstacles(around.points[~around.own], around.count[~around.own])
+            b = clearance(found.grasps, gripper, others, config.clearance_cap)
             return _in_order(found, b, steady[pair], config)
     return RankedGrasps.empty()
+
+
+def surroundings(
+    region: RegionCloud, scene: SceneCloud, gripper: Gripper, config: SelectionConfig
+) -> Surroundings:
+    """Return the observed points that a hand at `region` may meet or come near to."""
+    reach = gripper.finger_length + gripper.palm_depth + config.clearance_cap
+    return scene.around(region, reach, config.scene_resolution)
+
+
+def _above_table(around: Surroundings, scene: SceneCloud, config: SelectionConfig) -> Obstacles:
+    """Return what a hand can meet that stays `min_table_distance` above the table, if there is one.
+
+    Blown up by a margin, its corners reach down by that times the root of three at most.
+    """
+    if scene.plane is None:
+        return Obstacles(around.points, around.count)
+    lowest = config.min_table_distance - np.sqrt(3.0) * config.body_margin - ROUNDING
+    above = scene.plane.height(around.points) > lowest
+    return Obstacles(around.points[above], around.count[above])
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """Hands of k pairs at m angles (k * m), which are allowed (k, m), and what is in the way."""
+
+    hands: Grasps
+    allowed: Mask
+    steady: Array
+    obstacles: Obstacles
+    gripper: Gripper
+    config: SelectionConfig
+
+    def feasible(self, pairs: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array]:
+        """Return the hands of `pairs`, steadiest first, that are free, and what they enclose.
+
+        Pairs that `_steadiest` would leave out whatever they meet are not tried.
+        """
+        count = self.allowed.shape[1]
+        hands, heights, best = [np.zeros(0, np.int64)], [np.zeros(0)], -np.inf
+        for start in range(0, len(pairs), BATCH):
+            batch = pairs[start : start + BATCH]
+            enough = sum(map(len, hands)) >= MAX_RANKED
+            if enough or self.steady[batch[0]] < self.config.steadiness * best:
+                break
+            row, turn = np.nonzero(self.allowed[batch])
+            hand = batch[row] * count + turn
+            margin, few = self.config.body_margin, self.config.max_points_inside
+            met, enclosed = meets(self.hands[hand], self.gripper, self.obstacles, margin, few)
+            free = ~met & (enclosed >= self.config.min_enclosed)
+            hands.append(hand[free])
+            heights.append(enclosed[free])
+            if free.any():
+                best = max(best, float(self.steady[hand[free][0] // count]))
+        return np.concatenate(hands), np.concatenate(heights)
 
 
 def _ranked(
@@ -161,22 +213,16 @@ def _in_order(
     return ranked[order]
 
 
-def _reachable(
-    base: Grasps, turns: Array, scene: SceneCloud, gripper: Gripper, config: SelectionConfig
-) -> Mask:
-    """Return (k, m) which grasps come from above the table and from the camera's side."""
-    count = len(turns)
-    grasps = turned(base, np.repeat(np.arange(len(base)), count), np.tile(turns, len(base)))
-    fits = (grasps.width >= config.min_width) & (grasps.width <= gripper.max_width)
-    along_view = np.einsum("ni,ni->n", grasps.approach, unit(grasps.translation))
+def _reachable(hands: Grasps, scene: SceneCloud, gripper: Gripper, config: SelectionConfig) -> Mask:
+    """Return (n,) which hands come from above the table and from the camera's side."""
+    fits = (hands.width >= config.min_width) & (hands.width <= gripper.max_width)
+    along_view = np.einsum("ni,ni->n", hands.approach, unit(hands.translation))
     if scene.plane is None:
-        fits &= along_view > np.cos(config.max_view_angle)
-    else:
-        fits &= along_view > np.cos(config.max_hidden_angle)
-        fits &= -grasps.approach @ scene.plane.normal > np.cos(config.max_approach_angle)
-        lowest = lowest_height(grasps, gripper, scene.plane)
-        fits &= lowest >= config.min_table_distance
-    return np.asarray(fits.reshape(len(base), count))
+        return np.asarray(fits & (along_view > np.cos(config.max_view_angle)))
+    fits &= along_view > np.cos(config.max_hidden_angle)
+    fits &= -hands.approach @ scene.plane.normal > np.cos(config.max_approach_angle)
+    fits[fits] = lowest_height(hands[fits], gripper, scene.plane) >= config.min_table_distance
+    return np.asarray(fits)
 
 
 def _centredness(grasps: Grasps, region: RegionCloud) -> Array:

@@ -61,3 +61,10 @@ def test_thinning_keeps_one_point_a_cube():
     cloud = np.array([[0, 0, 0], [0.001, 0, 0], [0.02, 0, 0]])
     assert voxel_downsample(cloud, 0.01).tolist() == [0, 2]
     assert voxel_downsample(np.zeros((0, 3)), 0.01).tolist() == []
+
+
+def test_thinning_keeps_the_first_point_of_every_cube():
+    points = np.random.default_rng(3).normal(0, 0.02, (700, 3))
+    cubes = np.floor((points - points.min(axis=0)) / 0.01)
+    expected = [i for i, c in enumerate(cubes) if not (cubes[:i] == c).all(axis=1).any()]
+    np.testing.assert_array_equal(voxel_downsample(points, 0.01), expected)

@@ -13,12 +13,11 @@ from pipelines.geometry.transforms import (
     transform_points,
     unit,
 )
-from pipelines.grasping.collision import clearance, lowest_height, sweep, turned
+from pipelines.grasping.collision import Obstacles, clearance, lowest_height, meets, turned
 from pipelines.grasping.grasps import Grasps
-from pipelines.grasping.observation import Surroundings
 
 GRIPPER = load_gripper("rg2")
-ANGLES = np.array([0.0, 0.7, 2.9])
+ANGLES = np.array([0.0, 0.7, 2.9, -1.1, 6.0])
 seeds = st.integers(0, 2**31)
 
 
@@ -28,9 +27,7 @@ def random_grasps(rng, count=5):
 
 
 def random_scene(rng, count=400):
-    return Surroundings(
-        rng.uniform(-0.12, 0.12, (count, 3)), rng.integers(1, 4, count), np.zeros(count, bool)
-    )
+    return Obstacles(rng.uniform(-0.12, 0.12, (count, 3)), rng.integers(1, 4, count))
 
 
 def boxes_of(grasps, index, margin):
@@ -53,43 +50,49 @@ def naive_enclosed(grasps, index, scene):
     return (high[1, 0] - local[between, 0]).max(initial=0.0)
 
 
-@given(seeds)
-@example(420)  # points in the corners of the margin
-@settings(max_examples=15, deadline=None)
-def test_the_sweep_counts_what_a_loop_counts(seed):
+@given(seeds, st.integers(0, 600), st.integers(0, 40))
+@example(420, 400, 2)  # points in the corners of the margin
+@settings(max_examples=40, deadline=None)
+def test_hands_meet_and_enclose_what_a_loop_finds(seed, count, allowed):
     rng = np.random.default_rng(seed)
-    grasps, scene = random_grasps(rng), random_scene(rng)
-    met = sweep(grasps, ANGLES, GRIPPER, scene, 0.001)
-    for column, angle in enumerate(ANGLES):
-        hands = turned(grasps, np.arange(len(grasps)), np.full(len(grasps), angle))
-        for row in range(len(grasps)):
-            assert met.inside[row, column] == naive_inside(hands, row, scene, 0.001)
-            found = naive_enclosed(hands, row, scene)
-            np.testing.assert_allclose(met.enclosed[row, column], found, atol=1e-5)
+    hands, scene = random_grasps(rng, 15), random_scene(rng, count)
+    met, enclosed = meets(hands, GRIPPER, scene, 0.001, allowed)
+    for index in range(len(hands)):
+        expected = naive_inside(hands, index, scene, 0.001) > allowed
+        assert met[index] == expected
+        height = 0.0 if expected else naive_enclosed(hands, index, scene)
+        np.testing.assert_allclose(enclosed[index], height, atol=1e-5)
 
 
 @given(seeds)
 @settings(max_examples=15, deadline=None)
 def test_moving_hand_and_scene_together_changes_nothing(seed):
     rng = np.random.default_rng(seed)
-    grasps, scene = random_grasps(rng), random_scene(rng)
+    grasps, scene = random_grasps(rng, 40), random_scene(rng)
     T = make_pose(random_rotation(rng), rng.normal(size=3))
-    moved = Surroundings(transform_points(T, scene.points), scene.count, scene.own)
-    here = sweep(grasps, ANGLES, GRIPPER, scene, 0.001)
-    there = sweep(grasps.transformed(T), ANGLES, GRIPPER, moved, 0.001)
-    assert (np.abs(here.inside - there.inside) <= 3).all()  # a point on a box's face may flip
-    assert (here.inside == there.inside).mean() > 0.8
-    for points, hands in ((scene.points, grasps), (moved.points, grasps.transformed(T))):
-        found = clearance(hands, GRIPPER, points, 0.05)
-        np.testing.assert_allclose(found, clearance(grasps, GRIPPER, scene.points, 0.05), atol=1e-5)
+    moved = Obstacles(transform_points(T, scene.points), scene.count)
+    here, _ = meets(grasps, GRIPPER, scene, 0.001, 4)
+    there, _ = meets(grasps.transformed(T), GRIPPER, moved, 0.001, 4)
+    assert (here == there).mean() > 0.9  # a point on a box's face may flip
+    found = clearance(grasps.transformed(T), GRIPPER, moved, 0.05)
+    np.testing.assert_allclose(found, clearance(grasps, GRIPPER, scene, 0.05), atol=1e-5)
 
 
-@given(seeds)
-@settings(max_examples=15, deadline=None)
-def test_the_clearance_is_the_nearest_point_of_a_loop(seed):
+def test_the_hand_turns_about_its_contact_line():
+    rng = np.random.default_rng(2)
+    grasps = random_grasps(rng)
+    hands = turned(grasps, np.arange(5), ANGLES)
+    np.testing.assert_allclose(hands.contacts, grasps.contacts, atol=1e-12)
+    cosine = np.einsum("ni,ni->n", hands.approach, grasps.approach)
+    np.testing.assert_allclose(cosine, np.cos(ANGLES), atol=1e-12)
+
+
+@given(seeds, st.sampled_from([0, 1, 12, 500]))
+@settings(max_examples=30, deadline=None)
+def test_the_clearance_is_the_nearest_point_of_a_loop(seed, count):
     rng = np.random.default_rng(seed)
-    grasps, scene = random_grasps(rng), random_scene(rng, 12)
-    found = clearance(grasps, GRIPPER, scene.points, 0.05)
+    grasps, scene = random_grasps(rng), random_scene(rng, count)
+    found = clearance(grasps, GRIPPER, scene, 0.05)
     for index in range(len(grasps)):
         local = (scene.points - grasps.translation[index]) @ grasps.rotation[index]
         low, high = boxes_of(grasps, index, 0.0)
@@ -97,12 +100,7 @@ def test_the_clearance_is_the_nearest_point_of_a_loop(seed):
             np.linalg.norm(np.maximum(np.maximum(lo - local, local - hi), 0), axis=1)
             for lo, hi in zip(low, high, strict=True)
         ]
-        np.testing.assert_allclose(found[index], min(np.min(gaps), 0.05), atol=1e-5)
-
-
-def test_without_points_the_clearance_is_the_cap():
-    grasps = random_grasps(np.random.default_rng(0))
-    np.testing.assert_array_equal(clearance(grasps, GRIPPER, np.zeros((0, 3)), 0.05), 0.05)
+        np.testing.assert_allclose(found[index], np.min(gaps, initial=0.05), atol=1e-5)
 
 
 @given(seeds)

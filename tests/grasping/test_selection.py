@@ -1,5 +1,7 @@
 """Ranking and the checks a candidate must pass."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,9 +11,10 @@ from pipelines.configs import SelectionConfig
 from pipelines.formats.gripper_files import load_gripper
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import transform_points
-from pipelines.grasping.collision import lowest_height
+from pipelines.grasping.collision import lowest_height, turned
+from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.observation import RegionCloud, SceneCloud
-from pipelines.grasping.selection import Candidates, no_candidates, rank_score, select
+from pipelines.grasping.selection import Candidates, no_candidates, rank_score, select, surroundings
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
 
 CONFIG = SelectionConfig()
@@ -42,6 +45,11 @@ def across_box(pose, heights, x=0.0, size=0.06):
     )
 
 
+def chosen(candidates, turns, region, scene):
+    around = surroundings(region, scene, GRIPPER, CONFIG)
+    return select(candidates, turns, region, scene, GRIPPER, CONFIG, around)
+
+
 @given(metres, metres)
 @settings(max_examples=25, deadline=None)
 def test_the_rank_is_equation_8(b, h):
@@ -59,7 +67,7 @@ def test_more_clearance_and_more_height_never_rank_lower(b, h, more):
 
 def test_a_grasp_from_above_is_feasible_and_ranked_by_its_numbers():
     pose, scene, region = seen([Box((0.06, 0.06, 0.12))])
-    found = select(across_box(pose, [0.1, 0.09, 0.08]), TURNS, region, scene, GRIPPER, CONFIG)
+    found = chosen(across_box(pose, [0.1, 0.09, 0.08]), TURNS, region, scene)
     assert len(found) > 0
     assert (np.diff(found.rank_score) <= 1e-6).all()
     expected = rank_score(found.clearance, found.enclosed_height, CONFIG)
@@ -69,10 +77,10 @@ def test_a_grasp_from_above_is_feasible_and_ranked_by_its_numbers():
 def test_no_finger_goes_below_the_table():
     pose, scene, region = seen([Box((0.06, 0.06, 0.12))])
     heights = [0.003, 0.006, 0.02, 0.1]
-    found = select(across_box(pose, heights), TURNS, region, scene, GRIPPER, CONFIG)
+    found = chosen(across_box(pose, heights), TURNS, region, scene)
     lowest = lowest_height(found.grasps, GRIPPER, scene.plane)
     assert (lowest >= CONFIG.min_table_distance).all()
-    low = select(across_box(pose, [0.003]), TURNS, region, scene, GRIPPER, CONFIG)
+    low = chosen(across_box(pose, [0.003]), TURNS, region, scene)
     assert len(low) == 0
 
 
@@ -81,7 +89,7 @@ def test_a_neighbour_in_the_way_of_a_finger_forbids_the_grasp():
     beside = seen([Box((0.06, 0.06, 0.12)), Box((0.05, 0.06, 0.12), (0.06, 0, 0))])
     straight = np.zeros(1)
     for (pose, scene, region), expected in ((alone, 1), (beside, 0)):
-        found = select(across_box(pose, [0.1]), straight, region, scene, GRIPPER, CONFIG)
+        found = chosen(across_box(pose, [0.1]), straight, region, scene)
         assert len(found) == expected
 
 
@@ -90,7 +98,7 @@ def test_a_neighbour_nearby_lowers_the_clearance():
     for gap in (0.02, 0.035):
         neighbour = Box((0.05, 0.06, 0.12), (0.03 + gap + 0.025, 0, 0))
         pose, scene, region = seen([Box((0.06, 0.06, 0.12)), neighbour])
-        found = select(across_box(pose, [0.1]), straight, region, scene, GRIPPER, CONFIG)
+        found = chosen(across_box(pose, [0.1]), straight, region, scene)
         clearances.append(float(found.clearance[0]))
     assert clearances[0] < clearances[1]
     # A finger reaches from the box's face by its clearance and thickness.
@@ -101,7 +109,7 @@ def test_a_neighbour_nearby_lowers_the_clearance():
 def test_fingers_inside_the_object_itself_are_a_collision():
     pose, scene, region = seen([Box((0.1, 0.06, 0.12))])
     # Contacts in the middle of the top face: the fingers would have to go through it.
-    found = select(across_box(pose, [0.1]), np.zeros(1), region, scene, GRIPPER, CONFIG)
+    found = chosen(across_box(pose, [0.1]), np.zeros(1), region, scene)
     assert len(found) == 0
 
 
@@ -109,10 +117,69 @@ def test_fingers_inside_the_object_itself_are_a_collision():
 def test_contacts_too_close_or_too_far_apart_are_left_out(width):
     pose, scene, region = seen([Box((0.06, 0.06, 0.12))])
     candidates = across_box(pose, [0.1], size=width)
-    assert len(select(candidates, TURNS, region, scene, GRIPPER, CONFIG)) == 0
+    assert len(chosen(candidates, TURNS, region, scene)) == 0
 
 
 def test_no_candidates_give_no_grasps():
     _, scene, region = seen([Box((0.06, 0.06, 0.12))])
-    found = select(no_candidates("network"), TURNS, region, scene, GRIPPER, CONFIG)
+    found = chosen(no_candidates("network"), TURNS, region, scene)
     assert len(found) == 0
+
+
+def naive_choice(candidates, turns, region, scene):
+    """What is free at the final pose, pair by pair and turn by turn, all points looked at."""
+    around = surroundings(region, scene, GRIPPER, CONFIG)
+    base = Grasps.from_contacts(candidates.contacts, candidates.approach)
+    centre = np.median(region.points, axis=0)
+    radius = np.percentile(np.linalg.norm(region.points - centre, axis=1), 90)
+    off = np.linalg.norm(base.translation - centre, axis=1) / radius
+    steady = candidates.quality * (1.0 - 0.5 * np.minimum(off, 1.0))
+    found = []
+    for pair in np.argsort(-steady, kind="stable"):
+        for turn in turns:
+            hand = turned(base, np.array([pair]), np.array([turn]))
+            low, high = GRIPPER.boxes(hand.width[0]).transpose(1, 0, 2)
+            if not (CONFIG.min_width <= hand.width[0] <= GRIPPER.max_width):
+                continue
+            steep = -hand.approach[0] @ scene.plane.normal
+            ahead = hand.approach[0] @ (hand.translation[0] / np.linalg.norm(hand.translation[0]))
+            if steep <= np.cos(CONFIG.max_approach_angle) or ahead <= np.cos(
+                CONFIG.max_hidden_angle
+            ):
+                continue
+            if lowest_height(hand, GRIPPER, scene.plane)[0] < CONFIG.min_table_distance:
+                continue
+            local = (around.points - hand.translation[0]) @ hand.rotation[0]
+            inside = 0
+            for lo, hi in zip(low - CONFIG.body_margin, high + CONFIG.body_margin, strict=True):
+                inside += around.count[((local > lo) & (local < hi)).all(axis=1)].sum()
+            between = (np.abs(local[:, 1]) < low[1, 1]) & (np.abs(local[:, 2]) < high[1, 2])
+            between &= (local[:, 0] < high[1, 0]) & (local[:, 0] > low[1, 0])
+            height = (high[1, 0] - local[between, 0]).max(initial=0.0)
+            if inside <= CONFIG.max_points_inside and height >= CONFIG.min_enclosed:
+                found.append((steady[pair], hand.translation[0], hand.approach[0]))
+    best = max((entry[0] for entry in found), default=0.0)
+    return [entry for entry in found if entry[0] >= CONFIG.steadiness * best][:96]
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("highest", [0.11, 0.03])
+def test_the_choice_is_that_of_trying_every_hand_on_every_point(seed, highest):
+    rng = np.random.default_rng(seed)
+    plate = Box((0.3, 0.1, 0.012), (0, -0.05, 0))  # lower than hands may come, as the table is not
+    neighbour = Box((0.05, 0.05, 0.06), (0.08, 0.02, 0))
+    pose, scene, region = seen([Box((0.06, 0.08, 0.1)), neighbour, plate])
+    heights = rng.uniform(0.005, highest, 40)
+    candidates = replace(
+        across_box(pose, heights, rng.normal(0, 0.003), rng.uniform(0.05, 0.09)),
+        quality=rng.uniform(0.8, 1.0, 40),
+    )
+    expected = naive_choice(candidates, TURNS, region, scene)
+    found = chosen(candidates, TURNS, region, scene).grasps
+    assert len(expected) == len(found)
+    assert len(found) > 0 or highest < 0.1  # the plate is in the way of all low hands
+    for _, translation, approach in expected:
+        away = np.abs(found.translation - translation).max(1) + np.abs(
+            found.approach - approach
+        ).max(1)
+        assert away.min() < 1e-9

@@ -1,0 +1,63 @@
+"""Points in cubes: sorting by counting equals sorting, and no cube hides a point."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
+
+from pipelines.geometry.point_cells import PointCells, ascending_order, cell_keys, first_of_each
+
+keys = st.lists(st.integers(0, 2**40), max_size=60) | st.lists(st.integers(0, 5), max_size=60)
+seeds = st.integers(0, 2**31)
+
+
+@given(keys)
+def test_the_order_is_that_of_a_stable_sort(numbers):
+    key = np.array(numbers, np.int64)
+    assert_array_equal(ascending_order(key), np.argsort(key, kind="stable"))
+
+
+@given(keys)
+def test_first_places_and_counts_are_those_of_unique(numbers):
+    key = np.array(numbers, np.int64)
+    _, first, count = np.unique(key, return_index=True, return_counts=True)
+    for found, expected in zip(first_of_each(key), (first, count), strict=True):
+        assert_array_equal(found, expected)
+
+
+@given(seeds)
+@settings(max_examples=25, deadline=None)
+def test_points_share_a_key_where_they_share_a_cube(seed):
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-0.1, 0.1, (50, 3))
+    cubes = np.floor((points - points.min(axis=0)) / 0.05)
+    alike = (cubes[:, None] == cubes).all(axis=-1)
+    key = cell_keys(points, 0.05)
+    assert_array_equal(key[:, None] == key, alike)
+
+
+@given(seeds, st.integers(0, 300))
+@settings(max_examples=25, deadline=None)
+def test_every_point_lies_in_the_ball_of_its_cube_and_in_one_cube(seed, count):
+    points = np.random.default_rng(seed).normal(0, 0.05, (count, 3))
+    cells = PointCells.of(points, 0.03)
+    assert_array_equal(np.sort(cells.index), np.arange(count))
+    for number in range(len(cells)):
+        members = points[cells.index[cells.start[number] : cells.start[number + 1]]]
+        away = np.linalg.norm(members - cells.centre[number], axis=1)
+        assert len(members) > 0
+        assert (away <= cells.radius[number]).all()
+
+
+@given(seeds)
+@settings(max_examples=25, deadline=None)
+def test_a_body_has_the_points_of_the_cubes_that_it_touches(seed):
+    rng = np.random.default_rng(seed)
+    cells = PointCells.of(rng.normal(0, 0.05, (80, 3)), 0.05)
+    touched = rng.random((4, len(cells))) < 0.3
+    counts, places = cells.members(touched)
+    for body, found in enumerate(np.split(places, np.cumsum(counts)[:-1])):
+        spans = [
+            cells.index[cells.start[c] : cells.start[c + 1]] for c in np.flatnonzero(touched[body])
+        ]
+        assert_array_equal(found, np.concatenate([np.zeros(0, np.int64), *spans]))

@@ -3,7 +3,7 @@
 Reads   DUMP/scene_NNNN/CAMERA/NNNN.npy   rows (N, 17) of any detector, camera frame
         ROOT/scenes, models               poses, cameras; vertices, meshes, textured.sdf
 Writes  report.json                       AP, AP_0.4, AP_0.8 by camera and split
-        report.html                       the same as tables
+        report.html                       tables, curves, what became of the grasps
         report.scenes/                    accuracy (frames, 50, 6) and verdicts, a file a scene
 
 A frame without a file, or with one that holds no grasp rows, is named and counts as one without
@@ -17,10 +17,10 @@ from typing import Any
 
 from pipelines.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
 from pipelines.configs import EvaluateDumpConfig
-from pipelines.evaluation.graspnet_figures import DumpTotals, dump_tables
+from pipelines.evaluation.graspnet_figures import DumpTally, dump_tables
 from pipelines.evaluation.graspnet_inputs import InputDigests
+from pipelines.evaluation.graspnet_page import dump_page
 from pipelines.evaluation.graspnet_scenes import judge_scene
-from pipelines.evaluation.report_page import html_table, whole_page
 from pipelines.evaluation.tables import Table
 from pipelines.formats import reports
 from pipelines.formats.dump_verdicts import (
@@ -30,7 +30,7 @@ from pipelines.formats.dump_verdicts import (
     write_dump_verdicts,
 )
 from pipelines.formats.files import write_text
-from pipelines.formats.graspnet import SPLITS, GraspNetRoot
+from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.formats.graspnet_dump import DumpedScene, dumped_scenes
 from pipelines.formats.provenance import Stamp, digest_text, is_finished, make_stamp
 
@@ -69,11 +69,13 @@ def run(
     report = run_batch(STAGE, items, functools.partial(_evaluate_scene, root, config), options)
     if not options.dry_run:
         finished = [item for item in items if item.target.exists()]
-        rows = _figures(finished, report)
-        reports.write_report(output, rows, stamp, protocol=PROTOCOL, exact=config.exact)
-        body = "".join(map(html_table, dump_tables(rows)))
-        title = f"{dump.name} by GraspNet's protocol"
-        write_text(output.with_suffix(".html"), whole_page(title, body))
+        tally = _tally(finished, report)
+        more: dict[str, Any] = {"accuracy": tally.accuracy(), "scenes": tally.scenes}
+        reports.write_report(
+            output, tally.rows(), stamp, protocol=PROTOCOL, exact=config.exact, **more
+        )
+        page = dump_page(reports.read_report(output), dump.resolve().name, report.failed)
+        write_text(output.with_suffix(".html"), page)
     return report
 
 
@@ -108,25 +110,25 @@ def _stamp(config: EvaluateDumpConfig, inputs: Mapping[str, str]) -> Stamp:
     return make_stamp(f"{STAGE} --protocol {PROTOCOL}", config, inputs=inputs)
 
 
-def _figures(items: Sequence[WorkItem], report: StageReport) -> dict[str, dict[str, Any]]:
-    """Return figures by camera and split, scene by scene; frames at fault join the report."""
-    totals: dict[str, dict[str, DumpTotals]] = {}
+def _tally(items: Sequence[WorkItem], report: StageReport) -> DumpTally:
+    """Return figures scene by scene; frames at fault join the report."""
+    tally = DumpTally()
     for item in items:
         scene: DumpedScene = item.arguments[0]
         verdicts = read_dump_verdicts(item.target)
-        splits = totals.setdefault(scene.camera, {name: DumpTotals() for name in (*SPLITS, "all")})
-        for name, total in splits.items():
-            if name == "all" or scene.scene_id in SPLITS[name]:
-                total.add(verdicts)
+        tally.add(item.name, scene.camera, scene.scene_id, verdicts)
         faults = verdicts["message"][verdicts["message"] != ""].tolist()
         if faults:
             absent = int((verdicts["status"] != STATUSES.index("ok")).sum())
-            more = f"; and {len(faults) - NAMED} more" if len(faults) > NAMED else ""
-            report.failed[item.name] = (
-                f"{absent} of {len(verdicts['status'])} frames are absent and count as frames "
-                f"without grasps: {'; '.join(faults[:NAMED])}{more}"
-            )
-    return {
-        camera: {n: total.figures() for n, total in splits.items() if n != "train" or total.frames}
-        for camera, splits in sorted(totals.items())
-    }
+            report.failed[item.name] = _sentence(faults, absent, len(verdicts["status"]))
+    return tally
+
+
+def _sentence(faults: Sequence[str], absent: int, frames: int) -> str:
+    counts = [
+        (absent, f"{absent} of {frames} frames are absent and count as frames without grasps"),
+        (len(faults) - absent, f"{len(faults) - absent} of {frames} have rows that are no grasps"),
+    ]
+    more = f"; and {len(faults) - NAMED} more" if len(faults) > NAMED else ""
+    told = ", ".join(sentence for count, sentence in counts if count)
+    return f"{told}: {'; '.join(faults[:NAMED])}{more}"

@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 
 from pipelines.evaluation.tables import Table
 from pipelines.formats.dump_verdicts import STATUSES
+from pipelines.formats.graspnet import SPLITS
 from pipelines.metrics.graspnet_ap import FRICTIONS, RANKS
 from pipelines.metrics.graspnet_frames import REASONS
 
 Array = NDArray[np.float64]
 Figures = dict[str, Any]
 
+ALL, TRAIN = "all", "train"
 SHOWN = {"ap_0.8": FRICTIONS.index(0.8), "ap_0.4": FRICTIONS.index(0.4)}
 
 
@@ -34,6 +36,7 @@ class DumpTotals:
     straightened: int = 0
     accuracy: Array = field(default_factory=lambda: np.zeros((RANKS, len(FRICTIONS))))
     reasons: NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(REASONS), np.int64))
+    reachable: Array = field(default_factory=lambda: np.zeros(RANKS))  # if all grasps held
 
     def add(self, verdicts: Mapping[str, NDArray[Any]]) -> None:
         """Add the verdicts on one scene, as `formats.dump_verdicts` reads them."""
@@ -44,6 +47,8 @@ class DumpTotals:
         self.left_out += int(verdicts["left_out"].sum())
         self.straightened += int(verdicts["straightened"].sum())
         self.accuracy += verdicts["accuracy"].sum(axis=0)
+        count = (verdicts["reason"] >= 0).sum(axis=1)[:, None]
+        self.reachable += np.minimum(count / np.arange(1, RANKS + 1), 1.0).sum(axis=0)
         judged = verdicts["reason"][verdicts["reason"] >= 0]
         self.reasons += np.bincount(judged, minlength=len(REASONS))
 
@@ -67,9 +72,67 @@ class DumpTotals:
             "reasons": {r: int(n) for r, n in zip(REASONS, self.reasons, strict=True) if n},
         }
 
+    def by_rank(self) -> Figures:
+        """Return the mean accuracy at k = 1 to 50: at each friction, over them, and reachable."""
+        accuracy = self.accuracy / max(self.frames, 1)
+        held = {
+            f"{mu:g}": column.tolist() for mu, column in zip(FRICTIONS, accuracy.T, strict=True)
+        }
+        reachable = (self.reachable / max(self.frames, 1)).tolist()
+        return {"held": held, "mean": accuracy.mean(axis=1).tolist(), "reachable": reachable}
+
     def _mean(self, frames: int) -> list[float] | None:
         """Return AP at each friction over so many frames."""
         return None if frames == 0 else (self.accuracy.mean(axis=0) / frames).tolist()
+
+
+@dataclass
+class DumpTally:
+    """Totals by camera and split, and the figures of each scene."""
+
+    totals: dict[str, dict[str, DumpTotals]] = field(default_factory=dict)
+    scenes: dict[str, Figures] = field(default_factory=dict)
+
+    def add(
+        self, name: str, camera: str, scene_id: int, verdicts: Mapping[str, NDArray[Any]]
+    ) -> None:
+        """Add the verdicts on one scene, as `formats.dump_verdicts` reads them."""
+        fresh = {split: DumpTotals() for split in (*SPLITS, ALL)}
+        splits = self.totals.setdefault(camera, fresh)
+        own, total = [split for split in SPLITS if scene_id in SPLITS[split]], DumpTotals()
+        for each in (total, *(splits[split] for split in (*own, ALL))):
+            each.add(verdicts)
+        self.scenes[name] = {"split": own[0] if own else "", **total.figures()}
+
+    def rows(self) -> dict[str, dict[str, Figures]]:
+        """Return FIGURES by camera and split; of the split train where it was dumped."""
+        return {
+            camera: {name: t.figures() for name, t in splits.items() if name != TRAIN or t.frames}
+            for camera, splits in sorted(self.totals.items())
+        }
+
+    def accuracy(self) -> dict[str, dict[str, Figures]]:
+        """Return accuracy by rank, by camera and split, of splits with frames and of all."""
+        return {
+            camera: {n: t.by_rank() for n, t in splits.items() if n == ALL or t.frames}
+            for camera, splits in sorted(self.totals.items())
+        }
+
+
+def scene_table(scenes: Mapping[str, Figures]) -> Table:
+    """Return a row a scene."""
+    return Table(
+        "Average precision and what became of the ranked grasps, percent",
+        ("scene", "split", "AP", "AP 0.8", "AP 0.4", *REASONS, "grasps", "frames", "absent"),
+        tuple(
+            (
+                *(name, f["split"], *(percent(f[key]) for key in ("ap", *SHOWN))),
+                *(*_shares(f["reasons"]), str(f["frames"]), str(f["frames_absent"])),
+            )
+            for name, f in scenes.items()
+        ),
+        names=2,
+    )
 
 
 def dump_tables(rows: Mapping[str, Mapping[str, Figures]]) -> list[Table]:
@@ -83,7 +146,7 @@ def dump_tables(rows: Mapping[str, Mapping[str, Figures]]) -> list[Table]:
         (*header, "absent"),
         tuple(
             (
-                *(row, split, *(_percent(f[name]) for name in names)),
+                *(row, split, *(percent(f[name]) for name in names)),
                 *(str(f[name]) for name in ("scenes", "frames", "frames_absent")),
             )
             for row, split, f in cells
@@ -102,7 +165,7 @@ def dump_tables(rows: Mapping[str, Mapping[str, Figures]]) -> list[Table]:
 
 def _shares(reasons: Mapping[str, int]) -> list[str]:
     total = sum(reasons.values())
-    shares = [_percent(reasons.get(r, 0) / total if total else None) for r in REASONS]
+    shares = [percent(reasons.get(r, 0) / total if total else None) for r in REASONS]
     return [*shares, str(total)]
 
 
@@ -110,5 +173,6 @@ def _mean_or_none(values: list[float] | None) -> float | None:
     return None if values is None else float(np.mean(values))
 
 
-def _percent(share: float | None) -> str:
+def percent(share: float | None) -> str:
+    """Return a share in percent, two decimals; a dash for None."""
     return "-" if share is None else f"{100.0 * share:.2f}"

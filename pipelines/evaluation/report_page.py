@@ -43,16 +43,22 @@ def report_page(report: Mapping[str, Any], gallery: Gallery) -> str:
         ("Success", tuple(map(html_table, success))),
         ("Symmetries", (html_table(symmetry), _symmetry_charts(report))),
         ("Region masks", (html_table(masks),)),
-        ("What became of the objects", (_reason_bars(report), _folded(reasons))),
+        ("What became of the objects", (_reason_bars(report), folded(reasons))),
         ("Best frames", (f'<p class="note">{GALLERY_NOTE}</p>', _gallery(gallery.best))),
         ("Worst frames", (_gallery(gallery.worst),)),
-        ("How this was made", (_provenance(report),)),
+        ("How this was made", (provenance_table(report),)),
     )
-    body = "".join(f"<section><h2>{title}</h2>{''.join(parts)}</section>"
-                   for title, parts in sections)  # fmt: skip
     counted = _ours(report)
     title = f"SymGrasp: {counted.get('frames', 0)} frames, {counted.get('objects', 0)} objects"
-    return whole_page(title, _summary(report) + body)
+    return whole_page(title, _summary(report) + page_sections(sections))
+
+
+def page_sections(sections: Iterable[tuple[str, Iterable[str]]]) -> str:
+    """Return titles with their parts of HTML, one below the other."""
+    return "".join(
+        f"<section><h2>{html.escape(title)}</h2>{''.join(parts)}</section>"
+        for title, parts in sections
+    )
 
 
 def whole_page(title: str, body: str) -> str:
@@ -100,7 +106,8 @@ def _row(tag: str, cells: Sequence[str], kind: str, names: int) -> str:
     return f"<tr{attribute}>{text}</tr>"
 
 
-def _folded(table: Table) -> str:
+def folded(table: Table) -> str:
+    """Return a table that a click unfolds."""
     return f"<details><summary>by split, as numbers</summary>{html_table(table)}</details>"
 
 
@@ -121,11 +128,20 @@ def _summary(report: Mapping[str, Any]) -> str:
     success = figures.get("success", {}).get(ALL, {})
     if success:
         tiles.insert(2, ("success in simulation", success["rate"], "0.47 to 0.74, real"))
-    return '<div class="tiles">' + "".join(
-        f"<div><b>{'-' if value is None else f'{value:.3f}'}</b><span>{name}</span>"
-        f"<small>paper: {paper}</small></div>"
+    return tile_row(
+        ("-" if value is None else f"{value:.3f}", name, f"paper: {paper}")
         for name, value, paper in tiles
-    ) + "</div>"  # fmt: skip
+    )
+
+
+def tile_row(tiles: Iterable[tuple[str, str, str]]) -> str:
+    """Return a row of figures: the figure, its name, what stands small below."""
+    cells = "".join(
+        f"<div><b>{html.escape(figure)}</b><span>{html.escape(name)}</span>"
+        f"<small>{html.escape(below)}</small></div>"
+        for figure, name, below in tiles
+    )
+    return f'<div class="tiles">{cells}</div>'
 
 
 def _ours(report: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -171,21 +187,31 @@ def _reached(
 
 def _reason_bars(report: Mapping[str, Any]) -> str:
     """Return a bar a method, as long as the shares of its objects, and what the colours mean."""
-    bars = []
-    for row, splits in report["rows"].items():
-        reasons, total = splits[ALL]["reasons"], splits[ALL]["objects"]
+    bars = [(METHODS[row], splits[ALL]["reasons"]) for row, splits in report["rows"].items()]
+    return stacked_bars(bars, REASON_COLORS, REASON_WORDS)
+
+
+def stacked_bars(
+    bars: Iterable[tuple[str, Mapping[str, int]]],
+    colors: Mapping[str, str],
+    words: Mapping[str, str],
+) -> str:
+    """Return a bar a name, cut by counts of `colors`' keys in order, and what the colours mean."""
+    lines = []
+    for name, counts in bars:
+        total = sum(counts.values())
         parts = "".join(
-            f'<i style="flex:{reasons[r]};background:{REASON_COLORS[r]}" '
-            f'title="{r}: {reasons[r]} of {total}">{_share(reasons[r], total)}</i>'
-            for r in REASONS
-            if reasons.get(r)
+            f'<i style="flex:{counts[key]};background:{color}" '
+            f'title="{key}: {counts[key]} of {total}">{_share(counts[key], total)}</i>'
+            for key, color in colors.items()
+            if counts.get(key)
         )
-        bars.append(f"<span>{html.escape(METHODS[row])}</span><div>{parts}</div>")
+        lines.append(f"<span>{html.escape(name)}</span><div>{parts}</div>")
     legend = "".join(
-        f'<span><i style="background:{REASON_COLORS[r]}"></i> <b>{r}</b>: {REASON_WORDS[r]}</span>'
-        for r in REASONS
+        f'<span><i style="background:{color}"></i> <b>{key}</b>: {words[key]}</span>'
+        for key, color in colors.items()
     )
-    return f'<div class="bars">{"".join(bars)}</div><div class="legend tall">{legend}</div>'
+    return f'<div class="bars">{"".join(lines)}</div><div class="legend tall">{legend}</div>'
 
 
 def _share(count: int, total: int) -> str:
@@ -228,7 +254,8 @@ def _words(tag: Tag) -> str:
     return f"{tag.name}: {verdict.reason}"
 
 
-def _provenance(report: Mapping[str, Any]) -> str:
+def provenance_table(report: Mapping[str, Any]) -> str:
+    """Return how a report was made."""
     stamp = report.get("provenance", {})
     facts = [("symgrasp", stamp.get("version")), ("seed", stamp.get("seed"))]
     facts += [*stamp.get("inputs", {}).items(), *stamp.get("config", {}).items()]

@@ -3,7 +3,11 @@
 `Sec.` cites the paper, `D.` a numbered choice of DECISIONS.md.
 """
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, is_dataclass
+from typing import Any, TypeVar, get_type_hints
+
+Config = TypeVar("Config")
 
 
 @dataclass(frozen=True)
@@ -142,7 +146,7 @@ class FinetuneDetectorConfig:
     detector: DetectorConfig = field(default_factory=DetectorConfig)
     epochs: int = 12
     batch_size: int = 4
-    micro_batch_size: int = 2  # gradients are accumulated to `batch_size`
+    micro_batch_size: int = 0  # gradients are accumulated to `batch_size`; 0: by device, D. 58
     learning_rate: float = 0.001
     decay: float = 0.9  # every `decay_epochs` epochs
     decay_epochs: float = 0.5
@@ -193,7 +197,7 @@ class TrainConfig:
     weight_parameters: float = 5.0  # w^r
     use_siamese: bool = True  # Table IV, "No Siamese Training" is False
     num_loss_points: int = 384  # of a region's 1,500; a random share of them costs less a step
-    micro_batch_size: int = 6  # gradients are accumulated to `batch_size`
+    micro_batch_size: int = 0  # gradients are accumulated to `batch_size`; 0: by device, D. 58
     ema_decay: float = 0.998  # of the running mean of the weights that is kept; 0 for none
     augmentation: AugmentationConfig = field(default_factory=AugmentationConfig)
     val_fraction: float = 0.1  # of the scenes
@@ -352,3 +356,16 @@ class SimulateConfig:
     min_visible_pixels: int = 300  # objects less visible do not count
     min_region_share: float = 0.3  # of a region's pixels on the object whose region it is
     gripper: str = ""  # the one that `infer` used
+
+
+def from_settings(kind: type[Config], settings: Mapping[str, Any]) -> Config:
+    """Return the config that a stamp holds as JSON, without the names that `kind` lacks."""
+    types, chosen = get_type_hints(kind), {}
+    for each in fields(kind):  # type: ignore[arg-type]  # a dataclass
+        if each.name not in settings:
+            continue
+        value, inner = settings[each.name], types[each.name]
+        if is_dataclass(inner) and isinstance(inner, type):
+            value = from_settings(inner, value)
+        chosen[each.name] = tuple(value) if isinstance(value, list) else value
+    return kind(**chosen)

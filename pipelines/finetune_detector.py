@@ -6,7 +6,9 @@ Reads   ROOT/scenes/scene_NNNN/CAMERA/{rgb,depth,label,annotations}
 Writes  NAME.safetensors             the best weights so far by mask AP50 on unseen scenes
         NAME.frames/*.h5             small frames with their region masks, made once
         NAME.checkpoint.safetensors  everything that `--resume` needs
+        NAME.curves.png              losses and figures along the steps
         NAME.logs/                   TensorBoard scalars
+        NAME.fault.safetensors       the batch, if a loss was not finite
 """
 
 import json
@@ -39,11 +41,14 @@ from pipelines.formats.region_frames import (
 from pipelines.formats.rgbd import Frame
 from pipelines.formats.torch_weights import read_torch_weights
 from pipelines.geometry.depth_channels import find_plane, shrink
+from pipelines.learning import detector_training
 from pipelines.learning.detector_training import DetectorTraining, FrameSets
-from pipelines.learning.loop import LoopOptions, TrainingRun
+from pipelines.learning.faults import read_fault
+from pipelines.learning.loop import TrainingRun
+from pipelines.learning.options import LoopOptions
+from pipelines.learning.processes import joined
 from pipelines.learning.runs import RunRequest, describe, find_progress
 from pipelines.network.detector import MODEL_NAME
-from pipelines.network.devices import find_device
 from pipelines.network.mask_rcnn import adopt_coco, build_detector
 from pipelines.network.weights_files import fill, read_weights, weights_metadata
 
@@ -70,35 +75,51 @@ def run(
     `coco_weights`: a file of torchvision's COCO weights, or `download`; for the resnet50 variant.
     `init`: weights of an earlier training to start from, the default ones for example.
     """
-    started, report = time.monotonic(), StageReport(STAGE)
-    device = find_device(request.device)
-    stamp = make_stamp(STAGE, config, seed=request.seed, inputs=_inputs(root, init))
-    earlier = find_progress(output, stamp, request)
-    if earlier is not None and earlier.finished:
-        report.skipped.append(output.name)
-        return report
-    options = options or BatchOptions()
-    if coco_instances.is_coco(root):
-        prepared = prepare_coco(root, output, config, options)
-    else:
-        prepared = prepare(GraspNetRoot(root), output, config, split, camera, options)
-    if prepared.failed:
-        return prepared
-    files = sorted(frames_folder(output).glob("*.h5"))
-    frames = split_frames(files, config, request.seed, _given_split(root))
-    detector = build(config, coco_weights, request.seed)
-    if init is not None:
-        fill(detector, read_weights(init, MODEL_NAME, DetectorConfig)[0], init)
-    trainee = DetectorTraining(detector, frames, config, device)
-    metadata = weights_metadata(MODEL_NAME, config.detector)
-    training = TrainingRun(trainee, LoopOptions.of(config, request), output, stamp, metadata)
-    if earlier is not None:
-        training.resume()
-    progress = training.run()
+    with joined(request.device) as (processes, device):
+        started, report = time.monotonic(), StageReport(STAGE)
+        stamp = make_stamp(STAGE, config, seed=request.seed, inputs=_inputs(root, init))
+        earlier = find_progress(output, stamp, request)
+        if earlier is not None and earlier.finished:
+            report.skipped.append(output.name)
+            return report
+        with processes.one_first():  # the others find all frames there
+            prepared = _prepare(root, output, config, split, camera, options or BatchOptions())
+        if prepared.failed:
+            return prepared
+        files = sorted(frames_folder(output).glob("*.h5"))
+        frames = split_frames(files, config, request.seed, _given_split(root))
+        detector = build(config, coco_weights, request.seed)
+        if init is not None:
+            fill(detector, read_weights(init, MODEL_NAME, DetectorConfig)[0], init)
+        trainee = DetectorTraining(detector, frames, config, device, processes)
+        metadata = weights_metadata(MODEL_NAME, config.detector)
+        loop_options = LoopOptions.of(config, request)
+        training = TrainingRun(trainee, loop_options, output, stamp, metadata, processes)
+        if earlier is not None:
+            training.resume()
+        progress = training.run()
     report.done.append(output.name)
     report.notes[output.name] = describe(progress)
     report.seconds = time.monotonic() - started
     return report
+
+
+def replay(fault: Path) -> dict[str, float]:
+    """Return the loss terms of the batch in `NAME.fault.safetensors`, computed again."""
+    return detector_training.replay(read_fault(fault))
+
+
+def _prepare(
+    root: Path,
+    output: Path,
+    config: FinetuneDetectorConfig,
+    split: str | None,
+    camera: str | None,
+    options: BatchOptions,
+) -> StageReport:
+    if coco_instances.is_coco(root):
+        return prepare_coco(root, output, config, options)
+    return prepare(GraspNetRoot(root), output, config, split, camera, options)
 
 
 def _inputs(root: Path, init: Path | None) -> dict[str, str]:

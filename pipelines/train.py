@@ -3,7 +3,9 @@
 Reads   PACKED/**/*.h5              region clouds with labels, camera frame
 Writes  NAME.safetensors            the best weights so far by validation on unseen scenes
         NAME.checkpoint.safetensors everything that `--resume` needs
+        NAME.curves.png             loss and figures along the steps
         NAME.logs/                  TensorBoard scalars
+        NAME.fault.safetensors      the batch, if a loss was not finite
 """
 
 import time
@@ -18,11 +20,14 @@ from pipelines.configs import NetworkConfig, TrainConfig
 from pipelines.formats.files import existing
 from pipelines.formats.packed_regions import PackedReader
 from pipelines.formats.provenance import digest, digest_folder, make_stamp
+from pipelines.learning import grasp_training
+from pipelines.learning.faults import read_fault
 from pipelines.learning.grasp_training import GraspTraining, RegionSet
 from pipelines.learning.loaders import split_by_scene
-from pipelines.learning.loop import LoopOptions, TrainingRun
+from pipelines.learning.loop import TrainingRun
+from pipelines.learning.options import LoopOptions
+from pipelines.learning.processes import joined
 from pipelines.learning.runs import RunRequest, describe, find_progress
-from pipelines.network.devices import find_device
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.weights_files import fill, read_weights, weights_metadata
 
@@ -42,30 +47,42 @@ def run(
 
     `init`: weights of an earlier training to start from, instead of drawn ones.
     """
-    started, report = time.monotonic(), StageReport(STAGE)
-    device = find_device(request.device)
-    inputs = _inputs(packed, validation, init)
-    stamp = make_stamp(STAGE, config, seed=request.seed, inputs=inputs)
-    earlier = find_progress(output, stamp, request)
-    if earlier is not None and earlier.finished:
-        report.skipped.append(output.name)
-        return report
-    train_set, val_set = region_sets(packed, validation, config, request.seed)
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(request.seed)  # layers are initialised from torch's own generator
-        network = SymmetryGraspNet(config.network)
-    if init is not None:
-        fill(network, read_weights(init, SymmetryGraspNet.__name__, NetworkConfig)[0], init)
-    trainee = GraspTraining(network, train_set, val_set, config, device)
-    metadata = weights_metadata(SymmetryGraspNet.__name__, config.network)
-    training = TrainingRun(trainee, LoopOptions.of(config, request), output, stamp, metadata)
-    if earlier is not None:
-        training.resume()
-    progress = training.run()
+    with joined(request.device) as (processes, device):
+        started, report = time.monotonic(), StageReport(STAGE)
+        inputs = _inputs(packed, validation, init)
+        stamp = make_stamp(STAGE, config, seed=request.seed, inputs=inputs)
+        earlier = find_progress(output, stamp, request)
+        if earlier is not None and earlier.finished:
+            report.skipped.append(output.name)
+            return report
+        train_set, val_set = region_sets(packed, validation, config, request.seed)
+        network = build(config, request.seed, init)
+        trainee = GraspTraining(network, train_set, val_set, config, device, processes)
+        metadata = weights_metadata(SymmetryGraspNet.__name__, config.network)
+        options = LoopOptions.of(config, request)
+        training = TrainingRun(trainee, options, output, stamp, metadata, processes)
+        if earlier is not None:
+            training.resume()
+        progress = training.run()
     report.done.append(output.name)
     report.notes[output.name] = describe(progress)
     report.seconds = time.monotonic() - started
     return report
+
+
+def build(config: TrainConfig, seed: int, init: Path | None) -> SymmetryGraspNet:
+    """Return the network to start from: drawn, or with the weights of `init`."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)  # layers are initialised from torch's own generator
+        network = SymmetryGraspNet(config.network)
+    if init is not None:
+        fill(network, read_weights(init, SymmetryGraspNet.__name__, NetworkConfig)[0], init)
+    return network
+
+
+def replay(fault: Path) -> dict[str, float]:
+    """Return the loss terms of the batch in `NAME.fault.safetensors`, computed again."""
+    return grasp_training.replay(read_fault(fault))
 
 
 def region_sets(

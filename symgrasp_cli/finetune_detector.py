@@ -9,6 +9,7 @@ from pipelines.configs import DetectorConfig, FinetuneDetectorConfig
 from symgrasp_cli.options import (
     Backend,
     Device,
+    MicroBatch,
     Overwrite,
     Resume,
     Seed,
@@ -58,6 +59,7 @@ def finetune_detector(
     decay_epochs: Annotated[
         float, typer.Option(min=0.01, help="Epochs after which the rate drops by a tenth.")
     ] = FinetuneDetectorConfig.decay_epochs,
+    micro_batch: MicroBatch = 0,
     time_limit: TimeLimit = None,
     threads: Threads = 2,
     device: Device = "auto",
@@ -75,11 +77,12 @@ def finetune_detector(
         detector=DetectorConfig(variant=variant, input=input_kind),
         epochs=epochs,
         batch_size=batch_size,
+        micro_batch_size=micro_batch,
         learning_rate=learning_rate,
         decay_epochs=decay_epochs,
     )
-    request = RunRequest(seed, device, threads, time_limit, resume, overwrite)
-    show_training()
+    bar = show_training()
+    request = RunRequest(seed, device, threads, time_limit, resume, overwrite, bar)
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=False)
     report = stage.run(
         root,

@@ -57,6 +57,14 @@ TimeLimit = Annotated[
     typer.Option(min=0.0, help="Minutes after which to stop cleanly; --resume goes on."),
 ]
 
+MicroBatch = Annotated[
+    int,
+    typer.Option(
+        min=0,
+        help="Items of a batch worked on together, gradients summed; 0 suits the device.",
+    ),
+]
+
 
 def batch_options(workers: int, backend: str, *, overwrite: bool, dry_run: bool) -> BatchOptions:
     """Return the options of a batch, the progress bar shown where stderr is a terminal."""
@@ -78,8 +86,10 @@ def scenes_of(split: str) -> str | None:
     return None if split == "all" else split
 
 
-def show_training() -> None:
-    """Let the lines that the training engine logs (losses, time left) reach the terminal."""
+def show_training() -> bool:
+    """Return whether stderr is a terminal, for a progress bar; else let log lines reach it."""
     import logging
+    import sys
 
     logging.getLogger("pipelines.learning").setLevel(logging.INFO)
+    return sys.stderr.isatty()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING
 
 import typer
@@ -15,6 +16,8 @@ CLOSE_COLUMNS = 8  # tables with more stand closer
 
 def conclude(report: StageReport) -> None:
     """Print what was done, skipped and failed on stderr; exit 1 if anything failed."""
+    if os.environ.get("TORCHELASTIC_RUN_ID") and os.environ.get("RANK", "0") != "0":
+        raise typer.Exit(report.exit_code)  # of the processes of torchrun the first one speaks
     for name, note in report.notes.items():
         typer.echo(f"{name}: {note}", err=True)
     for name, sentence in report.failed.items():

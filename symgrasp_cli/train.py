@@ -8,6 +8,7 @@ import typer
 from pipelines.configs import NetworkConfig, TrainConfig
 from symgrasp_cli.options import (
     Device,
+    MicroBatch,
     Overwrite,
     Resume,
     Seed,
@@ -44,6 +45,7 @@ def train(
     siamese: Annotated[
         bool, typer.Option(help="Ask for the same features in a scaled copy (Fig. 3).")
     ] = True,
+    micro_batch: MicroBatch = 0,
     time_limit: TimeLimit = None,
     threads: Threads = 2,
     device: Device = "auto",
@@ -59,10 +61,11 @@ def train(
         network=NetworkConfig(use_pift=pift),
         epochs=epochs,
         batch_size=batch_size,
+        micro_batch_size=micro_batch,
         learning_rate=learning_rate,
         decay_epochs=decay_epochs,
         use_siamese=siamese,
     )
-    request = RunRequest(seed, device, threads, time_limit, resume, overwrite)
-    show_training()
+    bar = show_training()
+    request = RunRequest(seed, device, threads, time_limit, resume, overwrite, bar)
     conclude(stage.run(packed, val, out, config, request, init=init))

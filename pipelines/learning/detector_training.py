@@ -11,15 +11,20 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torchvision.models.detection import MaskRCNN
 
-from pipelines.configs import FinetuneDetectorConfig
+from pipelines.configs import FinetuneDetectorConfig, from_settings
 from pipelines.formats import detector_frames
+from pipelines.learning.faults import Fault
 from pipelines.learning.frame_views import DetectorExample, as_example, masks_of, random_view
 from pipelines.learning.loaders import epoch_batches
 from pipelines.learning.mask_figures import MaskFigures
+from pipelines.learning.processes import Processes
+from pipelines.learning.shares import check_shares, micro_batch_size
 from pipelines.network.detector import draw_mask
-from pipelines.network.mask_rcnn import seed_samplers
+from pipelines.network.mask_rcnn import build_detector, seed_samplers
 
 Keys = Sequence[tuple[Path, int]]  # file and row of each frame
+
+CPU_MICRO_BATCH = 2  # frames
 
 
 @dataclass(frozen=True)
@@ -42,42 +47,44 @@ class DetectorTraining:
         frames: FrameSets,
         config: FinetuneDetectorConfig,
         device: torch.device,
+        processes: Processes | None = None,
     ) -> None:
         self.module: nn.Module = module.to(device, memory_format=torch.channels_last)
         self.frames, self.config, self.device = frames, config, device
         self.parallel = device.type == "cpu"
+        on_cpu = CPU_MICRO_BATCH if self.parallel else 0
+        processes = processes or Processes()
+        self.micro_batch_size = micro_batch_size(
+            config.micro_batch_size, config.batch_size, on_cpu, processes
+        )
+        check_shares(config.batch_size, self.micro_batch_size, processes)
 
     def epoch(self, rng: np.random.Generator) -> Sequence[NDArray[np.int64]]:
         """Return one epoch's batches of frame numbers."""
         return epoch_batches(range(len(self.frames.train)), self.config.batch_size, rng)
 
     def load(
-        self, batch: NDArray[np.int64], rng: np.random.Generator
-    ) -> list[tuple[float, list[DetectorExample]]]:
-        """Return random views of a batch's frames, cut into micro-batches."""
+        self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]
+    ) -> list[DetectorExample]:
+        """Return random views of frames."""
         examples = []
-        for number in batch:
+        for number, rng in zip(items, generators, strict=True):
             frame = detector_frames.read(*self.frames.train[int(number)])
             examples.append(as_example(random_view(frame, rng), self.config.detector.input))
-        size = self.config.micro_batch_size if self.parallel else len(examples)
-        pieces = [examples[i : i + size] for i in range(0, len(examples), size)]
-        return [(len(piece) / len(examples), piece) for piece in pieces]
+        return examples
 
     def loss(
         self, module: nn.Module, micro_batch: list[DetectorExample], generator: torch.Generator
     ) -> Mapping[str, Tensor]:
         """Return Mask R-CNN's five losses, and their sum as `total`."""
-        detector = cast(MaskRCNN, module)
-        seed_samplers(detector, generator)
-        images = [example.image.to(self.device) for example in micro_batch]
-        targets = [
-            {name: each.to(self.device) for name, each in example.target.items()}
-            for example in micro_batch
-        ]
-        terms: dict[str, Tensor] = detector(images, targets)
-        names = {name: name.removeprefix("loss_") for name in terms}
-        return {"total": torch.stack(list(terms.values())).sum()} | {
-            names[name]: term for name, term in terms.items()
+        return frames_loss(cast(MaskRCNN, module), micro_batch, generator, self.device)
+
+    def tensors(self, micro_batch: list[DetectorExample]) -> dict[str, Tensor]:
+        """Return a micro-batch as named tensors, NUMBER.NAME."""
+        return {
+            f"{number}.{name}": tensor
+            for number, example in enumerate(micro_batch)
+            for name, tensor in ({"image": example.image} | example.target).items()
         }
 
     @torch.no_grad()
@@ -99,3 +106,35 @@ class DetectorTraining:
             masks = np.stack(drawn) if drawn else np.zeros((0, *size), bool)
             figures.add(masks_of(view.regions), masks, found["scores"].cpu().numpy())
         return figures.figures()
+
+
+def frames_loss(
+    detector: MaskRCNN,
+    examples: Sequence[DetectorExample],
+    generator: torch.Generator,
+    device: torch.device,
+) -> dict[str, Tensor]:
+    """Return Mask R-CNN's five losses by name, and their sum as `total`."""
+    seed_samplers(detector, generator)
+    images = [example.image.to(device) for example in examples]
+    targets = [
+        {name: each.to(device) for name, each in example.target.items()} for example in examples
+    ]
+    terms: dict[str, Tensor] = detector(images, targets)
+    return {"total": torch.stack(list(terms.values())).sum()} | {
+        name.removeprefix("loss_"): term for name, term in terms.items()
+    }
+
+
+def replay(fault: Fault) -> dict[str, float]:
+    """Return the loss terms of a kept micro-batch, on the CPU."""
+    config = from_settings(FinetuneDetectorConfig, fault.settings)
+    detector = build_detector(config.detector)
+    detector.load_state_dict(dict(fault.weights))
+    numbers = sorted({int(name.split(".")[0]) for name in fault.batch})
+    examples = []
+    for number in numbers:
+        target = {name: fault.batch[f"{number}.{name}"] for name in ("boxes", "labels", "masks")}
+        examples.append(DetectorExample(fault.batch[f"{number}.image"], target))
+    terms = frames_loss(detector.train(), examples, fault.generator(), torch.device("cpu"))
+    return {name: float(term.detach()) for name, term in terms.items()}

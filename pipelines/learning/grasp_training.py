@@ -8,16 +8,21 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from pipelines.configs import TrainConfig
+from pipelines.configs import TrainConfig, from_settings
 from pipelines.formats.packed_regions import PackedReader
+from pipelines.learning.faults import Fault
 from pipelines.learning.loaders import Indices, epoch_batches, load_regions
+from pipelines.learning.processes import Processes
 from pipelines.learning.region_figures import RegionFigures
-from pipelines.network.augmentation import augment, scaled_copy
-from pipelines.network.losses import NUM_ERROR_POINTS, LossTerms, total_loss
+from pipelines.learning.shares import check_shares, micro_batch_size
+from pipelines.network.augmentation import augment, mixed, scaled_copy
+from pipelines.network.losses import NUM_ERROR_POINTS, total_loss
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.regions import RegionBatch
+from pipelines.network.sampling import gather
 
 VALIDATION_BATCH = 12
+CPU_MICRO_BATCH = 6  # regions; two threads with these are quickest
 
 
 @dataclass(frozen=True)
@@ -26,6 +31,35 @@ class RegionSet:
 
     reader: PackedReader
     indices: Indices
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Augmented regions as a step sees them: nothing is left to be drawn.
+
+    Attributes:
+        regions: of (B, N) points.
+        copy: (B, N, 3) the same points scaled along a principal direction; empty without Siamese
+            training.
+        query: (B, Q) the points that are asked about.
+        measured: (B, S) the points on which dense errors are measured.
+    """
+
+    regions: RegionBatch
+    copy: Tensor
+    query: Tensor
+    measured: Tensor
+
+    def tensors(self) -> dict[str, Tensor]:
+        """Return all of it by name."""
+        own = {name: getattr(self, name) for name in ("copy", "query", "measured")}
+        return own | dict(vars(self.regions))
+
+    @classmethod
+    def of(cls, tensors: Mapping[str, Tensor]) -> "Sample":
+        """Return what `tensors` gave."""
+        regions = RegionBatch(*(tensors[name] for name in RegionBatch.__dataclass_fields__))
+        return cls(regions, *(tensors[name] for name in ("copy", "query", "measured")))
 
 
 class GraspTraining:
@@ -41,64 +75,39 @@ class GraspTraining:
         val_set: RegionSet,
         config: TrainConfig,
         device: torch.device,
+        processes: Processes | None = None,
     ) -> None:
         self.module = module.to(device)
         self.train_set, self.val_set = train_set, val_set
         self.config, self.device = config, device
         self.parallel = device.type == "cpu"
+        on_cpu = CPU_MICRO_BATCH if self.parallel else 0
+        processes = processes or Processes()
+        self.micro_batch_size = micro_batch_size(
+            config.micro_batch_size, config.batch_size, on_cpu, processes
+        )
+        check_shares(config.batch_size, self.micro_batch_size, processes)
 
     def epoch(self, rng: np.random.Generator) -> Sequence[Indices]:
         """Return one epoch's batches of region indices."""
         return epoch_batches(self.train_set.indices, self.config.batch_size, rng)
 
-    def load(self, batch: Indices, rng: np.random.Generator) -> list[tuple[float, RegionBatch]]:
-        """Return a batch's regions, cut into micro-batches."""
+    def load(self, items: Indices, generators: Sequence[np.random.Generator]) -> Sample:
+        """Return regions augmented and, with Siamese training, a scaled copy of each."""
         points = self.config.network.num_points
-        regions = load_regions(self.train_set.reader, batch, points, rng)
-        size = self.config.micro_batch_size if self.parallel else len(regions)
-        pieces = [regions[i : i + size] for i in range(0, len(regions), size)]
-        return [(len(piece) / len(regions), piece) for piece in pieces]
+        regions = load_regions(self.train_set.reader, items, points, generators)
+        return augmented(regions, self.config, generators)
 
     def loss(
-        self, module: nn.Module, micro_batch: RegionBatch, generator: torch.Generator
+        self, module: nn.Module, micro_batch: Sample, generator: torch.Generator
     ) -> Mapping[str, Tensor]:
-        """Return the loss of augmented regions and, with Siamese training, of a scaled copy.
+        """Return the terms of the loss; nothing is drawn."""
+        del generator
+        return sample_loss(cast(SymmetryGraspNet, module), micro_batch, self.config, self.device)
 
-        Without it the network sees the initial or the scaled points, as separate samples
-        (Table IV); of a scaled sphere no label is left, so spheres are not scaled then.
-        """
-        config = self.config
-        initial = augment(micro_batch, config.augmentation, generator)
-        if config.use_siamese:
-            copy = scaled_copy(initial, config.augmentation, generator)
-            terms = self._terms(module, initial, copy, generator)
-        else:
-            scaled = scaled_copy(initial, config.augmentation, generator, spheres=False)
-            terms = self._terms(module, initial.mixed(scaled, generator), None, generator)
-        return {name: getattr(terms, name) for name in terms.__dataclass_fields__}
-
-    def _terms(
-        self,
-        module: nn.Module,
-        initial: RegionBatch,
-        copy: RegionBatch | None,
-        generator: torch.Generator,
-    ) -> LossTerms:
-        """Return the loss at some of the points; `module` is a copy of the network."""
-        network = cast(SymmetryGraspNet, module)
-        size, count = initial.points.shape[:2]
-        query = torch.rand(size, count, generator=generator).argsort(1)
-        measured = torch.randperm(count, generator=generator)[:NUM_ERROR_POINTS]
-        query = query[:, : self.config.num_loss_points].to(self.device)
-        initial = initial.to(self.device)
-        truth, points = initial.at(query), initial.points[:, measured.to(self.device)]
-        if copy is None:
-            prediction = network(initial.points, query)
-            return total_loss(prediction, truth, None, self.config, points)
-        both = torch.cat([initial.points, copy.points.to(self.device)])
-        features = network.features(both, torch.cat([query, query]))
-        prediction = network.predict(features[:size])
-        return total_loss(prediction, truth, features[size:], self.config, points)
+    def tensors(self, micro_batch: Sample) -> dict[str, Tensor]:
+        """Return a micro-batch as named tensors."""
+        return micro_batch.tensors()
 
     @torch.no_grad()
     def validate(self) -> dict[str, float]:
@@ -107,11 +116,56 @@ class GraspTraining:
         chosen, count = self.val_set.indices, self.config.network.num_points
         for start in range(0, len(chosen), VALIDATION_BATCH):
             indices = chosen[start : start + VALIDATION_BATCH]
-            rng = np.random.default_rng(start)
-            truth = load_regions(self.val_set.reader, indices, count, rng).to(self.device)
+            generators = [np.random.default_rng(int(index)) for index in indices]
+            truth = load_regions(self.val_set.reader, indices, count, generators).to(self.device)
             prediction = self.module(truth.points)
             points = truth.points[:, :: max(1, count // NUM_ERROR_POINTS)]
             losses.append(float(total_loss(prediction, truth, None, self.config, points).total))
             weights.append(len(truth))
             figures.add(prediction, truth)
         return {"loss": float(np.average(losses, weights=weights)), **figures.figures()}
+
+
+def augmented(
+    regions: RegionBatch, config: TrainConfig, generators: Sequence[np.random.Generator]
+) -> Sample:
+    """Return regions in random views and the points that a step asks about.
+
+    Without Siamese training the network sees the initial or the scaled points, as separate samples
+    (Table IV); of a scaled sphere no label is left, so spheres are not scaled then.
+    """
+    initial = augment(regions, config.augmentation, generators)
+    siamese = config.use_siamese
+    scaled = scaled_copy(initial, config.augmentation, generators, spheres=siamese)
+    if not siamese:
+        initial, scaled = mixed(initial, scaled, generators), scaled[:0]
+    count = regions.points.shape[1]
+    chosen = np.stack([each.permutation(count) for each in generators])
+    measured = np.stack([each.permutation(count)[:NUM_ERROR_POINTS] for each in generators])
+    query = np.ascontiguousarray(chosen[:, : config.num_loss_points])
+    return Sample(initial, scaled.points, torch.from_numpy(query), torch.from_numpy(measured))
+
+
+def sample_loss(
+    network: SymmetryGraspNet, sample: Sample, config: TrainConfig, device: torch.device
+) -> dict[str, Tensor]:
+    """Return the terms of the loss of one micro-batch by name, `total` among them."""
+    regions, query = sample.regions.to(device), sample.query.to(device)
+    truth, points = regions.at(query), gather(regions.points, sample.measured.to(device))
+    if not len(sample.copy):
+        terms = total_loss(network(regions.points, query), truth, None, config, points)
+    else:
+        both = torch.cat([regions.points, sample.copy.to(device)])
+        features = network.features(both, torch.cat([query, query]))
+        prediction, copied = network.predict(features[: len(regions)]), features[len(regions) :]
+        terms = total_loss(prediction, truth, copied, config, points)
+    return {name: getattr(terms, name) for name in terms.__dataclass_fields__}
+
+
+def replay(fault: Fault) -> dict[str, float]:
+    """Return the loss terms of a kept micro-batch, on the CPU."""
+    config = from_settings(TrainConfig, fault.settings)
+    network = SymmetryGraspNet(config.network)
+    network.load_state_dict(dict(fault.weights))
+    terms = sample_loss(network.train(), Sample.of(fault.batch), config, torch.device("cpu"))
+    return {name: float(term.detach()) for name, term in terms.items()}

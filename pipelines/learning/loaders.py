@@ -57,16 +57,28 @@ def _scene_name(stem: str) -> str:
 
 
 def load_regions(
-    reader: PackedReader, indices: Indices, num_points: int, rng: np.random.Generator
+    reader: PackedReader,
+    indices: Indices,
+    num_points: int,
+    generators: Sequence[np.random.Generator],
 ) -> RegionBatch:
-    """Return regions with `num_points` of their points each, centred on those points' centroid."""
-    regions = [_draw_points(reader[int(i)], num_points, rng) for i in indices]
+    """Return regions with `num_points` of their points each, centred on those points' centroid.
+
+    Each region draws its points from its own generator.
+    """
+    pairs = zip(indices, generators, strict=True)
+    return batch_of([draw_points(reader[int(i)], num_points, rng) for i, rng in pairs])
+
+
+def batch_of(regions: Sequence[tuple[NDArray[np.float32], ...]]) -> RegionBatch:
+    """Return regions of `draw_points` as one batch."""
     return RegionBatch(*(torch.from_numpy(np.stack(each)) for each in zip(*regions, strict=True)))
 
 
-def _draw_points(
+def draw_points(
     region: PackedRegion, count: int, rng: np.random.Generator
 ) -> tuple[NDArray[np.float32], ...]:
+    """Return `count` of a region's points, centred, and the labels that go with them."""
     available = len(region.points)
     chosen = rng.permutation(available)[:count]
     if available < count:

@@ -1,11 +1,14 @@
 """A training as it was asked for, the files it owns, and where an earlier one stands."""
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 from pipelines.errors import SymgraspError
 from pipelines.formats.checkpoints import load_training
 from pipelines.formats.provenance import Stamp, read_stamp
+from pipelines.learning.history import History
 
 
 @dataclass(frozen=True)
@@ -19,6 +22,7 @@ class RunRequest:
         time_limit: minutes after which the run stops cleanly, None for no limit.
         resume: go on with an unfinished run.
         overwrite: start again whatever is there.
+        progress: show a progress bar on stderr instead of lines.
     """
 
     seed: int = 0
@@ -27,6 +31,7 @@ class RunRequest:
     time_limit: float | None = None
     resume: bool = False
     overwrite: bool = False
+    progress: bool = False
 
 
 @dataclass
@@ -37,14 +42,35 @@ class Progress:
     step: int = 0  # of this epoch
     total_steps: int = 0
     seconds: float = 0.0
-    best: float | None = None
+    best: float | None = None  # at the end of an epoch
     figures: dict[str, float] = field(default_factory=dict)  # of the best weights
+    kept: dict[str, float] = field(default_factory=dict)  # of the weights in the output
     finished: bool = False
+    history: History = field(default_factory=History)
+
+    @classmethod
+    def of(cls, content: Mapping[str, Any]) -> "Progress":
+        """Return what `as_json` gave."""
+        return cls(**{**content, "history": History(**content.get("history", {}))})
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it as a JSON object."""
+        return asdict(self)
 
 
 def checkpoint_path(output: Path) -> Path:
     """Return where the checkpoint of the run that writes `output` lies."""
     return output.with_name(f"{output.stem}.checkpoint.safetensors")
+
+
+def fault_path(output: Path) -> Path:
+    """Return where a batch without a finite loss is kept by the run that writes `output`."""
+    return output.with_name(f"{output.stem}.fault.safetensors")
+
+
+def curves_path(output: Path) -> Path:
+    """Return where the picture of the curves of the run that writes `output` lies."""
+    return output.with_name(f"{output.stem}.curves.png")
 
 
 def log_folder(output: Path) -> Path:
@@ -73,7 +99,7 @@ def find_progress(output: Path, stamp: Stamp, request: RunRequest) -> Progress |
             f"{checkpoint} was made with another {' and '.join(changed)}; "
             "give the same options to resume it, or pass --overwrite to start again"
         )
-    progress = Progress(**load_training(checkpoint).progress)
+    progress = Progress.of(load_training(checkpoint).progress)
     if not request.resume and not progress.finished:
         raise SymgraspError(
             f"{checkpoint} holds an unfinished training; "
@@ -83,8 +109,8 @@ def find_progress(output: Path, stamp: Stamp, request: RunRequest) -> Progress |
 
 
 def describe(progress: Progress) -> str:
-    """Return how far a run came and how good its best weights are, in one line."""
-    figures = ", ".join(f"{name} {value:.4g}" for name, value in progress.figures.items())
+    """Return how far a run came and how good the kept weights are, in one line."""
+    figures = ", ".join(f"{name} {value:.4g}" for name, value in progress.kept.items())
     state = "finished" if progress.finished else "stopped by its time limit, --resume goes on"
     return (
         f"{progress.total_steps} steps in {progress.seconds / 60:.1f} min, {state}; "

@@ -7,43 +7,50 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+Items = Any  # a sequence that slices give parts of
+MicroBatch = Any  # the trainee's own
+
 
 class Trainee(Protocol):
     """A module with its data and its loss; the engine in `loop.py` does the rest.
 
-    Everything random is drawn from the generators handed in, which depend on seed, epoch and step
-    alone: a training that is resumed goes on as if it had never stopped.
+    Everything random is drawn from the generators handed in, which depend on seed, epoch, step and
+    item alone: a training that is resumed goes on as if it had never stopped, and one that is
+    shared out among processes takes the same steps.
 
     Attributes:
         best_by: name of the validation figure that the kept weights are best in.
         higher_is_better: whether that figure is to rise.
         parallel: whether `loss` may run in several threads at a time.
+        micro_batch_size: items that are worked on together; a batch's gradient is their sum.
     """
 
     best_by: str
     higher_is_better: bool
     parallel: bool
+    micro_batch_size: int
 
     @property
     def module(self) -> nn.Module:
         """What is trained."""
         ...
 
-    def epoch(self, rng: np.random.Generator) -> Sequence[Any]:
-        """Return one epoch's batches, as light descriptions of what to load."""
+    def epoch(self, rng: np.random.Generator) -> Sequence[Items]:
+        """Return the items of each of an epoch's batches, light descriptions of what to load."""
         ...
 
-    def load(self, batch: Any, rng: np.random.Generator) -> Sequence[tuple[float, Any]]:  # noqa: ANN401
-        """Return the micro-batches of a batch, each with its share of the batch's gradient."""
+    def load(self, items: Items, generators: Sequence[np.random.Generator]) -> MicroBatch:
+        """Return the micro-batch of `items`, each drawing from its own generator."""
         ...
 
     def loss(
-        self,
-        module: nn.Module,
-        micro_batch: Any,  # noqa: ANN401 - the trainee's own
-        generator: torch.Generator,
+        self, module: nn.Module, micro_batch: MicroBatch, generator: torch.Generator
     ) -> Mapping[str, Tensor]:
         """Return scalar loss terms by name, of a copy of `self.module`; `total` is minimised."""
+        ...
+
+    def tensors(self, micro_batch: MicroBatch) -> dict[str, Tensor]:
+        """Return a micro-batch as named tensors, to be kept in a file."""
         ...
 
     def validate(self) -> dict[str, float]:

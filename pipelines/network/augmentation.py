@@ -2,11 +2,14 @@
 
 Labels follow exactly: planes and axes turn with the cloud, and a scaling is only drawn along a
 direction that leaves every symmetry of the region a symmetry (Sec. III-E, "principal").
+Each region draws from a generator of its own, so its neighbours in the batch change nothing.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional
@@ -19,31 +22,31 @@ from pipelines.network.regions import RegionBatch
 ALIGNMENT = 0.03
 ROTATION_SLOT = 3
 
+Generators = Sequence[np.random.Generator]  # one a region
 
-def augment(
-    batch: RegionBatch, config: AugmentationConfig, generator: torch.Generator
-) -> RegionBatch:
+
+def augment(batch: RegionBatch, config: AugmentationConfig, generators: Generators) -> RegionBatch:
     """Return the regions rolled, tilted, mirrored, scaled and jittered at random.
 
     The camera looks along z: rolls are about z, tilts about axes across it, and the mirror swaps
     left and right. Small scalings are uniform, since widths are metric.
     """
-    roll = torch.randn(len(batch), generator=generator) * config.roll_deg
-    across = torch.randn(len(batch), 2, generator=generator) * config.tilt_deg
-    turn = _rotations(torch.cat([across, roll[:, None]], -1) * (math.pi / 180.0))
-    mirror = torch.where(torch.rand(len(batch), generator=generator) < 0.5, -1.0, 1.0)
+    spread = torch.tensor([config.tilt_deg, config.tilt_deg, config.roll_deg])
+    turn = _rotations(_normal(generators, 3) * spread * (math.pi / 180.0))
+    drawn = _uniform(generators, 2)
+    mirror = torch.where(drawn[:, 0] < 0.5, -1.0, 1.0)
     flip = torch.diag_embed(torch.stack([mirror, *[torch.ones_like(mirror)] * 2], -1))
-    scale = 1.0 + config.scale * (2.0 * torch.rand(len(batch), generator=generator) - 1.0)
+    scale = 1.0 + config.scale * (2.0 * drawn[:, 1] - 1.0)
     isometry = turn @ flip
     moved = batch.mapped(isometry * scale[:, None, None], isometry)
-    noise = torch.randn(batch.points.shape, generator=generator)
+    noise = _normal(generators, *batch.points.shape[1:])
     return replace(moved, points=moved.points + config.jitter * noise)
 
 
 def scaled_copy(
     batch: RegionBatch,
     config: AugmentationConfig,
-    generator: torch.Generator,
+    generators: Generators,
     *,
     spheres: bool = True,
 ) -> RegionBatch:
@@ -54,12 +57,12 @@ def scaled_copy(
     ellipsoid: the features of its points should not mind, but its labels no longer hold;
     `spheres=False` leaves it as it is.
     """
-    direction = principal_directions(batch, generator)
-    limit = math.log(config.principal_scale)
-    factor = torch.exp(limit * (2.0 * torch.rand(len(batch), generator=generator) - 1.0))
+    direction = principal_directions(batch, generators)
+    limit, drawn = math.log(config.principal_scale), _uniform(generators, 2)
+    factor = torch.exp(limit * (2.0 * drawn[:, 0] - 1.0))
     if not spheres:
         factor = torch.where(batch.existence[:, SPHERE_SLOT] > 0, torch.ones(()), factor)
-    along = torch.rand(len(batch), generator=generator) < 0.5
+    along = drawn[:, 1] < 0.5
     one = torch.ones_like(factor)
     outer = direction[:, :, None] * direction[:, None]
     scaling = torch.where(along, factor, one)[:, None, None] * outer + torch.where(
@@ -69,7 +72,14 @@ def scaled_copy(
     return batch.mapped(scaling, torch.eye(3).expand_as(scaling))
 
 
-def principal_directions(batch: RegionBatch, generator: torch.Generator) -> Tensor:
+def mixed(first: RegionBatch, second: RegionBatch, generators: Generators) -> RegionBatch:
+    """Return a batch with each region, at random, that of the one or of the other."""
+    own = _uniform(generators, 1)[:, 0] < 0.5
+    pairs = ((getattr(first, name), getattr(second, name)) for name in first.__dataclass_fields__)
+    return RegionBatch(*(torch.where(own.view(-1, *[1] * (a.dim() - 1)), a, b) for a, b in pairs))
+
+
+def principal_directions(batch: RegionBatch, generators: Generators) -> Tensor:
     """Return a random direction (B, 3) along which scaling keeps all planes and axes.
 
     Candidates are the normals and the axis, their cross products, a random direction across the
@@ -77,7 +87,7 @@ def principal_directions(batch: RegionBatch, generator: torch.Generator) -> Tens
     """
     directions = batch.direction[:, :SPHERE_SLOT]  # (B, 4, 3)
     exists = batch.existence[:, :SPHERE_SLOT] > 0
-    random = functional.normalize(torch.randn(len(batch), 3, generator=generator), dim=-1)
+    random = functional.normalize(_normal(generators, 3), dim=-1)
     first = directions.gather(
         1, exists.float().argmax(1)[:, None, None].expand(-1, 1, 3)
     )  # (B, 1, 3)
@@ -95,10 +105,22 @@ def principal_directions(batch: RegionBatch, generator: torch.Generator) -> Tens
     keeps = (cosine < ALIGNMENT) | (cosine > 1.0 - ALIGNMENT**2)
     keeps[..., ROTATION_SLOT] = cosine[..., ROTATION_SLOT] > 1.0 - ALIGNMENT**2
     valid = (keeps | ~exists[:, None]).all(-1) & (length[..., 0] > 0.1) & exists.any(-1)[:, None]
-    weight = valid.float() + 1e-9  # never a row of zeros
-    chosen = torch.multinomial(weight, 1, generator=generator)[..., None].expand(-1, 1, 3)
-    picked = candidates.gather(1, chosen)[:, 0]
+    # The valid one whose number, counted among the valid ones, was drawn; any where none is.
+    number = (_uniform(generators, 1) * valid.sum(1, keepdim=True)).floor()
+    chosen = ((valid.cumsum(1) > number) & valid).float().argmax(1)
+    picked = candidates.gather(1, chosen[:, None, None].expand(-1, 1, 3))[:, 0]
     return torch.where(valid.any(-1)[:, None], picked, random)
+
+
+def _normal(generators: Generators, *shape: int) -> Tensor:
+    """Return normal numbers (B, *shape)."""
+    drawn = [each.standard_normal(shape, np.float32) for each in generators]
+    return torch.from_numpy(np.stack(drawn))
+
+
+def _uniform(generators: Generators, count: int) -> Tensor:
+    """Return numbers (B, count) in [0, 1)."""
+    return torch.from_numpy(np.stack([each.random(count, np.float32) for each in generators]))
 
 
 def _rotations(

@@ -5,18 +5,22 @@ import torch
 from pipelines.errors import UnknownNameError, ValueRangeError
 
 
-def find_device(name: str) -> torch.device:
+def find_device(name: str, process: int | None = None) -> torch.device:
     """Return the device called `name`; `auto` is a GPU if there is one, else the CPU.
+
+    `process`: which of this machine's processes asks; `auto` and `cuda` are then its own GPU.
 
     Raises:
         UnknownNameError: `name` is none of the known ones.
         ValueRangeError: a GPU is asked for that is not there.
     """
     if name == "auto":
-        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+        name = "cuda" if torch.cuda.is_available() else "cpu"
     kind, _, number = name.partition(":")
     if kind not in {"cpu", "cuda"} or (number and not number.isdecimal()):
         raise UnknownNameError("device", name, ["auto", "cpu", "cuda", "cuda:N"])
+    if kind == "cuda" and not number and process is not None:
+        number, name = str(process), f"cuda:{process}"
     if kind == "cuda" and int(number or 0) >= torch.cuda.device_count():
         raise ValueRangeError("device", name, f"one of {torch.cuda.device_count()} GPUs, or cpu")
     return torch.device(name)

@@ -62,13 +62,5 @@ class RegionBatch:
             direction=turned,
         )
 
-    def mixed(self, other: "RegionBatch", generator: torch.Generator) -> "RegionBatch":
-        """Return the batch with each region, at random, this batch's or the other's."""
-        own = torch.rand(len(self), generator=generator) < 0.5
-        pairs = ((getattr(self, name), getattr(other, name)) for name in self.__dataclass_fields__)
-        return RegionBatch(
-            *(torch.where(own.view(-1, *[1] * (a.dim() - 1)), a, b) for a, b in pairs)
-        )
-
     def _each(self, function: Callable[[Tensor], Tensor]) -> "RegionBatch":
         return RegionBatch(*(function(getattr(self, name)) for name in self.__dataclass_fields__))

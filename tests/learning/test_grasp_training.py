@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 import torch
 
+from pipelines import train
 from pipelines.formats.packed_regions import PackedReader
+from pipelines.formats.provenance import make_stamp
+from pipelines.learning.faults import save_fault
+from pipelines.learning.gradients import GradientWorkers
 from pipelines.learning.grasp_training import GraspTraining, RegionSet
+from pipelines.learning.processes import Processes
+from pipelines.learning.shares import cut
 from pipelines.network.model import SymmetryGraspNet
 from tests.learning.packed_toys import CONFIG, write_packed
 
@@ -24,17 +30,61 @@ def training(regions, config=CONFIG):
     return GraspTraining(network, regions, regions, config, torch.device("cpu"))
 
 
+def generators(count):
+    return [np.random.default_rng((0, number)) for number in range(count)]
+
+
 def test_micro_batches_share_out_the_batch(regions):
-    pieces = training(regions).load(np.arange(5), np.random.default_rng(0))
-    assert [len(piece) for _, piece in pieces] == [3, 2]
-    assert sum(share for share, _ in pieces) == pytest.approx(1.0)
+    pieces = cut(np.arange(5), training(regions).micro_batch_size, Processes())
+    assert [len(piece.items) for piece in pieces] == [3, 2]
+    assert [piece.first for piece in pieces] == [0, 3]
+    assert sum(piece.share for piece in pieces) == pytest.approx(1.0)
+
+
+def test_a_region_is_loaded_alike_whatever_stands_beside_it(regions):
+    trainee = training(regions)
+    together = trainee.load(np.arange(4), generators(4)).tensors()
+    alone = trainee.load(np.array([2]), generators(4)[2:3]).tensors()
+    for name, tensor in alone.items():
+        torch.testing.assert_close(tensor[0], together[name][2])
+
+
+def test_big_and_accumulated_batches_have_one_gradient(regions):
+    """But for what is of a micro-batch: batch norm's statistics and the balance of Eq. 6."""
+    config = replace(CONFIG, weight_affordance=0.0)
+    results = {}
+    for size in (2, 6):
+        trainee = training(regions, replace(config, micro_batch_size=size))
+        own_loss = trainee.loss
+        trainee.loss = lambda module, batch, generator, own_loss=own_loss: own_loss(
+            module.eval(), batch, generator
+        )
+        pieces = cut(np.arange(6), size, Processes())
+        loaded = [(piece, piece.load(trainee, 0, 0, 0)) for piece in pieces]
+        with GradientWorkers(trainee, 1) as workers:
+            results[size] = workers.gradients(loaded, (0, 0, 0))
+    small, big = results[2][0], results[6][0]
+    for name in ("total", "feature", "existence", "parameters"):
+        assert small[name] == pytest.approx(big[name], rel=1e-4), name
+    for small, big in zip(results[2][1], results[6][1], strict=True):
+        torch.testing.assert_close(small, big, rtol=1e-3, atol=1e-5)
+
+
+def test_a_kept_batch_gives_its_loss_again(regions, tmp_path):
+    trainee = training(regions)
+    batch = trainee.load(np.arange(3), generators(3))
+    terms = trainee.loss(trainee.module.train(), batch, torch.Generator())
+    stamp = make_stamp("train", CONFIG)
+    save_fault(tmp_path / "x.safetensors", trainee.module, batch.tensors(), (0, 0, 0, 0), stamp)
+    again = train.replay(tmp_path / "x.safetensors")
+    assert again == pytest.approx({name: float(each.detach()) for name, each in terms.items()})
 
 
 @pytest.mark.parametrize(("siamese", "pift"), [(True, True), (False, False)])
 def test_a_few_steps_on_a_few_regions_lower_the_loss(regions, siamese, pift):
     network = replace(CONFIG.network, use_pift=pift)
     trainee = training(regions, replace(CONFIG, use_siamese=siamese, network=network))
-    ((_, batch),) = trainee.load(np.arange(3), np.random.default_rng(0))
+    batch = trainee.load(np.arange(3), generators(3))
     optimizer = torch.optim.Adam(trainee.module.parameters(), 0.003)
     losses = []
     for _ in range(20):
@@ -48,7 +98,7 @@ def test_a_few_steps_on_a_few_regions_lower_the_loss(regions, siamese, pift):
 
 def test_every_weight_gets_a_gradient(regions):
     trainee = training(regions)
-    ((_, batch),) = trainee.load(np.arange(3), np.random.default_rng(0))
+    batch = trainee.load(np.arange(3), generators(3))
     for pift in trainee.module.pifts:  # at the identity, what lies before has no gradient yet
         torch.nn.init.normal_(pift.regress.weight, std=0.1)
     trainee.loss(trainee.module, batch, torch.Generator().manual_seed(0))["total"].backward()

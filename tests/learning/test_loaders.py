@@ -39,7 +39,9 @@ def test_a_single_scene_cannot_be_split(tmp_path):
 
 @pytest.mark.parametrize("count", [50, 300])
 def test_regions_are_centred_and_their_labels_with_them(reader, count):
-    batch = load_regions(reader, np.array([0, 1]), count, np.random.default_rng(0))
+    batch = load_regions(
+        reader, np.array([0, 1]), count, [np.random.default_rng(i) for i in (0, 1)]
+    )
     assert batch.points.shape == (2, count, 3)
     assert float(batch.points.mean(1).abs().max()) < 1e-6
     region = reader[0]

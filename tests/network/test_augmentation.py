@@ -1,5 +1,6 @@
 """Augmented labels still fit augmented points."""
 
+import numpy as np
 import pytest
 import torch
 from hypothesis import example, given, settings
@@ -7,6 +8,7 @@ from hypothesis import strategies as st
 
 from pipelines.configs import AugmentationConfig
 from pipelines.network import augmentation
+from pipelines.network.regions import RegionBatch
 from tests.network.toy_regions import toy_batch
 
 seeds = st.integers(0, 2**31 - 1)
@@ -15,6 +17,10 @@ STILL = AugmentationConfig(jitter=0.0)
 
 def mirrored(points, normal, center):
     return points - 2.0 * ((points - center) @ normal)[..., None] * normal
+
+
+def generators(seed, count=3):
+    return [np.random.default_rng((seed, number)) for number in range(count)]
 
 
 def distances(first, second):
@@ -26,7 +32,7 @@ def distances(first, second):
 @given(seeds)
 def test_planes_and_axes_move_with_the_points(seed):
     batch = toy_batch(3, 32, seed)
-    moved = augmentation.augment(batch, STILL, torch.Generator().manual_seed(seed))
+    moved = augmentation.augment(batch, STILL, generators(seed))
     for row, slot in ((0, 0), (0, 1), (0, 2), (1, 0)):
         before = mirrored(batch.points[row], batch.direction[row, slot], batch.center[row, slot])
         after = mirrored(moved.points[row], moved.direction[row, slot], moved.center[row, slot])
@@ -44,8 +50,7 @@ def test_planes_and_axes_move_with_the_points(seed):
 @example(1649)  # a direction that is nearly across
 def test_a_scaled_copy_keeps_every_plane_and_axis(seed):
     batch = toy_batch(2, 32, seed, tumbled=True)  # a box, a can
-    generator = torch.Generator().manual_seed(seed)
-    scaled = augmentation.scaled_copy(batch, STILL, generator)
+    scaled = augmentation.scaled_copy(batch, STILL, generators(seed, 2))
     # What was mirrored and then scaled must be what is scaled and then mirrored.
     for row, slot in ((0, 0), (0, 1), (0, 2), (1, 0)):
         points, center = batch.points[row], batch.center[row, slot]
@@ -64,7 +69,7 @@ def test_a_scaled_copy_keeps_every_plane_and_axis(seed):
 
 def test_scaling_stays_within_its_limit():
     batch = toy_batch(30, 16)
-    scaled = augmentation.scaled_copy(batch, STILL, torch.Generator().manual_seed(0))
+    scaled = augmentation.scaled_copy(batch, STILL, generators(0, 30))
     ratio = scaled.points.norm(dim=-1) / batch.points.norm(dim=-1).clamp(min=1e-9)
     assert float(ratio.max()) <= STILL.principal_scale + 1e-4
     assert float(ratio.min()) >= 1.0 / STILL.principal_scale - 1e-4
@@ -73,14 +78,37 @@ def test_scaling_stays_within_its_limit():
 
 def test_spheres_can_be_left_as_they_are():
     batch = toy_batch(3, 16)
-    generator = torch.Generator().manual_seed(1)
-    scaled = augmentation.scaled_copy(batch, STILL, generator, spheres=False)
+    scaled = augmentation.scaled_copy(batch, STILL, generators(1), spheres=False)
     torch.testing.assert_close(scaled.points[2], batch.points[2])
 
 
-def test_the_same_generator_gives_the_same_view():
+def test_a_region_is_drawn_alike_whatever_stands_beside_it():
     batch, config = toy_batch(3, 16), AugmentationConfig()
-    first, second = (
-        augmentation.augment(batch, config, torch.Generator().manual_seed(5)) for _ in range(2)
-    )
-    assert torch.equal(first.points, second.points)
+    whole = augmentation.augment(batch, config, generators(5))
+    copies = augmentation.scaled_copy(batch, config, generators(5))
+    for row, generator in enumerate(generators(5)):
+        alone = augmentation.augment(batch[row : row + 1], config, [generator])
+        torch.testing.assert_close(alone.points[0], whole.points[row])
+    for row, generator in enumerate(generators(5)):
+        alone = augmentation.scaled_copy(batch[row : row + 1], config, [generator])
+        torch.testing.assert_close(alone.points[0], copies.points[row])
+
+
+def test_every_direction_that_keeps_the_symmetries_is_drawn():
+    batch = toy_batch(3, 16)
+    box = RegionBatch(*(each[:1] for each in vars(batch).values()))  # three planes across
+    drawn = [
+        augmentation.principal_directions(box, [np.random.default_rng(seed)])[0]
+        for seed in range(60)
+    ]
+    nearest = [int((box.direction[0, :3] @ each).abs().argmax()) for each in drawn]
+    assert min(nearest.count(slot) for slot in range(3)) > 5
+
+
+def test_a_mixed_batch_takes_each_region_whole():
+    first, second = toy_batch(12, 16, 0), toy_batch(12, 16, 1)
+    mixed = augmentation.mixed(first, second, generators(0, 12))
+    own = (mixed.points == first.points).flatten(1).all(1)
+    assert 0 < int(own.sum()) < 12
+    expected = torch.where(own[:, None], first.affordance, second.affordance)
+    assert torch.equal(mixed.affordance, expected)

@@ -20,3 +20,13 @@ def test_an_unknown_device_is_refused(name):
 def test_a_gpu_that_is_not_there_is_refused():
     with pytest.raises(ValueRangeError):
         find_device("cuda:99")
+
+
+def test_each_process_has_a_gpu_of_its_own(monkeypatch):
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 4)
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    assert find_device("auto", 2) == find_device("cuda", 2) == torch.device("cuda:2")
+    assert find_device("cpu", 2) == torch.device("cpu")
+    assert find_device("cuda:1", 2) == torch.device("cuda:1")
+    with pytest.raises(ValueRangeError, match="cuda:4"):
+        find_device("cuda", 4)

@@ -14,6 +14,10 @@ from pipelines.errors import FormatError, SymgraspError, UnknownNameError, Value
 from pipelines.formats import detector_frames
 from pipelines.formats.checkpoints import load_weights
 from pipelines.formats.graspnet import GraspNetRoot
+from pipelines.formats.provenance import make_stamp
+from pipelines.learning.detector_training import DetectorTraining
+from pipelines.learning.faults import save_fault
+from pipelines.learning.gradients import loss_seed
 from pipelines.learning.runs import RunRequest
 from pipelines.network.detector import RegionDetector
 from tests.stages.toy_root import write_root
@@ -63,6 +67,29 @@ def test_the_weights_load_into_the_detector(root, output):
 def test_a_finished_training_is_skipped(root, output):
     report = finetune_detector.run(root.root, output, CONFIG, REQUEST, split=None, options=QUIET)
     assert report.skipped == ["detector.safetensors"]
+
+
+def test_a_resumed_training_equals_one_that_never_stopped(root, output, tmp_path):
+    path = tmp_path / "detector.safetensors"
+    limited = replace(REQUEST, time_limit=0.0)  # stops before its first step
+    finetune_detector.run(root.root, path, CONFIG, limited, split=None, options=QUIET)
+    resumed = replace(REQUEST, resume=True)
+    finetune_detector.run(root.root, path, CONFIG, resumed, split=None, options=QUIET)
+    assert path.read_bytes() == output.read_bytes()
+
+
+def test_a_kept_batch_gives_its_losses_again(output, tmp_path):
+    files = sorted(finetune_detector.frames_folder(output).glob("*.h5"))
+    frames = finetune_detector.split_frames(files, CONFIG, 0)
+    detector = finetune_detector.build(CONFIG, None, 0)
+    trainee = DetectorTraining(detector, frames, CONFIG, torch.device("cpu"))
+    batch = trainee.load(np.arange(2), [np.random.default_rng(i) for i in range(2)])
+    place, path = (0, 1, 2, 3), tmp_path / "detector.fault.safetensors"
+    save_fault(path, detector, trainee.tensors(batch), place, make_stamp("x", CONFIG))
+    drawing = torch.Generator().manual_seed(loss_seed(*place))
+    terms = trainee.loss(detector.train(), batch, drawing)
+    expected = {name: float(each.detach()) for name, each in terms.items()}
+    assert finetune_detector.replay(path) == pytest.approx(expected, rel=1e-5)
 
 
 def test_it_goes_on_from_given_weights(root, output, tmp_path):

@@ -1,0 +1,83 @@
+"""How a running training shows itself: a bar with the time left on a terminal, else lines."""
+
+import logging
+import time
+from collections.abc import Mapping
+from types import TracebackType
+from typing import Self
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn
+
+log = logging.getLogger(__name__)
+
+
+class Display:
+    """Says on stderr how far a training is; silent where `shown` is False.
+
+    A bar where `bar` is True; otherwise a line at least every `seconds`.
+    """
+
+    def __init__(self, *, shown: bool, bar: bool, seconds: float) -> None:
+        self.shown, self.seconds, self._spoke = shown, seconds, time.monotonic()
+        self._task: TaskID | None = None
+        self._bar: Progress | None = None
+        if shown and bar:
+            columns = (
+                TextColumn("{task.description}"),
+                BarColumn(bar_width=None),
+                TextColumn("{task.completed}/{task.total}  {task.fields[losses]}"),
+                TextColumn("{task.fields[left]} left"),
+            )
+            self._bar = Progress(*columns, console=Console(stderr=True), transient=True)
+
+    def __enter__(self) -> Self:
+        if self._bar is not None:
+            self._bar.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def step(
+        self, epoch: str, done: int, total: int, losses: Mapping[str, float], left: float
+    ) -> None:
+        """Show that `done` of `total` steps of an epoch are done; `left` seconds of the run."""
+        if not self.shown:
+            return
+        if self._bar is not None:
+            if self._task is None:
+                self._task = self._bar.add_task(epoch, losses="", left="")
+            self._bar.update(
+                self._task,
+                description=f"epoch {epoch}",
+                completed=done,
+                total=total,
+                losses=f"loss {losses['total']:.3f}",
+                left=minutes(left),
+            )
+        elif time.monotonic() - self._spoke > self.seconds:
+            self._spoke = time.monotonic()
+            terms = ", ".join(f"{name} {value:.3f}" for name, value in losses.items())
+            log.info("epoch %s, step %d/%d, %s, %s left", epoch, done, total, terms, minutes(left))
+
+    def say(self, text: str) -> None:
+        """Show a line that stays."""
+        if self._bar is not None:
+            self._bar.console.print(text, highlight=False, markup=False)
+        elif self.shown:
+            log.info("%s", text)
+
+
+def minutes(seconds: float) -> str:
+    """Return a duration as h:mm:ss, without hours where there are none."""
+    whole = round(max(seconds, 0.0))
+    hours, rest = divmod(whole, 3600)
+    text = f"{rest // 60:02d}:{rest % 60:02d}" if hours else f"{rest // 60}:{rest % 60:02d}"
+    return f"{hours}:{text}" if hours else text

@@ -1,0 +1,97 @@
+"""The processes that train together under torchrun; without it, this one alone.
+
+`torchrun --nproc-per-node 2 --no-python symgrasp train ...`: each process works on its share of
+every batch, on its own GPU where there is one; the first one alone writes and speaks.
+"""
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import timedelta
+
+import torch
+from torch import Tensor, distributed
+
+from pipelines.errors import SymgraspError
+from pipelines.network.devices import find_device
+
+LONGEST_WAIT = timedelta(hours=3)  # for the first process to validate, or to prepare frames
+
+
+@dataclass(frozen=True)
+class Processes:
+    """This process among those of a training.
+
+    Attributes:
+        rank: which one this is; the first, 0, writes and speaks.
+        count: how many there are.
+    """
+
+    rank: int = 0
+    count: int = 1
+
+    @property
+    def is_first(self) -> bool:
+        """Whether this is the process that writes and speaks."""
+        return self.rank == 0
+
+    def add_up(self, tensors: Sequence[Tensor]) -> None:
+        """Replace each tensor by its sum over all processes; the dtypes of all are one."""
+        if self.count == 1:
+            return
+        flat = torch.cat([tensor.flatten() for tensor in tensors])
+        with _lost_peers():
+            distributed.all_reduce(flat)
+        parts = torch.split(flat, [tensor.numel() for tensor in tensors])
+        for tensor, part in zip(tensors, parts, strict=True):
+            tensor.copy_(part.view_as(tensor))
+
+    def most(self, value: int) -> int:
+        """Return the largest `value` of all processes."""
+        if self.count == 1:
+            return value
+        shared = torch.tensor(value)
+        with _lost_peers():
+            distributed.all_reduce(shared, distributed.ReduceOp.MAX)
+        return int(shared)
+
+    def wait(self) -> None:
+        """Return once all processes have come here."""
+        self.most(0)
+
+    @contextmanager
+    def one_first(self) -> Iterator[None]:
+        """Let the first process through alone, then all others."""
+        if not self.is_first:
+            self.wait()
+        yield
+        if self.is_first:
+            self.wait()
+
+
+@contextmanager
+def joined(device: str) -> Iterator[tuple[Processes, torch.device]]:
+    """Yield the processes that torchrun started and this one's device, `device` by name."""
+    if not distributed.is_torchelastic_launched():
+        yield Processes(), find_device(device)
+        return
+    found = find_device(device, int(os.environ["LOCAL_RANK"]))
+    if found.type == "cuda":
+        torch.cuda.set_device(found)
+    backend = "cpu:gloo,cuda:nccl" if found.type == "cuda" else "gloo"
+    distributed.init_process_group(backend, timeout=LONGEST_WAIT)
+    try:
+        yield Processes(distributed.get_rank(), distributed.get_world_size()), found
+    finally:
+        distributed.destroy_process_group()
+
+
+@contextmanager
+def _lost_peers() -> Iterator[None]:
+    try:
+        yield
+    except RuntimeError as error:
+        raise SymgraspError(
+            "another process of this training has ended; its own message says why"
+        ) from error

@@ -1,0 +1,44 @@
+"""`python -m tests.learning.train_toys PACKED OUTPUT`: a toy training in a process of its own.
+
+Run by torchrun it trains in several processes. `--resume` goes on; with `--die-at N` it is killed
+in step N.
+"""
+
+import os
+import signal
+import sys
+from pathlib import Path
+
+from pipelines import train
+from pipelines.learning.loop import TrainingRun
+from pipelines.learning.runs import RunRequest
+from tests.learning.packed_toys import CONFIG
+
+
+def main(arguments: list[str]) -> None:
+    packed, output = map(Path, arguments[:2])
+    if "--die-at" in arguments:
+        die_at(int(arguments[-1]))
+    request = RunRequest(device="cpu", threads=1, resume="--resume" in arguments)
+    train.run(packed, None, output, CONFIG, request)
+
+
+def die_at(step: int) -> None:
+    """Write a checkpoint after every other step and kill this process in the middle of one."""
+    take_step, report = TrainingRun._step, TrainingRun._report_and_save
+
+    def dying(run, *rest):
+        take_step(run, *rest)
+        if run.progress.total_steps == step:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    def saving(run, batches):
+        report(run, batches)
+        if run.progress.total_steps % 2:
+            run._save_checkpoint()
+
+    TrainingRun._step, TrainingRun._report_and_save = dying, saving
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -75,12 +75,12 @@ class Line:
 
 
 class Restless(Line):
-    """Its validations go up and down, lowest after ten steps and in the middle of an epoch."""
+    """Better in the middle of an epoch than at the end of any, and best at the end of the first."""
 
     def validate(self):
         super().validate()
-        weight = float(self.module[0].weight.detach().sum())
-        return {"loss": abs(math.sin(1e3 * weight))}
+        steps = int(self.module[1].num_batches_tracked)
+        return {"loss": 3.0 + steps / 100 if steps % 10 == 0 else 1.0 - steps / 100}
 
 
 class Killed(BaseException):
@@ -136,17 +136,13 @@ def test_a_resumed_run_ends_with_the_same_bytes_as_one_that_never_stopped(
     assert_same(output, whole[kind])
 
 
-def test_what_a_stop_leaves_may_be_better_than_any_end_of_an_epoch(tmp_path, whole):
+def test_what_a_stop_leaves_may_be_better_than_any_end_of_an_epoch(tmp_path):
     """The case that makes the test above worth something."""
-    best = []
-    for steps in range(11, 20):
-        run = TrainingRun(
-            Restless(), OPTIONS, tmp_path / f"{steps}.safetensors", STAMP, {"model": "Line"}
-        )
-        stop_after(run, steps)
-        progress = run.run()
-        best.append(progress.kept["loss"] < progress.figures["loss"])
-    assert any(best)
+    run = TrainingRun(Restless(), OPTIONS, tmp_path / "x.safetensors", STAMP, {"model": "Line"})
+    stop_after(run, 14)
+    progress = run.run()
+    assert progress.kept["loss"] < progress.figures["loss"] == progress.best
+    assert "0.86" in load_weights(tmp_path / "x.safetensors")[1]["validation"]
 
 
 @settings(

@@ -59,6 +59,10 @@ def run(
     write_verdicts(output, verdicts, stamp)
     report.done.append(output.name)
     report.notes[output.name] = _summary(verdicts)
+    if config.compatible and not with_grid and not mesh.is_watertight:
+        report.notes[mesh_path.name] = (
+            "is not closed; near its holes the distance grid, and with it the verdicts, are a guess"
+        )
     for row in sorted(given.faults)[:NAMED_FAULTS]:
         report.failed[f"row {row}"] = f"{grasps_path} {given.faults[row]}; it is scored as failed"
     if len(given.faults) > NAMED_FAULTS:

@@ -19,6 +19,8 @@ COLUMNS = 17
 RECT_COLUMNS = 7
 SAME = 1e-5  # entries of a rotation this near to an exact one are left as they are
 MAX_SKEW = 1e-3  # of a rotation as float16 rounds it; beyond this it is none
+LENGTHS = (3, 13, 14, 15)  # columns; widths are cut anyway and heights ignored
+FARTHEST = 1e6  # metres; what is farther off than this was not measured
 VERDICT_ARRAYS = (
     "min_friction",
     "min_friction_grid",
@@ -76,6 +78,9 @@ def read_grasp_rows(
     rows[rounded, 4:13] = nearest[rounded].reshape(-1, 9)
     for row in np.flatnonzero(~(rows[:, 1] >= 0.0)).tolist():
         faults.setdefault(row, "has a negative width")
+    far = (np.abs(rows[:, LENGTHS]) > FARTHEST).any(axis=1)
+    for row in np.flatnonzero(far).tolist():
+        faults.setdefault(row, "holds lengths beyond a thousand kilometres")
     for row in faults:
         rows[row] = 0.0
         rows[row, 4:13] = np.eye(3).ravel()

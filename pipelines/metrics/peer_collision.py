@@ -20,7 +20,7 @@ BEHIND = 0.02  # metres from the origin back to the bottom
 VOXEL = 0.008  # metres, of the peer's cloud
 MIN_INNER = 10  # points of that cloud between the fingers, or the grasp is empty
 NUM_SAMPLES = 40000
-AT_A_TIME = 500  # grasps
+AT_A_TIME = 2_000_000  # pairs of a grasp and a point
 LONGEST = 0.9  # metres; what a finger may be
 TABLE_SIDE, TABLE_DEPTH = 1.0, 0.05  # metres, of the peer's cloud
 
@@ -92,8 +92,9 @@ def meets_points(points: Array, grasps: Grasps, depth: Array) -> tuple[Mask, NDA
         depth: (n,) metres from the origin of GraspNet's frame to the tips.
     """
     hit, inner = np.zeros(len(grasps), np.bool_), np.zeros(len(grasps), np.int64)
-    for start in range(0, len(grasps), AT_A_TIME):
-        part = slice(start, start + AT_A_TIME)
+    step = max(1, AT_A_TIME // max(len(points), 1))
+    for start in range(0, len(grasps), step):
+        part = slice(start, start + step)
         some, tips = grasps[part], depth[part, None]
         turn = some.rotation.swapaxes(1, 2)
         local = turn @ points.T - turn @ some.translation[..., None]  # (n, 3, m)

@@ -6,7 +6,14 @@ import pytest
 from pipelines.formats.files import read_npy, read_npz
 from pipelines.formats.meshes import read_mesh
 from pipelines.grasping.grasps import from_graspnet
-from pipelines.metrics.peer_collision import cloud_collision, exact_collision, voxel_means
+from pipelines.metrics import peer_collision
+from pipelines.metrics.peer_collision import (
+    cloud_collision,
+    exact_collision,
+    meets_points,
+    voxel_means,
+)
+from tests.metrics.shapes import random_grasps
 
 
 @pytest.mark.parametrize("kind", ["antipodal", "label"])
@@ -26,6 +33,18 @@ def test_triangles_find_what_the_cloud_finds_and_more(shared):
     exact = exact_collision(mesh, from_graspnet(rows), rows[:, 3])[0]
     cloud, empty = cloud_collision(mesh, from_graspnet(rows), rows[:, 3])
     assert exact[cloud & ~empty].all()
+
+
+def test_how_many_pairs_are_looked_at_at_a_time_changes_nothing(monkeypatch):
+    rng = np.random.default_rng(0)
+    points, depth = rng.normal(size=(500, 3)) * 0.03, np.full(40, 0.02)
+    grasps = random_grasps(rng, 40, spread=0.08)
+    whole = meets_points(points, grasps, depth)
+    monkeypatch.setattr(peer_collision, "AT_A_TIME", 1700)  # three grasps
+    parts = meets_points(points, grasps, depth)
+    assert 0 < whole[0].sum() < 40
+    for ours, theirs in zip(whole, parts, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
 
 
 def test_voxel_means_are_means():

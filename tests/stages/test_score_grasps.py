@@ -13,6 +13,7 @@ from pipelines.formats.files import read_npz, write_npy
 from pipelines.formats.grasp_rows import VERDICT_ARRAYS, read_verdicts
 from pipelines.formats.meshes import write_mesh
 from pipelines.formats.signed_distance import write_sdf
+from pipelines.geometry.mesh import Mesh
 from pipelines.geometry.signed_distance import SignedDistanceGrid
 from pipelines.geometry.transforms import make_pose, random_rotation, rotation_about
 from pipelines.grasping.grasps import Grasps, to_graspnet
@@ -148,6 +149,29 @@ def test_bad_rows_are_named_and_the_rest_is_scored(mesh_path):
     assert report.exit_code == 1
     assert set(report.failed) == {"row 1", "row 2", "row 3"}
     assert verdicts["found"].tolist() == [True, False, False, False, True]
+
+
+@pytest.mark.parametrize("compatible", [False, True])
+def test_what_is_beyond_all_measure_is_named_and_what_is_only_far_touches_nothing(
+    mesh_path, compatible
+):
+    rows = rows_across(6)
+    rows[:4, [13, 14, 3, 15]] += np.diag([1e300, 1e7, -1e9, 5.0])
+    rows[4, 13:16] = -999.0
+    report, verdicts = run(mesh_path, rows, compatible=compatible)
+    assert sorted(report.failed) == ["row 0", "row 1", "row 2"]
+    assert all("kilometres" in sentence for sentence in report.failed.values())
+    assert not verdicts["found"][:5].any()
+    assert verdicts["found"][5] or compatible  # the peer loses contacts on flat faces
+
+
+def test_a_mesh_with_holes_is_scored_and_said_to_have_some(mesh_path):
+    mesh = box(*SIDES)
+    write_mesh(mesh_path, Mesh(mesh.vertices, mesh.faces[:-1]))
+    report, _ = run(mesh_path, rows_across(), compatible=True)
+    assert report.exit_code == 0
+    assert "not closed" in report.notes["box.ply"]
+    assert "box.ply" not in run(mesh_path, rows_across(), overwrite=True)[0].notes
 
 
 def test_a_rotation_rounded_to_half_precision_is_a_rotation(mesh_path):

@@ -55,7 +55,7 @@ $(EVAL)/grasps.h5: $(EVAL)/dataset.made $(WEIGHTS)
 
 $(EVAL)/success.json: $(EVAL)/grasps.h5
 	rm -f $@
-	$(SYMGRASP) simulate $< --dataset $(EVAL_ROOT) --out $@ --workers 2 > /dev/null
+	$(SYMGRASP) simulate $< --dataset $(EVAL_ROOT) --out $@ --baselines --workers 2 > /dev/null
 
 $(EVAL)/report.json: $(EVAL)/grasps.h5 $(EVAL)/success.json
 	rm -f $@

@@ -1,7 +1,7 @@
-"""Stage `compare`: several runs of `evaluate` side by side, and how certain their differences are.
+"""Stage `compare`: several runs side by side, and how certain their differences are.
 
-Reads   A.json, B.json, ...  reports of `evaluate`
-        A.frames/, ...       the records beside each, or A.scenes/ of a dump
+Reads   A.json, B.json, ...  reports of `evaluate`, or each a success.json of `simulate`
+        A.frames/, ...       the records beside each: A.scenes/ of a dump, A.trials/ of trials
 Writes  compare.json or compare.html, if asked for
 
 Only frames that all runs have are compared; the others are counted. The interval of a difference
@@ -9,7 +9,7 @@ to the first run is a paired bootstrap over frames, or over scenes with all thei
 """
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from pipelines.errors import SymgraspError, UnknownNameError
 from pipelines.evaluation.figures import TEST_SPLITS
 from pipelines.evaluation.paired_runs import Run, paired_frames
 from pipelines.evaluation.report_page import html_table, note_list, whole_page
-from pipelines.evaluation.run_readers import DEFAULT_ROW, compared_folders, read_run
+from pipelines.evaluation.run_readers import DEFAULT_ROW, compared_folders, friction_of, read_run
 from pipelines.evaluation.tables import Table
 from pipelines.evaluation.tallies import ALL
 from pipelines.formats.files import write_json, write_text
@@ -39,6 +39,7 @@ from pipelines.metrics.paired_bootstrap import Difference, differences
 
 FORMAT_VERSION = 1
 FOR_BASELINES = ("baselines", "seed", "affordance")  # nothing of these concerns our own row
+SEEDED = ("simulate",)  # stages of which the seed concerns all rows: it cuts models into pieces
 UNITS = ("frame", "scene")
 VIEWS_NOTE = "Views of one scene are much alike: over scenes, intervals are wider and more honest."
 METRIC_NAMES = {
@@ -108,8 +109,7 @@ def compare(runs: Sequence[Run], config: CompareConfig, seed: int) -> Comparison
     paired = set(paired_frames(runs))
     notes = [*_frame_notes(runs, len(paired)), *_setting_notes(runs, config.row)]
     figures = []
-    shared = set.intersection(*(run.metrics for run in runs))
-    for metric in filter(shared.__contains__, METRIC_NAMES):
+    for metric in _shared_metrics(runs):
         for split in (ALL, "train", *TEST_SPLITS):
             names = [name for name in runs[0].names_in(split) if name in paired]
             if not names:
@@ -120,6 +120,13 @@ def compare(runs: Sequence[Run], config: CompareConfig, seed: int) -> Comparison
             if any(map(math.isfinite, values)):
                 figures.append(Figure(metric, split, len(names), values, found))
     return Comparison([run.name for run in runs], notes, figures, config)
+
+
+def _shared_metrics(runs: Sequence[Run]) -> list[str]:
+    """Return the names of what all runs have, in the order in which they are read."""
+    shared = set.intersection(*(run.metrics for run in runs))
+    simulated = shared - set(METRIC_NAMES)
+    return [*filter(shared.__contains__, METRIC_NAMES), *sorted(simulated, key=friction_of)]
 
 
 def tables(comparison: Comparison) -> list[Table]:
@@ -181,8 +188,7 @@ def _frame_notes(runs: Sequence[Run], paired: int) -> list[str]:
 
 def _setting_notes(runs: Sequence[Run], row: str) -> list[str]:
     """Return a sentence for whatever differs between the first run and another."""
-    unused = FOR_BASELINES if row == DEFAULT_ROW else ()
-    settings, labels = zip(*(_provenance(run, unused) for run in runs), strict=True)
+    settings, labels = zip(*(_provenance(run, row) for run in runs), strict=True)
     notes = []
     for place, run in enumerate(runs[1:], 1):
         changed = [
@@ -201,9 +207,11 @@ def _setting_notes(runs: Sequence[Run], row: str) -> list[str]:
     return notes
 
 
-def _provenance(run: Run, unused: Collection[str]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return settings and digests of inputs that a report says it was made with."""
+def _provenance(run: Run, row: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return settings and digests of inputs that `row` of a report was made with."""
     stamp = run.report.get("provenance") or {}
+    unused = set(FOR_BASELINES if row == DEFAULT_ROW else ())
+    unused -= {"seed"} if stamp.get("stage") in SEEDED else set()
     settings = {**stamp.get("config", {}), "seed": stamp.get("seed")}
     settings["version"] = stamp.get("version")
     groups = (settings, stamp.get("inputs", {}))
@@ -263,7 +271,8 @@ def _number(value: float) -> str:
 
 
 def _row(figure: Figure) -> tuple[str, ...]:
-    row = [METRIC_NAMES[figure.metric], _number(figure.values[0])]
+    name = METRIC_NAMES.get(figure.metric) or f"success, mu {friction_of(figure.metric):g}"
+    row = [name, _number(figure.values[0])]
     for value, difference in zip(figure.values[1:], figure.differences, strict=True):
         row += [_number(value), *_words(difference)]
     return tuple(row)

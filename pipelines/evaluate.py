@@ -19,11 +19,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
-import numpy as np
-
 from pipelines.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
 from pipelines.configs import EvaluateConfig, InferConfig
-from pipelines.evaluation.baselines import Planner
+from pipelines.evaluation.baselines import Planner, rows_of
 from pipelines.evaluation.judging import assign_regions, judge_frame
 from pipelines.evaluation.predictions import FramePredictions
 from pipelines.evaluation.records import (
@@ -73,7 +71,7 @@ def run(
     inputs |= _digests(root, baselines=baselines)
     stamp = make_stamp("evaluate", settings, seed=seed, inputs=inputs)
     is_finished(output, stamp, overwrite=options.overwrite)  # refuses to replace another report
-    simulated = reports.read_success(success, inputs["grasps"]) if success else None
+    simulated = reports.read_success_of(success, inputs["grasps"]) if success else None
     items = _scene_items(grasps, found, root, output, stamp, options)
     step = functools.partial(_evaluate_scene, dataset, config, baselines)
     report = run_batch("evaluate", items, step, options)
@@ -96,10 +94,7 @@ def evaluate_frame(
     truth = reader.read(files)
     predictions = FramePredictions.from_result(result)
     owners = assign_regions(predictions.masks, truth, reader.config)
-    rows = {"ours": predictions.row}
-    if planner is not None:
-        rng = np.random.default_rng([seed, files.scene_id, files.frame_id])
-        rows |= planner.rows(predictions.masks, owners, files, truth, rng)
+    rows = rows_of(predictions, owners, files, truth, planner, seed)
     gripper = load_gripper(reader.config.gripper)
     return judge_frame(predictions, owners, rows, truth, gripper, reader.config)
 

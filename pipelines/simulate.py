@@ -3,17 +3,19 @@
 Reads   grasps.h5               of `infer`, run on a dataset in GraspNet-1Billion's layout
         ROOT/scenes, models     poses, labels, cameras, meshes, convex pieces
         ROOT/symmetry           of `annotate-symmetry`: what the grasped regions are like
+        ROOT/affordance         of `refine-grasps`: for the oracle among the baselines
 Writes  success.json            rates by split, kind of symmetry and friction
         success.trials/         what became of every trial, one file a scene
         success.convex/NNN.npz  convex pieces of models that have none in the dataset
 
-Every visible object of a frame gets one trial at each friction: the grasp that `evaluate` judges.
+Every visible object of a frame gets one trial at each friction: the grasp that `evaluate` judges,
+and with `baselines` also those of the other methods that it judges on the same regions.
 Scenes that are finished are not tried again. The dataset is only read.
 """
 
 import functools
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from pipelines.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
@@ -34,8 +36,13 @@ from pipelines.formats.provenance import (
     make_stamp,
     write_sidecar,
 )
+from pipelines.formats.trial_records import (
+    FrameTrials,
+    read_trials,
+    trials_folder,
+    write_trials,
+)
 from pipelines.simulation.frames import FrameSimulator, PiecesReader
-from pipelines.simulation.records import FrameTrials, read_trials, write_trials
 from pipelines.simulation.success import success_tables, write_success
 from pipelines.synthesis.decomposition import convex_pieces
 
@@ -49,6 +56,7 @@ def run(
     config: SimulateConfig,
     options: BatchOptions,
     *,
+    baselines: bool = False,
     seed: int = 0,
 ) -> StageReport:
     """Try `grasps` in the scenes of `dataset`; write `output` and what lies beside it.
@@ -59,21 +67,24 @@ def run(
         output: `success.json`.
         config: the hand, the trial, what counts as success.
         options: how the batch is run.
-        seed: of coacd, which cuts models into convex pieces.
+        baselines: also try grasps planned with ground truth, from the boundary, and at random.
+        seed: of coacd, which cuts models into convex pieces, and of the baselines' random draws.
     """
     root, found = GraspNetRoot(dataset), read_index(grasps)
     config = replace(config, gripper=config.gripper or found.gripper)
     hand = gripper_digest(config.gripper)  # an unknown one is refused before anything is done
     scenes = scenes_of(grasps, found, root)
-    inputs = {"grasps": digest(grasps), "gripper": hand, **_digests(scenes, root, output)}
-    stamp = make_stamp("simulate", config, seed=seed, inputs=inputs)
+    inputs = {"grasps": digest(grasps), "gripper": hand}
+    inputs |= _digests(scenes, root, output, baselines=baselines)
+    settings = {**asdict(config), "baselines": baselines}
+    stamp = make_stamp("simulate", settings, seed=seed, inputs=inputs)
     is_finished(output, stamp, overwrite=options.overwrite)  # refuses to replace another
     models = _model_items(scenes, root, output, config, seed)
     drop_stale(models, options)
     report = run_batch("simulate models", models, functools.partial(_cut_model, config), options)
     items = _scene_items(grasps, scenes, output, stamp)
     drop_stale(items, options)
-    step = functools.partial(_simulate_scene, dataset, output, config)
+    step = functools.partial(_simulate_scene, dataset, output, config, baselines)
     report = _joined(report, run_batch("simulate", items, step, options))
     if not options.dry_run:
         write_success(output, _finished(items), config.frictions, stamp)
@@ -83,11 +94,6 @@ def run(
 def tables(output: Path) -> list[Table]:
     """Return the tables of a written `success.json`."""
     return success_tables(read_json(output))
-
-
-def trials_folder(output: Path) -> Path:
-    """Return where the trials of `output` lie, one file a scene."""
-    return output.with_suffix(".trials")
 
 
 def pieces_folder(output: Path) -> Path:
@@ -143,11 +149,11 @@ def _scene_items(
 
 
 def _simulate_scene(
-    dataset: Path, output: Path, config: SimulateConfig, item: WorkItem
+    dataset: Path, output: Path, config: SimulateConfig, baselines: bool, item: WorkItem
 ) -> str | None:
-    root = GraspNetRoot(dataset)
+    root, hand = GraspNetRoot(dataset), load_gripper(config.gripper)
     pieces = PiecesReader(root, pieces_folder(output))
-    simulator = FrameSimulator(root, pieces, load_gripper(config.gripper), config)
+    simulator = FrameSimulator(root, pieces, hand, config, baselines, item.stamp.seed)
     frames = [simulator.run(result) for result in read_frames(*item.arguments)]
     write_trials(item.target, frames, item.stamp)
     farthest = max(frame.shift for frame in frames)
@@ -163,15 +169,18 @@ def _finished(items: Iterable[WorkItem]) -> Iterator[FrameTrials]:
             yield from read_trials(item.target)
 
 
-def _digests(scenes: Iterable[SceneFiles], root: GraspNetRoot, output: Path) -> dict[str, str]:
+def _digests(
+    scenes: Iterable[SceneFiles], root: GraspNetRoot, output: Path, *, baselines: bool
+) -> dict[str, str]:
     """Return digests of what of the dataset, besides the scenes, decides the outcome."""
     reader = PiecesReader(root, pieces_folder(output))
     sources = [path for path in map(reader.source, _object_ids(scenes)) if path.is_file()]
     models = "".join(f"{path.relative_to(root.root)} {digest(path)}\n" for path in sources)
     found = {"models": digest_text(models)}
-    if (root.root / "symmetry").is_dir():
-        found["symmetry"] = digest_folder(root.root / "symmetry", "*.json")
-    return found
+    labels = {"symmetry": "*.json", "regions": "*.json"}
+    labels |= {"affordance": "*.h5"} if baselines else {}
+    present = {name: end for name, end in labels.items() if (root.root / name).is_dir()}
+    return found | {name: digest_folder(root.root / name, end) for name, end in present.items()}
 
 
 def _object_ids(scenes: Iterable[SceneFiles]) -> list[int]:

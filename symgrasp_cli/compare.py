@@ -16,7 +16,8 @@ def compare(
         typer.Argument(
             exists=True,
             dir_okay=False,
-            help="Two or more report.json of `evaluate`; the others are compared with the first.",
+            help="Two or more report.json of `evaluate`, or success.json of `simulate`; the others "
+            "are compared with the first.",
         ),
     ],
     *,
@@ -37,7 +38,7 @@ def compare(
     seed: Seed = 0,
     overwrite: Overwrite = False,
 ) -> None:
-    """Put several runs of `evaluate` side by side, with intervals of their differences."""
+    """Put several reports or simulations side by side, with intervals of their differences."""
     if len(reports) < 2:
         raise typer.BadParameter("one report has nothing to be compared with; give two or more")
     if out is not None and out.suffix not in {".json", ".html"}:

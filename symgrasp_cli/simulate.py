@@ -38,6 +38,13 @@ def simulate(
         str,
         typer.Option(metavar="MU,...", help="Frictions of fingers and objects, each one a trial."),
     ] = FRICTIONS,
+    baselines: Annotated[
+        bool,
+        typer.Option(
+            "--baselines",
+            help="Also try what `evaluate --baselines` judges: ground truth, boundary, chance.",
+        ),
+    ] = False,
     gripper: GripperUsed = DEFAULTS.gripper,
     min_visible_pixels: MinVisiblePixels = DEFAULTS.min_visible_pixels,
     workers: Workers = 1,
@@ -53,7 +60,7 @@ def simulate(
         frictions=parse_frictions(friction), gripper=gripper, min_visible_pixels=min_visible_pixels
     )
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
-    report = stage.run(grasps, dataset, out, config, options, seed=seed)
+    report = stage.run(grasps, dataset, out, config, options, baselines=baselines, seed=seed)
     if not dry_run:
         for table in stage.tables(out):
             show_table(table)

@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 
 from pipelines.configs import InferConfig
 from pipelines.evaluation.judging import RegionOwners
-from pipelines.evaluation.predictions import RowPredictions
+from pipelines.evaluation.predictions import FramePredictions, RowPredictions
 from pipelines.evaluation.truth import FrameTruth, TruthReader
 from pipelines.formats.graspnet import FrameFiles
 from pipelines.formats.rgbd import Frame
@@ -93,6 +93,22 @@ class Planner:
         local = transform_points(invert(truth.scene.poses[owner]), points)
         _, nearest = KDTree(labels.points).query(local)
         return np.asarray(labels.affordance[nearest], np.float64)
+
+
+def rows_of(
+    predictions: FramePredictions,
+    owners: RegionOwners,
+    files: FrameFiles,
+    truth: FrameTruth,
+    planner: Planner | None,
+    seed: int,
+) -> dict[str, RowPredictions]:
+    """Return our row and, with a `planner`, the baselines'; one `seed` gives the same grasps."""
+    rows = {"ours": predictions.row}
+    if planner is not None:
+        rng = np.random.default_rng([seed, files.scene_id, files.frame_id])
+        rows |= planner.rows(predictions.masks, owners, files, truth, rng)
+    return rows
 
 
 def true_slots(instance: int, truth: FrameTruth) -> SymmetrySlots:

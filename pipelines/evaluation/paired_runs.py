@@ -66,7 +66,7 @@ class Run:
 
     Attributes:
         name: short, other than those of the runs beside it.
-        report: the content of `report.json`.
+        report: the content of `report.json` or `success.json`.
         frames: name to place.
         splits, truth: of each frame.
         counts: how many objects (or whatever means are over) each frame has.
@@ -126,7 +126,10 @@ def paired_frames(runs: Sequence[Run]) -> list[str]:
     """
     first, *others = runs
     if not set.intersection(*(run.metrics for run in runs)):
-        raise SymgraspError("runs of different protocols have no figure in common to compare")
+        raise SymgraspError(
+            "runs of different protocols, or simulated at different frictions, have no figure in "
+            "common to compare"
+        )
     for other in others:
         common = sorted(first.frames.keys() & other.frames.keys())
         if not common:

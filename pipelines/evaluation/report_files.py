@@ -60,9 +60,7 @@ def write_report_files(
     rows = report_rows(tally, thresholds, sphere)
     more: dict[str, Any] = {"curves": report_curves(tally, thresholds, sphere)}
     if success is not None:
-        _add_success(rows, success)
-        more["success_by_friction"] = success["success"]
-        more["success_reasons"] = success.get("reasons", {})
+        more |= _add_success(rows, success)
     seconds = float(np.mean(tally.seconds)) if tally.seconds else None
     reports.write_report(output, rows, judged.stamp, seconds_per_frame=seconds, **more)
     gallery, faults = draw_gallery(choice, judged.grasps, judged.index, judged.root)
@@ -70,9 +68,22 @@ def write_report_files(
     return faults
 
 
-def _add_success(rows: Mapping[str, Mapping[str, Figures]], success: Mapping[str, Any]) -> None:
-    """Put the rates of success at TABLE_FRICTION beside the figures of the same split."""
-    for split, figures in rows.get("ours", {}).items():
-        found = success["success"].get(split, {})
-        at = {kind: by_friction.get(TABLE_FRICTION) for kind, by_friction in found.items()}
-        figures["success"] = {kind: rate for kind, rate in at.items() if rate is not None}
+def _add_success(
+    rows: Mapping[str, Mapping[str, Figures]], success: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Put the rates of success at TABLE_FRICTION beside the figures of the same row and split.
+
+    Returns:
+        The rates at all frictions, as entries of the report.
+    """
+    baselines = success.get("baselines", {})
+    for row, simulated in {"ours": success, **baselines}.items():
+        for split, figures in rows.get(row, {}).items():
+            found = simulated["success"].get(split, {})
+            at = {kind: by_friction.get(TABLE_FRICTION) for kind, by_friction in found.items()}
+            figures["success"] = {kind: rate for kind, rate in at.items() if rate is not None}
+    return {
+        "success_by_friction": success["success"],
+        "success_reasons": success.get("reasons", {}),
+        "success_baselines": baselines,
+    }

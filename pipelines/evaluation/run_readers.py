@@ -1,5 +1,6 @@
-"""Reading what lies beside a report, scene by scene, into a `Run` that can be compared."""
+"""Reading what lies beside a report or a `success.json`, scene by scene, into a `Run`."""
 
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -19,25 +20,29 @@ from pipelines.formats import reports
 from pipelines.formats.dump_verdicts import read_dump_verdicts, scenes_folder
 from pipelines.formats.graspnet import split_of_scene
 from pipelines.formats.provenance import COMPARED, read_stamp
+from pipelines.formats.trial_records import HELD, OURS, friction_key, read_trials, trials_folder
 from pipelines.metrics.coco_masks import IOU_THRESHOLDS
 from pipelines.metrics.graspnet_ap import FRICTIONS
 from pipelines.metrics.symmetry_matching import KINDS
 
 PRECISIONS = (*(f"symmetry_ap {kind}" for kind in KINDS), MASKS)
 DUMP_FRICTIONS = {"ap": FRICTIONS, "ap_0.8": (0.8,), "ap_0.4": (0.4,)}
-DEFAULT_ROW = "ours"
+DEFAULT_ROW = OURS
+SUCCESS = "success"
 
 
 def compared_folders(report: Path) -> list[Path]:
     """Return the folders beside `report` that a comparison may read, those that are there."""
-    return [folder for folder in (records_folder(report), scenes_folder(report)) if folder.is_dir()]
+    folders = (records_folder(report), scenes_folder(report), trials_folder(report))
+    return [folder for folder in folders if folder.is_dir()]
 
 
 def read_run(path: Path, name: str, row: str) -> Run:
     """Read the records beside the report `path`, a scene at a time.
 
     Args:
-        path: `report.json`, of a `grasps.h5` or of a dump by GraspNet's protocol.
+        path: `report.json`, of a `grasps.h5` or of a dump by GraspNet's protocol; or
+            `success.json`.
         name: of the run.
         row: of the report. Rows of a dump are cameras; DEFAULT_ROW means all of them.
 
@@ -46,19 +51,60 @@ def read_run(path: Path, name: str, row: str) -> Run:
         FormatError: they were made otherwise than the report.
         UnknownNameError: the report has no such row.
     """
+    if reports.is_success(path):
+        return _read_success(path, name, row)
     report = reports.read_report(path)
     is_dump = report.get("protocol") == "graspnet"
     if row not in report["rows"] and not (is_dump and row == DEFAULT_ROW):
         raise UnknownNameError(f"row of {path}", row, report["rows"])
     folder = scenes_folder(path) if is_dump else records_folder(path)
-    scenes = sorted(folder.glob("[!.]*.npz" if is_dump else "[!.]*.json"))
-    if not scenes:
-        raise MissingInputError(folder, "symgrasp evaluate")
+    scenes = _scenes(folder, "npz" if is_dump else "json", "evaluate")
     run = Run(name, report)
     if is_dump:
         _read_dump(run, path, scenes, "" if row == DEFAULT_ROW else row)
     else:
         _read_records(run, path, scenes, row)
+    return run
+
+
+def success_metric(friction: str) -> str:
+    """Return the name of the share of simulated trials held at `friction`."""
+    return f"{SUCCESS} {friction}"
+
+
+def friction_of(metric: str) -> float:
+    """Return the friction of a name of `success_metric`."""
+    return float(metric.removeprefix(SUCCESS))
+
+
+def _scenes(folder: Path, suffix: str, command: str) -> list[Path]:
+    scenes = sorted(folder.glob(f"[!.]*.{suffix}"))
+    if not scenes:
+        raise MissingInputError(folder, f"symgrasp {command}")
+    return scenes
+
+
+def _read_success(path: Path, name: str, row: str) -> Run:
+    """Read the trials beside a `success.json`; of each frame, how many held at each friction."""
+    report = reports.read_success(path)
+    rows = [OURS, *report.get("baselines", {})]
+    if row not in rows:
+        raise UnknownNameError(f"row of {path}", row, rows)
+    run, stamp = Run(name, report), report.get("provenance") or {}
+    metrics = [success_metric(friction_key(friction)) for friction in report["frictions"]]
+    for scene in _scenes(trials_folder(path), "json", "simulate"):
+        _check_stamp(scene, path, stamp, COMPARED)
+        for frame in read_trials(scene):
+            trials = frame.rows[row]
+            held = Counter(
+                success_metric(friction)
+                for trial in trials
+                for friction, outcome in trial.outcomes.items()
+                if outcome.reason == HELD
+            )
+            sums = {metric: float(held[metric]) for metric in metrics}
+            truth = (tuple(sorted(trial.object_id for trial in trials)), 0, ())
+            run.add(frame.name, frame.split, truth, len(trials), sums)
     return run
 
 
@@ -113,7 +159,7 @@ def _read_dump(run: Run, path: Path, scenes: list[Path], camera: str) -> None:
 def _check_stamp(scene: Path, path: Path, stamp: Mapping[str, Any], names: tuple[str, ...]) -> None:
     found = read_stamp(scene) or {}
     if any(found.get(name) != stamp.get(name) for name in names):
-        expected = "run evaluate again, both come from one run"
+        expected = "run its command again, both come from one run"
         raise FormatError(scene, f"was made otherwise than {path.name}", expected)
 
 

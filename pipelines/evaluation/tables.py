@@ -87,21 +87,31 @@ def split_table(rows: ReportRows, figure: str, paper: Sequence[PublishedRow], ti
 def success_table(report: Mapping[str, Any]) -> Table:
     """Return the success rates by symmetry: the paper's real ones, ours in simulation."""
     body = [
-        (row.method, *(f"{100 * rate:.0f}" for rate in row.figures), "")
+        (row.method, "", "", *(f"{100 * rate:.0f}" for rate in row.figures), "")
         for row in published.SUCCESS_RATE
     ]
-    by_split = report.get("success_by_friction", {})
-    by_kind = by_split.get(ALL, {})
-    frictions = sorted({key for found in by_kind.values() for key in found}, key=float)
-    for split, key in [
-        *((ALL, key) for key in frictions),
-        *((split, TABLE_FRICTION) for split in TEST_SPLITS if split in by_split),
-    ]:
-        rates = (_rate(by_split[split].get(kind, {}).get(key)) for kind in SUCCESS_KINDS)
-        body.append((f"mu {key}, {split}", *rates))
-    note = f"First rows: {published.SOURCE_ROBOT}. {_success_note(by_kind)}."
+    for row, by_split in _simulated(report, "success").items():
+        by_kind = by_split.get(ALL, {})
+        frictions = sorted({key for found in by_kind.values() for key in found}, key=float)
+        for split, key in [
+            *((ALL, key) for key in frictions),
+            *((split, TABLE_FRICTION) for split in TEST_SPLITS if split in by_split),
+        ]:
+            rates = (_rate(by_split[split].get(kind, {}).get(key)) for kind in SUCCESS_KINDS)
+            body.append((METHODS[row], key, split, *rates))
+    ours = report.get("success_by_friction", {}).get(ALL, {})
+    note = f"First rows: {published.SOURCE_ROBOT}. {_success_note(ours)}."
     title = "Table III. Success rate by symmetry of what is grasped, percent"
-    return Table(title, ("method", *SUCCESS_KINDS), tuple(body), note, len(published.SUCCESS_RATE))
+    header = ("method", "mu", "split", *SUCCESS_KINDS)
+    return Table(title, header, tuple(body), note, len(published.SUCCESS_RATE), names=3)
+
+
+def _simulated(report: Mapping[str, Any], what: str) -> dict[str, Mapping[str, Any]]:
+    """Return `success` or `reasons` of the simulated methods, ours first."""
+    key = {"success": "success_by_friction", "reasons": "success_reasons"}[what]
+    others = report.get("success_baselines", {})
+    found = {"ours": report.get(key), **{row: each.get(what) for row, each in others.items()}}
+    return {row: each for row, each in found.items() if each}
 
 
 def _success_note(by_kind: Mapping[str, Mapping[str, Any]]) -> str:
@@ -112,21 +122,32 @@ def _success_note(by_kind: Mapping[str, Mapping[str, Any]]) -> str:
         for kind, found in by_kind.items()
     }
     counted = ", ".join(f"{kind} {trials[kind]}" for kind in SUCCESS_KINDS if kind in trials)
-    return f"Below: SymGrasp in simulation, with Wilson 95 % intervals; trials: {counted}"
+    return (
+        "Below: in simulation at friction mu of the fingers, with Wilson 95 % intervals; trials of "
+        f"SymGrasp: {counted}"
+    )
 
 
 def trial_table(report: Mapping[str, Any]) -> Table | None:
     """Return what became of the simulated trials, in percent; None where none were."""
-    by_friction = report.get("success_reasons", {}).get(ALL, {})
-    names = list(dict.fromkeys(name for counts in by_friction.values() for name in counts))
+    cells = [
+        (row, key, counts)
+        for row, by_split in _simulated(report, "reasons").items()
+        for key, counts in by_split.get(ALL, {}).items()
+        if sum(counts.values())
+    ]
+    names = list(dict.fromkeys(name for _, _, counts in cells for name in counts))
     names.sort(key="held".__eq__)  # last, as in the other tables
     body = tuple(
-        (f"mu {key}", *(f"{100 * counts.get(n, 0) / sum(counts.values()):.0f}" for n in names))
-        for key, counts in by_friction.items()
-        if sum(counts.values())
+        (
+            METHODS[row],
+            key,
+            *(f"{100 * counts.get(n, 0) / sum(counts.values()):.0f}" for n in names),
+        )
+        for row, key, counts in cells
     )
     title = "What became of the simulated trials, percent"
-    return Table(title, ("friction", *names), body) if body else None
+    return Table(title, ("method", "mu", *names), body, names=2) if body else None
 
 
 def symmetry_table(rows: ReportRows) -> Table:

@@ -52,18 +52,35 @@ def read_report(path: Path) -> dict[str, Any]:
     return content
 
 
-def read_success(path: Path, grasps: str) -> dict[str, Any]:
-    """Read the rates of success that `simulate` found for the file of grasps of digest `grasps`.
+def is_success(path: Path) -> bool:
+    """Return whether a JSON file is meant as a `success.json`, not as a `report.json`."""
+    content = read_json(path)
+    return isinstance(content, dict) and "success" in content and "rows" not in content
+
+
+def read_success(path: Path) -> dict[str, Any]:
+    """Read the rates of success that `simulate` found.
 
     Raises:
-        FormatError: not a success.json, of another version, or of other grasps.
+        FormatError: not a success.json, or of another version.
     """
-    content = read_json(path)
-    if not isinstance(content, dict) or not isinstance(content.get("success"), dict):
-        raise FormatError(path, "lacks `success`", "a success.json of `simulate` is expected")
+    content: dict[str, Any] = read_json(path)
+    for name, kind in (("success", dict), ("frictions", list)):
+        if not isinstance(content, dict) or not isinstance(content.get(name), kind):
+            raise FormatError(path, f"lacks `{name}`", "a success.json of `simulate` is expected")
     if content.get("format_version") != FORMAT_VERSION:
         found = f"has format_version {content.get('format_version')}"
         raise FormatError(path, found, f"this symgrasp reads {FORMAT_VERSION}")
+    return content
+
+
+def read_success_of(path: Path, grasps: str) -> dict[str, Any]:
+    """Read the rates of success of the file of grasps of digest `grasps`.
+
+    Raises:
+        FormatError: as `read_success`, or they are of other grasps.
+    """
+    content = read_success(path)
     if grasps not in ((content.get("provenance") or {}).get("inputs") or {}).values():
         raise FormatError(path, "was simulated from other grasps", "run simulate on these grasps")
     return content

@@ -1,22 +1,30 @@
 """The trials of a frame: the same grasps that `evaluate` judges, tried in the true scene."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from pipelines.configs import EvaluateConfig, SimulateConfig
-from pipelines.evaluation.judging import assign_regions, best_region
-from pipelines.evaluation.predictions import FramePredictions, Mask
+from pipelines.configs import EvaluateConfig, InferConfig, SimulateConfig
+from pipelines.evaluation.baselines import Planner, rows_of
+from pipelines.evaluation.judging import RegionOwners, assign_regions, best_region
+from pipelines.evaluation.predictions import FramePredictions, Mask, RowPredictions
 from pipelines.evaluation.truth import FrameTruth, TruthReader
 from pipelines.formats import convex_pieces
 from pipelines.formats.coco_instances import kind_of
 from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.formats.grasps_file import FrameResult
+from pipelines.formats.trial_records import (
+    OURS,
+    FrameTrials,
+    Outcome,
+    TrialRecord,
+    friction_key,
+)
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
-from pipelines.simulation.records import FrameTrials, TrialRecord, friction_key
-from pipelines.simulation.trial import Outcome, Trial
+from pipelines.simulation.trial import Trial
 from pipelines.simulation.world import Array, Pieces, at_rest
 
 
@@ -46,14 +54,40 @@ class PiecesReader:
         return self._pieces[object_id]
 
 
+@dataclass(frozen=True)
+class RestedScene:
+    """The objects of a frame at rest.
+
+    Attributes:
+        objects: convex pieces, object frame.
+        poses: (4, 4), object to table.
+        T_table_cam: (4, 4), of the frame's camera.
+    """
+
+    objects: Mapping[int, Pieces]
+    poses: Mapping[int, Array]
+    T_table_cam: Array
+
+
 @dataclass
 class FrameSimulator:
-    """Tries the grasps of frames; what it reads of objects is kept."""
+    """Tries the grasps of frames; what it reads of objects is kept.
+
+    Attributes:
+        root: the dataset.
+        pieces: convex pieces of its models.
+        gripper: the hand.
+        config: the trial.
+        baselines: try those of `evaluation.baselines` too.
+        seed: of what the baselines draw; `evaluate` with the same one judges the same grasps.
+    """
 
     root: GraspNetRoot
     pieces: PiecesReader
     gripper: Gripper
     config: SimulateConfig
+    baselines: bool = False
+    seed: int = 0
 
     def __post_init__(self) -> None:
         self._rules = EvaluateConfig(
@@ -61,37 +95,56 @@ class FrameSimulator:
             min_region_share=self.config.min_region_share,
         )
         self._reader = TruthReader(self.root, self._rules)
+        planner = Planner(self._reader, self.gripper, InferConfig())
+        self._planner = planner if self.baselines else None
 
     def run(self, result: FrameResult) -> FrameTrials:
         """Return what becomes of the best grasp on every visible object of a frame."""
-        truth = self._reader.read(self.root.frame(result.name))
+        files = self.root.frame(result.name)
+        truth = self._reader.read(files)
         predictions = FramePredictions.from_result(result)
         owners = assign_regions(predictions.masks, truth, self._rules)
+        rows = rows_of(predictions, owners, files, truth, self._planner, self.seed)
+        scene, shift = self._rested(truth)
+        trials = {
+            name: self._try_row(row, predictions.masks, owners, truth, scene)
+            for name, row in rows.items()
+        }
+        ours = trials.pop(OURS)
+        return FrameTrials(result.name, truth.split, shift, ours, trials)
+
+    def _rested(self, truth: FrameTruth) -> tuple[RestedScene, float]:
+        """Return the scene at rest, and metres that an object moved at most until then."""
         T_table_cam = truth.scene.T_table_cam
         given = {i: T_table_cam @ pose for i, pose in truth.scene.poses.items()}
         objects = {i: self.pieces.read(i) for i in given}
         poses = at_rest(objects, given)
-        shift = max(np.linalg.norm(poses[i][:3, 3] - given[i][:3, 3]) for i in given)
+        shift = max(float(np.linalg.norm(poses[i][:3, 3] - given[i][:3, 3])) for i in given)
+        return RestedScene(objects, poses, T_table_cam), shift
+
+    def _try_row(
+        self,
+        row: RowPredictions,
+        masks: list[Mask],
+        owners: RegionOwners,
+        truth: FrameTruth,
+        scene: RestedScene,
+    ) -> list[TrialRecord]:
+        """Return the trials of one method, one for every visible object."""
         trials = []
         for object_id in truth.visible:
-            region = best_region(object_id, predictions.row, owners)
-            grasp = Grasps.empty() if region is None else predictions.row.best[region]
-            mask = None if region is None else predictions.masks[region]
-            outcomes = self._try(objects, poses, object_id, grasp.transformed(T_table_cam))
+            region = best_region(object_id, row, owners)
+            grasp = Grasps.empty() if region is None else row.best[region]
+            mask = None if region is None else masks[region]
+            outcomes = self._try(scene, object_id, grasp.transformed(scene.T_table_cam))
             trials.append(TrialRecord(object_id, kind_at(truth, object_id, mask), outcomes))
-        return FrameTrials(result.name, truth.split, float(shift), trials)
+        return trials
 
-    def _try(
-        self,
-        objects: dict[int, Pieces],
-        poses: dict[int, Array],
-        object_id: int,
-        grasp: Grasps,
-    ) -> dict[str, Outcome]:
+    def _try(self, scene: RestedScene, object_id: int, grasp: Grasps) -> dict[str, Outcome]:
         """Return the outcomes by friction; `grasp`, table frame, may be none."""
         if not len(grasp):
             return {friction_key(mu): Outcome("no grasp") for mu in self.config.frictions}
-        trial = Trial.of(objects, poses, object_id, grasp, self.gripper, self.config)
+        trial = Trial.of(scene.objects, scene.poses, object_id, grasp, self.gripper, self.config)
         return {friction_key(mu): trial.run(mu) for mu in self.config.frictions}
 
 

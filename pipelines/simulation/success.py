@@ -5,12 +5,19 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pipelines.evaluation.tables import Table
+from pipelines.evaluation.tables import METHODS, METHODS_NOTE, Table
 from pipelines.formats.files import write_json
 from pipelines.formats.graspnet import SPLITS
 from pipelines.formats.provenance import Stamp
+from pipelines.formats.trial_records import (
+    FORMAT_VERSION,
+    HELD,
+    OURS,
+    FrameTrials,
+    TrialRecord,
+    friction_key,
+)
 from pipelines.metrics.success_rate import SuccessRate
-from pipelines.simulation.records import FORMAT_VERSION, FrameTrials, TrialRecord, friction_key
 from pipelines.simulation.trial import REASONS
 
 KINDS = ("reflection", "rotation", "sphere", "none", "all")
@@ -18,8 +25,10 @@ Rates = dict[str, dict[str, dict[str, dict[str, Any]]]]
 Counts = dict[str, dict[str, dict[str, int]]]
 
 
-def success_rates(frames: Sequence[FrameTrials], frictions: Sequence[float]) -> Rates:
-    """Return rates by split, kind and friction."""
+def success_rates(
+    frames: Sequence[FrameTrials], frictions: Sequence[float], row: str = OURS
+) -> Rates:
+    """Return rates by split, kind and friction of one method."""
     return {
         split: {
             kind: {
@@ -28,14 +37,14 @@ def success_rates(frames: Sequence[FrameTrials], frictions: Sequence[float]) -> 
             }
             for kind in KINDS
         }
-        for split, trials in _by_split(frames).items()
+        for split, trials in _by_split(frames, row).items()
     }
 
 
-def reasons(frames: Sequence[FrameTrials], frictions: Sequence[float]) -> Counts:
-    """Return what became of the trials, by split and friction."""
+def reasons(frames: Sequence[FrameTrials], frictions: Sequence[float], row: str = OURS) -> Counts:
+    """Return what became of the trials of one method, by split and friction."""
     counts: Counts = {}
-    for split, trials in _by_split(frames).items():
+    for split, trials in _by_split(frames, row).items():
         counts[split] = {}
         for key in map(friction_key, frictions):
             found = Counter(trial.outcomes[key].reason for trial in trials)
@@ -46,12 +55,13 @@ def reasons(frames: Sequence[FrameTrials], frictions: Sequence[float]) -> Counts
 def write_success(
     path: Path, frames: Iterable[FrameTrials], frictions: Sequence[float], stamp: Stamp
 ) -> None:
-    """Write `success.json`."""
+    """Write `success.json`: our rates, and under `baselines` those of other methods tried."""
     frames = list(frames)
+    rows = dict.fromkeys(row for frame in frames for row in frame.baselines)
     content = {
         "frictions": list(frictions),
-        "success": success_rates(frames, frictions),
-        "reasons": reasons(frames, frictions),
+        **_row_content(frames, frictions, OURS),
+        "baselines": {row: _row_content(frames, frictions, row) for row in rows},
         "format_version": FORMAT_VERSION,
         "provenance": stamp.as_json(),
     }
@@ -61,21 +71,34 @@ def write_success(
 def success_tables(content: Mapping[str, Any]) -> list[Table]:
     """Return the tables of a `success.json`."""
     frictions = [friction_key(friction) for friction in content["frictions"]]
-    return [_rate_table(content["success"], frictions), _reason_table(content["reasons"])]
+    tables = [_rate_table(content["success"], frictions), _reason_table(content["reasons"])]
+    return [*tables, _row_table(content, frictions)] if content.get("baselines") else tables
 
 
-def _by_split(frames: Sequence[FrameTrials]) -> dict[str, list[TrialRecord]]:
+def _row_content(
+    frames: Sequence[FrameTrials], frictions: Sequence[float], row: str
+) -> dict[str, Any]:
+    return {
+        "success": success_rates(frames, frictions, row),
+        "reasons": reasons(frames, frictions, row),
+    }
+
+
+def _by_split(frames: Sequence[FrameTrials], row: str) -> dict[str, list[TrialRecord]]:
     splits = [split for split in SPLITS if any(frame.split == split for frame in frames)]
     return {
         split: [
-            trial for frame in frames if split in ("all", frame.split) for trial in frame.trials
+            trial
+            for frame in frames
+            if split in ("all", frame.split)
+            for trial in frame.rows.get(row, [])
         ]
         for split in (*splits, "all")
     }
 
 
 def _rate(trials: Sequence[TrialRecord], key: str) -> dict[str, Any]:
-    rate = SuccessRate(len(trials), sum(t.outcomes[key].reason == "held" for t in trials))
+    rate = SuccessRate(len(trials), sum(t.outcomes[key].reason == HELD for t in trials))
     low, high = rate.interval
     return {"trials": rate.trials, "held": rate.held, "rate": rate.rate, "low": low, "high": high}
 
@@ -90,6 +113,19 @@ def _rate_table(success: Mapping[str, Any], frictions: Sequence[str]) -> Table:
     )
     note = "In brackets what 95 % confidence leaves (Wilson); mu is the fingers' friction."
     return Table("Success in simulation, percent", header, body, note, names=2)
+
+
+def _row_table(content: Mapping[str, Any], frictions: Sequence[str]) -> Table:
+    """Return the rates of all methods by split, whatever the symmetry."""
+    rows = {OURS: content, **content["baselines"]}
+    body = tuple(
+        (METHODS[row], split, *(_cell(kinds["all"][f]) for f in frictions))
+        for row, found in rows.items()
+        for split, kinds in found["success"].items()
+        if kinds["all"][frictions[0]]["trials"]
+    )
+    header = ("method", "split", *(f"mu {friction}" for friction in frictions))
+    return Table("Success of all methods, percent", header, body, METHODS_NOTE, names=2)
 
 
 def _cell(rate: Mapping[str, float]) -> str:

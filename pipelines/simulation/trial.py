@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import SimulateConfig
+from pipelines.formats.trial_records import HELD, Outcome
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
 from pipelines.simulation.hand import Hand, add_hand, stroke
@@ -24,7 +25,7 @@ REASONS = (
     "dropped",
     "slipped",
     "turned",
-    "held",
+    HELD,
 )
 # MuJoCo starts a scene anew whose numbers have run away; that is no trial.
 DIVERGED = [
@@ -46,21 +47,6 @@ TUG_SECONDS = 0.2
 # Along the hand's axes, but not into the palm.
 TUGS = np.array([[1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], np.float64)
 START_DEPTH = 0.001  # metres that the open hand may lie in anything before it moves
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What became of a trial.
-
-    Attributes:
-        reason: one of `REASONS`.
-        slip: metres that the object moved in the hand from closing to the end.
-        turn: degrees that it turned in the hand.
-    """
-
-    reason: str
-    slip: float = 0.0
-    turn: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -89,6 +75,8 @@ class Trial:
         `objects`: convex pieces, object frame; `poses`: (4, 4), object to table, at rest.
         """
         spec = empty_world()
+        # What rests untouched is not computed: most of a scene, and most of the time.
+        spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
         add_hand(spec, grasp, gripper)
         for object_id, pose in poses.items():
             add_object(spec, str(object_id), objects[object_id], pose)
@@ -174,7 +162,7 @@ class Trial:
             return "dropped"
         if slip >= self.config.max_slip:
             return "slipped"
-        return "turned" if turn >= self.config.max_turn else "held"
+        return "turned" if turn >= self.config.max_turn else HELD
 
     def _wait(self, place: Array, seconds: float) -> None:
         for _ in range(round(seconds / TIME_STEP)):

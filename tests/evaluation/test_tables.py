@@ -77,16 +77,47 @@ def test_success_has_a_row_a_friction_and_a_row_a_split():
     found = {"sphere": {"0.5": rate, "0.3": missing}}
     simulated = report(record("seen", [0.5]), success_by_friction={"all": found, "novel": found})
     table = table_of(report_tables(simulated), "Table III")
-    ours = {row[0]: row for row in table.rows[table.published :]}
-    assert list(ours) == ["mu 0.3, all", "mu 0.5, all", "mu 0.5, novel"]
-    assert ours["mu 0.5, all"][table.header.index("sphere")] == "75 (53-89)"
-    assert ours["mu 0.3, all"][table.header.index("sphere")] == "-"
+    ours = {row[:3]: row for row in table.rows[table.published :]}
+    assert list(ours) == [
+        ("SymGrasp", "0.3", "all"), ("SymGrasp", "0.5", "all"), ("SymGrasp", "0.5", "novel"),
+    ]  # fmt: skip
+    assert ours["SymGrasp", "0.5", "all"][table.header.index("sphere")] == "75 (53-89)"
+    assert ours["SymGrasp", "0.3", "all"][table.header.index("sphere")] == "-"
     assert "sphere 20" in table.note
+
+
+def test_success_of_other_methods_stands_below_ours():
+    rate = {"trials": 20, "held": 15, "rate": 0.75, "low": 0.531, "high": 0.888}
+    other = {"trials": 10, "held": 2, "rate": 0.2, "low": 0.057, "high": 0.51}
+    simulated = report(
+        record("seen", [0.5]),
+        success_by_friction={"all": {"all": {"0.5": rate}}},
+        success_baselines={
+            "random": {
+                "success": {split: {"all": {"0.5": other}} for split in ("seen", "all")},
+                "reasons": {"all": {"0.5": {"held": 2, "dropped": 8}}},
+            }
+        },
+    )
+    tables = report_tables(simulated)
+    rows = [
+        (*row[:3], row[-1])
+        for row in table_of(tables, "Table III").rows
+        if row[0] in ("SymGrasp", "random")
+    ]
+    assert rows == [
+        ("SymGrasp", "0.5", "all", "75 (53-89)"),
+        ("random", "0.5", "all", "20 (6-51)"),
+        ("random", "0.5", "seen", "20 (6-51)"),
+    ]
+    assert "SymGrasp: all 20" in table_of(tables, "Table III").note
+    became = table_of(tables, "What became of the simulated")
+    assert became.rows == (("random", "0.5", "80", "20"),)
 
 
 def test_what_became_of_trials_is_in_percent_of_them():
     counts = {"all": {"0.5": {"held": 3, "slipped": 1}}}
     simulated = report(record("seen", [0.5]), success_reasons=counts)
     table = table_of(report_tables(simulated), "What became of the simulated")
-    assert table.header == ("friction", "slipped", "held")
-    assert table.rows == (("mu 0.5", "25", "75"),)
+    assert table.header == ("method", "mu", "slipped", "held")
+    assert table.rows == (("SymGrasp", "0.5", "25", "75"),)

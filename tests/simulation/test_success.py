@@ -1,13 +1,13 @@
 """Rates are counted by split, kind and friction, and say what failed."""
 
+from dataclasses import replace
+
 import pytest
 
-from pipelines.errors import FormatError
-from pipelines.formats.files import write_json
+from pipelines.formats.files import read_json
 from pipelines.formats.provenance import make_stamp
-from pipelines.simulation.records import FrameTrials, TrialRecord, read_trials, write_trials
-from pipelines.simulation.success import reasons, success_rates, success_tables
-from pipelines.simulation.trial import Outcome
+from pipelines.formats.trial_records import FrameTrials, Outcome, TrialRecord
+from pipelines.simulation.success import reasons, success_rates, success_tables, write_success
 
 
 def trial(kind: str, *what: str) -> TrialRecord:
@@ -64,13 +64,32 @@ def test_no_frames_make_no_rates_and_still_tables():
     assert success_tables(content)[0].rows == ()
 
 
-def test_trials_read_as_they_were_written(tmp_path):
-    path = tmp_path / "trials.json"
-    write_trials(path, FRAMES, make_stamp("test", {}))
-    assert read_trials(path) == FRAMES
+def test_other_methods_stand_apart_and_leave_ours_as_it_is(tmp_path):
+    stamp, path = make_stamp("test", {}), tmp_path / "success.json"
+    write_success(path, FRAMES, FRICTIONS, stamp)
+    alone = read_json(path)
+    assert alone["baselines"] == {}
+    drawn = [[trial("none", "held", "held")], [trial("sphere", "dropped", "held")], []]
+    frames = [replace(f, baselines={"random": t}) for f, t in zip(FRAMES, drawn, strict=True)]
+    write_success(path, frames, FRICTIONS, stamp)
+    content = read_json(path)
+    assert {**content, "baselines": {}} == alone
+    random = content["baselines"]["random"]
+    assert random["success"]["all"]["all"]["0.3"]["held"] == 1
+    assert random["success"]["seen"]["sphere"]["0.5"]["trials"] == 0
+    assert random["reasons"]["novel"]["0.3"] == {"dropped": 1}
 
 
-def test_a_file_that_holds_no_trials_is_refused(tmp_path):
-    write_json(tmp_path / "x.json", {"frames": [{"name": "a"}]})
-    with pytest.raises(FormatError, match="not the trials of a scene"):
-        read_trials(tmp_path / "x.json")
+def test_all_methods_stand_below_each_other_in_every_split():
+    frames = [replace(FRAMES[0], baselines={"oracle": [trial("sphere", "dropped", "held")]})]
+    content = {
+        "frictions": list(FRICTIONS),
+        "success": success_rates(frames, FRICTIONS),
+        "reasons": reasons(frames, FRICTIONS),
+        "baselines": {"oracle": {"success": success_rates(frames, FRICTIONS, "oracle")}},
+    }
+    *_, table = success_tables(content)
+    assert [row[:2] for row in table.rows] == [
+        ("SymGrasp", "seen"), ("SymGrasp", "all"), ("oracle", "seen"), ("oracle", "all"),
+    ]  # fmt: skip
+    assert table.rows[-1][2:] == ("0 [0-79]", "100 [21-100]")

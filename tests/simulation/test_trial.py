@@ -77,9 +77,39 @@ def test_every_preset_lifts_a_can(gripper):
 
 @pytest.mark.parametrize("axis", [X, Z])
 @pytest.mark.parametrize("friction", [0.3, 0.8])
-def test_the_grasp_of_the_box_turned_by_30_degrees_fails(axis, friction):
+def test_the_grasp_of_the_box_turned_by_30_degrees_hits_it_if_it_opens_no_wider(axis, friction):
     turned = rotation_about(axis, np.radians(30.0)) @ DOWN
     assert attempt(*SHAPES["box"], friction, turned).reason == "collision"
+
+
+def opened_for_30_degrees(axis: np.ndarray, angle: float, friction: float) -> Outcome:
+    """The centred grasp of the box, turned by `angle` degrees, by a hand that stays free of it.
+
+    It opens for the chord of 4.6 cm that a line through the box's middle has at 30 degrees.
+    """
+    mesh, height, width, above = SHAPES["box"]
+    turned = rotation_about(axis, np.radians(angle)) @ DOWN
+    return attempt(mesh, height, width / np.cos(np.radians(30.0)), above, friction, turned)
+
+
+@pytest.mark.parametrize("friction", [0.3, 0.5])
+def test_the_grasp_of_the_box_tilted_by_30_degrees_loses_it_below_the_tangent(friction):
+    # The hand leans sideways: one finger meets a side with its tip, the other one the opposite
+    # edge, and the line between them is 30 degrees off the sides' normals. Below tan 30 = 0.58
+    # nothing but gravity keeps the box from turning until its sides lie flat against the fingers.
+    assert opened_for_30_degrees(X, 0.0, friction).reason == "held"
+    outcome = opened_for_30_degrees(X, 30.0, friction)
+    assert outcome.reason in {"not lifted", "dropped", "slipped", "turned"}
+    assert outcome.turn > 20.0
+
+
+def test_the_grasp_of_the_box_tilted_by_30_degrees_holds_it_above_the_tangent():
+    assert opened_for_30_degrees(X, 30.0, 0.8).reason == "held"
+
+
+def test_fingers_turned_about_the_vertical_push_the_box_straight_before_they_lift_it():
+    # Fingers are 2 cm wide: their edges turn the box on the table until it fits (D. 48).
+    assert opened_for_30_degrees(Z, 30.0, 0.3).reason == "held"
 
 
 @pytest.mark.parametrize("shape", ["can", "ball"])

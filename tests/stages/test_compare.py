@@ -36,9 +36,18 @@ from pipelines.formats.dump_verdicts import (
 )
 from pipelines.formats.provenance import make_stamp
 from pipelines.formats.reports import write_report
+from pipelines.formats.trial_records import (
+    FrameTrials,
+    Outcome,
+    TrialRecord,
+    friction_key,
+    trials_folder,
+    write_trials,
+)
 from pipelines.metrics.coco_masks import IOU_THRESHOLDS
 from pipelines.metrics.grasp_verdicts import Verdict
 from pipelines.metrics.graspnet_ap import FRICTIONS, RANKS
+from pipelines.simulation.success import write_success
 from symgrasp_cli.app import app
 
 CONFIG = CompareConfig(resamples=200)
@@ -267,6 +276,80 @@ def test_a_dump_and_a_file_of_grasps_have_nothing_to_compare(tmp_path):
     paths = [write_run(tmp_path / "a"), write_dump_run(tmp_path / "b")]
     with pytest.raises(SymgraspError, match="different protocols"):
         compare.run(paths, CONFIG)
+
+
+def write_trials_run(folder: Path, held: float, frictions=(0.3, 0.5), **options) -> Path:
+    """Write a success.json with trials of which about a share of `held` succeed at 0.5.
+
+    `options`: objects of a frame, frames of a scene, of whom these trials are.
+    """
+    path = folder / "success.json"
+    stamp = make_stamp("simulate", {"lift": 0.15}, inputs={"grasps": folder.name})
+    keys, frames = [friction_key(friction) for friction in frictions], []
+    for scene, split in SCENES.items():
+        found = []
+        for i in range(options.get("frames", 5)):
+            name = f"scenes/{scene.rsplit('_', 1)[0]}/kinect/{i:04d}"
+            luck = np.random.default_rng(crc32(name.encode())).random(options.get("objects", 4))
+            trials = [
+                TrialRecord(j, "none", {
+                    key: Outcome("held" if value < held * float(key) / 0.5 else "dropped")
+                    for key in keys
+                })
+                for j, value in enumerate(luck)
+            ]  # fmt: skip
+            found.append(FrameTrials(name, split, 0.0, trials, {"random": trials[::-1]}))
+        write_trials(trials_folder(path) / f"{scene}.json", found, stamp)
+        frames += found
+    write_success(path, frames, frictions, stamp)
+    return path
+
+
+def test_simulated_trials_are_compared_by_success_at_each_friction(tmp_path):
+    paths = [write_trials_run(tmp_path / "a", 0.4), write_trials_run(tmp_path / "b", 0.9)]
+    found = compare.run(paths, CONFIG)
+    assert {figure.metric for figure in found.figures} == {"success 0.3", "success 0.5"}
+    for place, path in enumerate(paths):
+        for split, kinds in json.loads(path.read_text())["success"].items():
+            for key, rate in kinds["all"].items():
+                values = figure(found, f"success {key}", split).values
+                assert values[place] == pytest.approx(rate["rate"])
+    assert figure(found, "success 0.5").frames == 10
+    assert figure(found, "success 0.5").differences[0].is_certain
+    random = compare.run(paths, replace(CONFIG, row="random"))
+    assert figure(random, "success 0.5").values == figure(found, "success 0.5").values
+    tables = compare.tables(found)
+    assert [row[0] for row in tables[0].rows] == ["success, mu 0.3", "success, mu 0.5"]
+
+
+def test_the_interval_of_success_is_paired(tmp_path):
+    same = [write_trials_run(tmp_path / name, 0.5) for name in "ab"]
+    found = figure(compare.run(same, CONFIG), "success 0.5").differences[0]
+    assert (found.low, found.high) == (0.0, 0.0)  # what is hard for one is as hard for the other
+
+
+def test_trials_are_paired_at_the_frictions_and_on_the_frames_that_both_have(tmp_path):
+    first = write_trials_run(tmp_path / "a", 0.5)
+    second = write_trials_run(tmp_path / "b", 0.5, frictions=(0.5, 0.8), frames=3)
+    found = compare.run([first, second], CONFIG)
+    assert {figure.metric for figure in found.figures} == {"success 0.5"}
+    assert figure(found, "success 0.5").frames == 6
+    with pytest.raises(SymgraspError, match="different frictions"):
+        compare.run([first, write_trials_run(tmp_path / "c", 0.5, frictions=(0.9,))], CONFIG)
+
+
+def test_trials_that_cannot_be_paired_are_refused_in_a_sentence(tmp_path):
+    first = write_trials_run(tmp_path / "a", 0.5)
+    with pytest.raises(SymgraspError, match="other visible objects"):
+        compare.run([first, write_trials_run(tmp_path / "b", 0.5, objects=2)], CONFIG)
+    with pytest.raises(SymgraspError, match="no figure in common"):
+        compare.run([first, write_run(tmp_path / "c")], CONFIG)
+    with pytest.raises(UnknownNameError, match="oracle"):
+        compare.run([first, first.with_name("x.json")], replace(CONFIG, row="oracle"))
+    second = write_trials_run(tmp_path / "d", 0.5)
+    trials_folder(second).rename(tmp_path / "moved")
+    with pytest.raises(MissingInputError, match="symgrasp simulate"):
+        compare.run([first, second], CONFIG)
 
 
 def test_wrong_usage_is_told_from_bad_data(tmp_path):

@@ -1,6 +1,9 @@
 """`simulate` on a dataset whose best grasps are known."""
 
 import hashlib
+import signal
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,9 +11,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from pipelines import simulate
+from pipelines import evaluate, simulate
 from pipelines.batch import BatchOptions, StageReport
-from pipelines.configs import SimulateConfig
+from pipelines.configs import EvaluateConfig, SimulateConfig
 from pipelines.errors import FormatError, StaleOutputError, SymgraspError, UnknownNameError
 from pipelines.formats import convex_pieces
 from pipelines.formats.files import read_json
@@ -22,8 +25,8 @@ from pipelines.formats.graspnet import (
 )
 from pipelines.formats.grasps_file import FrameResult
 from pipelines.formats.meshes import read_mesh, write_mesh
+from pipelines.formats.trial_records import read_trials
 from pipelines.geometry.transforms import make_pose
-from pipelines.simulation.records import read_trials
 from symgrasp_cli.app import app
 from tests.stages.toy_root import (
     CAMERA,
@@ -64,10 +67,9 @@ def run(grasps: Path, root: GraspNetRoot, output: Path, **options) -> StageRepor
         min_visible_pixels=100,
         gripper=options.pop("gripper", ""),
     )
-    seed = options.pop("seed", 0)
-    return simulate.run(
-        grasps, root.root, output, config, BatchOptions(progress=False, **options), seed=seed
-    )
+    seed, baselines = options.pop("seed", 0), options.pop("baselines", False)
+    batch = BatchOptions(progress=False, **options)
+    return simulate.run(grasps, root.root, output, config, batch, baselines=baselines, seed=seed)
 
 
 def content_of(folder: Path) -> dict[str, str]:
@@ -125,10 +127,95 @@ def test_the_tables_show_rates_with_intervals_and_reasons(truth_success):
 
 def test_two_workers_write_the_same_bytes_and_the_dataset_is_only_read(root, small_file, tmp_path):
     before = content_of(root.root)
-    run(small_file, root, tmp_path / "one" / "success.json")
-    run(small_file, root, tmp_path / "two" / "success.json", workers=2)
+    run(small_file, root, tmp_path / "one" / "success.json", baselines=True)
+    run(small_file, root, tmp_path / "two" / "success.json", baselines=True, workers=2)
     assert content_of(tmp_path / "one") == content_of(tmp_path / "two")
     assert content_of(root.root) == before
+
+
+@pytest.fixture(scope="module")
+def with_baselines(root, small_file, tmp_path_factory) -> Path:
+    output = tmp_path_factory.mktemp("baselines") / "success.json"
+    assert run(small_file, root, output, baselines=True).exit_code == 0
+    return output
+
+
+def test_other_methods_are_tried_beside_ours_which_stay_as_they_are(
+    root, small_file, with_baselines, tmp_path
+):
+    run(small_file, root, tmp_path / "success.json")
+    alone, beside = read_json(tmp_path / "success.json"), read_json(with_baselines)
+    assert alone["baselines"] == {}
+    assert (beside["success"], beside["reasons"]) == (alone["success"], alone["reasons"])
+    assert list(beside["baselines"]) == ["oracle", "planar", "random"]
+    held = {
+        row: found["success"]["all"]["rotation"]["0.5"]["held"]
+        for row, found in beside["baselines"].items()
+    }
+    assert held["oracle"] == 2  # true symmetries of a can give what holds it
+    assert all(found["success"]["all"]["all"]["0.5"]["trials"] == 6
+               for found in beside["baselines"].values())  # fmt: skip
+
+
+def test_what_is_tried_is_what_evaluate_judges(root, small_file, with_baselines, tmp_path):
+    config = EvaluateConfig(min_visible_pixels=100)
+    options = BatchOptions(progress=False)
+    evaluate.run(small_file, root.root, tmp_path / "report.json", config, options, baselines=True)
+    judged = read_json(tmp_path / "report.json")["rows"]
+    simulated = read_json(with_baselines)
+    for row, found in {"ours": simulated, **simulated["baselines"]}.items():
+        reasons = judged[row]["all"]["reasons"]
+        without = reasons.get("no region", 0) + reasons.get("no grasp", 0)
+        assert found["reasons"]["all"]["0.5"]["no grasp"] == without
+
+
+def test_rates_without_other_methods_are_not_replaced_unasked(root, small_file, tmp_path):
+    run(small_file, root, tmp_path / "success.json")
+    with pytest.raises(StaleOutputError, match="--overwrite"):
+        run(small_file, root, tmp_path / "success.json", baselines=True)
+
+
+def test_an_oracle_without_affordance_says_what_makes_it(small_file, tmp_path):
+    own = write_root(tmp_path / "root")
+    for object_id in KINDS:
+        own.affordance_path(object_id).unlink()
+    report = run(small_file, own, tmp_path / "success.json", baselines=True)
+    assert len(report.failed) == len(SCENES)
+    assert all("symgrasp refine-grasps" in sentence for sentence in report.failed.values())
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from pipelines import evaluate, simulate
+from pipelines.batch import BatchOptions
+from pipelines.configs import SimulateConfig
+
+write, written = simulate.{function}, []
+
+def write_then_die(*arguments):
+    if written:
+        os.kill(os.getpid(), signal.SIGKILL)
+    write(*arguments)
+    written.append(1)
+
+simulate.{function} = write_then_die
+config = SimulateConfig(frictions=(0.5,), min_visible_pixels=100)
+paths = [Path(argument) for argument in sys.argv[1:]]
+simulate.run(*paths, config, BatchOptions(progress=False))
+"""
+
+
+def test_a_killed_run_goes_on_where_it_was_and_gives_the_same_bytes(root, small_file, tmp_path):
+    whole, output = tmp_path / "whole" / "success.json", tmp_path / "killed" / "success.json"
+    run(small_file, root, whole)
+    script = KILLED.format(function="write_trials")
+    command = [sys.executable, "-c", script, str(small_file), str(root.root), str(output)]
+    assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
+    assert not output.exists()
+    report = run(small_file, root, output)
+    assert (len(report.skipped), len(report.done)) == (len(KINDS) + 1, len(SCENES) - 1)
+    assert content_of(output.parent) == content_of(whole.parent)
 
 
 def test_a_second_run_tries_nothing_again_and_an_interrupted_one_only_the_rest(

@@ -3,17 +3,21 @@
 Reads   a folder of RGB-D frames in any layout that `formats/frames.py` knows; weights
 Writes  one `grasps.h5` for all frames; with overlays, a picture a frame
 
-Each finished frame is a shard beside the output until all are done, so a run that was killed
-goes on where it stopped, and ends with the same bytes. A frame that cannot be read is listed as
-failed and does not stop the others; a frame with nothing to grasp is `empty`.
+Several frames are worked on side by side. Each finished one is a shard beside the output until all
+are done, so a run that was killed goes on where it stopped, and ends with the same bytes; the
+output is put together from the shards, so memory does not grow with the number of frames. A frame
+that cannot be read is listed as failed and does not stop the others; a frame with nothing to grasp
+is `empty`.
 """
 
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+from joblib import cpu_count
 
 from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.configs import InferConfig
@@ -22,6 +26,7 @@ from pipelines.formats import grasps_file
 from pipelines.formats.camera_files import CameraFile
 from pipelines.formats.frames import FrameSource, find_frames, read_masks
 from pipelines.formats.grasps_file import FrameResult
+from pipelines.formats.grasps_stream import merge_shards, read_frames
 from pipelines.formats.gripper_files import gripper_digest, load_gripper
 from pipelines.formats.overlays import write_overlay
 from pipelines.formats.provenance import (
@@ -39,6 +44,7 @@ from pipelines.inference.regions import SOURCES
 
 STAGE = "infer"
 METHODS = ("network", "planar", "random")
+MAX_THREADS = 4
 
 
 @dataclass(frozen=True)
@@ -103,6 +109,11 @@ class _Settings:
             others["masks"] = digest_text("".join(f"{p.name} {digest(p)}" for p in pictures))
         return others
 
+    def one_core(self) -> AbstractContextManager[None]:
+        """Let networks, where there are some, use one core for each frame."""
+        uses = self.uses_detector or self.uses_network
+        return models.one_thread_each() if uses else nullcontext()
+
     def planner(self) -> Planner:
         """Return the planner, its networks loaded once a process."""
         return Planner(
@@ -155,17 +166,22 @@ def run(
         return _finished_report(paths, sources)
     if not options.dry_run:
         _drop_stale_shards(items)
-    resumed = replace(options, overwrite=False)  # shards are of this very run
-    report = run_batch(STAGE, items, partial(infer_frame, settings=settings), resumed)
+    resumed = _side_by_side(replace(options, overwrite=False))  # shards are of this very run
+    with settings.one_core():
+        report = run_batch(STAGE, items, partial(infer_frame, settings=settings), resumed)
     if not options.dry_run:
-        results = [_result(item, report) for item in items]
-        grasps_file.write(paths.output, results, stamp, weights)
+        merge_shards(paths.output, [_result(item, report) for item in items], stamp, weights)
         grasps_file.remove_shards(paths.output)
     return report
 
 
 def infer_frame(item: WorkItem, settings: _Settings) -> str | None:
     """Write the shard of one frame; return a note where it is empty."""
+    with settings.one_core():
+        return _infer_frame(item, settings)
+
+
+def _infer_frame(item: WorkItem, settings: _Settings) -> str | None:
     (source,) = item.arguments
     frame = source.read()
     folder = settings.paths.masks
@@ -222,16 +238,27 @@ def _drop_stale_shards(items: Sequence[WorkItem]) -> None:
             item.target.unlink()
 
 
-def _result(item: WorkItem, report: StageReport) -> FrameResult:
+def _side_by_side(options: BatchOptions) -> BatchOptions:
+    """Return `options` with a thread a core instead of one worker: networks and numpy share well.
+
+    More than a few threads would wait for Python's lock; `--workers` are processes.
+    """
+    if options.workers > 1:
+        return options
+    return replace(options, workers=min(cpu_count(), MAX_THREADS), backend="threading")
+
+
+def _result(item: WorkItem, report: StageReport) -> FrameResult | Path:
+    """Return what to put into the output: the frame's shard, or that it failed."""
     if item.name in report.failed:
         return FrameResult(item.name, "failed", report.failed[item.name], seconds=np.nan)
-    return grasps_file.read_shard(item.target)
+    return item.target
 
 
 def _finished_report(paths: InferPaths, sources: Sequence[FrameSource]) -> StageReport:
     """Return what the finished output says; pictures that are missing are drawn from it."""
     report = StageReport(STAGE)
-    results = grasps_file.read(paths.output).results()
+    results = read_frames(paths.output, range(len(sources)))
     for source, result in zip(sources, results, strict=True):
         if result.status == "failed":
             report.failed[result.name] = result.message

@@ -117,26 +117,38 @@ def write(
         stamp: settings, seed and inputs of the run.
         weights: name to digest of the weights used; the stamp's inputs if not given.
     """
+    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+        write_attributes(file, stamp, weights)
+        for group, columns in tables_of(results).items():
+            write_columns(file.create_group(group), columns, UNITS[group])
+
+
+def write_attributes(
+    file: h5py.File, stamp: Stamp, weights: Mapping[str, str] | None = None
+) -> None:
+    """Write what `write` says of a run into the open `file`."""
+    weights = stamp.inputs if weights is None else weights
+    file.attrs["format_version"] = FORMAT_VERSION
+    file.attrs["axes"] = AXES
+    file.attrs["grasp_frame"] = GRASP_FRAME
+    file.attrs["config"] = json.dumps(dict(stamp.config), sort_keys=True)
+    file.attrs["weights"] = json.dumps(dict(weights), sort_keys=True)
+    file.attrs["seed"] = stamp.seed
+    file.attrs["provenance"] = stamp.as_text()
+
+
+def tables_of(results: Sequence[FrameResult]) -> dict[str, dict[str, NDArray[Any]]]:
+    """Return the columns of `results` in order, by group; indices count from the first of them."""
     regions = join_regions([result.regions for result in results])
     grasps = join_grasps(
         [result.grasps for result in results], [len(result.regions) for result in results]
     )
-    tables = {
-        "frames": {name: getattr(_frames(results), name) for name in FrameTable.SPEC},
+    frames = _frames(results)
+    return {
+        "frames": {name: getattr(frames, name) for name in FrameTable.SPEC},
         "regions": {name: getattr(regions, name) for name in REGION_COLUMNS},
         "grasps": {name: getattr(grasps, name) for name in GraspTable.SPEC},
     }
-    weights = stamp.inputs if weights is None else weights
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
-        file.attrs["format_version"] = FORMAT_VERSION
-        file.attrs["axes"] = AXES
-        file.attrs["grasp_frame"] = GRASP_FRAME
-        file.attrs["config"] = json.dumps(dict(stamp.config), sort_keys=True)
-        file.attrs["weights"] = json.dumps(dict(weights), sort_keys=True)
-        file.attrs["seed"] = stamp.seed
-        file.attrs["provenance"] = stamp.as_text()
-        for group, columns in tables.items():
-            write_columns(file.create_group(group), columns, UNITS[group])
 
 
 def read(path: Path | str) -> GraspsFile:

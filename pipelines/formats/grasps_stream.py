@@ -1,12 +1,12 @@
-"""Reading `grasps.h5` a frame at a time: memory does not grow with the number of frames.
+"""`grasps.h5` a few frames at a time: memory does not grow with the number of frames.
 
 The tables of a file are sorted by frame, so the rows of a frame are found by bisection and only
-these are read.
+these are read. To write, the rows of all shards are counted first, then filled in.
 """
 
 from bisect import bisect_left
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,13 +16,24 @@ import h5py
 import numpy as np
 
 from pipelines.errors import FormatError, SymgraspError
-from pipelines.formats.files import open_h5
+from pipelines.formats.files import atomic_path, open_h5
 from pipelines.formats.graspnet import GraspNetRoot, SceneFiles
-from pipelines.formats.grasps_file import SCHEMA, check_file, file_attributes, intrinsics_of
+from pipelines.formats.grasps_file import (
+    SCHEMA,
+    UNITS,
+    check_file,
+    file_attributes,
+    intrinsics_of,
+    read_shard,
+    tables_of,
+    write_attributes,
+)
 from pipelines.formats.grasps_tables import FrameResult, GraspTable, RegionTable
-from pipelines.formats.h5_columns import read_columns
+from pipelines.formats.h5_columns import TEXT, read_columns
+from pipelines.formats.provenance import Stamp
 
 DEFAULT_GRIPPER = "rg2"
+BATCH = 64  # frames in memory while shards are put together
 
 
 @dataclass(frozen=True)
@@ -82,6 +93,89 @@ def scenes_of(path: Path, index: GraspsIndex, root: GraspNetRoot) -> dict[SceneF
     if not scenes:
         raise FormatError(path, "holds no frames", "run infer on the dataset first")
     return {scene: scenes[scene] for scene in sorted(scenes, key=lambda scene: scene.name)}
+
+
+def merge_shards(
+    path: Path,
+    parts: Sequence[FrameResult | Path],
+    stamp: Stamp,
+    weights: Mapping[str, str] | None = None,
+) -> None:
+    """Write the file that `grasps_file.write` would of the frames `parts`, shards or results.
+
+    Raises:
+        FormatError: a shard is damaged.
+    """
+    sizes = _Sizes.of(parts)
+    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+        write_attributes(file, stamp, weights)
+        _make_columns(file, sizes)
+        done = _Sizes(0, 0, 0, 0)
+        for start in range(0, len(parts), BATCH):
+            done = _fill(file, [_whole(part) for part in parts[start : start + BATCH]], done)
+
+
+@dataclass(frozen=True)
+class _Sizes:
+    """How many rows some frames have."""
+
+    frames: int
+    regions: int
+    grasps: int
+    runs: int  # of all masks
+
+    @classmethod
+    def of(cls, parts: Sequence[FrameResult | Path]) -> "_Sizes":
+        regions, grasps, runs = 0, 0, 0
+        for part in parts:
+            if isinstance(part, Path):
+                with _opened(part) as file:
+                    regions += len(file["regions/frame"])
+                    grasps += len(file["grasps/frame"])
+                    runs += len(file["regions/mask_counts"])
+        return cls(len(parts), regions, grasps, runs)
+
+    def rows(self, group: str, name: str) -> int:
+        """Return the length of a column."""
+        special = {"mask_counts": self.runs, "mask_start": self.regions + 1}
+        return special.get(
+            name, {"frames": self.frames, "regions": self.regions}.get(group, self.grasps)
+        )
+
+
+def _whole(part: FrameResult | Path) -> FrameResult:
+    return read_shard(part) if isinstance(part, Path) else part
+
+
+def _make_columns(file: h5py.File, sizes: _Sizes) -> None:
+    """Make the datasets of a file, in the order and of the types of one that holds no frames."""
+    for group, columns in tables_of([]).items():
+        made = file.create_group(group)
+        for name, column in columns.items():
+            dtype = TEXT if column.dtype == object else column.dtype
+            shape = (sizes.rows(group, name), *column.shape[1:])
+            dataset = made.create_dataset(name, shape, dtype, track_times=False)
+            if name in UNITS[group]:
+                dataset.attrs["units"] = UNITS[group][name]
+
+
+def _fill(file: h5py.File, results: Sequence[FrameResult], done: _Sizes) -> _Sizes:
+    """Write `results` behind the rows that are `done`; return what is done then."""
+    tables = tables_of(results)
+    regions, grasps = tables["regions"], tables["grasps"]
+    regions["frame"], grasps["frame"] = (t["frame"] + done.frames for t in (regions, grasps))
+    grasps["region"] = grasps["region"] + done.regions
+    regions["mask_start"] = regions["mask_start"] + done.runs
+    for group, columns in tables.items():
+        for name, column in columns.items():
+            first = done.rows(group, name) - (name == "mask_start")
+            file[group][name][first : first + len(column)] = column
+    return _Sizes(
+        done.frames + len(results),
+        done.regions + len(regions["frame"]),
+        done.grasps + len(grasps["frame"]),
+        done.runs + len(regions["mask_counts"]),
+    )
 
 
 @contextmanager

@@ -1,6 +1,7 @@
 """The pinhole camera: intrinsics, projection, backprojection. OpenCV axes, no distortion."""
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -60,7 +61,7 @@ class Intrinsics:
         depth = np.asarray(depth, np.float64)
         if depth.shape != (self.height, self.width):
             raise ValueRangeError("depth size", depth.shape, f"{(self.height, self.width)}")
-        return np.asarray(self.rays() * np.where(depth > 0, depth, np.nan)[..., None])
+        return np.asarray(_kept_rays(self) * np.where(depth > 0, depth, np.nan)[..., None])
 
     def resized(self, width: int, height: int) -> "Intrinsics":
         """Return the intrinsics of the same image resampled to `width` x `height`."""
@@ -75,3 +76,8 @@ class Intrinsics:
             width=width,
             height=height,
         )
+
+
+@lru_cache(maxsize=2)  # frames of one camera come one after the other
+def _kept_rays(intrinsics: Intrinsics) -> Array:
+    return intrinsics.rays()

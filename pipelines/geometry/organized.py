@@ -14,9 +14,10 @@ def smooth_normals(xyz: Array, mask: Mask, radius: int) -> Array:
     The plane at a pixel is fitted to the pixels of `mask` in the square of `radius` about it;
     nan outside `mask` and where fewer than six pixels are there.
     """
-    weight = (mask & np.isfinite(xyz[..., 2])).astype(np.float64)
-    safe = np.where(weight[..., None] > 0, np.nan_to_num(xyz), 1.0)
-    x, y, d = safe[..., 0] / safe[..., 2], safe[..., 1] / safe[..., 2], 1.0 / safe[..., 2]
+    known = mask & np.isfinite(xyz[..., 2])
+    weight = known.astype(np.float64)
+    x, y, z = (np.where(known, xyz[..., axis], 1.0) for axis in range(3))
+    x, y, d = x / z, y / z, 1.0 / z
 
     def total(values: Array) -> Array:
         size = (2 * radius + 1, 2 * radius + 1)

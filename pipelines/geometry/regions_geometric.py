@@ -83,8 +83,10 @@ def _sound_regions(
     """Renumber the regions that may be objects, holes filled, nearest first; drop the others."""
     kept: list[tuple[float, Mask, tuple[slice, slice]]] = []
     standing = _standing(xyz, whole, top, config)
-    names, compact = np.unique(labels, return_inverse=True)
-    compact = compact.reshape(labels.shape) + (names[0] != 0)
+    names = np.flatnonzero(np.bincount(labels.ravel()))
+    place = np.zeros(int(names[-1]) + 1, np.int32)  # labels may have gaps, boxes must not
+    place[names[names > 0]] = np.arange(1, np.count_nonzero(names) + 1)
+    compact = place[labels]
     for index, box in enumerate(find_objects(compact), 1):
         rows, columns = box
         mask = compact[rows, columns] == index
@@ -110,13 +112,12 @@ def _standing(xyz: Array, whole: Labels, top: Tabletop, config: RegionConfig) ->
     result = np.ones(count + 1, bool)
     if top.plane is None:
         return result
-    height = top.plane.height(np.nan_to_num(xyz))
-    z = np.nan_to_num(xyz[..., 2])
+    z = xyz[..., 2]
     for index, box in enumerate(find_objects(whole), 1):
         mask = whole[box] == index
         if np.count_nonzero(mask) < config.min_pixels:
             continue
-        if np.percentile(height[box][mask], 2) < config.max_floating:
+        if np.percentile(top.plane.height(xyz[box][mask]), 2) < config.max_floating:
             continue
         grown = tuple(slice(max(0, s.start - FOOT), s.stop + FOOT) for s in box)
         inside = whole[grown] == index

@@ -60,19 +60,17 @@ def find_tabletop(
 
     `xyz`: metres, camera frame, nan where the depth is missing.
     """
-    near = near_pixels(xyz, config)
+    z = np.ascontiguousarray(xyz[..., 2])
+    near = near_pixels(z, config)
     support = _find_support(xyz, near, intrinsics, config, rng)
     if support is None:
         return Tabletop(None, near, near, config.plane_tolerance / 3.0)
-    with np.errstate(divide="ignore"):
-        residual = np.nan_to_num(support.residual(xyz[..., 2]), nan=-np.inf)
+    residual = support.residual(z)  # nan, like z, where nothing was measured; never near
     inliers = near & (np.abs(residual) < config.plane_tolerance)
     warp = _smooth(np.where(inliers, residual, 0.0), inliers)
     noise = 1.4826 * float(np.median(np.abs(residual - warp)[inliers]))
     # Inverse depth less the sensor's warp of the table: the same pixels, the table made flat.
-    scale = 1.0 / (1.0 - warp * np.nan_to_num(xyz[..., 2]))
-    height = support.plane.height(np.nan_to_num(xyz) * scale[..., None])
-    z = np.nan_to_num(xyz[..., 2], nan=np.inf)
+    height = (xyz @ support.plane.normal) / (1.0 - warp * z) + support.plane.offset
     top = Tabletop(support.plane, near, near, noise)
     threshold = top.threshold(z, config)
     above = near & (height > threshold) & (height < config.max_height)
@@ -91,13 +89,13 @@ def _smooth(values: Array, mask: Mask) -> Array:
     return np.where(weight > 0.1, total / np.maximum(weight, 0.1), 0.0)
 
 
-def near_pixels(xyz: Array, config: RegionConfig) -> Mask:
-    """Return the (H, W) pixels that are measured and within reach."""
-    z = np.nan_to_num(xyz[..., 2])
-    if not (z > 0).any():
-        return z > 0
-    nearest = float(np.percentile(z[z > 0], 5))
-    return np.asarray((z > 0) & (z < min(config.max_distance, nearest + config.max_range)))
+def near_pixels(z: Array, config: RegionConfig) -> Mask:
+    """Return the (H, W) pixels that are measured and within reach; `z` (H, W), nan if missing."""
+    measured = z > 0
+    if not measured.any():
+        return np.asarray(measured)
+    nearest = float(np.percentile(z[measured], 5))
+    return np.asarray(measured & (z < min(config.max_distance, nearest + config.max_range)))
 
 
 @dataclass(frozen=True)
@@ -112,13 +110,15 @@ class Footprint:
     def around(cls, points: Array, plane: Plane, margin: float) -> "Footprint":
         """Return the footprint of `points` (n, 3) on `plane`; `margin` in metres."""
         axes = basis_from_direction(plane.normal)[:, 1:]
-        flat = points @ axes
-        if len(flat) < 3:
+        if len(points) < 3:
             return cls(axes, np.zeros(2), np.zeros((1, 1), np.uint8))
-        low = flat.min(axis=0) - margin - CELL
-        width, height = ((flat.max(axis=0) - low + margin) / CELL).astype(int) + 2
+        flat = axes.T @ points.T  # a row an axis: several times faster to go through
+        low = flat.min(axis=1) - margin - CELL
+        width, height = ((flat.max(axis=1) - low + margin) / CELL).astype(int) + 2
         cells = np.zeros((height, width), np.uint8)
-        cv2.fillConvexPoly(cells, cv2.convexHull(((flat - low) / CELL).astype(np.int32)), 1)
+        columns, rows = ((flat - low[:, None]) / CELL).astype(np.int32)
+        cells[rows, columns] = 1
+        cv2.fillConvexPoly(cells, cv2.convexHull(_ends_of_rows(cells)), 1)
         size = 2 * round(margin / CELL) + 1
         wide = cv2.dilate(cells, np.ones((size, size), np.uint8))
         return cls(axes, low, np.asarray(wide, np.uint8))
@@ -131,6 +131,15 @@ class Footprint:
         return np.asarray(inside & (self.cells[cell[:, 1], cell[:, 0]] > 0))
 
 
+def _ends_of_rows(cells: NDArray[np.uint8]) -> NDArray[np.int32]:
+    """Return (n, 2) the first and last set cell (column, row) of each row: the hull's corners."""
+    rows = np.flatnonzero(cells.any(axis=1))
+    first = cells[rows].argmax(axis=1)
+    last = cells.shape[1] - 1 - cells[rows, ::-1].argmax(axis=1)
+    ends = np.concatenate([np.stack([first, rows], 1), np.stack([last, rows], 1)])
+    return ends.astype(np.int32)
+
+
 @dataclass(frozen=True)
 class _Support:
     """A plane as 1/z = a u + b v + c over an image, and the noise about it."""
@@ -141,7 +150,7 @@ class _Support:
 
     def residual(self, z: Array) -> Array:
         """Return (H, W) inverse depth over the plane's; `z` (H, W) metres."""
-        v, u = np.mgrid[: z.shape[0], : z.shape[1]]
+        v, u = np.arange(z.shape[0])[:, None], np.arange(z.shape[1])
         return np.asarray(1.0 / z - _evaluate(self.coefficients, u, v))
 
 
@@ -211,8 +220,10 @@ def _ransac(
     matrices = design[triples]
     sound = np.abs(np.linalg.det(matrices)) > 1.0
     hypotheses = np.linalg.solve(matrices[sound], disparity[triples][sound][..., None])[..., 0]
-    error = np.abs(design[subset] @ hypotheses.T - disparity[subset][:, None])
-    coefficients: Array = hypotheses[(error < tolerance).sum(axis=0).argmax()]
+    error = hypotheses @ design[subset].T
+    error -= disparity[subset]
+    near = np.abs(error, out=error) < tolerance
+    coefficients: Array = hypotheses[np.count_nonzero(near, axis=1).argmax()]
     for _ in range(4):
         inliers = np.abs(design @ coefficients - disparity) < tolerance
         fitted = np.linalg.lstsq(design[inliers], disparity[inliers], rcond=None)[0]

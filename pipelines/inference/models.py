@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
+from threading import Lock
 from typing import TYPE_CHECKING
+
+import cv2
 
 from pipelines.errors import MissingInputError
 
@@ -28,17 +33,49 @@ def existing_weights(path: Path, written_by: str) -> Path:
     return path
 
 
-@lru_cache(maxsize=2)
+_LOADING = Lock()  # several frames may ask at a time
+
+
 def detector(path: Path, device: str) -> RegionDetector:
     """Return the region detector of the weights `path`."""
+    with _LOADING:
+        return _detector(path, device)
+
+
+def predictor(path: Path, device: str) -> GraspPredictor:
+    """Return the grasp network of the weights `path`."""
+    with _LOADING:
+        return _predictor(path, device)
+
+
+@contextmanager
+def one_thread_each() -> Iterator[None]:
+    """Let each call of a network use one core: frames are worked on side by side instead.
+
+    What several threads add up differs in the last bits, and on busy machines they wait for each
+    other longer than they work.
+    """
+    import torch  # noqa: PLC0415 - slow to load
+
+    before, images_before = torch.get_num_threads(), cv2.getNumThreads()
+    torch.set_num_threads(1)
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+        cv2.setNumThreads(images_before)
+
+
+@lru_cache(maxsize=2)
+def _detector(path: Path, device: str) -> RegionDetector:
     from pipelines.network.detector import RegionDetector  # noqa: PLC0415 - torch is slow to load
 
     return RegionDetector.load(existing_weights(path, "symgrasp finetune-detector"), device)
 
 
 @lru_cache(maxsize=2)
-def predictor(path: Path, device: str) -> GraspPredictor:
-    """Return the grasp network of the weights `path`."""
+def _predictor(path: Path, device: str) -> GraspPredictor:
     from pipelines.network.predictor import GraspPredictor  # noqa: PLC0415 - torch is slow to load
 
     return GraspPredictor.load(existing_weights(path, "symgrasp train"), device)

@@ -11,7 +11,7 @@ from numpy.testing import assert_array_equal
 from pipelines.errors import FormatError
 from pipelines.formats import grasps_file
 from pipelines.formats.grasps_file import FrameResult
-from pipelines.formats.grasps_stream import read_frames, read_index
+from pipelines.formats.grasps_stream import merge_shards, read_frames, read_index
 from tests.formats.test_grasps_file import STAMP, result
 
 
@@ -36,6 +36,43 @@ def test_frames_read_one_by_one_are_those_of_the_whole_file(path):
     for order in ([0, 1, 2, 3], [3, 1]):
         for place, found in zip(order, read_frames(path, order), strict=True):
             assert_same(found, whole[place])
+
+
+@pytest.mark.parametrize("batch", [1, 2, 64])
+@pytest.mark.parametrize("places", [[], [1], [2, 1], [0, 1, 2, 3], [3, 3, 0, 1]])
+def test_shards_put_together_are_the_file_written_at_once(tmp_path, monkeypatch, batch, places):
+    monkeypatch.setattr("pipelines.formats.grasps_stream.BATCH", batch)
+    frames = [
+        result("s/a", 2, 3),
+        FrameResult("b", "failed", "no depth"),
+        result("c", 0, 0),
+        result("d", 3, 7, seed=1),
+    ]
+    parts = []
+    for number, place in enumerate(places):
+        if frames[place].status == "failed":
+            parts.append(frames[place])
+            continue
+        parts.append(tmp_path / f"{number}.h5")
+        grasps_file.write_shard(parts[-1], frames[place], STAMP)
+    merge_shards(tmp_path / "merged.h5", parts, STAMP, {"network": "abc"})
+    grasps_file.write(tmp_path / "g.h5", [frames[i] for i in places], STAMP, {"network": "abc"})
+    merged, whole = (grasps_file.read(tmp_path / name) for name in ("merged.h5", "g.h5"))
+    assert dict(merged.attrs) == dict(whole.attrs)
+    for found, expected in zip(merged.results(), whole.results(), strict=True):
+        assert_same(found, expected)
+    with h5py.File(tmp_path / "merged.h5") as one, h5py.File(tmp_path / "g.h5") as other:
+        assert described(one) == described(other)
+
+
+def described(file: h5py.File) -> dict[str, object]:
+    found: dict[str, object] = {}
+    file.visititems(
+        lambda name, item: found.update(
+            {name: (str(getattr(item, "dtype", "")), getattr(item, "shape", ()), dict(item.attrs))}
+        )
+    )
+    return found
 
 
 def test_the_index_names_frames_and_settings(path):

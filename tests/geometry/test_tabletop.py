@@ -1,14 +1,18 @@
 """The support plane and what stands on it."""
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipelines.configs import RegionConfig
+from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.organized import smooth_normals
-from pipelines.geometry.regions_geometric import geometric_regions
-from pipelines.geometry.tabletop import find_tabletop
+from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.regions_geometric import _sound_regions, geometric_regions
+from pipelines.geometry.tabletop import CELL, Footprint, find_tabletop
+from pipelines.geometry.transforms import unit
 from tests.geometry.tabletops import CAMERA, Ball, Box, Can, looking_at_table, render
 
 CONFIG = RegionConfig()
@@ -96,3 +100,53 @@ def test_smooth_normals_of_a_plane_are_its_normal(radius):
     normals = smooth_normals(CAMERA.backproject(depth), depth > 0, radius)
     inside = normals[60:180, 80:240]
     np.testing.assert_allclose(inside, np.broadcast_to(pose[:3, 2], inside.shape), atol=1e-6)
+
+
+@given(st.integers(0, 2**31), st.integers(3, 400), st.sampled_from([0.0, 0.03]))
+@settings(max_examples=25, deadline=None)
+def test_a_footprint_is_the_hull_of_all_points_widened(seed, count, margin):
+    rng = np.random.default_rng(seed)
+    plane = Plane(unit(rng.normal(size=3)), 0.0)
+    points = rng.normal(0, 0.1, (count, 3))
+    found = Footprint.around(points, plane, margin)
+    cells = ((points @ found.axes - found.low) / CELL).astype(np.int32)
+    expected = np.zeros_like(found.cells)
+    cv2.fillConvexPoly(expected, cv2.convexHull(cells), 1)
+    if margin:
+        expected = cv2.dilate(expected, np.ones((7, 7), np.uint8))
+    np.testing.assert_array_equal(found.cells, expected)
+    assert found.contains(points).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_smooth_normals_are_planes_fitted_pixel_by_pixel(seed):
+    rng = np.random.default_rng(seed)
+    v, u = np.mgrid[:24, :30]
+    depth = 0.6 + 0.002 * u + 0.001 * v + rng.normal(0, 0.0005, u.shape)
+    camera = Intrinsics(40.0, 41.0, 15.0, 11.0, 30, 24)
+    xyz = camera.backproject(np.where(rng.random(u.shape) < 0.1, 0.0, depth))
+    mask = rng.random(u.shape) < 0.8
+    found = smooth_normals(xyz, mask, 2)
+    known = mask & np.isfinite(xyz[..., 2])
+    for row, column in np.argwhere(known):
+        window = slice(max(0, row - 2), row + 3), slice(max(0, column - 2), column + 3)
+        points = xyz[window][known[window]]
+        if len(points) < 6:
+            assert np.isnan(found[row, column]).all()
+            continue
+        design = np.column_stack([points[:, :2] / points[:, 2:], np.ones(len(points))])
+        plane = np.linalg.lstsq(design, 1.0 / points[:, 2], rcond=None)[0]
+        np.testing.assert_allclose(found[row, column], -unit(plane), atol=1e-6)
+    assert np.isnan(found[~known]).all()
+
+
+def test_labels_with_gaps_are_regions_all_the_same():
+    pose = looking_at_table()
+    depth, index = render([Box((0.06, 0.05, 0.1), (-0.15, 0, 0)), Can(0.035, 0.1)], pose)
+    xyz = CAMERA.backproject(depth)
+    top = find_tabletop(xyz, CAMERA, CONFIG, np.random.default_rng(0))
+    labels = np.where(top.foreground, np.select([index == 0, index == 1], [3, 70], 0), 0)
+    found = _sound_regions(xyz, labels.astype(np.int32), labels.astype(np.int32), top, CONFIG)
+    assert sorted(np.unique(found)) == [0, 1, 2]
+    for number in (1, 2):
+        assert len(np.unique(labels[(found == number) & (labels > 0)])) == 1

@@ -15,7 +15,7 @@ is in memory at a time, and of each prediction a few bytes for the figures.
 """
 
 import functools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -33,12 +33,13 @@ from pipelines.evaluation.records import (
 from pipelines.evaluation.report_files import Judged, write_report_files
 from pipelines.evaluation.tables import Table, report_tables
 from pipelines.evaluation.truth import TruthReader
+from pipelines.evaluation.truth_inputs import truth_digests
 from pipelines.formats import reports
-from pipelines.formats.graspnet import GraspNetRoot
+from pipelines.formats.graspnet import GraspNetRoot, SceneFiles
 from pipelines.formats.grasps_file import FrameResult
-from pipelines.formats.grasps_stream import GraspsIndex, read_frames, read_index, scenes_of
+from pipelines.formats.grasps_stream import read_frames, read_index, scenes_of
 from pipelines.formats.gripper_files import gripper_digest, load_gripper
-from pipelines.formats.provenance import Stamp, digest, digest_folder, is_finished, make_stamp
+from pipelines.formats.provenance import Stamp, digest, is_finished, make_stamp
 
 
 def run(
@@ -68,11 +69,12 @@ def run(
     config = replace(config, gripper=config.gripper or found.gripper)
     settings = {**asdict(config), "baselines": baselines}
     inputs = {"grasps": digest(grasps), "gripper": gripper_digest(config.gripper)}
-    inputs |= _digests(root, baselines=baselines)
+    scenes = scenes_of(grasps, found, root)
+    inputs |= truth_digests(root, scenes, baselines=baselines)
     stamp = make_stamp("evaluate", settings, seed=seed, inputs=inputs)
     is_finished(output, stamp, overwrite=options.overwrite)  # refuses to replace another report
     simulated = reports.read_success_of(success, inputs["grasps"]) if success else None
-    items = _scene_items(grasps, found, root, output, stamp, options)
+    items = _scene_items(grasps, scenes, output, stamp, options)
     step = functools.partial(_evaluate_scene, dataset, config, baselines)
     report = run_batch("evaluate", items, step, options)
     if not options.dry_run:
@@ -112,8 +114,7 @@ def _evaluate_scene(
 
 def _scene_items(
     grasps: Path,
-    found: GraspsIndex,
-    root: GraspNetRoot,
+    scenes: Mapping[SceneFiles, list[int]],
     output: Path,
     stamp: Stamp,
     options: BatchOptions,
@@ -122,7 +123,7 @@ def _scene_items(
     folder = records_folder(output)
     items = [
         WorkItem(scene.name, folder / f"{scene.name}.json", stamp, (grasps, places))
-        for scene, places in scenes_of(grasps, found, root).items()
+        for scene, places in scenes.items()
     ]
     drop_stale(items, options)
     return items
@@ -131,15 +132,3 @@ def _scene_items(
 def _finished(items: Sequence[WorkItem]) -> Iterator[list[FrameRecord]]:
     """Yield the records of each finished scene."""
     return (read_records(item.target) for item in items if item.target.exists())
-
-
-def _digests(root: GraspNetRoot, *, baselines: bool) -> dict[str, str]:
-    """Return digests of the labels that decide what is true."""
-    labels = {"symmetry": "*.json", "regions": "*.json"} | (
-        {"affordance": "*.h5"} if baselines else {}
-    )
-    return {
-        name: digest_folder(root.root / name, pattern)
-        for name, pattern in labels.items()
-        if (root.root / name).is_dir()
-    }

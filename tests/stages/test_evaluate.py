@@ -1,5 +1,6 @@
 """`evaluate` on a dataset whose truth is known."""
 
+import shutil
 import signal
 import subprocess
 import sys
@@ -203,12 +204,33 @@ def test_a_killed_run_goes_on_where_it_was_and_gives_the_same_bytes(root, truth_
     assert names[0] == names[1]
 
 
-def test_labels_made_anew_make_a_report_stale(truth_file, tmp_path):
-    root = write_root(tmp_path / "root")
-    run(truth_file, root, tmp_path / "report.json")
-    root.symmetry_path(0).write_text(root.symmetry_path(0).read_text() + " ")
+@pytest.mark.parametrize(
+    "file",
+    [
+        "symmetry/000.json",
+        "models/000/nontextured.ply",
+        "scenes/scene_0100/realsense/annotations/0000.xml",
+        "scenes/scene_0100/realsense/label/0001.png",
+        "scenes/scene_0100/realsense/cam0_wrt_table.npy",
+    ],
+)
+def test_another_truth_makes_a_report_stale(truth_file, truth_report, root, tmp_path, file):
+    other = GraspNetRoot(Path(shutil.copytree(root.root, tmp_path / "root")))
+    report = Path(shutil.copytree(truth_report.parent, tmp_path / "report")) / truth_report.name
+    assert run(truth_file, other, report, baselines=True).done == []
+    (other.root / file).write_bytes((other.root / file).read_bytes() + b" ")
     with pytest.raises(StaleOutputError):
-        run(truth_file, root, tmp_path / "report.json")
+        run(truth_file, other, report, baselines=True)
+
+
+def test_what_is_true_of_nothing_judged_makes_no_report_stale(
+    truth_file, truth_report, root, tmp_path
+):
+    other = GraspNetRoot(Path(shutil.copytree(root.root, tmp_path / "root")))
+    shutil.copytree(other.root / "models/000", other.root / "models/077")
+    shutil.copytree(other.scene_folder(SCENES[0]), other.scene_folder(189))
+    report = Path(shutil.copytree(truth_report.parent, tmp_path / "report")) / truth_report.name
+    assert run(truth_file, other, report, baselines=True).done == []
 
 
 def test_a_gripper_file_that_changed_makes_a_report_stale(root, truth_file, tmp_path):

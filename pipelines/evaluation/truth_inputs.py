@@ -1,0 +1,43 @@
+"""Digests of what decides what is true of the frames of a report: labels, poses, meshes."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from pipelines.formats.graspnet import GraspNetRoot, SceneFiles
+from pipelines.formats.graspnet_scene import annotated_ids
+from pipelines.formats.provenance import digest, digest_folder, digest_text
+
+LABELS = {"symmetry": "*.json", "regions": "*.json"}
+# Images of colour and depth are what was judged, not what is true; of a dataset they are gigabytes.
+KINDS = {"annotations": "*.xml", "meta": "*.mat", "label": "*.png"}
+CAMERA_FILES = ("camK.npy", "camera_poses.npy", "cam0_wrt_table.npy")
+
+
+def truth_digests(
+    root: GraspNetRoot, scenes: Iterable[SceneFiles], *, baselines: bool
+) -> dict[str, str]:
+    """Return digests by kind; of `affordance/` too if `baselines`, whose oracle reads it."""
+    scenes = list(scenes)
+    labels = LABELS | ({"affordance": "*.h5"} if baselines else {})
+    found = {
+        name: digest_folder(root.root / name, pattern)
+        for name, pattern in labels.items()
+        if (root.root / name).is_dir()
+    }
+    ids = {i for scene in scenes for i in annotated_ids(scene.camera_folder / "annotations")}
+    return found | {
+        "meshes": _digest_of(root.model_path(object_id) for object_id in sorted(ids)),
+        "scenes": digest_text("".join(_digest_of_scene(scene) for scene in scenes)),
+    }
+
+
+def _digest_of_scene(scene: SceneFiles) -> str:
+    folder = scene.camera_folder
+    kinds = [digest_folder(folder / kind, pattern) for kind, pattern in KINDS.items()]
+    return "".join([*kinds, _digest_of(folder / name for name in CAMERA_FILES)])
+
+
+def _digest_of(paths: Iterable[Path]) -> str:
+    """Return one digest of files; one that is absent counts as absent."""
+    each = (f"{path.name} {digest(path) if path.is_file() else 'absent'}\n" for path in paths)
+    return digest_text("".join(each))

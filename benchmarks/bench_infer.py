@@ -1,89 +1,138 @@
-"""`infer` on the bundled frames: seconds a frame, by step."""
+"""`infer` on the bundled frames: seconds a frame over a folder, by step, and the floor."""
 
+import tempfile
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
+from torch.utils.flop_counter import FlopCounterMode
 
 import pipelines
+from benchmarks.bench_machine import sgemm_rate
 from benchmarks.timing import Measurement
+from pipelines import infer
+from pipelines.batch import BatchOptions
 from pipelines.configs import InferConfig
 from pipelines.errors import SymgraspError
-from pipelines.formats.frames import find_frames
+from pipelines.formats.frames import FrameSource, find_frames
 from pipelines.formats.gripper_files import load_gripper
 from pipelines.formats.rgbd import Frame
-from pipelines.geometry.camera import Intrinsics
-from pipelines.inference import models
-from pipelines.inference.frame_grasps import Planner, Predictor, RegionPrediction
-from pipelines.inference.regions import Detection, Detector
+from pipelines.inference import frame_grasps, models, regions
+from pipelines.inference.frame_grasps import Planner
 
 FRAMES = Path(pipelines.__file__).parent / "weights" / "frames"
+STEPS = {
+    "regions by depth": (regions, "geometric_regions"),
+    "fit of symmetries": (frame_grasps, "ground_symmetries"),
+    "selection": (frame_grasps, "plan_region"),
+}
 
 
 @dataclass
+class Clock:
+    """Adds up the processor seconds of steps; the time of one core, whatever else runs."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    def timed(self, step: str, call: Callable[..., Any]) -> Callable[..., Any]:
+        """Return `call`, its seconds added to those of `step`."""
+
+        def timed_call(*args: Any, **kwargs: Any) -> Any:  # noqa: ANN401 - as `call`
+            started = time.process_time()
+            result = call(*args, **kwargs)
+            taken = time.process_time() - started
+            self.seconds[step] = self.seconds.get(step, 0.0) + taken
+            return result
+
+        return timed_call
+
+
+@dataclass(frozen=True)
 class TimedDetector:
-    """A detector that adds up the seconds it takes."""
+    """A detector whose seconds are added up."""
 
-    detector: Detector
-    seconds: float = 0.0
-
-    def detect(
-        self, color: NDArray[np.uint8], depth: NDArray[np.float32], intrinsics: Intrinsics
-    ) -> Sequence[Detection]:
-        """Return the regions of a frame."""
-        started = time.perf_counter()
-        found = self.detector.detect(color, depth, intrinsics)
-        self.seconds += time.perf_counter() - started
-        return found
+    detect: Callable[..., Any]
 
 
-@dataclass
+@dataclass(frozen=True)
 class TimedPredictor:
-    """A predictor that adds up the seconds it takes, and the regions it is given."""
+    """A predictor whose seconds are added up."""
 
-    predictor: Predictor
-    seconds: float = 0.0
-    regions: int = 0
-
-    def predict(self, clouds: list[NDArray[np.float64]]) -> list[RegionPrediction]:
-        """Return one prediction for each cloud."""
-        started = time.perf_counter()
-        predicted = self.predictor.predict(clouds)
-        self.seconds += time.perf_counter() - started
-        self.regions += len(clouds)
-        return predicted
+    predict: Callable[..., Any]
 
 
 def measure() -> list[Measurement]:
     """Return the speed on the CPU, and on the GPU where there is one."""
     devices = ["cpu", "cuda"] if torch.cuda.is_available() else ["cpu"]
     try:
-        frames = [source.read() for source in find_frames(FRAMES)]
-        return [m for device in devices for m in _on_device(frames, device)]
+        sources = find_frames(FRAMES)
+        return [m for device in devices for m in _on_device(sources, device)]
     except SymgraspError as error:
         return [Measurement("infer", None, "s/frame", str(error))]
 
 
-def _on_device(frames: list[Frame], device: str) -> list[Measurement]:
-    config = InferConfig()
-    detector = TimedDetector(models.detector(models.DETECTOR_WEIGHTS, device))
-    predictor = TimedPredictor(models.predictor(models.NETWORK_WEIGHTS, device))
-    planner = Planner(config, load_gripper(config.gripper), detector, predictor)
-    planner.plan(frames[0], np.random.default_rng(0))  # warms caches
-    detector.seconds, predictor.seconds, predictor.regions = 0.0, 0.0, 0
-    started = time.perf_counter()
-    for frame in frames:
-        planner.plan(frame, np.random.default_rng(0))
-    total = time.perf_counter() - started
-    rest, count = total - detector.seconds - predictor.seconds, len(frames)
-    note = f"{device}, {count} frames, {predictor.regions / count:.1f} regions a frame"
-    return [
-        Measurement("infer", total / count, "s/frame", note),
-        Measurement("infer: detector", detector.seconds / count, "s/frame", device),
-        Measurement("infer: network", predictor.seconds / count, "s/frame", device),
-        Measurement("infer: regions by depth, selection", rest / count, "s/frame", "cpu"),
+def _on_device(sources: Sequence[FrameSource], device: str) -> list[Measurement]:
+    count = len(sources)
+    with tempfile.TemporaryDirectory() as folder:
+        for run in ("warms caches", "measured"):
+            started = time.perf_counter()
+            paths = infer.InferPaths(FRAMES, Path(folder) / f"{run}.h5")
+            infer.run(paths, InferConfig(), BatchOptions(progress=False), device=device)
+            total = time.perf_counter() - started
+    note = f"{device}, {count} frames of a folder, reading and writing included, all cores"
+    with models.one_thread_each():
+        seconds, num_regions = _by_step(sources, device)
+    lines = [Measurement("infer", total / count, "s/frame", note)]
+    lines += [
+        Measurement(f"infer: {step}", taken / count, "CPU-s/frame", f"{device}, one core")
+        for step, taken in seconds.items()
     ]
+    return [*lines, _floor(sources[0].read(), num_regions / count, device)]
+
+
+def _by_step(sources: Sequence[FrameSource], device: str) -> tuple[dict[str, float], int]:
+    """Return the processor seconds of each step over all frames, and the number of regions."""
+    clock, config, found = Clock(), InferConfig(), 0
+    detect = models.detector(models.DETECTOR_WEIGHTS, device).detect
+    predict = models.predictor(models.NETWORK_WEIGHTS, device).predict
+    planner = Planner(
+        config,
+        load_gripper(config.gripper),
+        TimedDetector(clock.timed("detector", detect)),
+        TimedPredictor(clock.timed("network", predict)),
+    )
+    with ExitStack() as patches:
+        for step, (module, name) in STEPS.items():
+            timed = clock.timed(step, getattr(module, name))
+            patches.enter_context(patch.object(module, name, timed))
+        plan = clock.timed("whole", planner.plan)
+        read = clock.timed("reading", lambda source: source.read())
+        plan(sources[0].read(), np.random.default_rng(0))
+        clock.seconds.clear()
+        for source in sources:
+            found += len(plan(read(source), np.random.default_rng(0)).regions)
+    parts = dict(clock.seconds)
+    whole = parts.pop("whole")
+    parts["rest"] = whole - sum(taken for step, taken in parts.items() if step != "reading")
+    return parts, found
+
+
+def _floor(frame: Frame, num_regions: float, device: str) -> Measurement:
+    """Return what the networks' arithmetic alone takes at the rate of large matrix products."""
+    detector = models.detector(models.DETECTOR_WEIGHTS, device)
+    predictor = models.predictor(models.NETWORK_WEIGHTS, device)
+    with FlopCounterMode(display=False) as counter:
+        detector.detect(frame.color, frame.depth, frame.intrinsics)
+    detection = counter.get_total_flops()
+    with FlopCounterMode(display=False) as counter:
+        predictor.predict([np.random.default_rng(0).normal(0.0, 0.03, (2000, 3))])
+    region = counter.get_total_flops()
+    gflop = (detection + num_regions * region) / 1e9
+    note = f"{detection / 1e9:.1f} GFLOP + {num_regions:.1f} regions x {region / 1e9:.2f}, at SGEMM"
+    return Measurement("infer: floor", gflop / sgemm_rate(), "s/frame", f"cpu, {note}")

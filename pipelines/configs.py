@@ -181,6 +181,26 @@ class AugmentationConfig:
 
 
 @dataclass(frozen=True)
+class EndlessConfig:
+    """Regions rendered while training; D. 59."""
+
+    share: float = 0.0  # of each batch; the others are packed ones
+    epoch_regions: int = 20_000  # that make an epoch where none are packed
+    views: int = 4  # of a scene
+    regions_per_scene: int = 20  # drawn from what its views show
+    scenes_together: int = 16  # whose regions are shuffled among each other
+    min_objects: int = 4
+    max_objects: int = 9
+    width: int = 640
+    height: int = 480
+    perfect_share: float = 0.1  # of the views without sensor noise
+    occluders: float = 0.25  # of the views with an object held before the others
+    mask_leaks: float = 0.15  # of the masks that take in a part of a neighbour
+    mask_cuts: float = 0.1  # of the masks that are cut off
+    pack: PackConfig = field(default_factory=PackConfig)
+
+
+@dataclass(frozen=True)
 class TrainConfig:
     """Training of the grasp network (Sec. III-G)."""
 
@@ -200,6 +220,7 @@ class TrainConfig:
     micro_batch_size: int = 0  # gradients are accumulated to `batch_size`; 0: by device, D. 58
     ema_decay: float = 0.998  # of the running mean of the weights that is kept; 0 for none
     augmentation: AugmentationConfig = field(default_factory=AugmentationConfig)
+    endless: EndlessConfig = field(default_factory=EndlessConfig)
     val_fraction: float = 0.1  # of the scenes
 
 

@@ -10,13 +10,11 @@ inference will. Symmetries and affordance are the object's, moved by its pose.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.configs import PackConfig
@@ -28,25 +26,13 @@ from pipelines.formats.provenance import digest, make_stamp
 from pipelines.formats.regioned_objects import read_regioned_object
 from pipelines.geometry.mask_noise import MaskNoise
 from pipelines.geometry.region_masks import RegionInstance, visible_regions
-from pipelines.geometry.symmetry import NUM_SLOTS, SymmetrySlots
-from pipelines.geometry.transforms import invert, transform_points
-from pipelines.grasping.observation import RegionCloud, SceneCloud
+from pipelines.geometry.symmetry import NUM_SLOTS
+from pipelines.grasping.labelled_regions import LabelledCloud, LabelledSurface, labelled_clouds
+from pipelines.grasping.observation import SceneCloud
 
 Array = NDArray[np.float64]
 
 STAGE = "pack"
-
-
-@dataclass(frozen=True)
-class LabelledCloud:
-    """One packed region: points (P, 3) and slots in the camera frame, affordance (P,)."""
-
-    points: Array
-    affordance: Array
-    slots: SymmetrySlots
-    object_id: int
-    frame_id: int
-    name: str
 
 
 def run(
@@ -78,10 +64,13 @@ def pack_scene(item: WorkItem, root: GraspNetRoot, config: PackConfig, seed: int
     frame_ids = sorted({*scene.frame_ids, *scene.ids_of("annotations")})
     frames = [scene.frame(frame_id) for frame_id in frame_ids[:: config.frame_stride]]
     clouds: list[LabelledCloud] = []
+    frame_of_cloud: list[int] = []
     for frame in frames:
         rng = np.random.default_rng([seed, frame.scene_id, frame.frame_id])
         clouds += pack_frame(root, frame, config, rng)
-    packed_regions.write(item.target, _stacked(clouds, config.num_points), item.stamp)
+        frame_of_cloud += [frame.frame_id] * (len(clouds) - len(frame_of_cloud))
+    packed = _stacked(clouds, frame_of_cloud, config.num_points)
+    packed_regions.write(item.target, packed, item.stamp)
     return f"{len(clouds)} regions in {len(frames)} frames"
 
 
@@ -99,18 +88,15 @@ def pack_frame(
     objects = {object_id: read_regioned_object(root.root, object_id) for object_id in poses}
     scene = SceneCloud(np.asarray(depth, np.float64), intrinsics)
     noise = MaskNoise(config.mask_noise_share, config.mask_edge, config.mask_blot)
-    clouds = []
-    for instance in visible_regions(label, intrinsics, list(poses.items()), objects):
-        if (instance.mask & (depth > 0)).sum() < config.min_pixels:
-            continue
-        mask = noise.applied(instance.mask, rng) if config.mask_noise else instance.mask
-        points = RegionCloud.from_mask(mask, scene).points
-        if len(points) < config.min_pixels:
-            continue
-        drawn = points[_draw(len(points), config.num_points, rng)]
-        pose = poses[instance.object_id]
-        clouds.append(_labelled(root, instance, files.frame_id, drawn, pose, config))
-    return clouds
+    shown = visible_regions(label, intrinsics, list(poses.items()), objects)
+
+    def mask_of(instance: RegionInstance) -> NDArray[np.bool_]:
+        return noise.applied(instance.mask, rng) if config.mask_noise else instance.mask
+
+    def surface_of(object_id: int) -> LabelledSurface:
+        return _surface(*_version(root.affordance_path(object_id)))
+
+    return labelled_clouds(shown, scene, poses, surface_of, mask_of, config, rng)
 
 
 def _poses(root: GraspNetRoot, files: FrameFiles) -> dict[int, Array]:
@@ -141,32 +127,6 @@ def _check_listed(files: FrameFiles, label: NDArray[np.uint8], poses: dict[int, 
         )
 
 
-def _draw(available: int, wanted: int, rng: np.random.Generator) -> NDArray[np.int64]:
-    """Return `wanted` indices: each at most once where there are enough."""
-    return rng.choice(available, wanted, replace=available < wanted)
-
-
-def _labelled(
-    root: GraspNetRoot,
-    instance: RegionInstance,
-    frame_id: int,
-    points: Array,
-    T_cam_obj: Array,
-    config: PackConfig,
-) -> LabelledCloud:
-    tree, surface_affordance = _affordance(*_version(root.affordance_path(instance.object_id)))
-    points_obj = transform_points(invert(T_cam_obj), points)
-    gap, nearest = (
-        np.asarray(part)
-        for part in tree.query(points_obj, distance_upper_bound=config.label_radius)
-    )
-    near = np.isfinite(gap)
-    affordance = np.zeros(len(points))
-    affordance[near] = surface_affordance[nearest[near]]
-    slots = SymmetrySlots.from_symmetries(instance.symmetries)
-    return LabelledCloud(points, affordance, slots, instance.object_id, frame_id, instance.name)
-
-
 def _version(path: Path) -> tuple[Path, int]:
     """Return `path` and when it was written: what is kept in memory is of that time."""
     if not path.is_file():
@@ -175,13 +135,14 @@ def _version(path: Path) -> tuple[Path, int]:
 
 
 @lru_cache(maxsize=256)
-def _affordance(path: Path, written: int) -> tuple[KDTree, Array]:
-    """Return a tree of the labelled surface points and their affordance, object frame."""
-    surface = affordance_labels.read_surface(path)
-    return KDTree(surface["points"].astype(np.float64)), surface["affordance"].astype(np.float64)
+def _surface(path: Path, written: int) -> LabelledSurface:
+    """Return the labelled points of the surface, object frame."""
+    return LabelledSurface.of(affordance_labels.read_surface(path))
 
 
-def _stacked(clouds: Sequence[LabelledCloud], num_points: int) -> PackedScene:
+def _stacked(
+    clouds: Sequence[LabelledCloud], frame_of_cloud: Sequence[int], num_points: int
+) -> PackedScene:
     return PackedScene(
         points=np.reshape([cloud.points for cloud in clouds], (-1, num_points, 3)),
         affordance=np.reshape([cloud.affordance for cloud in clouds], (-1, num_points)),
@@ -189,7 +150,7 @@ def _stacked(clouds: Sequence[LabelledCloud], num_points: int) -> PackedScene:
         point=np.reshape([cloud.slots.point for cloud in clouds], (-1, NUM_SLOTS, 3)),
         direction=np.reshape([cloud.slots.direction for cloud in clouds], (-1, NUM_SLOTS, 3)),
         object_id=np.array([cloud.object_id for cloud in clouds], np.int32),
-        frame_id=np.array([cloud.frame_id for cloud in clouds], np.int32),
+        frame_id=np.array(frame_of_cloud, np.int32),
         name=np.array([cloud.name for cloud in clouds], np.object_),
     )
 

@@ -1,6 +1,7 @@
 """train: the symmetry-aware grasp network on packed regions (Sec. III-E, III-G).
 
 Reads   PACKED/**/*.h5              region clouds with labels, camera frame
+        ROOT/{models,symmetry,affordance}  with `--endless`: what fresh regions are rendered of
 Writes  NAME.safetensors            the best weights so far by validation on unseen scenes
         NAME.checkpoint.safetensors everything that `--resume` needs
         NAME.curves.png             loss and figures along the steps
@@ -9,7 +10,7 @@ Writes  NAME.safetensors            the best weights so far by validation on uns
 """
 
 import time
-from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -17,47 +18,61 @@ import torch
 
 from pipelines.batch import StageReport
 from pipelines.configs import NetworkConfig, TrainConfig
+from pipelines.errors import SymgraspError
 from pipelines.formats.files import existing
+from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.formats.packed_regions import PackedReader
 from pipelines.formats.provenance import digest, digest_folder, make_stamp
 from pipelines.learning import grasp_training
 from pipelines.learning.faults import read_fault
-from pipelines.learning.grasp_training import GraspTraining, RegionSet
+from pipelines.learning.grasp_training import GraspTraining
 from pipelines.learning.loaders import split_by_scene
 from pipelines.learning.loop import TrainingRun
 from pipelines.learning.options import LoopOptions
 from pipelines.learning.processes import joined
+from pipelines.learning.region_sources import RegionSet, TrainingRegions
 from pipelines.learning.runs import RunRequest, describe, find_progress
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.weights_files import fill, read_weights, weights_metadata
+from pipelines.synthesis.endless import trainable_objects
+from pipelines.synthesis.endless_pool import EndlessPool
 
 STAGE = "train"
 
 
 def run(
-    packed: Path,
+    packed: Path | None,
     validation: Path | None,
     output: Path,
     config: TrainConfig,
     request: RunRequest,
     *,
+    endless: Path | None = None,
     init: Path | None = None,
+    workers: int = 1,
 ) -> StageReport:
     """Train on the folder `packed` and validate on `validation`, or on scenes held out.
 
-    `init`: weights of an earlier training to start from, instead of drawn ones.
+    `endless`: a dataset with labels; `config.endless.share` of each batch is rendered of its
+    objects by `workers` processes. `init`: weights of an earlier training to start from.
     """
-    with joined(request.device) as (processes, device):
+    with joined(request.device) as (processes, device), ExitStack() as stack:
         started, report = time.monotonic(), StageReport(STAGE)
-        inputs = _inputs(packed, validation, init)
+        inputs = _inputs(packed, validation, endless, init)
         stamp = make_stamp(STAGE, config, seed=request.seed, inputs=inputs)
         earlier = find_progress(output, stamp, request)
         if earlier is not None and earlier.finished:
             report.skipped.append(output.name)
             return report
         train_set, val_set = region_sets(packed, validation, config, request.seed)
+        rendered = None
+        if endless is not None:
+            trainable_objects(GraspNetRoot(endless))  # a fault is better told before than later
+            pool = EndlessPool(endless, config.endless, request.seed, workers)
+            rendered = stack.enter_context(pool)
+        source = TrainingRegions(train_set, rendered, config)
         network = build(config, request.seed, init)
-        trainee = GraspTraining(network, train_set, val_set, config, device, processes)
+        trainee = GraspTraining(network, source, val_set, config, device, processes)
         metadata = weights_metadata(SymmetryGraspNet.__name__, config.network)
         options = LoopOptions.of(config, request)
         training = TrainingRun(trainee, options, output, stamp, metadata, processes)
@@ -86,22 +101,39 @@ def replay(fault: Path) -> dict[str, float]:
 
 
 def region_sets(
-    packed: Path, validation: Path | None, config: TrainConfig, seed: int
-) -> tuple[RegionSet, RegionSet]:
-    """Return the regions to train on and those to validate on, of different scenes."""
-    reader = PackedReader(packed)
+    packed: Path | None, validation: Path | None, config: TrainConfig, seed: int
+) -> tuple[RegionSet | None, RegionSet]:
+    """Return the packed regions to train on and those to validate on, of different scenes.
+
+    Raises:
+        SymgraspError: there is nothing to validate on.
+    """
     if validation is not None:
         held_out = PackedReader(validation)
-        return RegionSet(reader, np.arange(len(reader))), RegionSet(
-            held_out, np.arange(len(held_out))
-        )
+        val_set = RegionSet(held_out, np.arange(len(held_out)))
+        if packed is None:
+            return None, val_set
+        reader = PackedReader(packed)
+        return RegionSet(reader, np.arange(len(reader))), val_set
+    if packed is None:
+        raise SymgraspError("training without packed regions needs --val, packed ones to judge by")
+    reader = PackedReader(packed)
     train, val = split_by_scene(reader, config.val_fraction, np.random.default_rng(seed))
     return RegionSet(reader, train), RegionSet(reader, val)
 
 
-def _inputs(packed: Path, validation: Path | None, init: Path | None) -> dict[str, str]:
-    folders: Sequence[tuple[str, Path | None]] = (("packed", packed), ("validation", validation))
+def _inputs(
+    packed: Path | None, validation: Path | None, endless: Path | None, init: Path | None
+) -> dict[str, str]:
+    folders = (
+        ("packed", packed, "**/*.h5"),
+        ("validation", validation, "**/*.h5"),
+        ("endless symmetry", endless, "symmetry/*.json"),
+        ("endless affordance", endless, "affordance/*.h5"),
+    )
     inputs = {
-        name: digest_folder(folder, "**/*.h5") for name, folder in folders if folder is not None
+        name: digest_folder(folder, pattern)
+        for name, folder, pattern in folders
+        if folder is not None
     }
     return inputs if init is None else inputs | {"init": digest(existing(init))}

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from pipelines.configs import NetworkConfig, TrainConfig
+from pipelines.configs import EndlessConfig, NetworkConfig, TrainConfig
 from symgrasp_cli.options import (
     Device,
     MicroBatch,
@@ -20,8 +20,24 @@ from symgrasp_cli.report import conclude
 
 
 def train(
-    packed: Annotated[Path, typer.Argument(help="Folder of packed regions, from `pack`.")],
     out: Annotated[Path, typer.Option(help="Weights to write, NAME.safetensors.")],
+    packed: Annotated[
+        Path | None,
+        typer.Argument(help="Folder of packed regions, from `pack`; not needed with --endless."),
+    ] = None,
+    endless: Annotated[
+        Path | None,
+        typer.Option(
+            help="Dataset root with symmetry/ and affordance/: fresh regions of its objects."
+        ),
+    ] = None,
+    endless_share: Annotated[
+        float,
+        typer.Option(min=0.0, max=1.0, help="Of a batch, with --endless beside packed regions."),
+    ] = 0.5,
+    epoch_regions: Annotated[
+        int, typer.Option(min=1, help="That make an epoch where all are fresh.")
+    ] = EndlessConfig.epoch_regions,
     val: Annotated[
         Path | None,
         typer.Option(help="Packed regions to validate on; by default a tenth of the scenes."),
@@ -49,6 +65,9 @@ def train(
     time_limit: TimeLimit = None,
     threads: Threads = 2,
     device: Device = "auto",
+    workers: Annotated[
+        int, typer.Option(min=1, help="Processes that render the regions of --endless.")
+    ] = 1,
     seed: Seed = 0,
     resume: Resume = False,
     overwrite: Overwrite = False,
@@ -57,6 +76,7 @@ def train(
     from pipelines import train as stage
     from pipelines.learning.runs import RunRequest
 
+    share = 0.0 if endless is None else 1.0 if packed is None else endless_share
     config = TrainConfig(
         network=NetworkConfig(use_pift=pift),
         epochs=epochs,
@@ -65,7 +85,13 @@ def train(
         learning_rate=learning_rate,
         decay_epochs=decay_epochs,
         use_siamese=siamese,
+        endless=EndlessConfig(share=share, epoch_regions=epoch_regions),
     )
     bar = show_training()
+    if packed is None and endless is None:
+        raise typer.BadParameter("give PACKED, --endless ROOT, or both")
     request = RunRequest(seed, device, threads, time_limit, resume, overwrite, bar)
-    conclude(stage.run(packed, val, out, config, request, init=init))
+    report = stage.run(
+        packed, val, out, config, request, endless=endless, init=init, workers=workers
+    )
+    conclude(report)

@@ -71,3 +71,57 @@ def _blotted(mask: NDArray[np.uint8], reach: float, rng: np.random.Generator) ->
     radius = round(rng.uniform(0.3, 1.0) * reach)
     cv2.circle(blotted, (int(columns[at]), int(rows[at])), radius, fill, cv2.FILLED)
     return blotted
+
+
+@dataclass(frozen=True)
+class MaskFaults:
+    """Worse errors, as where a detector takes two things for one, or half a thing for all of it.
+
+    Attributes:
+        leak: share of the masks that take in a part of a neighbour they touch.
+        cut: share of the masks that lose what lies beyond a line across them.
+        reach: largest radius of a leak, of the root of the mask's area.
+        loss: largest share of its pixels that a cut takes from a mask.
+    """
+
+    leak: float
+    cut: float
+    reach: float = 0.6
+    loss: float = 0.5
+
+    def applied(self, mask: Mask, others: Mask, rng: np.random.Generator) -> Mask:
+        """Return `mask` (H, W) changed at random; `others` are the pixels of all its neighbours."""
+        drawn = rng.uniform(size=2)
+        if drawn[0] < self.leak:
+            mask = leaked(mask, others & ~mask, self.reach * rng.uniform(0.3, 1.0), rng)
+        if drawn[1] < self.cut:
+            mask = cut(mask, rng.uniform(0.1, self.loss), rng)
+        return mask
+
+
+def leaked(mask: Mask, others: Mask, reach: float, rng: np.random.Generator) -> Mask:
+    """Return `mask` with the pixels of `others` within a disc around a place where they touch.
+
+    `reach`: the disc's radius, of the root of the mask's area.
+    """
+    rim = cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    rows, columns = np.nonzero(rim & others)
+    if not len(rows):
+        return mask
+    at, disc = int(rng.integers(len(rows))), np.zeros(mask.shape, np.uint8)
+    radius = max(1, round(reach * float(np.sqrt(mask.sum()))))
+    cv2.circle(disc, (int(columns[at]), int(rows[at])), radius, 1, cv2.FILLED)
+    return mask | (others & (disc > 0))
+
+
+def cut(mask: Mask, share: float, rng: np.random.Generator) -> Mask:
+    """Return `mask` without the `share` of its pixels farthest along a random direction."""
+    rows, columns = np.nonzero(mask)
+    if len(rows) < 2:
+        return mask
+    angle = rng.uniform(0.0, 2.0 * np.pi)
+    along = columns * np.cos(angle) + rows * np.sin(angle)
+    kept = along <= np.quantile(along, 1.0 - share)
+    left = np.zeros_like(mask)
+    left[rows[kept], columns[kept]] = True
+    return left

@@ -59,8 +59,9 @@ class DetectorTraining:
         )
         check_shares(config.batch_size, self.micro_batch_size, processes)
 
-    def epoch(self, rng: np.random.Generator) -> Sequence[NDArray[np.int64]]:
+    def epoch(self, number: int, rng: np.random.Generator) -> Sequence[NDArray[np.int64]]:
         """Return one epoch's batches of frame numbers."""
+        del number  # every epoch shows all frames
         return epoch_batches(range(len(self.frames.train)), self.config.batch_size, rng)
 
     def load(

@@ -9,11 +9,11 @@ import torch
 from torch import Tensor, nn
 
 from pipelines.configs import TrainConfig, from_settings
-from pipelines.formats.packed_regions import PackedReader
 from pipelines.learning.faults import Fault
-from pipelines.learning.loaders import Indices, epoch_batches, load_regions
+from pipelines.learning.loaders import Indices, load_regions
 from pipelines.learning.processes import Processes
 from pipelines.learning.region_figures import RegionFigures
+from pipelines.learning.region_sources import RegionSet, TrainingRegions
 from pipelines.learning.shares import check_shares, micro_batch_size
 from pipelines.network.augmentation import augment, mixed, scaled_copy
 from pipelines.network.losses import NUM_ERROR_POINTS, total_loss
@@ -23,14 +23,6 @@ from pipelines.network.sampling import gather
 
 VALIDATION_BATCH = 12
 CPU_MICRO_BATCH = 6  # regions; two threads with these are quickest
-
-
-@dataclass(frozen=True)
-class RegionSet:
-    """Some of the regions of a packed folder."""
-
-    reader: PackedReader
-    indices: Indices
 
 
 @dataclass(frozen=True)
@@ -71,7 +63,7 @@ class GraspTraining:
     def __init__(
         self,
         module: SymmetryGraspNet,
-        train_set: RegionSet,
+        train_set: TrainingRegions,
         val_set: RegionSet,
         config: TrainConfig,
         device: torch.device,
@@ -88,14 +80,13 @@ class GraspTraining:
         )
         check_shares(config.batch_size, self.micro_batch_size, processes)
 
-    def epoch(self, rng: np.random.Generator) -> Sequence[Indices]:
-        """Return one epoch's batches of region indices."""
-        return epoch_batches(self.train_set.indices, self.config.batch_size, rng)
+    def epoch(self, number: int, rng: np.random.Generator) -> Sequence[Indices]:
+        """Return the items of one epoch's batches of regions."""
+        return self.train_set.epoch(number, rng)
 
     def load(self, items: Indices, generators: Sequence[np.random.Generator]) -> Sample:
         """Return regions augmented and, with Siamese training, a scaled copy of each."""
-        points = self.config.network.num_points
-        regions = load_regions(self.train_set.reader, items, points, generators)
+        regions = self.train_set.load(items, self.config.network.num_points, generators)
         return augmented(regions, self.config, generators)
 
     def loss(

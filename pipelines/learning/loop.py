@@ -108,7 +108,7 @@ class TrainingRun:
     def _run_epoch(self, workers: GradientWorkers) -> Reason:
         """Take the steps that are left of an epoch; return why to stop, if there is a reason."""
         epoch, seed = self.progress.epoch, self.options.seed
-        batches = self.trainee.epoch(generator(seed, epoch))
+        batches = self.trainee.epoch(epoch, generator(seed, epoch))
         if not len(batches):
             raise ValueRangeError("number of batches an epoch", 0, "at least 1")
         remaining = range(self.progress.step, len(batches))

@@ -35,8 +35,8 @@ class Trainee(Protocol):
         """What is trained."""
         ...
 
-    def epoch(self, rng: np.random.Generator) -> Sequence[Items]:
-        """Return the items of each of an epoch's batches, light descriptions of what to load."""
+    def epoch(self, number: int, rng: np.random.Generator) -> Sequence[Items]:
+        """Return the items of each batch of epoch `number`, light descriptions of what to load."""
         ...
 
     def load(self, items: Items, generators: Sequence[np.random.Generator]) -> MicroBatch:

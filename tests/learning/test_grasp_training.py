@@ -11,8 +11,9 @@ from pipelines.formats.packed_regions import PackedReader
 from pipelines.formats.provenance import make_stamp
 from pipelines.learning.faults import save_fault
 from pipelines.learning.gradients import GradientWorkers
-from pipelines.learning.grasp_training import GraspTraining, RegionSet
+from pipelines.learning.grasp_training import GraspTraining
 from pipelines.learning.processes import Processes
+from pipelines.learning.region_sources import RegionSet, TrainingRegions, packed_items
 from pipelines.learning.shares import cut
 from pipelines.network.model import SymmetryGraspNet
 from tests.learning.packed_toys import CONFIG, write_packed
@@ -27,7 +28,8 @@ def regions(tmp_path_factory):
 def training(regions, config=CONFIG):
     torch.manual_seed(0)
     network = SymmetryGraspNet(config.network)
-    return GraspTraining(network, regions, regions, config, torch.device("cpu"))
+    source = TrainingRegions(regions, None, config)
+    return GraspTraining(network, source, regions, config, torch.device("cpu"))
 
 
 def generators(count):
@@ -43,8 +45,8 @@ def test_micro_batches_share_out_the_batch(regions):
 
 def test_a_region_is_loaded_alike_whatever_stands_beside_it(regions):
     trainee = training(regions)
-    together = trainee.load(np.arange(4), generators(4)).tensors()
-    alone = trainee.load(np.array([2]), generators(4)[2:3]).tensors()
+    together = trainee.load(packed_items(np.arange(4)), generators(4)).tensors()
+    alone = trainee.load(packed_items(np.array([2])), generators(4)[2:3]).tensors()
     for name, tensor in alone.items():
         torch.testing.assert_close(tensor[0], together[name][2])
 
@@ -59,7 +61,7 @@ def test_big_and_accumulated_batches_have_one_gradient(regions):
         trainee.loss = lambda module, batch, generator, own_loss=own_loss: own_loss(
             module.eval(), batch, generator
         )
-        pieces = cut(np.arange(6), size, Processes())
+        pieces = cut(packed_items(np.arange(6)), size, Processes())
         loaded = [(piece, piece.load(trainee, 0, 0, 0)) for piece in pieces]
         with GradientWorkers(trainee, 1) as workers:
             results[size] = workers.gradients(loaded, (0, 0, 0))
@@ -72,7 +74,7 @@ def test_big_and_accumulated_batches_have_one_gradient(regions):
 
 def test_a_kept_batch_gives_its_loss_again(regions, tmp_path):
     trainee = training(regions)
-    batch = trainee.load(np.arange(3), generators(3))
+    batch = trainee.load(packed_items(np.arange(3)), generators(3))
     terms = trainee.loss(trainee.module.train(), batch, torch.Generator())
     stamp = make_stamp("train", CONFIG)
     save_fault(tmp_path / "x.safetensors", trainee.module, batch.tensors(), (0, 0, 0, 0), stamp)
@@ -84,7 +86,7 @@ def test_a_kept_batch_gives_its_loss_again(regions, tmp_path):
 def test_a_few_steps_on_a_few_regions_lower_the_loss(regions, siamese, pift):
     network = replace(CONFIG.network, use_pift=pift)
     trainee = training(regions, replace(CONFIG, use_siamese=siamese, network=network))
-    batch = trainee.load(np.arange(3), generators(3))
+    batch = trainee.load(packed_items(np.arange(3)), generators(3))
     optimizer = torch.optim.Adam(trainee.module.parameters(), 0.003)
     losses = []
     for _ in range(20):
@@ -98,7 +100,7 @@ def test_a_few_steps_on_a_few_regions_lower_the_loss(regions, siamese, pift):
 
 def test_every_weight_gets_a_gradient(regions):
     trainee = training(regions)
-    batch = trainee.load(np.arange(3), generators(3))
+    batch = trainee.load(packed_items(np.arange(3)), generators(3))
     for pift in trainee.module.pifts:  # at the identity, what lies before has no gradient yet
         torch.nn.init.normal_(pift.regress.weight, std=0.1)
     trainee.loss(trainee.module, batch, torch.Generator().manual_seed(0))["total"].backward()

@@ -50,7 +50,7 @@ class Line:
         self.module = nn.Sequential(nn.Linear(1, 8), nn.BatchNorm1d(8), nn.ReLU(), nn.Linear(8, 1))
         self.faulty_item, self.validated = faulty_item, 0
 
-    def epoch(self, rng):
+    def epoch(self, number, rng):
         return list(rng.permutation(80).reshape(10, 8))
 
     def load(self, items, generators):
@@ -263,7 +263,7 @@ def test_a_loss_that_is_not_finite_stops_with_a_sentence_and_keeps_the_batch(tmp
     fault = read_fault(fault_path(output))
     assert torch.isnan(fault.batch["x"]).sum() == 1
     assert fault.settings == {"a": 1}
-    batches = Line().epoch(generator(0, 0))
+    batches = Line().epoch(0, generator(0, 0))
     step = next(i for i, batch in enumerate(batches) if 33 in batch)
     number = list(batches[step]).index(33) // 4
     assert fault.place == (0, 0, step, number)
@@ -298,7 +298,7 @@ def test_accumulated_gradients_are_those_of_the_whole_batch(size):
             return {"total": (module(micro_batch) - 2.0 * micro_batch).square().mean()}
 
     trainee = Plain()
-    batch = trainee.epoch(generator(0, 0))[0]
+    batch = trainee.epoch(0, generator(0, 0))[0]
     loaded = [(p, p.load(trainee, 0, 0, 0)) for p in cut(batch, size, Processes())]
     with GradientWorkers(trainee, 1) as workers:
         losses, gradients = workers.gradients(loaded, (0, 0, 0))

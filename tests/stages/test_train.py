@@ -7,9 +7,13 @@ import pytest
 
 from pipelines import train
 from pipelines.errors import SymgraspError
+from pipelines.formats import object_list
+from pipelines.formats.object_list import ObjectRecord
 from pipelines.learning.runs import RunRequest
 from pipelines.network.predictor import GraspPredictor
 from tests.learning.packed_toys import CONFIG, write_packed
+from tests.stages.toy_root import STAMP, write_root
+from tests.synthesis.test_endless import CONFIG as ENDLESS
 
 REQUEST = RunRequest(device="cpu", threads=1)
 
@@ -58,3 +62,22 @@ def test_a_folder_of_its_own_can_be_validated_on(packed, tmp_path):
     path = tmp_path / "network.safetensors"
     report = train.run(packed, other, path, replace(CONFIG, epochs=1), REQUEST)
     assert "plane_angle_deg" in report.notes["network.safetensors"]
+
+
+def test_endless_regions_beside_packed_ones_resume_to_the_byte(packed, tmp_path):
+    root = write_root(tmp_path / "root").root
+    records = [ObjectRecord(i, f"object{i}", "toy", "seen") for i in range(3)]
+    object_list.write(root / "objects.json", records, STAMP)
+    config = replace(CONFIG, epochs=1, endless=replace(ENDLESS, share=0.5))
+    outputs = [tmp_path / name / "network.safetensors" for name in ("whole", "halves")]
+    train.run(packed, None, outputs[0], config, REQUEST, endless=root)
+    limited = replace(REQUEST, time_limit=0.0)
+    train.run(packed, None, outputs[1], config, limited, endless=root)
+    resumed = replace(REQUEST, resume=True)
+    train.run(packed, None, outputs[1], config, resumed, endless=root)
+    assert outputs[0].read_bytes() == outputs[1].read_bytes()
+
+
+def test_training_on_nothing_but_fresh_regions_needs_something_to_judge_by(tmp_path):
+    with pytest.raises(SymgraspError, match="needs --val"):
+        train.run(None, None, tmp_path / "x.safetensors", CONFIG, REQUEST)

@@ -1,0 +1,83 @@
+"""Region clouds with their labels, as a network learns from them. Camera frame, metres."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from pipelines.configs import PackConfig
+from pipelines.geometry.region_masks import RegionInstance
+from pipelines.geometry.symmetry import SymmetrySlots
+from pipelines.geometry.transforms import invert, transform_points
+from pipelines.grasping.observation import RegionCloud, SceneCloud
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class LabelledSurface:
+    """Points of an object's surface, object frame, and their affordance (n,)."""
+
+    tree: KDTree
+    affordance: Array
+
+    @classmethod
+    def of(cls, surface: Mapping[str, NDArray[np.float32]]) -> "LabelledSurface":
+        """Return the `points` (n, 3) and `affordance` (n,) of an affordance label."""
+        points, affordance = (surface[name].astype(np.float64) for name in ("points", "affordance"))
+        return cls(KDTree(points), affordance)
+
+    def affordance_at(self, points: Array, radius: float) -> Array:
+        """Return the affordance (m,) of the nearest surface point within `radius`, else 0."""
+        gap, nearest = (
+            np.asarray(part) for part in self.tree.query(points, distance_upper_bound=radius)
+        )
+        near = np.isfinite(gap)
+        affordance = np.zeros(len(points))
+        affordance[near] = self.affordance[nearest[near]]
+        return affordance
+
+
+@dataclass(frozen=True)
+class LabelledCloud:
+    """One region: points (P, 3) and slots in the camera frame, affordance (P,)."""
+
+    points: Array
+    affordance: Array
+    slots: SymmetrySlots
+    object_id: int
+    name: str
+
+
+def labelled_clouds(
+    instances: Iterable[RegionInstance],
+    scene: SceneCloud,
+    poses: Mapping[int, Array],
+    surface_of: Callable[[int], LabelledSurface],
+    mask_of: Callable[[RegionInstance], Mask],
+    config: PackConfig,
+    rng: np.random.Generator,
+) -> list[LabelledCloud]:
+    """Return the regions that show enough of themselves, `config.num_points` points of each.
+
+    The points are the sensor's inside the mask that `mask_of` makes of the true one; symmetries and
+    affordance are the object's, moved by its pose T_cam_obj.
+    """
+    clouds = []
+    for instance in instances:
+        if (instance.mask & (scene.depth > 0)).sum() < config.min_pixels:
+            continue
+        points = RegionCloud.from_mask(mask_of(instance), scene).points
+        if len(points) < config.min_pixels:
+            continue
+        few = len(points) < config.num_points  # then some of them twice
+        drawn = points[rng.choice(len(points), config.num_points, replace=few)]
+        points_obj = transform_points(invert(poses[instance.object_id]), drawn)
+        surface = surface_of(instance.object_id)
+        affordance = surface.affordance_at(points_obj, config.label_radius)
+        slots = SymmetrySlots.from_symmetries(instance.symmetries)
+        clouds.append(LabelledCloud(drawn, affordance, slots, instance.object_id, instance.name))
+    return clouds

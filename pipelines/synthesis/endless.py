@@ -1,0 +1,245 @@
+"""Regions without end: fresh scenes of labelled objects, fresh views, sensors and mask errors.
+
+The labels of objects are made once, by `annotate-symmetry` and `refine-grasps`; a scene of them
+takes a fraction of a second, so none need be seen twice. Objects of the pools that evaluations
+keep unseen are left out.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.configs import EndlessConfig
+from pipelines.errors import MissingInputError, SymgraspError
+from pipelines.formats import affordance_labels, object_list
+from pipelines.formats import convex_pieces as convex_file
+from pipelines.formats.graspnet import GraspNetRoot
+from pipelines.formats.packed_regions import PackedRegion
+from pipelines.formats.regioned_objects import read_regioned_object
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.mask_noise import MaskFaults, MaskNoise
+from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.region_masks import RegionedObject, RegionInstance, visible_regions
+from pipelines.geometry.rendering import Scene, cast_view
+from pipelines.geometry.transforms import (
+    invert,
+    make_pose,
+    random_rotation,
+    transform_points,
+)
+from pipelines.grasping.labelled_regions import LabelledCloud, LabelledSurface, labelled_clouds
+from pipelines.grasping.observation import SceneCloud
+from pipelines.synthesis.cameras import LENSES, drawn_viewpoints, intrinsics_of
+from pipelines.synthesis.decomposition import hull_of_points
+from pipelines.synthesis.depth_sensors import measured_depth
+from pipelines.synthesis.tables import (
+    FLOOR_HEIGHTS,
+    FLOOR_SIZE,
+    TABLE_SIZE,
+    SceneLayout,
+    SceneObject,
+    rectangle,
+    settle,
+)
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+ENDLESS = 1_000_033  # sets these draws apart from those of datasets and trainings of the same seed
+UNSEEN_POOLS = ("similar", "novel")
+ATTEMPTS = 8
+MARGIN = 24  # pixels around the objects that are rendered too: masks leak there
+OCCLUDER_REACH = (0.35, 0.75)  # of the way from the camera to an object
+
+
+@dataclass(frozen=True)
+class LabelledObject:
+    """An object with all that a scene and its labels need."""
+
+    scene: SceneObject
+    regioned: RegionedObject
+    surface: LabelledSurface
+
+
+def scene_generator(seed: int, scene: int) -> np.random.Generator:
+    """Return what scene number `scene` of a training with `seed` is drawn from."""
+    # Datasets seed with lists; a spawn key never gives what a list gives.
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(ENDLESS, scene)))
+
+
+def trainable_objects(root: GraspNetRoot) -> list[int]:
+    """Return the ids of the objects that no evaluation keeps unseen.
+
+    By `objects.json`, or, where there is none, those that scenes of the train split show.
+
+    Raises:
+        SymgraspError: there are none.
+    """
+    listed = root.root / "objects.json"
+    if listed.is_file():
+        chosen = {o.object_id for o in object_list.read(listed) if o.pool not in UNSEEN_POOLS}
+    else:
+        scenes = root.scenes(split="train")
+        chosen = {object_id for scene in scenes for object_id in scene.object_ids}
+    if not chosen:
+        raise SymgraspError(
+            f"{root.root} has no objects to train on; objects.json or scenes 0 to 99 name them"
+        )
+    return sorted(chosen)
+
+
+def read_object(root: GraspNetRoot, object_id: int) -> LabelledObject:
+    """Read an object with its regions, affordance and convex pieces.
+
+    Raises:
+        MissingInputError: a label has not been made yet.
+    """
+    labels = root.affordance_path(object_id)
+    if not labels.is_file():
+        raise MissingInputError(labels, "symgrasp refine-grasps")
+    regioned = read_regioned_object(root.root, object_id)
+    pieces_path = root.model_path(object_id).with_name("convex.npz")
+    pieces: Sequence[Mesh] = (
+        convex_file.read(pieces_path)
+        if pieces_path.is_file()
+        else [hull_of_points(regioned.mesh.vertices)]
+    )
+    surface = LabelledSurface.of(affordance_labels.read_surface(labels))
+    scene = SceneObject(object_id, f"{object_id:03d}", regioned.mesh, pieces)
+    return LabelledObject(scene, regioned, surface)
+
+
+class EndlessScenes:
+    """Draws scenes of the labelled objects of a dataset, and cuts them into regions."""
+
+    def __init__(self, root: Path, config: EndlessConfig, seed: int) -> None:
+        files = GraspNetRoot(root)
+        self.objects = {i: read_object(files, i) for i in trainable_objects(files)}
+        self.regioned = {i: each.regioned for i, each in self.objects.items()}
+        self.config, self.seed = config, seed
+
+    def regions(self, scene: int) -> list[PackedRegion]:
+        """Return `regions_per_scene` regions of scene number `scene`, always the same ones.
+
+        Raises:
+            SymgraspError: nothing that is drawn shows a region.
+        """
+        rng, clouds, wanted = scene_generator(self.seed, scene), [], self.config.regions_per_scene
+        for _ in range(ATTEMPTS):
+            clouds += self._drawn_clouds(rng)
+            if len(clouds) >= wanted // 2:
+                break
+        if not clouds:
+            raise SymgraspError(f"no region of {ATTEMPTS} scenes shows; are the objects too small?")
+        chosen = rng.choice(len(clouds), wanted, replace=len(clouds) < wanted)
+        return [_packed(clouds[int(i)]) for i in chosen]
+
+    def _drawn_clouds(self, rng: np.random.Generator) -> list[LabelledCloud]:
+        config = self.config
+        count = min(
+            int(rng.integers(config.min_objects, config.max_objects + 1)), len(self.objects)
+        )
+        drawn = rng.choice(list(self.objects), count, replace=False).tolist()
+        try:
+            layout = settle([self.objects[i].scene for i in drawn], rng)
+        except SymgraspError:  # these do not come to rest together; others will
+            return []
+        sensor = str(rng.choice(list(LENSES)))
+        lens = intrinsics_of(sensor, config.width, config.height)
+        meshes, poses = _with_ground(layout, rng)
+        scene = Scene(meshes, poses)
+        clouds: list[LabelledCloud] = []
+        for T_world_cam in drawn_viewpoints(layout.centre, config.views, lens, rng):
+            perfect = rng.uniform() < config.perfect_share
+            seen_by = "perfect" if perfect else sensor
+            shown = scene
+            if rng.uniform() < config.occluders:
+                mesh, pose = self._occluder(layout, T_world_cam, rng)
+                shown = Scene([*meshes, mesh], [*poses, pose])
+            clouds += self._view(layout, shown, lens, seen_by, T_world_cam, rng)
+        return clouds
+
+    def _view(
+        self,
+        layout: SceneLayout,
+        scene: Scene,
+        lens: Intrinsics,
+        sensor: str,
+        T_world_cam: Array,
+        rng: np.random.Generator,
+    ) -> list[LabelledCloud]:
+        """Return the labelled regions that one camera sees."""
+        T_cam_obj = invert(T_world_cam) @ layout.poses
+        lens = window_of(lens, [item.mesh for item in layout.objects], T_cam_obj)
+        hits = cast_view(scene, lens, T_world_cam)
+        depth = measured_depth(sensor, scene, hits, lens, T_world_cam, rng)
+        ids = np.array([item.object_id + 1 for item in layout.objects])
+        mine = (hits.object_index >= 0) & (hits.object_index < len(ids))
+        label = np.where(mine, ids[np.where(mine, hits.object_index, 0)], 0)
+        poses = {i - 1: pose for i, pose in zip(ids.tolist(), T_cam_obj, strict=True)}
+        shown = visible_regions(label, lens, list(poses.items()), self.regioned)
+        pack, config = self.config.pack, self.config
+        noise = MaskNoise(pack.mask_noise_share, pack.mask_edge, pack.mask_blot)
+        faults = MaskFaults(config.mask_leaks, config.mask_cuts)
+
+        def mask_of(instance: RegionInstance) -> Mask:
+            if not pack.mask_noise:
+                return instance.mask
+            return noise.applied(faults.applied(instance.mask, mine, rng), rng)
+
+        def surface_of(object_id: int) -> LabelledSurface:
+            return self.objects[object_id].surface
+
+        cloud = SceneCloud(depth, lens)
+        return labelled_clouds(shown, cloud, poses, surface_of, mask_of, pack, rng)
+
+    def _occluder(
+        self, layout: SceneLayout, T_world_cam: Array, rng: np.random.Generator
+    ) -> tuple[Mesh, Array]:
+        """Return an object and its pose somewhere between the camera and one of the others."""
+        eye, hidden = T_world_cam[:3, 3], layout.poses[rng.integers(len(layout.poses)), :3, 3]
+        place = eye + rng.uniform(*OCCLUDER_REACH) * (hidden - eye) + rng.normal(0.0, 0.02, 3)
+        mesh = self.objects[int(rng.choice(list(self.objects)))].scene.mesh
+        return mesh, make_pose(random_rotation(rng), place)
+
+
+def _with_ground(layout: SceneLayout, rng: np.random.Generator) -> tuple[list[Mesh], list[Array]]:
+    """Return meshes and poses of the objects, the table and the floor."""
+    floor = make_pose(np.eye(3), [0, 0, rng.uniform(*FLOOR_HEIGHTS)])
+    ground = [rectangle(*TABLE_SIZE), rectangle(FLOOR_SIZE, FLOOR_SIZE)]
+    return [*(item.mesh for item in layout.objects), *ground], [*layout.poses, np.eye(4), floor]
+
+
+def window_of(lens: Intrinsics, meshes: Sequence[Mesh], T_cam_obj: Array) -> Intrinsics:
+    """Return the camera of the part of the image that shows the posed meshes, and a margin."""
+    corners = [
+        transform_points(pose, mesh.vertices) for mesh, pose in zip(meshes, T_cam_obj, strict=True)
+    ]
+    points = np.concatenate(corners)
+    pixels = lens.project(points[points[:, 2] > 0.05])
+    size = np.array([lens.width, lens.height])
+    low = np.clip(np.floor(pixels.min(axis=0)).astype(int) - MARGIN, 0, size - 1)
+    high = np.clip(np.ceil(pixels.max(axis=0)).astype(int) + MARGIN, low + 1, size)
+    return replace(
+        lens,
+        cx=lens.cx - low[0],
+        cy=lens.cy - low[1],
+        width=int(high[0] - low[0]),
+        height=int(high[1] - low[1]),
+    )
+
+
+def _packed(cloud: LabelledCloud) -> PackedRegion:
+    return PackedRegion(
+        points=cloud.points.astype(np.float32),
+        affordance=cloud.affordance.astype(np.float32),
+        existence=cloud.slots.existence.astype(np.float32),
+        point=cloud.slots.point.astype(np.float32),
+        direction=cloud.slots.direction.astype(np.float32),
+        object_id=cloud.object_id,
+        frame_id=-1,
+        name=cloud.name,
+    )

@@ -1,0 +1,98 @@
+"""Processes that render scenes ahead of a training that asks for their regions."""
+
+import os
+import signal
+import threading
+import time
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import cv2
+
+from pipelines.configs import EndlessConfig
+from pipelines.errors import SymgraspError
+from pipelines.formats.packed_regions import PackedRegion
+from pipelines.synthesis.endless import EndlessScenes
+
+POLL = 2.0  # seconds between looks whether the training still lives
+
+# Of a process that renders: its scenes, or why it has none.
+_OWN: list[EndlessScenes | SymgraspError] = []
+
+
+class EndlessPool:
+    """The regions of scenes by number, rendered ahead in order, in groups of `scenes_together`.
+
+    A group and the next are kept; scenes may be asked for in any order within a group, and groups
+    in ascending order. Which process renders a scene changes nothing of it.
+    """
+
+    def __init__(self, root: Path, config: EndlessConfig, seed: int, workers: int) -> None:
+        self.together = config.scenes_together
+        self._futures: dict[int, Future[list[PackedRegion]]] = {}
+        # Forking a process whose threads hold locks may never end.
+        self._pool = ProcessPoolExecutor(
+            workers,
+            mp_context=get_context("spawn"),
+            initializer=_start,
+            initargs=(root, config, seed, os.getpid()),
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._pool.shutdown(cancel_futures=True)
+
+    def region(self, scene: int, slot: int) -> PackedRegion:
+        """Return region `slot` of scene number `scene`.
+
+        Raises:
+            SymgraspError: a label is missing or faulty, or a process has ended.
+        """
+        group = scene // self.together
+        try:
+            for number in range(group * self.together, (group + 2) * self.together):
+                if number not in self._futures:
+                    self._futures[number] = self._pool.submit(_regions, number)
+            for number in [each for each in self._futures if each < (group - 1) * self.together]:
+                del self._futures[number]
+            return self._futures[scene].result()[slot]
+        except BrokenProcessPool as error:
+            raise SymgraspError(
+                "a process that renders regions has ended, perhaps for lack of memory; "
+                "--resume goes on, with fewer --workers"
+            ) from error
+
+
+def _start(root: Path, config: EndlessConfig, seed: int, parent: int) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the training's to answer
+    cv2.setNumThreads(1)
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    try:
+        _OWN.append(EndlessScenes(root, config, seed))
+    except SymgraspError as error:  # told to whoever asks for a scene
+        _OWN.append(error)
+
+
+def _end_with(parent: int) -> None:
+    """End this process once its parent was killed: nobody else would tell it."""
+    while os.getppid() == parent:
+        time.sleep(POLL)
+    os._exit(1)
+
+
+def _regions(scene: int) -> list[PackedRegion]:
+    scenes = _OWN[0]
+    if isinstance(scenes, SymgraspError):
+        raise scenes
+    return scenes.regions(scene)

@@ -1,0 +1,138 @@
+"""Fresh regions: repeatable, truly labelled, of objects and seeds that no evaluation uses."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipelines.configs import EndlessConfig, PackConfig
+from pipelines.errors import MissingInputError, SymgraspError
+from pipelines.formats import object_list
+from pipelines.formats.graspnet import write_object_ids
+from pipelines.formats.object_list import ObjectRecord
+from pipelines.geometry.rendering import Scene, cast_view
+from pipelines.geometry.transforms import invert, make_pose
+from pipelines.synthesis.cameras import intrinsics_of, look_at
+from pipelines.synthesis.endless import (
+    EndlessScenes,
+    read_object,
+    scene_generator,
+    trainable_objects,
+    window_of,
+)
+from tests.stages.toy_root import SHAPES, STAMP, write_root
+
+CONFIG = EndlessConfig(
+    views=2, regions_per_scene=6, width=320, height=240, max_objects=4,
+    pack=PackConfig(num_points=256, min_pixels=100),
+)  # fmt: skip
+EXACT = replace(CONFIG, perfect_share=1.0, pack=replace(CONFIG.pack, mask_noise=False))
+POOLS = {0: "seen", 1: "seen", 2: "novel"}
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory):
+    made = write_root(tmp_path_factory.mktemp("root"))
+    records = [ObjectRecord(i, f"object{i}", "toy", pool) for i, pool in POOLS.items()]
+    object_list.write(made.root / "objects.json", records, STAMP)
+    return made
+
+
+@pytest.fixture(scope="module")
+def scenes(root):
+    return EndlessScenes(root.root, CONFIG, 0)
+
+
+def test_a_scene_is_the_same_whenever_it_is_drawn(root, scenes):
+    first, again = scenes.regions(3), EndlessScenes(root.root, CONFIG, 0).regions(3)
+    assert len(first) == CONFIG.regions_per_scene
+    for one, other in zip(first, again, strict=True):
+        np.testing.assert_array_equal(one.points, other.points)
+        np.testing.assert_array_equal(one.affordance, other.affordance)
+    other_scene, other_seed = scenes.regions(4), EndlessScenes(root.root, CONFIG, 1).regions(3)
+    assert not np.array_equal(first[0].points, other_scene[0].points)
+    assert not np.array_equal(first[0].points, other_seed[0].points)
+
+
+def test_objects_that_an_evaluation_keeps_unseen_are_never_shown(root, scenes):
+    assert trainable_objects(root) == [0, 1]
+    assert {region.object_id for n in range(4) for region in scenes.regions(n)} == {0, 1}
+
+
+def test_without_a_list_objects_are_those_of_train_scenes(tmp_path):
+    bare = write_root(tmp_path)  # its scenes are of the splits seen and novel
+    with pytest.raises(SymgraspError, match="no objects to train on"):
+        trainable_objects(bare)
+    (bare.scene_folder(7) / "kinect").mkdir(parents=True)
+    write_object_ids(bare.scene_folder(7) / "object_id_list.txt", [2, 1])
+    assert trainable_objects(bare) == [1, 2]
+
+
+@given(st.integers(0, 2**31), st.integers(0, 2**31), st.integers(0, 5), st.integers(0, 10**6))
+def test_seeds_are_never_those_of_a_dataset(seed, other, tag, scene):
+    """Whatever the seeds: `synthesize` draws from lists [seed, tag, number], `pack` alike."""
+    ours = scene_generator(seed, scene).bit_generator.state["state"]
+    for number in (scene, scene % 190, seed):
+        for words in ([seed, tag, number], [other, tag, number], [other, number], [seed, number]):
+            assert np.random.default_rng(words).bit_generator.state["state"] != ours
+
+
+def test_points_and_symmetries_are_of_the_same_object(root):
+    for region in EndlessScenes(root.root, EXACT, 5).regions(0):
+        center = np.nanmean(region.point, axis=0)
+        away = region.points - center
+        assert np.abs(away).max() < 0.08  # the box's half diagonal and sensor-free points
+        if region.existence[3]:  # the can's axis: its wall and lids are within its radius
+            across = away - np.outer(away @ region.direction[3], region.direction[3])
+            assert np.linalg.norm(across, axis=1).max() < 0.027
+        else:
+            normals = region.direction[:3]
+            np.testing.assert_allclose(normals @ normals.T, np.eye(3), atol=1e-6)
+            assert np.abs(away @ normals[0]).max() < 0.032
+        assert set(np.unique(region.affordance)) <= {0.0, 1.0}
+
+
+def test_mask_errors_bring_in_points_of_others_and_lose_own_ones(root):
+    def strays(config):
+        drawn = EndlessScenes(root.root, config, 2)
+        regions = [region for n in range(5) for region in drawn.regions(n)]
+        away = [np.linalg.norm(r.points - np.nanmean(r.point, axis=0), axis=1) for r in regions]
+        return np.mean(np.concatenate(away) > 0.075)
+
+    noisy = replace(CONFIG, perfect_share=1.0, mask_leaks=1.0)
+    assert strays(EXACT) == 0.0
+    assert strays(noisy) > 0.01
+
+
+def test_what_is_held_before_the_objects_hides_some_of_them(root):
+    def shown(occluders):
+        drawn = EndlessScenes(root.root, replace(EXACT, occluders=occluders, views=4), 3)
+        clouds = [drawn._drawn_clouds(np.random.default_rng(seed)) for seed in range(6)]
+        return sum(len(each) for each in clouds)
+
+    assert shown(1.0) < shown(0.0)
+
+
+def test_the_window_shows_what_the_whole_image_shows_there(root):
+    mesh = read_object(root, 0).scene.mesh
+    lens = intrinsics_of("kinect", 320, 240)
+    T_world_cam = look_at([0.3, 0.2, 0.5], [0.0, 0.0, 0.0])
+    pose = make_pose(np.eye(3), [0.02, 0.0, 0.05])
+    window = window_of(lens, [mesh], (invert(T_world_cam) @ pose)[None])
+    assert window.width < 160
+    whole = cast_view(Scene([mesh], [pose]), lens, T_world_cam).depth
+    part = cast_view(Scene([mesh], [pose]), window, T_world_cam).depth
+    row, column = round(lens.cy - window.cy), round(lens.cx - window.cx)
+    rows, columns = slice(row, row + window.height), slice(column, column + window.width)
+    np.testing.assert_allclose(part, whole[rows, columns], atol=1e-9)
+    assert (part > 0).sum() == (whole > 0).sum()
+
+
+def test_labels_that_are_missing_are_named(tmp_path):
+    bare = write_root(tmp_path)
+    bare.affordance_path(1).unlink()
+    with pytest.raises(MissingInputError, match="refine-grasps"):
+        read_object(bare, 1)
+    assert set(SHAPES) == {0, 1, 2}

@@ -1,0 +1,52 @@
+"""Scenes rendered ahead by other processes are those rendered here, and faults are sentences."""
+
+import os
+import signal
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipelines.errors import SymgraspError
+from pipelines.formats import object_list
+from pipelines.formats.object_list import ObjectRecord
+from pipelines.synthesis.endless import EndlessScenes
+from pipelines.synthesis.endless_pool import EndlessPool
+from tests.stages.toy_root import STAMP, write_root
+from tests.synthesis.test_endless import CONFIG
+
+FEW = replace(CONFIG, scenes_together=2)
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory):
+    made = write_root(tmp_path_factory.mktemp("root"))
+    records = [ObjectRecord(i, f"object{i}", "toy", "seen") for i in range(3)]
+    object_list.write(made.root / "objects.json", records, STAMP)
+    return made.root
+
+
+def test_regions_are_the_same_in_any_order_within_their_group(root):
+    here = EndlessScenes(root, FEW, 0)
+    with EndlessPool(root, FEW, 0, 1) as pool:
+        for scene, slot in ((1, 0), (0, 3), (2, 5), (3, 1), (5, 0)):
+            ours, theirs = here.regions(scene)[slot], pool.region(scene, slot)
+            np.testing.assert_array_equal(theirs.points, ours.points)
+        assert min(pool._futures) >= 2  # what is past is forgotten
+        for process in list(pool._pool._processes):
+            os.kill(process, signal.SIGKILL)
+        pool._futures.clear()
+        with pytest.raises(SymgraspError, match="--resume goes on"):
+            pool.region(6, 0)
+
+
+def test_a_missing_label_is_told_to_whoever_asks(tmp_path):
+    made = write_root(tmp_path)
+    records = [ObjectRecord(i, f"object{i}", "toy", "seen") for i in range(3)]
+    object_list.write(made.root / "objects.json", records, STAMP)
+    made.symmetry_path(1).unlink()
+    with (
+        EndlessPool(made.root, FEW, 0, 1) as pool,
+        pytest.raises(SymgraspError, match=r"001\.json does not exist; .*annotate-symmetry"),
+    ):
+        pool.region(0, 0)

@@ -12,7 +12,7 @@ refine_grasps        ROOT/grasp_label, ROOT/symmetry             ROOT/affordance
 pack                 ROOT frames, symmetry, affordance           PACKED/scene_XXXX.h5
 export_coco          ROOT frames, symmetry                       a COCO instance dataset
 finetune_detector    ROOT or COCO frames, symmetry               detector.safetensors
-train                PACKED                                      network.safetensors
+train                PACKED, or ROOT models and labels             network.safetensors
 inspect              RGB-D frames of any layout                  nothing; says what they are
 convert_frames       RGB-D frames of any layout                  RGB-D frames as flat pairs
 infer                RGB-D frames, both weights                  grasps.h5, overlay pictures

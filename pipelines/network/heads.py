@@ -19,7 +19,7 @@ def mlp(in_dim: int, hidden: tuple[int, int, int], out_dim: int) -> nn.Sequentia
     dims = (in_dim, *hidden)
     layers: list[nn.Module] = []
     for wide, narrow in pairwise(dims):
-        layers += [nn.Linear(wide, narrow), nn.ReLU()]
+        layers += [nn.Linear(wide, narrow), nn.ReLU(inplace=True)]
     return nn.Sequential(*layers, nn.Linear(hidden[-1], out_dim))
 
 
@@ -65,14 +65,35 @@ def leading_direction(
     """Return the unit eigenvector (..., 3) of the largest eigenvalue of a symmetric matrix.
 
     `six` holds xx, yy, zz, xy, xz, yz. The matrix is made positive and squared until its columns
-    are all along that eigenvector; the longest one is taken.
+    are all along that eigenvector; the longest one is taken. Entries are the first two axes, not
+    the last: a product of many 3 x 3 matrices is then a few sums of long rows.
     """
-    six = six / (six.norm(dim=-1, keepdim=True) + 1e-6)
-    matrix = six[..., [0, 3, 4, 3, 1, 5, 4, 5, 2]].view(*six.shape[:-1], 3, 3)
-    power = matrix + POSITIVE_SHIFT * torch.eye(3, dtype=six.dtype, device=six.device)
+    six = six.movedim(-1, 0).contiguous()
+    six = six / (_length(six) + 1e-6)
+    xx, yy, zz = (six[:3] + POSITIVE_SHIFT).unbind()
+    xy, xz, yz = six[3:].unbind()
+    power = torch.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz]).view(3, 3, *xx.shape)
     for _ in range(POWER_STEPS):
-        power = power @ power
-        power = power / power.diagonal(dim1=-2, dim2=-1).sum(-1)[..., None, None]
-    longest = power.diagonal(dim1=-2, dim2=-1).argmax(-1)
-    column = power.gather(-1, longest[..., None, None].expand(*longest.shape, 3, 1))[..., 0]
-    return functional.normalize(column, dim=-1)
+        # Never out of range: eigenvalues are between 0.6 and 2.2, their power of 16 is not large.
+        power = _squared(power)
+    xx, yy, zz = power[0, 0], power[1, 1], power[2, 2]
+    column = torch.where(yy > xx, power[1], power[0])
+    column = torch.where(zz > torch.maximum(xx, yy), power[2], column)
+    return (column / _length(column)).movedim(0, -1)
+
+
+def _length(
+    vectors: Tensor,  # (C, ...)
+) -> Tensor:
+    """Return the lengths (...) of vectors; `Tensor.norm` is slow where C is not the last axis."""
+    return (vectors.square().sum(0) + 1e-24).sqrt()  # finite gradient at zero
+
+
+def _squared(
+    matrix: Tensor,  # (3, 3, ...), symmetric
+) -> Tensor:
+    """Return the products (3, 3, ...) of matrices with themselves."""
+    product = matrix[0, :, None] * matrix[0]
+    for row in matrix[1:]:
+        product = torch.addcmul(product, row[:, None], row[None])
+    return product

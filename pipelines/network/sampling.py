@@ -1,24 +1,26 @@
 """Which points a layer looks at: farthest points, nearest neighbours, three-nearest weights.
 
-On the CPU compiled libraries answer (fpsample, scipy's KD-tree), one cloud a thread; elsewhere
-plain torch does, so that both devices need no compiled operator of ours. Nothing here has a
+On the CPU compiled libraries answer (fpsample, OpenCV's KD-tree, which is exact and works in
+single precision), one cloud a thread; elsewhere plain torch does, so that both devices need no
+compiled operator of ours. Nothing here has a
 gradient: indices do not, and interpolation weights are of fixed points.
 """
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
+import cv2
 import fpsample
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 from torch import Tensor
 from torch.nn import functional
 
 # Below these sizes one batched tensor operation is quicker than a call for each cloud.
 SMALL_CLOUD = 96
 SMALL_SUPPORT = 48
+KD_TREE = {"algorithm": 4}  # FLANN's number of its exact tree
 
 
 @torch.no_grad()
@@ -112,8 +114,7 @@ def _nearest(queries: Tensor, support: Tensor, count: int) -> tuple[Tensor, Tens
         return _nearest_torch(queries, support, count)
 
     def search(cloud: NDArray[np.float32], at: NDArray[np.float32]) -> NDArray[np.int64]:
-        tree = cKDTree(cloud, balanced_tree=False, compact_nodes=False)
-        return np.asarray(tree.query(at, k=count)[1], np.int64).reshape(len(at), count)
+        return np.asarray(cv2.flann_Index(cloud, KD_TREE).knnSearch(at, count)[0], np.int64)
 
     index = _each_cloud(search, support, queries)
     return (queries[:, :, None] - gather(support, index)).square().sum(-1), index

@@ -77,9 +77,21 @@ class PIFT(nn.Module):
         seen, known = points[:, ::stride] - center[:, None], features[:, ::stride]
         encoded = self.encode(torch.cat([seen, known], -1))
         pooled = torch.relu(self.norm(max_over_group(encoded[:, None])[:, 0]))
-        output = self.regress(torch.relu(self.hidden(pooled)))
+        output = _row_by_row(self.regress, torch.relu(_row_by_row(self.hidden, pooled)))
         scale = torch.exp(MAX_LOG_SCALE * torch.tanh(output[:, 6:]))
         return Deformation(rotation_from_6d(output[:, :6]), scale, center)
+
+
+def _row_by_row(
+    layer: nn.Linear,
+    features: Tensor,  # (B, C)
+) -> Tensor:
+    """Return what the layer makes of the features, each row in the same order of summation.
+
+    A product of matrices sums a single row in another order than several, and the last bit of a
+    deformation decides which points are sampled: a cloud would be seen differently in company.
+    """
+    return (features[:, None] * layer.weight).sum(-1) + layer.bias
 
 
 def rotation_from_6d(

@@ -52,7 +52,10 @@ class SetAbstraction(nn.Module):
         self.content = nn.Linear(in_dim, dims[0])
         self.group = nn.Linear(dims[0], dims[1], bias=False)
         self.point = nn.Sequential(
-            PointNorm(dims[1]), nn.ReLU(inplace=True), nn.Linear(dims[1], dims[2]), PointNorm(dims[2])
+            PointNorm(dims[1]),
+            nn.ReLU(inplace=True),
+            nn.Linear(dims[1], dims[2]),
+            PointNorm(dims[2]),
         )
 
     def forward(
@@ -77,7 +80,10 @@ class FeaturePropagation(nn.Module):
         self.coarse = nn.Linear(coarse_dim, out_dim, bias=False)
         self.fine = nn.Linear(fine_dim, out_dim)
         self.joined = nn.Sequential(
-            PointNorm(out_dim), nn.ReLU(inplace=True), nn.Linear(out_dim, out_dim), PointNorm(out_dim)
+            PointNorm(out_dim),
+            nn.ReLU(inplace=True),
+            nn.Linear(out_dim, out_dim),
+            PointNorm(out_dim),
         )
 
     def forward(

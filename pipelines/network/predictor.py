@@ -1,17 +1,21 @@
 """The trained grasp network as a function: region clouds in, per-point predictions out."""
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Self
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from pipelines.configs import NetworkConfig
 from pipelines.errors import ValueRangeError
 from pipelines.network.devices import find_device
+from pipelines.network.folding import folded
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.weights_files import fill, read_weights
 
@@ -43,7 +47,7 @@ class GraspPredictor:
     def __init__(
         self, network: SymmetryGraspNet, config: NetworkConfig, device: torch.device
     ) -> None:
-        self.network, self.config, self.device = network.to(device).eval(), config, device
+        self.network, self.config, self.device = folded(network.to(device)), config, device
 
     @classmethod
     def load(cls, path: Path, device: str = "auto") -> Self:
@@ -58,14 +62,13 @@ class GraspPredictor:
         fill(network, tensors, path)
         return cls(network, config, found)
 
-    @torch.inference_mode()
     def predict(
         self, clouds: Sequence[NDArray[np.floating]], seed: int = 0
     ) -> list[RegionPrediction]:
         """Return predictions for regions of (n, 3) points each, metres, camera frame.
 
-        Which points are drawn depends on `seed` and the region alone, not on its neighbours in
-        the list.
+        A region's prediction depends on `seed` and the region alone, on a CPU to the last bit: not
+        on its neighbours in the list, nor on the number of threads (D. 61).
 
         Raises:
             ValueRangeError: a region has no points, or points that are not finite.
@@ -75,16 +78,39 @@ class GraspPredictor:
         drawn = np.stack([self._draw(cloud, seed) for cloud in clouds])
         centroid = drawn.mean(1, keepdims=True)
         centered = torch.from_numpy((drawn - centroid).astype(np.float32)).to(self.device)
-        prediction = self.network(centered)
-        centers = prediction.center.cpu().numpy() + centroid[:, :, None].astype(np.float32)
-        columns = (
-            drawn.astype(np.float32),
-            prediction.affordance.clamp(0.0, 1.0).cpu().numpy(),
-            torch.sigmoid(prediction.existence).cpu().numpy(),
-            centers,
-            prediction.direction.cpu().numpy(),
-        )
+        affordance, existence, center, direction = self._run(centered)
+        centers = center + centroid[:, :, None].astype(np.float32)
+        columns = (drawn.astype(np.float32), affordance, existence, centers, direction)
         return [RegionPrediction(*each) for each in zip(*columns, strict=True)]
+
+    def _run(self, points: Tensor) -> tuple[Array, ...]:
+        """Return affordance, existence, centres and directions at (B, N, 3) centred points.
+
+        On a CPU each thread takes some of the clouds: most operations are too small to be spread
+        over threads one by one.
+        """
+        threads = min(torch.get_num_threads(), len(points))
+        if self.device.type != "cpu" or threads == 1:
+            return self._run_together(points)
+        parts = list(self._pool.map(self._run_together, points.tensor_split(threads)))
+        return tuple(np.concatenate(column) for column in zip(*parts, strict=True))
+
+    @cached_property
+    def _pool(self) -> ThreadPoolExecutor:
+        """Threads of one core each, kept: a new one's first allocations cost as much as a cloud."""
+        threads = torch.get_num_threads()
+        return ThreadPoolExecutor(threads, initializer=torch.set_num_threads, initargs=(1,))
+
+    @torch.inference_mode()
+    def _run_together(self, points: Tensor) -> tuple[Array, ...]:
+        prediction = self.network(points)
+        columns = (
+            prediction.affordance.clamp(0.0, 1.0),
+            torch.sigmoid(prediction.existence),
+            prediction.center,
+            prediction.direction,
+        )
+        return tuple(column.cpu().numpy() for column in columns)
 
     def _draw(self, cloud: NDArray[np.floating], seed: int) -> NDArray[np.float64]:
         points = np.asarray(cloud, np.float64)

@@ -20,7 +20,7 @@ from torch.nn import functional
 # Below these sizes one batched tensor operation is quicker than a call for each cloud.
 SMALL_CLOUD = 96
 SMALL_SUPPORT = 48
-KD_TREE = {"algorithm": 4}  # FLANN's number of its exact tree
+KD_TREE: dict[str, bool | int | float | str] = {"algorithm": 4}  # FLANN's number of its exact tree
 
 
 @torch.no_grad()
@@ -114,7 +114,7 @@ def _nearest(queries: Tensor, support: Tensor, count: int) -> tuple[Tensor, Tens
         return _nearest_torch(queries, support, count)
 
     def search(cloud: NDArray[np.float32], at: NDArray[np.float32]) -> NDArray[np.int64]:
-        return np.asarray(cv2.flann_Index(cloud, KD_TREE).knnSearch(at, count)[0], np.int64)
+        return np.asarray(cv2.flann.Index(cloud, KD_TREE).knnSearch(at, count)[0], np.int64)
 
     index = _each_cloud(search, support, queries)
     return (queries[:, :, None] - gather(support, index)).square().sum(-1), index
@@ -128,7 +128,7 @@ def _nearest_torch(queries: Tensor, support: Tensor, count: int) -> tuple[Tensor
 
 def _each_cloud(function: Callable[..., NDArray[np.int64]], *clouds: Tensor) -> Tensor:
     """Apply `function` to the i-th cloud of each tensor, clouds in parallel; stack the answers."""
-    arrays = [cloud.detach().contiguous().numpy() for cloud in clouds]
+    arrays = [cloud.detach().float().contiguous().numpy() for cloud in clouds]
     threads = min(torch.get_num_threads(), len(arrays[0]))
     if threads == 1:
         return torch.from_numpy(np.stack([function(*each) for each in zip(*arrays, strict=True)]))

@@ -1,5 +1,6 @@
 """What each point predicts from its feature: affordance, existence and symmetry (Fig. 5)."""
 
+from functools import reduce
 from itertools import pairwise
 
 import torch
@@ -85,15 +86,18 @@ def leading_direction(
 def _length(
     vectors: Tensor,  # (C, ...)
 ) -> Tensor:
-    """Return the lengths (...) of vectors; `Tensor.norm` is slow where C is not the last axis."""
-    return (vectors.square().sum(0) + 1e-24).sqrt()  # finite gradient at zero
+    """Return the lengths (...) of vectors, the same ones wherever in a row a vector stands.
+
+    `Tensor.norm` is slow where C is not the last axis, and `sum` depends on the place.
+    """
+    squared: Tensor = reduce(torch.add, vectors.square())
+    return (squared + 1e-24).sqrt()  # finite gradient at zero
 
 
 def _squared(
     matrix: Tensor,  # (3, 3, ...), symmetric
 ) -> Tensor:
     """Return the products (3, 3, ...) of matrices with themselves."""
-    product = matrix[0, :, None] * matrix[0]
-    for row in matrix[1:]:
-        product = torch.addcmul(product, row[:, None], row[None])
-    return product
+    # Not `addcmul`, which rounds a row's last elements otherwise than its first ones.
+    products: list[Tensor] = [row[:, None] * row for row in matrix]
+    return products[0].add_(products[1]).add_(products[2])

@@ -106,7 +106,8 @@ class GraspPredictor:
         prediction = self.network(points)
         columns = (
             prediction.affordance.clamp(0.0, 1.0),
-            torch.sigmoid(prediction.existence),
+            # Cloud by cloud: the last numbers of a long row are rounded otherwise than the first.
+            torch.stack([torch.sigmoid(logits) for logits in prediction.existence]),
             prediction.center,
             prediction.direction,
         )

@@ -91,6 +91,61 @@ def test_gradients_are_those_of_finite_differences():
     assert weight.grad_fn is None
 
 
+TERMS = {
+    "feature": lambda p, t, o: losses.consistency_loss(p.features, o),
+    "affordance": lambda p, t, o: losses.affordance_loss(p.affordance, t.affordance),
+    "existence": lambda p, t, o: losses.existence_loss(p.existence, t).sum(),
+    "parameters": lambda p, t, o: losses.parameter_loss(p, t, t.points).sum(),
+}
+
+
+@pytest.mark.parametrize("term", TERMS)
+@pytest.mark.parametrize("kind", [0, 1, 2])  # a box's planes, a can's axis, a ball
+def test_the_gradient_of_each_term_is_that_of_finite_differences(term, kind):
+    truth = toy_batch(3, 3)[kind : kind + 1]
+    truth = RegionBatch(*(getattr(truth, field.name).double() for field in fields(RegionBatch)))
+    fixed = random_prediction(1, 3)
+    names = [field.name for field in fields(Prediction)]
+    inputs = tuple(getattr(fixed, name).double().requires_grad_() for name in names)
+    other = torch.zeros(1, 3, 8).double()
+    assert torch.autograd.gradcheck(
+        lambda *values: TERMS[term](Prediction(*values), truth, other), inputs, eps=1e-7, atol=1e-4
+    )
+
+
+def test_where_half_of_the_points_are_graspable_eq_6_is_the_mean_of_absolute_differences():
+    truth, predicted = torch.tensor([[0.0, 0.6, 0.0, 0.9]]), torch.tensor([[0.3, 0.5, -0.1, 1.2]])
+    loss = losses.affordance_loss(predicted, truth)
+    torch.testing.assert_close(loss, (predicted - truth).abs().mean())
+
+
+def test_a_sphere_costs_the_squared_distance_of_its_centre_in_radii():
+    points = torch.nn.functional.normalize(torch.randn(1, 60, 3), dim=-1) * 0.04
+    existence = torch.tensor([[0.0, 0.0, 0.0, 0.0, 1.0]])
+    nothing = torch.zeros(1, 5, 3)
+    truth = RegionBatch(points, torch.zeros(1, 60), existence, nothing, nothing)
+    prediction = random_prediction(1, 60)
+    offset = prediction.center[:, :, 4]
+    expected = offset.square().sum(-1) / 0.04**2
+    torch.testing.assert_close(losses.parameter_loss(prediction, truth, points), expected)
+
+
+def test_eq_7_weighs_each_point_by_its_affordance():
+    truth, prediction = toy_batch(2, 20), random_prediction(2, 20)
+    terms = losses.total_loss(prediction, truth, None, CONFIG, truth.points[:, :8])
+    matched = losses.match_reflections(
+        truth,
+        truth.points[:, :8],
+        prediction.direction[:, :, :3],
+        prediction.center[:, :, :3],
+        losses.symmetry_weights(prediction.affordance),
+    )
+    each = losses.parameter_loss(prediction, matched, truth.points[:, :8])
+    share = prediction.affordance + 0.1
+    expected = ((each * share).sum(1) / share.sum(1)).mean()
+    torch.testing.assert_close(terms.parameters, expected)
+
+
 def test_predicting_no_affordance_does_not_lower_the_symmetry_loss():
     truth, prediction = toy_batch(3, 20), random_prediction(3, 20)
     prediction = replace(prediction, affordance=torch.zeros(3, 20, requires_grad=True))

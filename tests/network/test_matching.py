@@ -1,9 +1,12 @@
 """Hungarian assignment of planes to slots."""
 
 from dataclasses import replace
+from itertools import permutations
 
+import pytest
 import torch
 
+from pipelines.network.dense_error import reflection_error
 from pipelines.network.matching import match_reflections
 from tests.network.toy_regions import toy_batch
 
@@ -40,3 +43,25 @@ def test_a_single_plane_takes_the_best_slot_and_leaves_the_others_empty():
     matched = match_reflections(truth, truth.points, normal, center, WEIGHT)
     assert matched.existence[1].tolist() == [0.0, 1.0, 0.0, 1.0, 0.0]
     torch.testing.assert_close(matched.center[1, 3], truth.center[1, 3])
+
+
+def test_no_other_assignment_of_planes_to_slots_costs_less():
+    truth = toy_batch(1, 64)  # a box: three planes
+    g = torch.Generator().manual_seed(0)
+    normal = torch.nn.functional.normalize(torch.randn(1, 5, 3, 3, generator=g), dim=-1)
+    center = 0.02 * torch.randn(1, 5, 3, 3, generator=g)
+
+    def cost(planes):
+        errors = [
+            reflection_error(truth.points, normal[:, :, slot], center[:, :, slot], *planes[slot])
+            for slot in range(3)
+        ]
+        return float(sum(error.mean() for error in errors))
+
+    def planes_of(batch, order=(0, 1, 2)):
+        return [(batch.direction[:, i], batch.center[:, i]) for i in order]
+
+    matched = match_reflections(truth, truth.points, normal, center, WEIGHT[:1])
+    every = [cost(planes_of(truth, order)) for order in permutations(range(3))]
+    assert cost(planes_of(matched)) == pytest.approx(min(every), rel=1e-5)
+    assert max(every) > 1.05 * min(every)

@@ -4,8 +4,6 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipelines.configs import NetworkConfig
-from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.pift import PIFT, rotation_from_6d
 
 seeds = st.integers(0, 2**31 - 1)
@@ -45,14 +43,20 @@ def test_six_numbers_make_a_rotation(seed):
     torch.testing.assert_close(torch.linalg.det(R), torch.ones(4).double())
 
 
-def test_at_its_first_weights_the_network_equals_plain_pointnet2():
+def test_a_new_deformation_is_exactly_none():
+    module, points = PIFT(4), torch.randn(2, 50, 3)
+    deformation = module(points, torch.randn(2, 50, 4))
+    assert torch.equal(deformation.rotation, torch.eye(3).expand(2, 3, 3))
+    assert torch.equal(deformation.scale, torch.ones(2, 3))
+
+
+def test_a_cloud_is_deformed_alike_alone_and_in_company():
     torch.manual_seed(0)
-    small = {"set_points": (64, 32, 16, 4), "set_neighbors": (8, 8, 8, 16)}
-    deforming = SymmetryGraspNet(NetworkConfig(**small)).eval()
-    plain = SymmetryGraspNet(NetworkConfig(use_pift=False, **small)).eval()
-    plain.load_state_dict(deforming.state_dict(), strict=False)
-    points = 0.05 * torch.randn(2, 200, 3)
-    with torch.no_grad():
-        torch.testing.assert_close(
-            deforming(points).features, plain(points).features, rtol=1e-4, atol=1e-4
-        )
+    module = PIFT(4)
+    torch.nn.init.normal_(module.regress.weight)
+    points, features = torch.randn(5, 50, 3), torch.randn(5, 50, 4)
+    together = module(points, features)
+    for i in range(5):
+        alone = module(points[i : i + 1], features[i : i + 1])
+        assert torch.equal(alone.rotation[0], together.rotation[i])
+        assert torch.equal(alone.scale[0], together.scale[i])

@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pipelines.configs import NetworkConfig
 from pipelines.errors import FormatError, ValueRangeError
 from pipelines.formats.checkpoints import save_weights
+from pipelines.inference.models import NETWORK_WEIGHTS
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.predictor import GraspPredictor
 from pipelines.network.weights_files import weights_metadata
@@ -55,11 +56,22 @@ def test_moving_a_region_moves_what_is_predicted(predictor):
     assert_allclose(there.affordance, here.affordance, atol=2e-2)
 
 
-def test_a_region_is_predicted_alike_alone_and_among_others(predictor):
-    alone = predictor.predict([cloud(300)])[0]
-    among = predictor.predict([cloud(80, 3), cloud(300), cloud(900, 4)])[1]
-    assert_array_equal(alone.points, among.points)
-    assert_allclose(alone.center, among.center, atol=1e-5)
+def test_a_region_is_predicted_alike_alone_in_company_and_by_any_number_of_threads():
+    predictor = GraspPredictor.load(NETWORK_WEIGHTS, "cpu")  # untrained ones hardly deform
+    regions = [cloud(count, count) for count in (300, 80, 1600, 2500, 40)]
+    alone = [predictor.predict([region])[0] for region in regions]
+    threads = torch.get_num_threads()
+    try:
+        for count in (1, 2, 3):
+            torch.set_num_threads(count)
+            for company in (regions, regions[::-1], regions[1:4]):
+                for region, found in zip(company, predictor.predict(company), strict=True):
+                    (expected,) = [a for r, a in zip(regions, alone, strict=True) if r is region]
+                    for name in ("points", "affordance", "existence", "center", "direction"):
+                        assert_array_equal(getattr(found, name), getattr(expected, name))
+            assert torch.get_num_threads() == count
+    finally:
+        torch.set_num_threads(threads)
 
 
 def test_the_same_input_gives_the_same_bytes(predictor):

@@ -8,9 +8,11 @@ import typer
 from pipelines.configs import DetectorConfig, FinetuneDetectorConfig
 from symgrasp_cli.options import (
     Backend,
+    Compile,
     Device,
     MicroBatch,
     Overwrite,
+    Precision,
     Resume,
     Seed,
     Threads,
@@ -65,6 +67,8 @@ def finetune_detector(
     device: Device = "auto",
     workers: Workers = 1,
     backend: Backend = "loky",
+    precision: Precision = "float32",
+    compiled: Compile = False,
     seed: Seed = 0,
     resume: Resume = False,
     overwrite: Overwrite = False,
@@ -82,7 +86,9 @@ def finetune_detector(
         decay_epochs=decay_epochs,
     )
     bar = show_training()
-    request = RunRequest(seed, device, threads, time_limit, resume, overwrite, bar)
+    request = RunRequest(
+        seed, device, threads, time_limit, resume, overwrite, bar, precision, compiled
+    )
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=False)
     report = stage.run(
         root,

@@ -65,6 +65,13 @@ MicroBatch = Annotated[
     ),
 ]
 
+Precision = Annotated[
+    str, typer.Option(help="Of the large products of a training step: float32, or bf16 for GPUs.")
+]
+Compile = Annotated[
+    bool, typer.Option("--compile", help="Compile chains of layers, for GPUs; slow to start.")
+]
+
 
 def batch_options(workers: int, backend: str, *, overwrite: bool, dry_run: bool) -> BatchOptions:
     """Return the options of a batch, the progress bar shown where stderr is a terminal."""

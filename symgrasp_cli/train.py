@@ -7,9 +7,11 @@ import typer
 
 from pipelines.configs import EndlessConfig, NetworkConfig, TrainConfig
 from symgrasp_cli.options import (
+    Compile,
     Device,
     MicroBatch,
     Overwrite,
+    Precision,
     Resume,
     Seed,
     Threads,
@@ -68,6 +70,8 @@ def train(
     workers: Annotated[
         int, typer.Option(min=1, help="Processes that render the regions of --endless.")
     ] = 1,
+    precision: Precision = "float32",
+    compiled: Compile = False,
     seed: Seed = 0,
     resume: Resume = False,
     overwrite: Overwrite = False,
@@ -90,7 +94,9 @@ def train(
     bar = show_training()
     if packed is None and endless is None:
         raise typer.BadParameter("give PACKED, --endless ROOT, or both")
-    request = RunRequest(seed, device, threads, time_limit, resume, overwrite, bar)
+    request = RunRequest(
+        seed, device, threads, time_limit, resume, overwrite, bar, precision, compiled
+    )
     report = stage.run(
         packed, val, out, config, request, endless=endless, init=init, workers=workers
     )

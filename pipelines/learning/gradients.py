@@ -20,6 +20,7 @@ from typing import Self
 import torch
 from torch import Tensor, nn
 
+from pipelines.learning.acceleration import Acceleration
 from pipelines.learning.draws import generator
 from pipelines.learning.processes import Processes
 from pipelines.learning.shares import Piece
@@ -49,8 +50,15 @@ def loss_seed(seed: int, epoch: int, step: int, number: int) -> int:
 class GradientWorkers:
     """A pool of threads that compute gradients; with one thread, none is started."""
 
-    def __init__(self, trainee: Trainee, threads: int, processes: Processes | None = None) -> None:
+    def __init__(
+        self,
+        trainee: Trainee,
+        threads: int,
+        processes: Processes | None = None,
+        acceleration: Acceleration | None = None,
+    ) -> None:
         self.trainee, self.processes = trainee, processes or Processes()
+        self.acceleration = acceleration or Acceleration()
         self.parameters = [p for p in trainee.module.parameters() if p.requires_grad]
         self._copies: list[nn.Module] = []
         self._buffers: list[tuple[Tensor, Tensor]] = []
@@ -112,7 +120,8 @@ class GradientWorkers:
     ) -> tuple[Losses, Gradients]:
         (piece, micro_batch), (seed, epoch, step) = loaded, place
         drawing = torch.Generator().manual_seed(loss_seed(seed, epoch, step, piece.number))
-        terms = self.trainee.loss(module, micro_batch, drawing)
+        with self.acceleration.guarded():
+            terms = self.trainee.loss(module, micro_batch, drawing)
         total = terms["total"] * piece.share
         gradients = torch.autograd.grad(total, self.parameters, allow_unused=True)
         filled = [
@@ -128,7 +137,8 @@ class GradientWorkers:
         module = self.trainee.module
         shared = {id(parameter): parameter for parameter in module.parameters()}
         while len(self._copies) < count:
-            self._copies.append(copy.deepcopy(module, dict(shared)))
+            made = copy.deepcopy(module, dict(shared))
+            self._copies.append(self.acceleration.apply(made))
         copies = self._copies[:count]
         for each in copies:
             each.train()

@@ -76,8 +76,7 @@ class TrainingRun:
             self.writer = self._open_writer(stack)
             self.display = stack.enter_context(self._make_display())
             stack.enter_context(intra_op_threads(self.options.threads))
-            threads = self.options.threads if self.trainee.parallel else 1
-            workers = stack.enter_context(GradientWorkers(self.trainee, threads, self.processes))
+            workers = stack.enter_context(self._make_workers())
             reason = self._why_stop()
             while self.progress.epoch < self.options.epochs and not reason:
                 reason = self._run_epoch(workers)
@@ -104,6 +103,12 @@ class TrainingRun:
     def _make_display(self) -> Display:
         shown, options = self.processes.is_first, self.options
         return Display(shown=shown, bar=options.progress, seconds=options.log_seconds)
+
+    def _make_workers(self) -> GradientWorkers:
+        acceleration = self.options.acceleration
+        alone = not self.trainee.parallel or acceleration.compiled  # the compiler is of one thread
+        threads = 1 if alone else self.options.threads
+        return GradientWorkers(self.trainee, threads, self.processes, acceleration)
 
     def _run_epoch(self, workers: GradientWorkers) -> Reason:
         """Take the steps that are left of an epoch; return why to stop, if there is a reason."""

@@ -1,8 +1,9 @@
 """How long and how fast to train."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from pipelines.configs import FinetuneDetectorConfig, TrainConfig
+from pipelines.learning.acceleration import Acceleration
 from pipelines.learning.runs import RunRequest
 
 LearningConfig = TrainConfig | FinetuneDetectorConfig
@@ -25,6 +26,7 @@ class LoopOptions:
         checkpoint_minutes: between checkpoints.
         log_seconds: between log lines.
         progress: a bar on stderr instead of log lines.
+        acceleration: how gradients are computed faster.
     """
 
     epochs: int
@@ -39,6 +41,7 @@ class LoopOptions:
     checkpoint_minutes: float = 3.0
     log_seconds: float = 20.0
     progress: bool = False
+    acceleration: Acceleration = field(default_factory=Acceleration)
 
     @classmethod
     def of(cls, config: LearningConfig, request: RunRequest) -> "LoopOptions":
@@ -53,4 +56,5 @@ class LoopOptions:
             threads=request.threads,
             time_limit=request.time_limit,
             progress=request.progress,
+            acceleration=Acceleration(request.precision, request.compiled),
         )

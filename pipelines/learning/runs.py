@@ -23,6 +23,8 @@ class RunRequest:
         resume: go on with an unfinished run.
         overwrite: start again whatever is there.
         progress: show a progress bar on stderr instead of lines.
+        precision: of the large products of a step, float32 or bf16.
+        compiled: compile chains of layers.
     """
 
     seed: int = 0
@@ -32,6 +34,8 @@ class RunRequest:
     resume: bool = False
     overwrite: bool = False
     progress: bool = False
+    precision: str = "float32"
+    compiled: bool = False
 
 
 @dataclass

@@ -48,8 +48,9 @@ class Obstacles:
         """The points in cubes."""
         return PointCells.of(self.points - self.centre, CELL)
 
+    @cached_property
     def fewer(self) -> "Obstacles":
-        """Return every `FEW`-th of them."""
+        """Every `FEW`-th of them."""
         return Obstacles(self.points[::FEW], self.count[::FEW])
 
 
@@ -147,7 +148,7 @@ def meets(
         (n,) whether it meets more; (n,) metres that points between the fingers reach into the hand
         from its tips, 0 for none and where it meets more.
     """
-    blocked = _meets_any(grasps, gripper, obstacles.fewer(), margin, allowed)
+    blocked = _meets_any(grasps, gripper, obstacles.fewer, margin, allowed)
     enclosed = np.zeros(len(grasps))
     size = max(1, CHUNK_ELEMENTS // max(1, len(obstacles.cells)))
     free = np.flatnonzero(~blocked)

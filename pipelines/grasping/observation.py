@@ -12,6 +12,7 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.organized import smooth_normals
 from pipelines.geometry.point_cells import first_of_each
 from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.transforms import unit
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -78,16 +79,23 @@ class SceneCloud:
         """Return the points within `reach` metres of the region's ball, thinned to `resolution`."""
         low, high = region.points.min(axis=0), region.points.max(axis=0)
         centre, radius = (low + high) / 2.0, float(np.linalg.norm(high - low)) / 2.0 + reach
-        rows, columns = self._window(centre, radius)
-        xyz, own = self.xyz[rows, columns], region.mask[rows, columns]
-        away = xyz - centre
-        near = np.einsum("hwi,hwi->hw", away, away) < radius**2  # False where nan
-        points, own = xyz[near], own[near]
-        cells = np.floor((points - centre + radius) / resolution).astype(np.int64)
+        window = self._window(centre, radius)
+        # An axis at a time, each in one piece: a third of the time of rows of three.
+        away = [axis[window] - middle for axis, middle in zip(self._axes, centre, strict=True)]
+        near = np.square(away[0]) + np.square(away[1]) + np.square(away[2]) < radius**2
         side = int(2 * radius / resolution) + 2
-        key = ((cells[:, 0] * side + cells[:, 1]) * side + cells[:, 2]) * 2 + own
-        first, count = first_of_each(key)
-        return Surroundings(points[first], count, own[first])
+        own = region.mask[window][near]
+        key = np.zeros(len(own), np.int64)
+        for axis in away:
+            key = key * side + ((axis[near] + radius) / resolution).astype(np.int64)
+        first, count = first_of_each(key * 2 + own)
+        points = np.stack([axis[window][near][first] for axis in self._axes], 1)
+        return Surroundings(points, count, own[first])
+
+    @cached_property
+    def _axes(self) -> list[Array]:
+        """Three times (H, W), the coordinates of `xyz`."""
+        return [np.ascontiguousarray(self.xyz[..., axis]) for axis in range(3)]
 
     def _window(self, centre: Array, radius: float) -> tuple[slice, slice]:
         """Return the rows and columns that a ball can be seen in."""
@@ -125,6 +133,16 @@ class RegionCloud:
         normals = smooth_normals(xyz, sound, NORMAL_RADIUS)
         sound &= np.isfinite(normals).all(axis=-1)
         return cls(xyz[sound], normals[sound], mask)
+
+    @cached_property
+    def middle(self) -> Array:
+        """(3,) the median of the points."""
+        return np.asarray(np.median(self.points, axis=0))
+
+    @property
+    def view_ray(self) -> Array:
+        """Unit direction (3,) from the camera to the region's middle."""
+        return unit(self.middle)
 
     def at(self, points: Array) -> "RegionCloud":
         """Return the same region with `points` (n, 3), each with the normal measured nearest."""

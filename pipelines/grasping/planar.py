@@ -7,6 +7,7 @@ depths finds the walls of hollow things as well: a bowl's slice below the rim is
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -53,6 +54,10 @@ class _HeightMap:
         np.minimum.at(depth, (index[:, 1], index[:, 0]), local[:, 0])
         return cls(axes, low - 3 * cell, cell, _holes_filled(depth))
 
+    def across(self, direction: Array) -> Array:
+        """Return (2,) the part of `direction` (3,) on the plane across the approach."""
+        return np.asarray(direction @ self.axes[:, 1:])
+
     def points_at(self, pixels: Array, depth: float) -> Array:
         """Return (n, 3) camera-frame points of `pixels` (n, 2) as (column, row) at `depth`."""
         flat = self.low + (pixels + 0.5) * self.cell
@@ -86,7 +91,7 @@ def planar_candidates(
 
 def approach_directions(region: RegionCloud, scene: SceneCloud) -> list[Array]:
     """Return unit approaches (3,): into the table, along the view ray, and between."""
-    ray = unit(np.median(region.points, axis=0))
+    ray = region.view_ray
     if scene.inward is None:
         return [ray]
     return [unit((1.0 - share) * scene.inward + share * ray) for share in TILTS]
@@ -135,27 +140,39 @@ def _slice_pairs(
     boundary, outward = _boundary(inside)
     if len(boundary) < 2:
         return np.zeros((0, 2, 3)), np.zeros(0)
-    steep = _wall_steepness(view, depth, boundary, outward)
-    ray = unit(np.median(region.points, axis=0)) @ view.axes[:, 1:]
     contact = boundary + 0.5 * outward  # from a cell's centre to its outer edge
-    trust = 1.0 - HIDDEN_PENALTY * np.maximum(outward @ ray, 0.0)
-    trust[_covered(view.points_at(boundary + 2.0 * outward, depth), region, scene)] *= COVERED
-    line = contact[None] - contact[:, None]
-    width = np.linalg.norm(line, axis=-1)
-    line = line / np.maximum(width, 1e-9)[..., None]
-    cosine = np.minimum(
-        -np.einsum("iju,iu->ij", line, outward), np.einsum("iju,ju->ij", line, outward)
-    )
-    holding = cosine * np.minimum(steep[:, None], steep)
-    quality = holding**2 * np.minimum(trust[:, None], trust)
+    # Two thirds of all pairs are too far apart for the hand: these are left out first.
+    first, second = _pairs_of(len(contact))
+    line = contact[second] - contact[first]
+    width = np.sqrt(line[:, 0] ** 2 + line[:, 1] ** 2)
     fits = (width * view.cell > config.min_width) & (width * view.cell < gripper.max_width)
-    first, second = np.nonzero(np.triu(fits & (holding > MIN_HOLDING), 1))
-    order = _spread(0.5 * (contact[first] + contact[second]), quality[first, second])
-    first, second = first[order], second[order]
+    first, second = first[fits], second[fits]
+    line = line[fits] / np.maximum(width[fits], 1e-9)[:, None]
+    cosine = np.minimum(-_dot(line, outward[first]), _dot(line, outward[second]))
+    steep = _wall_steepness(view, depth, boundary, outward)
+    holding = cosine * np.minimum(steep[first], steep[second])
+    kept = holding > MIN_HOLDING
+    first, second, holding = first[kept], second[kept], holding[kept]
+    trust = 1.0 - HIDDEN_PENALTY * np.maximum(_dot(outward, view.across(region.view_ray)), 0.0)
+    trust[_covered(view.points_at(boundary + 2.0 * outward, depth), region, scene)] *= COVERED
+    quality = holding**2 * np.minimum(trust[first], trust[second])
+    best = _spread(0.5 * (contact[first] + contact[second]), quality)
     contacts = np.stack(
-        [view.points_at(contact[index], contact_depth) for index in (first, second)], axis=1
+        [view.points_at(contact[index[best]], contact_depth) for index in (first, second)], axis=1
     )
-    return contacts, quality[first, second]
+    return contacts, quality[best]
+
+
+@lru_cache(maxsize=2 * MAX_BOUNDARY)
+def _pairs_of(count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return all pairs of two of `count` things, the first before the second."""
+    first, second = np.triu_indices(count, 1)
+    return first, second
+
+
+def _dot(first: Array, second: Array) -> Array:
+    """Return (n,) the products of (n, 2) and (n, 2) or (2,)."""
+    return np.asarray(first[:, 0] * second[..., 0] + first[:, 1] * second[..., 1])
 
 
 def _boundary(inside: NDArray[np.uint8]) -> tuple[Array, Array]:

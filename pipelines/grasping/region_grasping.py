@@ -134,5 +134,5 @@ def plan_random(
 
 def _base_approach(region: RegionCloud, scene: SceneCloud, count: int) -> Array:
     """Return (count, 3) the direction nearest to angle 0: into the table, or the view."""
-    base = scene.inward if scene.inward is not None else unit(np.median(region.points, axis=0))
+    base = scene.inward if scene.inward is not None else region.view_ray
     return np.broadcast_to(base, (count, 3)).copy()

@@ -227,7 +227,7 @@ def _reachable(hands: Grasps, scene: SceneCloud, gripper: Gripper, config: Selec
 
 def _centredness(grasps: Grasps, region: RegionCloud) -> Array:
     """Return (n,) 1 for grasps about the region's middle, less toward its rim."""
-    centre = np.median(region.points, axis=0)
+    centre = region.middle
     radius = np.percentile(np.linalg.norm(region.points - centre, axis=1), 90)
     off = np.linalg.norm(grasps.translation - centre, axis=1) / max(float(radius), 1e-3)
     return np.asarray(1.0 - OFF_CENTRE * np.minimum(off, 1.0))

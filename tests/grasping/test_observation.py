@@ -1,0 +1,55 @@
+"""What is around a region, and the region's points."""
+
+import numpy as np
+import pytest
+
+from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.transforms import unit
+from pipelines.grasping.observation import RegionCloud, SceneCloud
+from tests.geometry.tabletops import CAMERA, Box, Can, looking_at_table, render
+
+
+def seen(seed):
+    rng = np.random.default_rng(seed)
+    pose = looking_at_table()
+    depth, index = render([Box((0.06, 0.06, 0.1)), Can(0.03, 0.12, (0.1, 0.0, 0.0))], pose)
+    depth = np.where(rng.random(depth.shape) < 0.05, 0.0, depth)
+    scene = SceneCloud(depth, CAMERA, Plane(pose[:3, 2], float(-pose[:3, 2] @ pose[:3, 3])))
+    return scene, RegionCloud.from_mask(index == 0, scene)
+
+
+@pytest.mark.parametrize("reach", [0.02, 0.15, 2.0])
+@pytest.mark.parametrize("resolution", [0.003, 0.02])
+def test_around_a_region_is_the_first_point_of_every_cell_in_reach(reach, resolution):
+    scene, region = seen(0)
+    low, high = region.points.min(axis=0), region.points.max(axis=0)
+    centre, radius = (low + high) / 2, np.linalg.norm(high - low) / 2 + reach
+    points, own = scene.xyz.reshape(-1, 3), region.mask.ravel()
+    near = np.linalg.norm(points - centre, axis=1) < radius
+    points, own = points[near], own[near]
+    cells = np.column_stack([np.floor((points - centre + radius) / resolution), own])
+    _, first, count = np.unique(cells, axis=0, return_index=True, return_counts=True)
+    found = scene.around(region, reach, resolution)
+    np.testing.assert_array_equal(found.points, points[first])
+    np.testing.assert_array_equal(found.count, count)
+    np.testing.assert_array_equal(found.own, own[first])
+
+
+def test_points_of_the_region_take_the_normal_measured_nearest():
+    _, region = seen(1)
+    moved = region.points[::7] + 1e-5
+    found = region.at(moved)
+    away = np.linalg.norm(region.points - moved[:, None], axis=-1)
+    np.testing.assert_array_equal(found.normals, region.normals[away.argmin(axis=1)])
+
+
+def test_the_view_ray_leads_to_the_middle_of_the_region():
+    _, region = seen(2)
+    np.testing.assert_allclose(region.view_ray, unit(np.median(region.points, axis=0)))
+
+
+def test_the_ray_is_found_without_a_table():
+    scene, region = seen(3)
+    alone = SceneCloud(scene.depth, CAMERA)
+    assert alone.inward is None
+    assert region.view_ray @ region.middle == pytest.approx(np.linalg.norm(region.middle))

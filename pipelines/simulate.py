@@ -44,7 +44,7 @@ from pipelines.formats.trial_records import (
 )
 from pipelines.simulation.frames import FrameSimulator, PiecesReader
 from pipelines.simulation.success import success_tables, write_success
-from pipelines.synthesis.decomposition import convex_pieces
+from pipelines.synthesis.decomposition import convex_pieces, is_nearly_convex
 
 LARGE_SHIFT = 0.01  # metres, more than rounded poses make
 
@@ -123,10 +123,11 @@ def _model_items(
     return items
 
 
-def _cut_model(config: SimulateConfig, item: WorkItem) -> None:
+def _cut_model(config: SimulateConfig, item: WorkItem) -> str | None:
     (model,) = item.arguments
+    mesh = read_mesh(model)
     pieces = convex_pieces(
-        read_mesh(model),
+        mesh,
         convex_enough=config.convex_enough,
         concavity=config.concavity,
         max_pieces=config.max_pieces,
@@ -136,6 +137,9 @@ def _cut_model(config: SimulateConfig, item: WorkItem) -> None:
     item.target.parent.mkdir(parents=True, exist_ok=True)
     write_sidecar(item.target, item.stamp)
     convex_file.write(item.target, pieces)
+    if len(pieces) > 1 or is_nearly_convex(mesh, config.convex_enough):
+        return None
+    return f"coacd cuts {model} into no pieces: it is tried as its convex hull, without its hollows"
 
 
 def _scene_items(

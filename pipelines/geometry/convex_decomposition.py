@@ -3,6 +3,9 @@
 On some meshes coacd's C++ code aborts the process it runs in. A child process takes that blow; the
 caller is told that there are no pieces. `python -m pipelines.geometry.convex_decomposition` is the
 child: arrays in on standard input, arrays out on standard output.
+
+What it may take is counted in CPU time: on a busy machine a mesh has the same pieces as on an idle
+one.
 """
 
 import io
@@ -20,7 +23,8 @@ from pipelines.geometry.mesh import Mesh
 log = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
-TIME_LIMIT = 120.0  # seconds; coacd takes one to thirty
+CPU_LIMIT = 600  # seconds; coacd takes one to a hundred
+TIME_LIMIT = 7200.0  # seconds on the clock, for a child that hangs
 
 
 def convex_pieces(mesh: Mesh, settings: Mapping[str, float]) -> list[Array]:
@@ -35,6 +39,7 @@ def convex_pieces(mesh: Mesh, settings: Mapping[str, float]) -> list[Array]:
         "-m",
         "pipelines.geometry.convex_decomposition",
         json.dumps(settings),
+        str(CPU_LIMIT),
     ]
     try:
         answer = subprocess.run(
@@ -49,6 +54,7 @@ def convex_pieces(mesh: Mesh, settings: Mapping[str, float]) -> list[Array]:
 
 def main() -> None:
     """Decompose the mesh on standard input."""
+    _limit_cpu_time(int(sys.argv[2]))
     import coacd  # noqa: PLC0415 - only the child loads it
 
     with np.load(io.BytesIO(sys.stdin.buffer.read()), allow_pickle=False) as request:
@@ -58,6 +64,15 @@ def main() -> None:
     answer = io.BytesIO()
     np.savez(answer, *(np.asarray(vertices) for vertices, _ in pieces if len(vertices) >= 4))
     sys.stdout.buffer.write(answer.getvalue())
+
+
+def _limit_cpu_time(seconds: int) -> None:
+    """Let the system end this process after so much CPU time, where it can."""
+    try:
+        import resource  # noqa: PLC0415 - not on Windows
+    except ImportError:
+        return
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
 
 
 if __name__ == "__main__":

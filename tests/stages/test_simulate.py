@@ -1,6 +1,7 @@
 """`simulate` on a dataset whose best grasps are known."""
 
 import hashlib
+import shutil
 import signal
 import subprocess
 import sys
@@ -26,12 +27,18 @@ from pipelines.formats.graspnet import (
 from pipelines.formats.grasps_file import FrameResult
 from pipelines.formats.meshes import read_mesh, write_mesh
 from pipelines.formats.trial_records import read_trials
-from pipelines.geometry.transforms import make_pose
+from pipelines.geometry import convex_decomposition
+from pipelines.geometry.transforms import invert, make_pose
+from pipelines.grasping.grasps import Grasps
 from symgrasp_cli.app import app
+from tests.geometry.test_convex_decomposition import tray
 from tests.stages.toy_root import (
     CAMERA,
+    DOWN,
     SCENES,
+    camera_in_table,
     frame_names,
+    grasp_table,
     poses_in_camera,
     true_result,
     write_grasps,
@@ -296,6 +303,62 @@ def test_cached_pieces_of_another_mesh_are_made_again(small_file, tmp_path):
     report = run(small_file, own, output)
     assert report.done == ["model 002", *(f"scene_{s:04d}_realsense" for s in SCENES)]
     assert pieces.read_bytes() != before
+
+
+def write_tray_root(folder: Path, grasps: Path) -> GraspNetRoot:
+    """A dataset whose first object is a tray, and a grasp of its wall from outside and inside."""
+    root = write_root(folder)
+    mesh = tray()
+    bottom = replace(mesh, vertices=mesh.vertices - [0, 0, 0.05 + mesh.vertices[:, 2].min()])
+    write_mesh(root.model_path(0), bottom)
+    results = []
+    for name in frame_names()[::2]:
+        wall = Grasps(DOWN, np.array([0.0, 0.047, 0.045]), np.array(0.006))
+        wall = wall.transformed(invert(camera_in_table(root.frame(name).frame_id)))
+        results.append(replace(true_result(root, name, (0,)), grasps=grasp_table(wall)))
+    write_grasps(grasps, results)
+    return root
+
+
+def test_models_without_pieces_are_cut_by_coacd_once(tmp_path, monkeypatch):
+    grasps, output = tmp_path / "g.h5", tmp_path / "out" / "success.json"
+    root = write_tray_root(tmp_path / "root", grasps)
+    report = run(grasps, root, output, frictions=(0.8,))
+    assert "model 000" in report.done
+    assert len(convex_pieces.read(simulate.pieces_folder(output) / "000.npz")) >= 5
+    kinds = read_json(output)["success"]["all"]["reflection"]
+    assert (kinds["0.8"]["held"], kinds["0.8"]["trials"]) == (2, 2)  # a finger in the hollow
+    monkeypatch.setattr(convex_decomposition.sys, "executable", "/bin/false")
+    whole = content_of(output.parent)
+    output.unlink()
+    shutil.rmtree(simulate.trials_folder(output))
+    assert run(grasps, root, output, frictions=(0.8,)).notes == {}  # from the cache, as before
+    assert content_of(output.parent) == whole
+
+
+def test_a_model_that_coacd_dies_of_is_tried_as_its_hull_and_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(convex_decomposition.sys, "executable", "/bin/false")
+    grasps, output = tmp_path / "g.h5", tmp_path / "out" / "success.json"
+    root = write_tray_root(tmp_path / "root", grasps)
+    report = run(grasps, root, output, frictions=(0.8,))
+    assert report.exit_code == 0
+    assert list(report.notes) == ["model 000"]
+    assert "as its convex hull" in report.notes["model 000"]
+    assert read_json(output)["reasons"]["all"]["0.8"]["collision"] == 2
+
+
+def test_a_run_killed_while_it_cuts_models_leaves_no_half_pieces(root, small_file, tmp_path):
+    whole, output = tmp_path / "whole" / "success.json", tmp_path / "killed" / "success.json"
+    run(small_file, root, whole)
+    script = KILLED.format(function="write_sidecar")
+    command = [sys.executable, "-c", script, str(small_file), str(root.root), str(output)]
+    assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
+    folder = simulate.pieces_folder(output)
+    assert [path.name for path in folder.glob("*.npz")] == ["000.npz"]
+    assert len(convex_pieces.read(folder / "000.npz")) == 1
+    report = run(small_file, root, output)
+    assert report.skipped == ["model 000"]
+    assert content_of(output.parent) == content_of(whole.parent)
 
 
 def test_a_scene_with_a_damaged_label_fails_alone(tmp_path):

@@ -135,8 +135,21 @@ def test_success_stands_in_the_figures_and_needs_no_second_judging(root, truth_f
     assert run(truth_file, root, output, success=success).done == []
     assert figures(output)["success"]["sphere"]["held"] == 15
     assert figures(output, split="novel")["success"] == {}
-    assert reports.read_report(output)["success_by_friction"]["seen"]["sphere"]["0.3"]["held"] == 15
+    report = reports.read_report(output)
+    assert report["success_by_friction"]["seen"]["sphere"]["0.3"]["held"] == 15
+    assert report["success_baselines"] == {}
     assert "75 (53-89)" in output.with_suffix(".html").read_text()
+
+
+def test_success_of_other_methods_stands_in_their_rows(root, truth_file, tmp_path):
+    rates = {"trials": 20, "held": 4, "rate": 0.2, "low": 0.08, "high": 0.42}
+    beside = {"success": {s: {"all": {"0.5": rates}} for s in ("seen", "all")}, "reasons": {}}
+    success = write_success(tmp_path / "success.json", truth_file, baselines={"random": beside})
+    output = tmp_path / "report.json"
+    run(truth_file, root, output, baselines=True, success=success)
+    assert figures(output, "random")["success"]["all"]["held"] == 4
+    assert figures(output, "planar").get("success") is None
+    assert "20 (8-42)" in output.with_suffix(".html").read_text()
 
 
 def test_success_of_other_grasps_is_refused_before_anything_is_judged(root, truth_file, tmp_path):

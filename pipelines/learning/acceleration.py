@@ -19,6 +19,7 @@ from pipelines.network.pift import PIFT
 
 PRECISIONS = ("float32", "bf16")
 MIN_WIDTH = 16
+MOST_VARIANTS = 200  # chains, and sizes of what they are given, that are compiled
 
 
 class _HalfLinear(nn.Linear):
@@ -60,6 +61,10 @@ class Acceleration:
                 # The class alone decides how a layer is worked out; its tensors stay shared.
                 layer.__class__ = _HalfLinear if isinstance(layer, nn.Linear) else _HalfConv
         if self.compiled:
+            from torch._dynamo import config  # noqa: PLC0415 - slow to import
+
+            # To the compiler all chains are one function; at its own limit the others stay plain.
+            config.recompile_limit = max(config.recompile_limit, MOST_VARIANTS)
             for chain in _chains(module):
                 cast(Any, chain).compile(backend=self.backend)
         return module

@@ -10,7 +10,7 @@ from torch import nn
 from pipelines.configs import DetectorConfig
 from pipelines.errors import SymgraspError, UnknownNameError
 from pipelines.formats.packed_regions import PackedReader
-from pipelines.learning.acceleration import Acceleration, _HalfConv, _HalfLinear
+from pipelines.learning.acceleration import Acceleration, _chains, _HalfConv, _HalfLinear
 from pipelines.learning.gradients import GradientWorkers
 from pipelines.learning.grasp_training import GraspTraining
 from pipelines.learning.processes import Processes
@@ -112,7 +112,20 @@ def test_compiled_steps_are_those_of_float32(trainee, exact):
     assert float(torch.cosine_similarity(found, exact[1], dim=0)) > 0.999
 
 
-def test_chains_really_are_compiled(trainee):
+@pytest.mark.filterwarnings("ignore:The .grad attribute")  # torch's own, while it compiles
+def test_every_chain_is_compiled(trainee):
+    compiled = []
+
+    def counting(graph, inputs):
+        compiled.append(graph)
+        return graph
+
+    gradients(trainee, Acceleration(compiled=True, backend=counting))
+    chains = [str(chain) for chain in _chains(trainee.module)]
+    assert len(compiled) >= len(set(chains)) > 8  # the compiler's own limit
+
+
+def test_a_compiler_that_fails_is_a_sentence(trainee):
     def refusing(graph, inputs):
         raise RuntimeError("no compiler")
 

@@ -10,12 +10,14 @@ from benchmarks import (
     bench_labels,
     bench_machine,
     bench_metrics,
+    bench_network,
 )
 from benchmarks.timing import markdown
 
 BENCHES = (
     bench_machine,
     bench_infer,
+    bench_network,
     bench_annotate,
     bench_dataset,
     bench_labels,

@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import Self, cast
 
 import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
+from torchvision.models.detection.roi_heads import RoIHeads
 
 from pipelines.configs import DetectorConfig
 from pipelines.errors import ValueRangeError
@@ -16,6 +17,7 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.depth_channels import find_plane, shrink
 from pipelines.network.detector_input import detector_image
 from pipelines.network.devices import find_device
+from pipelines.network.folding import folded
 from pipelines.network.mask_rcnn import build_detector
 from pipelines.network.weights_files import fill, read_weights
 
@@ -41,8 +43,11 @@ class RegionDetector:
     """Mask R-CNN with what it is shown and how its answers are drawn."""
 
     def __init__(self, model: nn.Module, config: DetectorConfig, device: torch.device) -> None:
-        self.model, self.config, self.device = model.to(device).eval(), config, device
-        self.model = self.model.to(memory_format=torch.channels_last)
+        self.config, self.device = config, device
+        self.model = folded(model.to(device)).to(memory_format=torch.channels_last)
+        # What `detect` would drop needs no mask: a weaker box never suppresses a stronger one.
+        heads = cast(RoIHeads, self.model.roi_heads)
+        heads.score_thresh = max(config.candidate_confidence, config.min_confidence)
 
     @classmethod
     def load(cls, path: Path, device: str = "auto") -> Self:

@@ -5,11 +5,13 @@ followed by one is a linear layer or convolution with other weights. Gradients a
 """
 
 import copy
+from itertools import pairwise
 from typing import TypeVar, cast
 
 import torch
 from torch import Tensor, nn
 from torch.nn.utils.fusion import fuse_conv_bn_eval
+from torchvision.models.resnet import Bottleneck
 
 from pipelines.network.pointnet2 import FeaturePropagation, PointNorm, SetAbstraction
 
@@ -26,7 +28,7 @@ def folded(network: Network) -> Network:
         elif isinstance(module, FeaturePropagation):
             _fold_first(module)
             _fold_last(module.joined)
-        elif isinstance(module, nn.Sequential):
+        elif isinstance(module, nn.Sequential | nn.ModuleDict | Bottleneck):
             _fold_convolutions(module)
     return network
 
@@ -60,10 +62,12 @@ def _scale(linear: nn.Linear, scale: Tensor, shift: Tensor | None) -> None:
         linear.bias.mul_(scale).add_(shift)
 
 
-def _fold_convolutions(layers: nn.Sequential) -> None:
-    """Fold each batch norm that follows a convolution into it."""
-    for i in range(len(layers) - 1):
-        first, second = layers[i], layers[i + 1]
-        if isinstance(first, nn.Conv2d) and isinstance(second, nn.BatchNorm2d):
-            layers[i] = fuse_conv_bn_eval(first, second)
-            layers[i + 1] = nn.Identity()
+def _fold_convolutions(layers: nn.Module) -> None:
+    """Fold each batch norm that follows a convolution into it.
+
+    `layers` run in their order, as torchvision's do; its ResNet's body is a `ModuleDict`.
+    """
+    for (first, layer), (second, norm) in pairwise(list(layers.named_children())):
+        if isinstance(layer, nn.Conv2d) and isinstance(norm, nn.BatchNorm2d):
+            setattr(layers, first, fuse_conv_bn_eval(layer, norm))
+            setattr(layers, second, nn.Identity())

@@ -1,5 +1,6 @@
 """Folded networks say the same, and the trained ones stay as they are."""
 
+import pytest
 import torch
 
 from pipelines.configs import DetectorConfig
@@ -22,17 +23,18 @@ def test_a_folded_network_says_the_same_and_the_trained_one_is_left_alone():
     assert not any(value.requires_grad for value in cheap.parameters())
 
 
-def test_a_folded_detector_says_the_same_of_an_image_and_has_no_norm_left():
+@pytest.mark.parametrize("variant", ["light", "resnet50"])
+def test_a_folded_detector_says_the_same_of_an_image_and_has_no_norm_left(variant):
     torch.manual_seed(0)
-    model = build_detector(DetectorConfig(candidate_confidence=0.0)).eval()
+    model = build_detector(DetectorConfig(variant=variant)).eval()
     for module in model.modules():
         if isinstance(module, torch.nn.BatchNorm2d):
             module.running_mean.normal_(std=0.1)
             module.running_var.uniform_(0.5, 2.0)
             torch.nn.init.normal_(module.bias, std=0.1)
-    cheap, image = folded(model), torch.randn(6, 96, 128)
+    cheap, image = folded(model), torch.randn(6, 64, 64)
     assert not [m for m in cheap.modules() if isinstance(m, torch.nn.BatchNorm2d)]
     with torch.no_grad():
         maps, expected = cheap.backbone(image[None]), model.backbone(image[None])
     for name in expected:
-        torch.testing.assert_close(maps[name], expected[name], rtol=1e-3, atol=1e-4)
+        torch.testing.assert_close(maps[name], expected[name], rtol=1e-3, atol=1e-3)

@@ -1,5 +1,7 @@
 """The detector on tiny images: it trains, and its answers are drawn where they belong."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -89,3 +91,20 @@ def test_a_frame_without_depth_is_answered():
         np.zeros((96, 128, 3), np.uint8), np.zeros((96, 128), np.float32), camera
     ):
         assert found.mask.shape == (96, 128)
+
+
+def test_what_is_detected_is_what_is_confident_enough_of_all_that_is_found():
+    torch.manual_seed(0)
+    model = build_detector(CONFIG).eval()
+    depth = np.random.default_rng(0).uniform(0.5, 0.9, (72, 96)).astype(np.float32)
+    camera = Intrinsics(90.0, 90.0, 48.0, 36.0, 96, 72)
+    frame = np.zeros((72, 96, 3), np.uint8), depth, camera
+    every = RegionDetector(model, CONFIG, torch.device("cpu")).detect(*frame)
+    limit = float(np.median([found.confidence for found in every]))
+    config = replace(CONFIG, min_confidence=limit)
+    few = RegionDetector(model, config, torch.device("cpu")).detect(*frame)
+    assert 0 < len(few) < len(every)
+    for one, other in zip(few, every, strict=False):
+        assert one.confidence == pytest.approx(other.confidence)
+        assert_array_equal(one.mask, other.mask)
+    assert model.roi_heads.score_thresh == CONFIG.candidate_confidence  # of the trained model

@@ -1,0 +1,135 @@
+"""The two networks beside what their arithmetic alone takes: one core, forward and training step.
+
+The floor is the number of operations at the rate of large matrix products, which is measured
+beside each figure, because other work on the machine slows both.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.utils.flop_counter import FlopCounterMode
+
+from benchmarks.bench_infer import FRAMES
+from benchmarks.timing import Measurement, cpu_seconds_of
+from pipelines.configs import DetectorConfig, NetworkConfig, TrainConfig
+from pipelines.errors import SymgraspError
+from pipelines.formats.frames import find_frames
+from pipelines.geometry.depth_channels import find_plane, shrink
+from pipelines.inference import models
+from pipelines.network.detector_input import detector_image
+from pipelines.network.losses import NUM_ERROR_POINTS, total_loss
+from pipelines.network.mask_rcnn import build_detector
+from pipelines.network.model import Prediction, SymmetryGraspNet
+from pipelines.network.regions import RegionBatch
+from pipelines.network.weights_files import read_weights
+from tests.network.plain_network import PlainNetwork
+
+NUM_REGIONS = 8
+MICRO_BATCH = 6  # regions that a training step takes at once on a CPU
+SIDE = 1024  # of the matrices whose product is the measure
+TRAINING_SHARE = 3.0  # a step's operations in those of a forward pass: the backward has twice
+
+
+def measure() -> list[Measurement]:
+    """Return seconds of one core, each with its floor and with what is not made fast."""
+    try:
+        with models.one_thread_each():
+            return [_forward(), _training_step(), *_detector()]
+    except SymgraspError as error:
+        return [Measurement("networks", None, "CPU-s", str(error))]
+
+
+def _forward() -> Measurement:
+    network = models.predictor(models.NETWORK_WEIGHTS, "cpu").network
+    tensors, config = read_weights(models.NETWORK_WEIGHTS, SymmetryGraspNet.__name__, NetworkConfig)
+    plain, points = PlainNetwork(tensors, config), _regions(NUM_REGIONS, config.num_points).points
+    with torch.inference_mode():
+        slow = cpu_seconds_of(lambda: plain(points), 1)
+        what = f"network: {NUM_REGIONS} regions of {config.num_points} points"
+        note = f"as the equations are written {slow:.2g} s"
+        return _beside_floor(what, lambda: network(points), 1.0, note)
+
+
+def _training_step() -> Measurement:
+    """Return forward, loss and backward of a micro-batch and its scaled copy."""
+    config, network = TrainConfig(), SymmetryGraspNet(NetworkConfig())
+    size = MICRO_BATCH
+    truth = _regions(size, config.network.num_points)
+    both = torch.cat([truth.points, 1.1 * truth.points])
+    query = torch.rand(truth.points.shape[:2]).argsort(1)[:, : config.num_loss_points]
+    asked, measured = truth.at(query), truth.points[:, :NUM_ERROR_POINTS]
+
+    def forward() -> Tensor:
+        features = network.features(both, torch.cat([query, query]))
+        said: Prediction = network.predict(features[:size])
+        return total_loss(said, asked, features[size:], config, measured).total
+
+    with torch.no_grad():
+        alone = cpu_seconds_of(forward)
+    note = f"forward alone {alone:.2g} s"
+    what = f"network: training step, {size} regions and their copies"
+    return _beside_floor(what, lambda: forward().backward(), TRAINING_SHARE, note, counted=forward)
+
+
+def _detector() -> list[Measurement]:
+    """Return the network alone, folded and not, and all of `detect`."""
+    detector, frame = models.detector(models.DETECTOR_WEIGHTS, "cpu"), find_frames(FRAMES)[0].read()
+    tensors, config = read_weights(models.DETECTOR_WEIGHTS, "RegionDetector", DetectorConfig)
+    plain = build_detector(config).eval()
+    plain.load_state_dict(tensors)
+    seen = frame.color, frame.depth, frame.intrinsics
+    small = shrink(*seen, config.min_size, config.max_size)
+    image = detector_image(small, find_plane(small), config.input)
+    ready = image[None].to(memory_format=torch.channels_last)[0]
+    with torch.inference_mode():
+        slow = cpu_seconds_of(lambda: plain([image]))
+        note = f"norms apart, channels first {slow:.2g} s"
+        size = f"{image.shape[2]} x {image.shape[1]}"
+        alone = _beside_floor(
+            f"detector: network at {size}", lambda: detector.model([ready]), 1.0, note
+        )
+    whole = cpu_seconds_of(lambda: detector.detect(*seen))
+    note = (
+        f"with support plane, channels and masks; one core; {len(detector.detect(*seen))} regions"
+    )
+    return [alone, Measurement("detector", whole, "CPU-s/frame", note)]
+
+
+def _beside_floor(
+    what: str,
+    step: Callable[[], object],
+    share: float,
+    note: str,
+    counted: Callable[[], object] | None = None,
+) -> Measurement:
+    """Return the seconds of `step` and how many times those of its matrix products they are."""
+    with torch.no_grad(), FlopCounterMode(display=False) as counter:
+        (counted or step)()
+    gflop = share * counter.get_total_flops() / 1e9
+    a, b = torch.rand(2, SIDE, SIDE)
+    product = cpu_seconds_of(lambda: a @ b, 5)
+    seconds = cpu_seconds_of(step, 5)
+    product = 0.5 * (product + cpu_seconds_of(lambda: a @ b, 5))
+    rate = 2.0 * SIDE**3 / 1e9 / product
+    floor = f"{seconds * rate / gflop:.2f} times the floor, {gflop:.2f} GFLOP at {rate:.0f}/s"
+    return Measurement(what, seconds, "CPU-s", f"{floor}; {note}; one core")
+
+
+def _regions(size: int, count: int) -> RegionBatch:
+    """Return halves of ellipsoids as a camera sees them, with three planes each."""
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(size, count, 3))
+    points /= np.linalg.norm(points, axis=-1, keepdims=True)
+    points[..., 2] = np.abs(points[..., 2])
+    points *= rng.uniform(0.02, 0.06, (size, 1, 3))
+    direction = np.concatenate([np.eye(3), np.zeros((2, 3))])
+    arrays = (
+        points - points.mean(1, keepdims=True),
+        rng.uniform(size=(size, count)),
+        np.tile([1.0, 1.0, 1.0, 0.0, 0.0], (size, 1)),
+        np.zeros((size, 5, 3)),
+        np.tile(direction, (size, 1, 1)),
+    )
+    return RegionBatch(*(torch.from_numpy(array).float() for array in arrays))

@@ -69,7 +69,7 @@ def leading_direction(
     are all along that eigenvector; the longest one is taken. Entries are the first two axes, not
     the last: a product of many 3 x 3 matrices is then a few sums of long rows.
     """
-    six = six.movedim(-1, 0).to(torch.promote_types(six.dtype, torch.float32)).contiguous()
+    six = six.movedim(-1, 0).contiguous()
     six = six / (_length(six) + 1e-6)
     xx, yy, zz = (six[:3] + POSITIVE_SHIFT).unbind()
     xy, xz, yz = six[3:].unbind()

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from pipelines import infer
 from pipelines.batch import BatchOptions
@@ -82,6 +83,45 @@ def test_several_workers_write_the_same_bytes(frames, tmp_path):
     run(frames, tmp_path / "one.h5")
     run(frames, tmp_path / "two.h5", options=dataclasses.replace(OPTIONS, workers=2))
     assert (tmp_path / "one.h5").read_bytes() == (tmp_path / "two.h5").read_bytes()
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_frames_side_by_side_on_networks_write_the_bytes_of_one_thread(frames, tmp_path, threads):
+    config, before = InferConfig(), torch.get_num_threads()
+    paths = infer.InferPaths(frames, tmp_path / "one.h5")
+    settings = infer._Settings(paths, config, 0, "cpu", timings=False)
+    sources = infer.find_frames(frames)
+    with settings.one_core():
+        results = [
+            dataclasses.replace(
+                settings.planner().plan(source.read(), np.random.default_rng(0)),
+                name=source.name,
+                seconds=np.nan,
+            )
+            for source in sources
+        ]
+    torch.set_num_threads(threads)
+    try:
+        run(frames, tmp_path / "side.h5", config=config, device="cpu")
+        assert torch.get_num_threads() == threads
+    finally:
+        torch.set_num_threads(before)
+    side = grasps_file.read(tmp_path / "side.h5").results()
+    for found, expected in zip(side, results, strict=True):
+        for table in ("regions", "grasps"):
+            one, other = getattr(found, table), getattr(expected, table)
+            for column in dataclasses.fields(one):
+                np.testing.assert_array_equal(
+                    getattr(one, column.name), getattr(other, column.name)
+                )
+
+
+def test_several_workers_are_processes_and_one_is_threads():
+    alone = infer._side_by_side(OPTIONS)
+    assert alone.backend == "threading"
+    assert 1 <= alone.workers <= infer.MAX_THREADS
+    several = dataclasses.replace(OPTIONS, workers=2)
+    assert infer._side_by_side(several) == several
 
 
 def test_a_second_run_skips_everything(frames, tmp_path):

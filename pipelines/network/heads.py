@@ -20,7 +20,7 @@ def mlp(in_dim: int, hidden: tuple[int, int, int], out_dim: int) -> nn.Sequentia
     dims = (in_dim, *hidden)
     layers: list[nn.Module] = []
     for wide, narrow in pairwise(dims):
-        layers += [nn.Linear(wide, narrow), nn.ReLU(inplace=True)]
+        layers += [nn.Linear(wide, narrow), nn.ReLU()]
     return nn.Sequential(*layers, nn.Linear(hidden[-1], out_dim))
 
 

@@ -52,10 +52,7 @@ class SetAbstraction(nn.Module):
         self.content = nn.Linear(in_dim, dims[0])
         self.group = nn.Linear(dims[0], dims[1], bias=False)
         self.point = nn.Sequential(
-            PointNorm(dims[1]),
-            nn.ReLU(inplace=True),
-            nn.Linear(dims[1], dims[2]),
-            PointNorm(dims[2]),
+            PointNorm(dims[1]), nn.ReLU(), nn.Linear(dims[1], dims[2]), PointNorm(dims[2])
         )
 
     def forward(
@@ -67,9 +64,10 @@ class SetAbstraction(nn.Module):
         centers = gather(points, farthest_points(points, self.num_points))
         points, features = points[:, :: self.stride], features[:, :: self.stride]
         neighbors = nearest_neighbors(centers, points, self.num_neighbors)
-        projected = gather(self.position(points).add_(self.content(features)), neighbors)
-        hidden = projected.sub_(self.position(centers)[:, :, None]).relu_()
-        return centers, torch.relu_(self.point(max_over_group(self.group(hidden))))
+        projected = gather(self.position(points) + self.content(features), neighbors)
+        # In place on the sum, which is no view: of a view, autograd would keep and copy the whole.
+        hidden = torch.relu_(projected + self.position(-centers)[:, :, None])
+        return centers, torch.relu(self.point(max_over_group(self.group(hidden))))
 
 
 class FeaturePropagation(nn.Module):
@@ -80,10 +78,7 @@ class FeaturePropagation(nn.Module):
         self.coarse = nn.Linear(coarse_dim, out_dim, bias=False)
         self.fine = nn.Linear(fine_dim, out_dim)
         self.joined = nn.Sequential(
-            PointNorm(out_dim),
-            nn.ReLU(inplace=True),
-            nn.Linear(out_dim, out_dim),
-            PointNorm(out_dim),
+            PointNorm(out_dim), nn.ReLU(), nn.Linear(out_dim, out_dim), PointNorm(out_dim)
         )
 
     def forward(
@@ -96,4 +91,4 @@ class FeaturePropagation(nn.Module):
         """Return features (B, N, out_dim) at the finer points."""
         index, weight = three_nearest(points, coarse_points)
         interpolated = weighted_sum(self.coarse(coarse_features), index, weight)
-        return torch.relu_(self.joined(interpolated.add_(self.fine(features))))
+        return torch.relu(self.joined(interpolated + self.fine(features)))

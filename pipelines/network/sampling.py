@@ -30,7 +30,7 @@ def farthest_points(
 ) -> Tensor:
     """Return indices (B, count) of points far from each other, the same ones each time.
 
-    After a first point, each next one is the farthest from all that were chosen before.
+    After a first point (D. 62), each next one is the farthest from all that were chosen before.
     """
     if count >= points.shape[1]:
         return torch.arange(points.shape[1], device=points.device).expand(points.shape[:2])

@@ -30,6 +30,8 @@ def folded(network: Network) -> Network:
             _fold_last(module.joined)
         elif isinstance(module, nn.Sequential | nn.ModuleDict | Bottleneck):
             _fold_convolutions(module)
+        elif isinstance(module, nn.ReLU):
+            module.inplace = True
     return network
 
 

@@ -12,7 +12,7 @@ EVAL_SET := --splits seen,similar,novel --scenes-per-split 6 --views 4 --objects
 WEIGHTS := $(wildcard pipelines/weights/*.safetensors)
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test check eval bench golden clean
+.PHONY: help install demo test check eval ablations bench golden clean
 
 help: ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -60,6 +60,18 @@ $(EVAL)/success.json: $(EVAL)/grasps.h5
 $(EVAL)/report.json: $(EVAL)/grasps.h5 $(EVAL)/success.json
 	rm -f $@
 	$(SYMGRASP) evaluate $(EVAL_ARGUMENTS) --workers 2 > /dev/null
+
+# The same steps a row, whatever the machine; three seeds take three times as long.
+ABLATIONS := build/ablations
+SEEDS := 0
+STEPS := 4000
+DETECTOR_STEPS := 1200
+SCENES := 60
+OBJECTS := 72
+ablations: install $(EVAL)/dataset.made ## table IV, each part left out in turn, and build/ablations/ablations.md
+	$(BIN)/python -m benchmarks.ablations $(EVAL_ROOT) --out $(ABLATIONS) --seeds $(SEEDS) \
+		--steps $(STEPS) --detector-steps $(DETECTOR_STEPS) --scenes $(SCENES) --objects $(OBJECTS)
+	@echo "table: $(ABLATIONS)/ablations.md"
 
 bench: install ## speeds of this machine, stage by stage
 	$(BIN)/python -m benchmarks

@@ -104,4 +104,4 @@ def _summary(labels: ObjectSymmetries) -> str:
     text = ", ".join(counts) or "no symmetry"
     if has_slot(list(labels.symmetries)) and len(labels.regions) == 1:
         return text
-    return f"{text}; regions: {', '.join(region.name for region in labels.regions)}"
+    return f"{text}; regions: {', '.join(region.name for region in labels.regions) or 'none'}"

@@ -80,6 +80,7 @@ class AnnotateSymmetryConfig:
     min_region_support: float = 0.8  # share of a region's surface its symmetry must explain
     min_body_share: float = 0.25  # of what curves about it, or mirror planes stay whole, D. 36
     min_part_share: float = 0.03  # of the area; smaller parts join the one they touch
+    cut_objects: bool = True  # Table IV, "No symmetric region segmentation" is False, D. 67
 
 
 @dataclass(frozen=True)

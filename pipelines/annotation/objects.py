@@ -21,14 +21,19 @@ from pipelines.formats.symmetry_labels import (
 )
 from pipelines.geometry.doubt import Gauge
 from pipelines.geometry.mesh import Mesh
-from pipelines.geometry.symmetric_parts import SymmetricRegion, symmetric_regions
+from pipelines.geometry.symmetric_parts import (
+    WHOLE,
+    SymmetricRegion,
+    has_slot,
+    symmetric_regions,
+)
 from pipelines.geometry.symmetry import (
     ReflectionSymmetry,
     RotationSymmetry,
     SphereSymmetry,
     Symmetry,
 )
-from pipelines.geometry.symmetry_detection import analyse, detect_symmetries
+from pipelines.geometry.symmetry_detection import Detection, analyse, detect_symmetries
 
 THROUGH_COSINE = float(np.cos(np.radians(85.0)))  # of a plane's normal and an axis in it
 
@@ -87,7 +92,7 @@ def annotate(
         regions = _given_regions(mesh, regions_path, config, rng)
     else:
         decided = replace(detection, symmetries=list(labels.symmetries))
-        found = symmetric_regions(cleaned, decided, config, rng)
+        found = _found_regions(cleaned, decided, config, rng)
         regions = [replace(r, triangles=_in_file(mesh, kept, r.triangles)) for r in found]
     return replace(labels, regions=_labels_of(regions)), notes
 
@@ -112,7 +117,7 @@ def correct(
     if regions_path is not None:
         return labels, notes
     detection = replace(analyse(cleaned, config, rng), symmetries=list(labels.symmetries))
-    found = symmetric_regions(cleaned, detection, config, rng)
+    found = _found_regions(cleaned, detection, config, rng)
     regions = [replace(r, triangles=_in_file(mesh, kept, r.triangles)) for r in found]
     return replace(labels, regions=_labels_of(regions)), notes
 
@@ -170,6 +175,17 @@ def _measured(
                 f"{measure.error:.3f}; limits {measure.strain:.1f} times as wide would accept it"
             )
     return Said(tuple(measured), tuple(sources), tuple(notes))
+
+
+def _found_regions(
+    mesh: Mesh, detection: Detection, config: AnnotateSymmetryConfig, rng: np.random.Generator
+) -> list[SymmetricRegion]:
+    """Return the parts of a clean `mesh`; uncut, the whole if it is symmetric, else none."""
+    if config.cut_objects:
+        return symmetric_regions(mesh, detection, config, rng)
+    if not has_slot(detection.symmetries):
+        return []
+    return [SymmetricRegion(WHOLE, np.arange(len(mesh.faces)), detection.symmetries)]
 
 
 def _given_regions(

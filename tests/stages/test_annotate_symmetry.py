@@ -51,6 +51,17 @@ def test_a_folder_of_meshes_becomes_a_folder_of_json(tmp_path):
     assert not pair.symmetries
 
 
+def test_uncut_objects_are_one_region_if_they_are_symmetric_and_none_if_not(tmp_path):
+    meshes, uncut = write_meshes(tmp_path / "meshes"), replace(QUICK, cut_objects=False)
+    report = annotate_symmetry.run(meshes, tmp_path / "out", uncut, options=QUIET)
+    assert report.notes["pair"] == "no symmetry; regions: none"
+    for name, count in (("box", 1), ("can", 1), ("pair", 0)):
+        labels = symmetry_labels.read(tmp_path / "out" / f"{name}.json")
+        kinds = [symmetry.kind for symmetry in labels.symmetries]
+        found = [[each.kind for each in region.symmetries] for region in labels.regions]
+        assert found == [kinds] * count
+
+
 def test_the_file_says_what_the_symmetries_are_and_how_it_was_made(tmp_path):
     mesh = write_meshes(tmp_path / "meshes") / "can.ply"
     run(mesh, tmp_path / "out")

@@ -1,0 +1,266 @@
+"""Table IV: the method with one part left out at a time: `python -m benchmarks.ablations ROOT`.
+
+Makes a training set, trains a detector and a network for each row and seed, infers and evaluates
+on ROOT, the benchmark of `make eval`, and writes OUT/ablations.json and OUT/ablations.md. All work
+is done by `symgrasp` itself. What is finished is not done again: each step leaves a record of its
+command, and a step that was interrupted is taken up where its own command takes it up.
+"""
+
+import argparse
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks.ablation_table import ROWS, Row, markdown, summary
+from pipelines.errors import SymgraspError
+from pipelines.formats.files import read_json, write_json, write_text
+from pipelines.formats.provenance import digest, make_stamp
+
+SYMGRASP = (sys.executable, "-c", "from symgrasp_cli.app import main; main()")
+REFINED, UNREFINED, UNCUT = "refined", "unrefined", "uncut"
+FILES = ("models", "scenes", "grasp_label", "objects.json")
+SHARED = {REFINED: (), UNREFINED: (*FILES, "symmetry"), UNCUT: FILES}  # with the first root
+BATCH, DETECTOR_BATCH = 12, 4
+DECAYS = 20  # times that the learning rate falls by a tenth, to 0.12 of what it was
+GOES_ON = "the same command goes on from there"
+Run = Callable[[Sequence[str]], None]
+Count = Callable[[Path, int], int]
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What every row is given."""
+
+    scenes: int = 60
+    views: int = 8
+    objects: int = 72
+    steps: int = 4000  # of the network, 12 regions each
+    detector_steps: int = 1200  # of 4 frames each
+    workers: int = 2
+
+
+@dataclass(frozen=True)
+class Step:
+    """One command of symgrasp; its record is called `name`."""
+
+    name: str
+    command: tuple[str, ...]
+
+    @property
+    def output(self) -> Path:
+        """What it writes, or the dataset that it writes into."""
+        is_named = "--out" in self.command
+        return Path(self.command[self.command.index("--out") + 1 if is_named else 1])
+
+
+class Ablations:
+    """The steps to a table, one after the other.
+
+    `root`: of the benchmark. `count_regions`: of a packed folder and a seed, how many regions
+    `train` does not hold out.
+    """
+
+    def __init__(self, root: Path, out: Path, budget: Budget, count_regions: Count) -> None:
+        self.root, self.out, self.budget = root, out, budget
+        self.count_regions = count_regions
+
+    def steps(self, seeds: Sequence[int]) -> Iterator[Step]:
+        """Yield what is to be done; each step may look at the files of those before it."""
+        yield from self._labels()
+        for seed in seeds:
+            for row in ROWS:
+                yield from self._row(row, seed)
+            reports = [str(self.report(row, seed)) for row in ROWS]
+            out = self.folder(seed) / "compare.json"
+            yield self._step(f"compare {seed}", "compare", *reports, "--out", out)
+
+    def folder(self, seed: int) -> Path:
+        """Return where all that is trained with `seed` lies."""
+        return self.out / f"seed{seed}"
+
+    def report(self, row: Row, seed: int) -> Path:
+        """Return where the report of a row lies."""
+        return self.folder(seed) / row.key / "report.json"
+
+    def _labels(self) -> Iterator[Step]:
+        budget, workers = self.budget, ("--workers", self.budget.workers)
+        root = self.out / REFINED
+        kind = ("--splits", "train", "--sensor", "mixed", "--no-collision-labels")
+        scenes = ("--scenes-per-split", budget.scenes, "--views", budget.views)
+        objects = ("--objects", budget.objects, "--size", "640x480", "--grasp-points", 48)
+        # Of the benchmark's own seed, so that its split `seen` is of trained objects.
+        drawn = (*kind, *scenes, *objects, "--seed", 0)
+        yield self._step("synthesize", "synthesize", root, *drawn, *workers)
+        for labels, shared in SHARED.items():
+            root = self.out / labels
+            cut = ("--no-cut",) if labels == UNCUT else ()
+            copies = ("--no-symmetry",) if labels == UNREFINED else ()
+            link(self.out / REFINED, root, shared)
+            if "symmetry" not in shared:
+                yield self._step(f"annotate {labels}", "annotate-symmetry", root, *cut, *workers)
+            yield self._step(f"refine {labels}", "refine-grasps", root, *copies, *workers)
+            packed = ("--out", self.packed(labels))
+            yield self._step(f"pack {labels}", "pack", root, *packed, *workers)
+
+    def packed(self, labels: str) -> Path:
+        """Return where the packed regions with `labels` lie."""
+        return self.out / "packed" / labels
+
+    def _row(self, row: Row, seed: int) -> Iterator[Step]:
+        folder = self.folder(seed)
+        detector = folder / f"detector_{UNCUT if row.labels == UNCUT else REFINED}.safetensors"
+        network = folder / f"network_{row.network or row.key}.safetensors"
+        yield self._detector(detector, seed)
+        if row.network is None:
+            yield self._network(row, network, seed)
+        weights = ("--detector", detector, "--network", network)
+        grasps, name = folder / row.key / "grasps.h5", f"{row.key} {seed}"
+        options = (*weights, "--seed", seed, *row.infer)
+        yield self._step(f"infer {name}", "infer", self.root, "--out", grasps, *options)
+        out = ("--dataset", self.root, "--out", self.report(row, seed))
+        workers = ("--workers", self.budget.workers)
+        yield self._step(f"evaluate {name}", "evaluate", grasps, *out, *workers)
+
+    def _detector(self, out: Path, seed: int) -> Step:
+        labels = out.stem.removeprefix("detector_")
+        frames = self.budget.scenes * self.budget.views * 9 // 10  # a tenth is held out
+        lasting = epochs(self.budget.detector_steps, frames // DETECTOR_BATCH)
+        options = ("--batch-size", DETECTOR_BATCH, "--workers", self.budget.workers, *lasting)
+        return self._training(f"finetune {labels}", "finetune-detector", labels, out, seed, options)
+
+    def _network(self, row: Row, out: Path, seed: int) -> Step:
+        regions = self.count_regions(self.packed(row.labels), seed)
+        lasting = epochs(self.budget.steps, regions // BATCH)
+        options = ("--batch-size", BATCH, *lasting, *row.train)
+        packed = self.packed(row.labels).relative_to(self.out)
+        return self._training(f"train {row.key}", "train", packed, out, seed, options)
+
+    def _training(
+        self,
+        name: str,
+        command: str,
+        source: Path | str,
+        out: Path,
+        seed: int,
+        options: Sequence[object],
+    ) -> Step:
+        last = ("--out", out, *options, "--seed", seed, "--resume")
+        return self._step(f"{name} {seed}", command, self.out / source, *last)
+
+    def _step(self, name: str, *command: object) -> Step:
+        return Step(name.replace(" ", "_"), tuple(map(str, command)))
+
+
+def epochs(steps: int, steps_per_epoch: int) -> tuple[object, ...]:
+    """Return the options of a training that lasts `steps`, to the next whole epoch."""
+    count = max(1, round(steps / max(1, steps_per_epoch)))
+    return "--epochs", count, "--decay-epochs", f"{count / DECAYS:g}"
+
+
+def link(source: Path, root: Path, names: Sequence[str]) -> None:
+    """Make `root` a dataset that shares what `names` say with `source`."""
+    root.mkdir(parents=True, exist_ok=True)
+    for name in names:
+        if not (root / name).is_symlink():
+            (root / name).symlink_to((source / name).resolve())
+
+
+def perform(steps: Iterator[Step], records: Path, run: Run) -> None:
+    """Run the steps that have no record yet, or whose output is gone.
+
+    Raises:
+        SymgraspError: a step's record is of another command; or a command failed.
+    """
+    for step in steps:
+        record = records / f"{step.name}.json"
+        if record.is_file():
+            if read_json(record).get("command") != list(step.command):
+                raise SymgraspError(
+                    f"{record} is of another command than `symgrasp {shlex.join(step.command)}`; "
+                    f"give the same budget, or name another --out than {records.parent}"
+                )
+            if step.output.exists():
+                continue
+        sys.stderr.write(f"== symgrasp {shlex.join(step.command)}\n")
+        started = time.monotonic()
+        run(step.command)
+        seconds = round(time.monotonic() - started, 1)
+        write_json(record, {"command": list(step.command), "seconds": seconds})
+
+
+def run_symgrasp(command: Sequence[str]) -> None:
+    """Run a command of symgrasp in a process of its own; its tables are not shown."""
+    with subprocess.Popen([*SYMGRASP, *command], stdout=subprocess.DEVNULL) as process:
+        try:
+            code = process.wait()
+        except BaseException:
+            process.terminate()  # it leaves a checkpoint, and nothing goes on behind our back
+            raise
+    if code:
+        raise SymgraspError(f"`symgrasp {command[0]}` ended with {code}; {GOES_ON}")
+
+
+def trained_regions(packed: Path, seed: int) -> int:
+    """Return how many regions of `packed` a training with `seed` does not hold out."""
+    from pipelines.configs import TrainConfig  # noqa: PLC0415 - torch is slow to load
+    from pipelines.train import region_sets  # noqa: PLC0415
+
+    chosen, _ = region_sets(packed, None, TrainConfig(), seed)
+    return 0 if chosen is None else len(chosen.indices)
+
+
+def write_tables(work: Ablations, seeds: Sequence[int]) -> str:
+    """Write ablations.json and ablations.md; return the latter."""
+    reports = {row.key: [work.report(row, seed) for seed in seeds] for row in ROWS}
+    compared = [work.folder(seed) / "compare.json" for seed in seeds]
+    inputs = {str(path): digest(path) for paths in (*reports.values(), compared) for path in paths}
+    found = summary(
+        {key: [read_json(path) for path in paths] for key, paths in reports.items()},
+        [read_json(path) for path in compared],
+        seeds,
+    )
+    stamp = make_stamp("ablations", work.budget, inputs=inputs)
+    write_json(work.out / "ablations.json", {**found, "provenance": stamp.as_json()})
+    text = markdown(found)
+    write_text(work.out / "ablations.md", text)
+    return text
+
+
+def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
+    """Return the options of the command line."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.ablations")
+    parser.add_argument("root", type=Path, help="the benchmark, with labels")
+    parser.add_argument("--out", type=Path, default=Path("build/ablations"))
+    parser.add_argument("--seeds", default="0", help="of the trainings, as 0,1,2")
+    for name, default in vars(Budget()).items():
+        option = f"--{name.replace('_', '-')}"
+        parser.add_argument(option, type=int, default=default, help=f"default {default}")
+    return parser.parse_args(arguments)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Make the table; return the exit code."""
+    options = parsed(arguments)
+    budget = Budget(**{name: getattr(options, name) for name in vars(Budget())})
+    seeds = list(dict.fromkeys(int(seed) for seed in options.seeds.split(",")))
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    work = Ablations(options.root, options.out, budget, trained_regions)
+    try:
+        perform(work.steps(seeds), options.out / "steps", run_symgrasp)
+        sys.stdout.write(write_tables(work, seeds))
+    except SymgraspError as error:
+        sys.stderr.write(f"error: {error}\n")
+        return 1
+    except KeyboardInterrupt:
+        sys.stderr.write(f"stopped; {GOES_ON}\n")
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,195 @@
+"""The ablation driver: its steps, how it goes on, and the table; nothing is trained here."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from benchmarks.ablation_table import FULL, METRICS, ROWS, SPLITS, markdown, summary
+from benchmarks.ablations import (
+    BATCH,
+    Ablations,
+    Budget,
+    epochs,
+    parsed,
+    perform,
+    write_tables,
+)
+from pipelines.errors import SymgraspError
+from tests.formats.test_formats_document import block, keys_of
+
+MAKEFILE = Path(__file__).resolve().parents[2] / "Makefile"
+REGIONS = {"refined": 1200, "unrefined": 1200, "uncut": 600}
+
+
+def report(quality):
+    figures = {name: quality for name in METRICS if " " not in name}
+    figures["symmetry_ap"] = {"reflection": 0.5, "rotation": 0.6, "sphere": None}
+    return {"rows": {"ours": dict.fromkeys(SPLITS, figures)}}
+
+
+def comparison(differences):
+    each = [{"value": d, "low": d - 0.02, "high": d + 0.01} for d in differences]
+    figure = {"grasp_quality": {"differences": each}}
+    return {"figures": dict.fromkeys(SPLITS, figure)}
+
+
+class Machine:
+    """Does what each command would, in a file; stops after `lasting` commands."""
+
+    def __init__(self, lasting=1000):
+        self.commands, self.lasting = [], lasting
+
+    def __call__(self, command):
+        if len(self.commands) == self.lasting:
+            raise SymgraspError("stopped")
+        self.commands.append(list(command))
+        if "--out" not in command:
+            Path(command[1]).mkdir(parents=True, exist_ok=True)
+            return
+        out = Path(option(command, "--out"))
+        out.parent.mkdir(parents=True, exist_ok=True)
+        if command[0] == "evaluate":
+            out.write_text(json.dumps(report(0.5 if out.parent.name == FULL else 0.4)))
+        if command[0] == "compare":
+            out.write_text(json.dumps(comparison([-0.1] * (len(ROWS) - 1))))
+        out.touch()
+
+
+def work_in(folder, **budget):
+    def count(packed, _seed):
+        return REGIONS[packed.name]
+
+    return Ablations(Path("benchmark"), folder, Budget(**budget), count)
+
+
+def option(command, name):
+    return command[command.index(name) + 1]
+
+
+def done(folder, seeds=(0,), machine=None, **budget):
+    machine = machine or Machine()
+    perform(work_in(folder, **budget).steps(seeds), folder / "steps", machine)
+    return machine.commands
+
+
+def test_every_row_is_trained_inferred_and_evaluated_once(tmp_path):
+    names = [command[0] for command in done(tmp_path)]
+    assert names.count("infer") == names.count("evaluate") == len(ROWS)
+    assert names.count("train") == len([row for row in ROWS if row.network is None])
+    assert names.count("finetune-detector") == 2
+    assert names.count("compare") == 1
+
+
+def test_rows_differ_from_the_full_method_in_what_they_leave_out_and_nothing_else(tmp_path):
+    trained = {}
+    for command in done(tmp_path):
+        if command[0] == "train":
+            key = Path(option(command, "--out")).stem.removeprefix("network_")
+            trained[key] = [each for each in command if str(tmp_path) not in each]
+            trained[key].append(Path(command[1]).name)
+    full = trained[FULL]
+    assert sorted(set(trained["no-pift"]) - set(full)) == ["--no-pift"]
+    assert sorted(set(trained["no-siamese"]) - set(full)) == ["--no-siamese"]
+    assert set(trained["no-refinement"]) - set(full) == {"unrefined"}
+    assert "uncut" in trained["no-regions"]
+
+
+def test_all_networks_take_as_many_steps_and_decay_alike_over_them(tmp_path):
+    for command in done(tmp_path, steps=1000):
+        if command[0] == "train":
+            steps_per_epoch = REGIONS[Path(command[1]).name] // BATCH
+            count = int(option(command, "--epochs"))
+            assert count * steps_per_epoch == 1000
+            assert float(option(command, "--decay-epochs")) == pytest.approx(count / 20)
+
+
+def test_the_row_without_the_fit_takes_the_full_methods_network(tmp_path):
+    inferred = [command for command in done(tmp_path) if command[0] == "infer"]
+    unfitted = next(command for command in inferred if "--no-grounding" in command)
+    assert Path(option(unfitted, "--network")).stem == f"network_{FULL}"
+
+
+def test_only_the_row_without_regions_has_another_detector(tmp_path):
+    for command in done(tmp_path):
+        if command[0] == "infer":
+            uncut = Path(option(command, "--out")).parent.name == "no-regions"
+            expected = "detector_uncut" if uncut else "detector_refined"
+            assert Path(option(command, "--detector")).stem == expected
+
+
+def test_an_interrupted_run_goes_on_with_the_step_it_stopped_in(tmp_path):
+    whole = done(tmp_path / "whole")
+    first = Machine(lasting=9)
+    with pytest.raises(SymgraspError, match="stopped"):
+        done(tmp_path / "cut", machine=first)
+    rest = done(tmp_path / "cut")
+    assert len(first.commands) == 9
+    assert [c[0] for c in first.commands + rest] == [c[0] for c in whole]
+    assert done(tmp_path / "cut") == []
+
+
+def test_more_seeds_later_keep_what_the_first_one_made(tmp_path):
+    done(tmp_path)
+    assert all("seed0" not in " ".join(c) for c in done(tmp_path, seeds=(0, 1)))
+
+
+def test_what_was_deleted_is_made_again(tmp_path):
+    done(tmp_path)
+    work_in(tmp_path).report(ROWS[1], 0).unlink()
+    assert [command[0] for command in done(tmp_path)] == ["evaluate"]
+
+
+def test_another_budget_is_refused_and_names_the_folder(tmp_path):
+    done(tmp_path)
+    with pytest.raises(SymgraspError, match="same budget"):
+        done(tmp_path, scenes=9)
+
+
+def test_a_training_is_never_shorter_than_an_epoch():
+    assert epochs(5, 100)[1] == 1
+    assert epochs(5, 0)[1] == 5
+
+
+def test_the_table_holds_the_papers_figures_and_the_mean_and_spread_of_ours():
+    reports = {row.key: [report(0.5), report(0.6)] for row in ROWS}
+    compared = [comparison([-0.1] * 5), comparison([-0.2] * 5)]
+    found = summary(reports, compared, [0, 1])
+    novel = found["rows"]["no-pift"]["novel"]
+    assert novel["grasp_quality"]["mean"] == pytest.approx(0.55)
+    assert novel["grasp_quality"]["spread"] == pytest.approx(0.1 / 2**0.5)
+    assert novel["symmetry_ap sphere"]["mean"] is None
+    assert novel["difference"]["mean"] == pytest.approx(-0.15)
+    text = markdown(found)
+    row = "| no PIFT | 0.337 | 0.092 | " + " | ".join(["0.550 ± 0.071"] * 4) + " |"
+    assert row in text
+    assert "| no PIFT | -0.045 | -0.205 | -0.150 ± 0.071 |" in text
+    assert "| no fit to the seen surface | - | - |" in text
+
+
+def test_one_seed_has_no_spread_but_the_interval_over_frames():
+    reports = {row.key: [report(0.5)] for row in ROWS}
+    text = markdown(summary(reports, [comparison([-0.1] * 5)], [0]))
+    assert "| full method | 0.382 | 0.297 | 0.500 |" in text
+    assert "| -0.100 (-0.120 to -0.090) |" in text
+
+
+def test_both_files_are_written_with_a_stamp(tmp_path):
+    work = work_in(tmp_path)
+    done(tmp_path)
+    text = write_tables(work, [0])
+    assert (tmp_path / "ablations.md").read_text(encoding="utf-8") == text
+    content = json.loads((tmp_path / "ablations.json").read_text(encoding="utf-8"))
+    assert content["provenance"]["stage"] == "ablations"
+    assert len(content["provenance"]["inputs"]) == len(ROWS) + 1
+    lines = block("keys", "ablations")
+    assert set(content) == keys_of(lines)
+    assert set(content["rows"]["no-pift"]) == keys_of(lines, depth=1)
+
+
+def test_the_makefile_names_the_default_budget():
+    options, text = parsed(["root"]), MAKEFILE.read_text(encoding="utf-8")
+    assert f"\nSTEPS := {options.steps}\n" in text
+    assert f"\nDETECTOR_STEPS := {options.detector_steps}\n" in text
+    assert f"\nSCENES := {options.scenes}\n" in text
+    assert f"\nOBJECTS := {options.objects}\n" in text

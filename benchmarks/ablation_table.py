@@ -117,43 +117,40 @@ def _over_seeds(values: Sequence[float | None]) -> dict[str, Any]:
 
 def markdown(found: Mapping[str, Any]) -> str:
     """Return the object of `summary` as a page: qualities, differences, the other metrics."""
-    rows, count = found["rows"].values(), len(found["seeds"])
+    rows = found["rows"]
     heads = ("", "paper seen", "paper unseen", *SPLITS)
+    base = rows[FULL]["published"]
     qualities = [
         (row["name"], *_published(row), *(_text(row[split][QUALITY]) for split in SPLITS))
-        for row in rows
+        for row in rows.values()
     ]
-    base = found["rows"][FULL]["published"]
     differences = [
-        (
-            row["name"],
-            *_published(row, base),
-            *(_difference_text(row[split]["difference"]) for split in SPLITS),
-        )
-        for key, row in found["rows"].items()
+        (row["name"], *_published(row, base), *(_above(row[split]) for split in SPLITS))
+        for key, row in rows.items()
         if key != FULL
     ]
-    others = [
-        (row["name"], *(_text(row["all"][metric]) for metric in METRICS if metric != QUALITY))
-        for row in rows
-    ]
-    spread = (
-        f"means of {count} seeds, ± their standard deviation"
-        if count > 1
-        else "one seed; intervals: 95 %, paired bootstrap over frames, and so without the spread "
-        "between trainings, which more seeds would show"
-    )
-    other_heads = ("", *(name for metric, name in METRICS.items() if metric != QUALITY))
-    return "\n".join([
+    others = [metric for metric in METRICS if metric != QUALITY]
+    rest = [(row["name"], *(_text(row["all"][each]) for each in others)) for row in rows.values()]
+    parts = (
         "# Table IV: one part left out at a time\n",
-        f"{NOTE}Here: {spread}.\n",
+        f"{NOTE}{_spread_note(len(found['seeds']))}\n",
         "## Grasp quality\n",
         _table(heads, qualities),
         "## Grasp quality above the full method's\n",
         _table(heads, differences),
         "## Other metrics, all splits\n",
-        _table(other_heads, others),
-    ])  # fmt: skip
+        _table(("", *(METRICS[each] for each in others)), rest),
+    )
+    return "\n".join(parts)
+
+
+def _spread_note(count: int) -> str:
+    if count > 1:
+        return f"Means of {count} seeds, ± their standard deviation."
+    return (
+        "One seed; intervals: 95 %, paired bootstrap over frames, so without the spread between\n"
+        "trainings, which more seeds would show."
+    )
 
 
 def _published(row: Mapping[str, Any], base: Sequence[float] | None = None) -> tuple[str, str]:
@@ -175,7 +172,8 @@ def _text(figure: Mapping[str, Any]) -> str:
     return f"{figure['mean']:.3f}{spread}"
 
 
-def _difference_text(figure: Mapping[str, Any]) -> str:
+def _above(figures: Mapping[str, Any]) -> str:
+    figure = figures["difference"]
     if figure["mean"] is None:
         return "-"
     if figure["spread"] is not None:

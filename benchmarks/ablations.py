@@ -7,6 +7,7 @@ command, and a step that was interrupted is taken up where its own command takes
 """
 
 import argparse
+import os
 import shlex
 import signal
 import subprocess
@@ -187,10 +188,17 @@ def perform(steps: Iterator[Step], records: Path, run: Run) -> None:
             if step.output.exists():
                 continue
         sys.stderr.write(f"== symgrasp {shlex.join(step.command)}\n")
-        started = time.monotonic()
+        started, busy = time.monotonic(), cpu_seconds()
         run(step.command)
-        seconds = round(time.monotonic() - started, 1)
-        write_json(record, {"command": list(step.command), "seconds": seconds})
+        seconds, cpu = time.monotonic() - started, cpu_seconds() - busy
+        taken = {"seconds": round(seconds, 1), "cpu_seconds": round(cpu, 1)}
+        write_json(record, {"command": list(step.command), **taken})
+
+
+def cpu_seconds() -> float:
+    """Return how long finished child processes kept processors busy."""
+    times = os.times()
+    return times.children_user + times.children_system
 
 
 def run_symgrasp(command: Sequence[str]) -> None:
@@ -199,7 +207,8 @@ def run_symgrasp(command: Sequence[str]) -> None:
         try:
             code = process.wait()
         except BaseException:
-            process.terminate()  # it leaves a checkpoint, and nothing goes on behind our back
+            process.terminate()
+            process.wait()  # it leaves a checkpoint, and nothing goes on behind our back
             raise
     if code:
         raise SymgraspError(f"`symgrasp {command[0]}` ended with {code}; {GOES_ON}")

@@ -10,9 +10,11 @@ from benchmarks.ablations import (
     BATCH,
     Ablations,
     Budget,
+    Step,
     epochs,
     parsed,
     perform,
+    run_symgrasp,
     write_tables,
 )
 from pipelines.errors import SymgraspError
@@ -132,6 +134,13 @@ def test_an_interrupted_run_goes_on_with_the_step_it_stopped_in(tmp_path):
 def test_more_seeds_later_keep_what_the_first_one_made(tmp_path):
     done(tmp_path)
     assert all("seed0" not in " ".join(c) for c in done(tmp_path, seeds=(0, 1)))
+
+
+def test_a_failed_command_is_named_and_leaves_no_record(tmp_path):
+    step = Step("wrong", ("infer",))
+    with pytest.raises(SymgraspError, match="`symgrasp infer` ended with 2"):
+        perform(iter([step]), tmp_path, run_symgrasp)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_what_was_deleted_is_made_again(tmp_path):

@@ -62,6 +62,13 @@ ROWS = (  # the first is what the others are compared with
         infer=("--no-grounding",),
         network=FULL,
     ),
+    Row(
+        "no-depth-regions",
+        "no regions from depth alone",
+        None,
+        infer=("--regions", "detector"),
+        network=FULL,
+    ),
 )
 
 

@@ -21,6 +21,7 @@ from pipelines.errors import SymgraspError
 from tests.formats.test_formats_document import block, keys_of
 
 MAKEFILE = Path(__file__).resolve().parents[2] / "Makefile"
+OTHERS = len(ROWS) - 1
 REGIONS = {"refined": 1200, "unrefined": 1200, "uncut": 600}
 
 
@@ -54,7 +55,7 @@ class Machine:
         if command[0] == "evaluate":
             out.write_text(json.dumps(report(0.5 if out.parent.name == FULL else 0.4)))
         if command[0] == "compare":
-            out.write_text(json.dumps(comparison([-0.1] * (len(ROWS) - 1))))
+            out.write_text(json.dumps(comparison([-0.1] * OTHERS)))
         out.touch()
 
 
@@ -162,7 +163,7 @@ def test_a_training_is_never_shorter_than_an_epoch():
 
 def test_the_table_holds_the_papers_figures_and_the_mean_and_spread_of_ours():
     reports = {row.key: [report(0.5), report(0.6)] for row in ROWS}
-    compared = [comparison([-0.1] * 5), comparison([-0.2] * 5)]
+    compared = [comparison([-0.1] * OTHERS), comparison([-0.2] * OTHERS)]
     found = summary(reports, compared, [0, 1])
     novel = found["rows"]["no-pift"]["novel"]
     assert novel["grasp_quality"]["mean"] == pytest.approx(0.55)
@@ -178,7 +179,7 @@ def test_the_table_holds_the_papers_figures_and_the_mean_and_spread_of_ours():
 
 def test_one_seed_has_no_spread_but_the_interval_over_frames():
     reports = {row.key: [report(0.5)] for row in ROWS}
-    text = markdown(summary(reports, [comparison([-0.1] * 5)], [0]))
+    text = markdown(summary(reports, [comparison([-0.1] * OTHERS)], [0]))
     assert "| full method | 0.382 | 0.297 | 0.500 |" in text
     assert "| -0.100 (-0.120 to -0.090) |" in text
 

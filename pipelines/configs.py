@@ -255,7 +255,8 @@ class SelectionConfig:
     min_affordance: float = 0.5  # Sec. III-E
     weak_affordance: float = 0.1  # D. 27: below it no point of a region is worth a finger
     min_existence: float = 0.5  # D. 4
-    min_completion: float = 0.7  # D. 32: trust in a symmetry that may complete the unseen side
+    min_trust: float = 0.1  # D. 66: of a symmetry that is fitted to what is seen
+    min_completion: float = 0.25  # D. 32: trust in a symmetry that may complete the unseen side
     ground_symmetries: bool = True  # D. 31: fit predictions to what is seen; the paper does not
     max_pairs: int = 64  # contact pairs a region that are tried
     pair_spacing: float = 0.006  # metres between the first contacts of pairs that are tried
@@ -277,6 +278,11 @@ class SelectionConfig:
     body_margin: float = 0.001  # metres that the gripper's bodies are blown up by
     max_points_inside: int = 2  # measured points, as noise, that a body may hold
     steadiness: float = 0.85  # of the best candidate's, that a candidate needs to be ranked
+
+    @property
+    def least_trust(self) -> float:
+        """Existence above which grasps rest on a symmetry: fitted ones may be tried early."""
+        return self.min_trust if self.ground_symmetries else self.min_existence
 
 
 @dataclass(frozen=True)

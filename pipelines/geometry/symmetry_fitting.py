@@ -6,7 +6,7 @@ where that is seen. Both are fitted by a few robust Gauss-Newton steps from the 
 stays as a prior: what one view cannot show must not run away.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,78 +39,94 @@ class Fit:
     support: float
 
 
+# From k directions, k points and k bases: residuals (k, n) and their derivatives (k, n, 4).
 Linearised = Callable[[Array, Array, Array], tuple[Array, Array]]
 
 
-def fit_rotation(symmetry: RotationSymmetry, points: Array, normals: Array) -> Fit:
-    """Fit an axis to `points` and `normals` (n, 3) of a surface, metres, any frame."""
+def fit_rotations(starts: Sequence[RotationSymmetry], points: Array, normals: Array) -> list[Fit]:
+    """Fit each of some axes to `points` and `normals` (n, 3) of a surface, metres, any frame."""
 
     def linearised(axis: Array, centre: Array, basis: Array) -> tuple[Array, Array]:
-        across = np.cross(normals, axis)
-        length = np.maximum(np.linalg.norm(across, axis=1), MIN_SLOPE)[:, None]
-        foot = points - centre
-        residual = np.einsum("ij,ij->i", across, foot) / length[:, 0]
-        turned = np.stack([np.cross(normals, e) for e in basis.T], 1)
-        by_axis = np.einsum("nki,ni->nk", turned, foot) / length
-        return residual, np.concatenate([by_axis, -(across / length) @ basis], 1)
+        across = np.cross(normals, axis[:, None])
+        length = np.maximum(np.linalg.norm(across, axis=-1), MIN_SLOPE)[..., None]
+        foot = points - centre[:, None]
+        residual = np.einsum("kni,kni->kn", across, foot) / length[..., 0]
+        turned = np.cross(normals[None, :, None], basis.transpose(0, 2, 1)[:, None])
+        by_axis = np.einsum("knei,kni->kne", turned, foot) / length
+        return residual, np.concatenate([by_axis, -(across / length) @ basis], -1)
 
-    return _fitted(symmetry.axis, symmetry.point, linearised)
+    directions = np.array([start.axis for start in starts])
+    origins = np.array([start.point for start in starts])
+    return _fitted(directions, origins, linearised)
 
 
-def fit_reflection(symmetry: ReflectionSymmetry, points: Array, normals: Array) -> Fit:
-    """Fit a mirror plane to `points` and `normals` (n, 3) of a surface, metres, any frame."""
+def fit_reflections(
+    starts: Sequence[ReflectionSymmetry], points: Array, normals: Array
+) -> list[Fit]:
+    """Fit each of some planes to `points` and `normals` (n, 3) of a surface, metres, any frame.
+
+    One whose images hardly meet the surface stays as it is.
+    """
     tree = KDTree(points)
 
     def linearised(normal: Array, point: Array, basis: Array) -> tuple[Array, Array]:
-        plane = ReflectionSymmetry(normal, point)
-        image = plane.counterpart(points)
-        _, nearest = tree.query(image)
-        target = normals[nearest]
-        alike = np.einsum("ij,ij->i", plane.mirror_vectors(normals), target) > MATCH_NORMAL
-        residual = np.einsum("ij,ij->i", target, image - points[nearest])
-        height = (points - point) @ normal
-        moves = [
-            -2.0 * (((points - point) @ e)[:, None] * normal + height[:, None] * e) for e in basis.T
-        ]
-        by_normal = np.stack([np.einsum("ij,ij->i", target, move) for move in moves], 1)
-        by_offset = 2.0 * (target @ normal)[:, None]
-        # An image beside the seen surface meets its border: that says nothing of the plane.
-        beside = np.linalg.norm(image - points[nearest], axis=1) - np.abs(residual) > SCALES[0] / 2
-        return (
-            np.where(alike & ~beside, residual, np.inf),
-            np.concatenate([by_normal, by_offset, np.zeros_like(by_offset)], 1),
+        foot = points - point[:, None]
+        height = np.einsum("kni,ki->kn", foot, normal)
+        image = points - 2.0 * height[..., None] * normal[:, None]
+        distance, nearest = tree.query(image)
+        target, slope = normals[nearest], normals @ normal.T
+        mirrored = normals - 2.0 * slope.T[..., None] * normal[:, None]
+        alike = np.einsum("kni,kni->kn", mirrored, target) > MATCH_NORMAL
+        residual = np.einsum("kni,kni->kn", target, image - points[nearest])
+        along_normal = np.einsum("kni,ki->kn", target, normal)
+        by_normal = -2.0 * (
+            (foot @ basis) * along_normal[..., None] + height[..., None] * (target @ basis)
         )
+        by_offset = 2.0 * along_normal[..., None]
+        # An image beside the seen surface meets its border: that says nothing of the plane.
+        beside = distance - np.abs(residual) > SCALES[0] / 2
+        jacobian = np.concatenate([by_normal, by_offset, np.zeros_like(by_offset)], -1)
+        return np.where(alike & ~beside, residual, np.inf), jacobian
 
-    fit = _fitted(symmetry.normal, symmetry.point, linearised, along=True)
-    if fit.support < MIN_OVERLAP:
-        return Fit(symmetry.normal, symmetry.point, fit.support)
-    return fit
+    directions = np.array([start.normal for start in starts])
+    origins = np.array([start.point for start in starts])
+    fits = _fitted(directions, origins, linearised, along=True)
+    return [
+        fit if fit.support >= MIN_OVERLAP else Fit(start.normal, start.point, fit.support)
+        for fit, start in zip(fits, starts, strict=True)
+    ]
 
 
-def _fitted(direction: Array, point: Array, linearised: Linearised, *, along: bool = False) -> Fit:
-    """Gauss-Newton with annealed Tukey weights from `direction` and `point`, the prior.
+def _fitted(
+    directions: Array, points: Array, linearised: Linearised, *, along: bool = False
+) -> list[Fit]:
+    """Gauss-Newton with annealed Tukey weights from `directions` and `points`, the priors.
 
-    Four unknowns: two turns of the direction, then either two offsets across it (an axis) or,
+    Four unknowns each: two turns of the direction, then either two offsets across it (an axis) or,
     `along`, one offset along it (a plane) and one that is not used.
     """
-    start_direction, start_point = unit(direction), np.asarray(point, np.float64)
-    basis = basis_from_direction(start_direction)[:, 1:]
-    offsets = np.stack([start_direction, np.zeros(3)], 1) if along else basis
+    start = unit(directions)
+    basis = np.array([basis_from_direction(direction)[:, 1:] for direction in start])
+    offsets = np.stack([start, np.zeros_like(start)], -1) if along else basis
     sigma = np.array([PRIOR_ANGLE, PRIOR_ANGLE, PRIOR_OFFSET, PRIOR_OFFSET])
-    total, support = np.zeros(4), 0.0
+    total, support = np.zeros((len(start), 4)), np.zeros(len(start))
+
+    def moved() -> tuple[Array, Array]:
+        turned = np.einsum("kij,kj->ki", basis, total[:, :2])
+        return unit(start + turned), points + np.einsum("kij,kj->ki", offsets, total[:, 2:])
+
     for scale in np.geomspace(*SCALES, STEPS):
-        axis = unit(start_direction + basis @ total[:2])
-        residual, jacobian = linearised(axis, start_point + offsets @ total[2:], basis)
+        residual, jacobian = linearised(*moved(), basis)
         near = np.abs(residual) < scale
-        weight = np.where(near, (1.0 - np.where(near, residual / scale, 0.0) ** 2) ** 2, 0.0)
-        support = float(weight.mean())
-        share = EFFECTIVE_POINTS / max(len(residual), 1) / NOISE**2
         finite = np.where(near, residual, 0.0)
-        normal_matrix = share * (jacobian * weight[:, None]).T @ jacobian + np.diag(sigma**-2.0)
-        gradient = share * jacobian.T @ (weight * finite) + total / sigma**2
-        total = total - np.linalg.solve(normal_matrix, gradient)
-    axis = unit(start_direction + basis @ total[:2])
-    return Fit(axis, start_point + offsets @ total[2:], support)
+        weight = np.where(near, (1.0 - (finite / scale) ** 2) ** 2, 0.0)
+        support = weight.mean(axis=1)
+        share = EFFECTIVE_POINTS / max(residual.shape[1], 1) / NOISE**2
+        weighted = (jacobian * weight[..., None]).transpose(0, 2, 1)
+        normal_matrix = share * weighted @ jacobian + np.diag(sigma**-2.0)
+        gradient = share * np.einsum("kin,kn->ki", weighted, finite) + total / sigma**2
+        total = total - np.linalg.solve(normal_matrix, gradient[..., None])[..., 0]
+    return [Fit(*each) for each in zip(*moved(), support.tolist(), strict=True)]
 
 
 def fit_sphere(point: Array, points: Array, normals: Array) -> Fit:

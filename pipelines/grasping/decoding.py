@@ -35,6 +35,11 @@ class ContactPairs:
     alignment: Array
     slot: NDArray[np.int64]
 
+    @property
+    def quality(self) -> Array:
+        """(k,) 0 to 1, how well fingers would hold here, as far as is known."""
+        return self.affordance * self.alignment
+
     def __len__(self) -> int:
         return len(self.slot)
 
@@ -119,7 +124,7 @@ def contact_pairs(
     (D. 5): mirroring turns a normal n into n - 2 (n.m) m, so that is the largest |n.m|, and the
     same for an axis or a centre with the direction across it.
     """
-    symmetries = slots.existing(config.min_existence)
+    symmetries = slots.existing(config.least_trust)
     chosen = np.flatnonzero(graspable(affordance, config))
     if not symmetries or not len(chosen):
         return _no_pairs()
@@ -130,6 +135,8 @@ def contact_pairs(
     sound = cosine > np.cos(config.max_contact_angle)
     width = np.linalg.norm(images - points[:, None], axis=-1)
     sound &= (width > config.min_width) & (width < gripper.max_width)
+    if scene.plane is not None:  # a hand across a steeper line would come from beneath
+        sound &= np.abs(lines @ scene.plane.normal) < np.sin(config.max_approach_angle)
     sound &= in_observed_frustum(images.reshape(-1, 3), scene, config).reshape(sound.shape)
     best = np.where(sound, cosine, -1.0).argmax(axis=1)
     rows = np.arange(len(chosen))
@@ -145,7 +152,7 @@ def contact_pairs(
 
 def thinned(pairs: ContactPairs, config: SelectionConfig) -> ContactPairs:
     """Return at most `max_pairs` pairs, best first, one a `pair_spacing` of first contacts."""
-    order = np.argsort(-pairs.affordance * pairs.alignment, kind="stable")
+    order = np.argsort(-pairs.quality, kind="stable")
     best_first = pairs[order]
     kept = voxel_downsample(best_first.contacts[:, 0], config.pair_spacing)
     return best_first[kept[: config.max_pairs]]

@@ -46,7 +46,7 @@ def plan_region(
     candidates = Candidates(
         pairs.contacts,
         _base_approach(region, scene, len(pairs)),
-        pairs.affordance * pairs.alignment,
+        pairs.quality,
         pairs.affordance,
         pairs.slot,
         "network",
@@ -63,7 +63,7 @@ def hidden_points(
 ) -> Array:
     """Return (m, 3) points of `region` that its trusted symmetries put where nothing is seen."""
     images = [np.zeros((0, 3))]
-    for _, symmetry in slots.existing(config.min_completion):
+    for _, symmetry in slots.existing(max(config.min_completion, config.least_trust)):
         if isinstance(symmetry, RotationSymmetry):
             images += [symmetry.turn(region.points, angle) for angle in COMPLETING_TURNS]
         else:

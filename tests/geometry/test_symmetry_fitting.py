@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry
-from pipelines.geometry.symmetry_fitting import fit_reflection, fit_rotation, fit_sphere
+from pipelines.geometry.symmetry_fitting import fit_reflections, fit_rotations, fit_sphere
 from pipelines.geometry.transforms import make_pose, random_rotation, rotate_vectors, unit
 from pipelines.geometry.transforms import transform_points as moved
 
@@ -18,6 +18,14 @@ def seen_of(points, normals, toward, rng):
     noisy = points[front] + rng.normal(0, NOISE, (front.sum(), 3))
     tilted = unit(normals[front] + rng.normal(0, 0.05, (front.sum(), 3)))
     return noisy, tilted
+
+
+def fit_rotation(start, points, normals):
+    return fit_rotations([start], points, normals)[0]
+
+
+def fit_reflection(start, points, normals):
+    return fit_reflections([start], points, normals)[0]
 
 
 def cylinder(rng, radius=0.03, height=0.12, n=2000):
@@ -95,3 +103,25 @@ def test_moving_the_surface_moves_the_fit():
     turned = fit_rotation(start.transformed(T), moved(T, points), rotate_vectors(T, normals))
     assert degrees_between(turned.direction, rotate_vectors(T, still.direction)) < 1e-3
     assert_allclose(turned.support, still.support, atol=1e-6)
+
+
+def test_starts_fitted_together_fit_as_each_does_alone():
+    rng = np.random.default_rng(4)
+    points, normals = seen_of(*ellipsoid(rng), [0.2, 0.9, 1.0], rng)
+    planes = [ReflectionSymmetry(n, rng.normal(0, 0.004, 3)) for n in random_rotation(rng)]
+    axes = [RotationSymmetry(n, rng.normal(0, 0.004, 3)) for n in random_rotation(rng)]
+    for starts, together in ((planes, fit_reflections), (axes, fit_rotations)):
+        for start, fit in zip(starts, together(starts, points, normals), strict=True):
+            alone = together([start], points, normals)[0]
+            assert_allclose(fit.direction, alone.direction, atol=1e-9)
+            assert_allclose(fit.point, alone.point, atol=1e-9)
+            assert fit.support == pytest.approx(alone.support)
+
+
+def test_derivatives_of_the_residuals_lead_to_the_plane_in_few_steps():
+    rng = np.random.default_rng(5)
+    points, normals = ellipsoid(rng, n=1500)
+    start = ReflectionSymmetry(unit([1.0, 0.06, -0.04]), [0.003, 0, 0])
+    fit = fit_reflection(start, points, normals)
+    assert degrees_between(fit.direction, [1, 0, 0]) < 0.6
+    assert abs(float(fit.point @ fit.direction)) < 0.0005

@@ -57,9 +57,10 @@ def test_predicted_symmetries_give_network_grasps_and_are_written_down():
     result = plan(Oracle())
     assert result.status == "ok"
     assert set(result.grasps.source) == {"network"}
-    assert (result.regions.existence[0] > 0.5).tolist() == [True, True, False, False, False]
-    cosine = result.regions.symmetry_direction[0, :2] @ POSE[:3, :2]
-    np.testing.assert_allclose(np.abs(np.diag(cosine)), 1.0, atol=1e-5)
+    # The level plane, which the network did not name, is seen by its half height.
+    assert (result.regions.existence[0] > 0.5).tolist() == [True, True, True, False, False]
+    cosine = np.abs(result.regions.symmetry_direction[0, :3] @ POSE[:3, :3])
+    np.testing.assert_allclose(np.sort(cosine.max(axis=0)), 1.0, atol=1e-3)
     assert result.regions.affordance_max[0] == 1.0
 
 

@@ -1,0 +1,67 @@
+"""Axes of rotation that a region may have, from its shape and from the network.
+
+What stands turns about the table's normal, what lies about a level line at half its height; a tin
+of which only the lid is seen turns about the lid's normal, through the middle of its outline.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.symmetry import ROTATION_SLOT, RotationSymmetry, SymmetrySlots
+from pipelines.geometry.transforms import basis_from_direction
+from pipelines.grasping.plane_candidates import (
+    half_between_ends,
+    halfway_up,
+    largest_face,
+    level_directions,
+)
+
+Array = NDArray[np.float64]
+
+
+def candidate_axes(
+    slots: SymmetrySlots, points: Array, normals: Array, table: Plane | None
+) -> list[RotationSymmetry]:
+    """Return axes worth a fit.
+
+    Args:
+        slots: what the network says of the region, camera frame.
+        points: (n, 3) metres, camera frame.
+        normals: (n, 3) unit.
+        table: normal toward the camera; None where none is known.
+    """
+    named, face = slots.point[ROTATION_SLOT], largest_face(normals)
+    lines = [(slots.direction[ROTATION_SLOT], named)]
+    lines += [(direction, named) for direction in principal_axes(points).T]
+    lines.append((face, middle_of_outline(points, face)))
+    if table is not None:
+        up = table.normal
+        lines += [(up, named), (up, middle_of_outline(points, up))]
+        lines += [
+            (along, _lying(points, along, table)) for along in level_directions(points, table)
+        ]
+    return [RotationSymmetry(direction, point) for direction, point in lines]
+
+
+def principal_axes(points: Array) -> Array:
+    """Return the (3, 3) principal axes of `points` (n, 3) as columns, the longest last."""
+    vectors: Array = np.linalg.eigh(np.cov(points.T))[1]
+    return vectors
+
+
+def middle_of_outline(points: Array, direction: Array) -> Array:
+    """Return the centre (3,) of the smallest circle around `points` as seen along `direction`."""
+    basis, middle = basis_from_direction(direction)[:, 1:], points.mean(axis=0)
+    flat = (points - middle) @ basis
+    centre, _ = cv2.minEnclosingCircle(flat.astype(np.float32))
+    return np.asarray(middle + basis @ np.array(centre, np.float64))
+
+
+def _lying(points: Array, along: Array, table: Plane) -> Array:
+    """Return a point (3,) of the axis of what lies on `table` with its axis `along` it."""
+    across, middle = np.cross(table.normal, along), points.mean(axis=0)
+    aside = half_between_ends(points, across) - float(middle @ across)
+    rise = float(table.height(halfway_up(points, table)) - table.height(middle))
+    return np.asarray(middle + aside * across + rise * table.normal)

@@ -1,0 +1,146 @@
+"""Mirror planes that a region may have, from its shape and from the network; none is judged here.
+
+A box shows where its planes are by its faces and its outline, a can by its axis, whatever stands
+on the table by half its height. Each source names planes that the others miss; what they name
+twice is kept once.
+"""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.symmetry import REFLECTION_SLOTS, ReflectionSymmetry, SymmetrySlots
+from pipelines.geometry.transforms import basis_from_direction, unit
+
+Array = NDArray[np.float64]
+
+END_PERCENTILES = (1.5, 98.5)  # of the points along a direction, against flying pixels
+TOP_PERCENTILE = 97.0  # of a region's heights, likewise
+FACE_TRIALS = 40  # normals tried as the one of the largest face
+FACE_ANGLE = np.radians(20.0)  # normals closer than this are one face's
+SIDE_ANGLE = np.radians(30.0)  # normals nearer than this to the largest face's are no side's
+MIN_SIDE_POINTS = 10
+SAME_ANGLE = np.radians(8.0)  # starts closer than both lead to one fit
+SAME_OFFSET = 0.004  # metres
+
+
+def candidate_planes(
+    slots: SymmetrySlots,
+    axis: Array,
+    points: Array,
+    normals: Array,
+    table: Plane | None,
+) -> list[ReflectionSymmetry]:
+    """Return planes worth a look, each with its point next to the region's middle.
+
+    Args:
+        slots: what the network says of the region, camera frame.
+        axis: (3,) direction of the best axis of rotation.
+        points: (n, 3) metres, camera frame.
+        normals: (n, 3) unit.
+        table: normal toward the camera; None where none is known.
+    """
+    middle = points.mean(axis=0)
+    directions = [*face_directions(points, normals), axis]
+    named = []
+    if table is not None:
+        directions += level_directions(points, table)
+        named.append((table.normal, halfway_up(points, table)))
+    named += [(d, half_between_ends(points, d) * d) for d in directions]
+    named += [(slots.direction[k], slots.point[k]) for k in REFLECTION_SLOTS]
+    planes = [ReflectionSymmetry(unit(d), _foot(middle, unit(d), point)) for d, point in named]
+    return distinct(planes, SAME_ANGLE, SAME_OFFSET)
+
+
+def _foot(middle: Array, normal: Array, point: Array) -> Array:
+    """Return the point of a plane that is nearest to `middle`."""
+    return np.asarray(middle + ((point - middle) @ normal) * normal)
+
+
+def half_between_ends(points: Array, direction: Array) -> float:
+    """Return the offset along `direction` (3,) halfway between the ends of `points` (n, 3)."""
+    low, high = np.percentile(points @ direction, END_PERCENTILES)
+    return float(low + high) / 2.0
+
+
+def halfway_up(points: Array, table: Plane) -> Array:
+    """Return a point (3,) halfway between the table and the top of `points` (n, 3)."""
+    foot = np.median(points, axis=0)
+    rise = region_top(points, table) / 2.0 - float(table.height(foot))
+    return np.asarray(foot + rise * table.normal)
+
+
+def region_top(points: Array, table: Plane) -> float:
+    """Return the height in metres of the top of `points` (n, 3) above `table`."""
+    return float(np.percentile(table.height(points), TOP_PERCENTILE))
+
+
+def face_directions(points: Array, normals: Array) -> list[Array]:
+    """Return the edges of the two boxes that fit: the largest face's normal and two across it.
+
+    Across it once as the other faces lie, if any are seen, once as the outline lies.
+    """
+    face = largest_face(normals)
+    basis = basis_from_direction(face)[:, 1:]
+    lean = normals @ basis
+    sides = lean[np.linalg.norm(lean, axis=1) > np.sin(np.pi / 2 - SIDE_ANGLE)]
+    angles = [_outline_angle(points @ basis)]
+    if len(sides) > MIN_SIDE_POINTS:
+        # Faces at right angles are one direction of four times their angle.
+        quadrupled = 4.0 * np.arctan2(sides[:, 1], sides[:, 0])
+        angles.append(float(np.angle(np.exp(1j * quadrupled).mean())) / 4.0)
+    found = [face]
+    for angle in angles:
+        first = basis @ np.array([np.cos(angle), np.sin(angle)])
+        found += [first, np.cross(face, first)]
+    return found
+
+
+def largest_face(normals: Array) -> Array:
+    """Return the normal (3,) that most of `normals` (n, 3) are close to, or opposite of."""
+    trials = normals[:: max(1, len(normals) // FACE_TRIALS)]
+    narrow = np.cos(FACE_ANGLE)
+    alike = np.clip((np.abs(normals @ trials.T) - narrow) / (1.0 - narrow), 0.0, 1.0)
+    face = trials[alike.sum(axis=0).argmax()]
+    cosine = normals @ face
+    near = np.abs(cosine) > narrow
+    return np.asarray(unit((normals[near] * np.sign(cosine[near])[:, None]).sum(axis=0)))
+
+
+def level_directions(points: Array, table: Plane) -> list[Array]:
+    """Return the sides of the smallest rectangle around `points` (n, 3) as seen from above.
+
+    And their principal axes in the table's plane: the outline's, where its far side is not seen.
+    """
+    basis = basis_from_direction(table.normal)[:, 1:]
+    flat = points @ basis
+    angle = _outline_angle(flat)
+    longest = np.linalg.eigh(np.cov(flat.T))[1][:, 1]
+    firsts = [basis @ np.array([np.cos(angle), np.sin(angle)]), basis @ longest]
+    return [each for first in firsts for each in (first, np.cross(table.normal, first))]
+
+
+def _outline_angle(flat: Array) -> float:
+    """Return how the smallest rectangle around `flat` (n, 2) is turned, radians."""
+    return float(np.radians(cv2.minAreaRect(flat.astype(np.float32))[2]))
+
+
+def distinct(
+    planes: Sequence[ReflectionSymmetry], angle: float, offset: float = np.inf
+) -> list[ReflectionSymmetry]:
+    """Return `planes` without those within `angle` (radians) and `offset` (metres) of one before.
+
+    `offset` is taken along the earlier plane's normal.
+    """
+    kept: list[ReflectionSymmetry] = []
+    for plane in planes:
+        if not any(
+            abs(float(plane.normal @ other.normal)) > np.cos(angle)
+            and abs(float((plane.point - other.point) @ other.normal)) < offset
+            for other in kept
+        ):
+            kept.append(plane)
+    return kept

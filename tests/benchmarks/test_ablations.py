@@ -184,6 +184,14 @@ def test_one_seed_has_no_spread_but_the_interval_over_frames():
     assert "| -0.100 (-0.120 to -0.090) |" in text
 
 
+def test_each_row_has_its_own_difference():
+    reports = {row.key: [report(0.5)] for row in ROWS}
+    each = [-0.1 * place for place in range(OTHERS)]
+    rows = summary(reports, [comparison(each)], [0])["rows"]
+    assert [rows[row.key]["all"]["difference"]["mean"] for row in ROWS[1:]] == each
+    assert "difference" not in rows[FULL]["all"]
+
+
 def test_both_files_are_written_with_a_stamp(tmp_path):
     work = work_in(tmp_path)
     done(tmp_path)

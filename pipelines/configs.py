@@ -379,7 +379,7 @@ class SimulateConfig:
     arm_force: float = 60.0  # newtons that the arm pushes with at most
     stop_force: float = 30.0  # newtons on the way in at which a careful arm stops
     convex_enough: float = 0.98  # share of its hull's volume that a model fills to be one piece
-    concavity: float = 0.03  # of pieces, coacd's: off by a millimetre or two where fingers close
+    concavity: float = 0.03  # of pieces, coacd's: a bowl's wall comes out some millimetres thick
     max_pieces: int = 32  # of a model
     min_visible_pixels: int = 300  # objects less visible do not count
     min_region_share: float = 0.3  # of a region's pixels on the object whose region it is

@@ -3,8 +3,7 @@
 Two rewritings leave the result as it is. A linear layer of (p_j - c_i, e_j) is
 (W [p_j, e_j]) - W_p c_i, so it is applied to each point once and not to each of its groups; and
 a linear layer commutes with interpolation, so it is applied to the few coarse points.
-Activations are normalised after pooling, where they are sixteen times fewer, and by layer
-instead of by batch: no statistics to keep, and a batch may be cut into pieces exactly.
+Activations are normalised after pooling, where they are sixteen times fewer.
 """
 
 import torch

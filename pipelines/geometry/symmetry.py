@@ -97,10 +97,11 @@ class RotationSymmetry:
         across = foot - (foot @ self.axis)[..., None] * self.axis
         return np.asarray(points, np.float64) - 2.0 * across
 
-    def turn(self, points: ArrayLike, angle: float) -> Array:
-        """Return `points` (..., 3) turned by `angle` radians about the axis."""
+    def turn(self, points: ArrayLike, angle: ArrayLike) -> Array:
+        """Return `points` (n, 3) turned by each `angle` (...), radians: (..., n, 3)."""
         R = rotation_about(self.axis, angle)
-        return (np.asarray(points, np.float64) - self.point) @ R.T + self.point
+        turned = (np.asarray(points, np.float64) - self.point) @ np.swapaxes(R, -1, -2)
+        return np.asarray(turned + self.point)
 
     def transformed(self, T: ArrayLike) -> "RotationSymmetry":
         """Return the symmetry of the object moved by the (4, 4) transform `T`."""

@@ -45,15 +45,16 @@ Linearised = Callable[[Array, Array, Array], tuple[Array, Array]]
 
 def fit_rotations(starts: Sequence[RotationSymmetry], points: Array, normals: Array) -> list[Fit]:
     """Fit each of some axes to `points` and `normals` (n, 3) of a surface, metres, any frame."""
+    moments = np.cross(points, normals)
 
     def linearised(axis: Array, centre: Array, basis: Array) -> tuple[Array, Array]:
-        across = np.cross(normals, axis[:, None])
-        length = np.maximum(np.linalg.norm(across, axis=-1), MIN_SLOPE)[..., None]
-        foot = points - centre[:, None]
-        residual = np.einsum("kni,kni->kn", across, foot) / length[..., 0]
-        turned = np.cross(normals[None, :, None], basis.transpose(0, 2, 1)[:, None])
-        by_axis = np.einsum("knei,kni->kne", turned, foot) / length
-        return residual, np.concatenate([by_axis, -(across / length) @ basis], -1)
+        # (n x v) . (p - c) = v . (p x n) - n . (v x c): two products of matrices for all points.
+        turned = np.concatenate([axis[:, None], basis.transpose(0, 2, 1)], 1)
+        arms = turned @ moments.T - np.cross(turned, centre[:, None]) @ normals.T
+        across = np.cross(axis[:, None], basis.transpose(0, 2, 1)) @ normals.T
+        length = np.sqrt(np.maximum(1.0 - (axis @ normals.T) ** 2, MIN_SLOPE**2))
+        rows = np.concatenate([arms, -across], 1) / length[:, None]
+        return rows[:, 0], rows[:, 1:].transpose(0, 2, 1)
 
     directions = np.array([start.axis for start in starts])
     origins = np.array([start.point for start in starts])
@@ -68,12 +69,15 @@ def fit_reflections(
     One whose images hardly meet the surface stays as it is.
     """
     tree = KDTree(points)
+    # An image farther off than this is beside the seen surface, or misses it by more than a scale.
+    reach = SCALES[0] / 2 + SCALES[0]
 
     def linearised(normal: Array, point: Array, basis: Array) -> tuple[Array, Array]:
         foot = points - point[:, None]
         height = np.einsum("kni,ki->kn", foot, normal)
         image = points - 2.0 * height[..., None] * normal[:, None]
-        distance, nearest = tree.query(image)
+        distance, nearest = tree.query(image, distance_upper_bound=reach)
+        nearest[nearest == len(points)] = 0
         target, slope = normals[nearest], normals @ normal.T
         mirrored = normals - 2.0 * slope.T[..., None] * normal[:, None]
         alike = np.einsum("kni,kni->kn", mirrored, target) > MATCH_NORMAL
@@ -84,7 +88,7 @@ def fit_reflections(
         )
         by_offset = 2.0 * along_normal[..., None]
         # An image beside the seen surface meets its border: that says nothing of the plane.
-        beside = distance - np.abs(residual) > SCALES[0] / 2
+        beside = np.isinf(distance) | (distance - np.abs(residual) > SCALES[0] / 2)
         jacobian = np.concatenate([by_normal, by_offset, np.zeros_like(by_offset)], -1)
         return np.where(alike & ~beside, residual, np.inf), jacobian
 

@@ -99,7 +99,7 @@ def axis_evidence(
     starts = candidate_axes(slots, points, normals, scene.plane)
     fits = fit_rotations(starts, points, normals)
     axes = [RotationSymmetry(fit.direction, fit.point) for fit in fits]
-    images = np.array([[axis.turn(points, angle) for angle in TURNS] for axis in axes])
+    images = np.array([axis.turn(points, TURNS) for axis in axes])
     free = in_observed_frustum(images.reshape(-1, 3), scene, config).reshape(len(axes), -1)
     existence = float(slots.existence[ROTATION_SLOT])
     found = [

@@ -256,7 +256,7 @@ class SelectionConfig:
     weak_affordance: float = 0.1  # D. 27: below it no point of a region is worth a finger
     min_existence: float = 0.5  # D. 4
     min_trust: float = 0.1  # D. 66: of a symmetry that is fitted to what is seen
-    min_completion: float = 0.25  # D. 32: trust in a symmetry that may complete the unseen side
+    min_completion: float = 0.5  # D. 32: trust in a symmetry that may complete the unseen side
     ground_symmetries: bool = True  # D. 31: fit predictions to what is seen; the paper does not
     max_pairs: int = 64  # contact pairs a region that are tried
     pair_spacing: float = 0.006  # metres between the first contacts of pairs that are tried
@@ -266,6 +266,7 @@ class SelectionConfig:
     clearance_cap: float = 0.05  # metres, b of Eq. 8
     enclosed_height_cap: float = 0.03  # metres, h of Eq. 8
     weight_clearance: float = 1.0  # w^b
+    weight_unseen: float = 0.9  # D. 68: of the finger tips' room that is not seen
     weight_height: float = 5.0  # w^h
     min_enclosed: float = 0.004  # metres of the object that must be between the fingers
     behind_tolerance: float = 0.005  # metres a counterpart may float before the surface, D. 6

@@ -76,8 +76,8 @@ def fit_reflections(
         foot = points - point[:, None]
         height = np.einsum("kni,ki->kn", foot, normal)
         image = points - 2.0 * height[..., None] * normal[:, None]
-        distance, nearest = tree.query(image, distance_upper_bound=reach)
-        nearest[nearest == len(points)] = 0
+        distance, index = tree.query(image, distance_upper_bound=reach)
+        nearest = np.where(np.isinf(distance), 0, index)
         target, slope = normals[nearest], normals @ normal.T
         mirrored = normals - 2.0 * slope.T[..., None] * normal[:, None]
         alike = np.einsum("kni,kni->kn", mirrored, target) > MATCH_NORMAL

@@ -12,6 +12,7 @@ from pipelines.grasping.collision import Obstacles, clearance, lowest_height, me
 from pipelines.grasping.grasps import Grasps, Index
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.observation import RegionCloud, SceneCloud, Surroundings
+from pipelines.grasping.visibility import seen_share
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -63,7 +64,7 @@ class RankedGrasps:
         source: (n,) `network`, `planar` or `random`.
         clearance: (n,) b of Eq. 8 in metres, capped.
         enclosed_height: (n,) h of Eq. 8 in metres, capped.
-        rank_score: (n,) s of Eq. 8.
+        rank_score: (n,) s of Eq. 8, less where the camera does not see (D. 68).
     """
 
     grasps: Grasps
@@ -134,7 +135,8 @@ def select(
             found = _ranked(candidates, pair, hands[hand], enclosed[kept])
             others = Obstacles(around.points[~around.own], around.count[~around.own])
             b = clearance(found.grasps, gripper, others, config.clearance_cap)
-            return _in_order(found, b, steady[pair], config)
+            sight = seen_share(found.grasps, gripper, scene)
+            return _in_order(found, b, steady[pair], sight, config)
     return RankedGrasps.empty()
 
 
@@ -203,11 +205,15 @@ def _ranked(
 
 
 def _in_order(
-    found: RankedGrasps, clearances: Array, steady: Array, config: SelectionConfig
+    found: RankedGrasps, clearances: Array, steady: Array, sight: Array, config: SelectionConfig
 ) -> RankedGrasps:
-    """Return `found` with Eq. 8's numbers, best first; the steadier first where these agree."""
+    """Return `found` with Eq. 8's numbers, best first; the steadier first where these agree.
+
+    Eq. 8 knows what was seen. Room that was not may hold the object's own far side, so its score
+    counts by the share `sight` (n,) of the finger tips' room that was seen to be free (D. 68).
+    """
     h = np.minimum(found.enclosed_height, config.enclosed_height_cap)
-    score = rank_score(clearances, h, config)
+    score = rank_score(clearances, h, config) * (1.0 - config.weight_unseen * (1.0 - sight))
     order = np.lexsort((-steady, -np.round(score, 6)))
     ranked = replace(found, clearance=clearances, enclosed_height=h, rank_score=score)
     return ranked[order]

@@ -21,6 +21,7 @@ from pathlib import Path
 from pipelines.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
 from pipelines.configs import SimulateConfig
 from pipelines.evaluation.tables import Table
+from pipelines.evaluation.truth_inputs import truth_digests
 from pipelines.formats import convex_pieces as convex_file
 from pipelines.formats.files import read_json
 from pipelines.formats.graspnet import GraspNetRoot, SceneFiles
@@ -30,7 +31,6 @@ from pipelines.formats.meshes import read_mesh
 from pipelines.formats.provenance import (
     Stamp,
     digest,
-    digest_folder,
     digest_text,
     is_finished,
     make_stamp,
@@ -75,7 +75,8 @@ def run(
     hand = gripper_digest(config.gripper)  # an unknown one is refused before anything is done
     scenes = scenes_of(grasps, found, root)
     inputs = {"grasps": digest(grasps), "gripper": hand}
-    inputs |= _digests(scenes, root, output, baselines=baselines)
+    inputs |= truth_digests(root, scenes, baselines=baselines)
+    inputs["pieces"] = _digest_of_pieces(scenes, root, output)
     settings = {**asdict(config), "baselines": baselines}
     stamp = make_stamp("simulate", settings, seed=seed, inputs=inputs)
     is_finished(output, stamp, overwrite=options.overwrite)  # refuses to replace another
@@ -173,18 +174,11 @@ def _finished(items: Iterable[WorkItem]) -> Iterator[FrameTrials]:
             yield from read_trials(item.target)
 
 
-def _digests(
-    scenes: Iterable[SceneFiles], root: GraspNetRoot, output: Path, *, baselines: bool
-) -> dict[str, str]:
-    """Return digests of what of the dataset, besides the scenes, decides the outcome."""
+def _digest_of_pieces(scenes: Iterable[SceneFiles], root: GraspNetRoot, output: Path) -> str:
+    """Return the digest of what the models' convex pieces are, or are to be cut of."""
     reader = PiecesReader(root, pieces_folder(output))
     sources = [path for path in map(reader.source, _object_ids(scenes)) if path.is_file()]
-    models = "".join(f"{path.relative_to(root.root)} {digest(path)}\n" for path in sources)
-    found = {"models": digest_text(models)}
-    labels = {"symmetry": "*.json", "regions": "*.json"}
-    labels |= {"affordance": "*.h5"} if baselines else {}
-    present = {name: end for name, end in labels.items() if (root.root / name).is_dir()}
-    return found | {name: digest_folder(root.root / name, end) for name, end in present.items()}
+    return digest_text("".join(f"{p.relative_to(root.root)} {digest(p)}\n" for p in sources))
 
 
 def _object_ids(scenes: Iterable[SceneFiles]) -> list[int]:

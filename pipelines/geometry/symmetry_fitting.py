@@ -78,9 +78,8 @@ def fit_reflections(
         image = points - 2.0 * height[..., None] * normal[:, None]
         distance, index = tree.query(image, distance_upper_bound=reach)
         nearest = np.where(np.isinf(distance), 0, index)
-        target, slope = normals[nearest], normals @ normal.T
-        mirrored = normals - 2.0 * slope.T[..., None] * normal[:, None]
-        alike = np.einsum("kni,kni->kn", mirrored, target) > MATCH_NORMAL
+        target = normals[nearest]
+        alike = face_alike(normals, target, normal)
         residual = np.einsum("kni,kni->kn", target, image - points[nearest])
         along_normal = np.einsum("kni,ki->kn", target, normal)
         by_normal = -2.0 * (
@@ -99,6 +98,16 @@ def fit_reflections(
         fit if fit.support >= MIN_OVERLAP else Fit(start.normal, start.point, fit.support)
         for fit, start in zip(fits, starts, strict=True)
     ]
+
+
+def face_alike(normals: Array, met: Array, planes: Array) -> NDArray[np.bool_]:
+    """Return (k, n) where `normals` (n, 3), mirrored in planes of normals (k, 3), face as `met`.
+
+    `met`: (k, n, 3) the normals of the surface where each image lies.
+    """
+    across = (planes @ normals.T) * np.einsum("kni,ki->kn", met, planes)
+    cosine = np.einsum("ni,kni->kn", normals, met) - 2.0 * across
+    return np.asarray(cosine > MATCH_NORMAL)
 
 
 def _fitted(

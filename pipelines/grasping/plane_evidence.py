@@ -20,7 +20,7 @@ from pipelines.geometry.symmetry import (
     RotationSymmetry,
     SymmetrySlots,
 )
-from pipelines.geometry.symmetry_fitting import MATCH_NORMAL, MIN_OVERLAP, fit_reflections
+from pipelines.geometry.symmetry_fitting import MIN_OVERLAP, face_alike, fit_reflections
 from pipelines.grasping.decoding import in_observed_frustum
 from pipelines.grasping.observation import SceneCloud
 from pipelines.grasping.plane_candidates import (
@@ -161,10 +161,7 @@ def _meetings(images: Array, normal: Array, region: RegionEvidence) -> tuple[Arr
     distance, nearest = KDTree(region.points).query(images)
     target = region.normals[nearest]
     gap = np.abs(np.einsum("kni,kni->kn", target, images - region.points[nearest]))
-    along = region.normals @ normal.T
-    mirrored = region.normals - 2.0 * along.T[..., None] * normal[:, None]
-    alike = np.einsum("kni,kni->kn", mirrored, target) > MATCH_NORMAL
-    meets = (gap < ON_SURFACE) & alike
+    meets = (gap < ON_SURFACE) & face_alike(region.normals, target, normal)
     near = distance < BESIDE
     return (near & meets).mean(axis=1), (near & ~meets).mean(axis=1)
 

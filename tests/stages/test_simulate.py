@@ -95,6 +95,13 @@ def truth_success(root, truth_file, tmp_path_factory) -> Path:
     return output
 
 
+@pytest.fixture(scope="module")
+def truth_small(root, small_file, tmp_path_factory) -> Path:
+    output = tmp_path_factory.mktemp("small") / "success.json"
+    run(small_file, root, output)
+    return output
+
+
 def test_true_grasps_hold_and_slippery_fingers_do_not(truth_success):
     rates = read_json(truth_success)["success"]["all"]["all"]
     assert [(rates[f]["held"], rates[f]["trials"]) for f in ("0.05", "0.3", "0.8")] == [
@@ -249,6 +256,25 @@ def test_rates_of_other_grasps_are_not_replaced_unasked(root, small_file, tmp_pa
         run(small_file, root, output, frictions=(0.4,))
     run(tmp_path / "g.h5", root, output, overwrite=True)
     assert read_json(output)["reasons"]["all"]["0.5"] == {"no grasp": 8, "held": 4}
+
+
+@pytest.mark.parametrize(
+    "file",
+    [
+        "models/000/nontextured.ply",
+        "symmetry/000.json",
+        "scenes/scene_0100/realsense/annotations/0000.xml",
+        "scenes/scene_0100/realsense/label/0000.png",
+        "scenes/scene_0100/realsense/cam0_wrt_table.npy",
+    ],
+)
+def test_another_truth_makes_rates_stale(root, small_file, truth_small, tmp_path, file):
+    other = GraspNetRoot(Path(shutil.copytree(root.root, tmp_path / "root")))
+    output = Path(shutil.copytree(truth_small.parent, tmp_path / "out")) / truth_small.name
+    assert run(small_file, other, output).done == []
+    (other.root / file).write_bytes((other.root / file).read_bytes() + b" ")
+    with pytest.raises(StaleOutputError):
+        run(small_file, other, output)
 
 
 def test_a_dry_run_writes_nothing(root, small_file, tmp_path):

@@ -14,14 +14,11 @@ Writes  NAME.safetensors             the best weights so far by mask AP50 on uns
 import json
 import logging
 import time
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torchvision.models.detection import MaskRCNN
 
 from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
@@ -29,19 +26,13 @@ from pipelines.configs import DetectorConfig, FinetuneDetectorConfig
 from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.formats import coco_instances, detector_frames
 from pipelines.formats.coco_instances import CocoFrame
-from pipelines.formats.detector_frames import DetectorFrame
 from pipelines.formats.files import existing
 from pipelines.formats.graspnet import GraspNetRoot, SceneFiles
 from pipelines.formats.provenance import Stamp, digest, digest_folder, digest_text, make_stamp
-from pipelines.formats.region_frames import (
-    MOST_REGIONS,
-    held_out_scenes,
-    read_region_frame,
-)
-from pipelines.formats.rgbd import Frame
+from pipelines.formats.region_frames import held_out_scenes
 from pipelines.formats.torch_weights import read_torch_weights
-from pipelines.geometry.depth_channels import find_plane, shrink
 from pipelines.learning import detector_training
+from pipelines.learning.detector_preparation import frames_of_coco, frames_of_scene
 from pipelines.learning.detector_training import DetectorTraining, FrameSets
 from pipelines.learning.faults import read_fault
 from pipelines.learning.loop import TrainingRun
@@ -204,42 +195,16 @@ def _item(output: Path, name: str, stamp: Stamp, source: SceneFiles | list[CocoF
 
 def prepare_scene(item: WorkItem, root: GraspNetRoot, config: FinetuneDetectorConfig) -> str:
     """Prepare one scene; `item.arguments` are its files. Return the count of frames."""
-    scene: SceneFiles = item.arguments[0]
-    frames = []
-    for files in scene.frames()[:: config.frame_stride]:
-        shown = read_region_frame(root, files, config.min_pixels)
-        masks = [region.mask for region in shown.regions]
-        frames.append(prepare_frame(shown.frame, masks, config))
+    frames = frames_of_scene(item.arguments[0], root, config)
     detector_frames.write(item.target, frames, item.stamp)
     return f"{len(frames)} frames"
 
 
 def prepare_coco_scene(item: WorkItem, root: GraspNetRoot, config: FinetuneDetectorConfig) -> str:
     """Prepare one scene of a COCO dataset; `item.arguments` are its frames."""
-    listed: list[CocoFrame] = item.arguments[0]
-    frames = []
-    for each in listed[:: config.frame_stride]:
-        masks = [mask for mask in each.masks() if mask.sum() >= config.min_pixels]
-        frames.append(prepare_frame(root.read_frame(each.files), masks[:MOST_REGIONS], config))
+    frames = frames_of_coco(item.arguments[0], root, config)
     detector_frames.write(item.target, frames, item.stamp)
     return f"{len(frames)} frames"
-
-
-def prepare_frame(
-    frame: Frame, masks: Sequence[NDArray[np.bool_]], config: FinetuneDetectorConfig
-) -> DetectorFrame:
-    """Return a frame at the detector's size with its regions, numbered from 1."""
-    detector = config.detector
-    small = shrink(frame.color, frame.depth, frame.intrinsics, detector.min_size, detector.max_size)
-    regions = np.zeros((frame.intrinsics.height, frame.intrinsics.width), np.uint8)
-    for number, mask in enumerate(masks, start=1):
-        regions[mask] = number
-    rows = np.floor((np.arange(small.depth.shape[0]) + 0.5) * regions.shape[0] / len(small.depth))
-    columns = np.floor(
-        (np.arange(small.depth.shape[1]) + 0.5) * regions.shape[1] / small.depth.shape[1]
-    )
-    picked = regions[np.ix_(rows.astype(int), columns.astype(int))]
-    return DetectorFrame(small, find_plane(small), picked)
 
 
 def split_frames(

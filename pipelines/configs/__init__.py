@@ -1,0 +1,66 @@
+"""Every number of the paper and of our choices: one frozen dataclass a stage.
+
+`Sec.` cites the paper, `D.` a numbered choice of DECISIONS.md.
+"""
+
+from pipelines.configs.dataset import (
+    AnnotateSymmetryConfig,
+    ExportCocoConfig,
+    LabelConfig,
+    LabelGraspsConfig,
+    PackConfig,
+    RefineGraspsConfig,
+    SynthesizeConfig,
+)
+from pipelines.configs.inference import (
+    ConvertFramesConfig,
+    ExportConfig,
+    InferConfig,
+    InspectConfig,
+    RegionConfig,
+    SelectionConfig,
+)
+from pipelines.configs.judging import (
+    CompareConfig,
+    EvaluateConfig,
+    EvaluateDumpConfig,
+    ScoreGraspsConfig,
+    SimulateConfig,
+)
+from pipelines.configs.learning import (
+    AugmentationConfig,
+    DetectorConfig,
+    EndlessConfig,
+    FinetuneDetectorConfig,
+    NetworkConfig,
+    TrainConfig,
+)
+from pipelines.configs.settings import from_settings
+
+__all__ = [
+    "AnnotateSymmetryConfig",
+    "AugmentationConfig",
+    "CompareConfig",
+    "ConvertFramesConfig",
+    "DetectorConfig",
+    "EndlessConfig",
+    "EvaluateConfig",
+    "EvaluateDumpConfig",
+    "ExportCocoConfig",
+    "ExportConfig",
+    "FinetuneDetectorConfig",
+    "InferConfig",
+    "InspectConfig",
+    "LabelConfig",
+    "LabelGraspsConfig",
+    "NetworkConfig",
+    "PackConfig",
+    "RefineGraspsConfig",
+    "RegionConfig",
+    "ScoreGraspsConfig",
+    "SelectionConfig",
+    "SimulateConfig",
+    "SynthesizeConfig",
+    "TrainConfig",
+    "from_settings",
+]

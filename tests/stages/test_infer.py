@@ -179,8 +179,10 @@ def test_a_killed_run_goes_on_where_it_stopped_and_ends_with_the_same_bytes(fram
     assert shard.exists()
     assert not output.exists()
     report = run(frames, output)
-    assert report.skipped == ["a"]
-    assert report.done == ["b", "c"]
+    # Frames are in flight beside each other: "c" may or may not have been whole when the kill came.
+    assert "a" in report.skipped
+    assert "b" in report.done
+    assert sorted([*report.skipped, *report.done]) == ["a", "b", "c"]
     run(frames, tmp_path / "whole.h5")
     assert output.read_bytes() == (tmp_path / "whole.h5").read_bytes()
 

@@ -25,6 +25,7 @@ from pipelines.errors import UnknownNameError, ValueRangeError
 from pipelines.formats import grasps_file
 from pipelines.formats.camera_files import CameraFile
 from pipelines.formats.frames import FrameSource, find_frames, read_masks
+from pipelines.formats.frames_record import FramesRecord
 from pipelines.formats.grasps_file import FrameResult
 from pipelines.formats.grasps_stream import merge_shards, read_frames
 from pipelines.formats.gripper_files import gripper_digest, load_gripper
@@ -161,7 +162,8 @@ def run(
     # A bag is one file of many frames: it is read once.
     digests = {path: digest(path) for path in {path for each in sources for path in each.files}}
     items = [_item(source, settings, common, digests) for source in sources]
-    stamp = _whole_stamp(items, settings, common)
+    record = FramesRecord(paths.frames, camera, depth_units_per_metre)
+    stamp = replace(_whole_stamp(items, settings, common), recorded=record.beside(paths.output))
     if is_finished(paths.output, stamp, overwrite=options.overwrite):
         return _finished_report(paths, sources)
     if not options.dry_run:

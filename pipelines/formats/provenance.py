@@ -19,12 +19,16 @@ COMPARED = ("stage", "config", "seed", "inputs")
 
 @dataclasses.dataclass(frozen=True)
 class Stamp:
-    """What an output was made by: stage, settings, seed and digests of its inputs."""
+    """What an output was made by: stage, settings, seed and digests of its inputs.
+
+    `recorded` is written down too where there is any, for later stages; it is not compared.
+    """
 
     stage: str
     config: Mapping[str, Any]
     seed: int = 0
     inputs: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    recorded: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     def as_json(self) -> dict[str, Any]:
         """Return the stamp as a JSON object, the toolkit's version included."""
@@ -34,7 +38,7 @@ class Stamp:
             "seed": self.seed,
             "inputs": dict(self.inputs),
             "version": version(),
-        }
+        } | ({"recorded": dict(self.recorded)} if self.recorded else {})
 
     def as_text(self) -> str:
         """Return the stamp as one line of JSON."""

@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from joblib import Parallel, delayed, parallel_config
+from joblib import delayed
 from rich.progress import track
 
+from pipelines.clusters import CLUSTERS, workers_of
 from pipelines.errors import StaleOutputError, SymgraspError
 from pipelines.formats.provenance import Stamp, is_finished
 
@@ -21,8 +22,8 @@ class BatchOptions:
     """How a batch is run; none of these changes what is written.
 
     Attributes:
-        workers: processes at a time; 1 runs in this process.
-        backend: joblib's: `loky`, or `dask` or `ray` where these are installed.
+        workers: processes at a time; 1 runs in this process, unless `backend` is a cluster.
+        backend: `loky`, or `dask` or `ray` where these are installed.
         overwrite: make outputs again that exist.
         dry_run: say what would be done, do nothing.
         progress: show a progress bar on stderr.
@@ -33,6 +34,11 @@ class BatchOptions:
     overwrite: bool = False
     dry_run: bool = False
     progress: bool = True
+
+    @property
+    def is_here(self) -> bool:
+        """Whether the work is done in this process."""
+        return self.workers == 1 and self.backend not in CLUSTERS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -126,14 +132,16 @@ def _outcomes(
     options: BatchOptions,
 ) -> Iterable[tuple[str | None, str | None]]:
     results: Iterator[tuple[str | None, str | None]]
-    if options.workers == 1:
+    if not todo:
+        return
+    if options.is_here:
         results = (_attempt(step, item) for item in todo)
         yield from track(
             results, stage, total=len(todo), disable=not options.progress, console=_stderr()
         )
         return
-    with parallel_config(backend=options.backend, n_jobs=options.workers):
-        results = Parallel(return_as="generator")(delayed(_attempt)(step, item) for item in todo)
+    with workers_of(options.backend, options.workers) as parallel:
+        results = parallel(delayed(_attempt)(step, item) for item in todo)
         yield from track(
             results, stage, total=len(todo), disable=not options.progress, console=_stderr()
         )

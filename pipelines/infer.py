@@ -245,7 +245,7 @@ def _side_by_side(options: BatchOptions) -> BatchOptions:
 
     More than a few threads would wait for Python's lock; `--workers` are processes.
     """
-    if options.workers > 1:
+    if not options.is_here:
         return options
     return replace(options, workers=min(cpu_count(), MAX_THREADS), backend="threading")
 

@@ -1,0 +1,114 @@
+"""Where a batch's workers run: processes of this machine, or a dask or ray cluster.
+
+A cluster that is there already is used: the one of `DASK_SCHEDULER_ADDRESS` or `RAY_ADDRESS`, or
+of a client that the calling program holds. Otherwise workers are started on this machine and ended
+with the batch. Workers read and write the same paths, so a cluster needs a shared file system.
+"""
+
+import logging
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from types import ModuleType
+
+from joblib import Parallel, parallel_config
+
+from pipelines.errors import SymgraspError, UnknownNameError
+
+BACKENDS = ("loky", "threading", "dask", "ray")
+CLUSTERS = ("dask", "ray")
+
+
+@contextmanager
+def workers_of(backend: str, workers: int) -> Iterator[Parallel]:
+    """Yield what runs tasks on `workers` processes (threads if `threading`), results in order.
+
+    Raises:
+        UnknownNameError: no such backend.
+        SymgraspError: the backend is not installed, or its scheduler does not answer.
+    """
+    if backend not in BACKENDS:
+        raise UnknownNameError("backend", backend, BACKENDS)
+    if backend == "dask":
+        with _dask(workers), parallel_config(backend="dask"):
+            yield Parallel(return_as="generator")
+    elif backend == "ray":
+        with _ray(workers), parallel_config(backend="ray", n_jobs=workers):
+            yield Parallel()  # its pool gives nothing before all is done
+    else:
+        with parallel_config(backend=backend, n_jobs=workers):
+            yield Parallel(return_as="generator")
+
+
+@contextmanager
+def _dask(workers: int) -> Iterator[None]:
+    """Be the client of a scheduler, or of workers started here, until the context ends."""
+    distributed = _extra("distributed", "dask")
+    try:
+        distributed.get_client()
+    except ValueError:  # this program is no client yet
+        pass
+    else:
+        yield
+        return
+    if address := import_module("dask").config.get("scheduler-address", None):
+        try:
+            client = distributed.Client(address)
+        except (OSError, ValueError) as error:
+            raise SymgraspError(
+                f"the dask scheduler {address} does not answer ({error}); "
+                "start it, or unset DASK_SCHEDULER_ADDRESS"
+            ) from error
+        with client:
+            yield
+        return
+    local = distributed.LocalCluster(
+        n_workers=workers,
+        threads_per_worker=1,
+        processes=True,
+        memory_limit=None,  # a share of the memory is no reason to end a worker
+        dashboard_address=None,
+        silence_logs=logging.ERROR,
+    )
+    with local, distributed.Client(local):
+        yield
+
+
+@contextmanager
+def _ray(workers: int) -> Iterator[None]:
+    """Be part of a ray cluster, or of one started here, until the context ends."""
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is told to anybody
+    ray = _extra("ray", "ray")
+    import_module("ray.util.joblib").register_ray()
+    if ray.is_initialized():
+        yield
+        return
+    try:
+        if "RAY_ADDRESS" in os.environ:
+            ray.init(log_to_driver=False)
+        else:
+            ray.init(num_cpus=workers, include_dashboard=False, log_to_driver=False)
+    except (ConnectionError, OSError) as error:
+        raise SymgraspError(
+            f"the ray cluster does not answer ({error}); start it, or unset RAY_ADDRESS"
+        ) from error
+    try:
+        yield
+    finally:
+        ray.shutdown()
+
+
+def _extra(module: str, extra: str) -> ModuleType:
+    """Return an optional module.
+
+    Raises:
+        SymgraspError: it is not installed; the sentence says how to.
+    """
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise SymgraspError(
+            f"--backend {extra} needs {module}, which is not installed; "
+            f'run: pip install "symgrasp[{extra}]"'
+        ) from error

@@ -1,0 +1,125 @@
+"""Batches on clusters: the same work in other processes, the same bytes whatever their number."""
+
+import os
+import sys
+from dataclasses import replace
+
+import pytest
+
+from pipelines import infer
+from pipelines.batch import BatchOptions, WorkItem, run_batch
+from pipelines.configs import InferConfig
+from pipelines.errors import SymgraspError, UnknownNameError
+from pipelines.formats.files import read_json, write_json
+from pipelines.formats.provenance import make_stamp
+
+QUIET = BatchOptions(progress=False)
+PLANAR = InferConfig(regions="geometric", method="planar")
+MODULES = {"dask": "distributed", "ray": "ray"}
+
+# What clusters warn of while they start and end is their own affair.
+pytestmark = pytest.mark.filterwarnings("default")
+
+
+def dask_of(workers):
+    pytest.importorskip("distributed", reason="the extra `dask` is not installed")
+    return replace(QUIET, workers=workers, backend="dask")
+
+
+def ray_of(workers):
+    pytest.importorskip("ray", reason="the extra `ray` is not installed")
+    return replace(QUIET, workers=workers, backend="ray")
+
+
+def items(folder, names):
+    return [WorkItem(name, folder / f"{name}.json", make_stamp("toy", {})) for name in names]
+
+
+def write_process(item):
+    if item.name == "bad":
+        raise SymgraspError("bad is bad; good would be right")
+    write_json(item.target, {"provenance": item.stamp.as_json(), "process": os.getpid()})
+
+
+@pytest.mark.parametrize("options_of", [dask_of, ray_of])
+def test_a_clusters_workers_are_other_processes_and_a_bad_item_fails_alone(tmp_path, options_of):
+    work = items(tmp_path, ["a", "bad", "b"])
+    report = run_batch("toy", work, write_process, options_of(2))
+    assert report.done == ["a", "b"]
+    assert report.failed == {"bad": "bad is bad; good would be right"}
+    assert os.getpid() not in {read_json(tmp_path / f"{name}.json")["process"] for name in "ab"}
+
+
+@pytest.fixture(scope="module")
+def frames(tmp_path_factory):
+    # Imported here, as workers import this module too and have no use for torch.
+    from tests.geometry.tabletops import Box, Can
+    from tests.stages.test_infer import write_frame
+
+    folder = tmp_path_factory.mktemp("frames")
+    for number in range(5):
+        write_frame(folder, f"f{number}", [Box((0.05 + 0.01 * number, 0.08, 0.1)), Can(0.03, 0.1)])
+    write_frame(folder, "torn", [Box((0.05, 0.05, 0.05))])
+    (folder / "torn_depth.png").write_bytes(b"\x89PNG")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def alone(frames):
+    """What this process writes of the frames, without a cluster."""
+    output = frames.parent / "alone.h5"
+    infer.run(infer.InferPaths(frames, output), PLANAR, QUIET)
+    return output.read_bytes()
+
+
+@pytest.fixture(scope="module")
+def client():
+    distributed = pytest.importorskip("distributed", reason="the extra `dask` is not installed")
+    local = distributed.LocalCluster(n_workers=4, threads_per_worker=1, dashboard_address=None)
+    with local, distributed.Client(local, set_as_default=False) as client:
+        yield client
+
+
+def test_a_client_that_is_there_is_used(client, tmp_path):
+    processes = client.run(os.getpid).values()
+    with client.as_current():
+        run_batch("toy", items(tmp_path, ["a"]), write_process, dask_of(1))
+    assert read_json(tmp_path / "a.json")["process"] in processes
+
+
+def test_dask_writes_the_same_bytes_with_1_2_and_4_workers(client, frames, alone, tmp_path):
+    for workers in (4, 2, 1):
+        client.retire_workers(list(client.ncores())[workers:], close_workers=True)
+        assert len(client.ncores()) == workers
+        output = tmp_path / f"{workers}.h5"
+        with client.as_current():
+            report = infer.run(infer.InferPaths(frames, output), PLANAR, dask_of(workers))
+        assert len(report.done) == 5
+        assert list(report.failed) == ["torn"]
+        assert output.read_bytes() == alone
+
+
+def test_ray_writes_the_same_bytes(frames, alone, tmp_path):
+    infer.run(infer.InferPaths(frames, tmp_path / "g.h5"), PLANAR, ray_of(2))
+    assert (tmp_path / "g.h5").read_bytes() == alone
+
+
+@pytest.mark.parametrize("backend", ["dask", "ray"])
+def test_a_cluster_that_is_not_installed_is_one_sentence(tmp_path, monkeypatch, backend):
+    monkeypatch.setitem(sys.modules, MODULES[backend], None)
+    options = replace(QUIET, backend=backend)
+    with pytest.raises(SymgraspError, match=rf'pip install "symgrasp\[{backend}\]"'):
+        run_batch("toy", items(tmp_path, ["a"]), write_process, options)
+
+
+def test_a_scheduler_that_does_not_answer_is_one_sentence(tmp_path):
+    options, dask = dask_of(2), pytest.importorskip("dask")
+    nobody = {"scheduler-address": "tcp://127.0.0.1:9", "distributed.comm.timeouts.connect": "1s"}
+    with dask.config.set(nobody), pytest.raises(SymgraspError, match="127.0.0.1:9 does not answer"):
+        run_batch("toy", items(tmp_path, ["a"]), write_process, options)
+
+
+def test_an_unknown_backend_names_the_known_ones(tmp_path):
+    options = replace(QUIET, workers=2, backend="slurm")
+    with pytest.raises(UnknownNameError, match="loky, ray"):
+        run_batch("toy", items(tmp_path, ["a"]), write_process, options)

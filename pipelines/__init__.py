@@ -25,6 +25,6 @@ compare              several report.json                         compare.json, c
 ===================  ==========================================  ===============================
 
 Libraries, from the ground up: `errors`, `configs`, `geometry` and `network`, `grasping`,
-`formats` and `metrics`, `synthesis` and `evaluation`, `simulation`, `clusters`, `learning` and `batch`,
-`annotation` and `refinement`. Imports run down only.
+`formats` and `metrics`, `synthesis` and `evaluation`, `simulation`, `clusters`,
+`learning` and `batch`, `annotation` and `refinement`. Imports run down only.
 """

@@ -16,7 +16,7 @@ train                PACKED, or ROOT models and labels             network.safet
 inspect              RGB-D frames of any layout                  nothing; says what they are
 convert_frames       RGB-D frames of any layout                  RGB-D frames as flat pairs
 infer                RGB-D frames, both weights                  grasps.h5, overlay pictures
-export               grasps.h5                                   dumps for graspnetAPI
+export               grasps.h5                                   files of other tools, JSON, CSV
 score_grasps         any mesh, any grasps (N, 17)                verdicts.npz
 simulate             grasps.h5, ROOT                             success.json
 evaluate             grasps.h5, ROOT                             report.json, report.html

@@ -1,14 +1,21 @@
 """Stage `export`: grasps in the formats of other tools.
 
 Reads   grasps.h5                            of `infer`
-Writes  DUMP/scene_NNNN/CAMERA/NNNN.npy      `--to graspnet`: graspnetAPI's rows, camera frame
-        DUMP/provenance.json
+Writes  DUMP/scene_NNNN/CAMERA/NNNN.npy      `--to graspnet`: graspnetAPI's rows; of frames that
+                                             are none of a dataset DUMP/NAME.npy
+        OUT/predictions_NAME.npz             `--to contact-graspnet`
+        OUT/NAME.yaml                        `--to isaac`: isaac_grasp files
+        OUT/NAME.json                        `--to ros-json`: PoseArray and widths
+        OUT.json, OUT.csv                    `--to json`, `--to csv`: all frames in one file
 
-Frames without grasps have an empty array. Frames that failed have no file, and are named.
+Poses are of the base of a hand, in the camera frame; contacts are the same in all. Frames without
+grasps have a file that says so; frames that failed have none, and are named. Folders hold
+`provenance.json`; OUT.csv has it beside it, OUT.json in it.
 """
 
 import time
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -17,72 +24,201 @@ from numpy.typing import NDArray
 from pipelines.batch import StageReport
 from pipelines.configs import ExportConfig
 from pipelines.errors import SymgraspError, UnknownNameError
-from pipelines.formats import grasps_file
-from pipelines.formats.files import atomic_folder, write_npy
-from pipelines.formats.graspnet import frame_key
-from pipelines.formats.graspnet_dump import DumpedScene
-from pipelines.formats.grasps_file import FrameResult, GraspTable
-from pipelines.formats.grasps_stream import read_index
+from pipelines.formats import (
+    contact_graspnet_predictions,
+    grasp_csv,
+    grasp_json,
+    graspnet_dump,
+    isaac_grasps,
+    ros_grasps,
+)
+from pipelines.formats.files import atomic_folder
+from pipelines.formats.grasp_exports import ExportHeader, Hand, HandGrasps, as_ranges
+from pipelines.formats.grasps_stream import GraspsIndex, read_frames, read_index
 from pipelines.formats.gripper_files import gripper_digest, load_gripper
-from pipelines.formats.provenance import digest, is_finished, make_stamp, write_sidecar
-from pipelines.grasping.grasps import Grasps, to_graspnet
-from pipelines.grasping.gripper import Gripper
+from pipelines.formats.provenance import (
+    Stamp,
+    digest,
+    is_finished,
+    make_stamp,
+    read_stamp,
+    sidecar_of,
+    write_sidecar,
+)
+from pipelines.grasping.grasps import GRASPNET_DEPTH
 
 STAGE = "export"
-FORMATS = ("graspnet",)
+FrameWriter = Callable[[Path, HandGrasps, ExportHeader], None]
+FileWriter = Callable[[Path, Iterable[HandGrasps], ExportHeader], None]
+TO_FOLDER: dict[str, FrameWriter] = {
+    "graspnet": graspnet_dump.write_frame,
+    "contact-graspnet": contact_graspnet_predictions.write_frame,
+    "isaac": isaac_grasps.write_frame,
+    "ros-json": ros_grasps.write_frame,
+}
+TO_FILE: dict[str, FileWriter] = {"json": grasp_json.write, "csv": grasp_csv.write}
+NAMED_AT_MOST = 10  # frames in a sentence
+
+
+@dataclass
+class _Tally:
+    written: int = 0
+    left_out: dict[str, NDArray[np.int64]] = field(default_factory=dict)  # frame to rows
 
 
 def run(
     grasps: Path, output: Path, config: ExportConfig, *, overwrite: bool = False
 ) -> StageReport:
-    """Write the grasps of `grasps`, frame by frame, into the folder `output`."""
+    """Write the grasps of `grasps` into the folder or, as json and csv are, the file `output`.
+
+    Raises:
+        SymgraspError: `grasps` cannot be read, the format or gripper is not known, `output` is
+            somebody else's or was made otherwise, or none of the frames can be written.
+    """
     started, report = time.monotonic(), StageReport(STAGE)
-    if config.to not in FORMATS:
-        raise UnknownNameError("format", config.to, FORMATS)
-    config = replace(config, gripper=config.gripper or read_index(grasps).gripper)
-    gripper = load_gripper(config.gripper)
-    inputs = {"grasps": digest(grasps), "gripper": gripper_digest(config.gripper)}
-    stamp = make_stamp(STAGE, config, inputs=inputs)
+    _check_kind(output, config.to)
+    index = read_index(grasps)
+    hand = _hand(index, config)
+    stamp = _stamp(grasps, index, hand, config)
     if is_finished(output, stamp, overwrite=overwrite):
         report.skipped.append(output.name)
         return report
-    if output.exists() and not (output / "provenance.json").is_file():
-        raise SymgraspError(f"{output} exists and is no export of ours; choose another folder")
-    found = grasps_file.read(grasps)
-    with atomic_folder(output) as folder:
-        for result in found.results():
-            _write_frame(folder, result, gripper, report)
-        write_sidecar(folder, stamp)
+    _refuse_others_work(output)
+    header = ExportHeader(hand, stamp.as_json(), read_stamp(grasps) or {})
+    tally = _Tally()
+    frames = _held(grasps, index, hand, tally, report)
+    if config.to in TO_FILE:
+        _write_file(output, stamp, lambda path: TO_FILE[config.to](path, frames, header))
+    else:
+        with atomic_folder(output) as folder:
+            _write_frames(folder, frames, header, TO_FOLDER[config.to], report)
+            _refuse_nothing(index, report)
+            write_sidecar(folder, stamp)
     report.done.append(output.name)
-    report.notes[output.name] = (
-        f"{len(found.grasps)} grasps in {len(found.frames)} frames; gripper {gripper.name}"
-    )
+    report.notes |= _notes(output.name, len(index.names), tally, hand)
     report.seconds = time.monotonic() - started
     return report
 
 
-def dump_rows(table: GraspTable, gripper: Gripper) -> NDArray[np.float64]:
-    """Return graspnetAPI's rows (n, 17) of a frame's grasps; the score is the rank score.
-
-    The width is the opening of `gripper`, and the finger tips pass the contacts by its reach:
-    `from_graspnet(rows, tip_reach=gripper.tip_reach)` gives the grasps back.
-    """
-    rotation = np.asarray(table.rotation, np.float64)
-    u, _, v = np.linalg.svd(rotation)  # stored in single precision
-    grasps = Grasps(u @ v, np.asarray(table.translation), np.asarray(table.width))
-    opening = gripper.opening(grasps.width)
-    return to_graspnet(grasps, table.rank_score, opening=opening, tip_reach=gripper.tip_reach)
+def _check_kind(output: Path, to: str) -> None:
+    known = {**TO_FOLDER, **TO_FILE}
+    if to not in known:
+        raise UnknownNameError("format", to, known)
+    if to in TO_FILE and (output.suffix != f".{to}" or output.is_dir()):
+        raise SymgraspError(f"{output} is to be one file; let --out end in .{to}")
+    if to in TO_FOLDER and output.is_file():
+        raise SymgraspError(f"{output} is a file; {to} is written as a folder, choose another")
 
 
-def _write_frame(folder: Path, result: FrameResult, gripper: Gripper, report: StageReport) -> None:
-    key = frame_key(result.name)
-    if key is None:
-        report.failed[result.name] = (
-            "is no frame of a dataset, a dump has no place for it; run infer on a GraspNet root"
+def _hand(index: GraspsIndex, config: ExportConfig) -> Hand:
+    gripper = load_gripper(config.gripper or index.gripper)
+    behind = gripper.base_to_contacts
+    if config.to == "graspnet":  # its origin is no hand's base
+        behind = GRASPNET_DEPTH - gripper.tip_reach
+    elif config.to == "contact-graspnet" and not config.gripper:  # it has a hand of its own
+        behind = contact_graspnet_predictions.BASE_TO_CONTACTS
+    return Hand(gripper, behind, index.gripper)
+
+
+def _stamp(grasps: Path, index: GraspsIndex, hand: Hand, config: ExportConfig) -> Stamp:
+    gripper = config.gripper or index.gripper
+    settings = {
+        "to": config.to,
+        "gripper": gripper,
+        "base_to_contacts": round(hand.base_to_contacts, 9),
+    }
+    inputs = {"grasps": digest(grasps), "gripper": gripper_digest(gripper)}
+    return make_stamp(STAGE, settings, inputs=inputs)
+
+
+def _refuse_others_work(output: Path) -> None:
+    """Raise SymgraspError if `output` exists and no export wrote it."""
+    if not output.exists():
+        return
+    ours = (read_stamp(output) or {}).get("stage") == STAGE
+    if output.suffix == ".csv":  # killed before its stamp was written beside it
+        ours = ours or grasp_csv.is_ours(output)
+    if not ours:
+        raise SymgraspError(f"{output} exists and is no export of ours; choose another output")
+
+
+def _held(
+    grasps: Path, index: GraspsIndex, hand: Hand, tally: _Tally, report: StageReport
+) -> Iterator[HandGrasps]:
+    """Yield what the hand holds of each frame, one in memory at a time; count and name the rest."""
+    first = 0
+    for result in read_frames(grasps, range(len(index.names))):
+        if result.status == "failed":
+            report.failed[result.name] = f"infer failed on it ({result.message}); it has no grasps"
+        try:
+            frame = HandGrasps.of(result, first, hand)
+        except SymgraspError as error:
+            report.failed[result.name] = str(error)
+            continue
+        finally:
+            first += len(result.grasps)
+        tally.written += len(frame)
+        if len(frame.left_out):
+            tally.left_out[result.name] = frame.left_out
+        yield frame
+    _refuse_nothing(index, report)
+
+
+def _write_file(output: Path, stamp: Stamp, write: Callable[[Path], None]) -> None:
+    beside = output.suffix == ".csv"  # a JSON text has its stamp within
+    if beside:  # never the stamp of one file beside another
+        sidecar_of(output).unlink(missing_ok=True)
+    write(output)
+    if beside:
+        write_sidecar(output, stamp)
+
+
+def _write_frames(
+    folder: Path,
+    frames: Iterable[HandGrasps],
+    header: ExportHeader,
+    write: FrameWriter,
+    report: StageReport,
+) -> None:
+    for frame in frames:
+        name = frame.result.name
+        if name in report.failed:
+            continue
+        try:
+            write(folder, frame, header)
+        except (SymgraspError, OSError) as error:
+            report.failed[name] = str(error)
+
+
+def _refuse_nothing(index: GraspsIndex, report: StageReport) -> None:
+    """Raise SymgraspError if not one frame could be written."""
+    if index.names and set(index.names) <= set(report.failed):
+        name, sentence = next(iter(report.failed.items()))
+        raise SymgraspError(
+            f"none of {len(index.names)} frames can be exported, nothing is written; "
+            f"{name}: {sentence}"
         )
-    elif result.status == "failed":
-        report.failed[result.name] = f"infer failed on it ({result.message}); it has no file"
-    else:
-        scene_id, camera, frame_id = key
-        scene = DumpedScene(folder / f"scene_{scene_id:04d}" / camera, scene_id, camera)
-        write_npy(scene.path(frame_id), dump_rows(result.grasps, gripper))
+
+
+def _notes(output: str, num_frames: int, tally: _Tally, hand: Hand) -> dict[str, str]:
+    gripper = hand.gripper
+    made = (
+        f"{tally.written} grasps in {num_frames} frames; gripper {gripper.name}, origin of the "
+        f"poses {1000 * hand.base_to_contacts:.1f} mm behind the contacts"
+    )
+    if hand.checked_with != gripper.name:
+        made += f"; collisions were checked with {hand.checked_with}, not with {gripper.name}"
+    if not tally.left_out:
+        return {output: made}
+    places = [
+        f"{name} {as_ranges(rows)}" for name, rows in list(tally.left_out.items())[:NAMED_AT_MOST]
+    ]
+    if len(tally.left_out) > NAMED_AT_MOST:
+        places.append(f"and more in {len(tally.left_out) - NAMED_AT_MOST} frames")
+    count = sum(map(len, tally.left_out.values()))
+    wide = (
+        f"{count} of {tally.written + count} grasps, wider than the "
+        f"{1000 * gripper.max_width:.0f} mm that {gripper.name} takes, by their places in "
+        f"/grasps: {'; '.join(places)}"
+    )
+    return {output: made, "left out": wide}

@@ -6,10 +6,7 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import ExportConfig
-from symgrasp_cli.options import (
-    GripperUsed,
-    Overwrite,
-)
+from symgrasp_cli.options import Overwrite
 from symgrasp_cli.report import conclude
 
 
@@ -18,11 +15,21 @@ def export(
         Path, typer.Argument(exists=True, dir_okay=False, help="grasps.h5 of `infer`.")
     ],
     *,
-    out: Annotated[Path, typer.Option(help="Folder to write.")],
+    out: Annotated[Path, typer.Option(help="Folder to write; for json and csv the file.")],
     to: Annotated[
-        str, typer.Option(help="Format: graspnet, graspnetAPI's dump of 17 columns a grasp.")
+        str,
+        typer.Option(
+            help="Format: graspnet (graspnetAPI's dump), contact-graspnet, isaac (isaac_grasp "
+            "YAML), json, csv, or ros-json (PoseArray)."
+        ),
     ] = ExportConfig.to,
-    gripper: GripperUsed = ExportConfig.gripper,
+    gripper: Annotated[
+        str,
+        typer.Option(
+            help="Gripper preset or TOML file whose base the poses are of, and that must open wide "
+            "enough; by default the one of the grasps."
+        ),
+    ] = ExportConfig.gripper,
     overwrite: Overwrite = False,
 ) -> None:
     """Write grasps in the formats of other tools."""

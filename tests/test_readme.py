@@ -1,13 +1,19 @@
 """What the README shows works as shown."""
 
+import json
 import re
+import shlex
 from pathlib import Path
 
+import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from pipelines import infer
 from pipelines.batch import BatchOptions
 from pipelines.configs import InferConfig
+from pipelines.formats.files import read_image, write_image, write_json
+from symgrasp_cli.app import app
 
 README = Path(__file__).resolve().parents[1] / "README.md"
 FRAMES = README.parent / "pipelines" / "weights" / "frames"
@@ -31,7 +37,37 @@ def test_the_readmes_python_lines_read_the_best_grasps():
     assert len(rotation) == len(translation) > 4
 
 
+def write_recording(folder: Path) -> None:
+    """A bundled frame as Open3D's recorder for RealSense cameras would have written it."""
+    camera = json.loads((FRAMES / "table_1_camera.json").read_text())
+    depth = read_image(FRAMES / "table_1_depth.png") * (1000.0 / camera["depth_scale"])
+    write_image(folder / "color" / "000000.jpg", read_image(FRAMES / "table_1_color.png"))
+    write_image(folder / "depth" / "000000.png", np.round(depth).astype(np.uint16))
+    columns = [camera["fx"], 0, 0, 0, camera["fy"], 0, camera["cx"], camera["cy"], 1]
+    size = {name: camera[name] for name in ("width", "height")}
+    write_json(folder / "camera_intrinsic.json", {**size, "intrinsic_matrix": columns})
+
+
+def test_the_readmes_commands_lead_from_a_recording_to_json(tmp_path, monkeypatch):
+    section = README.read_text(encoding="utf-8").split("### From a RealSense recording")[1]
+    commands, example = re.findall(r"```(?:json)?\n(.*?)```", section, re.DOTALL)[:2]
+    write_recording(tmp_path / "my_recording")
+    monkeypatch.chdir(tmp_path)
+    for command in commands.splitlines():
+        result = CliRunner().invoke(app, shlex.split(command)[1:])
+        assert result.exit_code == 0, result.output
+    assert list(Path("pictures").glob("*.png"))
+    (frame,) = json.loads(Path("grasps.json").read_text(encoding="utf-8"))["frames"]
+    shown = json.loads(example)
+    assert set(shown) <= set(frame)
+    assert set(shown["grasps"][0]) <= set(frame["grasps"][0])
+    x, y, z = np.mean([grasp["contacts"] for grasp in frame["grasps"]], axis=1).T
+    camera = frame["camera"]
+    u, v = camera["fx"] * x / z + camera["cx"], camera["fy"] * y / z + camera["cy"]
+    assert ((u > 0) & (u < camera["width"]) & (v > 0) & (v < camera["height"])).all()
+
+
 def test_files_and_folders_that_the_readme_links_to_exist():
     text = README.read_text(encoding="utf-8")
-    for link in re.findall(r"\]\(([^)#]+)\)", text):
+    for link in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", text):
         assert (README.parent / link).exists(), link

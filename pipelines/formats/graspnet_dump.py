@@ -1,6 +1,9 @@
 """Dumps of grasp detectors as graspnetAPI evaluates them: one array of grasp rows a frame.
 
 DUMP/scene_NNNN/{kinect,realsense}/NNNN.npy     (N, 17), see `grasp_rows`; camera frame
+
+Ours have the rank score as score and the hand's opening as width; the finger tips pass the
+contacts by the hand's reach, so `from_graspnet(rows, tip_reach=...)` gives the grasps back.
 """
 
 import re
@@ -8,7 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipelines.errors import FormatError
-from pipelines.formats.graspnet_layout import CAMERAS
+from pipelines.formats.files import write_npy
+from pipelines.formats.grasp_exports import ExportHeader, HandGrasps, frame_path
+from pipelines.formats.graspnet_layout import CAMERAS, frame_key
+from pipelines.grasping.grasps import to_graspnet
 
 WANTED = "DUMP/scene_NNNN/{kinect,realsense}/NNNN.npy is expected"
 
@@ -49,3 +55,21 @@ def dumped_scenes(dump: Path) -> list[DumpedScene]:
         hint = f"; its folder {within[0]} holds scenes, give that" if within else ""
         raise FormatError(dump, "no dump of a grasp detector", WANTED + hint)
     return found
+
+
+def write_frame(folder: Path, frame: HandGrasps, _header: ExportHeader) -> None:
+    """Write the grasps of a frame where graspnetAPI looks for them in the dump `folder`.
+
+    A frame that is none of a dataset has `folder`/NAME.npy, which graspnetAPI's GraspGroup reads.
+
+    Raises:
+        SymgraspError: the frame's name leads out of the folder.
+    """
+    path, key = frame_path(folder, frame.result.name, ".npy"), frame_key(frame.result.name)
+    if key is not None:
+        scene_id, camera, frame_id = key
+        scene = DumpedScene(folder / f"scene_{scene_id:04d}" / camera, scene_id, camera)
+        path = scene.path(frame_id)
+    rank, reach = frame.result.grasps.rank_score, frame.hand.gripper.tip_reach
+    rows = to_graspnet(frame.grasps, rank, opening=frame.opening, tip_reach=reach)
+    write_npy(path, rows)

@@ -57,6 +57,11 @@ class Gripper:
         """Widest distance of contacts that the open fingers still pass with their clearance."""
         return self.max_opening - 2.0 * self.clearance
 
+    @property
+    def base_to_contacts(self) -> float:
+        """From the mounting flange, the hand's base, to the contact line along approach."""
+        return self.flange_to_tip - self.tip_reach
+
     def opening(self, width: ArrayLike) -> Array:
         """Return the distance between the open fingers for contacts `width` (...) apart."""
         return np.asarray(width, np.float64) + 2.0 * self.clearance

@@ -1,5 +1,6 @@
-"""`export`: grasps of ours as dumps, and back."""
+"""`export`: grasps of ours in the formats of others, and back."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,10 +13,11 @@ from pipelines import export
 from pipelines.configs import ExportConfig
 from pipelines.errors import StaleOutputError, SymgraspError, UnknownNameError
 from pipelines.formats import grasps_file
+from pipelines.formats.files import read_npz
 from pipelines.formats.grasp_rows import read_grasp_rows
 from pipelines.formats.graspnet_dump import dumped_scenes
 from pipelines.formats.grasps_file import FrameResult
-from pipelines.formats.gripper_files import load_gripper
+from pipelines.formats.gripper_files import PRESETS, load_gripper
 from pipelines.grasping.grasps import from_graspnet
 from symgrasp_cli.app import app
 from tests.stages.toy_root import SCENES, frame_names, true_result, write_grasps, write_root
@@ -48,34 +50,182 @@ def test_the_contacts_come_back_to_the_micrometre(grasps, tmp_path):
     assert_allclose(rows[:, 0], first.rank_score)
 
 
-def test_frames_without_grasps_are_empty_and_failed_or_foreign_ones_are_named(grasps, tmp_path):
-    report = run(grasps, tmp_path / "dump")
+OUTPUTS = {
+    "graspnet": "dump",
+    "contact-graspnet": "dump",
+    "isaac": "dump",
+    "ros-json": "dump",
+    "json": "x.json",
+    "csv": "x.csv",
+}
+FAILED = "scenes/scene_0160/realsense/0000"
+EMPTY = "scenes/scene_0100/realsense/0001"
+
+
+def files_of(folder: Path) -> set[str]:
+    return {str(file.relative_to(folder)) for file in folder.rglob("*") if file.is_file()}
+
+
+@pytest.mark.parametrize("to", OUTPUTS)
+def test_frames_without_grasps_are_answered_and_failed_ones_named(to, grasps, tmp_path):
+    report = run(grasps, tmp_path / OUTPUTS[to], to=to)
     assert report.exit_code == 1
-    assert set(report.failed) == {"scenes/scene_0160/realsense/0000", "desk/0007"}
+    assert set(report.failed) == {FAILED}
+    assert report.done == [OUTPUTS[to]]
+    assert "9 grasps in 5 frames" in report.notes[OUTPUTS[to]]
+
+
+def test_a_dump_has_a_file_a_frame_where_graspnetapi_looks(grasps, tmp_path):
+    run(grasps, tmp_path / "dump")
     scenes = {scene.scene_id: scene for scene in dumped_scenes(tmp_path / "dump")}
     assert sorted(scenes) == list(SCENES)
     assert scenes[100].frame_ids == [0, 1]
     assert scenes[160].frame_ids == [1]
     assert len(read_grasp_rows(scenes[100].path(1)).rows) == 0
+    # A frame that is none of a dataset keeps its own name.
+    assert len(read_grasp_rows(tmp_path / "dump" / "desk" / "0007.npy").rows) == 3
 
 
-def test_an_export_is_skipped_when_done_and_refused_when_it_differs(grasps, tmp_path):
-    run(grasps, tmp_path / "dump")
-    assert run(grasps, tmp_path / "dump").skipped
+@pytest.mark.parametrize(
+    ("to", "file"),
+    [
+        ("contact-graspnet", "predictions_{}.npz"),
+        ("isaac", "{}.yaml"),
+        ("ros-json", "{}.json"),
+    ],
+)
+def test_folders_have_a_file_a_frame_under_its_name(to, file, grasps, tmp_path):
+    run(grasps, tmp_path / "out", to=to)
+    stems = ["scenes/scene_0100/realsense/0000", EMPTY, "scenes/scene_0160/realsense/0001"]
+    paths = [Path(stem) for stem in (*stems, "desk/0007")]
+    wanted = {str(path.with_name(file.format(path.name))) for path in paths}
+    assert files_of(tmp_path / "out") == wanted | {"provenance.json"}
+
+
+def test_json_has_every_frame_its_camera_and_how_it_was_made(grasps, tmp_path):
+    run(grasps, tmp_path / "x.json", to="json")
+    content = json.loads((tmp_path / "x.json").read_text())
+    frames = {frame["name"]: frame for frame in content["frames"]}
+    assert [frames[name]["status"] for name in (EMPTY, FAILED)] == ["empty", "failed"]
+    assert frames[FAILED]["message"] == "no depth"
+    assert frames["desk/0007"]["camera"]["fx"] == 300.0
+    assert content["infer"]["config"]["gripper"] == content["gripper"]["name"] == "rg2"
+    stored = grasps_file.read(grasps).grasps
+    found = [grasp for frame in content["frames"] for grasp in frame["grasps"]]
+    assert [grasp["grasp"] for grasp in found] == list(range(len(stored)))
+    assert_allclose([grasp["contacts"] for grasp in found], stored.contacts, atol=1e-6)
+
+
+@pytest.fixture
+def narrow(tmp_path) -> str:
+    """A gripper that holds the box (4 cm), not the can (5 cm) and not the ball (6 cm)."""
+    text = (
+        (PRESETS / "franka.toml").read_text().replace("max_opening = 0.080", "max_opening = 0.05")
+    )
+    (tmp_path / "narrow.toml").write_text(text.replace('"franka"', '"narrow"'))
+    return str(tmp_path / "narrow.toml")
+
+
+@pytest.mark.parametrize("to", OUTPUTS)
+def test_what_a_named_gripper_cannot_hold_is_left_out_and_counted(to, narrow, grasps, tmp_path):
+    report = run(grasps, tmp_path / OUTPUTS[to], to=to, gripper=narrow)
+    assert report.notes["left out"] == (
+        "6 of 9 grasps, wider than the 44 mm that narrow takes, by their places in /grasps: "
+        "scenes/scene_0100/realsense/0000 1-2; scenes/scene_0160/realsense/0001 4-5; desk/0007 7-8"
+    )
+    assert "collisions were checked with rg2" in report.notes[OUTPUTS[to]]
+
+
+def test_another_gripper_moves_the_base_and_not_the_contacts(grasps, tmp_path):
+    found = {}
+    for name in ("rg2", "franka"):
+        run(grasps, tmp_path / name / "x.json", to="json", gripper=name)
+        content = json.loads((tmp_path / name / "x.json").read_text())
+        found[name] = content["frames"][0]["grasps"]
+    apart = load_gripper("rg2").base_to_contacts - load_gripper("franka").base_to_contacts
+    for rg2, franka in zip(found["rg2"], found["franka"], strict=True):
+        assert rg2["contacts"] == franka["contacts"]
+        poses = np.array(rg2["T_cam_base"]), np.array(franka["T_cam_base"])
+        approach = np.array(rg2["rotation"])[:, 0]
+        assert_allclose(poses[1][:3, 3] - poses[0][:3, 3], apart * approach, atol=1e-8)
+        assert_allclose(poses[1][:3, :3], poses[0][:3, :3])
+
+
+def test_contact_graspnet_has_its_own_origin_unless_a_gripper_is_named(grasps, tmp_path):
+    for name, base in (("", 0.1034), ("rg2", load_gripper("rg2").base_to_contacts)):
+        run(grasps, tmp_path / f"out{name}", to="contact-graspnet", gripper=name)
+        arrays = read_npz(tmp_path / f"out{name}" / "desk" / "predictions_0007.npz")
+        assert_allclose(arrays["base_to_contacts"], base)
+
+
+@pytest.mark.parametrize("to", OUTPUTS)
+def test_an_export_is_skipped_when_done_and_refused_when_it_differs(to, grasps, tmp_path):
+    out = tmp_path / OUTPUTS[to]
+    run(grasps, out, to=to)
+    assert run(grasps, out, to=to).skipped
     with pytest.raises(StaleOutputError):
-        run(grasps, tmp_path / "dump", gripper="franka")
+        run(grasps, out, to=to, gripper="franka")
+    made = export.run(grasps, out, ExportConfig(to=to, gripper="franka"), overwrite=True)
+    assert made.done
+    assert run(grasps, out, to=to, gripper="franka").skipped
 
 
-def test_a_folder_of_other_things_is_not_replaced(grasps, tmp_path):
+def test_a_folder_or_file_of_other_things_is_not_replaced(grasps, tmp_path):
     (tmp_path / "mine").mkdir()
-    with pytest.raises(SymgraspError):
-        export.run(grasps, tmp_path / "mine", ExportConfig(), overwrite=True)
+    (tmp_path / "mine.json").write_text('{"a": 1}')
+    (tmp_path / "mine.csv").write_text("a,b\n")
+    for name, to in (("mine", "graspnet"), ("mine.json", "json"), ("mine.csv", "csv")):
+        with pytest.raises(SymgraspError, match="no export of ours"):
+            export.run(grasps, tmp_path / name, ExportConfig(to=to), overwrite=True)
+    assert files_of(tmp_path) == {"mine.json", "mine.csv"}
     assert (tmp_path / "mine").is_dir()
 
 
+def test_a_table_whose_stamp_was_never_written_is_made_again(grasps, tmp_path):
+    run(grasps, tmp_path / "x.csv", to="csv")
+    (tmp_path / "x.csv.provenance.json").unlink()  # as a kill between the two leaves it
+    with pytest.raises(StaleOutputError):
+        run(grasps, tmp_path / "x.csv", to="csv")
+    assert export.run(grasps, tmp_path / "x.csv", ExportConfig(to="csv"), overwrite=True).done
+
+
+def test_files_and_folders_are_not_taken_for_each_other(grasps, tmp_path):
+    with pytest.raises(SymgraspError, match=r"end in \.json"):
+        run(grasps, tmp_path / "out", to="json")
+    run(grasps, tmp_path / "x.json", to="json")
+    with pytest.raises(SymgraspError, match="written as a folder"):
+        export.run(grasps, tmp_path / "x.json", ExportConfig(to="ros-json"), overwrite=True)
+    (tmp_path / "y.csv").mkdir()
+    with pytest.raises(SymgraspError, match=r"end in \.csv"):
+        run(grasps, tmp_path / "y.csv", to="csv")
+
+
+@pytest.mark.parametrize("to", OUTPUTS)
+def test_nothing_is_written_if_no_frame_can_be(to, tmp_path):
+    write_grasps(tmp_path / "g.h5", [FrameResult("a", "failed", "no depth")])
+    with pytest.raises(SymgraspError, match=r"none of 1 frames can be exported.*no depth"):
+        run(tmp_path / "g.h5", tmp_path / OUTPUTS[to], to=to)
+    assert files_of(tmp_path) == {"g.h5"}
+
+
+@pytest.mark.parametrize("to", OUTPUTS)
+def test_a_file_of_frames_without_grasps_is_exported(to, tmp_path):
+    write_grasps(tmp_path / "g.h5", [FrameResult("a", "empty"), FrameResult("b", "empty")])
+    report = run(tmp_path / "g.h5", tmp_path / OUTPUTS[to], to=to)
+    assert (report.exit_code, report.done) == (0, [OUTPUTS[to]])
+
+
+def test_a_name_that_leads_elsewhere_fails_alone(grasps, tmp_path):
+    (good, *_) = grasps_file.read(grasps).results()
+    write_grasps(tmp_path / "g.h5", [replace(good, name="../evil"), replace(good, name="good")])
+    report = run(tmp_path / "g.h5", tmp_path / "out", to="isaac")
+    assert set(report.failed) == {"../evil"}
+    assert files_of(tmp_path) == {"g.h5", "out/good.yaml", "out/provenance.json"}
+
+
 def test_an_unknown_format_is_named(grasps, tmp_path):
-    with pytest.raises(UnknownNameError, match="graspnet"):
-        run(grasps, tmp_path / "dump", to="ros")
+    with pytest.raises(UnknownNameError, match="contact-graspnet, csv, graspnet, isaac"):
+        run(grasps, tmp_path / "dump", to="moveit")
 
 
 def test_the_command(grasps, tmp_path):

@@ -1,0 +1,62 @@
+"""isaac_grasp files, as Isaac Sim and Isaac ROS read them: OUT/NAME.yaml, one a frame.
+
+Poses are relative to the camera, which takes the object's place: nothing is known of the object.
+"""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.formats.files import write_text
+from pipelines.formats.grasp_exports import (
+    CAMERA_AXES,
+    HAND_AXES,
+    ExportHeader,
+    HandGrasps,
+    frame_path,
+)
+
+# Joints whose position is half the distance of the fingers. Of other hands the files name no joint.
+FINGER_JOINTS = {"franka": "panda_finger_joint1"}
+
+
+def write_frame(folder: Path, frame: HandGrasps, header: ExportHeader) -> None:
+    """Write `folder`/NAME.yaml of a frame."""
+    lines = [*_head(header), *(_grasps(frame) if len(frame) else ["grasps: {}"])]
+    write_text(frame_path(folder, frame.result.name, ".yaml"), "\n".join(lines) + "\n")
+
+
+def _head(header: ExportHeader) -> list[str]:
+    gripper = f"base of {header.hand.gripper.name}: {HAND_AXES}"
+    return [
+        "format: isaac_grasp",
+        "format_version: 1.0",
+        *(f"object_frame{end}: {json.dumps(CAMERA_AXES)}" for end in ("", "_link")),
+        *(f"gripper_frame{end}: {json.dumps(gripper)}" for end in ("", "_link")),
+        "units: metres",
+        f"gripper: {json.dumps(header.hand.facts())}",
+        f"provenance: {json.dumps(header.stamp)}",
+    ]
+
+
+def _grasps(frame: HandGrasps) -> Iterator[str]:
+    joint = FINGER_JOINTS.get(frame.hand.gripper.name)
+    yield "grasps:"
+    for i, quaternion in enumerate(frame.quaternions):
+        yield f"  grasp_{i}:"
+        yield f"    confidence: {frame.result.grasps.rank_score[i]:.6f}"
+        yield f"    position: {_row(frame.poses[i, :3, 3])}"
+        yield f"    orientation: {{w: {quaternion[0]:.9f}, xyz: {_row(quaternion[1:])}}}"
+        if joint is not None:
+            yield f"    cspace_position: {{{joint}: {frame.grasps.width[i] / 2:.9f}}}"
+            yield f"    pregrasp_cspace_position: {{{joint}: {frame.opening[i] / 2:.9f}}}"
+        yield f"    contact_width: {frame.grasps.width[i]:.9f}"
+        yield f"    opening: {frame.opening[i]:.9f}"
+
+
+def _row(values: NDArray[np.float64]) -> str:
+    # No exponents: YAML 1.1 takes 1e-05 for a text.
+    return "[" + ", ".join(f"{value:.9f}" for value in values) + "]"

@@ -5,6 +5,7 @@ Stages, in workflow order; each reads files, writes files, and knows no other st
 ===================  ==========================================  ===============================
 stage                reads                                       writes
 ===================  ==========================================  ===============================
+doctor               this machine, the default weights           nothing; says what is wrong
 synthesize           procedural objects, or meshes               a GraspNet-1Billion root
 label_grasps         meshes                                      ROOT/models, ROOT/grasp_label
 annotate_symmetry    ROOT/models                                 ROOT/symmetry/NNN.json
@@ -25,6 +26,6 @@ compare              several report.json                         compare.json, c
 ===================  ==========================================  ===============================
 
 Libraries, from the ground up: `errors`, `configs`, `geometry` and `network`, `grasping`,
-`formats` and `metrics`, `synthesis` and `evaluation`, `simulation`, `clusters`,
+`formats` and `metrics`, `synthesis`, `evaluation` and `health`, `simulation`, `clusters`,
 `learning` and `batch`, `annotation` and `refinement`. Imports run down only.
 """

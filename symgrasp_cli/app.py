@@ -11,6 +11,7 @@ from pipelines.errors import SymgraspError
 from symgrasp_cli.annotate_symmetry import annotate_symmetry
 from symgrasp_cli.compare import compare
 from symgrasp_cli.convert_frames import convert_frames
+from symgrasp_cli.doctor import doctor
 from symgrasp_cli.evaluate import evaluate
 from symgrasp_cli.export import export
 from symgrasp_cli.export_coco import export_coco
@@ -27,6 +28,7 @@ from symgrasp_cli.train import train
 
 # The order in which a lab runs them; `symgrasp --help` teaches the workflow.
 COMMANDS = (
+    doctor,
     synthesize,
     label_grasps,
     annotate_symmetry,

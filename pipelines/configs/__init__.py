@@ -14,6 +14,7 @@ from pipelines.configs.dataset import (
 )
 from pipelines.configs.inference import (
     ConvertFramesConfig,
+    DoctorConfig,
     ExportConfig,
     InferConfig,
     InspectConfig,
@@ -43,6 +44,7 @@ __all__ = [
     "CompareConfig",
     "ConvertFramesConfig",
     "DetectorConfig",
+    "DoctorConfig",
     "EndlessConfig",
     "EvaluateConfig",
     "EvaluateDumpConfig",

@@ -96,6 +96,18 @@ class ConvertFramesConfig:
 
 
 @dataclass(frozen=True)
+class DoctorConfig:
+    """What a machine should have, and how close its grasps must be to those expected (D. 76)."""
+
+    min_free_memory: float = 2e9  # bytes
+    min_free_disk: float = 1e9  # bytes
+    max_product_error: float = 1e-4  # of a GPU, relative to the largest number
+    max_shift: float = 0.001  # metres, of a grasp, and of its width
+    max_turn: float = 0.035  # radians
+    min_agreeing: float = 0.85  # share of the expected grasps
+
+
+@dataclass(frozen=True)
 class ExportConfig:
     """Grasps in the formats of other tools."""
 

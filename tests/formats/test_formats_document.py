@@ -27,8 +27,10 @@ from pipelines.formats.packed_regions import PackedScene
 from pipelines.formats.provenance import make_stamp
 from pipelines.formats.reports import write_report
 from pipelines.formats.symmetry_labels import ObjectSymmetries, RegionLabel
+from pipelines.formats.weights_manifest import manifest_path
 from pipelines.geometry.region_masks import RegionInstance
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry
+from pipelines.inference.models import WEIGHTS
 from pipelines.simulation.success import write_success
 from tests.stages.test_compare import write_run
 
@@ -193,6 +195,13 @@ def test_the_keys_of_success_files_are_documented(tmp_path: Path) -> None:
     lines = block("keys", "success")
     assert set(content) == keys_of(lines)
     assert set(content["success"]["all"]["all"]["0.5"]) == keys_of(lines, depth=1)
+
+
+def test_the_keys_of_the_weights_manifest_are_documented() -> None:
+    content = json.loads(manifest_path(WEIGHTS).read_text())
+    lines = block("keys", "manifest")
+    assert set(content) == keys_of(lines)
+    assert set(content["grasps"][0]) == keys_of(lines, depth=1)
 
 
 @pytest.mark.parametrize("path", sorted(PRESETS.glob("*.toml")), ids=lambda path: path.stem)

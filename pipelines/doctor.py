@@ -1,0 +1,69 @@
+"""Stage `doctor`: is this machine fit to find grasps?
+
+Reads   what is installed, this machine, the default weights and their manifest
+Writes  nothing
+
+Each thing is looked at by itself: one that is broken does not hide the others. So nothing is
+imported here that a broken package could keep from loading.
+"""
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+
+from pipelines.configs import DoctorConfig
+from pipelines.health import machine, packages, torch_checks
+from pipelines.health.checks import Check, Status, looked_at
+
+NETWORKS = {"torch", "torchvision"}
+
+
+def run(config: DoctorConfig, *, folder: Path | None = None) -> Iterator[Check]:
+    """Yield what is found, one thing at a time; the last ones take seconds.
+
+    Args:
+        config: how much room is enough, and how close grasps must be to those expected.
+        folder: where results would go, for the room on its disk; the working folder if None.
+    """
+    needed = packages.requirements()
+    yield packages.python_check()
+    yield packages.project_check()
+    failed = []
+    for each in (each for each in needed if not each.extra):
+        check = packages.package_check(each)
+        if check.status is Status.FAIL:
+            failed.append(each.name)
+        yield check
+    yield from packages.extra_checks([each for each in needed if each.extra])
+    yield looked_at("cores", machine.cores_check)
+    yield looked_at("memory", partial(machine.memory_check, config.min_free_memory))
+    disk = partial(machine.disk_check, folder or Path.cwd(), config.min_free_disk)
+    yield looked_at("disk", disk)
+    if NETWORKS.isdisjoint(failed):
+        yield looked_at("operators", torch_checks.operator_check)
+        yield from torch_checks.gpu_checks(config.max_product_error)
+    yield from _shipped(config, failed)
+
+
+def exit_code(checks: Sequence[Check]) -> int:
+    """Return 1 if something is to be mended, else 0."""
+    return int(any(check.status is Status.FAIL for check in checks))
+
+
+def _shipped(config: DoctorConfig, failed: Sequence[str]) -> Iterator[Check]:
+    """Yield what is found of the weights, and of the grasps that they give."""
+    if failed:
+        why = f"not looked at: {' and '.join(failed)} must be mended first"
+        yield Check("weights", Status.WARN, why)
+        return
+    from pipelines.health import golden, shipped  # noqa: PLC0415 - needs what was looked at above
+
+    manifest, check = shipped.manifest_check()
+    yield check
+    if manifest is None:
+        return
+    for name, digest in manifest.files.items():
+        yield looked_at(f"weights {Path(name).stem}", partial(shipped.file_check, name, digest))
+    for device in torch_checks.devices():
+        look = partial(golden.golden_check, manifest, config, device)
+        yield looked_at(golden.title(device), look)

@@ -1,0 +1,101 @@
+"""Whether the default weights give the grasps that they should."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.configs import DoctorConfig, InferConfig
+from pipelines.errors import MissingInputError
+from pipelines.formats.frames import find_frames
+from pipelines.formats.grasps_file import FrameResult
+from pipelines.formats.gripper_files import load_gripper
+from pipelines.formats.weights_manifest import MADE_BY, GoldenGrasps, Manifest
+from pipelines.health.checks import Check, Status
+from pipelines.inference import models
+from pipelines.inference.frame_grasps import Planner
+
+FRAMES = models.WEIGHTS / "frames"
+
+
+def golden_check(
+    manifest: Manifest, config: DoctorConfig, device: str = "cpu", folder: Path = FRAMES
+) -> Check:
+    """Find grasps in the golden frame and compare them with those expected.
+
+    A GPU samples other points of a region than a CPU (D. 62), so that what differs there is worth
+    knowing but nothing to mend.
+    """
+    name = title(device)
+    started = time.monotonic()
+    result = golden_result(manifest.frame, device, folder)
+    seconds = time.monotonic() - started
+    agreeing = int(np.count_nonzero(agree(best_grasps(result), manifest.grasps, config)))
+    total = len(manifest.grasps)
+    text = (
+        f"{manifest.frame}: {agreeing} of {total} grasps as expected, within "
+        f"{1000 * config.max_shift:g} mm and {np.degrees(config.max_turn):.0f} degrees"
+    )
+    if agreeing >= config.min_agreeing * total:
+        return Check(name, Status.OK, f"{text}; {seconds:.1f} s, loading included")
+    if device != "cpu":
+        return Check(name, Status.WARN, f"{text}; a GPU looks at other points")
+    return Check(name, Status.FAIL, f"{text}; after a change that is meant, run {MADE_BY}")
+
+
+def title(device: str) -> str:
+    """Return what the comparison on a device is called."""
+    return "golden frame" if device == "cpu" else f"golden frame {device}"
+
+
+def golden_result(frame_name: str, device: str = "cpu", folder: Path = FRAMES) -> FrameResult:
+    """Return what `infer` finds in a shipped frame with the default weights and settings.
+
+    Raises:
+        SymgraspError: the frame or the weights are missing or damaged.
+    """
+    found = [source for source in find_frames(folder) if source.name == frame_name]
+    if not found:
+        raise MissingInputError(folder / frame_name, "pip install --force-reinstall symgrasp")
+    config = InferConfig()
+    with models.one_thread_each():
+        planner = Planner(
+            config,
+            load_gripper(config.gripper),
+            models.detector(models.DETECTOR_WEIGHTS, device),
+            models.predictor(models.NETWORK_WEIGHTS, device),
+        )
+        return planner.plan(found[0].read(), np.random.default_rng(0))
+
+
+def best_grasps(result: FrameResult) -> GoldenGrasps:
+    """Return the best grasp of each region that has one."""
+    best, grasps = result.grasps.is_best, result.grasps
+    return GoldenGrasps(
+        np.asarray(grasps.rotation[best], np.float64),
+        np.asarray(grasps.translation[best], np.float64),
+        np.asarray(grasps.width[best], np.float64),
+    )
+
+
+def agree(found: GoldenGrasps, expected: GoldenGrasps, config: DoctorConfig) -> NDArray[np.bool_]:
+    """Return, for each expected grasp, whether one that was found is the same within `config`.
+
+    The hand is symmetric: turned by half a turn about its approach it is the same grasp.
+    """
+    shift = np.linalg.norm(found.translation[:, None] - expected.translation, axis=2)
+    wider = np.abs(found.width[:, None] - expected.width)
+    half_turn = np.diag([1.0, -1.0, -1.0])
+    turn = np.minimum(
+        _angles(found.rotation, expected.rotation),
+        _angles(found.rotation @ half_turn, expected.rotation),
+    )
+    same = (shift <= config.max_shift) & (wider <= config.max_shift) & (turn <= config.max_turn)
+    return np.asarray(same.any(axis=0))
+
+
+def _angles(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the angles (n, m) in radians between rotations (n, 3, 3) and (m, 3, 3)."""
+    cosine = (np.einsum("nij,mij->nm", one, other) - 1) / 2
+    return np.asarray(np.arccos(np.clip(cosine, -1, 1)))

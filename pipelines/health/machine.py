@@ -1,0 +1,69 @@
+"""Cores, memory and disk of this machine, as far as this process may use them."""
+
+import os
+import shutil
+from pathlib import Path
+
+from pipelines.health.checks import Check, Status
+
+MEMORY_INFO = Path("/proc/meminfo")
+CONTROL_GROUP = Path("/sys/fs/cgroup")
+GIGA = 1e9
+
+
+def cores_check() -> Check:
+    """Say how many cores this process may use."""
+    from joblib import cpu_count  # noqa: PLC0415 - may be what is broken
+
+    usable, present = cpu_count(), os.cpu_count() or 1
+    text = f"{usable} usable" if usable == present else f"{usable} of {present} usable"
+    threads = os.environ.get("OMP_NUM_THREADS")
+    return Check("cores", Status.OK, text + (f"; OMP_NUM_THREADS={threads}" if threads else ""))
+
+
+def memory_check(least: float) -> Check:
+    """Say how much memory is free; less than `least` bytes is worth knowing."""
+    free = free_memory()
+    if free is None:
+        return Check("memory", Status.OK, "this system does not say how much is free")
+    text = f"{free / GIGA:.1f} GB free"
+    if free < least:
+        return Check("memory", Status.WARN, f"{text}; infer may need {least / GIGA:.0f} GB")
+    return Check("memory", Status.OK, text)
+
+
+def disk_check(folder: Path, least: float) -> Check:
+    """Say how much room the disk of `folder` has; less than `least` bytes is worth knowing."""
+    free = shutil.disk_usage(folder).free
+    text = f"{free / GIGA:.1f} GB free at {folder}"
+    if free < least:
+        return Check("disk", Status.WARN, f"{text}; results need room, {least / GIGA:.0f} GB")
+    return Check("disk", Status.OK, text)
+
+
+def free_memory(
+    memory_info: Path = MEMORY_INFO, control_group: Path = CONTROL_GROUP
+) -> float | None:
+    """Return the bytes that can be had, within the limit of a container; None where unknown."""
+    rooms = [_available(memory_info), _left_of_limit(control_group)]
+    return min((room for room in rooms if room is not None), default=None)
+
+
+def _available(memory_info: Path) -> float | None:
+    try:
+        lines = memory_info.read_text(encoding="ascii").splitlines()
+    except OSError:  # not Linux
+        return None
+    found = (line.split() for line in lines if line.startswith("MemAvailable:"))
+    return next((float(words[1]) * 1024 for words in found), None)
+
+
+def _left_of_limit(control_group: Path) -> float | None:
+    try:
+        limit, used = (
+            (control_group / name).read_text(encoding="ascii").strip()
+            for name in ("memory.max", "memory.current")
+        )
+    except OSError:  # no container, or an older kind of control groups
+        return None
+    return float(limit) - float(used) if limit.isdecimal() else None

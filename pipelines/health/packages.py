@@ -1,0 +1,124 @@
+"""Which packages are there, whether they are new enough, and whether they load."""
+
+import platform
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module, metadata
+
+from pipelines.health.checks import Check, Status
+
+PROJECT = "symgrasp"
+DEVELOPMENT = "dev"  # the extra that only the project itself needs
+REQUIREMENT = re.compile(
+    r"(?P<name>[\w.-]+)(?:\[.*?\])?\s*(?:>=\s*(?P<least>[\w.]+))?"
+    r"(?:\s*;\s*extra\s*==\s*[\"'](?P<extra>\w+)[\"'])?"
+)
+# What torchvision raises where its operators were built for another torch.
+FOREIGN_OPERATORS = re.compile(r"operator torchvision::\w+ does not exist|torchvision has CUDA")
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """A package that the project names: at least which version, and for which extra."""
+
+    name: str
+    least: str
+    extra: str
+
+    @classmethod
+    def parse(cls, text: str) -> "Requirement":
+        """Read a line of the project's metadata, `h5py>=3.10` or `ray>=2.30; extra == "ray"`."""
+        match = REQUIREMENT.match(text)
+        if match is None:
+            raise ValueError(f"{text!r} is no requirement with a lower bound")
+        return cls(match["name"], match["least"] or "0", match["extra"] or "")
+
+
+def requirements() -> list[Requirement]:
+    """Return what the installed project says it needs, the tools of its developers left out."""
+    found = [Requirement.parse(text) for text in metadata.requires(PROJECT) or []]
+    return [each for each in found if each.extra != DEVELOPMENT]
+
+
+def python_check() -> Check:
+    """Say which Python runs on what."""
+    system = f"{platform.system()} {platform.machine()}"
+    return Check(
+        "python",
+        Status.OK,
+        f"{platform.python_version()}, {platform.python_implementation()}, {system}",
+    )
+
+
+def project_check() -> Check:
+    """Say which version of the project runs, and from where."""
+    where = import_module("pipelines").__path__[0]
+    return Check(PROJECT, Status.OK, f"{metadata.version(PROJECT)} in {where}")
+
+
+def package_check(needed: Requirement) -> Check:
+    """Say whether a required package is there, new enough, and loads."""
+    install = f"run: pip install '{needed.name}>={needed.least}'"
+    try:
+        version = metadata.version(needed.name)
+    except metadata.PackageNotFoundError:
+        return Check(needed.name, Status.FAIL, f"not installed; {install}")
+    if _numbers(version) < _numbers(needed.least):
+        old = f"{version} is older than {needed.least}; {install}"
+        return Check(needed.name, Status.FAIL, old)
+    for module in _modules(needed.name):
+        try:
+            import_module(module)
+        except Exception as error:
+            return Check(needed.name, Status.FAIL, _why(needed.name, version, error))
+    return Check(needed.name, Status.OK, version)
+
+
+def extra_checks(needed: list[Requirement]) -> Iterator[Check]:
+    """Say which optional packages are there; none of them has to be."""
+    for each in needed:
+        try:
+            text = f"{each.name} {metadata.version(each.name)}"
+        except metadata.PackageNotFoundError:
+            install = f'pip install "{PROJECT}[{each.extra}]"'
+            text = f"{each.name} is not installed; where it is wanted: {install}"
+        yield Check(f"extra {each.extra}", Status.OK, text)
+
+
+def _numbers(version: str) -> tuple[int, ...]:
+    """Return the release of a version, `(2, 13, 0)` of `2.13.0+cpu`."""
+    release = re.match(r"\d+(?:\.\d+)*", version)
+    return tuple(int(number) for number in release[0].split(".")) if release else ()
+
+
+@cache
+def _modules_of_packages() -> dict[str, list[str]]:
+    found: dict[str, list[str]] = {}
+    for module, packages in metadata.packages_distributions().items():
+        for package in packages:
+            found.setdefault(_plain(package), []).append(module)
+    return found
+
+
+def _modules(package: str) -> list[str]:
+    """Return the modules to load of a package: its namesake, else all that are public."""
+    modules = _modules_of_packages().get(_plain(package), [])
+    namesake = [module for module in modules if _plain(module) == _plain(package)]
+    return namesake or sorted(module for module in modules if not module.startswith("_"))
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def _why(name: str, version: str, error: Exception) -> str:
+    sentence = " ".join(str(error).split())
+    if name == "torchvision" and FOREIGN_OPERATORS.search(sentence):
+        return (
+            f"{version} was built for another torch than {metadata.version('torch')} "
+            f"({sentence}); install both from one place: pip install --force-reinstall torch "
+            "torchvision, for a CPU with --index-url https://download.pytorch.org/whl/cpu"
+        )
+    return f"{version} does not load ({type(error).__name__}: {sentence}); install it again"

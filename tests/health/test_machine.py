@@ -1,0 +1,31 @@
+"""Room on this machine, and in a container on it."""
+
+from pipelines.health import machine
+from pipelines.health.checks import Status
+
+
+def test_memory_is_what_the_system_and_the_container_leave(tmp_path):
+    info, group = tmp_path / "meminfo", tmp_path / "group"
+    info.write_text("MemTotal: 9000 kB\nMemAvailable: 4000 kB\n")
+    assert machine.free_memory(info, group) == 4000 * 1024
+    group.mkdir()
+    (group / "memory.current").write_text("1000\n")
+    (group / "memory.max").write_text("max\n")
+    assert machine.free_memory(info, group) == 4000 * 1024
+    (group / "memory.max").write_text("3000\n")
+    assert machine.free_memory(info, group) == 2000
+    assert machine.free_memory(tmp_path / "none", tmp_path / "nothing") is None
+
+
+def test_too_little_room_is_worth_a_warning(tmp_path):
+    assert machine.memory_check(1.0).status is Status.OK
+    assert machine.memory_check(1e18).status is Status.WARN
+    assert machine.disk_check(tmp_path, 1.0).status is Status.OK
+    assert machine.disk_check(tmp_path, 1e18).status is Status.WARN
+
+
+def test_cores_are_counted(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    check = machine.cores_check()
+    assert int(check.text.split()[0]) >= 1
+    assert "OMP_NUM_THREADS=3" in check.text

@@ -1,0 +1,100 @@
+"""Packages: which the project names, which are there, which load."""
+
+import os
+import subprocess
+import sys
+import tomllib
+from importlib import metadata, util
+from pathlib import Path
+
+import pytest
+
+from pipelines.health import packages
+from pipelines.health.checks import Status
+from pipelines.health.packages import Requirement, extra_checks, package_check
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_the_packages_that_pyproject_names_are_looked_at():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    needed = {Requirement.parse(text) for text in project["dependencies"]}
+    assert needed <= set(packages.requirements())
+    assert {each.extra for each in packages.requirements()} == {
+        "",
+        *project["optional-dependencies"],
+    } - {"dev"}
+
+
+@pytest.mark.parametrize(
+    ("text", "requirement"),
+    [
+        ("h5py>=3.10", Requirement("h5py", "3.10", "")),
+        ('dask[distributed]>=2024.5; extra == "dask"', Requirement("dask", "2024.5", "dask")),
+        ("python-fcl>=0.7.0.6", Requirement("python-fcl", "0.7.0.6", "")),
+        ("typer", Requirement("typer", "0", "")),
+    ],
+)
+def test_requirements_are_read_as_metadata_writes_them(text, requirement):
+    assert Requirement.parse(text) == requirement
+
+
+def test_a_package_that_is_too_old_or_missing_says_what_to_run():
+    check = package_check(Requirement("numpy", "999.1", ""))
+    assert check.status is Status.FAIL
+    assert "is older than 999.1; run: pip install 'numpy>=999.1'" in check.text
+    check = package_check(Requirement("no-such-package", "1", ""))
+    assert (check.status, "not installed" in check.text) == (Status.FAIL, True)
+
+
+def test_versions_are_compared_as_numbers_not_as_text(monkeypatch):
+    monkeypatch.setattr(metadata, "version", lambda name: "2.13.0+cpu")
+    assert package_check(Requirement("numpy", "2.9", "")).status is Status.OK
+
+
+def test_a_package_that_does_not_load_fails_with_its_reason(monkeypatch):
+    def broken(module):
+        raise OSError("libGL.so.1: cannot open\nshared object file")
+
+    monkeypatch.setattr(packages, "import_module", broken)
+    check = package_check(Requirement("numpy", "1", ""))
+    assert check.status is Status.FAIL
+    assert "does not load (OSError: libGL.so.1: cannot open shared object file)" in check.text
+
+
+def test_the_modules_of_a_package_are_found_where_they_have_other_names():
+    assert packages._modules("opencv-python-headless") == ["cv2"]
+    assert packages._modules("python-fcl") == ["fcl"]
+    assert packages._modules("torch") == ["torch"]
+
+
+def test_extras_are_never_a_failure():
+    checks = list(extra_checks([Requirement("nothing-such", "1", "ray")]))
+    assert checks[0].status is Status.OK
+    assert 'pip install "symgrasp[ray]"' in checks[0].text
+
+
+def test_a_torchvision_of_another_torch_is_one_sentence_what_to_do(tmp_path):
+    # What a torchvision of another build lacks is what its own compiled operators register.
+    installed = Path(util.find_spec("torchvision").origin).parent
+    (tmp_path / "torchvision").mkdir()
+    for path in installed.iterdir():
+        if path.suffix not in {".so", ".pyd", ".dylib"}:
+            (tmp_path / "torchvision" / path.name).symlink_to(path)
+    code = (
+        "from pipelines.health.packages import *;"
+        "check = package_check(Requirement('torchvision', '0.25', ''));"
+        "print(check.status, check.text)"
+    )
+    paths = os.pathsep.join([str(tmp_path), str(ROOT)])
+    said = subprocess.run(
+        [sys.executable, "-c", code],
+        env=os.environ | {"PYTHONPATH": paths},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    assert said.startswith("FAIL ")
+    assert "operator torchvision::nms does not exist" in said
+    assert "built for another torch than" in said
+    assert "pip install --force-reinstall torch torchvision" in said

@@ -1,0 +1,64 @@
+"""Torch's and torchvision's answers against known ones."""
+
+import subprocess
+
+import pytest
+import torch
+import torchvision.ops
+
+from pipelines.health import torch_checks
+from pipelines.health.checks import Status
+
+
+def test_operators_that_are_right_pass():
+    assert torch_checks.operator_check().status is Status.OK
+
+
+@pytest.mark.parametrize(
+    ("name", "answer"),
+    [("nms", torch.tensor([0, 1, 2])), ("roi_align", torch.zeros(1, 1, 2, 2))],
+)
+def test_operators_that_are_wrong_fail_by_name(monkeypatch, name, answer):
+    monkeypatch.setattr(torchvision.ops, name, lambda *arguments, **options: answer)
+    check = torch_checks.operator_check()
+    assert check.status is Status.FAIL
+    assert name in check.text
+
+
+def test_a_product_on_the_cpu_agrees_with_itself_and_a_wrong_one_is_seen(monkeypatch):
+    assert torch_checks.product_error("cpu") < 1e-5
+    right = torch.Tensor.to
+    monkeypatch.setattr(torch.Tensor, "to", lambda self, device: right(self * 1.001, device))
+    assert torch_checks.product_error("cpu") > 1e-3
+
+
+@pytest.mark.gpu
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
+def test_a_gpu_is_named_and_agrees():
+    checks = list(torch_checks.gpu_checks(1e-4))
+    assert {check.status for check in checks} == {Status.OK}
+    assert torch.cuda.get_device_name(0) in checks[0].text
+
+
+def without_gpu(monkeypatch, said):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    monkeypatch.setattr(torch_checks.shutil, "which", lambda name: "/usr/bin/nvidia-smi")
+
+    def answer(command, **options):
+        if said is None:
+            raise subprocess.CalledProcessError(9, command)
+        return subprocess.CompletedProcess(command, 0, said, "")
+
+    monkeypatch.setattr(torch_checks.subprocess, "run", answer)
+    return list(torch_checks.gpu_checks(1e-4))
+
+
+def test_without_a_gpu_the_cpu_is_used_and_nothing_is_wrong(monkeypatch):
+    (check,) = without_gpu(monkeypatch, None)
+    assert (check.status, check.text) == (Status.OK, "none, the CPU is used")
+
+
+def test_a_gpu_that_torch_cannot_use_is_worth_a_warning(monkeypatch):
+    (check,) = without_gpu(monkeypatch, "NVIDIA T4, 470.57\n")
+    assert check.status is Status.WARN
+    assert check.text.startswith("NVIDIA T4, 470.57 is there, but torch")

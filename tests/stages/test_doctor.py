@@ -1,0 +1,117 @@
+"""Stage `doctor`: one line each, and exit code 1 if something is off."""
+
+import importlib.util
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pipelines import doctor, infer
+from pipelines.batch import BatchOptions
+from pipelines.configs import DoctorConfig, InferConfig
+from pipelines.formats import grasps_file
+from pipelines.formats.weights_manifest import MADE_BY, manifest_path, read_manifest
+from pipelines.health import golden, packages, shipped
+from pipelines.health.checks import Check, Status
+from pipelines.inference import models
+
+ROOT = Path(doctor.__file__).parents[1]
+STALE = f"the manifest of the default weights is not of these weights: run `{MADE_BY}`"
+COMMAND = "from symgrasp_cli.app import main; main()"
+
+
+def ran(*arguments):
+    command = [sys.executable, "-c", COMMAND, "doctor", *arguments]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+
+
+def test_this_machine_is_fit_and_everything_is_named():
+    result = ran("--json")
+    content = json.loads(result.stdout)
+    wrong = [check for check in content["checks"] if check["status"] == "FAIL"]
+    assert not wrong, f"{wrong}; if grasps were changed on purpose, run `{MADE_BY}`"
+    assert (result.returncode, content["ok"]) == (0, True)
+    names = [check["name"] for check in content["checks"]]
+    assert len(set(names)) == len(names)
+    assert {"python", "symgrasp", "torch", "torchvision", "numpy", "h5py", "cores", "memory"} < {
+        *names
+    }
+    last = ["manifest", "weights detector", "weights network", "golden frame"]
+    assert [name for name in names if "cuda" not in name][-4:] == last
+
+
+def with_a_broken(name, monkeypatch):
+    def check(needed):
+        status = Status.FAIL if needed.name == name else Status.OK
+        return Check(needed.name, status, "looked at")
+
+    monkeypatch.setattr(packages, "package_check", check)
+    return list(doctor.run(DoctorConfig()))
+
+
+@pytest.mark.parametrize("broken", ["torchvision", "scipy"])
+def test_a_broken_package_hides_only_what_needs_it(monkeypatch, broken):
+    checks = with_a_broken(broken, monkeypatch)
+    assert doctor.exit_code(checks) == 1
+    names = {check.name for check in checks}
+    assert {"python", "numpy", "memory", "disk", "cores"} < names
+    assert ("operators" in names) == (broken == "scipy")
+    assert checks[-1].text == f"not looked at: {broken} must be mended first"
+
+
+def test_whatever_breaks_is_one_line_and_the_rest_goes_on(monkeypatch):
+    def broken(*arguments):
+        raise ZeroDivisionError("a\nb")
+
+    monkeypatch.setattr(golden, "golden_check", broken)
+    monkeypatch.setattr(doctor.machine, "cores_check", broken)
+    checks = {check.name: check for check in with_a_broken(None, monkeypatch)}
+    for name in ("cores", "golden frame"):
+        assert checks[name] == Check(name, Status.FAIL, "ZeroDivisionError: a b")
+    assert checks["weights network"].status is Status.OK
+
+
+def test_other_weights_than_those_shipped_are_told(tmp_path):
+    (tmp_path / "a.safetensors").write_bytes(b"other")
+    check = shipped.file_check("a.safetensors", "sha256:0", tmp_path)
+    assert check.status is Status.FAIL
+    assert "shipped was sha256:0" in check.text
+    assert "does not exist" in shipped.file_check("b", "sha256:0", tmp_path).text
+
+
+def test_a_lost_manifest_is_a_failure_of_one_sentence(tmp_path):
+    manifest, check = shipped.manifest_check(tmp_path)
+    assert manifest is None
+    assert check.status is Status.FAIL
+    assert "manifest.json does not exist" in check.text
+
+
+def test_the_manifest_is_what_its_command_writes(tmp_path):
+    path = ROOT / "docs" / "golden_frame.py"
+    spec = importlib.util.spec_from_file_location("golden_frame", path)
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    script.main(tmp_path)
+    made, kept = (read_manifest(manifest_path(f)) for f in (tmp_path, models.WEIGHTS))
+    assert (kept.files, kept.frame) == (made.files, made.frame), STALE
+    config = DoctorConfig()
+    assert len(kept.grasps) > 4
+    least = config.min_agreeing * len(kept.grasps)
+    assert golden.agree(made.grasps, kept.grasps, config).sum() >= least, STALE
+
+
+def test_the_golden_frame_is_what_infer_finds_in_it(tmp_path):
+    kept = read_manifest(manifest_path(models.WEIGHTS))
+    for path in golden.FRAMES.glob(f"{kept.frame}_*"):
+        (tmp_path / "frames").mkdir(exist_ok=True)
+        shutil.copy(path, tmp_path / "frames")
+    paths = infer.InferPaths(tmp_path / "frames", tmp_path / "g.h5")
+    infer.run(paths, InferConfig(), BatchOptions(progress=False), device="cpu")
+    (result,) = grasps_file.read(tmp_path / "g.h5").results()
+    best = golden.best_grasps(golden.golden_result(kept.frame))
+    found = golden.best_grasps(result)
+    assert golden.agree(found, best, DoctorConfig()).all()
+    assert len(found) == len(best)

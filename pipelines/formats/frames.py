@@ -22,6 +22,7 @@ def find_frames(
     depth_units_per_metre: float | None = None,
     camera: str | None = None,
     trust_pickles: bool = False,
+    may_be_empty: bool = False,
 ) -> list[FrameSource]:
     """List the RGB-D frames of `folder`, sorted by folder and name.
 
@@ -36,6 +37,7 @@ def find_frames(
         depth_units_per_metre: unit of the depth files, instead of what the camera files say.
         camera: of GraspNet scenes only this camera, `kinect` or `realsense`; all if None.
         trust_pickles: take the arrays out of pickles too, with `plain_pickle`.
+        may_be_empty: a folder without frames is an empty list, no error.
 
     Raises:
         SymgraspError: no such folder, or no frames in it.
@@ -48,7 +50,7 @@ def find_frames(
             raise SymgraspError(f"{folder} is not a folder; give the folder that holds the frames")
         return sources
     sources = _search(folder, "", options, camera)
-    if not sources:
+    if not sources and not may_be_empty:
         looked_for = ", ".join(layout.looks_like for layout in LAYOUTS)
         raise SymgraspError(f"{folder} holds no RGB-D frames; looked for {looked_for}")
     return sources

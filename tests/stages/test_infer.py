@@ -18,6 +18,9 @@ from pipelines.configs import InferConfig
 from pipelines.errors import MissingInputError, StaleOutputError, SymgraspError, UnknownNameError
 from pipelines.formats import grasps_file
 from pipelines.formats.files import read_image, write_image, write_json
+from pipelines.formats.frames import find_frames
+from pipelines.formats.provenance import make_stamp
+from pipelines.inference import work
 from tests.geometry.tabletops import CAMERA, Box, Can, render
 
 CONFIG = InferConfig(regions="geometric", method="planar")
@@ -89,8 +92,8 @@ def test_several_workers_write_the_same_bytes(frames, tmp_path):
 def test_frames_side_by_side_on_networks_write_the_bytes_of_one_thread(frames, tmp_path, threads):
     config, before = InferConfig(), torch.get_num_threads()
     paths = infer.InferPaths(frames, tmp_path / "one.h5")
-    settings = infer._Settings(paths, config, 0, "cpu", timings=False)
-    sources = infer.find_frames(frames)
+    settings = work.Settings(paths, config, 0, "cpu", timings=False)
+    sources = find_frames(frames)
     with settings.one_core():
         results = [
             dataclasses.replace(
@@ -117,11 +120,11 @@ def test_frames_side_by_side_on_networks_write_the_bytes_of_one_thread(frames, t
 
 
 def test_several_workers_are_processes_and_one_is_threads():
-    alone = infer._side_by_side(OPTIONS)
+    alone = work.side_by_side(OPTIONS)
     assert alone.backend == "threading"
-    assert 1 <= alone.workers <= infer.MAX_THREADS
+    assert 1 <= alone.workers <= work.MAX_THREADS
     several = dataclasses.replace(OPTIONS, workers=2)
-    assert infer._side_by_side(several) == several
+    assert work.side_by_side(several) == several
 
 
 def test_a_second_run_skips_everything(frames, tmp_path):
@@ -191,7 +194,7 @@ def test_shards_of_other_settings_are_made_again(frames, tmp_path):
     output = tmp_path / "g.h5"
     run(frames, tmp_path / "other.h5", config=dataclasses.replace(CONFIG, gripper="franka"))
     other = grasps_file.read(tmp_path / "other.h5")
-    stamp = infer.make_stamp("infer", {}, inputs={"weights": "other"})
+    stamp = make_stamp("infer", {}, inputs={"weights": "other"})
     grasps_file.write_shard(grasps_file.shard_path(output, "a"), other.results()[0], stamp)
     assert run(frames, output).done == ["a", "b", "c"]
 

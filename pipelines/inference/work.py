@@ -1,0 +1,248 @@
+"""The work of `infer`, frame by frame: what is done with each, and where its results go.
+
+Each finished frame is a shard beside the output until the output is put together from them.
+"""
+
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from joblib import cpu_count
+
+from pipelines.batch import BatchOptions, WorkItem
+from pipelines.configs import InferConfig
+from pipelines.errors import UnknownNameError, ValueRangeError
+from pipelines.formats import grasps_file
+from pipelines.formats.camera_files import CameraFile
+from pipelines.formats.frames import FrameSource, find_frames, read_masks
+from pipelines.formats.frames_record import FramesRecord
+from pipelines.formats.grasps_file import FrameResult
+from pipelines.formats.grasps_stream import merge_shards
+from pipelines.formats.gripper_files import gripper_digest, load_gripper
+from pipelines.formats.overlays import write_overlay
+from pipelines.formats.provenance import Stamp, digest, digest_text, make_stamp, read_stamp
+from pipelines.formats.registration import oddities
+from pipelines.inference import models
+from pipelines.inference.frame_grasps import Planner
+from pipelines.inference.regions import SOURCES
+
+STAGE = "infer"
+METHODS = ("network", "planar", "random")
+MAX_THREADS = 4
+
+
+@dataclass(frozen=True)
+class InferPaths:
+    """Where `infer` reads from and writes to; None where something is not wanted.
+
+    Attributes:
+        frames: folder of RGB-D frames.
+        output: `grasps.h5`.
+        overlays: folder for pictures.
+        masks: folder of the user's instance masks, instead of found regions.
+        detector: weights of the region detector.
+        network: weights of the grasp network.
+    """
+
+    frames: Path
+    output: Path
+    overlays: Path | None = None
+    masks: Path | None = None
+    detector: Path = models.DETECTOR_WEIGHTS
+    network: Path = models.NETWORK_WEIGHTS
+
+    def with_weights(self, detector: Path | None, network: Path | None) -> "InferPaths":
+        """Return the same paths with other weights; None keeps what is there."""
+        return replace(self, detector=detector or self.detector, network=network or self.network)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What every frame of a run is treated with; picklable."""
+
+    paths: InferPaths
+    config: InferConfig
+    seed: int
+    device: str
+    timings: bool
+
+    @property
+    def uses_detector(self) -> bool:
+        """Whether the region detector is asked."""
+        return self.config.regions in ("auto", "detector") and self.paths.masks is None
+
+    @property
+    def uses_network(self) -> bool:
+        """Whether the grasp network is asked."""
+        return self.config.method == "network"
+
+    def weights(self) -> dict[str, str]:
+        """Return the digests of the weights that are used."""
+        wanted = {}
+        if self.uses_detector:
+            path = models.existing_weights(self.paths.detector, "symgrasp finetune-detector")
+            wanted["detector"] = digest(path)
+        if self.uses_network:
+            path = models.existing_weights(self.paths.network, "symgrasp train")
+            wanted["network"] = digest(path)
+        return wanted
+
+    def other_inputs(self) -> dict[str, str]:
+        """Return the digests of the gripper and the user's masks."""
+        others = {"gripper": gripper_digest(self.config.gripper)}
+        if self.paths.masks is not None:
+            pictures = sorted(self.paths.masks.rglob("*.png"))
+            others["masks"] = digest_text("".join(f"{p.name} {digest(p)}" for p in pictures))
+        return others
+
+    def one_core(self) -> AbstractContextManager[None]:
+        """Let networks, where there are some, use one core for each frame."""
+        uses = self.uses_detector or self.uses_network
+        return models.one_thread_each() if uses else nullcontext()
+
+    def planner(self) -> Planner:
+        """Return the planner, its networks loaded once a process."""
+        return Planner(
+            self.config,
+            load_gripper(self.config.gripper),
+            models.detector(self.paths.detector, self.device) if self.uses_detector else None,
+            models.predictor(self.paths.network, self.device) if self.uses_network else None,
+        )
+
+
+@dataclass(frozen=True)
+class Work:
+    """One run of `infer`: what its frames are treated with, and how they are read.
+
+    Attributes:
+        settings: what every frame is treated with.
+        camera: intrinsics of all frames, instead of the files beside them.
+        depth_units_per_metre: unit of the depth files, instead of what the files say.
+    """
+
+    settings: Settings
+    camera: CameraFile | None = None
+    depth_units_per_metre: float | None = None
+
+    @property
+    def output(self) -> Path:
+        """The `grasps.h5` to write."""
+        return self.settings.paths.output
+
+    @cached_property
+    def weights(self) -> Mapping[str, str]:
+        """Digests of the weights."""
+        return self.settings.weights()
+
+    @cached_property
+    def common(self) -> Mapping[str, str]:
+        """Digests of all inputs that the frames share."""
+        stated = f"{self.camera} {self.depth_units_per_metre} {self.settings.timings}"
+        others = self.settings.other_inputs()
+        return {**self.weights, **others, "overrides": digest_text(stated)}
+
+    def find(self, *, may_be_empty: bool = False) -> list[FrameSource]:
+        """List the frames that are there; see `find_frames`."""
+        return find_frames(
+            self.settings.paths.frames,
+            intrinsics=self.camera,
+            depth_units_per_metre=self.depth_units_per_metre,
+            may_be_empty=may_be_empty,
+        )
+
+    def items(self, sources: Sequence[FrameSource]) -> list[WorkItem]:
+        """Return what is to be made of `sources`: a shard each."""
+        # A bag is one file of many frames: it is read once.
+        files = {path for source in sources for path in source.files}
+        digests = {path: digest(path) for path in files}
+        return [self._item(source, digests) for source in sources]
+
+    def _item(self, source: FrameSource, digests: Mapping[Path, str]) -> WorkItem:
+        # Colour and depth may have one name, in two folders.
+        own = {f"{i} {path.name}": digests[path] for i, path in enumerate(source.files)}
+        target = grasps_file.shard_path(self.output, source.name)
+        return WorkItem(source.name, target, self.stamp({**self.common, **own}), (source,))
+
+    def stamp(self, inputs: Mapping[str, str]) -> Stamp:
+        """Return the stamp of something made of `inputs`."""
+        config, seed = self.settings.config, self.settings.seed
+        return make_stamp(STAGE, config, seed=seed, inputs=inputs)
+
+    def whole_stamp(self, items: Sequence[WorkItem]) -> Stamp:
+        """Return the stamp of the output that holds `items`."""
+        frames = digest_text("\n".join(f"{item.name} {item.stamp.as_text()}" for item in items))
+        record = FramesRecord(
+            self.settings.paths.frames, self.camera, self.depth_units_per_metre
+        ).beside(self.output)
+        return replace(self.stamp({**self.common, "frames": frames}), recorded=record)
+
+    def put_together(self, items: Sequence[WorkItem], failed: Mapping[str, str]) -> None:
+        """Write the output of the shards of `items`, or why there is none."""
+        parts = [
+            FrameResult(item.name, "failed", failed[item.name], seconds=np.nan)
+            if item.name in failed
+            else item.target
+            for item in items
+        ]
+        merge_shards(self.output, parts, self.whole_stamp(items), self.weights)
+
+
+def infer_frame(item: WorkItem, settings: Settings) -> str | None:
+    """Write the shard of one frame; return a note where it is empty."""
+    with settings.one_core():
+        return _infer_frame(item, settings)
+
+
+def _infer_frame(item: WorkItem, settings: Settings) -> str | None:
+    (source,) = item.arguments
+    frame = source.read()
+    folder = settings.paths.masks
+    masks = None if folder is None else read_masks(folder, source.name)
+    if masks is not None and masks.shape != frame.depth.shape:
+        raise ValueRangeError(
+            f"size of the masks of {source.name}", masks.shape, f"{frame.depth.shape}"
+        )
+    result = settings.planner().plan(frame, np.random.default_rng(settings.seed), masks)
+    result = replace(
+        result, name=source.name, seconds=result.seconds if settings.timings else np.nan
+    )
+    if settings.paths.overlays is not None:
+        write_overlay(overlay_path(settings.paths.overlays, source.name), frame, result)
+    grasps_file.write_shard(item.target, result, item.stamp)
+    return "; ".join(filter(None, (*oddities(frame), result.message))) or None
+
+
+def overlay_path(folder: Path, frame_name: str) -> Path:
+    """Return where the picture of a frame goes."""
+    return folder / f"{frame_name}.png"
+
+
+def check_names(config: InferConfig) -> None:
+    """Raise UnknownNameError unless all names in `config` are known."""
+    for kind, name, known in (
+        ("regions", config.regions, SOURCES),
+        ("method", config.method, METHODS),
+    ):
+        if name not in known:
+            raise UnknownNameError(kind, name, known)
+    load_gripper(config.gripper)
+
+
+def drop_stale_shards(items: Sequence[WorkItem]) -> None:
+    """Remove shards that a killed run with other settings left: nobody waits for them."""
+    for item in items:
+        if item.target.exists() and read_stamp(item.target) != item.stamp.as_json():
+            item.target.unlink()
+
+
+def side_by_side(options: BatchOptions) -> BatchOptions:
+    """Return `options` with a thread a core instead of one worker: networks and numpy share well.
+
+    More than a few threads would wait for Python's lock; `--workers` are processes.
+    """
+    if not options.is_here:
+        return options
+    return replace(options, workers=min(cpu_count(), MAX_THREADS), backend="threading")

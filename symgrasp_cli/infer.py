@@ -1,11 +1,15 @@
 """`symgrasp infer`."""
 
+from __future__ import annotations
+
+import sys
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipelines.configs import InferConfig, SelectionConfig
+from pipelines.configs import InferConfig, SelectionConfig, WatchConfig
 from symgrasp_cli.options import (
     Backend,
     DepthUnitsPerMetre,
@@ -19,6 +23,9 @@ from symgrasp_cli.options import (
     batch_options,
 )
 from symgrasp_cli.report import conclude
+
+if TYPE_CHECKING:
+    from pipelines.infer_watch import Followed
 
 
 def infer(
@@ -59,6 +66,14 @@ def infer(
         bool,
         typer.Option("--timings", help="Write each frame's seconds; files then differ by run."),
     ] = False,
+    watch: Annotated[
+        bool,
+        typer.Option("--watch", help="Follow a folder that a camera writes into, until Ctrl-C."),
+    ] = False,
+    watch_timeout: Annotated[
+        float | None,
+        typer.Option(min=0.0, help="Seconds without a new frame after which --watch ends."),
+    ] = None,
     device: Device = "auto",
     workers: Workers = 1,
     backend: Backend = "loky",
@@ -68,18 +83,22 @@ def infer(
 ) -> None:
     """Find ranked grasps in RGB-D frames."""
     from pipelines import infer as stage
+    from pipelines import infer_watch
     from pipelines.formats.camera_files import parse_camera
 
-    paths = stage.InferPaths(frames, out, overlays, masks)
-    report = stage.run(
-        paths.with_weights(detector, network),
-        InferConfig(
-            regions=regions,
-            method=method,
-            gripper=gripper,
-            selection=SelectionConfig(ground_symmetries=grounding),
-        ),
-        batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run),
+    if watch_timeout is not None and not watch:
+        raise typer.BadParameter("--watch-timeout goes with --watch")
+    paths = stage.InferPaths(frames, out, overlays, masks).with_weights(detector, network)
+    selection = SelectionConfig(ground_symmetries=grounding)
+    config = InferConfig(regions=regions, method=method, gripper=gripper, selection=selection)
+    options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
+    followed = partial(
+        infer_watch.run, watch=WatchConfig(timeout=watch_timeout), tell=_tell_followed
+    )
+    report = (followed if watch else stage.run)(
+        paths,
+        config,
+        options,
         camera=None if intrinsics is None else parse_camera(intrinsics),
         depth_units_per_metre=depth_units_per_metre,
         seed=seed,
@@ -87,3 +106,10 @@ def infer(
         timings=timings,
     )
     conclude(report)
+
+
+def _tell_followed(frame: Followed) -> None:
+    """Print one frame's line on stdout at once, for whoever reads it through a pipe."""
+    line = f"{frame.name}  {frame.status}  {frame.grasps} grasps  {frame.seconds:.2f} s"
+    typer.echo(f"{line}  {frame.text}")
+    sys.stdout.flush()

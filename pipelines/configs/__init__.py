@@ -20,6 +20,7 @@ from pipelines.configs.inference import (
     InspectConfig,
     RegionConfig,
     SelectionConfig,
+    WatchConfig,
 )
 from pipelines.configs.judging import (
     CompareConfig,
@@ -64,5 +65,6 @@ __all__ = [
     "SimulateConfig",
     "SynthesizeConfig",
     "TrainConfig",
+    "WatchConfig",
     "from_settings",
 ]

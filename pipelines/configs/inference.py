@@ -82,6 +82,17 @@ class InferConfig:
 
 
 @dataclass(frozen=True)
+class WatchConfig:
+    """How long `infer --watch` waits for what, in seconds (D. 75)."""
+
+    poll: float = 0.1  # between looks at the folder
+    settle: float = 0.3  # without change, after which a frame's files are whole
+    patience: float = 5.0  # without change, after which a frame that cannot be read has failed
+    quiet: float = 2.0  # without a frame, after which the output is put together
+    timeout: float | None = None  # without a frame, after which to end; None: never
+
+
+@dataclass(frozen=True)
 class InspectConfig:
     """What would be read of a folder of frames."""
 

@@ -1,0 +1,293 @@
+"""Stage `infer --watch`: grasps of each frame as a camera writes it, until it is told to stop.
+
+Reads   a folder that RGB-D frames are written into; weights
+Writes  `grasps.h5.parts/FRAME.h5` as soon as a frame's grasps are found, and `grasps.h5` of all
+        frames so far whenever nothing new comes, and at the end
+
+Both appear by renaming, so that a reader always sees whole files. The parts stay: the same command
+goes on from them, and `infer` without `--watch` ends with the same bytes and removes them.
+"""
+
+import logging
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+
+from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.configs import InferConfig, WatchConfig
+from pipelines.errors import StaleOutputError, SymgraspError
+from pipelines.formats import grasps_file
+from pipelines.formats.camera_files import CameraFile
+from pipelines.formats.frames import FrameSource
+from pipelines.formats.grasps_stream import read_index
+from pipelines.formats.provenance import Stamp, read_stamp
+from pipelines.inference.watching import Arrival, Watcher
+from pipelines.inference.work import (
+    STAGE,
+    InferPaths,
+    Settings,
+    Work,
+    check_names,
+    drop_stale_shards,
+    infer_frame,
+    side_by_side,
+)
+from pipelines.learning.stopping import Reason, StopSignals
+
+log = logging.getLogger(__name__)
+
+LONGEST_PAUSE = 1.0  # seconds until a signal is heeded
+LISTING_SHARE = 4  # a listing's time is waited this many times, so that large folders cost little
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Where the time comes from, and how it passes."""
+
+    now: Callable[[], float] = time.monotonic
+    wait: Callable[[float], None] = time.sleep
+
+
+@dataclass(frozen=True)
+class Followed:
+    """What became of one frame.
+
+    Attributes:
+        name: the frame's.
+        status: `ok`, `empty` or `failed`.
+        grasps: how many were found.
+        seconds: from when its files were last seen to change until its results could be read.
+        text: the file of its results, or why there is none.
+    """
+
+    name: str
+    status: str
+    grasps: int
+    seconds: float
+    text: str
+
+
+def run(
+    paths: InferPaths,
+    config: InferConfig,
+    options: BatchOptions,
+    *,
+    watch: WatchConfig,
+    tell: Callable[[Followed], None],
+    camera: CameraFile | None = None,
+    depth_units_per_metre: float | None = None,
+    seed: int = 0,
+    device: str = "auto",
+    timings: bool = False,
+    clock: Clock | None = None,
+) -> StageReport:
+    """Find grasps in the frames of `paths.frames` as they come, until SIGINT, SIGTERM or time-out.
+
+    Args:
+        paths: what to read and write.
+        config: how grasps are found.
+        options: whether to begin anew; the work is done in threads of this process.
+        watch: how long to wait for what.
+        tell: called with each frame that was worked on.
+        camera: intrinsics of all frames, instead of the files beside them.
+        depth_units_per_metre: unit of the depth files, instead of what the files say.
+        seed: of everything that is drawn at random.
+        device: for the networks.
+        timings: write the seconds a frame took.
+        clock: the machine's, unless a test brings its own.
+
+    Raises:
+        SymgraspError: no such folder, unknown names, weights missing, or the output was made
+            otherwise or holds frames that are nowhere else.
+    """
+    check_names(config)
+    _check_wishes(paths, options)
+    work = Work(Settings(paths, config, seed, device, timings), camera, depth_units_per_metre)
+    signals = StopSignals()
+    with signals.heeded(patient=False), work.settings.one_core():
+        follower = _Follower(work, watch, side_by_side(options), tell, clock or Clock())
+        follower.begin(overwrite=options.overwrite)
+        while signals.reason is Reason.NONE and not follower.is_timed_out():
+            follower.go_on()
+        return follower.end()
+
+
+@dataclass
+class _Follower:
+    """What is known of the frames so far."""
+
+    work: Work
+    watch: WatchConfig
+    options: BatchOptions
+    tell: Callable[[Followed], None]
+    clock: Clock
+    items: dict[str, WorkItem] = field(default_factory=dict)
+    failed: dict[str, str] = field(default_factory=dict)
+    pending: dict[str, tuple[Arrival, WorkItem, str]] = field(default_factory=dict)  # put off
+    report: StageReport = field(default_factory=lambda: StageReport(STAGE))
+    listed: Sequence[FrameSource] = ()
+    is_changed: bool = False  # since the output was put together
+
+    def __post_init__(self) -> None:
+        self.watcher = Watcher(self.watch)
+        self.started = self.active = self.clock.now()
+
+    def begin(self, *, overwrite: bool) -> None:
+        """Take up what an earlier run left, and load the networks.
+
+        Raises:
+            StaleOutputError: that run had other settings, or its frames are lost.
+        """
+        self.listed = self.work.find(may_be_empty=True)
+        if overwrite:
+            grasps_file.remove_shards(self.work.output)
+        else:
+            self.items = _earlier(self.work)
+            _refuse_stale(self.work, {*self.items, *(source.name for source in self.listed)})
+        self.is_changed = bool(self.items) and not self.work.output.exists()
+        self.work.settings.planner()
+        self.started = self.active = self.clock.now()
+
+    def go_on(self) -> None:
+        """Look once; work on what is whole, or wait."""
+        looked = self.clock.now()
+        arrivals = self._arrivals()
+        if arrivals:
+            self._work_on(arrivals[: self.options.workers])
+            self.active = self.clock.now()
+            return
+        now = self.clock.now()
+        if self.is_changed and now - self.active >= self.watch.quiet:
+            self._put_together()
+        pause = max(self.watch.poll, LISTING_SHARE * (now - looked))
+        self.clock.wait(min(pause, LONGEST_PAUSE))
+
+    def is_timed_out(self) -> bool:
+        """Return whether no frame came or changed for as long as the user would wait."""
+        if self.watch.timeout is None or self.watcher.is_waiting():
+            return False
+        active = max(self.active, self.watcher.last_change() or self.active)
+        return self.clock.now() - active >= self.watch.timeout
+
+    def end(self) -> StageReport:
+        """Put the output together and say what was done."""
+        names = {source.name for source in self.listed}
+        for name in sorted(names & set(self.pending)):
+            arrival, item, sentence = self.pending[name]
+            self._conclude(name, arrival, item, sentence)
+        if self.is_changed:
+            self._put_together()
+        self.report.failed = {name: why for name, why in self.failed.items() if name in names}
+        self.report.seconds = self.clock.now() - self.started
+        return self.report
+
+    def _arrivals(self) -> list[Arrival]:
+        try:
+            self.listed = self.work.find(may_be_empty=True)
+        except (SymgraspError, OSError) as error:  # the folder may be back in a moment
+            log.warning("cannot look for frames: %s", error)
+            return []
+        return self.watcher.look(self.listed, self.clock.now())
+
+    def _work_on(self, arrivals: Sequence[Arrival]) -> None:
+        items = [self._item(arrival.source) for arrival in arrivals]
+        drop_stale_shards(items)
+        step = partial(infer_frame, settings=self.work.settings)
+        report = run_batch(STAGE, items, step, self.options)
+        self.report.notes.update(report.notes)
+        for arrival, item in zip(arrivals, items, strict=True):
+            sentence = report.failed.get(item.name)
+            if sentence is not None and not arrival.is_last_try:
+                self.watcher.put_off(item.name)
+                self.pending[item.name] = (arrival, item, sentence)
+            elif item.name in report.skipped:
+                self._keep(item, self.report.skipped)
+            else:
+                self._conclude(item.name, arrival, item, sentence)
+
+    def _item(self, source: FrameSource) -> WorkItem:
+        try:
+            (item,) = self.work.items([source])
+        except OSError:  # to read it will say why
+            target = grasps_file.shard_path(self.work.output, source.name)
+            item = WorkItem(source.name, target, self.work.stamp(self.work.common), (source,))
+        return item
+
+    def _conclude(self, name: str, arrival: Arrival, item: WorkItem, sentence: str | None) -> None:
+        """Note and tell what became of a frame; `sentence` says why it failed, if it did."""
+        seconds = self.clock.now() - arrival.since
+        if sentence is not None:
+            self._keep(item, [])
+            self.failed[name] = sentence
+            self.tell(Followed(name, "failed", 0, seconds, sentence))
+            return
+        self._keep(item, self.report.done)
+        result = grasps_file.read_shard(item.target)
+        count = len(result.grasps)
+        self.tell(Followed(name, result.status, count, seconds, str(item.target)))
+
+    def _keep(self, item: WorkItem, names: list[str]) -> None:
+        self.watcher.finish(item.name)
+        self.pending.pop(item.name, None)
+        self.failed.pop(item.name, None)
+        self.items[item.name] = item
+        self.is_changed = True
+        if item.name not in names:
+            names.append(item.name)
+
+    def _put_together(self) -> None:
+        """Write the output of all frames so far, as `infer` would order them; those gone first."""
+        listed = [source.name for source in self.listed]
+        gone = [name for name in self.items if name not in {*listed, *self.failed}]
+        order = [*gone, *(name for name in listed if name in self.items)]
+        self.work.put_together([self.items[name] for name in order], self.failed)
+        self.is_changed = False
+
+
+def _check_wishes(paths: InferPaths, options: BatchOptions) -> None:
+    if not paths.frames.is_dir():
+        raise SymgraspError(f"{paths.frames} is no folder; give the one that frames come into")
+    if paths.masks is not None:
+        raise SymgraspError(
+            "--watch and --masks exclude each other: masks of frames to come are not there yet"
+        )
+    if not options.is_here or options.dry_run:
+        raise SymgraspError(
+            "--watch works in one process, on all its cores; leave out --workers, --backend and "
+            "--dry-run"
+        )
+
+
+def _earlier(work: Work) -> dict[str, WorkItem]:
+    """Return the finished frames of an earlier run with the same settings, by name."""
+    wanted, items = work.stamp(work.common).as_json(), {}
+    parts = sorted(grasps_file.parts_folder(work.output).glob("[!.]*.h5"))
+    for path in parts:
+        found = read_stamp(path) or {}
+        if _is_alike(found, wanted) and wanted["inputs"].items() <= found["inputs"].items():
+            (name,) = read_index(path).names
+            stamp = Stamp(STAGE, found["config"], found["seed"], found["inputs"])
+            items[name] = WorkItem(name, path, stamp)
+    return items
+
+
+def _refuse_stale(work: Work, known: set[str]) -> None:
+    """Raise unless an existing output is of these settings and of frames that are `known`."""
+    if not work.output.exists():
+        return
+    found, wanted = read_stamp(work.output) or {}, work.stamp(work.common).as_json()
+    inputs = {name: each for name, each in found.get("inputs", {}).items() if name != "frames"}
+    if not _is_alike(found, wanted) or inputs != wanted["inputs"]:
+        raise StaleOutputError(work.output)
+    frames = grasps_file.read(work.output).frames
+    lost = [name for name in frames.name[frames.status != "failed"] if name not in known]
+    if lost:
+        raise SymgraspError(
+            f"{work.output} holds {len(lost)} frames that are not in {work.settings.paths.frames} "
+            f"any more, {lost[0]} among them; choose another output, or pass --overwrite"
+        )
+
+
+def _is_alike(found: dict[str, object], wanted: dict[str, object]) -> bool:
+    return all(found.get(key) == wanted[key] for key in ("stage", "config", "seed"))

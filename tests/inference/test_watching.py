@@ -1,0 +1,98 @@
+"""When a frame is whole, without a clock: times are numbers."""
+
+import pytest
+
+from pipelines.configs import WatchConfig
+from pipelines.formats.rgbd import FrameSource
+from pipelines.inference.watching import Watcher
+
+CONFIG = WatchConfig(settle=1.0, patience=5.0)
+
+
+@pytest.fixture
+def watcher():
+    return Watcher(CONFIG)
+
+
+def source(folder, name="a", text="x"):
+    path = folder / name
+    path.write_text(text)
+    return FrameSource(name, lambda: None, (path,))
+
+
+def names(arrivals):
+    return [arrival.source.name for arrival in arrivals]
+
+
+def test_a_frame_is_whole_once_it_has_not_changed_for_a_while(watcher, tmp_path):
+    frame = source(tmp_path)
+    assert watcher.look([frame], 10.0) == []
+    assert watcher.look([frame], 10.9) == []
+    assert names(watcher.look([frame], 11.0)) == ["a"]
+
+
+def test_a_frame_that_grows_is_waited_for(watcher, tmp_path):
+    for time in range(10):
+        assert watcher.look([source(tmp_path, text="x" * (time + 1))], 0.9 * time) == []
+    assert watcher.is_waiting()
+    assert names(watcher.look([source(tmp_path, text="x" * 10)], 20.0)) == []  # written anew
+    assert names(watcher.look([FrameSource("a", lambda: None, (tmp_path / "a",))], 21.0)) == ["a"]
+
+
+def test_a_second_file_makes_it_another_state(watcher, tmp_path):
+    color = source(tmp_path)
+    watcher.look([color], 0.0)
+    both = FrameSource("a", lambda: None, (*color.files, *source(tmp_path, "b").files))
+    assert watcher.look([both], 1.0) == []
+    assert names(watcher.look([both], 2.0)) == ["a"]
+
+
+def test_a_finished_frame_comes_again_only_if_it_changes(watcher, tmp_path):
+    frame = source(tmp_path)
+    watcher.look([frame], 0.0)
+    watcher.finish("a")
+    assert watcher.look([frame], 100.0) == []
+    assert not watcher.is_waiting()
+    source(tmp_path, text="longer")
+    assert watcher.look([frame], 101.0) == []
+    assert names(watcher.look([frame], 102.0)) == ["a"]
+
+
+def test_a_frame_that_is_put_off_has_one_last_try(watcher, tmp_path):
+    frame = source(tmp_path)
+    watcher.look([frame], 0.0)
+    (first,) = watcher.look([frame], 1.0)
+    assert not first.is_last_try
+    watcher.put_off("a")
+    assert watcher.look([frame], 4.9) == []
+    (last,) = watcher.look([frame], 5.0)
+    assert last.is_last_try
+    assert last.since == 0.0
+
+
+def test_what_is_put_off_is_read_soon_if_it_changes(watcher, tmp_path):
+    frame = source(tmp_path)
+    watcher.look([frame], 0.0)
+    watcher.put_off("a")
+    source(tmp_path, text="whole")
+    watcher.look([frame], 2.0)
+    (arrival,) = watcher.look([frame], 3.0)
+    assert not arrival.is_last_try
+
+
+def test_the_longest_unchanged_comes_first(watcher, tmp_path):
+    late, early = source(tmp_path, "a"), source(tmp_path, "z")
+    watcher.look([early], 0.0)
+    watcher.look([late, early], 0.5)
+    assert names(watcher.look([late, early], 9.0)) == ["z", "a"]
+    assert watcher.last_change() == 0.5
+
+
+def test_a_file_that_goes_away_meanwhile_takes_its_frame_along(watcher, tmp_path):
+    frame = source(tmp_path)
+    watcher.look([frame], 0.0)
+    frame.files[0].unlink()
+    assert watcher.look([frame], 9.0) == []
+    watcher.finish("a")
+    assert not watcher.is_waiting()
+    assert watcher.last_change() is None

@@ -1,0 +1,292 @@
+"""Stage `infer --watch`: a scripted clock writes frames, so that no test waits or races."""
+
+import dataclasses
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from pipelines import infer, infer_watch
+from pipelines.batch import BatchOptions
+from pipelines.configs import InferConfig, WatchConfig
+from pipelines.errors import StaleOutputError, SymgraspError
+from pipelines.formats import grasps_file
+from symgrasp_cli.app import app
+from tests.stages.test_infer import SHAPES, write_frame
+
+CONFIG = InferConfig(regions="geometric", method="planar")
+OPTIONS = BatchOptions(progress=False)
+ROOT = Path(infer.__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """Frames a, b and c, whole, from which cameras copy."""
+    folder = tmp_path_factory.mktemp("made")
+    for name, shapes in SHAPES.items():
+        write_frame(folder, name, shapes)
+    return folder
+
+
+class Cell:
+    """A folder that frames come into, at times of a clock that passes only by waiting."""
+
+    def __init__(self, made, folder):
+        self.made, self.output = made, folder / "g.h5"
+        self.frames = folder / "frames"
+        self.frames.mkdir()
+        self.time, self.events, self.told = 0.0, [], []
+
+    def at(self, time, action, *arguments):
+        self.events.append((time, action, arguments))
+
+    def wait(self, seconds):
+        self.time += seconds
+        due = [event for event in self.events if event[0] <= self.time]
+        self.events = [event for event in self.events if event[0] > self.time]
+        for _, action, arguments in sorted(due, key=lambda event: event[0]):
+            action(*arguments)
+
+    def write(self, name, *, as_name=None, files=("color.png", "depth.png", "camera.json")):
+        for file in files:
+            data = (self.made / f"{name}_{file}").read_bytes()
+            (self.frames / f"{as_name or name}_{file}").write_bytes(data)
+
+    def write_half(self, name):
+        data = (self.made / f"{name}_depth.png").read_bytes()
+        (self.frames / f"{name}_depth.png").write_bytes(data[: len(data) // 2])
+
+    def remove(self, name):
+        for path in self.frames.glob(f"{name}_*"):
+            path.unlink()
+
+    def tell(self, frame):
+        self.told.append(frame)
+
+    def names_told(self):
+        return [(frame.name, frame.status) for frame in self.told]
+
+    def follow(self, *, timeout=30.0, config=CONFIG, options=OPTIONS, masks=None):
+        return infer_watch.run(
+            infer.InferPaths(self.frames, self.output, masks=masks),
+            config,
+            options,
+            watch=WatchConfig(timeout=timeout),
+            tell=self.tell,
+            clock=infer_watch.Clock(lambda: self.time, self.wait),
+        )
+
+    def infer(self, output):
+        return infer.run(infer.InferPaths(self.frames, output), CONFIG, OPTIONS)
+
+    def statuses(self):
+        frames = grasps_file.read(self.output).frames
+        return dict(zip(frames.name, frames.status, strict=True))
+
+
+@pytest.fixture
+def cell(made, tmp_path):
+    return Cell(made, tmp_path)
+
+
+def test_frames_are_told_as_they_come_and_the_end_is_what_infer_writes(cell, tmp_path):
+    cell.at(1.0, cell.write, "b")
+    cell.at(2.0, cell.write, "a")
+    cell.at(3.0, cell.write, "c")
+    report = cell.follow()
+    assert cell.names_told() == [("b", "ok"), ("a", "ok"), ("c", "empty")]
+    assert (report.done, report.exit_code) == (["b", "a", "c"], 0)
+    for frame in cell.told:
+        assert 0.3 <= frame.seconds <= 0.5  # what it waits for them to be whole; work takes no time
+        assert grasps_file.read_shard(Path(frame.text)).name == frame.name
+    cell.infer(tmp_path / "plain.h5")
+    assert cell.output.read_bytes() == (tmp_path / "plain.h5").read_bytes()
+
+
+def test_infer_without_watch_finds_it_finished_and_removes_the_parts(cell):
+    cell.write("a")
+    cell.follow()
+    assert grasps_file.parts_folder(cell.output).exists()
+    assert cell.infer(cell.output).skipped == ["a"]
+    assert not grasps_file.parts_folder(cell.output).exists()
+
+
+def test_a_pair_that_is_half_written_is_waited_for(cell):
+    cell.write("a", files=("camera.json", "color.png"))
+    cell.at(1.0, cell.write_half, "a")
+    cell.at(4.0, cell.write, "a")
+    report = cell.follow()
+    assert cell.names_told() == [("a", "ok")]
+    assert report.exit_code == 0
+    assert cell.told[0].seconds <= 0.5
+
+
+def test_a_frame_that_stays_bad_is_named_and_does_not_stop_the_others(cell):
+    cell.write("b")
+    cell.write_half("b")
+    cell.at(1.0, cell.write, "a")
+    cell.at(20.0, cell.write, "c")
+    report = cell.follow()
+    assert cell.names_told() == [("a", "ok"), ("b", "failed"), ("c", "empty")]
+    assert "b_depth.png" in cell.told[1].text
+    assert 5.0 <= cell.told[1].seconds < 6.0
+    assert (list(report.failed), report.exit_code) == (["b"], 1)
+    assert cell.statuses() == {"a": "ok", "b": "failed", "c": "empty"}
+
+
+def test_a_bad_frame_is_named_at_the_end_too(cell):
+    cell.write("b")
+    cell.write_half("b")
+    assert list(cell.follow(timeout=1.0).failed) == ["b"]
+    assert cell.statuses() == {"b": "failed"}
+
+
+def test_a_frame_that_was_bad_is_done_once_it_is_whole(cell):
+    cell.write("b")
+    cell.write_half("b")
+    cell.at(10.0, cell.write, "b")
+    report = cell.follow()
+    assert cell.names_told() == [("b", "failed"), ("b", "ok")]
+    assert report.exit_code == 0
+    assert cell.statuses() == {"b": "ok"}
+
+
+def test_it_ends_so_long_after_the_last_frame_and_no_sooner(cell):
+    cell.at(2.0, cell.write, "a")
+    cell.at(6.5, cell.write, "b")
+    cell.at(13.0, cell.write, "c")
+    report = cell.follow(timeout=5.0)
+    assert report.done == ["a", "b"]
+    assert 11.5 <= cell.time <= 12.5
+
+
+def test_a_frame_written_again_is_done_again(cell):
+    cell.write("a")
+    cell.at(5.0, lambda: cell.write("c", as_name="a"))
+    cell.follow()
+    assert cell.names_told() == [("a", "ok"), ("a", "empty")]
+    assert cell.statuses() == {"a": "empty"}
+
+
+def test_what_can_be_read_meanwhile_is_whole_and_grows(cell):
+    seen = []
+    for time in (1.0, 5.0, 9.0):
+        cell.at(time, lambda: seen.append(cell.statuses() if cell.output.exists() else None))
+    cell.at(2.0, cell.write, "a")
+    cell.at(6.0, cell.write, "b")
+    cell.follow()
+    assert seen == [None, {"a": "ok"}, {"a": "ok", "b": "ok"}]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_with_all_frames_so_far(cell, number):
+    before = signal.getsignal(number)
+    cell.write("a")
+    cell.at(1.0, signal.raise_signal, number)
+    cell.at(2.0, cell.write, "b")
+    report = cell.follow(timeout=None)
+    assert (report.done, report.exit_code) == (["a"], 0)
+    assert cell.statuses() == {"a": "ok"}
+    assert signal.getsignal(number) == before
+
+
+def test_it_goes_on_from_what_an_earlier_run_left(cell, tmp_path):
+    cell.write("b")
+    cell.follow()
+    cell.at(cell.time + 1.0, cell.write, "a")
+    report = cell.follow()
+    assert (report.skipped, report.done) == (["b"], ["a"])
+    assert cell.names_told() == [("b", "ok"), ("a", "ok")]
+    cell.infer(tmp_path / "plain.h5")
+    assert cell.output.read_bytes() == (tmp_path / "plain.h5").read_bytes()
+
+
+def test_frames_that_the_camera_removes_are_kept_after_a_restart_too(cell):
+    cell.write("b")
+    cell.at(3.0, cell.remove, "b")
+    cell.at(4.0, cell.write, "a")
+    cell.follow()
+    assert list(cell.statuses()) == ["b", "a"]
+    cell.at(cell.time + 1.0, cell.write, "c")
+    cell.follow()
+    assert list(cell.statuses()) == ["b", "a", "c"]
+
+
+def test_an_output_of_other_settings_is_refused_and_overwrite_begins_anew(cell):
+    cell.write("a")
+    cell.follow()
+    other = dataclasses.replace(CONFIG, gripper="franka")
+    with pytest.raises(StaleOutputError):
+        cell.follow(config=other)
+    cell.remove("a")
+    cell.write("b")
+    cell.follow(config=other, options=dataclasses.replace(OPTIONS, overwrite=True))
+    assert cell.statuses() == {"b": "ok"}
+
+
+def test_results_that_are_nowhere_else_are_not_overwritten(cell):
+    cell.write("a")
+    cell.infer(cell.output)
+    cell.remove("a")
+    with pytest.raises(SymgraspError, match="a among them"):
+        cell.follow()
+    assert cell.statuses() == {"a": "ok"}
+
+
+def test_without_a_frame_nothing_is_written(cell):
+    report = cell.follow()
+    assert (report.done, report.exit_code) == ([], 0)
+    assert not cell.output.exists()
+
+
+def test_wishes_that_cannot_be_met_are_one_sentence_each(cell, tmp_path):
+    with pytest.raises(SymgraspError, match="--masks"):
+        cell.follow(masks=tmp_path)
+    for options in ({"workers": 2}, {"backend": "dask"}, {"dry_run": True}):
+        with pytest.raises(SymgraspError, match="leave out --workers"):
+            cell.follow(options=dataclasses.replace(OPTIONS, **options))
+    cell.frames.rmdir()
+    with pytest.raises(SymgraspError, match="is no folder"):
+        cell.follow()
+
+
+def test_a_folder_that_is_away_for_a_moment_is_waited_for(cell, caplog):
+    away = cell.frames.with_name("away")
+    cell.write("a")
+    cell.at(1.0, cell.frames.rename, away)
+    cell.at(3.0, away.rename, cell.frames)
+    cell.at(4.0, cell.write, "b")
+    assert cell.follow().done == ["a", "b"]
+    assert "cannot look for frames" in caplog.text
+
+
+def test_a_time_out_without_watch_is_wrong_usage(tmp_path):
+    arguments = ["infer", str(tmp_path), "--watch-timeout", "5"]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 2
+    assert "--watch" in result.output
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_command_prints_a_line_a_frame_and_heeds_signals(cell, number):
+    cell.write("a")
+    code = "from symgrasp_cli.app import main; main()"
+    options = ["--watch", "--watch-timeout", "300", "--regions", "geometric", "--method", "planar"]
+    command = [sys.executable, "-c", code, "infer", str(cell.frames), "--out", str(cell.output)]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(
+        [*command, *options], env=environment, stdout=subprocess.PIPE, text=True
+    ) as process:
+        first = process.stdout.readline().split("  ")
+        cell.write("b")
+        second = process.stdout.readline().split("  ")
+        process.send_signal(number)
+        rest = process.stdout.read()
+    assert (first[:2], second[:2]) == (["a", "ok"], ["b", "ok"])
+    assert first[4].strip() == str(grasps_file.shard_path(cell.output, "a"))
+    assert (process.returncode, rest) == (0, "")
+    assert cell.statuses() == {"a": "ok", "b": "ok"}

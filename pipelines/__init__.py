@@ -18,6 +18,7 @@ inspect              RGB-D frames of any layout                  nothing; says w
 convert_frames       RGB-D frames of any layout                  RGB-D frames as flat pairs
 infer                RGB-D frames, both weights                  grasps.h5, overlay pictures
 infer_watch          RGB-D frames as they come, weights          a file a frame, grasps.h5
+view                 grasps.h5, RGB-D frames                     OUT/index.html, a page a frame
 export               grasps.h5                                   files of other tools, JSON, CSV
 score_grasps         any mesh, any grasps (N, 17)                verdicts.npz
 simulate             grasps.h5, ROOT                             success.json

@@ -25,6 +25,7 @@ from symgrasp_cli.score_grasps import score_grasps
 from symgrasp_cli.simulate import simulate
 from symgrasp_cli.synthesize import synthesize
 from symgrasp_cli.train import train
+from symgrasp_cli.view import view
 
 # The order in which a lab runs them; `symgrasp --help` teaches the workflow.
 COMMANDS = (
@@ -40,6 +41,7 @@ COMMANDS = (
     inspect,
     convert_frames,
     infer,
+    view,
     export,
     score_grasps,
     simulate,

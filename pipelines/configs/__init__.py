@@ -20,6 +20,7 @@ from pipelines.configs.inference import (
     InspectConfig,
     RegionConfig,
     SelectionConfig,
+    ViewConfig,
     WatchConfig,
 )
 from pipelines.configs.judging import (
@@ -65,6 +66,7 @@ __all__ = [
     "SimulateConfig",
     "SynthesizeConfig",
     "TrainConfig",
+    "ViewConfig",
     "WatchConfig",
     "from_settings",
 ]

@@ -4,6 +4,7 @@ Camera frame (OpenCV axes), metres, float32. Every table coerces its columns to 
 when it is made, so that what is written and read again is what it was.
 """
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
@@ -14,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from pipelines.errors import ValueRangeError
 from pipelines.formats.h5_columns import ColumnSpec, coerce_columns
 from pipelines.formats.masks_rle import box_of_mask, decode_mask, encode_mask
+from pipelines.formats.provenance import digest_text
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.symmetry import NUM_SLOTS
 
@@ -219,6 +221,21 @@ class FrameResult:
         """Width and height, (0, 0) where unknown."""
         camera = self.intrinsics
         return (0, 0) if camera is None else (camera.width, camera.height)
+
+
+def result_digest(result: FrameResult) -> str:
+    """Return a digest of all that was found in a frame; not of the time that it took."""
+    regions, grasps = result.regions, result.grasps
+    parts = [repr((result.name, result.status, result.message, result.intrinsics)).encode()]
+    for table, names in (
+        (regions, (*RegionTable.SPEC, "mask_counts", "mask_start")),
+        (grasps, GraspTable.SPEC),
+    ):
+        for name in names:
+            column = getattr(table, name)
+            is_text = column.dtype == object
+            parts.append("\0".join(column).encode() if is_text else column.tobytes())
+    return digest_text("\n".join(hashlib.sha256(part).hexdigest() for part in parts))
 
 
 def join_regions(tables: Sequence[RegionTable]) -> RegionTable:

@@ -2,7 +2,9 @@
 
 import dataclasses
 import hashlib
+import html
 import json
+import re
 from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
@@ -15,6 +17,8 @@ from pipelines.formats.files import open_h5, read_json, write_json
 
 # What must agree for an existing output to be reused; the version is recorded, not compared.
 COMPARED = ("stage", "config", "seed", "inputs")
+PAGE_STAMP = re.compile('<meta name="provenance" content="([^"]*)">')
+PAGE_HEAD = 65536  # characters of a page in which its stamp must lie
 
 
 @dataclasses.dataclass(frozen=True)
@@ -110,9 +114,25 @@ def read_stamp(target: Path) -> dict[str, Any] | None:
             return content.get("provenance") if isinstance(content, dict) else None
         case ".safetensors":
             return _read_safetensors_stamp(target)
+        case ".html" if not sidecar_of(target).exists():
+            return _read_page_stamp(target)
         case _:
             sidecar = sidecar_of(target)
             return dict(read_json(sidecar)) if sidecar.exists() else None
+
+
+def page_stamp(stamp: Stamp) -> str:
+    """Return the element that holds the stamp of an HTML page; it belongs into the head, first."""
+    return f'<meta name="provenance" content="{html.escape(stamp.as_text())}">'
+
+
+def _read_page_stamp(target: Path) -> dict[str, Any] | None:
+    with target.open(encoding="utf-8", errors="replace") as stream:
+        found = PAGE_STAMP.search(stream.read(PAGE_HEAD))
+    try:
+        return None if found is None else dict(json.loads(html.unescape(found[1])))
+    except (TypeError, ValueError):
+        return None
 
 
 def _read_h5_stamp(target: Path) -> dict[str, Any] | None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pipelines import compare
-from pipelines.configs import CompareConfig
+from pipelines.configs import CompareConfig, ViewConfig
 from pipelines.formats import (
     affordance_labels,
     coco_instances,
@@ -20,9 +20,10 @@ from pipelines.formats import (
 )
 from pipelines.formats.affordance_labels import AffordanceLabels
 from pipelines.formats.dump_verdicts import FrameVerdicts, write_dump_verdicts
+from pipelines.formats.grasp_page.scene import frame_scene
 from pipelines.formats.graspnet import FrameFiles
 from pipelines.formats.graspnet_labels import GRID, GraspLabel, label_offsets, write_grasp_label
-from pipelines.formats.gripper_files import PRESETS
+from pipelines.formats.gripper_files import PRESETS, load_gripper
 from pipelines.formats.packed_regions import PackedScene
 from pipelines.formats.provenance import make_stamp
 from pipelines.formats.reports import write_report
@@ -32,6 +33,7 @@ from pipelines.geometry.region_masks import RegionInstance
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry
 from pipelines.inference.models import WEIGHTS
 from pipelines.simulation.success import write_success
+from tests.formats.grasp_page.toys import toy_frame, toy_result
 from tests.stages.test_compare import write_run
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "FORMATS.md"
@@ -213,3 +215,9 @@ def test_every_link_of_the_table_leads_to_a_section() -> None:
     headings = re.findall(r"^## (.+)$", text(), re.MULTILINE)
     anchors = {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings}
     assert set(re.findall(r"\]\(#([^)]+)\)", text())) <= anchors
+
+
+def test_what_a_page_draws_is_documented() -> None:
+    frame, index = toy_frame()
+    scene = frame_scene(frame, toy_result(frame, index), load_gripper("rg2"), ViewConfig())
+    assert set(scene) == keys_of(block("keys", "scene"))

@@ -13,6 +13,7 @@ from pipelines.formats.provenance import (
     digest_folder,
     is_finished,
     make_stamp,
+    page_stamp,
     read_stamp,
     write_sidecar,
 )
@@ -35,8 +36,13 @@ def write_plain(path):
     write_sidecar(path, STAMP)
 
 
+def write_page(path):
+    path.write_text(f"<!doctype html><html><head>{page_stamp(STAMP)}</head></html>")
+
+
 WRITERS = {
     "a.h5": write_h5,
+    "a.html": write_page,
     "a.json": lambda path: write_json(path, {"provenance": STAMP.as_json()}),
     "a.safetensors": lambda path: save_file(
         {"w": np.zeros(1)}, path, {"provenance": STAMP.as_text()}
@@ -63,6 +69,12 @@ def test_an_output_made_otherwise_is_refused(tmp_path, name):
     other = make_stamp("refine-grasps", RefineGraspsConfig(copies_per_turn=8), seed=3)
     with pytest.raises(StaleOutputError, match="--overwrite"):
         is_finished(target, other)
+
+
+@pytest.mark.parametrize("content", ["", "<html>", '<meta name="provenance" content="[1">', "\xff"])
+def test_a_page_of_somebody_else_has_no_stamp(tmp_path, content):
+    (tmp_path / "a.html").write_bytes(content.encode("latin1"))
+    assert read_stamp(tmp_path / "a.html") is None
 
 
 def test_the_digest_follows_the_content(tmp_path):

@@ -1,0 +1,223 @@
+"""Stage `view`: frames with their symmetries and grasps, to turn around in a browser.
+
+Reads   grasps.h5                 of `infer`
+        the RGB-D frames          where `infer` read them, or another folder
+Writes  OUT/frames/NAME.html      one page a frame that needs no other file and no network
+        OUT/frames/NAME.jpg       its picture
+        OUT/frames/NAME.rrd       if asked for: the same for rerun's viewer
+        OUT/index.html            all frames, with pictures and links
+
+A page is finished once it lies there with its stamp, so a run that was killed goes on where it
+stopped, and only the pages of new or changed frames are made. Frames that `infer` failed on, or
+that cannot be read any more, are named and listed without a page.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import cv2
+
+from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.configs import ViewConfig
+from pipelines.errors import FormatError, SymgraspError
+from pipelines.formats.files import write_image, write_text
+from pipelines.formats.frames import FrameSource
+from pipelines.formats.frames_record import FramesRecord
+from pipelines.formats.grasp_page.page import IndexEntry, frame_page, in_words, index_page
+from pipelines.formats.grasp_page.scene import frame_scene
+from pipelines.formats.grasps_file import FrameResult
+from pipelines.formats.grasps_stream import read_frames, read_index
+from pipelines.formats.grasps_tables import result_digest
+from pipelines.formats.gripper_files import gripper_digest, load_gripper
+from pipelines.formats.overlays import draw_overlay
+from pipelines.formats.provenance import Stamp, digest, is_finished, make_stamp, read_stamp
+from pipelines.formats.rerun_recording import need_rerun, write_recording
+from pipelines.formats.rgbd import Frame
+
+STAGE = "view"
+LONGEST_NAME = 240  # bytes; file systems take 255, and a temporary name is longer
+Step = Callable[[WorkItem], str | None]
+
+
+@dataclass(frozen=True)
+class ViewPaths:
+    """Where `view` reads from and writes to; `frames` None: where `infer` read them."""
+
+    grasps: Path
+    output: Path
+    frames: Path | None = None
+
+    @property
+    def index(self) -> Path:
+        """The page of all frames."""
+        return self.output / "index.html"
+
+    def of_frame(self, name: str, suffix: str) -> Path:
+        """Return where a frame's file goes.
+
+        Raises:
+            FormatError: the name leads out of the folder.
+        """
+        folder = self.output / "frames"
+        path = folder / f"{name}{suffix}"
+        longest = max(len(part.encode()) for part in path.parts)
+        if (
+            not name
+            or longest > LONGEST_NAME
+            or not path.resolve().is_relative_to(folder.resolve())
+        ):
+            raise FormatError(
+                self.grasps, f"the frame's name {name!r} is no file name", "run infer"
+            )
+        return path
+
+
+def run(
+    paths: ViewPaths, config: ViewConfig, options: BatchOptions, *, rerun: bool = False
+) -> StageReport:
+    """Make the pages of all frames of `paths.grasps`.
+
+    Args:
+        paths: what to read and write.
+        config: how.
+        options: workers, overwrite, dry run.
+        rerun: also write recordings for rerun's viewer.
+
+    Raises:
+        SymgraspError: no such file or frames, rerun is not installed, or the output is another's.
+    """
+    if rerun:
+        need_rerun()
+    index = read_index(paths.grasps)
+    config = replace(config, gripper=config.gripper or index.gripper)
+    load_gripper(config.gripper)
+    whole = make_stamp(STAGE, config, inputs={"gripper": gripper_digest(config.gripper)})
+    _check_output(paths, whole, overwrite=options.overwrite)
+    sources = FramesRecord.of(paths.grasps, index.attrs, paths.frames).sources()
+    items, failed = _items(paths, whole, sources)
+    report = run_batch(STAGE, items, partial(make_page, paths=paths, config=config), options)
+    report.failed = failed | report.failed
+    if rerun:
+        _record(paths, config, items, options, report)
+    if not options.dry_run:
+        title = f"{paths.grasps.name}: {len(index.names)} frames"
+        write_text(paths.index, index_page(title, _entries(paths, report), whole))
+    return report
+
+
+def make_page(item: WorkItem, paths: ViewPaths, config: ViewConfig) -> str | None:
+    """Write the picture and the page of one frame; return what the page weighs."""
+    frame, result = _frame_of(item, paths)
+    height, width = frame.depth.shape
+    size = (config.picture_width, max(1, round(height * config.picture_width / width)))
+    picture = cv2.resize(draw_overlay(frame, result), size, interpolation=cv2.INTER_AREA)
+    write_image(paths.of_frame(item.name, ".jpg"), picture)
+    scene = frame_scene(frame, result, load_gripper(config.gripper), config)
+    page = frame_page(scene, result, item.stamp)
+    write_text(item.target, page)
+    return f"{len(page) / 1e6:.1f} MB, {in_words(result)}"
+
+
+def make_recording(item: WorkItem, paths: ViewPaths, config: ViewConfig) -> str | None:
+    """Write the recording of one frame for rerun's viewer."""
+    frame, result = _frame_of(item, paths)
+    write_recording(item.target, frame, result, load_gripper(config.gripper), item.stamp)
+    return None
+
+
+def _frame_of(item: WorkItem, paths: ViewPaths) -> tuple[Frame, FrameResult]:
+    """Return a frame with the camera that its grasps were found with, and these."""
+    source, place = item.arguments
+    result = next(read_frames(paths.grasps, [place]))
+    frame = source.read()
+    height, width = frame.depth.shape
+    if (width, height) != result.size:
+        found = f"is {width}x{height}, but its grasps are of {result.size[0]}x{result.size[1]}"
+        raise FormatError(item.name, found, "give --frames, the folder infer was run on")
+    return replace(frame, intrinsics=result.intrinsics), result
+
+
+def _check_output(paths: ViewPaths, whole: Stamp, *, overwrite: bool) -> None:
+    """Refuse a folder that is somebody else's, or made with other settings."""
+    exists = paths.output.exists()
+    if exists and not paths.output.is_dir():
+        raise SymgraspError(f"{paths.output} is no folder; choose another one")
+    if paths.index.exists():
+        stamp = read_stamp(paths.index)
+        if stamp is None or stamp.get("stage") != STAGE:
+            raise SymgraspError(
+                f"{paths.index} exists and is no view of ours; choose another --out"
+            )
+        is_finished(paths.index, whole, overwrite=overwrite)
+
+
+def _items(
+    paths: ViewPaths, whole: Stamp, sources: Mapping[str, FrameSource]
+) -> tuple[list[WorkItem], dict[str, str]]:
+    """Return the pages to make, and why other frames have none."""
+    items, failed = [], {}
+    digests: dict[Path, str] = {}  # a bag is one file of many frames: it is read once
+    for place, result in enumerate(_results(paths)):
+        source = sources.get(result.name)
+        try:
+            target = paths.of_frame(result.name, ".html")
+        except SymgraspError as error:
+            failed[result.name] = str(error)
+            continue
+        if result.status == "failed" or result.intrinsics is None:
+            failed[result.name] = f"infer failed on it ({result.message}); it has no page"
+        elif source is None:
+            failed[result.name] = "its images are not there any more; give --frames, their folder"
+        else:
+            inputs = dict(whole.inputs) | {"grasps": result_digest(result)}
+            for number, path in enumerate(source.files):
+                digests[path] = digests.get(path) or digest(path)
+                inputs[f"{number} {path.name}"] = digests[path]
+            items.append(
+                WorkItem(result.name, target, replace(whole, inputs=inputs), (source, place))
+            )
+    return items, failed
+
+
+def _record(
+    paths: ViewPaths,
+    config: ViewConfig,
+    items: list[WorkItem],
+    options: BatchOptions,
+    report: StageReport,
+) -> None:
+    """Write recordings of the frames that have pages; into `report` goes what failed."""
+    wanted = [
+        replace(item, target=paths.of_frame(item.name, ".rrd"))
+        for item in items
+        if item.name not in report.failed
+    ]
+    step = partial(make_recording, paths=paths, config=config)
+    recorded = run_batch(f"{STAGE} for rerun", wanted, step, options)
+    report.failed |= recorded.failed
+    report.notes |= {f"{name}.rrd": note for name, note in recorded.notes.items()}
+    made = {*report.done, *recorded.done}
+    both = [item.name for item in wanted if item.name not in recorded.failed]
+    report.done = [name for name in both if name in made]
+    report.skipped = [name for name in both if name not in made]
+    report.seconds += recorded.seconds
+
+
+def _entries(paths: ViewPaths, report: StageReport) -> Iterator[IndexEntry]:
+    for result in _results(paths):
+        failure = report.failed.get(result.name)
+        if failure is not None:
+            yield IndexEntry(result.name, None, None, failure, failed=True)
+            continue
+        page, picture = (
+            paths.of_frame(result.name, suffix).relative_to(paths.output).as_posix()
+            for suffix in (".html", ".jpg")
+        )
+        yield IndexEntry(result.name, page, picture, in_words(result))
+
+
+def _results(paths: ViewPaths) -> Iterator[FrameResult]:
+    """Yield what was found, a frame at a time."""
+    return read_frames(paths.grasps, range(len(read_index(paths.grasps).names)))

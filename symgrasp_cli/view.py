@@ -1,0 +1,52 @@
+"""`symgrasp view`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipelines.configs import ViewConfig
+from symgrasp_cli.options import (
+    Backend,
+    DryRun,
+    GripperUsed,
+    Overwrite,
+    Workers,
+    batch_options,
+)
+from symgrasp_cli.report import conclude
+
+
+def view(
+    grasps: Annotated[
+        Path, typer.Argument(exists=True, dir_okay=False, help="grasps.h5 of `infer`.")
+    ],
+    *,
+    out: Annotated[Path, typer.Option(help="Folder to write; open its index.html.")],
+    frames: Annotated[
+        Path | None,
+        typer.Option(help="Folder of the RGB-D frames, if they are not where infer read them."),
+    ] = None,
+    gripper: GripperUsed = ViewConfig.gripper,
+    max_pixels: Annotated[
+        int,
+        typer.Option(min=1000, max=700_000, help="Points of a page; larger frames are thinned."),
+    ] = ViewConfig.max_pixels,
+    rerun: Annotated[
+        bool, typer.Option("--rerun", help="Also write NAME.rrd for rerun's viewer (extra: viz).")
+    ] = False,
+    workers: Workers = 1,
+    backend: Backend = "loky",
+    overwrite: Overwrite = False,
+    dry_run: DryRun = False,
+) -> None:
+    """Make a page a frame, with cloud, symmetries and grasps to turn around in a browser."""
+    from pipelines import view as stage
+
+    report = stage.run(
+        stage.ViewPaths(grasps, out, frames),
+        ViewConfig(gripper=gripper, max_pixels=max_pixels),
+        batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run),
+        rerun=rerun,
+    )
+    conclude(report)

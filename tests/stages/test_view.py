@@ -1,0 +1,217 @@
+"""`view`: a page a frame, an index of all; resumable, faults one by one."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from pipelines import view
+from pipelines.batch import BatchOptions, StageReport
+from pipelines.configs import ViewConfig
+from pipelines.errors import FormatError, StaleOutputError, SymgraspError, UnknownNameError
+from pipelines.formats import grasps_file
+from pipelines.formats.files import read_image, write_image, write_json
+from pipelines.formats.frames_record import FramesRecord
+from pipelines.formats.grasps_file import FrameResult
+from pipelines.formats.gripper_files import load_gripper
+from pipelines.formats.provenance import digest_folder, make_stamp, write_sidecar
+from symgrasp_cli.app import app
+from tests.evaluation.page_reader import Reader
+from tests.formats.grasp_page.toys import decoded, scene_of, toy_frame, toy_result
+from tests.geometry.tabletops import Box
+from tests.stages.test_infer import write_frame
+
+CONFIG, OPTIONS = ViewConfig(), BatchOptions(progress=False)
+FRAME, INDEX = toy_frame("a")
+STAMP = make_stamp("infer", {"gripper": "franka"})
+NAMES = ("one/a", "one/b", "two/c")
+
+
+def result(name: str, grasps: int = 5, seed: int = 0) -> FrameResult:
+    return replace(toy_result(FRAME, INDEX, grasps, seed), name=name)
+
+
+def write_results(path: Path, results: list[FrameResult], frames: Path | None = None) -> Path:
+    recorded = {} if frames is None else FramesRecord(frames).beside(path)
+    grasps_file.write(path, results, replace(STAMP, recorded=recorded))
+    return path
+
+
+@pytest.fixture
+def grasps(tmp_path: Path) -> Path:
+    """Three frames, the second of them without grasps, and their file."""
+    for name in NAMES:
+        (tmp_path / "frames" / name).parent.mkdir(parents=True, exist_ok=True)
+        write_frame(tmp_path / "frames" / name[:3], name[4:], [Box((0.05, 0.05, 0.05))])
+    results = [result(NAMES[0]), result(NAMES[1], 0), result(NAMES[2], seed=1)]
+    return write_results(tmp_path / "grasps.h5", results, tmp_path / "frames")
+
+
+def run(grasps: Path, out: Path, *, config=CONFIG, options=OPTIONS, frames=None) -> StageReport:
+    return view.run(view.ViewPaths(grasps, out, frames), config, options)
+
+
+def page_of(out: Path, name: str) -> str:
+    return (out / "frames" / f"{name}.html").read_text(encoding="utf-8")
+
+
+def test_every_frame_has_a_page_of_its_own_grasps_and_points(grasps, tmp_path):
+    report = run(grasps, tmp_path / "out")
+    assert (report.done, report.exit_code) == (list(NAMES), 0)
+    for found, seed in ((NAMES[0], 0), (NAMES[2], 1)):
+        scene = scene_of(page_of(tmp_path / "out", found))
+        table = result(found, seed=seed).grasps
+        np.testing.assert_array_equal(decoded(scene["arrays"]["translation"]), table.translation)
+        boxes = load_gripper("franka").boxes(table.width)  # the gripper of the grasps
+        np.testing.assert_allclose(decoded(scene["arrays"]["boxes"]), boxes, atol=1e-6)
+        stored = read_image(tmp_path / "frames" / f"{found}_depth.png") / 10000.0
+        depth = decoded(scene["arrays"]["depth"]) * scene["depth_step"]
+        assert np.abs(depth - stored).max() < scene["depth_step"]
+    empty = page_of(tmp_path / "out", NAMES[1])
+    assert "empty: nothing stands out" in empty
+    assert scene_of(empty)["sources"] == []
+
+
+def test_the_index_lists_all_frames_with_pictures_that_are_there(grasps, tmp_path):
+    out = tmp_path / "out"
+    run(grasps, out)
+    reader = Reader((out / "index.html").read_text(encoding="utf-8"))
+    links = [a["href"] for tag, a in reader.found if tag == "a"]
+    pictures = [a["src"] for tag, a in reader.found if tag == "img"]
+    assert links == [f"frames/{name}.html" for name in NAMES]
+    for path in (*links, *pictures):
+        assert (out / path).is_file()
+    assert read_image(out / pictures[0]).shape[1] == CONFIG.picture_width
+    assert "empty: nothing stands out" in reader.text
+
+
+def test_frames_that_cannot_be_shown_are_named_and_the_rest_is_done(grasps, tmp_path):
+    results = [
+        result("one/a"),
+        FrameResult("one/b", "failed", "its depth is torn"),
+        result("two/c"),
+        result("two/gone"),
+        result("../../out_of_it"),
+    ]
+    write_results(grasps, results, tmp_path / "frames")
+    torn = tmp_path / "frames/two/c_color.png"
+    torn.write_bytes(torn.read_bytes()[:-20])
+    out = tmp_path / "out"
+    report = run(grasps, out)
+    assert report.done == ["one/a"]
+    assert report.exit_code == 1
+    said = {"one/b": "torn", "two/c": "cut off", "two/gone": "--frames", "../../out_of_it": "name"}
+    assert set(report.failed) == set(said)
+    assert all(words in report.failed[name] for name, words in said.items())
+    assert sorted(path.name for path in out.rglob("*.html")) == ["a.html", "index.html"]
+    reader = Reader((out / "index.html").read_text(encoding="utf-8"))
+    assert all(sentence in reader.text for sentence in report.failed.values())
+    assert not list(tmp_path.glob("out_of_it*"))
+
+
+def test_grasps_of_images_of_another_size_are_refused(grasps, tmp_path):
+    half = tmp_path / "half"
+    (half / "one").mkdir(parents=True)
+    write_frame(half / "one", "a", [])
+    for kind in ("color", "depth"):
+        path = half / "one" / f"a_{kind}.png"
+        write_image(path, read_image(path)[::2, ::2])
+    facts = dict(fx=131, fy=131, cx=80, cy=60, depth_scale=10000.0)
+    write_json(half / "one/a_camera.json", facts)
+    report = run(grasps, tmp_path / "out", frames=half)
+    assert "is 160x120, but its grasps are of 320x240" in report.failed["one/a"]
+
+
+def test_a_second_run_skips_and_only_changed_frames_are_made_anew(grasps, tmp_path):
+    out = tmp_path / "out"
+    run(grasps, out)
+    before = {path: path.stat().st_mtime_ns for path in (out / "frames").rglob("*")}
+    assert run(grasps, out).skipped == list(NAMES)
+    assert before == {path: path.stat().st_mtime_ns for path in (out / "frames").rglob("*")}
+    (out / "frames/two/c.html").unlink()  # as a killed run leaves it
+    assert run(grasps, out).done == ["two/c"]
+    more = [result(NAMES[0]), result(NAMES[1], 0), result(NAMES[2], seed=2)]
+    write_results(grasps, more, tmp_path / "frames")
+    report = run(grasps, out)
+    assert report.skipped == list(NAMES[:2])
+    assert "--overwrite" in report.failed["two/c"]
+    assert run(grasps, out, options=replace(OPTIONS, overwrite=True)).done == list(NAMES)
+
+
+def test_a_new_frame_leaves_the_pages_of_the_others(grasps, tmp_path):
+    results = [result(NAMES[0]), result(NAMES[1], 0)]
+    first = write_results(tmp_path / "first.h5", results, tmp_path / "frames")
+    run(first, tmp_path / "out")
+    report = run(grasps, tmp_path / "out")
+    assert (report.skipped, report.done) == (list(NAMES[:2]), ["two/c"])
+
+
+def test_other_settings_and_other_folders_are_refused(grasps, tmp_path):
+    run(grasps, tmp_path / "out")
+    with pytest.raises(StaleOutputError):
+        run(grasps, tmp_path / "out", config=ViewConfig(max_pixels=5000))
+    with pytest.raises(UnknownNameError):
+        run(grasps, tmp_path / "new", config=ViewConfig(gripper="claw"))
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine/index.html").write_text("my own page")
+    with pytest.raises(SymgraspError, match="no view of ours"):
+        run(grasps, tmp_path / "mine", options=replace(OPTIONS, overwrite=True))
+    assert (tmp_path / "mine/index.html").read_text() == "my own page"
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(SymgraspError, match="no folder"):
+        run(grasps, tmp_path / "file")
+
+
+def test_two_workers_write_the_same_bytes_and_a_dry_run_writes_none(grasps, tmp_path):
+    dry = run(grasps, tmp_path / "dry", options=replace(OPTIONS, dry_run=True))
+    assert len(dry.notes) == 3
+    assert not (tmp_path / "dry").exists()
+    run(grasps, tmp_path / "one")
+    run(grasps, tmp_path / "two", options=replace(OPTIONS, workers=2))
+    digests = {digest_folder(tmp_path / out, "**/*.*") for out in ("one", "two")}
+    assert len(digests) == 1
+
+
+def test_frames_are_found_where_infer_read_them_or_where_one_says(grasps, tmp_path):
+    (tmp_path / "frames").rename(tmp_path / "moved")
+    with pytest.raises(FormatError, match="--frames"):
+        run(grasps, tmp_path / "out")
+    assert run(grasps, tmp_path / "out", frames=tmp_path / "moved").done == list(NAMES)
+    unsaid = write_results(tmp_path / "old.h5", [result("one/a")])
+    with pytest.raises(FormatError, match="--frames"):
+        run(unsaid, tmp_path / "new")
+
+
+def test_a_recording_for_rerun_is_made_beside_pages_that_are_there(grasps, tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    run(grasps, out)
+    paths = view.ViewPaths(grasps, out)
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(SymgraspError, match="pip install"):
+        view.run(paths, CONFIG, OPTIONS, rerun=True)
+
+    def write(path, frame, found, gripper, stamp):
+        if frame.name == "two/c":
+            raise SymgraspError("disk full")
+        path.write_text(f"{frame.name} {len(found.grasps)} {gripper.name}")
+        write_sidecar(path, stamp)
+
+    monkeypatch.setattr(view, "need_rerun", lambda: None)
+    monkeypatch.setattr(view, "write_recording", write)
+    report = view.run(paths, CONFIG, OPTIONS, rerun=True)
+    assert (report.done, report.failed) == (list(NAMES[:2]), {"two/c": "disk full"})
+    assert (out / "frames/one/a.rrd").read_text() == "one/a 5 franka"
+    assert view.run(paths, CONFIG, OPTIONS, rerun=True).skipped == list(NAMES[:2])
+
+
+def test_the_command(grasps, tmp_path):
+    arguments = ["view", str(grasps), "--out", str(tmp_path / "out")]
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 0
+    assert "one/a: " in done.output
+    refused = CliRunner().invoke(app, [*arguments, "--gripper", "rg2"])
+    assert refused.exit_code == 1
+    assert "Traceback" not in refused.output

@@ -22,7 +22,7 @@ from pipelines.formats.camera_files import CameraFile
 from pipelines.formats.frames import FrameSource
 from pipelines.formats.grasps_stream import read_index
 from pipelines.formats.provenance import Stamp, read_stamp
-from pipelines.inference.watching import Arrival, Watcher
+from pipelines.inference.watching import Arrival, Lister, Watcher
 from pipelines.inference.work import (
     STAGE,
     InferPaths,
@@ -131,6 +131,8 @@ class _Follower:
 
     def __post_init__(self) -> None:
         self.watcher = Watcher(self.watch)
+        find = partial(self.work.find, may_be_empty=True)
+        self.lister = Lister(find, self.work.settings.paths.frames, self.watch)
         self.started = self.active = self.clock.now()
 
     def begin(self, *, overwrite: bool) -> None:
@@ -184,7 +186,7 @@ class _Follower:
 
     def _arrivals(self) -> list[Arrival]:
         try:
-            self.listed = self.work.find(may_be_empty=True)
+            self.listed = self.lister.look(self.clock.now())
         except (SymgraspError, OSError) as error:  # the folder may be back in a moment
             log.warning("cannot look for frames: %s", error)
             return []

@@ -86,6 +86,7 @@ class WatchConfig:
     """How long `infer --watch` waits for what, in seconds (D. 75)."""
 
     poll: float = 0.1  # between looks at the folder
+    relist: float = 2.0  # until folders are listed that do not look changed
     settle: float = 0.3  # without change, after which a frame's files are whole
     patience: float = 5.0  # without change, after which a frame that cannot be read has failed
     quiet: float = 2.0  # without a frame, after which the output is put together

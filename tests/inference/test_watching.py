@@ -1,12 +1,14 @@
 """When a frame is whole, without a clock: times are numbers."""
 
+import os
+
 import pytest
 
 from pipelines.configs import WatchConfig
 from pipelines.formats.rgbd import FrameSource
-from pipelines.inference.watching import Watcher
+from pipelines.inference.watching import Lister, Watcher
 
-CONFIG = WatchConfig(settle=1.0, patience=5.0)
+CONFIG = WatchConfig(settle=1.0, patience=5.0, relist=2.0)
 
 
 @pytest.fixture
@@ -96,3 +98,66 @@ def test_a_file_that_goes_away_meanwhile_takes_its_frame_along(watcher, tmp_path
     watcher.finish("a")
     assert not watcher.is_waiting()
     assert watcher.last_change() is None
+
+
+class Folder:
+    """Counts how often it is listed; times of change are set, as file systems' ticks are coarse."""
+
+    def __init__(self, folder):
+        self.folder, self.listings = folder, 0
+        self.lister = Lister(self.find, folder, CONFIG)
+
+    def find(self):
+        self.listings += 1
+        files = sorted(path for path in self.folder.rglob("*") if path.is_file())
+        return [FrameSource(path.name, lambda: None, (path,)) for path in files]
+
+    def write(self, path, changed_at):
+        path = self.folder / path
+        path.parent.mkdir(exist_ok=True)
+        path.write_text("x")
+        os.utime(path.parent, (changed_at, changed_at))
+
+    def names(self, now):
+        return [source.name for source in self.lister.look(now)]
+
+
+def test_a_folder_is_listed_anew_only_if_it_changes_or_after_a_while(tmp_path):
+    folder = Folder(tmp_path)
+    folder.write("a", 100)
+    for now in (0.0, 0.5, 1.9):
+        assert folder.names(now) == ["a"]
+    assert folder.listings == 1
+    folder.write("b", 200)
+    assert folder.names(1.95) == ["a", "b"]
+    assert folder.listings == 2
+    folder.write("c", 200)  # within one tick of the file system's clock
+    assert folder.names(3.9) == ["a", "b"]
+    assert folder.names(4.0) == ["a", "b", "c"]
+
+
+def test_the_folders_below_are_looked_at_too(tmp_path):
+    folder = Folder(tmp_path)
+    folder.write("one/a", 100)
+    os.utime(tmp_path, (100, 100))
+    assert folder.names(0.0) == ["a"]
+    assert folder.names(0.1) == ["a"]  # once more, as `one` is new
+    folder.write("one/b", 200)
+    assert folder.names(0.2) == ["a", "b"]
+    assert folder.listings == 3
+
+
+def test_a_change_while_it_is_listed_is_seen_by_the_next_look(tmp_path):
+    folder = Folder(tmp_path)
+    folder.write("a", 100)
+    find = folder.find
+
+    def interrupted():
+        found = find()
+        if folder.listings == 1:
+            folder.write("b", 200)
+        return found
+
+    folder.lister = Lister(interrupted, tmp_path, CONFIG)
+    assert folder.names(0.0) == ["a"]
+    assert folder.names(0.1) == ["a", "b"]

@@ -57,6 +57,14 @@ def test_contacts_come_back_from_every_format(to, seed, count):
 
 @few
 @given(seed=seeds)
+def test_rotations_are_exact_though_stored_in_single_precision(seed):
+    frame, _ = random_frame(np.random.default_rng(seed), 4)
+    R = frame.poses[:, :3, :3]
+    assert_allclose(R @ R.swapaxes(1, 2), np.eye(3)[None].repeat(4, 0), atol=1e-12)
+
+
+@few
+@given(seed=seeds)
 def test_what_is_too_wide_is_left_out_and_the_next_becomes_the_best(seed):
     rng = np.random.default_rng(seed)
     result, gripper = random_result(rng, 12), random_gripper(rng)

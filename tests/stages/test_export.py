@@ -189,6 +189,20 @@ def test_a_table_whose_stamp_was_never_written_is_made_again(grasps, tmp_path):
     assert export.run(grasps, tmp_path / "x.csv", ExportConfig(to="csv"), overwrite=True).done
 
 
+def test_the_stamp_of_one_table_is_never_beside_another(grasps, tmp_path, monkeypatch):
+    run(grasps, tmp_path / "x.csv", to="csv")
+
+    def killed(*_arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(export, "write_sidecar", killed)
+    config = ExportConfig(to="csv", gripper="franka")
+    with pytest.raises(KeyboardInterrupt):
+        export.run(grasps, tmp_path / "x.csv", config, overwrite=True)
+    with pytest.raises(StaleOutputError):  # not "skipped as finished"
+        run(grasps, tmp_path / "x.csv", to="csv")
+
+
 def test_files_and_folders_are_not_taken_for_each_other(grasps, tmp_path):
     with pytest.raises(SymgraspError, match=r"end in \.json"):
         run(grasps, tmp_path / "out", to="json")

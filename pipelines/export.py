@@ -84,7 +84,7 @@ def run(
         report.skipped.append(output.name)
         return report
     _refuse_others_work(output)
-    header = ExportHeader(hand, stamp.as_json(), read_stamp(grasps) or {})
+    header = ExportHeader(hand, stamp.as_json(), index.stamp)
     tally = _Tally()
     frames = _held(grasps, index, hand, tally, report)
     if config.to in TO_FILE:

@@ -38,13 +38,15 @@ def test_the_readmes_python_lines_read_the_best_grasps():
 
 
 def write_recording(folder: Path) -> None:
-    """A bundled frame as Open3D's recorder for RealSense cameras would have written it."""
+    """Every other pixel of a bundled frame, as Open3D's recorder for RealSense writes it."""
     camera = json.loads((FRAMES / "table_1_camera.json").read_text())
-    depth = read_image(FRAMES / "table_1_depth.png") * (1000.0 / camera["depth_scale"])
-    write_image(folder / "color" / "000000.jpg", read_image(FRAMES / "table_1_color.png"))
-    write_image(folder / "depth" / "000000.png", np.round(depth).astype(np.uint16))
-    columns = [camera["fx"], 0, 0, 0, camera["fy"], 0, camera["cx"], camera["cy"], 1]
-    size = {name: camera[name] for name in ("width", "height")}
+    color, depth = (read_image(FRAMES / f"table_1_{kind}.png") for kind in ("color", "depth"))
+    depth = np.round(depth[::2, ::2] * (1000.0 / camera["depth_scale"])).astype(np.uint16)
+    write_image(folder / "color" / "000000.jpg", color[::2, ::2])
+    write_image(folder / "depth" / "000000.png", depth)
+    fx, fy, cx, cy = (camera[name] / 2 for name in ("fx", "fy", "cx", "cy"))
+    size = {"width": depth.shape[1], "height": depth.shape[0]}
+    columns = [fx, 0, 0, 0, fy, 0, cx, cy, 1]
     write_json(folder / "camera_intrinsic.json", {**size, "intrinsic_matrix": columns})
 
 

@@ -7,7 +7,8 @@ While a run goes on, each frame lies in a file of its own, a shard of the same l
 import hashlib
 import json
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.errors import FormatError, SymgraspError
-from pipelines.formats.files import atomic_path, open_h5
+from pipelines.formats.files import DAMAGED, atomic_path, open_h5
 from pipelines.formats.grasps_tables import (
     FrameResult,
     FrameTable,
@@ -40,6 +41,7 @@ __all__ = [
     "RegionTable",
     "decode_mask",
     "encode_mask",
+    "opened",
     "parts_folder",
     "read",
     "read_shard",
@@ -158,8 +160,7 @@ def read(path: Path | str) -> GraspsFile:
         FormatError: not a grasps.h5, of another version, truncated, or inconsistent.
     """
     path = Path(path)
-    with open_h5(path) as file:
-        check_file(path, file)
+    with opened(path) as file:
         columns = {group: read_columns(path, file[group], SCHEMA[group]) for group in SCHEMA}
         attrs = file_attributes(file)
     try:
@@ -170,7 +171,22 @@ def read(path: Path | str) -> GraspsFile:
     return GraspsFile(frames, regions, grasps, attrs)
 
 
-def check_file(path: Path, file: h5py.File) -> None:
+@contextmanager
+def opened(path: Path) -> Iterator[h5py.File]:
+    """Yield the open file, checked; what HDF5 finds damaged in it later is a FormatError too.
+
+    Raises:
+        FormatError: not a whole grasps.h5 of the version known here.
+    """
+    try:
+        with open_h5(path) as file:
+            _check_file(path, file)
+            yield file
+    except DAMAGED as error:
+        raise FormatError(path, f"is damaged ({error})", "run infer again") from error
+
+
+def _check_file(path: Path, file: h5py.File) -> None:
     """Raise FormatError unless the open `file` is a grasps.h5 of the version known here."""
     check_version(path, file.attrs.get("format_version"), FORMAT_VERSION)
     missing = [group for group in SCHEMA if group not in file]

@@ -4,6 +4,7 @@ The tables of a file are sorted by frame, so the rows of a frame are found by bi
 these are read. To write, the rows of all shards are counted first, then filled in.
 """
 
+import json
 from bisect import bisect_left
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -16,14 +17,14 @@ import h5py
 import numpy as np
 
 from pipelines.errors import FormatError, SymgraspError
-from pipelines.formats.files import atomic_path, open_h5
+from pipelines.formats.files import DAMAGED, atomic_path
 from pipelines.formats.graspnet import GraspNetRoot, SceneFiles
 from pipelines.formats.grasps_file import (
     SCHEMA,
     UNITS,
-    check_file,
     file_attributes,
     intrinsics_of,
+    opened,
     read_shard,
     tables_of,
     write_attributes,
@@ -42,6 +43,7 @@ class GraspsIndex:
 
     names: list[str]
     attrs: Mapping[str, Any]
+    stamp: Mapping[str, Any]  # of the run that wrote it, as JSON
 
     @property
     def gripper(self) -> str:
@@ -57,7 +59,9 @@ def read_index(path: Path) -> GraspsIndex:
     """
     with _opened(path) as file:
         names = read_columns(path, file["frames"], ["name"])["name"]
-        return GraspsIndex([str(name) for name in names], file_attributes(file))
+        attrs = file_attributes(file)
+        stamp = dict(json.loads(attrs.get("provenance", "{}")))
+        return GraspsIndex([str(name) for name in names], attrs, stamp)
 
 
 def read_frames(path: Path, frames: Iterable[int]) -> Iterator[FrameResult]:
@@ -70,7 +74,7 @@ def read_frames(path: Path, frames: Iterable[int]) -> Iterator[FrameResult]:
         for frame in frames:
             try:
                 yield _read_frame(file, frame)
-            except (OSError, SymgraspError) as error:
+            except (*DAMAGED, SymgraspError) as error:
                 raise FormatError(
                     path, f"frame {frame} is damaged ({error})", "run infer again"
                 ) from error
@@ -180,8 +184,7 @@ def _fill(file: h5py.File, results: Sequence[FrameResult], done: _Sizes) -> _Siz
 
 @contextmanager
 def _opened(path: Path) -> Iterator[h5py.File]:
-    with open_h5(path) as file:
-        check_file(path, file)
+    with opened(path) as file:
         for group, names in SCHEMA.items():
             lengths = {name: len(file[group][name]) for name in names if name in file[group]}
             missing = set(names) - set(lengths)

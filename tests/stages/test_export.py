@@ -1,6 +1,7 @@
 """`export`: grasps of ours in the formats of others, and back."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -235,6 +236,20 @@ def test_a_name_that_leads_elsewhere_fails_alone(grasps, tmp_path):
     report = run(tmp_path / "g.h5", tmp_path / "out", to="isaac")
     assert set(report.failed) == {"../evil"}
     assert files_of(tmp_path) == {"g.h5", "out/good.yaml", "out/provenance.json"}
+
+
+@pytest.mark.parametrize("signature", [b"TREE", b"SNOD", b"HEAP", b"GCOL", b'{"config"'])
+def test_a_damaged_file_is_a_sentence_and_leaves_nothing(signature, grasps, tmp_path):
+    data = grasps.read_bytes()
+    places = [match.start() for match in re.finditer(re.escape(signature), data)]
+    assert places
+    for place in places:
+        damaged = data[:place] + b"XXXX" + data[place + 4 :]
+        (tmp_path / "g.h5").write_bytes(damaged)
+        for to, out in (("json", "x.json"), ("isaac", "out")):
+            with pytest.raises(SymgraspError):
+                run(tmp_path / "g.h5", tmp_path / out, to=to)
+    assert files_of(tmp_path) == {"g.h5"}
 
 
 def test_an_unknown_format_is_named(grasps, tmp_path):

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module, metadata
+from itertools import groupby
+from pathlib import Path
 
 from pipelines.health.checks import Check, Status
 
@@ -38,7 +40,11 @@ class Requirement:
 
 def requirements() -> list[Requirement]:
     """Return what the installed project says it needs, the tools of its developers left out."""
-    found = [Requirement.parse(text) for text in metadata.requires(PROJECT) or []]
+    try:
+        texts = metadata.requires(PROJECT) or []
+    except metadata.PackageNotFoundError:  # `project_check` says so
+        texts = []
+    found = [Requirement.parse(text) for text in texts]
     return [each for each in found if each.extra != DEVELOPMENT]
 
 
@@ -55,15 +61,18 @@ def python_check() -> Check:
 def project_check() -> Check:
     """Say which version of the project runs, and from where."""
     where = import_module("pipelines").__path__[0]
-    return Check(PROJECT, Status.OK, f"{metadata.version(PROJECT)} in {where}")
+    try:
+        return Check(PROJECT, Status.OK, f"{metadata.version(PROJECT)} in {where}")
+    except metadata.PackageNotFoundError:
+        text = f"runs from {where} but is not installed, so what it needs is unknown"
+        return Check(PROJECT, Status.FAIL, f"{text}; run: pip install {Path(where).parent}")
 
 
 def package_check(needed: Requirement) -> Check:
     """Say whether a required package is there, new enough, and loads."""
     install = f"run: pip install '{needed.name}>={needed.least}'"
-    try:
-        version = metadata.version(needed.name)
-    except metadata.PackageNotFoundError:
+    version = _version(needed.name)
+    if version is None:
         return Check(needed.name, Status.FAIL, f"not installed; {install}")
     if _numbers(version) < _numbers(needed.least):
         old = f"{version} is older than {needed.least}; {install}"
@@ -78,13 +87,20 @@ def package_check(needed: Requirement) -> Check:
 
 def extra_checks(needed: list[Requirement]) -> Iterator[Check]:
     """Say which optional packages are there; none of them has to be."""
-    for each in needed:
-        try:
-            text = f"{each.name} {metadata.version(each.name)}"
-        except metadata.PackageNotFoundError:
-            install = f'pip install "{PROJECT}[{each.extra}]"'
-            text = f"{each.name} is not installed; where it is wanted: {install}"
-        yield Check(f"extra {each.extra}", Status.OK, text)
+    for extra, packages in groupby(needed, key=lambda each: each.extra):
+        install = f'where it is wanted: pip install "{PROJECT}[{extra}]"'
+        found = {each.name: _version(each.name) for each in packages}
+        text = ", ".join(f"{name} {version or 'is missing'}" for name, version in found.items())
+        yield Check(
+            f"extra {extra}", Status.OK, text if all(found.values()) else f"{text}; {install}"
+        )
+
+
+def _version(name: str) -> str | None:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return None
 
 
 def _numbers(version: str) -> tuple[int, ...]:

@@ -68,10 +68,23 @@ def test_the_modules_of_a_package_are_found_where_they_have_other_names():
     assert packages._modules("torch") == ["torch"]
 
 
-def test_extras_are_never_a_failure():
-    checks = list(extra_checks([Requirement("nothing-such", "1", "ray")]))
-    assert checks[0].status is Status.OK
-    assert 'pip install "symgrasp[ray]"' in checks[0].text
+def test_extras_are_a_line_each_and_never_a_failure():
+    needed = [Requirement(name, "1", "ray") for name in ("numpy", "nothing-such")]
+    (check,) = extra_checks(needed)
+    assert (check.name, check.status) == ("extra ray", Status.OK)
+    assert "nothing-such is missing" in check.text
+    assert 'pip install "symgrasp[ray]"' in check.text
+    (check,) = extra_checks(needed[:1])
+    assert check.text == f"numpy {metadata.version('numpy')}"
+
+
+def test_a_project_that_is_not_installed_is_one_sentence(monkeypatch):
+    monkeypatch.setattr(packages, "PROJECT", "no-such-project")
+    assert packages.requirements() == []
+    check = packages.project_check()
+    assert check.status is Status.FAIL
+    assert "is not installed" in check.text
+    assert str(ROOT) in check.text
 
 
 def test_a_torchvision_of_another_torch_is_one_sentence_what_to_do(tmp_path):

@@ -11,17 +11,17 @@ goes on from them, and `infer` without `--watch` ends with the same bytes and re
 import logging
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
 
 from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.configs import InferConfig, WatchConfig
-from pipelines.errors import StaleOutputError, SymgraspError
+from pipelines.errors import SymgraspError
 from pipelines.formats import grasps_file
 from pipelines.formats.camera_files import CameraFile
 from pipelines.formats.frames import FrameSource
-from pipelines.formats.grasps_stream import read_index
-from pipelines.formats.provenance import Stamp, read_stamp
+from pipelines.inference.earlier import earlier_frames, refuse_stale
 from pipelines.inference.watching import Arrival, Lister, Watcher
 from pipelines.inference.work import (
     STAGE,
@@ -81,6 +81,7 @@ def run(
     device: str = "auto",
     timings: bool = False,
     clock: Clock | None = None,
+    beside: Executor | None = None,
 ) -> StageReport:
     """Find grasps in the frames of `paths.frames` as they come, until SIGINT, SIGTERM or time-out.
 
@@ -96,6 +97,7 @@ def run(
         device: for the networks.
         timings: write the seconds a frame took.
         clock: the machine's, unless a test brings its own.
+        beside: where the output is put together; a thread, unless a test brings its own.
 
     Raises:
         SymgraspError: no such folder, unknown names, weights missing, or the output was made
@@ -105,8 +107,11 @@ def run(
     _check_wishes(paths, options)
     work = Work(Settings(paths, config, seed, device, timings), camera, depth_units_per_metre)
     signals = StopSignals()
-    with signals.heeded(patient=False), work.settings.one_core():
-        follower = _Follower(work, watch, side_by_side(options), tell, clock or Clock())
+    thread = ThreadPoolExecutor(1)
+    with thread, signals.heeded(patient=False), work.settings.one_core():
+        follower = _Follower(
+            work, watch, side_by_side(options), tell, clock or Clock(), beside or thread
+        )
         follower.begin(overwrite=options.overwrite)
         while signals.reason is Reason.NONE and not follower.is_timed_out():
             follower.go_on()
@@ -122,12 +127,14 @@ class _Follower:
     options: BatchOptions
     tell: Callable[[Followed], None]
     clock: Clock
+    beside: Executor
     items: dict[str, WorkItem] = field(default_factory=dict)
     failed: dict[str, str] = field(default_factory=dict)
     pending: dict[str, tuple[Arrival, WorkItem, str]] = field(default_factory=dict)  # put off
     report: StageReport = field(default_factory=lambda: StageReport(STAGE))
     listed: Sequence[FrameSource] = ()
     is_changed: bool = False  # since the output was put together
+    writing: Future[None] | None = None  # while it is
 
     def __post_init__(self) -> None:
         self.watcher = Watcher(self.watch)
@@ -145,8 +152,8 @@ class _Follower:
         if overwrite:
             grasps_file.remove_shards(self.work.output)
         else:
-            self.items = _earlier(self.work)
-            _refuse_stale(self.work, {*self.items, *(source.name for source in self.listed)})
+            self.items = earlier_frames(self.work)
+            refuse_stale(self.work, {*self.items, *(source.name for source in self.listed)})
         self.is_changed = bool(self.items) and not self.work.output.exists()
         self.work.settings.planner()
         self.started = self.active = self.clock.now()
@@ -160,7 +167,10 @@ class _Follower:
             self.active = self.clock.now()
             return
         now = self.clock.now()
-        if self.is_changed and now - self.active >= self.watch.quiet:
+        if self.writing is not None and self.writing.done():
+            self._await_output()
+        is_quiet = now - self.active >= self.watch.quiet
+        if self.is_changed and is_quiet and self.writing is None:
             self._put_together()
         pause = max(self.watch.poll, LISTING_SHARE * (now - looked))
         self.clock.wait(min(pause, LONGEST_PAUSE))
@@ -180,6 +190,7 @@ class _Follower:
             self._conclude(name, arrival, item, sentence)
         if self.is_changed:
             self._put_together()
+        self._await_output()
         self.report.failed = {name: why for name, why in self.failed.items() if name in names}
         self.report.seconds = self.clock.now() - self.started
         return self.report
@@ -194,6 +205,8 @@ class _Follower:
 
     def _work_on(self, arrivals: Sequence[Arrival]) -> None:
         items = [self._item(arrival.source) for arrival in arrivals]
+        if any(item.name in self.items for item in items):
+            self._await_output()  # which is made of the parts that are now written anew
         drop_stale_shards(items)
         step = partial(infer_frame, settings=self.work.settings)
         report = run_batch(STAGE, items, step, self.options)
@@ -239,12 +252,23 @@ class _Follower:
             names.append(item.name)
 
     def _put_together(self) -> None:
-        """Write the output of all frames so far, as `infer` would order them; those gone first."""
+        """Write the output of all frames so far, as `infer` would order them; those gone first.
+
+        It takes a hundredth of a second a frame, in which the next frame is not to wait.
+        """
+        self._await_output()
         listed = [source.name for source in self.listed]
         gone = [name for name in self.items if name not in {*listed, *self.failed}]
         order = [*gone, *(name for name in listed if name in self.items)]
-        self.work.put_together([self.items[name] for name in order], self.failed)
+        items = [self.items[name] for name in order]
+        self.writing = self.beside.submit(self.work.put_together, items, dict(self.failed))
         self.is_changed = False
+
+    def _await_output(self) -> None:
+        """Wait until the output is put together, where it is being so; raise what went wrong."""
+        writing, self.writing = self.writing, None
+        if writing is not None:
+            writing.result()
 
 
 def _check_wishes(paths: InferPaths, options: BatchOptions) -> None:
@@ -259,37 +283,3 @@ def _check_wishes(paths: InferPaths, options: BatchOptions) -> None:
             "--watch works in one process, on all its cores; leave out --workers, --backend and "
             "--dry-run"
         )
-
-
-def _earlier(work: Work) -> dict[str, WorkItem]:
-    """Return the finished frames of an earlier run with the same settings, by name."""
-    wanted, items = work.stamp(work.common).as_json(), {}
-    parts = sorted(grasps_file.parts_folder(work.output).glob("[!.]*.h5"))
-    for path in parts:
-        found = read_stamp(path) or {}
-        if _is_alike(found, wanted) and wanted["inputs"].items() <= found["inputs"].items():
-            (name,) = read_index(path).names
-            stamp = Stamp(STAGE, found["config"], found["seed"], found["inputs"])
-            items[name] = WorkItem(name, path, stamp)
-    return items
-
-
-def _refuse_stale(work: Work, known: set[str]) -> None:
-    """Raise unless an existing output is of these settings and of frames that are `known`."""
-    if not work.output.exists():
-        return
-    found, wanted = read_stamp(work.output) or {}, work.stamp(work.common).as_json()
-    inputs = {name: each for name, each in found.get("inputs", {}).items() if name != "frames"}
-    if not _is_alike(found, wanted) or inputs != wanted["inputs"]:
-        raise StaleOutputError(work.output)
-    frames = grasps_file.read(work.output).frames
-    lost = [name for name in frames.name[frames.status != "failed"] if name not in known]
-    if lost:
-        raise SymgraspError(
-            f"{work.output} holds {len(lost)} frames that are not in {work.settings.paths.frames} "
-            f"any more, {lost[0]} among them; choose another output, or pass --overwrite"
-        )
-
-
-def _is_alike(found: dict[str, object], wanted: dict[str, object]) -> bool:
-    return all(found.get(key) == wanted[key] for key in ("stage", "config", "seed"))

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from concurrent.futures import Executor, Future
 from pathlib import Path
 
 import pytest
@@ -32,6 +33,15 @@ def made(tmp_path_factory):
     return folder
 
 
+class AtOnce(Executor):
+    """Does what it is given before it answers."""
+
+    def submit(self, task, /, *arguments, **options):
+        done = Future()
+        done.set_result(task(*arguments, **options))
+        return done
+
+
 class Cell:
     """A folder that frames come into, at times of a clock that passes only by waiting."""
 
@@ -40,6 +50,7 @@ class Cell:
         self.frames = folder / "frames"
         self.frames.mkdir()
         self.time, self.events, self.told = 0.0, [], []
+        self.beside = AtOnce()
 
     def at(self, time, action, *arguments):
         self.events.append((time, action, arguments))
@@ -78,6 +89,7 @@ class Cell:
             watch=WatchConfig(timeout=timeout),
             tell=self.tell,
             clock=infer_watch.Clock(lambda: self.time, self.wait),
+            beside=self.beside,
         )
 
     def infer(self, output):
@@ -180,6 +192,42 @@ def test_what_can_be_read_meanwhile_is_whole_and_grows(cell):
     cell.at(6.0, cell.write, "b")
     cell.follow()
     assert seen == [None, {"a": "ok"}, {"a": "ok", "b": "ok"}]
+
+
+class OnDemand(Executor):
+    """Begins only when it is waited for, as a busy thread would."""
+
+    def submit(self, task, /, *arguments, **options):
+        class Late(Future):
+            def result(self, timeout=None):
+                return task(*arguments, **options)
+
+        return Late()
+
+
+def test_frames_do_not_wait_for_the_output_unless_they_are_in_it(cell):
+    cell.beside = OnDemand()
+    seen = []
+    cell.write("a")
+    cell.at(5.0, cell.write, "b")
+    cell.at(8.0, lambda: seen.append(cell.output.exists()))
+    cell.at(9.0, lambda: cell.write("c", as_name="a"))
+    cell.at(12.0, lambda: seen.append(cell.statuses()))
+    cell.follow()
+    assert seen == [False, {"a": "ok"}]  # begun before b came, ended before a is written anew
+    assert cell.names_told()[:2] == [("a", "ok"), ("b", "ok")]
+    assert cell.statuses() == {"a": "empty", "b": "ok"}
+
+
+def test_an_output_that_cannot_be_written_is_no_secret(cell, monkeypatch):
+    def full(*arguments):
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(infer_watch.Work, "put_together", full)
+    cell.beside = None
+    cell.write("a")
+    with pytest.raises(OSError, match="no space left"):
+        cell.follow()
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

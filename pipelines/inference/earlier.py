@@ -1,0 +1,42 @@
+"""What an earlier run that followed a folder left, and whether this run may go on from it."""
+
+from pipelines.batch import WorkItem
+from pipelines.errors import StaleOutputError, SymgraspError
+from pipelines.formats import grasps_file
+from pipelines.formats.grasps_stream import read_index
+from pipelines.formats.provenance import Stamp, read_stamp
+from pipelines.inference.work import STAGE, Work
+
+
+def earlier_frames(work: Work) -> dict[str, WorkItem]:
+    """Return the finished frames of an earlier run with the same settings, by name."""
+    wanted, items = work.stamp(work.common).as_json(), {}
+    parts = sorted(grasps_file.parts_folder(work.output).glob("[!.]*.h5"))
+    for path in parts:
+        found = read_stamp(path) or {}
+        if _is_alike(found, wanted) and wanted["inputs"].items() <= found["inputs"].items():
+            (name,) = read_index(path).names
+            stamp = Stamp(STAGE, found["config"], found["seed"], found["inputs"])
+            items[name] = WorkItem(name, path, stamp)
+    return items
+
+
+def refuse_stale(work: Work, known: set[str]) -> None:
+    """Raise unless an existing output is of these settings and of frames that are `known`."""
+    if not work.output.exists():
+        return
+    found, wanted = read_stamp(work.output) or {}, work.stamp(work.common).as_json()
+    inputs = {name: each for name, each in found.get("inputs", {}).items() if name != "frames"}
+    if not _is_alike(found, wanted) or inputs != wanted["inputs"]:
+        raise StaleOutputError(work.output)
+    frames = grasps_file.read(work.output).frames
+    lost = [name for name in frames.name[frames.status != "failed"] if name not in known]
+    if lost:
+        raise SymgraspError(
+            f"{work.output} holds {len(lost)} frames that are not in {work.settings.paths.frames} "
+            f"any more, {lost[0]} among them; choose another output, or pass --overwrite"
+        )
+
+
+def _is_alike(found: dict[str, object], wanted: dict[str, object]) -> bool:
+    return all(found.get(key) == wanted[key] for key in ("stage", "config", "seed"))

@@ -44,17 +44,19 @@ def _head(header: ExportHeader) -> list[str]:
 
 def _grasps(frame: HandGrasps) -> Iterator[str]:
     joint = FINGER_JOINTS.get(frame.hand.gripper.name)
+    rank, width, opening = frame.result.grasps.rank_score, frame.grasps.width, frame.opening
+    positions, quaternions = frame.poses[:, :3, 3], frame.quaternions
     yield "grasps:"
-    for i, quaternion in enumerate(frame.quaternions):
+    for i in range(len(frame)):
         yield f"  grasp_{i}:"
-        yield f"    confidence: {frame.result.grasps.rank_score[i]:.6f}"
-        yield f"    position: {_row(frame.poses[i, :3, 3])}"
-        yield f"    orientation: {{w: {quaternion[0]:.9f}, xyz: {_row(quaternion[1:])}}}"
+        yield f"    confidence: {rank[i]:.6f}"
+        yield f"    position: {_row(positions[i])}"
+        yield f"    orientation: {{w: {quaternions[i, 0]:.9f}, xyz: {_row(quaternions[i, 1:])}}}"
         if joint is not None:
-            yield f"    cspace_position: {{{joint}: {frame.grasps.width[i] / 2:.9f}}}"
-            yield f"    pregrasp_cspace_position: {{{joint}: {frame.opening[i] / 2:.9f}}}"
-        yield f"    contact_width: {frame.grasps.width[i]:.9f}"
-        yield f"    opening: {frame.opening[i]:.9f}"
+            yield f"    cspace_position: {{{joint}: {width[i] / 2:.9f}}}"
+            yield f"    pregrasp_cspace_position: {{{joint}: {opening[i] / 2:.9f}}}"
+        yield f"    contact_width: {width[i]:.9f}"
+        yield f"    opening: {opening[i]:.9f}"
 
 
 def _row(values: NDArray[np.float64]) -> str:

@@ -211,10 +211,10 @@ class FrameResult:
     def __post_init__(self) -> None:
         if self.status not in STATUSES:
             raise ValueRangeError("status", self.status, f"one of {STATUSES}")
-        if len(self.grasps) and self.grasps.region.max() >= len(self.regions):
-            raise ValueRangeError(
-                "region of a grasp", self.grasps.region.max(), f"below {len(self.regions)}"
-            )
+        region = self.grasps.region
+        if ((region < 0) | (region >= len(self.regions))).any():
+            found = f"{region.min()} to {region.max()}"
+            raise ValueRangeError("region of a grasp", found, f"0 to below {len(self.regions)}")
 
     @property
     def size(self) -> tuple[int, int]:

@@ -102,3 +102,26 @@ def test_a_frame_whose_rows_make_no_sense_is_named(path):
         file["grasps/region"][...] = 99
     with pytest.raises(FormatError, match="frame 3"):
         list(read_frames(path, [3]))
+
+
+@pytest.mark.parametrize("block", [b"TREE", b"SNOD", b"HEAP"])
+def test_a_damaged_block_anywhere_is_a_sentence(path, block):
+    data = path.read_bytes()
+    for count in range(1, data.count(block) + 1):
+        damaged = data.replace(block, b"XXXX", count)
+        path.write_bytes(damaged)
+        for reads in (
+            lambda: list(read_frames(path, range(4))),
+            lambda: read_index(path),
+            lambda: grasps_file.read(path),
+        ):
+            with pytest.raises(FormatError):
+                reads()
+
+
+@pytest.mark.parametrize("region", [-1, 2])
+def test_a_grasp_of_no_region_is_a_sentence(path, region):
+    with h5py.File(path, "r+") as file:
+        file["grasps/region"][0] = region
+    with pytest.raises(FormatError, match="region of a grasp"):
+        next(read_frames(path, [0]))

@@ -4,11 +4,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pipelines.formats.gripper_files import load_gripper
+from pipelines.formats.gripper_files import load_gripper, preset_names
+from pipelines.grasping.gripper import Gripper
 
 FOLDER = Path(__file__).parent
 BLUE, RED, GREEN, GREY, INK = "#2563a8", "#c0392b", "#2e8b57", "#8a8f98", "#1f2430"
 FONT = 'font-family="DejaVu Sans, Helvetica, Arial, sans-serif"'
+SCALE = 1100.0  # pixels a metre of the grippers
 
 STAGES = (
     ("synthesize", "objects, scenes, RGB-D, labels", "ROOT/models, scenes, grasp_label"),
@@ -139,6 +141,63 @@ def frame_figure() -> str:
     return document(700, 612, body)
 
 
+def grippers_figure() -> str:
+    """Return every preset, open, to one scale: from the front, and beside it from the side."""
+    body, column, top = [], 330.0, 90.0
+    for place, name in enumerate(preset_names()):
+        gripper, left = load_gripper(name), 20.0 + place * column
+        boxes = gripper.boxes(gripper.max_width)
+        middle, tips = left + 120.0, top + SCALE * (gripper.finger_length + gripper.palm_depth)
+        body.append(text(left, 28, name, size=17, color=INK, anchor="start"))
+        body += [
+            text(left, 48 + 17 * row, each, size=12, color=GREY, anchor="start")
+            for row, each in enumerate(_measures(gripper))
+        ]
+        body += _views(boxes, middle, left + 275.0, tips)
+    width, low = 20.0 + len(preset_names()) * column, 90.0 + SCALE * 0.11 + 46.0
+    body.append(
+        f'<line x1="20" y1="{low:g}" x2="{20 + 0.05 * SCALE:g}" y2="{low:g}" '
+        f'stroke="{INK}" stroke-width="3"/>'
+    )
+    body.append(text(28 + 0.05 * SCALE, low + 4, "5 cm", size=12, color=INK, anchor="start"))
+    note = "red: the line of the contacts; right of each hand: the same from the side"
+    body.append(text(width - 20, low + 4, note, size=12, color=GREY, anchor="end"))
+    return document(width, low + 18, body)
+
+
+def _measures(gripper: Gripper) -> tuple[str, str]:
+    """Return what is written over a hand, in millimetres."""
+    opening, widest, flange = (
+        1000 * each for each in (gripper.max_opening, gripper.max_width, gripper.flange_to_tip)
+    )
+    return (
+        f"opens {opening:.0f} mm, contacts up to {widest:.0f} mm apart",
+        f"flange to finger tips {flange:.0f} mm",
+    )
+
+
+def _views(boxes: np.ndarray, front: float, side: float, tips: float) -> list[str]:
+    """Return the `boxes` (3, 2, 3) of a hand about two vertical lines, tips at height `tips`."""
+    drawn = []
+    tip = boxes[0, 1, 0]
+    for axis, middle in ((1, front), (2, side)):
+        for low, high in boxes[::-1]:
+            corner = tips + SCALE * (low[0] - tip), middle + SCALE * low[axis]
+            height, width = SCALE * (high[0] - low[0]), SCALE * (high[axis] - low[axis])
+            drawn.append(
+                f'<rect x="{corner[1]:.1f}" y="{corner[0]:.1f}" width="{width:.1f}" '
+                f'height="{height:.1f}" fill="#d7dde6" stroke="{GREY}"/>'
+            )
+    line = tips - SCALE * tip
+    reach = SCALE * (boxes[1, 0, 1] - boxes[0, 1, 1]) / 2
+    drawn.append(
+        f'<line x1="{front - reach:.1f}" y1="{line:.1f}" x2="{front + reach:.1f}" '
+        f'y2="{line:.1f}" stroke="{RED}" stroke-width="1.5" stroke-dasharray="5 4"/>'
+    )
+    return drawn
+
+
 if __name__ == "__main__":
+    (FOLDER / "grippers.svg").write_text(grippers_figure(), encoding="utf-8")
     (FOLDER / "stages.svg").write_text(stages_figure(), encoding="utf-8")
     (FOLDER / "grasp_frame.svg").write_text(frame_figure(), encoding="utf-8")

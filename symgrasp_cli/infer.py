@@ -9,7 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+<<<<<<< HEAD
 from pipelines.configs import InferConfig, SelectionConfig, WatchConfig
+=======
+from pipelines.configs import InferConfig, LimitsConfig, SelectionConfig
+>>>>>>> 0f7a9d1 (infer: the way in is free, grasps differ, --workspace, --approach-cone, --top; preset grippers drawn)
 from symgrasp_cli.options import (
     Backend,
     DepthUnitsPerMetre,
@@ -54,6 +58,28 @@ def infer(
     grounding: Annotated[
         bool, typer.Option(help="Fit predicted symmetries to the surface that is seen.")
     ] = SelectionConfig.ground_symmetries,
+    top: Annotated[
+        int, typer.Option(min=1, help="Grasps a region at most, each different from the others.")
+    ] = InferConfig.max_grasps_per_region,
+    workspace: Annotated[
+        str | None,
+        typer.Option(
+            help="Only grasps in there: a mask picture, black outside, of the depth's size, or a "
+            "box x0,y0,z0,x1,y1,z1 in metres."
+        ),
+    ] = None,
+    workspace_frame: Annotated[
+        str, typer.Option(help="Of the box: camera, or table (z up, below the camera 0).")
+    ] = LimitsConfig.box_frame,
+    approach_cone: Annotated[
+        float, typer.Option(help="Degrees that approaches are off the direction at most.")
+    ] = LimitsConfig.approach_cone,
+    approach_direction: Annotated[
+        str, typer.Option(help="x,y,z of the cone's axis, from hand to object.")
+    ] = "0,0,-1",
+    approach_frame: Annotated[
+        str, typer.Option(help="Of that direction: table, or camera.")
+    ] = LimitsConfig.approach_frame,
     intrinsics: IntrinsicsText = None,
     depth_units_per_metre: DepthUnitsPerMetre = None,
     detector: Annotated[
@@ -85,7 +111,9 @@ def infer(
     from pipelines import infer as stage
     from pipelines import infer_watch
     from pipelines.formats.camera_files import parse_camera
+    from pipelines.formats.workspace_files import parse_direction, parse_workspace
 
+<<<<<<< HEAD
     if watch_timeout is not None and not watch:
         raise typer.BadParameter("--watch-timeout goes with --watch")
     paths = stage.InferPaths(frames, out, overlays, masks).with_weights(detector, network)
@@ -99,6 +127,27 @@ def infer(
         paths,
         config,
         options,
+=======
+    room = parse_workspace(workspace)
+    paths = stage.InferPaths(frames, out, overlays, masks, room.mask)
+    report = stage.run(
+        paths.with_weights(detector, network),
+        InferConfig(
+            regions=regions,
+            method=method,
+            gripper=gripper,
+            max_grasps_per_region=top,
+            limits=LimitsConfig(
+                room.box,
+                workspace_frame,
+                approach_cone,
+                parse_direction(approach_direction),
+                approach_frame,
+            ),
+            selection=SelectionConfig(ground_symmetries=grounding),
+        ),
+        batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run),
+>>>>>>> 0f7a9d1 (infer: the way in is free, grasps differ, --workspace, --approach-cone, --top; preset grippers drawn)
         camera=None if intrinsics is None else parse_camera(intrinsics),
         depth_units_per_metre=depth_units_per_metre,
         seed=seed,

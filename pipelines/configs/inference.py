@@ -39,6 +39,8 @@ class SelectionConfig:
     max_pairs: int = 64  # contact pairs a region that are tried
     pair_spacing: float = 0.006  # metres between the first contacts of pairs that are tried
     max_contact_angle: float = 0.7  # radians between a contact's normal and the contact line
+    surface_reach: float = 0.0  # metres from a contact at which seen surface speaks of it, D. 79
+    max_surface_angle: float = 0.7  # radians between its normal and the contact line
     min_width: float = 0.003  # metres; closer contacts are one
     num_approach_angles: int = 12  # M of Sec. III-F
     clearance_cap: float = 0.05  # metres, b of Eq. 8
@@ -54,6 +56,9 @@ class SelectionConfig:
     max_view_angle: float = 1.05  # radians between approach and view ray where no table is seen
     max_hidden_angle: float = 1.92  # the same over a table: no coming from behind what is seen
     scene_resolution: float = 0.003  # metres that the scene is thinned to for collisions
+    approach_distance: float = 0.10  # metres of the way in, D. 77
+    nms_distance: float = 0.03  # metres between alike grasps of a region, as GraspNet's
+    nms_angle: float = 0.5235987755982988  # radians, 30 degrees, likewise, D. 78
     body_margin: float = 0.001  # metres that the gripper's bodies are blown up by
     max_points_inside: int = 2  # measured points, as noise, that a body may hold
     steadiness: float = 0.85  # of the best candidate's, that a candidate needs to be ranked
@@ -62,6 +67,17 @@ class SelectionConfig:
     def least_trust(self) -> float:
         """Existence above which grasps rest on a symmetry: fitted ones may be tried early."""
         return self.min_trust if self.ground_symmetries else self.min_existence
+
+
+@dataclass(frozen=True)
+class LimitsConfig:
+    """Where the robot may grasp, and from where; by default anywhere."""
+
+    box: tuple[float, ...] = ()  # x0, y0, z0, x1, y1, z1 metres
+    box_frame: str = "camera"  # or table: z up from it, its origin nearest to the camera
+    approach_cone: float = 180.0  # degrees about the direction
+    approach_direction: tuple[float, ...] = (0.0, 0.0, -1.0)
+    approach_frame: str = "table"  # or camera
 
 
 @dataclass(frozen=True)
@@ -77,6 +93,7 @@ class InferConfig:
     min_uncovered: float = 0.5  # share of a geometric region that detections must leave
     min_piece_inside: float = 0.8  # share of a geometric piece within a region without grasps
     max_grasps_per_region: int = 20
+    limits: LimitsConfig = field(default_factory=LimitsConfig)
     region: RegionConfig = field(default_factory=RegionConfig)
     selection: SelectionConfig = field(default_factory=SelectionConfig)
 

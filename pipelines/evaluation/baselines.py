@@ -20,10 +20,10 @@ from pipelines.formats.rgbd import Frame
 from pipelines.geometry.regions_geometric import geometric_regions
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.geometry.transforms import invert, transform_points
+from pipelines.grasping.candidates import RankedGrasps
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.observation import RegionCloud, SceneCloud
 from pipelines.grasping.region_grasping import plan_planar, plan_random, plan_region
-from pipelines.grasping.selection import RankedGrasps
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

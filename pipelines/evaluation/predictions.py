@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from pipelines.formats.grasps_file import FrameResult, RegionTable
 from pipelines.geometry.symmetry import SPHERE_SLOT, SymmetrySlots
+from pipelines.grasping.candidates import RankedGrasps
 from pipelines.grasping.grasps import Grasps
-from pipelines.grasping.selection import RankedGrasps
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

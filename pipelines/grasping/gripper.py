@@ -1,6 +1,6 @@
 """The parallel-jaw gripper as three boxes in the grasp frame: two fingers and a palm."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -65,6 +65,15 @@ class Gripper:
     def opening(self, width: ArrayLike) -> Array:
         """Return the distance between the open fingers for contacts `width` (...) apart."""
         return np.asarray(width, np.float64) + 2.0 * self.clearance
+
+    def swept(self, distance: float) -> "Gripper":
+        """Return a hand that takes all the room of this one as it comes `distance` metres.
+
+        It comes along its approach axis, open. Its palm is as wide as its open fingers, so what
+        they sweep lies within what the palm does, or is made to.
+        """
+        height = max(self.palm_height, self.finger_height)
+        return replace(self, palm_depth=self.palm_depth + distance, palm_height=height)
 
     def boxes(self, width: ArrayLike) -> Array:
         """Return (..., 3, 2, 3): low and high corners of both fingers and the palm.

@@ -13,12 +13,16 @@ from pipelines.geometry.organized import smooth_normals
 from pipelines.geometry.point_cells import first_of_each
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import unit
+from pipelines.grasping.collision import Obstacles
+from pipelines.grasping.limits import Limits
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 MAX_RANGE = 3.0  # metres; nothing farther is ever near a gripper
 NORMAL_RADIUS = 3  # pixels
+COARSE = 3  # pixels: the step at which the whole scene is an obstacle
+NEVER_MET = 0.002  # metres over the table, where no hand comes
 STRAY = 0.012  # metres from the median of the neighbours: a pixel between two surfaces
 
 
@@ -53,11 +57,13 @@ class SceneCloud:
         depth: (H, W) metres, 0 where missing.
         intrinsics: of the depth image.
         plane: camera frame, normal to the camera's side; None where none is known.
+        limits: what its grasps must keep to; None for nothing.
     """
 
     depth: Array
     intrinsics: Intrinsics
     plane: Plane | None = None
+    limits: Limits | None = None
 
     @cached_property
     def xyz(self) -> Array:
@@ -69,6 +75,16 @@ class SceneCloud:
         """(H, W) pixels that float between two surfaces, as depth sensors make at edges."""
         depth = np.asarray(self.depth, np.float32)
         return np.asarray(np.abs(cv2.medianBlur(depth, 5) - depth) > STRAY)
+
+    @cached_property
+    def coarse(self) -> Obstacles:
+        """Every third pixel's point as an obstacle, without strays and what lies on the table."""
+        some = (slice(COARSE // 2, None, COARSE),) * 2
+        points = np.stack([axis[some] for axis in self._axes], -1)
+        points = points[(self.depth[some] > 0) & (points[..., 2] < MAX_RANGE) & ~self.stray[some]]
+        if self.plane is not None:
+            points = points[self.plane.height(points) > NEVER_MET]
+        return Obstacles(points, np.full(len(points), COARSE**2))
 
     @property
     def inward(self) -> Array | None:

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from pipelines.configs import SelectionConfig
 from pipelines.geometry.transforms import basis_from_direction, unit
+from pipelines.grasping.candidates import Candidates, no_candidates
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.observation import RegionCloud, SceneCloud
-from pipelines.grasping.selection import Candidates, no_candidates
 
 Array = NDArray[np.float64]
 

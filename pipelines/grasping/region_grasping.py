@@ -7,11 +7,12 @@ from pipelines.configs import SelectionConfig
 from pipelines.geometry.pointcloud import voxel_downsample
 from pipelines.geometry.symmetry import RotationSymmetry, SymmetrySlots
 from pipelines.geometry.transforms import unit
+from pipelines.grasping.candidates import Candidates, RankedGrasps
 from pipelines.grasping.decoding import contact_pairs, in_observed_frustum
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.observation import RegionCloud, SceneCloud, Surroundings
 from pipelines.grasping.planar import planar_candidates
-from pipelines.grasping.selection import Candidates, RankedGrasps, select, surroundings
+from pipelines.grasping.selection import select, surroundings
 
 Array = NDArray[np.float64]
 

@@ -2,17 +2,21 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipelines.configs import SelectionConfig
 from pipelines.geometry.transforms import unit
+from pipelines.grasping.candidates import Candidates, RankedGrasps
 from pipelines.grasping.collision import Obstacles, clearance, lowest_height, meets, turned
-from pipelines.grasping.grasps import Grasps, Index
+from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.observation import RegionCloud, SceneCloud, Surroundings
+from pipelines.grasping.suppression import different
 from pipelines.grasping.visibility import seen_share
+from pipelines.grasping.way_in import way_is_free
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -22,78 +26,6 @@ MAX_ROUNDS = 4  # of `max_pairs` pairs each, before a region counts as out of re
 BATCH = 16  # pairs that are tried at a time
 ROUNDING = 1e-6  # metres
 OFF_CENTRE = 0.5  # steadiness lost by a grasp at the region's rim
-
-
-@dataclass(frozen=True)
-class Candidates:
-    """Contact pairs with a base approach, not yet checked against the scene.
-
-    Attributes:
-        contacts: (k, 2, 3) metres, camera frame.
-        approach: (k, 3) unit; the angles of the selection turn it about the contact line.
-        quality: (k,) 0 to 1, how well the fingers would hold here.
-        affordance: (k,) predicted; 0 where nothing was predicted.
-        slot: (k,) symmetry slot, -1 without symmetry.
-        source: `network`, `planar` or `random`.
-    """
-
-    contacts: Array
-    approach: Array
-    quality: Array
-    affordance: Array
-    slot: NDArray[np.int64]
-    source: str
-
-
-def no_candidates(source: str) -> Candidates:
-    """Return an empty set of candidates."""
-    zero = np.zeros(0)
-    return Candidates(
-        np.zeros((0, 2, 3)), np.zeros((0, 3)), zero, zero, np.zeros(0, np.int64), source
-    )
-
-
-@dataclass(frozen=True)
-class RankedGrasps:
-    """Feasible grasps of one region, best first. Camera frame, metres.
-
-    Attributes:
-        grasps: n grasps.
-        affordance: (n,) of the first contact.
-        slot: (n,) symmetry slot, -1 without symmetry.
-        source: (n,) `network`, `planar` or `random`.
-        clearance: (n,) b of Eq. 8 in metres, capped.
-        enclosed_height: (n,) h of Eq. 8 in metres, capped.
-        rank_score: (n,) s of Eq. 8, less where the camera does not see (D. 68).
-    """
-
-    grasps: Grasps
-    affordance: Array
-    slot: NDArray[np.int64]
-    source: NDArray[np.str_]
-    clearance: Array
-    enclosed_height: Array
-    rank_score: Array
-
-    @classmethod
-    def empty(cls) -> "RankedGrasps":
-        """Return no grasps."""
-        zero = np.zeros(0)
-        return cls(Grasps.empty(), zero, np.zeros(0, np.int64), np.zeros(0, "U7"), zero, zero, zero)
-
-    def __len__(self) -> int:
-        return len(self.grasps)
-
-    def __getitem__(self, index: Index) -> "RankedGrasps":
-        return RankedGrasps(
-            self.grasps[index],
-            self.affordance[index],
-            self.slot[index],
-            self.source[index],
-            self.clearance[index],
-            self.enclosed_height[index],
-            self.rank_score[index],
-        )
 
 
 def rank_score(clearance: ArrayLike, enclosed_height: ArrayLike, config: SelectionConfig) -> Array:
@@ -126,7 +58,8 @@ def select(
     allowed = _reachable(hands, scene, gripper, config).reshape(len(base), count)
     order = np.argsort(-steady, kind="stable")
     order = order[allowed[order].any(axis=1)]
-    trial = _Trial(hands, allowed, steady, _above_table(around, scene, config), gripper, config)
+    obstacles = _above_table(around, scene, config)
+    trial = _Trial(hands, allowed, steady, obstacles, gripper, config)
     for start in range(0, min(len(order), MAX_ROUNDS * config.max_pairs), config.max_pairs):
         hand, enclosed = trial.feasible(order[start : start + config.max_pairs])
         if len(hand):
@@ -136,7 +69,13 @@ def select(
             others = Obstacles(around.points[~around.own], around.count[~around.own])
             b = clearance(found.grasps, gripper, others, config.clearance_cap)
             sight = seen_share(found.grasps, gripper, scene)
-            return _in_order(found, b, steady[pair], sight, config)
+            ranked = _in_order(found, b, steady[pair], sight, config)
+            free = partial(
+                way_is_free, gripper=gripper, near=obstacles, scene=scene.coarse, config=config
+            )
+            kept = different(ranked.grasps, config.nms_distance, config.nms_angle, free)
+            if len(kept):
+                return ranked[kept]
     return RankedGrasps.empty()
 
 
@@ -220,14 +159,17 @@ def _in_order(
 
 
 def _reachable(hands: Grasps, scene: SceneCloud, gripper: Gripper, config: SelectionConfig) -> Mask:
-    """Return (n,) which hands come from above the table and from the camera's side."""
+    """Return (n,) which hands open enough, keep off the table and come from the camera's side."""
     fits = (hands.width >= config.min_width) & (hands.width <= gripper.max_width)
+    if scene.limits is not None:
+        fits &= scene.limits.allow(hands)
     along_view = np.einsum("ni,ni->n", hands.approach, unit(hands.translation))
     if scene.plane is None:
         return np.asarray(fits & (along_view > np.cos(config.max_view_angle)))
     fits &= along_view > np.cos(config.max_hidden_angle)
     fits &= -hands.approach @ scene.plane.normal > np.cos(config.max_approach_angle)
-    fits[fits] = lowest_height(hands[fits], gripper, scene.plane) >= config.min_table_distance
+    swept = gripper.swept(config.approach_distance)
+    fits[fits] = lowest_height(hands[fits], swept, scene.plane) >= config.min_table_distance
     return np.asarray(fits)
 
 

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 from typing import Any, Protocol
 
 import numpy as np
@@ -12,12 +13,13 @@ from pipelines.configs import InferConfig
 from pipelines.formats.grasps_file import FrameResult, GraspTable, RegionTable
 from pipelines.formats.rgbd import Frame
 from pipelines.geometry.symmetry import SymmetrySlots
+from pipelines.grasping.candidates import RankedGrasps
 from pipelines.grasping.decoding import average_symmetries
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.grounding import ground_symmetries
+from pipelines.grasping.limits import Limits
 from pipelines.grasping.observation import RegionCloud, SceneCloud
 from pipelines.grasping.region_grasping import MIN_POINTS, plan_planar, plan_random, plan_region
-from pipelines.grasping.selection import RankedGrasps
 from pipelines.inference.regions import Detector, FrameRegions, Region, find_regions
 
 Array = NDArray[np.float64]
@@ -64,14 +66,23 @@ class Planner:
     predictor: Predictor | None = None
 
     def plan(
-        self, frame: Frame, rng: np.random.Generator, masks: NDArray[np.int32] | None = None
+        self,
+        frame: Frame,
+        rng: np.random.Generator,
+        masks: NDArray[np.int32] | None = None,
+        workspace: NDArray[np.bool_] | None = None,
     ) -> FrameResult:
-        """Return the regions and grasps of `frame`; `masks` (H, W) are the user's, if any."""
+        """Return the regions and grasps of `frame`.
+
+        `masks` (H, W) are the user's instance ids, `workspace` (H, W) the pixels where they allow
+        grasps; None for found regions and for everywhere.
+        """
         started = time.monotonic()
         found = find_regions(frame, self.config, rng, self.detector, masks)
-        scene = SceneCloud(frame.depth.astype(np.float64), frame.intrinsics, found.geometric.plane)
-        regions = found.regions
-        clouds = [RegionCloud.from_mask(region.mask, scene) for region in regions]
+        plane, lens = found.geometric.plane, frame.intrinsics
+        limits = Limits.of(self.config.limits, workspace, plane, lens)
+        scene = SceneCloud(frame.depth.astype(np.float64), lens, plane, limits)
+        regions, clouds = _within(found.regions, scene)
         plans = self._plans(clouds, scene, rng)
         if self.config.method != "random":
             plans = [
@@ -83,7 +94,7 @@ class Planner:
         return FrameResult(
             name=frame.name,
             status="ok" if count else "empty",
-            message="" if count else _why_empty(len(regions)),
+            message="" if count else _why_empty(len(regions), limits),
             intrinsics=frame.intrinsics,
             seconds=time.monotonic() - started,
             regions=region_table(regions, plans),
@@ -188,7 +199,18 @@ def grasp_table(ranked: list[RankedGrasps], limit: int) -> GraspTable:
     )
 
 
-def _why_empty(num_regions: int) -> str:
+def _within(regions: list[Region], scene: SceneCloud) -> tuple[list[Region], list[RegionCloud]]:
+    """Return the regions of which something lies in the workspace, and their points."""
+    clouds = [RegionCloud.from_mask(region.mask, scene) for region in regions]
+    if scene.limits is None:
+        return regions, clouds
+    some = [bool(scene.limits.contain(cloud.points).any()) for cloud in clouds]
+    return list(compress(regions, some)), list(compress(clouds, some))
+
+
+def _why_empty(num_regions: int, limits: Limits | None) -> str:
+    if limits is not None:
+        return f"none of {num_regions} regions in the workspace has a grasp within the limits given"
     if num_regions == 0:
         return "nothing stands out from its support; is an object within reach of the camera?"
     return f"none of {num_regions} regions has a grasp that the gripper reaches without collision"

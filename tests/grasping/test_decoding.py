@@ -18,6 +18,7 @@ from pipelines.geometry.transforms import (
     unit,
 )
 from pipelines.grasping.decoding import (
+    agree_with_surface,
     average_symmetries,
     contact_pairs,
     graspable,
@@ -168,3 +169,31 @@ def test_pairs_wider_than_the_gripper_are_left_out():
     pairs = contact_pairs(region, scene, slots, np.ones(len(region)), narrow, CONFIG)
     width = np.linalg.norm(pairs.contacts[:, 1] - pairs.contacts[:, 0], axis=1)
     assert (width < narrow.max_width).all()
+
+
+def test_seen_surface_that_faces_elsewhere_speaks_against_a_contact():
+    pose, _, region, _ = box_seen()
+    config = replace(CONFIG, surface_reach=0.005)
+    on_front, on_top = transform_points(pose, [[0.0, -0.045, 0.05], [0.0, 0.0, 0.1]])
+    behind = transform_points(pose, [0.0, 0.045, 0.05])  # not seen: nothing speaks of it
+    contacts = np.stack([on_front, on_front, on_top, on_top, behind])
+    ahead, up = -pose[:3, 1], pose[:3, 2]
+    outward = np.stack([ahead, -ahead, up, ahead, ahead])
+    found = agree_with_surface(contacts, outward, region, config)
+    assert found.tolist() == [True, False, True, False, True]
+
+
+def test_contacts_that_the_surface_speaks_against_are_no_pairs():
+    _, scene, region, slots = box_seen()
+    affordance = np.ones(len(region))
+    asked = replace(CONFIG, surface_reach=0.005, max_pairs=10_000, pair_spacing=1e-4)
+    # A plane through the seen front: its images of the front lie beside the front itself.
+    wrong = slots.point[1] - 0.043 * slots.direction[1] * np.sign(slots.direction[1] @ scene.xyz[0, 0])
+    point = slots.point.copy()
+    point[1] = wrong
+    shifted = SymmetrySlots(slots.existence, point, slots.direction)
+    pairs = contact_pairs(region, scene, shifted, affordance, GRIPPER, asked)
+    line = unit(pairs.contacts[:, 1] - pairs.contacts[:, 0])
+    assert agree_with_surface(pairs.contacts[:, 1], line, region, asked).all()
+    free = contact_pairs(region, scene, shifted, affordance, GRIPPER, replace(asked, surface_reach=0.0))
+    assert len(free) > len(pairs)

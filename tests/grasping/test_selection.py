@@ -7,14 +7,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipelines.configs import SelectionConfig
+from pipelines.configs import LimitsConfig, SelectionConfig
 from pipelines.formats.gripper_files import load_gripper
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import transform_points
+from pipelines.grasping.candidates import Candidates, no_candidates
 from pipelines.grasping.collision import lowest_height, turned
 from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.limits import Limits
 from pipelines.grasping.observation import RegionCloud, SceneCloud
-from pipelines.grasping.selection import Candidates, no_candidates, rank_score, select, surroundings
+from pipelines.grasping.selection import rank_score, select, surroundings
+from pipelines.grasping.suppression import are_near
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
 
 CONFIG = SelectionConfig()
@@ -28,6 +31,11 @@ def seen(shapes):
     depth, index = render(shapes, pose)
     scene = SceneCloud(depth, CAMERA, Plane(pose[:3, 2], float(-pose[:3, 2] @ pose[:3, 3])))
     return pose, scene, RegionCloud.from_mask(index == 0, scene)
+
+
+
+
+SEEN = seen([Box((0.06, 0.06, 0.12))])
 
 
 def across_box(pose, heights, x=0.0, size=0.06):
@@ -45,9 +53,9 @@ def across_box(pose, heights, x=0.0, size=0.06):
     )
 
 
-def chosen(candidates, turns, region, scene):
-    around = surroundings(region, scene, GRIPPER, CONFIG)
-    return select(candidates, turns, region, scene, GRIPPER, CONFIG, around)
+def chosen(candidates, turns, region, scene, config=CONFIG):
+    around = surroundings(region, scene, GRIPPER, config)
+    return select(candidates, turns, region, scene, GRIPPER, config, around)
 
 
 @given(metres, metres)
@@ -175,7 +183,8 @@ def test_the_choice_is_that_of_trying_every_hand_on_every_point(seed, highest):
         quality=rng.uniform(0.8, 1.0, 40),
     )
     expected = naive_choice(candidates, TURNS, region, scene)
-    found = chosen(candidates, TURNS, region, scene).grasps
+    final_pose_alone = replace(CONFIG, approach_distance=0.0, nms_distance=0.0)
+    found = chosen(candidates, TURNS, region, scene, final_pose_alone).grasps
     assert len(expected) == len(found)
     assert len(found) > 0 or highest < 0.1  # the plate is in the way of all low hands
     for _, translation, approach in expected:
@@ -183,3 +192,55 @@ def test_the_choice_is_that_of_trying_every_hand_on_every_point(seed, highest):
             found.approach - approach
         ).max(1)
         assert away.min() < 1e-9
+
+
+@given(st.integers(0, 2**31))
+@settings(max_examples=15, deadline=None)
+def test_what_is_chosen_opens_wide_enough_and_comes_and_stays_over_the_table(seed):
+    rng = np.random.default_rng(seed)
+    pose, scene, region = SEEN
+    candidates = across_box(pose, rng.uniform(0.0, 0.11, 12), size=rng.uniform(0.02, 0.13))
+    found = chosen(candidates, TURNS, region, scene).grasps
+    assert (GRIPPER.opening(found.width) <= GRIPPER.max_opening + 1e-12).all()
+    for step in np.linspace(0.0, CONFIG.approach_distance, 6):
+        on_the_way = replace(found, translation=found.translation - step * found.approach)
+        lowest = lowest_height(on_the_way, GRIPPER, scene.plane)
+        assert (lowest >= CONFIG.min_table_distance - 1e-9).all()
+
+
+def test_a_hand_that_would_come_through_something_is_not_chosen():
+    straight, free_there = np.zeros(1), replace(CONFIG, approach_distance=0.0)
+    # Behind the hand at its final pose, and no farther than it comes from.
+    bar = Box((0.16, 0.03, 0.02), (0.0, 0.0, 0.25))
+    pose, scene, region = seen([Box((0.06, 0.06, 0.12)), bar])
+    candidates = across_box(pose, [0.1])
+    assert len(chosen(candidates, straight, region, scene, free_there)) == 1
+    assert len(chosen(candidates, straight, region, scene)) == 0
+    aside = chosen(candidates, TURNS, region, scene)
+    assert len(aside) > 0
+    assert (-aside.grasps.approach @ pose[:3, 2] < 0.99).all()
+
+
+def test_the_grasps_of_a_region_differ_and_are_ranked():
+    pose, scene, region = SEEN
+    found = chosen(across_box(pose, np.linspace(0.05, 0.11, 25)), TURNS, region, scene)
+    near = are_near(found.grasps, CONFIG.nms_distance, CONFIG.nms_angle)
+    assert len(found) > 1
+    assert near.sum() == len(found)
+    assert (np.diff(found.rank_score) <= 1e-6).all()
+    everything = replace(CONFIG, nms_distance=0.0)
+    alike = chosen(across_box(pose, np.linspace(0.05, 0.11, 25)), TURNS, region, scene, everything)
+    assert len(alike) > len(found)
+    np.testing.assert_array_equal(alike.grasps.rotation[0], found.grasps.rotation[0])
+
+
+def test_limits_hold_for_what_is_chosen():
+    pose, scene, region = SEEN
+    cone = LimitsConfig(approach_cone=20.0)
+    limited = replace(scene, limits=Limits.of(cone, None, scene.plane, CAMERA))
+    candidates = across_box(pose, np.linspace(0.05, 0.11, 9))
+    free, kept = (chosen(candidates, TURNS, region, each).grasps for each in (scene, limited))
+    steep = np.cos(np.radians(20.0))
+    assert (-free.approach @ pose[:3, 2] < steep).any()
+    assert len(kept) > 0
+    assert (-kept.approach @ pose[:3, 2] >= steep - 1e-9).all()

@@ -1,15 +1,17 @@
 """One frame through the planner, with a stand-in for the network that knows the truth."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipelines.configs import InferConfig
+from pipelines.configs import InferConfig, LimitsConfig
 from pipelines.formats.gripper_files import load_gripper
 from pipelines.formats.overlays import draw_overlay
 from pipelines.formats.rgbd import Frame
 from pipelines.geometry.symmetry import ReflectionSymmetry, SymmetrySlots
 from pipelines.geometry.transforms import transform_points
+from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.suppression import are_near
 from pipelines.inference.frame_grasps import Planner
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
 
@@ -87,3 +89,41 @@ def test_the_overlay_of_an_empty_frame_is_the_picture_itself():
     result = Planner(CONFIG, load_gripper("rg2")).plan(bare, np.random.default_rng(0))
     assert result.status == "empty"
     np.testing.assert_array_equal(draw_overlay(bare, result), FRAME.color)
+
+
+def limited(workspace=None, **settings):
+    config = replace(CONFIG, limits=LimitsConfig(**settings))
+    planner = Planner(config, load_gripper("rg2"), predictor=Oracle())
+    return planner.plan(FRAME, np.random.default_rng(0), workspace=workspace)
+
+
+def test_regions_outside_the_workspace_are_left_out():
+    away = (0.3, -1.0, 0.0, 1.0, 1.0, 2.0)
+    result = limited(box=away)
+    assert result.status == "empty"
+    assert "workspace" in result.message
+    assert len(result.regions.confidence) == 0
+    everywhere = limited(np.ones(DEPTH.shape, bool), box=(-9.0, -9.0, -9.0, 9.0, 9.0, 9.0))
+    np.testing.assert_array_equal(everywhere.grasps.rotation, plan(Oracle()).grasps.rotation)
+
+
+def test_grasps_keep_to_the_workspace_and_the_cone():
+    mask = np.zeros(DEPTH.shape, bool)
+    _, columns = np.nonzero(INDEX == 0)
+    mask[:, : int(np.median(columns))] = True
+    grasps = limited(mask, approach_cone=45.0).grasps
+    assert len(grasps) > 0
+    u, v = np.round(CAMERA.project(np.asarray(grasps.translation, np.float64))).astype(int).T
+    assert mask[v, u].all()
+    steepness = -np.asarray(grasps.rotation)[:, :, 0] @ POSE[:3, 2]
+    assert (steepness > np.cos(np.radians(45.1))).all()
+
+
+def test_no_two_grasps_of_a_region_are_alike():
+    found = plan(Oracle()).grasps
+    grasps = Grasps(
+        *(np.asarray(a, np.float64) for a in (found.rotation, found.translation, found.width))
+    )
+    selection = CONFIG.selection
+    near = are_near(grasps, selection.nms_distance, selection.nms_angle - 1e-3)
+    assert near.sum() == len(grasps) > 1

@@ -14,7 +14,7 @@ import torch
 
 from pipelines import infer
 from pipelines.batch import BatchOptions
-from pipelines.configs import InferConfig
+from pipelines.configs import InferConfig, LimitsConfig
 from pipelines.errors import MissingInputError, StaleOutputError, SymgraspError, UnknownNameError
 from pipelines.formats import grasps_file
 from pipelines.formats.files import read_image, write_image, write_json
@@ -281,3 +281,37 @@ def test_unknown_names_list_the_known_ones(frames, tmp_path, wrong):
 def test_a_folder_without_frames_is_one_sentence(tmp_path):
     with pytest.raises(SymgraspError, match="no RGB-D frames"):
         run(tmp_path, tmp_path / "g.h5")
+
+
+def limited(frames, output, workspace=None, **settings):
+    config = dataclasses.replace(CONFIG, limits=LimitsConfig(**settings))
+    return infer.run(infer.InferPaths(frames, output, workspace=workspace), config, OPTIONS)
+
+
+def test_a_workspace_picture_leaves_out_what_is_black(frames, tmp_path):
+    _, index = render(SHAPES["b"])
+    write_image(tmp_path / "room.png", np.uint8(255) * (index == 1))
+    report = limited(frames, tmp_path / "g.h5", tmp_path / "room.png")
+    assert report.exit_code == 0
+    found = grasps_file.read(tmp_path / "g.h5")
+    assert (found.frames.status == "ok").sum() >= 1
+    mine = found.grasps.translation[found.grasps.frame == 1]
+    assert len(mine) > 0
+    u, v = np.round(CAMERA.project(np.asarray(mine, np.float64))).astype(int).T
+    assert (index[v, u] == 1).all()
+    write_image(tmp_path / "room.png", np.uint8(255) * (index == 0))
+    with pytest.raises(StaleOutputError):
+        limited(frames, tmp_path / "g.h5", tmp_path / "room.png")
+    write_image(tmp_path / "small.png", np.zeros((4, 4), np.uint8))
+    report = limited(frames, tmp_path / "h.h5", tmp_path / "small.png")
+    assert set(report.failed) == set(SHAPES)
+    assert all("4 x 4" in message for message in report.failed.values())
+
+
+def test_a_frame_without_a_table_has_no_limits_over_it(tmp_path):
+    write_frame(tmp_path / "frames", "a", SHAPES["a"])
+    write_image(tmp_path / "frames" / "a_depth.png", np.zeros((240, 320), np.uint16))
+    report = limited(tmp_path / "frames", tmp_path / "g.h5", approach_cone=20.0)
+    assert "table" in report.failed["a"]
+    with pytest.raises(UnknownNameError, match="camera, table"):
+        limited(tmp_path / "frames", tmp_path / "g.h5", box_frame="base")

@@ -1,0 +1,82 @@
+"""Grasp candidates of one region, and those of them that are feasible, ranked."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.grasping.grasps import Grasps, Index
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Contact pairs with a base approach, not yet checked against the scene.
+
+    Attributes:
+        contacts: (k, 2, 3) metres, camera frame.
+        approach: (k, 3) unit; the angles of the selection turn it about the contact line.
+        quality: (k,) 0 to 1, how well the fingers would hold here.
+        affordance: (k,) predicted; 0 where nothing was predicted.
+        slot: (k,) symmetry slot, -1 without symmetry.
+        source: `network`, `planar` or `random`.
+    """
+
+    contacts: Array
+    approach: Array
+    quality: Array
+    affordance: Array
+    slot: NDArray[np.int64]
+    source: str
+
+
+def no_candidates(source: str) -> Candidates:
+    """Return an empty set of candidates."""
+    zero = np.zeros(0)
+    return Candidates(
+        np.zeros((0, 2, 3)), np.zeros((0, 3)), zero, zero, np.zeros(0, np.int64), source
+    )
+
+
+@dataclass(frozen=True)
+class RankedGrasps:
+    """Feasible grasps of one region, best first. Camera frame, metres.
+
+    Attributes:
+        grasps: n grasps.
+        affordance: (n,) of the first contact.
+        slot: (n,) symmetry slot, -1 without symmetry.
+        source: (n,) `network`, `planar` or `random`.
+        clearance: (n,) b of Eq. 8 in metres, capped.
+        enclosed_height: (n,) h of Eq. 8 in metres, capped.
+        rank_score: (n,) s of Eq. 8, less where the camera does not see (D. 68).
+    """
+
+    grasps: Grasps
+    affordance: Array
+    slot: NDArray[np.int64]
+    source: NDArray[np.str_]
+    clearance: Array
+    enclosed_height: Array
+    rank_score: Array
+
+    @classmethod
+    def empty(cls) -> "RankedGrasps":
+        """Return no grasps."""
+        zero = np.zeros(0)
+        return cls(Grasps.empty(), zero, np.zeros(0, np.int64), np.zeros(0, "U7"), zero, zero, zero)
+
+    def __len__(self) -> int:
+        return len(self.grasps)
+
+    def __getitem__(self, index: Index) -> "RankedGrasps":
+        return RankedGrasps(
+            self.grasps[index],
+            self.affordance[index],
+            self.slot[index],
+            self.source[index],
+            self.clearance[index],
+            self.enclosed_height[index],
+            self.rank_score[index],
+        )

@@ -9,11 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-<<<<<<< HEAD
-from pipelines.configs import InferConfig, SelectionConfig, WatchConfig
-=======
-from pipelines.configs import InferConfig, LimitsConfig, SelectionConfig
->>>>>>> 0f7a9d1 (infer: the way in is free, grasps differ, --workspace, --approach-cone, --top; preset grippers drawn)
+from pipelines.configs import InferConfig, LimitsConfig, SelectionConfig, WatchConfig
 from symgrasp_cli.options import (
     Backend,
     DepthUnitsPerMetre,
@@ -113,12 +109,19 @@ def infer(
     from pipelines.formats.camera_files import parse_camera
     from pipelines.formats.workspace_files import parse_direction, parse_workspace
 
-<<<<<<< HEAD
     if watch_timeout is not None and not watch:
         raise typer.BadParameter("--watch-timeout goes with --watch")
-    paths = stage.InferPaths(frames, out, overlays, masks).with_weights(detector, network)
-    selection = SelectionConfig(ground_symmetries=grounding)
-    config = InferConfig(regions=regions, method=method, gripper=gripper, selection=selection)
+    room, direction = parse_workspace(workspace), parse_direction(approach_direction)
+    paths = stage.InferPaths(frames, out, overlays, masks, room.mask)
+    paths = paths.with_weights(detector, network)
+    config = InferConfig(
+        regions=regions,
+        method=method,
+        gripper=gripper,
+        max_grasps_per_region=top,
+        limits=LimitsConfig(room.box, workspace_frame, approach_cone, direction, approach_frame),
+        selection=SelectionConfig(ground_symmetries=grounding),
+    )
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
     followed = partial(
         infer_watch.run, watch=WatchConfig(timeout=watch_timeout), tell=_tell_followed
@@ -127,27 +130,6 @@ def infer(
         paths,
         config,
         options,
-=======
-    room = parse_workspace(workspace)
-    paths = stage.InferPaths(frames, out, overlays, masks, room.mask)
-    report = stage.run(
-        paths.with_weights(detector, network),
-        InferConfig(
-            regions=regions,
-            method=method,
-            gripper=gripper,
-            max_grasps_per_region=top,
-            limits=LimitsConfig(
-                room.box,
-                workspace_frame,
-                approach_cone,
-                parse_direction(approach_direction),
-                approach_frame,
-            ),
-            selection=SelectionConfig(ground_symmetries=grounding),
-        ),
-        batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run),
->>>>>>> 0f7a9d1 (infer: the way in is free, grasps differ, --workspace, --approach-cone, --top; preset grippers drawn)
         camera=None if intrinsics is None else parse_camera(intrinsics),
         depth_units_per_metre=depth_units_per_metre,
         seed=seed,

@@ -25,6 +25,8 @@ from pipelines.formats.gripper_files import gripper_digest, load_gripper
 from pipelines.formats.overlays import write_overlay
 from pipelines.formats.provenance import Stamp, digest, digest_text, make_stamp, read_stamp
 from pipelines.formats.registration import oddities
+from pipelines.formats.workspace_files import read_workspace_mask
+from pipelines.grasping.limits import check_limits
 from pipelines.inference import models
 from pipelines.inference.frame_grasps import Planner
 from pipelines.inference.regions import SOURCES
@@ -43,6 +45,7 @@ class InferPaths:
         output: `grasps.h5`.
         overlays: folder for pictures.
         masks: folder of the user's instance masks, instead of found regions.
+        workspace: picture, black where nothing may be grasped.
         detector: weights of the region detector.
         network: weights of the grasp network.
     """
@@ -51,6 +54,7 @@ class InferPaths:
     output: Path
     overlays: Path | None = None
     masks: Path | None = None
+    workspace: Path | None = None
     detector: Path = models.DETECTOR_WEIGHTS
     network: Path = models.NETWORK_WEIGHTS
 
@@ -91,11 +95,13 @@ class Settings:
         return wanted
 
     def other_inputs(self) -> dict[str, str]:
-        """Return the digests of the gripper and the user's masks."""
+        """Return the digests of the gripper, the user's masks and the workspace."""
         others = {"gripper": gripper_digest(self.config.gripper)}
         if self.paths.masks is not None:
             pictures = sorted(self.paths.masks.rglob("*.png"))
             others["masks"] = digest_text("".join(f"{p.name} {digest(p)}" for p in pictures))
+        if self.paths.workspace is not None:
+            others["workspace"] = digest(self.paths.workspace)
         return others
 
     def one_core(self) -> AbstractContextManager[None]:
@@ -205,7 +211,10 @@ def _infer_frame(item: WorkItem, settings: Settings) -> str | None:
         raise ValueRangeError(
             f"size of the masks of {source.name}", masks.shape, f"{frame.depth.shape}"
         )
-    result = settings.planner().plan(frame, np.random.default_rng(settings.seed), masks)
+    path = settings.paths.workspace
+    workspace = None if path is None else read_workspace_mask(path, frame.depth.shape)
+    rng = np.random.default_rng(settings.seed)
+    result = settings.planner().plan(frame, rng, masks, workspace)
     result = replace(
         result, name=source.name, seconds=result.seconds if settings.timings else np.nan
     )
@@ -221,13 +230,14 @@ def overlay_path(folder: Path, frame_name: str) -> Path:
 
 
 def check_names(config: InferConfig) -> None:
-    """Raise UnknownNameError unless all names in `config` are known."""
+    """Raise SymgraspError unless all names in `config` are known, and its limits can be meant."""
     for kind, name, known in (
         ("regions", config.regions, SOURCES),
         ("method", config.method, METHODS),
     ):
         if name not in known:
             raise UnknownNameError(kind, name, known)
+    check_limits(config.limits)
     load_gripper(config.gripper)
 
 

@@ -33,8 +33,6 @@ def seen(shapes):
     return pose, scene, RegionCloud.from_mask(index == 0, scene)
 
 
-
-
 SEEN = seen([Box((0.06, 0.06, 0.12))])
 
 

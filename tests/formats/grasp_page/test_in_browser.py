@@ -42,8 +42,8 @@ setTimeout(() => {
   told.regions = by("regions").children.length;
   told.most = by("count").max;
   const area = view.getBoundingClientRect(), hits = new Set();
-  for (let y = 5; y < area.height; y += 12) {
-    for (let x = 5; x < area.width; x += 12) {
+  for (let y = 5; y < area.height; y += 20) {
+    for (let x = 5; x < area.width; x += 20) {
       pointer("pointerdown", area.left + x, area.top + y, 1);
       pointer("pointerup", area.left + x, area.top + y, 0);
       view.dispatchEvent(new MouseEvent("click", {clientX: area.left + x, clientY: area.top + y}));

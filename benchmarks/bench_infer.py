@@ -106,6 +106,7 @@ def _by_step(sources: Sequence[FrameSource], device: str) -> tuple[dict[str, flo
         load_gripper(config.gripper),
         TimedDetector(clock.timed("detector", detect)),
         TimedPredictor(clock.timed("network", predict)),
+        models.plane_judge(models.PLANE_WEIGHTS),
     )
     with ExitStack() as patches:
         for step, (module, name) in STEPS.items():

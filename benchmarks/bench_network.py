@@ -58,11 +58,12 @@ def _training_step() -> Measurement:
     size = MICRO_BATCH
     truth = _regions(size, config.network.num_points)
     both = torch.cat([truth.points, 1.1 * truth.points])
+    ground = torch.cat([truth.ground, 1.1 * truth.ground])
     query = torch.rand(truth.points.shape[:2]).argsort(1)[:, : config.num_loss_points]
     asked, measured = truth.at(query), truth.points[:, :NUM_ERROR_POINTS]
 
     def forward() -> Tensor:
-        features = network.features(both, torch.cat([query, query]))
+        features = network.features(both, ground, torch.cat([query, query]))
         said: Prediction = network.predict(features[:size])
         return total_loss(said, asked, features[size:], config, measured).total
 
@@ -131,5 +132,6 @@ def _regions(size: int, count: int) -> RegionBatch:
         np.tile([1.0, 1.0, 1.0, 0.0, 0.0], (size, 1)),
         np.zeros((size, 5, 3)),
         np.tile(direction, (size, 1, 1)),
+        np.full(size, 0.05),
     )
     return RegionBatch(*(torch.from_numpy(array).float() for array in arrays))

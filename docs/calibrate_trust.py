@@ -1,9 +1,9 @@
 """Fit the trust in grounded symmetries: `python docs/calibrate_trust.py ROOT`.
 
-Prints `WEIGHTS` of pipelines/grasping/grounding.py and `BIAS`, `WEIGHTS` of plane_evidence.py:
-logistic regressions of truth on evidence, in the regions that the default detector finds on all
-frames of ROOT, with the symmetries that the default network names there. ROOT must hold objects
-that neither network was trained on, and none of the benchmark's:
+Prints `WEIGHTS` of pipelines/grasping/grounding.py: logistic regressions of truth on evidence, in
+the regions that the default detector finds on all frames of ROOT, with the axes and centres that
+the default network names there. ROOT must hold objects that neither network was trained on, and
+none of the benchmark's:
 
     symgrasp synthesize ROOT --splits similar --scenes-per-split 24 --views 4 --objects 48 \
         --size 640x480 --grasp-points 48 --seed 7 --no-collision-labels --workers 2
@@ -12,6 +12,7 @@ that neither network was trained on, and none of the benchmark's:
 
 import sys
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,36 +21,20 @@ from pipelines.configs import EvaluateConfig, InferConfig
 from pipelines.evaluation.judging import assign_regions
 from pipelines.evaluation.truth import TruthReader
 from pipelines.formats.graspnet import FrameFiles, GraspNetRoot
-from pipelines.geometry.symmetry import ReflectionSymmetry, Symmetry
-from pipelines.geometry.symmetry_error import symmetry_error
-from pipelines.grasping import grounding, plane_evidence
+from pipelines.geometry.symmetry import Symmetry, SymmetrySlots
+from pipelines.grasping import grounding
 from pipelines.grasping.decoding import average_symmetries
 from pipelines.grasping.observation import RegionCloud, SceneCloud
 from pipelines.inference import models
 from pipelines.inference.regions import find_regions
-from pipelines.metrics.symmetry_matching import TrueRegion, implied_symmetries, scored_symmetries
+from pipelines.metrics.symmetry_matching import TrueRegion
 
 INFER, EVALUATE = InferConfig(), EvaluateConfig()
 MIN_POINTS = 20
-# A plane is true at half the error that counts as a hit: a finger needs more than a hit.
-PLANE_ERROR, LOOSE_ERROR = 0.134, 0.25
 AXIS_ANGLE, AXIS_OFFSET, CENTRE_OFFSET = np.radians(12.0), 0.008, 0.02
 RIDGE = 1.0
 
 Rows = list[tuple[list[float], bool]]
-
-
-def plane_truth(plane: ReflectionSymmetry, region: TrueRegion) -> bool | None:
-    """Return whether `plane` is listed; None where it is near one or follows from others."""
-    listed = [s for s in scored_symmetries(region, "reflection")]
-    near = [s for s in listed if abs(float(plane.normal @ s.direction)) > 0.8]
-    error = min((symmetry_error(region.points, plane, s) for s in near), default=np.inf)
-    if error <= PLANE_ERROR:
-        return True
-    follows = implied_symmetries(plane, region.symmetries)
-    if any(symmetry_error(region.points, plane, s) <= LOOSE_ERROR for s in follows):
-        return None
-    return False
 
 
 def is_true(found: Symmetry, truths: tuple[Symmetry, ...]) -> bool:
@@ -68,8 +53,25 @@ def _matches(found: Symmetry, truth: Symmetry) -> bool:
     return cosine > np.cos(AXIS_ANGLE) and off < AXIS_OFFSET
 
 
-def frame_rows(reader: TruthReader, files: FrameFiles) -> Iterator[tuple[str, list[float], bool]]:
-    """Yield case, evidence and truth of all that may be trusted in one frame."""
+@dataclass(frozen=True)
+class SeenRegion:
+    """A region that the detector finds: what the network says of it, what is seen, the truth."""
+
+    slots: SymmetrySlots
+    cloud: RegionCloud
+    scene: SceneCloud
+    truth: TrueRegion
+
+    def axis_and_sphere(self) -> tuple[grounding.Evidence, grounding.Evidence]:
+        """Return the fitted axis and centre."""
+        step = max(1, len(self.cloud) // grounding.NUM_POINTS)
+        seen = self.cloud.points[::step], self.cloud.normals[::step]
+        axis = grounding.axis_evidence(self.slots, *seen, self.scene, INFER.selection)
+        return axis, grounding.sphere_evidence(self.slots, *seen, self.scene, INFER.selection)
+
+
+def seen_regions(reader: TruthReader, files: FrameFiles) -> Iterator[SeenRegion]:
+    """Yield the regions of one frame that are large enough."""
     frame, truth = reader.root.read_frame(files), reader.read(files)
     detector = models.detector(models.DETECTOR_WEIGHTS, "cpu")
     predictor = models.predictor(models.NETWORK_WEIGHTS, "cpu")
@@ -79,27 +81,22 @@ def frame_rows(reader: TruthReader, files: FrameFiles) -> Iterator[tuple[str, li
     owners = assign_regions(masks, truth, EVALUATE).instance
     clouds = [RegionCloud.from_mask(mask, scene) for mask in masks]
     large = [i for i, cloud in enumerate(clouds) if len(cloud) >= MIN_POINTS]
-    predictions = predictor.predict([clouds[i].points for i in large])
+    predictions = predictor.predict([clouds[i].points for i in large], scene.plane)
     for i, said in zip(large, predictions, strict=True):
         slots = average_symmetries(said.existence, said.center, said.direction, said.affordance)
         region = truth.regions[owners[i]] if owners[i] >= 0 else TrueRegion(np.zeros((0, 3)), ())
-        sampled = clouds[i].at(said.points)
-        step = max(1, len(sampled) // grounding.NUM_POINTS)
-        seen = sampled.points[::step], sampled.normals[::step]
-        axis = grounding.axis_evidence(slots, *seen, scene, INFER.selection)
-        sphere = grounding.sphere_evidence(slots, *seen, scene, INFER.selection)
-        ball = any(symmetry.kind == "sphere" for symmetry in region.symmetries)
+        yield SeenRegion(slots, clouds[i].at(said.points), scene, region)
+
+
+def frame_rows(reader: TruthReader, files: FrameFiles) -> Iterator[tuple[str, list[float], bool]]:
+    """Yield case, evidence and truth of the axes and centres of one frame."""
+    for region in seen_regions(reader, files):
+        ball = any(symmetry.kind == "sphere" for symmetry in region.truth.symmetries)
+        axis, sphere = region.axis_and_sphere()
         for each in (axis, sphere):
             if not (ball and each is axis):  # any axis is true of a ball
                 row = [1.0, each.existence, each.support, each.consistency]
-                yield each.symmetry.kind, row, is_true(each.symmetry, region.symmetries)
-        known = grounding.region_evidence(slots, axis, *seen, scene)
-        planes = plane_evidence.fitted_planes(known)
-        features = plane_evidence.plane_features(planes, known, INFER.selection)
-        for plane, row in zip(planes, features.tolist(), strict=True):
-            verdict = plane_truth(plane, region)
-            if verdict is not None:
-                yield "plane", [1.0, *row], verdict
+                yield each.symmetry.kind, row, is_true(each.symmetry, region.truth.symmetries)
 
 
 def logistic(features: np.ndarray, truth: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ inference will. Symmetries and affordance are the object's, moved by its pose.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
 
@@ -17,16 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
-from pipelines.configs import PackConfig
+from pipelines.configs import PackConfig, RegionConfig
 from pipelines.errors import FormatError, MissingInputError, SymgraspError
 from pipelines.formats import affordance_labels, packed_regions
 from pipelines.formats.graspnet import FrameFiles, GraspNetRoot, SceneFiles
 from pipelines.formats.packed_regions import PackedScene
 from pipelines.formats.provenance import digest, make_stamp
 from pipelines.formats.regioned_objects import read_regioned_object
+from pipelines.geometry.levelling import table_row
 from pipelines.geometry.mask_noise import MaskNoise
 from pipelines.geometry.region_masks import RegionInstance, visible_regions
 from pipelines.geometry.symmetry import NUM_SLOTS
+from pipelines.geometry.tabletop import find_tabletop
 from pipelines.grasping.labelled_regions import LabelledCloud, LabelledSurface, labelled_clouds
 from pipelines.grasping.observation import SceneCloud
 
@@ -87,6 +90,8 @@ def pack_frame(
     _check_listed(files, label, poses)
     objects = {object_id: read_regioned_object(root.root, object_id) for object_id in poses}
     scene = SceneCloud(np.asarray(depth, np.float64), intrinsics)
+    plane = find_tabletop(scene.xyz, intrinsics, RegionConfig(), np.random.default_rng(0)).plane
+    scene = replace(scene, plane=plane)
     noise = MaskNoise(config.mask_noise_share, config.mask_edge, config.mask_blot)
     shown = visible_regions(label, intrinsics, list(poses.items()), objects)
 
@@ -149,6 +154,7 @@ def _stacked(
         existence=np.reshape([cloud.slots.existence for cloud in clouds], (-1, NUM_SLOTS)),
         point=np.reshape([cloud.slots.point for cloud in clouds], (-1, NUM_SLOTS, 3)),
         direction=np.reshape([cloud.slots.direction for cloud in clouds], (-1, NUM_SLOTS, 3)),
+        table=np.reshape([table_row(cloud.table) for cloud in clouds], (-1, 4)),
         object_id=np.array([cloud.object_id for cloud in clouds], np.int32),
         frame_id=np.array(frame_of_cloud, np.int32),
         name=np.array([cloud.name for cloud in clouds], np.object_),

@@ -42,6 +42,7 @@ class FinetuneDetectorConfig:
 class NetworkConfig:
     """PointNet++ with PIFT (Sec. III-E, III-G)."""
 
+    input_frame: str = "table"  # or camera; D. 69
     num_points: int = 1500
     feature_dim: int = 128
     set_points: tuple[int, int, int, int] = (384, 128, 32, 8)
@@ -54,8 +55,9 @@ class NetworkConfig:
 class AugmentationConfig:
     """Random views of a region's cloud while training (Sec. III-E)."""
 
-    roll_deg: float = 25.0  # standard deviation, about the view axis
-    tilt_deg: float = 10.0  # standard deviation, about each axis across it
+    turn_deg: float = 25.0  # standard deviation, about the third axis: up, or the view
+    tilt_deg: float = 3.0  # standard deviation, about each axis across it
+    lost_table: float = 0.1  # of the regions that are seen as if no table were known
     scale: float = 0.15  # uniform scaling by at most this share
     jitter: float = 0.0005  # metres, standard deviation a coordinate
     principal_scale: float = 1.4  # of the Siamese copy: at most this factor, or its inverse

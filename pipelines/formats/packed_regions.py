@@ -27,7 +27,7 @@ from pipelines.formats.h5_columns import (
 from pipelines.formats.provenance import Stamp
 from pipelines.geometry.symmetry import NUM_SLOTS
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 UNITS = {"points": "m", "point": "m"}
 # What makes up nearly all of a region: a row a chunk, and not packed, so that training reads it
 # in any order at the speed of the disk. All else of a scene is small and kept in memory.
@@ -43,6 +43,7 @@ class PackedScene:
     existence: NDArray[Any]  # f4 (R, 5) 0 or 1
     point: NDArray[Any]  # f4 (R, 5, 3) metres, camera frame
     direction: NDArray[Any]  # f4 (R, 5, 3) unit, camera frame
+    table: NDArray[Any]  # f4 (R, 4) normal and offset (metres), camera frame; nan: none found
     object_id: NDArray[Any]  # i4 (R,)
     frame_id: NDArray[Any]  # i4 (R,)
     name: NDArray[Any]  # str (R,), the region's name
@@ -55,6 +56,7 @@ class PackedScene:
             "existence": ((NUM_SLOTS,), np.float32),
             "point": ((NUM_SLOTS, 3), np.float32),
             "direction": ((NUM_SLOTS, 3), np.float32),
+            "table": ((4,), np.float32),
             "object_id": ((), np.int32),
             "frame_id": ((), np.int32),
             "name": ((), np.object_),
@@ -75,6 +77,7 @@ class PackedRegion:
     existence: NDArray[np.float32]  # (5,)
     point: NDArray[np.float32]  # (5, 3)
     direction: NDArray[np.float32]  # (5, 3)
+    table: NDArray[np.float32]  # (4,)
     object_id: int
     frame_id: int
     name: str

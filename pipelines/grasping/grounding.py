@@ -26,6 +26,7 @@ from pipelines.grasping.axis_candidates import candidate_axes
 from pipelines.grasping.decoding import in_observed_frustum
 from pipelines.grasping.observation import RegionCloud, SceneCloud
 from pipelines.grasping.plane_evidence import RegionEvidence, trusted_planes
+from pipelines.grasping.plane_judge import PlaneJudge
 
 Array = NDArray[np.float64]
 
@@ -34,8 +35,8 @@ TURNS = np.radians([60.0, 120.0, 180.0, 240.0, 300.0])
 
 # Logistic regression of truth on (1, existence, support, consistency), `docs/calibrate_trust.py`.
 WEIGHTS = {
-    "rotation": np.array([-36.0, 6.0, 3.3, 32.3]),
-    "sphere": np.array([-14.6, 4.3, 24.5, 5.6]),
+    "rotation": np.array([-38.0, 5.6, 3.9, 33.9]),
+    "sphere": np.array([-15.3, 4.2, 24.3, 6.0]),
 }
 
 
@@ -63,15 +64,19 @@ class Evidence:
 
 
 def ground_symmetries(
-    slots: SymmetrySlots, region: RegionCloud, scene: SceneCloud, config: SelectionConfig
+    slots: SymmetrySlots,
+    region: RegionCloud,
+    scene: SceneCloud,
+    config: SelectionConfig,
+    judge: PlaneJudge,
 ) -> SymmetrySlots:
     """Return `slots` fitted to `region`; existence becomes the confidence in each."""
     step = max(1, len(region) // NUM_POINTS)
     points, normals = region.points[::step], region.normals[::step]
     axis = axis_evidence(slots, points, normals, scene, config)
     sphere = sphere_evidence(slots, points, normals, scene, config)
-    known = region_evidence(slots, axis, points, normals, scene)
-    planes = trusted_planes(known, config)
+    known = RegionEvidence(slots, axis.symmetry.direction, points, normals, region.mask, scene)
+    planes = trusted_planes(known, config, judge)
     chosen: list[tuple[int, Symmetry, float]] = [
         (slot, plane, trust) for slot, (plane, trust) in zip(REFLECTION_SLOTS, planes, strict=False)
     ]
@@ -82,14 +87,6 @@ def ground_symmetries(
         found.existence[slot] = confidence
         found.point[slot], found.direction[slot] = symmetry.point, symmetry.direction
     return found
-
-
-def region_evidence(
-    slots: SymmetrySlots, axis: Evidence, points: Array, normals: Array, scene: SceneCloud
-) -> RegionEvidence:
-    """Return what the planes of a region are judged by."""
-    line = RotationSymmetry(axis.symmetry.direction, axis.symmetry.point)
-    return RegionEvidence(slots, line, axis.confidence, points, normals, scene)
 
 
 def axis_evidence(

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from pipelines.configs import PackConfig
+from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.region_masks import RegionInstance
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.geometry.transforms import invert, transform_points
@@ -43,11 +44,12 @@ class LabelledSurface:
 
 @dataclass(frozen=True)
 class LabelledCloud:
-    """One region: points (P, 3) and slots in the camera frame, affordance (P,)."""
+    """One region: points (P, 3), slots and table in the camera frame, affordance (P,)."""
 
     points: Array
     affordance: Array
     slots: SymmetrySlots
+    table: Plane | None
     object_id: int
     name: str
 
@@ -79,5 +81,6 @@ def labelled_clouds(
         surface = surface_of(instance.object_id)
         affordance = surface.affordance_at(points_obj, config.label_radius)
         slots = SymmetrySlots.from_symmetries(instance.symmetries)
-        clouds.append(LabelledCloud(drawn, affordance, slots, instance.object_id, instance.name))
+        owner = instance.object_id, instance.name
+        clouds.append(LabelledCloud(drawn, affordance, slots, scene.plane, *owner))
     return clouds

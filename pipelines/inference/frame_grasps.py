@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import InferConfig
+from pipelines.errors import SymgraspError
 from pipelines.formats.grasps_file import FrameResult, GraspTable, RegionTable
 from pipelines.formats.rgbd import Frame
+from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.grasping.candidates import RankedGrasps
 from pipelines.grasping.decoding import average_symmetries
@@ -19,6 +21,7 @@ from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.grounding import ground_symmetries
 from pipelines.grasping.limits import Limits
 from pipelines.grasping.observation import RegionCloud, SceneCloud
+from pipelines.grasping.plane_judge import PlaneJudge
 from pipelines.grasping.region_grasping import MIN_POINTS, plan_planar, plan_random, plan_region
 from pipelines.inference.regions import Detector, FrameRegions, Region, find_regions
 
@@ -52,18 +55,30 @@ class RegionPrediction(Protocol):
 class Predictor(Protocol):
     """What predicts affordance and symmetries of region clouds."""
 
-    def predict(self, clouds: Sequence[Array]) -> Sequence[RegionPrediction]:
-        """Return one prediction for each cloud (n, 3), camera frame."""
+    def predict(self, clouds: Sequence[Array], table: Plane | None) -> Sequence[RegionPrediction]:
+        """Return one prediction for each cloud (n, 3) on `table`, camera frame."""
 
 
 @dataclass(frozen=True)
 class Planner:
-    """Everything that turns regions into grasps; without networks where these are None."""
+    """Everything that turns regions into grasps; without networks where these are None.
+
+    Raises:
+        SymgraspError: symmetries are to be fitted to what is seen, without a judge of planes.
+    """
 
     config: InferConfig
     gripper: Gripper
     detector: Detector | None = None
     predictor: Predictor | None = None
+    judge: PlaneJudge | None = None
+
+    def __post_init__(self) -> None:
+        fitted = self.predictor is not None and self.config.selection.ground_symmetries
+        if fitted and self.judge is None:
+            raise SymgraspError(
+                "fitted symmetries need a judge of planes, or ground_symmetries=False"
+            )
 
     def plan(
         self,
@@ -112,7 +127,7 @@ class Planner:
         if self.predictor is None:
             return [_Plan(plan_planar(c, scene, self.gripper, selection)) for c in clouds]
         large = [index for index, cloud in enumerate(clouds) if len(cloud) >= MIN_POINTS]
-        predictions = self.predictor.predict([clouds[index].points for index in large])
+        predictions = self.predictor.predict([clouds[i].points for i in large], scene.plane)
         plans = [_Plan(RankedGrasps.empty()) for _ in clouds]
         for index, prediction in zip(large, predictions, strict=True):
             plans[index] = self._symmetric_plan(clouds[index], scene, prediction)
@@ -140,8 +155,8 @@ class Planner:
             prediction.existence, prediction.center, prediction.direction, affordance
         )
         sampled, selection = cloud.at(prediction.points), self.config.selection
-        if selection.ground_symmetries:
-            slots = ground_symmetries(slots, sampled, scene, selection)
+        if self.judge is not None and selection.ground_symmetries:
+            slots = ground_symmetries(slots, sampled, scene, selection, self.judge)
         ranked = plan_region(sampled, scene, slots, affordance, self.gripper, selection)
         return _Plan(ranked, slots, float(affordance.mean()), float(affordance.max()))
 

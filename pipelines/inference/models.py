@@ -14,12 +14,14 @@ import cv2
 from pipelines.errors import MissingInputError
 
 if TYPE_CHECKING:
+    from pipelines.grasping.plane_judge import PlaneJudge
     from pipelines.network.detector import RegionDetector
     from pipelines.network.predictor import GraspPredictor
 
 WEIGHTS = Path(__file__).parent.parent / "weights"
 DETECTOR_WEIGHTS = WEIGHTS / "detector.safetensors"
 NETWORK_WEIGHTS = WEIGHTS / "network.safetensors"
+PLANE_WEIGHTS = WEIGHTS / "plane_judge.safetensors"
 
 
 def existing_weights(path: Path, written_by: str) -> Path:
@@ -46,6 +48,12 @@ def predictor(path: Path, device: str) -> GraspPredictor:
     """Return the grasp network of the weights `path`."""
     with _LOADING:
         return _predictor(path, device)
+
+
+def plane_judge(path: Path) -> PlaneJudge:
+    """Return the judge of mirror planes of the weights `path`."""
+    with _LOADING:
+        return _plane_judge(path)
 
 
 @contextmanager
@@ -79,3 +87,10 @@ def _predictor(path: Path, device: str) -> GraspPredictor:
     from pipelines.network.predictor import GraspPredictor  # noqa: PLC0415 - torch is slow to load
 
     return GraspPredictor.load(existing_weights(path, "symgrasp train"), device)
+
+
+@lru_cache(maxsize=2)
+def _plane_judge(path: Path) -> PlaneJudge:
+    from pipelines.formats import plane_judge_file  # noqa: PLC0415 - torch is slow to load
+
+    return plane_judge_file.read(existing_weights(path, "docs/train_plane_judge.py"))

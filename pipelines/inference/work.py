@@ -48,6 +48,7 @@ class InferPaths:
         workspace: picture, black where nothing may be grasped.
         detector: weights of the region detector.
         network: weights of the grasp network.
+        planes: weights of the judge of mirror planes.
     """
 
     frames: Path
@@ -57,6 +58,7 @@ class InferPaths:
     workspace: Path | None = None
     detector: Path = models.DETECTOR_WEIGHTS
     network: Path = models.NETWORK_WEIGHTS
+    planes: Path = models.PLANE_WEIGHTS
 
     def with_weights(self, detector: Path | None, network: Path | None) -> "InferPaths":
         """Return the same paths with other weights; None keeps what is there."""
@@ -83,6 +85,11 @@ class Settings:
         """Whether the grasp network is asked."""
         return self.config.method == "network"
 
+    @property
+    def judges_planes(self) -> bool:
+        """Whether symmetries are fitted to what is seen, and judged by it."""
+        return self.uses_network and self.config.selection.ground_symmetries
+
     def weights(self) -> dict[str, str]:
         """Return the digests of the weights that are used."""
         wanted = {}
@@ -92,6 +99,9 @@ class Settings:
         if self.uses_network:
             path = models.existing_weights(self.paths.network, "symgrasp train")
             wanted["network"] = digest(path)
+        if self.judges_planes:
+            path = models.existing_weights(self.paths.planes, "docs/train_plane_judge.py")
+            wanted["planes"] = digest(path)
         return wanted
 
     def other_inputs(self) -> dict[str, str]:
@@ -116,6 +126,7 @@ class Settings:
             load_gripper(self.config.gripper),
             models.detector(self.paths.detector, self.device) if self.uses_detector else None,
             models.predictor(self.paths.network, self.device) if self.uses_network else None,
+            models.plane_judge(self.paths.planes) if self.judges_planes else None,
         )
 
 

@@ -22,6 +22,7 @@ from pipelines.network.regions import RegionBatch
 from pipelines.network.sampling import gather
 
 VALIDATION_BATCH = 12
+OWN = ("copy", "copy_ground", "query", "measured")  # of a sample, beside its regions'
 CPU_MICRO_BATCH = 6  # regions; two threads with these are quickest
 
 
@@ -33,25 +34,26 @@ class Sample:
         regions: of (B, N) points.
         copy: (B, N, 3) the same points scaled along a principal direction; empty without Siamese
             training.
+        copy_ground: (B,) as that of the regions.
         query: (B, Q) the points that are asked about.
         measured: (B, S) the points on which dense errors are measured.
     """
 
     regions: RegionBatch
     copy: Tensor
+    copy_ground: Tensor
     query: Tensor
     measured: Tensor
 
     def tensors(self) -> dict[str, Tensor]:
         """Return all of it by name."""
-        own = {name: getattr(self, name) for name in ("copy", "query", "measured")}
-        return own | dict(vars(self.regions))
+        return {name: getattr(self, name) for name in OWN} | dict(vars(self.regions))
 
     @classmethod
     def of(cls, tensors: Mapping[str, Tensor]) -> "Sample":
         """Return what `tensors` gave."""
         regions = RegionBatch(*(tensors[name] for name in RegionBatch.__dataclass_fields__))
-        return cls(regions, *(tensors[name] for name in ("copy", "query", "measured")))
+        return cls(regions, *(tensors[name] for name in OWN))
 
 
 class GraspTraining:
@@ -86,7 +88,7 @@ class GraspTraining:
 
     def load(self, items: Indices, generators: Sequence[np.random.Generator]) -> Sample:
         """Return regions augmented and, with Siamese training, a scaled copy of each."""
-        regions = self.train_set.load(items, self.config.network.num_points, generators)
+        regions = self.train_set.load(items, generators)
         return augmented(regions, self.config, generators)
 
     def loss(
@@ -104,13 +106,14 @@ class GraspTraining:
     def validate(self) -> dict[str, float]:
         """Return the loss on the held-out regions, unaugmented, and `RegionFigures`."""
         figures, losses, weights = RegionFigures(), [], []
-        chosen, count = self.val_set.indices, self.config.network.num_points
+        chosen, network = self.val_set.indices, self.config.network
         for start in range(0, len(chosen), VALIDATION_BATCH):
             indices = chosen[start : start + VALIDATION_BATCH]
             generators = [np.random.default_rng(int(index)) for index in indices]
-            truth = load_regions(self.val_set.reader, indices, count, generators).to(self.device)
-            prediction = self.module(truth.points)
-            points = truth.points[:, :: max(1, count // NUM_ERROR_POINTS)]
+            loaded = load_regions(self.val_set.reader, indices, network, generators)
+            truth = loaded.to(self.device)
+            prediction = self.module(truth.points, truth.ground)
+            points = truth.points[:, :: max(1, network.num_points // NUM_ERROR_POINTS)]
             losses.append(float(total_loss(prediction, truth, None, self.config, points).total))
             weights.append(len(truth))
             figures.add(prediction, truth)
@@ -134,7 +137,8 @@ def augmented(
     chosen = np.stack([each.permutation(count) for each in generators])
     measured = np.stack([each.permutation(count)[:NUM_ERROR_POINTS] for each in generators])
     query = np.ascontiguousarray(chosen[:, : config.num_loss_points])
-    return Sample(initial, scaled.points, torch.from_numpy(query), torch.from_numpy(measured))
+    drawn = torch.from_numpy(query), torch.from_numpy(measured)
+    return Sample(initial, scaled.points, scaled.ground, *drawn)
 
 
 def sample_loss(
@@ -144,10 +148,12 @@ def sample_loss(
     regions, query = sample.regions.to(device), sample.query.to(device)
     truth, points = regions.at(query), gather(regions.points, sample.measured.to(device))
     if not len(sample.copy):
-        terms = total_loss(network(regions.points, query), truth, None, config, points)
+        said = network(regions.points, regions.ground, query)
+        terms = total_loss(said, truth, None, config, points)
     else:
         both = torch.cat([regions.points, sample.copy.to(device)])
-        features = network.features(both, torch.cat([query, query]))
+        ground = torch.cat([regions.ground, sample.copy_ground.to(device)])
+        features = network.features(both, ground, torch.cat([query, query]))
         prediction, copied = network.predict(features[: len(regions)]), features[len(regions) :]
         terms = total_loss(prediction, truth, copied, config, points)
     return {name: getattr(terms, name) for name in terms.__dataclass_fields__}

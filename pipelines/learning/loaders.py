@@ -10,8 +10,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from pipelines.configs import NetworkConfig
 from pipelines.errors import ValueRangeError
 from pipelines.formats.packed_regions import PackedReader, PackedRegion
+from pipelines.geometry.levelling import level_axes, table_of_row
 from pipelines.network.regions import RegionBatch
 
 Item = TypeVar("Item")
@@ -59,7 +61,7 @@ def _scene_name(stem: str) -> str:
 def load_regions(
     reader: PackedReader,
     indices: Indices,
-    num_points: int,
+    network: NetworkConfig,
     generators: Sequence[np.random.Generator],
 ) -> RegionBatch:
     """Return regions with `num_points` of their points each, centred on those points' centroid.
@@ -67,7 +69,7 @@ def load_regions(
     Each region draws its points from its own generator.
     """
     pairs = zip(indices, generators, strict=True)
-    return batch_of([draw_points(reader[int(i)], num_points, rng) for i, rng in pairs])
+    return batch_of([draw_points(reader[int(i)], network, rng) for i, rng in pairs])
 
 
 def batch_of(regions: Sequence[tuple[NDArray[np.float32], ...]]) -> RegionBatch:
@@ -76,19 +78,30 @@ def batch_of(regions: Sequence[tuple[NDArray[np.float32], ...]]) -> RegionBatch:
 
 
 def draw_points(
-    region: PackedRegion, count: int, rng: np.random.Generator
+    region: PackedRegion,
+    network: NetworkConfig,
+    rng: np.random.Generator,
+    lost_table: float = 0.0,
 ) -> tuple[NDArray[np.float32], ...]:
-    """Return `count` of a region's points, centred, and the labels that go with them."""
-    available = len(region.points)
+    """Return some of a region's points, centred, axes of the network, and the labels with them.
+
+    `lost_table`: how often a table is taken for unknown.
+    """
+    available, count = len(region.points), network.num_points
     chosen = rng.permutation(available)[:count]
     if available < count:
         chosen = np.concatenate([chosen, rng.integers(available, size=count - available)])
     points = region.points[chosen]
     centroid = points.mean(0)
-    center = np.nan_to_num(region.point - centroid)
-    direction = np.nan_to_num(region.direction)
+    axes, ground = np.eye(3, dtype=np.float32), np.zeros((), np.float32)
+    if network.input_frame == "table":
+        table = table_of_row(region.table) if rng.random() >= lost_table else None
+        axes = level_axes(centroid, table).astype(np.float32)
+        ground = table.height(centroid).astype(np.float32) if table else ground
+    center: NDArray[np.float32] = np.nan_to_num(region.point - centroid) @ axes.T
+    direction: NDArray[np.float32] = np.nan_to_num(region.direction) @ axes.T
     affordance = np.nan_to_num(region.affordance[chosen])
-    return points - centroid, affordance, region.existence, center, direction
+    return (points - centroid) @ axes.T, affordance, region.existence, center, direction, ground
 
 
 def prefetch(

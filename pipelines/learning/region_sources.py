@@ -53,12 +53,11 @@ class TrainingRegions:
         both = (np.concatenate(pair) for pair in zip(batches, parts, strict=True))
         return [rng.permutation(batch) for batch in both]
 
-    def load(
-        self, items: Indices, num_points: int, generators: Sequence[np.random.Generator]
-    ) -> RegionBatch:
-        """Return regions with `num_points` of their points each, drawn and centred."""
+    def load(self, items: Indices, generators: Sequence[np.random.Generator]) -> RegionBatch:
+        """Return regions with as many of their points as the network takes, drawn and centred."""
+        network, lost = self.config.network, self.config.augmentation.lost_table
         pairs = zip(items.tolist(), generators, strict=True)
-        return batch_of([draw_points(self._region(*item), num_points, rng) for item, rng in pairs])
+        return batch_of([draw_points(self._region(*at), network, rng, lost) for at, rng in pairs])
 
     def _region(self, scene: int, index: int) -> PackedRegion:
         if scene == PACKED and self.packed is not None:

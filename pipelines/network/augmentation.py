@@ -26,12 +26,12 @@ Generators = Sequence[np.random.Generator]  # one a region
 
 
 def augment(batch: RegionBatch, config: AugmentationConfig, generators: Generators) -> RegionBatch:
-    """Return the regions rolled, tilted, mirrored, scaled and jittered at random.
+    """Return the regions turned, tilted, mirrored, scaled and jittered at random.
 
-    The camera looks along z: rolls are about z, tilts about axes across it, and the mirror swaps
-    left and right. Small scalings are uniform, since widths are metric.
+    Turns are about the third axis, tilts about the others, and the mirror swaps left and right,
+    the first axis of both input frames. Small scalings are uniform, since widths are metric.
     """
-    spread = torch.tensor([config.tilt_deg, config.tilt_deg, config.roll_deg])
+    spread = torch.tensor([config.tilt_deg, config.tilt_deg, config.turn_deg])
     turn = _rotations(_normal(generators, 3) * spread * (math.pi / 180.0))
     drawn = _uniform(generators, 2)
     mirror = torch.where(drawn[:, 0] < 0.5, -1.0, 1.0)

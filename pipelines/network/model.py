@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import torch
 from torch import Tensor, nn
 
 from pipelines.configs import NetworkConfig
@@ -41,7 +42,8 @@ class SymmetryGraspNet(nn.Module):
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
-        dims = [3, *(widths[-1] for widths in SET_DIMS)]
+        self.sees_height = config.input_frame == "table"
+        dims = [4 if self.sees_height else 3, *(widths[-1] for widths in SET_DIMS)]
         sizes = zip(config.set_points, config.set_neighbors, config.set_strides, strict=True)
         self.set_abstractions = nn.ModuleList(
             SetAbstraction(dims[i], SET_DIMS[i], *size) for i, size in enumerate(sizes)
@@ -69,19 +71,27 @@ class SymmetryGraspNet(nn.Module):
     def features(
         self,
         points: Tensor,  # (B, N, 3)
+        ground: Tensor | None = None,  # (B,)
         query: Tensor | None = None,  # (B, Q)
     ) -> Tensor:
         """Return features (B, Q, 128) of the points with indices `query`, by default of all.
 
-        `points`: metres, camera axes, centred on their centroid.
+        Args:
+            points: metres, axes of the `input_frame`, centred on their centroid.
+            ground: metres from the table up to the centroid, 0 (as by default) where it is not
+                known; of use to networks with the input frame `table`.
+            query: which points to answer for.
         """
         points = points * UNITS_PER_METER
-        levels = [(points, points)]  # P_0; its own coordinates are its first features
+        first = points  # P_0; its own coordinates, and heights, are its first features
+        if self.sees_height:
+            ground = points.new_zeros(len(points)) if ground is None else ground
+            first = torch.cat([points, _heights(points, ground * UNITS_PER_METER)], -1)
+        levels = [(points, first)]
         for i in range(4):
             levels.append(self._abstract(i, *levels[-1]))
         if query is not None:
-            asked = gather(points, query)
-            levels[0] = (asked, asked)
+            levels[0] = (gather(points, query), gather(first, query))
         coarse_points, coarse = levels[4]
         for i in (3, 2, 1, 0):
             coarse = self.propagations[i](*levels[i], coarse_points, coarse)
@@ -89,7 +99,7 @@ class SymmetryGraspNet(nn.Module):
         return coarse
 
     def _abstract(self, level: int, points: Tensor, features: Tensor) -> tuple[Tensor, Tensor]:
-        """Return P_{i+1}, camera axes, and E_{i+1}."""
+        """Return P_{i+1}, axes of P_0, and E_{i+1}."""
         if self.pifts is None:
             sampled: tuple[Tensor, Tensor] = self.set_abstractions[level](points, features)
             return sampled
@@ -108,7 +118,17 @@ class SymmetryGraspNet(nn.Module):
     def forward(
         self,
         points: Tensor,  # (B, N, 3)
+        ground: Tensor | None = None,  # (B,)
         query: Tensor | None = None,  # (B, Q)
     ) -> Prediction:
         """Return predictions at the points `query`, by default at all; units as `features`."""
-        return self.predict(self.features(points, query))
+        return self.predict(self.features(points, ground, query))
+
+
+def _heights(
+    points: Tensor,  # (B, N, 3)
+    ground: Tensor,  # (B,)
+) -> Tensor:
+    """Return (B, N, 1) heights above the table; zeros where it is not known."""
+    known = (ground != 0)[:, None, None]
+    return torch.where(known, points[..., 2:] + ground[:, None, None], 0.0)

@@ -14,6 +14,8 @@ from torch import Tensor
 
 from pipelines.configs import NetworkConfig
 from pipelines.errors import ValueRangeError
+from pipelines.geometry.levelling import level_axes
+from pipelines.geometry.pointcloud import Plane
 from pipelines.network.devices import find_device
 from pipelines.network.folding import folded
 from pipelines.network.model import SymmetryGraspNet
@@ -63,9 +65,11 @@ class GraspPredictor:
         return cls(network, config, found)
 
     def predict(
-        self, clouds: Sequence[NDArray[np.floating]], seed: int = 0
+        self, clouds: Sequence[NDArray[np.floating]], table: Plane | None = None, seed: int = 0
     ) -> list[RegionPrediction]:
         """Return predictions for regions of (n, 3) points each, metres, camera frame.
+
+        `table`: what they stand on, camera frame, normal up; None where none is known.
 
         A region's prediction depends on `seed` and the region alone, on a CPU to the last bit: not
         on its neighbours in the list, nor on the number of threads (D. 61).
@@ -77,13 +81,23 @@ class GraspPredictor:
             return []
         drawn = np.stack([self._draw(cloud, seed) for cloud in clouds])
         centroid = drawn.mean(1, keepdims=True)
-        centered = torch.from_numpy((drawn - centroid).astype(np.float32)).to(self.device)
-        affordance, existence, center, direction = self._run(centered)
-        centers = center + centroid[:, :, None].astype(np.float32)
-        columns = (drawn.astype(np.float32), affordance, existence, centers, direction)
+        axes = self._axes(centroid[:, 0], table)
+        ground = np.zeros(len(drawn)) if table is None else table.height(centroid[:, 0])
+        centered = ((drawn - centroid) @ axes.transpose(0, 2, 1)).astype(np.float32)
+        seen = (torch.from_numpy(each).to(self.device) for each in (centered, np.float32(ground)))
+        affordance, existence, center, direction = self._run(*seen)
+        back = axes[:, None].astype(np.float32)
+        centers = center @ back + centroid[:, :, None].astype(np.float32)
+        columns = (drawn.astype(np.float32), affordance, existence, centers, direction @ back)
         return [RegionPrediction(*each) for each in zip(*columns, strict=True)]
 
-    def _run(self, points: Tensor) -> tuple[Array, ...]:
+    def _axes(self, centroids: NDArray[np.float64], table: Plane | None) -> NDArray[np.float64]:
+        """Return (B, 3, 3) rotations from camera axes to those that the network knows."""
+        if self.config.input_frame == "camera":
+            return np.broadcast_to(np.eye(3), (len(centroids), 3, 3))
+        return np.stack([level_axes(center, table) for center in centroids])
+
+    def _run(self, points: Tensor, ground: Tensor) -> tuple[Array, ...]:
         """Return affordance, existence, centres and directions at (B, N, 3) centred points.
 
         On a CPU each thread takes some of the clouds: most operations are too small to be spread
@@ -91,8 +105,9 @@ class GraspPredictor:
         """
         threads = min(torch.get_num_threads(), len(points))
         if self.device.type != "cpu" or threads == 1:
-            return self._run_together(points)
-        parts = list(self._pool.map(self._run_together, points.tensor_split(threads)))
+            return self._run_together(points, ground)
+        shares = (each.tensor_split(threads) for each in (points, ground))
+        parts = list(self._pool.map(self._run_together, *shares))
         return tuple(np.concatenate(column) for column in zip(*parts, strict=True))
 
     @cached_property
@@ -102,8 +117,8 @@ class GraspPredictor:
         return ThreadPoolExecutor(threads, initializer=torch.set_num_threads, initargs=(1,))
 
     @torch.inference_mode()
-    def _run_together(self, points: Tensor) -> tuple[Array, ...]:
-        prediction = self.network(points)
+    def _run_together(self, points: Tensor, ground: Tensor) -> tuple[Array, ...]:
+        prediction = self.network(points, ground)
         columns = (
             prediction.affordance.clamp(0.0, 1.0),
             # Cloud by cloud: the last numbers of a long row are rounded otherwise than the first.

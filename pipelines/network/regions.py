@@ -11,7 +11,9 @@ from pipelines.network.sampling import gather
 
 @dataclass(frozen=True)
 class RegionBatch:
-    """Region clouds and their labels, each centred on its cloud's centroid, camera axes.
+    """Region clouds and their labels, each centred on its cloud's centroid.
+
+    Axes are the network's `input_frame`.
 
     Attributes:
         points: (B, N, 3) metres.
@@ -19,6 +21,7 @@ class RegionBatch:
         existence: (B, 5), 0 or 1; slots 0-2 reflection, 3 rotation, 4 sphere.
         center: (B, 5, 3) metres; zeros where the slot is empty.
         direction: (B, 5, 3) unit; zeros where the slot is empty or has no direction.
+        ground: (B,) metres from the table up to the centroid; 0 where no table is known.
     """
 
     points: Tensor
@@ -26,6 +29,7 @@ class RegionBatch:
     existence: Tensor
     center: Tensor
     direction: Tensor
+    ground: Tensor
 
     def __len__(self) -> int:
         return len(self.points)
@@ -60,6 +64,7 @@ class RegionBatch:
             points=self.points @ matrix.transpose(1, 2),
             center=self.center @ matrix.transpose(1, 2),
             direction=turned,
+            ground=self.ground * matrix[:, 2, 2],  # but for small turns of the table
         )
 
     def _each(self, function: Callable[[Tensor], Tensor]) -> "RegionBatch":

@@ -20,8 +20,10 @@ from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.formats.packed_regions import PackedRegion
 from pipelines.formats.regioned_objects import read_regioned_object
 from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.levelling import table_row
 from pipelines.geometry.mask_noise import MaskFaults, MaskNoise
 from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.region_masks import RegionedObject, RegionInstance, visible_regions
 from pipelines.geometry.rendering import Scene, cast_view
 from pipelines.geometry.transforms import (
@@ -193,7 +195,8 @@ class EndlessScenes:
         def surface_of(object_id: int) -> LabelledSurface:
             return self.objects[object_id].surface
 
-        cloud = SceneCloud(depth, lens)
+        normal = T_world_cam[2, :3]  # the world's z axis; the table is its plane z = 0
+        cloud = SceneCloud(depth, lens, Plane(normal, float(T_world_cam[2, 3])))
         return labelled_clouds(shown, cloud, poses, surface_of, mask_of, pack, rng)
 
     def _occluder(
@@ -239,6 +242,7 @@ def _packed(cloud: LabelledCloud) -> PackedRegion:
         existence=cloud.slots.existence.astype(np.float32),
         point=cloud.slots.point.astype(np.float32),
         direction=cloud.slots.direction.astype(np.float32),
+        table=table_row(cloud.table).astype(np.float32),
         object_id=cloud.object_id,
         frame_id=-1,
         name=cloud.name,

@@ -115,10 +115,10 @@ def test_the_columns_of_affordance_files_are_documented(tmp_path: Path) -> None:
 
 
 def test_the_columns_of_packed_scenes_are_documented(tmp_path: Path) -> None:
-    slots = np.zeros((1, 5, 3))
-    ids, names = np.zeros(1), np.array(["a"], object)
+    slots, ids, names = np.zeros((1, 5, 3)), np.zeros(1), np.array(["a"], object)
+    points, table = np.zeros((1, 4, 3)), np.zeros((1, 4))
     scene = PackedScene(
-        np.zeros((1, 4, 3)), np.zeros((1, 4)), np.zeros((1, 5)), slots, slots, ids, ids, names
+        points, np.zeros((1, 4)), np.zeros((1, 5)), slots, slots, table, ids, ids, names
     )
     packed_regions.write(tmp_path / "x.h5", scene, STAMP)
     assert stored(tmp_path / "x.h5") == documented(block("datasets", "packed"))

@@ -27,6 +27,7 @@ def packed(count: int, first_id: int = 0) -> PackedScene:
         existence=rng.random((count, 5)) > 0.5,
         point=np.full((count, 5, 3), np.nan),
         direction=rng.random((count, 5, 3)),
+        table=rng.random((count, 4)),
         object_id=np.arange(count) + first_id,
         frame_id=np.zeros(count),
         name=np.array([f"part {i}" for i in range(count)], object),

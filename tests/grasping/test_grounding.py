@@ -16,9 +16,11 @@ from pipelines.geometry.transforms import invert, make_pose, rotate_vectors, uni
 from pipelines.grasping.grounding import Evidence, ground_symmetries
 from pipelines.grasping.observation import RegionCloud, SceneCloud
 from pipelines.grasping.region_grasping import hidden_points
+from pipelines.inference import models
 
 CAMERA = Intrinsics(460.0, 460.0, 159.5, 119.5, 320, 240)
 CONFIG = SelectionConfig()
+JUDGE = models.plane_judge(models.PLANE_WEIGHTS)
 
 
 def view_of(shape):
@@ -72,7 +74,7 @@ def test_the_axis_of_a_can_is_found_and_trusted(can):
     truth = RotationSymmetry([0, 0, 1], [0, 0, 0]).transformed(pose)
     slots = uncertain([disturbed(truth, 15, np.random.default_rng(0))])
     slots.point[:] = truth.point
-    found = ground_symmetries(slots, region, scene, CONFIG)
+    found = ground_symmetries(slots, region, scene, CONFIG, JUDGE)
     assert found.existence[3] > 0.5
     assert abs(float(found.direction[3] @ truth.axis)) > np.cos(np.radians(3))
 
@@ -84,7 +86,7 @@ def test_a_box_has_planes_but_no_axis(box):
     across = ReflectionSymmetry([np.cos(angle), np.sin(angle), 0], [0, 0, 0]).transformed(turned)
     slots = uncertain([disturbed(across, 8, np.random.default_rng(1))])
     slots.point[:] = across.point
-    found = ground_symmetries(slots, region, scene, CONFIG)
+    found = ground_symmetries(slots, region, scene, CONFIG, JUDGE)
     assert found.existence[3] < 0.5
     trusted = [k for k in range(3) if found.existence[k] > 0.5]
     assert any(
@@ -97,7 +99,7 @@ def test_a_plane_that_throws_images_into_free_space_is_not_trusted(can):
     beside = ReflectionSymmetry([1, 0, 0], [0.03, 0, 0]).transformed(pose)
     slots = uncertain([beside])
     slots.point[:] = beside.point
-    found = ground_symmetries(slots, region, scene, CONFIG)
+    found = ground_symmetries(slots, region, scene, CONFIG, JUDGE)
     for slot in range(3):
         offset = abs(float((found.point[slot] - pose[:3, 3]) @ found.direction[slot]))
         assert found.existence[slot] < 0.5 or offset < 0.012

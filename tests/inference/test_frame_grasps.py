@@ -3,8 +3,10 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pytest
 
 from pipelines.configs import InferConfig, LimitsConfig
+from pipelines.errors import SymgraspError
 from pipelines.formats.gripper_files import load_gripper
 from pipelines.formats.overlays import draw_overlay
 from pipelines.formats.rgbd import Frame
@@ -12,6 +14,7 @@ from pipelines.geometry.symmetry import ReflectionSymmetry, SymmetrySlots
 from pipelines.geometry.transforms import transform_points
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.suppression import are_near
+from pipelines.inference import models
 from pipelines.inference.frame_grasps import Planner
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
 
@@ -19,6 +22,7 @@ POSE = looking_at_table()
 DEPTH, INDEX = render([Box((0.06, 0.09, 0.1))], POSE)
 FRAME = Frame("f", np.full((240, 320, 3), 90, np.uint8), DEPTH.astype(np.float32), CAMERA)
 CONFIG = InferConfig(regions="geometric")
+JUDGE = models.plane_judge(models.PLANE_WEIGHTS)
 
 
 @dataclass(frozen=True)
@@ -33,7 +37,7 @@ class Prediction:
 class Oracle:
     """Predicts the box's two upright planes at every point."""
 
-    def predict(self, clouds):
+    def predict(self, clouds, table):
         middle = transform_points(POSE, [0, 0, 0.05])
         planes = [ReflectionSymmetry(POSE[:3, axis], middle) for axis in (0, 1)]
         slots = SymmetrySlots.from_symmetries(planes)
@@ -51,7 +55,7 @@ class Oracle:
 
 
 def plan(predictor):
-    planner = Planner(CONFIG, load_gripper("rg2"), predictor=predictor)
+    planner = Planner(CONFIG, load_gripper("rg2"), predictor=predictor, judge=JUDGE)
     return planner.plan(FRAME, np.random.default_rng(0))
 
 
@@ -91,9 +95,14 @@ def test_the_overlay_of_an_empty_frame_is_the_picture_itself():
     np.testing.assert_array_equal(draw_overlay(bare, result), FRAME.color)
 
 
+def test_symmetries_are_not_left_unfitted_in_silence():
+    with pytest.raises(SymgraspError, match="judge of planes"):
+        Planner(CONFIG, load_gripper("rg2"), predictor=Oracle())
+
+
 def limited(workspace=None, **settings):
     config = replace(CONFIG, limits=LimitsConfig(**settings))
-    planner = Planner(config, load_gripper("rg2"), predictor=Oracle())
+    planner = Planner(config, load_gripper("rg2"), predictor=Oracle(), judge=JUDGE)
     return planner.plan(FRAME, np.random.default_rng(0), workspace=workspace)
 
 

@@ -31,6 +31,7 @@ def write_packed(folder: Path, scenes: int = 3, regions: int = 12) -> Path:
             existence=batch.existence.numpy(),
             point=np.where(empty, np.nan, batch.center.numpy() + PLACE),
             direction=np.where(headed, np.nan, batch.direction.numpy()),
+            table=np.full((regions, 4), np.nan),
             object_id=np.arange(regions),
             frame_id=np.zeros(regions, int),
             name=np.array(["object"] * regions, object),

@@ -1,11 +1,23 @@
 """Batches: what is drawn, from where, and what becomes of faults."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
+from pipelines.configs import NetworkConfig
 from pipelines.errors import ValueRangeError
 from pipelines.formats.packed_regions import PackedReader
-from pipelines.learning.loaders import epoch_batches, load_regions, prefetch, split_by_scene
+from pipelines.geometry.levelling import level_axes, table_row
+from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.transforms import unit
+from pipelines.learning.loaders import (
+    draw_points,
+    epoch_batches,
+    load_regions,
+    prefetch,
+    split_by_scene,
+)
 from tests.learning.packed_toys import write_packed
 
 
@@ -39,9 +51,8 @@ def test_a_single_scene_cannot_be_split(tmp_path):
 
 @pytest.mark.parametrize("count", [50, 300])
 def test_regions_are_centred_and_their_labels_with_them(reader, count):
-    batch = load_regions(
-        reader, np.array([0, 1]), count, [np.random.default_rng(i) for i in (0, 1)]
-    )
+    seen = NetworkConfig(num_points=count, input_frame="camera")
+    batch = load_regions(reader, np.array([0, 1]), seen, [np.random.default_rng(i) for i in (0, 1)])
     assert batch.points.shape == (2, count, 3)
     assert float(batch.points.mean(1).abs().max()) < 1e-6
     region = reader[0]
@@ -53,6 +64,29 @@ def test_regions_are_centred_and_their_labels_with_them(reader, count):
         atol=1e-6,
     )
     assert not batch.center[1, 1].any()  # a can has one plane: nan became zeros
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_points_and_labels_are_turned_to_the_table_together(reader, known):
+    plane = Plane(unit(np.array([0.2, -0.6, -0.7])), 0.6)
+    region = dataclasses.replace(reader[0], table=table_row(plane if known else None))
+    count = len(region.points)  # all of them: their centroid does not depend on the draw
+    seen = [NetworkConfig(num_points=count, input_frame=frame) for frame in ("camera", "table")]
+    camera, table = (draw_points(region, each, np.random.default_rng(0)) for each in seen)
+    axes = level_axes(region.points.mean(0), plane if known else None)
+    for name, index in (("points", 0), ("centers", 3), ("directions", 4)):
+        np.testing.assert_allclose(table[index], camera[index] @ axes.T, atol=1e-6, err_msg=name)
+    height = plane.height(region.points.mean(0)) if known else 0.0
+    assert table[5] == pytest.approx(height, abs=1e-6)
+    assert camera[5] == 0.0
+
+
+def test_a_share_of_the_tables_is_lost(reader):
+    plane = Plane(unit(np.array([0.2, -0.6, -0.7])), 0.6)
+    region = dataclasses.replace(reader[0], table=table_row(plane))
+    draws = (np.random.default_rng(i) for i in range(200))
+    lost = [draw_points(region, NetworkConfig(num_points=20), rng, 0.25)[5] == 0 for rng in draws]
+    assert 30 < sum(lost) < 70
 
 
 def test_prefetch_keeps_the_order():

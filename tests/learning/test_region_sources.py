@@ -76,9 +76,9 @@ def test_without_packed_regions_an_epoch_is_as_long_as_it_is_told():
 def test_items_are_loaded_from_where_they_are(packed):
     source = TrainingRegions(packed, Rendered(packed.reader[0]), CONFIG)
     items = np.concatenate([packed_items(np.array([5])), [[7, 2]]])
-    batch = source.load(items, 120, [rng(1), rng(1)])
-    alone = source.load(items[:1], 120, [rng(1)])
+    batch = source.load(items, [rng(1), rng(1)])
+    alone = source.load(items[:1], [rng(1)])
     np.testing.assert_array_equal(batch.points[0], alone.points[0])
     assert not batch.center[1, 0].allclose(batch.center[0, 0])
     with pytest.raises(LookupError):
-        TrainingRegions(None, None, CONFIG).load(items, 120, [rng(1), rng(1)])
+        TrainingRegions(None, None, CONFIG).load(items, [rng(1), rng(1)])

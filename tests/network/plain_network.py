@@ -26,13 +26,15 @@ class PlainNetwork:
     use_pift: bool = True
 
     def __call__(self, clouds: Tensor) -> Prediction:
-        """Return predictions (B, N, ...) at points (B, N, 3), metres."""
+        """Return predictions (B, N, ...) at points (B, N, 3), metres; the table is unknown."""
         features = torch.stack([self._features(cloud * UNITS_PER_METER) for cloud in clouds])
         affordance, existence, center, direction = self._heads(features)
         return Prediction(features, affordance, existence, center, direction)
 
     def _features(self, points: Tensor) -> Tensor:
-        levels = [(points, points)]
+        unknown = points.new_zeros(len(points), 1)  # heights
+        first = torch.cat([points, unknown], 1) if self.config.input_frame == "table" else points
+        levels = [(points, first)]
         for level in range(4):
             levels.append(self._abstract(level, *levels[-1]))
         coarse_points, coarse = levels[4]

@@ -123,7 +123,7 @@ def test_a_sphere_costs_the_squared_distance_of_its_centre_in_radii():
     points = torch.nn.functional.normalize(torch.randn(1, 60, 3), dim=-1) * 0.04
     existence = torch.tensor([[0.0, 0.0, 0.0, 0.0, 1.0]])
     nothing = torch.zeros(1, 5, 3)
-    truth = RegionBatch(points, torch.zeros(1, 60), existence, nothing, nothing)
+    truth = RegionBatch(points, torch.zeros(1, 60), existence, nothing, nothing, torch.zeros(1))
     prediction = random_prediction(1, 60)
     offset = prediction.center[:, :, 4]
     expected = offset.square().sum(-1) / 0.04**2

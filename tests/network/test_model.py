@@ -82,7 +82,7 @@ def test_before_anything_is_learned_it_is_plain_pointnet2():
 def test_each_level_keeps_points_of_the_cloud_itself():
     network = learned(SMALL)
     points = clouds(2, 160) * 10.0
-    level = (points, points)
+    level = (points, torch.cat([points, torch.zeros_like(points[..., :1])], -1))
     for i in range(4):
         level = network._abstract(i, *level)
         assert torch.cdist(level[0], points).amin(-1).amax() < 1e-6
@@ -92,7 +92,7 @@ def test_asking_for_some_points_changes_no_answer():
     network, points = learned(SMALL), clouds(2, 160)
     query = torch.tensor([[5, 0, 159], [7, 8, 9]])
     with torch.no_grad():
-        some, every = network(points, query), network(points)
+        some, every = network(points, query=query), network(points)
     for name in NAMES:
         expected = torch.stack([getattr(every, name)[b, query[b]] for b in range(2)])
         torch.testing.assert_close(getattr(some, name), expected)

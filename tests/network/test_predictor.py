@@ -8,6 +8,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pipelines.configs import NetworkConfig
 from pipelines.errors import FormatError, ValueRangeError
 from pipelines.formats.checkpoints import save_weights
+from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.transforms import random_rotation, unit
 from pipelines.inference.models import NETWORK_WEIGHTS
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.predictor import GraspPredictor
@@ -49,11 +51,31 @@ def test_points_are_the_regions_own(predictor):
     assert set(map(tuple, prediction.points)) <= set(map(tuple, region))
 
 
-def test_moving_a_region_moves_what_is_predicted(predictor):
-    region, shift = cloud(200), np.array([0.3, 0.1, 0.2])
+def test_moving_a_region_away_moves_what_is_predicted(predictor):
+    region = cloud(200)
+    shift = 0.3 * region.mean(0)  # sideways, the camera would see it from another side
     (here,), (there,) = predictor.predict([region]), predictor.predict([region + shift])
     assert_allclose(there.center, here.center + shift, atol=2e-3)
     assert_allclose(there.affordance, here.affordance, atol=2e-2)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_turning_the_camera_turns_what_is_predicted(predictor, seed):
+    turn = random_rotation(np.random.default_rng(seed))
+    region, table = cloud(200, seed), Plane(unit(np.array([0.1, -0.8, -0.5])), 0.5)
+    (here,) = predictor.predict([region], table)
+    (there,) = predictor.predict([region @ turn.T], Plane(turn @ table.normal, table.offset))
+    assert_allclose(there.center, here.center @ turn.T, atol=2e-3)
+    assert_allclose(there.affordance, here.affordance, atol=2e-2)
+    signs = np.sign(np.sum(there.direction * (here.direction @ turn.T), -1, keepdims=True))
+    assert_allclose(there.direction, signs * (here.direction @ turn.T), atol=2e-2)
+
+
+def test_the_height_above_the_table_is_seen(predictor):
+    region, table = cloud(200), Plane(unit(np.array([0.1, -0.8, -0.5])), 0.5)
+    (low,) = predictor.predict([region], table)
+    (high,) = predictor.predict([region], Plane(table.normal, table.offset + 0.3))
+    assert np.abs(high.center - low.center).max() > 1e-3
 
 
 def test_a_region_is_predicted_alike_alone_in_company_and_by_any_number_of_threads():

@@ -29,7 +29,7 @@ def surface(kind: int, size: np.ndarray, count: int, rng: np.random.Generator):
 
 
 def region(kind: int, count: int, rng: np.random.Generator, tumbled: bool = False):
-    """Points, affordance, existence, center, direction of one region, camera frame, centred."""
+    """What makes up a `RegionBatch`, of one region; table unknown."""
     size = rng.uniform(0.02, 0.06, 3)
     points, normals = surface(kind, size, 40 * count, rng)
     R = DOWN @ (
@@ -48,7 +48,7 @@ def region(kind: int, count: int, rng: np.random.Generator, tumbled: bool = Fals
     centroid = points[seen].mean(0)
     where[existence > 0] = center - centroid
     noisy = points[seen] - centroid + 0.001 * rng.normal(size=(len(seen), 3))
-    return noisy, affordance, existence, where, direction
+    return noisy, affordance, existence, where, direction, np.zeros(())
 
 
 def toy_batch(size: int, count: int = 128, seed: int = 0, tumbled: bool = False) -> RegionBatch:

@@ -1,0 +1,42 @@
+"""The axes in which the network sees a region: up from the table, forward from the camera (D. 69).
+
+Objects stand on tables: seen so, most planes and axes are upright or level, wherever the camera
+is. Right, forward, up; forward is where the camera looks, along the table.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.transforms import unit
+
+Array = NDArray[np.float64]
+
+UNKNOWN_UP = unit(np.array([0.0, -1.0, -1.0]))  # of a camera that looks down by 45 degrees
+IMAGE_UP = np.array([0.0, -1.0, 0.0])
+STEEPEST = 0.05  # of a view straight down no part is left along the table
+
+
+def level_axes(center: ArrayLike, table: Plane | None) -> Array:
+    """Return R (3, 3) that turns camera axes into right, forward, up at the point `center` (3,).
+
+    `table`: camera frame, normal up; None where no table is known.
+    """
+    top = UNKNOWN_UP if table is None else table.normal
+    ahead = unit(np.asarray(center, np.float64))
+    along = ahead - (ahead @ top) * top
+    if np.linalg.norm(along) < STEEPEST:
+        along = IMAGE_UP - (IMAGE_UP @ top) * top
+    forward = unit(along)
+    return np.stack([np.cross(forward, top), forward, top])
+
+
+def table_row(plane: Plane | None) -> Array:
+    """Return a plane as (4,): its normal and offset, nan where there is none."""
+    return np.full(4, np.nan) if plane is None else np.array([*plane.normal, plane.offset])
+
+
+def table_of_row(row: ArrayLike) -> Plane | None:
+    """Return what `table_row` gave."""
+    values = np.asarray(row, np.float64)
+    return Plane(values[:3], float(values[3])) if np.isfinite(values).all() else None

@@ -7,11 +7,9 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.formats.files import atomic_path, open_h5
 from pipelines.formats.h5_columns import (
     ColumnSpec,
     check_version,
@@ -19,6 +17,7 @@ from pipelines.formats.h5_columns import (
     read_columns,
     write_columns,
 )
+from pipelines.formats.h5_files import new_h5, open_h5
 from pipelines.formats.provenance import Stamp
 
 FORMAT_VERSION = 1
@@ -67,7 +66,7 @@ class AffordanceLabels:
 
 def write(path: Path, labels: AffordanceLabels, stamp: Stamp) -> None:
     """Write `labels`; same labels and stamp, same bytes."""
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+    with new_h5(path) as file:
         file.attrs["format_version"] = FORMAT_VERSION
         file.attrs["frame"] = "object"
         file.attrs["provenance"] = stamp.as_text()

@@ -12,8 +12,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.formats.files import atomic_path, open_h5
 from pipelines.formats.h5_columns import check_version
+from pipelines.formats.h5_files import new_h5, open_h5
 from pipelines.formats.provenance import Stamp
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.depth_channels import SmallFrame
@@ -35,7 +35,7 @@ class DetectorFrame:
 
 def write(path: Path, frames: list[DetectorFrame], stamp: Stamp) -> None:
     """Write a scene's frames, all of one size."""
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+    with new_h5(path) as file:
         file.attrs["format_version"] = FORMAT_VERSION
         file.attrs["provenance"] = stamp.as_text()
         cameras = [each.frame.intrinsics for each in frames]

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -135,20 +134,6 @@ def existing(path: Path) -> Path:
     if not is_file(path):
         raise SymgraspError(f"{path} does not exist; give the path of an existing file")
     return path
-
-
-def open_h5(path: Path, cache_bytes: int | None = None) -> h5py.File:
-    """Open the HDF5 file `path` for reading, with a chunk cache of `cache_bytes` a dataset.
-
-    Raises:
-        FormatError: the file is truncated or not HDF5.
-    """
-    try:
-        return h5py.File(existing(path), "r", rdcc_nbytes=cache_bytes)
-    except OSError as error:
-        raise FormatError(
-            path, "this is not a whole HDF5 file", "write it again; a cut-off copy cannot be read"
-        ) from error
 
 
 def write_npy(path: Path, array: Array) -> None:

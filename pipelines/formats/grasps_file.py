@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.errors import FormatError, SymgraspError
-from pipelines.formats.files import DAMAGED, atomic_path, open_h5
+from pipelines.formats.files import DAMAGED
 from pipelines.formats.grasps_tables import (
     FrameResult,
     FrameTable,
@@ -29,6 +29,7 @@ from pipelines.formats.grasps_tables import (
     join_regions,
 )
 from pipelines.formats.h5_columns import check_version, read_columns, write_columns
+from pipelines.formats.h5_files import new_h5, open_h5
 from pipelines.formats.masks_rle import decode_mask, encode_mask
 from pipelines.formats.provenance import Stamp
 from pipelines.geometry.camera import Intrinsics
@@ -119,7 +120,7 @@ def write(
         stamp: settings, seed and inputs of the run.
         weights: name to digest of the weights used; the stamp's inputs if not given.
     """
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+    with new_h5(path) as file:
         write_attributes(file, stamp, weights)
         for group, columns in tables_of(results).items():
             write_columns(file.create_group(group), columns, UNITS[group])

@@ -17,7 +17,7 @@ import h5py
 import numpy as np
 
 from pipelines.errors import FormatError, SymgraspError
-from pipelines.formats.files import DAMAGED, atomic_path
+from pipelines.formats.files import DAMAGED
 from pipelines.formats.graspnet import GraspNetRoot, SceneFiles
 from pipelines.formats.grasps_file import (
     SCHEMA,
@@ -31,6 +31,7 @@ from pipelines.formats.grasps_file import (
 )
 from pipelines.formats.grasps_tables import FrameResult, GraspTable, RegionTable
 from pipelines.formats.h5_columns import TEXT, read_columns
+from pipelines.formats.h5_files import new_h5
 from pipelines.formats.provenance import Stamp
 
 DEFAULT_GRIPPER = "rg2"
@@ -111,7 +112,7 @@ def merge_shards(
         FormatError: a shard is damaged.
     """
     sizes = _Sizes.of(parts)
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+    with new_h5(path) as file:
         write_attributes(file, stamp, weights)
         _make_columns(file, sizes)
         done = _Sizes(0, 0, 0, 0)

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.errors import FormatError, MissingInputError
-from pipelines.formats.files import atomic_path, open_h5
 from pipelines.formats.h5_columns import (
     ColumnSpec,
     check_version,
@@ -24,6 +23,7 @@ from pipelines.formats.h5_columns import (
     read_columns,
     write_columns,
 )
+from pipelines.formats.h5_files import new_h5, open_h5
 from pipelines.formats.provenance import Stamp
 from pipelines.geometry.symmetry import NUM_SLOTS
 
@@ -88,7 +88,7 @@ COLUMNS = tuple(field.name for field in fields(PackedScene))
 
 def write(path: Path, scene: PackedScene, stamp: Stamp) -> None:
     """Write one scene; same regions and stamp, same bytes."""
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+    with new_h5(path) as file:
         file.attrs["format_version"] = FORMAT_VERSION
         file.attrs["frame"] = "camera, OpenCV axes"
         file.attrs["provenance"] = stamp.as_text()
@@ -112,7 +112,7 @@ class _OpenScene:
 
     @classmethod
     def of(cls, path: Path) -> "_OpenScene":
-        file = open_h5(path, cache_bytes=0)  # no chunk is read twice in a row
+        file = open_h5(path, cache_bytes=0, checked=False)  # no chunk is read twice in a row
         small = [name for name in COLUMNS if name not in BY_ROW]
         columns, rows = read_columns(path, file, small), {name: file.get(name) for name in BY_ROW}
         for name, dataset in rows.items():
@@ -179,7 +179,7 @@ class PackedReader:
 
 
 def _count(path: Path) -> int:
-    with open_h5(path) as file:
+    with open_h5(path, checked=False) as file:  # all of them before the first step
         check_version(path, file.attrs.get("format_version"), FORMAT_VERSION)
         if "points" not in file:
             raise FormatError(path, "has no dataset /points", "pack the scene again")

@@ -13,7 +13,8 @@ from typing import Any
 import h5py
 
 from pipelines.errors import StaleOutputError
-from pipelines.formats.files import open_h5, read_json, write_json
+from pipelines.formats.files import read_json, write_json
+from pipelines.formats.h5_files import open_h5
 
 # What must agree for an existing output to be reused; the version is recorded, not compared.
 COMPARED = ("stage", "config", "seed", "inputs")

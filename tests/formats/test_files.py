@@ -101,10 +101,3 @@ def test_a_truncated_png_is_refused(tmp_path):
     path.write_bytes(b"")
     with pytest.raises(FormatError, match="not a whole image"):
         files.read_image(path)
-
-
-def test_a_truncated_hdf5_file_is_refused(tmp_path):
-    path = tmp_path / "a.h5"
-    path.write_bytes(b"\x89HDF\r\n\x1a\n" + b"\0" * 20)
-    with pytest.raises(FormatError, match="whole HDF5"):
-        files.open_h5(path)

@@ -68,14 +68,20 @@ class Keeper:
         state = TrainingState(model, self.optimizer.state_dict(), progress.as_json())
         save_training(checkpoint_path(self.output), state, self.stamp)
 
-    def judge(self, figures: dict[str, float], progress: Progress, *, whole_epoch: bool) -> None:
-        """Keep the module's present weights if they are the best so far."""
+    def judge(
+        self,
+        figures: dict[str, float],
+        weights: dict[str, Tensor],
+        progress: Progress,
+        *,
+        whole_epoch: bool,
+    ) -> None:
+        """Keep `weights`, which `figures` are of, if they are the best so far."""
         better = self._is_better(figures[self.trainee.best_by], progress.best)
-        state = self.trainee.module.state_dict()
         if whole_epoch:
             if better:
                 progress.best, progress.figures = figures[self.trainee.best_by], figures
-                self._best = {name: each.detach().cpu().clone() for name, each in state.items()}
+                self._best = weights
             # What lies there may be of where an earlier run stopped.
             if self._best and (better or progress.kept != progress.figures):
                 self._write(self._best, progress.figures)
@@ -84,7 +90,7 @@ class Keeper:
             progress.kept = figures
             # First of all the checkpoint says so: a kill between the two loses nothing.
             self.save_checkpoint(progress)
-            self._write(state, figures)
+            self._write(weights, figures)
         write_curves(curves_path(self.output), progress.history, self.trainee.best_by)
 
     def _is_better(self, value: float, best: float | None) -> bool:

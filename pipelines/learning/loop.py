@@ -185,9 +185,13 @@ class TrainingRun:
             self.module.eval()
             figures = self.trainee.validate()
             self.module.train()
-            steps = self.progress.total_steps
-            self.progress.history.add_figures(steps, figures)
-            self.keeper.judge(figures, self.progress, whole_epoch=whole_epoch)
+            judged = {
+                n: each.detach().cpu().clone() for n, each in self.module.state_dict().items()
+            }
+        steps = self.progress.total_steps
+        self.progress.history.add_figures(steps, figures)
+        # The module has its own weights again: this may write a checkpoint.
+        self.keeper.judge(figures, judged, self.progress, whole_epoch=whole_epoch)
         for name, figure in figures.items():
             self.writer.add_scalar(f"val/{name}", figure, steps)
         text = ", ".join(f"{name} {figure:.4g}" for name, figure in figures.items())

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from torch import nn
 
@@ -149,6 +149,9 @@ def test_what_a_stop_leaves_may_be_better_than_any_end_of_an_epoch(tmp_path):
     max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(st.lists(st.integers(0, 45), max_size=3), st.sampled_from([Line, Restless]))
+@example(
+    [0, 5], Line
+)  # killed where a stop in an epoch's middle has judged the mean of the weights
 def test_a_run_killed_at_any_moment_and_resumed_gives_the_same_bytes(whole, moments, kind):
     """Moments are counted in steps and in files written, a kill coming just before or after."""
     with tempfile.TemporaryDirectory() as folder:

@@ -120,9 +120,8 @@ def region_points(instance: RegionInstance, scene: TrueScene, intrinsics: Intrin
     """Return (n, 3) points, camera frame, of the region's true surface that the camera sees."""
     target, pose = scene.objects[instance.object_id], scene.poses[instance.object_id]
     points, normals = transform_points(pose, target.points), rotate_vectors(pose, target.normals)
-    pixels = np.rint(intrinsics.project(points)).astype(np.int64)
-    inside = (points[:, 2] > 0) & (np.einsum("ni,ni->n", points, normals) < 0)
-    inside &= ((pixels >= 0) & (pixels < (intrinsics.width, intrinsics.height))).all(axis=1)
+    pixels, inside = intrinsics.pixels_of(points)
+    inside &= np.einsum("ni,ni->n", points, normals) < 0
     inside[inside] = instance.mask[pixels[inside, 1], pixels[inside, 0]]
     seen = points[inside] if inside.sum() >= MIN_ERROR_POINTS else points
     return np.asarray(seen[:: max(1, len(seen) // ERROR_POINTS)])

@@ -40,9 +40,10 @@ BATCH = 64  # frames in memory while shards are put together
 
 @dataclass(frozen=True)
 class GraspsIndex:
-    """What a file holds, without its grasps: names of its frames, in order, and attributes."""
+    """What a file holds, without its grasps: names and states of its frames, and attributes."""
 
     names: list[str]
+    statuses: list[str]
     attrs: Mapping[str, Any]
     stamp: Mapping[str, Any]  # of the run that wrote it, as JSON
 
@@ -59,10 +60,11 @@ def read_index(path: Path) -> GraspsIndex:
         FormatError: not a grasps.h5, of another version, truncated, or inconsistent.
     """
     with _opened(path) as file:
-        names = read_columns(path, file["frames"], ["name"])["name"]
+        columns = read_columns(path, file["frames"], ["name", "status"])
+        names, statuses = ([str(text) for text in columns[key]] for key in ("name", "status"))
         attrs = file_attributes(file)
         stamp = dict(json.loads(attrs.get("provenance", "{}")))
-        return GraspsIndex([str(name) for name in names], attrs, stamp)
+        return GraspsIndex(names, statuses, attrs, stamp)
 
 
 def read_frames(path: Path, frames: Iterable[int]) -> Iterator[FrameResult]:

@@ -50,6 +50,17 @@ class Intrinsics:
         x, y, z = np.moveaxis(np.asarray(points, np.float64), -1, 0)
         return np.stack([self.fx * x / z + self.cx, self.fy * y / z + self.cy], -1)
 
+    def pixels_of(self, points: Array) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Return the pixels (n, 2) as (u, v) that `points` (n, 3) fall on, camera frame.
+
+        And which of them (n,) fall into the image; the pixel of a point behind the camera is -1.
+        """
+        inside = points[:, 2] > 0
+        pixels = np.full((len(points), 2), -1)
+        pixels[inside] = np.round(self.project(points[inside]))
+        inside &= ((pixels >= 0) & (pixels < (self.width, self.height))).all(axis=1)
+        return pixels, inside
+
     def rays(self) -> Array:
         """Return (H, W, 3) points on each pixel's ray at depth 1, camera frame."""
         u, v = np.meshgrid(np.arange(self.width), np.arange(self.height))

@@ -140,7 +140,7 @@ def _visible_share(
     facing &= points[:, 2] > 0.0
     if not facing.any():
         return 0.0
-    u, v = np.rint(intrinsics.project(points[facing])).astype(np.int64).T
-    inside = (u >= 0) & (v >= 0) & (u < intrinsics.width) & (v < intrinsics.height)
-    held = mask[v[inside], u[inside]].sum()
+    pixels, inside = intrinsics.pixels_of(points[facing])
+    u, v = pixels[inside].T
+    held = mask[v, u].sum()
     return float(held / facing.sum())

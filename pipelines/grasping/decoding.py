@@ -184,11 +184,7 @@ def in_observed_frustum(points: Array, scene: SceneCloud, config: SelectionConfi
     `behind_tolerance` and the sensor's noise, sideways as well as in depth; where nothing was
     measured it may be real.
     """
-    result = points[:, 2] > 0
-    pixels = np.full((len(points), 2), -1)
-    pixels[result] = np.round(scene.intrinsics.project(points[result]))
-    height, width = scene.depth.shape
-    result &= ((pixels >= 0) & (pixels < (width, height))).all(axis=1)
+    pixels, result = scene.intrinsics.pixels_of(points)
     if not result.any():
         return np.asarray(result)
     z = points[result, 2]

@@ -72,11 +72,8 @@ class Limits:
         inside = ((placed >= self.box[0]) & (placed <= self.box[1])).all(axis=-1)
         if self.mask is None or not inside.any():
             return np.asarray(inside)
-        height, width = self.mask.shape
-        inside &= points[:, 2] > 0
-        pixels = np.full((len(points), 2), -1)
-        pixels[inside] = np.round(self.intrinsics.project(points[inside]))
-        inside &= ((pixels >= 0) & (pixels < (width, height))).all(axis=1)
+        pixels, shown = self.intrinsics.pixels_of(points)
+        inside &= shown
         inside[inside] = self.mask[pixels[inside, 1], pixels[inside, 0]]
         return np.asarray(inside)
 

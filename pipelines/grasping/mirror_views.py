@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from pipelines.geometry.levelling import UNKNOWN_UP
 from pipelines.geometry.symmetry import ReflectionSymmetry
 from pipelines.geometry.transforms import unit
 from pipelines.grasping.observation import SceneCloud
@@ -22,7 +23,6 @@ NUM_POINTS = 128  # that are looked at; a region's points are in random order
 FARTHEST = 0.03  # metres from an image to the seen surface; beyond, it is far
 DEEPEST = 0.05  # metres behind or before what is seen
 HEIGHTS = (-0.1, 0.5)  # metres above the table
-UNKNOWN_UP = unit(np.array([0.0, -1.0, -1.0]))  # of a camera that looks down by 45 degrees
 LEVEL = 0.3  # of a plane this level, up says nothing: forward takes its place
 POINT_FEATURES = 14
 PLANE_FEATURES = 3
@@ -129,8 +129,7 @@ def _against_depth(images: Array, mask: NDArray[np.bool_], scene: SceneCloud) ->
     """Return (k, n, 3): how far behind the depth image, whether measured, whether the region."""
     flat = images.reshape(-1, 3)
     height, width = scene.depth.shape
-    pixels = np.round(scene.intrinsics.project(flat)).astype(np.int64)
-    inside = (flat[:, 2] > 0) & ((pixels >= 0) & (pixels < (width, height))).all(axis=1)
+    pixels, inside = scene.intrinsics.pixels_of(flat)
     column, row = np.clip(pixels, 0, (width - 1, height - 1)).T
     seen = np.where(inside, scene.depth[row, column], 0.0)
     behind = np.where(seen > 0, np.clip(flat[:, 2] - seen, -DEEPEST, DEEPEST), 0.0)

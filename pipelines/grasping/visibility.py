@@ -30,10 +30,6 @@ def seen_share(grasps: Grasps, gripper: Gripper, scene: SceneCloud) -> Array:
 
 def _looked_through(points: Array, scene: SceneCloud) -> NDArray[np.bool_]:
     """Return which of `points` (n, 3) lie before a measured surface."""
-    height, width = scene.depth.shape
-    free = points[:, 2] > 0
-    pixels = np.full((len(points), 2), -1)
-    pixels[free] = np.round(scene.intrinsics.project(points[free]))
-    free &= ((pixels >= 0) & (pixels < (width, height))).all(axis=1)
+    pixels, free = scene.intrinsics.pixels_of(points)
     free[free] = points[free, 2] < scene.depth[pixels[free, 1], pixels[free, 0]]
     return free

@@ -134,7 +134,7 @@ def _why(name: str, version: str, error: Exception) -> str:
     if name == "torchvision" and FOREIGN_OPERATORS.search(sentence):
         return (
             f"{version} was built for another torch than {metadata.version('torch')} "
-            f"({sentence}); install both from one place: pip install --force-reinstall torch "
-            "torchvision, for a CPU with --index-url https://download.pytorch.org/whl/cpu"
+            f"({sentence}); install both from one place: "
+            "pip install --force-reinstall torch torchvision"
         )
     return f"{version} does not load ({type(error).__name__}: {sentence}); install it again"

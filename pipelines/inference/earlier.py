@@ -29,8 +29,9 @@ def refuse_stale(work: Work, known: set[str]) -> None:
     inputs = {name: each for name, each in found.get("inputs", {}).items() if name != "frames"}
     if not _is_alike(found, wanted) or inputs != wanted["inputs"]:
         raise StaleOutputError(work.output)
-    frames = grasps_file.read(work.output).frames
-    lost = [name for name in frames.name[frames.status != "failed"] if name not in known]
+    index = read_index(work.output)
+    states = zip(index.names, index.statuses, strict=True)
+    lost = [name for name, status in states if status != "failed" and name not in known]
     if lost:
         raise SymgraspError(
             f"{work.output} holds {len(lost)} frames that are not in {work.settings.paths.frames} "

@@ -10,6 +10,7 @@ from threading import Lock
 from typing import TYPE_CHECKING
 
 import cv2
+from threadpoolctl import ThreadpoolController
 
 from pipelines.errors import MissingInputError
 
@@ -58,10 +59,10 @@ def plane_judge(path: Path) -> PlaneJudge:
 
 @contextmanager
 def one_thread_each() -> Iterator[None]:
-    """Let each call of a network use one core: frames are worked on side by side instead.
+    """Let each call of a network, of OpenCV or of numpy's matrix products use one core.
 
-    What several threads add up differs in the last bits, and on busy machines they wait for each
-    other longer than they work.
+    Frames are worked on side by side instead. What several threads add up differs in the last
+    bits, and they wait for each other longer than they work.
     """
     import torch  # noqa: PLC0415 - slow to load
 
@@ -69,10 +70,17 @@ def one_thread_each() -> Iterator[None]:
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
     try:
-        yield
+        with _matrix_products().limit(limits=1, user_api="blas"):
+            yield
     finally:
         torch.set_num_threads(before)
         cv2.setNumThreads(images_before)
+
+
+@lru_cache(maxsize=1)
+def _matrix_products() -> ThreadpoolController:
+    """Return the libraries behind numpy's matrix products; to look for them takes a while."""
+    return ThreadpoolController()
 
 
 @lru_cache(maxsize=2)

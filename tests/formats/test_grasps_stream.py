@@ -78,6 +78,7 @@ def described(file: h5py.File) -> dict[str, object]:
 def test_the_index_names_frames_and_settings(path):
     index = read_index(path)
     assert index.names == ["s/a", "b", "c", "d"]
+    assert index.statuses == [result.status for result in grasps_file.read(path).results()]
     assert index.attrs["config"] == {"gripper": "rg2"}
 
 

@@ -44,3 +44,11 @@ def test_impossible_focal_lengths_are_refused(fx):
 def test_depth_of_another_size_is_refused():
     with pytest.raises(ValueRangeError, match="depth size"):
         CAMERA.backproject(np.ones((10, 10)))
+
+
+def test_points_fall_on_pixels_of_the_image_or_not_into_it():
+    camera = Intrinsics(100.0, 100.0, 2.0, 1.0, 5, 3)
+    points = np.array([[0, 0, 1.0], [0.024, 0.006, 1], [-0.026, 0, 1], [0, 0.02, 1], [0, 0, -1]])
+    pixels, inside = camera.pixels_of(points)
+    assert inside.tolist() == [True, True, False, False, False]
+    assert pixels[:4].tolist() == [[2, 1], [4, 2], [-1, 1], [2, 3]]

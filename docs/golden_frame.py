@@ -17,8 +17,7 @@ FRAME = "table_1"
 
 def make_manifest() -> tuple[Manifest, dict[str, str]]:
     """Return what is shipped, and the digests of the golden frame's files."""
-    weights = (models.DETECTOR_WEIGHTS, models.NETWORK_WEIGHTS)
-    files = {path.name: digest(path) for path in weights}
+    files = {path.name: digest(path) for path in sorted(models.WEIGHTS.glob("*.safetensors"))}
     frame = {path.name: digest(path) for path in sorted(FRAMES.glob(f"{FRAME}_*"))}
     return Manifest(files, FRAME, best_grasps(golden_result(FRAME))), files | frame
 

@@ -39,8 +39,10 @@ def test_this_machine_is_fit_and_everything_is_named():
     assert {"python", "symgrasp", "torch", "torchvision", "numpy", "h5py", "cores", "memory"} < {
         *names
     }
-    last = ["manifest", "weights detector", "weights network", "golden frame"]
-    assert [name for name in names if "cuda" not in name][-4:] == last
+    shipped_weights = sorted(path.stem for path in models.WEIGHTS.glob("*.safetensors"))
+    assert "plane_judge" in shipped_weights
+    last = ["manifest", *(f"weights {stem}" for stem in shipped_weights), "golden frame"]
+    assert [name for name in names if "cuda" not in name][-len(last) :] == last
 
 
 def with_a_broken(name, monkeypatch):

@@ -39,8 +39,6 @@ class SelectionConfig:
     max_pairs: int = 64  # contact pairs a region that are tried
     pair_spacing: float = 0.006  # metres between the first contacts of pairs that are tried
     max_contact_angle: float = 0.7  # radians between a contact's normal and the contact line
-    surface_reach: float = 0.0  # metres from a contact at which seen surface speaks of it, D. 79
-    max_surface_angle: float = 0.7  # radians between its normal and the contact line
     min_width: float = 0.003  # metres; closer contacts are one
     num_approach_angles: int = 12  # M of Sec. III-F
     clearance_cap: float = 0.05  # metres, b of Eq. 8

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from pipelines.configs import SelectionConfig
 from pipelines.geometry.pointcloud import voxel_downsample
@@ -139,8 +138,6 @@ def contact_pairs(
     if scene.plane is not None:  # a hand across a steeper line would come from beneath
         sound &= np.abs(lines @ scene.plane.normal) < np.sin(config.max_approach_angle)
     sound &= in_observed_frustum(images.reshape(-1, 3), scene, config).reshape(sound.shape)
-    if config.surface_reach > 0.0:
-        sound[sound] = agree_with_surface(images[sound], lines[sound], region, config)
     best = np.where(sound, cosine, -1.0).argmax(axis=1)
     rows = np.arange(len(chosen))
     kept = sound[rows, best]
@@ -151,22 +148,6 @@ def contact_pairs(
         np.array([slot for slot, _ in symmetries])[best],
     )
     return thinned(pairs[kept], config)
-
-
-def agree_with_surface(
-    contacts: Array, outward: Array, region: RegionCloud, config: SelectionConfig
-) -> Mask:
-    """Return which of `contacts` (n, 3) the region's seen surface does not speak against (D. 79).
-
-    Where it was measured within `surface_reach`, its normal there must be within
-    `max_surface_angle` of the direction `outward` (n, 3) that the finger presses against.
-    """
-    away, nearest = KDTree(region.points).query(contacts, distance_upper_bound=config.surface_reach)
-    seen = np.isfinite(away)
-    result = np.ones(len(contacts), bool)
-    along = np.einsum("ni,ni->n", region.normals[np.asarray(nearest)[seen]], outward[seen])
-    result[seen] = along > np.cos(config.max_surface_angle)
-    return result
 
 
 def thinned(pairs: ContactPairs, config: SelectionConfig) -> ContactPairs:

@@ -18,7 +18,6 @@ from pipelines.geometry.transforms import (
     unit,
 )
 from pipelines.grasping.decoding import (
-    agree_with_surface,
     average_symmetries,
     contact_pairs,
     graspable,
@@ -169,29 +168,3 @@ def test_pairs_wider_than_the_gripper_are_left_out():
     pairs = contact_pairs(region, scene, slots, np.ones(len(region)), narrow, CONFIG)
     width = np.linalg.norm(pairs.contacts[:, 1] - pairs.contacts[:, 0], axis=1)
     assert (width < narrow.max_width).all()
-
-
-def test_seen_surface_that_faces_elsewhere_speaks_against_a_contact():
-    pose, _, region, _ = box_seen()
-    config = replace(CONFIG, surface_reach=0.005)
-    on_front, on_top = transform_points(pose, [[0.0, -0.045, 0.05], [0.0, 0.0, 0.1]])
-    behind = transform_points(pose, [0.0, 0.045, 0.05])  # not seen: nothing speaks of it
-    contacts = np.stack([on_front, on_front, on_top, on_top, behind])
-    ahead, up = -pose[:3, 1], pose[:3, 2]
-    outward = np.stack([ahead, -ahead, up, ahead, ahead])
-    found = agree_with_surface(contacts, outward, region, config)
-    assert found.tolist() == [True, False, True, False, True]
-
-
-def test_contacts_that_the_surface_speaks_against_are_no_pairs():
-    pose, scene, region, _ = box_seen()
-    # A plane just behind the seen front puts images of the front where its own normal is opposed.
-    wrong = ReflectionSymmetry(pose[:3, 1], transform_points(pose, [0, -0.043, 0.05]))
-    slots, affordance = SymmetrySlots.from_symmetries([wrong]), np.ones(len(region))
-    found = {
-        reach: contact_pairs(
-            region, scene, slots, affordance, GRIPPER, replace(CONFIG, surface_reach=reach)
-        )
-        for reach in (0.0, 0.005)
-    }
-    assert len(found[0.0]) > 10 * len(found[0.005])

@@ -107,6 +107,7 @@ def _by_step(sources: Sequence[FrameSource], device: str) -> tuple[dict[str, flo
         TimedDetector(clock.timed("detector", detect)),
         TimedPredictor(clock.timed("network", predict)),
         models.plane_judge(models.PLANE_WEIGHTS),
+        models.hand_judge(models.HAND_WEIGHTS),
     )
     with ExitStack() as patches:
         for step, (module, name) in STEPS.items():

@@ -55,9 +55,14 @@ def _matches(found: Symmetry, truth: Symmetry) -> bool:
 
 @dataclass(frozen=True)
 class SeenRegion:
-    """A region that the detector finds: what the network says of it, what is seen, the truth."""
+    """A region that the detector finds: what the network says of it, what is seen, the truth.
+
+    `object_id` is the object's that it lies on, -1 for none.
+    """
 
     slots: SymmetrySlots
+    affordance: np.ndarray
+    object_id: int
     cloud: RegionCloud
     scene: SceneCloud
     truth: TrueRegion
@@ -78,14 +83,16 @@ def seen_regions(reader: TruthReader, files: FrameFiles) -> Iterator[SeenRegion]
     found = find_regions(frame, INFER, np.random.default_rng(0), detector)
     scene = SceneCloud(frame.depth.astype(np.float64), frame.intrinsics, found.geometric.plane)
     masks = [region.mask for region in found.regions]
-    owners = assign_regions(masks, truth, EVALUATE).instance
+    owners = assign_regions(masks, truth, EVALUATE)
     clouds = [RegionCloud.from_mask(mask, scene) for mask in masks]
     large = [i for i, cloud in enumerate(clouds) if len(cloud) >= MIN_POINTS]
     predictions = predictor.predict([clouds[i].points for i in large], scene.plane)
     for i, said in zip(large, predictions, strict=True):
-        slots = average_symmetries(said.existence, said.center, said.direction, said.affordance)
-        region = truth.regions[owners[i]] if owners[i] >= 0 else TrueRegion(np.zeros((0, 3)), ())
-        yield SeenRegion(slots, clouds[i].at(said.points), scene, region)
+        affordance = np.asarray(said.affordance, np.float64)
+        slots = average_symmetries(said.existence, said.center, said.direction, affordance)
+        owner, cloud = owners.instance[i], clouds[i].at(said.points)
+        region = truth.regions[owner] if owner >= 0 else TrueRegion(np.zeros((0, 3)), ())
+        yield SeenRegion(slots, affordance, owners.object_id[i], cloud, scene, region)
 
 
 def frame_rows(reader: TruthReader, files: FrameFiles) -> Iterator[tuple[str, list[float], bool]]:

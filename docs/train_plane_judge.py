@@ -14,68 +14,25 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import judge_training
 import numpy as np
-import torch
-from calibrate_trust import EVALUATE, INFER, SeenRegion, logistic, seen_regions
-from torch import Tensor, nn
-from torch.nn import functional
+from calibrate_trust import EVALUATE, INFER, SeenRegion, seen_regions
+from judge_training import Rows
 
 from pipelines.evaluation.truth import TruthReader
-from pipelines.formats import plane_judge_file
-from pipelines.formats.checkpoints import save_weights
-from pipelines.formats.files import atomic_path
+from pipelines.formats import judge_file
 from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.geometry.symmetry import ReflectionSymmetry
 from pipelines.geometry.symmetry_error import symmetry_error
 from pipelines.grasping import grounding, mirror_views, plane_evidence
 from pipelines.grasping.plane_evidence import RegionEvidence
-from pipelines.grasping.plane_judge import PlaneJudge
 from pipelines.metrics.symmetry_matching import TrueRegion, implied_symmetries, scored_symmetries
 
 # Dense errors: a hit (Sec. IV), and half of it, since a finger needs more than a hit.
 HIT_ERROR, PLANE_ERROR = 0.25, 0.134
 ALIKE = 0.8  # cosine of normals, of planes whose error is worth a look
-POINT_WIDTHS, PLANE_WIDTHS = (64, 64, 96), (64, 32, 1)
-EPOCHS, BATCH, LEARNING_RATE, DECAY = 12, 256, 2e-3, 1e-2
-DROPOUT = 0.2
-POINTS_A_STEP = 96  # of 128: another view of the same plane each time
-JITTER = 0.01  # decimetres
-ACROSS = (2, 5)  # the point's and the normal's coordinate across: their sign means nothing
-
-Rows = dict[str, np.ndarray]
-
-
-class TrainedJudge(nn.Module):
-    """`PlaneJudge` with gradients."""
-
-    def __init__(self, mean: Tensor, spread: Tensor) -> None:
-        super().__init__()
-        first = mirror_views.POINT_FEATURES + mirror_views.PLANE_FEATURES
-        joined = 2 * POINT_WIDTHS[-1] + len(mean) + mirror_views.PLANE_FEATURES
-        self.point = layers(first, POINT_WIDTHS)
-        self.plane = layers(joined, PLANE_WIDTHS)
-        self.register_buffer("mean", mean)
-        self.register_buffer("spread", spread)
-
-    def forward(self, points: Tensor, planes: Tensor, evidence: Tensor) -> Tensor:
-        """Return logits (k,) of points (k, n, 14), planes (k, 3) and evidence (k, e)."""
-        around = planes[:, None].expand(-1, points.shape[1], -1)
-        hidden = torch.cat([points, around], -1)
-        for index, layer in enumerate(self.point):
-            hidden = layer(torch.relu(hidden) if index else hidden)
-        known = (evidence - self.mean) / self.spread
-        joined = torch.cat([hidden.amax(1), hidden.mean(1), known, planes], -1)
-        for index, layer in enumerate(self.plane):
-            joined = layer(torch.relu(joined) if index else joined)
-            if index == 0:
-                joined = functional.dropout(joined, DROPOUT, self.training)
-        return joined[:, 0]
-
-
-def layers(width: int, widths: tuple[int, ...]) -> nn.ModuleList:
-    """Return linear layers from `width` through `widths`."""
-    sizes = zip((width, *widths), widths, strict=False)
-    return nn.ModuleList(nn.Linear(*size) for size in sizes)
+# Of point and normal, the coordinate across; decimetres.
+TRAINING = judge_training.Training(mirrored=(2, 5), points_a_step=96, jitter=0.01, rate=2e-3)
 
 
 def plane_truth(plane: ReflectionSymmetry, region: TrueRegion) -> bool | None:
@@ -114,7 +71,7 @@ def collected(root: Path, stride: int) -> Iterator[Rows]:
             evidence = plane_evidence.plane_features(planes, images, known, INFER.selection)
             yield {
                 "points": mirror_views.point_rows(planes, images, known.mask, known.scene),
-                "planes": mirror_views.plane_rows(planes, known.points, known.scene),
+                "wholes": mirror_views.plane_rows(planes, known.points, known.scene),
                 "evidence": evidence.astype(np.float32),
                 "truth": np.array(
                     [-1 if verdict is None else int(verdict) for verdict in verdicts]
@@ -124,73 +81,8 @@ def collected(root: Path, stride: int) -> Iterator[Rows]:
 
 def collect(root: Path, output: Path, stride: int) -> None:
     """Write the rows of all regions of `root`."""
-    regions = list(collected(root, stride))
-    rows = {name: np.concatenate([each[name] for each in regions]) for name in regions[0]}
-    rows["points"] = rows["points"].astype(np.float16)
-    with atomic_path(output) as temporary, temporary.open("wb") as stream:
-        np.savez(stream, **rows)
-    sys.stdout.write(f"{len(rows['truth'])} planes of {len(regions)} regions\n")
-
-
-def read(path: Path) -> Rows:
-    """Return the rows whose truth is known."""
-    with np.load(path, allow_pickle=False) as arrays:
-        rows = {name: arrays[name] for name in arrays.files}
-    known = rows["truth"] >= 0
-    return {name: array[known] for name, array in rows.items()}
-
-
-def trained(rows: Rows, seed: int) -> TrainedJudge:
-    """Return the network after `EPOCHS` passes over `rows`."""
-    torch.manual_seed(seed)
-    rng, count = np.random.default_rng(seed), len(rows["truth"])
-    evidence = torch.from_numpy(rows["evidence"])
-    judge = TrainedJudge(evidence.mean(0), evidence.std(0) + 1e-6)
-    optimizer = torch.optim.AdamW(judge.parameters(), LEARNING_RATE, weight_decay=DECAY)
-    steps = EPOCHS * (count // BATCH)
-    rate = torch.optim.lr_scheduler.OneCycleLR(optimizer, LEARNING_RATE, steps)
-    for epoch in range(EPOCHS):
-        order, losses = rng.permutation(count), []
-        for start in range(0, count - BATCH + 1, BATCH):
-            chosen = np.sort(order[start : start + BATCH])
-            points = torch.from_numpy(rows["points"][chosen].astype(np.float32))
-            planes = torch.from_numpy(rows["planes"][chosen])
-            truth = torch.from_numpy(rows["truth"][chosen]).float()
-            logits = judge(varied(points), planes, evidence[chosen])
-            loss = functional.binary_cross_entropy_with_logits(logits, truth)
-            optimizer.zero_grad()
-            loss.backward()
-            optimizer.step()
-            rate.step()
-            losses.append(float(loss.detach()))
-        sys.stdout.write(f"epoch {epoch + 1}: loss {np.mean(losses):.3f}\n")
-    return judge.eval()
-
-
-def varied(points: Tensor) -> Tensor:
-    """Return some of the points, jittered, in either handedness."""
-    chosen = points[:, torch.randperm(points.shape[1])[:POINTS_A_STEP]]
-    sign = torch.where(torch.rand(len(points), 1) < 0.5, -1.0, 1.0)
-    for column in ACROSS:
-        chosen[..., column] *= sign
-    chosen[..., :3] += JITTER * torch.randn_like(chosen[..., :3])
-    return chosen
-
-
-def fit(output: Path, calibration: Path, evidence: list[Path]) -> None:
-    """Train on `evidence`, make log odds of the outcome by `calibration`, write all of it."""
-    parts = [read(path) for path in evidence]
-    rows = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    judge, held = trained(rows, 0), read(calibration)
-    arrays = {name: tensor.numpy() for name, tensor in judge.state_dict().items()}
-    plain = PlaneJudge.of(arrays | {"calibration": np.float32([0.0, 1.0])})
-    logits = plain.logits(held["points"].astype(np.float32), held["planes"], held["evidence"])
-    rows = np.stack([np.ones(len(logits)), logits], 1)
-    weights = logistic(rows, held["truth"].astype(np.float64))
-    sys.stdout.write(f"calibration {weights.round(2).tolist()} on {len(logits)} planes\n")
-    arrays["calibration"] = weights.astype(np.float32)
-    tensors = {name: torch.from_numpy(array) for name, array in arrays.items()}
-    save_weights(output, tensors, {"model": plane_judge_file.MODEL})
+    count = judge_training.write(output, collected(root, stride))
+    sys.stdout.write(f"{count} planes\n")
 
 
 def main() -> None:
@@ -201,7 +93,7 @@ def main() -> None:
         collect(Path(root), Path(output), int(stride[0]) if stride else 1)
     else:
         output, calibration, *evidence = (Path(argument) for argument in arguments)
-        fit(output, calibration, evidence)
+        judge_training.fit(output, judge_file.PLANES, calibration, evidence, TRAINING)
 
 
 if __name__ == "__main__":

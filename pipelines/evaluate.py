@@ -20,7 +20,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from pipelines.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
-from pipelines.configs import EvaluateConfig, InferConfig
+from pipelines.configs import EvaluateConfig
 from pipelines.evaluation.baselines import Planner, rows_of
 from pipelines.evaluation.judging import assign_regions, judge_frame
 from pipelines.evaluation.predictions import FramePredictions
@@ -105,7 +105,7 @@ def _evaluate_scene(
     dataset: Path, config: EvaluateConfig, baselines: bool, item: WorkItem
 ) -> str | None:
     reader = TruthReader(GraspNetRoot(dataset), config)
-    planner = Planner(reader, load_gripper(config.gripper), InferConfig()) if baselines else None
+    planner = Planner.of(reader, load_gripper(config.gripper)) if baselines else None
     results = read_frames(*item.arguments)
     records = [evaluate_frame(result, reader, planner, item.stamp.seed) for result in results]
     write_records(item.target, records, item.stamp)

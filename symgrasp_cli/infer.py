@@ -54,6 +54,9 @@ def infer(
     grounding: Annotated[
         bool, typer.Option(help="Fit predicted symmetries to the surface that is seen.")
     ] = SelectionConfig.ground_symmetries,
+    rank_by: Annotated[
+        str, typer.Option(help="judge, the quality to expect of each grasp, or eq8, as the paper.")
+    ] = SelectionConfig.rank_by,
     top: Annotated[
         int, typer.Option(min=1, help="Grasps a region at most, each different from the others.")
     ] = InferConfig.max_grasps_per_region,
@@ -120,7 +123,7 @@ def infer(
         gripper=gripper,
         max_grasps_per_region=top,
         limits=LimitsConfig(room.box, workspace_frame, approach_cone, direction, approach_frame),
-        selection=SelectionConfig(ground_symmetries=grounding),
+        selection=SelectionConfig(ground_symmetries=grounding, rank_by=rank_by),
     )
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
     followed = partial(

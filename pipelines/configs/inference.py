@@ -59,7 +59,17 @@ class SelectionConfig:
     nms_angle: float = 0.5235987755982988  # radians, 30 degrees, likewise, D. 78
     body_margin: float = 0.001  # metres that the gripper's bodies are blown up by
     max_points_inside: int = 2  # measured points, as noise, that a body may hold
-    steadiness: float = 0.85  # of the best candidate's, that a candidate needs to be ranked
+    rank_by: str = "judge"  # D. 82: the quality to expect; or eq8, as the paper
+    steadiness: float = 0.85  # of the best candidate's, that a candidate needs for Eq. 8
+    max_ranked: int = 96  # hands of a region that Eq. 8 ranks, the steadiest
+    judged_steadiness: float = 0.6  # the same, to be judged
+    max_judged: int = 200  # hands of a region and kind that are judged, the steadiest
+    planar_below: float = 0.7  # best expectation of symmetric grasps that planar ones may beat
+
+    @property
+    def judges_hands(self) -> bool:
+        """Whether grasps are ranked by the quality to expect, not by Eq. 8."""
+        return self.rank_by == "judge"
 
     @property
     def least_trust(self) -> float:

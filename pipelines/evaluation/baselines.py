@@ -23,7 +23,9 @@ from pipelines.geometry.transforms import invert, transform_points
 from pipelines.grasping.candidates import RankedGrasps
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.observation import RegionCloud, SceneCloud
+from pipelines.grasping.ranking import Judge
 from pipelines.grasping.region_grasping import plan_planar, plan_random, plan_region
+from pipelines.inference import models
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -33,11 +35,20 @@ NUM_POINTS = 1500  # of a region that carry affordance, as the network has
 
 @dataclass(frozen=True)
 class Planner:
-    """The baselines with what they have in common: the hand and the settings of `infer`."""
+    """The baselines with what they have in common: the hand and the settings of `infer`.
+
+    The oracle's hands are ranked by `judge`, as `infer` ranks its own; by Eq. 8 without one.
+    """
 
     reader: TruthReader
     gripper: Gripper
     config: InferConfig
+    judge: Judge | None = None
+
+    @classmethod
+    def of(cls, reader: TruthReader, gripper: Gripper) -> "Planner":
+        """Return the baselines of `infer` as it is by default."""
+        return cls(reader, gripper, InferConfig(), models.hand_judge(models.HAND_WEIGHTS))
 
     def rows(
         self,
@@ -83,7 +94,8 @@ class Planner:
     ) -> RankedGrasps:
         thinned = _thinned(region, rng)
         affordance = self._true_affordance(thinned.points, owner, truth)
-        return plan_region(thinned, scene, slots, affordance, self.gripper, self.config.selection)
+        selection = self.config.selection
+        return plan_region(thinned, scene, slots, affordance, self.gripper, selection, self.judge)
 
     def _true_affordance(self, points: Array, owner: int, truth: FrameTruth) -> Array:
         """Return (n,) the affordance of the object's surface nearest to `points`, camera frame."""

@@ -6,6 +6,7 @@ from pathlib import Path
 from pipelines.formats.graspnet import GraspNetRoot, SceneFiles
 from pipelines.formats.graspnet_scene import annotated_ids
 from pipelines.formats.provenance import digest, digest_folder, digest_text
+from pipelines.inference import models
 
 LABELS = {"symmetry": "*.json", "regions": "*.json"}
 # Images of colour and depth are what was judged, not what is true; of a dataset they are gigabytes.
@@ -16,7 +17,10 @@ CAMERA_FILES = ("camK.npy", "camera_poses.npy", "cam0_wrt_table.npy")
 def truth_digests(
     root: GraspNetRoot, scenes: Iterable[SceneFiles], *, baselines: bool
 ) -> dict[str, str]:
-    """Return digests by kind; of `affordance/` too if `baselines`, whose oracle reads it."""
+    """Return digests by kind.
+
+    With `baselines`, of `affordance/` and the judge of hands too, which their oracle reads.
+    """
     scenes = list(scenes)
     labels = LABELS | ({"affordance": "*.h5"} if baselines else {})
     found = {
@@ -25,6 +29,8 @@ def truth_digests(
         if (root.root / name).is_dir()
     }
     ids = {i for scene in scenes for i in annotated_ids(scene.camera_folder / "annotations")}
+    if baselines:
+        found["hands"] = digest(models.existing_weights(models.HAND_WEIGHTS, models.HANDS_BY))
     return found | {
         "meshes": _digest_of(root.model_path(object_id) for object_id in sorted(ids)),
         "scenes": digest_text("".join(_digest_of_scene(scene) for scene in scenes)),

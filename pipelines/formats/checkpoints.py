@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from numpy.typing import NDArray
+
 from pipelines.errors import FormatError
 from pipelines.formats.files import existing, write_bytes
 from pipelines.formats.provenance import Stamp
@@ -51,10 +53,23 @@ def load_weights(path: Path, device: str = "cpu") -> tuple[dict[str, "Tensor"], 
     Raises:
         FormatError: truncated, or not safetensors.
     """
-    from safetensors import SafetensorError, safe_open  # noqa: PLC0415
+    return _load(path, "pt", device)
+
+
+def load_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
+    """Read a safetensors file's tensors as arrays, and its metadata; needs no torch.
+
+    Raises:
+        FormatError: truncated, or not safetensors.
+    """
+    return _load(path, "np", "cpu")
+
+
+def _load(path: Path, framework: str, device: str) -> tuple[dict[str, Any], dict[str, str]]:
+    from safetensors import SafetensorError, safe_open  # noqa: PLC0415 - few commands need it
 
     try:
-        with safe_open(str(existing(path)), framework="pt", device=device) as file:
+        with safe_open(str(existing(path)), framework=framework, device=device) as file:
             tensors = {name: file.get_tensor(name) for name in sorted(file.keys())}
             return tensors, dict(file.metadata() or {})
     except (SafetensorError, ValueError) as error:

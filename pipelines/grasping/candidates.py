@@ -1,6 +1,7 @@
 """Grasp candidates of one region, and those of them that are feasible, ranked."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +51,8 @@ class RankedGrasps:
         source: (n,) `network`, `planar` or `random`.
         clearance: (n,) b of Eq. 8 in metres, capped.
         enclosed_height: (n,) h of Eq. 8 in metres, capped.
-        rank_score: (n,) s of Eq. 8, less where the camera does not see (D. 68).
+        rank_score: (n,) the quality to expect (D. 82), or s of Eq. 8, less where the camera does
+            not see (D. 68).
     """
 
     grasps: Grasps
@@ -66,6 +68,15 @@ class RankedGrasps:
         """Return no grasps."""
         zero = np.zeros(0)
         return cls(Grasps.empty(), zero, np.zeros(0, np.int64), np.zeros(0, "U7"), zero, zero, zero)
+
+    @classmethod
+    def concatenate(cls, parts: Sequence["RankedGrasps"]) -> "RankedGrasps":
+        """Return all grasps of `parts`, in order."""
+        columns = [
+            np.concatenate([getattr(part, field.name) for part in parts])
+            for field in fields(cls)[1:]
+        ]
+        return cls(Grasps.concatenate([part.grasps for part in parts]), *columns)
 
     def __len__(self) -> int:
         return len(self.grasps)

@@ -26,7 +26,7 @@ from pipelines.grasping.axis_candidates import candidate_axes
 from pipelines.grasping.decoding import in_observed_frustum
 from pipelines.grasping.observation import RegionCloud, SceneCloud
 from pipelines.grasping.plane_evidence import RegionEvidence, trusted_planes
-from pipelines.grasping.plane_judge import PlaneJudge
+from pipelines.grasping.point_judge import PointJudge
 
 Array = NDArray[np.float64]
 
@@ -68,7 +68,7 @@ def ground_symmetries(
     region: RegionCloud,
     scene: SceneCloud,
     config: SelectionConfig,
-    judge: PlaneJudge,
+    judge: PointJudge,
 ) -> SymmetrySlots:
     """Return `slots` fitted to `region`; existence becomes the confidence in each."""
     step = max(1, len(region) // NUM_POINTS)

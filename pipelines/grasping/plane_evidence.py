@@ -2,7 +2,7 @@
 
 A true plane maps the seen surface onto seen surface or behind it, never into observed free space;
 it lies in the middle. The evidence is a row of numbers, and the points as the plane sees them; a
-`PlaneJudge` makes a probability of them.
+`PointJudge` makes a probability of them.
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ from pipelines.grasping.plane_candidates import (
     distinct,
     region_top,
 )
-from pipelines.grasping.plane_judge import PlaneJudge
+from pipelines.grasping.point_judge import PointJudge
 
 Array = NDArray[np.float64]
 
@@ -74,7 +74,7 @@ class RegionEvidence:
 
 
 def trusted_planes(
-    region: RegionEvidence, config: SelectionConfig, judge: PlaneJudge
+    region: RegionEvidence, config: SelectionConfig, judge: PointJudge
 ) -> list[tuple[ReflectionSymmetry, float]]:
     """Return at most three distinct planes with the confidence in each, most trusted first."""
     planes = fitted_planes(region)
@@ -98,7 +98,7 @@ def trust(
     planes: list[ReflectionSymmetry],
     region: RegionEvidence,
     config: SelectionConfig,
-    judge: PlaneJudge,
+    judge: PointJudge,
 ) -> Array:
     """Return the probability (k,) that `planes` are true."""
     mirrored = MirrorImages.of(planes, region.points, region.normals)

@@ -10,9 +10,12 @@ from pipelines.geometry.transforms import unit
 from pipelines.grasping.candidates import Candidates, RankedGrasps
 from pipelines.grasping.decoding import contact_pairs, in_observed_frustum
 from pipelines.grasping.gripper import Gripper
+from pipelines.grasping.hand_views import KnownRegion
 from pipelines.grasping.observation import RegionCloud, SceneCloud, Surroundings
 from pipelines.grasping.planar import planar_candidates
+from pipelines.grasping.ranking import Judge, Ranking, by_eq8, by_judge
 from pipelines.grasping.selection import select, surroundings
+from pipelines.grasping.suppression import different
 
 Array = NDArray[np.float64]
 
@@ -30,8 +33,11 @@ def plan_region(
     affordance: Array,
     gripper: Gripper,
     config: SelectionConfig,
+    judge: Judge | None = None,
 ) -> RankedGrasps:
     """Return symmetric grasps of `region`, or planar ones where none is feasible (Sec. III-F).
+
+    With a judge, planar ones join where it expects little of the symmetric ones (D. 82).
 
     Args:
         region: n points.
@@ -40,6 +46,7 @@ def plan_region(
         affordance: (n,) of the region's points.
         gripper: the hand.
         config: thresholds.
+        judge: of hands; None to rank by Eq. 8.
     """
     if len(region) < MIN_POINTS:
         return RankedGrasps.empty()
@@ -54,9 +61,28 @@ def plan_region(
     )
     turns = np.linspace(0.0, 2 * np.pi, config.num_approach_angles, endpoint=False)
     around = surroundings(region, scene, gripper, config)
-    whole = around.with_own(hidden_points(region, scene, slots, config), HIDDEN_COUNT)
-    found = select(candidates, turns, region, scene, gripper, config, whole)
-    return found if len(found) else plan_planar(region, scene, gripper, config, around)
+    hidden = hidden_points(region, scene, slots, config)
+    ranking, whole = by_eq8(config), around.with_own(hidden, HIDDEN_COUNT)
+    if judge is not None:
+        known = KnownRegion(region, scene, slots, hidden, around.points[~around.own])
+        ranking = by_judge(judge, known, config)
+    found = select(candidates, turns, region, scene, gripper, config, whole, ranking)
+    if len(found) and (judge is None or found.rank_score[0] >= config.planar_below):
+        return found
+    planar = _planar(region, scene, gripper, config, around, ranking)
+    return joined(found, planar, config)
+
+
+def joined(first: RankedGrasps, second: RankedGrasps, config: SelectionConfig) -> RankedGrasps:
+    """Return the grasps of both, best first, alike ones left out."""
+    if not len(first) or not len(second):
+        return first if len(first) else second
+    both = RankedGrasps.concatenate([first, second])
+    both = both[np.argsort(-both.rank_score, kind="stable")]
+    kept = different(
+        both.grasps, config.nms_distance, config.nms_angle, lambda some: np.ones(len(some), bool)
+    )
+    return both[kept]
 
 
 def hidden_points(
@@ -79,17 +105,32 @@ def plan_planar(
     scene: SceneCloud,
     gripper: Gripper,
     config: SelectionConfig,
-    around: Surroundings | None = None,
+    judge: Judge | None = None,
 ) -> RankedGrasps:
     """Return feasible grasps from the boundary of `region`, best first (D. 8).
 
-    `around` is what the hand must not meet, if that is known already.
+    `judge`: of hands; None to rank by Eq. 8.
     """
     if len(region) < MIN_POINTS:
         return RankedGrasps.empty()
+    around, ranking = surroundings(region, scene, gripper, config), by_eq8(config)
+    if judge is not None:
+        nothing, foreign = SymmetrySlots.empty(), around.points[~around.own]
+        known = KnownRegion(region, scene, nothing, np.zeros((0, 3)), foreign)
+        ranking = by_judge(judge, known, config)
+    return _planar(region, scene, gripper, config, around, ranking)
+
+
+def _planar(
+    region: RegionCloud,
+    scene: SceneCloud,
+    gripper: Gripper,
+    config: SelectionConfig,
+    around: Surroundings,
+    ranking: Ranking,
+) -> RankedGrasps:
     candidates = planar_candidates(region, scene, gripper, config)
-    around = around or surroundings(region, scene, gripper, config)
-    return select(candidates, PLANAR_TURNS, region, scene, gripper, config, around)
+    return select(candidates, PLANAR_TURNS, region, scene, gripper, config, around, ranking)
 
 
 def plan_random(
@@ -130,7 +171,8 @@ def plan_random(
     )
     turns = np.linspace(0.0, 2 * np.pi, config.num_approach_angles, endpoint=False)
     around = surroundings(region, scene, gripper, config)
-    return select(candidates, turns, region, scene, gripper, config, around)
+    ranking = by_eq8(config)
+    return select(candidates, turns, region, scene, gripper, config, around, ranking)
 
 
 def _base_approach(region: RegionCloud, scene: SceneCloud, count: int) -> Array:

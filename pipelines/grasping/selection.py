@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from pipelines.configs import SelectionConfig
 from pipelines.geometry.transforms import unit
@@ -14,6 +14,7 @@ from pipelines.grasping.collision import Obstacles, clearance, lowest_height, me
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.observation import RegionCloud, SceneCloud, Surroundings
+from pipelines.grasping.ranking import Ranking
 from pipelines.grasping.suppression import different
 from pipelines.grasping.visibility import seen_share
 from pipelines.grasping.way_in import way_is_free
@@ -21,19 +22,10 @@ from pipelines.grasping.way_in import way_is_free
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-MAX_RANKED = 96  # steadiest feasible candidates that the clearance is computed for
 MAX_ROUNDS = 4  # of `max_pairs` pairs each, before a region counts as out of reach
 BATCH = 16  # pairs that are tried at a time
 ROUNDING = 1e-6  # metres
 OFF_CENTRE = 0.5  # steadiness lost by a grasp at the region's rim
-
-
-def rank_score(clearance: ArrayLike, enclosed_height: ArrayLike, config: SelectionConfig) -> Array:
-    """Return s of Eq. 8 for `clearance` b and `enclosed_height` h in metres (D. 7)."""
-    b = np.minimum(clearance, config.clearance_cap) / config.clearance_cap
-    h = np.minimum(enclosed_height, config.enclosed_height_cap) / config.enclosed_height_cap
-    # Eq. 8
-    return np.asarray(np.tanh(config.weight_clearance * b) * np.tanh(config.weight_height * h))
 
 
 def select(
@@ -44,6 +36,7 @@ def select(
     gripper: Gripper,
     config: SelectionConfig,
     around: Surroundings,
+    ranking: Ranking,
 ) -> RankedGrasps:
     """Return the candidates that are feasible at one of `angles` (radians), best first.
 
@@ -59,17 +52,17 @@ def select(
     order = np.argsort(-steady, kind="stable")
     order = order[allowed[order].any(axis=1)]
     obstacles = _above_table(around, scene, config)
-    trial = _Trial(hands, allowed, steady, obstacles, gripper, config)
+    trial = _Trial(hands, allowed, steady, obstacles, gripper, config, ranking)
     for start in range(0, min(len(order), MAX_ROUNDS * config.max_pairs), config.max_pairs):
         hand, enclosed = trial.feasible(order[start : start + config.max_pairs])
         if len(hand):
-            kept = _steadiest(steady[hand // count], config)
+            kept = _steadiest(steady[hand // count], ranking)
             hand, pair = hand[kept], hand[kept] // count
             found = _ranked(candidates, pair, hands[hand], enclosed[kept])
             others = Obstacles(around.points[~around.own], around.count[~around.own])
             b = clearance(found.grasps, gripper, others, config.clearance_cap)
             sight = seen_share(found.grasps, gripper, scene)
-            ranked = _in_order(found, b, steady[pair], sight, config)
+            ranked = _in_order(found, b, steady[pair], sight, ranking, config)
             free = partial(
                 way_is_free, gripper=gripper, near=obstacles, scene=scene.coarse, config=config
             )
@@ -109,6 +102,7 @@ class _Trial:
     obstacles: Obstacles
     gripper: Gripper
     config: SelectionConfig
+    ranking: Ranking
 
     def feasible(self, pairs: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array]:
         """Return the hands of `pairs`, steadiest first, that are free, and what they enclose.
@@ -119,8 +113,8 @@ class _Trial:
         hands, heights, best = [np.zeros(0, np.int64)], [np.zeros(0)], -np.inf
         for start in range(0, len(pairs), BATCH):
             batch = pairs[start : start + BATCH]
-            enough = sum(map(len, hands)) >= MAX_RANKED
-            if enough or self.steady[batch[0]] < self.config.steadiness * best:
+            enough = sum(map(len, hands)) >= self.ranking.count
+            if enough or self.steady[batch[0]] < self.ranking.steadiness * best:
                 break
             row, turn = np.nonzero(self.allowed[batch])
             hand = batch[row] * count + turn
@@ -144,18 +138,18 @@ def _ranked(
 
 
 def _in_order(
-    found: RankedGrasps, clearances: Array, steady: Array, sight: Array, config: SelectionConfig
+    found: RankedGrasps,
+    clearances: Array,
+    steady: Array,
+    sight: Array,
+    ranking: Ranking,
+    config: SelectionConfig,
 ) -> RankedGrasps:
-    """Return `found` with Eq. 8's numbers, best first; the steadier first where these agree.
-
-    Eq. 8 knows what was seen. Room that was not may hold the object's own far side, so its score
-    counts by the share `sight` (n,) of the finger tips' room that was seen to be free (D. 68).
-    """
+    """Return `found` with its numbers, best first; the steadier first where these agree."""
     h = np.minimum(found.enclosed_height, config.enclosed_height_cap)
-    score = rank_score(clearances, h, config) * (1.0 - config.weight_unseen * (1.0 - sight))
-    order = np.lexsort((-steady, -np.round(score, 6)))
-    ranked = replace(found, clearance=clearances, enclosed_height=h, rank_score=score)
-    return ranked[order]
+    known = replace(found, clearance=clearances, enclosed_height=h)
+    ranked = replace(known, rank_score=ranking.score(known, steady, sight))
+    return ranked[np.lexsort((-steady, -np.round(ranked.rank_score, 6)))]
 
 
 def _reachable(hands: Grasps, scene: SceneCloud, gripper: Gripper, config: SelectionConfig) -> Mask:
@@ -181,8 +175,8 @@ def _centredness(grasps: Grasps, region: RegionCloud) -> Array:
     return np.asarray(1.0 - OFF_CENTRE * np.minimum(off, 1.0))
 
 
-def _steadiest(steady: Array, config: SelectionConfig) -> NDArray[np.int64]:
+def _steadiest(steady: Array, ranking: Ranking) -> NDArray[np.int64]:
     """Return the indices of the candidates that are worth ranking, steadiest first."""
-    order = np.argsort(-steady, kind="stable")[:MAX_RANKED]
-    worth = steady[order] >= config.steadiness * steady.max(initial=0.0)
+    order = np.argsort(-steady, kind="stable")[: ranking.count]
+    worth = steady[order] >= ranking.steadiness * steady.max(initial=0.0)
     return np.asarray(order[worth], np.int64)

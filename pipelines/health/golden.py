@@ -66,6 +66,7 @@ def golden_result(frame_name: str, device: str = "cpu", folder: Path = FRAMES) -
             models.detector(models.DETECTOR_WEIGHTS, device),
             models.predictor(models.NETWORK_WEIGHTS, device),
             models.plane_judge(models.PLANE_WEIGHTS),
+            models.hand_judge(models.HAND_WEIGHTS),
         )
         return planner.plan(found[0].read(), np.random.default_rng(0))
 

@@ -21,7 +21,8 @@ from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.grounding import ground_symmetries
 from pipelines.grasping.limits import Limits
 from pipelines.grasping.observation import RegionCloud, SceneCloud
-from pipelines.grasping.plane_judge import PlaneJudge
+from pipelines.grasping.point_judge import PointJudge
+from pipelines.grasping.ranking import Judge
 from pipelines.grasping.region_grasping import MIN_POINTS, plan_planar, plan_random, plan_region
 from pipelines.inference.regions import Detector, FrameRegions, Region, find_regions
 
@@ -64,21 +65,27 @@ class Planner:
     """Everything that turns regions into grasps; without networks where these are None.
 
     Raises:
-        SymgraspError: symmetries are to be fitted to what is seen, without a judge of planes.
+        SymgraspError: symmetries are to be fitted to what is seen, without a judge of planes; or
+            hands are to be judged without a judge of them.
     """
 
     config: InferConfig
     gripper: Gripper
     detector: Detector | None = None
     predictor: Predictor | None = None
-    judge: PlaneJudge | None = None
+    plane_judge: PointJudge | None = None
+    hand_judge: Judge | None = None
 
     def __post_init__(self) -> None:
-        fitted = self.predictor is not None and self.config.selection.ground_symmetries
-        if fitted and self.judge is None:
+        selection = self.config.selection
+        if self.predictor is None:
+            return
+        if selection.ground_symmetries and self.plane_judge is None:
             raise SymgraspError(
                 "fitted symmetries need a judge of planes, or ground_symmetries=False"
             )
+        if selection.judges_hands and self.hand_judge is None:
+            raise SymgraspError('judged hands need a judge of them, or rank_by="eq8"')
 
     def plan(
         self,
@@ -116,6 +123,12 @@ class Planner:
             grasps=grasp_table(grasps, self.config.max_grasps_per_region),
         )
 
+    @property
+    def _judge(self) -> Judge | None:
+        """What ranks hands of symmetric regions; None for Eq. 8."""
+        judges = self.predictor is not None and self.config.selection.judges_hands
+        return self.hand_judge if judges else None
+
     def _plans(
         self, clouds: list[RegionCloud], scene: SceneCloud, rng: np.random.Generator
     ) -> list["_Plan"]:
@@ -142,7 +155,8 @@ class Planner:
             if np.count_nonzero(piece & mask) < inside * np.count_nonzero(piece):
                 continue
             cloud = RegionCloud.from_mask(piece & mask, scene)
-            ranked = plan_planar(cloud, scene, self.gripper, self.config.selection)
+            selection = self.config.selection
+            ranked = plan_planar(cloud, scene, self.gripper, selection, self._judge)
             if len(ranked):
                 return replace(plan, grasps=ranked)
         return plan
@@ -155,9 +169,11 @@ class Planner:
             prediction.existence, prediction.center, prediction.direction, affordance
         )
         sampled, selection = cloud.at(prediction.points), self.config.selection
-        if self.judge is not None and selection.ground_symmetries:
-            slots = ground_symmetries(slots, sampled, scene, selection, self.judge)
-        ranked = plan_region(sampled, scene, slots, affordance, self.gripper, selection)
+        if self.plane_judge is not None and selection.ground_symmetries:
+            slots = ground_symmetries(slots, sampled, scene, selection, self.plane_judge)
+        ranked = plan_region(
+            sampled, scene, slots, affordance, self.gripper, selection, self._judge
+        )
         return _Plan(ranked, slots, float(affordance.mean()), float(affordance.max()))
 
 

@@ -1,4 +1,4 @@
-"""The two networks of `infer`, loaded once a process."""
+"""The networks and judges of `infer`, loaded once a process."""
 
 from __future__ import annotations
 
@@ -13,9 +13,11 @@ import cv2
 from threadpoolctl import ThreadpoolController
 
 from pipelines.errors import MissingInputError
+from pipelines.formats import judge_file
+from pipelines.grasping.point_judge import PointJudge
+from pipelines.grasping.ranking import HandJudge
 
 if TYPE_CHECKING:
-    from pipelines.grasping.plane_judge import PlaneJudge
     from pipelines.network.detector import RegionDetector
     from pipelines.network.predictor import GraspPredictor
 
@@ -23,6 +25,8 @@ WEIGHTS = Path(__file__).parent.parent / "weights"
 DETECTOR_WEIGHTS = WEIGHTS / "detector.safetensors"
 NETWORK_WEIGHTS = WEIGHTS / "network.safetensors"
 PLANE_WEIGHTS = WEIGHTS / "plane_judge.safetensors"
+HAND_WEIGHTS = WEIGHTS / "hand_judge.safetensors"
+PLANES_BY, HANDS_BY = "docs/train_plane_judge.py", "docs/train_hand_judge.py"
 
 
 def existing_weights(path: Path, written_by: str) -> Path:
@@ -51,10 +55,16 @@ def predictor(path: Path, device: str) -> GraspPredictor:
         return _predictor(path, device)
 
 
-def plane_judge(path: Path) -> PlaneJudge:
+def plane_judge(path: Path) -> PointJudge:
     """Return the judge of mirror planes of the weights `path`."""
     with _LOADING:
-        return _plane_judge(path)
+        return _judge(path, judge_file.PLANES, PLANES_BY)
+
+
+def hand_judge(path: Path) -> HandJudge:
+    """Return the judge of hands of the weights `path`."""
+    with _LOADING:
+        return HandJudge(_judge(path, judge_file.HANDS, HANDS_BY))
 
 
 @contextmanager
@@ -97,8 +107,6 @@ def _predictor(path: Path, device: str) -> GraspPredictor:
     return GraspPredictor.load(existing_weights(path, "symgrasp train"), device)
 
 
-@lru_cache(maxsize=2)
-def _plane_judge(path: Path) -> PlaneJudge:
-    from pipelines.formats import plane_judge_file  # noqa: PLC0415 - torch is slow to load
-
-    return plane_judge_file.read(existing_weights(path, "docs/train_plane_judge.py"))
+@lru_cache(maxsize=4)
+def _judge(path: Path, model: str, written_by: str) -> PointJudge:
+    return judge_file.read(existing_weights(path, written_by), model)

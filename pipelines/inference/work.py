@@ -33,6 +33,7 @@ from pipelines.inference.regions import SOURCES
 
 STAGE = "infer"
 METHODS = ("network", "planar", "random")
+RANKINGS = ("judge", "eq8")
 MAX_THREADS = 4
 
 
@@ -49,6 +50,7 @@ class InferPaths:
         detector: weights of the region detector.
         network: weights of the grasp network.
         planes: weights of the judge of mirror planes.
+        hands: weights of the judge of hands.
     """
 
     frames: Path
@@ -59,6 +61,7 @@ class InferPaths:
     detector: Path = models.DETECTOR_WEIGHTS
     network: Path = models.NETWORK_WEIGHTS
     planes: Path = models.PLANE_WEIGHTS
+    hands: Path = models.HAND_WEIGHTS
 
     def with_weights(self, detector: Path | None, network: Path | None) -> "InferPaths":
         """Return the same paths with other weights; None keeps what is there."""
@@ -90,6 +93,11 @@ class Settings:
         """Whether symmetries are fitted to what is seen, and judged by it."""
         return self.uses_network and self.config.selection.ground_symmetries
 
+    @property
+    def judges_hands(self) -> bool:
+        """Whether grasps are ranked by the quality to expect."""
+        return self.uses_network and self.config.selection.judges_hands
+
     def weights(self) -> dict[str, str]:
         """Return the digests of the weights that are used."""
         wanted = {}
@@ -100,8 +108,11 @@ class Settings:
             path = models.existing_weights(self.paths.network, "symgrasp train")
             wanted["network"] = digest(path)
         if self.judges_planes:
-            path = models.existing_weights(self.paths.planes, "docs/train_plane_judge.py")
+            path = models.existing_weights(self.paths.planes, models.PLANES_BY)
             wanted["planes"] = digest(path)
+        if self.judges_hands:
+            path = models.existing_weights(self.paths.hands, models.HANDS_BY)
+            wanted["hands"] = digest(path)
         return wanted
 
     def other_inputs(self) -> dict[str, str]:
@@ -127,6 +138,7 @@ class Settings:
             models.detector(self.paths.detector, self.device) if self.uses_detector else None,
             models.predictor(self.paths.network, self.device) if self.uses_network else None,
             models.plane_judge(self.paths.planes) if self.judges_planes else None,
+            models.hand_judge(self.paths.hands) if self.judges_hands else None,
         )
 
 
@@ -245,6 +257,7 @@ def check_names(config: InferConfig) -> None:
     for kind, name, known in (
         ("regions", config.regions, SOURCES),
         ("method", config.method, METHODS),
+        ("rank-by", config.selection.rank_by, RANKINGS),
     ):
         if name not in known:
             raise UnknownNameError(kind, name, known)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipelines.configs import EvaluateConfig, InferConfig, SimulateConfig
+from pipelines.configs import EvaluateConfig, SimulateConfig
 from pipelines.evaluation.baselines import Planner, rows_of
 from pipelines.evaluation.judging import RegionOwners, assign_regions, best_region
 from pipelines.evaluation.predictions import FramePredictions, Mask, RowPredictions
@@ -95,8 +95,7 @@ class FrameSimulator:
             min_region_share=self.config.min_region_share,
         )
         self._reader = TruthReader(self.root, self._rules)
-        planner = Planner(self._reader, self.gripper, InferConfig())
-        self._planner = planner if self.baselines else None
+        self._planner = Planner.of(self._reader, self.gripper) if self.baselines else None
 
     def run(self, result: FrameResult) -> FrameTrials:
         """Return what becomes of the best grasp on every visible object of a frame."""

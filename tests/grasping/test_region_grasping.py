@@ -1,5 +1,7 @@
 """From a region to ranked grasps: by symmetry, from the boundary, at random."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from pipelines.geometry.transforms import invert, rotate_vectors, transform_poin
 from pipelines.grasping.collision import lowest_height
 from pipelines.grasping.observation import RegionCloud, SceneCloud
 from pipelines.grasping.region_grasping import plan_planar, plan_random, plan_region
+from pipelines.grasping.suppression import are_near
 from tests.geometry.tabletops import CAMERA, Ball, Box, Can, looking_at_table, render
 
 CONFIG = SelectionConfig()
@@ -143,6 +146,42 @@ def test_a_false_symmetry_costs_nothing_but_the_fallback():
     slots = SymmetrySlots.from_symmetries([wrong])
     found = plan_region(region, scene, slots, np.ones(len(region)), GRIPPER, CONFIG)
     assert set(found.source) == {"planar"}
+
+
+class Expecting:
+    """A judge that expects the more, the nearer a hand's closing is to `direction`."""
+
+    def __init__(self, direction, most=1.0):
+        self.direction, self.most = direction, most
+
+    def expect(self, views):
+        return self.most * np.abs(views.found.grasps.closing @ self.direction)
+
+
+def judged(scene, region, slots, judge, config=CONFIG):
+    return plan_region(region, scene, slots, np.ones(len(region)), GRIPPER, config, judge)
+
+
+def test_a_judge_decides_which_plane_the_best_grasp_is_across():
+    pose, scene, region = seen([Box((0.06, 0.09, 0.1))])
+    for axis in (0, 1):
+        found = judged(scene, region, box_planes(pose, 0.1), Expecting(pose[:3, axis]))
+        assert abs(found.grasps.closing[0] @ pose[:3, axis]) > 0.99
+        assert (np.diff(found.rank_score) <= 1e-6).all()
+
+
+def test_planar_grasps_join_where_little_is_expected_of_symmetric_ones():
+    pose, scene, region = seen([Box((0.06, 0.09, 0.1))])
+    slots = box_planes(pose, 0.1)
+    config = replace(CONFIG, planar_below=0.5)
+    sure = judged(scene, region, slots, Expecting(pose[:3, 1]), config)
+    assert set(sure.source) == {"network"}
+    unsure = judged(scene, region, slots, Expecting(pose[:3, 1], most=0.4), config)
+    assert set(unsure.source) <= {"network", "planar"}
+    assert "planar" in unsure.source
+    assert (np.diff(unsure.rank_score) <= 1e-6).all()
+    near = are_near(unsure.grasps, config.nms_distance, config.nms_angle)
+    assert not np.triu(near, 1).any()
 
 
 def test_a_region_of_a_few_pixels_gives_no_grasps():

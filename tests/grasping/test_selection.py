@@ -16,7 +16,8 @@ from pipelines.grasping.collision import lowest_height, turned
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.limits import Limits
 from pipelines.grasping.observation import RegionCloud, SceneCloud
-from pipelines.grasping.selection import rank_score, select, surroundings
+from pipelines.grasping.ranking import Ranking, by_eq8, rank_score
+from pipelines.grasping.selection import select, surroundings
 from pipelines.grasping.suppression import are_near
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
 
@@ -51,9 +52,10 @@ def across_box(pose, heights, x=0.0, size=0.06):
     )
 
 
-def chosen(candidates, turns, region, scene, config=CONFIG):
+def chosen(candidates, turns, region, scene, config=CONFIG, ranking=None):
     around = surroundings(region, scene, GRIPPER, config)
-    return select(candidates, turns, region, scene, GRIPPER, config, around)
+    ranking = ranking or by_eq8(config)
+    return select(candidates, turns, region, scene, GRIPPER, config, around, ranking)
 
 
 @given(metres, metres)
@@ -242,3 +244,23 @@ def test_limits_hold_for_what_is_chosen():
     assert (-free.approach @ pose[:3, 2] < steep).any()
     assert len(kept) > 0
     assert (-kept.approach @ pose[:3, 2] >= steep - 1e-9).all()
+
+
+def test_what_ranks_decides_on_order_and_on_who_is_asked():
+    pose, scene, region = seen([Box((0.06, 0.06, 0.12))])
+    candidates, asked = across_box(pose, [0.1, 0.09, 0.08]), []
+
+    def lowest_first(found, steady, sight):
+        asked.append((len(found), steady.min() / steady.max(), sight.min(), sight.max()))
+        return -scene.plane.height(found.grasps.translation)
+
+    found = chosen(candidates, TURNS, region, scene, CONFIG, Ranking(lowest_first, 0.5, 40))
+    heights = scene.plane.height(found.grasps.translation)
+    np.testing.assert_allclose(found.rank_score, -heights)
+    assert (np.diff(heights) >= -1e-6).all()
+    (count, steadiness, *shares) = asked[0]
+    assert 0 < count <= 40
+    assert steadiness >= 0.5
+    assert 0.0 <= shares[0] <= shares[1] <= 1.0
+    chosen(candidates, TURNS, region, scene, CONFIG, Ranking(lowest_first, 0.95, 1))
+    assert asked[-1][0] == 1

@@ -22,7 +22,10 @@ POSE = looking_at_table()
 DEPTH, INDEX = render([Box((0.06, 0.09, 0.1))], POSE)
 FRAME = Frame("f", np.full((240, 320, 3), 90, np.uint8), DEPTH.astype(np.float32), CAMERA)
 CONFIG = InferConfig(regions="geometric")
-JUDGE = models.plane_judge(models.PLANE_WEIGHTS)
+JUDGES = {
+    "plane_judge": models.plane_judge(models.PLANE_WEIGHTS),
+    "hand_judge": models.hand_judge(models.HAND_WEIGHTS),
+}
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,7 @@ class Oracle:
 
 
 def plan(predictor):
-    planner = Planner(CONFIG, load_gripper("rg2"), predictor=predictor, judge=JUDGE)
+    planner = Planner(CONFIG, load_gripper("rg2"), predictor=predictor, **JUDGES)
     return planner.plan(FRAME, np.random.default_rng(0))
 
 
@@ -100,9 +103,17 @@ def test_symmetries_are_not_left_unfitted_in_silence():
         Planner(CONFIG, load_gripper("rg2"), predictor=Oracle())
 
 
+def test_hands_are_not_left_unjudged_in_silence():
+    planes = JUDGES["plane_judge"]
+    with pytest.raises(SymgraspError, match="judge of them"):
+        Planner(CONFIG, load_gripper("rg2"), predictor=Oracle(), plane_judge=planes)
+    as_paper = replace(CONFIG, selection=replace(CONFIG.selection, rank_by="eq8"))
+    Planner(as_paper, load_gripper("rg2"), predictor=Oracle(), plane_judge=planes)
+
+
 def limited(workspace=None, **settings):
     config = replace(CONFIG, limits=LimitsConfig(**settings))
-    planner = Planner(config, load_gripper("rg2"), predictor=Oracle(), judge=JUDGE)
+    planner = Planner(config, load_gripper("rg2"), predictor=Oracle(), **JUDGES)
     return planner.plan(FRAME, np.random.default_rng(0), workspace=workspace)
 
 

@@ -1,7 +1,8 @@
-"""A small network that says how likely a candidate mirror plane is true (D. 80).
+"""A small network over points that says how likely a candidate is a good one.
 
-Points as a plane sees them go through shared layers, their maximum and mean through further ones,
-beside the numbers of `plane_evidence`. Trained by `docs/train_plane_judge.py`.
+Points as a candidate sees them go through shared layers, their maximum and mean through further
+ones, beside numbers about the candidate. One of these judges mirror planes (D. 80), another hands
+(D. 82); they are trained by `docs/train_plane_judge.py` and `docs/train_hand_judge.py`.
 """
 
 from collections.abc import Mapping
@@ -14,59 +15,59 @@ from scipy.special import expit
 Rows = NDArray[np.float32]
 Layer = tuple[Rows, Rows]  # weight (out, in), bias (out,)
 
-POINT_LAYERS, PLANE_LAYERS = 3, 3
+POINT_LAYERS, LAST_LAYERS = 3, 3
 
 
 @dataclass(frozen=True)
-class PlaneJudge:
+class PointJudge:
     """The network's weights.
 
     Attributes:
         point_layers: for each point, ReLU between them.
-        plane_layers: for what all points give, ReLU between them; one number out.
+        last_layers: for what all points give, ReLU between them; one number out.
         mean: (e,) of the evidence.
         spread: (e,) of the same.
         calibration: (2,) a, b: of logits l, a + b l are the log odds on objects never seen.
     """
 
     point_layers: tuple[Layer, ...]
-    plane_layers: tuple[Layer, ...]
+    last_layers: tuple[Layer, ...]
     mean: Rows
     spread: Rows
     calibration: Rows
 
     def logits(
         self,
-        points: Rows,  # (k, n, 14)
-        planes: Rows,  # (k, 3)
+        points: Rows,  # (k, n, p)
+        wholes: Rows,  # (k, w) what every point of a candidate shares; w may be 0
         evidence: Rows,  # (k, e)
     ) -> Rows:
         """Return the network's logits (k,)."""
-        # The first layer's product is a sum: what holds for a whole plane is multiplied once.
+        # The first layer's product is a sum: what a whole candidate shares is multiplied once.
         weight, bias = self.point_layers[0]
         split = points.shape[-1]
-        hidden = points @ weight[:, :split].T + (planes @ weight[:, split:].T + bias)[:, None]
+        hidden = points @ weight[:, :split].T + (wholes @ weight[:, split:].T + bias)[:, None]
         for weight, bias in self.point_layers[1:]:
             hidden = np.maximum(hidden, 0.0) @ weight.T + bias
         known = (evidence - self.mean) / self.spread
-        joined = np.concatenate([hidden.max(axis=1), hidden.mean(axis=1), known, planes], axis=1)
-        for index, (weight, bias) in enumerate(self.plane_layers):
+        joined = np.concatenate([hidden.max(axis=1), hidden.mean(axis=1), known, wholes], axis=1)
+        for index, (weight, bias) in enumerate(self.last_layers):
             joined = (np.maximum(joined, 0.0) if index else joined) @ weight.T + bias
         return np.asarray(joined[:, 0], np.float32)
 
     def trust(
         self,
-        points: Rows,  # (k, n, 14)
-        planes: Rows,  # (k, 3)
+        points: Rows,  # (k, n, p)
+        wholes: Rows,  # (k, w)
         evidence: Rows,  # (k, e)
     ) -> NDArray[np.float64]:
-        """Return the probability (k,) that planes are true."""
+        """Return the probability (k,) that candidates are good, or the quality to expect."""
         bias, slope = self.calibration.astype(np.float64)
-        return np.asarray(expit(bias + slope * self.logits(points, planes, evidence)))
+        return np.asarray(expit(bias + slope * self.logits(points, wholes, evidence)))
 
     @classmethod
-    def of(cls, arrays: Mapping[str, Rows]) -> "PlaneJudge":
-        """Return the judge whose `arrays` are named as `arrays` names them."""
+    def of(cls, arrays: Mapping[str, Rows]) -> "PointJudge":
+        """Return the judge whose `arrays` are named as in its file (FORMATS.md)."""
 
         def layers(name: str, count: int) -> tuple[Layer, ...]:
             parts = ((f"{name}.{i}.weight", f"{name}.{i}.bias") for i in range(count))
@@ -74,6 +75,6 @@ class PlaneJudge:
 
         return cls(
             layers("point", POINT_LAYERS),
-            layers("plane", PLANE_LAYERS),
+            layers("last", LAST_LAYERS),
             *(arrays[name] for name in ("mean", "spread", "calibration")),
         )

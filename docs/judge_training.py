@@ -1,0 +1,148 @@
+"""How a `PointJudge` is trained on rows that were collected: what planes and hands share.
+
+Rows are arrays of as many rows as candidates: `points` (k, n, p), `wholes` (k, w), `evidence`
+(k, e) and `truth` (k,) 0 to 1, below 0 where it is not known.
+"""
+
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from calibrate_trust import logistic
+from torch import Tensor, nn
+from torch.nn import functional
+
+from pipelines.formats.checkpoints import save_weights
+from pipelines.formats.files import atomic_path
+from pipelines.grasping.point_judge import PointJudge
+
+POINT_WIDTHS, LAST_WIDTHS = (64, 64, 96), (64, 32, 1)
+BATCH, DECAY, DROPOUT = 256, 1e-2, 0.2
+
+Rows = dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Training:
+    """How a judge of one kind is trained.
+
+    Attributes:
+        mirrored: columns of points whose sign means nothing, all at once.
+        points_a_step: of all: another view of the same candidate each time.
+        jitter: of a point's place, in its own unit.
+        rate: of learning, the highest.
+        epochs: passes over the rows.
+    """
+
+    mirrored: tuple[int, ...]
+    points_a_step: int
+    jitter: float
+    rate: float
+    epochs: int = 12
+
+    def varied(self, points: Tensor) -> Tensor:
+        """Return some of the points, jittered, in either handedness."""
+        chosen = points[:, torch.randperm(points.shape[1])[: self.points_a_step]]
+        sign = torch.where(torch.rand(len(points), 1) < 0.5, -1.0, 1.0)
+        for column in self.mirrored:
+            chosen[..., column] *= sign
+        chosen[..., :3] += self.jitter * torch.randn_like(chosen[..., :3])
+        return chosen
+
+
+class TrainedJudge(nn.Module):
+    """`PointJudge` with gradients: `features` of a point, `shared` by all of a candidate's."""
+
+    def __init__(self, features: int, shared: int, mean: Tensor, spread: Tensor) -> None:
+        super().__init__()
+        self.point = layers(features + shared, POINT_WIDTHS)
+        self.last = layers(2 * POINT_WIDTHS[-1] + len(mean) + shared, LAST_WIDTHS)
+        self.register_buffer("mean", mean)
+        self.register_buffer("spread", spread)
+
+    def forward(self, points: Tensor, wholes: Tensor, evidence: Tensor) -> Tensor:
+        """Return logits (k,) of points (k, n, features), wholes (k, shared), evidence (k, e)."""
+        around = wholes[:, None].expand(-1, points.shape[1], -1)
+        hidden = torch.cat([points, around], -1)
+        for index, layer in enumerate(self.point):
+            hidden = layer(torch.relu(hidden) if index else hidden)
+        known = (evidence - self.mean) / self.spread
+        joined = torch.cat([hidden.amax(1), hidden.mean(1), known, wholes], -1)
+        for index, layer in enumerate(self.last):
+            joined = layer(torch.relu(joined) if index else joined)
+            if index == 0:
+                joined = functional.dropout(joined, DROPOUT, self.training)
+        return joined[:, 0]
+
+
+def layers(width: int, widths: tuple[int, ...]) -> nn.ModuleList:
+    """Return linear layers from `width` through `widths`."""
+    sizes = zip((width, *widths), widths, strict=False)
+    return nn.ModuleList(nn.Linear(*size) for size in sizes)
+
+
+def write(path: Path, regions: Iterable[Rows]) -> int:
+    """Write the rows of all `regions`; return how many there are."""
+    parts = list(regions)
+    rows = {name: np.concatenate([each[name] for each in parts]) for name in parts[0]}
+    rows["points"] = rows["points"].astype(np.float16)
+    with atomic_path(path) as temporary, temporary.open("wb") as stream:
+        np.savez(stream, **rows)
+    return len(rows["truth"])
+
+
+def read(paths: Iterable[Path]) -> Rows:
+    """Return the rows of all files whose truth is known."""
+    parts = []
+    for path in paths:
+        with np.load(path, allow_pickle=False) as arrays:
+            rows = {name: arrays[name] for name in ("points", "wholes", "evidence", "truth")}
+        known = rows["truth"] >= 0
+        parts.append({name: array[known] for name, array in rows.items()})
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def trained(rows: Rows, training: Training, seed: int) -> TrainedJudge:
+    """Return the network after all passes over `rows`."""
+    torch.manual_seed(seed)
+    rng, count = np.random.default_rng(seed), len(rows["truth"])
+    evidence = torch.from_numpy(rows["evidence"])
+    features, shared = rows["points"].shape[-1], rows["wholes"].shape[-1]
+    judge = TrainedJudge(features, shared, evidence.mean(0), evidence.std(0) + 1e-6)
+    optimizer = torch.optim.AdamW(judge.parameters(), training.rate, weight_decay=DECAY)
+    steps = training.epochs * (count // BATCH)
+    rate = torch.optim.lr_scheduler.OneCycleLR(optimizer, training.rate, steps)
+    for epoch in range(training.epochs):
+        order, losses = rng.permutation(count), []
+        for start in range(0, count - BATCH + 1, BATCH):
+            chosen = np.sort(order[start : start + BATCH])
+            points = torch.from_numpy(rows["points"][chosen].astype(np.float32))
+            wholes = torch.from_numpy(rows["wholes"][chosen])
+            truth = torch.from_numpy(rows["truth"][chosen]).float()
+            logits = judge(training.varied(points), wholes, evidence[chosen])
+            loss = functional.binary_cross_entropy_with_logits(logits, truth)
+            optimizer.zero_grad()
+            loss.backward()
+            optimizer.step()
+            rate.step()
+            losses.append(float(loss.detach()))
+        sys.stdout.write(f"epoch {epoch + 1}: loss {np.mean(losses):.4f}\n")
+    return judge.eval()
+
+
+def fit(output: Path, model: str, held: Path, evidence: list[Path], training: Training) -> None:
+    """Train on `evidence`, make log odds of what comes out by `held`, write all of it."""
+    judge, other = trained(read(evidence), training, 0), read([held])
+    arrays = {name: tensor.numpy() for name, tensor in judge.state_dict().items()}
+    plain = PointJudge.of(arrays | {"calibration": np.float32([0.0, 1.0])})
+    logits = plain.logits(other["points"].astype(np.float32), other["wholes"], other["evidence"])
+    truth = other["truth"].astype(np.float64)
+    weights = logistic(np.stack([np.ones(len(logits)), logits], 1), truth)
+    loss = np.mean(np.logaddexp(0.0, logits) - truth * logits)
+    sys.stdout.write(f"held out: {len(logits)} candidates, loss {loss:.4f}, {weights.round(2)}\n")
+    arrays["calibration"] = weights.astype(np.float32)
+    tensors = {name: torch.from_numpy(array) for name, array in arrays.items()}
+    save_weights(output, tensors, {"model": model})

@@ -1,0 +1,106 @@
+"""Train the judge of hands, `pipelines/weights/hand_judge.safetensors` (D. 82).
+
+    python docs/train_hand_judge.py collect ROOT HANDS.npz [STRIDE [START]]
+    python docs/train_hand_judge.py fit JUDGE.safetensors HELD.npz HANDS.npz ...
+
+`collect` runs `infer`'s own stages with the default weights on every STRIDE-th frame of ROOT, from
+START on, and writes how some of the feasible hands at each region look, and their verdict among the
+true meshes. `fit` trains the judge on what was collected of the training's objects, and makes
+qualities of what it says by HELD, collected of objects that no network was trained on
+(docs/calibrate_trust.py says how such a ROOT is made).
+"""
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import judge_training
+import numpy as np
+import torch
+from calibrate_trust import EVALUATE, INFER, SeenRegion, seen_regions
+from judge_training import Rows
+
+from pipelines.evaluation.truth import TruthReader
+from pipelines.formats import judge_file
+from pipelines.formats.graspnet import GraspNetRoot
+from pipelines.formats.gripper_files import load_gripper
+from pipelines.grasping.grounding import ground_symmetries
+from pipelines.grasping.hand_views import HandViews
+from pipelines.grasping.region_grasping import plan_region
+from pipelines.inference import models
+from pipelines.metrics.grasp_verdicts import TrueScene, judge_grasp
+
+GRIPPER = load_gripper(INFER.gripper)
+ANY = 24  # hands of a region that are judged, of each round of the selection
+# The point's and its normal's third coordinate: a hand is its own mirror image.
+TRAINING = judge_training.Training(mirrored=(2, 6), points_a_step=48, jitter=0.01, rate=3e-3)
+
+
+@dataclass
+class Recorder:
+    """A judge that expects anything, and remembers what it was asked."""
+
+    rng: np.random.Generator
+    asked: list[HandViews] = field(default_factory=list)
+
+    def expect(self, views: HandViews) -> np.ndarray:
+        """Return (k,) random numbers below what would keep planar hands away."""
+        self.asked.append(views)
+        return 0.5 * self.rng.random(len(views.found))
+
+
+def feasible_hands(region: SeenRegion, rng: np.random.Generator) -> list[HandViews]:
+    """Return the feasible hands of a region, symmetric and planar, as the judge would see them."""
+    selection, recorder = INFER.selection, Recorder(rng)
+    planes = models.plane_judge(models.PLANE_WEIGHTS)
+    slots = ground_symmetries(region.slots, region.cloud, region.scene, selection, planes)
+    seen = region.cloud, region.scene, slots, region.affordance
+    plan_region(*seen, GRIPPER, selection, recorder)
+    return recorder.asked
+
+
+def judged(views: HandViews, region: SeenRegion, truth: TrueScene, chosen: np.ndarray) -> Rows:
+    """Return how the hands `chosen` look, and their quality among the true meshes."""
+    hands = views.found.grasps
+    verdicts = [judge_grasp(truth, region.object_id, hands[i : i + 1], GRIPPER) for i in chosen]
+    evidence = views.hand_rows()[chosen]
+    return {
+        "points": views.point_rows()[chosen],
+        "wholes": evidence[:, :0],
+        "evidence": evidence,
+        "truth": np.array([verdict.quality for verdict in verdicts], np.float32),
+        "antipodal": np.array([verdict.antipodal for verdict in verdicts], np.float32),
+    }
+
+
+def collected(root: Path, stride: int = 1, start: int = 0) -> Iterator[Rows]:
+    """Yield, for each region that lies on an object, how some of its hands look and turn out."""
+    torch.set_num_threads(1)
+    rng = np.random.default_rng(start)
+    reader = TruthReader(GraspNetRoot(root), EVALUATE)
+    frames = [files for scene in reader.root.scenes() for files in scene.frames()]
+    for files in frames[start::stride]:
+        truth = reader.read(files).scene
+        for region in seen_regions(reader, files):
+            if region.object_id < 0:
+                continue
+            for views in feasible_hands(region, rng):
+                chosen = rng.permutation(len(views.found))[:ANY]
+                yield judged(views, region, truth, np.sort(chosen))
+
+
+def main() -> None:
+    """Collect or fit, as the command line says."""
+    command, *arguments = sys.argv[1:]
+    if command == "collect":
+        root, output, *which = arguments
+        rows = collected(Path(root), *(int(number) for number in which))
+        sys.stdout.write(f"{judge_training.write(Path(output), rows)} hands\n")
+    else:
+        output, held, *hands = (Path(argument) for argument in arguments)
+        judge_training.fit(output, judge_file.HANDS, held, hands, TRAINING)
+
+
+if __name__ == "__main__":
+    main()

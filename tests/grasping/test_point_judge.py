@@ -1,0 +1,91 @@
+"""The judges in numpy say what the same layers say in torch, and give probabilities."""
+
+import numpy as np
+import pytest
+import torch
+
+from pipelines.errors import FormatError
+from pipelines.formats import judge_file
+from pipelines.formats.checkpoints import load_weights, save_weights
+from pipelines.grasping import hand_views, mirror_views
+from pipelines.grasping.plane_evidence import FEATURES
+from pipelines.inference.models import HAND_WEIGHTS, PLANE_WEIGHTS
+
+JUDGES = {  # weights, what they are of, and widths of points, wholes and evidence
+    "planes": (
+        PLANE_WEIGHTS,
+        judge_file.PLANES,
+        (mirror_views.POINT_FEATURES, mirror_views.PLANE_FEATURES, len(FEATURES)),
+    ),
+    "hands": (
+        HAND_WEIGHTS,
+        judge_file.HANDS,
+        (hand_views.POINT_FEATURES, 0, hand_views.HAND_FEATURES),
+    ),
+}
+
+
+def inputs(widths, count=5, points=16):
+    rng = np.random.default_rng(0)
+    shapes = ((count, points, widths[0]), (count, widths[1]), (count, widths[2]))
+    return [rng.normal(size=shape).astype(np.float32) for shape in shapes]
+
+
+def through(tensors, name, features):
+    for index in range(3):
+        features = torch.relu(features) if index else features
+        weight, bias = (tensors[f"{name}.{index}.{part}"] for part in ("weight", "bias"))
+        features = torch.nn.functional.linear(features, weight, bias)
+    return features
+
+
+@pytest.fixture(params=JUDGES)
+def judge(request):
+    path, model, widths = JUDGES[request.param]
+    return path, judge_file.read(path, model), widths
+
+
+def test_the_default_judges_are_what_their_layers_are_in_torch(judge):
+    path, network, widths = judge
+    tensors, _ = load_weights(path)
+    points, wholes, evidence = (torch.from_numpy(each) for each in inputs(widths))
+    around = wholes[:, None].expand(-1, points.shape[1], -1)
+    hidden = through(tensors, "point", torch.cat([points, around], -1))
+    known = (evidence - tensors["mean"]) / tensors["spread"]
+    joined = torch.cat([hidden.amax(1), hidden.mean(1), known, wholes], -1)
+    expected = through(tensors, "last", joined)[:, 0]
+    found = network.logits(*inputs(widths))
+    np.testing.assert_allclose(found, expected.numpy(), rtol=1e-4, atol=1e-4)
+
+
+def test_the_order_of_points_says_nothing(judge):
+    _, network, widths = judge
+    points, wholes, evidence = inputs(widths)
+    mixed = points[:, np.random.default_rng(1).permutation(points.shape[1])]
+    here, there = (network.logits(each, wholes, evidence) for each in (points, mixed))
+    np.testing.assert_allclose(here, there, rtol=1e-4, atol=1e-4)
+
+
+def test_trust_is_a_probability_in_the_order_of_the_logits(judge):
+    _, network, widths = judge
+    logits, trust = network.logits(*inputs(widths, 40)), network.trust(*inputs(widths, 40))
+    assert ((trust >= 0) & (trust <= 1)).all()
+    assert (np.diff(trust[np.argsort(logits)]) >= 0).all()
+    assert trust.max() > trust.min()
+
+
+def test_nothing_is_said_of_no_candidates(judge):
+    _, network, widths = judge
+    assert network.trust(*inputs(widths, 0)).shape == (0,)
+
+
+def test_other_weights_are_refused_by_name(tmp_path):
+    path = tmp_path / "other.safetensors"
+    save_weights(path, {"a": torch.zeros(1)}, {"model": "SymmetryGraspNet"})
+    with pytest.raises(FormatError, match="holds SymmetryGraspNet"):
+        judge_file.read(path, judge_file.PLANES)
+    with pytest.raises(FormatError, match="holds PlaneJudge; weights of HandJudge"):
+        judge_file.read(PLANE_WEIGHTS, judge_file.HANDS)
+    save_weights(path, {"a": torch.zeros(1)}, {"model": judge_file.PLANES})
+    with pytest.raises(FormatError, match=r"has no point\.0\.weight"):
+        judge_file.read(path, judge_file.PLANES)

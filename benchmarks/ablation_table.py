@@ -62,6 +62,7 @@ ROWS = (  # the first is what the others are compared with
         infer=("--no-grounding",),
         network=FULL,
     ),
+    Row("eq8", "ranked by Eq. 8", None, infer=("--rank-by", "eq8"), network=FULL),
     Row(
         "no-depth-regions",
         "no regions from depth alone",

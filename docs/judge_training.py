@@ -21,6 +21,7 @@ from pipelines.grasping.point_judge import PointJudge
 
 POINT_WIDTHS, LAST_WIDTHS = (64, 64, 96), (64, 32, 1)
 BATCH, DECAY, DROPOUT = 256, 1e-2, 0.2
+LEAST_SPREAD = 1e-2  # of evidence that hardly varied: what does later must not outweigh the rest
 
 Rows = dict[str, np.ndarray]
 
@@ -111,7 +112,8 @@ def trained(rows: Rows, training: Training, seed: int) -> TrainedJudge:
     rng, count = np.random.default_rng(seed), len(rows["truth"])
     evidence = torch.from_numpy(rows["evidence"])
     features, shared = rows["points"].shape[-1], rows["wholes"].shape[-1]
-    judge = TrainedJudge(features, shared, evidence.mean(0), evidence.std(0) + 1e-6)
+    spread = evidence.std(0).clamp(min=LEAST_SPREAD)
+    judge = TrainedJudge(features, shared, evidence.mean(0), spread)
     optimizer = torch.optim.AdamW(judge.parameters(), training.rate, weight_decay=DECAY)
     steps = training.epochs * (count // BATCH)
     rate = torch.optim.lr_scheduler.OneCycleLR(optimizer, training.rate, steps)

@@ -32,7 +32,7 @@ FARTHEST, DEEPEST = 0.15, 0.05  # metres, of coordinates and of distances from a
 HEIGHTS = (-0.05, 0.3)  # metres above the table
 FINGER_BAND, BEHIND, BEYOND, BESIDE = 0.011, -0.04, 0.03, 0.01  # metres: the room between fingers
 POINT_FEATURES = 11
-HAND_FEATURES = 50
+HAND_FEATURES = 49
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ class HandViews:
         return np.concatenate(columns, axis=-1, dtype=np.float32)
 
     def hand_rows(self) -> Singles:
-        """Return (k, 50): numbers about each hand's pose, its contacts and its region."""
+        """Return (k, 49): numbers about each hand's pose, its contacts and its region."""
         found, known = self.found, self.known
         grasps, slot, existence = found.grasps, found.slot, known.slots.existence
         columns = [
@@ -149,7 +149,6 @@ class HandViews:
             slot < 0,
             10.0 * known.heights(grasps.translation),
             self._between_fingers(),
-            np.full(len(found), np.log(len(known.region)) / 5.0),
             *_contact_patches(grasps, known.region),
             *_extent(grasps, known.region),
             np.broadcast_to(existence, (len(found), len(existence))),

@@ -25,7 +25,7 @@ from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
 SIZE = (0.06, 0.09, 0.1)
 PLACE, BESIDE, NORMAL, KIND, HEIGHT = slice(0, 3), 3, slice(4, 7), slice(7, 10), 10
 WIDTH, UP, SLOT_TRUST, IS_PLANE, IS_PLANAR, TIP_HEIGHT = 0, slice(1, 4), 11, 12, 15, 16
-PATCHES = slice(20, 36)  # eight of the first contact, eight of the second
+PATCHES = slice(19, 35)  # eight of the first contact, eight of the second
 
 
 def known_box():

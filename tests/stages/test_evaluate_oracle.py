@@ -8,7 +8,7 @@ import pytest
 
 from pipelines import evaluate
 from pipelines.batch import BatchOptions
-from pipelines.configs import EvaluateConfig, InferConfig
+from pipelines.configs import EvaluateConfig
 from pipelines.evaluation.baselines import Planner
 from pipelines.evaluation.judging import assign_regions
 from pipelines.evaluation.predictions import FramePredictions
@@ -31,7 +31,7 @@ def planned_by_the_oracle(root: GraspNetRoot, name: str) -> FrameResult:
     truth, predictions = reader.read(files), FramePredictions.from_result(result)
     owners = assign_regions(predictions.masks, truth, CONFIG)
     rng = np.random.default_rng([SEED, files.scene_id, files.frame_id])
-    planner = Planner(reader, load_gripper("rg2"), InferConfig())
+    planner = Planner.of(reader, load_gripper("rg2"))
     row = planner.rows(predictions.masks, owners, files, truth, rng)["oracle"]
     regions = np.flatnonzero([len(best) for best in row.best])
     table = grasp_table(Grasps.concatenate([row.best[region] for region in regions]))

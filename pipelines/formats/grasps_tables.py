@@ -128,7 +128,7 @@ class GraspTable:
     source: NDArray[Any]  # str (g,): network or planar
     clearance: NDArray[Any]  # f4 (g,) metres, b of Eq. 8
     enclosed_height: NDArray[Any]  # f4 (g,) metres, h of Eq. 8
-    rank_score: NDArray[Any]  # f4 (g,) s of Eq. 8, higher is better
+    rank_score: NDArray[Any]  # f4 (g,) quality to expect, or s of Eq. 8; higher is better
     is_best: NDArray[Any]  # bool (g,) the one best of its region
     frame: NDArray[Any] = field(default_factory=lambda: np.zeros(0))  # i4 (g,) as in RegionTable
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
+from pipelines.geometry.nearest import nearest_of
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry
 from pipelines.geometry.transforms import basis_from_direction, unit
 
@@ -68,7 +68,6 @@ def fit_reflections(
 
     One whose images hardly meet the surface stays as it is.
     """
-    tree = KDTree(points)
     # An image farther off than this is beside the seen surface, or misses it by more than a scale.
     reach = SCALES[0] / 2 + SCALES[0]
 
@@ -76,8 +75,7 @@ def fit_reflections(
         foot = points - point[:, None]
         height = np.einsum("kni,ki->kn", foot, normal)
         image = points - 2.0 * height[..., None] * normal[:, None]
-        distance, index = tree.query(image, distance_upper_bound=reach)
-        nearest = np.where(np.isinf(distance), 0, index)
+        distance, nearest = nearest_of(points, image)
         target = normals[nearest]
         alike = face_alike(normals, target, normal)
         residual = np.einsum("kni,kni->kn", target, image - points[nearest])
@@ -87,7 +85,7 @@ def fit_reflections(
         )
         by_offset = 2.0 * along_normal[..., None]
         # An image beside the seen surface meets its border: that says nothing of the plane.
-        beside = np.isinf(distance) | (distance - np.abs(residual) > SCALES[0] / 2)
+        beside = (distance > reach) | (distance - np.abs(residual) > SCALES[0] / 2)
         jacobian = np.concatenate([by_normal, by_offset, np.zeros_like(by_offset)], -1)
         return np.where(alike & ~beside, residual, np.inf), jacobian
 
@@ -119,7 +117,7 @@ def _fitted(
     `along`, one offset along it (a plane) and one that is not used.
     """
     start = unit(directions)
-    basis = np.array([basis_from_direction(direction)[:, 1:] for direction in start])
+    basis = basis_from_direction(start)[..., 1:]
     offsets = np.stack([start, np.zeros_like(start)], -1) if along else basis
     sigma = np.array([PRIOR_ANGLE, PRIOR_ANGLE, PRIOR_OFFSET, PRIOR_OFFSET])
     total, support = np.zeros((len(start), 4)), np.zeros(len(start))

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from pipelines.geometry.levelling import UNKNOWN_UP
+from pipelines.geometry.nearest import nearest_of
 from pipelines.geometry.symmetry import ReflectionSymmetry
 from pipelines.geometry.transforms import unit
 from pipelines.grasping.observation import SceneCloud
@@ -52,8 +52,7 @@ class MirrorImages:
         normal = np.array([plane.normal for plane in planes])
         side = points @ normal.T - [plane.point @ plane.normal for plane in planes]
         images = points - 2.0 * side.T[..., None] * normal[:, None]
-        distance, nearest = KDTree(points).query(images)
-        return cls(points, normals, images, np.asarray(distance), np.asarray(nearest, np.intp))
+        return cls(points, normals, images, *nearest_of(points, images))
 
 
 def plane_rows(planes: list[ReflectionSymmetry], region: Array, scene: SceneCloud) -> Rows:
@@ -111,18 +110,17 @@ def _plane_axes(
     The normal points to the side on which most of the surface is seen.
     """
     middle, top = points.mean(axis=0), UNKNOWN_UP if scene.plane is None else scene.plane.normal
-    axes, feet = [], []
-    for plane in planes:
-        seen = float(np.median((points - plane.point) @ plane.normal))
-        normal = plane.normal if seen >= 0 else -plane.normal
-        up = top - (top @ normal) * normal
-        if np.linalg.norm(up) < LEVEL:
-            ray = unit(middle)
-            up = ray - (ray @ normal) * normal
-        up = unit(up)
-        axes.append(np.stack([normal, up, np.cross(normal, up)]))
-        feet.append(middle - ((middle - plane.point) @ normal) * normal)
-    return np.array(axes), np.array(feet)
+    normal = np.array([plane.normal for plane in planes])
+    at = np.array([plane.point for plane in planes])
+    offset = np.einsum("ki,ki->k", normal, at)
+    seen = np.median(normal @ points.T, axis=1) - offset
+    normal = np.where(seen >= 0, 1.0, -1.0)[:, None] * normal
+    up = top - (normal @ top)[:, None] * normal
+    ray = unit(middle)
+    level = np.linalg.norm(up, axis=1) < LEVEL
+    up = unit(np.where(level[:, None], ray - (normal @ ray)[:, None] * normal, up))
+    foot = middle - np.einsum("ki,ki->k", middle - at, normal)[:, None] * normal
+    return np.stack([normal, up, np.cross(normal, up)], axis=1), foot
 
 
 def _against_depth(images: Array, mask: NDArray[np.bool_], scene: SceneCloud) -> Array:

@@ -20,7 +20,8 @@ ReportRows = Mapping[str, Mapping[str, Figures]]
 METHODS = {"ours": "SymGrasp", "oracle": "oracle", "planar": "planar", "random": "random"}
 METHODS_NOTE = (
     "SymGrasp is ours, on the dataset evaluated here; oracle: true symmetries and affordance "
-    "through the same selection; planar: from the boundary of the region; random: any grasp the hand can do."
+    "through the same selection; planar: from the boundary of the region; random: any grasp the "
+    "hand can do."
 )
 UNSEEN = ("similar", "novel")
 SUCCESS_KINDS = ("reflection", "rotation", "sphere", "none", ALL)

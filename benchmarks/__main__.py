@@ -9,6 +9,7 @@ from benchmarks import (
     bench_infer,
     bench_labels,
     bench_machine,
+    bench_many_frames,
     bench_metrics,
     bench_network,
 )
@@ -17,6 +18,7 @@ from benchmarks.timing import markdown
 BENCHES = (
     bench_machine,
     bench_infer,
+    bench_many_frames,
     bench_network,
     bench_annotate,
     bench_dataset,

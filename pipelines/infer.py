@@ -76,6 +76,8 @@ def run(
         drop_stale_shards(items)
     resumed = side_by_side(replace(options, overwrite=False))  # shards are of this very run
     with settings.one_core():
+        if options.is_here and not options.dry_run and any(not i.target.exists() for i in items):
+            settings.planner()  # what does not load is said once, before threads begin
         report = run_batch(STAGE, items, partial(infer_frame, settings=settings), resumed)
     if not options.dry_run:
         work.put_together(items, report.failed)

@@ -51,7 +51,10 @@ COMMANDS = (
 
 
 class SymgraspGroup(TyperGroup):
-    """Report a `SymgraspError` as one line and exit 1; let every other exception show itself."""
+    """Report a `SymgraspError` as one line and exit 1; let every other exception show itself.
+
+    A torchvision of another torch is no fault of ours, but many have it: a line as well.
+    """
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401 - click's or typer's own
         """Return the commands in workflow order."""
@@ -63,6 +66,14 @@ class SymgraspGroup(TyperGroup):
             return super().invoke(ctx)
         except SymgraspError as error:
             typer.echo(f"error: {error}", err=True)
+            raise typer.Exit(1) from error
+        except (ImportError, RuntimeError) as error:
+            from pipelines.health.packages import foreign_torchvision
+
+            sentence = foreign_torchvision(error)
+            if sentence is None:
+                raise
+            typer.echo(f"error: torchvision {sentence}", err=True)
             raise typer.Exit(1) from error
 
 

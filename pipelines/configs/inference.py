@@ -61,9 +61,8 @@ class SelectionConfig:
     max_points_inside: int = 2  # measured points, as noise, that a body may hold
     rank_by: str = "judge"  # D. 82: the quality to expect; or eq8, as the paper
     steadiness: float = 0.85  # of the best candidate's, that a candidate needs for Eq. 8
-    max_ranked: int = 96  # hands of a region that Eq. 8 ranks, the steadiest
+    max_ranked: int = 96  # hands of a region and kind that are ranked, the steadiest
     judged_steadiness: float = 0.6  # the same, to be judged
-    max_judged: int = 200  # hands of a region and kind that are judged, the steadiest
     planar_below: float = 0.7  # best expectation of symmetric grasps that planar ones may beat
 
     @property

@@ -26,5 +26,5 @@ def nearest_of(points: Array, queries: Array) -> tuple[Array, NDArray[np.intp]]:
     nearest = np.empty(len(rows), np.intp)
     for start in range(0, len(rows), CHUNK):
         nearest[start : start + CHUNK] = (rows[start : start + CHUNK] @ weights).argmin(axis=1)
-    nearest = nearest.reshape(queries.shape[:-1])
-    return np.linalg.norm(queries - points[nearest], axis=-1), nearest
+    found: NDArray[np.intp] = nearest.reshape(queries.shape[:-1])
+    return np.linalg.norm(queries - points[found], axis=-1), found

@@ -96,12 +96,11 @@ class Grasps:
         return len(self.width)
 
     def __getitem__(self, index: Index) -> "Grasps":
-        return replace(
-            self,
-            rotation=self.rotation[index],
-            translation=self.translation[index],
-            width=self.width[index],
-        )
+        # What was checked is not checked again: a region's hands are cut up some 30 times.
+        part = object.__new__(Grasps)
+        for name in ("rotation", "translation", "width"):
+            object.__setattr__(part, name, getattr(self, name)[index])
+        return part
 
     @property
     def approach(self) -> Array:

@@ -182,10 +182,13 @@ def _contact_patches(grasps: Grasps, region: RegionCloud) -> list[Array]:
     _, first, pair = np.unique(
         contacts.reshape(-1, 6).round(7), axis=0, return_index=True, return_inverse=True
     )
-    columns = []
+    middle = points.mean(axis=0)
+    about, columns = points - middle, []
     for finger, outward in ((0, -1.0), (1, 1.0)):
         at = contacts[first, finger]
-        away = np.linalg.norm(points - at[:, None], axis=-1)
+        # |p - a|^2 as a product of matrices, about the middle.
+        away = np.square(about).sum(axis=1) - 2.0 * (at - middle) @ about.T
+        away = np.sqrt(np.maximum(away + np.square(at - middle).sum(axis=1)[:, None], 0.0))
         facing = outward * closing[first] @ normals.T
         for radius in PATCHES:
             near = away < radius

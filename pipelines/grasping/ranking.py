@@ -80,4 +80,4 @@ def by_judge(judge: Judge, known: KnownRegion, config: SelectionConfig) -> Ranki
     def score(found: RankedGrasps, steady: Array, sight: Array) -> Array:
         return judge.expect(HandViews(found, steady, sight, known))
 
-    return Ranking(score, config.judged_steadiness, config.max_judged)
+    return Ranking(score, config.judged_steadiness, config.max_ranked)

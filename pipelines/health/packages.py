@@ -129,12 +129,21 @@ def _plain(name: str) -> str:
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
+def foreign_torchvision(error: Exception) -> str | None:
+    """Return the sentence on `error` where torchvision was built for another torch, else None."""
+    sentence = " ".join(str(error).split())
+    if not FOREIGN_OPERATORS.search(sentence):
+        return None
+    return (
+        f"{_version('torchvision')} was built for another torch than {_version('torch')} "
+        f"({sentence}); install both from one place: "
+        "pip install --force-reinstall torch torchvision"
+    )
+
+
 def _why(name: str, version: str, error: Exception) -> str:
     sentence = " ".join(str(error).split())
-    if name == "torchvision" and FOREIGN_OPERATORS.search(sentence):
-        return (
-            f"{version} was built for another torch than {metadata.version('torch')} "
-            f"({sentence}); install both from one place: "
-            "pip install --force-reinstall torch torchvision"
-        )
+    foreign = foreign_torchvision(error) if name == "torchvision" else None
+    if foreign is not None:
+        return foreign
     return f"{version} does not load ({type(error).__name__}: {sentence}); install it again"

@@ -1,5 +1,6 @@
 """Every command keeps the conventions: walked, not remembered."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -92,3 +93,25 @@ def test_wrong_usage_exits_with_2_and_a_missing_folder_with_a_sentence(tmp_path)
     assert result.exit_code in {1, 2}
     assert "Traceback" not in result.output
     assert "none" in result.output
+
+
+def test_a_torchvision_of_another_torch_is_a_sentence(tmp_path):
+    package = tmp_path / "torchvision"
+    package.mkdir()
+    fault = "operator torchvision::nms does not exist"
+    (package / "__init__.py").write_text(f"raise RuntimeError({fault!r})\n")
+    frames = ROOT / "pipelines" / "weights" / "frames"
+    command = "from symgrasp_cli.app import main; main()"
+    result = subprocess.run(
+        [sys.executable, "-c", command, "infer", str(frames), "--out", str(tmp_path / "g.h5")],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 1
+    assert "Traceback" not in result.stderr
+    assert "was built for another torch" in result.stderr
+    assert "pip install --force-reinstall torch torchvision" in result.stderr
+    assert not (tmp_path / "g.h5").exists()

@@ -38,12 +38,8 @@ from pipelines.formats.provenance import (
 from pipelines.metrics.paired_bootstrap import Difference, differences
 
 FORMAT_VERSION = 1
-FOR_BASELINES = (
-    "baselines",
-    "seed",
-    "affordance",
-    "hands",
-)  # nothing of these concerns our own row
+# Nothing of these concerns our own row.
+FOR_BASELINES = ("baselines", "seed", "affordance", "hands")
 SEEDED = ("simulate",)  # stages of which the seed concerns all rows: it cuts models into pieces
 UNITS = ("frame", "scene")
 VIEWS_NOTE = "Views of one scene are much alike: over scenes, intervals are wider and more honest."

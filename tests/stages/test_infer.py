@@ -14,13 +14,14 @@ import torch
 
 from pipelines import infer
 from pipelines.batch import BatchOptions
-from pipelines.configs import InferConfig, LimitsConfig
+from pipelines.configs import InferConfig, LimitsConfig, SelectionConfig
 from pipelines.errors import MissingInputError, StaleOutputError, SymgraspError, UnknownNameError
 from pipelines.formats import grasps_file
 from pipelines.formats.files import read_image, write_image, write_json
 from pipelines.formats.frames import find_frames
 from pipelines.formats.provenance import make_stamp
 from pipelines.inference import work
+from pipelines.inference.models import HAND_WEIGHTS
 from tests.geometry.tabletops import CAMERA, Box, Can, render
 
 CONFIG = InferConfig(regions="geometric", method="planar")
@@ -272,7 +273,40 @@ def test_missing_weights_name_the_command_that_makes_them(frames, tmp_path):
         infer.run(paths, InferConfig(regions="geometric"), OPTIONS)
 
 
-@pytest.mark.parametrize("wrong", [{"regions": "all"}, {"method": "magic"}, {"gripper": "claw"}])
+def test_a_missing_judge_of_hands_is_asked_for_only_where_it_ranks(frames, tmp_path):
+    paths = infer.InferPaths(frames, tmp_path / "g.h5", hands=tmp_path / "none.safetensors")
+    config = InferConfig(regions="geometric")
+    with pytest.raises(MissingInputError, match="train_hand_judge"):
+        infer.run(paths, config, OPTIONS)
+    as_paper = dataclasses.replace(config, selection=SelectionConfig(rank_by="eq8"))
+    assert infer.run(paths, as_paper, OPTIONS).exit_code == 0
+    with pytest.raises(StaleOutputError):
+        infer.run(dataclasses.replace(paths, hands=HAND_WEIGHTS), config, OPTIONS)
+
+
+def test_scores_are_qualities_to_expect_unless_the_paper_ranks(frames, tmp_path):
+    scores = {}
+    for ranks in ("judge", "eq8"):
+        config = InferConfig(regions="geometric", selection=SelectionConfig(rank_by=ranks))
+        run(frames, tmp_path / f"{ranks}.h5", config=config)
+        table = grasps_file.read(tmp_path / f"{ranks}.h5").grasps
+        scores[ranks] = table.rank_score
+        assert ((table.rank_score >= 0) & (table.rank_score <= 1)).all()
+        for region in np.unique(table.region):
+            mine = table.rank_score[table.region == region]
+            assert mine.max() == mine[table.is_best[table.region == region]].max()
+    assert scores["judge"].tolist() != scores["eq8"].tolist()
+
+
+WRONG_NAMES = (
+    {"regions": "all"},
+    {"method": "magic"},
+    {"gripper": "claw"},
+    {"selection": SelectionConfig(rank_by="luck")},
+)
+
+
+@pytest.mark.parametrize("wrong", WRONG_NAMES)
 def test_unknown_names_list_the_known_ones(frames, tmp_path, wrong):
     with pytest.raises(UnknownNameError, match="known are"):
         run(frames, tmp_path / "g.h5", config=dataclasses.replace(CONFIG, **wrong))

@@ -37,7 +37,7 @@ from pathlib import Path
 from pipelines import infer
 from pipelines.batch import BatchOptions
 from pipelines.configs import InferConfig
-from pipelines.formats.grasps_file import read_index
+from pipelines.formats.grasps_stream import read_index
 
 frames, out = map(Path, sys.argv[1:])
 started = time.perf_counter()
@@ -97,6 +97,7 @@ def _linked(few: Path, folder: Path) -> Path:
     many = folder / "many"
     many.mkdir()
     for number in range(NUM_FRAMES // (NUM_SCENES * NUM_VIEWS)):
-        for source in sorted(few.glob("*_*.*")):
-            os.link(source, many / f"{number:02d}_{source.name}")
+        for source in sorted(few.rglob("*_*.*")):
+            scene = source.parent.parent.name
+            os.link(source, many / f"{number:02d}_{scene}_{source.name}")
     return many

@@ -11,9 +11,9 @@ from pipelines.grasping.candidates import Candidates, RankedGrasps
 from pipelines.grasping.decoding import contact_pairs, in_observed_frustum
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.hand_views import KnownRegion
-from pipelines.grasping.observation import RegionCloud, SceneCloud, Surroundings
+from pipelines.grasping.observation import RegionCloud, SceneCloud
 from pipelines.grasping.planar import planar_candidates
-from pipelines.grasping.ranking import Judge, Ranking, by_eq8, by_judge
+from pipelines.grasping.ranking import Judge, by_eq8, by_judge
 from pipelines.grasping.selection import select, surroundings
 from pipelines.grasping.suppression import different
 
@@ -69,7 +69,8 @@ def plan_region(
     found = select(candidates, turns, region, scene, gripper, config, whole, ranking)
     if len(found) and (judge is None or found.rank_score[0] >= config.planar_below):
         return found
-    planar = _planar(region, scene, gripper, config, around, ranking)
+    candidates = planar_candidates(region, scene, gripper, config)
+    planar = select(candidates, PLANAR_TURNS, region, scene, gripper, config, around, ranking)
     return joined(found, planar, config)
 
 
@@ -118,17 +119,6 @@ def plan_planar(
         nothing, foreign = SymmetrySlots.empty(), around.points[~around.own]
         known = KnownRegion(region, scene, nothing, np.zeros((0, 3)), foreign)
         ranking = by_judge(judge, known, config)
-    return _planar(region, scene, gripper, config, around, ranking)
-
-
-def _planar(
-    region: RegionCloud,
-    scene: SceneCloud,
-    gripper: Gripper,
-    config: SelectionConfig,
-    around: Surroundings,
-    ranking: Ranking,
-) -> RankedGrasps:
     candidates = planar_candidates(region, scene, gripper, config)
     return select(candidates, PLANAR_TURNS, region, scene, gripper, config, around, ranking)
 

@@ -18,11 +18,12 @@ METRICS = {
     "symmetry_ap sphere": "AP sphere",
     "mask_ap50": "mask AP50",
 }
-FULL = "full"
+FULL, PLAIN = "full", "plain"
+UNFITTED = ("--no-grounding", "--rank-by", "eq8")  # what the paper does with a network's output
 NOTE = """\
 Paper: GraspNet-1Billion, seen and unseen. Ours: the benchmark of `make eval`; an object without a
-grasp counts as quality 0. All rows have the same training scenes, objects, steps and seeds, and a
-detector of the same steps.
+grasp counts as quality 0. All rows have the same training scenes, objects, steps and seeds, and
+the same detector but for the one without segmentation, whose own was trained alike.
 """
 
 
@@ -34,6 +35,7 @@ class Row:
         key: of its files.
         name: of the table.
         published: the paper's grasp quality, seen and unseen.
+        base: key of an earlier row that it is compared with; None for the first.
         labels: folder of the labels that detector and network are trained on.
         train: options of `train`.
         infer: options of `infer`.
@@ -42,60 +44,64 @@ class Row:
 
     key: str
     name: str
-    published: tuple[float, float] | None
+    published: tuple[float, float] | None = None
+    base: str | None = FULL
     labels: str = "refined"
     train: tuple[str, ...] = ()
     infer: tuple[str, ...] = ()
     network: str | None = None
 
 
-ROWS = (  # the first is what the others are compared with
-    Row(FULL, "full method", (0.382, 0.297)),
-    Row("no-pift", "no PIFT", (0.337, 0.092), train=("--no-pift",)),
-    Row("no-siamese", "no Siamese training", (0.364, 0.148), train=("--no-siamese",)),
+NO_PIFT, NO_SIAMESE = (0.337, 0.092), (0.364, 0.148)
+ROWS = (  # those that answer the paper's claims first: the table grows in this order
+    Row(FULL, "full method", (0.382, 0.297), None),
+    Row(PLAIN, "as the paper decodes and ranks", (0.382, 0.297), infer=UNFITTED, network=FULL),
+    Row("no-pift", "no PIFT", NO_PIFT, train=("--no-pift",)),
+    Row(
+        "plain-no-pift", "as the paper, no PIFT", NO_PIFT, PLAIN, infer=UNFITTED, network="no-pift"
+    ),
+    Row("no-siamese", "no Siamese training", NO_SIAMESE, train=("--no-siamese",)),
+    Row(
+        "plain-no-siamese",
+        "as the paper, no Siamese training",
+        NO_SIAMESE,
+        PLAIN,
+        infer=UNFITTED,
+        network="no-siamese",
+    ),
     Row("no-regions", "no symmetric region segmentation", (0.350, 0.257), labels="uncut"),
     Row("no-refinement", "no dataset enhancement", (0.355, 0.240), labels="unrefined"),
-    Row(
-        "no-grounding",
-        "no fit to the seen surface",
-        None,
-        infer=("--no-grounding",),
-        network=FULL,
-    ),
-    Row("eq8", "ranked by Eq. 8", None, infer=("--rank-by", "eq8"), network=FULL),
-    Row(
-        "no-depth-regions",
-        "no regions from depth alone",
-        None,
-        infer=("--regions", "detector"),
-        network=FULL,
-    ),
+    Row("no-grounding", "no fit to the seen surface", infer=UNFITTED[:1], network=FULL),
+    Row("eq8", "ranked by Eq. 8", infer=UNFITTED[1:], network=FULL),
+    Row("no-depth-regions", "no regions from depth", infer=("--regions", "detector"), network=FULL),
 )
 
 
 def summary(
-    reports: Mapping[str, Sequence[Any]], compared: Sequence[Any], seeds: Sequence[int]
+    reports: Mapping[str, Sequence[Any]],
+    compared: Mapping[str, Sequence[Any]],
+    seeds: Sequence[int],
 ) -> dict[str, Any]:
-    """Return the table as a JSON object.
+    """Return the table as a JSON object, of the rows that have reports.
 
     Args:
-        reports: of each row's key, the `report.json` of each seed.
-        compared: the `compare.json` of each seed, its runs in the order of ROWS.
+        reports: of a row's key, the `report.json` of each seed.
+        compared: of the key of a row with a base, the `compare.json` of each seed, base first.
         seeds: of the trainings.
     """
     rows = {}
-    for place, row in enumerate(ROWS):
+    for row in (row for row in ROWS if row.key in reports):
         figures = [report["rows"]["ours"] for report in reports[row.key]]
-        found: dict[str, Any] = {"name": row.name, "published": row.published}
+        found: dict[str, Any] = {"name": row.name, "published": row.published, "base": row.base}
         for split in SPLITS:
             found[split] = {
                 metric: _over_seeds([_value(each.get(split), metric) for each in figures])
                 for metric in METRICS
             }
-            if place:
-                found[split]["difference"] = _difference(compared, split, place - 1)
+            if row.base is not None:
+                found[split]["difference"] = _difference(compared[row.key], split)
         rows[row.key] = found
-    return {"seeds": list(seeds), "rows": rows, "format_version": 1}
+    return {"seeds": list(seeds), "rows": rows, "format_version": 2}
 
 
 def _value(figures: Mapping[str, Any] | None, metric: str) -> float | None:
@@ -106,9 +112,9 @@ def _value(figures: Mapping[str, Any] | None, metric: str) -> float | None:
     return None if value is None else float(value)
 
 
-def _difference(compared: Sequence[Any], split: str, place: int) -> dict[str, Any]:
-    """Return by how much the quality of row `place` is above the full method's, of each seed."""
-    each = [one["figures"][split][QUALITY]["differences"][place] for one in compared]
+def _difference(compared: Sequence[Any], split: str) -> dict[str, Any]:
+    """Return by how much the quality of a row is above its base's, of each seed."""
+    each = [one["figures"][split][QUALITY]["differences"][0] for one in compared]
     intervals = [[difference["low"], difference["high"]] for difference in each]
     return {**_over_seeds([difference["value"] for difference in each]), "intervals": intervals}
 
@@ -127,15 +133,14 @@ def markdown(found: Mapping[str, Any]) -> str:
     """Return the object of `summary` as a page: qualities, differences, the other metrics."""
     rows = found["rows"]
     heads = ("", "paper seen", "paper unseen", *SPLITS)
-    base = rows[FULL]["published"]
     qualities = [
         (row["name"], *_published(row), *(_text(row[split][QUALITY]) for split in SPLITS))
         for row in rows.values()
     ]
     differences = [
-        (row["name"], *_published(row, base), *(_above(row[split]) for split in SPLITS))
-        for key, row in rows.items()
-        if key != FULL
+        (_against(row, rows), *_published(row, rows), *(_above(row[split]) for split in SPLITS))
+        for row in rows.values()
+        if row["base"] is not None
     ]
     others = [metric for metric in METRICS if metric != QUALITY]
     rest = [(row["name"], *(_text(row["all"][each]) for each in others)) for row in rows.values()]
@@ -144,12 +149,17 @@ def markdown(found: Mapping[str, Any]) -> str:
         f"{NOTE}{_spread_note(len(found['seeds']))}\n",
         "## Grasp quality\n",
         _table(heads, qualities),
-        "## Grasp quality above the full method's\n",
+        "## Grasp quality, difference to another row\n",
         _table(heads, differences),
         "## Other metrics, all splits\n",
         _table(("", *(METRICS[each] for each in others)), rest),
     )
     return "\n".join(parts)
+
+
+def _against(row: Mapping[str, Any], rows: Mapping[str, Any]) -> str:
+    base = "" if row["base"] == FULL else f" (to: {rows[row['base']]['name']})"
+    return f"{row['name']}{base}"
 
 
 def _spread_note(count: int) -> str:
@@ -161,15 +171,13 @@ def _spread_note(count: int) -> str:
     )
 
 
-def _published(row: Mapping[str, Any], base: Sequence[float] | None = None) -> tuple[str, str]:
-    """Return the paper's seen and unseen, as differences to `base` if given."""
-    if row["published"] is None:
+def _published(row: Mapping[str, Any], rows: Mapping[str, Any] | None = None) -> tuple[str, str]:
+    """Return the paper's seen and unseen, as differences to the row's base if `rows` is given."""
+    base = (0.0, 0.0) if rows is None else rows[row["base"]]["published"]
+    if row["published"] is None or (rows is not None and row["published"] == base):
         return "-", "-"
-    if base is None:
-        seen, unseen = (f"{value:.3f}" for value in row["published"])
-    else:
-        pairs = zip(row["published"], base, strict=True)
-        seen, unseen = (f"{value - full:+.3f}" for value, full in pairs)
+    form = ".3f" if rows is None else "+.3f"
+    seen, unseen = (f"{v - b:{form}}" for v, b in zip(row["published"], base, strict=True))
     return seen, unseen
 
 

@@ -1,9 +1,10 @@
 """Table IV: the method with one part left out at a time: `python -m benchmarks.ablations ROOT`.
 
-Makes a training set, trains a detector and a network for each row and seed, infers and evaluates
-on ROOT, the benchmark of `make eval`, and writes OUT/ablations.json and OUT/ablations.md. All work
-is done by `symgrasp` itself. What is finished is not done again: each step leaves a record of its
-command, and a step that was interrupted is taken up where its own command takes it up.
+Makes a training set, trains two detectors and, for each row and seed, a network, infers and
+evaluates on ROOT, the benchmark of `make eval`, and writes OUT/ablations.json and
+OUT/ablations.md, anew whenever a row has all its seeds. All work is done by `symgrasp` itself.
+What is finished is not done again: each step leaves a record of its command, and a step that was
+interrupted is taken up where its own command takes it up.
 """
 
 import argparse
@@ -13,9 +14,10 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from benchmarks.ablation_table import ROWS, Row, markdown, summary
 from pipelines.errors import SymgraspError
@@ -70,15 +72,16 @@ class Ablations:
         self.root, self.out, self.budget = root, out, budget
         self.count_regions = count_regions
 
-    def steps(self, seeds: Sequence[int]) -> Iterator[Step]:
-        """Yield what is to be done; each step may look at the files of those before it."""
-        yield from self._labels()
+    def rows(self, seeds: Sequence[int]) -> Iterator[tuple[Row, Iterator[Step]]]:
+        """Yield each row and what is to be done for it; steps may look at the files before them."""
+        for row in ROWS:
+            yield row, self._steps(row, seeds)
+
+    def _steps(self, row: Row, seeds: Sequence[int]) -> Iterator[Step]:
+        if row is ROWS[0]:
+            yield from self._labels()
         for seed in seeds:
-            for row in ROWS:
-                yield from self._row(row, seed)
-            reports = [str(self.report(row, seed)) for row in ROWS]
-            out = self.folder(seed) / "compare.json"
-            yield self._step(f"compare {seed}", "compare", *reports, "--out", out)
+            yield from self._row(row, seed)
 
     def folder(self, seed: int) -> Path:
         """Return where all that is trained with `seed` lies."""
@@ -87,6 +90,10 @@ class Ablations:
     def report(self, row: Row, seed: int) -> Path:
         """Return where the report of a row lies."""
         return self.folder(seed) / row.key / "report.json"
+
+    def compared(self, row: Row, seed: int) -> Path:
+        """Return where the comparison of a row with its base lies."""
+        return self.folder(seed) / row.key / "compare.json"
 
     def _labels(self) -> Iterator[Step]:
         budget, workers = self.budget, ("--workers", self.budget.workers)
@@ -114,25 +121,30 @@ class Ablations:
 
     def _row(self, row: Row, seed: int) -> Iterator[Step]:
         folder = self.folder(seed)
-        detector = folder / f"detector_{UNCUT if row.labels == UNCUT else REFINED}.safetensors"
+        labels = UNCUT if row.labels == UNCUT else REFINED
+        detector = self.out / f"detector_{labels}.safetensors"
         network = folder / f"network_{row.network or row.key}.safetensors"
-        yield self._detector(detector, seed)
+        yield self._detector(labels, detector)
         if row.network is None:
             yield self._network(row, network, seed)
         weights = ("--detector", detector, "--network", network)
         grasps, name = folder / row.key / "grasps.h5", f"{row.key} {seed}"
         options = (*weights, "--seed", seed, *row.infer)
         yield self._step(f"infer {name}", "infer", self.root, "--out", grasps, *options)
-        out = ("--dataset", self.root, "--out", self.report(row, seed))
-        workers = ("--workers", self.budget.workers)
+        report, workers = self.report(row, seed), ("--workers", self.budget.workers)
+        out = ("--dataset", self.root, "--out", report)
         yield self._step(f"evaluate {name}", "evaluate", grasps, *out, *workers)
+        if row.base is not None:
+            base = folder / row.base / report.name
+            out = ("--out", self.compared(row, seed))
+            yield self._step(f"compare {name}", "compare", base, report, *out)
 
-    def _detector(self, out: Path, seed: int) -> Step:
-        labels = out.stem.removeprefix("detector_")
+    def _detector(self, labels: str, out: Path) -> Step:
+        """Return the training of a detector; one for all seeds, it is not what rows are about."""
         frames = self.budget.scenes * self.budget.views * 9 // 10  # a tenth is held out
         lasting = epochs(self.budget.detector_steps, frames // DETECTOR_BATCH)
         options = ("--batch-size", DETECTOR_BATCH, "--workers", self.budget.workers, *lasting)
-        return self._training(f"finetune {labels}", "finetune-detector", labels, out, seed, options)
+        return self._training(f"finetune {labels}", "finetune-detector", labels, out, 0, options)
 
     def _network(self, row: Row, out: Path, seed: int) -> Step:
         regions = self.count_regions(self.packed(row.labels), seed)
@@ -195,6 +207,16 @@ def perform(steps: Iterator[Step], records: Path, run: Run) -> None:
         write_json(record, {"command": list(step.command), **taken})
 
 
+def make_table(work: Ablations, seeds: Sequence[int], run: Run) -> str:
+    """Do all that is to be done, writing the table whenever a row is finished; return it."""
+    rows, text = [], ""
+    for row, steps in work.rows(seeds):
+        perform(steps, work.out / "steps", run)
+        rows.append(row)
+        text = write_tables(work, rows, seeds)
+    return text
+
+
 def cpu_seconds() -> float:
     """Return how long finished child processes kept processors busy."""
     times = os.times()
@@ -223,21 +245,23 @@ def trained_regions(packed: Path, seed: int) -> int:
     return 0 if chosen is None else len(chosen.indices)
 
 
-def write_tables(work: Ablations, seeds: Sequence[int]) -> str:
-    """Write ablations.json and ablations.md; return the latter."""
-    reports = {row.key: [work.report(row, seed) for seed in seeds] for row in ROWS}
-    compared = [work.folder(seed) / "compare.json" for seed in seeds]
-    inputs = {str(path): digest(path) for paths in (*reports.values(), compared) for path in paths}
-    found = summary(
-        {key: [read_json(path) for path in paths] for key, paths in reports.items()},
-        [read_json(path) for path in compared],
-        seeds,
-    )
+def write_tables(work: Ablations, rows: Sequence[Row], seeds: Sequence[int]) -> str:
+    """Write ablations.json and ablations.md, of the rows that are finished; return the latter."""
+    reports = {row.key: [work.report(row, seed) for seed in seeds] for row in rows}
+    based = [row for row in rows if row.base is not None]
+    compared = {row.key: [work.compared(row, seed) for seed in seeds] for row in based}
+    files = [path for paths in (*reports.values(), *compared.values()) for path in paths]
+    found = summary(_contents(reports), _contents(compared), seeds)
+    inputs = {str(path): digest(path) for path in files}
     stamp = make_stamp("ablations", work.budget, inputs=inputs)
     write_json(work.out / "ablations.json", {**found, "provenance": stamp.as_json()})
     text = markdown(found)
     write_text(work.out / "ablations.md", text)
     return text
+
+
+def _contents(files: Mapping[str, Sequence[Path]]) -> dict[str, list[Any]]:
+    return {key: [read_json(path) for path in paths] for key, paths in files.items()}
 
 
 def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -260,8 +284,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     work = Ablations(options.root, options.out, budget, trained_regions)
     try:
-        perform(work.steps(seeds), options.out / "steps", run_symgrasp)
-        sys.stdout.write(write_tables(work, seeds))
+        sys.stdout.write(make_table(work, seeds, run_symgrasp))
     except SymgraspError as error:
         sys.stderr.write(f"error: {error}\n")
         return 1

@@ -5,23 +5,24 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.ablation_table import FULL, METRICS, ROWS, SPLITS, markdown, summary
+from benchmarks.ablation_table import FULL, METRICS, PLAIN, ROWS, SPLITS, markdown, summary
 from benchmarks.ablations import (
     BATCH,
     Ablations,
     Budget,
     Step,
     epochs,
+    make_table,
     parsed,
     perform,
     run_symgrasp,
-    write_tables,
 )
 from pipelines.errors import SymgraspError
 from tests.formats.test_formats_document import block, keys_of
 
 MAKEFILE = Path(__file__).resolve().parents[2] / "Makefile"
-OTHERS = len(ROWS) - 1
+BASED = [row.key for row in ROWS if row.base is not None]
+SEEDS = (0, 1)
 REGIONS = {"refined": 1200, "unrefined": 1200, "uncut": 600}
 
 
@@ -31,10 +32,15 @@ def report(quality):
     return {"rows": {"ours": dict.fromkeys(SPLITS, figures)}}
 
 
-def comparison(differences):
-    each = [{"value": d, "low": d - 0.02, "high": d + 0.01} for d in differences]
-    figure = {"grasp_quality": {"differences": each}}
+def comparison(value):
+    difference = {"value": value, "low": value - 0.02, "high": value + 0.01}
+    figure = {"grasp_quality": {"differences": [difference]}}
     return {"figures": dict.fromkeys(SPLITS, figure)}
+
+
+def compared(*values):
+    """Return comparisons of every row, one a seed."""
+    return {key: [comparison(value) for value in values] for key in BASED}
 
 
 class Machine:
@@ -55,7 +61,7 @@ class Machine:
         if command[0] == "evaluate":
             out.write_text(json.dumps(report(0.5 if out.parent.name == FULL else 0.4)))
         if command[0] == "compare":
-            out.write_text(json.dumps(comparison([-0.1] * OTHERS)))
+            out.write_text(json.dumps(comparison(-0.1)))
         out.touch()
 
 
@@ -72,7 +78,7 @@ def option(command, name):
 
 def done(folder, seeds=(0,), machine=None, **budget):
     machine = machine or Machine()
-    perform(work_in(folder, **budget).steps(seeds), folder / "steps", machine)
+    make_table(work_in(folder, **budget), seeds, machine)
     return machine.commands
 
 
@@ -81,7 +87,20 @@ def test_every_row_is_trained_inferred_and_evaluated_once(tmp_path):
     assert names.count("infer") == names.count("evaluate") == len(ROWS)
     assert names.count("train") == len([row for row in ROWS if row.network is None])
     assert names.count("finetune-detector") == 2
-    assert names.count("compare") == 1
+    assert names.count("compare") == len(ROWS) - 1
+
+
+def test_seeds_are_of_networks_and_share_the_detectors(tmp_path):
+    names = [command[0] for command in done(tmp_path, seeds=(0, 1, 2))]
+    assert names.count("finetune-detector") == 2
+    assert names.count("infer") == 3 * len(ROWS)
+
+
+def test_rows_as_the_paper_has_them_are_compared_with_each_other(tmp_path):
+    made = [command for command in done(tmp_path) if command[0] == "compare"]
+    bases = {Path(out).parent.name: Path(base).parent.name for _, base, _, _, out in made}
+    assert bases["plain-no-pift"] == bases["plain-no-siamese"] == PLAIN
+    assert {bases[key] for key in BASED if not key.startswith("plain-")} == {FULL}
 
 
 def test_rows_differ_from_the_full_method_in_what_they_leave_out_and_nothing_else(tmp_path):
@@ -107,10 +126,17 @@ def test_all_networks_take_as_many_steps_and_decay_alike_over_them(tmp_path):
             assert float(option(command, "--decay-epochs")) == pytest.approx(count / 20)
 
 
-def test_the_row_without_the_fit_takes_the_full_methods_network(tmp_path):
+def test_rows_without_a_network_of_their_own_take_the_one_they_name(tmp_path):
     inferred = [command for command in done(tmp_path) if command[0] == "infer"]
-    unfitted = next(command for command in inferred if "--no-grounding" in command)
-    assert Path(option(unfitted, "--network")).stem == f"network_{FULL}"
+    taken = {Path(option(c, "--out")).parent.name: option(c, "--network") for c in inferred}
+    assert Path(taken["no-grounding"]).stem == Path(taken[PLAIN]).stem == f"network_{FULL}"
+    assert Path(taken["plain-no-pift"]).stem == "network_no-pift"
+
+
+def test_a_base_stands_before_the_rows_compared_with_it():
+    keys = [row.key for row in ROWS]
+    assert all(keys.index(row.base) < keys.index(row.key) for row in ROWS if row.base)
+    assert all(keys.index(row.network) < keys.index(row.key) for row in ROWS if row.network)
 
 
 def test_only_the_row_without_regions_has_another_detector(tmp_path):
@@ -163,8 +189,7 @@ def test_a_training_is_never_shorter_than_an_epoch():
 
 def test_the_table_holds_the_papers_figures_and_the_mean_and_spread_of_ours():
     reports = {row.key: [report(0.5), report(0.6)] for row in ROWS}
-    compared = [comparison([-0.1] * OTHERS), comparison([-0.2] * OTHERS)]
-    found = summary(reports, compared, [0, 1])
+    found = summary(reports, compared(-0.1, -0.2), SEEDS)
     novel = found["rows"]["no-pift"]["novel"]
     assert novel["grasp_quality"]["mean"] == pytest.approx(0.55)
     assert novel["grasp_quality"]["spread"] == pytest.approx(0.1 / 2**0.5)
@@ -174,32 +199,45 @@ def test_the_table_holds_the_papers_figures_and_the_mean_and_spread_of_ours():
     row = "| no PIFT | 0.337 | 0.092 | " + " | ".join(["0.550 ± 0.071"] * 4) + " |"
     assert row in text
     assert "| no PIFT | -0.045 | -0.205 | -0.150 ± 0.071 |" in text
+    paper = "| as the paper, no PIFT (to: as the paper decodes and ranks) | -0.045 | -0.205 |"
+    assert paper in text
     assert "| no fit to the seen surface | - | - |" in text
 
 
 def test_one_seed_has_no_spread_but_the_interval_over_frames():
     reports = {row.key: [report(0.5)] for row in ROWS}
-    text = markdown(summary(reports, [comparison([-0.1] * OTHERS)], [0]))
+    text = markdown(summary(reports, compared(-0.1), [0]))
     assert "| full method | 0.382 | 0.297 | 0.500 |" in text
     assert "| -0.100 (-0.120 to -0.090) |" in text
 
 
 def test_each_row_has_its_own_difference():
     reports = {row.key: [report(0.5)] for row in ROWS}
-    each = [-0.1 * place for place in range(OTHERS)]
-    rows = summary(reports, [comparison(each)], [0])["rows"]
-    assert [rows[row.key]["all"]["difference"]["mean"] for row in ROWS[1:]] == each
+    each = {key: [comparison(-0.1 * place)] for place, key in enumerate(BASED)}
+    rows = summary(reports, each, [0])["rows"]
+    found = [rows[key]["all"]["difference"]["mean"] for key in BASED]
+    assert found == [-0.1 * place for place in range(len(BASED))]
     assert "difference" not in rows[FULL]["all"]
 
 
-def test_both_files_are_written_with_a_stamp(tmp_path):
-    work = work_in(tmp_path)
+def test_the_table_grows_by_the_rows_that_are_finished(tmp_path):
+    with pytest.raises(SymgraspError, match="stopped"):
+        done(tmp_path, machine=Machine(lasting=20))
+    content = json.loads((tmp_path / "ablations.json").read_text(encoding="utf-8"))
+    whole = [row.key for row in ROWS]
+    assert list(content["rows"]) == whole[: len(content["rows"])]
+    assert 0 < len(content["rows"]) < len(whole)
     done(tmp_path)
-    text = write_tables(work, [0])
+    content = json.loads((tmp_path / "ablations.json").read_text(encoding="utf-8"))
+    assert list(content["rows"]) == whole
+
+
+def test_both_files_are_written_with_a_stamp(tmp_path):
+    text = make_table(work_in(tmp_path), [0], Machine())
     assert (tmp_path / "ablations.md").read_text(encoding="utf-8") == text
     content = json.loads((tmp_path / "ablations.json").read_text(encoding="utf-8"))
     assert content["provenance"]["stage"] == "ablations"
-    assert len(content["provenance"]["inputs"]) == len(ROWS) + 1
+    assert len(content["provenance"]["inputs"]) == len(ROWS) + len(BASED)
     lines = block("keys", "ablations")
     assert set(content) == keys_of(lines)
     assert set(content["rows"]["no-pift"]) == keys_of(lines, depth=1)

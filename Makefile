@@ -64,12 +64,13 @@ $(EVAL)/report.json: $(EVAL)/grasps.h5 $(EVAL)/success.json
 # The same steps a row, whatever the machine; three seeds take three times as long.
 ABLATIONS := build/ablations
 SEEDS := 0
+ROWS :=
 STEPS := 4000
 DETECTOR_STEPS := 1200
 SCENES := 60
 OBJECTS := 72
 ablations: install $(EVAL)/dataset.made ## table IV, each part left out in turn, and build/ablations/ablations.md
-	$(BIN)/python -m benchmarks.ablations $(EVAL_ROOT) --out $(ABLATIONS) --seeds $(SEEDS) \
+	$(BIN)/python -m benchmarks.ablations $(EVAL_ROOT) --out $(ABLATIONS) --seeds $(SEEDS) --rows '$(ROWS)' \
 		--steps $(STEPS) --detector-steps $(DETECTOR_STEPS) --scenes $(SCENES) --objects $(OBJECTS)
 	@echo "table: $(ABLATIONS)/ablations.md"
 

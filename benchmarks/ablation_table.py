@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from pipelines.errors import UnknownNameError
+
 SPLITS = ("seen", "similar", "novel", "all")
 QUALITY = "grasp_quality"
 METRICS = {
@@ -75,6 +77,22 @@ ROWS = (  # those that answer the paper's claims first: the table grows in this 
     Row("eq8", "ranked by Eq. 8", infer=UNFITTED[1:], network=FULL),
     Row("no-depth-regions", "no regions from depth", infer=("--regions", "detector"), network=FULL),
 )
+
+
+def rows_named(keys: Sequence[str]) -> tuple[Row, ...]:
+    """Return the rows of `keys`, with those that they are compared with or take a network from.
+
+    Raises:
+        UnknownNameError: a key is of no row.
+    """
+    known = {row.key: row for row in ROWS}
+    wanted = {FULL}
+    for key in keys:
+        if key not in known:
+            raise UnknownNameError("row", key, tuple(known))
+        row = known[key]
+        wanted |= {key} | ({row.base, row.network} - {None})
+    return tuple(row for row in ROWS if row.key in wanted)
 
 
 def summary(

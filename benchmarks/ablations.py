@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.ablation_table import ROWS, Row, markdown, summary
+from benchmarks.ablation_table import ROWS, Row, markdown, rows_named, summary
 from pipelines.errors import SymgraspError
 from pipelines.formats.files import read_json, write_json, write_text
 from pipelines.formats.provenance import digest, make_stamp
@@ -65,16 +65,23 @@ class Ablations:
     """The steps to a table, one after the other.
 
     `root`: of the benchmark. `count_regions`: of a packed folder and a seed, how many regions
-    `train` does not hold out.
+    `train` does not hold out. `chosen`: the rows to make.
     """
 
-    def __init__(self, root: Path, out: Path, budget: Budget, count_regions: Count) -> None:
+    def __init__(
+        self,
+        root: Path,
+        out: Path,
+        budget: Budget,
+        count_regions: Count,
+        chosen: Sequence[Row] = ROWS,
+    ) -> None:
         self.root, self.out, self.budget = root, out, budget
-        self.count_regions = count_regions
+        self.count_regions, self.chosen = count_regions, chosen
 
     def rows(self, seeds: Sequence[int]) -> Iterator[tuple[Row, Iterator[Step]]]:
         """Yield each row and what is to be done for it; steps may look at the files before them."""
-        for row in ROWS:
+        for row in self.chosen:
             yield row, self._steps(row, seeds)
 
     def _steps(self, row: Row, seeds: Sequence[int]) -> Iterator[Step]:
@@ -270,6 +277,7 @@ def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("root", type=Path, help="the benchmark, with labels")
     parser.add_argument("--out", type=Path, default=Path("build/ablations"))
     parser.add_argument("--seeds", default="0", help="of the trainings, as 0,1,2")
+    parser.add_argument("--rows", default="", help="keys as no-pift,eq8, and what they rest on")
     for name, default in vars(Budget()).items():
         option = f"--{name.replace('_', '-')}"
         parser.add_argument(option, type=int, default=default, help=f"default {default}")
@@ -282,8 +290,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     budget = Budget(**{name: getattr(options, name) for name in vars(Budget())})
     seeds = list(dict.fromkeys(int(seed) for seed in options.seeds.split(",")))
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    work = Ablations(options.root, options.out, budget, trained_regions)
     try:
+        rows = rows_named(options.rows.split(",")) if options.rows else ROWS
+        work = Ablations(options.root, options.out, budget, trained_regions, rows)
         sys.stdout.write(make_table(work, seeds, run_symgrasp))
     except SymgraspError as error:
         sys.stderr.write(f"error: {error}\n")

@@ -5,7 +5,16 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.ablation_table import FULL, METRICS, PLAIN, ROWS, SPLITS, markdown, summary
+from benchmarks.ablation_table import (
+    FULL,
+    METRICS,
+    PLAIN,
+    ROWS,
+    SPLITS,
+    markdown,
+    rows_named,
+    summary,
+)
 from benchmarks.ablations import (
     BATCH,
     Ablations,
@@ -218,6 +227,25 @@ def test_each_row_has_its_own_difference():
     found = [rows[key]["all"]["difference"]["mean"] for key in BASED]
     assert found == [-0.1 * place for place in range(len(BASED))]
     assert "difference" not in rows[FULL]["all"]
+
+
+def test_some_rows_come_with_what_they_rest_on():
+    keys = [row.key for row in rows_named(["plain-no-pift"])]
+    assert keys == [FULL, PLAIN, "no-pift", "plain-no-pift"]
+    with pytest.raises(SymgraspError, match="no-pifd"):
+        rows_named(["no-pifd"])
+
+
+def test_rows_that_were_left_out_can_follow(tmp_path):
+    machine, some = Machine(), rows_named(["no-pift"])
+    work = work_in(tmp_path)
+    work.chosen = some
+    make_table(work, [0], machine)
+    content = json.loads((tmp_path / "ablations.json").read_text(encoding="utf-8"))
+    assert list(content["rows"]) == [row.key for row in some]
+    rest = done(tmp_path)
+    whole = done(tmp_path / "whole")
+    assert len(machine.commands) + len(rest) == len(whole)
 
 
 def test_the_table_grows_by_the_rows_that_are_finished(tmp_path):

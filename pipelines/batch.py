@@ -16,13 +16,16 @@ from pipelines.formats.provenance import Stamp, is_finished
 
 log = logging.getLogger(__name__)
 
+CHOSEN = 0  # for `workers`
+
 
 @dataclasses.dataclass(frozen=True)
 class BatchOptions:
     """How a batch is run; none of these changes what is written.
 
     Attributes:
-        workers: processes at a time; 1 runs in this process, unless `backend` is a cluster.
+        workers: processes at a time; 1 runs in this process, unless `backend` is a cluster;
+            `CHOSEN` leaves it to the stage, and is 1 to those that do not choose.
         backend: `loky`, or `dask` or `ray` where these are installed.
         overwrite: make outputs again that exist.
         dry_run: say what would be done, do nothing.
@@ -38,7 +41,7 @@ class BatchOptions:
     @property
     def is_here(self) -> bool:
         """Whether the work is done in this process."""
-        return self.workers == 1 and self.backend not in CLUSTERS
+        return self.workers <= 1 and self.backend not in CLUSTERS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -140,7 +143,7 @@ def _outcomes(
             results, stage, total=len(todo), disable=not options.progress, console=_stderr()
         )
         return
-    with workers_of(options.backend, options.workers) as parallel:
+    with workers_of(options.backend, max(1, options.workers)) as parallel:
         results = parallel(delayed(_attempt)(step, item) for item in todo)
         yield from track(
             results, stage, total=len(todo), disable=not options.progress, console=_stderr()

@@ -3,14 +3,15 @@
 Reads   a folder of RGB-D frames in any layout that `formats/frames.py` knows; weights
 Writes  one `grasps.h5` for all frames; with overlays, a picture a frame
 
-Several frames are worked on side by side. Each finished one is a shard beside the output until all
-are done, so a run that was killed goes on where it stopped, and ends with the same bytes; the
-output is put together from the shards, so memory does not grow with the number of frames. A frame
-that cannot be read is listed as failed and does not stop the others; a frame with nothing to grasp
-is `empty`.
+Frames are worked on side by side, in two processes where there are many of them. Each finished one
+is a shard beside the output until all are done, so a run that was killed goes on where it stopped,
+and ends with the same bytes; the output is put together from the shards, so memory does not grow
+with the number of frames. A frame that cannot be read is listed as failed and does not stop the
+others; a frame with nothing to grasp is `empty`.
 """
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 
@@ -22,6 +23,7 @@ from pipelines.formats.frames import FrameSource
 from pipelines.formats.grasps_stream import read_frames
 from pipelines.formats.overlays import write_overlay
 from pipelines.formats.provenance import is_finished
+from pipelines.inference.side_by_side import load, side_by_side
 from pipelines.inference.work import (
     STAGE,
     InferPaths,
@@ -31,7 +33,6 @@ from pipelines.inference.work import (
     drop_stale_shards,
     infer_frame,
     overlay_path,
-    side_by_side,
 )
 
 __all__ = ["InferPaths", "infer_frame", "overlay_path", "run"]
@@ -74,11 +75,13 @@ def run(
         return _finished_report(paths, sources)
     if not options.dry_run:
         drop_stale_shards(items)
-    resumed = side_by_side(replace(options, overwrite=False))  # shards are of this very run
-    with settings.one_core():
-        if options.is_here and not options.dry_run and any(not i.target.exists() for i in items):
-            settings.planner()  # what does not load is said once, before threads begin
-        report = run_batch(STAGE, items, partial(infer_frame, settings=settings), resumed)
+    unfinished = sum(not item.target.exists() for item in items)
+    # Shards are of this very run.
+    beside = side_by_side(replace(options, overwrite=False), unfinished, device)
+    with settings.one_core() if beside.backend == "threading" else nullcontext():
+        if unfinished and not options.dry_run:
+            load(settings, beside)
+        report = run_batch(STAGE, items, partial(infer_frame, settings=settings), beside)
     if not options.dry_run:
         work.put_together(items, report.failed)
         grasps_file.remove_shards(paths.output)

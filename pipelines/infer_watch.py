@@ -22,6 +22,7 @@ from pipelines.formats import grasps_file
 from pipelines.formats.camera_files import CameraFile
 from pipelines.formats.frames import FrameSource
 from pipelines.inference.earlier import earlier_frames, refuse_stale
+from pipelines.inference.side_by_side import side_by_side
 from pipelines.inference.watching import Arrival, Lister, Watcher
 from pipelines.inference.work import (
     STAGE,
@@ -31,7 +32,6 @@ from pipelines.inference.work import (
     check_names,
     drop_stale_shards,
     infer_frame,
-    side_by_side,
 )
 from pipelines.learning.stopping import Reason, StopSignals
 
@@ -110,7 +110,7 @@ def run(
     thread = ThreadPoolExecutor(1)
     with thread, signals.heeded(patient=False), work.settings.one_core():
         follower = _Follower(
-            work, watch, side_by_side(options), tell, clock or Clock(), beside or thread
+            work, watch, side_by_side(options, 0, device), tell, clock or Clock(), beside or thread
         )
         follower.begin(overwrite=options.overwrite)
         while signals.reason is Reason.NONE and not follower.is_timed_out():

@@ -19,7 +19,6 @@ from symgrasp_cli.options import (
     IntrinsicsText,
     Overwrite,
     Seed,
-    Workers,
     batch_options,
 )
 from symgrasp_cli.report import conclude
@@ -100,7 +99,14 @@ def infer(
         typer.Option(min=0.0, help="Seconds without a new frame after which --watch ends."),
     ] = None,
     device: Device = "auto",
-    workers: Workers = 1,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Processes that work at a time, of threads if 1; unless given, 2 for many frames "
+            "on a CPU.",
+        ),
+    ] = None,
     backend: Backend = "loky",
     seed: Seed = 0,
     overwrite: Overwrite = False,
@@ -109,6 +115,7 @@ def infer(
     """Find ranked grasps in RGB-D frames."""
     from pipelines import infer as stage
     from pipelines import infer_watch
+    from pipelines.batch import CHOSEN
     from pipelines.formats.camera_files import parse_camera
     from pipelines.formats.workspace_files import parse_direction, parse_workspace
 
@@ -125,7 +132,8 @@ def infer(
         limits=LimitsConfig(room.box, workspace_frame, approach_cone, direction, approach_frame),
         selection=SelectionConfig(ground_symmetries=grounding, rank_by=rank_by),
     )
-    options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
+    chosen = CHOSEN if workers is None else workers
+    options = batch_options(chosen, backend, overwrite=overwrite, dry_run=dry_run)
     followed = partial(
         infer_watch.run, watch=WatchConfig(timeout=watch_timeout), tell=_tell_followed
     )

@@ -63,7 +63,7 @@ class SelectionConfig:
     steadiness: float = 0.85  # of the best candidate's, that a candidate needs for Eq. 8
     max_ranked: int = 96  # hands of a region and kind that are ranked, the steadiest
     judged_steadiness: float = 0.6  # the same, to be judged
-    planar_below: float = 0.7  # best expectation of symmetric grasps that planar ones may beat
+    planar_below: float = 0.6  # best expectation of symmetric grasps that planar ones may beat
 
     @property
     def judges_hands(self) -> bool:

@@ -19,6 +19,7 @@ from pipelines.geometry.organized import smooth_normals
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Labels = NDArray[np.int32]
+Pixels = NDArray[np.int64]
 
 USUAL_FOCAL = 525.0  # pixels; a coarser image is smoothed over fewer
 GAP = 4  # pixels without depth that a surface is followed across
@@ -133,38 +134,65 @@ def _ends_about(
 
 def connected(xyz: Array, mask: Mask, config: RegionConfig) -> Labels:
     """Label the pieces of `mask` (H, W) whose depth has no step; 0 elsewhere."""
-    index = np.full(mask.shape, -1, np.int64)
-    index[mask] = np.arange(mask.sum())
-    z = np.nan_to_num(xyz[..., 2])
-    rows, columns = [], []
-    for span in range(1, GAP + 1):
-        for axis in (0, 1):
-            near, far = _ends(axis, span)
-            joined = mask[near] & mask[far]
-            step = config.depth_step * np.maximum(z[near], 0.5) * (1 + 0.25 * span)
-            joined &= np.abs(z[near] - z[far]) < step
-            for between in range(1, span):  # only where nothing was measured between
-                joined &= _between(z > 0, axis, span, between)
-            rows.append(index[near][joined])
-            columns.append(index[far][joined])
-    row, column = np.concatenate(rows), np.concatenate(columns)
-    size = int(mask.sum())
-    graph = coo_matrix((np.ones(len(row), bool), (row, column)), (size, size))
-    labels = np.zeros(mask.shape, np.int32)
-    labels[mask] = connected_components(graph, directed=False)[1] + 1
-    return labels
+    z = np.nan_to_num(xyz[..., 2]).astype(np.float32)
+    missing = ~(z > 0)
+    # Pixels at even places, what joins two neighbours between them: labelled as a picture.
+    fine = np.zeros((2 * mask.shape[0] - 1, 2 * mask.shape[1] - 1), np.uint8)
+    fine[::2, ::2] = mask
+    for axis, between in ((0, fine[1::2, ::2]), (1, fine[::2, 1::2])):
+        near, far = _ends(axis, 1)
+        between[:] = mask[near] & mask[far] & _are_level(z[near], z[far], 1, config)
+    count, labelled = cv2.connectedComponents(fine, connectivity=4)
+    labels = np.asarray(labelled[::2, ::2], np.int32)
+    pairs = []
+    for axis in (0, 1):
+        before, after = _at_gaps(mask, missing, axis)
+        span = (after - before).sum(axis=0)
+        joined = _are_level(z[tuple(before)], z[tuple(after)], span, config)
+        pairs.append(np.stack([labels[tuple(each)] for each in (before, after)])[:, joined])
+    row, column = np.concatenate(pairs, axis=1)
+    graph = coo_matrix((np.ones(len(row), bool), (row, column)), (count, count))
+    merged = connected_components(graph, directed=False)[1].astype(np.int32)
+    return np.asarray(merged[labels])  # 0, which is in no pair, stays the first
+
+
+def _are_level(
+    near: NDArray[np.float32],
+    far: NDArray[np.float32],
+    span: int | Pixels,
+    config: RegionConfig,
+) -> Mask:
+    """Return where depths that lie `span` pixels apart show no step."""
+    step = config.depth_step * (1.0 + 0.25 * np.asarray(span, np.float32))
+    return np.asarray(np.abs(near - far) < step * np.maximum(near, np.float32(0.5)))
+
+
+def _at_gaps(mask: Mask, missing: Mask, axis: int) -> tuple[Pixels, Pixels]:
+    """Return the pixels (2, n) of `mask` on both sides of gaps along `axis`, no wider than `GAP`.
+
+    `missing`: (H, W) where nothing was measured.
+    """
+    near, far = _ends(axis, 1)
+    start = np.stack(np.nonzero(mask[near] & missing[far]))
+    along = np.array([[1], [0]] if axis == 0 else [[0], [1]])
+    ends, size = start + along, mask.shape[axis]
+    pairs = [np.zeros((2, 2, 0), np.int64)]
+    for _ in range(2, GAP + 1):
+        ends = ends + along
+        inside = ends[axis] < size
+        start, ends = start[:, inside], ends[:, inside]
+        over = mask[tuple(ends)]
+        pairs.append(np.stack([start[:, over], ends[:, over]]))
+        still = missing[tuple(ends)]
+        start, ends = start[:, still], ends[:, still]
+    before, after = np.concatenate(pairs, axis=2)
+    return before, after
 
 
 def _ends(axis: int, span: int) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
     """Return the slices of the pixels that have a partner `span` along `axis`, and of these."""
     keep, move = slice(None, -span), slice(span, None)
     return ((keep,), (move,)) if axis == 0 else ((slice(None), keep), (slice(None), move))
-
-
-def _between(measured: Mask, axis: int, span: int, offset: int) -> Mask:
-    length = measured.shape[axis] - span
-    taken = np.take(measured, np.arange(offset, offset + length), axis=axis)
-    return np.asarray(~taken)
 
 
 def _attach(xyz: Array, cores: Labels, whole: Labels, foreground: Mask) -> Labels:

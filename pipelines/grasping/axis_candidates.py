@@ -39,9 +39,7 @@ def candidate_axes(
     if table is not None:
         up = table.normal
         lines += [(up, named), (up, middle_of_outline(points, up))]
-        lines += [
-            (along, _lying(points, along, table)) for along in level_directions(points, table)
-        ]
+        lines += _lying(points, level_directions(points, table), table)
     return [RotationSymmetry(direction, point) for direction, point in lines]
 
 
@@ -59,9 +57,11 @@ def middle_of_outline(points: Array, direction: Array) -> Array:
     return np.asarray(middle + basis @ np.array(centre, np.float64))
 
 
-def _lying(points: Array, along: Array, table: Plane) -> Array:
-    """Return a point (3,) of the axis of what lies on `table` with its axis `along` it."""
-    across, middle = np.cross(table.normal, along), points.mean(axis=0)
-    aside = half_between_ends(points, across) - float(middle @ across)
+def _lying(points: Array, along: list[Array], table: Plane) -> list[tuple[Array, Array]]:
+    """Return the axes of what lies on `table` `along` each direction: it, and a point (3,)."""
+    middle = points.mean(axis=0)
+    across = np.cross(table.normal, np.array(along))
+    aside = half_between_ends(points, across) - across @ middle
     rise = float(table.height(halfway_up(points, table)) - table.height(middle))
-    return np.asarray(middle + aside * across + rise * table.normal)
+    through = middle + aside[:, None] * across + rise * table.normal
+    return list(zip(along, through, strict=True))

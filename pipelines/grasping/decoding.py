@@ -166,18 +166,19 @@ def in_observed_frustum(points: Array, scene: SceneCloud, config: SelectionConfi
     measured it may be real.
     """
     pixels, result = scene.intrinsics.pixels_of(points)
-    if not result.any():
+    shown = np.flatnonzero(result)
+    if not len(shown):
         return np.asarray(result)
-    z = points[result, 2]
+    column, row = pixels[shown, 0], pixels[shown, 1]
+    z = points[shown, 2]
     radius = max(1, round(config.behind_tolerance * scene.intrinsics.fx / float(np.median(z))))
     kernel = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
-    low, high = pixels[result].min(axis=0), pixels[result].max(axis=0) + 1
-    top, left = np.maximum(low[::-1] - radius, 0)
-    seen = scene.depth[top : high[1] + radius, left : high[0] + radius]
+    top, left = max(int(row.min()) - radius, 0), max(int(column.min()) - radius, 0)
+    seen = scene.depth[top : int(row.max()) + 1 + radius, left : int(column.max()) + 1 + radius]
     front = cv2.erode(np.where(seen > 0, seen, np.inf), kernel, borderValue=np.inf)
-    surface = front[pixels[result, 1] - top, pixels[result, 0] - left]
+    surface = front[row - top, column - left]
     surface = np.where(np.isfinite(surface), surface, 0.0)
-    result[result] = z > surface - config.behind_tolerance - config.depth_noise * z**2
+    result[shown] = z > surface - config.behind_tolerance - config.depth_noise * z**2
     return np.asarray(result)
 
 

@@ -21,7 +21,7 @@ from pipelines.grasping.observation import RegionCloud, SceneCloud
 
 Array = NDArray[np.float64]
 
-SLICE_DEPTHS = (0.006, 0.012, 0.02, 0.03, 0.045, 0.065, 0.09)  # metres behind the nearest point
+SLICE_DEPTHS = (0.006, 0.013, 0.025, 0.045, 0.08)  # metres behind the nearest point
 TILTS = (0.0, 0.35, 0.7, 1.0)  # shares of the way from the table's normal to the view ray
 THINNEST = 0.004  # metres that a slice lies behind the nearest point at least
 STEEP_APPROACH = 0.9  # cosine to the table's normal from which the table bounds the depth

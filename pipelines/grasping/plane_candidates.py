@@ -49,7 +49,8 @@ def candidate_planes(
     if table is not None:
         directions += level_directions(points, table)
         named.append((table.normal, halfway_up(points, table)))
-    named += [(d, half_between_ends(points, d) * d) for d in directions]
+    middles = half_between_ends(points, np.array(directions))
+    named += [(d, middle * d) for d, middle in zip(directions, middles, strict=True)]
     named += [(slots.direction[k], slots.point[k]) for k in REFLECTION_SLOTS]
     planes = [ReflectionSymmetry(unit(d), _foot(middle, unit(d), point)) for d, point in named]
     return distinct(planes, SAME_ANGLE, SAME_OFFSET)
@@ -60,10 +61,10 @@ def _foot(middle: Array, normal: Array, point: Array) -> Array:
     return np.asarray(middle + ((point - middle) @ normal) * normal)
 
 
-def half_between_ends(points: Array, direction: Array) -> float:
-    """Return the offset along `direction` (3,) halfway between the ends of `points` (n, 3)."""
-    low, high = np.percentile(points @ direction, END_PERCENTILES)
-    return float(low + high) / 2.0
+def half_between_ends(points: Array, directions: Array) -> Array:
+    """Return (k,) the offsets along `directions` (k, 3) halfway between the ends of `points`."""
+    ends = np.percentile(directions @ points.T, END_PERCENTILES, axis=1)
+    return np.asarray(ends.mean(axis=0))
 
 
 def halfway_up(points: Array, table: Plane) -> Array:

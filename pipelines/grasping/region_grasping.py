@@ -64,7 +64,7 @@ def plan_region(
     hidden = hidden_points(region, scene, slots, config)
     ranking, whole = by_eq8(config), around.with_own(hidden, HIDDEN_COUNT)
     if judge is not None:
-        known = KnownRegion(region, scene, slots, hidden, around.points[~around.own])
+        known = KnownRegion(region, scene, slots, hidden, around.others.points)
         ranking = by_judge(judge, known, config)
     found = select(candidates, turns, region, scene, gripper, config, whole, ranking)
     if len(found) and (judge is None or found.rank_score[0] >= config.planar_below):
@@ -116,8 +116,8 @@ def plan_planar(
         return RankedGrasps.empty()
     around, ranking = surroundings(region, scene, gripper, config), by_eq8(config)
     if judge is not None:
-        nothing, foreign = SymmetrySlots.empty(), around.points[~around.own]
-        known = KnownRegion(region, scene, nothing, np.zeros((0, 3)), foreign)
+        nothing = SymmetrySlots.empty()
+        known = KnownRegion(region, scene, nothing, np.zeros((0, 3)), around.others.points)
         ranking = by_judge(judge, known, config)
     candidates = planar_candidates(region, scene, gripper, config)
     return select(candidates, PLANAR_TURNS, region, scene, gripper, config, around, ranking)

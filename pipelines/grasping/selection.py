@@ -59,8 +59,7 @@ def select(
             kept = _steadiest(steady[hand // count], ranking)
             hand, pair = hand[kept], hand[kept] // count
             found = _ranked(candidates, pair, hands[hand], enclosed[kept])
-            others = Obstacles(around.points[~around.own], around.count[~around.own])
-            b = clearance(found.grasps, gripper, others, config.clearance_cap)
+            b = clearance(found.grasps, gripper, around.others, config.clearance_cap)
             sight = seen_share(found.grasps, gripper, scene)
             ranked = _in_order(found, b, steady[pair], sight, ranking, config)
             free = partial(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
@@ -26,6 +27,7 @@ DETECTOR_WEIGHTS = WEIGHTS / "detector.safetensors"
 NETWORK_WEIGHTS = WEIGHTS / "network.safetensors"
 PLANE_WEIGHTS = WEIGHTS / "plane_judge.safetensors"
 HAND_WEIGHTS = WEIGHTS / "hand_judge.safetensors"
+DRIVERS = ("/dev/nvidiactl", "/dev/kfd", "/dev/dxg")  # of NVIDIA, AMD, and WSL
 PLANES_BY, HANDS_BY = "docs/train_plane_judge.py", "docs/train_hand_judge.py"
 
 
@@ -65,6 +67,17 @@ def hand_judge(path: Path) -> HandJudge:
     """Return the judge of hands of the weights `path`."""
     with _LOADING:
         return HandJudge(_judge(path, judge_file.HANDS, HANDS_BY))
+
+
+def uses_gpu(device: str) -> bool:
+    """Return whether networks on `device` run on a GPU; asks torch only where it can matter."""
+    if device != "auto":
+        return device != "cpu"
+    if sys.platform == "linux" and not any(Path(driver).exists() for driver in DRIVERS):
+        return False  # asking torch takes seconds
+    from pipelines.network.devices import find_device  # noqa: PLC0415 - slow to load
+
+    return find_device(device).type != "cpu"
 
 
 @contextmanager

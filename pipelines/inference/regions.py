@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pipelines.configs import InferConfig
 from pipelines.formats.rgbd import Frame
 from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.regions_geometric import GeometricRegions, geometric_regions
 
 Mask = NDArray[np.bool_]
@@ -33,9 +34,16 @@ class Detector(Protocol):
     """What finds regions in a frame, most confident first."""
 
     def detect(
-        self, color: NDArray[np.uint8], depth: NDArray[np.float32], intrinsics: Intrinsics
+        self,
+        color: NDArray[np.uint8],
+        depth: NDArray[np.float32],
+        intrinsics: Intrinsics,
+        plane: Plane | None,
     ) -> Sequence[Detection]:
-        """Return the regions of a frame; `depth` (H, W) in metres, 0 = missing."""
+        """Return the regions of a frame; `depth` (H, W) in metres, 0 = missing.
+
+        `plane`: that things stand on, where it is known.
+        """
 
 
 @dataclass(frozen=True)
@@ -82,7 +90,7 @@ def _detected(
         return []
     free = np.ones(frame.depth.shape, bool)
     regions = []
-    found = detector.detect(frame.color, frame.depth, frame.intrinsics)
+    found = detector.detect(frame.color, frame.depth, frame.intrinsics, geometric.plane)
     for detection in sorted(found, key=lambda d: -d.confidence):
         mask = detection.mask & free
         measured = mask & (frame.depth > 0)

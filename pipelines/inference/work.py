@@ -10,9 +10,8 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from joblib import cpu_count
 
-from pipelines.batch import BatchOptions, WorkItem
+from pipelines.batch import WorkItem
 from pipelines.configs import InferConfig
 from pipelines.errors import UnknownNameError, ValueRangeError
 from pipelines.formats import grasps_file
@@ -34,7 +33,6 @@ from pipelines.inference.regions import SOURCES
 STAGE = "infer"
 METHODS = ("network", "planar", "random")
 RANKINGS = ("judge", "eq8")
-MAX_THREADS = 4
 
 
 @dataclass(frozen=True)
@@ -270,13 +268,3 @@ def drop_stale_shards(items: Sequence[WorkItem]) -> None:
     for item in items:
         if item.target.exists() and read_stamp(item.target) != item.stamp.as_json():
             item.target.unlink()
-
-
-def side_by_side(options: BatchOptions) -> BatchOptions:
-    """Return `options` with a thread a core instead of one worker: networks and numpy share well.
-
-    More than a few threads would wait for Python's lock; `--workers` are processes.
-    """
-    if not options.is_here:
-        return options
-    return replace(options, workers=min(cpu_count(), MAX_THREADS), backend="threading")

@@ -15,6 +15,7 @@ from pipelines.configs import DetectorConfig
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.depth_channels import find_plane, shrink
+from pipelines.geometry.pointcloud import Plane
 from pipelines.network.detector_input import detector_image
 from pipelines.network.devices import find_device
 from pipelines.network.folding import folded
@@ -68,10 +69,15 @@ class RegionDetector:
         color: NDArray[np.uint8],
         depth: NDArray[np.float32],
         intrinsics: Intrinsics,
+        plane: Plane | None = None,
     ) -> list[Detection]:
         """Return the regions of a frame, the most confident first.
 
-        `color`: (H, W, 3) RGB. `depth`: (H, W) metres, 0 = missing. Both of `intrinsics`.
+        Args:
+            color: (H, W, 3) RGB.
+            depth: (H, W) metres, 0 = missing.
+            intrinsics: of both.
+            plane: that things stand on, camera frame; it is looked for unless given.
 
         Raises:
             ValueRangeError: the images are not of the size that `intrinsics` are for.
@@ -81,7 +87,8 @@ class RegionDetector:
             found = f"{color.shape} and {depth.shape}"
             raise ValueRangeError("shapes of colour and depth", found, f"of an image of {size}")
         frame = shrink(color, depth, intrinsics, self.config.min_size, self.config.max_size)
-        image = detector_image(frame, find_plane(frame), self.config.input).to(self.device)
+        known = find_plane(frame) if plane is None else plane
+        image = detector_image(frame, known, self.config.input).to(self.device)
         image = image[None].to(memory_format=torch.channels_last)[0]
         (found_regions,) = self.model([image])
         scale = np.array([size[1] / frame.color.shape[1], size[0] / frame.color.shape[0]] * 2)

@@ -75,7 +75,7 @@ def test_a_few_flying_pixels_do_not_move_the_middle():
     points = np.zeros((1000, 3))
     points[:, 0] = np.linspace(0.0, 0.1, 1000)
     points[:5, 0] = -0.3
-    assert half_between_ends(points, np.array([1.0, 0, 0])) == pytest.approx(0.05, abs=0.001)
+    assert half_between_ends(points, np.array([[1.0, 0, 0]]))[0] == pytest.approx(0.05, abs=0.001)
 
 
 def test_level_directions_lie_in_the_table_and_face_directions_are_frames():

@@ -26,7 +26,7 @@ class StandIn:
 
     found: list
 
-    def detect(self, color, depth, intrinsics):
+    def detect(self, color, depth, intrinsics, plane):
         return self.found
 
 

@@ -48,6 +48,7 @@ def test_planes_and_axes_move_with_the_points(seed):
 @given(seeds)
 @example(6493)  # little of the box is seen
 @example(1649)  # a direction that is nearly across
+@example(786)  # likewise
 def test_a_scaled_copy_keeps_every_plane_and_axis(seed):
     batch = toy_batch(2, 32, seed, tumbled=True)  # a box, a can
     scaled = augmentation.scaled_copy(batch, STILL, generators(seed, 2))
@@ -59,8 +60,11 @@ def test_a_scaled_copy_keeps_every_plane_and_axis(seed):
         expected = mirrored(
             scaled.points[row], scaled.direction[row, slot], scaled.center[row, slot]
         )
-        # A random direction may lie within `ALIGNMENT` of one that keeps the symmetry exactly.
-        torch.testing.assert_close(image, expected, rtol=0.0, atol=5e-4)
+        # A direction may lie within `ALIGNMENT` of one that keeps the symmetry exactly. Scaling
+        # along it by s and mirroring differ in their order by 2 (s - 1) cos times the distance.
+        farthest = float((points - center).norm(dim=-1).max())
+        off = 2.0 * (STILL.principal_scale - 1.0) * augmentation.ALIGNMENT * farthest
+        torch.testing.assert_close(image, expected, rtol=0.0, atol=off)
     axis, points = batch.direction[1, 3], batch.points[1]
     A = torch.linalg.lstsq(points, scaled.points[1]).solution
     across = torch.linalg.svdvals(A - torch.outer(axis, axis) * (axis @ A @ axis))[:2]

@@ -120,14 +120,6 @@ def test_frames_side_by_side_on_networks_write_the_bytes_of_one_thread(frames, t
                 )
 
 
-def test_several_workers_are_processes_and_one_is_threads():
-    alone = work.side_by_side(OPTIONS)
-    assert alone.backend == "threading"
-    assert 1 <= alone.workers <= work.MAX_THREADS
-    several = dataclasses.replace(OPTIONS, workers=2)
-    assert work.side_by_side(several) == several
-
-
 def test_a_second_run_skips_everything(frames, tmp_path):
     run(frames, tmp_path / "g.h5")
     before = (tmp_path / "g.h5").stat().st_mtime_ns

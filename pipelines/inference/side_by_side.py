@@ -1,0 +1,46 @@
+"""How frames are spread over threads and processes, and where their networks are loaded."""
+
+from dataclasses import replace
+
+from joblib import cpu_count, delayed
+
+from pipelines.batch import CHOSEN, BatchOptions
+from pipelines.clusters import CLUSTERS, workers_of
+from pipelines.inference import models
+from pipelines.inference.work import Settings
+
+MAX_THREADS = 4
+PROCESSES, FRAMES_A_PROCESS = 2, 8
+
+
+def side_by_side(options: BatchOptions, frames: int, device: str) -> BatchOptions:
+    """Return how `frames` that are to be done are worked on where nobody says it.
+
+    Threads of this process wait for Python's lock for a third of their time; with many frames on a
+    CPU, processes of their own are worth what starting them takes. More than two would need more
+    than 2 GB: that is for who asks with `--workers`.
+    """
+    if options.backend in CLUSTERS or options.workers > 1:
+        return options
+    processes = min(cpu_count(), PROCESSES)
+    many = frames >= FRAMES_A_PROCESS * processes and processes > 1
+    if options.workers == CHOSEN and many and not models.uses_gpu(device):
+        return replace(options, workers=processes)
+    return replace(options, workers=min(cpu_count(), MAX_THREADS), backend="threading")
+
+
+def load(settings: Settings, options: BatchOptions) -> None:
+    """Load all networks where they will be asked, so that what does not load is said once.
+
+    Raises:
+        SymgraspError: something does not load.
+    """
+    if options.backend == "threading":
+        settings.planner()
+    elif options.backend not in CLUSTERS:  # theirs start anew for each batch
+        with workers_of(options.backend, options.workers) as parallel:
+            list(parallel(delayed(_load)(settings) for _ in range(options.workers)))
+
+
+def _load(settings: Settings) -> None:
+    settings.planner()

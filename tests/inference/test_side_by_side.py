@@ -1,0 +1,54 @@
+"""Threads for few frames, processes for many; one sentence where something does not load."""
+
+import dataclasses
+
+import pytest
+
+from pipelines.batch import CHOSEN, BatchOptions
+from pipelines.configs import InferConfig
+from pipelines.errors import SymgraspError
+from pipelines.inference import side_by_side as module
+from pipelines.inference.side_by_side import load, side_by_side
+from pipelines.inference.work import InferPaths, Settings
+
+OPTIONS = BatchOptions(progress=False)
+UNSAID = dataclasses.replace(OPTIONS, workers=CHOSEN)
+
+
+@pytest.fixture
+def cores(monkeypatch):
+    monkeypatch.setattr(module, "cpu_count", lambda: 4)
+
+
+@pytest.mark.usefixtures("cores")
+@pytest.mark.parametrize(("frames", "backend", "workers"), [(15, "threading", 4), (16, "loky", 2)])
+def test_many_frames_are_given_two_processes_unless_somebody_says_otherwise(
+    frames, backend, workers
+):
+    found = side_by_side(UNSAID, frames, "cpu")
+    assert (found.backend, found.workers) == (backend, workers)
+    assert side_by_side(OPTIONS, frames, "cpu").backend == "threading"
+    several = dataclasses.replace(OPTIONS, workers=3)
+    assert side_by_side(several, frames, "cpu") == several
+    cluster = dataclasses.replace(UNSAID, backend="dask")
+    assert side_by_side(cluster, frames, "cpu") == cluster
+
+
+@pytest.mark.usefixtures("cores")
+def test_a_gpu_is_asked_by_one_process():
+    assert side_by_side(UNSAID, 500, "cuda:0").backend == "threading"
+
+
+def test_one_core_takes_one_frame_after_the_other(monkeypatch):
+    monkeypatch.setattr(module, "cpu_count", lambda: 1)
+    found = side_by_side(UNSAID, 500, "cpu")
+    assert (found.backend, found.workers) == ("threading", 1)
+
+
+@pytest.mark.parametrize("backend", ["threading", "loky"])
+def test_what_does_not_load_is_said_before_any_frame(tmp_path, backend):
+    (tmp_path / "w.safetensors").write_bytes(b"no weights")
+    paths = InferPaths(tmp_path, tmp_path / "g.h5", network=tmp_path / "w.safetensors")
+    settings = Settings(paths, InferConfig(), 0, "cpu", timings=False)
+    with pytest.raises(SymgraspError, match=r"w\.safetensors"):
+        load(settings, dataclasses.replace(OPTIONS, workers=2, backend=backend))

@@ -136,7 +136,7 @@ class _Sizes:
         regions, grasps, runs = 0, 0, 0
         for part in parts:
             if isinstance(part, Path):
-                with _opened(part) as file:
+                with opened(part) as file:  # checked when it is read whole
                     regions += len(file["regions/frame"])
                     grasps += len(file["grasps/frame"])
                     runs += len(file["regions/mask_counts"])

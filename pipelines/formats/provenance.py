@@ -6,6 +6,7 @@ import html
 import json
 import re
 from collections.abc import Mapping
+from functools import lru_cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -50,6 +51,7 @@ class Stamp:
         return json.dumps(self.as_json(), sort_keys=True)
 
 
+@lru_cache(maxsize=1)
 def version() -> str:
     """Return the installed version of symgrasp."""
     try:

@@ -76,7 +76,8 @@ def ground_symmetries(
     points, normals = region.points[::step], region.normals[::step]
     axis = axis_evidence(slots, points, normals, scene, config)
     sphere = sphere_evidence(slots, points, normals, scene, config)
-    known = RegionEvidence(slots, axis.symmetry.direction, points, normals, region.mask, scene)
+    turning = RotationSymmetry(axis.symmetry.direction, axis.symmetry.point)
+    known = RegionEvidence(slots, turning, points, normals, region.mask, scene)
     planes = trusted_planes(known, config, judge)
     chosen: list[tuple[int, Symmetry, float]] = [
         (slot, plane, trust) for slot, (plane, trust) in zip(REFLECTION_SLOTS, planes, strict=False)

@@ -12,7 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.geometry.pointcloud import Plane
-from pipelines.geometry.symmetry import REFLECTION_SLOTS, ReflectionSymmetry, SymmetrySlots
+from pipelines.geometry.symmetry import (
+    REFLECTION_SLOTS,
+    ReflectionSymmetry,
+    RotationSymmetry,
+    SymmetrySlots,
+)
 from pipelines.geometry.transforms import basis_from_direction, unit
 
 Array = NDArray[np.float64]
@@ -29,7 +34,7 @@ SAME_OFFSET = 0.004  # metres
 
 def candidate_planes(
     slots: SymmetrySlots,
-    axis: Array,
+    axis: RotationSymmetry,
     points: Array,
     normals: Array,
     table: Plane | None,
@@ -38,20 +43,22 @@ def candidate_planes(
 
     Args:
         slots: what the network says of the region, camera frame.
-        axis: (3,) direction of the best axis of rotation.
+        axis: the best axis of rotation.
         points: (n, 3) metres, camera frame.
         normals: (n, 3) unit.
         table: normal toward the camera; None where none is known.
     """
     middle = points.mean(axis=0)
-    directions = [*face_directions(points, normals), axis]
-    named = []
+    directions, named = face_directions(points, normals), []
     if table is not None:
         directions += level_directions(points, table)
         named.append((table.normal, halfway_up(points, table)))
-    middles = half_between_ends(points, np.array(directions))
-    named += [(d, middle * d) for d, middle in zip(directions, middles, strict=True)]
+    across = [*directions, axis.direction]
+    middles = half_between_ends(points, np.array(across))
+    named += [(d, middle * d) for d, middle in zip(across, middles, strict=True)]
     named += [(slots.direction[k], slots.point[k]) for k in REFLECTION_SLOTS]
+    # What is half hidden has its middle elsewhere than what is seen: the axis may know it.
+    named += [(d, axis.point) for d in directions]
     planes = [ReflectionSymmetry(unit(d), _foot(middle, unit(d), point)) for d, point in named]
     return distinct(planes, SAME_ANGLE, SAME_OFFSET)
 

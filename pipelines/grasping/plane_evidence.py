@@ -14,6 +14,7 @@ from pipelines.configs import SelectionConfig
 from pipelines.geometry.symmetry import (
     REFLECTION_SLOTS,
     ReflectionSymmetry,
+    RotationSymmetry,
     SymmetrySlots,
 )
 from pipelines.geometry.symmetry_fitting import MIN_OVERLAP, face_alike, fit_reflections
@@ -58,7 +59,7 @@ class RegionEvidence:
 
     Attributes:
         slots: the network's symmetries.
-        axis: (3,) direction of the best axis of rotation.
+        axis: the best axis of rotation.
         points: (n, 3) of the region.
         normals: (n, 3).
         mask: (H, W) its pixels.
@@ -66,7 +67,7 @@ class RegionEvidence:
     """
 
     slots: SymmetrySlots
-    axis: Array
+    axis: RotationSymmetry
     points: Array
     normals: Array
     mask: NDArray[np.bool_]

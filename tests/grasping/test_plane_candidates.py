@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipelines.geometry.pointcloud import Plane
-from pipelines.geometry.symmetry import ReflectionSymmetry, SymmetrySlots
+from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SymmetrySlots
 from pipelines.geometry.transforms import make_pose, random_rotation, unit
 from pipelines.geometry.transforms import transform_points as moved
 from pipelines.grasping.plane_candidates import (
@@ -18,6 +18,7 @@ from pipelines.grasping.plane_candidates import (
     level_directions,
 )
 
+UPRIGHT = RotationSymmetry([0, 0, 1], [9, 9, 9])
 NOTHING = SymmetrySlots(np.zeros(5), np.full((5, 3), 9.0), np.tile(unit([1.0, 2.0, 3.0]), (5, 1)))
 
 
@@ -49,9 +50,8 @@ def test_all_planes_of_a_box_are_candidates_however_it_lies(seed):
     points, normals = seen_box(size, toward, rng)
     pose = make_pose(random_rotation(rng), rng.normal(0, 0.3, 3))
     rotation, centre = pose[:3, :3], pose[:3, 3]
-    found = candidate_planes(
-        NOTHING, unit(rng.normal(size=3)), moved(pose, points), normals @ rotation.T, None
-    )
+    axis = RotationSymmetry(unit(rng.normal(size=3)), [9, 9, 9])
+    found = candidate_planes(NOTHING, axis, moved(pose, points), normals @ rotation.T, None)
     for axis in rotation.T:
         assert has_plane(found, axis, centre)
 
@@ -60,9 +60,21 @@ def test_two_seen_faces_of_a_standing_box_suffice_for_its_upright_planes():
     rng = np.random.default_rng(0)
     points, normals = seen_box(np.array([0.05, 0.08, 0.1]), [0.0, -0.7, 0.7], rng)
     table = Plane(np.array([0, 0, 1.0]), 0.05)
-    found = candidate_planes(NOTHING, np.array([0, 0, 1.0]), points, normals, table)
+    found = candidate_planes(NOTHING, UPRIGHT, points, normals, table)
     for axis in np.eye(3):
         assert has_plane(found, axis, np.zeros(3))
+
+
+def test_the_axis_tells_where_the_middle_of_half_hidden_things_is():
+    points, normals = seen_box(
+        np.array([0.05, 0.08, 0.1]), [0.0, -0.7, 0.7], np.random.default_rng(2)
+    )
+    seen = points[:, 0] > 0.0
+    table = Plane(np.array([0, 0, 1.0]), 0.05)
+    for point, known in (([0, 0, 0], True), ([9, 9, 9], False)):
+        axis = RotationSymmetry([0, 0, 1], point)
+        found = candidate_planes(NOTHING, axis, points[seen], normals[seen], table)
+        assert has_plane(found, [1.0, 0.0, 0.0], np.zeros(3)) == known
 
 
 def test_what_stands_on_the_table_is_cut_at_half_its_height():

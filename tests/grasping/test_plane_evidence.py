@@ -24,6 +24,7 @@ from tests.grasping.test_grounding import view_of
 
 CONFIG = SelectionConfig()
 JUDGE = models.plane_judge(models.PLANE_WEIGHTS)
+UPRIGHT = RotationSymmetry([0, 0, 1], [9, 9, 9])
 SILENT = SymmetrySlots(np.zeros(5), np.full((5, 3), 9.0), np.tile(unit([1.0, 2.0, 3.0]), (5, 1)))
 
 
@@ -38,7 +39,7 @@ def evidence_of(view, slots=SILENT):
     axis = RotationSymmetry([0, 0, 1], [0, 0, 0]).transformed(pose)
     step = max(1, len(region) // 400)
     seen = region.points[::step], region.normals[::step], region.mask
-    return RegionEvidence(slots, axis.direction, *seen, scene)
+    return RegionEvidence(slots, axis, *seen, scene)
 
 
 def box_planes(pose):
@@ -98,7 +99,7 @@ def test_a_plane_that_the_network_names_is_a_candidate():
     said = SymmetrySlots(SILENT.existence.copy(), SILENT.point.copy(), SILENT.direction.copy())
     said.existence[1], said.point[1], said.direction[1] = 0.9, across.point, across.normal
     for slots, named in ((said, True), (SILENT, False)):
-        found = candidate_planes(slots, np.array([0, 0, 1.0]), points, unit(points), None)
+        found = candidate_planes(slots, UPRIGHT, points, unit(points), None)
         near = [abs(float(plane.normal @ across.normal)) > 0.9999 for plane in found]
         assert any(near) == named
 

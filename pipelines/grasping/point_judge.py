@@ -36,6 +36,11 @@ class PointJudge:
     spread: Rows
     calibration: Rows
 
+    @property
+    def widths(self) -> tuple[int, int]:
+        """How many numbers it takes of a point, with what all points share, and as evidence."""
+        return self.point_layers[0][0].shape[1], len(self.mean)
+
     def logits(
         self,
         points: Rows,  # (k, n, p)

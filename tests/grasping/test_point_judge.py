@@ -89,3 +89,12 @@ def test_other_weights_are_refused_by_name(tmp_path):
     save_weights(path, {"a": torch.zeros(1)}, {"model": judge_file.PLANES})
     with pytest.raises(FormatError, match=r"has no point\.0\.weight"):
         judge_file.read(path, judge_file.PLANES)
+
+
+def test_weights_for_other_numbers_are_refused_with_how_many(tmp_path):
+    path = tmp_path / "other.safetensors"
+    tensors, _ = load_weights(PLANE_WEIGHTS)
+    tensors["mean"] = tensors["mean"][:-1].clone()
+    save_weights(path, tensors, {"model": judge_file.PLANES})
+    with pytest.raises(FormatError, match="takes 17 numbers of a point and 8, not 17 and 9"):
+        judge_file.read(path, judge_file.PLANES)

@@ -19,9 +19,13 @@ STAGES = (
     ("pack", "region clouds with labels", "PACKED/scene_XXXX.h5"),
     ("finetune-detector", "Mask R-CNN on region masks", "detector.safetensors"),
     ("train", "PointNet++ with PIFT, Siamese", "network.safetensors"),
+    ("inspect", "what would be read of frames", "layout, camera, unit, oddities"),
     ("infer", "frames in, grasps out", "grasps.h5, overlays"),
+    ("view", "a page a frame, to turn around", "PAGES/FRAME.html"),
+    ("export", "for the next program", "GraspNet, Isaac, ROS, JSON, CSV"),
     ("simulate", "lift and tug, in physics", "success.json"),
     ("evaluate", "quality, antipodal, symmetry AP", "report.json, report.html"),
+    ("compare", "runs side by side, with intervals", "compare.json, compare.html"),
 )
 
 

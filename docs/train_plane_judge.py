@@ -32,7 +32,9 @@ from pipelines.metrics.symmetry_matching import TrueRegion, implied_symmetries, 
 HIT_ERROR, PLANE_ERROR = 0.25, 0.134
 ALIKE = 0.8  # cosine of normals, of planes whose error is worth a look
 # Of point and normal, the coordinate across; decimetres.
-TRAINING = judge_training.Training(mirrored=(2, 5), points_a_step=96, jitter=0.01, rate=2e-3)
+TRAINING = judge_training.Training(
+    mirrored=(2, 5), points_a_step=96, jitter=0.01, rate=2e-3, epochs=20
+)
 
 
 def plane_truth(plane: ReflectionSymmetry, region: TrueRegion) -> bool | None:

@@ -23,7 +23,6 @@ MAX_RANGE = 3.0  # metres; nothing farther is ever near a gripper
 NORMAL_RADIUS = 3  # pixels
 COARSE = 3  # pixels: the step at which the whole scene is an obstacle
 NEVER_MET = 0.002  # metres over the table, where no hand comes
-FINER = 0.67  # of a cell's edge that rows and columns may lie apart
 STRAY = 0.012  # metres from the median of the neighbours: a pixel between two surfaces
 
 
@@ -96,16 +95,10 @@ class SceneCloud:
         return None if self.plane is None else -self.plane.normal
 
     def around(self, region: "RegionCloud", reach: float, resolution: float) -> Surroundings:
-        """Return the points within `reach` metres of the region's ball, thinned to `resolution`.
-
-        Of pixels much finer than that, every so many-th row and column is looked at, as a coarser
-        camera would see.
-        """
+        """Return the points within `reach` metres of the region's ball, thinned to `resolution`."""
         low, high = region.points.min(axis=0), region.points.max(axis=0)
         centre, radius = (low + high) / 2.0, float(np.linalg.norm(high - low)) / 2.0 + reach
-        pitch = centre[2] / self.intrinsics.fx
-        step = max(1, int(FINER * resolution / pitch))
-        window = self._window(centre, radius, step)
+        window = self._window(centre, radius)
         # An axis at a time, each in one piece: a third of the time of rows of three.
         away = [axis[window] - middle for axis, middle in zip(self._axes, centre, strict=True)]
         near = np.square(away[0]) + np.square(away[1]) + np.square(away[2]) < radius**2
@@ -124,17 +117,16 @@ class SceneCloud:
         """Three times (H, W), the coordinates of `xyz`."""
         return [np.ascontiguousarray(self.xyz[..., axis]) for axis in range(3)]
 
-    def _window(self, centre: Array, radius: float, step: int) -> tuple[slice, slice]:
-        """Return the rows and columns, multiples of `step`, that a ball can be seen in."""
+    def _window(self, centre: Array, radius: float) -> tuple[slice, slice]:
+        """Return the rows and columns that a ball can be seen in."""
         nearest = max(centre[2] - radius, 0.05)
         u, v = self.intrinsics.project(centre)
         reach_u = self.intrinsics.fx * radius / nearest
         reach_v = self.intrinsics.fy * radius / nearest
-        rows, columns = (
-            slice(max(0, int(middle - half)) // step * step, max(0, int(middle + half) + 1), step)
-            for middle, half in ((v, reach_v), (u, reach_u))
+        return (
+            slice(max(0, int(v - reach_v)), max(0, int(v + reach_v) + 1)),
+            slice(max(0, int(u - reach_u)), max(0, int(u + reach_u) + 1)),
         )
-        return rows, columns
 
 
 @dataclass(frozen=True)

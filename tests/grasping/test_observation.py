@@ -24,8 +24,7 @@ def test_around_a_region_is_the_first_point_of_every_cell_in_reach(reach, resolu
     scene, region = seen(0)
     low, high = region.points.min(axis=0), region.points.max(axis=0)
     centre, radius = (low + high) / 2, np.linalg.norm(high - low) / 2 + reach
-    step = max(1, int(0.67 * resolution * CAMERA.fx / centre[2]))  # of cells that see many pixels
-    points, own = scene.xyz[::step, ::step].reshape(-1, 3), region.mask[::step, ::step].ravel()
+    points, own = scene.xyz.reshape(-1, 3), region.mask.ravel()
     near = np.linalg.norm(points - centre, axis=1) < radius
     points, own = points[near], own[near]
     cells = np.column_stack([np.floor((points - centre + radius) / resolution), own])

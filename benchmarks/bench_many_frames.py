@@ -5,13 +5,15 @@ read, found and written is as much as for so many different frames. The same of 
 `../shared/frames` is there.
 """
 
+import contextlib
 import os
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
 from pathlib import Path
+
+import psutil
 
 from benchmarks.timing import Measurement
 from pipelines import convert_frames, synthesize
@@ -67,10 +69,10 @@ def measure() -> list[Measurement]:
 def _measured(frames: Path, folder: Path, note: str) -> list[Measurement]:
     """Return seconds a frame and peak memory of `infer` on the folder `frames`."""
     out = folder / f"{len(list(folder.iterdir()))}.h5"
-    command, peak = [sys.executable, "-c", CHILD, frames, out], 0
+    command, peak = [sys.executable, "-c", CHILD, frames, out], 0.0
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         while process.poll() is None:
-            peak = max(peak, sum(map(_kilobytes, _family(process.pid))))
+            peak = max(peak, _megabytes(process.pid))
             time.sleep(LOOK)
         text = process.communicate()[0]
     if process.returncode:
@@ -79,29 +81,19 @@ def _measured(frames: Path, folder: Path, note: str) -> list[Measurement]:
     said = f"{count} frames, {note}"
     return [
         Measurement("infer", float(seconds) / int(count), "s/frame", said),
-        Measurement("infer, peak memory", peak / 1024.0, "MB", f"{said}, all processes"),
+        Measurement("infer, peak memory", peak, "MB", f"{said}, all processes"),
     ]
 
 
-def _family(pid: int) -> Iterator[int]:
-    """Yield a process and all that it started, as far as they still live."""
-    yield pid
-    for file in Path(f"/proc/{pid}/task").glob("*/children"):
-        try:
-            children = file.read_text().split()
-        except OSError:  # it ended
-            continue
-        for child in children:
-            yield from _family(int(child))
-
-
-def _kilobytes(pid: int) -> int:
-    """Return the memory of a process, what it shares counted in part; 0 once it ended."""
-    try:
-        lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
-    except OSError:
-        return 0
-    return sum(int(line.split()[1]) for line in lines if line.startswith("Pss:"))
+def _megabytes(pid: int) -> float:
+    """Return the memory of a process and all that it started, what they share counted once."""
+    total = 0
+    with contextlib.suppress(psutil.NoSuchProcess):  # it ended meanwhile
+        parent = psutil.Process(pid)
+        for process in (parent, *parent.children(recursive=True)):
+            with contextlib.suppress(psutil.NoSuchProcess, psutil.ZombieProcess):
+                total += process.memory_full_info().pss
+    return total / 2**20
 
 
 def _flat_tables(folder: Path) -> Path:

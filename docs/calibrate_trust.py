@@ -21,7 +21,12 @@ from pipelines.configs import EvaluateConfig, InferConfig
 from pipelines.evaluation.judging import assign_regions
 from pipelines.evaluation.truth import TruthReader
 from pipelines.formats.graspnet import FrameFiles, GraspNetRoot
-from pipelines.geometry.symmetry import Symmetry, SymmetrySlots
+from pipelines.geometry.symmetry import (
+    RotationSymmetry,
+    SphereSymmetry,
+    Symmetry,
+    SymmetrySlots,
+)
 from pipelines.grasping import grounding
 from pipelines.grasping.decoding import average_symmetries
 from pipelines.grasping.observation import RegionCloud, SceneCloud
@@ -67,7 +72,9 @@ class SeenRegion:
     scene: SceneCloud
     truth: TrueRegion
 
-    def axis_and_sphere(self) -> tuple[grounding.Evidence, grounding.Evidence]:
+    def axis_and_sphere(
+        self,
+    ) -> tuple[grounding.Evidence[RotationSymmetry], grounding.Evidence[SphereSymmetry]]:
         """Return the fitted axis and centre."""
         step = max(1, len(self.cloud) // grounding.NUM_POINTS)
         seen = self.cloud.points[::step], self.cloud.normals[::step]

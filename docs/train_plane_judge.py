@@ -22,7 +22,7 @@ from judge_training import Rows
 from pipelines.evaluation.truth import TruthReader
 from pipelines.formats import judge_file
 from pipelines.formats.graspnet import GraspNetRoot
-from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry
+from pipelines.geometry.symmetry import ReflectionSymmetry
 from pipelines.geometry.symmetry_error import symmetry_error
 from pipelines.grasping import grounding, mirror_views, plane_evidence
 from pipelines.grasping.plane_evidence import RegionEvidence
@@ -57,8 +57,7 @@ def evidence_of(region: SeenRegion) -> RegionEvidence:
     axis, _ = region.axis_and_sphere()
     cloud, step = region.cloud, max(1, len(region.cloud) // grounding.NUM_POINTS)
     seen = cloud.points[::step], cloud.normals[::step], cloud.mask
-    turning = RotationSymmetry(axis.symmetry.direction, axis.symmetry.point)
-    return RegionEvidence(region.slots, turning, *seen, region.scene)
+    return RegionEvidence(region.slots, axis.symmetry, *seen, region.scene)
 
 
 def collected(root: Path, stride: int) -> Iterator[Rows]:

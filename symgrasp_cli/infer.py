@@ -103,8 +103,8 @@ def infer(
         int | None,
         typer.Option(
             min=1,
-            help="Processes that work at a time, of threads if 1; unless given, 2 for many frames "
-            "on a CPU.",
+            help="Processes that work at a time, 1 for threads of one; by default 2 for many "
+            "frames on a CPU, else 1.",
         ),
     ] = None,
     backend: Backend = "loky",

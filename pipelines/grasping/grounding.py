@@ -6,6 +6,7 @@ it, never into observed free space (D. 31).
 """
 
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,8 +42,11 @@ WEIGHTS = {
 }
 
 
+Turned = TypeVar("Turned", RotationSymmetry, SphereSymmetry)
+
+
 @dataclass(frozen=True)
-class Evidence:
+class Evidence(Generic[Turned]):
     """One fitted axis or centre and what speaks for it, each 0 to 1.
 
     Attributes:
@@ -52,7 +56,7 @@ class Evidence:
         consistency: share of images that lie on or behind the observed surface.
     """
 
-    symmetry: RotationSymmetry | SphereSymmetry
+    symmetry: Turned
     existence: float
     support: float
     consistency: float
@@ -76,8 +80,7 @@ def ground_symmetries(
     points, normals = region.points[::step], region.normals[::step]
     axis = axis_evidence(slots, points, normals, scene, config)
     sphere = sphere_evidence(slots, points, normals, scene, config)
-    turning = RotationSymmetry(axis.symmetry.direction, axis.symmetry.point)
-    known = RegionEvidence(slots, turning, points, normals, region.mask, scene)
+    known = RegionEvidence(slots, axis.symmetry, points, normals, region.mask, scene)
     planes = trusted_planes(known, config, judge)
     chosen: list[tuple[int, Symmetry, float]] = [
         (slot, plane, trust) for slot, (plane, trust) in zip(REFLECTION_SLOTS, planes, strict=False)
@@ -93,7 +96,7 @@ def ground_symmetries(
 
 def axis_evidence(
     slots: SymmetrySlots, points: Array, normals: Array, scene: SceneCloud, config: SelectionConfig
-) -> Evidence:
+) -> Evidence[RotationSymmetry]:
     """Return the axis, of all candidates fitted, that is trusted most."""
     starts = candidate_axes(slots, points, normals, scene.plane)
     fits = fit_rotations(starts, points, normals)
@@ -110,7 +113,7 @@ def axis_evidence(
 
 def sphere_evidence(
     slots: SymmetrySlots, points: Array, normals: Array, scene: SceneCloud, config: SelectionConfig
-) -> Evidence:
+) -> Evidence[SphereSymmetry]:
     """Return the network's sphere, fitted."""
     fit = fit_sphere(slots.point[SPHERE_SLOT], points, normals)
     sphere = SphereSymmetry(fit.point)

@@ -1,11 +1,12 @@
-"""Networks, OpenCV and numpy keep to one core while frames are worked on side by side."""
+"""Networks, OpenCV and numpy keep to one core while frames are worked on; where networks run."""
 
 import cv2
 import numpy as np
 import torch
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from pipelines.inference.models import one_thread_each
+from pipelines.inference import models
+from pipelines.inference.models import one_thread_each, uses_gpu
 
 
 def threads():
@@ -25,3 +26,14 @@ def test_everything_uses_one_core_within_and_what_it_used_before_after():
             assert threads() == (1, 1, 1)
         assert threads() == before
         assert before[2] == 2
+
+
+def test_a_gpu_is_used_if_asked_for_or_if_torch_finds_one(monkeypatch, tmp_path):
+    assert uses_gpu("cuda:0")
+    assert not uses_gpu("cpu")
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 1)
+    for driver, found in ((tmp_path, True), (tmp_path / "none", False)):
+        monkeypatch.setattr(models, "DRIVERS", (str(driver),))
+        assert uses_gpu("auto") == found

@@ -1,6 +1,6 @@
 """Where a frame's regions come from."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -25,8 +25,10 @@ class StandIn:
     """A detector that finds what it is told to find."""
 
     found: list
+    planes: list = field(default_factory=list)
 
     def detect(self, color, depth, intrinsics, plane):
+        self.planes.append(plane)
         return self.found
 
 
@@ -39,6 +41,13 @@ def test_auto_completes_the_detector_with_what_it_left_uncovered():
     found = regions(StandIn([Found(INDEX == 0)]))
     assert [region.source for region in found] == ["detector", "geometric"]
     assert (found[1].mask & (INDEX == 1)).sum() > 0.8 * (INDEX == 1).sum()
+
+
+def test_the_table_is_found_once_for_all():
+    detector = StandIn([])
+    found = find_regions(FRAME, InferConfig(), np.random.default_rng(0), detector)
+    assert found.geometric.plane is not None
+    assert detector.planes == [found.geometric.plane]
 
 
 def test_the_detector_alone_is_not_completed():

@@ -10,6 +10,7 @@ from numpy.testing import assert_array_equal
 from pipelines.configs import DetectorConfig
 from pipelines.errors import UnknownNameError, ValueRangeError
 from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.pointcloud import Plane
 from pipelines.network.detector import RegionDetector, draw_mask
 from pipelines.network.mask_rcnn import SeededSampler, build_detector, seed_samplers
 
@@ -108,3 +109,15 @@ def test_what_is_detected_is_what_is_confident_enough_of_all_that_is_found():
         assert one.confidence == pytest.approx(other.confidence)
         assert_array_equal(one.mask, other.mask)
     assert model.roi_heads.score_thresh == CONFIG.candidate_confidence  # of the trained model
+
+
+def test_a_plane_that_is_known_is_not_looked_for(monkeypatch):
+    torch.manual_seed(0)
+    detector = RegionDetector(build_detector(CONFIG), CONFIG, torch.device("cpu"))
+    depth = np.random.default_rng(0).uniform(0.5, 0.9, (72, 96)).astype(np.float32)
+    frame = np.zeros((72, 96, 3), np.uint8), depth, Intrinsics(90.0, 90.0, 48.0, 36.0, 96, 72)
+    plane, other = (Plane(np.array([0.0, 0.0, -1.0]), far) for far in (0.9, 0.6))
+    monkeypatch.setattr("pipelines.network.detector.find_plane", lambda _frame: plane)
+    looked_for = [each.confidence for each in detector.detect(*frame)]
+    assert [each.confidence for each in detector.detect(*frame, plane)] == looked_for
+    assert [each.confidence for each in detector.detect(*frame, other)] != looked_for

@@ -65,7 +65,7 @@ def _training_step() -> Measurement:
     def forward() -> Tensor:
         features = network.features(both, ground, torch.cat([query, query]))
         said: Prediction = network.predict(features[:size])
-        return total_loss(said, asked, features[size:], config, measured).total
+        return total_loss(said, asked, features.values[size:], config, measured).total
 
     with torch.no_grad():
         alone = cpu_seconds_of(forward)

@@ -154,8 +154,8 @@ def sample_loss(
         both = torch.cat([regions.points, sample.copy.to(device)])
         ground = torch.cat([regions.ground, sample.copy_ground.to(device)])
         features = network.features(both, ground, torch.cat([query, query]))
-        prediction, copied = network.predict(features[: len(regions)]), features[len(regions) :]
-        terms = total_loss(prediction, truth, copied, config, points)
+        prediction = network.predict(features[: len(regions)])
+        terms = total_loss(prediction, truth, features.values[len(regions) :], config, points)
     return {name: getattr(terms, name) for name in terms.__dataclass_fields__}
 
 

@@ -8,8 +8,8 @@ from torch import Tensor
 
 from pipelines.network.averaging import average_symmetries
 from pipelines.network.dense_error import reflection_error, reflection_extent
-from pipelines.network.heads import SPHERE_SLOT
-from pipelines.network.losses import ROTATION_SLOT, symmetry_weights
+from pipelines.network.heads import ROTATION_SLOT, SPHERE_SLOT
+from pipelines.network.losses import symmetry_weights
 from pipelines.network.matching import NUM_REFLECTIONS, match_reflections
 from pipelines.network.model import Prediction
 from pipelines.network.regions import RegionBatch

@@ -15,12 +15,11 @@ from torch import Tensor
 from torch.nn import functional
 
 from pipelines.configs import AugmentationConfig
-from pipelines.network.heads import SPHERE_SLOT
+from pipelines.network.heads import ROTATION_SLOT, SPHERE_SLOT
 from pipelines.network.regions import RegionBatch
 
 # How parallel (cosine) or perpendicular (sine) two directions must be to keep a symmetry.
 ALIGNMENT = 0.03
-ROTATION_SLOT = 3
 
 Generators = Sequence[np.random.Generator]  # one a region
 

@@ -9,7 +9,7 @@ from torch.nn import functional
 
 NUM_SLOTS = 5  # M of Eq. 7: three reflections, one rotation, one sphere
 NUM_DIRECTIONS = 4  # slots with a direction: all but the sphere
-SPHERE_SLOT = 4
+ROTATION_SLOT, SPHERE_SLOT = 3, 4
 FIRST_OUTPUTS = 0.3  # how large, against what keeps the variance
 POWER_STEPS = 4  # squarings: the second eigenvalue fades as its share to the power of 16
 POSITIVE_SHIFT = 1.2  # no eigenvalue of a matrix with six numbers of unit length is below -1.2

@@ -17,12 +17,10 @@ from pipelines.network.dense_error import (
     rotation_error,
     rotation_extent,
 )
-from pipelines.network.heads import SPHERE_SLOT
+from pipelines.network.heads import ROTATION_SLOT, SPHERE_SLOT
 from pipelines.network.matching import NUM_REFLECTIONS, match_reflections
 from pipelines.network.model import Prediction
 from pipelines.network.regions import RegionBatch
-
-ROTATION_SLOT = 3
 
 # A fresh network predicts no affordance anywhere, and some regions have none: this is added to
 # the predicted affordance before Eq. 7 weighs by it, and each region's weights sum to one.

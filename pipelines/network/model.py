@@ -6,8 +6,8 @@ import torch
 from torch import Tensor, nn
 
 from pipelines.configs import NetworkConfig
-from pipelines.network.heads import Heads
-from pipelines.network.pift import PIFT
+from pipelines.network.heads import ROTATION_SLOT, Heads
+from pipelines.network.pift import PIFT, Deformation
 from pipelines.network.pointnet2 import FeaturePropagation, SetAbstraction
 from pipelines.network.sampling import gather
 
@@ -37,12 +37,30 @@ class Prediction:
     direction: Tensor
 
 
+@dataclass(frozen=True)
+class PointFeatures:
+    """What is known of Q points of each of B clouds.
+
+    Attributes:
+        values: (B, Q, 128), f_j.
+        deformation: of the first level, in whose frame predictions are made; None: the camera's.
+    """
+
+    values: Tensor
+    deformation: Deformation | None
+
+    def __getitem__(self, clouds: slice) -> "PointFeatures":
+        deformation = None if self.deformation is None else self.deformation[clouds]
+        return PointFeatures(self.values[clouds], deformation)
+
+
 class SymmetryGraspNet(nn.Module):
     """Four set abstractions, each behind a PIFT, four feature propagations, and heads."""
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
         self.sees_height = config.input_frame == "table"
+        self.undoes_predictions = config.use_pift and config.undo_predictions
         dims = [4 if self.sees_height else 3, *(widths[-1] for widths in SET_DIMS)]
         sizes = zip(config.set_points, config.set_neighbors, config.set_strides, strict=True)
         self.set_abstractions = nn.ModuleList(
@@ -73,8 +91,8 @@ class SymmetryGraspNet(nn.Module):
         points: Tensor,  # (B, N, 3)
         ground: Tensor | None = None,  # (B,)
         query: Tensor | None = None,  # (B, Q)
-    ) -> Tensor:
-        """Return features (B, Q, 128) of the points with indices `query`, by default of all.
+    ) -> PointFeatures:
+        """Return what is known of the points with indices `query`, by default of all.
 
         Args:
             points: metres, axes of the `input_frame`, centred on their centroid.
@@ -87,33 +105,36 @@ class SymmetryGraspNet(nn.Module):
         if self.sees_height:
             ground = points.new_zeros(len(points)) if ground is None else ground
             first = torch.cat([points, _heights(points, ground * UNITS_PER_METER)], -1)
-        levels = [(points, first)]
+        levels, deformations = [(points, first)], []
         for i in range(4):
-            levels.append(self._abstract(i, *levels[-1]))
+            sampled, aggregated, deformation = self._abstract(i, *levels[-1])
+            levels.append((sampled, aggregated))
+            deformations.append(deformation)
         if query is not None:
             levels[0] = (gather(points, query), gather(first, query))
         coarse_points, coarse = levels[4]
         for i in (3, 2, 1, 0):
             coarse = self.propagations[i](*levels[i], coarse_points, coarse)
             coarse_points = levels[i][0]
-        return coarse
+        return PointFeatures(coarse, deformations[0] if self.undoes_predictions else None)
 
-    def _abstract(self, level: int, points: Tensor, features: Tensor) -> tuple[Tensor, Tensor]:
-        """Return P_{i+1}, axes of P_0, and E_{i+1}."""
+    def _abstract(
+        self, level: int, points: Tensor, features: Tensor
+    ) -> tuple[Tensor, Tensor, Deformation | None]:
+        """Return P_{i+1}, axes of P_0, E_{i+1} and T_i."""
         if self.pifts is None:
-            sampled: tuple[Tensor, Tensor] = self.set_abstractions[level](points, features)
-            return sampled
+            return *self.set_abstractions[level](points, features), None
         deformation = self.pifts[level](points, features)
         deformed, aggregated = self.set_abstractions[level](deformation.deform(points), features)
-        return deformation.undo(deformed), aggregated
+        return deformation.undo(deformed), aggregated, deformation
 
-    def predict(
-        self,
-        features: Tensor,  # (B, N, 128)
-    ) -> Prediction:
+    def predict(self, features: PointFeatures) -> Prediction:
         """Return what the heads make of point features."""
-        affordance, existence, center, direction = self.heads(features)
-        return Prediction(features, affordance, existence, center / UNITS_PER_METER, direction)
+        values = features.values
+        affordance, existence, center, direction = self.heads(values)
+        if features.deformation is not None:
+            center, direction = _undone(features.deformation, center, direction)
+        return Prediction(values, affordance, existence, center / UNITS_PER_METER, direction)
 
     def forward(
         self,
@@ -123,6 +144,24 @@ class SymmetryGraspNet(nn.Module):
     ) -> Prediction:
         """Return predictions at the points `query`, by default at all; units as `features`."""
         return self.predict(self.features(points, ground, query))
+
+
+def _undone(
+    deformation: Deformation,
+    center: Tensor,  # (B, N, 5, 3)
+    direction: Tensor,  # (B, N, 5, 3)
+) -> tuple[Tensor, Tensor]:
+    """Return centres and directions that were told in the deformed frame, in that of P_0.
+
+    Features that do not mind a scaling cannot tell where the centre of what was scaled is; in the
+    frame that the scaling is undone in, it stays where it is (D. 83).
+    """
+    batch, count = center.shape[:2]
+    planes, axis, none = direction.split([ROTATION_SLOT, 1, 1], 2)
+    planes = deformation.undo_normals(planes.reshape(batch, -1, 3)).view(planes.shape)
+    axis = deformation.undo_directions(axis[:, :, 0])[:, :, None]
+    center = deformation.undo(center.reshape(batch, -1, 3)).view(center.shape)
+    return center, torch.cat([planes, axis, none], 2)
 
 
 def _heights(

@@ -2,7 +2,8 @@
 
 A small point convolutional network looks at a layer's points and proposes T = S R: turn the cloud
 into a canonical frame, then scale it along that frame's axes. The layer aggregates features among
-the deformed points; its sampled points are brought back exactly.
+the deformed points; its sampled points are brought back exactly, and so are the planes, axes and
+centres that are told of the cloud in its canonical frame.
 """
 
 from dataclasses import dataclass
@@ -49,6 +50,26 @@ class Deformation:
         """Return deformed points in the camera frame, R^T S^-1 (p - c) + c.  # Eq. 5."""
         center = self.center[:, None]
         return ((points - center) / self.scale[:, None]) @ self.rotation + center
+
+    def undo_normals(
+        self,
+        normals: Tensor,  # (B, N, 3)
+    ) -> Tensor:
+        """Return unit normals, in the camera frame, of planes with `normals` among deformed points.
+
+        A plane n . T(p) = d is (T^T n) . p = d: normals go through R^T S.
+        """
+        return functional.normalize((normals * self.scale[:, None]) @ self.rotation, dim=-1)
+
+    def undo_directions(
+        self,
+        directions: Tensor,  # (B, N, 3)
+    ) -> Tensor:
+        """Return unit directions, in the camera frame, of lines among deformed points: R^T S^-1."""
+        return functional.normalize((directions / self.scale[:, None]) @ self.rotation, dim=-1)
+
+    def __getitem__(self, clouds: slice) -> "Deformation":
+        return Deformation(self.rotation[clouds], self.scale[clouds], self.center[clouds])
 
 
 class PIFT(nn.Module):

@@ -24,7 +24,7 @@ def read_weights(
     """Read tensors and settings of the network called `model`.
 
     Raises:
-        FormatError: the file holds no weights of that network.
+        FormatError: the file holds no weights of that network, or does not say all of its settings.
     """
     tensors, metadata = load_weights(path)
     found = metadata.get("model", "no network that is known")
@@ -32,6 +32,10 @@ def read_weights(
         raise FormatError(path, f"holds {found}", f"weights of {model} are expected")
     settings = json.loads(metadata["config"])
     known = {field.name for field in dataclasses.fields(config_type)}  # type: ignore[arg-type]
+    if known - set(settings):
+        unsaid = ", ".join(sorted(known - set(settings)))
+        expected = "an earlier version made it; train it again with this one"
+        raise FormatError(path, f"does not say the settings {unsaid}", expected)
     chosen = {
         name: tuple(value) if isinstance(value, list) else value
         for name, value in settings.items()

@@ -1,5 +1,7 @@
 """The fast network says what the plain one says (Sec. III-E), on any device, with any threads."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -46,7 +48,7 @@ def default_network():
     tensors, config = read_weights(NETWORK_WEIGHTS, "SymmetryGraspNet", NetworkConfig)
     network = SymmetryGraspNet(config)
     network.load_state_dict(tensors)
-    return network.double().eval()
+    return network.double().eval(), config
 
 
 @torch.no_grad()
@@ -57,14 +59,15 @@ def assert_alike(one, other, points, **tolerance):
         torch.testing.assert_close(found, expected, **tolerance)
 
 
-def test_it_says_what_the_equations_say():
-    network = learned(SMALL)
-    assert_alike(network, PlainNetwork(network.state_dict(), SMALL), clouds(3, 160))
+@pytest.mark.parametrize("undone", [False, True])
+def test_it_says_what_the_equations_say(undone):
+    config = replace(SMALL, undo_predictions=undone)
+    network = learned(config)
+    assert_alike(network, PlainNetwork(network.state_dict(), config), clouds(3, 160))
 
 
 def test_the_default_weights_say_what_the_equations_say_with_norms_folded_too():
-    network = default_network()
-    config = NetworkConfig()
+    network, config = default_network()
     assert_alike(folded(network), PlainNetwork(network.state_dict(), config), clouds(1, 1500))
 
 
@@ -84,7 +87,7 @@ def test_each_level_keeps_points_of_the_cloud_itself():
     points = clouds(2, 160) * 10.0
     level = (points, torch.cat([points, torch.zeros_like(points[..., :1])], -1))
     for i in range(4):
-        level = network._abstract(i, *level)
+        level = network._abstract(i, *level)[:2]
         assert torch.cdist(level[0], points).amin(-1).amax() < 1e-6
 
 
@@ -150,7 +153,7 @@ def test_compiled_sampling_and_plain_torch_give_the_same_answers(monkeypatch):
 
 
 def test_one_thread_and_two_give_the_same_answers():
-    network, points = default_network().float(), clouds(2, 1500).float()
+    network, points = default_network()[0].float(), clouds(2, 1500).float()
     threads, found = torch.get_num_threads(), []
     try:
         for count in (1, 2):

@@ -37,6 +37,22 @@ def test_the_deformation_turns_first_then_scales_along_the_axes_about_the_centro
 
 @settings(max_examples=15, deadline=None)
 @given(seeds)
+def test_planes_and_lines_among_deformed_points_come_back_with_the_points(seed):
+    deformation, points = learned_pift(seed)
+    torch.manual_seed(seed)
+    first, second = torch.randn(2, 3, 1, 3).double()
+    deformed = deformation.deform(torch.cat([points[:, :1], points[:, :1] + first], 1))
+    line = deformation.undo_directions(deformed[:, 1:] - deformed[:, :1])
+    torch.testing.assert_close(line, torch.nn.functional.normalize(first, dim=-1))
+    spanned = deformation.deform(torch.cat([points[:, :1], points[:, :1] + second], 1))
+    normal = torch.linalg.cross(deformed[:, 1:] - deformed[:, :1], spanned[:, 1:] - spanned[:, :1])
+    across = torch.nn.functional.normalize(torch.linalg.cross(first, second), dim=-1)
+    found = deformation.undo_normals(normal)
+    torch.testing.assert_close((found * across).sum(-1).abs(), torch.ones(3, 1).double())
+
+
+@settings(max_examples=15, deadline=None)
+@given(seeds)
 def test_six_numbers_make_a_rotation(seed):
     R = rotation_from_6d(torch.randn(4, 6, generator=torch.Generator().manual_seed(seed)).double())
     torch.testing.assert_close(R @ R.transpose(1, 2), torch.eye(3).double().expand(4, 3, 3))

@@ -20,7 +20,7 @@ METRICS = {
     "symmetry_ap sphere": "AP sphere",
     "mask_ap50": "mask AP50",
 }
-FULL, PLAIN = "full", "plain"
+FULL, PLAIN, TOLD = "full", "plain", "told-in-camera"
 UNFITTED = ("--no-grounding", "--rank-by", "eq8")  # what the paper does with a network's output
 NOTE = """\
 Paper: GraspNet-1Billion, seen and unseen. Ours: the benchmark of `make eval`; an object without a
@@ -70,6 +70,15 @@ ROWS = (  # those that answer the paper's claims first: the table grows in this 
         PLAIN,
         infer=UNFITTED,
         network="no-siamese",
+    ),
+    Row(TOLD, "PIFT, symmetries told in the camera frame", train=("--no-undo-predictions",)),
+    Row(
+        f"plain-{TOLD}",
+        "as the paper, told in the camera frame",
+        None,
+        PLAIN,
+        infer=UNFITTED,
+        network=TOLD,
     ),
     Row("no-regions", "no symmetric region segmentation", (0.350, 0.257), labels="uncut"),
     Row("no-refinement", "no dataset enhancement", (0.355, 0.240), labels="unrefined"),

@@ -97,7 +97,7 @@ def seen_regions(reader: TruthReader, files: FrameFiles) -> Iterator[SeenRegion]
     for i, said in zip(large, predictions, strict=True):
         affordance = np.asarray(said.affordance, np.float64)
         slots = average_symmetries(said.existence, said.center, said.direction, affordance)
-        owner, cloud = owners.instance[i], clouds[i].at(said.points)
+        owner, cloud = owners.instance[i], clouds[i][said.index]
         region = truth.regions[owner] if owner >= 0 else TrueRegion(np.zeros((0, 3)), ())
         yield SeenRegion(slots, affordance, owners.object_id[i], cloud, scene, region)
 

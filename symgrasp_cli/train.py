@@ -60,6 +60,9 @@ def train(
         float, typer.Option(min=0.01, help="Epochs after which the rate drops by a tenth.")
     ] = TrainConfig.decay_epochs,
     pift: Annotated[bool, typer.Option(help="Deform points before aggregation (Eq. 3).")] = True,
+    undo_predictions: Annotated[
+        bool, typer.Option(help="Tell symmetries in PIFT's frame, and bring them back with it.")
+    ] = True,
     siamese: Annotated[
         bool, typer.Option(help="Ask for the same features in a scaled copy (Fig. 3).")
     ] = True,
@@ -82,7 +85,7 @@ def train(
 
     share = 0.0 if endless is None else 1.0 if packed is None else endless_share
     config = TrainConfig(
-        network=NetworkConfig(use_pift=pift),
+        network=NetworkConfig(use_pift=pift, undo_predictions=undo_predictions),
         epochs=epochs,
         batch_size=batch_size,
         micro_batch_size=micro_batch,

@@ -91,7 +91,7 @@ def leading_direction(directions: Array, weight: Array) -> Array:
 
 def weighted_median(values: Array, weight: Array) -> float:
     """Return the smallest of `values` (n,) that half of `weight` (n,) does not exceed."""
-    order = np.argsort(values, kind="stable")
+    order = np.argsort(values)  # equal values are one value, whichever comes first
     cumulative = np.cumsum(weight[order])
     return float(values[order][np.searchsorted(cumulative, 0.5 * cumulative[-1])])
 

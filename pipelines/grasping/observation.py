@@ -6,7 +6,6 @@ from functools import cached_property
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.organized import smooth_normals
@@ -164,10 +163,9 @@ class RegionCloud:
         """Unit direction (3,) from the camera to the region's middle."""
         return unit(self.middle)
 
-    def at(self, points: Array) -> "RegionCloud":
-        """Return the same region with `points` (n, 3), each with the normal measured nearest."""
-        _, nearest = KDTree(self.points).query(points)
-        return replace(self, points=np.asarray(points, np.float64), normals=self.normals[nearest])
+    def __getitem__(self, index: NDArray[np.int64]) -> "RegionCloud":
+        """Return the same region with some of its points."""
+        return replace(self, points=self.points[index], normals=self.normals[index])
 
     def __len__(self) -> int:
         return len(self.points)

@@ -30,11 +30,11 @@ Array = NDArray[np.float64]
 
 
 class RegionPrediction(Protocol):
-    """What the network says of one region's n points, camera frame."""
+    """What the network says of n of one region's points, camera frame."""
 
     @property
-    def points(self) -> NDArray[Any]:
-        """(n, 3) metres."""
+    def index(self) -> NDArray[Any]:
+        """(n,) which points of the region."""
 
     @property
     def affordance(self) -> NDArray[Any]:
@@ -168,7 +168,7 @@ class Planner:
         slots = average_symmetries(
             prediction.existence, prediction.center, prediction.direction, affordance
         )
-        sampled, selection = cloud.at(prediction.points), self.config.selection
+        sampled, selection = cloud[prediction.index], self.config.selection
         if self.plane_judge is not None and selection.ground_symmetries:
             slots = ground_symmetries(slots, sampled, scene, selection, self.plane_judge)
         ranked = plan_region(

@@ -1,6 +1,10 @@
 """How frames are spread over threads and processes, and where their networks are loaded."""
 
+import os
+import threading
+import time
 from dataclasses import replace
+from functools import cache
 
 from joblib import cpu_count, delayed
 
@@ -10,6 +14,7 @@ from pipelines.inference import models
 from pipelines.inference.work import Settings
 
 MAX_THREADS = 4
+ORPHANED = 2.0  # seconds between two looks whether the parent is still there
 PROCESSES, FRAMES_A_PROCESS = 2, 8
 
 
@@ -43,4 +48,22 @@ def load(settings: Settings, options: BatchOptions) -> None:
 
 
 def _load(settings: Settings) -> None:
+    end_with_parent()
     settings.planner()
+
+
+@cache
+def end_with_parent() -> None:
+    """Let this process end soon after its parent was killed, which could not end it itself.
+
+    An idle worker would hold its networks' memory for minutes. Files appear by renaming, so what
+    is being written may break off.
+    """
+    parent = os.getppid()
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(ORPHANED)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()

@@ -156,7 +156,7 @@ def _undone(
     Features that do not mind a scaling cannot tell where the centre of what was scaled is; in the
     frame that the scaling is undone in, it stays where it is (D. 83).
     """
-    batch, count = center.shape[:2]
+    batch = len(center)
     planes, axis, none = direction.split([ROTATION_SLOT, 1, 1], 2)
     planes = deformation.undo_normals(planes.reshape(batch, -1, 3)).view(planes.shape)
     axis = deformation.undo_directions(axis[:, :, 0])[:, :, None]

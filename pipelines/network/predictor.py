@@ -29,14 +29,14 @@ class RegionPrediction:
     """What the network says of one region, camera frame, metres.
 
     Attributes:
-        points: (N, 3), the points drawn from the region.
+        index: (N,) which of the region's points were drawn; some twice where it has fewer.
         affordance: (N,) in [0, 1].
         existence: (N, 5) probabilities; slots 0-2 reflection, 3 rotation, 4 sphere.
         center: (N, 5, 3).
         direction: (N, 5, 3) unit; zeros for the sphere.
     """
 
-    points: Array
+    index: NDArray[np.int64]
     affordance: Array
     existence: Array
     center: Array
@@ -79,7 +79,9 @@ class GraspPredictor:
         """
         if not clouds:
             return []
-        drawn = np.stack([self._draw(cloud, seed) for cloud in clouds])
+        index = np.stack([self._draw(cloud, seed) for cloud in clouds])
+        pairs = zip(clouds, index, strict=True)
+        drawn = np.stack([np.asarray(cloud, np.float64)[chosen] for cloud, chosen in pairs])
         centroid = drawn.mean(1, keepdims=True)
         axes = self._axes(centroid[:, 0], table)
         ground = np.zeros(len(drawn)) if table is None else table.height(centroid[:, 0])
@@ -88,7 +90,7 @@ class GraspPredictor:
         affordance, existence, center, direction = self._run(*seen)
         back = axes[:, None].astype(np.float32)
         centers = center @ back + centroid[:, :, None].astype(np.float32)
-        columns = (drawn.astype(np.float32), affordance, existence, centers, direction @ back)
+        columns = (index, affordance, existence, centers, direction @ back)
         return [RegionPrediction(*each) for each in zip(*columns, strict=True)]
 
     def _axes(self, centroids: NDArray[np.float64], table: Plane | None) -> NDArray[np.float64]:
@@ -128,8 +130,9 @@ class GraspPredictor:
         )
         return tuple(column.cpu().numpy() for column in columns)
 
-    def _draw(self, cloud: NDArray[np.floating], seed: int) -> NDArray[np.float64]:
-        points = np.asarray(cloud, np.float64)
+    def _draw(self, cloud: NDArray[np.floating], seed: int) -> NDArray[np.int64]:
+        """Return which (N,) points of `cloud` the network looks at."""
+        points = np.asarray(cloud)
         if points.ndim != 2 or points.shape[1] != 3 or not len(points):
             raise ValueRangeError(
                 "shape of a region's points", points.shape, "(n, 3), n at least 1"
@@ -140,4 +143,4 @@ class GraspPredictor:
         chosen = rng.permutation(len(points))[:count]
         if len(points) < count:
             chosen = np.concatenate([chosen, rng.integers(len(points), size=count - len(points))])
-        return points[chosen]
+        return chosen

@@ -35,12 +35,13 @@ def test_around_a_region_is_the_first_point_of_every_cell_in_reach(reach, resolu
     np.testing.assert_array_equal(found.own, own[first])
 
 
-def test_points_of_the_region_take_the_normal_measured_nearest():
+def test_some_points_of_a_region_keep_their_normals_and_its_pixels():
     _, region = seen(1)
-    moved = region.points[::7] + 1e-5
-    found = region.at(moved)
-    away = np.linalg.norm(region.points - moved[:, None], axis=-1)
-    np.testing.assert_array_equal(found.normals, region.normals[away.argmin(axis=1)])
+    index = np.array([7, 0, 7, 12])
+    found = region[index]
+    np.testing.assert_array_equal(found.points, region.points[index])
+    np.testing.assert_array_equal(found.normals, region.normals[index])
+    assert found.mask is region.mask
 
 
 def test_the_view_ray_leads_to_the_middle_of_the_region():

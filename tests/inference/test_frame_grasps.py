@@ -30,7 +30,7 @@ JUDGES = {
 
 @dataclass(frozen=True)
 class Prediction:
-    points: np.ndarray
+    index: np.ndarray
     affordance: np.ndarray
     existence: np.ndarray
     center: np.ndarray
@@ -47,7 +47,7 @@ class Oracle:
         point, direction = np.nan_to_num(slots.point), np.nan_to_num(slots.direction)
         return [
             Prediction(
-                cloud[::2],
+                np.arange(0, len(cloud), 2),
                 np.ones(len(cloud[::2])),
                 np.tile(slots.existence, (len(cloud[::2]), 1)),
                 np.tile(point, (len(cloud[::2]), 1, 1)),

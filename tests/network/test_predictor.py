@@ -1,5 +1,8 @@
 """The trained network as a function."""
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -11,7 +14,7 @@ from pipelines.formats.checkpoints import save_weights
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import random_rotation, unit
 from pipelines.inference.models import NETWORK_WEIGHTS
-from pipelines.network.model import SymmetryGraspNet
+from pipelines.network.model import Prediction, SymmetryGraspNet
 from pipelines.network.predictor import GraspPredictor
 from pipelines.network.weights_files import weights_metadata
 
@@ -38,17 +41,35 @@ def cloud(count, seed=0):
 
 def test_shapes_and_ranges_are_as_documented(predictor):
     for prediction in predictor.predict([cloud(500), cloud(50, 1)]):
-        assert prediction.points.shape == (200, 3)
+        assert prediction.index.shape == (200,)
         assert prediction.center.shape == prediction.direction.shape == (200, 5, 3)
         assert prediction.existence.shape == (200, 5)
         assert ((prediction.affordance >= 0) & (prediction.affordance <= 1)).all()
         assert_allclose(np.linalg.norm(prediction.direction[:, :4], axis=-1), 1.0, rtol=1e-5)
 
 
-def test_points_are_the_regions_own(predictor):
-    region = cloud(300).astype(np.float32)
-    (prediction,) = predictor.predict([region])
-    assert set(map(tuple, prediction.points)) <= set(map(tuple, region))
+@pytest.mark.parametrize(("count", "distinct"), [(300, 200), (200, 200), (150, 150)])
+def test_points_are_drawn_twice_only_where_there_are_too_few(predictor, count, distinct):
+    (prediction,) = predictor.predict([cloud(count)])
+    assert len(set(prediction.index)) == distinct
+    assert set(prediction.index) <= set(range(count))
+
+
+class Echo(torch.nn.Module):
+    """Says of each point how near it is to the camera, as its affordance."""
+
+    def forward(self, points, ground):
+        shape = points.shape[:2]
+        center, existence = torch.zeros(*shape, 5, 3), torch.zeros(*shape, 5)
+        return Prediction(points, 0.5 + points[..., 2], existence, center, center)
+
+
+def test_predictions_are_of_the_points_they_name():
+    region = cloud(300)
+    echo = GraspPredictor(Echo(), replace(CONFIG, input_frame="camera"), torch.device("cpu"))
+    (prediction,) = echo.predict([region])
+    depth = region[prediction.index, 2]
+    assert_allclose(prediction.affordance, 0.5 + depth - depth.mean(), atol=1e-6)
 
 
 def test_moving_a_region_away_moves_what_is_predicted(predictor):
@@ -89,7 +110,7 @@ def test_a_region_is_predicted_alike_alone_in_company_and_by_any_number_of_threa
             for company in (regions, regions[::-1], regions[1:4]):
                 for region, found in zip(company, predictor.predict(company), strict=True):
                     (expected,) = [a for r, a in zip(regions, alone, strict=True) if r is region]
-                    for name in ("points", "affordance", "existence", "center", "direction"):
+                    for name in ("index", "affordance", "existence", "center", "direction"):
                         assert_array_equal(getattr(found, name), getattr(expected, name))
             assert torch.get_num_threads() == count
     finally:
@@ -115,6 +136,16 @@ def test_weights_of_something_else_are_refused(tmp_path):
     path = tmp_path / "other.safetensors"
     save_weights(path, {"a": torch.zeros(2)}, {"model": "Other"})
     with pytest.raises(FormatError, match="holds Other"):
+        GraspPredictor.load(path, "cpu")
+
+
+def test_weights_that_do_not_say_a_setting_are_refused(tmp_path):
+    path = tmp_path / "earlier.safetensors"
+    settings = json.loads(weights_metadata("SymmetryGraspNet", CONFIG)["config"])
+    del settings["undo_predictions"]
+    metadata = {"model": "SymmetryGraspNet", "config": json.dumps(settings)}
+    save_weights(path, SymmetryGraspNet(CONFIG).state_dict(), metadata)
+    with pytest.raises(FormatError, match="does not say the settings undo_predictions"):
         GraspPredictor.load(path, "cpu")
 
 

@@ -1,7 +1,6 @@
 """The pinhole camera: intrinsics, projection, backprojection. OpenCV axes, no distortion."""
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -76,7 +75,12 @@ class Intrinsics:
         depth = np.asarray(depth, np.float64)
         if depth.shape != (self.height, self.width):
             raise ValueRangeError("depth size", depth.shape, f"{(self.height, self.width)}")
-        return np.asarray(_kept_rays(self) * np.where(depth > 0, depth, np.nan)[..., None])
+        # An axis at a time: half the time of rays, as rows of three, times depth.
+        points = np.empty((*depth.shape, 3))
+        points[..., 2] = z = np.where(depth > 0, depth, np.nan)
+        np.multiply((np.arange(self.width) - self.cx) / self.fx, z, out=points[..., 0])
+        np.multiply(((np.arange(self.height) - self.cy) / self.fy)[:, None], z, out=points[..., 1])
+        return points
 
     def resized(self, width: int, height: int) -> "Intrinsics":
         """Return the intrinsics of the same image resampled to `width` x `height`."""
@@ -91,8 +95,3 @@ class Intrinsics:
             width=width,
             height=height,
         )
-
-
-@lru_cache(maxsize=2)  # frames of one camera come one after the other
-def _kept_rays(intrinsics: Intrinsics) -> Array:
-    return intrinsics.rays()

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pipelines.configs import RegionConfig
 from pipelines.geometry.camera import Intrinsics
-from pipelines.geometry.organized import smooth_normals
+from pipelines.geometry.organized import normals_at
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.tabletop import find_tabletop
 
@@ -89,15 +89,18 @@ def depth_channels(depth: Image, intrinsics: Intrinsics, plane: Plane) -> Image:
     smooth = np.asarray(cv2.medianBlur(depth.astype(np.float32), 3), np.float32)
     filled = fill_missing(np.where(missing, np.float32(0.0), smooth))
     xyz = intrinsics.backproject(filled)
-    normals = np.nan_to_num(smooth_normals(xyz, np.ones_like(missing), NORMAL_RADIUS))
+    found = normals_at(xyz, np.ones_like(missing), NORMAL_RADIUS)
+    across, down, inward = (np.nan_to_num(axis).reshape(depth.shape) for axis in found)
     height = np.clip(plane.height(xyz) / HEIGHT_UNIT, -LIMIT, LIMIT)
     # Stretched near the table, where thin things must stand out from it.
-    height = np.sign(height) * np.sqrt(np.abs(height))
+    height = np.copysign(np.sqrt(np.abs(height)), height)
     blurred = cv2.blur(filled, (5, 5))
     step = np.clip((filled - blurred) / STEP_UNIT, -LIMIT, LIMIT)
-    upright = normals @ plane.normal
-    stack = (normals[..., 0], normals[..., 1], upright, height, step, missing)
-    return np.stack([np.asarray(channel, np.float32) for channel in stack])
+    upright = plane.normal[0] * across + plane.normal[1] * down + plane.normal[2] * inward
+    channels = np.empty((len(CHANNELS), *depth.shape), np.float32)
+    for channel, values in enumerate((across, down, upright, height, step, missing)):
+        channels[channel] = values
+    return channels
 
 
 def fill_missing(depth: Image) -> Image:

@@ -42,10 +42,12 @@ class PointCells:
         key = cell_keys(points, size)
         index = ascending_order(key)
         start = np.flatnonzero(np.diff(key[index], prepend=-1))
-        ordered = points[index]
-        low, high = np.minimum.reduceat(ordered, start), np.maximum.reduceat(ordered, start)
-        radius = 0.5 * np.linalg.norm(high - low, axis=1) + ROUNDING
-        return cls(index, np.append(start, len(points)), (low + high) / 2.0, radius)
+        # An axis at a time, each in one piece: half the time of rows of three.
+        ordered = [axis[index] for axis in points.T]
+        low = np.stack([np.minimum.reduceat(axis, start) for axis in ordered])
+        high = np.stack([np.maximum.reduceat(axis, start) for axis in ordered])
+        radius = 0.5 * np.linalg.norm(high - low, axis=0) + ROUNDING
+        return cls(index, np.append(start, len(points)), (low + high).T / 2.0, radius)
 
     def __len__(self) -> int:
         return len(self.radius)
@@ -70,9 +72,12 @@ def cell_keys(points: Array, size: float) -> Indices:
 
     Cubes start at the lowest coordinates; numbers ascend by x, then y, then z.
     """
-    cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
-    _, rows, columns = (cells.max(axis=0) + 1).tolist()
-    return np.asarray((cells[:, 0] * rows + cells[:, 1]) * columns + cells[:, 2])
+    key = np.zeros(len(points), np.int64)
+    for axis in points.T:
+        cell = ((axis - axis.min()) / size).astype(np.int64)  # none is negative
+        key *= int(cell.max()) + 1
+        key += cell
+    return key
 
 
 def ascending_order(key: Indices) -> Indices:

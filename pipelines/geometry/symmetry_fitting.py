@@ -19,7 +19,7 @@ from pipelines.geometry.transforms import basis_from_direction, unit
 Array = NDArray[np.float64]
 
 STEPS = 5  # more lead nowhere better; a plane's cost most, its images look for their neighbours
-EVERY = 2  # so many-th point is mirrored, onto all
+EVERY = 4  # so many-th point is mirrored, onto all
 SCALES = (0.020, 0.004)  # metres, Tukey's biweight at the first and at the last step
 NOISE = 0.003  # metres, standard deviation of a residual that fits
 PRIOR_ANGLE = np.radians(20.0)  # standard deviation of a prediction

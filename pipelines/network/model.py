@@ -157,7 +157,7 @@ def _undone(
     frame that the scaling is undone in, it stays where it is (D. 83).
     """
     batch = len(center)
-    planes, axis, none = direction.split([ROTATION_SLOT, 1, 1], 2)
+    planes, axis, none = torch.split(direction, [ROTATION_SLOT, 1, 1], dim=2)
     planes = deformation.undo_normals(planes.reshape(batch, -1, 3)).view(planes.shape)
     axis = deformation.undo_directions(axis[:, :, 0])[:, :, None]
     center = deformation.undo(center.reshape(batch, -1, 3)).view(center.shape)

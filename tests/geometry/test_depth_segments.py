@@ -5,7 +5,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipelines.configs import RegionConfig
-from pipelines.geometry.depth_segments import GAP, connected
+from pipelines.geometry.depth_segments import GAP, _too_large, connected, extent, inward_fold
+from pipelines.geometry.organized import smooth_normals
+from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
 
 CONFIG = RegionConfig()
 SHAPE = (14, 17)
@@ -75,3 +77,52 @@ def test_a_surface_is_followed_across_missing_pixels_but_not_across_others():
 def test_nothing_gives_no_pieces():
     z = np.full(SHAPE, np.nan)
     assert not connected(cloud(z), np.zeros(SHAPE, bool), CONFIG).any()
+
+
+def folds_pair_by_pair(xyz, mask):
+    """Return `inward_fold` of the radius 2 that `CAMERA` gives, a pixel at a time."""
+    normals = smooth_normals(xyz, mask, 2)
+    folds = np.zeros(mask.shape)
+    for row, column in np.argwhere(mask):
+        for down, right in ((0, 3), (3, 0), (3, 3), (3, -3)):
+            here, there = (row - down, column - right), (row + down, column + right)
+            if not all(0 <= r < mask.shape[0] and 0 <= c < mask.shape[1] for r, c in (here, there)):
+                continue
+            line = xyz[there] - xyz[here]
+            longest = CONFIG.crease_reach / CAMERA.fx * xyz[row, column, 2] * np.hypot(down, right)
+            fold = (normals[there] - normals[here]) @ line / np.linalg.norm(line)
+            if np.linalg.norm(line) < longest and fold < folds[row, column]:
+                folds[row, column] = fold
+    return folds
+
+
+def test_surfaces_fold_inward_as_their_pairs_of_normals_say():
+    depth, index = render([Box((0.18, 0.14, 0.05)), Box((0.06, 0.06, 0.1), (0, 0, 0.05), 0.4)])
+    rng = np.random.default_rng(0)
+    xyz = CAMERA.backproject(np.where(rng.random(depth.shape) < 0.02, 0.0, depth))
+    mask = (index >= 0) & (rng.random(depth.shape) < 0.98)
+    window = tuple(slice(each.min(), each.max() + 1) for each in np.nonzero(mask))
+    xyz, mask = xyz[window], mask[window]
+    found = inward_fold(xyz, mask, CAMERA.fx, CONFIG)
+    known = mask & np.isfinite(xyz[..., 2])
+    np.testing.assert_allclose(found[known], folds_pair_by_pair(xyz, known)[known], atol=1e-5)
+    assert not found[~mask].any()
+    assert found.min() < -CONFIG.crease_fold  # the upper box stands on the lower one
+
+
+def test_pieces_longer_than_an_object_are_too_large():
+    depth, _ = render([], looking_at_table())
+    xyz = CAMERA.backproject(depth)
+    labels = np.zeros(depth.shape, np.int32)
+    labels[60:200, 40:280] = 7  # labels have gaps
+    labels[:40, 100:130] = 2
+    labels[220:, 100:220] = 4
+    labels[~(depth > 0)] = 0
+    expected = [
+        label
+        for label in (2, 4, 7)
+        if np.count_nonzero(labels == label) >= CONFIG.min_pixels
+        and extent(xyz[labels == label]) > CONFIG.max_extent
+    ]
+    assert list(np.flatnonzero(_too_large(xyz, labels, CONFIG))) == expected
+    assert 7 in expected

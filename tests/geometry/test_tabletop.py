@@ -11,7 +11,7 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.organized import smooth_normals
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.regions_geometric import _sound_regions, geometric_regions
-from pipelines.geometry.tabletop import CELL, Footprint, find_tabletop
+from pipelines.geometry.tabletop import CELL, Footprint, _heights, find_tabletop
 from pipelines.geometry.transforms import unit
 from tests.geometry.tabletops import CAMERA, Ball, Box, Can, looking_at_table, render
 
@@ -116,6 +116,33 @@ def test_a_footprint_is_the_hull_of_all_points_widened(seed, count, margin):
         expected = cv2.dilate(expected, np.ones((7, 7), np.uint8))
     np.testing.assert_array_equal(found.cells, expected)
     assert found.contains(points).all()
+
+
+def test_heights_are_those_over_the_plane_of_the_table_made_flat():
+    rng = np.random.default_rng(0)
+    plane = Plane(unit([0.1, -0.6, -0.8]), 0.7)
+    z = rng.uniform(0.4, 1.2, (CAMERA.height, CAMERA.width))
+    warp = rng.normal(0.0, 0.01, z.shape)
+    # A pixel's point on the plane is its ray, of depth 1, times the plane's depth there.
+    over = 1.0 / z + CAMERA.rays() @ plane.normal / plane.offset
+    flat = CAMERA.backproject(1.0 / (1.0 / z - warp))
+    found = _heights(over - warp, warp, z, plane)
+    np.testing.assert_allclose(found, plane.height(flat), atol=1e-12)
+
+
+@given(st.integers(0, 2**31), st.sampled_from([0.0, 0.03]))
+@settings(max_examples=25, deadline=None)
+def test_a_footprint_contains_what_lies_over_its_cells(seed, margin):
+    rng = np.random.default_rng(seed)
+    plane = Plane(unit(rng.normal(size=3)), 0.0)
+    table = Footprint.around(rng.normal(0, 0.1, (30, 3)), plane, margin)
+    points = rng.normal(0, 0.2, (200, 3))
+    found = table.contains(points)
+    for point, inside in zip(points, found, strict=True):
+        column, row = np.floor((point @ table.axes - table.low) / CELL).astype(int)
+        height, width = table.cells.shape
+        over = 0 <= column < width and 0 <= row < height and table.cells[row, column] > 0
+        assert inside == over
 
 
 @pytest.mark.parametrize("seed", range(3))

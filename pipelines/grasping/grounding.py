@@ -32,7 +32,7 @@ from pipelines.grasping.point_judge import PointJudge
 Array = NDArray[np.float64]
 
 NUM_POINTS = 400  # of the region that are fitted
-EVERY = 2  # so many-th of them is turned about each axis
+EVERY = 4  # so many-th of them is turned about each axis
 TURNS = np.radians([60.0, 120.0, 180.0, 240.0, 300.0])
 
 # Logistic regression of truth on (1, existence, support, consistency), `docs/calibrate_trust.py`.

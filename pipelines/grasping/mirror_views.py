@@ -19,7 +19,7 @@ from pipelines.grasping.observation import SceneCloud
 Array = NDArray[np.float64]
 Rows = NDArray[np.float32]
 
-NUM_POINTS = 128  # that are looked at; a region's points are in random order
+NUM_POINTS = 128  # of a region, which are in random order, that are mirrored
 FARTHEST = 0.03  # metres from an image to the seen surface; beyond, it is far
 DEEPEST = 0.05  # metres behind or before what is seen
 HEIGHTS = (-0.1, 0.5)  # metres above the table
@@ -30,14 +30,14 @@ PLANE_FEATURES = 3
 
 @dataclass(frozen=True)
 class MirrorImages:
-    """Points of a region, and their images in each of k planes.
+    """Points of a region, and the images of the first m of them in each of k planes.
 
     Attributes:
-        points: (n, 3) metres, camera frame.
+        points: (n, 3) metres, camera frame, in random order.
         normals: (n, 3).
-        images: (k, n, 3).
-        distance: (k, n) metres from an image to the nearest seen point of the region.
-        nearest: (k, n) that point's index.
+        images: (k, m, 3).
+        distance: (k, m) metres from an image to the nearest seen point of the region.
+        nearest: (k, m) that point's index.
     """
 
     points: Array
@@ -48,10 +48,10 @@ class MirrorImages:
 
     @classmethod
     def of(cls, planes: list[ReflectionSymmetry], points: Array, normals: Array) -> "MirrorImages":
-        """Return the images of `points` (n, 3) in `planes`."""
-        normal = np.array([plane.normal for plane in planes])
-        side = points @ normal.T - [plane.point @ plane.normal for plane in planes]
-        images = points - 2.0 * side.T[..., None] * normal[:, None]
+        """Return the images of some of `points` (n, 3) in `planes`."""
+        normal, some = np.array([plane.normal for plane in planes]), points[:NUM_POINTS]
+        side = some @ normal.T - [plane.point @ plane.normal for plane in planes]
+        images = some - 2.0 * side.T[..., None] * normal[:, None]
         return cls(points, normals, images, *nearest_of(points, images))
 
 

@@ -19,7 +19,7 @@ from pipelines.grasping.observation import SceneCloud
 Array = NDArray[np.float64]
 Rows = NDArray[np.float32]
 
-NUM_POINTS = 128  # of a region, which are in random order, that are mirrored
+NUM_POINTS = 128  # of a region that are mirrored
 FARTHEST = 0.03  # metres from an image to the seen surface; beyond, it is far
 DEEPEST = 0.05  # metres behind or before what is seen
 HEIGHTS = (-0.1, 0.5)  # metres above the table
@@ -30,11 +30,12 @@ PLANE_FEATURES = 3
 
 @dataclass(frozen=True)
 class MirrorImages:
-    """Points of a region, and the images of the first m of them in each of k planes.
+    """Points of a region, and the images of m of them in each of k planes.
 
     Attributes:
-        points: (n, 3) metres, camera frame, in random order.
+        points: (n, 3) metres, camera frame.
         normals: (n, 3).
+        moved: (m,) which points are mirrored, evenly taken; some twice where there are fewer.
         images: (k, m, 3).
         distance: (k, m) metres from an image to the nearest seen point of the region.
         nearest: (k, m) that point's index.
@@ -42,6 +43,7 @@ class MirrorImages:
 
     points: Array
     normals: Array
+    moved: NDArray[np.int64]
     images: Array
     distance: Array
     nearest: NDArray[np.intp]
@@ -49,10 +51,11 @@ class MirrorImages:
     @classmethod
     def of(cls, planes: list[ReflectionSymmetry], points: Array, normals: Array) -> "MirrorImages":
         """Return the images of some of `points` (n, 3) in `planes`."""
-        normal, some = np.array([plane.normal for plane in planes]), points[:NUM_POINTS]
+        moved = np.linspace(0, len(points) - 1, NUM_POINTS).round().astype(np.int64)
+        normal, some = np.array([plane.normal for plane in planes]), points[moved]
         side = some @ normal.T - [plane.point @ plane.normal for plane in planes]
         images = some - 2.0 * side.T[..., None] * normal[:, None]
-        return cls(points, normals, images, *nearest_of(points, images))
+        return cls(points, normals, moved, images, *nearest_of(points, images))
 
 
 def plane_rows(planes: list[ReflectionSymmetry], region: Array, scene: SceneCloud) -> Rows:
@@ -80,10 +83,9 @@ def point_rows(
     behind the depth image it lies, whether anything was measured there, whether that is the region
     (`mask`, (H, W)); the heights of point and image above the table.
     """
-    chosen = np.resize(np.arange(min(NUM_POINTS, len(mirrored.points))), NUM_POINTS)
-    points, normals = mirrored.points[chosen], mirrored.normals[chosen]
+    points, normals = mirrored.points[mirrored.moved], mirrored.normals[mirrored.moved]
     axes, foot = _plane_axes(planes, mirrored.points, scene)
-    images, nearest = mirrored.images[:, chosen], mirrored.nearest[:, chosen]
+    images, nearest = mirrored.images, mirrored.nearest
     beside = mirrored.normals[nearest]
     normal = axes[:, 0]
     turned = normals - 2.0 * (normals @ normal.T).T[..., None] * normal[:, None]
@@ -92,7 +94,7 @@ def point_rows(
     columns = [
         10.0 * own,
         np.einsum("kai,ni->kna", axes, normals),
-        np.minimum(mirrored.distance[:, chosen], FARTHEST)[..., None] / FARTHEST * 0.9,
+        np.minimum(mirrored.distance, FARTHEST)[..., None] / FARTHEST * 0.9,
         np.clip(gap, -0.02, 0.02)[..., None] * 50.0,
         np.einsum("kni,kni->kn", beside, turned)[..., None],
         _against_depth(images, mask, scene),

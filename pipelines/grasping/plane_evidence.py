@@ -147,7 +147,7 @@ def _meetings(mirrored: MirrorImages, normal: Array) -> tuple[Array, Array]:
     target = mirrored.normals[mirrored.nearest]
     away = mirrored.images - mirrored.points[mirrored.nearest]
     gap = np.abs(np.einsum("kni,kni->kn", target, away))
-    meets = (gap < ON_SURFACE) & face_alike(mirrored.normals[: target.shape[1]], target, normal)
+    meets = (gap < ON_SURFACE) & face_alike(mirrored.normals[mirrored.moved], target, normal)
     near = mirrored.distance < BESIDE
     return (near & meets).mean(axis=1), (near & ~meets).mean(axis=1)
 

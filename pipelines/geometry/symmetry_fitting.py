@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pipelines.geometry.nearest import nearest_of
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry
-from pipelines.geometry.transforms import basis_from_direction, unit
+from pipelines.geometry.transforms import basis_from_direction, cross, unit
 
 Array = NDArray[np.float64]
 
@@ -51,8 +51,8 @@ def fit_rotations(starts: Sequence[RotationSymmetry], points: Array, normals: Ar
     def linearised(axis: Array, centre: Array, basis: Array) -> tuple[Array, Array]:
         # (n x v) . (p - c) = v . (p x n) - n . (v x c): two products of matrices for all points.
         turned = np.concatenate([axis[:, None], basis.transpose(0, 2, 1)], 1)
-        arms = turned @ moments.T - np.cross(turned, centre[:, None]) @ normals.T
-        across = np.cross(axis[:, None], basis.transpose(0, 2, 1)) @ normals.T
+        arms = turned @ moments.T - cross(turned, centre[:, None]) @ normals.T
+        across = cross(axis[:, None], basis.transpose(0, 2, 1)) @ normals.T
         length = np.sqrt(np.maximum(1.0 - (axis @ normals.T) ** 2, MIN_SLOPE**2))
         rows = np.concatenate([arms, -across], 1) / length[:, None]
         return rows[:, 0], rows[:, 1:].transpose(0, 2, 1)

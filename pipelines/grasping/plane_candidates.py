@@ -59,13 +59,11 @@ def candidate_planes(
     named += [(slots.direction[k], slots.point[k]) for k in REFLECTION_SLOTS]
     # What is half hidden has its middle elsewhere than what is seen: the axis may know it.
     named += [(d, axis.point) for d in directions]
-    planes = [ReflectionSymmetry(unit(d), _foot(middle, unit(d), point)) for d, point in named]
+    normal = unit(np.array([direction for direction, _ in named]))
+    offset = np.einsum("ki,ki->k", np.array([point for _, point in named]) - middle, normal)
+    foot = middle + offset[:, None] * normal  # nearest to the middle
+    planes = [ReflectionSymmetry(*each) for each in zip(normal, foot, strict=True)]
     return distinct(planes, SAME_ANGLE, SAME_OFFSET)
-
-
-def _foot(middle: Array, normal: Array, point: Array) -> Array:
-    """Return the point of a plane that is nearest to `middle`."""
-    return np.asarray(middle + ((point - middle) @ normal) * normal)
 
 
 def half_between_ends(points: Array, directions: Array) -> Array:
@@ -143,12 +141,12 @@ def distinct(
 
     `offset` is taken along the earlier plane's normal.
     """
-    kept: list[ReflectionSymmetry] = []
-    for plane in planes:
-        if not any(
-            abs(float(plane.normal @ other.normal)) > np.cos(angle)
-            and abs(float((plane.point - other.point) @ other.normal)) < offset
-            for other in kept
-        ):
-            kept.append(plane)
-    return kept
+    normal = np.array([plane.normal for plane in planes]).reshape(-1, 3)
+    point = np.array([plane.point for plane in planes]).reshape(-1, 3)
+    away = np.abs(point @ normal.T - np.einsum("ki,ki->k", point, normal))
+    alike = (np.abs(normal @ normal.T) > np.cos(angle)) & (away < offset)
+    kept: list[int] = []
+    for number in range(len(planes)):
+        if not alike[number, kept].any():
+            kept.append(number)
+    return [planes[number] for number in kept]

@@ -7,6 +7,7 @@ from numpy.testing import assert_allclose
 
 from pipelines.geometry.transforms import (
     basis_from_direction,
+    cross,
     invert,
     make_pose,
     matrix_to_quaternion,
@@ -32,6 +33,15 @@ def test_a_transform_and_its_inverse_cancel(seed):
     rng = np.random.default_rng(seed)
     T, points = random_pose(rng), rng.normal(size=(5, 3))
     assert_allclose(transform_points(invert(T), transform_points(T, points)), points, atol=1e-12)
+
+
+@few
+@given(seeds)
+def test_cross_products_are_numpys_of_one_vector_and_of_many(seed):
+    rng = np.random.default_rng(seed)
+    first, second = rng.normal(size=(4, 1, 3)), rng.normal(size=(5, 3))
+    assert_allclose(cross(first, second), np.cross(first, second), atol=1e-14)
+    assert_allclose(cross(first[0, 0], second[0]), np.cross(first[0, 0], second[0]), atol=1e-14)
 
 
 @few

@@ -18,7 +18,7 @@ import torch
 
 from pipelines.batch import StageReport
 from pipelines.configs import NetworkConfig, TrainConfig
-from pipelines.errors import SymgraspError
+from pipelines.errors import FormatError, SymgraspError
 from pipelines.formats.files import existing
 from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.formats.packed_regions import PackedReader
@@ -86,13 +86,27 @@ def run(
 
 
 def build(config: TrainConfig, seed: int, init: Path | None) -> SymmetryGraspNet:
-    """Return the network to start from: drawn, or with the weights of `init`."""
+    """Return the network to start from: drawn, or with the weights of `init`.
+
+    Raises:
+        FormatError: `init` holds no such weights, or those of a network with other settings.
+    """
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)  # layers are initialised from torch's own generator
         network = SymmetryGraspNet(config.network)
     if init is not None:
-        fill(network, read_weights(init, SymmetryGraspNet.__name__, NetworkConfig)[0], init)
+        tensors, settings = read_weights(init, SymmetryGraspNet.__name__, NetworkConfig)
+        if settings != config.network:  # of the same shapes, maybe, and with another meaning
+            found = f"is of a network with {_different(settings, config.network)}"
+            raise FormatError(init, found, f"{_different(config.network, settings)} is asked for")
+        fill(network, tensors, init)
     return network
+
+
+def _different(one: NetworkConfig, other: NetworkConfig) -> str:
+    """Return the settings of `one` that differ from those of `other`."""
+    pairs = vars(one).items()
+    return ", ".join(f"{name}={value}" for name, value in pairs if value != getattr(other, name))
 
 
 def replay(fault: Path) -> dict[str, float]:

@@ -105,18 +105,17 @@ class SymmetryGraspNet(nn.Module):
         if self.sees_height:
             ground = points.new_zeros(len(points)) if ground is None else ground
             first = torch.cat([points, _heights(points, ground * UNITS_PER_METER)], -1)
-        levels, deformations = [(points, first)], []
-        for i in range(4):
-            sampled, aggregated, deformation = self._abstract(i, *levels[-1])
-            levels.append((sampled, aggregated))
-            deformations.append(deformation)
+        sampled, aggregated, told = self._abstract(0, points, first)
+        levels = [(points, first), (sampled, aggregated)]
+        for i in range(1, 4):
+            levels.append(self._abstract(i, *levels[-1])[:2])
         if query is not None:
             levels[0] = (gather(points, query), gather(first, query))
         coarse_points, coarse = levels[4]
         for i in (3, 2, 1, 0):
             coarse = self.propagations[i](*levels[i], coarse_points, coarse)
             coarse_points = levels[i][0]
-        return PointFeatures(coarse, deformations[0] if self.undoes_predictions else None)
+        return PointFeatures(coarse, told if self.undoes_predictions else None)
 
     def _abstract(
         self, level: int, points: Tensor, features: Tensor

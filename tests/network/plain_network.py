@@ -31,7 +31,9 @@ class PlainNetwork:
         affordance, existence, center, direction = self._heads(features)
         if self.use_pift and self.config.undo_predictions:
             for b, cloud in enumerate(clouds):
-                T, about = self._pift(0, cloud * UNITS_PER_METER, self._first(cloud))
+                T, about = self._pift(
+                    0, cloud * UNITS_PER_METER, self._first(cloud * UNITS_PER_METER)
+                )
                 about = about / UNITS_PER_METER
                 center[b] = (center[b] - about) @ torch.linalg.inv(T).T + about
                 direction[b, :, :3] = functional.normalize(direction[b, :, :3] @ T, dim=-1)
@@ -39,13 +41,12 @@ class PlainNetwork:
                 direction[b, :, 3] = functional.normalize(axis, dim=-1)
         return Prediction(features, affordance, existence, center, direction)
 
-    def _first(self, cloud: Tensor) -> Tensor:
-        unknown = cloud.new_zeros(len(cloud), 1)  # heights
-        points = cloud * UNITS_PER_METER
+    def _first(self, points: Tensor) -> Tensor:
+        unknown = points.new_zeros(len(points), 1)  # heights
         return torch.cat([points, unknown], 1) if self.config.input_frame == "table" else points
 
     def _features(self, points: Tensor) -> Tensor:
-        levels = [(points, self._first(points / UNITS_PER_METER))]
+        levels = [(points, self._first(points))]
         for level in range(4):
             levels.append(self._abstract(level, *levels[-1]))
         coarse_points, coarse = levels[4]

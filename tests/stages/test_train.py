@@ -4,13 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from pipelines import train
-from pipelines.errors import SymgraspError
+from pipelines.errors import FormatError, SymgraspError
 from pipelines.formats import object_list
+from pipelines.formats.checkpoints import load_weights, save_weights
 from pipelines.formats.object_list import ObjectRecord
 from pipelines.learning.runs import RunRequest
+from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.predictor import GraspPredictor
+from pipelines.network.weights_files import weights_metadata
 from tests.learning.packed_toys import CONFIG, write_packed
 from tests.stages.toy_root import STAMP, write_root
 from tests.synthesis.test_endless import CONFIG as ENDLESS
@@ -81,3 +85,27 @@ def test_endless_regions_beside_packed_ones_resume_to_the_byte(packed, tmp_path)
 def test_training_on_nothing_but_fresh_regions_needs_something_to_judge_by(tmp_path):
     with pytest.raises(SymgraspError, match="needs --val"):
         train.run(None, None, tmp_path / "x.safetensors", CONFIG, REQUEST)
+
+
+def weights_of(path, network):
+    torch.manual_seed(1)
+    metadata = weights_metadata("SymmetryGraspNet", network)
+    save_weights(path, SymmetryGraspNet(network).state_dict(), metadata)
+    return path
+
+
+def test_a_network_starts_from_the_weights_that_are_given(tmp_path):
+    path = weights_of(tmp_path / "w.safetensors", CONFIG.network)
+    start = train.build(CONFIG, 0, None).state_dict()
+    found, expected = train.build(CONFIG, 0, path).state_dict(), load_weights(path)[0]
+    assert all(torch.equal(found[name], expected[name]) for name in found)
+    assert not all(torch.equal(found[name], start[name]) for name in found)
+
+
+def test_weights_of_a_network_with_other_settings_are_no_start(tmp_path):
+    told = replace(CONFIG.network, undo_predictions=False)
+    path = weights_of(tmp_path / "w.safetensors", told)
+    expected = r"with undo_predictions=False; undo_predictions=True is asked for"
+    with pytest.raises(FormatError, match=expected):
+        train.build(CONFIG, 0, path)
+    train.build(replace(CONFIG, network=told), 0, path)

@@ -4,7 +4,7 @@ Reads   ROOT/scenes/scene_NNNN/CAMERA/{rgb,depth,label,annotations}
         ROOT/symmetry/NNN.json       regions, from annotate-symmetry
         or a COCO instance dataset of `export-coco`, with its own split
 Writes  NAME.safetensors             the best weights so far by mask AP50 on unseen scenes
-        NAME.frames/*.h5             small frames with their region masks, made once
+        NAME.frames/ROOT/*.h5        small frames with their region masks, made once
         NAME.checkpoint.safetensors  everything that `--resume` needs
         NAME.curves.png              losses and figures along the steps
         NAME.logs/                   TensorBoard scalars
@@ -14,6 +14,7 @@ Writes  NAME.safetensors             the best weights so far by mask AP50 on uns
 import json
 import logging
 import time
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -50,7 +51,7 @@ log = logging.getLogger(__name__)
 
 
 def run(
-    root: Path,
+    roots: Sequence[Path],
     output: Path,
     config: FinetuneDetectorConfig,
     request: RunRequest,
@@ -61,24 +62,24 @@ def run(
     init: Path | None = None,
     options: BatchOptions | None = None,
 ) -> StageReport:
-    """Prepare the frames of `split` (None: all) beside `output`, then train on them.
+    """Prepare the roots' frames of `split` (None: all) beside `output`, then train on them.
 
     `coco_weights`: a file of torchvision's COCO weights, or `download`; for the resnet50 variant.
     `init`: weights of an earlier training to start from, the default ones for example.
     """
     with joined(request.device) as (processes, device):
         started, report = time.monotonic(), StageReport(STAGE)
-        stamp = make_stamp(STAGE, config, seed=request.seed, inputs=_inputs(root, init))
+        stamp = make_stamp(STAGE, config, seed=request.seed, inputs=_inputs(roots, init))
         earlier = find_progress(output, stamp, request)
         if earlier is not None and earlier.finished:
             report.skipped.append(output.name)
             return report
         with processes.one_first():  # the others find all frames there
-            prepared = _prepare(root, output, config, split, camera, options or BatchOptions())
-        if prepared.failed:
-            return prepared
-        files = sorted(frames_folder(output).glob("*.h5"))
-        frames = split_frames(files, config, request.seed, _given_split(root))
+            for root in roots:
+                prepared = _prepare(root, output, config, split, camera, options or BatchOptions())
+                if prepared.failed:
+                    return prepared
+        frames = frames_of(roots, output, config, request.seed)
         detector = build(config, coco_weights, request.seed)
         if init is not None:
             fill(detector, read_weights(init, MODEL_NAME, DetectorConfig)[0], init)
@@ -113,10 +114,38 @@ def _prepare(
     return prepare(GraspNetRoot(root), output, config, split, camera, options)
 
 
-def _inputs(root: Path, init: Path | None) -> dict[str, str]:
-    labels = "annotations" if coco_instances.is_coco(root) else "symmetry"
-    inputs = {"root": root.name, labels: digest_folder(root / labels, "*.json")}
+def _inputs(roots: Sequence[Path], init: Path | None) -> dict[str, str]:
+    """Return what the training came from.
+
+    Raises:
+        ValueRangeError: two roots have the same name, or none is given.
+    """
+    names = [_name(root) for root in roots]
+    if len(names) != len(set(names)) or not names:
+        raise ValueRangeError("roots", ", ".join(names) or "none", "folders of different names")
+    inputs = {"root": ", ".join(names)}
+    for root, name in zip(roots, names, strict=True):
+        labels = "annotations" if coco_instances.is_coco(root) else "symmetry"
+        key = labels if len(names) == 1 else f"{name}/{labels}"
+        inputs[key] = digest_folder(root / labels, "*.json")
     return inputs if init is None else inputs | {"init": digest(existing(init))}
+
+
+def _name(root: Path) -> str:
+    return root.resolve().name
+
+
+def frames_of(
+    roots: Sequence[Path], output: Path, config: FinetuneDetectorConfig, seed: int
+) -> FrameSets:
+    """Return the frames of all roots; of each root some scenes are there to validate on."""
+    sets = []
+    for root in roots:
+        files = sorted(frames_folder(output, root).glob("*.h5"))
+        sets.append(split_frames(files, config, seed, _given_split(root)))
+    return FrameSets(
+        [key for each in sets for key in each.train], [key for each in sets for key in each.val]
+    )
 
 
 def _given_split(root: Path) -> set[str] | None:
@@ -126,9 +155,9 @@ def _given_split(root: Path) -> set[str] | None:
     return {frame.scene[:SCENE] for frame in coco_instances.read_frames(root, "val")}
 
 
-def frames_folder(output: Path) -> Path:
-    """Return where the prepared frames of the run that writes `output` lie."""
-    return output.with_name(f"{output.stem}.frames")
+def frames_folder(output: Path, root: Path) -> Path:
+    """Return where the run that writes `output` keeps the prepared frames of `root`."""
+    return output.with_name(f"{output.stem}.frames") / _name(root)
 
 
 def prepare(
@@ -145,9 +174,10 @@ def prepare(
         raise SymgraspError(
             f"{root.root} holds no {split or 'any'} scene; name another --split or --camera"
         )
+    folder = frames_folder(output, root.root)
     items = [
         _item(
-            output,
+            folder,
             f"scene_{scene.scene_id:04d}_{scene.camera}",
             _scene_stamp(root, scene, _settings(config)),
             scene,
@@ -176,7 +206,7 @@ def prepare_coco(
     for name, frames in sorted(scenes.items()):
         shown = json.dumps([frame.annotations for frame in frames], sort_keys=True)
         stamp = make_stamp(STAGE, _settings(config), inputs={"annotations": digest_text(shown)})
-        items.append(_item(output, name, stamp, frames))
+        items.append(_item(frames_folder(output, folder), name, stamp, frames))
     root = GraspNetRoot(folder)
     return run_batch(STAGE, items, partial(prepare_coco_scene, root=root, config=config), options)
 
@@ -189,8 +219,8 @@ def _settings(config: FinetuneDetectorConfig) -> dict[str, Any]:
     }
 
 
-def _item(output: Path, name: str, stamp: Stamp, source: SceneFiles | list[CocoFrame]) -> WorkItem:
-    return WorkItem(name, frames_folder(output) / f"{name}.h5", stamp, (source,))
+def _item(folder: Path, name: str, stamp: Stamp, source: SceneFiles | list[CocoFrame]) -> WorkItem:
+    return WorkItem(name, folder / f"{name}.h5", stamp, (source,))
 
 
 def prepare_scene(item: WorkItem, root: GraspNetRoot, config: FinetuneDetectorConfig) -> str:
@@ -222,7 +252,8 @@ def split_frames(
     """
     scenes = {path.stem[:SCENE] for path in files}
     if len(scenes) < 2:
-        raise ValueRangeError("number of scenes", len(scenes), "at least 2, one to validate on")
+        where = "number of scenes" + (f" in {files[0].parent}" if files else "")
+        raise ValueRangeError(where, len(scenes), "at least 2, one to validate on")
     if held_out is None:
         held_out = held_out_scenes(sorted(scenes), config.val_fraction, seed)
     keys = [(path, row) for path in files for row in range(detector_frames.count(path))]

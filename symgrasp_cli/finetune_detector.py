@@ -25,9 +25,9 @@ from symgrasp_cli.report import conclude
 
 
 def finetune_detector(
-    root: Annotated[
-        Path,
-        typer.Argument(help="Dataset root with scenes/ and symmetry/, or what export-coco wrote."),
+    roots: Annotated[
+        list[Path],
+        typer.Argument(help="Dataset roots with scenes/ and symmetry/, or what export-coco wrote."),
     ],
     out: Annotated[Path, typer.Option(help="Weights to write, NAME.safetensors.")],
     split: Annotated[
@@ -73,7 +73,7 @@ def finetune_detector(
     resume: Resume = False,
     overwrite: Overwrite = False,
 ) -> None:
-    """Train the detector of symmetric regions on a dataset's frames."""
+    """Train the detector of symmetric regions on the frames of datasets."""
     from pipelines import finetune_detector as stage
     from pipelines.learning.runs import RunRequest
 
@@ -91,7 +91,7 @@ def finetune_detector(
     )
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=False)
     report = stage.run(
-        root,
+        roots,
         out,
         config,
         request,

@@ -108,7 +108,10 @@ def test_the_detector_sees_the_same_frames_from_both(root, exported, tmp_path):
     finetune_detector.prepare(root, outputs[0], DETECTOR, None, None, QUIET)
     report = finetune_detector.prepare_coco(exported, outputs[1], DETECTOR, QUIET)
     assert not report.failed
-    folders = [finetune_detector.frames_folder(output) for output in outputs]
+    folders = [
+        finetune_detector.frames_folder(output, source)
+        for output, source in zip(outputs, [root.root, exported], strict=True)
+    ]
     names = sorted(path.name for path in folders[0].iterdir())
     assert names == sorted(path.name for path in folders[1].iterdir())
     for name in names:
@@ -123,7 +126,7 @@ def test_the_detector_sees_the_same_frames_from_both(root, exported, tmp_path):
 def test_the_detector_validates_on_the_datasets_own_split(exported, tmp_path):
     output = tmp_path / "d.safetensors"
     finetune_detector.prepare_coco(exported, output, DETECTOR, QUIET)
-    files = sorted(finetune_detector.frames_folder(output).glob("*.h5"))
+    files = sorted(finetune_detector.frames_folder(output, exported).glob("*.h5"))
     for scene in (f"scene_{number:04d}" for number in SCENES):
         sets = finetune_detector.split_frames(files, DETECTOR, 0, {scene})
         assert {path.stem[:10] for path, _ in sets.val} == {scene}
@@ -136,10 +139,10 @@ def test_the_detector_trains_on_it(exported, tmp_path):
     output = tmp_path / "detector.safetensors"
     config = replace(DETECTOR, epochs=1, batch_size=2, micro_batch_size=1)
     request = RunRequest(device="cpu", threads=1)
-    report = finetune_detector.run(exported, output, config, request, options=QUIET)
+    report = finetune_detector.run([exported], output, config, request, options=QUIET)
     assert report.done == [output.name]
     assert output.is_file()
-    again = finetune_detector.run(exported, output, config, request, options=QUIET)
+    again = finetune_detector.run([exported], output, config, request, options=QUIET)
     assert again.skipped == [output.name]
 
 

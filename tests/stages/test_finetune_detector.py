@@ -41,12 +41,12 @@ def root(tmp_path_factory):
 @pytest.fixture(scope="module")
 def output(root, tmp_path_factory):
     path = tmp_path_factory.mktemp("out") / "detector.safetensors"
-    finetune_detector.run(root.root, path, CONFIG, REQUEST, split=None, options=QUIET)
+    finetune_detector.run([root.root], path, CONFIG, REQUEST, split=None, options=QUIET)
     return path
 
 
-def test_frames_are_prepared_with_their_regions(output):
-    files = sorted(finetune_detector.frames_folder(output).glob("*.h5"))
+def test_frames_are_prepared_with_their_regions(root, output):
+    files = sorted(finetune_detector.frames_folder(output, root.root).glob("*.h5"))
     assert len(files) == 2
     frame = detector_frames.read(files[0], 0)
     assert frame.regions.shape == frame.frame.depth.shape == (96, 128)
@@ -65,21 +65,21 @@ def test_the_weights_load_into_the_detector(root, output):
 
 
 def test_a_finished_training_is_skipped(root, output):
-    report = finetune_detector.run(root.root, output, CONFIG, REQUEST, split=None, options=QUIET)
+    report = finetune_detector.run([root.root], output, CONFIG, REQUEST, split=None, options=QUIET)
     assert report.skipped == ["detector.safetensors"]
 
 
 def test_a_resumed_training_equals_one_that_never_stopped(root, output, tmp_path):
     path = tmp_path / "detector.safetensors"
     limited = replace(REQUEST, time_limit=0.0)  # stops before its first step
-    finetune_detector.run(root.root, path, CONFIG, limited, split=None, options=QUIET)
+    finetune_detector.run([root.root], path, CONFIG, limited, split=None, options=QUIET)
     resumed = replace(REQUEST, resume=True)
-    finetune_detector.run(root.root, path, CONFIG, resumed, split=None, options=QUIET)
+    finetune_detector.run([root.root], path, CONFIG, resumed, split=None, options=QUIET)
     assert path.read_bytes() == output.read_bytes()
 
 
-def test_a_kept_batch_gives_its_losses_again(output, tmp_path):
-    files = sorted(finetune_detector.frames_folder(output).glob("*.h5"))
+def test_a_kept_batch_gives_its_losses_again(root, output, tmp_path):
+    files = sorted(finetune_detector.frames_folder(output, root.root).glob("*.h5"))
     frames = finetune_detector.split_frames(files, CONFIG, 0)
     detector = finetune_detector.build(CONFIG, None, 0)
     trainee = DetectorTraining(detector, frames, CONFIG, torch.device("cpu"))
@@ -95,14 +95,14 @@ def test_a_kept_batch_gives_its_losses_again(output, tmp_path):
 def test_it_goes_on_from_given_weights(root, output, tmp_path):
     still = replace(CONFIG, learning_rate=0.0, ema_decay=0.0)
     path = tmp_path / "again.safetensors"
-    finetune_detector.run(root.root, path, still, REQUEST, split=None, init=output, options=QUIET)
+    finetune_detector.run([root.root], path, still, REQUEST, split=None, init=output, options=QUIET)
     before, after = load_weights(output)[0], load_weights(path)[0]
     name = "roi_heads.box_predictor.bbox_pred.weight"
     torch.testing.assert_close(after[name], before[name])
 
 
 def test_frames_prepared_with_other_labels_are_not_reused(root, output, tmp_path):
-    copy = tmp_path / "root"
+    copy = tmp_path / root.root.name
     shutil.copytree(root.root, copy)
     label = sorted((copy / "symmetry").glob("*.json"))[0]
     label.write_text(label.read_text() + "\n")
@@ -112,6 +112,26 @@ def test_frames_prepared_with_other_labels_are_not_reused(root, output, tmp_path
         "other settings" in sentence or "otherwise" in sentence
         for sentence in report.failed.values()
     )
+
+
+def test_it_learns_from_several_roots(root, tmp_path):
+    other = tmp_path / "other"
+    shutil.copytree(root.root, other)
+    path, roots = tmp_path / "detector.safetensors", [root.root, other]
+    report = finetune_detector.run(roots, path, CONFIG, REQUEST, split=None, options=QUIET)
+    assert report.done == ["detector.safetensors"]
+    files = [sorted(finetune_detector.frames_folder(path, each).glob("*.h5")) for each in roots]
+    assert [file.name for file in files[0]] == [file.name for file in files[1]]
+    frames = finetune_detector.frames_of(roots, path, CONFIG, 0)
+    for keys in frames.train, frames.val:
+        assert {file.parent.name for file, _ in keys} == {root.root.name, "other"}
+    assert not set(frames.train) & set(frames.val)
+
+
+def test_roots_of_one_name_are_refused(root, tmp_path):
+    namesake = tmp_path / root.root.name
+    with pytest.raises(ValueRangeError, match="folders of different names"):
+        finetune_detector.run([root.root, namesake], tmp_path / "d.safetensors", CONFIG, REQUEST)
 
 
 def test_coco_weights_are_for_resnet50_only(root, tmp_path):
@@ -135,5 +155,5 @@ def test_an_unknown_variant_names_the_known_ones(root):
 def test_a_split_without_scenes_is_refused(root, tmp_path):
     with pytest.raises(SymgraspError, match="no similar scene"):
         finetune_detector.run(
-            root.root, tmp_path / "d.safetensors", CONFIG, REQUEST, split="similar", options=QUIET
+            [root.root], tmp_path / "d.safetensors", CONFIG, REQUEST, split="similar", options=QUIET
         )

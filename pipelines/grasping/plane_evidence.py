@@ -37,8 +37,9 @@ FACING = np.cos(np.radians(20.0))
 LEVEL = np.cos(np.radians(25.0))
 UNKNOWN_TILT = 0.7  # for a plane's cosine with the table's normal, where no table is known
 SAME_FIT = np.radians(2.0), 0.001  # radians, metres
-# Of a bounded body no two mirror planes are parallel, and at most three are listed.
-SAME_PLANE = np.radians(25.0)
+# Of planes nearer than this one is wrong, or follows from the other: no two of a bounded body's are
+# parallel, and those that are listed stand at right angles, or at 60 degrees in a prism.
+RIVALS = np.radians(50.0)
 
 FEATURES = (
     "on_surface",
@@ -81,7 +82,7 @@ def trusted_planes(
     planes = fitted_planes(region)
     confidence = trust(planes, region, config, judge)
     order = np.argsort(-confidence, kind="stable")
-    chosen = distinct([planes[i] for i in order], SAME_PLANE)[: len(REFLECTION_SLOTS)]
+    chosen = distinct([planes[i] for i in order], RIVALS)[: len(REFLECTION_SLOTS)]
     known = {id(planes[i]): float(confidence[i]) for i in order}
     return [(plane, known[id(plane)]) for plane in chosen]
 

@@ -96,7 +96,8 @@ def seen_regions(reader: TruthReader, files: FrameFiles) -> Iterator[SeenRegion]
     predictions = predictor.predict([clouds[i].points for i in large], scene.plane)
     for i, said in zip(large, predictions, strict=True):
         affordance = np.asarray(said.affordance, np.float64)
-        slots = average_symmetries(said.existence, said.center, said.direction, affordance)
+        told = said.existence, said.center, said.direction
+        slots = average_symmetries(*told, affordance[said.telling])
         owner, cloud = owners.instance[i], clouds[i][said.index]
         region = truth.regions[owner] if owner >= 0 else TrueRegion(np.zeros((0, 3)), ())
         yield SeenRegion(slots, affordance, owners.object_id[i], cloud, scene, region)

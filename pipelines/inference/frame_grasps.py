@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 
 class RegionPrediction(Protocol):
-    """What the network says of n of one region's points, camera frame."""
+    """What the network says of n of one region's points, m of which tell symmetries."""
 
     @property
     def index(self) -> NDArray[Any]:
@@ -41,16 +41,20 @@ class RegionPrediction(Protocol):
         """(n,) 0 to 1."""
 
     @property
+    def telling(self) -> NDArray[Any]:
+        """(m,) which of the n tell symmetries."""
+
+    @property
     def existence(self) -> NDArray[Any]:
-        """(n, 5) probabilities."""
+        """(m, 5) probabilities."""
 
     @property
     def center(self) -> NDArray[Any]:
-        """(n, 5, 3) metres."""
+        """(m, 5, 3) metres, camera frame."""
 
     @property
     def direction(self) -> NDArray[Any]:
-        """(n, 5, 3) unit."""
+        """(m, 5, 3) unit, camera frame."""
 
 
 class Predictor(Protocol):
@@ -165,9 +169,8 @@ class Planner:
         self, cloud: RegionCloud, scene: SceneCloud, prediction: RegionPrediction
     ) -> "_Plan":
         affordance = np.asarray(prediction.affordance, np.float64)
-        slots = average_symmetries(
-            prediction.existence, prediction.center, prediction.direction, affordance
-        )
+        told = prediction.existence, prediction.center, prediction.direction
+        slots = average_symmetries(*told, affordance[prediction.telling])
         sampled, selection = cloud[prediction.index], self.config.selection
         if self.plane_judge is not None and selection.ground_symmetries:
             slots = ground_symmetries(slots, sampled, scene, selection, self.plane_judge)

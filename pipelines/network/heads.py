@@ -47,17 +47,20 @@ class Heads(nn.Module):
     def forward(
         self,
         features: Tensor,  # (B, N, C)
+        every: int = 1,
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Return affordance (B, N), logits (B, N, 5), center and direction (B, N, 5, 3).
+        """Return affordance (B, N), logits (B, M, 5), center and direction (B, M, 5, 3).
 
-        The sphere has no direction; its slot holds zeros.
+        `every` how many-th point tells symmetries; M is how many that are. The sphere has no
+        direction; its slot holds zeros.
         """
-        shape = features.shape[:2]
-        parameters = self.symmetry(features)
+        telling = features[:, ::every]
+        shape = telling.shape[:2]
+        parameters = self.symmetry(telling)
         center = parameters[..., : 3 * NUM_SLOTS].view(*shape, NUM_SLOTS, 3)
         six = parameters[..., 3 * NUM_SLOTS :].view(*shape, NUM_DIRECTIONS, 6)
         direction = functional.pad(leading_direction(six), (0, 0, 0, 1))
-        return self.affordance(features)[..., 0], self.existence(features), center, direction
+        return self.affordance(features)[..., 0], self.existence(telling), center, direction
 
 
 def leading_direction(

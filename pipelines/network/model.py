@@ -20,14 +20,14 @@ SET_DIMS = ((32, 64, 64), (64, 128, 128), (128, 192, 192), (192, 256, 256))
 
 @dataclass(frozen=True)
 class Prediction:
-    """What the network says of each point; N is the number of points asked about.
+    """What the network says of each of N points, M of which tell symmetries.
 
     Attributes:
         features: (B, N, 128), f_j.
         affordance: (B, N), a_j, trained towards [0, 1] but not confined to it.
-        existence: (B, N, 5) logits of c_jk; slots 0-2 reflection, 3 rotation, 4 sphere.
-        center: (B, N, 5, 3) metres, in the frame of the input points.
-        direction: (B, N, 5, 3) unit normals and axes; zeros for the sphere.
+        existence: (B, M, 5) logits of c_jk; slots 0-2 reflection, 3 rotation, 4 sphere.
+        center: (B, M, 5, 3) metres, in the frame of the input points.
+        direction: (B, M, 5, 3) unit normals and axes; zeros for the sphere.
     """
 
     features: Tensor
@@ -127,10 +127,10 @@ class SymmetryGraspNet(nn.Module):
         deformed, aggregated = self.set_abstractions[level](deformation.deform(points), features)
         return deformation.undo(deformed), aggregated, deformation
 
-    def predict(self, features: PointFeatures) -> Prediction:
-        """Return what the heads make of point features."""
+    def predict(self, features: PointFeatures, every: int = 1) -> Prediction:
+        """Return what the heads make of point features; `every` how many-th tells symmetries."""
         values = features.values
-        affordance, existence, center, direction = self.heads(values)
+        affordance, existence, center, direction = self.heads(values, every)
         if features.deformation is not None:
             center, direction = _undone(features.deformation, center, direction)
         return Prediction(values, affordance, existence, center / UNITS_PER_METER, direction)
@@ -140,9 +140,13 @@ class SymmetryGraspNet(nn.Module):
         points: Tensor,  # (B, N, 3)
         ground: Tensor | None = None,  # (B,)
         query: Tensor | None = None,  # (B, Q)
+        every: int = 1,
     ) -> Prediction:
-        """Return predictions at the points `query`, by default at all; units as `features`."""
-        return self.predict(self.features(points, ground, query))
+        """Return predictions at the points `query`, by default at all; units as `features`.
+
+        Symmetries are told by `every` how many-th of them.
+        """
+        return self.predict(self.features(points, ground, query), every)
 
 
 def _undone(

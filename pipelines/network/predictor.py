@@ -23,6 +23,9 @@ from pipelines.network.weights_files import fill, read_weights
 
 Array = NDArray[np.float32]
 
+# So many-th point tells symmetries: points are drawn in no order, and it is their mean that counts.
+TELLING = 3
+
 
 @dataclass(frozen=True)
 class RegionPrediction:
@@ -31,13 +34,15 @@ class RegionPrediction:
     Attributes:
         index: (N,) which of the region's points were drawn; some twice where it has fewer.
         affordance: (N,) in [0, 1].
-        existence: (N, 5) probabilities; slots 0-2 reflection, 3 rotation, 4 sphere.
-        center: (N, 5, 3).
-        direction: (N, 5, 3) unit; zeros for the sphere.
+        telling: (M,) which of the N tell symmetries.
+        existence: (M, 5) probabilities; slots 0-2 reflection, 3 rotation, 4 sphere.
+        center: (M, 5, 3).
+        direction: (M, 5, 3) unit; zeros for the sphere.
     """
 
     index: NDArray[np.int64]
     affordance: Array
+    telling: NDArray[np.int64]
     existence: Array
     center: Array
     direction: Array
@@ -90,8 +95,12 @@ class GraspPredictor:
         affordance, existence, center, direction = self._run(*seen)
         back = axes[:, None].astype(np.float32)
         centers = center @ back + centroid[:, :, None].astype(np.float32)
+        telling = np.arange(0, index.shape[1], TELLING)
         columns = (index, affordance, existence, centers, direction @ back)
-        return [RegionPrediction(*each) for each in zip(*columns, strict=True)]
+        return [
+            RegionPrediction(drawn, graspable, telling, *told)
+            for drawn, graspable, *told in zip(*columns, strict=True)
+        ]
 
     def _axes(self, centroids: NDArray[np.float64], table: Plane | None) -> NDArray[np.float64]:
         """Return (B, 3, 3) rotations from camera axes to those that the network knows."""
@@ -100,7 +109,7 @@ class GraspPredictor:
         return np.stack([level_axes(center, table) for center in centroids])
 
     def _run(self, points: Tensor, ground: Tensor) -> tuple[Array, ...]:
-        """Return affordance, existence, centres and directions at (B, N, 3) centred points.
+        """Return affordance at (B, N, 3) centred points; existence, centres, directions at some.
 
         On a CPU each thread takes some of the clouds: most operations are too small to be spread
         over threads one by one.
@@ -120,7 +129,7 @@ class GraspPredictor:
 
     @torch.inference_mode()
     def _run_together(self, points: Tensor, ground: Tensor) -> tuple[Array, ...]:
-        prediction = self.network(points, ground)
+        prediction = self.network(points, ground, every=TELLING)
         columns = (
             prediction.affordance.clamp(0.0, 1.0),
             # Cloud by cloud: the last numbers of a long row are rounded otherwise than the first.

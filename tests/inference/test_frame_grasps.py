@@ -32,6 +32,7 @@ JUDGES = {
 class Prediction:
     index: np.ndarray
     affordance: np.ndarray
+    telling: np.ndarray
     existence: np.ndarray
     center: np.ndarray
     direction: np.ndarray
@@ -49,9 +50,11 @@ class Oracle:
             Prediction(
                 np.arange(0, len(cloud), 2),
                 np.ones(len(cloud[::2])),
-                np.tile(slots.existence, (len(cloud[::2]), 1)),
-                np.tile(point, (len(cloud[::2]), 1, 1)),
-                np.tile(direction, (len(cloud[::2]), 1, 1)),
+                np.arange(0, len(cloud[::2]), 3),
+                *(
+                    np.tile(each, (len(cloud[::6]),) + (1,) * each.ndim)
+                    for each in (slots.existence, point, direction)
+                ),
             )
             for cloud in clouds
         ]

@@ -7,7 +7,7 @@ import trimesh
 from pipelines.configs import SelectionConfig
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SymmetrySlots
-from pipelines.geometry.transforms import unit
+from pipelines.geometry.transforms import rotation_about, unit
 from pipelines.grasping.mirror_views import MirrorImages
 from pipelines.grasping.observation import SceneCloud
 from pipelines.grasping.plane_candidates import candidate_planes
@@ -75,6 +75,21 @@ def test_true_planes_are_trusted_more_than_the_same_beside_the_middle(box):
         aside = ReflectionSymmetry(truth.normal, truth.point + 0.02 * truth.normal)
         right, wrong = trust([truth, aside], known, CONFIG, JUDGE)
         assert right > 2 * wrong
+
+
+def test_of_oblique_planes_only_the_more_trusted_is_kept(box, monkeypatch):
+    across, _, level = box_planes(box[2])
+    up = level.normal
+    oblique = [
+        ReflectionSymmetry(rotation_about(up, np.radians(angle)) @ across.normal, across.point)
+        for angle in (0.0, 45.0, 60.0, 90.0)
+    ]
+    said = np.array([0.9, 0.8, 0.3, 0.2])
+    monkeypatch.setattr("pipelines.grasping.plane_evidence.fitted_planes", lambda _: oblique)
+    monkeypatch.setattr("pipelines.grasping.plane_evidence.trust", lambda *_: said)
+    found = trusted_planes(evidence_of(box), CONFIG, JUDGE)
+    assert [trust for _, trust in found] == [0.9, 0.3]  # 90 degrees is within 30 of what is kept
+    assert found[0][0] is oblique[0]
 
 
 def test_numbers_are_what_they_are_called(box):

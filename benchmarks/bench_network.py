@@ -16,7 +16,7 @@ from benchmarks.timing import Measurement, cpu_seconds_of
 from pipelines.configs import DetectorConfig, NetworkConfig, TrainConfig
 from pipelines.errors import SymgraspError
 from pipelines.formats.frames import find_frames
-from pipelines.geometry.depth_channels import find_plane, shrink
+from pipelines.geometry.depth_channels import find_plane
 from pipelines.inference import models
 from pipelines.network.detector_input import detector_image
 from pipelines.network.losses import NUM_ERROR_POINTS, total_loss
@@ -81,7 +81,7 @@ def _detector() -> list[Measurement]:
     plain = build_detector(config).eval()
     plain.load_state_dict(tensors)
     seen = frame.color, frame.depth, frame.intrinsics
-    small = shrink(*seen, config.min_size, config.max_size)
+    small = detector.resized(*seen)
     image = detector_image(small, find_plane(small), config.input)
     ready = image[None].to(memory_format=torch.channels_last)[0]
     with torch.inference_mode():

@@ -11,8 +11,9 @@ class DetectorConfig:
 
     variant: str = "light"  # or resnet50
     input: str = "geometry"  # or color, both
-    min_size: int = 288  # pixels, shorter side at the network's input
+    min_size: int = 288  # pixels, shorter side at the network's input while it is trained
     max_size: int = 512  # and the longer one
+    enlarged: float = 1.33  # times that size in use: training looks closer too; D. 84
     max_detections: int = 40
     candidate_confidence: float = 0.05  # below, regions are not even drawn for figures
     min_confidence: float = 0.5

@@ -14,7 +14,7 @@ from torchvision.models.detection.roi_heads import RoIHeads
 from pipelines.configs import DetectorConfig
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.camera import Intrinsics
-from pipelines.geometry.depth_channels import find_plane, shrink
+from pipelines.geometry.depth_channels import SmallFrame, find_plane, shrink
 from pipelines.geometry.pointcloud import Plane
 from pipelines.network.detector_input import detector_image
 from pipelines.network.devices import find_device
@@ -86,13 +86,21 @@ class RegionDetector:
         if color.shape != (*size, 3) or depth.shape != size:
             found = f"{color.shape} and {depth.shape}"
             raise ValueRangeError("shapes of colour and depth", found, f"of an image of {size}")
-        frame = shrink(color, depth, intrinsics, self.config.min_size, self.config.max_size)
+        frame = self.resized(color, depth, intrinsics)
         known = find_plane(frame) if plane is None else plane
         image = detector_image(frame, known, self.config.input).to(self.device)
         image = image[None].to(memory_format=torch.channels_last)[0]
         (found_regions,) = self.model([image])
         scale = np.array([size[1] / frame.color.shape[1], size[0] / frame.color.shape[0]] * 2)
         return self._detections(found_regions, scale, size)
+
+    def resized(
+        self, color: NDArray[np.uint8], depth: NDArray[np.float32], intrinsics: Intrinsics
+    ) -> SmallFrame:
+        """Return the frame at the size that is looked at: larger than while training (D. 84)."""
+        trained = self.config.min_size, self.config.max_size
+        sides = (round(self.config.enlarged * side) for side in trained)
+        return shrink(color, depth, intrinsics, *sides)
 
     def _detections(
         self, found: dict[str, Tensor], scale: NDArray[np.float64], size: tuple[int, int]

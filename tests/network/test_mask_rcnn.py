@@ -84,6 +84,18 @@ def test_images_of_another_size_than_the_camera_are_refused():
         detector.detect(np.zeros((96, 128, 3), np.uint8), np.zeros((90, 128), np.float32), camera)
 
 
+def test_frames_are_looked_at_larger_than_while_training():
+    torch.manual_seed(0)
+    detector = RegionDetector(build_detector(CONFIG), CONFIG, torch.device("cpu"))
+    seen = []
+    detector.model.register_forward_pre_hook(lambda _, images: seen.append(images[0][0].shape))
+    camera = Intrinsics(600.0, 600.0, 320.0, 240.0, 640, 480)
+    color, depth = np.zeros((480, 640, 3), np.uint8), np.zeros((480, 640), np.float32)
+    found = detector.detect(color, depth, camera)
+    assert seen == [(6, 128, 170)]  # 96 x 128 times 1.33
+    assert all(each.mask.shape == (480, 640) for each in found)
+
+
 def test_a_frame_without_depth_is_answered():
     torch.manual_seed(0)
     detector = RegionDetector(build_detector(CONFIG), CONFIG, torch.device("cpu"))

@@ -37,8 +37,8 @@ TURNS = np.radians([60.0, 120.0, 180.0, 240.0, 300.0])
 
 # Logistic regression of truth on (1, existence, support, consistency), `docs/calibrate_trust.py`.
 WEIGHTS = {
-    "rotation": np.array([-38.0, 5.6, 3.9, 33.9]),
-    "sphere": np.array([-15.3, 4.2, 24.3, 6.0]),
+    "rotation": np.array([-31.2, 6.7, 3.4, 26.4]),
+    "sphere": np.array([-18.3, 5.9, 19.2, 9.8]),
 }
 
 

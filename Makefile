@@ -48,8 +48,8 @@ $(EVAL)/dataset.made: | install
 	touch $@
 
 # What an interrupted run finished frame by frame or scene by scene is taken up again; what was made
-# from older inputs is not.
-$(EVAL)/grasps.h5: $(EVAL)/dataset.made $(WEIGHTS)
+# from older inputs, or by older code, is not.
+$(EVAL)/grasps.h5: $(EVAL)/dataset.made $(WEIGHTS) $(wildcard pipelines/*.py pipelines/*/*.py)
 	rm -f $@
 	$(SYMGRASP) infer $(EVAL_ROOT) --out $@ --timings
 

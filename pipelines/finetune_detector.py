@@ -77,8 +77,10 @@ def run(
         with processes.one_first():  # the others find all frames there
             for root in roots:
                 prepared = _prepare(root, output, config, split, camera, options or BatchOptions())
-                if prepared.failed:
-                    return prepared
+                failed = {f"{_name(root)}/{name}": why for name, why in prepared.failed.items()}
+                report.failed.update(failed)
+        if report.failed:
+            return report
         frames = frames_of(roots, output, config, request.seed)
         detector = build(config, coco_weights, request.seed)
         if init is not None:

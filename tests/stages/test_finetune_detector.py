@@ -128,6 +128,18 @@ def test_it_learns_from_several_roots(root, tmp_path):
     assert not set(frames.train) & set(frames.val)
 
 
+def test_bad_scenes_of_all_roots_are_named_before_anything_is_learned(root, tmp_path):
+    roots = [tmp_path / "first", tmp_path / "second"]
+    for number, each in enumerate(roots):
+        shutil.copytree(root.root, each)
+        scene = GraspNetRoot(each).scenes()[number]
+        scene.frames()[0].path("label").unlink()
+    path = tmp_path / "detector.safetensors"
+    report = finetune_detector.run(roots, path, CONFIG, REQUEST, split=None, options=QUIET)
+    assert [name.split("/")[0] for name in report.failed] == ["first", "second"]
+    assert not path.exists()
+
+
 def test_roots_of_one_name_are_refused(root, tmp_path):
     namesake = tmp_path / root.root.name
     with pytest.raises(ValueRangeError, match="folders of different names"):

@@ -75,12 +75,9 @@ def run(
             report.skipped.append(output.name)
             return report
         with processes.one_first():  # the others find all frames there
-            for root in roots:
-                prepared = _prepare(root, output, config, split, camera, options or BatchOptions())
-                failed = {f"{_name(root)}/{name}": why for name, why in prepared.failed.items()}
-                report.failed.update(failed)
-        if report.failed:
-            return report
+            prepared = _prepare(roots, output, config, split, camera, options or BatchOptions())
+        if prepared.failed:
+            return prepared
         frames = frames_of(roots, output, config, request.seed)
         detector = build(config, coco_weights, request.seed)
         if init is not None:
@@ -104,16 +101,25 @@ def replay(fault: Path) -> dict[str, float]:
 
 
 def _prepare(
-    root: Path,
+    roots: Sequence[Path],
     output: Path,
     config: FinetuneDetectorConfig,
     split: str | None,
     camera: str | None,
     options: BatchOptions,
 ) -> StageReport:
-    if coco_instances.is_coco(root):
-        return prepare_coco(root, output, config, options)
-    return prepare(GraspNetRoot(root), output, config, split, camera, options)
+    """Prepare the frames of all roots; scenes are reported as ROOT/SCENE."""
+    report = StageReport(STAGE)
+    for root in roots:
+        if coco_instances.is_coco(root):
+            part = prepare_coco(root, output, config, options)
+        else:
+            part = prepare(GraspNetRoot(root), output, config, split, camera, options)
+        report.done += [f"{_name(root)}/{scene}" for scene in part.done]
+        report.skipped += [f"{_name(root)}/{scene}" for scene in part.skipped]
+        report.failed |= {f"{_name(root)}/{scene}": why for scene, why in part.failed.items()}
+        report.seconds += part.seconds
+    return report
 
 
 def _inputs(roots: Sequence[Path], init: Path | None) -> dict[str, str]:

@@ -1,11 +1,11 @@
-"""Directions as leading eigenvectors."""
+"""Directions as leading eigenvectors, and which points tell symmetries."""
 
 import numpy as np
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipelines.network.heads import leading_direction
+from pipelines.network.heads import Heads, leading_direction
 
 seeds = st.integers(0, 2**31 - 1)
 
@@ -37,3 +37,13 @@ def test_a_direction_that_turns_half_around_comes_back_without_a_jump():
     planes = found[:, :, None] * found[:, None]
     assert float((planes[1:] - planes[:-1]).abs().max()) < 0.04
     torch.testing.assert_close(planes[0], planes[-1])
+
+
+def test_fewer_points_tell_the_same_symmetries():
+    heads, features = Heads(16), torch.randn(2, 20, 16)
+    affordance, *told = heads(features)
+    same, *some = heads(features, every=3)
+    torch.testing.assert_close(same, affordance)
+    for few, every in zip(some, told, strict=True):
+        assert few.shape[1] == 7
+        torch.testing.assert_close(few, every[:, ::3])

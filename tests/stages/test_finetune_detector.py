@@ -137,6 +137,7 @@ def test_bad_scenes_of_all_roots_are_named_before_anything_is_learned(root, tmp_
     path = tmp_path / "detector.safetensors"
     report = finetune_detector.run(roots, path, CONFIG, REQUEST, split=None, options=QUIET)
     assert [name.split("/")[0] for name in report.failed] == ["first", "second"]
+    assert [name.split("/")[0] for name in report.done] == ["first", "second"]
     assert not path.exists()
 
 

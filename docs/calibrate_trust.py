@@ -135,10 +135,11 @@ def main() -> None:
     """Collect evidence and print one line a case."""
     reader = TruthReader(GraspNetRoot(Path(sys.argv[1])), EVALUATE)
     cases: dict[str, Rows] = {}
-    for scene in reader.root.scenes():
-        for files in scene.frames():
-            for case, row, right in frame_rows(reader, files):
-                cases.setdefault(case, []).append((row, right))
+    with models.one_thread_each():
+        for scene in reader.root.scenes():
+            for files in scene.frames():
+                for case, row, right in frame_rows(reader, files):
+                    cases.setdefault(case, []).append((row, right))
     for case, found in sorted(cases.items()):
         features = np.array([row for row, _ in found])
         truth = np.array([right for _, right in found], float)

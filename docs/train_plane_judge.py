@@ -26,6 +26,7 @@ from pipelines.geometry.symmetry import ReflectionSymmetry
 from pipelines.geometry.symmetry_error import symmetry_error
 from pipelines.grasping import grounding, mirror_views, plane_evidence
 from pipelines.grasping.plane_evidence import RegionEvidence
+from pipelines.inference import models
 from pipelines.metrics.symmetry_matching import TrueRegion, implied_symmetries, scored_symmetries
 
 # Dense errors: a hit (Sec. IV), and half of it, since a finger needs more than a hit.
@@ -92,7 +93,8 @@ def main() -> None:
     command, *arguments = sys.argv[1:]
     if command == "collect":
         root, output, *stride = arguments
-        collect(Path(root), Path(output), int(stride[0]) if stride else 1)
+        with models.one_thread_each():
+            collect(Path(root), Path(output), int(stride[0]) if stride else 1)
     else:
         output, calibration, *evidence = (Path(argument) for argument in arguments)
         judge_training.fit(output, judge_file.PLANES, calibration, evidence, TRAINING)

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
+    from rich.table import Table as Drawn
+
     from pipelines.batch import StageReport
     from pipelines.evaluation.tables import Table
 
-CLOSE_COLUMNS = 8  # tables with more stand closer
+UNBOUND = 10_000  # characters: a table as wide as it would like to be
 
 
 def conclude(report: StageReport) -> None:
@@ -32,12 +34,27 @@ def conclude(report: StageReport) -> None:
 
 
 def show_table(table: Table) -> None:
-    """Print a table on stdout, names on the left, numbers on the right, what is meant below."""
-    from rich import box
+    """Print a table on stdout, names on the left, numbers on the right, what is meant below.
+
+    Columns stand closer where the terminal is narrow.
+    """
     from rich.console import Console
+    from rich.measure import Measurement
+
+    console = Console()
+    drawn = _drawn(table, gap=1)
+    unbound = console.options.update(width=UNBOUND)
+    if Measurement.get(console, unbound, drawn).maximum > console.width:
+        drawn = _drawn(table, gap=0)
+    console.print(drawn)
+    if table.note:
+        console.print(f"  {table.note}\n", style="dim", markup=False, highlight=False)
+
+
+def _drawn(table: Table, gap: int) -> Drawn:
+    from rich import box
     from rich.table import Table as Drawn
 
-    gap = 1 if len(table.header) <= CLOSE_COLUMNS else 0  # for 80 characters
     drawn = Drawn(
         title=table.title,
         title_justify="left",
@@ -50,7 +67,4 @@ def show_table(table: Table) -> None:
         drawn.add_column(head, justify="left" if is_name else "right", no_wrap=is_name)
     for number, row in enumerate(table.rows, 1):
         drawn.add_row(*row, end_section=number == table.published)
-    console = Console()
-    console.print(drawn)
-    if table.note:
-        console.print(f"  {table.note}\n", style="dim", markup=False, highlight=False)
+    return drawn

@@ -17,7 +17,6 @@ from pathlib import Path
 
 import judge_training
 import numpy as np
-import torch
 from calibrate_trust import EVALUATE, INFER, SeenRegion, seen_regions
 from judge_training import Rows
 
@@ -76,7 +75,6 @@ def judged(views: HandViews, region: SeenRegion, truth: TrueScene, chosen: np.nd
 
 def collected(root: Path, stride: int = 1, start: int = 0) -> Iterator[Rows]:
     """Yield, for each region that lies on an object, how some of its hands look and turn out."""
-    torch.set_num_threads(1)
     rng = np.random.default_rng(start)
     reader = TruthReader(GraspNetRoot(root), EVALUATE)
     frames = [files for scene in reader.root.scenes() for files in scene.frames()]
@@ -96,7 +94,9 @@ def main() -> None:
     if command == "collect":
         root, output, *which = arguments
         rows = collected(Path(root), *(int(number) for number in which))
-        sys.stdout.write(f"{judge_training.write(Path(output), rows)} hands\n")
+        with models.one_thread_each():
+            count = judge_training.write(Path(output), rows)
+        sys.stdout.write(f"{count} hands\n")
     else:
         output, held, *hands = (Path(argument) for argument in arguments)
         judge_training.fit(output, judge_file.HANDS, held, hands, TRAINING)

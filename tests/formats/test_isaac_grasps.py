@@ -23,7 +23,8 @@ def test_frankas_finger_joint_is_half_the_distance(tmp_path):
     for grasp, width in zip(found.values(), frame.grasps.width, strict=True):
         joint = "panda_finger_joint1"
         assert_allclose(grasp["cspace_position"][joint], width / 2, atol=1e-9)
-        assert_allclose(grasp["pregrasp_cspace_position"][joint], width / 2 + 0.003, atol=1e-9)
+        open_ = width / 2 + gripper.clearance
+        assert_allclose(grasp["pregrasp_cspace_position"][joint], open_, atol=1e-9)
         assert grasp["pregrasp_cspace_position"][joint] <= 0.04
 
 

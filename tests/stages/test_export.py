@@ -121,7 +121,7 @@ def test_json_has_every_frame_its_camera_and_how_it_was_made(grasps, tmp_path):
 def narrow(tmp_path) -> str:
     """A gripper that holds the box (4 cm), not the can (5 cm) and not the ball (6 cm)."""
     text = (
-        (PRESETS / "franka.toml").read_text().replace("max_opening = 0.080", "max_opening = 0.05")
+        (PRESETS / "franka.toml").read_text().replace("max_opening = 0.080", "max_opening = 0.056")
     )
     (tmp_path / "narrow.toml").write_text(text.replace('"franka"', '"narrow"'))
     return str(tmp_path / "narrow.toml")

@@ -12,18 +12,14 @@ Writes  NAME.safetensors             the best weights so far by mask AP50 on uns
 """
 
 import json
-import logging
 import time
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import torch
-from torchvision.models.detection import MaskRCNN
-
 from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
-from pipelines.configs import DetectorConfig, FinetuneDetectorConfig
+from pipelines.configs import FinetuneDetectorConfig
 from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.formats import coco_instances, detector_frames
 from pipelines.formats.coco_instances import CocoFrame
@@ -31,9 +27,9 @@ from pipelines.formats.files import existing
 from pipelines.formats.graspnet import GraspNetRoot, SceneFiles
 from pipelines.formats.provenance import Stamp, digest, digest_folder, digest_text, make_stamp
 from pipelines.formats.region_frames import held_out_scenes
-from pipelines.formats.torch_weights import read_torch_weights
 from pipelines.learning import detector_training
 from pipelines.learning.detector_preparation import frames_of_coco, frames_of_scene
+from pipelines.learning.detector_start import starting_detector
 from pipelines.learning.detector_training import DetectorTraining, FrameSets
 from pipelines.learning.faults import read_fault
 from pipelines.learning.loop import TrainingRun
@@ -41,13 +37,10 @@ from pipelines.learning.options import LoopOptions
 from pipelines.learning.processes import joined
 from pipelines.learning.runs import RunRequest, describe, find_progress
 from pipelines.network.detector import MODEL_NAME
-from pipelines.network.mask_rcnn import adopt_coco, build_detector
-from pipelines.network.weights_files import fill, read_weights, weights_metadata
+from pipelines.network.weights_files import weights_metadata
 
 STAGE = "finetune-detector"
 SCENE = len("scene_0000")
-
-log = logging.getLogger(__name__)
 
 
 def run(
@@ -79,9 +72,7 @@ def run(
         if prepared.failed:
             return prepared
         frames = frames_of(roots, output, config, request.seed)
-        detector = build(config, coco_weights, request.seed)
-        if init is not None:
-            fill(detector, read_weights(init, MODEL_NAME, DetectorConfig)[0], init)
+        detector = starting_detector(config, request.seed, coco_weights, init)
         trainee = DetectorTraining(detector, frames, config, device, processes)
         metadata = weights_metadata(MODEL_NAME, config.detector)
         loop_options = LoopOptions.of(config, request)
@@ -270,37 +261,3 @@ def split_frames(
         [key for key, val in zip(keys, is_val, strict=True) if not val],
         [key for key, val in zip(keys, is_val, strict=True) if val],
     )
-
-
-def build(config: FinetuneDetectorConfig, coco_weights: str | None, seed: int) -> MaskRCNN:
-    """Return the detector to start from, with COCO's weights where they are asked for.
-
-    Raises:
-        ValueRangeError: COCO weights are asked for a variant that has none.
-    """
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)  # layers are initialised from torch's own generator
-        model = build_detector(config.detector)
-    if coco_weights is None:
-        return model
-    if config.detector.variant != "resnet50":
-        raise ValueRangeError("--coco-weights", coco_weights, "left out unless --variant resnet50")
-    fresh = adopt_coco(model, read_coco(coco_weights))
-    log.info("%d tensors start anew, the others from COCO", len(fresh))
-    return model
-
-
-def read_coco(source: str) -> dict[str, torch.Tensor]:
-    """Return torchvision's COCO weights from a file, or from its hub for `download`."""
-    if source != "download":
-        return read_torch_weights(Path(source))
-    from torchvision.models.detection import MaskRCNN_ResNet50_FPN_Weights  # noqa: PLC0415
-
-    weights = MaskRCNN_ResNet50_FPN_Weights.COCO_V1
-    log.warning("downloading COCO weights from %s", weights.url)
-    try:
-        return dict(weights.get_state_dict(progress=False, check_hash=True))
-    except OSError as error:
-        raise SymgraspError(
-            f"{weights.url} cannot be reached ({error}); give --coco-weights a file of it"
-        ) from error

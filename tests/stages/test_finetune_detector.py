@@ -10,11 +10,12 @@ import torch
 from pipelines import finetune_detector
 from pipelines.batch import BatchOptions
 from pipelines.configs import DetectorConfig, FinetuneDetectorConfig
-from pipelines.errors import FormatError, SymgraspError, UnknownNameError, ValueRangeError
+from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.formats import detector_frames
 from pipelines.formats.checkpoints import load_weights
 from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.formats.provenance import make_stamp
+from pipelines.learning.detector_start import starting_detector
 from pipelines.learning.detector_training import DetectorTraining
 from pipelines.learning.faults import save_fault
 from pipelines.learning.gradients import loss_seed
@@ -81,7 +82,7 @@ def test_a_resumed_training_equals_one_that_never_stopped(root, output, tmp_path
 def test_a_kept_batch_gives_its_losses_again(root, output, tmp_path):
     files = sorted(finetune_detector.frames_folder(output, root.root).glob("*.h5"))
     frames = finetune_detector.split_frames(files, CONFIG, 0)
-    detector = finetune_detector.build(CONFIG, None, 0)
+    detector = starting_detector(CONFIG, 0)
     trainee = DetectorTraining(detector, frames, CONFIG, torch.device("cpu"))
     batch = trainee.load(np.arange(2), [np.random.default_rng(i) for i in range(2)])
     place, path = (0, 1, 2, 3), tmp_path / "detector.fault.safetensors"
@@ -145,24 +146,6 @@ def test_roots_of_one_name_are_refused(root, tmp_path):
     namesake = tmp_path / root.root.name
     with pytest.raises(ValueRangeError, match="folders of different names"):
         finetune_detector.run([root.root, namesake], tmp_path / "d.safetensors", CONFIG, REQUEST)
-
-
-def test_coco_weights_are_for_resnet50_only(root, tmp_path):
-    with pytest.raises(ValueRangeError, match="resnet50"):
-        finetune_detector.build(CONFIG, "weights.pth", 0)
-
-
-def test_weights_that_run_code_are_refused(tmp_path):
-    path = tmp_path / "coco.pth"
-    path.write_bytes(b"\x80\x02cos\nsystem\n.")
-    with pytest.raises(FormatError, match="cannot be read as weights"):
-        finetune_detector.read_coco(str(path))
-
-
-def test_an_unknown_variant_names_the_known_ones(root):
-    config = replace(CONFIG, detector=replace(CONFIG.detector, variant="yolo"))
-    with pytest.raises(UnknownNameError, match="light, resnet50"):
-        finetune_detector.build(config, None, 0)
 
 
 def test_a_split_without_scenes_is_refused(root, tmp_path):

@@ -7,6 +7,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from pipelines.network.cloudwise import CloudLinear, RowLinear
+
 NUM_SLOTS = 5  # M of Eq. 7: three reflections, one rotation, one sphere
 NUM_DIRECTIONS = 4  # slots with a direction: all but the sphere
 ROTATION_SLOT, SPHERE_SLOT = 3, 4
@@ -20,8 +22,9 @@ def mlp(in_dim: int, hidden: tuple[int, int, int], out_dim: int) -> nn.Sequentia
     dims = (in_dim, *hidden)
     layers: list[nn.Module] = []
     for wide, narrow in pairwise(dims):
-        layers += [nn.Linear(wide, narrow), nn.ReLU()]
-    return nn.Sequential(*layers, nn.Linear(hidden[-1], out_dim))
+        layers += [CloudLinear(wide, narrow), nn.ReLU()]
+    last = RowLinear if out_dim == 1 else CloudLinear
+    return nn.Sequential(*layers, last(hidden[-1], out_dim))
 
 
 class Heads(nn.Module):

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from pipelines.network.cloudwise import CloudLinear, RowLinear
 from pipelines.network.pooling import max_over_group
 
 # exp of at most this: a scale leaves [1/e, e] in no layer, whatever the regression says.
@@ -78,11 +79,11 @@ class PIFT(nn.Module):
     def __init__(self, feature_dim: int, hidden: int = 64) -> None:
         super().__init__()
         self.encode = nn.Sequential(
-            nn.Linear(3 + feature_dim, hidden), nn.ReLU(), nn.Linear(hidden, hidden)
+            CloudLinear(3 + feature_dim, hidden), nn.ReLU(), CloudLinear(hidden, hidden)
         )
         self.norm = nn.LayerNorm(hidden)
-        self.hidden = nn.Linear(hidden, hidden)
-        self.regress = nn.Linear(hidden, 9)
+        self.hidden = RowLinear(hidden, hidden)
+        self.regress = RowLinear(hidden, 9)
         nn.init.zeros_(self.regress.weight)
         with torch.no_grad():
             self.regress.bias.copy_(torch.tensor([*IDENTITY_6D, 0.0, 0.0, 0.0]))
@@ -98,21 +99,9 @@ class PIFT(nn.Module):
         seen, known = points[:, ::stride] - center[:, None], features[:, ::stride]
         encoded = self.encode(torch.cat([seen, known], -1))
         pooled = torch.relu(self.norm(max_over_group(encoded[:, None])[:, 0]))
-        output = _row_by_row(self.regress, torch.relu(_row_by_row(self.hidden, pooled)))
+        output = self.regress(torch.relu(self.hidden(pooled)))
         scale = torch.exp(MAX_LOG_SCALE * torch.tanh(output[:, 6:]))
         return Deformation(rotation_from_6d(output[:, :6]), scale, center)
-
-
-def _row_by_row(
-    layer: nn.Linear,
-    features: Tensor,  # (B, C)
-) -> Tensor:
-    """Return what the layer makes of the features, each row in the same order of summation.
-
-    A product of matrices sums a single row in another order than several, and the last bit of a
-    deformation decides which points are sampled: a cloud would be seen differently in company.
-    """
-    return (features[:, None] * layer.weight).sum(-1) + layer.bias
 
 
 def rotation_from_6d(

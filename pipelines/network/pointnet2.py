@@ -9,6 +9,7 @@ Activations are normalised after pooling, where they are sixteen times fewer.
 import torch
 from torch import Tensor, nn
 
+from pipelines.network.cloudwise import CloudLinear
 from pipelines.network.pooling import max_over_group
 from pipelines.network.sampling import (
     farthest_points,
@@ -47,11 +48,11 @@ class SetAbstraction(nn.Module):
     ) -> None:
         super().__init__()
         self.num_points, self.num_neighbors, self.stride = num_points, num_neighbors, stride
-        self.position = nn.Linear(3, dims[0], bias=False)
-        self.content = nn.Linear(in_dim, dims[0])
-        self.group = nn.Linear(dims[0], dims[1], bias=False)
+        self.position = CloudLinear(3, dims[0], bias=False)
+        self.content = CloudLinear(in_dim, dims[0])
+        self.group = CloudLinear(dims[0], dims[1], bias=False)
         self.point = nn.Sequential(
-            PointNorm(dims[1]), nn.ReLU(), nn.Linear(dims[1], dims[2]), PointNorm(dims[2])
+            PointNorm(dims[1]), nn.ReLU(), CloudLinear(dims[1], dims[2]), PointNorm(dims[2])
         )
 
     def forward(
@@ -74,10 +75,10 @@ class FeaturePropagation(nn.Module):
 
     def __init__(self, coarse_dim: int, fine_dim: int, out_dim: int) -> None:
         super().__init__()
-        self.coarse = nn.Linear(coarse_dim, out_dim, bias=False)
-        self.fine = nn.Linear(fine_dim, out_dim)
+        self.coarse = CloudLinear(coarse_dim, out_dim, bias=False)
+        self.fine = CloudLinear(fine_dim, out_dim)
         self.joined = nn.Sequential(
-            PointNorm(out_dim), nn.ReLU(), nn.Linear(out_dim, out_dim), PointNorm(out_dim)
+            PointNorm(out_dim), nn.ReLU(), CloudLinear(out_dim, out_dim), PointNorm(out_dim)
         )
 
     def forward(

@@ -112,11 +112,12 @@ class GraspPredictor:
         """Return affordance at (B, N, 3) centred points; existence, centres, directions at some.
 
         On a CPU each thread takes some of the clouds: most operations are too small to be spread
-        over threads one by one.
+        over threads one by one, and what is spread is rounded otherwise.
         """
-        threads = min(torch.get_num_threads(), len(points))
+        threads = torch.get_num_threads()
         if self.device.type != "cpu" or threads == 1:
             return self._run_together(points, ground)
+        threads = min(threads, len(points))
         shares = (each.tensor_split(threads) for each in (points, ground))
         parts = list(self._pool.map(self._run_together, *shares))
         return tuple(np.concatenate(column) for column in zip(*parts, strict=True))

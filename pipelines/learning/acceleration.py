@@ -14,6 +14,7 @@ from typing import Any, cast
 from torch import Tensor, nn
 
 from pipelines.errors import SymgraspError, UnknownNameError
+from pipelines.network.cloudwise import CloudLinear
 from pipelines.network.heads import Heads
 from pipelines.network.pift import PIFT
 
@@ -95,7 +96,7 @@ def _wide_layers(module: nn.Module) -> Iterator[nn.Module]:
         elif isinstance(part, Heads):
             exact |= {id(cast(nn.Sequential, chain)[-1]) for chain in part.children()}
     for layer in module.modules():
-        plain = type(layer) in {nn.Linear, nn.Conv2d} and id(layer) not in exact
+        plain = type(layer) in {CloudLinear, nn.Linear, nn.Conv2d} and id(layer) not in exact
         if plain and min(cast(Tensor, layer.weight).shape[:2]) >= MIN_WIDTH:
             yield layer
 

@@ -13,9 +13,10 @@ def drawn(*shape):
 
 @pytest.mark.parametrize("bias", [False, True])
 @pytest.mark.parametrize("rows", [(1,), (8,), (500,), (4, 16)])
+@pytest.mark.parametrize(("wide", "out"), [(4, 32), (192, 256)])  # few numbers a row, and many
 @torch.no_grad()
-def test_a_cloud_gets_the_same_bits_alone_and_in_company(rows, bias):
-    layer, clouds = CloudLinear(4, 160, bias=bias), drawn(7, *rows, 4)
+def test_a_cloud_gets_the_same_bits_alone_and_in_company(rows, wide, out, bias):
+    layer, clouds = CloudLinear(wide, out, bias=bias), drawn(7, *rows, wide)
     found = layer(clouds)
     torch.testing.assert_close(found, nn.functional.linear(clouds, layer.weight, layer.bias))
     for index in range(7):

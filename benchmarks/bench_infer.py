@@ -30,6 +30,7 @@ FRAMES = Path(pipelines.__file__).parent / "weights" / "frames"
 STEPS = {
     "regions by depth": (regions, "geometric_regions"),
     "fit of symmetries": (frame_grasps, "ground_symmetries"),
+    "unseen sides": (frame_grasps, "completions"),
     "selection": (frame_grasps, "plan_region"),
 }
 

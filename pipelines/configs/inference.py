@@ -33,10 +33,11 @@ class SelectionConfig:
     min_affordance: float = 0.5  # Sec. III-E
     weak_affordance: float = 0.1  # D. 27: below it no point of a region is worth a finger
     min_existence: float = 0.5  # D. 4
-    min_trust: float = 0.3  # D. 66: of a symmetry that is fitted to what is seen
+    min_trust: float = 0.2  # D. 66: of a symmetry that is fitted to what is seen
     min_completion: float = 0.5  # D. 32: trust in a symmetry that may complete the unseen side
+    min_completion_beside: float = 0.3  # D. 85: the same of neighbours, for hands to keep off
     ground_symmetries: bool = True  # D. 31: fit predictions to what is seen; the paper does not
-    max_pairs: int = 64  # contact pairs a region that are tried
+    max_pairs: int = 256  # contact pairs a region that are tried
     pair_spacing: float = 0.006  # metres between the first contacts of pairs that are tried
     max_contact_angle: float = 0.7  # radians between a contact's normal and the contact line
     min_width: float = 0.003  # metres; closer contacts are one

@@ -21,6 +21,7 @@ from pipelines.geometry.regions_geometric import geometric_regions
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.geometry.transforms import invert, transform_points
 from pipelines.grasping.candidates import RankedGrasps
+from pipelines.grasping.completion import completions
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.observation import RegionCloud, SceneCloud
 from pipelines.grasping.ranking import Judge
@@ -66,10 +67,9 @@ class Planner:
         regions = [RegionCloud.from_mask(mask, scene) for mask in masks]
         selection, gripper = self.config.selection, self.gripper
         slots = [true_slots(instance, truth) for instance in owners.instance]
-        oracle = [
-            self._plan_with_truth(region, scene, known, owner, truth, rng)
-            for region, known, owner in zip(regions, slots, owners.object_id, strict=True)
-        ]
+        oracle = self._plans_with_truth(
+            [_thinned(region, rng) for region in regions], scene, slots, owners, truth
+        )
         planar = [plan_planar(region, scene, gripper, selection) for region in regions]
         drawn = [plan_random(region, scene, gripper, selection, rng) for region in regions]
         return {
@@ -83,19 +83,26 @@ class Planner:
         found = geometric_regions(frame.depth, frame.intrinsics, self.config.region, rng)
         return SceneCloud(frame.depth.astype(np.float64), frame.intrinsics, found.plane)
 
-    def _plan_with_truth(
+    def _plans_with_truth(
         self,
-        region: RegionCloud,
+        regions: list[RegionCloud],
         scene: SceneCloud,
-        slots: SymmetrySlots,
-        owner: int,
+        slots: list[SymmetrySlots],
+        owners: RegionOwners,
         truth: FrameTruth,
-        rng: np.random.Generator,
-    ) -> RankedGrasps:
-        thinned = _thinned(region, rng)
-        affordance = self._true_affordance(thinned.points, owner, truth)
-        selection = self.config.selection
-        return plan_region(thinned, scene, slots, affordance, self.gripper, selection, self.judge)
+    ) -> list[RankedGrasps]:
+        selection, plans = self.config.selection, []
+        completed = completions(regions, scene, slots, selection)
+        for region, known, owner, unseen in zip(
+            regions, slots, owners.object_id, completed, strict=True
+        ):
+            affordance = self._true_affordance(region.points, owner, truth)
+            plans.append(
+                plan_region(
+                    region, scene, known, affordance, self.gripper, selection, self.judge, unseen
+                )
+            )
+        return plans
 
     def _true_affordance(self, points: Array, owner: int, truth: FrameTruth) -> Array:
         """Return (n,) the affordance of the object's surface nearest to `points`, camera frame."""

@@ -32,22 +32,26 @@ class Surroundings:
     Attributes:
         points: (n, 3) measured points, one a cell.
         count: (n,) measured points in the cell that each stands for.
-        own: (n,) whether it belongs to the region.
-        others: those that do not.
+        others: those that do not belong to the region.
+        centre, radius: (3,), metres; of the ball that they lie in.
     """
 
     points: Array
     count: NDArray[np.int64]
-    own: Mask
     others: Obstacles
+    centre: Array
+    radius: float
 
-    def with_own(self, points: Array, count: int) -> "Surroundings":
-        """Return these and further points (m, 3) of the region, each counted `count` times."""
-        return Surroundings(
-            np.concatenate([self.points, points]),
-            np.concatenate([self.count, np.full(len(points), count)]),
-            np.concatenate([self.own, np.ones(len(points), bool)]),
-            self.others,
+    def with_unseen(self, points: Array) -> "Surroundings":
+        """Return these and those of `points` (m, 3), known by symmetry alone, that lie in the ball.
+
+        Each counts as one measured point; `others` stay as they are.
+        """
+        near = points[np.linalg.norm(points - self.centre, axis=1) < self.radius]
+        return replace(
+            self,
+            points=np.concatenate([self.points, near]),
+            count=np.concatenate([self.count, np.ones(len(near), np.int64)]),
         )
 
 
@@ -109,7 +113,7 @@ class SceneCloud:
         first, count = first_of_each(key * 2 + own)
         points = np.stack([axis[window][near][first] for axis in self._axes], 1)
         own = own[first]
-        return Surroundings(points, count, own, Obstacles(points[~own], count[~own]))
+        return Surroundings(points, count, Obstacles(points[~own], count[~own]), centre, radius)
 
     @cached_property
     def _axes(self) -> list[Array]:

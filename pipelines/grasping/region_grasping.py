@@ -4,14 +4,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import SelectionConfig
-from pipelines.geometry.pointcloud import voxel_downsample
-from pipelines.geometry.symmetry import RotationSymmetry, SymmetrySlots
+from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.geometry.transforms import unit
 from pipelines.grasping.candidates import Candidates, RankedGrasps
-from pipelines.grasping.decoding import contact_pairs, in_observed_frustum
+from pipelines.grasping.completion import Completion, completions
+from pipelines.grasping.decoding import contact_pairs
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.hand_views import KnownRegion
-from pipelines.grasping.observation import RegionCloud, SceneCloud
+from pipelines.grasping.observation import RegionCloud, SceneCloud, Surroundings
 from pipelines.grasping.planar import planar_candidates
 from pipelines.grasping.ranking import Judge, by_eq8, by_judge
 from pipelines.grasping.selection import select, surroundings
@@ -22,8 +22,6 @@ Array = NDArray[np.float64]
 MIN_POINTS = 20  # fewer show no surface
 PLANAR_TURNS = np.radians([0.0, 20.0, -20.0, 40.0, -40.0])  # about the contact line
 RANDOM_DRAWS = 4000
-HIDDEN_COUNT = 1  # measured points that a point known by symmetry alone is worth
-COMPLETING_TURNS = np.radians(np.arange(45.0, 360.0, 45.0))
 
 
 def plan_region(
@@ -34,10 +32,12 @@ def plan_region(
     gripper: Gripper,
     config: SelectionConfig,
     judge: Judge | None = None,
+    completion: Completion | None = None,
 ) -> RankedGrasps:
     """Return symmetric grasps of `region`, or planar ones where none is feasible (Sec. III-F).
 
-    With a judge, planar ones join where it expects little of the symmetric ones (D. 82).
+    With a judge, planar ones join where it expects little of the symmetric ones (D. 82). Where
+    what lies unseen behind other regions leaves no grasp, it is not minded (D. 85).
 
     Args:
         region: n points.
@@ -47,9 +47,12 @@ def plan_region(
         gripper: the hand.
         config: thresholds.
         judge: of hands; None to rank by Eq. 8.
+        completion: what symmetries put where nothing is seen; None for the region's own alone.
     """
     if len(region) < MIN_POINTS:
         return RankedGrasps.empty()
+    if completion is None:
+        completion = completions([region], scene, [slots], config)[0]
     pairs = contact_pairs(region, scene, slots, affordance, gripper, config)
     candidates = Candidates(
         pairs.contacts,
@@ -60,18 +63,22 @@ def plan_region(
         "network",
     )
     turns = np.linspace(0.0, 2 * np.pi, config.num_approach_angles, endpoint=False)
-    around = surroundings(region, scene, gripper, config)
-    hidden = hidden_points(region, scene, slots, config)
-    ranking, whole = by_eq8(config), around.with_own(hidden, HIDDEN_COUNT)
+    around, ranking = surroundings(region, scene, gripper, config), by_eq8(config)
     if judge is not None:
-        known = KnownRegion(region, scene, slots, hidden, around.others.points)
+        known = KnownRegion(region, scene, slots, completion.own, around.others.points)
         ranking = by_judge(judge, known, config)
-    found = select(candidates, turns, region, scene, gripper, config, whole, ranking)
-    if len(found) and (judge is None or found.rank_score[0] >= config.planar_below):
-        return found
-    candidates = planar_candidates(region, scene, gripper, config)
-    planar = select(candidates, PLANAR_TURNS, region, scene, gripper, config, around, ranking)
-    return joined(found, planar, config)
+
+    def planned(around: Surroundings) -> RankedGrasps:
+        whole = around.with_unseen(completion.own)
+        found = select(candidates, turns, region, scene, gripper, config, whole, ranking)
+        if len(found) and (judge is None or found.rank_score[0] >= config.planar_below):
+            return found
+        flat = planar_candidates(region, scene, gripper, config)
+        planar = select(flat, PLANAR_TURNS, region, scene, gripper, config, around, ranking)
+        return joined(found, planar, config)
+
+    found = planned(around.with_unseen(completion.others))
+    return found if len(found) or not len(completion.others) else planned(around)
 
 
 def joined(first: RankedGrasps, second: RankedGrasps, config: SelectionConfig) -> RankedGrasps:
@@ -84,21 +91,6 @@ def joined(first: RankedGrasps, second: RankedGrasps, config: SelectionConfig) -
         both.grasps, config.nms_distance, config.nms_angle, lambda some: np.ones(len(some), bool)
     )
     return both[kept]
-
-
-def hidden_points(
-    region: RegionCloud, scene: SceneCloud, slots: SymmetrySlots, config: SelectionConfig
-) -> Array:
-    """Return (m, 3) points of `region` that its trusted symmetries put where nothing is seen."""
-    images = [np.zeros((0, 3))]
-    for _, symmetry in slots.existing(max(config.min_completion, config.least_trust)):
-        if isinstance(symmetry, RotationSymmetry):
-            images += [symmetry.turn(region.points, angle) for angle in COMPLETING_TURNS]
-        else:
-            images.append(symmetry.counterpart(region.points))
-    points = np.concatenate(images)
-    points = points[voxel_downsample(points, config.scene_resolution)]
-    return points[in_observed_frustum(points, scene, config)]
 
 
 def plan_planar(

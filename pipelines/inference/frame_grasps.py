@@ -16,6 +16,7 @@ from pipelines.formats.rgbd import Frame
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.grasping.candidates import RankedGrasps
+from pipelines.grasping.completion import completions
 from pipelines.grasping.decoding import average_symmetries
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.grounding import ground_symmetries
@@ -145,10 +146,25 @@ class Planner:
             return [_Plan(plan_planar(c, scene, self.gripper, selection)) for c in clouds]
         large = [index for index, cloud in enumerate(clouds) if len(cloud) >= MIN_POINTS]
         predictions = self.predictor.predict([clouds[i].points for i in large], scene.plane)
+        seen = [_Seen.of(clouds[i], told) for i, told in zip(large, predictions, strict=True)]
+        slots = [self._symmetries(each, scene) for each in seen]
+        completed = completions([each.cloud for each in seen], scene, slots, selection)
         plans = [_Plan(RankedGrasps.empty()) for _ in clouds]
-        for index, prediction in zip(large, predictions, strict=True):
-            plans[index] = self._symmetric_plan(clouds[index], scene, prediction)
+        for index, each, known, unseen in zip(large, seen, slots, completed, strict=True):
+            affordance = each.affordance
+            ranked = plan_region(
+                each.cloud, scene, known, affordance, self.gripper, selection, self._judge, unseen
+            )
+            plans[index] = _Plan(ranked, known, float(affordance.mean()), float(affordance.max()))
         return plans
+
+    def _symmetries(self, seen: "_Seen", scene: SceneCloud) -> SymmetrySlots:
+        """Return what the network tells of a region's symmetries, fitted to what is seen of it."""
+        if self.plane_judge is None or not self.config.selection.ground_symmetries:
+            return seen.slots
+        return ground_symmetries(
+            seen.slots, seen.cloud, scene, self.config.selection, self.plane_judge
+        )
 
     def _piecewise(
         self, plan: "_Plan", mask: NDArray[np.bool_], found: FrameRegions, scene: SceneCloud
@@ -165,19 +181,21 @@ class Planner:
                 return replace(plan, grasps=ranked)
         return plan
 
-    def _symmetric_plan(
-        self, cloud: RegionCloud, scene: SceneCloud, prediction: RegionPrediction
-    ) -> "_Plan":
+
+@dataclass(frozen=True)
+class _Seen:
+    """A region as the network sees and understands it: n points, their affordance, symmetries."""
+
+    cloud: RegionCloud
+    affordance: Array
+    slots: SymmetrySlots
+
+    @classmethod
+    def of(cls, cloud: RegionCloud, prediction: RegionPrediction) -> "_Seen":
         affordance = np.asarray(prediction.affordance, np.float64)
         told = prediction.existence, prediction.center, prediction.direction
         slots = average_symmetries(*told, affordance[prediction.telling])
-        sampled, selection = cloud[prediction.index], self.config.selection
-        if self.plane_judge is not None and selection.ground_symmetries:
-            slots = ground_symmetries(slots, sampled, scene, selection, self.plane_judge)
-        ranked = plan_region(
-            sampled, scene, slots, affordance, self.gripper, selection, self._judge
-        )
-        return _Plan(ranked, slots, float(affordance.mean()), float(affordance.max()))
+        return cls(cloud[prediction.index], affordance, slots)
 
 
 @dataclass(frozen=True)

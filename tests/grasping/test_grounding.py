@@ -15,7 +15,6 @@ from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, Sy
 from pipelines.geometry.transforms import invert, make_pose, rotate_vectors, unit
 from pipelines.grasping.grounding import Evidence, ground_symmetries
 from pipelines.grasping.observation import RegionCloud, SceneCloud
-from pipelines.grasping.region_grasping import hidden_points
 from pipelines.inference import models
 
 CAMERA = Intrinsics(460.0, 460.0, 159.5, 119.5, 320, 240)
@@ -110,17 +109,3 @@ def test_more_support_and_fewer_floating_images_mean_more_trust():
     good, floating = Evidence(axis, 0.5, 0.8, 1.0), Evidence(axis, 0.5, 0.8, 0.5)
     assert good.confidence > Evidence(axis, 0.5, 0.3, 1.0).confidence
     assert good.confidence > floating.confidence
-
-
-def test_trusted_symmetries_fill_in_the_unseen_side(can):
-    scene, region, pose = can
-    slots = SymmetrySlots.from_symmetries(
-        [RotationSymmetry([0, 0, 1], [0, 0, 0]).transformed(pose)]
-    )
-    hidden = hidden_points(region, scene, slots, CONFIG)
-    local = (hidden - pose[:3, 3]) @ pose[:3, :3]
-    side = local[np.abs(local[:, 2]) < 0.045]
-    np.testing.assert_allclose(np.linalg.norm(side[:, :2], axis=1), 0.03, atol=0.002)
-    assert (side[:, 1] > 0.02).any()  # the far side
-    doubted = replace(slots, existence=np.full(5, 0.2))
-    assert len(hidden_points(region, scene, doubted, CONFIG)) == 0

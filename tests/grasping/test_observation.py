@@ -32,7 +32,19 @@ def test_around_a_region_is_the_first_point_of_every_cell_in_reach(reach, resolu
     found = scene.around(region, reach, resolution)
     np.testing.assert_array_equal(found.points, points[first])
     np.testing.assert_array_equal(found.count, count)
-    np.testing.assert_array_equal(found.own, own[first])
+    foreign = ~own[first]
+    np.testing.assert_array_equal(found.others.points, points[first][foreign])
+    np.testing.assert_array_equal(found.others.count, count[foreign])
+
+
+def test_unseen_points_within_reach_join_those_that_a_hand_may_meet():
+    scene, region = seen(0)
+    around = scene.around(region, 0.1, 0.003)
+    unseen = np.array([[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [5.0, 0.0, 0.0]]) + around.centre
+    joined = around.with_unseen(unseen)
+    np.testing.assert_array_equal(joined.points, np.concatenate([around.points, unseen[:2]]))
+    np.testing.assert_array_equal(joined.count, np.append(around.count, [1, 1]))
+    assert joined.others is around.others
 
 
 def test_some_points_of_a_region_keep_their_normals_and_its_pixels():

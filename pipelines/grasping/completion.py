@@ -1,0 +1,72 @@
+"""The sides of regions that the camera does not see, as far as symmetries tell them (D. 32, D. 85).
+
+A trusted symmetry maps the seen side of a region onto its unseen one. No hand should be there:
+neither one at the region itself nor one at its neighbour.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.configs import SelectionConfig
+from pipelines.geometry.pointcloud import voxel_downsample
+from pipelines.geometry.symmetry import RotationSymmetry, SymmetrySlots
+from pipelines.grasping.decoding import in_observed_frustum
+from pipelines.grasping.observation import RegionCloud, SceneCloud
+
+Array = NDArray[np.float64]
+
+COMPLETING_TURNS = np.radians(np.arange(45.0, 360.0, 45.0))
+
+
+@dataclass(frozen=True)
+class Completion:
+    """Where points are expected that the camera does not see. Camera frame, metres.
+
+    Attributes:
+        own: (h, 3) of a region.
+        others: (m, 3) of all other regions.
+    """
+
+    own: Array
+    others: Array
+
+
+def completions(
+    regions: Sequence[RegionCloud],
+    scene: SceneCloud,
+    slots: Sequence[SymmetrySlots],
+    config: SelectionConfig,
+) -> list[Completion]:
+    """Return the completion of each region of a frame by `slots`, the symmetries of each.
+
+    Less trust is needed to keep off a neighbour's far side than to say where the own one is.
+    """
+    seen = list(zip(regions, slots, strict=True))
+    own = [hidden_points(*each, scene, config.min_completion, config) for each in seen]
+    beside = [hidden_points(*each, scene, config.min_completion_beside, config) for each in seen]
+    return [
+        Completion(mine, np.concatenate([np.zeros((0, 3)), *beside[:index], *beside[index + 1 :]]))
+        for index, mine in enumerate(own)
+    ]
+
+
+def hidden_points(
+    region: RegionCloud,
+    slots: SymmetrySlots,
+    scene: SceneCloud,
+    least_trust: float,
+    config: SelectionConfig,
+) -> Array:
+    """Return (h, 3) points that symmetries trusted above `least_trust` put where none is seen."""
+    images = [np.zeros((0, 3))]
+    for _, symmetry in slots.existing(max(least_trust, config.least_trust)):
+        if isinstance(symmetry, RotationSymmetry):
+            images += [symmetry.turn(region.points, angle) for angle in COMPLETING_TURNS]
+        else:
+            images.append(symmetry.counterpart(region.points))
+    points = np.concatenate(images)
+    points = points[voxel_downsample(points, config.scene_resolution)]
+    return points[in_observed_frustum(points, scene, config)]

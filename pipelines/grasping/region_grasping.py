@@ -53,15 +53,7 @@ def plan_region(
         return RankedGrasps.empty()
     if completion is None:
         completion = completions([region], scene, [slots], config)[0]
-    pairs = contact_pairs(region, scene, slots, affordance, gripper, config)
-    candidates = Candidates(
-        pairs.contacts,
-        _base_approach(region, scene, len(pairs)),
-        pairs.quality,
-        pairs.affordance,
-        pairs.slot,
-        "network",
-    )
+    candidates = _symmetric_candidates(region, scene, slots, affordance, gripper, config)
     turns = np.linspace(0.0, 2 * np.pi, config.num_approach_angles, endpoint=False)
     around, ranking = surroundings(region, scene, gripper, config), by_eq8(config)
     if judge is not None:
@@ -79,6 +71,25 @@ def plan_region(
 
     found = planned(around.with_unseen(completion.others))
     return found if len(found) or not len(completion.others) else planned(around)
+
+
+def _symmetric_candidates(
+    region: RegionCloud,
+    scene: SceneCloud,
+    slots: SymmetrySlots,
+    affordance: Array,
+    gripper: Gripper,
+    config: SelectionConfig,
+) -> Candidates:
+    pairs = contact_pairs(region, scene, slots, affordance, gripper, config)
+    return Candidates(
+        pairs.contacts,
+        _base_approach(region, scene, len(pairs)),
+        pairs.quality,
+        pairs.affordance,
+        pairs.slot,
+        "network",
+    )
 
 
 def joined(first: RankedGrasps, second: RankedGrasps, config: SelectionConfig) -> RankedGrasps:

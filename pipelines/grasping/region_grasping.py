@@ -8,7 +8,7 @@ from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.geometry.transforms import unit
 from pipelines.grasping.candidates import Candidates, RankedGrasps
 from pipelines.grasping.completion import Completion, completions
-from pipelines.grasping.decoding import contact_pairs
+from pipelines.grasping.decoding import ContactPairs, contact_pairs
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.hand_views import KnownRegion
 from pipelines.grasping.observation import RegionCloud, SceneCloud, Surroundings
@@ -53,7 +53,8 @@ def plan_region(
         return RankedGrasps.empty()
     if completion is None:
         completion = completions([region], scene, [slots], config)[0]
-    candidates = _symmetric_candidates(region, scene, slots, affordance, gripper, config)
+    pairs = contact_pairs(region, scene, slots, affordance, gripper, config)
+    candidates = _symmetric_candidates(pairs, region, scene)
     turns = np.linspace(0.0, 2 * np.pi, config.num_approach_angles, endpoint=False)
     around, ranking = surroundings(region, scene, gripper, config), by_eq8(config)
     if judge is not None:
@@ -74,14 +75,8 @@ def plan_region(
 
 
 def _symmetric_candidates(
-    region: RegionCloud,
-    scene: SceneCloud,
-    slots: SymmetrySlots,
-    affordance: Array,
-    gripper: Gripper,
-    config: SelectionConfig,
+    pairs: ContactPairs, region: RegionCloud, scene: SceneCloud
 ) -> Candidates:
-    pairs = contact_pairs(region, scene, slots, affordance, gripper, config)
     return Candidates(
         pairs.contacts,
         _base_approach(region, scene, len(pairs)),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pipelines.configs import SelectionConfig
 from pipelines.geometry.pointcloud import voxel_downsample
-from pipelines.geometry.symmetry import RotationSymmetry, SymmetrySlots
+from pipelines.geometry.symmetry import RotationSymmetry, Symmetry, SymmetrySlots
 from pipelines.grasping.decoding import in_observed_frustum
 from pipelines.grasping.observation import RegionCloud, SceneCloud
 
@@ -44,9 +44,13 @@ def completions(
 
     Less trust is needed to keep off a neighbour's far side than to say where the own one is.
     """
-    seen = list(zip(regions, slots, strict=True))
-    own = [hidden_points(*each, scene, config.min_completion, config) for each in seen]
-    beside = [hidden_points(*each, scene, config.min_completion_beside, config) for each in seen]
+    own, beside = [], []
+    for region, known in zip(regions, slots, strict=True):
+        sure = _trusted(known, config.min_completion, config)
+        likely = _trusted(known, config.min_completion_beside, config)
+        beside.append(hidden_points(region, likely, scene, config))
+        same = len(sure) == len(likely)  # one bound's symmetries are among the other's
+        own.append(beside[-1] if same else hidden_points(region, sure, scene, config))
     return [
         Completion(mine, np.concatenate([np.zeros((0, 3)), *beside[:index], *beside[index + 1 :]]))
         for index, mine in enumerate(own)
@@ -54,15 +58,11 @@ def completions(
 
 
 def hidden_points(
-    region: RegionCloud,
-    slots: SymmetrySlots,
-    scene: SceneCloud,
-    least_trust: float,
-    config: SelectionConfig,
+    region: RegionCloud, symmetries: Sequence[Symmetry], scene: SceneCloud, config: SelectionConfig
 ) -> Array:
-    """Return (h, 3) points that symmetries trusted above `least_trust` put where none is seen."""
+    """Return (h, 3) points of `region` that `symmetries` put where nothing is seen."""
     images = [np.zeros((0, 3))]
-    for _, symmetry in slots.existing(max(least_trust, config.least_trust)):
+    for symmetry in symmetries:
         if isinstance(symmetry, RotationSymmetry):
             images += [symmetry.turn(region.points, angle) for angle in COMPLETING_TURNS]
         else:
@@ -70,3 +70,7 @@ def hidden_points(
     points = np.concatenate(images)
     points = points[voxel_downsample(points, config.scene_resolution)]
     return points[in_observed_frustum(points, scene, config)]
+
+
+def _trusted(slots: SymmetrySlots, bound: float, config: SelectionConfig) -> list[Symmetry]:
+    return slots.to_symmetries(max(bound, config.least_trust))

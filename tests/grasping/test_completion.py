@@ -46,16 +46,19 @@ def met(found, points):
     return inside.all(axis=-1).any(axis=1).sum(axis=1)
 
 
-def test_trusted_symmetries_fill_in_the_unseen_side():
+def planned(scene, region, slots, completion):
+    affordance = np.ones(len(region))
+    return plan_region(region, scene, slots, affordance, GRIPPER, CONFIG, None, completion)
+
+
+def test_symmetries_fill_in_the_unseen_side():
     scene, [region], [slots] = seen(TARGET)
-    hidden = hidden_points(region, slots, scene, CONFIG.min_completion, CONFIG)
+    hidden = hidden_points(region, slots.to_symmetries(), scene, CONFIG)
     local = transform_points(invert(POSE), hidden)
     side = local[(local[:, 2] > 0.005) & (local[:, 2] < 0.055)]
     np.testing.assert_allclose(np.linalg.norm(side[:, :2], axis=1), TARGET.radius, atol=0.002)
     assert (side[:, 1] > 0.02).any()  # the far side
-    doubted = replace(slots, existence=0.4 * slots.existence)
-    assert len(hidden_points(region, doubted, scene, CONFIG.min_completion, CONFIG)) == 0
-    assert len(hidden_points(region, doubted, scene, 0.3, CONFIG)) == len(hidden)
+    assert len(hidden_points(region, [], scene, CONFIG)) == 0
 
 
 def test_a_region_is_completed_by_its_own_symmetries_and_its_neighbours_by_theirs():
@@ -63,22 +66,18 @@ def test_a_region_is_completed_by_its_own_symmetries_and_its_neighbours_by_their
     slots = [replace(slots[0], existence=0.4 * slots[0].existence), slots[1]]
     first, second = completions(regions, scene, slots, CONFIG)
     assert len(first.own) == 0  # not trusted enough for its own hands
-    far = transform_points(invert(POSE), first.others) - np.array(BEFORE.at)
-    assert (np.linalg.norm(far[:, :2], axis=1) < BEFORE.radius + 0.002).all()
-    np.testing.assert_array_equal(second.own, first.others)
-    assert len(second.others) > 0  # enough for its neighbour's to keep off
+    for found, region, each in ((second.own, 1, slots[1]), (second.others, 0, slots[0])):
+        expected = hidden_points(regions[region], each.to_symmetries(0.3), scene, CONFIG)
+        assert len(expected) > 0  # the first's: enough for its neighbour's to keep off
+        np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(first.others, second.own)
 
 
 def test_hands_keep_off_the_unseen_side_of_a_neighbour():
     scene, regions, slots = seen(TARGET, BEFORE)
     both = completions(regions, scene, slots, CONFIG)[0]
     alone = Completion(both.own, np.zeros((0, 3)))
-    plans = [
-        plan_region(
-            regions[0], scene, slots[0], np.ones(len(regions[0])), GRIPPER, CONFIG, None, known
-        )
-        for known in (alone, both)
-    ]
+    plans = [planned(scene, regions[0], slots[0], known) for known in (alone, both)]
     hits = [met(plan, wall(BEFORE)) for plan in plans]
     assert hits[0].max() > 100  # what is seen does not tell
     assert len(plans[1]) > 0
@@ -91,18 +90,8 @@ def test_a_region_that_neighbours_would_leave_no_grasp_is_planned_without_them()
     rng = np.random.default_rng(0)
     up = rotate_vectors(POSE, [0.0, 0.0, 1.0])
     everywhere = regions[0].middle + 0.05 * up + rng.uniform(-0.1, 0.1, (20_000, 3))
-    affordance = np.ones(len(regions[0]))
     found, without = (
-        plan_region(
-            regions[0],
-            scene,
-            slots[0],
-            affordance,
-            GRIPPER,
-            CONFIG,
-            None,
-            Completion(own, others),
-        )
+        planned(scene, regions[0], slots[0], Completion(own, others))
         for others in (everywhere, np.zeros((0, 3)))
     )
     assert len(without) > 0

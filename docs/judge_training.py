@@ -1,7 +1,8 @@
 """How a `PointJudge` is trained on rows that were collected: what planes and hands share.
 
 Rows are arrays of as many rows as candidates: `points` (k, n, p), `wholes` (k, w), `evidence`
-(k, e) and `truth` (k,) 0 to 1, below 0 where it is not known.
+(k, e), `truth` (k,) 0 to 1, below 0 where it is not known, and in files `group` (k,): candidates
+of one group are those that one choice is made from.
 """
 
 import sys
@@ -36,6 +37,8 @@ class Training:
         jitter: of a point's place, in its own unit.
         rate: of learning, the highest.
         epochs: passes over the rows.
+        choice: weight of what choosing by the logits loses of a group's best; 0 to learn of
+            each candidate alone.
     """
 
     mirrored: tuple[int, ...]
@@ -43,6 +46,7 @@ class Training:
     jitter: float
     rate: float
     epochs: int = 12
+    choice: float = 0.0
 
     def varied(self, points: Tensor) -> Tensor:
         """Return some of the points, jittered, in either handedness."""
@@ -89,6 +93,7 @@ def write(path: Path, regions: Iterable[Rows]) -> int:
     """Write the rows of all `regions`; return how many there are."""
     parts = list(regions)
     rows = {name: np.concatenate([each[name] for each in parts]) for name in parts[0]}
+    rows["group"] = np.repeat(np.arange(len(parts)), [len(each["truth"]) for each in parts])
     rows["points"] = rows["points"].astype(np.float16)
     with atomic_path(path) as temporary, temporary.open("wb") as stream:
         np.savez(stream, **rows)
@@ -97,35 +102,63 @@ def write(path: Path, regions: Iterable[Rows]) -> int:
 
 def read(paths: Iterable[Path]) -> Rows:
     """Return the rows of all files whose truth is known."""
-    parts = []
+    parts, groups = [], 0
     for path in paths:
         with np.load(path, allow_pickle=False) as arrays:
-            rows = {name: arrays[name] for name in ("points", "wholes", "evidence", "truth")}
+            names = ("points", "wholes", "evidence", "truth", "group")
+            rows = {name: arrays[name] for name in names}
+        rows["group"] += groups
+        groups = rows["group"].max(initial=groups) + 1
         known = rows["truth"] >= 0
         parts.append({name: array[known] for name, array in rows.items()})
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
+def batches(group: np.ndarray, whole: bool, rng: np.random.Generator) -> list[np.ndarray]:
+    """Return the rows of each step of a pass: any, or `whole` groups until they are enough."""
+    if not whole:
+        order = rng.permutation(len(group))
+        starts = range(0, len(group) - BATCH + 1, BATCH)
+        return [np.sort(order[start : start + BATCH]) for start in starts]
+    order = np.argsort(group, kind="stable")
+    members = np.split(order, np.flatnonzero(np.diff(group[order])) + 1)
+    found, size = [[]], 0
+    for index in rng.permutation(len(members)):
+        if size >= BATCH:
+            found, size = [*found, []], 0
+        found[-1].append(members[index])
+        size += len(members[index])
+    return [np.concatenate(batch) for batch in found]
+
+
+def choice_loss(logits: Tensor, truth: Tensor, group: Tensor) -> Tensor:
+    """Return how far below its group's best `truth` (k,) a choice by odds of `logits` (k,) is."""
+    _, place, count = torch.unique(group, return_inverse=True, return_counts=True)
+
+    def by_group(values: Tensor, how: str) -> Tensor:
+        start = torch.zeros(len(count), dtype=values.dtype)
+        return start.scatter_reduce(0, place, values, how, include_self=False)
+
+    weight = torch.exp(logits - by_group(logits.detach(), "amax")[place])
+    expected = by_group(weight * truth, "sum") / by_group(weight, "sum")
+    return (by_group(truth, "amax") - expected).mean()
+
+
 def trained(rows: Rows, training: Training, seed: int) -> TrainedJudge:
     """Return the network after all passes over `rows`."""
     torch.manual_seed(seed)
-    rng, count = np.random.default_rng(seed), len(rows["truth"])
+    rng = np.random.default_rng(seed)
     evidence = torch.from_numpy(rows["evidence"])
     features, shared = rows["points"].shape[-1], rows["wholes"].shape[-1]
     spread = evidence.std(0).clamp(min=LEAST_SPREAD)
     judge = TrainedJudge(features, shared, evidence.mean(0), spread)
     optimizer = torch.optim.AdamW(judge.parameters(), training.rate, weight_decay=DECAY)
-    steps = training.epochs * (count // BATCH)
-    rate = torch.optim.lr_scheduler.OneCycleLR(optimizer, training.rate, steps)
-    for epoch in range(training.epochs):
-        order, losses = rng.permutation(count), []
-        for start in range(0, count - BATCH + 1, BATCH):
-            chosen = np.sort(order[start : start + BATCH])
-            points = torch.from_numpy(rows["points"][chosen].astype(np.float32))
-            wholes = torch.from_numpy(rows["wholes"][chosen])
-            truth = torch.from_numpy(rows["truth"][chosen]).float()
-            logits = judge(training.varied(points), wholes, evidence[chosen])
-            loss = functional.binary_cross_entropy_with_logits(logits, truth)
+    passes = [batches(rows["group"], training.choice > 0, rng) for _ in range(training.epochs)]
+    rate = torch.optim.lr_scheduler.OneCycleLR(optimizer, training.rate, sum(map(len, passes)))
+    for epoch, steps in enumerate(passes):
+        losses = []
+        for chosen in steps:
+            loss = step_loss(judge, rows, chosen, training)
             optimizer.zero_grad()
             loss.backward()
             optimizer.step()
@@ -133,6 +166,19 @@ def trained(rows: Rows, training: Training, seed: int) -> TrainedJudge:
             losses.append(float(loss.detach()))
         sys.stdout.write(f"epoch {epoch + 1}: loss {np.mean(losses):.4f}\n")
     return judge.eval()
+
+
+def step_loss(judge: TrainedJudge, rows: Rows, chosen: np.ndarray, training: Training) -> Tensor:
+    """Return the loss of the rows `chosen`."""
+    points = torch.from_numpy(rows["points"][chosen].astype(np.float32))
+    wholes, evidence = (torch.from_numpy(rows[name][chosen]) for name in ("wholes", "evidence"))
+    truth = torch.from_numpy(rows["truth"][chosen]).float()
+    logits = judge(training.varied(points), wholes, evidence)
+    loss = functional.binary_cross_entropy_with_logits(logits, truth)
+    if training.choice > 0:
+        group = torch.from_numpy(rows["group"][chosen])
+        loss = loss + training.choice * choice_loss(logits, truth, group)
+    return loss
 
 
 def fit(output: Path, model: str, held: Path, evidence: list[Path], training: Training) -> None:

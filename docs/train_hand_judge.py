@@ -22,18 +22,25 @@ from judge_training import Rows
 
 from pipelines.evaluation.truth import TruthReader
 from pipelines.formats import judge_file
-from pipelines.formats.graspnet import GraspNetRoot
+from pipelines.formats.graspnet import FrameFiles, GraspNetRoot
 from pipelines.formats.gripper_files import load_gripper
+from pipelines.geometry.transforms import invert
+from pipelines.grasping.completion import completions
+from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.grounding import ground_symmetries
 from pipelines.grasping.hand_views import HandViews
 from pipelines.grasping.region_grasping import plan_region
 from pipelines.inference import models
-from pipelines.metrics.grasp_verdicts import TrueScene, judge_grasp
+from pipelines.metrics.contacts import close_fingers
+from pipelines.metrics.force_closure import min_friction, quality
+from pipelines.metrics.grasp_verdicts import TrueScene, collides
 
 GRIPPER = load_gripper(INFER.gripper)
-ANY = 24  # hands of a region that are judged, of each round of the selection
+ANY = 64  # hands of a region that are judged, of each round of the selection
 # The point's and its normal's third coordinate: a hand is its own mirror image.
-TRAINING = judge_training.Training(mirrored=(2, 6), points_a_step=48, jitter=0.01, rate=3e-3)
+TRAINING = judge_training.Training(
+    mirrored=(2, 6), points_a_step=48, jitter=0.01, rate=3e-3, epochs=8, choice=1.0
+)
 
 
 @dataclass
@@ -49,43 +56,58 @@ class Recorder:
         return 0.5 * self.rng.random(len(views.found))
 
 
-def feasible_hands(region: SeenRegion, rng: np.random.Generator) -> list[HandViews]:
-    """Return the feasible hands of a region, symmetric and planar, as the judge would see them."""
-    selection, recorder = INFER.selection, Recorder(rng)
-    planes = models.plane_judge(models.PLANE_WEIGHTS)
-    slots = ground_symmetries(region.slots, region.cloud, region.scene, selection, planes)
-    seen = region.cloud, region.scene, slots, region.affordance
-    plan_region(*seen, GRIPPER, selection, recorder)
-    return recorder.asked
+def feasible_hands(
+    regions: list[SeenRegion], rng: np.random.Generator
+) -> Iterator[tuple[SeenRegion, HandViews]]:
+    """Yield the feasible hands of each region and round, as the judge would see them."""
+    selection, planes = INFER.selection, models.plane_judge(models.PLANE_WEIGHTS)
+    slots = [ground_symmetries(r.slots, r.cloud, r.scene, selection, planes) for r in regions]
+    clouds, scene = [region.cloud for region in regions], regions[0].scene
+    unseen = completions(clouds, scene, slots, selection)
+    for region, symmetries, completion in zip(regions, slots, unseen, strict=True):
+        recorder, seen = Recorder(rng), (region.cloud, scene, symmetries, region.affordance)
+        plan_region(*seen, GRIPPER, selection, recorder, completion)
+        for views in recorder.asked:
+            yield region, views
 
 
 def judged(views: HandViews, region: SeenRegion, truth: TrueScene, chosen: np.ndarray) -> Rows:
     """Return how the hands `chosen` look, and their quality among the true meshes."""
-    hands = views.found.grasps
-    verdicts = [judge_grasp(truth, region.object_id, hands[i : i + 1], GRIPPER) for i in chosen]
     evidence = views.hand_rows()[chosen]
     return {
         "points": views.point_rows()[chosen],
         "wholes": evidence[:, :0],
         "evidence": evidence,
-        "truth": np.array([verdict.quality for verdict in verdicts], np.float32),
-        "antipodal": np.array([verdict.antipodal for verdict in verdicts], np.float32),
+        "truth": qualities(views.found.grasps[chosen], region.object_id, truth),
     }
 
 
+def qualities(hands: Grasps, object_id: int, truth: TrueScene) -> np.ndarray:
+    """Return (k,) the quality of `hands` at one object, as `evaluate` would say."""
+    local = hands.transformed(invert(truth.poses[object_id]))
+    mesh = truth.objects[object_id].mesh
+    contacts = close_fingers(mesh, local, GRIPPER.opening(local.width))
+    return quality(min_friction(contacts), collides(truth, hands, GRIPPER)).astype(np.float32)
+
+
 def collected(root: Path, stride: int = 1, start: int = 0) -> Iterator[Rows]:
-    """Yield, for each region that lies on an object, how some of its hands look and turn out."""
+    """Yield, for each round of each region on an object, how some hands look and turn out."""
     rng = np.random.default_rng(start)
     reader = TruthReader(GraspNetRoot(root), EVALUATE)
     frames = [files for scene in reader.root.scenes() for files in scene.frames()]
     for files in frames[start::stride]:
-        truth = reader.read(files).scene
-        for region in seen_regions(reader, files):
-            if region.object_id < 0:
-                continue
-            for views in feasible_hands(region, rng):
-                chosen = rng.permutation(len(views.found))[:ANY]
-                yield judged(views, region, truth, np.sort(chosen))
+        yield from of_frame(reader, files, rng)
+
+
+def of_frame(reader: TruthReader, files: FrameFiles, rng: np.random.Generator) -> Iterator[Rows]:
+    """Yield the same of one frame."""
+    truth, regions = reader.read(files).scene, list(seen_regions(reader, files))
+    if not regions:
+        return
+    for region, views in feasible_hands(regions, rng):
+        if region.object_id >= 0:
+            chosen = np.sort(rng.permutation(len(views.found))[:ANY])
+            yield judged(views, region, truth, chosen)
 
 
 def main() -> None:

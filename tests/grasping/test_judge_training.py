@@ -1,0 +1,100 @@
+"""Judges are trained to choose: what a choice loses, whole groups in a step, files put together."""
+
+import importlib
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+@pytest.fixture(scope="module")
+def training():
+    sys.path.insert(0, str(DOCS))
+    try:
+        yield importlib.import_module("judge_training")
+    finally:
+        sys.path.remove(str(DOCS))
+
+
+def made_rows(groups=60, size=10, seed=0):
+    """Rows whose truth is told by one coordinate of their points, alike but for a group's shift."""
+    rng = np.random.default_rng(seed)
+    count = groups * size
+    points = rng.normal(size=(count, 8, 11)).astype(np.float32)
+    told = np.clip(0.5 + 0.5 * points[:, :, 0].mean(axis=1), 0, 1)
+    evidence = rng.normal(size=(count, 3)).astype(np.float32)
+    group = np.repeat(np.arange(groups), size)
+    return {
+        "points": points,
+        "wholes": evidence[:, :0],
+        "evidence": evidence,
+        "truth": told.astype(np.float32),
+        "group": group,
+    }
+
+
+def test_what_a_choice_loses_is_the_best_less_what_it_gives_in_the_mean_over_groups(training):
+    rng = np.random.default_rng(0)
+    group = rng.permutation(np.repeat([3, 7, 20], [5, 1, 9]))
+    logits, truth = rng.normal(scale=4.0, size=15), rng.random(15)
+    losses = []
+    for each in (3, 7, 20):
+        weight = np.exp(logits[group == each])
+        given = np.average(truth[group == each], weights=weight)
+        losses.append(truth[group == each].max() - given)
+    found = training.choice_loss(*map(torch.from_numpy, (logits, truth, group)))
+    assert float(found) == pytest.approx(np.mean(losses), abs=1e-9)
+
+
+def test_choosing_the_best_loses_nothing_and_large_logits_do_not_overflow(training):
+    truth = torch.tensor([0.2, 0.9, 0.1, 0.6, 0.5])
+    group = torch.tensor([0, 0, 0, 1, 1])
+    best = torch.tensor([0.0, 500.0, 0.0, 500.0, -500.0], requires_grad=True)
+    loss = training.choice_loss(best, truth, group)
+    loss.backward()
+    assert float(loss.detach()) == pytest.approx(0.0, abs=1e-6)
+    assert torch.isfinite(best.grad).all()
+
+
+def test_a_step_takes_whole_groups_and_a_pass_every_row_once(training):
+    group = np.random.default_rng(0).integers(0, 90, 1000)
+    steps = training.batches(group, True, np.random.default_rng(1))
+    assert sorted(np.concatenate(steps)) == list(range(1000))
+    assert len(steps) > 1
+    assert all(len(step) >= training.BATCH for step in steps[:-1])
+    of_step = [set(group[step]) for step in steps]
+    assert sum(map(len, of_step)) == len(set(group))
+
+
+def test_without_choices_a_step_takes_any_rows(training):
+    steps = training.batches(np.zeros(1000, int), False, np.random.default_rng(1))
+    assert [len(step) for step in steps] == [training.BATCH] * 3
+    assert len(set(np.concatenate(steps))) == 3 * training.BATCH
+
+
+def test_groups_of_several_files_stay_apart_and_unknown_truth_is_left_out(training, tmp_path):
+    parts = [
+        {k: v[:4] for k, v in made_rows(1, 4, seed).items() if k != "group"} for seed in (0, 1)
+    ]
+    parts[1]["truth"][0] = -1.0
+    for name in ("a.npz", "b.npz"):
+        assert training.write(tmp_path / name, parts) == 8
+    rows = training.read([tmp_path / "a.npz", tmp_path / "b.npz"])
+    assert rows["group"].tolist() == [0] * 4 + [1] * 3 + [2] * 4 + [3] * 3
+
+
+@pytest.mark.parametrize("choice", [0.0, 1.0])
+def test_what_was_learned_chooses_well_among_rows_never_seen(training, choice):
+    how = training.Training(
+        mirrored=(2, 6), points_a_step=6, jitter=0.01, rate=3e-3, epochs=20, choice=choice
+    )
+    judge, held = training.trained(made_rows(), how, 0), made_rows(seed=1)
+    with torch.no_grad():
+        said = judge(*(torch.from_numpy(held[k]) for k in ("points", "wholes", "evidence")))
+    truth, said = held["truth"].reshape(-1, 10), said.numpy().reshape(-1, 10)
+    chosen = truth[np.arange(len(truth)), said.argmax(axis=1)]
+    assert chosen.mean() > 0.5 * (truth.mean() + truth.max(axis=1).mean())

@@ -125,7 +125,8 @@ def batches(group: np.ndarray, whole: bool, rng: np.random.Generator) -> list[np
     found, size = [[]], 0
     for index in rng.permutation(len(members)):
         if size >= BATCH:
-            found, size = [*found, []], 0
+            found.append([])
+            size = 0
         found[-1].append(members[index])
         size += len(members[index])
     return [np.concatenate(batch) for batch in found]

@@ -1,4 +1,4 @@
-"""Train the judge of hands, `pipelines/weights/hand_judge.safetensors` (D. 82).
+"""Train the judge of hands, `pipelines/weights/hand_judge.safetensors` (D. 82, D. 86).
 
     python docs/train_hand_judge.py collect ROOT HANDS.npz [STRIDE [START]]
     python docs/train_hand_judge.py fit JUDGE.safetensors HELD.npz HANDS.npz ...
@@ -24,16 +24,12 @@ from pipelines.evaluation.truth import TruthReader
 from pipelines.formats import judge_file
 from pipelines.formats.graspnet import FrameFiles, GraspNetRoot
 from pipelines.formats.gripper_files import load_gripper
-from pipelines.geometry.transforms import invert
 from pipelines.grasping.completion import completions
-from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.grounding import ground_symmetries
 from pipelines.grasping.hand_views import HandViews
 from pipelines.grasping.region_grasping import plan_region
 from pipelines.inference import models
-from pipelines.metrics.contacts import close_fingers
-from pipelines.metrics.force_closure import min_friction, quality
-from pipelines.metrics.grasp_verdicts import TrueScene, collides
+from pipelines.metrics.grasp_verdicts import TrueScene, qualities
 
 GRIPPER = load_gripper(INFER.gripper)
 ANY = 64  # hands of a region that are judged, of each round of the selection
@@ -73,21 +69,13 @@ def feasible_hands(
 
 def judged(views: HandViews, region: SeenRegion, truth: TrueScene, chosen: np.ndarray) -> Rows:
     """Return how the hands `chosen` look, and their quality among the true meshes."""
-    evidence = views.hand_rows()[chosen]
+    evidence, hands = views.hand_rows()[chosen], views.found.grasps[chosen]
     return {
         "points": views.point_rows()[chosen],
         "wholes": evidence[:, :0],
         "evidence": evidence,
-        "truth": qualities(views.found.grasps[chosen], region.object_id, truth),
+        "truth": qualities(truth, region.object_id, hands, GRIPPER).astype(np.float32),
     }
-
-
-def qualities(hands: Grasps, object_id: int, truth: TrueScene) -> np.ndarray:
-    """Return (k,) the quality of `hands` at one object, as `evaluate` would say."""
-    local = hands.transformed(invert(truth.poses[object_id]))
-    mesh = truth.objects[object_id].mesh
-    contacts = close_fingers(mesh, local, GRIPPER.opening(local.width))
-    return quality(min_friction(contacts), collides(truth, hands, GRIPPER)).astype(np.float32)
 
 
 def collected(root: Path, stride: int = 1, start: int = 0) -> Iterator[Rows]:

@@ -11,7 +11,7 @@ from pipelines.geometry.transforms import invert, transform_points
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
 from pipelines.metrics.antipodal import closing_region_score, contact_pair_score
-from pipelines.metrics.contacts import close_fingers
+from pipelines.metrics.contacts import Contacts, close_fingers
 from pipelines.metrics.force_closure import MAX_FRICTION, min_friction, quality
 from pipelines.metrics.mesh_collision import MeshCollider, hits_table
 
@@ -68,21 +68,51 @@ def judge_grasp(scene: TrueScene, object_id: int, grasp: Grasps, gripper: Grippe
     """
     target = scene.objects[object_id]
     local = grasp.transformed(invert(scene.poses[object_id]))
-    contacts = close_fingers(target.mesh, local, gripper.opening(local.width))
-    friction = min_friction(contacts)
-    too_wide = float(grasp.width[0]) > gripper.max_width + WIDTH_SLACK
-    colliding = bool(collides(scene, grasp, gripper)[0])
-    failed = too_wide or colliding
+    outcome = _outcomes(scene, object_id, grasp, gripper)
+    friction, contacts = float(outcome.friction[0]), outcome.contacts
+    too_wide, colliding = bool(outcome.too_wide[0]), bool(outcome.colliding[0])
     region = closing_region_score(
         target.points, target.normals, local, gripper, _other_points(scene, object_id)
     )
     return Verdict(
         object_id,
-        _reason(too_wide, colliding, bool(contacts.found[0]), float(friction[0])),
-        float(quality(friction, failed)[0]),
-        float(friction[0]),
+        _reason(too_wide, colliding, bool(contacts.found[0]), friction),
+        float(outcome.quality[0]),
+        friction,
         float(contact_pair_score(contacts)[0]),
-        0.0 if failed else float(region[0]),
+        0.0 if too_wide or colliding else float(region[0]),
+    )
+
+
+def qualities(scene: TrueScene, object_id: int, grasps: Grasps, gripper: Gripper) -> Array:
+    """Return (n,) the quality of `judge_grasp` of n `grasps`, camera frame, all at once."""
+    return _outcomes(scene, object_id, grasps, gripper).quality
+
+
+@dataclass(frozen=True)
+class _Outcomes:
+    """What n grasps at one object come to, and what keeps them from it."""
+
+    contacts: Contacts
+    friction: Array  # (n,) the smallest that holds
+    too_wide: NDArray[np.bool_]
+    colliding: NDArray[np.bool_]
+
+    @property
+    def quality(self) -> Array:
+        """(n,) 0 to 1, 0 for grasps that are too wide or collide."""
+        return quality(self.friction, self.too_wide | self.colliding)
+
+
+def _outcomes(scene: TrueScene, object_id: int, grasps: Grasps, gripper: Gripper) -> _Outcomes:
+    local = grasps.transformed(invert(scene.poses[object_id]))
+    mesh = scene.objects[object_id].mesh
+    contacts = close_fingers(mesh, local, gripper.opening(local.width))
+    return _Outcomes(
+        contacts,
+        min_friction(contacts),
+        np.asarray(grasps.width > gripper.max_width + WIDTH_SLACK),
+        collides(scene, grasps, gripper),
     )
 
 

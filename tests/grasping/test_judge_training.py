@@ -21,7 +21,7 @@ def training():
 
 
 def made_rows(groups=60, size=10, seed=0):
-    """Rows whose truth is told by one coordinate of their points, alike but for a group's shift."""
+    """Groups of rows whose truth is told by one coordinate of their points."""
     rng = np.random.default_rng(seed)
     count = groups * size
     points = rng.normal(size=(count, 8, 11)).astype(np.float32)
@@ -85,6 +85,29 @@ def test_groups_of_several_files_stay_apart_and_unknown_truth_is_left_out(traini
         assert training.write(tmp_path / name, parts) == 8
     rows = training.read([tmp_path / "a.npz", tmp_path / "b.npz"])
     assert rows["group"].tolist() == [0] * 4 + [1] * 3 + [2] * 4 + [3] * 3
+
+
+def test_a_step_minds_each_candidate_and_the_choice_as_much_as_is_asked(training):
+    rows, chosen = made_rows(), np.arange(100)
+    columns = [torch.from_numpy(rows[name][chosen]) for name in ("points", "wholes", "evidence")]
+    mean, spread = columns[2].mean(0), columns[2].std(0)
+    judge = training.TrainedJudge(11, 0, mean, spread).eval()
+
+    def loss(choice):
+        how = training.Training(
+            mirrored=(2, 6), points_a_step=8, jitter=0.0, rate=1.0, choice=choice
+        )
+        torch.manual_seed(0)  # the same mirror images
+        return float(training.step_loss(judge, rows, chosen, how).detach())
+
+    torch.manual_seed(0)
+    how = training.Training(mirrored=(2, 6), points_a_step=8, jitter=0.0, rate=1.0)
+    with torch.no_grad():
+        logits = judge(how.varied(columns[0]), *columns[1:])
+    truth, group = (torch.from_numpy(rows[name][chosen]) for name in ("truth", "group"))
+    loses = float(training.choice_loss(logits, truth, group))
+    assert loses > 0.1
+    assert loss(2.0) - loss(0.0) == pytest.approx(2.0 * loses, abs=1e-5)
 
 
 @pytest.mark.parametrize("choice", [0.0, 1.0])

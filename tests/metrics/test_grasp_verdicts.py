@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pipelines.geometry.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, random_rotation
 from pipelines.grasping.grasps import Grasps
-from pipelines.metrics.grasp_verdicts import TrueObject, TrueScene, judge_grasp
+from pipelines.metrics.grasp_verdicts import TrueObject, TrueScene, judge_grasp, qualities
 from pipelines.metrics.mesh_collision import MeshCollider
 from tests.metrics.shapes import ball, box, gripper, surface
 
@@ -65,6 +65,20 @@ def test_a_grasp_of_air_has_no_contact():
     air = Grasps(DOWN, np.array([0.2, 0.0, 0.2]), np.array(0.04))
     verdict = judge_grasp(scene(FREE), 0, air, gripper())
     assert (verdict.reason, verdict.quality, verdict.min_friction) == ("no contact", 0.0, np.inf)
+
+
+def test_many_grasps_have_the_qualities_that_each_has_alone():
+    among = scene(
+        (0.0, 0.06, 0.08), make_pose(random_rotation(np.random.default_rng(3)), np.ones(3))
+    )
+    move = np.linalg.inv(among.T_table_cam)
+    heights, widths = (0.02, 0.03, 0.08, 0.08, 0.2), (0.04, 0.044, 0.04, 0.11, 0.04)
+    middles = np.array([(0.02 if z == 0.03 else 0.0, 0.0, z) for z in heights])
+    hands = Grasps(np.repeat(DOWN[None], 5, axis=0), middles, np.array(widths)).transformed(move)
+    found = qualities(among, 0, hands, gripper())
+    alone = [judge_grasp(among, 0, hands[i : i + 1], gripper()) for i in range(5)]
+    assert len({verdict.reason for verdict in alone}) > 2
+    np.testing.assert_array_equal(found, [verdict.quality for verdict in alone])
 
 
 def test_a_slanted_grasp_of_a_ball_fails_by_friction():

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.compiled import compiled
 from pipelines.geometry.organized import smooth_normals
 from pipelines.geometry.point_cells import first_of_each
 from pipelines.geometry.pointcloud import Plane
@@ -86,7 +87,7 @@ class SceneCloud:
     def coarse(self) -> Obstacles:
         """Every third pixel's point as an obstacle, without strays and what lies on the table."""
         some = (slice(COARSE // 2, None, COARSE),) * 2
-        points = np.stack([axis[some] for axis in self._axes], -1)
+        points = self.xyz[some]
         points = points[(self.depth[some] > 0) & (points[..., 2] < MAX_RANGE) & ~self.stray[some]]
         if self.plane is not None:
             points = points[self.plane.height(points) > NEVER_MET]
@@ -102,23 +103,12 @@ class SceneCloud:
         low, high = region.points.min(axis=0), region.points.max(axis=0)
         centre, radius = (low + high) / 2.0, float(np.linalg.norm(high - low)) / 2.0 + reach
         window = self._window(centre, radius)
-        # An axis at a time, each in one piece: a third of the time of rows of three.
-        away = [axis[window] - middle for axis, middle in zip(self._axes, centre, strict=True)]
-        near = np.square(away[0]) + np.square(away[1]) + np.square(away[2]) < radius**2
-        side = int(2 * radius / resolution) + 2
-        own = region.mask[window][near]
-        key = np.zeros(len(own), np.int64)
-        for axis in away:
-            key = key * side + ((axis[near] + radius) / resolution).astype(np.int64)
-        first, count = first_of_each(key * 2 + own)
-        points = np.stack([axis[window][near][first] for axis in self._axes], 1)
-        own = own[first]
-        return Surroundings(points, count, Obstacles(points[~own], count[~own]), centre, radius)
-
-    @cached_property
-    def _axes(self) -> list[Array]:
-        """Three times (H, W), the coordinates of `xyz`."""
-        return [np.ascontiguousarray(self.xyz[..., axis]) for axis in range(3)]
+        xyz, own = self.xyz[window], region.mask[window]
+        pixel, key = _in_ball(xyz, own, centre, radius, resolution)
+        first, count = first_of_each(key)
+        points, own = _at(xyz, own, pixel[first])
+        others = np.flatnonzero(~own)
+        return Surroundings(points, count, Obstacles(points[others], count[others]), centre, radius)
 
     def _window(self, centre: Array, radius: float) -> tuple[slice, slice]:
         """Return the rows and columns that a ball can be seen in."""
@@ -180,3 +170,39 @@ def _bounds(mask: Mask) -> tuple[slice, slice]:
     if not len(rows):
         return slice(0, 0), slice(0, 0)
     return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+
+
+@compiled
+def _in_ball(
+    xyz: Array, own: Mask, centre: Array, radius: float, cell: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return which pixels (n,) of `xyz` (h, w, 3) show points in a ball, and numbers (n,) of cells.
+
+    Cells are cubes of edge `cell`, each twice: for points of the region `own` (h, w) and others.
+    """
+    height, width = own.shape
+    pixel, key = np.empty(height * width, np.int64), np.empty(height * width, np.int64)
+    side, count = int(2 * radius / cell) + 2, 0
+    for row in range(height):
+        for column in range(width):
+            x = xyz[row, column, 0] - centre[0]
+            y = xyz[row, column, 1] - centre[1]
+            z = xyz[row, column, 2] - centre[2]
+            if x * x + y * y + z * z < radius * radius:  # never where nothing was measured
+                at = (int((x + radius) / cell) * side + int((y + radius) / cell)) * side
+                key[count] = 2 * (at + int((z + radius) / cell)) + own[row, column]
+                pixel[count] = row * width + column
+                count += 1
+    return pixel[:count].copy(), key[:count].copy()
+
+
+@compiled
+def _at(xyz: Array, own: Mask, pixel: NDArray[np.int64]) -> tuple[Array, Mask]:
+    """Return what `xyz` (h, w, 3) and `own` (h, w) are at each `pixel` (n,), row by row."""
+    points, mine = np.empty((len(pixel), 3)), np.empty(len(pixel), np.bool_)
+    for n in range(len(pixel)):
+        row, column = divmod(pixel[n], own.shape[1])
+        mine[n] = own[row, column]
+        for axis in range(3):
+            points[n, axis] = xyz[row, column, axis]
+    return points, mine

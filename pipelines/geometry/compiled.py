@@ -2,8 +2,9 @@
 
 A loop leaves off as soon as it knows, and keeps nothing in between. It is compiled once a machine
 and kept beside this package, or where the user's caches lie; what is kept knows of changes in its
-own file alone, so compiled functions call none of another file. Sums are taken in the order that
-is written, so all machines find the same.
+own file alone, so compiled functions call none of another file and read no constant of one. It is
+compiled for each kind of argument it meets: arrays come in C order. Sums are taken in the order
+that is written, so all machines find the same.
 """
 
 from collections.abc import Callable

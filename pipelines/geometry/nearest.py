@@ -1,4 +1,4 @@
-"""Nearest neighbours among few points: a product of matrices finds them faster than a tree does.
+"""Nearest neighbours among few points: comparing with all of them is faster than a tree.
 
 A tree is worth its while from a thousand points on; a region that is fitted has some hundred.
 """
@@ -6,25 +6,48 @@ A tree is worth its while from a thousand points on; a region that is fitted has
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.geometry.compiled import compiled
+
 Array = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Indices = NDArray[np.intp]
 
-CHUNK = 400  # queries of one product: its distances stay near the processor
 
-
-def nearest_of(points: Array, queries: Array) -> tuple[Array, NDArray[np.intp]]:
+def nearest_of(points: Array, queries: Array) -> tuple[Array, Indices]:
     """Return the distance (...) of `queries` (..., 3) to the nearest of `points` (n, 3), and which.
 
     Compared in single precision about the points' middle: of points that are equally near to a
     micrometre, either is returned.
     """
-    centre = points.mean(axis=0)
-    about = (points - centre).astype(np.float32)
-    asked = (queries - centre).reshape(-1, 3).astype(np.float32)
-    # |q - p|^2 without |q|^2, which is the same for all points p, as one product.
-    weights = np.vstack([-2.0 * about.T, np.square(about).sum(axis=1)])
-    rows = np.column_stack([asked, np.ones(len(asked), np.float32)])
-    nearest = np.empty(len(rows), np.intp)
-    for start in range(0, len(rows), CHUNK):
-        nearest[start : start + CHUNK] = (rows[start : start + CHUNK] @ weights).argmin(axis=1)
-    found: NDArray[np.intp] = nearest.reshape(queries.shape[:-1])
-    return np.linalg.norm(queries - points[found], axis=-1), found
+    about = np.ascontiguousarray((points - points.mean(axis=0)).T, np.float32)
+    asked = np.ascontiguousarray(queries).reshape(-1, 3)
+    away, nearest = _nearest(points, about, points.mean(axis=0), asked)
+    return away.reshape(queries.shape[:-1]), nearest.reshape(queries.shape[:-1])
+
+
+@compiled
+def _nearest(points: Array, about: Singles, middle: Array, queries: Array) -> tuple[Array, Indices]:
+    """Return (q,) distances and indices; `about`: (3, n) the points about their `middle` (3,)."""
+    away, nearest = np.empty(len(queries)), np.empty(len(queries), np.intp)
+    squared = np.empty(about.shape[1], np.float32)
+    # Floats that are not negative are ordered as the whole numbers with the same bits are, whose
+    # minimum is found many at a time.
+    bits = squared.view(np.int32)
+    for q in range(len(queries)):
+        x = np.float32(queries[q, 0] - middle[0])
+        y = np.float32(queries[q, 1] - middle[1])
+        z = np.float32(queries[q, 2] - middle[2])
+        for n in range(len(squared)):
+            u, v, w = about[0, n] - x, about[1, n] - y, about[2, n] - z
+            squared[n] = u * u + v * v + w * w
+        least = bits[0]
+        for n in range(len(bits)):
+            least = min(least, bits[n])
+        found = 0
+        while bits[found] != least:
+            found += 1
+        nearest[q], total = found, 0.0
+        for axis in range(3):
+            total += (queries[q, axis] - points[found, axis]) ** 2
+        away[q] = np.sqrt(total)
+    return away, nearest

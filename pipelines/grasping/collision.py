@@ -79,7 +79,7 @@ def _hands(grasps: Grasps, gripper: Gripper, obstacles: Obstacles) -> tuple[Sing
     finger, palm = boxes[:, 1], boxes[:, 2]
     bounds = [finger[:, 0, 0], finger[:, 1, 0], palm[:, 0, 0], palm[:, 1, 0], finger[:, 1, 2]]
     bounds += [palm[:, 1, 2], finger[:, 0, 1], finger[:, 1, 1], palm[:, 1, 1]]
-    return frames.astype(np.float32), np.stack(bounds, axis=1).astype(np.float32)
+    return frames.astype(np.float32, order="C"), np.stack(bounds, axis=1).astype(np.float32)
 
 
 def turned(grasps: Grasps, pair: Counts, angle: Array) -> Grasps:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pipelines.geometry.levelling import UNKNOWN_UP
 from pipelines.geometry.nearest import nearest_of
+from pipelines.geometry.quantiles import median
 from pipelines.geometry.symmetry import ReflectionSymmetry
 from pipelines.geometry.transforms import unit
 from pipelines.grasping.observation import SceneCloud
@@ -115,7 +116,7 @@ def _plane_axes(
     normal = np.array([plane.normal for plane in planes])
     at = np.array([plane.point for plane in planes])
     offset = np.einsum("ki,ki->k", normal, at)
-    seen = np.median(normal @ points.T, axis=1) - offset
+    seen = median(normal @ points.T) - offset
     normal = np.where(seen >= 0, 1.0, -1.0)[:, None] * normal
     up = top - (normal @ top)[:, None] * normal
     ray = unit(middle)

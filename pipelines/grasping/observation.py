@@ -12,6 +12,7 @@ from pipelines.geometry.compiled import compiled
 from pipelines.geometry.organized import smooth_normals
 from pipelines.geometry.point_cells import first_of_each
 from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.quantiles import median
 from pipelines.geometry.transforms import unit
 from pipelines.grasping.collision import Obstacles
 from pipelines.grasping.limits import Limits
@@ -102,24 +103,23 @@ class SceneCloud:
         """Return the points within `reach` metres of the region's ball, thinned to `resolution`."""
         low, high = region.points.min(axis=0), region.points.max(axis=0)
         centre, radius = (low + high) / 2.0, float(np.linalg.norm(high - low)) / 2.0 + reach
+        mask = np.ascontiguousarray(region.mask)
         window = self._window(centre, radius)
-        xyz, own = self.xyz[window], region.mask[window]
-        pixel, key = _in_ball(xyz, own, centre, radius, resolution)
+        pixel, key = _in_ball(self.xyz, mask, window, centre, radius, resolution)
         first, count = first_of_each(key)
-        points, own = _at(xyz, own, pixel[first])
+        points, own = _at(self.xyz, mask, pixel[first])
         others = np.flatnonzero(~own)
         return Surroundings(points, count, Obstacles(points[others], count[others]), centre, radius)
 
-    def _window(self, centre: Array, radius: float) -> tuple[slice, slice]:
-        """Return the rows and columns that a ball can be seen in."""
+    def _window(self, centre: Array, radius: float) -> tuple[int, int, int, int]:
+        """Return the rows and columns, each first and behind the last, a ball can be seen in."""
         nearest = max(centre[2] - radius, 0.05)
         u, v = self.intrinsics.project(centre)
         reach_u = self.intrinsics.fx * radius / nearest
         reach_v = self.intrinsics.fy * radius / nearest
-        return (
-            slice(max(0, int(v - reach_v)), max(0, int(v + reach_v) + 1)),
-            slice(max(0, int(u - reach_u)), max(0, int(u + reach_u) + 1)),
-        )
+        rows = max(0, int(v - reach_v)), min(max(0, int(v + reach_v) + 1), self.depth.shape[0])
+        columns = max(0, int(u - reach_u)), min(max(0, int(u + reach_u) + 1), self.depth.shape[1])
+        return *rows, *columns
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ class RegionCloud:
     @cached_property
     def middle(self) -> Array:
         """(3,) the median of the points."""
-        return np.asarray(np.median(self.points, axis=0))
+        return median(self.points.T)
 
     @property
     def view_ray(self) -> Array:
@@ -174,24 +174,30 @@ def _bounds(mask: Mask) -> tuple[slice, slice]:
 
 @compiled
 def _in_ball(
-    xyz: Array, own: Mask, centre: Array, radius: float, cell: float
+    xyz: Array,
+    own: Mask,
+    window: tuple[int, int, int, int],
+    centre: Array,
+    radius: float,
+    cell: float,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return which pixels (n,) of `xyz` (h, w, 3) show points in a ball, and numbers (n,) of cells.
 
     Cells are cubes of edge `cell`, each twice: for points of the region `own` (h, w) and others.
     """
-    height, width = own.shape
-    pixel, key = np.empty(height * width, np.int64), np.empty(height * width, np.int64)
+    top, bottom, left, right = window
+    room = max(0, bottom - top) * max(0, right - left)
+    pixel, key = np.empty(room, np.int64), np.empty(room, np.int64)
     side, count = int(2 * radius / cell) + 2, 0
-    for row in range(height):
-        for column in range(width):
+    for row in range(top, bottom):
+        for column in range(left, right):
             x = xyz[row, column, 0] - centre[0]
             y = xyz[row, column, 1] - centre[1]
             z = xyz[row, column, 2] - centre[2]
             if x * x + y * y + z * z < radius * radius:  # never where nothing was measured
                 at = (int((x + radius) / cell) * side + int((y + radius) / cell)) * side
                 key[count] = 2 * (at + int((z + radius) / cell)) + own[row, column]
-                pixel[count] = row * width + column
+                pixel[count] = row * own.shape[1] + column
                 count += 1
     return pixel[:count].copy(), key[:count].copy()
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.quantiles import median, quantiles
 from pipelines.geometry.symmetry import (
     REFLECTION_SLOTS,
     ReflectionSymmetry,
@@ -22,8 +23,8 @@ from pipelines.geometry.transforms import basis_from_direction, unit
 
 Array = NDArray[np.float64]
 
-END_PERCENTILES = (1.5, 98.5)  # of the points along a direction, against flying pixels
-TOP_PERCENTILE = 97.0  # of a region's heights, likewise
+ENDS = (0.015, 0.985)  # of the points along a direction, against flying pixels
+TOP = 0.97  # of a region's heights, likewise
 FACE_TRIALS = 40  # normals tried as the one of the largest face
 FACE_ANGLE = np.radians(20.0)  # normals closer than this are one face's
 SIDE_ANGLE = np.radians(30.0)  # normals nearer than this to the largest face's are no side's
@@ -68,20 +69,19 @@ def candidate_planes(
 
 def half_between_ends(points: Array, directions: Array) -> Array:
     """Return (k,) the offsets along `directions` (k, 3) halfway between the ends of `points`."""
-    ends = np.percentile(directions @ points.T, END_PERCENTILES, axis=1)
-    return np.asarray(ends.mean(axis=0))
+    return np.asarray(quantiles(directions @ points.T, ENDS).mean(axis=1))
 
 
 def halfway_up(points: Array, table: Plane) -> Array:
     """Return a point (3,) halfway between the table and the top of `points` (n, 3)."""
-    foot = np.median(points, axis=0)
+    foot = median(points.T)
     rise = region_top(points, table) / 2.0 - float(table.height(foot))
     return np.asarray(foot + rise * table.normal)
 
 
 def region_top(points: Array, table: Plane) -> float:
     """Return the height in metres of the top of `points` (n, 3) above `table`."""
-    return float(np.percentile(table.height(points), TOP_PERCENTILE))
+    return float(quantiles(table.height(points), TOP))
 
 
 def face_directions(points: Array, normals: Array) -> list[Array]:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import SelectionConfig
+from pipelines.geometry.quantiles import quantiles
 from pipelines.geometry.symmetry import (
     REFLECTION_SLOTS,
     ReflectionSymmetry,
@@ -22,7 +23,7 @@ from pipelines.grasping.decoding import in_observed_frustum
 from pipelines.grasping.mirror_views import MirrorImages, plane_rows, point_rows
 from pipelines.grasping.observation import SceneCloud
 from pipelines.grasping.plane_candidates import (
-    END_PERCENTILES,
+    ENDS,
     candidate_planes,
     distinct,
     region_top,
@@ -133,7 +134,7 @@ def plane_features(
     images = mirrored.images
     free = in_observed_frustum(images.reshape(-1, 3), scene, config).reshape(images.shape[:2])
     on_surface, beside = _meetings(mirrored, normal)
-    low, high = np.percentile(side, END_PERCENTILES, axis=0)
+    low, high = quantiles(side.T, ENDS).T
     off_middle = np.minimum(np.abs(low + high) / np.maximum(high - low, 1e-3), 1.0)
     facing = (np.abs(region.normals @ normal.T) > FACING).mean(axis=0)
     tilt, off_halfway = _against_table(planes, normal, region)

@@ -16,6 +16,7 @@ Rows = NDArray[np.float32]
 Layer = tuple[Rows, Rows]  # weight (out, in), bias (out,)
 
 POINT_LAYERS, LAST_LAYERS = 3, 3
+CHUNK = 16  # candidates at a time: what the layers make of their points stays near the processor
 
 
 @dataclass(frozen=True)
@@ -48,17 +49,28 @@ class PointJudge:
         evidence: Rows,  # (k, e)
     ) -> Rows:
         """Return the network's logits (k,)."""
-        # The first layer's product is a sum: what a whole candidate shares is multiplied once.
-        weight, bias = self.point_layers[0]
-        split = points.shape[-1]
-        hidden = points @ weight[:, :split].T + (wholes @ weight[:, split:].T + bias)[:, None]
-        for weight, bias in self.point_layers[1:]:
-            hidden = np.maximum(hidden, 0.0) @ weight.T + bias
+        parts = [slice(start, start + CHUNK) for start in range(0, max(1, len(points)), CHUNK)]
+        pooled = [self._pooled(points[part], wholes[part]) for part in parts]
         known = (evidence - self.mean) / self.spread
-        joined = np.concatenate([hidden.max(axis=1), hidden.mean(axis=1), known, wholes], axis=1)
+        joined = np.concatenate([np.concatenate(pooled), known, wholes], axis=1)
         for index, (weight, bias) in enumerate(self.last_layers):
             joined = (np.maximum(joined, 0.0) if index else joined) @ weight.T + bias
         return np.asarray(joined[:, 0], np.float32)
+
+    def _pooled(self, points: Rows, wholes: Rows) -> Rows:
+        """Return (k, 2 c) the largest and the mean of what the first layers make of each point."""
+        # The first layer's product is a sum: what a whole candidate shares is multiplied once.
+        weight, bias = self.point_layers[0]
+        split = points.shape[-1]
+        hidden = points.reshape(-1, split) @ weight[:, :split].T
+        each = hidden.reshape(*points.shape[:2], len(weight))
+        each += (wholes @ weight[:, split:].T + bias)[:, None]
+        for weight, bias in self.point_layers[1:]:
+            np.maximum(hidden, 0.0, out=hidden)
+            hidden = hidden @ weight.T
+            hidden += bias
+        each = hidden.reshape(*points.shape[:2], len(weight))
+        return np.concatenate([each.max(axis=1), each.mean(axis=1)], axis=1)
 
     def trust(
         self,

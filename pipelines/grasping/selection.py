@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import SelectionConfig
+from pipelines.geometry.quantiles import quantiles
 from pipelines.geometry.transforms import unit
 from pipelines.grasping.candidates import Candidates, RankedGrasps
 from pipelines.grasping.collision import Obstacles, clearance, lowest_height, meets, turned
@@ -25,6 +26,7 @@ Mask = NDArray[np.bool_]
 MAX_ROUNDS = 4  # of `max_pairs` pairs each, before a region counts as out of reach
 BATCH = 16  # pairs that are tried at a time
 ROUNDING = 1e-6  # metres
+MOST = 0.9  # of the region lies within the radius that a grasp is off its middle by
 OFF_CENTRE = 0.5  # steadiness lost by a grasp at the region's rim
 
 
@@ -169,7 +171,7 @@ def _reachable(hands: Grasps, scene: SceneCloud, gripper: Gripper, config: Selec
 def _centredness(grasps: Grasps, region: RegionCloud) -> Array:
     """Return (n,) 1 for grasps about the region's middle, less toward its rim."""
     centre = region.middle
-    radius = np.percentile(np.linalg.norm(region.points - centre, axis=1), 90)
+    radius = quantiles(np.linalg.norm(region.points - centre, axis=1), MOST)
     off = np.linalg.norm(grasps.translation - centre, axis=1) / max(float(radius), 1e-3)
     return np.asarray(1.0 - OFF_CENTRE * np.minimum(off, 1.0))
 

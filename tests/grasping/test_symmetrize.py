@@ -221,7 +221,7 @@ def test_a_group_has_every_product_and_no_transform_twice(seed, name):
 
 def nearest_copies(grasps, group):
     """The least distance of contact pairs among all copies, fingers in either order."""
-    pairs = [grasps.contacts, *(grasps.transformed(T).contacts for T in group)]
+    pairs = [grasps.contacts, *(transform_points(T, grasps.contacts) for T in group)]
     both = [np.concatenate(pairs)[:, order].reshape(-1, 6) for order in ([0, 1], [1, 0])]
     gaps = np.minimum(cdist(both[0], both[0]), cdist(both[0], both[1]))
     return gaps[np.triu_indices(len(gaps), 1)].min()

@@ -9,6 +9,7 @@ Activations are normalised after pooling, where they are sixteen times fewer.
 import torch
 from torch import Tensor, nn
 
+from pipelines.network import grouping
 from pipelines.network.cloudwise import CloudLinear
 from pipelines.network.pooling import max_over_group
 from pipelines.network.sampling import (
@@ -64,10 +65,22 @@ class SetAbstraction(nn.Module):
         centers = gather(points, farthest_points(points, self.num_points))
         points, features = points[:, :: self.stride], features[:, :: self.stride]
         neighbors = nearest_neighbors(centers, points, self.num_neighbors)
-        projected = gather(self.position(points) + self.content(features), neighbors)
+        projected = self.position(points) + self.content(features)
+        pooled = self._pooled(projected, self.position(-centers), neighbors)
+        return centers, torch.relu(self.point(pooled))
+
+    def _pooled(
+        self,
+        projected: Tensor,  # (B, N, dims[0])
+        offset: Tensor,  # (B, M, dims[0])
+        neighbors: Tensor,  # (B, M, K)
+    ) -> Tensor:
+        """Return the groups' features (B, M, dims[1])."""
+        if grouping.applies_to(projected):
+            return grouping.pooled_groups(projected, offset, neighbors, self.group.weight)
         # In place on the sum, which is no view: of a view, autograd would keep and copy the whole.
-        hidden = torch.relu_(projected + self.position(-centers)[:, :, None])
-        return centers, torch.relu(self.point(max_over_group(self.group(hidden))))
+        hidden = torch.relu_(gather(projected, neighbors) + offset[:, :, None])
+        return max_over_group(self.group(hidden))
 
 
 class FeaturePropagation(nn.Module):

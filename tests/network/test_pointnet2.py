@@ -2,6 +2,7 @@
 
 import torch
 
+from pipelines.network import grouping
 from pipelines.network.pointnet2 import FeaturePropagation, SetAbstraction
 from pipelines.network.pooling import max_over_group
 from pipelines.network.sampling import farthest_points, gather, nearest_neighbors, three_nearest
@@ -38,3 +39,19 @@ def test_the_gradient_of_the_group_maximum_is_that_of_finite_differences():
     torch.manual_seed(0)
     values = torch.randn(2, 3, 4, 5, dtype=torch.float64, requires_grad=True)
     assert torch.autograd.gradcheck(max_over_group, (values,))
+
+
+def test_groups_pooled_cloud_by_cloud_are_those_of_the_layers_to_the_last_bit():
+    torch.manual_seed(1)
+    layer = SetAbstraction(5, (32, 64, 64), 40, 16, stride=3).eval()
+    points, features = torch.randn(3, 150, 3), torch.randn(3, 150, 5)
+    projected, offset = torch.randn(3, 50, 32), torch.randn(3, 40, 32)
+    neighbors = torch.randint(0, 50, (3, 40, 16))
+    with torch.inference_mode():
+        assert grouping.applies_to(projected)
+        fast = grouping.pooled_groups(projected, offset, neighbors, layer.group.weight)
+        hidden = torch.relu(gather(projected, neighbors) + offset[:, :, None])
+        assert torch.equal(fast, max_over_group(layer.group(hidden)))
+        told = layer(points, features)[1]
+    assert not grouping.applies_to(projected)  # with gradients, the layers themselves
+    torch.testing.assert_close(told, layer(points, features)[1])

@@ -6,8 +6,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipelines.errors import ValueRangeError
+from pipelines.geometry.compiled import compiled
 
 Array = NDArray[np.float64]
+Lens = tuple[float, float, float, float]  # fx, fy, cx, cy
 
 
 @dataclass(frozen=True)
@@ -54,15 +56,9 @@ class Intrinsics:
 
         And which of them (n,) fall into the image; the pixel of a point behind the camera is -1.
         """
-        # An axis at a time, each in one piece: half the time of rows of three.
-        x, y, z = np.ascontiguousarray(points.T, np.float64)
-        before = z > 0
-        away = np.where(before, z, 1.0)
-        u = np.where(before, np.round(self.fx * x / away + self.cx), -1.0)
-        v = np.where(before, np.round(self.fy * y / away + self.cy), -1.0)
-        inside = (u >= 0) & (u < self.width) & (v >= 0) & (v < self.height)
-        pixels = np.stack([u, v]).astype(np.int64).T
-        return pixels, inside
+        lens = (float(self.fx), float(self.fy), float(self.cx), float(self.cy))
+        rows = np.ascontiguousarray(points, np.float64)
+        return _pixels(rows, lens, int(self.width), int(self.height))
 
     def rays(self) -> Array:
         """Return (H, W, 3) points on each pixel's ray at depth 1, camera frame."""
@@ -95,3 +91,19 @@ class Intrinsics:
             width=width,
             height=height,
         )
+
+
+@compiled
+def _pixels(
+    points: Array, lens: Lens, width: int, height: int
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    fx, fy, cx, cy = lens
+    pixels, inside = np.empty((len(points), 2), np.int64), np.empty(len(points), np.bool_)
+    for n in range(len(points)):
+        z = points[n, 2]
+        away = z if z > 0 else 1.0
+        u = np.rint(fx * points[n, 0] / away + cx) if z > 0 else -1.0
+        v = np.rint(fy * points[n, 1] / away + cy) if z > 0 else -1.0
+        inside[n] = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+        pixels[n, 0], pixels[n, 1] = int(u), int(v)
+    return pixels, inside

@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 
 from pipelines.configs import RegionConfig
 from pipelines.geometry.camera import Intrinsics
-from pipelines.geometry.organized import normals_at
+from pipelines.geometry.compiled import compiled
+from pipelines.geometry.organized import image_normals
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.tabletop import find_tabletop
 
+Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
 CHANNELS = ("normal_x", "normal_y", "upright", "height", "step", "missing")
@@ -88,19 +90,12 @@ def depth_channels(depth: Image, intrinsics: Intrinsics, plane: Plane) -> Image:
         return channels
     smooth = np.asarray(cv2.medianBlur(depth.astype(np.float32), 3), np.float32)
     filled = fill_missing(np.where(missing, np.float32(0.0), smooth))
-    xyz = intrinsics.backproject(filled)
-    found = normals_at(xyz, np.ones_like(missing), NORMAL_RADIUS)
-    across, down, inward = (np.nan_to_num(axis).reshape(depth.shape) for axis in found)
-    height = np.clip(plane.height(xyz) / HEIGHT_UNIT, -LIMIT, LIMIT)
-    # Stretched near the table, where thin things must stand out from it.
-    height = np.copysign(np.sqrt(np.abs(height)), height)
-    blurred = cv2.blur(filled, (5, 5))
-    step = np.clip((filled - blurred) / STEP_UNIT, -LIMIT, LIMIT)
-    upright = plane.normal[0] * across + plane.normal[1] * down + plane.normal[2] * inward
-    channels = np.empty((len(CHANNELS), *depth.shape), np.float32)
-    for channel, values in enumerate((across, down, upright, height, step, missing)):
-        channels[channel] = values
-    return channels
+    x: Array = (np.arange(intrinsics.width, dtype=np.float64) - intrinsics.cx) / intrinsics.fx
+    y: Array = (np.arange(intrinsics.height, dtype=np.float64) - intrinsics.cy) / intrinsics.fy
+    normals = image_normals(filled, x, y, NORMAL_RADIUS)
+    blurred = np.asarray(cv2.blur(filled, (5, 5)), np.float32)
+    place = (*plane.normal.tolist(), float(plane.offset))
+    return _channels(filled, blurred, missing, normals, (x, y), place)
 
 
 def fill_missing(depth: Image) -> Image:
@@ -111,6 +106,52 @@ def fill_missing(depth: Image) -> Image:
     _, label = cv2.distanceTransformWithLabels(
         missing.astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
     )
-    value = np.zeros(label.max() + 1, np.float32)
-    value[label[~missing]] = depth[~missing]
-    return np.asarray(value[label])
+    return _nearest(depth, np.asarray(label, np.int32))
+
+
+@compiled
+def _nearest(depth: Image, label: NDArray[np.int32]) -> Image:
+    """Return (h, w) the one depth over 0 among the pixels with the same `label` (h, w)."""
+    value = np.zeros(depth.size + 1, np.float32)
+    filled = np.empty_like(depth)
+    for row in range(depth.shape[0]):
+        for column in range(depth.shape[1]):
+            if depth[row, column] > 0:
+                value[label[row, column]] = depth[row, column]
+    for row in range(depth.shape[0]):
+        for column in range(depth.shape[1]):
+            filled[row, column] = value[label[row, column]]
+    return filled
+
+
+@compiled
+def _channels(
+    depth: Image,
+    blurred: Image,
+    missing: NDArray[np.bool_],
+    normals: Array,
+    rays: tuple[Array, Array],
+    plane: tuple[float, float, float, float],
+) -> Image:
+    """Return (6, h, w) the channels of what is known of each pixel.
+
+    `rays`: (w,), (h,) where columns and rows lie at depth 1. `plane`: normal and offset.
+    """
+    height, width = depth.shape
+    channels = np.zeros((6, height, width), np.float32)
+    for row in range(height):
+        for column in range(width):
+            z = np.float64(depth[row, column])
+            nx, ny, nz = normals[row, column, 0], normals[row, column, 1], normals[row, column, 2]
+            if not np.isnan(nx):
+                channels[0, row, column] = nx
+                channels[1, row, column] = ny
+                channels[2, row, column] = plane[0] * nx + plane[1] * ny + plane[2] * nz
+            ray = plane[0] * rays[0][column] + plane[1] * rays[1][row] + plane[2]
+            above = min(max((ray * z + plane[3]) / HEIGHT_UNIT, -LIMIT), LIMIT)
+            # Stretched near the table, where thin things must stand out from it.
+            channels[3, row, column] = np.copysign(np.sqrt(abs(above)), above)
+            step = (depth[row, column] - blurred[row, column]) / np.float32(STEP_UNIT)
+            channels[4, row, column] = min(max(step, np.float32(-LIMIT)), np.float32(LIMIT))
+            channels[5, row, column] = np.float32(missing[row, column])
+    return channels

@@ -9,20 +9,19 @@ from dataclasses import replace
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import find_objects
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from pipelines.configs import RegionConfig
-from pipelines.geometry.organized import normals_at
+from pipelines.geometry.compiled import compiled
+from pipelines.geometry.organized import smooth_normals
+from pipelines.geometry.quantiles import quantiles
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Labels = NDArray[np.int32]
-Pixels = NDArray[np.int64]
+Indices = NDArray[np.int64]
 Image = NDArray[np.float32]
-Window = tuple[slice, slice]
+Axes = tuple[Image, Image, Image]
 
 USUAL_FOCAL = 525.0  # pixels; a coarser image is smoothed over fewer
 GAP = 4  # pixels without depth that a surface is followed across
@@ -46,13 +45,13 @@ def segment(
     Returns:
         The pieces (H, W), and (H, W) what hangs together without a step in depth.
     """
-    rows, columns = np.nonzero(foreground)
-    if not len(rows):
-        return np.zeros(foreground.shape, np.int32), np.zeros(foreground.shape, np.int32)
-    window = slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1)
     pieces, whole = np.zeros((2, *foreground.shape), np.int32)
+    rows, columns = (np.flatnonzero(foreground.any(axis=axis)) for axis in (1, 0))
+    if not len(rows):
+        return pieces, whole
+    window = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
     pieces[window], whole[window] = _segment(
-        xyz[window], foreground[window], clear[window], focal, config
+        np.ascontiguousarray(xyz[window]), foreground[window], clear[window], focal, config
     )
     return pieces, whole
 
@@ -86,24 +85,18 @@ def _cut(xyz: Array, mask: Mask, whole: Labels, fold: Image, config: RegionConfi
 
 def _too_large(xyz: Array, labels: Labels, config: RegionConfig) -> Mask:
     """Return (labels + 1,) which pieces are longer than an object; 0, which is none, is not."""
-    large = np.bincount(labels.ravel()) >= config.min_pixels
+    size, diagonal = _sizes(np.ascontiguousarray(xyz), labels, int(labels.max(initial=0)))
+    # The diagonal is quicker than the extent, and never less.
+    large = (size >= config.min_pixels) & (diagonal > config.max_extent)
     large[0] = False
-    boxes = find_objects(labels)
     for label in np.flatnonzero(large):
-        box = boxes[label - 1]
-        inside = labels[box] == label
-        points = np.stack([xyz[box][..., axis][inside] for axis in range(3)])
-        # Quicker than the extent, which is never more.
-        large[label] = (
-            np.linalg.norm(np.ptp(points, axis=1)) > config.max_extent
-            and extent(points.T) > config.max_extent
-        )
-    return large
+        large[label] = extent(xyz[labels == label]) > config.max_extent
+    return np.asarray(large)
 
 
 def extent(points: Array) -> float:
     """Return the diagonal in metres of the box around `points` (n, 3), outliers left out."""
-    low, high = np.percentile(points, [2, 98], axis=0)
+    low, high = quantiles(points.T, (0.02, 0.98)).T
     return float(np.linalg.norm(high - low))
 
 
@@ -115,116 +108,21 @@ def inward_fold(xyz: Array, mask: Mask, focal: float, config: RegionConfig) -> I
     """
     radius = max(2, round(config.normal_radius * min(1.0, focal / USUAL_FOCAL)))
     reach = radius + 1
-    known = mask & np.isfinite(xyz[..., 2])
-    points = _padded([xyz[..., axis][known] for axis in range(3)], known, reach)
-    normals = _padded(normals_at(xyz, known, radius), known, reach)
-    longest = config.crease_reach / focal * xyz[..., 2].astype(np.float32)
-    deepest = np.zeros(mask.shape, np.float32)
-    for down, right in ((0, reach), (reach, 0), (reach, reach), (reach, -reach)):
-        here, there = _ends_about(mask.shape, reach, down, right)
-        line = _differences(points, here, there)
-        fold = _dot(_differences(normals, here, there), line)
-        length = np.sqrt(_dot(line, line))
-        with np.errstate(invalid="ignore", divide="ignore"):
-            fold /= length
-            fold[~(length < np.float32(np.hypot(down, right)) * longest)] = 0.0
-        np.fmin(deepest, fold, out=deepest)  # nan where a normal is missing
-    return np.where(mask, deepest, np.float32(0.0))
-
-
-def _padded(values: list[Array], known: Mask, margin: int) -> list[Image]:
-    """Return images of `values` (n,) at `known` (H, W), nan elsewhere and in a margin about it."""
-    images = []
-    for axis in values:
-        image = np.full(np.add(known.shape, 2 * margin), np.nan, np.float32)
-        image[margin:-margin, margin:-margin][known] = axis
-        images.append(image)
-    return images
-
-
-def _differences(images: list[Image], here: Window, there: Window) -> list[Image]:
-    return [image[there] - image[here] for image in images]
-
-
-def _dot(first: list[Image], second: list[Image]) -> Image:
-    # An axis at a time, each in one piece: half the time of rows of three.
-    total = first[0] * second[0]
-    for one, other in zip(first[1:], second[1:], strict=True):
-        total += one * other
-    return total
-
-
-def _ends_about(
-    shape: tuple[int, ...], margin: int, down: int, right: int
-) -> tuple[Window, Window]:
-    """Return the slices of an image padded by `margin` that lie so far before and after it."""
-
-    def moved(rows: int, columns: int) -> Window:
-        first, second = margin + rows, margin + columns
-        return slice(first, first + shape[0]), slice(second, second + shape[1])
-
-    return moved(-down, -right), moved(down, right)
+    steps = np.array([(0, reach), (reach, 0), (reach, reach), (reach, -reach)])
+    # The longest chords of a pixel at one metre.
+    longest = np.hypot(*steps.T).astype(np.float32) * np.float32(config.crease_reach / focal)
+    xyz, mask = np.ascontiguousarray(xyz), np.ascontiguousarray(mask)
+    return _folds(xyz, smooth_normals(xyz, mask, radius), mask, steps, longest)
 
 
 def connected(xyz: Array, mask: Mask, config: RegionConfig) -> Labels:
-    """Label the pieces of `mask` (H, W), all measured, whose depth has no step; 0 elsewhere."""
-    z = xyz[..., 2].astype(np.float32)
-    # Pixels at even places, what joins two neighbours between them: labelled as a picture.
-    fine = np.zeros((2 * mask.shape[0] - 1, 2 * mask.shape[1] - 1), np.uint8)
-    fine[::2, ::2] = mask
-    for axis, between in ((0, fine[1::2, ::2]), (1, fine[::2, 1::2])):
-        near, far = _ends(axis)
-        between[:] = mask[near] & mask[far] & _are_level(z[near], z[far], 1, config)
-    # What is usual for four neighbours takes twice as long.
-    count, labelled = cv2.connectedComponentsWithAlgorithm(fine, 4, cv2.CV_32S, cv2.CCL_SAUF)
-    labels = np.asarray(labelled[::2, ::2], np.int32)
-    before, after, span = np.concatenate([_at_gaps(mask, ~(z > 0), axis) for axis in (0, 1)], 1)
-    level = _are_level(z.take(before), z.take(after), span, config)
-    ends = labels.take(before[level]), labels.take(after[level])
-    graph = coo_matrix((np.ones(len(ends[0]), bool), ends), (count, count))
-    merged = connected_components(graph, directed=False)[1].astype(np.int32)
-    return np.asarray(merged.take(labels))  # 0, which is in no pair, stays the first
+    """Label the pieces of `mask` (H, W), all measured, whose depth has no step; 0 elsewhere.
 
-
-def _are_level(
-    near: NDArray[np.float32],
-    far: NDArray[np.float32],
-    span: int | Pixels,
-    config: RegionConfig,
-) -> Mask:
-    """Return where depths that lie `span` pixels apart show no step."""
-    step = config.depth_step * (1.0 + 0.25 * np.asarray(span, np.float32))
-    return np.asarray(np.abs(near - far) < step * np.maximum(near, np.float32(0.5)))
-
-
-def _at_gaps(mask: Mask, missing: Mask, axis: int) -> Pixels:
-    """Return pixels of `mask` before and after gaps along `axis`, and how far apart: (3, n).
-
-    Gaps are no wider than `GAP`. Pixels are counted row by row.
-    `missing`: (H, W) where nothing was measured.
+    A surface is followed along rows and columns, and across gaps without depth no wider than
+    `GAP`. Pieces are numbered as they are met row by row.
     """
-    near, far = _ends(axis)
-    open_ended = np.zeros(mask.shape, bool)
-    open_ended[near] = mask[near] & missing[far]
-    start = np.flatnonzero(open_ended)
-    width = mask.shape[1]
-    room = mask.shape[axis] - 1 - (start // width if axis == 0 else start % width)
-    along = width if axis == 0 else 1
-    pairs = [np.zeros((3, 0), np.int64)]
-    for span in range(2, GAP + 1):
-        start, room = start[room >= span], room[room >= span]
-        end = start + span * along
-        over = mask.take(end)
-        pairs.append(np.stack([start[over], end[over], np.full(np.count_nonzero(over), span)]))
-        still = missing.take(end)
-        start, room = start[still], room[still]
-    return np.concatenate(pairs, axis=1)
-
-
-def _ends(axis: int) -> tuple[tuple[slice, ...], tuple[slice, ...]]:
-    """Return the slices of the pixels that have a next one along `axis`, and of the next ones."""
-    keep, move = slice(None, -1), slice(1, None)
-    return ((keep,), (move,)) if axis == 0 else ((slice(None), keep), (slice(None), move))
+    steps = config.depth_step * (1.0 + 0.25 * np.arange(GAP + 1, dtype=np.float32))
+    return _joined(xyz[..., 2].astype(np.float32), np.ascontiguousarray(mask), steps)
 
 
 def _attach(xyz: Array, cores: Labels, whole: Labels, foreground: Mask) -> Labels:
@@ -246,3 +144,147 @@ def _attach(xyz: Array, cores: Labels, whole: Labels, foreground: Mask) -> Label
             _, nearest = KDTree(xyz[seeds]).query(xyz[rest])
             labels[rest] = cores[seeds][nearest]
     return labels
+
+
+@compiled
+def _folds(xyz: Array, normals: Array, mask: Mask, steps: Indices, longest: Image) -> Image:
+    """Return (H, W) the most negative of folds between the ends of chords about each pixel.
+
+    `steps`: (k, 2) rows and columns from a chord's middle to its end. `longest`: (k,) lengths
+    at a depth of one metre beyond which a chord crosses a step.
+    """
+    height, width = mask.shape
+    margin = int(steps.max())
+    points, facing = _padded(xyz, mask, margin), _padded(normals, mask, margin)
+    folds, stride = np.zeros((height, width), np.float32), width + 2 * margin
+    for row in range(height):
+        first = (row + margin) * stride + margin
+        for k in range(len(steps)):
+            step = steps[k, 0] * stride + steps[k, 1]
+            _lower(
+                folds[row],
+                _row(points, first, width)[2],
+                (_row(points, first - step, width), _row(points, first + step, width)),
+                (_row(facing, first - step, width), _row(facing, first + step, width)),
+                longest[k],
+            )
+    return folds
+
+
+@compiled
+def _padded(image: Array, mask: Mask, margin: int) -> Axes:
+    """Return x, y and z of `image` (H, W, 3) row by row, nan outside `mask` and in a margin."""
+    height, width = mask.shape
+    stride = width + 2 * margin
+    x = np.full((height + 2 * margin) * stride, np.nan, np.float32)
+    y, z = x.copy(), x.copy()
+    for row in range(height):
+        for column in range(width):
+            if mask[row, column]:
+                n = (row + margin) * stride + column + margin
+                x[n] = image[row, column, 0]
+                y[n] = image[row, column, 1]
+                z[n] = image[row, column, 2]
+    return x, y, z
+
+
+@compiled
+def _row(axes: Axes, first: int, width: int) -> Axes:
+    end = first + width
+    return axes[0][first:end], axes[1][first:end], axes[2][first:end]
+
+
+@compiled
+def _lower(
+    folds: Image, z: Image, points: tuple[Axes, Axes], normals: tuple[Axes, Axes], longest: float
+) -> None:
+    """Lower `folds` (W,) to those between two rows of points that are not too far apart."""
+    # All pixels, masked or not, without a branch: many are computed at a time. nan is not lower.
+    (x0, y0, z0), (x1, y1, z1) = points
+    (u0, v0, w0), (u1, v1, w1) = normals
+    for n in range(len(folds)):
+        x, y, depth = x1[n] - x0[n], y1[n] - y0[n], z1[n] - z0[n]
+        length = np.sqrt(x * x + y * y + depth * depth)
+        total = x * (u1[n] - u0[n]) + y * (v1[n] - v0[n]) + depth * (w1[n] - w0[n])
+        fold = total / length if length < longest * z[n] else np.float32(0.0)
+        folds[n] = fold if fold < folds[n] else folds[n]
+
+
+@compiled
+def _joined(z: Image, mask: Mask, steps: Image) -> Labels:
+    """Return the pieces of `connected`; pixels `n` apart show no step of `steps[n]`, (GAP + 1,)."""
+    height, width = mask.shape
+    depth, inside = z.ravel(), mask.ravel()
+    # Numbers of runs along rows; an earlier run of the same piece, or itself, of each.
+    run, earlier, count = np.zeros(mask.size, np.int64), np.zeros(mask.size + 1, np.int64), 0
+    apart = np.array([1, width])  # places between neighbours along a row and along a column
+    for row in range(height):
+        for column in range(width):
+            pixel = row * width + column
+            if not inside[pixel]:
+                continue
+            left = _before(depth, inside, steps, (pixel, column), apart[0])
+            over = _before(depth, inside, steps, (pixel, row), apart[1])
+            if left < 0:
+                count += 1
+                earlier[count] = count
+            run[pixel] = run[left] if left >= 0 else count
+            if over >= 0 and earlier[run[over]] != earlier[run[pixel]]:
+                one = _first(earlier, int(run[over]))
+                other = _first(earlier, int(run[pixel]))
+                earlier[max(one, other)] = min(one, other)
+    label, found = np.zeros(count + 1, np.int32), 0
+    for n in range(1, count + 1):
+        first = _first(earlier, n)
+        found += first == n
+        label[n] = found if first == n else label[first]
+    return label[run].reshape(height, width)
+
+
+@compiled
+def _before(z: Image, inside: Mask, steps: Image, at: tuple[int, int], along: int) -> int:
+    """Return the pixel before one that hangs together with it; -1 if none does.
+
+    `at`: the pixel, and how many are before it, each `along` from the next.
+    """
+    pixel, room = at
+    for span in range(1, min(len(steps), room + 1)):
+        other = pixel - span * along
+        if inside[other]:
+            step = steps[span] * max(z[other], np.float32(0.5))
+            return other if abs(z[pixel] - z[other]) < step else -1
+        if z[other] > 0:
+            return -1
+    return -1
+
+
+@compiled
+def _first(earlier: Indices, run: int) -> int:
+    """Return the first of the runs that are joined with one."""
+    while earlier[run] != run:
+        earlier[run] = earlier[earlier[run]]
+        run = int(earlier[run])
+    return run
+
+
+@compiled
+def _sizes(xyz: Array, labels: Labels, count: int) -> tuple[Indices, Array]:
+    """Return how many pixels each of `count` labels and 0 has, and its box's diagonal, metres."""
+    size, diagonal = np.zeros(count + 1, np.int64), np.zeros(count + 1)
+    low, high = np.full((count + 1, 3), np.inf), np.full((count + 1, 3), -np.inf)
+    for row in range(labels.shape[0]):
+        for column in range(labels.shape[1]):
+            label = labels[row, column]
+            if label == 0:
+                continue
+            size[label] += 1
+            for axis in range(3):
+                value = xyz[row, column, axis]
+                low[label, axis] = min(low[label, axis], value)
+                high[label, axis] = max(high[label, axis], value)
+    for label in range(count + 1):
+        total = 0.0
+        for axis in range(3):
+            total += (high[label, axis] - low[label, axis]) ** 2
+        diagonal[label] = np.sqrt(total)
+    return size, diagonal

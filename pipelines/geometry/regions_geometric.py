@@ -5,17 +5,20 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_fill_holes, find_objects
 
 from pipelines.configs import RegionConfig
 from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.compiled import compiled
 from pipelines.geometry.depth_segments import extent, segment
 from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.quantiles import median, quantiles
 from pipelines.geometry.tabletop import Tabletop, find_tabletop
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Labels = NDArray[np.int32]
+Indices = NDArray[np.int64]
+Box = tuple[slice, slice]
 
 WORKING_WIDTH = 640  # pixels; larger images are thinned to about this
 FOOT = 6  # pixels below and above a piece where something nearer may hide its foot
@@ -81,25 +84,68 @@ def _sound_regions(
     xyz: Array, labels: Labels, whole: Labels, top: Tabletop, config: RegionConfig
 ) -> Labels:
     """Renumber the regions that may be objects, holes filled, nearest first; drop the others."""
-    kept: list[tuple[float, Mask, tuple[slice, slice]]] = []
+    kept: list[tuple[float, Mask, Box]] = []
     standing = _standing(xyz, whole, top, config)
-    names = np.flatnonzero(np.bincount(labels.ravel()))
-    place = np.zeros(int(names[-1]) + 1, np.int32)  # labels may have gaps, boxes must not
-    place[names[names > 0]] = np.arange(1, np.count_nonzero(names) + 1)
-    compact = place[labels]
-    for index, box in enumerate(find_objects(compact), 1):
-        rows, columns = box
-        mask = compact[rows, columns] == index
-        points = xyz[rows, columns][mask]
-        if mask.sum() < config.min_pixels or not standing[whole[rows, columns][mask][0]]:
+    for piece in _pieces(labels, xyz, config.min_pixels):
+        if not standing[whole.take(piece.pixels[0])]:
             continue
-        if _may_be_object(points, _border_pixels(mask, rows, columns, labels.shape), top, config):
-            filled = binary_fill_holes(mask) & ((compact[rows, columns] == 0) | mask)
-            kept.append((float(np.median(points[:, 2])), filled, (rows, columns)))
+        mask = labels[piece.box] == piece.label
+        border = _border_pixels(mask, *piece.box, labels.shape)
+        if _may_be_object(piece.points, border, top, config):
+            filled = _without_holes(mask) & ((labels[piece.box] == 0) | mask)
+            kept.append((float(median(piece.points[:, 2])), filled, piece.box))
     result = np.zeros(labels.shape, np.int32)
     for number, (_, mask, box) in enumerate(sorted(kept, key=lambda entry: entry[0]), 1):
         result[box][mask] = number
     return result
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """What has one label: its pixels (n,) row by row, their points (n, 3), its box in the image."""
+
+    label: int
+    pixels: Indices
+    points: Array
+    box: Box
+
+
+def _pieces(labels: Labels, xyz: Array, min_pixels: int) -> list[_Piece]:
+    """Return the pieces of `labels` (H, W) that have so many pixels, by ascending label."""
+    order, end = _by_label(labels.ravel(), int(labels.max(initial=0)))
+    found = []
+    for label in np.flatnonzero(np.diff(end) >= min_pixels) + 1:
+        pixels = order[end[label - 1] : end[label]]
+        rows, columns = np.divmod(pixels, labels.shape[1])
+        box = slice(rows[0], rows[-1] + 1), slice(columns.min(), columns.max() + 1)
+        found.append(_Piece(int(label), pixels, xyz.reshape(-1, 3).take(pixels, axis=0), box))
+    return found
+
+
+@compiled
+def _by_label(labels: Labels, count: int) -> tuple[Indices, Indices]:
+    """Return the places of what has labels 1 to `count`, in this order, and (count + 1,) the ends.
+
+    `labels`: (n,). The places of one label ascend; label 0 has none and ends at 0.
+    """
+    end = np.zeros(count + 1, np.int64)
+    for n in range(len(labels)):
+        if labels[n] > 0:
+            end[labels[n]] += 1
+    end = np.cumsum(end)
+    free, order = end.copy(), np.empty(end[-1], np.int64)
+    for n in range(len(labels) - 1, -1, -1):
+        if labels[n] > 0:
+            free[labels[n]] -= 1
+            order[free[labels[n]]] = n
+    return order, end
+
+
+def _without_holes(mask: Mask) -> Mask:
+    """Return `mask` (h, w) and what no way along rows and columns leads out of."""
+    outside = np.pad(mask.astype(np.uint8), 1)
+    cv2.floodFill(outside, None, (0, 0), 1)
+    return np.asarray((outside[1:-1, 1:-1] == 0) | mask)
 
 
 def _standing(xyz: Array, whole: Labels, top: Tabletop, config: RegionConfig) -> Mask:
@@ -108,23 +154,19 @@ def _standing(xyz: Array, whole: Labels, top: Tabletop, config: RegionConfig) ->
     One whose foot is hidden behind a nearer piece may; an arm that hangs into the picture or
     what is seen beyond the table does not.
     """
-    count = int(whole.max(initial=0))
-    result = np.ones(count + 1, bool)
+    result = np.ones(int(whole.max(initial=0)) + 1, bool)
     if top.plane is None:
         return result
-    z = xyz[..., 2]
-    for index, box in enumerate(find_objects(whole), 1):
-        mask = whole[box] == index
-        if np.count_nonzero(mask) < config.min_pixels:
+    for piece in _pieces(whole, xyz, config.min_pixels):
+        if quantiles(top.plane.height(piece.points), 0.02) < config.max_floating:
             continue
-        if np.percentile(top.plane.height(xyz[box][mask]), 2) < config.max_floating:
-            continue
-        grown = tuple(slice(max(0, s.start - FOOT), s.stop + FOOT) for s in box)
-        inside = whole[grown] == index
+        rows, columns = (slice(max(0, s.start - FOOT), s.stop + FOOT) for s in piece.box)
+        around = whole[rows, columns]
+        inside = around == piece.label
         below = cv2.dilate(inside.astype(np.uint8), np.ones((2 * FOOT + 1, 1), np.uint8)) > 0
-        neighbour = below & ~inside & (whole[grown] > 0)
-        hidden = neighbour & (z[grown] < np.median(z[box][mask]))
-        result[index] = hidden.sum() > FOOT * 0.3 * np.count_nonzero(inside.any(axis=0))
+        neighbour = below & ~inside & (around > 0)
+        hidden = neighbour & (xyz[rows, columns, 2] < median(piece.points[:, 2]))
+        result[piece.label] = hidden.sum() > FOOT * 0.3 * np.count_nonzero(inside.any(axis=0))
     return result
 
 
@@ -141,15 +183,17 @@ def _border_pixels(mask: Mask, rows: slice, columns: slice, shape: tuple[int, ..
 
 def _may_be_object(points: Array, border_pixels: int, top: Tabletop, config: RegionConfig) -> bool:
     """Return whether the region of `points` (n, 3) is of an object's size and place."""
-    size = extent(points)
-    if size > config.max_extent:
+    greatest = config.max_extent
+    if border_pixels > MIN_BORDER:
+        greatest = min(greatest, config.max_cut_extent)
+    # The diagonal is quicker than the extent, and never less.
+    diagonal = np.linalg.norm(np.ptp(np.ascontiguousarray(points.T), axis=1))
+    if diagonal > greatest and extent(points) > greatest:
         return False
     # A strip along the picture's border, or a big thing that reaches in from outside.
     if border_pixels**2 > config.max_border * len(points):
         return False
-    if border_pixels > MIN_BORDER and size > config.max_cut_extent:
-        return False
     if top.plane is None:
         return True
-    tall = np.percentile(top.plane.height(points), 90)
-    return bool(tall > TALL * top.threshold(np.median(points[:, 2]), config))
+    tall = quantiles(top.plane.height(points), 0.9)
+    return bool(tall > TALL * top.threshold(median(points[:, 2]), config))

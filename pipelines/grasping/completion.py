@@ -64,7 +64,7 @@ def hidden_points(
     images = [np.zeros((0, 3))]
     for symmetry in symmetries:
         if isinstance(symmetry, RotationSymmetry):
-            images += [symmetry.turn(region.points, angle) for angle in COMPLETING_TURNS]
+            images.append(symmetry.turn(region.points, COMPLETING_TURNS).reshape(-1, 3))
         else:
             images.append(symmetry.counterpart(region.points))
     points = np.concatenate(images)

@@ -7,27 +7,32 @@ depths finds the walls of hollow things as well: a bowl's slice below the rim is
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import SelectionConfig
+from pipelines.geometry.compiled import compiled
 from pipelines.geometry.transforms import basis_from_direction, unit
 from pipelines.grasping.candidates import Candidates, no_candidates
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.observation import RegionCloud, SceneCloud
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+Lens = tuple[float, float, float, float]  # fx, fy, cx, cy
 
 SLICE_DEPTHS = (0.006, 0.013, 0.025, 0.045, 0.08)  # metres behind the nearest point
 TILTS = (0.0, 0.35, 0.7, 1.0)  # shares of the way from the table's normal to the view ray
 THINNEST = 0.004  # metres that a slice lies behind the nearest point at least
 STEEP_APPROACH = 0.9  # cosine to the table's normal from which the table bounds the depth
 MIN_CELL, MAX_CELLS = 0.002, 120  # metres; cells along a slice's longer side
+MARGIN = 3  # empty cells about a slice
 MAX_BOUNDARY = 72  # boundary points a slice
 MAX_PAIRS = 24  # pairs a slice
+PLACE = 4.0  # cells: one pair whose middle lies in such a square
 MIN_HOLDING = 0.8  # cosine of the contact angle; rubber pads slip at about 0.75, 37 degrees
 COVERED = 0.4  # share of trust left to a boundary that something nearer makes
 OCCLUSION_STEP = 0.008  # metres by which it is nearer
@@ -46,13 +51,8 @@ class _HeightMap:
     @classmethod
     def of(cls, points: Array, approach: Array) -> "_HeightMap":
         axes = basis_from_direction(approach)
-        local = points @ axes
-        low, high = local[:, 1:].min(axis=0), local[:, 1:].max(axis=0)
-        cell = max(MIN_CELL, float((high - low).max()) / MAX_CELLS)
-        index = ((local[:, 1:] - low) / cell).astype(int) + 3
-        depth = np.full(index.max(axis=0)[::-1] + 4, np.inf)
-        np.minimum.at(depth, (index[:, 1], index[:, 0]), local[:, 0])
-        return cls(axes, low - 3 * cell, cell, _holes_filled(depth))
+        low, cell, depth = _nearest_in_cells(points @ axes)
+        return cls(axes, low - MARGIN * cell, cell, _holes_filled(depth))
 
     def across(self, direction: Array) -> Array:
         """Return (2,) the part of `direction` (3,) on the plane across the approach."""
@@ -61,7 +61,7 @@ class _HeightMap:
     def points_at(self, pixels: Array, depth: float) -> Array:
         """Return (n, 3) camera-frame points of `pixels` (n, 2) as (column, row) at `depth`."""
         flat = self.low + (pixels + 0.5) * self.cell
-        return np.column_stack([np.full(len(flat), depth), flat]) @ self.axes.T
+        return np.asarray(flat @ self.axes[:, 1:].T + depth * self.axes[:, 0])
 
 
 def planar_candidates(
@@ -106,7 +106,7 @@ def _slice_depths(
     little before its surface then, as long as it is still between the tips.
     """
     seen = view.depth[np.isfinite(view.depth)]
-    nearest, farthest = np.percentile(seen, [2, 98])
+    nearest, farthest = _percentiles(seen, np.array([0.02, 0.98]))
     slices = nearest + np.array([d for d in SLICE_DEPTHS if d < farthest - nearest + THINNEST])
     slope = 0.0 if scene.plane is None else float(-view.axes[:, 0] @ scene.plane.normal)
     if scene.plane is None or slope < STEEP_APPROACH:
@@ -118,12 +118,20 @@ def _slice_depths(
     return sorted((float(d), float(c)) for d, c in lifted if d - c <= reach)
 
 
+def _percentiles(values: Array, shares: Array) -> Array:
+    """Return `np.quantile` (s,) of `values` (n,), whose checks take longer than its work."""
+    place = shares * (len(values) - 1)
+    below = place.astype(int)
+    above = np.minimum(below + 1, len(values) - 1)
+    ordered = np.partition(values, np.concatenate([below, above]))
+    return np.asarray(ordered[below] + (place - below) * (ordered[above] - ordered[below]))
+
+
 def _holes_filled(depth: Array) -> Array:
     """Return `depth` with small gaps between measured cells closed."""
-    kernel = np.ones((3, 3), np.uint8)
-    inside = cv2.morphologyEx(np.isfinite(depth).astype(np.uint8), cv2.MORPH_CLOSE, kernel)
-    near = cv2.erode(depth, np.ones((5, 5), np.uint8), borderValue=np.inf)
-    return np.where(np.isfinite(depth) | (inside == 0), depth, near)
+    measured = np.isfinite(depth).astype(np.uint8)
+    inside = cv2.morphologyEx(measured, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    return _filled(depth, np.asarray(inside, np.uint8))
 
 
 def _slice_pairs(
@@ -141,38 +149,14 @@ def _slice_pairs(
     if len(boundary) < 2:
         return np.zeros((0, 2, 3)), np.zeros(0)
     contact = boundary + 0.5 * outward  # from a cell's centre to its outer edge
-    # Two thirds of all pairs are too far apart for the hand: these are left out first.
-    first, second = _pairs_of(len(contact))
-    line = contact[second] - contact[first]
-    width = np.sqrt(line[:, 0] ** 2 + line[:, 1] ** 2)
-    fits = (width * view.cell > config.min_width) & (width * view.cell < gripper.max_width)
-    first, second = first[fits], second[fits]
-    line = line[fits] / np.maximum(width[fits], 1e-9)[:, None]
-    cosine = np.minimum(-_dot(line, outward[first]), _dot(line, outward[second]))
     steep = _wall_steepness(view, depth, boundary, outward)
-    holding = cosine * np.minimum(steep[first], steep[second])
-    kept = holding > MIN_HOLDING
-    first, second, holding = first[kept], second[kept], holding[kept]
-    trust = 1.0 - HIDDEN_PENALTY * np.maximum(_dot(outward, view.across(region.view_ray)), 0.0)
+    trust = 1.0 - HIDDEN_PENALTY * np.maximum(outward @ view.across(region.view_ray), 0.0)
     trust[_covered(view.points_at(boundary + 2.0 * outward, depth), region, scene)] *= COVERED
-    quality = holding**2 * np.minimum(trust[first], trust[second])
-    best = _spread(0.5 * (contact[first] + contact[second]), quality)
-    contacts = np.stack(
-        [view.points_at(contact[index[best]], contact_depth) for index in (first, second)], axis=1
-    )
-    return contacts, quality[best]
-
-
-@lru_cache(maxsize=2 * MAX_BOUNDARY)
-def _pairs_of(count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return all pairs of two of `count` things, the first before the second."""
-    first, second = np.triu_indices(count, 1)
-    return first, second
-
-
-def _dot(first: Array, second: Array) -> Array:
-    """Return (n,) the products of (n, 2) and (n, 2) or (2,)."""
-    return np.asarray(first[:, 0] * second[..., 0] + first[:, 1] * second[..., 1])
+    fitting = (config.min_width, float(gripper.max_width))
+    pairs, quality = _holding_pairs(contact, outward, steep, trust, view.cell, fitting)
+    best = _spread(contact, pairs, np.argsort(-quality, kind="stable"))
+    contacts = view.points_at(contact[pairs[best].reshape(-1)], contact_depth)
+    return contacts.reshape(len(best), 2, 3), quality[best]
 
 
 def _boundary(inside: NDArray[np.uint8]) -> tuple[Array, Array]:
@@ -181,15 +165,10 @@ def _boundary(inside: NDArray[np.uint8]) -> tuple[Array, Array]:
     long = [contour[:, 0] for contour in contours if len(contour) > 4]
     if not long:
         return np.zeros((0, 2)), np.zeros((0, 2))
-    cells = np.concatenate(long)
-    cells = cells[:: max(1, len(cells) // MAX_BOUNDARY)]
-    smooth = cv2.GaussianBlur(inside.astype(np.float64), (0, 0), 2.0)
-    column, row = cells.T
-    slope = np.stack(
-        [cv2.Sobel(smooth, cv2.CV_64F, 1, 0)[row, column],
-         cv2.Sobel(smooth, cv2.CV_64F, 0, 1)[row, column]], 1
-    )  # fmt: skip
-    return cells.astype(np.float64), -unit(slope)
+    cells = np.concatenate(long).astype(np.int64)
+    cells = np.ascontiguousarray(cells[:: max(1, len(cells) // MAX_BOUNDARY)])
+    smooth = np.asarray(cv2.GaussianBlur(inside.astype(np.float64), (0, 0), 2.0), np.float64)
+    return cells.astype(np.float64), -unit(_slopes(smooth, cells))
 
 
 def _wall_steepness(view: _HeightMap, depth: float, cells: Array, outward: Array) -> Array:
@@ -198,27 +177,141 @@ def _wall_steepness(view: _HeightMap, depth: float, cells: Array, outward: Array
     Two cells farther out the region is either gone (a wall as steep as can be seen) or has
     fallen away by so much.
     """
-    limit = np.array(view.depth.shape[::-1]) - 1
-    outer = np.clip(np.round(cells + 2.5 * outward), 0, limit).astype(int)
-    fall = view.depth[outer[:, 1], outer[:, 0]] - depth
-    fall = np.where(np.isfinite(fall), np.maximum(fall, 0.0), 1.0) / (2.5 * view.cell)
-    return np.asarray(fall / np.hypot(fall, 1.0))
+    return _steepness(view.depth, depth, view.cell, cells, outward)
 
 
-def _covered(points: Array, region: RegionCloud, scene: SceneCloud) -> NDArray[np.bool_]:
+def _covered(points: Array, region: RegionCloud, scene: SceneCloud) -> Mask:
     """Return which of `points` (n, 3) another thing hides: the region may go on behind it."""
-    pixels = np.round(scene.intrinsics.project(points)).astype(int)
-    limit = np.array(scene.depth.shape[::-1]) - 1
-    u, v = np.clip(pixels, 0, limit).T
-    seen = scene.depth[v, u]
-    nearer = (seen > 0) & (seen < points[:, 2] - OCCLUSION_STEP) & ~region.mask[v, u]
-    return np.asarray(nearer)
+    camera = scene.intrinsics
+    lens = (float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy))
+    return _behind_others(points, scene.depth, region.mask, lens)
 
 
-def _spread(middle: Array, quality: Array) -> NDArray[np.int64]:
-    """Return the indices of the best pairs, at most a few about one place. `middle`: (n, 2)."""
-    order = np.argsort(-quality, kind="stable")
-    place = np.floor(middle[order] / 4.0).astype(int)
-    key = place[:, 0] * 100_000 + place[:, 1]
-    _, first = np.unique(key, return_index=True)
-    return order[np.sort(first)[:MAX_PAIRS]]
+@compiled
+def _nearest_in_cells(local: Array) -> tuple[Array, float, Array]:
+    """Return the lowest right and down of `local` (n, 3), the cell and (rows, columns) depths.
+
+    Those of the nearest point of each cell, inf where there is none.
+    """
+    x0, y0, x1, y1 = local[0, 1], local[0, 2], local[0, 1], local[0, 2]
+    for n in range(len(local)):
+        x0, y0 = min(x0, local[n, 1]), min(y0, local[n, 2])
+        x1, y1 = max(x1, local[n, 1]), max(y1, local[n, 2])
+    cell = max(MIN_CELL, max(x1 - x0, y1 - y0) / MAX_CELLS)
+    rows, columns = int((y1 - y0) / cell) + 1, int((x1 - x0) / cell) + 1
+    depth = np.full((rows + 2 * MARGIN, columns + 2 * MARGIN), np.inf)
+    for n in range(len(local)):
+        row = int((local[n, 2] - y0) / cell) + MARGIN
+        column = int((local[n, 1] - x0) / cell) + MARGIN
+        depth[row, column] = min(depth[row, column], local[n, 0])
+    return np.array((x0, y0)), cell, depth
+
+
+@compiled
+def _filled(depth: Array, inside: NDArray[np.uint8]) -> Array:
+    """Return `depth` (h, w) with what is `inside` and not measured as near as what is about it."""
+    height, width = depth.shape
+    filled = depth.copy()
+    for row in range(height):
+        for column in range(width):
+            if inside[row, column] == 0 or depth[row, column] < np.inf:
+                continue
+            for i in range(max(row - 2, 0), min(row + 3, height)):
+                for j in range(max(column - 2, 0), min(column + 3, width)):
+                    filled[row, column] = min(filled[row, column], depth[i, j])
+    return filled
+
+
+@compiled
+def _slopes(smooth: Array, cells: Indices) -> Array:
+    """Return (n, 2) how `smooth` (h, w) rises at `cells` (n, 2), as Sobel's filters do."""
+    slopes = np.empty((len(cells), 2))
+    for n in range(len(cells)):
+        j, i = cells[n, 0], cells[n, 1]
+        a, b = smooth[i - 1, j + 1] - smooth[i - 1, j - 1], smooth[i, j + 1] - smooth[i, j - 1]
+        slopes[n, 0] = a + 2.0 * b + (smooth[i + 1, j + 1] - smooth[i + 1, j - 1])
+        a, b = smooth[i + 1, j - 1] - smooth[i - 1, j - 1], smooth[i + 1, j] - smooth[i - 1, j]
+        slopes[n, 1] = a + 2.0 * b + (smooth[i + 1, j + 1] - smooth[i - 1, j + 1])
+    return slopes
+
+
+@compiled
+def _steepness(depth: Array, at: float, cell: float, cells: Array, outward: Array) -> Array:
+    """Return what `_wall_steepness` does, of a slice of `depth` (h, w) `at` metres."""
+    height, width = depth.shape
+    steep = np.ones(len(cells))
+    for n in range(len(cells)):
+        column = int(np.rint(cells[n, 0] + 2.5 * outward[n, 0]))
+        row = int(np.rint(cells[n, 1] + 2.5 * outward[n, 1]))
+        fall = depth[min(max(row, 0), height - 1), min(max(column, 0), width - 1)] - at
+        fall = (max(fall, 0.0) if fall < np.inf else 1.0) / (2.5 * cell)
+        steep[n] = fall / np.hypot(fall, 1.0)
+    return steep
+
+
+@compiled
+def _behind_others(points: Array, depth: Array, mask: Mask, lens: Lens) -> Mask:
+    """Return which of `points` (n, 3) lie behind something outside `mask` (h, w)."""
+    fx, fy, cx, cy = lens
+    height, width = depth.shape
+    behind = np.zeros(len(points), np.bool_)
+    for n in range(len(points)):
+        z = points[n, 2]
+        u, v = np.rint(fx * points[n, 0] / z + cx), np.rint(fy * points[n, 1] / z + cy)
+        column, row = int(min(max(u, 0.0), width - 1.0)), int(min(max(v, 0.0), height - 1.0))
+        seen = depth[row, column]
+        behind[n] = seen > 0 and seen < z - OCCLUSION_STEP and not mask[row, column]
+    return behind
+
+
+@compiled
+def _holding_pairs(
+    contact: Array,
+    outward: Array,
+    steep: Array,
+    trust: Array,
+    cell: float,
+    fitting: tuple[float, float],
+) -> tuple[Indices, Array]:
+    """Return the pairs (k, 2) of n boundary points that fingers hold, and their quality (k,).
+
+    `contact` (n, 2) are in cells; `fitting`: the least and greatest metres between two.
+    """
+    narrow, wide = fitting
+    most = len(contact) * (len(contact) - 1) // 2
+    pairs, quality, count = np.empty((most, 2), np.int64), np.empty(most), 0
+    for i in range(len(contact)):
+        for j in range(i + 1, len(contact)):
+            x, y = contact[j, 0] - contact[i, 0], contact[j, 1] - contact[i, 1]
+            width = np.sqrt(x * x + y * y)
+            if not narrow < width * cell < wide:
+                continue
+            opposed = -(x * outward[i, 0] + y * outward[i, 1])
+            cosine = min(opposed, x * outward[j, 0] + y * outward[j, 1]) / width
+            holding = cosine * min(steep[i], steep[j])
+            if holding > MIN_HOLDING:
+                pairs[count, 0], pairs[count, 1] = i, j
+                quality[count] = holding * holding * min(trust[i], trust[j])
+                count += 1
+    return pairs[:count].copy(), quality[:count].copy()
+
+
+@compiled
+def _spread(contact: Array, pairs: Indices, order: Indices) -> Indices:
+    """Return the first few in `order` of `pairs` (k, 2), at most one about one place."""
+    best, places = np.empty(MAX_PAIRS, np.int64), np.empty((MAX_PAIRS, 2))
+    count = 0
+    for n in range(len(order)):
+        k = order[n]
+        i, j = pairs[k, 0], pairs[k, 1]
+        x = np.floor(0.5 * (contact[i, 0] + contact[j, 0]) / PLACE)
+        y = np.floor(0.5 * (contact[i, 1] + contact[j, 1]) / PLACE)
+        taken = False
+        for other in range(count):
+            taken |= (places[other, 0] == x) & (places[other, 1] == y)
+        if not taken:
+            best[count], places[count, 0], places[count, 1] = k, x, y
+            count += 1
+        if count == MAX_PAIRS:
+            break
+    return best[:count].copy()

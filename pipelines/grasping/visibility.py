@@ -3,11 +3,13 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.geometry.compiled import compiled
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.observation import SceneCloud
 
 Array = NDArray[np.float64]
+Lens = tuple[float, float, float, float]  # fx, fy, cx, cy
 
 TIP_LENGTH = 0.03  # metres of each finger, from its tip, that go where things may be
 PLACES = np.array([0.1, 0.5, 0.9])  # along each edge of a finger tip
@@ -23,13 +25,31 @@ def seen_share(grasps: Grasps, gripper: Gripper, scene: SceneCloud) -> Array:
     low[..., 0] = np.maximum(low[..., 0], high[..., 0] - TIP_LENGTH)
     lattice = np.stack(np.meshgrid(PLACES, PLACES, PLACES, indexing="ij"), -1).reshape(-1, 3)
     local = low[:, :, None] + lattice * (high - low)[:, :, None]  # (n, 2, 27, 3)
-    room = np.einsum("nfpi,nji->nfpj", local, grasps.rotation)
-    free = _looked_through((room + grasps.translation[:, None, None]).reshape(-1, 3), scene)
-    return np.asarray(free.reshape(len(grasps), local.shape[1] * local.shape[2]).mean(axis=1))
+    local = local.reshape(len(grasps), local.shape[1] * local.shape[2], 3)
+    camera = scene.intrinsics
+    lens = (float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy))
+    return _looked_through(local, grasps.rotation, grasps.translation, scene.depth, lens)
 
 
-def _looked_through(points: Array, scene: SceneCloud) -> NDArray[np.bool_]:
-    """Return which of `points` (n, 3) lie before a measured surface."""
-    pixels, free = scene.intrinsics.pixels_of(points)
-    free[free] = points[free, 2] < scene.depth[pixels[free, 1], pixels[free, 0]]
-    return free
+@compiled
+def _looked_through(
+    local: Array, rotation: Array, translation: Array, depth: Array, lens: Lens
+) -> Array:
+    """Return (n,) the share of `local` (n, p, 3), in n hands' frames, before a measured surface."""
+    fx, fy, cx, cy = lens
+    height, width = depth.shape
+    share = np.zeros(len(local))
+    for n in range(len(local)):
+        count = 0
+        for p in range(local.shape[1]):
+            x, y, z = translation[n, 0], translation[n, 1], translation[n, 2]
+            for axis in range(3):
+                x += rotation[n, 0, axis] * local[n, p, axis]
+                y += rotation[n, 1, axis] * local[n, p, axis]
+                z += rotation[n, 2, axis] * local[n, p, axis]
+            if z > 0:
+                u, v = np.rint(fx * x / z + cx), np.rint(fy * y / z + cy)
+                if 0 <= u < width and 0 <= v < height:
+                    count += z < depth[int(v), int(u)]
+        share[n] = count / local.shape[1]
+    return share

@@ -89,16 +89,18 @@ def _detected(
     if detector is None:
         return []
     free = np.ones(frame.depth.shape, bool)
+    measured = frame.depth > 0
+    standing = measured & geometric.foreground
+    # The network's masks are coarse; what lies on the table is known to the pixel.
+    known = geometric.foreground | (frame.depth <= 0)
     regions = []
     found = detector.detect(frame.color, frame.depth, frame.intrinsics, geometric.plane)
     for detection in sorted(found, key=lambda d: -d.confidence):
         mask = detection.mask & free
-        measured = mask & (frame.depth > 0)
-        standing = int((measured & geometric.foreground).sum())
-        if standing < config.min_foreground * max(1, int(measured.sum())):
+        seen = int(np.count_nonzero(mask & measured))
+        if np.count_nonzero(mask & standing) < config.min_foreground * max(1, seen):
             continue
-        # The network's masks are coarse; what lies on the table is known to the pixel.
-        mask = mask & (geometric.foreground | (frame.depth <= 0))
+        mask = mask & known
         free &= ~mask
         regions.append(Region(mask, float(detection.confidence), "detector"))
     return regions

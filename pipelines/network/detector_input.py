@@ -20,7 +20,7 @@ def detector_image(frame: SmallFrame, plane: Plane, kind: str) -> Tensor:
     parts: list[NDArray[np.float32]] = []
     if kind in {"color", "both"}:
         normalised = (frame.color / 255.0 - np.array(COLOR_MEAN)) / np.array(COLOR_STD)
-        parts.append(np.moveaxis(normalised, -1, 0).astype(np.float32))
+        parts.append(np.ascontiguousarray(np.moveaxis(normalised, -1, 0), np.float32))
     if kind in {"geometry", "both"}:
         parts.append(depth_channels(frame.depth, frame.intrinsics, plane))
-    return torch.from_numpy(np.ascontiguousarray(np.concatenate(parts), np.float32))
+    return torch.from_numpy(parts[0] if len(parts) == 1 else np.concatenate(parts))

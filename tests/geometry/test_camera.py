@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from pipelines.errors import ValueRangeError
@@ -52,3 +54,16 @@ def test_points_fall_on_pixels_of_the_image_or_not_into_it():
     pixels, inside = camera.pixels_of(points)
     assert inside.tolist() == [True, True, False, False, False]
     assert pixels[:4].tolist() == [[2, 1], [4, 2], [-1, 1], [2, 3]]
+
+
+@given(st.integers(0, 2**31), st.integers(0, 60))
+@settings(max_examples=25, deadline=None)
+def test_pixels_are_those_that_points_project_to(seed, count):
+    camera = Intrinsics(50.0, 60.0, 31.0, 23.5, 64, 48)
+    points = np.random.default_rng(seed).normal(size=(count, 3))
+    pixels, inside = camera.pixels_of(points)
+    before = points[:, 2] > 0
+    expected = np.full((count, 2), -1.0)
+    expected[before] = np.round(camera.project(points[before]))
+    np.testing.assert_array_equal(pixels, expected)
+    np.testing.assert_array_equal(inside, ((expected >= 0) & (expected < [64, 48])).all(axis=1))

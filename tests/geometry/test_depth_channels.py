@@ -1,17 +1,22 @@
 """Channels of a depth image of known geometry."""
 
+import cv2
 import numpy as np
 
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.depth_channels import (
     CHANNELS,
     HEIGHT_UNIT,
+    LIMIT,
+    NORMAL_RADIUS,
+    STEP_UNIT,
     SmallFrame,
     depth_channels,
     fill_missing,
     find_plane,
     shrink,
 )
+from pipelines.geometry.organized import smooth_normals
 from pipelines.geometry.pointcloud import Plane
 
 CAMERA = Intrinsics(200.0, 200.0, 95.5, 71.5, 192, 144)
@@ -45,6 +50,31 @@ def test_missing_depth_is_filled_and_marked():
     assert np.isfinite(channels).all()
     assert channels[-1].sum() == 100
     assert np.abs(channels[3][60:70, 70:80] - 1.0).max() < 0.2
+
+
+def test_channels_are_what_arrays_make_of_points_and_normals():
+    depth, _ = table_with_slab()
+    rng = np.random.default_rng(0)
+    depth += rng.normal(0, 0.002, depth.shape).astype(np.float32)
+    depth[rng.random(depth.shape) < 0.2] = 0.0
+    missing = depth == 0
+    filled = fill_missing(np.where(missing, np.float32(0.0), cv2.medianBlur(depth, 3)))
+    xyz = CAMERA.backproject(filled)
+    normals = np.nan_to_num(smooth_normals(xyz, ~np.zeros_like(missing), NORMAL_RADIUS))
+    height = np.clip(TABLE.height(xyz) / HEIGHT_UNIT, -LIMIT, LIMIT)
+    step = np.clip((filled - cv2.blur(filled, (5, 5))) / STEP_UNIT, -LIMIT, LIMIT)
+    stretched = np.copysign(np.sqrt(np.abs(height)), height)
+    upright = normals @ TABLE.normal
+    expected = np.stack([normals[..., 0], normals[..., 1], upright, stretched, step, missing])
+    np.testing.assert_allclose(depth_channels(depth, CAMERA, TABLE), expected, atol=1e-6)
+
+
+def test_single_pixels_of_depth_make_no_surface():
+    depth = np.zeros((144, 192), np.float32)
+    depth[::40, ::40] = 0.7  # none is left by the median of their surroundings
+    channels = depth_channels(depth, CAMERA, TABLE)
+    assert np.isfinite(channels).all()
+    assert not channels[:3].any()
 
 
 def test_a_frame_without_depth_is_all_missing():

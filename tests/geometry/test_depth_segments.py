@@ -63,6 +63,15 @@ def test_pieces_are_what_a_flood_from_pixel_to_pixel_reaches(seed, holes, share)
     assert found == flooded(z, mask)
 
 
+def test_pieces_are_numbered_as_they_are_met():
+    rng = np.random.default_rng(0)
+    z = np.where(rng.random(SHAPE) < 0.5, 0.5, 0.8)
+    labels = connected(cloud(z), np.ones(SHAPE, bool), CONFIG)
+    _, first = np.unique(labels, return_index=True)
+    assert labels.min() == 1
+    assert (np.diff(first) > 0).all()
+
+
 def test_a_surface_is_followed_across_missing_pixels_but_not_across_others():
     z = np.full((1, 9), 0.5)
     mask = np.array([[1, 1, 0, 0, 0, 1, 0, 0, 1]], bool)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipelines.geometry.camera import Intrinsics
-from pipelines.geometry.organized import normals_at, smooth_normals
+from pipelines.geometry.organized import image_normals, smooth_normals
 from pipelines.geometry.transforms import unit
 
 CAMERA = Intrinsics(600.0, 580.0, 15.0, 11.0, 30, 24)
@@ -42,7 +42,15 @@ def test_a_part_of_the_image_gives_what_the_whole_gives():
     part = slice(5, 20), slice(9, 25)
     whole = smooth_normals(xyz, mask, RADIUS)
     np.testing.assert_allclose(smooth_normals(xyz[part], mask[part], RADIUS), whole[part])
-    np.testing.assert_array_equal(np.stack(normals_at(xyz, mask, RADIUS), -1), whole[mask])
+
+
+def test_an_image_of_depth_gives_what_its_points_give():
+    xyz = bent_surface()
+    x = (np.arange(CAMERA.width) - CAMERA.cx) / CAMERA.fx
+    y = (np.arange(CAMERA.height) - CAMERA.cy) / CAMERA.fy
+    expected = smooth_normals(xyz, np.ones(xyz.shape[:2], bool), RADIUS)
+    found = image_normals(xyz[..., 2], x, y, RADIUS)
+    np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("line", ["row", "column", "diagonal"])

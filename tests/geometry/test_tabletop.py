@@ -8,10 +8,19 @@ from hypothesis import strategies as st
 
 from pipelines.configs import RegionConfig
 from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.footprint import CELL, Footprint
 from pipelines.geometry.organized import smooth_normals
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.regions_geometric import _sound_regions, geometric_regions
-from pipelines.geometry.tabletop import CELL, Footprint, _heights, find_tabletop
+from pipelines.geometry.tabletop import (
+    CLEARLY,
+    Tabletop,
+    _above,
+    _in_large,
+    _near_plane,
+    _spread,
+    find_tabletop,
+)
 from pipelines.geometry.transforms import unit
 from tests.geometry.tabletops import CAMERA, Ball, Box, Can, looking_at_table, render
 
@@ -118,16 +127,63 @@ def test_a_footprint_is_the_hull_of_all_points_widened(seed, count, margin):
     assert found.contains(points).all()
 
 
-def test_heights_are_those_over_the_plane_of_the_table_made_flat():
+PLANE = Plane(unit([0.1, -0.6, -0.8]), 0.7)
+
+
+def affine(plane):
+    """Return a, b and c of the plane's inverse depth a u + b v + c."""
+    # A pixel's point on the plane is its ray, of depth 1, times the plane's depth there.
+    inverse = -CAMERA.rays() @ plane.normal / plane.offset
+    return inverse[0, 1] - inverse[0, 0], inverse[1, 0] - inverse[0, 0], inverse[0, 0]
+
+
+@pytest.mark.parametrize("share", [0.0, 0.7])
+def test_what_is_above_is_high_over_the_plane_of_the_table_made_flat(share):
     rng = np.random.default_rng(0)
-    plane = Plane(unit([0.1, -0.6, -0.8]), 0.7)
     z = rng.uniform(0.4, 1.2, (CAMERA.height, CAMERA.width))
     warp = rng.normal(0.0, 0.01, z.shape)
-    # A pixel's point on the plane is its ray, of depth 1, times the plane's depth there.
-    over = 1.0 / z + CAMERA.rays() @ plane.normal / plane.offset
-    flat = CAMERA.backproject(1.0 / (1.0 / z - warp))
-    found = _heights(over - warp, warp, z, plane)
-    np.testing.assert_allclose(found, plane.height(flat), atol=1e-12)
+    near = rng.random(z.shape) < share
+    top = Tabletop(PLANE, near, near, 0.01)
+    height = PLANE.height(CAMERA.backproject(1.0 / (1.0 / z - warp)))
+    threshold = top.threshold(z, CONFIG)
+    limits = CONFIG.min_height, top.doubt, CONFIG.max_height
+    above, clear = _above(z, near, warp, affine(PLANE), PLANE.offset, limits)
+    expected = near & (height > threshold) & (height < CONFIG.max_height)
+    np.testing.assert_array_equal(above, expected)
+    np.testing.assert_array_equal(clear, near & (height > CLEARLY * threshold))
+    assert above.any() == (share > 0)
+
+
+def test_pixels_near_the_plane_are_those_whose_inverse_depth_is_the_planes():
+    rng = np.random.default_rng(1)
+    z = rng.uniform(0.4, 1.2, (CAMERA.height, CAMERA.width))
+    z[rng.random(z.shape) < 0.1] = np.nan
+    near = (z > 0) & (rng.random(z.shape) < 0.8)
+    residual, inliers = _near_plane(z, near, affine(PLANE), 0.1)
+    expected = 1.0 / z + CAMERA.rays() @ PLANE.normal / PLANE.offset
+    np.testing.assert_array_equal(inliers, near & (np.abs(expected) < 0.1))
+    np.testing.assert_allclose(residual, np.where(inliers, expected, 0.0), atol=1e-12)
+    assert inliers.any()
+
+
+@given(st.integers(0, 2**31), st.integers(1, 9), st.integers(1, 9), st.floats(0.0, 1.0))
+@settings(max_examples=25, deadline=None)
+def test_a_spread_is_every_second_pixel_of_a_mask_or_all_without_one(seed, height, width, share):
+    mask = np.random.default_rng(seed).random((height, width)) < share
+    thin = np.zeros_like(mask)
+    thin[::2, ::2] = mask[::2, ::2]
+    np.testing.assert_array_equal(_spread(mask), np.flatnonzero(thin if thin.any() else mask))
+
+
+@given(st.integers(0, 2**31), st.integers(2, 40))
+@settings(max_examples=25, deadline=None)
+def test_large_parts_have_over_a_tenth_of_the_largest_area(seed, count):
+    rng = np.random.default_rng(seed)
+    labels = (count * rng.random((12, 15)) ** 4).astype(np.int32)
+    mask = rng.random(labels.shape) < 0.8
+    areas = [0, *(np.count_nonzero(labels == label) for label in range(1, count))]
+    expected = mask & (np.array(areas)[labels] > 0.1 * max(areas))
+    np.testing.assert_array_equal(_in_large(labels, count, mask), expected)
 
 
 @given(st.integers(0, 2**31), st.sampled_from([0.0, 0.03]))

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from pipelines.configs import SelectionConfig
 from pipelines.formats.gripper_files import load_gripper
+from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SymmetrySlots
 from pipelines.geometry.transforms import (
     invert,
@@ -18,6 +19,8 @@ from pipelines.geometry.transforms import (
     unit,
 )
 from pipelines.grasping.decoding import (
+    _best_images,
+    _median,
     average_symmetries,
     contact_pairs,
     graspable,
@@ -79,6 +82,18 @@ def test_points_without_affordance_do_not_vote():
 def test_the_weighted_median_ignores_outliers():
     assert weighted_median(np.array([3.0, 1.0, 2.0, 900.0]), np.ones(4)) == 2.0
     assert weighted_median(np.array([0.0, 5.0]), np.array([0.1, 1.0])) == 5.0
+
+
+@given(seeds, st.integers(1, 40))
+@settings(max_examples=25, deadline=None)
+def test_half_of_the_weight_does_not_exceed_the_weighted_median(seed, count):
+    rng = np.random.default_rng(seed)
+    values, weight = rng.integers(9, size=(2, 3, count)) / 8, rng.uniform(size=count)
+    found = weighted_median(values, weight)
+    assert found.shape == (2, 3)
+    for row, median in zip(values.reshape(6, count), found.reshape(6), strict=True):
+        half = 0.5 * weight.sum()
+        assert median == min(v for v in row if weight[row <= v].sum() >= half - 1e-12)
 
 
 def test_high_affordance_is_above_one_half_where_there_is_any():
@@ -168,3 +183,52 @@ def test_pairs_wider_than_the_gripper_are_left_out():
     pairs = contact_pairs(region, scene, slots, np.ones(len(region)), narrow, CONFIG)
     width = np.linalg.norm(pairs.contacts[:, 1] - pairs.contacts[:, 0], axis=1)
     assert (width < narrow.max_width).all()
+
+
+@given(seeds, st.sampled_from([0.02, 0.3, 0.6]))
+@settings(max_examples=25, deadline=None)
+def test_the_frustum_filter_looks_at_the_nearest_pixel_about_a_point(seed, unseen):
+    rng = np.random.default_rng(seed)
+    camera = Intrinsics(900.0, 900.0, 15.0, 11.0, 32, 24)
+    depth = rng.uniform(0.45, 0.6, (24, 32)) * (rng.uniform(size=(24, 32)) > unseen)
+    depth[:, :16] *= rng.integers(2)  # no depth at all about some points
+    points = np.column_stack([rng.uniform(-0.01, 0.01, (80, 2)), rng.uniform(0.4, 0.6, 80)])
+    points[::9, 2] *= -1.0
+    found = in_observed_frustum(points, SceneCloud(depth, camera), CONFIG)
+    pixels, inside = camera.pixels_of(points)
+    radius = round(CONFIG.behind_tolerance * camera.fx / np.median(points[inside, 2]))
+    assert radius > 1
+    for (u, v), z, shown, real in zip(pixels, points[:, 2], inside, found, strict=True):
+        window = depth[max(v - radius, 0) : v + radius + 1, max(u - radius, 0) : u + radius + 1]
+        nearest = min(window[window > 0], default=0.0) if shown else np.inf
+        assert real == (z > nearest - CONFIG.behind_tolerance - CONFIG.depth_noise * z**2)
+
+
+def test_the_frustum_filter_takes_no_points():
+    scene = SceneCloud(render([])[0], CAMERA)
+    assert in_observed_frustum(np.zeros((0, 3)), scene, CONFIG).shape == (0,)
+
+
+@given(seeds, st.integers(0, 30))
+@settings(max_examples=25, deadline=None)
+def test_a_point_is_paired_with_the_sound_image_that_its_normal_faces_most(seed, count):
+    rng = np.random.default_rng(seed)
+    points, normals = rng.normal(size=(count, 3)), unit(rng.normal(size=(count, 3)))
+    images = points[:, None] + rng.normal(size=(count, 4, 3))
+    images[:, 3] = points  # a point on the plane is its own image
+    real, up = rng.uniform(size=(count, 4)) < 0.8, np.array([0.0, 0.0, 1.0])
+    best, cosine = _best_images(points, normals, images, real, up, (0.3, 0.5, 2.0, 0.9))
+    line = images - points[:, None]
+    width = np.linalg.norm(line, axis=-1)
+    facing = np.abs(np.einsum("nki,ni->nk", unit(line), normals))
+    sound = real & (facing > 0.3) & (width > 0.5) & (width < 2.0)
+    sound &= np.abs(unit(line) @ up) < 0.9
+    facing = np.where(sound, facing, 0.0)
+    none = np.where(sound.any(axis=1), facing.argmax(axis=1), -1)
+    np.testing.assert_array_equal(best, none)
+    np.testing.assert_allclose(cosine, facing.max(axis=1, initial=0.0))
+
+
+@given(st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=30))
+def test_the_median_is_numpys(values):
+    assert _median(np.array(values)) == np.median(values)

@@ -4,11 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.spatial import KDTree
 
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import ReflectionSymmetry, SymmetrySlots
-from pipelines.geometry.transforms import transform_points
+from pipelines.geometry.transforms import random_rotation, transform_points, unit
+from pipelines.grasping import hand_views
 from pipelines.grasping.candidates import RankedGrasps
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.hand_views import (
@@ -144,3 +147,74 @@ def test_without_a_table_heights_are_zero_and_few_points_are_repeated():
     assert len(np.unique(rows, axis=0)) <= 9
     np.testing.assert_array_equal(rows[:, HEIGHT], 0.0)
     assert np.isfinite(seen.hand_rows()).all()
+
+
+@given(st.integers(0, 2**31), st.integers(0, 5), st.sampled_from([1, 40, 64, 65, 200]))
+@settings(max_examples=25, deadline=None)
+def test_rows_are_those_of_the_points_nearest_to_the_room(seed, count, size):
+    rng = np.random.default_rng(seed)
+    local = rng.normal(0.0, 0.05, (count, 3, size)).astype(np.float32)
+    half = rng.uniform(0.0, 0.05, count).astype(np.float32)
+    starts = np.sort(rng.integers(0, size + 1, 3))
+    away, between = hand_views._room(local, half, starts)
+    along, across, third = local.swapaxes(0, 1)
+    beside = np.abs(across) - half[:, None]
+    expected = np.maximum(np.maximum(np.abs(along) / 1.5, np.abs(third)), beside)
+    np.testing.assert_allclose(away, expected, rtol=1e-6)
+    inside = (np.abs(third) < hand_views.FINGER_BAND) & (beside < hand_views.BESIDE)
+    inside &= (along < hand_views.BEYOND) & (along > hand_views.BEHIND)
+    for kind in range(2):
+        span = slice(starts[kind], starts[kind + 1])
+        np.testing.assert_array_equal(between[:, kind], inside[:, span].sum(axis=1))
+
+    away = np.round(away, 2)  # many are equally far away
+    rotation = np.stack([np.eye(3), *(random_rotation(rng) for _ in range(count))])[1:]
+    about = rng.normal(size=(size, 7)).astype(np.float32)
+    reach = np.sort(away, axis=1)[:, min(NUM_POINTS, size) - 1].copy()
+    rows = hand_views._nearest_rows(local, rotation.astype(np.float32), half, away, reach, about)
+    assert rows.shape == (count, NUM_POINTS, POINT_FEATURES)
+    for k in range(count):
+        chosen = np.sort(np.argsort(away[k], kind="stable")[:NUM_POINTS])
+        chosen = np.resize(chosen, NUM_POINTS)
+        wanted = [
+            20.0 * np.clip(local[k][:, chosen].T, -0.15, 0.15),
+            50.0 * np.clip(beside[k, chosen], -0.05, 0.05)[:, None],
+            about[chosen, :3] @ rotation[k],
+            about[chosen, 3:],
+        ]
+        np.testing.assert_allclose(rows[k], np.concatenate(wanted, axis=1), rtol=1e-4, atol=1e-5)
+
+
+@given(st.integers(0, 2**31), st.integers(0, 6), st.integers(1, 300))
+@settings(max_examples=25, deadline=None)
+def test_what_is_seen_about_a_contact_is_what_arrays_say(seed, count, size):
+    rng = np.random.default_rng(seed)
+    points, normals = rng.uniform(-0.02, 0.02, (size, 3)), unit(rng.normal(size=(size, 3)))
+    contacts = rng.uniform(-0.04, 0.04, (2, 2, 3))[rng.integers(2, size=(count, 2)), [0, 1]]
+    closing = unit(contacts[:, 1] - contacts[:, 0])
+    found = hand_views._patches(contacts, closing, np.ascontiguousarray(points.T), normals)
+    assert found.shape == (count, 16)
+    for k in range(count):
+        for finger, side in enumerate((-1.0, 1.0)):
+            away = np.linalg.norm(points - contacts[k, finger], axis=1)
+            facing = side * normals @ closing[k]
+            expected = []
+            for radius in hand_views.PATCHES:
+                near = facing[away < radius]
+                few = len(near) if len(near) else 1
+                mean = near.sum() / few
+                spread = np.sqrt(np.square(near - mean).sum() / few)
+                expected += [mean, spread, min(len(near), 30) / 30.0]
+            nearest = away.argmin()
+            expected.append(30.0 * min(away[nearest], 0.03))
+            expected.append(facing[nearest] * (away[nearest] < hand_views.CONTACT_REACH))
+            part = found[k, 8 * finger : 8 * finger + 8]
+            np.testing.assert_allclose(part, expected, atol=1e-12)
+
+
+def test_numbers_are_those_of_each_hand_whatever_stands_beside_it():
+    low, high = hands(height=0.05), hands(height=0.08)
+    parts = [low.grasps, low.grasps, high.grasps, low.grasps]
+    found = replace(hands(4), grasps=Grasps.concatenate(parts))
+    rows, alone = views(found).hand_rows(), [views(hand).hand_rows()[0] for hand in (low, high)]
+    np.testing.assert_allclose(rows, [alone[0], alone[0], alone[1], alone[0]], atol=1e-6)

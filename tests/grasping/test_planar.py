@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from pipelines.configs import SelectionConfig
 from pipelines.formats.gripper_files import load_gripper
@@ -12,6 +14,7 @@ from tests.geometry.tabletops import CAMERA, Box, Can, looking_at_table, render
 
 CONFIG = SelectionConfig()
 GRIPPER = load_gripper("rg2")
+seeds = st.integers(0, 2**31)
 
 
 def naive_pairs(view, depth, region, scene):
@@ -65,3 +68,80 @@ def test_the_pairs_of_a_slice_are_those_of_a_loop(shape):
                 assert values[away.argmin()] == pytest.approx(value)
             if len(expected):
                 assert quality.max() == pytest.approx(values.max())
+
+
+@given(seeds, st.integers(1, 200))
+@settings(max_examples=25, deadline=None)
+def test_a_cell_holds_its_nearest_point(seed, count):
+    rng = np.random.default_rng(seed)
+    local = rng.uniform(-0.05, 0.05, (count, 3)) * rng.choice([0.05, 1.0])
+    low, cell, depth = planar._nearest_in_cells(local)
+    np.testing.assert_array_equal(low, local[:, 1:].min(axis=0))
+    extent = np.ptp(local[:, 1:], axis=0)
+    assert cell == max(planar.MIN_CELL, extent.max() / planar.MAX_CELLS)
+    expected = np.full((extent[::-1] / cell).astype(int) + 1 + 2 * planar.MARGIN, np.inf)
+    column, row = ((local[:, 1:] - low) / cell).astype(int).T + planar.MARGIN
+    np.minimum.at(expected, (row, column), local[:, 0])
+    np.testing.assert_array_equal(depth, expected)
+
+
+@given(seeds)
+@settings(max_examples=25, deadline=None)
+def test_holes_are_as_near_as_what_is_about_them(seed):
+    rng = np.random.default_rng(seed)
+    depth = np.where(rng.uniform(size=(12, 9)) < 0.7, rng.uniform(size=(12, 9)), np.inf)
+    inside = (rng.uniform(size=(12, 9)) < 0.5).astype(np.uint8)
+    near = planar.cv2.erode(depth, np.ones((5, 5), np.uint8), borderValue=np.inf)
+    expected = np.where(np.isfinite(depth) | (inside == 0), depth, near)
+    np.testing.assert_array_equal(planar._filled(depth, inside), expected)
+
+
+@given(seeds, st.integers(0, 20))
+@settings(max_examples=25, deadline=None)
+def test_slopes_and_steepness_are_those_of_arrays(seed, count):
+    rng = np.random.default_rng(seed)
+    smooth, cells = rng.uniform(size=(15, 20)), rng.integers(1, [19, 14], (count, 2))
+    column, row = cells.T
+    slopes = [planar.cv2.Sobel(smooth, planar.cv2.CV_64F, *axis) for axis in ((1, 0), (0, 1))]
+    expected = np.stack([slope[row, column] for slope in slopes], 1)
+    np.testing.assert_allclose(planar._slopes(smooth, cells), expected, atol=1e-12)
+
+    depth = np.where(rng.uniform(size=(15, 20)) < 0.5, smooth, np.inf)
+    outward = rng.normal(size=(count, 2))
+    u, v = np.clip(np.round(cells + 2.5 * outward), 0, [19, 14]).astype(int).T
+    fall = np.where(np.isfinite(depth[v, u]), np.maximum(depth[v, u] - 0.4, 0.0), 1.0)
+    expected = np.sin(np.arctan2(fall, 2.5 * 0.1))
+    found = planar._steepness(depth, 0.4, 0.1, cells.astype(float), outward)
+    np.testing.assert_allclose(found, expected)
+
+
+@given(seeds, st.integers(0, 30))
+@settings(max_examples=25, deadline=None)
+def test_points_are_covered_by_what_is_nearer_and_not_the_region(seed, count):
+    rng = np.random.default_rng(seed)
+    depth = rng.uniform(0.45, 0.55, (240, 320)) * (rng.uniform(size=(240, 320)) < 0.8)
+    region = RegionCloud(np.zeros((0, 3)), np.zeros((0, 3)), rng.uniform(size=depth.shape) < 0.5)
+    points = np.column_stack([rng.uniform(-0.4, 0.4, (count, 2)), rng.uniform(0.4, 0.6, count)])
+    u, v = np.clip(np.round(CAMERA.project(points)), 0, [319, 239]).astype(int).T
+    nearer = (depth[v, u] > 0) & (depth[v, u] < points[:, 2] - planar.OCCLUSION_STEP)
+    found = planar._covered(points, region, SceneCloud(depth, CAMERA))
+    np.testing.assert_array_equal(found, nearer & ~region.mask[v, u])
+
+
+@given(seeds, st.integers(0, 200))
+@settings(max_examples=25, deadline=None)
+def test_of_pairs_about_one_place_the_first_is_taken(seed, count):
+    rng = np.random.default_rng(seed)
+    contact, pairs = rng.uniform(-20.0, 20.0, (40, 2)), rng.integers(40, size=(count, 2))
+    order = rng.permutation(count)
+    place = np.floor(contact[pairs[order]].mean(axis=1) / planar.PLACE)
+    _, first = np.unique(place, axis=0, return_index=True)
+    expected = order[np.sort(first)[: planar.MAX_PAIRS]]
+    np.testing.assert_array_equal(planar._spread(contact, pairs, order), expected)
+
+
+@given(st.lists(st.floats(0.1, 2.0), min_size=1, max_size=40))
+def test_percentiles_are_numpys(values):
+    shares = np.array([0.02, 0.5, 0.98])
+    found = planar._percentiles(np.array(values), shares)
+    np.testing.assert_allclose(found, np.quantile(values, shares), rtol=1e-12)

@@ -1,13 +1,16 @@
 """How much of the finger tips' room the camera sees to be free."""
 
+import itertools
+
 import numpy as np
 import pytest
 
 from pipelines.formats.gripper_files import load_gripper
 from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.transforms import random_rotation
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.observation import SceneCloud
-from pipelines.grasping.visibility import seen_share
+from pipelines.grasping.visibility import PLACES, TIP_LENGTH, seen_share
 
 CAMERA = Intrinsics(400.0, 400.0, 159.5, 119.5, 320, 240)
 GRIPPER = load_gripper("rg2")
@@ -55,3 +58,23 @@ def test_room_beside_the_picture_and_behind_the_camera_is_not_seen():
     assert seen_share(beside, GRIPPER, wall(0.6))[0] == 0.0
     assert seen_share(behind, GRIPPER, wall(0.6))[0] == 0.0
     assert seen_share(Grasps.empty(), GRIPPER, wall(0.6)).shape == (0,)
+
+
+def test_the_share_is_that_of_a_lattice_of_points():
+    rng = np.random.default_rng(0)
+    depth = rng.uniform(0.45, 0.55, (240, 320)) * (rng.uniform(size=(240, 320)) < 0.9)
+    scene = SceneCloud(depth, CAMERA)
+    place = np.column_stack([rng.uniform(-0.2, 0.2, (40, 2)), rng.uniform(-0.1, 0.6, 40)])
+    rotation = np.stack([random_rotation(rng) for _ in place])
+    grasps = Grasps(rotation, place, rng.uniform(0.01, 0.08, 40))
+    expected = []
+    for index in range(len(grasps)):
+        free = []
+        for low, high in GRIPPER.boxes(grasps.width[index])[:2]:
+            low[0] = max(low[0], high[0] - TIP_LENGTH)
+            for share in itertools.product(PLACES, repeat=3):
+                point = rotation[index] @ (low + share * (high - low)) + place[index]
+                (u, v), inside = (found[0] for found in CAMERA.pixels_of(point[None]))
+                free.append(inside and point[2] < depth[v, u])
+        expected.append(np.mean(free))
+    np.testing.assert_allclose(seen_share(grasps, GRIPPER, scene), expected)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipelines.geometry.pointcloud import Plane
-from pipelines.geometry.transforms import unit
+from pipelines.geometry.transforms import cross, unit
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ def level_axes(center: ArrayLike, table: Plane | None) -> Array:
     if np.linalg.norm(along) < STEEPEST:
         along = IMAGE_UP - (IMAGE_UP @ top) * top
     forward = unit(along)
-    return np.stack([np.cross(forward, top), forward, top])
+    return np.stack([cross(forward, top), forward, top])
 
 
 def table_row(plane: Plane | None) -> Array:

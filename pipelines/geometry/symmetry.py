@@ -1,5 +1,6 @@
 """The three symmetries of the paper, and the network's five slots for them (Sec. III-E, Fig. 5)."""
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -19,15 +20,16 @@ SPHERE_SLOT = 4
 
 def _checked_direction(name: str, vector: ArrayLike) -> Array:
     v = np.asarray(vector, np.float64)
-    length = np.linalg.norm(v)
-    if v.shape != (3,) or not np.isfinite(v).all() or not 0.5 < length < 2.0:
+    # Never of nan or infinity. Numbers one by one: symmetries are made by the hundred a frame.
+    length = math.hypot(*v.tolist()) if v.shape == (3,) else 0.0
+    if not 0.5 < length < 2.0:
         raise ValueRangeError(name, v.tolist(), "a unit vector of 3 finite numbers")
     return np.asarray(v / length)
 
 
 def _checked_point(vector: ArrayLike) -> Array:
     v = np.asarray(vector, np.float64)
-    if v.shape != (3,) or not np.isfinite(v).all():
+    if v.shape != (3,) or not all(map(math.isfinite, v.tolist())):
         raise ValueRangeError("point", v.tolist(), "3 finite numbers, metres")
     return v
 

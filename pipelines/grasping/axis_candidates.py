@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import ROTATION_SLOT, RotationSymmetry, SymmetrySlots
-from pipelines.geometry.transforms import basis_from_direction
+from pipelines.geometry.transforms import basis_from_direction, cross
 from pipelines.grasping.plane_candidates import (
     half_between_ends,
     halfway_up,
@@ -60,7 +60,7 @@ def middle_of_outline(points: Array, direction: Array) -> Array:
 def _lying(points: Array, along: list[Array], table: Plane) -> list[tuple[Array, Array]]:
     """Return the axes of what lies on `table` `along` each direction: it, and a point (3,)."""
     middle = points.mean(axis=0)
-    across = np.cross(table.normal, np.array(along))
+    across = cross(table.normal, np.array(along))
     aside = half_between_ends(points, across) - across @ middle
     rise = float(table.height(halfway_up(points, table)) - table.height(middle))
     through = middle + aside[:, None] * across + rise * table.normal

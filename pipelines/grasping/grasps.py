@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.transforms import (
     basis_from_direction,
+    cross,
     rotate_vectors,
     transform_points,
     unit,
@@ -78,7 +79,7 @@ class Grasps:
         a = a - np.einsum("ni,ni->n", a, closing)[:, None] * closing
         along = np.linalg.norm(a, axis=1) < PARALLEL
         a = unit(np.where(along[:, None], basis_from_direction(closing)[..., 1], a))
-        rotation = np.stack([a, closing, np.cross(a, closing)], -1)
+        rotation = np.stack([a, closing, cross(a, closing)], -1)
         return cls(rotation, pair.mean(axis=1), np.linalg.norm(line, axis=1))
 
     @classmethod

@@ -14,7 +14,7 @@ from pipelines.geometry.levelling import UNKNOWN_UP
 from pipelines.geometry.nearest import nearest_of
 from pipelines.geometry.quantiles import median
 from pipelines.geometry.symmetry import ReflectionSymmetry
-from pipelines.geometry.transforms import unit
+from pipelines.geometry.transforms import cross, unit
 from pipelines.grasping.observation import SceneCloud
 
 Array = NDArray[np.float64]
@@ -123,7 +123,7 @@ def _plane_axes(
     level = np.linalg.norm(up, axis=1) < LEVEL
     up = unit(np.where(level[:, None], ray - (normal @ ray)[:, None] * normal, up))
     foot = middle - np.einsum("ki,ki->k", middle - at, normal)[:, None] * normal
-    return np.stack([normal, up, np.cross(normal, up)], axis=1), foot
+    return np.stack([normal, up, cross(normal, up)], axis=1), foot
 
 
 def _against_depth(images: Array, mask: NDArray[np.bool_], scene: SceneCloud) -> Array:

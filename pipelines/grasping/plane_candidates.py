@@ -19,7 +19,7 @@ from pipelines.geometry.symmetry import (
     RotationSymmetry,
     SymmetrySlots,
 )
-from pipelines.geometry.transforms import basis_from_direction, unit
+from pipelines.geometry.transforms import basis_from_direction, cross, unit
 
 Array = NDArray[np.float64]
 
@@ -101,7 +101,7 @@ def face_directions(points: Array, normals: Array) -> list[Array]:
     found = [face]
     for angle in angles:
         first = basis @ np.array([np.cos(angle), np.sin(angle)])
-        found += [first, np.cross(face, first)]
+        found += [first, cross(face, first)]
     return found
 
 
@@ -126,7 +126,7 @@ def level_directions(points: Array, table: Plane) -> list[Array]:
     angle = _outline_angle(flat)
     longest = np.linalg.eigh(np.cov(flat.T))[1][:, 1]
     firsts = [basis @ np.array([np.cos(angle), np.sin(angle)]), basis @ longest]
-    return [each for first in firsts for each in (first, np.cross(table.normal, first))]
+    return [each for first in firsts for each in (first, cross(table.normal, first))]
 
 
 def _outline_angle(flat: Array) -> float:

@@ -6,17 +6,17 @@ outward normals oppose each other along the line between them are a grasp. Slici
 depths finds the walls of hollow things as well: a bowl's slice below the rim is a ring.
 """
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import SelectionConfig
 from pipelines.geometry.compiled import compiled
-from pipelines.geometry.transforms import basis_from_direction, unit
+from pipelines.geometry.quantiles import quantiles
+from pipelines.geometry.transforms import unit
 from pipelines.grasping.candidates import Candidates, no_candidates
 from pipelines.grasping.gripper import Gripper
+from pipelines.grasping.height_map import HeightMap
 from pipelines.grasping.observation import RegionCloud, SceneCloud
 
 Array = NDArray[np.float64]
@@ -28,8 +28,6 @@ SLICE_DEPTHS = (0.006, 0.013, 0.025, 0.045, 0.08)  # metres behind the nearest p
 TILTS = (0.0, 0.35, 0.7, 1.0)  # shares of the way from the table's normal to the view ray
 THINNEST = 0.004  # metres that a slice lies behind the nearest point at least
 STEEP_APPROACH = 0.9  # cosine to the table's normal from which the table bounds the depth
-MIN_CELL, MAX_CELLS = 0.002, 120  # metres; cells along a slice's longer side
-MARGIN = 3  # empty cells about a slice
 MAX_BOUNDARY = 72  # boundary points a slice
 MAX_PAIRS = 24  # pairs a slice
 PLACE = 4.0  # cells: one pair whose middle lies in such a square
@@ -39,38 +37,13 @@ OCCLUSION_STEP = 0.008  # metres by which it is nearer
 HIDDEN_PENALTY = 0.3  # a boundary that faces away from the camera may not be the object's end
 
 
-@dataclass(frozen=True)
-class _HeightMap:
-    """A region seen along `approach`: the nearest point of each cell."""
-
-    axes: Array  # (3, 3) columns approach, right, down
-    low: Array  # (2,) metres, corner of the grid
-    cell: float
-    depth: Array  # (rows, columns) metres along approach, inf where empty
-
-    @classmethod
-    def of(cls, points: Array, approach: Array) -> "_HeightMap":
-        axes = basis_from_direction(approach)
-        low, cell, depth = _nearest_in_cells(points @ axes)
-        return cls(axes, low - MARGIN * cell, cell, _holes_filled(depth))
-
-    def across(self, direction: Array) -> Array:
-        """Return (2,) the part of `direction` (3,) on the plane across the approach."""
-        return np.asarray(direction @ self.axes[:, 1:])
-
-    def points_at(self, pixels: Array, depth: float) -> Array:
-        """Return (n, 3) camera-frame points of `pixels` (n, 2) as (column, row) at `depth`."""
-        flat = self.low + (pixels + 0.5) * self.cell
-        return np.asarray(flat @ self.axes[:, 1:].T + depth * self.axes[:, 0])
-
-
 def planar_candidates(
     region: RegionCloud, scene: SceneCloud, gripper: Gripper, config: SelectionConfig
 ) -> Candidates:
     """Return boundary grasps of `region` along the table's normal, the view ray and between."""
     parts = []
     for approach in approach_directions(region, scene):
-        view = _HeightMap.of(region.points, approach)
+        view = HeightMap.of(region.points, approach)
         for depth, contact_depth in _slice_depths(view, scene, gripper, config):
             found = _slice_pairs(view, depth, contact_depth, region, scene, gripper, config)
             parts.append((*found, approach))
@@ -98,7 +71,7 @@ def approach_directions(region: RegionCloud, scene: SceneCloud) -> list[Array]:
 
 
 def _slice_depths(
-    view: _HeightMap, scene: SceneCloud, gripper: Gripper, config: SelectionConfig
+    view: HeightMap, scene: SceneCloud, gripper: Gripper, config: SelectionConfig
 ) -> list[tuple[float, float]]:
     """Return where to slice, and how deep the contacts then are, along the approach.
 
@@ -106,7 +79,7 @@ def _slice_depths(
     little before its surface then, as long as it is still between the tips.
     """
     seen = view.depth[np.isfinite(view.depth)]
-    nearest, farthest = _percentiles(seen, np.array([0.02, 0.98]))
+    nearest, farthest = quantiles(seen, (0.02, 0.98))
     slices = nearest + np.array([d for d in SLICE_DEPTHS if d < farthest - nearest + THINNEST])
     slope = 0.0 if scene.plane is None else float(-view.axes[:, 0] @ scene.plane.normal)
     if scene.plane is None or slope < STEEP_APPROACH:
@@ -118,24 +91,8 @@ def _slice_depths(
     return sorted((float(d), float(c)) for d, c in lifted if d - c <= reach)
 
 
-def _percentiles(values: Array, shares: Array) -> Array:
-    """Return `np.quantile` (s,) of `values` (n,), whose checks take longer than its work."""
-    place = shares * (len(values) - 1)
-    below = place.astype(int)
-    above = np.minimum(below + 1, len(values) - 1)
-    ordered = np.partition(values, np.concatenate([below, above]))
-    return np.asarray(ordered[below] + (place - below) * (ordered[above] - ordered[below]))
-
-
-def _holes_filled(depth: Array) -> Array:
-    """Return `depth` with small gaps between measured cells closed."""
-    measured = np.isfinite(depth).astype(np.uint8)
-    inside = cv2.morphologyEx(measured, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-    return _filled(depth, np.asarray(inside, np.uint8))
-
-
 def _slice_pairs(
-    view: _HeightMap,
+    view: HeightMap,
     depth: float,
     contact_depth: float,
     region: RegionCloud,
@@ -171,7 +128,7 @@ def _boundary(inside: NDArray[np.uint8]) -> tuple[Array, Array]:
     return cells.astype(np.float64), -unit(_slopes(smooth, cells))
 
 
-def _wall_steepness(view: _HeightMap, depth: float, cells: Array, outward: Array) -> Array:
+def _wall_steepness(view: HeightMap, depth: float, cells: Array, outward: Array) -> Array:
     """Return (n,) the sine between the wall below a boundary cell and the plane of the slice.
 
     Two cells farther out the region is either gone (a wall as steep as can be seen) or has
@@ -185,41 +142,6 @@ def _covered(points: Array, region: RegionCloud, scene: SceneCloud) -> Mask:
     camera = scene.intrinsics
     lens = (float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy))
     return _behind_others(points, scene.depth, region.mask, lens)
-
-
-@compiled
-def _nearest_in_cells(local: Array) -> tuple[Array, float, Array]:
-    """Return the lowest right and down of `local` (n, 3), the cell and (rows, columns) depths.
-
-    Those of the nearest point of each cell, inf where there is none.
-    """
-    x0, y0, x1, y1 = local[0, 1], local[0, 2], local[0, 1], local[0, 2]
-    for n in range(len(local)):
-        x0, y0 = min(x0, local[n, 1]), min(y0, local[n, 2])
-        x1, y1 = max(x1, local[n, 1]), max(y1, local[n, 2])
-    cell = max(MIN_CELL, max(x1 - x0, y1 - y0) / MAX_CELLS)
-    rows, columns = int((y1 - y0) / cell) + 1, int((x1 - x0) / cell) + 1
-    depth = np.full((rows + 2 * MARGIN, columns + 2 * MARGIN), np.inf)
-    for n in range(len(local)):
-        row = int((local[n, 2] - y0) / cell) + MARGIN
-        column = int((local[n, 1] - x0) / cell) + MARGIN
-        depth[row, column] = min(depth[row, column], local[n, 0])
-    return np.array((x0, y0)), cell, depth
-
-
-@compiled
-def _filled(depth: Array, inside: NDArray[np.uint8]) -> Array:
-    """Return `depth` (h, w) with what is `inside` and not measured as near as what is about it."""
-    height, width = depth.shape
-    filled = depth.copy()
-    for row in range(height):
-        for column in range(width):
-            if inside[row, column] == 0 or depth[row, column] < np.inf:
-                continue
-            for i in range(max(row - 2, 0), min(row + 3, height)):
-                for j in range(max(column - 2, 0), min(column + 3, width)):
-                    filled[row, column] = min(filled[row, column], depth[i, j])
-    return filled
 
 
 @compiled

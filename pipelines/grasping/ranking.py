@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipelines.configs import SelectionConfig
 from pipelines.grasping.candidates import RankedGrasps
-from pipelines.grasping.hand_views import HandViews, KnownRegion
+from pipelines.grasping.hand_views import HandViews
+from pipelines.grasping.known_region import KnownRegion
 from pipelines.grasping.point_judge import PointJudge
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ from pipelines.grasping.candidates import Candidates, RankedGrasps
 from pipelines.grasping.completion import Completion, completions
 from pipelines.grasping.decoding import ContactPairs, contact_pairs
 from pipelines.grasping.gripper import Gripper
-from pipelines.grasping.hand_views import KnownRegion
+from pipelines.grasping.known_region import KnownRegion
 from pipelines.grasping.observation import RegionCloud, SceneCloud, Surroundings
 from pipelines.grasping.planar import planar_candidates
 from pipelines.grasping.ranking import Judge, by_eq8, by_judge

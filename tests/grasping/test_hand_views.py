@@ -19,9 +19,9 @@ from pipelines.grasping.hand_views import (
     NUM_POINTS,
     POINT_FEATURES,
     HandViews,
-    KnownRegion,
     hand_frame,
 )
+from pipelines.grasping.known_region import KnownRegion
 from pipelines.grasping.observation import RegionCloud, SceneCloud
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pipelines.configs import SelectionConfig
 from pipelines.formats.gripper_files import load_gripper
 from pipelines.geometry.pointcloud import Plane
-from pipelines.grasping import planar
+from pipelines.grasping import height_map, planar
 from pipelines.grasping.observation import RegionCloud, SceneCloud
 from tests.geometry.tabletops import CAMERA, Box, Can, looking_at_table, render
 
@@ -50,7 +50,7 @@ def test_the_pairs_of_a_slice_are_those_of_a_loop(shape):
     scene = SceneCloud(depth, CAMERA, Plane(pose[:3, 2], float(-pose[:3, 2] @ pose[:3, 3])))
     region = RegionCloud.from_mask(index == 0, scene)
     for approach in planar.approach_directions(region, scene):
-        view = planar._HeightMap.of(region.points, approach)
+        view = height_map.HeightMap.of(region.points, approach)
         for at, contact_depth in planar._slice_depths(view, scene, GRIPPER, CONFIG):
             expected = naive_pairs(view, at, region, scene)
             contacts, quality = planar._slice_pairs(
@@ -75,12 +75,12 @@ def test_the_pairs_of_a_slice_are_those_of_a_loop(shape):
 def test_a_cell_holds_its_nearest_point(seed, count):
     rng = np.random.default_rng(seed)
     local = rng.uniform(-0.05, 0.05, (count, 3)) * rng.choice([0.05, 1.0])
-    low, cell, depth = planar._nearest_in_cells(local)
+    low, cell, depth = height_map._nearest_in_cells(local)
     np.testing.assert_array_equal(low, local[:, 1:].min(axis=0))
     extent = np.ptp(local[:, 1:], axis=0)
-    assert cell == max(planar.MIN_CELL, extent.max() / planar.MAX_CELLS)
-    expected = np.full((extent[::-1] / cell).astype(int) + 1 + 2 * planar.MARGIN, np.inf)
-    column, row = ((local[:, 1:] - low) / cell).astype(int).T + planar.MARGIN
+    assert cell == max(height_map.MIN_CELL, extent.max() / height_map.MAX_CELLS)
+    expected = np.full((extent[::-1] / cell).astype(int) + 1 + 2 * height_map.MARGIN, np.inf)
+    column, row = ((local[:, 1:] - low) / cell).astype(int).T + height_map.MARGIN
     np.minimum.at(expected, (row, column), local[:, 0])
     np.testing.assert_array_equal(depth, expected)
 
@@ -93,7 +93,7 @@ def test_holes_are_as_near_as_what_is_about_them(seed):
     inside = (rng.uniform(size=(12, 9)) < 0.5).astype(np.uint8)
     near = planar.cv2.erode(depth, np.ones((5, 5), np.uint8), borderValue=np.inf)
     expected = np.where(np.isfinite(depth) | (inside == 0), depth, near)
-    np.testing.assert_array_equal(planar._filled(depth, inside), expected)
+    np.testing.assert_array_equal(height_map._filled(depth, inside), expected)
 
 
 @given(seeds, st.integers(0, 20))
@@ -138,10 +138,3 @@ def test_of_pairs_about_one_place_the_first_is_taken(seed, count):
     _, first = np.unique(place, axis=0, return_index=True)
     expected = order[np.sort(first)[: planar.MAX_PAIRS]]
     np.testing.assert_array_equal(planar._spread(contact, pairs, order), expected)
-
-
-@given(st.lists(st.floats(0.1, 2.0), min_size=1, max_size=40))
-def test_percentiles_are_numpys(values):
-    shares = np.array([0.02, 0.5, 0.98])
-    found = planar._percentiles(np.array(values), shares)
-    np.testing.assert_allclose(found, np.quantile(values, shares), rtol=1e-12)

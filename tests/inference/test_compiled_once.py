@@ -1,11 +1,16 @@
-"""Compiled loops: kept nowhere they still work, and a frame has none of them compiled twice."""
+"""Compiled loops: each compiled once a frame, out of one file, and where it cannot be kept."""
 
+import ast
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 
+import pipelines
 from pipelines.geometry.compiled import compiled
+
+PIPELINES = Path(pipelines.__file__).parent
 
 # In a process of its own: other tests may call the same loops with other kinds of arguments.
 GOLDEN_FRAME = """
@@ -36,3 +41,24 @@ def test_a_frame_needs_each_loop_for_one_kind_of_arguments():
     counts = dict(line.split() for line in made.stdout.splitlines())
     assert "pipelines.grasping.hand_bodies.points_met" in counts
     assert {name: number for name, number in counts.items() if int(number) > 1} == {}
+
+
+def names_of_other_files(tree):
+    """What a module imports from the project."""
+    imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    found = [node for node in imports if (node.module or "").startswith("pipelines")]
+    return {name.asname or name.name for node in found for name in node.names}
+
+
+def test_compiled_loops_use_nothing_of_other_files():
+    count = 0
+    for path in PIPELINES.rglob("*.py"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for node in ast.walk(tree):
+            marks = getattr(node, "decorator_list", [])
+            if any(isinstance(mark, ast.Name) and mark.id == "compiled" for mark in marks):
+                body = [name for part in node.body for name in ast.walk(part)]
+                used = {name.id for name in body if isinstance(name, ast.Name)}
+                assert not used & names_of_other_files(tree), f"{path}: {node.name}"
+                count += 1
+    assert count > 10

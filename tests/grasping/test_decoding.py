@@ -20,7 +20,6 @@ from pipelines.geometry.transforms import (
 )
 from pipelines.grasping.decoding import (
     _best_images,
-    _median,
     average_symmetries,
     contact_pairs,
     graspable,
@@ -227,8 +226,3 @@ def test_a_point_is_paired_with_the_sound_image_that_its_normal_faces_most(seed,
     none = np.where(sound.any(axis=1), facing.argmax(axis=1), -1)
     np.testing.assert_array_equal(best, none)
     np.testing.assert_allclose(cosine, facing.max(axis=1, initial=0.0))
-
-
-@given(st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=30))
-def test_the_median_is_numpys(values):
-    assert _median(np.array(values)) == np.median(values)

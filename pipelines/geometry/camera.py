@@ -46,6 +46,17 @@ class Intrinsics:
         """The (3, 3) camera matrix."""
         return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1.0]])
 
+    @property
+    def lens(self) -> Lens:
+        """fx, fy, cx and cy, as compiled loops take them."""
+        return float(self.fx), float(self.fy), float(self.cx), float(self.cy)
+
+    @property
+    def image_plane(self) -> tuple[Array, Array]:
+        """X (W,) of the columns and y (H,) of the rows on the plane at depth 1, camera frame."""
+        u, v = np.arange(self.width, dtype=np.float64), np.arange(self.height, dtype=np.float64)
+        return (u - self.cx) / self.fx, (v - self.cy) / self.fy
+
     def project(self, points: ArrayLike) -> Array:
         """Return the pixels (..., 2) as (u, v) of `points` (..., 3), camera frame, z > 0."""
         x, y, z = np.moveaxis(np.asarray(points, np.float64), -1, 0)
@@ -56,14 +67,12 @@ class Intrinsics:
 
         And which of them (n,) fall into the image; the pixel of a point behind the camera is -1.
         """
-        lens = (float(self.fx), float(self.fy), float(self.cx), float(self.cy))
         rows = np.ascontiguousarray(points, np.float64)
-        return _pixels(rows, lens, int(self.width), int(self.height))
+        return _pixels(rows, self.lens, int(self.width), int(self.height))
 
     def rays(self) -> Array:
         """Return (H, W, 3) points on each pixel's ray at depth 1, camera frame."""
-        u, v = np.meshgrid(np.arange(self.width), np.arange(self.height))
-        x, y = (u - self.cx) / self.fx, (v - self.cy) / self.fy
+        x, y = np.meshgrid(*self.image_plane)
         return np.stack([x, y, np.ones_like(x)], -1)
 
     def backproject(self, depth: ArrayLike) -> Array:
@@ -71,9 +80,7 @@ class Intrinsics:
         depth = np.asarray(depth, np.float64)
         if depth.shape != (self.height, self.width):
             raise ValueRangeError("depth size", depth.shape, f"{(self.height, self.width)}")
-        x: Array = (np.arange(self.width, dtype=np.float64) - self.cx) / self.fx
-        y: Array = (np.arange(self.height, dtype=np.float64) - self.cy) / self.fy
-        return _points(np.ascontiguousarray(depth), x, y)
+        return _points(np.ascontiguousarray(depth), *self.image_plane)
 
     def resized(self, width: int, height: int) -> "Intrinsics":
         """Return the intrinsics of the same image resampled to `width` x `height`."""

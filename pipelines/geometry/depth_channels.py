@@ -90,12 +90,11 @@ def depth_channels(depth: Image, intrinsics: Intrinsics, plane: Plane) -> Image:
         return channels
     smooth = np.asarray(cv2.medianBlur(depth.astype(np.float32), 3), np.float32)
     filled = fill_missing(np.where(missing, np.float32(0.0), smooth))
-    x: Array = (np.arange(intrinsics.width, dtype=np.float64) - intrinsics.cx) / intrinsics.fx
-    y: Array = (np.arange(intrinsics.height, dtype=np.float64) - intrinsics.cy) / intrinsics.fy
-    normals = image_normals(filled, x, y, NORMAL_RADIUS)
+    rays = intrinsics.image_plane
+    normals = image_normals(filled, *rays, NORMAL_RADIUS)
     blurred = np.asarray(cv2.blur(filled, (5, 5)), np.float32)
     place = (*plane.normal.tolist(), float(plane.offset))
-    return _channels(filled, blurred, missing, normals, (x, y), place)
+    return _channels(filled, blurred, missing, normals, rays, place)
 
 
 def fill_missing(depth: Image) -> Image:

@@ -55,7 +55,7 @@ class HandViews:
     @cached_property
     def _local(self) -> Singles:
         """(k, 3, m) the region's pool of points in each hand's frame."""
-        return hand_frame(self.known.pool[0], self.found.grasps).transpose(0, 2, 1)
+        return hand_frame(self.known.pool[0], self.found.grasps)
 
     @property
     def _half(self) -> Singles:
@@ -112,16 +112,15 @@ class HandViews:
 
 
 def hand_frame(points: Array, grasps: Grasps) -> Singles:
-    """Return (k, m, 3) `points` (m, 3) in the frame of each of k hands."""
+    """Return (k, 3, m) `points` (m, 3) in the frame of each of k hands."""
     middle = points.mean(axis=0)  # single precision is fine about it
     origin = np.einsum("ki,kia->ka", grasps.translation - middle, grasps.rotation)
     about = np.ascontiguousarray((points - middle).T, np.float32)
-    local = _local(about, grasps.rotation.astype(np.float32), origin.astype(np.float32))
-    return local.transpose(0, 2, 1)
+    return _turned(about, grasps.rotation.astype(np.float32), origin.astype(np.float32))
 
 
 @compiled
-def _local(points: Singles, rotation: Singles, origin: Singles) -> Singles:
+def _turned(points: Singles, rotation: Singles, origin: Singles) -> Singles:
     """Return (k, 3, m) `points` (3, m) by each `rotation` (k, 3, 3), less `origin` (k, 3)."""
     local = np.empty((len(origin), 3, points.shape[1]), np.float32)
     for k in range(len(origin)):

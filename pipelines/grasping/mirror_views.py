@@ -14,6 +14,7 @@ from pipelines.geometry.levelling import UNKNOWN_UP
 from pipelines.geometry.nearest import nearest_of
 from pipelines.geometry.quantiles import median
 from pipelines.geometry.symmetry import ReflectionSymmetry
+from pipelines.geometry.symmetry_fitting import mirrored
 from pipelines.geometry.transforms import cross, unit
 from pipelines.grasping.observation import SceneCloud
 
@@ -53,9 +54,9 @@ class MirrorImages:
     def of(cls, planes: list[ReflectionSymmetry], points: Array, normals: Array) -> "MirrorImages":
         """Return the images of some of `points` (n, 3) in `planes`."""
         moved = np.linspace(0, len(points) - 1, NUM_POINTS).round().astype(np.int64)
-        normal, some = np.array([plane.normal for plane in planes]), points[moved]
-        side = some @ normal.T - [plane.point @ plane.normal for plane in planes]
-        images = some - 2.0 * side.T[..., None] * normal[:, None]
+        normal = np.array([plane.normal for plane in planes])
+        point = np.array([plane.point for plane in planes])
+        images = mirrored(points[moved], normal, point)
         return cls(points, normals, moved, images, *nearest_of(points, images))
 
 

@@ -103,11 +103,10 @@ class SceneCloud:
         """Return the points within `reach` metres of the region's ball, thinned to `resolution`."""
         low, high = region.points.min(axis=0), region.points.max(axis=0)
         centre, radius = (low + high) / 2.0, float(np.linalg.norm(high - low)) / 2.0 + reach
-        mask = np.ascontiguousarray(region.mask)
         window = self._window(centre, radius)
-        pixel, key = _in_ball(self.xyz, mask, window, centre, radius, resolution)
+        pixel, key = _in_ball(self.xyz, region.mask, window, centre, radius, resolution)
         first, count = first_of_each(key)
-        points, own = _at(self.xyz, mask, pixel[first])
+        points, own = _at(self.xyz, region.mask, pixel[first])
         others = np.flatnonzero(~own)
         return Surroundings(points, count, Obstacles(points[others], count[others]), centre, radius)
 
@@ -145,7 +144,7 @@ class RegionCloud:
         xyz = scene.xyz[rows, columns]
         normals = smooth_normals(xyz, sound, NORMAL_RADIUS)
         sound &= np.isfinite(normals).all(axis=-1)
-        return cls(xyz[sound], normals[sound], mask)
+        return cls(xyz[sound], normals[sound], np.ascontiguousarray(mask))
 
     @cached_property
     def middle(self) -> Array:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import SelectionConfig
+from pipelines.geometry.camera import Lens
 from pipelines.geometry.compiled import compiled
 from pipelines.geometry.quantiles import quantiles
 from pipelines.geometry.transforms import unit
@@ -22,7 +23,6 @@ from pipelines.grasping.observation import RegionCloud, SceneCloud
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
-Lens = tuple[float, float, float, float]  # fx, fy, cx, cy
 
 SLICE_DEPTHS = (0.006, 0.013, 0.025, 0.045, 0.08)  # metres behind the nearest point
 TILTS = (0.0, 0.35, 0.7, 1.0)  # shares of the way from the table's normal to the view ray
@@ -106,9 +106,10 @@ def _slice_pairs(
     if len(boundary) < 2:
         return np.zeros((0, 2, 3)), np.zeros(0)
     contact = boundary + 0.5 * outward  # from a cell's centre to its outer edge
-    steep = _wall_steepness(view, depth, boundary, outward)
+    steep = _wall_steepness(view.depth, depth, view.cell, boundary, outward)
     trust = 1.0 - HIDDEN_PENALTY * np.maximum(outward @ view.across(region.view_ray), 0.0)
-    trust[_covered(view.points_at(boundary + 2.0 * outward, depth), region, scene)] *= COVERED
+    beyond = view.points_at(boundary + 2.0 * outward, depth)
+    trust[_covered(beyond, scene.depth, region.mask, scene.intrinsics.lens)] *= COVERED
     fitting = (config.min_width, float(gripper.max_width))
     pairs, quality = _holding_pairs(contact, outward, steep, trust, view.cell, fitting)
     best = _spread(contact, pairs, np.argsort(-quality, kind="stable"))
@@ -128,22 +129,6 @@ def _boundary(inside: NDArray[np.uint8]) -> tuple[Array, Array]:
     return cells.astype(np.float64), -unit(_slopes(smooth, cells))
 
 
-def _wall_steepness(view: HeightMap, depth: float, cells: Array, outward: Array) -> Array:
-    """Return (n,) the sine between the wall below a boundary cell and the plane of the slice.
-
-    Two cells farther out the region is either gone (a wall as steep as can be seen) or has
-    fallen away by so much.
-    """
-    return _steepness(view.depth, depth, view.cell, cells, outward)
-
-
-def _covered(points: Array, region: RegionCloud, scene: SceneCloud) -> Mask:
-    """Return which of `points` (n, 3) another thing hides: the region may go on behind it."""
-    camera = scene.intrinsics
-    lens = (float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy))
-    return _behind_others(points, scene.depth, region.mask, lens)
-
-
 @compiled
 def _slopes(smooth: Array, cells: Indices) -> Array:
     """Return (n, 2) how `smooth` (h, w) rises at `cells` (n, 2), as Sobel's filters do."""
@@ -158,8 +143,12 @@ def _slopes(smooth: Array, cells: Indices) -> Array:
 
 
 @compiled
-def _steepness(depth: Array, at: float, cell: float, cells: Array, outward: Array) -> Array:
-    """Return what `_wall_steepness` does, of a slice of `depth` (h, w) `at` metres."""
+def _wall_steepness(depth: Array, at: float, cell: float, cells: Array, outward: Array) -> Array:
+    """Return (n,) the sine between the wall below a boundary cell and the plane of the slice.
+
+    Two cells farther out the region is either gone (a wall as steep as can be seen) or has
+    fallen away by so much. `depth`: (h, w), sliced `at` metres.
+    """
     height, width = depth.shape
     steep = np.ones(len(cells))
     for n in range(len(cells)):
@@ -172,18 +161,21 @@ def _steepness(depth: Array, at: float, cell: float, cells: Array, outward: Arra
 
 
 @compiled
-def _behind_others(points: Array, depth: Array, mask: Mask, lens: Lens) -> Mask:
-    """Return which of `points` (n, 3) lie behind something outside `mask` (h, w)."""
+def _covered(points: Array, depth: Array, mask: Mask, lens: Lens) -> Mask:
+    """Return which of `points` (n, 3) another thing hides: the region may go on behind it.
+
+    `depth`: (h, w). `mask`: (h, w) the region.
+    """
     fx, fy, cx, cy = lens
     height, width = depth.shape
-    behind = np.zeros(len(points), np.bool_)
+    covered = np.zeros(len(points), np.bool_)
     for n in range(len(points)):
         z = points[n, 2]
         u, v = np.rint(fx * points[n, 0] / z + cx), np.rint(fy * points[n, 1] / z + cy)
         column, row = int(min(max(u, 0.0), width - 1.0)), int(min(max(v, 0.0), height - 1.0))
         seen = depth[row, column]
-        behind[n] = seen > 0 and seen < z - OCCLUSION_STEP and not mask[row, column]
-    return behind
+        covered[n] = seen > 0 and seen < z - OCCLUSION_STEP and not mask[row, column]
+    return covered
 
 
 @compiled

@@ -3,13 +3,13 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.geometry.camera import Lens
 from pipelines.geometry.compiled import compiled
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.observation import SceneCloud
 
 Array = NDArray[np.float64]
-Lens = tuple[float, float, float, float]  # fx, fy, cx, cy
 
 TIP_LENGTH = 0.03  # metres of each finger, from its tip, that go where things may be
 PLACES = np.array([0.1, 0.5, 0.9])  # along each edge of a finger tip
@@ -26,8 +26,7 @@ def seen_share(grasps: Grasps, gripper: Gripper, scene: SceneCloud) -> Array:
     lattice = np.stack(np.meshgrid(PLACES, PLACES, PLACES, indexing="ij"), -1).reshape(-1, 3)
     local = low[:, :, None] + lattice * (high - low)[:, :, None]  # (n, 2, 27, 3)
     local = local.reshape(len(grasps), local.shape[1] * local.shape[2], 3)
-    camera = scene.intrinsics
-    lens = (float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy))
+    lens = scene.intrinsics.lens
     return _looked_through(local, grasps.rotation, grasps.translation, scene.depth, lens)
 
 

@@ -107,7 +107,7 @@ def test_numbers_tell_width_pose_symmetry_and_what_is_seen_at_each_contact():
 def test_the_hands_frame_leads_back_to_the_cameras():
     grasps = hands(2).grasps
     for index, local in enumerate(hand_frame(KNOWN.region.points, grasps)):
-        back = local @ grasps.rotation[index].T + grasps.translation[index]
+        back = local.T @ grasps.rotation[index].T + grasps.translation[index]
         np.testing.assert_allclose(back, KNOWN.region.points, atol=1e-6)
 
 

@@ -21,10 +21,10 @@ def naive_pairs(view, depth, region, scene):
     """Holding pairs of one slice, (first, second) contact on the plane and quality."""
     inside = planar.cv2.medianBlur((view.depth <= depth).astype(np.uint8), 3)
     boundary, outward = planar._boundary(inside)
-    steep = planar._wall_steepness(view, depth, boundary, outward)
+    steep = planar._wall_steepness(view.depth, depth, view.cell, boundary, outward)
     ray = region.view_ray @ view.axes[:, 1:]
     behind = view.points_at(boundary + 2.0 * outward, depth)
-    covered = planar._covered(behind, region, scene)
+    covered = planar._covered(behind, scene.depth, region.mask, scene.intrinsics.lens)
     contact, found = boundary + 0.5 * outward, {}
     for i in range(len(contact)):
         for j in range(i + 1, len(contact)):
@@ -111,7 +111,7 @@ def test_slopes_and_steepness_are_those_of_arrays(seed, count):
     u, v = np.clip(np.round(cells + 2.5 * outward), 0, [19, 14]).astype(int).T
     fall = np.where(np.isfinite(depth[v, u]), np.maximum(depth[v, u] - 0.4, 0.0), 1.0)
     expected = np.sin(np.arctan2(fall, 2.5 * 0.1))
-    found = planar._steepness(depth, 0.4, 0.1, cells.astype(float), outward)
+    found = planar._wall_steepness(depth, 0.4, 0.1, cells.astype(float), outward)
     np.testing.assert_allclose(found, expected)
 
 
@@ -120,12 +120,12 @@ def test_slopes_and_steepness_are_those_of_arrays(seed, count):
 def test_points_are_covered_by_what_is_nearer_and_not_the_region(seed, count):
     rng = np.random.default_rng(seed)
     depth = rng.uniform(0.45, 0.55, (240, 320)) * (rng.uniform(size=(240, 320)) < 0.8)
-    region = RegionCloud(np.zeros((0, 3)), np.zeros((0, 3)), rng.uniform(size=depth.shape) < 0.5)
+    mask = rng.uniform(size=depth.shape) < 0.5
     points = np.column_stack([rng.uniform(-0.4, 0.4, (count, 2)), rng.uniform(0.4, 0.6, count)])
     u, v = np.clip(np.round(CAMERA.project(points)), 0, [319, 239]).astype(int).T
     nearer = (depth[v, u] > 0) & (depth[v, u] < points[:, 2] - planar.OCCLUSION_STEP)
-    found = planar._covered(points, region, SceneCloud(depth, CAMERA))
-    np.testing.assert_array_equal(found, nearer & ~region.mask[v, u])
+    found = planar._covered(points, depth, mask, CAMERA.lens)
+    np.testing.assert_array_equal(found, nearer & ~mask[v, u])
 
 
 @given(seeds, st.integers(0, 200))

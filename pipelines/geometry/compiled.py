@@ -7,10 +7,15 @@ compiled for each kind of argument it meets: arrays come in C order. Sums are ta
 that is written, so all machines find the same.
 """
 
+import logging
 from collections.abc import Callable
 from typing import TypeVar, cast
 
 import numba
+from numba.core import event
+
+log = logging.getLogger(__name__)
+COMPILING = "numba:compile"  # what numba calls it; what is kept is loaded without
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -22,3 +27,22 @@ def compiled(function: Function) -> Function:
     except RuntimeError:  # nowhere to keep it: each process compiles for itself
         made = numba.njit(function, nogil=True, error_model="numpy")
     return cast(Function, made)
+
+
+class SayOnce(event.Listener):
+    """Says once a process that loops are being compiled: nothing else is heard of it for long."""
+
+    def on_start(self, started: event.Event) -> None:
+        """Say it of the first loop of this package."""
+        module = started.data["dispatcher"].py_func.__module__ or ""  # none of what has no file
+        if module.startswith("pipelines."):
+            event.unregister(COMPILING, self)  # type: ignore[no-untyped-call]
+            log.warning(
+                "inner loops are compiled first; that takes up to a minute, once an installation"
+            )
+
+    def on_end(self, ended: event.Event) -> None:
+        """Say no more."""
+
+
+event.register(COMPILING, SayOnce())  # type: ignore[no-untyped-call]

@@ -34,6 +34,32 @@ def test_a_loop_that_cannot_be_kept_is_compiled_all_the_same():
     assert compiled(namespace["total"])(np.arange(4.0)) == 6.0
 
 
+SAYS = """
+import numba
+from pipelines.geometry.compiled import compiled
+
+numba.njit(lambda x: x)(1)
+print("a user's own")
+
+
+def twice(x):
+    return 2 * x
+
+
+twice.__module__ = "pipelines.geometry.somewhere"
+doubled = compiled(twice)
+doubled(1), doubled(1.0)
+"""
+
+
+def test_the_first_loop_that_is_compiled_says_so_and_no_other(tmp_path):
+    script = tmp_path / "says.py"
+    script.write_text(SAYS, encoding="utf-8")
+    made = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True)
+    assert made.stderr.count("\n") == 1
+    assert "compiled first" in made.stderr
+
+
 def test_a_frame_needs_each_loop_for_one_kind_of_arguments():
     made = subprocess.run(
         [sys.executable, "-c", GOLDEN_FRAME], capture_output=True, text=True, check=True

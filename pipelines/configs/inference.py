@@ -34,6 +34,7 @@ class SelectionConfig:
     weak_affordance: float = 0.1  # D. 27: below it no point of a region is worth a finger
     min_existence: float = 0.5  # D. 4
     min_trust: float = 0.2  # D. 66: of a symmetry that is fitted to what is seen
+    doubted_trust: float = 0.03  # D. 88: the same, where little is expected of everything else
     min_completion: float = 0.5  # D. 32: trust in a symmetry that may complete the unseen side
     min_completion_beside: float = 0.3  # D. 85: the same of neighbours, for hands to keep off
     ground_symmetries: bool = True  # D. 31: fit predictions to what is seen; the paper does not
@@ -64,7 +65,7 @@ class SelectionConfig:
     steadiness: float = 0.85  # of the best candidate's, that a candidate needs for Eq. 8
     max_ranked: int = 96  # hands of a region and kind that are ranked, the steadiest
     judged_steadiness: float = 0.6  # the same, to be judged
-    planar_below: float = 0.6  # best expectation of symmetric grasps that planar ones may beat
+    planar_below: float = 0.6  # best expectation of symmetric grasps that others may beat
 
     @property
     def judges_hands(self) -> bool:

@@ -1,5 +1,7 @@
 """From one region to ranked grasps: by symmetry, from the boundary, or at random."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,8 +38,9 @@ def plan_region(
 ) -> RankedGrasps:
     """Return symmetric grasps of `region`, or planar ones where none is feasible (Sec. III-F).
 
-    With a judge, planar ones join where it expects little of the symmetric ones (D. 82). Where
-    what lies unseen behind other regions leaves no grasp, it is not minded (D. 85).
+    With a judge, planar ones join where it expects little of the symmetric ones (D. 82), and then
+    those across symmetries that are doubted (D. 88). Where what lies unseen behind other regions
+    leaves no grasp, it is not minded (D. 85).
 
     Args:
         region: n points.
@@ -53,22 +56,34 @@ def plan_region(
         return RankedGrasps.empty()
     if completion is None:
         completion = completions([region], scene, [slots], config)[0]
-    pairs = contact_pairs(region, scene, slots, affordance, gripper, config)
-    candidates = _symmetric_candidates(pairs, region, scene)
     turns = np.linspace(0.0, 2 * np.pi, config.num_approach_angles, endpoint=False)
     around, ranking = surroundings(region, scene, gripper, config), by_eq8(config)
     if judge is not None:
         known = KnownRegion(region, scene, slots, completion.own, around.others.points)
         ranking = by_judge(judge, known, config)
 
+    def across(slots: SymmetrySlots, trusted: SelectionConfig) -> Candidates:
+        pairs = contact_pairs(region, scene, slots, affordance, gripper, trusted)
+        return _symmetric_candidates(pairs, region, scene)
+
+    def serves(found: RankedGrasps) -> bool:
+        return len(found) > 0 and (judge is None or found.rank_score[0] >= config.planar_below)
+
+    first = across(slots, config)
+
     def planned(around: Surroundings) -> RankedGrasps:
         whole = around.with_unseen(completion.own)
-        found = select(candidates, turns, region, scene, gripper, config, whole, ranking)
-        if len(found) and (judge is None or found.rank_score[0] >= config.planar_below):
+        found = select(first, turns, region, scene, gripper, config, whole, ranking)
+        if serves(found):
             return found
         flat = planar_candidates(region, scene, gripper, config)
         planar = select(flat, PLANAR_TURNS, region, scene, gripper, config, around, ranking)
-        return joined(found, planar, config)
+        found = joined(found, planar, config)
+        if judge is None or serves(found):
+            return found
+        others = across(*_doubted(slots, config))
+        more = select(others, turns, region, scene, gripper, config, whole, ranking)
+        return joined(found, more, config)
 
     found = planned(around.with_unseen(completion.others))
     return found if len(found) or not len(completion.others) else planned(around)
@@ -85,6 +100,14 @@ def _symmetric_candidates(
         pairs.slot,
         "network",
     )
+
+
+def _doubted(
+    slots: SymmetrySlots, config: SelectionConfig
+) -> tuple[SymmetrySlots, SelectionConfig]:
+    """Return the symmetries that are trusted too little to be asked first, and what admits them."""
+    existence = np.where(slots.existence < config.min_trust, slots.existence, 0.0)
+    return replace(slots, existence=existence), replace(config, min_trust=config.doubted_trust)
 
 
 def joined(first: RankedGrasps, second: RankedGrasps, config: SelectionConfig) -> RankedGrasps:

@@ -184,6 +184,20 @@ def test_planar_grasps_join_where_little_is_expected_of_symmetric_ones():
     assert not np.triu(near, 1).any()
 
 
+def test_doubted_planes_are_asked_where_little_is_expected_of_all_else():
+    pose, scene, region = seen([Box((0.06, 0.09, 0.1))])
+    slots = box_planes(pose, 0.1)
+    slots.existence[1] = CONFIG.min_trust / 2  # across the pose's y
+    sure = judged(scene, region, slots, Expecting(pose[:3, 0]))
+    assert len(sure)
+    assert 1 not in sure.slot
+    unsure = judged(scene, region, slots, Expecting(pose[:3, 1]))
+    assert unsure.slot[0] == 1
+    assert (np.diff(unsure.rank_score) <= 1e-6).all()
+    slots.existence[1] = CONFIG.doubted_trust / 2
+    assert 1 not in judged(scene, region, slots, Expecting(pose[:3, 1])).slot
+
+
 def test_a_region_of_a_few_pixels_gives_no_grasps():
     _, scene, region = seen([Can(0.03, 0.12)])
     tiny = RegionCloud(region.points[:5], region.normals[:5], region.mask)

@@ -32,7 +32,7 @@ class SmallFrame:
     """A frame at the size the detector works at.
 
     Attributes:
-        color: (h, w, 3) uint8 RGB.
+        color: (h, w, 3) uint8 RGB; zeros where nothing looks at it.
         depth: (h, w) float32 metres, 0 = missing.
         intrinsics: of both.
     """
@@ -43,15 +43,24 @@ class SmallFrame:
 
 
 def shrink(
-    color: NDArray[np.uint8], depth: Image, intrinsics: Intrinsics, min_size: int, max_size: int
+    color: NDArray[np.uint8] | None,
+    depth: Image,
+    intrinsics: Intrinsics,
+    min_size: int,
+    max_size: int,
 ) -> SmallFrame:
     """Return the frame resized so that its sides fit `min_size` and `max_size`, both pixels.
 
     Colour is averaged, depth is picked: an average across an edge would float between surfaces.
+    `color`: None where nothing looks at it.
     """
     width, height = small_size(intrinsics, min_size, max_size)
     small = intrinsics.resized(width, height)
-    color = np.asarray(cv2.resize(color, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+    if color is None:
+        color = np.zeros((height, width, 3), np.uint8)
+    else:
+        averaged = cv2.resize(color, (width, height), interpolation=cv2.INTER_AREA)
+        color = np.asarray(averaged, np.uint8)
     picked = cv2.resize(depth, (width, height), interpolation=cv2.INTER_NEAREST_EXACT)
     return SmallFrame(color, np.asarray(picked, np.float32), small)
 
@@ -94,7 +103,7 @@ def depth_channels(depth: Image, intrinsics: Intrinsics, plane: Plane) -> Image:
     normals = image_normals(filled, *rays, NORMAL_RADIUS)
     blurred = np.asarray(cv2.blur(filled, (5, 5)), np.float32)
     place = (*plane.normal.tolist(), float(plane.offset))
-    return _channels(filled, blurred, missing, normals, rays, place)
+    return np.moveaxis(_channels(filled, blurred, missing, normals, rays, place), -1, 0)
 
 
 def fill_missing(depth: Image) -> Image:
@@ -132,25 +141,26 @@ def _channels(
     rays: tuple[Array, Array],
     plane: tuple[float, float, float, float],
 ) -> Image:
-    """Return (6, h, w) the channels of what is known of each pixel.
+    """Return (h, w, 6) the channels of what is known of each pixel.
 
     `rays`: (w,), (h,) where columns and rows lie at depth 1. `plane`: normal and offset.
     """
     height, width = depth.shape
-    channels = np.zeros((6, height, width), np.float32)
+    channels = np.empty((height, width, 6), np.float32)
     for row in range(height):
         for column in range(width):
             z = np.float64(depth[row, column])
             nx, ny, nz = normals[row, column, 0], normals[row, column, 1], normals[row, column, 2]
-            if not np.isnan(nx):
-                channels[0, row, column] = nx
-                channels[1, row, column] = ny
-                channels[2, row, column] = plane[0] * nx + plane[1] * ny + plane[2] * nz
+            if np.isnan(nx):
+                nx, ny, nz = 0.0, 0.0, 0.0
+            channels[row, column, 0] = nx
+            channels[row, column, 1] = ny
+            channels[row, column, 2] = plane[0] * nx + plane[1] * ny + plane[2] * nz
             ray = plane[0] * rays[0][column] + plane[1] * rays[1][row] + plane[2]
             above = min(max((ray * z + plane[3]) / HEIGHT_UNIT, -LIMIT), LIMIT)
             # Stretched near the table, where thin things must stand out from it.
-            channels[3, row, column] = np.copysign(np.sqrt(abs(above)), above)
+            channels[row, column, 3] = np.copysign(np.sqrt(abs(above)), above)
             step = (depth[row, column] - blurred[row, column]) / np.float32(STEP_UNIT)
-            channels[4, row, column] = min(max(step, np.float32(-LIMIT)), np.float32(LIMIT))
-            channels[5, row, column] = np.float32(missing[row, column])
+            channels[row, column, 4] = min(max(step, np.float32(-LIMIT)), np.float32(LIMIT))
+            channels[row, column, 5] = np.float32(missing[row, column])
     return channels

@@ -3,6 +3,8 @@
 A tree is worth its while from a thousand points on; a region that is fitted has some hundred.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,16 +15,39 @@ Singles = NDArray[np.float32]
 Indices = NDArray[np.intp]
 
 
-def nearest_of(points: Array, queries: Array) -> tuple[Array, Indices]:
-    """Return the distance (...) of `queries` (..., 3) to the nearest of `points` (n, 3), and which.
+@dataclass(frozen=True)
+class Neighbours:
+    """The n points among which nearest ones are looked for, any frame, metres.
 
-    Compared in single precision about the points' middle: of points that are equally near to a
-    micrometre, either is returned.
+    Attributes:
+        points: (n, 3).
+        middle: (3,) of them.
+        about: (3, n) them about it, in single precision.
     """
-    about = np.ascontiguousarray((points - points.mean(axis=0)).T, np.float32)
-    asked = np.ascontiguousarray(queries).reshape(-1, 3)
-    away, nearest = _nearest(points, about, points.mean(axis=0), asked)
-    return away.reshape(queries.shape[:-1]), nearest.reshape(queries.shape[:-1])
+
+    points: Array
+    middle: Array
+    about: Singles
+
+    @classmethod
+    def of(cls, points: Array) -> "Neighbours":
+        """Return `points` (n, 3) as what is looked among."""
+        middle = points.mean(axis=0)
+        return cls(points, middle, np.ascontiguousarray((points - middle).T, np.float32))
+
+    def nearest(self, queries: Array) -> tuple[Array, Indices]:
+        """Return the distance (...) of `queries` (..., 3) to the nearest point, and which.
+
+        Of points that are equally near to a micrometre, either is returned.
+        """
+        asked = np.ascontiguousarray(queries).reshape(-1, 3)
+        away, nearest = _nearest(self.points, self.about, self.middle, asked)
+        return away.reshape(queries.shape[:-1]), nearest.reshape(queries.shape[:-1])
+
+
+def nearest_of(points: Array, queries: Array) -> tuple[Array, Indices]:
+    """Return how far `queries` (..., 3) are from the nearest of `points` (n, 3), and which."""
+    return Neighbours.of(points).nearest(queries)
 
 
 @compiled

@@ -1,6 +1,5 @@
 """Organised clouds: normals of a depth image's pixels from planes in inverse depth."""
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,12 +10,10 @@ Floats = NDArray[np.floating]
 Bytes = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 
-Powers = tuple[tuple[int, int], ...]
+Pair = tuple[float, float]
 Three = tuple[float, float, float]
 
 FEWEST = 6  # pixels that a plane is fitted to
-VALUES: Powers = ((0, 0), (1, 0), (0, 1))  # powers of column and row that make moments
-SQUARES: Powers = ((2, 0), (0, 2), (1, 1))
 
 
 def smooth_normals(xyz: Array, mask: Mask, radius: int) -> Array:
@@ -38,31 +35,6 @@ def image_normals(depth: Floats, x: Array, y: Array, radius: int) -> Array:
     with np.errstate(divide="ignore"):  # without any depth there are no normals
         inverse = 1.0 / depth.astype(np.float64)
     return _normals(inverse, np.ones(depth.shape, np.uint8), x, y, radius)
-
-
-def _normals(inverse: Array, known: Bytes, x: Array, y: Array, radius: int) -> Array:
-    """Return (H, W, 3) the normals at pixels that are `known` (H, W), nan elsewhere.
-
-    `inverse`: (H, W) 1 / depth there, 0 elsewhere. `x`, `y`: as in `image_normals`.
-    """
-    sums = _moments(inverse, cv2.CV_64F, radius, VALUES)
-    # Sums of bytes are small whole numbers: single precision has room for them.
-    counts = _moments(known, cv2.CV_32F, radius, VALUES + SQUARES)
-    return _fitted(sums, counts, known, x, y, radius)
-
-
-def _moments(image: Array | Bytes, depth: int, radius: int, powers: Powers) -> tuple[Floats, ...]:
-    """Return (H, W) images of sums of `image` over the windows, a list by pairs of `powers`.
-
-    Each is weighted by these powers of the columns and the rows from a window's middle.
-    """
-    ramp = np.arange(-radius, radius + 1.0)
-    return tuple(
-        np.asarray(
-            cv2.sepFilter2D(image, depth, ramp**column, ramp**row, borderType=cv2.BORDER_CONSTANT)
-        )
-        for column, row in powers
-    )
 
 
 @compiled
@@ -93,55 +65,121 @@ def _inverse(xyz: Array, mask: Mask) -> tuple[Array, Bytes, Array, Array]:
 
 
 @compiled
-def _fitted(
-    sums: tuple[Floats, ...],
-    counts: tuple[Floats, ...],
-    known: Bytes,
-    x: Array,
-    y: Array,
-    radius: int,
-) -> Array:
-    """Return (H, W, 3) the normals of planes fitted to windows with these moments."""
+def _normals(inverse: Array, known: Bytes, x: Array, y: Array, radius: int) -> Array:
+    """Return (H, W, 3) the normals at pixels that are `known` (H, W), nan elsewhere.
+
+    `inverse`: (H, W) 1 / depth there, 0 elsewhere. `x`, `y`: as in `image_normals`.
+    """
     height, width = known.shape
-    normals = np.full((height, width, 3), np.nan)
+    normals = np.empty((height, width, 3))
     if height < 2 or width < 2:
+        normals[:] = np.nan
         return normals
+    slopes = (width - 1) / (x[-1] - x[0]), (height - 1) / (y[-1] - y[0])
+    down = np.zeros((5, width + 2 * radius))
+    sums, fitted = np.zeros((4, width)), np.zeros((3, width))
     size = (2 * radius + 1) ** 2
-    # In a whole window the places beside the middle are without correlation, their mean 0.
-    spread = size * radius * (radius + 1) / 3.0
-    across, down = (width - 1) / (x[-1] - x[0]), (height - 1) / (y[-1] - y[0])
     for row in range(height):
+        _sum_down(inverse, known, row, radius, down)
+        _sum_across(down, radius, sums)
+        _fit_whole(sums, slopes, x, y[row], radius, fitted)
         for column in range(width):
-            if not known[row, column]:
-                continue
-            at = row, column
-            n, s, us, vs = np.float64(counts[0][at]), sums[0][at], sums[1][at], sums[2][at]
-            if n == size:
-                by_column, by_row, middle = us / spread, vs / spread, s / size
-            else:
-                places = n, np.float64(counts[1][at]), np.float64(counts[2][at])
-                squares = counts[3][at], counts[4][at], counts[5][at]
-                by_column, by_row, middle = _fitted_in_part(places, squares, (s, us, vs))
-            # d = a x + b y + c with x, y on the image plane at depth 1: the normal is (a, b, c).
-            a, b = by_column * across, by_row * down
-            c = middle - a * x[column] - b * y[row]
-            scale = -1.0 / np.sqrt(a * a + b * b + c * c)
-            normals[row, column, 0] = a * scale
-            normals[row, column, 1] = b * scale
-            normals[row, column, 2] = c * scale
+            normal = np.nan, np.nan, np.nan
+            if known[row, column] and sums[0, column] == size:
+                normal = fitted[0, column], fitted[1, column], fitted[2, column]
+            elif known[row, column]:
+                by_column, by_row, middle = _fitted_in_part(down, sums, column, radius)
+                place = x[column], y[row]
+                normal = _unit(by_column * slopes[0], by_row * slopes[1], middle, place)
+            normals[row, column, 0] = normal[0]
+            normals[row, column, 1] = normal[1]
+            normals[row, column, 2] = normal[2]
     return normals
 
 
 @compiled
-def _fitted_in_part(places: Three, squares: Three, values: Three) -> Three:
+def _sum_down(inverse: Array, known: Bytes, row: int, radius: int, down: Array) -> None:
+    """Set `down` (5, W + 2 radius) to sums over the columns of the windows about one row.
+
+    Of what is known 1, v, v^2 and of inverse depths 1, v, for rows v from the middle; 0 in the
+    margins.
+    """
+    height, width = known.shape
+    down[:] = 0.0
+    inner = slice(radius, radius + width)
+    n, v, vv, s, vs = down[0, inner], down[1, inner], down[2, inner], down[3, inner], down[4, inner]
+    for k in range(-min(radius, row), min(radius, height - 1 - row) + 1):
+        ones, values, step = known[row + k], inverse[row + k], np.float64(k)
+        for column in range(width):
+            one, value = np.float64(ones[column]), values[column]
+            n[column] += one
+            v[column] += step * one
+            vv[column] += step * step * one
+            s[column] += value
+            vs[column] += step * value
+
+
+@compiled
+def _sum_across(down: Array, radius: int, sums: Array) -> None:
+    """Set `sums` (4, W) to sums over whole windows: how many are known; of inverse depths 1, u, v.
+
+    `down`: as `_sum_down` sets it.
+    """
+    width = sums.shape[1]
+    sums[:] = 0.0
+    n, s, us, vs = sums[0], sums[1], sums[2], sums[3]
+    for k in range(2 * radius + 1):
+        step, part = np.float64(k - radius), slice(k, k + width)
+        known, values, rising = down[0, part], down[3, part], down[4, part]
+        for column in range(width):
+            n[column] += known[column]
+            s[column] += values[column]
+            us[column] += step * values[column]
+            vs[column] += rising[column]
+
+
+@compiled
+def _fit_whole(sums: Array, slopes: Pair, x: Array, y: float, radius: int, fitted: Array) -> None:
+    """Set `fitted` (3, W) to the normals of planes fitted to windows that are known throughout.
+
+    `sums`: as `_sum_across` sets it. `slopes`: what turns slopes by pixels into those by x, y.
+    """
+    size = (2 * radius + 1) ** 2
+    # The places beside the middle are then without correlation, their mean 0.
+    spread = size * radius * (radius + 1) / 3.0
+    across, down, mean = slopes[0] / spread, slopes[1] / spread, 1.0 / size
+    s, us, vs = sums[1], sums[2], sums[3]
+    first, second, third = fitted[0], fitted[1], fitted[2]
+    for n in range(len(x)):
+        normal = _unit(us[n] * across, vs[n] * down, s[n] * mean, (x[n], y))
+        first[n], second[n], third[n] = normal
+
+
+@compiled
+def _unit(a: float, b: float, middle: float, place: Pair) -> Three:
+    """Return the normal of the plane whose inverse depth is `middle` at `place` x, y."""
+    # d = a x + b y + c with x, y on the image plane at depth 1: the normal is (a, b, c).
+    c = middle - a * place[0] - b * place[1]
+    scale = -1.0 / np.sqrt(a * a + b * b + c * c)
+    return a * scale, b * scale, c * scale
+
+
+@compiled
+def _fitted_in_part(down: Array, sums: Array, at: int, radius: int) -> Three:
     """Return a plane's slope by column and by row and its value, of a window that is not whole.
 
-    nan where there is no plane. Moments: of the pixels' `places` by `VALUES` and by `SQUARES`,
-    of their `values` by `VALUES`.
+    nan where there is no plane. The window is about column `at`; `down`, `sums`: of its row.
     """
-    n, u, v = places
-    s, us, vs = values
-    uu, vv, uv = n * squares[0] - u * u, n * squares[1] - v * v, n * squares[2] - u * v
+    n, s, us, vs = sums[0, at], sums[1, at], sums[2, at], sums[3, at]
+    u, v, squares_u, squares_v, products = 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(2 * radius + 1):
+        step = np.float64(k - radius)
+        u += step * down[0, at + k]
+        v += down[1, at + k]
+        squares_u += step * step * down[0, at + k]
+        squares_v += down[2, at + k]
+        products += step * down[1, at + k]
+    uu, vv, uv = n * squares_u - u * u, n * squares_v - v * v, n * products - u * v
     determinant = uu * vv - uv * uv  # of whole numbers: exactly 0 where all are on one line
     if n < FEWEST or determinant == 0.0:
         return np.nan, np.nan, np.nan

@@ -103,7 +103,4 @@ def normals_from_organized(xyz: ArrayLike, step: int = 2) -> Array:
 
 def voxel_downsample(points: ArrayLike, size: float) -> NDArray[np.int64]:
     """Return the indices of one point a cube of edge `size` metres, in ascending order."""
-    p = np.asarray(points, np.float64)
-    if not len(p):
-        return np.zeros(0, np.int64)
-    return np.sort(first_of_each(cell_keys(p, size))[0])
+    return first_of_each(cell_keys(np.asarray(points, np.float64), size))

@@ -13,14 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.geometry.fitting_sums import (
-    MATCH_NORMAL,
     SCALES,
     Sums,
     axis_sums,
+    fitted_sphere,
+    mirrored,
     plane_sums,
-    sphere_sums,
+    stepped,
 )
-from pipelines.geometry.nearest import nearest_of
+from pipelines.geometry.nearest import Neighbours
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry
 from pipelines.geometry.transforms import basis_from_direction, cross, unit
 
@@ -31,6 +32,8 @@ EVERY = 4  # so many-th point is mirrored, onto all
 NOISE = 0.003  # metres, standard deviation of a residual that fits
 PRIOR_ANGLE = np.radians(20.0)  # standard deviation of a prediction
 PRIOR_OFFSET = 0.015  # metres
+PRECISION = np.array([PRIOR_ANGLE, PRIOR_ANGLE, PRIOR_OFFSET, PRIOR_OFFSET]) ** -2.0
+STEP_SCALES = np.geomspace(*SCALES, STEPS)
 # Neighbouring points err together: a region of any size says as much as this many points.
 EFFECTIVE_POINTS = 60
 MIN_OVERLAP = 0.25  # share of mirrored points that must meet seen surface, else nothing is known
@@ -51,10 +54,11 @@ Linearised = Callable[[Array, Array, Array, float], Sums]
 
 def fit_rotations(starts: Sequence[RotationSymmetry], points: Array, normals: Array) -> list[Fit]:
     """Fit each of some axes to `points` and `normals` (n, 3) of a surface, metres, any frame."""
-    moments = cross(points, normals)
+    rows = np.concatenate([cross(points, normals), normals], axis=1)
+    squares = (rows[:, :, None] * rows[:, None, :]).reshape(-1, 36)
 
     def linearised(axis: Array, centre: Array, basis: Array, scale: float) -> Sums:
-        return axis_sums(moments, normals, axis, centre, basis, scale)
+        return axis_sums(rows, squares, axis, centre, basis, scale)
 
     directions = np.array([start.axis for start in starts])
     origins = np.array([start.point for start in starts])
@@ -68,13 +72,12 @@ def fit_reflections(
 
     One whose images hardly meet the surface stays as it is.
     """
-    moved, facing = points[::EVERY].copy(), normals[::EVERY].copy()
+    moved, seen = points[::EVERY].copy(), Neighbours.of(points)
 
     def linearised(normal: Array, point: Array, basis: Array, scale: float) -> Sums:
         images = mirrored(moved, normal, point)
-        away, nearest = nearest_of(points, images)
-        met, target = points[nearest], normals[nearest]
-        return plane_sums(moved, facing, images, away, met, target, normal, point, basis, scale)
+        met = images, *seen.nearest(images)
+        return plane_sums(points, normals, EVERY, *met, normal, point, basis, scale)
 
     directions = np.array([start.normal for start in starts])
     origins = np.array([start.point for start in starts])
@@ -83,22 +86,6 @@ def fit_reflections(
         fit if fit.support >= MIN_OVERLAP else Fit(start.normal, start.point, fit.support)
         for fit, start in zip(fits, starts, strict=True)
     ]
-
-
-def mirrored(points: Array, normal: Array, point: Array) -> Array:
-    """Return the images (k, n, 3) of `points` (n, 3) in planes of `normal` and `point` (k, 3)."""
-    height = normal @ points.T - np.einsum("ki,ki->k", normal, point)[:, None]
-    return np.asarray(points - 2.0 * height[..., None] * normal[:, None])
-
-
-def face_alike(normals: Array, met: Array, planes: Array) -> NDArray[np.bool_]:
-    """Return (k, n) where `normals` (n, 3), mirrored in planes of normals (k, 3), face as `met`.
-
-    `met`: (k, n, 3) the normals of the surface where each image lies.
-    """
-    across = (planes @ normals.T) * np.einsum("kni,ki->kn", met, planes)
-    cosine = np.einsum("ni,kni->kn", normals, met) - 2.0 * across
-    return np.asarray(cosine > MATCH_NORMAL)
 
 
 def _fitted(
@@ -112,21 +99,15 @@ def _fitted(
     start = unit(directions)
     basis = basis_from_direction(start)[..., 1:].copy()
     offsets = np.stack([start, np.zeros_like(start)], -1) if along else basis
-    sigma = np.array([PRIOR_ANGLE, PRIOR_ANGLE, PRIOR_OFFSET, PRIOR_OFFSET])
-    total, support = np.zeros((len(start), 4)), np.zeros(len(start))
     share = EFFECTIVE_POINTS / max(count, 1) / NOISE**2
-
-    def moved() -> tuple[Array, Array]:
-        turned = np.einsum("kij,kj->ki", basis, total[:, :2])
-        return unit(start + turned), points + np.einsum("kij,kj->ki", offsets, total[:, 2:])
-
-    for scale in np.geomspace(*SCALES, STEPS).tolist():
-        squares, pull, weight = linearised(*moved(), basis, scale)
-        support = weight / max(count, 1)
-        gradient = share * pull + total / sigma**2
-        normal_matrix = share * squares + np.diag(sigma**-2.0)
-        total = total - np.linalg.solve(normal_matrix, gradient[..., None])[..., 0]
-    return [Fit(*each) for each in zip(*moved(), support.tolist(), strict=True)]
+    direction, point = start, points
+    total, weight = np.zeros((len(start), 4)), np.zeros(len(start))
+    for scale in STEP_SCALES.tolist():
+        sums = linearised(direction, point, basis, scale)
+        weight, starts = sums[2], (start, points, basis)
+        total, direction, point = stepped(starts, offsets, total, sums, share, PRECISION)
+    support = (weight / max(count, 1)).tolist()
+    return [Fit(*each) for each in zip(direction, point, support, strict=True)]
 
 
 def fit_sphere(point: Array, points: Array, normals: Array) -> Fit:
@@ -134,11 +115,6 @@ def fit_sphere(point: Array, points: Array, normals: Array) -> Fit:
 
     Each normal's line passes through the centre; the support counts points at the radius, too.
     """
-    centre = np.asarray(point, np.float64)
     share = EFFECTIVE_POINTS / max(len(points), 1) / NOISE**2
-    prior, weight = PRIOR_OFFSET**-2.0, 0.0
-    for scale in np.geomspace(*SCALES, STEPS).tolist():
-        spread, pull, weight = sphere_sums(points, normals, centre, scale)
-        step = share * pull + prior * (point - centre)
-        centre = centre + np.linalg.solve(share * spread + prior * np.eye(3), step)
+    centre, weight = fitted_sphere(points, normals, point, STEP_SCALES, share, PRIOR_OFFSET**-2.0)
     return Fit(np.full(3, np.nan), centre, weight / max(len(points), 1))

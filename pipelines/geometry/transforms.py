@@ -9,6 +9,8 @@ y down, z forward. An array that could be in two frames carries a suffix: `point
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pipelines.geometry.compiled import compiled
+
 Array = NDArray[np.float64]
 
 
@@ -38,12 +40,10 @@ def rotate_vectors(T: ArrayLike, vectors: ArrayLike) -> Array:
     return np.asarray(vectors, np.float64) @ np.asarray(T, np.float64)[:3, :3].T
 
 
-def unit(vectors: ArrayLike, axis: int = -1) -> Array:
-    """Return `vectors` scaled to length one along `axis`; zero vectors stay zero."""
-    v = np.asarray(vectors, np.float64)
-    # Many are single vectors, of which `norm` takes three times as long.
-    length = np.sqrt(np.add.reduce(v * v, axis=axis, keepdims=True))
-    return v / np.where(length > 0, length, 1.0)
+def unit(vectors: ArrayLike) -> Array:
+    """Return `vectors` (..., d) scaled to length one; zero vectors stay zero."""
+    v = np.ascontiguousarray(vectors, np.float64)
+    return _units(v.reshape(-1, v.shape[-1])).reshape(v.shape)
 
 
 def cross(first: Array, second: Array) -> Array:
@@ -77,11 +77,8 @@ def random_rotation(rng: np.random.Generator) -> Array:
 
 def basis_from_direction(direction: ArrayLike) -> Array:
     """Return right-handed bases (..., 3, 3) whose first column is `direction` (..., 3)."""
-    x = unit(direction)
-    # Cross with the coordinate axis farthest from x, so that the product never vanishes.
-    helper = np.eye(3)[np.argmin(np.abs(x), axis=-1)]
-    y = unit(cross(helper, x))
-    return np.stack([x, y, cross(x, y)], -1)
+    d = np.ascontiguousarray(direction, np.float64)
+    return _bases(_units(d.reshape(-1, 3))).reshape(*d.shape, 3)
 
 
 def quaternion_to_matrix(wxyz: ArrayLike) -> Array:
@@ -103,3 +100,40 @@ def matrix_to_quaternion(rotation: ArrayLike) -> Array:
     xyzw = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_quat()
     wxyz = xyzw[:, [3, 0, 1, 2]] * np.where(xyzw[:, 3:] < 0, -1.0, 1.0)
     return np.asarray(wxyz.reshape(*R.shape[:-2], 4))
+
+
+@compiled
+def _units(vectors: Array) -> Array:
+    """Return `vectors` (n, d) scaled to length one: mostly few, or one."""
+    units = np.empty_like(vectors)
+    for n in range(len(vectors)):
+        total = 0.0
+        for i in range(vectors.shape[1]):
+            total += vectors[n, i] * vectors[n, i]
+        length = np.sqrt(total) if total > 0 else 1.0
+        for i in range(vectors.shape[1]):
+            units[n, i] = vectors[n, i] / length
+    return units
+
+
+@compiled
+def _bases(units: Array) -> Array:
+    """Return right-handed bases (n, 3, 3) whose first columns are `units` (n, 3)."""
+    bases = np.empty((len(units), 3, 3))
+    for n in range(len(units)):
+        x, y, z = units[n, 0], units[n, 1], units[n, 2]
+        # Cross with the coordinate axis farthest from it, so that the product never vanishes.
+        u, v, w = 0.0, -z, y
+        if abs(y) < abs(x) and abs(y) <= abs(z):
+            u, v, w = z, 0.0, -x
+        elif abs(z) < abs(x) and abs(z) < abs(y):
+            u, v, w = -y, x, 0.0
+        length = np.sqrt(u * u + v * v + w * w)
+        if length > 0:
+            u, v, w = u / length, v / length, w / length
+        bases[n, 0, 0], bases[n, 1, 0], bases[n, 2, 0] = x, y, z
+        bases[n, 0, 1], bases[n, 1, 1], bases[n, 2, 1] = u, v, w
+        bases[n, 0, 2] = y * w - z * v
+        bases[n, 1, 2] = z * u - x * w
+        bases[n, 2, 2] = x * v - y * u
+    return bases

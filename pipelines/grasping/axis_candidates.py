@@ -16,6 +16,7 @@ from pipelines.grasping.plane_candidates import (
     halfway_up,
     largest_face,
     level_directions,
+    principal_axes,
 )
 
 Array = NDArray[np.float64]
@@ -41,12 +42,6 @@ def candidate_axes(
         lines += [(up, named), (up, middle_of_outline(points, up))]
         lines += _lying(points, level_directions(points, table), table)
     return [RotationSymmetry(direction, point) for direction, point in lines]
-
-
-def principal_axes(points: Array) -> Array:
-    """Return the (3, 3) principal axes of `points` (n, 3) as columns, the longest last."""
-    vectors: Array = np.linalg.eigh(np.cov(points.T))[1]
-    return vectors
 
 
 def middle_of_outline(points: Array, direction: Array) -> Array:

@@ -10,11 +10,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.configs import SelectionConfig
+from pipelines.geometry.compiled import compiled
 from pipelines.geometry.point_cells import PointCells
 from pipelines.geometry.pointcloud import Plane
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
-from pipelines.grasping.hand_bodies import nearest_gaps, points_met
+from pipelines.grasping.hand_bodies import Cells, frames_about, free_hands, nearest_gaps, points_met
 
 Array = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -32,14 +34,19 @@ class Obstacles:
     count: Counts
 
     @cached_property
+    def _about(self) -> tuple[Array, Array]:
+        """(3,) the points' middle, (n, 3) the points about it."""
+        return _about_middle(self.points)
+
+    @property
     def centre(self) -> Array:
         """(3,) their middle: single precision is a micrometre at arm's length, less near it."""
-        return self.points.mean(axis=0) if len(self.points) else np.zeros(3)
+        return self._about[0]
 
     @cached_property
-    def cells(self) -> tuple[Singles, Counts, Counts, Singles, Singles]:
-        """The points in cubes about the centre, as compiled loops take them (`points_met`)."""
-        cells = PointCells.of(self.points - self.centre, CELL)
+    def cells(self) -> Cells:
+        """The points in cubes about the centre, as compiled loops take them (`hand_bodies`)."""
+        cells = PointCells.of(self._about[1], CELL)
         return cells.points, self.count[cells.index], cells.start, cells.centre, cells.radius
 
 
@@ -55,31 +62,43 @@ def meets(
         from its tips, 0 for none and where it meets more.
     """
     frames, bounds = _hands(grasps, gripper, obstacles)
-    blocked, enclosed = points_met(frames, bounds, np.float32(margin), allowed, *obstacles.cells)
+    blocked, enclosed = points_met(frames, bounds, np.float32(margin), allowed, obstacles.cells)
     return blocked, enclosed.astype(np.float64)
+
+
+def first_free(
+    grasps: Grasps,
+    gripper: Gripper,
+    obstacles: Obstacles,
+    config: SelectionConfig,
+    steady: Array,
+    share: float,
+    most: int,
+) -> tuple[Counts, Array]:
+    """Return which of n hands (f,) are free, and the metres (f,) that they enclose, as `meets`.
+
+    Hands come steadiest first, `steady` (n,). At most `most` are wanted, as steady as `share` of
+    the first of them: what comes after these is not looked at.
+    """
+    frames, bounds = _hands(grasps, gripper, obstacles)
+    blown, few = np.float32(config.body_margin), config.max_points_inside
+    wanted = (config.min_enclosed, share, most)
+    free, enclosed = free_hands(frames, bounds, blown, few, obstacles.cells, steady, wanted)
+    return free, enclosed.astype(np.float64)
 
 
 def clearance(grasps: Grasps, gripper: Gripper, obstacles: Obstacles, cap: float) -> Array:
     """Return (n,) metres from the gripper's bodies to the nearest point, at most `cap`."""
     frames, bounds = _hands(grasps, gripper, obstacles)
-    gaps = nearest_gaps(frames, bounds, np.float32(cap), *obstacles.cells)
+    gaps = nearest_gaps(frames, bounds, np.float32(cap), obstacles.cells)
     return np.asarray(np.minimum(gaps.astype(np.float64), cap))
 
 
 def _hands(grasps: Grasps, gripper: Gripper, obstacles: Obstacles) -> tuple[Singles, Singles]:
-    """Return (n, 3, 4) matrices into each hand's frame, about the obstacles, and (n, 9) bounds.
-
-    The hand is its own mirror image across closing and height. In order: the fingers' back and tip
-    along approach, the palm's back and front, half the fingers' and the palm's height, the inner
-    and outer face of a finger and the side of the palm along closing.
-    """
-    origin = np.einsum("ki,kia->ka", grasps.translation - obstacles.centre, grasps.rotation)
-    frames = np.concatenate([grasps.rotation.transpose(0, 2, 1), -origin[..., None]], -1)
-    boxes = gripper.boxes(grasps.width)  # (n, 3, 2, 3)
-    finger, palm = boxes[:, 1], boxes[:, 2]
-    bounds = [finger[:, 0, 0], finger[:, 1, 0], palm[:, 0, 0], palm[:, 1, 0], finger[:, 1, 2]]
-    bounds += [palm[:, 1, 2], finger[:, 0, 1], finger[:, 1, 1], palm[:, 1, 1]]
-    return frames.astype(np.float32, order="C"), np.stack(bounds, axis=1).astype(np.float32)
+    """Return (n, 3, 4) matrices into each hand's frame, about the obstacles, and (n, 9) bounds."""
+    rotation, translation = map(np.ascontiguousarray, (grasps.rotation, grasps.translation))
+    frames = frames_about(rotation, translation, obstacles.centre)
+    return frames, gripper.bounds(grasps.width).astype(np.float32)
 
 
 def turned(grasps: Grasps, pair: Counts, angle: Array) -> Grasps:
@@ -90,13 +109,29 @@ def turned(grasps: Grasps, pair: Counts, angle: Array) -> Grasps:
     R = grasps.rotation[pair]
     c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
     approach, third = R[:, :, 0], R[:, :, 2]
-    rotation = np.stack([c * approach + s * third, R[:, :, 1], c * third - s * approach], -1)
-    return Grasps(rotation, grasps.translation[pair], grasps.width[pair])
+    rotation = R.copy()
+    rotation[:, :, 0], rotation[:, :, 2] = c * approach + s * third, c * third - s * approach
+    return Grasps.unchecked(rotation, grasps.translation[pair], grasps.width[pair])
 
 
 def lowest_height(grasps: Grasps, gripper: Gripper, plane: Plane) -> Array:
     """Return (n,) the height of the gripper's lowest corner over `plane`, negative below it."""
-    boxes = gripper.boxes(grasps.width)  # (n, 3, 2, 3)
-    normal = np.einsum("i,nij->nj", plane.normal, grasps.rotation)[:, None, None]
-    lowest = (boxes * normal).min(axis=2).sum(axis=-1).min(axis=1)
-    return np.asarray(plane.height(grasps.translation) + lowest)
+    back, tip, palm_back, front, half, palm_half, _, outer, side = gripper.bounds(grasps.width).T
+    along, across, third = np.einsum("i,nij->jn", plane.normal, grasps.rotation)
+    across, third = np.abs(across), np.abs(third)
+    fingers = np.minimum(back * along, tip * along) - outer * across - half * third
+    palm = np.minimum(palm_back * along, front * along) - side * across - palm_half * third
+    return np.asarray(plane.height(grasps.translation) + np.minimum(fingers, palm))
+
+
+@compiled
+def _about_middle(points: Array) -> tuple[Array, Array]:
+    """Return (3,) the mean of `points` (n, 3), zeros of none, and (n, 3) the points less it."""
+    x, y, z, count = 0.0, 0.0, 0.0, max(len(points), 1)
+    for n in range(len(points)):
+        x, y, z = x + points[n, 0], y + points[n, 1], z + points[n, 2]
+    x, y, z = x / count, y / count, z / count
+    about = np.empty((len(points), 3))
+    for n in range(len(points)):
+        about[n, 0], about[n, 1], about[n, 2] = points[n, 0] - x, points[n, 1] - y, points[n, 2] - z
+    return np.array((x, y, z)), about

@@ -9,7 +9,7 @@ from pipelines.configs import SelectionConfig
 from pipelines.geometry.compiled import compiled
 from pipelines.geometry.pointcloud import voxel_downsample
 from pipelines.geometry.quantiles import median
-from pipelines.geometry.symmetry import SPHERE_SLOT, SymmetrySlots
+from pipelines.geometry.symmetry import REFLECTION_SLOTS, SPHERE_SLOT, SymmetrySlots
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.observation import RegionCloud, SceneCloud
 
@@ -70,33 +70,47 @@ def average_symmetries(
     weight = weight / weight.sum() if weight.sum() > 0 else np.full(len(weight), 1 / len(weight))
     slots = SymmetrySlots.empty()
     slots.existence[:] = weight @ existence
-    for slot in range(len(slots.existence)):
-        trust = weight * existence[:, slot]
-        trust = trust if trust.sum() > 0 else weight
-        centre = weighted_median(point[:, slot].T, trust)
-        if slot != SPHERE_SLOT:
-            axis = leading_direction(direction[:, slot], trust)
-            slots.direction[slot] = axis
-            if slot < SPHERE_SLOT - 1:
-                offset = weighted_median(point[:, slot] @ axis, trust)
-                centre = centre + (offset - centre @ axis) * axis
-        slots.point[slot] = centre
+    trust = (weight[:, None] * existence).T  # (5, n)
+    trust = np.where(trust.sum(axis=1, keepdims=True) > 0, trust, weight)
+    points, directions = _by_slot(point), _by_slot(direction)[:SPHERE_SLOT]
+    slots.point[:] = weighted_median(points, trust[:, None])
+    axes = leading_directions(directions, trust[:SPHERE_SLOT])
+    slots.direction[:SPHERE_SLOT] = axes
+    planes = slice(len(REFLECTION_SLOTS))
+    normals = axes[planes]
+    along = (normals[:, None] @ points[planes])[:, 0]  # (3, n)
+    offset = weighted_median(along, trust[planes])
+    offset -= np.einsum("si,si->s", slots.point[planes], normals)
+    slots.point[planes] += offset[:, None] * normals
     return slots
 
 
-def leading_direction(directions: Array, weight: Array) -> Array:
-    """Return the unit axis (3,) of `directions` (n, 3), whose signs do not matter."""
-    d = directions.astype(np.float64)
-    scatter = (weight * d.T) @ d
-    axis: Array = np.linalg.eigh(scatter)[1][:, 2]
-    return axis if axis[np.abs(axis).argmax()] > 0 else -axis
+def _by_slot(vectors: Array) -> Array:
+    """Return (5, 3, n) of (n, 5, 3), a coordinate in one piece."""
+    flat = vectors.reshape(len(vectors), -1)
+    return np.ascontiguousarray(flat.T, np.float64).reshape(*vectors.shape[1:], len(vectors))
+
+
+def leading_directions(directions: Array, weight: Array) -> Array:
+    """Return the unit axes (s, 3) of `directions` (s, 3, n), whose signs do not matter.
+
+    `weight`: (s, n).
+    """
+    scatter = (weight[:, None] * directions) @ directions.swapaxes(1, 2)
+    axes: Array = np.linalg.eigh(scatter)[1][..., 2]
+    largest = np.take_along_axis(axes, np.abs(axes).argmax(axis=1, keepdims=True), axis=1)
+    return np.where(largest > 0, axes, -axes)
 
 
 def weighted_median(values: Array, weight: Array) -> Array:
-    """Return the smallest (...) of `values` (..., n) that half of `weight` (n,) does not exceed."""
-    rows = np.ascontiguousarray(values, np.float64).reshape(-1, len(weight))
+    """Return the smallest (...) of `values` (..., n) that half of `weight` does not exceed.
+
+    `weight`: (..., n) too, or what spreads to that.
+    """
+    rows = np.ascontiguousarray(values, np.float64).reshape(-1, values.shape[-1])
+    weights = np.ascontiguousarray(np.broadcast_to(weight, values.shape), np.float64)
     # Equal values are one value, whichever comes first.
-    halfway = _halfway(rows, np.argsort(rows), np.asarray(weight, np.float64))
+    halfway = _halfway(rows, np.argsort(rows), weights.reshape(rows.shape))
     return halfway.reshape(values.shape[:-1])
 
 
@@ -176,14 +190,17 @@ def in_observed_frustum(points: Array, scene: SceneCloud, config: SelectionConfi
 
 @compiled
 def _halfway(values: Array, order: Indices, weight: Array) -> Array:
-    """Return (m,) which of `values` (m, n), in ascending `order`, half of `weight` (n,) reaches."""
+    """Return (m,) which of `values`, in ascending `order`, half of `weight` reaches.
+
+    All are (m, n).
+    """
     halfway = np.empty(len(values))
     for m in range(len(values)):
         total, gathered, n = 0.0, 0.0, 0
-        for k in range(len(weight)):
-            total += weight[order[m, k]]
-        while gathered + weight[order[m, n]] < 0.5 * total:
-            gathered += weight[order[m, n]]
+        for k in range(values.shape[1]):
+            total += weight[m, order[m, k]]
+        while gathered + weight[m, order[m, n]] < 0.5 * total:
+            gathered += weight[m, order[m, n]]
             n += 1
         halfway[m] = values[m, order[m, n]]
     return halfway

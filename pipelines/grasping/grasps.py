@@ -61,6 +61,14 @@ class Grasps:
             object.__setattr__(self, name, value)
 
     @classmethod
+    def unchecked(cls, rotation: Array, translation: Array, width: Array) -> "Grasps":
+        """Return the grasps with these float64 attributes, which are known to be sound."""
+        grasps = object.__new__(cls)
+        for name, value in (("rotation", rotation), ("translation", translation), ("width", width)):
+            object.__setattr__(grasps, name, value)
+        return grasps
+
+    @classmethod
     def empty(cls) -> "Grasps":
         """Return no grasps."""
         return cls(np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros(0))
@@ -78,9 +86,15 @@ class Grasps:
         a = np.asarray(approach, np.float64)
         a = a - np.einsum("ni,ni->n", a, closing)[:, None] * closing
         along = np.linalg.norm(a, axis=1) < PARALLEL
-        a = unit(np.where(along[:, None], basis_from_direction(closing)[..., 1], a))
+        if along.any():
+            a[along] = basis_from_direction(closing[along])[..., 1]
+        a, width = unit(a), np.linalg.norm(line, axis=1)
         rotation = np.stack([a, closing, cross(a, closing)], -1)
-        return cls(rotation, pair.mean(axis=1), np.linalg.norm(line, axis=1))
+        if not ((width > 0.0).all() and np.isfinite(rotation).all()):
+            raise ValueRangeError(
+                "contacts", "no line between them", "two points, apart and finite"
+            )
+        return cls.unchecked(rotation, 0.5 * (pair[:, 0] + pair[:, 1]), width)
 
     @classmethod
     def concatenate(cls, parts: Sequence["Grasps"]) -> "Grasps":
@@ -98,10 +112,7 @@ class Grasps:
 
     def __getitem__(self, index: Index) -> "Grasps":
         # What was checked is not checked again: a region's hands are cut up some 30 times.
-        part = object.__new__(Grasps)
-        for name in ("rotation", "translation", "width"):
-            object.__setattr__(part, name, getattr(self, name)[index])
-        return part
+        return self.unchecked(self.rotation[index], self.translation[index], self.width[index])
 
     @property
     def approach(self) -> Array:

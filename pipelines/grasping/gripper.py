@@ -1,6 +1,7 @@
 """The parallel-jaw gripper as three boxes in the grasp frame: two fingers and a palm."""
 
 from dataclasses import dataclass, fields, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -72,25 +73,44 @@ class Gripper:
         It comes along its approach axis, open. Its palm is as wide as its open fingers, so what
         they sweep lies within what the palm does, or is made to.
         """
-        height = max(self.palm_height, self.finger_height)
-        return replace(self, palm_depth=self.palm_depth + distance, palm_height=height)
+        return _swept(self, distance)
 
-    def boxes(self, width: ArrayLike) -> Array:
-        """Return (..., 3, 2, 3): low and high corners of both fingers and the palm.
+    def bounds(self, width: ArrayLike) -> Array:
+        """Return (..., 9) metres that tell the bodies: the hand is its own mirror image.
 
-        `width` (...) is the distance of the contacts; the frame is the grasp's, so the contact
-        line lies on approach = 0, third axis = 0.
+        In order: the fingers' back and tip along approach, the palm's back and front, half the
+        fingers' and the palm's height, the inner and outer face of a finger and the side of the
+        palm along closing. `width` (...) is the distance of the contacts; the frame is the
+        grasp's, so the contact line lies on approach = 0, third axis = 0.
         """
         inner = self.opening(width) / 2.0
         tip, back = self.tip_reach, self.tip_reach - self.finger_length
-        boxes = np.zeros((*inner.shape, 3, 2, 3))
-        boxes[..., :2, 0, 0], boxes[..., :2, 1, 0] = back, tip
-        boxes[..., 0, 0, 1], boxes[..., 0, 1, 1] = -inner - self.finger_thickness, -inner
-        boxes[..., 1, 0, 1], boxes[..., 1, 1, 1] = inner, inner + self.finger_thickness
-        boxes[..., :2, 0, 2], boxes[..., :2, 1, 2] = -self.finger_height / 2, self.finger_height / 2
+        bounds = np.empty((*inner.shape, 9))
+        bounds[..., :4] = back, tip, back - self.palm_depth, back
+        bounds[..., 4:6] = self.finger_height / 2, self.palm_height / 2
+        bounds[..., 6], bounds[..., 7] = inner, inner + self.finger_thickness
         # The palm is at least as wide as the open fingers: they are mounted on it.
-        half = np.maximum(self.palm_width / 2, inner + self.finger_thickness)
-        boxes[..., 2, 0, 0], boxes[..., 2, 1, 0] = back - self.palm_depth, back
-        boxes[..., 2, 0, 1], boxes[..., 2, 1, 1] = -half, half
-        boxes[..., 2, 0, 2], boxes[..., 2, 1, 2] = -self.palm_height / 2, self.palm_height / 2
+        bounds[..., 8] = np.maximum(self.palm_width / 2, bounds[..., 7])
+        return bounds
+
+    def boxes(self, width: ArrayLike) -> Array:
+        """Return (..., 3, 2, 3): low and high corners of both fingers and the palm, of `bounds`."""
+        bounds = self.bounds(width)
+        back, tip, palm_back, front, half, palm_half, inner, outer, side = np.moveaxis(
+            bounds, -1, 0
+        )
+        boxes = np.empty((*inner.shape, 3, 2, 3))
+        boxes[..., :2, 0, 0], boxes[..., :2, 1, 0] = back[..., None], tip[..., None]
+        boxes[..., 0, 0, 1], boxes[..., 0, 1, 1] = -outer, -inner
+        boxes[..., 1, 0, 1], boxes[..., 1, 1, 1] = inner, outer
+        boxes[..., :2, 0, 2], boxes[..., :2, 1, 2] = -half[..., None], half[..., None]
+        boxes[..., 2, 0, 0], boxes[..., 2, 1, 0] = palm_back, front
+        boxes[..., 2, 0, 1], boxes[..., 2, 1, 1] = -side, side
+        boxes[..., 2, 0, 2], boxes[..., 2, 1, 2] = -palm_half, palm_half
         return boxes
+
+
+@cache  # the same few for all of a run's regions
+def _swept(gripper: Gripper, distance: float) -> Gripper:
+    height = max(gripper.palm_height, gripper.finger_height)
+    return replace(gripper, palm_depth=gripper.palm_depth + distance, palm_height=height)

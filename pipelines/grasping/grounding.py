@@ -23,6 +23,7 @@ from pipelines.geometry.symmetry import (
     SymmetrySlots,
 )
 from pipelines.geometry.symmetry_fitting import fit_rotations, fit_sphere
+from pipelines.geometry.transforms import rotation_about
 from pipelines.grasping.axis_candidates import candidate_axes
 from pipelines.grasping.decoding import in_observed_frustum
 from pipelines.grasping.observation import RegionCloud, SceneCloud
@@ -37,8 +38,8 @@ TURNS = np.radians([60.0, 120.0, 180.0, 240.0, 300.0])
 
 # Logistic regression of truth on (1, existence, support, consistency), `docs/calibrate_trust.py`.
 WEIGHTS = {
-    "rotation": np.array([-31.2, 6.7, 3.4, 26.4]),
-    "sphere": np.array([-18.3, 5.9, 19.2, 9.8]),
+    "rotation": (-31.2, 6.7, 3.4, 26.4),
+    "sphere": (-18.3, 5.9, 19.2, 9.8),
 }
 
 
@@ -64,8 +65,14 @@ class Evidence(Generic[Turned]):
     @property
     def confidence(self) -> float:
         """Probability that the symmetry is true."""
-        features = np.array([1.0, self.existence, self.support, self.consistency])
-        return float(expit(features @ WEIGHTS[self.symmetry.kind]))
+        known = self.existence, self.support, self.consistency
+        return float(expit(log_odds(self.symmetry.kind, *known)))
+
+
+def log_odds(kind: str, existence: float, support: float, consistency: float) -> float:
+    """Return the log odds that a symmetry of some `kind` is true; the rest as in `Evidence`."""
+    constant, *slopes = WEIGHTS[kind]
+    return constant + slopes[0] * existence + slopes[1] * support + slopes[2] * consistency
 
 
 def ground_symmetries(
@@ -77,7 +84,7 @@ def ground_symmetries(
 ) -> SymmetrySlots:
     """Return `slots` fitted to `region`; existence becomes the confidence in each."""
     step = max(1, len(region) // NUM_POINTS)
-    points, normals = region.points[::step], region.normals[::step]
+    points, normals = region.points[::step].copy(), region.normals[::step].copy()
     axis = axis_evidence(slots, points, normals, scene, config)
     sphere = sphere_evidence(slots, points, normals, scene, config)
     known = RegionEvidence(slots, axis.symmetry, points, normals, region.mask, scene)
@@ -100,15 +107,23 @@ def axis_evidence(
     """Return the axis, of all candidates fitted, that is trusted most."""
     starts = candidate_axes(slots, points, normals, scene.plane)
     fits = fit_rotations(starts, points, normals)
-    axes = [RotationSymmetry(fit.direction, fit.point) for fit in fits]
-    images = np.array([axis.turn(points[::EVERY], TURNS) for axis in axes])
-    free = in_observed_frustum(images.reshape(-1, 3), scene, config).reshape(len(axes), -1)
+    axes, feet = np.array([fit.direction for fit in fits]), np.array([fit.point for fit in fits])
+    images = _turned(points[::EVERY], axes, feet)
+    free = in_observed_frustum(images.reshape(-1, 3), scene, config).reshape(images.shape[:-1])
+    shares = free.mean(axis=(0, 2))
     existence = float(slots.existence[ROTATION_SLOT])
-    found = [
-        Evidence(axis, existence, fit.support, float(share))
-        for axis, fit, share in zip(axes, fits, free.mean(axis=1), strict=True)
+    known = [
+        (existence, fit.support, float(share)) for fit, share in zip(fits, shares, strict=True)
     ]
-    return max(found, key=lambda evidence: evidence.confidence)
+    best = max(range(len(fits)), key=lambda index: log_odds("rotation", *known[index]))
+    return Evidence(RotationSymmetry(axes[best], feet[best]), *known[best])
+
+
+def _turned(points: Array, axes: Array, feet: Array) -> Array:
+    """Return (n, k, t, 3) `points` (n, 3) turned by `TURNS` about `axes` through `feet` (k, 3)."""
+    turns = rotation_about(axes[:, None], TURNS)  # (k, t, 3, 3)
+    shift = feet[:, None] - np.einsum("ktij,kj->kti", turns, feet)
+    return np.asarray((points @ turns.reshape(-1, 3).T).reshape(-1, *shift.shape) + shift)
 
 
 def sphere_evidence(

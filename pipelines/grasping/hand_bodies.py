@@ -2,7 +2,9 @@
 
 A hand is two fingers and a palm, boxes in its own frame (approach, closing, height), the same on
 both sides of it: what counts along closing and height is how far off a point lies. All is single
-precision, metres. `frames` and `bounds` are as `collision` makes them.
+precision, metres. `bounds` are those of `Gripper`, `cells` as `Obstacles` has them: points (3, n),
+cube by cube; how many measured ones each stands for (n,); where a cube's points start and end
+(c + 1,); the centres (3, c) and radii (c,) of balls about the points of a cube.
 """
 
 import numpy as np
@@ -10,6 +12,7 @@ from numpy.typing import NDArray
 
 from pipelines.geometry.compiled import compiled
 
+Array = NDArray[np.float64]
 Single = np.float32
 Singles = NDArray[np.float32]
 Counts = NDArray[np.int64]
@@ -18,19 +21,26 @@ Row = tuple[Single, Single, Single, Single]
 Frame = tuple[Row, Row, Row]
 Hand = tuple[Row, Row]
 Place = tuple[Single, Single, Single]
+Cells = tuple[Singles, Counts, Counts, Singles, Singles]
+
+
+@compiled
+def frames_about(rotation: Array, translation: Array, centre: Array) -> Singles:
+    """Return (k, 3, 4) matrices into the frames of k hands, from coordinates about `centre`."""
+    frames = np.empty((len(rotation), 3, 4), np.float32)
+    for k in range(len(rotation)):
+        for axis in range(3):
+            origin = 0.0
+            for i in range(3):
+                frames[k, axis, i] = rotation[k, i, axis]
+                origin += (translation[k, i] - centre[i]) * rotation[k, i, axis]
+            frames[k, axis, 3] = -origin
+    return frames
 
 
 @compiled
 def points_met(
-    frames: Singles,
-    bounds: Singles,
-    margin: Single,
-    allowed: int,
-    points: Singles,
-    count: Counts,
-    start: Counts,
-    centre: Singles,
-    radius: Singles,
+    frames: Singles, bounds: Singles, margin: Single, allowed: int, cells: Cells
 ) -> tuple[Mask, Singles]:
     """Return which of k hands, blown up by `margin`, meet too much, and what the others enclose.
 
@@ -38,62 +48,74 @@ def points_met(
         frames: (k, 3, 4) into each hand's frame.
         bounds: (k, 9) of its bodies.
         margin: metres.
-        allowed: sum of `count`.
-        points: (3, n), cube by cube.
-        count: (n,) measured points that each stands for.
-        start: (c + 1,) where a cube's points start and end.
-        centre: (3, c) of balls about the points of a cube.
-        radius: (c,).
+        allowed: how many points it may meet.
+        cells: the points.
 
     Returns:
         (k,) whether it meets more than `allowed`; (k,) metres that points between the fingers
         reach in from the tips' line, 0 where it does.
     """
-    blocked, enclosed = np.zeros(len(frames), np.bool_), np.zeros(len(frames), np.float32)
+    blocked, enclosed = np.empty(len(frames), np.bool_), np.zeros(len(frames), np.float32)
+    near = np.empty(len(cells[4]), np.bool_)
     for k in range(len(frames)):
-        frame, blown = _frame(frames[k]), _hand(bounds[k], margin)
-        back, tip, half, inner = bounds[k, 0], bounds[k, 1], bounds[k, 4], bounds[k, 6]
-        met, deepest = 0, Single(0.0)
-        for c in range(len(radius)):
-            place = _local(frame, centre[0, c], centre[1, c], centre[2, c])
-            if _gap(blown, Single(0.0), place) > radius[c] * radius[c]:
-                continue
-            for n in range(start[c], start[c + 1]):
-                place = _local(frame, points[0, n], points[1, n], points[2, n])
-                met += count[n] * _bodies_at(blown, inner - margin, place)
-            if met > allowed:
-                break
-            for n in range(start[c], start[c + 1]):
-                along, across, third = _local(frame, points[0, n], points[1, n], points[2, n])
-                if (back < along) & (along < tip) & (across < inner) & (third < half):
-                    deepest = max(deepest, tip - along)
-        blocked[k] = met > allowed
-        enclosed[k] = Single(0.0) if blocked[k] else deepest
+        frame = _frame(frames[k])
+        blocked[k] = _is_blocked(frame, bounds[k], margin, allowed, cells, near)
+        if not blocked[k]:
+            enclosed[k] = _enclosed(frame, bounds[k], cells, near)
     return blocked, enclosed
 
 
 @compiled
-def nearest_gaps(
+def free_hands(
     frames: Singles,
     bounds: Singles,
-    cap: Single,
-    points: Singles,
-    count: Counts,
-    start: Counts,
-    centre: Singles,
-    radius: Singles,
-) -> Singles:
+    margin: Single,
+    allowed: int,
+    cells: Cells,
+    steady: Array,
+    wanted: tuple[float, float, int],
+) -> tuple[Counts, Singles]:
+    """Return which hands (f,) are free and enclose enough, and what these enclose.
+
+    Hands come steadiest first, `steady` (k,). `wanted`: metres to enclose, the share of the first
+    free one's steadiness that others need, and how many: what comes then is not looked at. The
+    others are those of `points_met`.
+    """
+    least, share, most = wanted
+    found, enclosed = np.empty(len(frames), np.int64), np.empty(len(frames), np.float32)
+    near, count = np.empty(len(cells[4]), np.bool_), 0
+    for k in range(len(frames)):
+        if count == most or (count > 0 and steady[k] < share * steady[found[0]]):
+            break
+        frame = _frame(frames[k])
+        if _is_blocked(frame, bounds[k], margin, allowed, cells, near):
+            continue
+        enclosed[count] = _enclosed(frame, bounds[k], cells, near)
+        if enclosed[count] >= least:
+            found[count] = k
+            count += 1
+    return found[:count], enclosed[:count]
+
+
+@compiled
+def nearest_gaps(frames: Singles, bounds: Singles, cap: Single, cells: Cells) -> Singles:
     """Return (k,) metres from the bodies of k hands to the nearest point, at most `cap`.
 
     Arguments are those of `points_met`.
     """
-    nearest = np.empty(len(frames), np.float32)
+    points, _, start, centre, radius = cells
+    nearest, least = np.empty(len(frames), np.float32), np.empty(len(radius), np.float32)
     for k in range(len(frames)):
         frame, hand = _frame(frames[k]), _hand(bounds[k], Single(0.0))
-        gap, inner = cap, bounds[k, 6]
+        inner, first, gap = bounds[k, 6], 0, cap
         for c in range(len(radius)):
             place = _local(frame, centre[0, c], centre[1, c], centre[2, c])
-            if np.sqrt(_gap(hand, inner, place)) - radius[c] >= gap:
+            least[c] = np.sqrt(_gap(hand, inner, place)) - radius[c]
+        for c in range(len(radius)):
+            first = c if least[c] < least[first] else first
+        for turn in range(min(len(radius), 1) + len(radius)):
+            c = first if turn == 0 else turn - 1  # the nearest cube first: few others remain
+            if least[c] >= gap:
                 continue
             squared = gap * gap
             for n in range(start[c], start[c + 1]):
@@ -102,6 +124,51 @@ def nearest_gaps(
             gap = np.sqrt(squared)
         nearest[k] = gap
     return nearest
+
+
+@compiled
+def _is_blocked(
+    frame: Frame, bounds: Singles, margin: Single, allowed: int, cells: Cells, near: Mask
+) -> bool:
+    """Return whether a hand, blown up by `margin`, meets more than `allowed` points.
+
+    Where it does not, `near` (c,) then says of which cubes something may lie in it or between its
+    fingers.
+    """
+    points, count, start, centre, radius = cells
+    hand, inner, met = _hand(bounds, margin), bounds[6] - margin, 0
+    for c in range(len(radius)):
+        place = _local(frame, centre[0, c], centre[1, c], centre[2, c])
+        near[c] = _gap(hand, Single(0.0), place) <= radius[c] * radius[c]
+    for c in range(len(radius)):
+        if not near[c]:
+            continue
+        # Unsigned numbers never count from an array's end: several points go at a time.
+        for n in range(np.uint64(start[c]), np.uint64(start[c + 1])):
+            place = _local(frame, points[0, n], points[1, n], points[2, n])
+            met += count[n] * _bodies_at(hand, inner, place)
+        if met > allowed:
+            return True
+    return False
+
+
+@compiled
+def _enclosed(frame: Frame, bounds: Singles, cells: Cells, near: Mask) -> Single:
+    """Return how far points between the fingers reach in, of the cubes that are `near` (c,)."""
+    points, _, start, centre, radius = cells
+    back, tip, half, inner = bounds[0], bounds[1], bounds[4], bounds[6]
+    deepest = Single(0.0)
+    for c in range(len(radius)):
+        if not near[c]:
+            continue
+        along, across, third = _local(frame, centre[0, c], centre[1, c], centre[2, c])
+        if max(along - (tip - deepest), across - inner, third - half) > radius[c]:
+            continue
+        for n in range(start[c], start[c + 1]):
+            along, across, third = _local(frame, points[0, n], points[1, n], points[2, n])
+            if (back < along) & (along < tip) & (across < inner) & (third < half):
+                deepest = max(deepest, tip - along)
+    return deepest
 
 
 @compiled

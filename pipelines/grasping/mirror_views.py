@@ -10,16 +10,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.geometry.compiled import compiled
+from pipelines.geometry.fitting_sums import mirrored
 from pipelines.geometry.levelling import UNKNOWN_UP
 from pipelines.geometry.nearest import nearest_of
-from pipelines.geometry.quantiles import median
+from pipelines.geometry.quantiles import quantiles
 from pipelines.geometry.symmetry import ReflectionSymmetry
-from pipelines.geometry.symmetry_fitting import mirrored
 from pipelines.geometry.transforms import cross, unit
 from pipelines.grasping.observation import SceneCloud
+from pipelines.grasping.plane_candidates import ENDS
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+Indices = NDArray[np.int64]
+Pictured = tuple[Indices, Mask, Array, Mask]
 
 NUM_POINTS = 128  # of a region that are mirrored
 FARTHEST = 0.03  # metres from an image to the seen surface; beyond, it is far
@@ -40,15 +45,20 @@ class MirrorImages:
         moved: (m,) which points are mirrored, evenly taken; some twice where there are fewer.
         images: (k, m, 3).
         distance: (k, m) metres from an image to the nearest seen point of the region.
-        nearest: (k, m) that point's index.
+        gap: (k, m) metres along that one's normal.
+        agreement: (k, m) cosine between that normal and the mirrored one.
+        sides: (k, 3) metres from each plane to the ends of the points, along its normal, and
+            between them to the median.
     """
 
     points: Array
     normals: Array
-    moved: NDArray[np.int64]
+    moved: Indices
     images: Array
     distance: Array
-    nearest: NDArray[np.intp]
+    gap: Array
+    agreement: Array
+    sides: Array
 
     @classmethod
     def of(cls, planes: list[ReflectionSymmetry], points: Array, normals: Array) -> "MirrorImages":
@@ -57,7 +67,11 @@ class MirrorImages:
         normal = np.array([plane.normal for plane in planes])
         point = np.array([plane.point for plane in planes])
         images = mirrored(points[moved], normal, point)
-        return cls(points, normals, moved, images, *nearest_of(points, images))
+        distance, nearest = nearest_of(points, images)
+        met = _meetings(images, nearest, points, normals, moved, normal)
+        offset = np.einsum("ki,ki->k", normal, point)
+        sides = quantiles(normal @ points.T, (ENDS[0], 0.5, ENDS[1])) - offset[:, None]
+        return cls(points, normals, moved, images, distance, *met, sides)
 
 
 def plane_rows(planes: list[ReflectionSymmetry], region: Array, scene: SceneCloud) -> Rows:
@@ -75,7 +89,7 @@ def plane_rows(planes: list[ReflectionSymmetry], region: Array, scene: SceneClou
 def point_rows(
     planes: list[ReflectionSymmetry],
     mirrored: MirrorImages,
-    mask: NDArray[np.bool_],
+    mask: Mask,
     scene: SceneCloud,
 ) -> Rows:
     """Return (k, 128, 14): what each plane makes of some of the points.
@@ -85,62 +99,107 @@ def point_rows(
     behind the depth image it lies, whether anything was measured there, whether that is the region
     (`mask`, (H, W)); the heights of point and image above the table.
     """
-    points, normals = mirrored.points[mirrored.moved], mirrored.normals[mirrored.moved]
-    axes, foot = _plane_axes(planes, mirrored.points, scene)
-    images, nearest = mirrored.images, mirrored.nearest
-    beside = mirrored.normals[nearest]
-    normal = axes[:, 0]
-    turned = normals - 2.0 * (normals @ normal.T).T[..., None] * normal[:, None]
-    gap = np.einsum("kni,kni->kn", beside, images - mirrored.points[nearest])
-    own = np.einsum("kai,kni->kna", axes, points - foot[:, None])
-    columns = [
-        10.0 * own,
-        np.einsum("kai,ni->kna", axes, normals),
-        np.minimum(mirrored.distance, FARTHEST)[..., None] / FARTHEST * 0.9,
-        np.clip(gap, -0.02, 0.02)[..., None] * 50.0,
-        np.einsum("kni,kni->kn", beside, turned)[..., None],
-        _against_depth(images, mask, scene),
-        _heights(np.broadcast_to(points, images.shape), scene),
-        _heights(images, scene),
-    ]
-    return np.concatenate(columns, axis=-1).astype(np.float32)
+    axes, foot = _plane_axes(planes, mirrored, scene)
+    flat, table = mirrored.images.reshape(-1, 3), np.zeros(4)
+    if scene.plane is not None:
+        table[:3], table[3] = scene.plane.normal, scene.plane.offset
+    seen = mirrored.points[mirrored.moved], mirrored.normals[mirrored.moved]
+    told = mirrored.images, mirrored.distance, mirrored.gap, mirrored.agreement
+    pictured = *scene.intrinsics.pixels_of(flat), scene.depth, mask
+    return _rows(axes, foot, seen, told, pictured, table)
 
 
 def _plane_axes(
-    planes: list[ReflectionSymmetry], points: Array, scene: SceneCloud
+    planes: list[ReflectionSymmetry], mirrored: MirrorImages, scene: SceneCloud
 ) -> tuple[Array, Array]:
     """Return (k, 3, 3) normal, up and across of each plane, and (k, 3) its point near the middle.
 
     The normal points to the side on which most of the surface is seen.
     """
-    middle, top = points.mean(axis=0), UNKNOWN_UP if scene.plane is None else scene.plane.normal
+    middle = mirrored.points.mean(axis=0)
+    top = UNKNOWN_UP if scene.plane is None else scene.plane.normal
     normal = np.array([plane.normal for plane in planes])
     at = np.array([plane.point for plane in planes])
-    offset = np.einsum("ki,ki->k", normal, at)
-    seen = median(normal @ points.T) - offset
-    normal = np.where(seen >= 0, 1.0, -1.0)[:, None] * normal
+    normal = np.where(mirrored.sides[:, 1] >= 0, 1.0, -1.0)[:, None] * normal
     up = top - (normal @ top)[:, None] * normal
     ray = unit(middle)
-    level = np.linalg.norm(up, axis=1) < LEVEL
+    level = np.sqrt(np.einsum("ki,ki->k", up, up)) < LEVEL
     up = unit(np.where(level[:, None], ray - (normal @ ray)[:, None] * normal, up))
     foot = middle - np.einsum("ki,ki->k", middle - at, normal)[:, None] * normal
     return np.stack([normal, up, cross(normal, up)], axis=1), foot
 
 
-def _against_depth(images: Array, mask: NDArray[np.bool_], scene: SceneCloud) -> Array:
-    """Return (k, n, 3): how far behind the depth image, whether measured, whether the region."""
-    flat = images.reshape(-1, 3)
-    height, width = scene.depth.shape
-    pixels, inside = scene.intrinsics.pixels_of(flat)
-    column, row = np.clip(pixels, 0, (width - 1, height - 1)).T
-    seen = np.where(inside, scene.depth[row, column], 0.0)
-    behind = np.where(seen > 0, np.clip(flat[:, 2] - seen, -DEEPEST, DEEPEST), 0.0)
-    rows = np.stack([20.0 * behind, seen > 0, inside & mask[row, column]], axis=-1)
-    return rows.reshape(*images.shape[:2], 3)
+@compiled
+def _meetings(
+    images: Array,
+    nearest: Indices,
+    points: Array,
+    normals: Array,
+    moved: Indices,
+    planes: Array,
+) -> tuple[Array, Array]:
+    """Return (k, m) how far images lie from the `nearest` of `points` (n, 3), along its normal.
+
+    And the cosine between that normal and the image's, mirrored in planes with normals (k, 3).
+    """
+    gap, agreement = np.empty(nearest.shape), np.empty(nearest.shape)
+    for k in range(len(images)):
+        for m in range(len(moved)):
+            met, own = nearest[k, m], moved[m]
+            off, alike, here, there = 0.0, 0.0, 0.0, 0.0
+            for i in range(3):
+                off += normals[met, i] * (images[k, m, i] - points[met, i])
+                alike += normals[met, i] * normals[own, i]
+                here += normals[own, i] * planes[k, i]
+                there += normals[met, i] * planes[k, i]
+            gap[k, m], agreement[k, m] = off, alike - 2.0 * here * there
+    return gap, agreement
 
 
-def _heights(points: Array, scene: SceneCloud) -> Array:
-    """Return (k, n, 1), zeros where no table is known."""
-    if scene.plane is None:
-        return np.zeros((*points.shape[:2], 1))
-    return 5.0 * np.clip(scene.plane.height(points), *HEIGHTS)[..., None]
+@compiled
+def _rows(
+    axes: Array,
+    foot: Array,
+    seen: tuple[Array, Array],
+    told: tuple[Array, Array, Array, Array],
+    pictured: Pictured,
+    table: Array,
+) -> Rows:
+    """Return what `point_rows` says.
+
+    Args:
+        axes: (k, 3, 3) of the planes.
+        foot: (k, 3) on them.
+        seen: points and normals (m, 3).
+        told: of their images (k, m, 3) the distance, the gap and the agreement (k, m).
+        pictured: the images' pixels (k m, 2), which lie in the picture, its depth (H, W) and mask.
+        table: (4,) normal and offset; zeros for none.
+    """
+    (points, normals), (images, distance, gap, agreement) = seen, told
+    pixels, inside, depth, mask = pictured
+    rows = np.zeros((len(axes), len(points), POINT_FEATURES), np.float32)
+    for k in range(len(axes)):
+        for m in range(len(points)):
+            height, image_height = table[3], table[3]
+            for a in range(3):
+                along, facing = 0.0, 0.0
+                for i in range(3):
+                    along += axes[k, a, i] * (points[m, i] - foot[k, i])
+                    facing += axes[k, a, i] * normals[m, i]
+                rows[k, m, a], rows[k, m, 3 + a] = 10.0 * along, facing
+                height += table[a] * points[m, a]
+                image_height += table[a] * images[k, m, a]
+            rows[k, m, 6] = min(distance[k, m], FARTHEST) / FARTHEST * 0.9
+            rows[k, m, 7] = min(max(gap[k, m], -0.02), 0.02) * 50.0
+            rows[k, m, 8] = agreement[k, m]
+            at = k * len(points) + m
+            if inside[at]:
+                column, row = pixels[at, 0], pixels[at, 1]
+                if depth[row, column] > 0:
+                    behind = images[k, m, 2] - depth[row, column]
+                    rows[k, m, 9] = 20.0 * min(max(behind, -DEEPEST), DEEPEST)
+                    rows[k, m, 10] = 1.0
+                rows[k, m, 11] = mask[row, column]
+            rows[k, m, 12] = 5.0 * min(max(height, HEIGHTS[0]), HEIGHTS[1])
+            rows[k, m, 13] = 5.0 * min(max(image_height, HEIGHTS[0]), HEIGHTS[1])
+    return rows

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.compiled import compiled
 from pipelines.geometry.organized import smooth_normals
-from pipelines.geometry.point_cells import first_of_each
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.quantiles import median
 from pipelines.geometry.transforms import unit
@@ -18,7 +17,9 @@ from pipelines.grasping.collision import Obstacles
 from pipelines.grasping.limits import Limits
 
 Array = NDArray[np.float64]
+Counts = NDArray[np.int64]
 Mask = NDArray[np.bool_]
+Floor = tuple[float, float, float, float]  # a plane as numbers
 
 MAX_RANGE = 3.0  # metres; nothing farther is ever near a gripper
 NORMAL_RADIUS = 3  # pixels
@@ -32,27 +33,36 @@ class Surroundings:
     """The observed points around a region, thinned.
 
     Attributes:
-        points: (n, 3) measured points, one a cell.
+        points: (n, 3) measured points above the floor, one a cell.
         count: (n,) measured points in the cell that each stands for.
-        others: those that do not belong to the region.
+        others: all that do not belong to the region, beneath the floor as well.
         centre, radius: (3,), metres; of the ball that they lie in.
+        floor: beneath which no hand comes; None for none.
     """
 
     points: Array
-    count: NDArray[np.int64]
+    count: Counts
     others: Obstacles
     centre: Array
     radius: float
+    floor: Plane | None
+
+    @cached_property
+    def met(self) -> Obstacles:
+        """All of the points, as a hand may meet them."""
+        return Obstacles(self.points, self.count)
 
     def with_unseen(self, points: Array) -> "Surroundings":
         """Return these and those of `points` (m, 3), known by symmetry alone, that lie in the ball.
 
         Each counts as one measured point; `others` stay as they are.
         """
-        near = points[np.linalg.norm(points - self.centre, axis=1) < self.radius]
+        near = _within(points, self.centre, self.radius, _numbers(self.floor))
+        if not len(near):
+            return self
         return replace(
             self,
-            points=np.concatenate([self.points, near]),
+            points=np.concatenate([self.points, points.take(near, axis=0)]),
             count=np.concatenate([self.count, np.ones(len(near), np.int64)]),
         )
 
@@ -99,16 +109,19 @@ class SceneCloud:
         """Unit direction (3,) into the table; None without a plane."""
         return None if self.plane is None else -self.plane.normal
 
-    def around(self, region: "RegionCloud", reach: float, resolution: float) -> Surroundings:
+    def around(
+        self, region: "RegionCloud", reach: float, resolution: float, floor: Plane | None = None
+    ) -> Surroundings:
         """Return the points within `reach` metres of the region's ball, thinned to `resolution`."""
         low, high = region.points.min(axis=0), region.points.max(axis=0)
         centre, radius = (low + high) / 2.0, float(np.linalg.norm(high - low)) / 2.0 + reach
-        window = self._window(centre, radius)
-        pixel, key = _in_ball(self.xyz, region.mask, window, centre, radius, resolution)
-        first, count = first_of_each(key)
-        points, own = _at(self.xyz, region.mask, pixel[first])
-        others = np.flatnonzero(~own)
-        return Surroundings(points, count, Obstacles(points[others], count[others]), centre, radius)
+        window, image_plane = self._window(centre, radius), self.intrinsics.image_plane
+        seen = self.depth, image_plane, region.mask, window
+        points, count, other_points, other_count = _cells_about(
+            *seen, centre, radius, resolution, _numbers(floor)
+        )
+        others = Obstacles(other_points, other_count)
+        return Surroundings(points, count, others, centre, radius, floor)
 
     def _window(self, centre: Array, radius: float) -> tuple[int, int, int, int]:
         """Return the rows and columns, each first and behind the last, a ball can be seen in."""
@@ -171,43 +184,97 @@ def _bounds(mask: Mask) -> tuple[slice, slice]:
     return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
 
 
+def _numbers(floor: Plane | None) -> Floor:
+    """Return a plane's normal and offset, as compiled loops take them; all is above None."""
+    return (0.0, 0.0, 0.0, np.inf) if floor is None else (*floor.normal.tolist(), floor.offset)
+
+
 @compiled
-def _in_ball(
-    xyz: Array,
+def _within(points: Array, centre: Array, radius: float, floor: Floor) -> Counts:
+    """Return which of `points` (n, 3) lie in a ball and above the floor."""
+    found, count = np.empty(len(points), np.int64), 0
+    for n in range(len(points)):
+        x, y, z = points[n, 0], points[n, 1], points[n, 2]
+        u, v, w = x - centre[0], y - centre[1], z - centre[2]
+        found[count] = n
+        count += (u * u + v * v + w * w < radius * radius) & _is_above(floor, x, y, z)
+    return found[:count]
+
+
+@compiled
+def _is_above(floor: Floor, x: float, y: float, z: float) -> bool:
+    return floor[0] * x + floor[1] * y + floor[2] * z + floor[3] > 0
+
+
+@compiled
+def _cells_about(
+    depth: Array,
+    image_plane: tuple[Array, Array],
     own: Mask,
     window: tuple[int, int, int, int],
     centre: Array,
     radius: float,
     cell: float,
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return which pixels (n,) of `xyz` (h, w, 3) show points in a ball, and numbers (n,) of cells.
+    floor: Floor,
+) -> tuple[Array, Counts, Array, Counts]:
+    """Return the first point (n, 3) of each cell of a ball, and how many (n,) lie in it.
 
-    Cells are cubes of edge `cell`, each twice: for points of the region `own` (h, w) and others.
+    Those above the floor, and those that are not the region's `own` (h, w). Cells are cubes of
+    edge `cell`, each twice: for others and for the region. They ascend by x, y and z.
+    `image_plane`: x (w,) of columns and y (h,) of rows at depth 1.
     """
     top, bottom, left, right = window
-    room = max(0, bottom - top) * max(0, right - left)
-    pixel, key = np.empty(room, np.int64), np.empty(room, np.int64)
-    side, count = int(2 * radius / cell) + 2, 0
-    for row in range(top, bottom):
-        for column in range(left, right):
-            x = xyz[row, column, 0] - centre[0]
-            y = xyz[row, column, 1] - centre[1]
-            z = xyz[row, column, 2] - centre[2]
-            if x * x + y * y + z * z < radius * radius:  # never where nothing was measured
-                at = (int((x + radius) / cell) * side + int((y + radius) / cell)) * side
-                key[count] = 2 * (at + int((z + radius) / cell)) + own[row, column]
-                pixel[count] = row * own.shape[1] + column
-                count += 1
-    return pixel[:count].copy(), key[:count].copy()
+    room, side = max(0, bottom - top) * max(0, right - left), int(2 * radius / cell) + 2
+    # Cells at one x and y make a list, from the nearest to the farthest: most are short.
+    nearest, behind = np.full(side * side, -1, np.int32), np.empty(room, np.int32)
+    level, count = np.empty(room, np.int32), np.empty(room, np.int32)
+    points, found, per_metre = np.empty((room, 3)), 0, 1.0 / cell
+    for i in range(top, bottom):
+        for j in range(left, right):
+            z = depth[i, j]
+            x, y = image_plane[0][j] * z, image_plane[1][i] * z
+            u, v, w = x - centre[0], y - centre[1], z - centre[2]
+            if not ((z > 0) & (u * u + v * v + w * w < radius * radius)):
+                continue
+            at_xy = int((u + radius) * per_metre) * side + int((v + radius) * per_metre)
+            this = np.int32(2 * int((w + radius) * per_metre) + own[i, j])
+            before, at = -1, nearest[at_xy]
+            while at >= 0 and level[at] < this:
+                before, at = at, behind[at]
+            if at < 0 or level[at] != this:
+                points[found, 0], points[found, 1], points[found, 2] = x, y, z
+                level[found], count[found], behind[found] = this, 0, at
+                at, found = found, found + 1
+                if before < 0:
+                    nearest[at_xy] = at
+                else:
+                    behind[before] = at
+            count[at] += 1
+    return _in_order(nearest, behind, level, points[:found], count, floor)
 
 
 @compiled
-def _at(xyz: Array, own: Mask, pixel: NDArray[np.int64]) -> tuple[Array, Mask]:
-    """Return what `xyz` (h, w, 3) and `own` (h, w) are at each `pixel` (n,), row by row."""
-    points, mine = np.empty((len(pixel), 3)), np.empty(len(pixel), np.bool_)
-    for n in range(len(pixel)):
-        row, column = divmod(pixel[n], own.shape[1])
-        mine[n] = own[row, column]
-        for axis in range(3):
-            points[n, axis] = xyz[row, column, axis]
-    return points, mine
+def _in_order(
+    nearest: NDArray[np.int32],
+    behind: NDArray[np.int32],
+    level: NDArray[np.int32],
+    points: Array,
+    count: NDArray[np.int32],
+    floor: Floor,
+) -> tuple[Array, Counts, Array, Counts]:
+    """Return what `_cells_about` does: the lists that start at `nearest` (m,), one by one."""
+    above, above_count = np.empty_like(points), np.empty(len(points), np.int64)
+    others, other_count = np.empty_like(points), np.empty(len(points), np.int64)
+    n, k = 0, 0
+    for start in nearest:
+        at = start
+        while at >= 0:
+            x, y, z = points[at, 0], points[at, 1], points[at, 2]
+            if _is_above(floor, x, y, z):
+                above[n, 0], above[n, 1], above[n, 2], above_count[n] = x, y, z, count[at]
+                n += 1
+            if level[at] & 1 == 0:
+                others[k, 0], others[k, 1], others[k, 2], other_count[k] = x, y, z, count[at]
+                k += 1
+            at = behind[at]
+    return above[:n], above_count[:n], others[:k], other_count[:k]

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.geometry.compiled import compiled
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.quantiles import median, quantiles
 from pipelines.geometry.symmetry import (
@@ -22,6 +23,7 @@ from pipelines.geometry.symmetry import (
 from pipelines.geometry.transforms import basis_from_direction, cross, unit
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 ENDS = (0.015, 0.985)  # of the points along a direction, against flying pixels
 TOP = 0.97  # of a region's heights, likewise
@@ -63,8 +65,8 @@ def candidate_planes(
     normal = unit(np.array([direction for direction, _ in named]))
     offset = np.einsum("ki,ki->k", np.array([point for _, point in named]) - middle, normal)
     foot = middle + offset[:, None] * normal  # nearest to the middle
-    planes = [ReflectionSymmetry(*each) for each in zip(normal, foot, strict=True)]
-    return distinct(planes, SAME_ANGLE, SAME_OFFSET)
+    kept = _distinct(normal, foot, float(np.cos(SAME_ANGLE)), SAME_OFFSET)
+    return [ReflectionSymmetry(*each) for each in zip(normal[kept], foot[kept], strict=True)]
 
 
 def half_between_ends(points: Array, directions: Array) -> Array:
@@ -98,22 +100,17 @@ def face_directions(points: Array, normals: Array) -> list[Array]:
         # Faces at right angles are one direction of four times their angle.
         quadrupled = 4.0 * np.arctan2(sides[:, 1], sides[:, 0])
         angles.append(float(np.angle(np.exp(1j * quadrupled).mean())) / 4.0)
-    found = [face]
-    for angle in angles:
-        first = basis @ np.array([np.cos(angle), np.sin(angle)])
-        found += [first, cross(face, first)]
-    return found
+    return [face, *_frames(face, basis, angles)]
 
 
 def largest_face(normals: Array) -> Array:
     """Return the normal (3,) that most of `normals` (n, 3) are close to, or opposite of."""
     trials = normals[:: max(1, len(normals) // FACE_TRIALS)]
     narrow = np.cos(FACE_ANGLE)
-    alike = np.clip((np.abs(normals @ trials.T) - narrow) / (1.0 - narrow), 0.0, 1.0)
-    face = trials[alike.sum(axis=0).argmax()]
+    face = trials[_likeness(np.abs(normals @ trials.T), float(narrow)).argmax()]
     cosine = normals @ face
     near = np.abs(cosine) > narrow
-    return np.asarray(unit((normals[near] * np.sign(cosine[near])[:, None]).sum(axis=0)))
+    return unit((normals[near] * np.sign(cosine[near])[:, None]).sum(axis=0))
 
 
 def level_directions(points: Array, table: Plane) -> list[Array]:
@@ -123,10 +120,23 @@ def level_directions(points: Array, table: Plane) -> list[Array]:
     """
     basis = basis_from_direction(table.normal)[:, 1:]
     flat = points @ basis
-    angle = _outline_angle(flat)
-    longest = np.linalg.eigh(np.cov(flat.T))[1][:, 1]
-    firsts = [basis @ np.array([np.cos(angle), np.sin(angle)]), basis @ longest]
-    return [each for first in firsts for each in (first, cross(table.normal, first))]
+    longest = principal_axes(flat)[:, 1]
+    angles = [_outline_angle(flat), float(np.arctan2(longest[1], longest[0]))]
+    return _frames(table.normal, basis, angles)
+
+
+def principal_axes(points: Array) -> Array:
+    """Return the (d, d) principal axes of `points` (n, d) as columns, the longest last."""
+    away = points - points.mean(axis=0)
+    vectors: Array = np.linalg.eigh(away.T @ away / (len(points) - 1))[1]
+    return vectors
+
+
+def _frames(normal: Array, basis: Array, angles: list[float]) -> list[Array]:
+    """Return two directions (3,) for each of `angles` in `basis` (3, 2): there, and across it."""
+    first = np.array([[np.cos(angle), np.sin(angle)] for angle in angles]) @ basis.T
+    across = cross(normal, first)
+    return [each for pair in zip(first, across, strict=True) for each in pair]
 
 
 def _outline_angle(flat: Array) -> float:
@@ -143,10 +153,33 @@ def distinct(
     """
     normal = np.array([plane.normal for plane in planes]).reshape(-1, 3)
     point = np.array([plane.point for plane in planes]).reshape(-1, 3)
-    away = np.abs(point @ normal.T - np.einsum("ki,ki->k", point, normal))
-    alike = (np.abs(normal @ normal.T) > np.cos(angle)) & (away < offset)
-    kept: list[int] = []
-    for number in range(len(planes)):
-        if not alike[number, kept].any():
-            kept.append(number)
-    return [planes[number] for number in kept]
+    return [planes[number] for number in _distinct(normal, point, float(np.cos(angle)), offset)]
+
+
+@compiled
+def _distinct(normal: Array, point: Array, cosine: float, offset: float) -> Indices:
+    """Return which planes of `normal` and `point` (k, 3) are kept, in their order."""
+    kept, count = np.empty(len(normal), np.int64), 0
+    for k in range(len(normal)):
+        new = True
+        for place in range(count):
+            before = kept[place]
+            alike, away = 0.0, 0.0
+            for i in range(3):
+                alike += normal[k, i] * normal[before, i]
+                away += (point[k, i] - point[before, i]) * normal[before, i]
+            new = new and (abs(alike) <= cosine or abs(away) >= offset)
+        if new:
+            kept[count] = k
+            count += 1
+    return kept[:count].copy()
+
+
+@compiled
+def _likeness(cosine: Array, narrow: float) -> Array:
+    """Return (t,) sums of `cosine` (n, t) from 0, at `narrow` and less, to 1."""
+    total = np.zeros(cosine.shape[1])
+    for n in range(len(cosine)):
+        for t in range(len(total)):
+            total[t] += min(max((cosine[n, t] - narrow) / (1.0 - narrow), 0.0), 1.0)
+    return total

@@ -11,19 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import SelectionConfig
-from pipelines.geometry.quantiles import quantiles
+from pipelines.geometry.fitting_sums import MATCH_NORMAL
 from pipelines.geometry.symmetry import (
     REFLECTION_SLOTS,
     ReflectionSymmetry,
     RotationSymmetry,
     SymmetrySlots,
 )
-from pipelines.geometry.symmetry_fitting import MIN_OVERLAP, face_alike, fit_reflections
+from pipelines.geometry.symmetry_fitting import MIN_OVERLAP, fit_reflections
 from pipelines.grasping.decoding import in_observed_frustum
 from pipelines.grasping.mirror_views import MirrorImages, plane_rows, point_rows
 from pipelines.grasping.observation import SceneCloud
 from pipelines.grasping.plane_candidates import (
-    ENDS,
     candidate_planes,
     distinct,
     region_top,
@@ -129,12 +128,10 @@ def plane_features(
     """
     points, scene = region.points, region.scene
     normal = np.array([plane.normal for plane in planes])
-    offset = np.array([plane.point @ plane.normal for plane in planes])
-    side = points @ normal.T - offset  # (n, k)
     images = mirrored.images
     free = in_observed_frustum(images.reshape(-1, 3), scene, config).reshape(images.shape[:2])
-    on_surface, beside = _meetings(mirrored, normal)
-    low, high = quantiles(side.T, ENDS).T
+    on_surface, beside = _meetings(mirrored)
+    low, _, high = mirrored.sides.T
     off_middle = np.minimum(np.abs(low + high) / np.maximum(high - low, 1e-3), 1.0)
     facing = (np.abs(region.normals @ normal.T) > FACING).mean(axis=0)
     tilt, off_halfway = _against_table(planes, normal, region)
@@ -144,12 +141,9 @@ def plane_features(
     return np.stack(columns, axis=1).astype(np.float64)
 
 
-def _meetings(mirrored: MirrorImages, normal: Array) -> tuple[Array, Array]:
+def _meetings(mirrored: MirrorImages) -> tuple[Array, Array]:
     """Return (k,) the shares of images on the seen surface, and beside it."""
-    target = mirrored.normals[mirrored.nearest]
-    away = mirrored.images - mirrored.points[mirrored.nearest]
-    gap = np.abs(np.einsum("kni,kni->kn", target, away))
-    meets = (gap < ON_SURFACE) & face_alike(mirrored.normals[mirrored.moved], target, normal)
+    meets = (np.abs(mirrored.gap) < ON_SURFACE) & (mirrored.agreement > MATCH_NORMAL)
     near = mirrored.distance < BESIDE
     return (near & meets).mean(axis=1), (near & ~meets).mean(axis=1)
 

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
+from pipelines.geometry.compiled import compiled
+
 Rows = NDArray[np.float32]
 Layer = tuple[Rows, Rows]  # weight (out, in), bias (out,)
 
@@ -63,14 +65,11 @@ class PointJudge:
         weight, bias = self.point_layers[0]
         split = points.shape[-1]
         hidden = points.reshape(-1, split) @ weight[:, :split].T
-        each = hidden.reshape(*points.shape[:2], len(weight))
-        each += (wholes @ weight[:, split:].T + bias)[:, None]
+        offset = wholes @ weight[:, split:].T + bias
         for weight, bias in self.point_layers[1:]:
-            np.maximum(hidden, 0.0, out=hidden)
-            hidden = hidden @ weight.T
-            hidden += bias
-        each = hidden.reshape(*points.shape[:2], len(weight))
-        return np.concatenate([each.max(axis=1), each.mean(axis=1)], axis=1)
+            _rectify(hidden.reshape(*points.shape[:2], offset.shape[1]), offset)
+            hidden, offset = hidden @ weight.T, bias[None]
+        return _largest_and_mean(hidden.reshape(*points.shape[:2], offset.shape[1]), offset[0])
 
     def trust(
         self,
@@ -95,3 +94,30 @@ class PointJudge:
             layers("last", LAST_LAYERS),
             *(arrays[name] for name in ("mean", "spread", "calibration")),
         )
+
+
+@compiled
+def _rectify(rows: Rows, offset: Rows) -> None:
+    """Add `offset` (k or 1, c) to `rows` (k, n, c), and cut off what is below zero."""
+    for k in range(rows.shape[0]):
+        which = min(k, len(offset) - 1)
+        for n in range(rows.shape[1]):
+            for c in range(rows.shape[2]):
+                rows[k, n, c] = max(rows[k, n, c] + offset[which, c], np.float32(0.0))
+
+
+@compiled
+def _largest_and_mean(rows: Rows, offset: Rows) -> Rows:
+    """Return (k, 2 c) the largest and the mean of n `rows` (k, n, c) plus `offset` (c,)."""
+    pooled = np.empty((rows.shape[0], 2 * rows.shape[2]), np.float32)
+    largest, mean = pooled[:, : rows.shape[2]], pooled[:, rows.shape[2] :]
+    largest[:], mean[:] = -np.inf, 0.0
+    for k in range(rows.shape[0]):
+        for n in range(rows.shape[1]):
+            for c in range(rows.shape[2]):
+                largest[k, c] = max(largest[k, c], rows[k, n, c])
+                mean[k, c] += rows[k, n, c]
+        for c in range(rows.shape[2]):
+            largest[k, c] += offset[c]
+            mean[k, c] = mean[k, c] / np.float32(rows.shape[1]) + offset[c]
+    return pooled

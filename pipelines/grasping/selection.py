@@ -1,17 +1,18 @@
 """Physics-feasible selection and ranking of grasp candidates (Sec. III-F)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import SelectionConfig
+from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.quantiles import quantiles
 from pipelines.geometry.transforms import unit
 from pipelines.grasping.candidates import Candidates, RankedGrasps
-from pipelines.grasping.collision import Obstacles, clearance, lowest_height, meets, turned
+from pipelines.grasping.collision import clearance, first_free, lowest_height, turned
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.observation import RegionCloud, SceneCloud, Surroundings
@@ -21,10 +22,9 @@ from pipelines.grasping.visibility import seen_share
 from pipelines.grasping.way_in import way_is_free
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+Indices = NDArray[np.int64]
 
 MAX_ROUNDS = 4  # of `max_pairs` pairs each, before a region counts as out of reach
-BATCH = 16  # pairs that are tried at a time
 ROUNDING = 1e-6  # metres
 MOST = 0.9  # of the region lies within the radius that a grasp is off its middle by
 OFF_CENTRE = 0.5  # steadiness lost by a grasp at the region's rim
@@ -45,29 +45,30 @@ def select(
     Pairs are tried in rounds, the steadiest first, until a round has feasible ones, and in a round
     as long as they are worth ranking. `around` is what the hand must not meet (`surroundings`).
     """
-    turns = np.asarray(angles, np.float64)
     base = Grasps.from_contacts(candidates.contacts, candidates.approach)
-    steady = candidates.quality * _centredness(base, region)
-    count = len(turns)
-    hands = turned(base, np.repeat(np.arange(len(base)), count), np.tile(turns, len(base)))
-    allowed = _reachable(hands, scene, gripper, config).reshape(len(base), count)
-    order = np.argsort(-steady, kind="stable")
-    order = order[allowed[order].any(axis=1)]
-    obstacles = _above_table(around, scene, config)
-    trial = _Trial(hands, allowed, steady, obstacles, gripper, config, ranking)
-    for start in range(0, min(len(order), MAX_ROUNDS * config.max_pairs), config.max_pairs):
-        hand, enclosed = trial.feasible(order[start : start + config.max_pairs])
-        if len(hand):
-            kept = _steadiest(steady[hand // count], ranking)
-            hand, pair = hand[kept], hand[kept] // count
-            found = _ranked(candidates, pair, hands[hand], enclosed[kept])
-            b = clearance(found.grasps, gripper, around.others, config.clearance_cap)
-            sight = seen_share(found.grasps, gripper, scene)
-            ranked = _in_order(found, b, steady[pair], sight, ranking, config)
-            free = partial(
-                way_is_free, gripper=gripper, near=obstacles, scene=scene.coarse, config=config
+    steadiness = candidates.quality * _centredness(base, region)
+    order = np.argsort(-steadiness, kind="stable")
+    hands, row = _reachable(base[order], np.asarray(angles, np.float64), scene, gripper, config)
+    pair = order[row]
+    number = np.cumsum(np.diff(pair, prepend=-1) != 0) - 1  # of each hand's pair, among these
+    for start in range(0, MAX_ROUNDS * config.max_pairs, config.max_pairs):
+        tried = slice(*np.searchsorted(number, (start, start + config.max_pairs)))
+        if tried.start == tried.stop:
+            break
+        steady = steadiness[pair[tried]]
+        share, most = ranking.steadiness, ranking.count
+        free, enclosed = first_free(hands[tried], gripper, around.met, config, steady, share, most)
+        if len(free):
+            grasps, steady = hands[tried][free], steady[free]
+            b = clearance(grasps, gripper, around.others, config.clearance_cap)
+            h = np.minimum(enclosed, config.enclosed_height_cap)
+            found = _found(candidates, pair[tried][free], grasps, b, h)
+            sight = seen_share(grasps, gripper, scene)
+            ranked = _in_order(found, ranking.score(found, steady, sight), steady)
+            way_in = partial(
+                way_is_free, gripper=gripper, near=around.met, scene=scene.coarse, config=config
             )
-            kept = different(ranked.grasps, config.nms_distance, config.nms_angle, free)
+            kept = different(ranked.grasps, config.nms_distance, config.nms_angle, way_in)
             if len(kept):
                 return ranked[kept]
     return RankedGrasps.empty()
@@ -76,96 +77,48 @@ def select(
 def surroundings(
     region: RegionCloud, scene: SceneCloud, gripper: Gripper, config: SelectionConfig
 ) -> Surroundings:
-    """Return the observed points that a hand at `region` may meet or come near to."""
+    """Return the observed points that a hand at `region`, off the table, may meet or come near."""
     reach = gripper.finger_length + gripper.palm_depth + config.clearance_cap
-    return scene.around(region, reach, config.scene_resolution)
+    floor = None
+    if scene.plane is not None:
+        # Hands stay `min_table_distance` above the table. Blown up by a margin, their corners
+        # reach down by that times the root of three at most.
+        lowest = config.min_table_distance - np.sqrt(3.0) * config.body_margin - ROUNDING
+        floor = Plane(scene.plane.normal, float(scene.plane.offset - lowest))
+    return scene.around(region, reach, config.scene_resolution, floor)
 
 
-def _above_table(around: Surroundings, scene: SceneCloud, config: SelectionConfig) -> Obstacles:
-    """Return what a hand can meet that stays `min_table_distance` above the table, if there is one.
+def _reachable(
+    base: Grasps, turns: Array, scene: SceneCloud, gripper: Gripper, config: SelectionConfig
+) -> tuple[Grasps, Indices]:
+    """Return `base` (k,) turned by those of `turns` (m,) that may be tried, and of which k each is.
 
-    Blown up by a margin, its corners reach down by that times the root of three at most.
+    They open enough, keep off the table and come from the camera's side.
     """
-    if scene.plane is None:
-        return Obstacles(around.points, around.count)
-    lowest = config.min_table_distance - np.sqrt(3.0) * config.body_margin - ROUNDING
-    above = scene.plane.height(around.points) > lowest
-    return Obstacles(around.points[above], around.count[above])
+    cosine, sine = np.cos(turns), np.sin(turns)
+    third = base.rotation[:, :, 2]
 
+    def along(direction: Array) -> Array:
+        """(k, m) cosines between approaches and `direction`, (k, 3) or (3,)."""
+        ahead, aside = (base.approach * direction).sum(axis=1), (third * direction).sum(axis=1)
+        return np.outer(ahead, cosine) + np.outer(aside, sine)
 
-@dataclass(frozen=True)
-class _Trial:
-    """Hands of k pairs at m angles (k * m), which are allowed (k, m), and what is in the way."""
-
-    hands: Grasps
-    allowed: Mask
-    steady: Array
-    obstacles: Obstacles
-    gripper: Gripper
-    config: SelectionConfig
-    ranking: Ranking
-
-    def feasible(self, pairs: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array]:
-        """Return the hands of `pairs`, steadiest first, that are free, and what they enclose.
-
-        Pairs that `_steadiest` would leave out whatever they meet are not tried.
-        """
-        count = self.allowed.shape[1]
-        hands, heights, best = [np.zeros(0, np.int64)], [np.zeros(0)], -np.inf
-        for start in range(0, len(pairs), BATCH):
-            batch = pairs[start : start + BATCH]
-            enough = sum(map(len, hands)) >= self.ranking.count
-            if enough or self.steady[batch[0]] < self.ranking.steadiness * best:
-                break
-            row, turn = np.nonzero(self.allowed[batch])
-            hand = batch[row] * count + turn
-            margin, few = self.config.body_margin, self.config.max_points_inside
-            met, enclosed = meets(self.hands[hand], self.gripper, self.obstacles, margin, few)
-            free = ~met & (enclosed >= self.config.min_enclosed)
-            hands.append(hand[free])
-            heights.append(enclosed[free])
-            if free.any():
-                best = max(best, float(self.steady[hand[free][0] // count]))
-        return np.concatenate(hands), np.concatenate(heights)
-
-
-def _ranked(
-    candidates: Candidates, pair: NDArray[np.int64], grasps: Grasps, enclosed: Array
-) -> RankedGrasps:
-    zero = np.zeros(len(pair))
-    source = np.full(len(pair), candidates.source)
-    affordance, slot = candidates.affordance[pair], candidates.slot[pair]
-    return RankedGrasps(grasps, affordance, slot, source, zero, enclosed, zero)
-
-
-def _in_order(
-    found: RankedGrasps,
-    clearances: Array,
-    steady: Array,
-    sight: Array,
-    ranking: Ranking,
-    config: SelectionConfig,
-) -> RankedGrasps:
-    """Return `found` with its numbers, best first; the steadier first where these agree."""
-    h = np.minimum(found.enclosed_height, config.enclosed_height_cap)
-    known = replace(found, clearance=clearances, enclosed_height=h)
-    ranked = replace(known, rank_score=ranking.score(known, steady, sight))
-    return ranked[np.lexsort((-steady, -np.round(ranked.rank_score, 6)))]
-
-
-def _reachable(hands: Grasps, scene: SceneCloud, gripper: Gripper, config: SelectionConfig) -> Mask:
-    """Return (n,) which hands open enough, keep off the table and come from the camera's side."""
-    fits = (hands.width >= config.min_width) & (hands.width <= gripper.max_width)
+    plane = scene.plane
+    farthest = config.max_view_angle if plane is None else config.max_hidden_angle
+    fits = along(unit(base.translation)) > np.cos(farthest)
+    fits &= ((base.width >= config.min_width) & (base.width <= gripper.max_width))[:, None]
+    if plane is not None:
+        fits &= along(-plane.normal) > np.cos(config.max_approach_angle)
+    row, turn = np.nonzero(fits)
+    hands = turned(base, row, turns[turn])
     if scene.limits is not None:
-        fits &= scene.limits.allow(hands)
-    along_view = np.einsum("ni,ni->n", hands.approach, unit(hands.translation))
-    if scene.plane is None:
-        return np.asarray(fits & (along_view > np.cos(config.max_view_angle)))
-    fits &= along_view > np.cos(config.max_hidden_angle)
-    fits &= -hands.approach @ scene.plane.normal > np.cos(config.max_approach_angle)
-    swept = gripper.swept(config.approach_distance)
-    fits[fits] = lowest_height(hands[fits], swept, scene.plane) >= config.min_table_distance
-    return np.asarray(fits)
+        allowed = scene.limits.allow(hands)
+        hands, row = hands[allowed], row[allowed]
+    if plane is not None:
+        swept = gripper.swept(config.approach_distance)
+        high = lowest_height(hands, swept, plane) >= config.min_table_distance
+        hands, row = hands[high], row[high]
+    return hands, row
 
 
 def _centredness(grasps: Grasps, region: RegionCloud) -> Array:
@@ -176,8 +129,16 @@ def _centredness(grasps: Grasps, region: RegionCloud) -> Array:
     return np.asarray(1.0 - OFF_CENTRE * np.minimum(off, 1.0))
 
 
-def _steadiest(steady: Array, ranking: Ranking) -> NDArray[np.int64]:
-    """Return the indices of the candidates that are worth ranking, steadiest first."""
-    order = np.argsort(-steady, kind="stable")[: ranking.count]
-    worth = steady[order] >= ranking.steadiness * steady.max(initial=0.0)
-    return np.asarray(order[worth], np.int64)
+def _found(
+    candidates: Candidates, pair: Indices, grasps: Grasps, clearances: Array, height: Array
+) -> RankedGrasps:
+    """Return the hands `grasps` (n,) at `pair` (n,) of `candidates`, not yet ranked."""
+    source = np.full(len(pair), candidates.source)
+    affordance, slot = candidates.affordance[pair], candidates.slot[pair]
+    return RankedGrasps(grasps, affordance, slot, source, clearances, height, np.zeros(len(pair)))
+
+
+def _in_order(found: RankedGrasps, score: Array, steady: Array) -> RankedGrasps:
+    """Return `found` by `score` (n,), best first; the steadier first where these agree."""
+    ranked = replace(found, rank_score=score)
+    return ranked[np.lexsort((-steady, -np.round(score, 6)))]

@@ -38,12 +38,12 @@ def different(
 
 def are_near(grasps: Grasps, distance: float, angle: float) -> Mask:
     """Return (n, n) which are nearer than `distance` and turned by less than `angle` radians."""
-    R, t = grasps.rotation.reshape(-1, 9), grasps.translation
+    R = grasps.rotation.reshape(-1, 9)
     swapped = (grasps.rotation * HALF_TURN).reshape(-1, 9)
     trace = np.maximum(R @ R.T, R @ swapped.T)  # 1 + 2 cos(angle)
-    away = np.square(t[:, None] - t).sum(axis=-1)
+    x, y, z = (np.subtract.outer(places, places) for places in grasps.translation.T)
     alike = trace > 1.0 + 2.0 * np.cos(angle - ROUNDING)
-    return np.asarray(alike & (away < distance**2))
+    return np.asarray(alike & (x * x + y * y + z * z < distance**2))
 
 
 def _greedy(near: Mask, left: Mask) -> Indices:

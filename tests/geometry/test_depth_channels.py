@@ -102,3 +102,13 @@ def test_shrinking_keeps_where_points_are():
     assert small.depth.shape == (72, 96)
     heights = TABLE.height(small.intrinsics.backproject(small.depth))
     assert abs(np.median(heights)) < 0.003
+
+
+def test_a_frame_that_nothing_looks_at_the_colours_of_is_as_small():
+    depth = np.random.default_rng(0).uniform(0.5, 0.9, (144, 192)).astype(np.float32)
+    color = np.full((144, 192, 3), 7, np.uint8)
+    seen, unseen = (shrink(each, depth, CAMERA, 72, 128) for each in (color, None))
+    np.testing.assert_array_equal(seen.depth, unseen.depth)
+    assert unseen.intrinsics == seen.intrinsics
+    np.testing.assert_array_equal(seen.color, 7)
+    np.testing.assert_array_equal(unseen.color, np.zeros_like(seen.color))

@@ -1,6 +1,7 @@
 """Laws of rigid transforms."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
@@ -94,3 +95,17 @@ def test_a_basis_is_right_handed_and_starts_with_its_direction(seed):
 
 def test_the_unit_of_a_zero_vector_is_zero():
     assert_allclose(unit([0.0, 0.0, 0.0]), 0.0)
+
+
+@pytest.mark.parametrize("shape", [(3,), (0, 3), (7, 3), (2, 5, 3)])
+def test_units_and_bases_of_many_are_those_of_each(shape):
+    vectors = np.random.default_rng(0).normal(size=shape).round(1)
+    units, bases = unit(vectors), basis_from_direction(vectors)
+    assert units.shape == shape
+    assert bases.shape == (*shape, 3)
+    for index in np.ndindex(*shape[:-1]):
+        v = vectors[index]
+        assert_allclose(units[index], v / np.linalg.norm(v), atol=1e-15)
+        second = np.cross(np.eye(3)[np.abs(v).argmin()], v)
+        expected = np.stack([v, second, np.cross(v, second)], 1)
+        assert_allclose(bases[index], expected / np.linalg.norm(expected, axis=0), atol=1e-12)

@@ -4,6 +4,7 @@ import numpy as np
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from pipelines.configs import SelectionConfig
 from pipelines.formats.gripper_files import load_gripper
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import (
@@ -13,7 +14,14 @@ from pipelines.geometry.transforms import (
     transform_points,
     unit,
 )
-from pipelines.grasping.collision import Obstacles, clearance, lowest_height, meets, turned
+from pipelines.grasping.collision import (
+    Obstacles,
+    clearance,
+    first_free,
+    lowest_height,
+    meets,
+    turned,
+)
 from pipelines.grasping.grasps import Grasps
 
 GRIPPER = load_gripper("rg2")
@@ -64,6 +72,22 @@ def test_hands_meet_and_enclose_what_a_loop_finds(seed, count, allowed):
         np.testing.assert_allclose(enclosed[index], height, atol=1e-5)
 
 
+@given(seeds, st.sampled_from([0, 3, 40]), st.sampled_from([0.0, 0.5, 1.0]), st.integers(1, 20))
+@settings(max_examples=40, deadline=None)
+def test_the_first_free_hands_are_those_that_meet_nothing_and_enclose_something(
+    seed, count, share, most
+):
+    rng, config = np.random.default_rng(seed), SelectionConfig()
+    hands, scene = random_grasps(rng, 30)[np.arange(count) % 30], random_scene(rng, 20)
+    steady = np.sort(np.round(rng.random(count), 1))[::-1].copy()
+    met, enclosed = meets(hands, GRIPPER, scene, config.body_margin, config.max_points_inside)
+    expected = np.flatnonzero(~met & (enclosed >= config.min_enclosed))
+    expected = expected[steady[expected] >= share * steady[expected].max(initial=0.0)][:most]
+    found, height = first_free(hands, GRIPPER, scene, config, steady, share, most)
+    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(height, enclosed[expected])
+
+
 @given(seeds)
 @settings(max_examples=15, deadline=None)
 def test_moving_hand_and_scene_together_changes_nothing(seed):
@@ -91,7 +115,7 @@ def test_the_hand_turns_about_its_contact_line():
 @settings(max_examples=30, deadline=None)
 def test_the_clearance_is_the_nearest_point_of_a_loop(seed, count):
     rng = np.random.default_rng(seed)
-    grasps, scene = random_grasps(rng), random_scene(rng, count)
+    grasps, scene = random_grasps(rng, 40), random_scene(rng, count)
     found = clearance(grasps, GRIPPER, scene, 0.05)
     for index in range(len(grasps)):
         local = (scene.points - grasps.translation[index]) @ grasps.rotation[index]

@@ -95,6 +95,24 @@ def test_half_of_the_weight_does_not_exceed_the_weighted_median(seed, count):
         assert median == min(v for v in row if weight[row <= v].sum() >= half - 1e-12)
 
 
+def test_each_slots_prediction_is_averaged_as_if_it_were_alone():
+    _, existence, point, direction, affordance = noisy_predictions(np.random.default_rng(5))
+    existence[:, 1] = 0.0  # no point says that there is one: all count
+    slots = average_symmetries(existence, point, direction, affordance)
+    for slot in range(5):
+        trust = affordance * existence[:, slot] if slot != 1 else affordance
+        centre = weighted_median(point[:, slot].T, trust)
+        if slot < 4:
+            d = direction[:, slot]
+            axis = np.linalg.eigh((trust * d.T) @ d)[1][:, 2]
+            axis = axis if axis[np.abs(axis).argmax()] > 0 else -axis
+            np.testing.assert_allclose(slots.direction[slot], axis, atol=1e-12)
+        if slot < 3:
+            centre += (weighted_median(point[:, slot] @ axis, trust) - centre @ axis) * axis
+        np.testing.assert_allclose(slots.point[slot], centre, atol=1e-12)
+    assert np.isnan(slots.direction[4]).all()
+
+
 def test_high_affordance_is_above_one_half_where_there_is_any():
     np.testing.assert_array_equal(graspable(np.array([0.4, 0.6, 0.9]), CONFIG), [0, 1, 1])
 

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial import KDTree
 
 from pipelines.geometry.symmetry import ReflectionSymmetry
+from pipelines.geometry.transforms import unit
 from pipelines.grasping.mirror_views import (
     NUM_POINTS,
     PLANE_FEATURES,
@@ -98,3 +100,49 @@ def test_without_a_table_heights_are_zero(box):
     assert not rows[..., HEIGHT].any()
     assert not rows[..., IMAGE_HEIGHT].any()
     assert np.isfinite(rows).all()
+
+
+@pytest.mark.parametrize("far", [False, True], ids=["near", "beside the picture"])
+def test_rows_are_what_arrays_say_of_each_plane(box, far):
+    scene, region, pose = box
+    up = scene.plane.normal
+    planes = [*planes_of(pose), ReflectionSymmetry(unit([1.0, 2.0, 0.5]), [0.9 * far, 0.0, 0.7])]
+    points, normals = region.points[:600:3].copy(), region.normals[:600:3].copy()
+    seen = MirrorImages.of(planes, points, normals)
+    rows = point_rows(planes, seen, region.mask, scene)
+    some = np.linspace(0, len(points) - 1, NUM_POINTS).round().astype(int)
+    for plane, row, gap, sides in zip(planes, rows, seen.gap, seen.sides, strict=True):
+        side = (points - plane.point) @ plane.normal
+        np.testing.assert_allclose(np.quantile(side, [0.015, 0.5, 0.985]), sides, atol=1e-12)
+        images = plane.counterpart(points[some])
+        distance, nearest = KDTree(points).query(images)
+        off = np.einsum("ni,ni->n", normals[nearest], images - points[nearest])
+        np.testing.assert_allclose(gap, off, atol=1e-9)
+        mirrored = plane.mirror_vectors(normals[some])
+        agree = np.einsum("ni,ni->n", normals[nearest], mirrored)
+        pixels, inside = scene.intrinsics.pixels_of(images)
+        u, v = pixels.T * inside
+        depth = np.where(inside, scene.depth[v, u], 0.0)
+        behind = np.where(depth > 0, np.clip(images[:, 2] - depth, -0.05, 0.05), 0.0)
+        front = plane.normal if np.median(side) >= 0 else -plane.normal
+        along = up - up @ front * front
+        ray = unit(points.mean(axis=0))
+        along = unit(along if np.linalg.norm(along) >= 0.3 else ray - ray @ front * front)
+        axes = np.stack([front, along, np.cross(front, along)])
+        middle = points.mean(axis=0)
+        foot = middle - (middle - plane.point) @ front * front
+        expected = np.column_stack(
+            [
+                10.0 * (points[some] - foot) @ axes.T,
+                normals[some] @ axes.T,
+                0.9 * np.minimum(distance, 0.03) / 0.03,
+                50.0 * np.clip(off, -0.02, 0.02),
+                agree,
+                20.0 * behind,
+                depth > 0,
+                inside & region.mask[v, u],
+                5.0 * np.clip(scene.plane.height(points[some]), -0.1, 0.5),
+                5.0 * np.clip(scene.plane.height(images), -0.1, 0.5),
+            ]
+        )
+        np.testing.assert_allclose(row, expected, atol=2e-5)

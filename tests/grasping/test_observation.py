@@ -47,6 +47,23 @@ def test_unseen_points_within_reach_join_those_that_a_hand_may_meet():
     assert joined.others is around.others
 
 
+def test_nothing_beneath_the_floor_is_met_but_others_are_known_there():
+    scene, region = seen(0)
+    floor = Plane(scene.plane.normal, scene.plane.offset - 0.03)
+    whole, high = (scene.around(region, 0.1, 0.003, each) for each in (None, floor))
+    above = floor.height(whole.points) > 0.0
+    np.testing.assert_array_equal(high.points, whole.points[above])
+    np.testing.assert_array_equal(high.count, whole.count[above])
+    np.testing.assert_array_equal(high.others.points, whole.others.points)
+    np.testing.assert_array_equal(high.others.count, whole.others.count)
+    unseen = high.centre - floor.height(high.centre) * floor.normal
+    unseen = unseen + np.outer([-0.01, 0.01], floor.normal)
+    joined = high.with_unseen(unseen)
+    np.testing.assert_array_equal(joined.points, np.concatenate([high.points, unseen[1:]]))
+    np.testing.assert_array_equal(joined.met.points, joined.points)
+    assert high.with_unseen(unseen[:1]) is high
+
+
 def test_some_points_of_a_region_keep_their_normals_and_its_pixels():
     _, region = seen(1)
     index = np.array([7, 0, 7, 12])

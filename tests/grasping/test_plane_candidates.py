@@ -10,11 +10,14 @@ from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, Sy
 from pipelines.geometry.transforms import make_pose, random_rotation, unit
 from pipelines.geometry.transforms import transform_points as moved
 from pipelines.grasping.plane_candidates import (
+    FACE_ANGLE,
+    FACE_TRIALS,
     candidate_planes,
     distinct,
     face_directions,
     half_between_ends,
     halfway_up,
+    largest_face,
     level_directions,
 )
 
@@ -110,3 +113,37 @@ def test_of_planes_that_are_nearly_one_the_first_stays():
     across = ReflectionSymmetry([0, 1, 0], [0, 0, 0])
     assert distinct([plane, near, aside, across], np.radians(8), 0.004) == [plane, aside, across]
     assert distinct([near, plane, aside, across], np.radians(25)) == [near, across]
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.integers(0, 12),
+    st.floats(0.1, 1.5),
+    st.sampled_from([0.01, 0.1, np.inf]),
+    st.integers(0, 10_000),
+)
+def test_a_plane_is_kept_unless_one_that_is_kept_is_like_it(count, angle, offset, seed):
+    rng = np.random.default_rng(seed)
+    normals, points = unit(rng.normal(size=(count, 3))), rng.normal(0, 0.1, (count, 3))
+    planes = [ReflectionSymmetry(*each) for each in zip(normals, points, strict=True)]
+    kept = []
+    for plane in planes:
+        if not any(
+            abs(float(plane.normal @ before.normal)) > np.cos(angle)
+            and abs(float((plane.point - before.point) @ before.normal)) < offset
+            for before in kept
+        ):
+            kept.append(plane)
+    assert [id(plane) for plane in distinct(planes, angle, offset)] == [id(plane) for plane in kept]
+
+
+@pytest.mark.parametrize("count", [1, 39, 400])
+def test_the_largest_face_is_the_one_that_most_normals_are_close_to(count):
+    rng = np.random.default_rng(count)
+    normals = unit(rng.normal(size=(count, 3)) * [0.1, 0.3, 1.0])
+    trials = normals[:: max(1, count // FACE_TRIALS)]
+    cosine, narrow = np.abs(normals @ trials.T), np.cos(FACE_ANGLE)
+    best = trials[np.clip((cosine - narrow) / (1.0 - narrow), 0.0, 1.0).sum(axis=0).argmax()]
+    near = normals[np.abs(normals @ best) > narrow]
+    expected = unit((near * np.sign(near @ best)[:, None]).sum(axis=0))
+    np.testing.assert_allclose(largest_face(normals), expected, atol=1e-12)

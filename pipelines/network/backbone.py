@@ -25,8 +25,9 @@ class ResidualBlock(nn.Module):
         image: Tensor,  # (B, C, h, w)
     ) -> Tensor:
         """Return the block's output, `stride` times smaller."""
-        summed = self.second(torch.relu(self.first(image))) + self.shortcut(image)
-        return torch.relu(summed)
+        # In place: fresh memory for maps this large takes as long as the arithmetic on them.
+        summed = self.second(self.first(image).relu_()).add_(self.shortcut(image))
+        return torch.relu_(summed)
 
 
 class LightBackbone(nn.Module):
@@ -52,7 +53,7 @@ class LightBackbone(nn.Module):
     ) -> dict[str, Tensor]:
         """Return the pyramid's maps, finest first."""
         maps: OrderedDict[str, Tensor] = OrderedDict()
-        image = torch.relu(self.stem(image))
+        image = torch.relu_(self.stem(image))
         for i, stage in enumerate(self.stages):
             image = stage(image)
             maps[str(i)] = image

@@ -20,6 +20,9 @@ from pipelines.network.detector_input import detector_image
 from pipelines.network.devices import find_device
 from pipelines.network.folding import folded
 from pipelines.network.mask_rcnn import build_detector
+from pipelines.network.pointwise import replace_pointwise
+from pipelines.network.proposals import Proposals
+from pipelines.network.roi_align import ChannelsLastRoIAlign
 from pipelines.network.weights_files import fill, read_weights
 
 MODEL_NAME = "RegionDetector"
@@ -46,8 +49,12 @@ class RegionDetector:
     def __init__(self, model: nn.Module, config: DetectorConfig, device: torch.device) -> None:
         self.config, self.device = config, device
         self.model = folded(model.to(device)).to(memory_format=torch.channels_last)
-        # What `detect` would drop needs no mask: a weaker box never suppresses a stronger one.
+        replace_pointwise(self.model)
+        self.model.rpn = Proposals(self.model.rpn)
         heads = cast(RoIHeads, self.model.roi_heads)
+        heads.box_roi_pool = ChannelsLastRoIAlign.like(heads.box_roi_pool)
+        heads.mask_roi_pool = ChannelsLastRoIAlign.like(heads.mask_roi_pool)
+        # What `detect` would drop needs no mask: a weaker box never suppresses a stronger one.
         heads.score_thresh = max(config.candidate_confidence, config.min_confidence)
 
     @classmethod
@@ -89,7 +96,6 @@ class RegionDetector:
         frame = self.resized(color, depth, intrinsics)
         known = find_plane(frame) if plane is None else plane
         image = detector_image(frame, known, self.config.input).to(self.device)
-        image = image[None].to(memory_format=torch.channels_last)[0]
         (found_regions,) = self.model([image])
         scale = np.array([size[1] / frame.color.shape[1], size[0] / frame.color.shape[0]] * 2)
         return self._detections(found_regions, scale, size)
@@ -100,7 +106,8 @@ class RegionDetector:
         """Return the frame at the size that is looked at: larger than while training (D. 84)."""
         trained = self.config.min_size, self.config.max_size
         sides = (round(self.config.enlarged * side) for side in trained)
-        return shrink(color, depth, intrinsics, *sides)
+        seen = None if self.config.input == "geometry" else color
+        return shrink(seen, depth, intrinsics, *sides)
 
     def _detections(
         self, found: dict[str, Tensor], scale: NDArray[np.float64], size: tuple[int, int]

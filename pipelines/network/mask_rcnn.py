@@ -46,6 +46,17 @@ class PreparedImages(GeneralizedRCNNTransform):  # type: ignore[misc] # untyped 
         sizes = [(int(image.shape[-2]), int(image.shape[-1])) for image in images]
         return ImageList(self.batch_images(images), sizes), targets
 
+    def batch_images(self, images: list[Tensor], size_divisible: int = 32) -> Tensor:
+        """Return the images (B, C, H, W), zeros below and to the right, channels last in memory."""
+        sides = [max(image.shape[axis] for image in images) for axis in (-2, -1)]
+        height, width = (-(-side // size_divisible) * size_divisible for side in sides)
+        batch = images[0].new_empty(len(images), height, width, images[0].shape[0]).movedim(-1, 1)
+        for padded, image in zip(batch, images, strict=True):
+            below, right = image.shape[-2:]
+            padded[:, :below, :right] = image
+            padded[:, below:], padded[:, :below, right:] = 0.0, 0.0
+        return batch
+
     def postprocess(
         self,
         result: list[dict[str, Tensor]],

@@ -12,7 +12,12 @@ from pipelines.errors import UnknownNameError, ValueRangeError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.pointcloud import Plane
 from pipelines.network.detector import RegionDetector, draw_mask
-from pipelines.network.mask_rcnn import SeededSampler, build_detector, seed_samplers
+from pipelines.network.mask_rcnn import (
+    PreparedImages,
+    SeededSampler,
+    build_detector,
+    seed_samplers,
+)
 
 CONFIG = DetectorConfig(min_size=96, max_size=128, min_confidence=0.0)
 
@@ -57,6 +62,32 @@ def test_what_is_drawn_at_random_depends_on_the_generator_alone():
 def test_an_unknown_input_names_the_known_ones():
     with pytest.raises(UnknownNameError, match="both, color, geometry"):
         build_detector(DetectorConfig(input="thermal"))
+
+
+def test_images_are_padded_with_zeros_to_one_size_channels_last():
+    torch.manual_seed(0)
+    images = [torch.rand(6, 40, 50), torch.rand(40, 70, 6).movedim(-1, 0)]
+    batch, sizes = PreparedImages()(images)[0].tensors, PreparedImages()(images)[0].image_sizes
+    assert batch.shape == (2, 6, 64, 96)
+    assert batch.is_contiguous(memory_format=torch.channels_last)
+    assert sizes == [(40, 50), (40, 70)]
+    for padded, image in zip(batch, images, strict=True):
+        assert torch.equal(padded[:, : image.shape[1], : image.shape[2]], image)
+        assert padded.sum() == pytest.approx(float(image.sum()), rel=1e-4)
+
+
+def test_the_detector_at_inference_says_what_the_trained_model_says():
+    torch.manual_seed(0)
+    config = replace(CONFIG, candidate_confidence=0.0)
+    model = build_detector(config).eval()
+    images = [torch.rand(6, 96, 128), torch.rand(6, 90, 100)]
+    with torch.inference_mode():
+        found = RegionDetector(model, config, torch.device("cpu")).model(images)
+        expected = model(images)
+    for ours, theirs in zip(found, expected, strict=True):
+        assert len(ours["boxes"]) > 0
+        for name in ("boxes", "scores", "masks"):
+            torch.testing.assert_close(ours[name], theirs[name], rtol=1e-4, atol=1e-4)
 
 
 def test_a_full_mask_fills_its_box():

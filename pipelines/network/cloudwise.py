@@ -1,34 +1,132 @@
-"""Layers that tell the same of a cloud whatever else is in its batch, to the last bit (D. 61)."""
+"""Layers that tell the same of a cloud whatever else is in its batch, to the last bit (D. 61).
 
+A product of matrices sums few rows in another order than many, and the last ones in another than
+the first, as the processor likes; and a last bit decides which points are sampled. So on a CPU,
+without gradients, each cloud is a product of its own. What follows it is done at once, while the
+cloud is near the processor.
+"""
+
+import os
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
 from typing import cast
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
+
+from pipelines.geometry.compiled import compiled
+
+Numbers = NDArray[np.floating]
+
+
+def taken_apart(features: Tensor) -> bool:
+    """Return whether clouds are worked on one by one: on a CPU, without gradients."""
+    return features.device.type == "cpu" and not torch.is_grad_enabled()
+
+
+def each_cloud(function: Callable[..., None], *clouds: Tensor) -> None:
+    """Call `function` with the i-th cloud of each tensor as arrays, clouds in parallel.
+
+    What it writes to are tensors without gaps.
+    """
+    arrays = [cloud.detach().contiguous().numpy() for cloud in clouds]
+    if torch.get_num_threads() > 1 and len(arrays[0]) > 1:
+        list(threads_of_one_core().map(function, *arrays))
+        return
+    for each in zip(*arrays, strict=True):
+        function(*each)
+
+
+def threads_of_one_core() -> ThreadPoolExecutor:
+    """Return as many threads as torch has, kept: a new one's first steps cost as much as a cloud.
+
+    They are this process's own: a fork has none of its parent's.
+    """
+    return _threads(torch.get_num_threads(), os.getpid())
+
+
+@lru_cache(maxsize=2)
+def _threads(count: int, process: int) -> ThreadPoolExecutor:
+    del process
+    return ThreadPoolExecutor(count, initializer=_use_one_core)
+
+
+def _use_one_core() -> None:
+    torch.get_num_threads()  # when first asked, torch gives a thread the number set last anywhere
+    torch.set_num_threads(1)
 
 
 class CloudLinear(nn.Linear):
     """A linear layer of the points of several clouds.
 
-    A product of matrices sums few rows in another order than many, and the last ones in another
-    than the first, as the processor likes; and a last bit decides which points are sampled. So on a
-    CPU, without gradients, each cloud is a product of its own.
+    `rectifies`: nothing below zero leaves it; for networks that learn no more, see `folding`.
     """
+
+    rectifies = False
 
     def forward(
         self,
         features: Tensor,  # (B, ..., C)
     ) -> Tensor:
         """Return features (B, ..., out)."""
-        if torch.is_grad_enabled() or features.device.type != "cpu":
-            return super().forward(features)
-        found = features.new_empty((*features.shape[:-1], self.out_features))
-        weight, bias = self.weight.t(), cast("Tensor | None", self.bias)
-        for cloud, out in zip(features.flatten(1, -2), found.flatten(1, -2), strict=True):
-            if bias is None:
-                torch.mm(cloud, weight, out=out)
-            else:
-                torch.addmm(bias, cloud, weight, out=out)
+        if taken_apart(features):
+            return _through([self], features)
+        found = super().forward(features)
+        return found.relu_() if self.rectifies else found
+
+    def write(
+        self,
+        cloud: Tensor,  # (N, C)
+        out: Tensor,  # (N, out)
+    ) -> None:
+        """Set `out` to the features of one cloud's points."""
+        torch.mm(cloud, self.weight.t(), out=out)
+        bias = cast("Tensor | None", self.bias)
+        if bias is not None:
+            _shift(out.numpy(), bias.detach().numpy(), self.rectifies)
+        elif self.rectifies:
+            out.relu_()
+
+
+class CloudChain(nn.Sequential):
+    """Linear layers one after the other: a cloud goes through all of them before the next one."""
+
+    def forward(
+        self,
+        features: Tensor,  # (B, ..., C)
+    ) -> Tensor:
+        """Return features (B, ..., out)."""
+        if taken_apart(features):
+            return _through(cast("Iterable[CloudLinear]", self), features)
+        found: Tensor = super().forward(features)  # type: ignore[no-untyped-call]
         return found
+
+
+def _through(layers: Iterable[CloudLinear], features: Tensor) -> Tensor:
+    """Return what `layers` make of features (B, ..., C), one cloud after the other."""
+    *first, last = layers
+    found = features.new_empty((*features.shape[:-1], last.out_features))
+    clouds, outs = features.flatten(1, -2), found.flatten(1, -2)
+    between = [features.new_empty(clouds.shape[1], layer.out_features) for layer in first]
+    for cloud, out in zip(clouds, outs, strict=True):
+        for layer, hidden in zip(first, between, strict=True):
+            layer.write(cloud, hidden)
+            cloud = hidden  # noqa: PLW2901 - what goes on to the next layer
+        last.write(cloud, out)
+    return found
+
+
+@compiled
+def _shift(values: Numbers, bias: Numbers, rectifies: bool) -> None:
+    """Add `bias` (c,) to rows (n, c); where it `rectifies`, nothing below zero is left."""
+    least = values.dtype.type(0.0 if rectifies else -np.inf)
+    for n in range(len(values)):
+        for c in range(values.shape[1]):
+            value = values[n, c] + bias[c]
+            values[n, c] = least if value < least else value
 
 
 class RowLinear(nn.Linear):

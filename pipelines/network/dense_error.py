@@ -30,7 +30,7 @@ def rotation_extent(
 ) -> Tensor:
     """Return max |S(x) - x| (B,) over the points, S the half turn about an axis."""
     across = _across(points, axis[:, None], center[:, None])[:, 0]
-    return torch.amax(2.0 * across.square().sum(-1).sqrt(), -1)
+    return torch.amax(2.0 * across.square().sum(1).sqrt(), -1)
 
 
 def reflection_error(
@@ -61,17 +61,20 @@ def rotation_error(
 ) -> Tensor:
     """Return the mean over the points and `TURNS` of |S_pred(x) - S_gt(x)|, (B, Q).
 
-    A turn by t moves x by (cos t - 1) x_across + sin t (axis x x_across).
+    A turn by t moves x by a x_across + b (axis x x_across), a = cos t - 1, b = sin t. Where two
+    such moves differ by a u + b v, three products of u and v tell their lengths for all turns.
     """
     true_axis, true_center = true_axis[:, None], true_center[:, None]
-    true_axis = torch.where((axis * true_axis).sum(-1, keepdim=True) < 0, -true_axis, true_axis)
+    sign = torch.where((axis * true_axis).sum(-1) < 0, -1.0, 1.0)[..., None, None]
     across, true = _across(points, axis, center), _across(points, true_axis, true_center)
-    offset = across - true
-    turned = _cross(axis, across) - _cross(true_axis, true)
-    lengths = [(math.cos(turn) - 1.0) * offset + math.sin(turn) * turned for turn in TURNS]
-    return torch.stack(
-        [torch.sqrt(moved.square().sum(-1) + SMALL).mean(-1) for moved in lengths]
-    ).mean(0)
+    u, v = across - true, _cross(axis, across) - sign * _cross(true_axis, true)
+    uu, vv, uv = u.square().sum(2), v.square().sum(2), (u * v).sum(2)
+    errors = []
+    for turn in TURNS:
+        a, b = math.cos(turn) - 1.0, math.sin(turn)
+        squared = a * a * uu + b * b * vv + 2.0 * a * b * uv
+        errors.append(torch.sqrt(squared.clamp(min=0.0) + SMALL).mean(-1))
+    return torch.stack(errors).mean(0)
 
 
 def _heights(points: Tensor, normal: Tensor, center: Tensor) -> Tensor:
@@ -80,12 +83,14 @@ def _heights(points: Tensor, normal: Tensor, center: Tensor) -> Tensor:
 
 
 def _across(points: Tensor, axis: Tensor, center: Tensor) -> Tensor:
-    """Vectors (B, Q, S, 3) from axes (B, Q, 3) to points (B, S, 3), across the axis."""
-    offset = points[:, None] - center[:, :, None]
-    along = _heights(points, axis, center)[..., None]
-    return torch.sub(offset, along * axis[:, :, None])
+    """Vectors (B, Q, 3, S) from axes (B, Q, 3) to points (B, S, 3), across the axis."""
+    offset = points.transpose(1, 2)[:, None] - center[..., None]
+    along = _heights(points, axis, center)[:, :, None]
+    return torch.sub(offset, along * axis[..., None])
 
 
 def _cross(axis: Tensor, vectors: Tensor) -> Tensor:
-    crossed: Tensor = torch.linalg.cross(axis[:, :, None].expand_as(vectors), vectors)
-    return crossed
+    """Products (B, Q, 3, S) of axes (B, Q, 3) with `vectors`; quicker than torch's own."""
+    a, b, c = axis[..., None].unbind(2)
+    x, y, z = vectors.unbind(2)
+    return torch.stack([b * z - c * y, c * x - a * z, a * y - b * x], 2)

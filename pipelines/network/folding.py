@@ -13,7 +13,13 @@ from torch import Tensor, nn
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 from torchvision.models.resnet import Bottleneck
 
-from pipelines.network.pointnet2 import FeaturePropagation, PointNorm, SetAbstraction
+from pipelines.network.cloudwise import CloudChain, CloudLinear
+from pipelines.network.pointnet2 import (
+    FeaturePropagation,
+    FoldedPropagation,
+    PointNorm,
+    SetAbstraction,
+)
 
 Network = TypeVar("Network", bound=nn.Module)
 
@@ -22,17 +28,44 @@ Network = TypeVar("Network", bound=nn.Module)
 def folded(network: Network) -> Network:
     """Return a copy of a trained network, for inference alone, that says the same."""
     network = copy.deepcopy(network).eval().requires_grad_(False)
-    for module in network.modules():
+    for module in list(network.modules()):
         if isinstance(module, SetAbstraction):
             _fold_last(module.point)
-        elif isinstance(module, FeaturePropagation):
-            _fold_first(module)
-            _fold_last(module.joined)
         elif isinstance(module, nn.Sequential | nn.ModuleDict | Bottleneck):
             _fold_convolutions(module)
         elif isinstance(module, nn.ReLU):
             module.inplace = True
+        for name, part in module.named_children():
+            if isinstance(part, FeaturePropagation):
+                setattr(module, name, _folded_propagation(part))
+            elif isinstance(part, nn.Sequential) and any(type(x) is CloudLinear for x in part):
+                setattr(module, name, _chained(part))
     return network
+
+
+def _folded_propagation(propagation: FeaturePropagation) -> FoldedPropagation:
+    """Fold the norms: that of a sum of two linear layers goes into both of them."""
+    first, _, joined, last = propagation.joined
+    scale, shift = _affine(cast(PointNorm, first))
+    _scale(propagation.coarse, scale, None)
+    _scale(propagation.fine, scale, shift)
+    _scale(cast(nn.Linear, joined), *_affine(cast(PointNorm, last)))
+    return FoldedPropagation(propagation.coarse, propagation.fine, cast(CloudLinear, joined))
+
+
+def _chained(layers: nn.Sequential) -> nn.Sequential:
+    """Return the layers with runs of linear ones as chains, each with the ReLU that follows it."""
+    parts: list[nn.Module] = []
+    run: list[nn.Module] = []
+    for layer in layers:
+        if isinstance(layer, CloudLinear):
+            run.append(layer)
+        elif isinstance(layer, nn.ReLU) and run:
+            cast(CloudLinear, run[-1]).rectifies = True
+        else:
+            parts += [CloudChain(*run), layer] if run else [layer]
+            run = []
+    return nn.Sequential(*parts, CloudChain(*run)) if run else nn.Sequential(*parts)
 
 
 def _fold_last(layers: nn.Sequential) -> None:
@@ -41,14 +74,6 @@ def _fold_last(layers: nn.Sequential) -> None:
     scale, shift = _affine(cast(PointNorm, norm))
     _scale(cast(nn.Linear, linear), scale, shift)
     layers[len(layers) - 1] = nn.Identity()
-
-
-def _fold_first(propagation: FeaturePropagation) -> None:
-    """Fold the norm of a sum of two linear layers into both of them."""
-    scale, shift = _affine(cast(PointNorm, propagation.joined[0]))
-    _scale(propagation.coarse, scale, None)
-    _scale(propagation.fine, scale, shift)
-    propagation.joined[0] = nn.Identity()
 
 
 def _affine(norm: PointNorm) -> tuple[Tensor, Tensor]:

@@ -72,20 +72,18 @@ def leading_direction(
     """Return the unit eigenvector (..., 3) of the largest eigenvalue of a symmetric matrix.
 
     `six` holds xx, yy, zz, xy, xz, yz. The matrix is made positive and squared until its columns
-    are all along that eigenvector; the longest one is taken. Entries are the first two axes, not
-    the last: a product of many 3 x 3 matrices is then a few sums of long rows.
+    are all along that eigenvector; the longest one is taken. Entries are the first axis, not the
+    last: a product of many 3 x 3 matrices is then a few sums of long rows.
     """
     six = six.movedim(-1, 0).contiguous()
     six = six / (_length(six) + 1e-6)
-    xx, yy, zz = (six[:3] + POSITIVE_SHIFT).unbind()
-    xy, xz, yz = six[3:].unbind()
-    power = torch.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz]).view(3, 3, *xx.shape)
+    power = (*(six[:3] + POSITIVE_SHIFT).unbind(), *six[3:].unbind())
     for _ in range(POWER_STEPS):
         # Never out of range: eigenvalues are between 0.6 and 2.2, their power of 16 is not large.
-        power = _squared(power)
-    xx, yy, zz = power[0, 0], power[1, 1], power[2, 2]
-    column = torch.where(yy > xx, power[1], power[0])
-    column = torch.where(zz > torch.maximum(xx, yy), power[2], column)
+        power = _squared(*power)
+    xx, yy, zz, xy, xz, yz = power
+    column = torch.where(yy > xx, torch.stack([xy, yy, yz]), torch.stack([xx, xy, xz]))
+    column = torch.where(zz > torch.maximum(xx, yy), torch.stack([xz, yz, zz]), column)
     return (column / _length(column)).movedim(0, -1)
 
 
@@ -101,9 +99,16 @@ def _length(
 
 
 def _squared(
-    matrix: Tensor,  # (3, 3, ...), symmetric
-) -> Tensor:
-    """Return the products (3, 3, ...) of matrices with themselves."""
+    xx: Tensor, yy: Tensor, zz: Tensor, xy: Tensor, xz: Tensor, yz: Tensor
+) -> tuple[Tensor, ...]:
+    """Return the six numbers, each (...), of the squares of symmetric matrices."""
     # Not `addcmul`, which rounds a row's last elements otherwise than its first ones.
-    products: list[Tensor] = [row[:, None] * row for row in matrix]
-    return products[0].add_(products[1]).add_(products[2])
+    xy_xy, xz_xz, yz_yz = xy * xy, xz * xz, yz * yz
+    return (
+        (xx * xx).add_(xy_xy).add_(xz_xz),
+        (yy * yy).add_(xy_xy).add_(yz_yz),
+        (zz * zz).add_(xz_xz + yz_yz),
+        (xx * xy).add_(xy * yy).add_(xz * yz),
+        (xx * xz).add_(xy * yz).add_(xz * zz),
+        (xy * xz).add_(yy * yz).add_(yz * zz),
+    )

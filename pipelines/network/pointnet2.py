@@ -10,7 +10,8 @@ import torch
 from torch import Tensor, nn
 
 from pipelines.network import grouping
-from pipelines.network.cloudwise import CloudLinear
+from pipelines.network.cloudwise import CloudLinear, taken_apart
+from pipelines.network.interpolation import add_interpolated
 from pipelines.network.pooling import max_over_group
 from pipelines.network.sampling import (
     farthest_points,
@@ -76,7 +77,7 @@ class SetAbstraction(nn.Module):
         neighbors: Tensor,  # (B, M, K)
     ) -> Tensor:
         """Return the groups' features (B, M, dims[1])."""
-        if grouping.applies_to(projected):
+        if grouping.applies_to(projected) and isinstance(self.group, CloudLinear):
             return grouping.pooled_groups(projected, offset, neighbors, self.group.weight)
         # In place on the sum, which is no view: of a view, autograd would keep and copy the whole.
         hidden = torch.relu_(gather(projected, neighbors) + offset[:, :, None])
@@ -105,3 +106,35 @@ class FeaturePropagation(nn.Module):
         index, weight = three_nearest(points, coarse_points)
         interpolated = weighted_sum(self.coarse(coarse_features), index, weight)
         return torch.relu(self.joined(interpolated + self.fine(features)))
+
+
+class FoldedPropagation(nn.Module):
+    """A feature propagation whose norms have become part of its linear layers."""
+
+    def __init__(self, coarse: CloudLinear, fine: CloudLinear, joined: CloudLinear) -> None:
+        super().__init__()
+        self.coarse, self.fine, self.joined = coarse, fine, joined
+        self.joined.rectifies = True
+
+    def forward(
+        self,
+        points: Tensor,  # (B, N, 3)
+        features: Tensor,  # (B, N, fine_dim)
+        coarse_points: Tensor,  # (B, M, 3)
+        coarse_features: Tensor,  # (B, M, coarse_dim)
+    ) -> Tensor:
+        """Return features (B, N, out_dim) at the finer points."""
+        index, weight = three_nearest(points, coarse_points)
+        coarse = self.coarse(coarse_features)
+        if not taken_apart(features):
+            interpolated = weighted_sum(coarse, index, weight)
+            told: Tensor = self.joined(torch.relu(interpolated + self.fine(features)))
+            return told
+        found: Tensor = coarse.new_empty(*features.shape[:2], self.joined.out_features)
+        hidden = coarse.new_empty(features.shape[1], self.fine.out_features)
+        near = zip(*(each.numpy() for each in (coarse, index, weight)), strict=True)
+        for cloud, out, (rows, places, weights) in zip(features, found, near, strict=True):
+            self.fine.write(cloud, hidden)
+            add_interpolated(True, rows, places, weights, hidden.numpy())
+            self.joined.write(hidden, out)
+        return found

@@ -1,9 +1,7 @@
 """The trained grasp network as a function: region clouds in, per-point predictions out."""
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Self
 
@@ -16,6 +14,7 @@ from pipelines.configs import NetworkConfig
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.levelling import level_axes
 from pipelines.geometry.pointcloud import Plane
+from pipelines.network.cloudwise import threads_of_one_core
 from pipelines.network.devices import find_device
 from pipelines.network.folding import folded
 from pipelines.network.model import SymmetryGraspNet
@@ -119,14 +118,8 @@ class GraspPredictor:
             return self._run_together(points, ground)
         threads = min(threads, len(points))
         shares = (each.tensor_split(threads) for each in (points, ground))
-        parts = list(self._pool.map(self._run_together, *shares))
+        parts = list(threads_of_one_core().map(self._run_together, *shares))
         return tuple(np.concatenate(column) for column in zip(*parts, strict=True))
-
-    @cached_property
-    def _pool(self) -> ThreadPoolExecutor:
-        """Threads of one core each, kept: a new one's first allocations cost as much as a cloud."""
-        threads = torch.get_num_threads()
-        return ThreadPoolExecutor(threads, initializer=torch.set_num_threads, initargs=(1,))
 
     @torch.inference_mode()
     def _run_together(self, points: Tensor, ground: Tensor) -> tuple[Array, ...]:

@@ -1,13 +1,9 @@
 """Which points a layer looks at: farthest points, nearest neighbours, three-nearest weights.
 
-On the CPU compiled libraries answer (fpsample, OpenCV's KD-tree, which is exact and works in
-single precision), one cloud a thread; elsewhere plain torch does, so that both devices need no
-compiled operator of ours. Nothing here has a
-gradient: indices do not, and interpolation weights are of fixed points.
+On the CPU compiled code answers (fpsample, OpenCV's KD-tree, which is exact and works in single
+precision, and for three neighbours a loop of ours), one cloud a thread; elsewhere plain torch does.
+Nothing here has a gradient: indices do not, and interpolation weights are of fixed points.
 """
-
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import fpsample
@@ -16,6 +12,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
+
+from pipelines.network.cloudwise import each_cloud
+from pipelines.network.interpolation import TINY, find_three_nearest, interpolated
+
+Places = NDArray[np.int64]
 
 # Below these sizes one batched tensor operation is quicker than a call for each cloud.
 SMALL_CLOUD = 96
@@ -38,11 +39,12 @@ def farthest_points(
         return _farthest_points_torch(points, count)
     height = 3 if points.shape[1] < 1024 else 4  # of fpsample's tree, the quickest when tried
 
-    def sample(cloud: NDArray[np.float32]) -> NDArray[np.int64]:
-        chosen = fpsample.bucket_fps_kdline_sampling(cloud, count, h=height, start_idx=0)
-        return np.asarray(chosen, np.int64)
+    def sample(cloud: NDArray[np.float32], out: Places) -> None:
+        out[:] = fpsample.bucket_fps_kdline_sampling(cloud, count, h=height, start_idx=0)
 
-    return _each_cloud(sample, points)
+    chosen = torch.empty(len(points), count, dtype=torch.int64)
+    each_cloud(sample, points.float(), chosen)
+    return chosen
 
 
 def _farthest_points_torch(points: Tensor, count: int) -> Tensor:
@@ -63,7 +65,15 @@ def nearest_neighbors(
     count: int,
 ) -> Tensor:
     """Return indices (B, M, min(count, N)) of the support points nearest to each query."""
-    return _nearest(queries, support, count)[1]
+    if queries.device.type != "cpu" or support.shape[1] <= SMALL_SUPPORT:
+        return _nearest_torch(queries, support, count)[1]
+
+    def search(at: NDArray[np.float32], cloud: NDArray[np.float32], out: Places) -> None:
+        out[:] = cv2.flann.Index(cloud, KD_TREE).knnSearch(at, out.shape[1])[0]
+
+    index = torch.empty(*queries.shape[:2], min(count, support.shape[1]), dtype=torch.int64)
+    each_cloud(search, queries.float(), support.float(), index)
+    return index
 
 
 @torch.no_grad()
@@ -73,10 +83,16 @@ def three_nearest(
 ) -> tuple[Tensor, Tensor]:
     """Return indices and weights (B, M, 3) that interpolate from `support` at `queries`.
 
-    Weights are inverse squared distances that sum to one, as PointNet++ has them.
+    Weights are inverse squared distances that sum to one, as PointNet++ has them. Where there are
+    fewer than three points, weights of zero (on a CPU) or fewer columns take the others' place.
     """
-    squared_distance, index = _nearest(queries, support, 3)
-    weight = 1.0 / (squared_distance + 1e-8)
+    if queries.device.type == "cpu":
+        index = queries.new_empty(*queries.shape[:2], 3, dtype=torch.int64)
+        weight = queries.new_empty(index.shape)
+        each_cloud(find_three_nearest, queries, support, index, weight)
+        return index, weight
+    squared_distance, index = _nearest_torch(queries, support, 3)
+    weight = 1.0 / (squared_distance + TINY)
     return index, weight / weight.sum(-1, keepdim=True)
 
 
@@ -95,6 +111,8 @@ def weighted_sum(
     weight: Tensor,  # (B, M, K)
 ) -> Tensor:
     """Return sums (B, M, C) of `values` at `index`, each times its `weight`."""
+    if values.device.type == "cpu":
+        return interpolated(values, index, weight)
     bags = _flat(values, index).reshape(-1, index.shape[2])
     summed = functional.embedding_bag(
         bags, values.flatten(0, 1), per_sample_weights=weight.flatten(0, 1), mode="sum"
@@ -108,29 +126,7 @@ def _flat(values: Tensor, index: Tensor) -> Tensor:
     return index + start.view(-1, *[1] * (index.dim() - 1))
 
 
-def _nearest(queries: Tensor, support: Tensor, count: int) -> tuple[Tensor, Tensor]:
-    count = min(count, support.shape[1])
-    if queries.device.type != "cpu" or support.shape[1] <= SMALL_SUPPORT:
-        return _nearest_torch(queries, support, count)
-
-    def search(cloud: NDArray[np.float32], at: NDArray[np.float32]) -> NDArray[np.int64]:
-        return np.asarray(cv2.flann.Index(cloud, KD_TREE).knnSearch(at, count)[0], np.int64)
-
-    index = _each_cloud(search, support, queries)
-    return (queries[:, :, None] - gather(support, index)).square().sum(-1), index
-
-
 def _nearest_torch(queries: Tensor, support: Tensor, count: int) -> tuple[Tensor, Tensor]:
     squared = (queries[:, :, None] - support[:, None]).square().sum(-1)
-    distance, index = squared.topk(count, dim=-1, largest=False)
+    distance, index = squared.topk(min(count, support.shape[1]), dim=-1, largest=False)
     return distance, index
-
-
-def _each_cloud(function: Callable[..., NDArray[np.int64]], *clouds: Tensor) -> Tensor:
-    """Apply `function` to the i-th cloud of each tensor, clouds in parallel; stack the answers."""
-    arrays = [cloud.detach().float().contiguous().numpy() for cloud in clouds]
-    threads = min(torch.get_num_threads(), len(arrays[0]))
-    if threads == 1:
-        return torch.from_numpy(np.stack([function(*each) for each in zip(*arrays, strict=True)]))
-    with ThreadPoolExecutor(threads) as pool:
-        return torch.from_numpy(np.stack(list(pool.map(function, *arrays))))

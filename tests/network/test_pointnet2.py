@@ -1,8 +1,11 @@
 """The layers' rewritings change no result: against the textbook form, written out."""
 
+import pytest
 import torch
 
+from pipelines.learning.acceleration import Acceleration
 from pipelines.network import grouping
+from pipelines.network.cloudwise import CloudLinear
 from pipelines.network.pointnet2 import FeaturePropagation, SetAbstraction
 from pipelines.network.pooling import max_over_group
 from pipelines.network.sampling import farthest_points, gather, nearest_neighbors, three_nearest
@@ -41,17 +44,54 @@ def test_the_gradient_of_the_group_maximum_is_that_of_finite_differences():
     assert torch.autograd.gradcheck(max_over_group, (values,))
 
 
-def test_groups_pooled_cloud_by_cloud_are_those_of_the_layers_to_the_last_bit():
+@pytest.mark.parametrize("centers", [40, 150])  # all groups at a time, and a part of them
+def test_groups_pooled_cloud_by_cloud_are_those_of_the_layers_to_the_last_bit(centers):
     torch.manual_seed(1)
-    layer = SetAbstraction(5, (32, 64, 64), 40, 16, stride=3).eval()
-    points, features = torch.randn(3, 150, 3), torch.randn(3, 150, 5)
-    projected, offset = torch.randn(3, 50, 32), torch.randn(3, 40, 32)
-    neighbors = torch.randint(0, 50, (3, 40, 16))
+    group = SetAbstraction(5, (32, 64, 64), 40, 16).group
+    projected, offset = torch.randn(3, 50, 32), torch.randn(3, centers, 32)
+    neighbors = torch.randint(0, 50, (3, centers, 16))
     with torch.inference_mode():
-        assert grouping.applies_to(projected)
-        fast = grouping.pooled_groups(projected, offset, neighbors, layer.group.weight)
+        fast = grouping.pooled_groups(projected, offset, neighbors, group.weight)
         hidden = torch.relu(gather(projected, neighbors) + offset[:, :, None])
-        assert torch.equal(fast, max_over_group(layer.group(hidden)))
-        told = layer(points, features)[1]
-    assert not grouping.applies_to(projected)  # with gradients, the layers themselves
-    torch.testing.assert_close(told, layer(points, features)[1])
+        assert torch.equal(fast, max_over_group(group(hidden)))
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize(("size", "centers", "members"), [(2, 9, 4), (3, 150, 16), (1, 1, 1)])
+def test_gradients_of_pooled_groups_are_those_of_the_layers(size, centers, members, threads):
+    torch.manual_seed(0)
+    group = SetAbstraction(5, (8, 6, 6), 9, 4).double().group
+    neighbors = torch.stack([torch.randperm(150)[:members] for _ in range(size * centers)])
+    neighbors = neighbors.view(size, centers, members)
+    given = [torch.randn(size, count, 8).double().requires_grad_() for count in (150, centers)]
+    inputs, before = [*given, group.weight], torch.get_num_threads()
+    share = torch.randn(size, centers, 6).double()
+    hidden = torch.relu(gather(given[0], neighbors) + given[1][:, :, None])
+    expected = torch.autograd.grad((max_over_group(group(hidden)) * share).sum(), inputs)
+    torch.set_num_threads(threads)
+    try:
+        pooled = grouping.pooled_groups(*given, neighbors, group.weight)
+        found = torch.autograd.grad((pooled * share).sum(), inputs)
+        assert torch.get_num_threads() == threads
+    finally:
+        torch.set_num_threads(before)
+    torch.testing.assert_close(found, expected)
+
+
+def test_of_equal_members_the_first_has_the_gradient():
+    projected = torch.ones(1, 4, 2, requires_grad=True)
+    neighbors = torch.tensor([[[2, 1, 3]]])
+    pooled = grouping.pooled_groups(projected, torch.zeros(1, 1, 2), neighbors, torch.ones(3, 2))
+    pooled.sum().backward()
+    assert projected.grad[0].tolist() == [[0, 0], [0, 0], [3, 3], [0, 0]]
+
+
+def test_layers_that_round_to_halves_form_the_groups_themselves():
+    torch.manual_seed(0)
+    layer, points, features = SetAbstraction(5, (32, 64, 64), 40, 16), *torch.randn(2, 2, 90, 5)
+    told = layer(points[..., :3], features)[1]
+    Acceleration("bf16").apply(layer)
+    assert type(layer.group) is not CloudLinear
+    rounded = layer(points[..., :3], features)[1]
+    assert not torch.equal(rounded, told)
+    torch.testing.assert_close(rounded, told, rtol=0.1, atol=0.1)

@@ -15,7 +15,7 @@ from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.known_region import KnownRegion
 from pipelines.grasping.observation import RegionCloud, SceneCloud, Surroundings
 from pipelines.grasping.planar import planar_candidates
-from pipelines.grasping.ranking import Judge, by_eq8, by_judge
+from pipelines.grasping.ranking import Judge, Ranking, by_eq8, by_judge
 from pipelines.grasping.selection import select, surroundings
 from pipelines.grasping.suppression import different
 
@@ -57,10 +57,8 @@ def plan_region(
     if completion is None:
         completion = completions([region], scene, [slots], config)[0]
     turns = np.linspace(0.0, 2 * np.pi, config.num_approach_angles, endpoint=False)
-    around, ranking = surroundings(region, scene, gripper, config), by_eq8(config)
-    if judge is not None:
-        known = KnownRegion(region, scene, slots, completion.own, around.others.points)
-        ranking = by_judge(judge, known, config)
+    around = surroundings(region, scene, gripper, config)
+    ranking = _ranking(region, scene, slots, completion.own, around, config, judge)
 
     def across(slots: SymmetrySlots, trusted: SelectionConfig) -> Candidates:
         pairs = contact_pairs(region, scene, slots, affordance, gripper, trusted)
@@ -87,6 +85,22 @@ def plan_region(
 
     found = planned(around.with_unseen(completion.others))
     return found if len(found) or not len(completion.others) else planned(around)
+
+
+def _ranking(
+    region: RegionCloud,
+    scene: SceneCloud,
+    slots: SymmetrySlots,
+    completed: Array,
+    around: Surroundings,
+    config: SelectionConfig,
+    judge: Judge | None,
+) -> Ranking:
+    """Return what ranks hands: the judge, who knows this, or Eq. 8."""
+    if judge is None:
+        return by_eq8(config)
+    known = KnownRegion(region, scene, slots, completed, around.others.points)
+    return by_judge(judge, known, config)
 
 
 def _symmetric_candidates(
@@ -135,11 +149,9 @@ def plan_planar(
     """
     if len(region) < MIN_POINTS:
         return RankedGrasps.empty()
-    around, ranking = surroundings(region, scene, gripper, config), by_eq8(config)
-    if judge is not None:
-        nothing = SymmetrySlots.empty()
-        known = KnownRegion(region, scene, nothing, np.zeros((0, 3)), around.others.points)
-        ranking = by_judge(judge, known, config)
+    around = surroundings(region, scene, gripper, config)
+    nothing = SymmetrySlots.empty(), np.zeros((0, 3))
+    ranking = _ranking(region, scene, *nothing, around, config, judge)
     candidates = planar_candidates(region, scene, gripper, config)
     return select(candidates, PLANAR_TURNS, region, scene, gripper, config, around, ranking)
 

@@ -133,7 +133,8 @@ def _floor(frame: Frame, num_regions: float, device: str) -> Measurement:
     with FlopCounterMode(display=False) as counter:
         detector.detect(frame.color, frame.depth, frame.intrinsics)
     detection = counter.get_total_flops()
-    with FlopCounterMode(display=False) as counter:
+    # What other threads do would not be counted.
+    with models.one_thread_each(), FlopCounterMode(display=False) as counter:
         predictor.predict([np.random.default_rng(0).normal(0.0, 0.03, (2000, 3))])
     region = counter.get_total_flops()
     gflop = (detection + num_regions * region) / 1e9

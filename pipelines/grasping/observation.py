@@ -229,6 +229,7 @@ def _cells_about(
     nearest, behind = np.full(side * side, -1, np.int32), np.empty(room, np.int32)
     level, count = np.empty(room, np.int32), np.empty(room, np.int32)
     points, found, per_metre = np.empty((room, 3)), 0, 1.0 / cell
+    last_xy, last = -1, 0  # most pixels show the cell that the one beside them shows
     for i in range(top, bottom):
         for j in range(left, right):
             z = depth[i, j]
@@ -238,6 +239,9 @@ def _cells_about(
                 continue
             at_xy = int((u + radius) * per_metre) * side + int((v + radius) * per_metre)
             this = np.int32(2 * int((w + radius) * per_metre) + own[i, j])
+            if at_xy == last_xy and level[last] == this:
+                count[last] += 1
+                continue
             before, at = -1, nearest[at_xy]
             while at >= 0 and level[at] < this:
                 before, at = at, behind[at]
@@ -250,6 +254,7 @@ def _cells_about(
                 else:
                     behind[before] = at
             count[at] += 1
+            last_xy, last = at_xy, at
     return _in_order(nearest, behind, level, points[:found], count, floor)
 
 

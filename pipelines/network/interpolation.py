@@ -1,7 +1,7 @@
 """Interpolation from a coarse cloud to a finer one, compiled: who is near, and the weighted sum.
 
-For three neighbours, to look at all points is quicker than to walk through a tree, as long as
-there are a few hundred: queries are answered many at a time, and nothing is branched upon.
+The coarse points stand in order along the axis on which they spread most, and a query looks at
+those beside its place, outward until that axis alone parts them farther than the third nearest is.
 """
 
 from functools import partial
@@ -18,7 +18,6 @@ from pipelines.network.cloudwise import each_cloud
 Numbers = NDArray[np.floating]
 Places = NDArray[np.int64]
 
-ABREAST = 64  # queries that are answered side by side
 TINY = 1e-8  # keeps weights finite where a query is one of the points
 
 
@@ -32,43 +31,57 @@ def find_three_nearest(
     where n is less than 3, are zero. Of points equally far the first ones are taken.
     """
     one, tiny = weights.dtype.type(1.0), weights.dtype.type(TINY)
-    query = np.zeros((3, ABREAST), queries.dtype)
-    squared, near = np.empty((3, ABREAST), queries.dtype), np.empty((3, ABREAST), np.int32)
-    for start in range(0, len(queries), ABREAST):
-        stop = min(ABREAST, len(queries) - start)
-        for c in range(3):
-            for i in range(ABREAST):
-                query[c, i] = queries[start + min(i, stop - 1), c]
-                squared[c, i], near[c, i] = np.inf, 0
-        for n in range(len(support)):
-            _insert(query, support[n, 0], support[n, 1], support[n, 2], n, squared, near)
-        for i in range(stop):
-            near_first, near_second = one / (squared[0, i] + tiny), one / (squared[1, i] + tiny)
-            near_third = one / (squared[2, i] + tiny)
-            total = near_first + near_second + near_third
-            for k in range(3):
-                places[start + i, k] = near[k, i]
-            weights[start + i, 0] = near_first / total
-            weights[start + i, 1] = near_second / total
-            weights[start + i, 2] = near_third / total
+    axis = _widest(support)
+    order = np.argsort(support[:, axis])
+    along = support[order, axis]
+    squared, near = np.empty(3, support.dtype), np.empty(3, np.int64)
+    for m in range(len(queries)):
+        x, y, z, at = queries[m, 0], queries[m, 1], queries[m, 2], queries[m, axis]
+        squared[:], near[:] = np.inf, 0
+        above = np.searchsorted(along, at)
+        below = above - 1
+        # A sum of squares comes out no smaller than one of them, however it is rounded.
+        while above < len(along) and (along[above] - at) * (along[above] - at) <= squared[2]:
+            n = order[above]
+            a, b, c = x - support[n, 0], y - support[n, 1], z - support[n, 2]
+            _insert(a * a + b * b + c * c, n, squared, near)
+            above += 1
+        while below >= 0 and (along[below] - at) * (along[below] - at) <= squared[2]:
+            n = order[below]
+            a, b, c = x - support[n, 0], y - support[n, 1], z - support[n, 2]
+            _insert(a * a + b * b + c * c, n, squared, near)
+            below -= 1
+        total = weights.dtype.type(0.0)
+        for k in range(3):
+            places[m, k], weights[m, k] = near[k], one / (squared[k] + tiny)
+            total += weights[m, k]
+        for k in range(3):
+            weights[m, k] /= total
 
 
 @compiled
-def _insert(
-    query: Numbers, x: float, y: float, z: float, n: int, squared: Numbers, near: NDArray[np.int32]
-) -> None:
-    """Put point `n` among the three nearest of each query where it is one of them."""
-    place = np.int32(n)  # as narrow as distances are, or they are not compared side by side
-    for i in range(ABREAST):
-        a, b, c = query[0, i] - x, query[1, i] - y, query[2, i] - z
-        d = a * a + b * b + c * c
-        first, second, third = d < squared[0, i], d < squared[1, i], d < squared[2, i]
-        squared[2, i] = squared[1, i] if second else (d if third else squared[2, i])
-        near[2, i] = near[1, i] if second else (place if third else near[2, i])
-        squared[1, i] = squared[0, i] if first else (d if second else squared[1, i])
-        near[1, i] = near[0, i] if first else (place if second else near[1, i])
-        squared[0, i] = d if first else squared[0, i]
-        near[0, i] = place if first else near[0, i]
+def _widest(points: Numbers) -> int:
+    """Return the axis along which `points` (n, 3) spread most."""
+    widest, most = 0, -1.0
+    for axis in range(points.shape[1]):
+        spread = points[:, axis].max() - points[:, axis].min()
+        if spread > most:
+            widest, most = axis, spread
+    return widest
+
+
+@compiled
+def _insert(d: float, place: int, squared: Numbers, near: Places) -> None:
+    """Put a point among the three nearest (3,) if it is one of them."""
+    if d > squared[2]:
+        return
+    k = 3
+    while k > 0 and (d < squared[k - 1] or (d == squared[k - 1] and place < near[k - 1])):
+        if k < 3:
+            squared[k], near[k] = squared[k - 1], near[k - 1]
+        k -= 1
+    if k < 3:
+        squared[k], near[k] = d, place
 
 
 def interpolated(

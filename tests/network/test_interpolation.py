@@ -43,6 +43,17 @@ def test_of_points_equally_far_the_first_ones_are_taken():
     assert_allclose(weights, 1.0 / 3.0, rtol=1e-6)
 
 
+@pytest.mark.parametrize("stretched", [0, 1, 2])
+def test_on_a_lattice_the_first_of_many_equally_far_are_taken(stretched):
+    rng = np.random.default_rng(stretched)
+    support = rng.integers(0, 5, (120, 3)).astype(np.float32)  # some places twice
+    support[:, stretched] *= 2.0
+    queries = rng.integers(-3, 13, (200, 3)).astype(np.float32)
+    squared = np.square(queries[:, None] - support[None]).sum(-1)
+    places, _ = found(queries, support)
+    assert_array_equal(places, squared.argsort(-1, kind="stable")[:, :3])
+
+
 @pytest.mark.parametrize("size", [1, 2])
 def test_points_that_are_not_there_weigh_nothing(size):
     places, weights = found(drawn(70, 3), drawn(size, 3, seed=1))

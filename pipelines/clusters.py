@@ -13,6 +13,7 @@ from importlib import import_module
 from types import ModuleType
 
 from joblib import Parallel, parallel_config
+from joblib.externals.loky import get_reusable_executor
 
 from pipelines.errors import SymgraspError, UnknownNameError
 
@@ -39,6 +40,11 @@ def workers_of(backend: str, workers: int) -> Iterator[Parallel]:
     else:
         with parallel_config(backend=backend, n_jobs=workers):
             yield Parallel(return_as="generator")
+
+
+def end_workers() -> None:
+    """End the processes of loky that wait for more work; on its own torch leaves in seconds."""
+    get_reusable_executor(reuse=True).shutdown(kill_workers=True)
 
 
 @contextmanager

@@ -116,4 +116,8 @@ for command in COMMANDS:
 
 def main() -> None:
     """Run the command line."""
-    app()
+    try:
+        app()
+    finally:
+        if "pipelines.clusters" in sys.modules:  # else no command can have started workers
+            sys.modules["pipelines.clusters"].end_workers()

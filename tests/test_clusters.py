@@ -4,10 +4,12 @@ import os
 import sys
 from dataclasses import replace
 
+import psutil
 import pytest
 
 from pipelines import infer
 from pipelines.batch import BatchOptions, WorkItem, run_batch
+from pipelines.clusters import end_workers
 from pipelines.configs import InferConfig
 from pipelines.errors import SymgraspError, UnknownNameError
 from pipelines.formats.files import read_json, write_json
@@ -48,6 +50,17 @@ def test_a_clusters_workers_are_other_processes_and_a_bad_item_fails_alone(tmp_p
     assert report.done == ["a", "b"]
     assert report.failed == {"bad": "bad is bad; good would be right"}
     assert os.getpid() not in {read_json(tmp_path / f"{name}.json")["process"] for name in "ab"}
+
+
+def test_workers_that_are_ended_are_gone_and_others_do_the_next_batch(tmp_path):
+    end_workers()  # those of tests before
+    for folder in ("first", "second"):
+        work = items(tmp_path / folder, ["a", "b"])
+        run_batch("toy", work, write_process, replace(QUIET, workers=2))
+        processes = {read_json(item.target)["process"] for item in work}
+        assert os.getpid() not in processes
+        end_workers()
+        assert not any(map(psutil.pid_exists, processes))
 
 
 @pytest.fixture(scope="module")

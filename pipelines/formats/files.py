@@ -24,6 +24,8 @@ Array = NDArray[Any]
 
 # A zip member that claims to unpack to more than this many times its size is a zip bomb.
 MAX_UNPACK_RATIO = 2000
+TO_RGB = {3: cv2.COLOR_BGR2RGB, 4: cv2.COLOR_BGRA2RGB}  # by the number of channels
+COLOR_TYPES = (np.uint8, np.uint16, np.float32)  # that OpenCV converts; TIFF has others too
 JPEG_TAIL = 4096  # bytes in which the end mark must lie; some cameras pad with zeros
 MAX_UNPACK_BYTES = 16 * 2**30
 # What numpy and zipfile raise on files that are cut off, damaged, encrypted, or claim a size that
@@ -230,9 +232,17 @@ def read_image(path: Path) -> Array:
         image = None
     if image is None:
         raise FormatError(path, "this is not a whole image", "a PNG, JPEG or TIFF file is expected")
-    if image.ndim == 3 and image.shape[2] == 4:
+    return _as_rgb(image) if image.ndim == 3 else image
+
+
+def _as_rgb(image: Array) -> Array:
+    """Return an image (H, W, 3 or more) as OpenCV reads it, BGR and perhaps alpha, as RGB."""
+    code = TO_RGB.get(image.shape[2])
+    if code is not None and image.dtype in COLOR_TYPES:
+        return cv2.cvtColor(image, code)  # much quicker than a copy of strides
+    if image.shape[2] == 4:
         image = image[:, :, :3]
-    return np.ascontiguousarray(image[:, :, ::-1]) if image.ndim == 3 else image
+    return np.ascontiguousarray(image[:, :, ::-1])
 
 
 def _refuse_truncated(path: Path, data: bytes) -> None:

@@ -28,7 +28,7 @@ from pipelines.formats.grasps_tables import (
     join_grasps,
     join_regions,
 )
-from pipelines.formats.h5_columns import check_version, read_columns, write_columns
+from pipelines.formats.h5_columns import check_version, read_columns, write_attribute, write_columns
 from pipelines.formats.h5_files import new_h5, open_h5
 from pipelines.formats.masks_rle import decode_mask, encode_mask
 from pipelines.formats.provenance import Stamp
@@ -131,13 +131,16 @@ def write_attributes(
 ) -> None:
     """Write what `write` says of a run into the open `file`."""
     weights = stamp.inputs if weights is None else weights
-    file.attrs["format_version"] = FORMAT_VERSION
-    file.attrs["axes"] = AXES
-    file.attrs["grasp_frame"] = GRASP_FRAME
-    file.attrs["config"] = json.dumps(dict(stamp.config), sort_keys=True)
-    file.attrs["weights"] = json.dumps(dict(weights), sort_keys=True)
-    file.attrs["seed"] = stamp.seed
-    file.attrs["provenance"] = stamp.as_text()
+    for name, value in (
+        ("format_version", FORMAT_VERSION),
+        ("axes", AXES),
+        ("grasp_frame", GRASP_FRAME),
+        ("config", json.dumps(dict(stamp.config), sort_keys=True)),
+        ("weights", json.dumps(dict(weights), sort_keys=True)),
+        ("seed", stamp.seed),
+        ("provenance", stamp.as_text()),
+    ):
+        write_attribute(file.id, name, value)
 
 
 def tables_of(results: Sequence[FrameResult]) -> dict[str, dict[str, NDArray[Any]]]:

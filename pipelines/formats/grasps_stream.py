@@ -25,12 +25,12 @@ from pipelines.formats.grasps_file import (
     file_attributes,
     intrinsics_of,
     opened,
-    read_shard,
     tables_of,
     write_attributes,
 )
+from pipelines.formats.grasps_shards import NO_FRAMES, Tables, joined, shard_sizes, shard_tables
 from pipelines.formats.grasps_tables import FrameResult, GraspTable, RegionTable
-from pipelines.formats.h5_columns import TEXT, read_columns
+from pipelines.formats.h5_columns import make_column, read_columns
 from pipelines.formats.h5_files import new_h5
 from pipelines.formats.provenance import Stamp
 
@@ -119,7 +119,9 @@ def merge_shards(
         _make_columns(file, sizes)
         done = _Sizes(0, 0, 0, 0)
         for start in range(0, len(parts), BATCH):
-            done = _fill(file, [_whole(part) for part in parts[start : start + BATCH]], done)
+            done = _fill(
+                file, joined([_tables(part) for part in parts[start : start + BATCH]]), done
+            )
 
 
 @dataclass(frozen=True)
@@ -136,10 +138,8 @@ class _Sizes:
         regions, grasps, runs = 0, 0, 0
         for part in parts:
             if isinstance(part, Path):
-                with opened(part) as file:  # checked when it is read whole
-                    regions += len(file["regions/frame"])
-                    grasps += len(file["grasps/frame"])
-                    runs += len(file["regions/mask_counts"])
+                more = shard_sizes(part)  # checked when it is read whole
+                regions, grasps, runs = regions + more[0], grasps + more[1], runs + more[2]
         return cls(len(parts), regions, grasps, runs)
 
     def rows(self, group: str, name: str) -> int:
@@ -150,25 +150,21 @@ class _Sizes:
         )
 
 
-def _whole(part: FrameResult | Path) -> FrameResult:
-    return read_shard(part) if isinstance(part, Path) else part
+def _tables(part: FrameResult | Path) -> Tables:
+    return shard_tables(part) if isinstance(part, Path) else tables_of([part])
 
 
 def _make_columns(file: h5py.File, sizes: _Sizes) -> None:
     """Make the datasets of a file, in the order and of the types of one that holds no frames."""
-    for group, columns in tables_of([]).items():
+    for group, columns in NO_FRAMES.items():
         made = file.create_group(group)
         for name, column in columns.items():
-            dtype = TEXT if column.dtype == object else column.dtype
             shape = (sizes.rows(group, name), *column.shape[1:])
-            dataset = made.create_dataset(name, shape, dtype, track_times=False)
-            if name in UNITS[group]:
-                dataset.attrs["units"] = UNITS[group][name]
+            make_column(made, name, shape, column.dtype, UNITS[group].get(name))
 
 
-def _fill(file: h5py.File, results: Sequence[FrameResult], done: _Sizes) -> _Sizes:
-    """Write `results` behind the rows that are `done`; return what is done then."""
-    tables = tables_of(results)
+def _fill(file: h5py.File, tables: Tables, done: _Sizes) -> _Sizes:
+    """Write `tables` behind the rows that are `done`; return what is done then."""
     regions, grasps = tables["regions"], tables["grasps"]
     regions["frame"], grasps["frame"] = (t["frame"] + done.frames for t in (regions, grasps))
     grasps["region"] = grasps["region"] + done.regions
@@ -178,7 +174,7 @@ def _fill(file: h5py.File, results: Sequence[FrameResult], done: _Sizes) -> _Siz
             first = done.rows(group, name) - (name == "mask_start")
             file[group][name][first : first + len(column)] = column
     return _Sizes(
-        done.frames + len(results),
+        done.frames + len(tables["frames"]["name"]),
         done.regions + len(regions["frame"]),
         done.grasps + len(grasps["frame"]),
         done.runs + len(regions["mask_counts"]),

@@ -1,18 +1,28 @@
-"""Columns of HDF5 files: named arrays of equal first axis, with their units beside them."""
+"""Columns of HDF5 files: named arrays of equal first axis, with their units beside them.
+
+A file of many small columns is written and read through h5py's functions for HDF5's own handles:
+its objects for groups, datasets and attributes take several times longer than HDF5 does.
+"""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
+from h5py import h5a, h5d, h5p, h5s, h5t
+from numpy.typing import DTypeLike, NDArray
 
 from pipelines.errors import FormatError, ValueRangeError
 
 Column = NDArray[Any] | Sequence[str]
+Handle = Any  # what h5py calls the `id` of a file, group or dataset, or a type
 ColumnSpec = Mapping[str, tuple[tuple[int, ...], type]]  # shape after the first axis, type
 TEXT = h5py.string_dtype("utf-8")
+SCALAR = h5s.create(h5s.SCALAR)
+UNDATED = h5p.create(h5p.DATASET_CREATE)
+UNDATED.set_obj_track_times(False)
 
 
 def write_columns(
@@ -27,14 +37,50 @@ def write_columns(
     (`track_times`): the same columns give the same bytes.
     """
     for name, column in columns.items():
-        if isinstance(column, np.ndarray) and column.dtype.kind not in "UOS":
-            chunks = (1, *column.shape[1:]) if name in by_row and len(column) else None
-            dataset = group.create_dataset(name, data=column, chunks=chunks, track_times=False)
-        else:
+        if not isinstance(column, np.ndarray) or column.dtype.kind in "UOS":
             texts = np.array([str(text) for text in column], dtype=object)
-            dataset = group.create_dataset(name, data=texts, dtype=TEXT, track_times=False)
+            made = _write_column(group.id, name, texts)
+        elif name in by_row and len(column):
+            chunks = (1, *column.shape[1:])
+            made = group.create_dataset(name, data=column, chunks=chunks, track_times=False).id
+        else:
+            made = _write_column(group.id, name, np.asarray(column, order="C"))
         if units and name in units:
-            dataset.attrs["units"] = units[name]
+            write_attribute(made, "units", units[name])
+
+
+def make_column(
+    group: h5py.Group, name: str, shape: tuple[int, ...], dtype: DTypeLike, unit: str | None
+) -> None:
+    """Make a dataset of `group`, to be filled; the type object stands for texts."""
+    made = _make(group.id, name, shape, _types(np.dtype(dtype))[0])
+    if unit:
+        write_attribute(made, "units", unit)
+
+
+def write_attribute(owner: Handle, name: str, value: str | int) -> None:
+    """Write a new attribute; `owner` is the `id` of a file, group or dataset."""
+    content = np.array(value, dtype=object) if isinstance(value, str) else np.asarray(value)
+    stored, in_memory = _types(content.dtype)
+    h5a.create(owner, name.encode(), stored, SCALAR).write(content, in_memory)
+
+
+def _write_column(group: Handle, name: str, column: NDArray[Any]) -> Handle:
+    stored, in_memory = _types(column.dtype)
+    dataset = _make(group, name, column.shape, stored)
+    dataset.write(h5s.ALL, h5s.ALL, column, in_memory)
+    return dataset
+
+
+def _make(group: Handle, name: str, shape: tuple[int, ...], stored: Handle) -> Handle:
+    return h5d.create(group, name.encode(), stored, h5s.create_simple(shape), UNDATED)
+
+
+@lru_cache
+def _types(dtype: np.dtype[Any]) -> tuple[Handle, Handle]:
+    """Return HDF5's types for arrays of numpy's `dtype`, in a file and in memory."""
+    named = TEXT if dtype.kind == "O" else dtype
+    return h5t.py_create(named, logical=True), h5t.py_create(named)
 
 
 def read_columns(path: Path, group: h5py.Group, names: Iterable[str]) -> dict[str, Any]:
@@ -55,6 +101,29 @@ def read_columns(path: Path, group: h5py.Group, names: Iterable[str]) -> dict[st
             raise FormatError(
                 path, f"{group.name}/{name} is damaged ({error})", "write the file again"
             ) from error
+    return columns
+
+
+def read_alike(group: Handle, examples: Mapping[str, NDArray[Any]]) -> dict[str, Any] | None:
+    """Read the datasets of `group` if each is of the type and row shape of its example.
+
+    None if one is not: `read_columns` reads it, or says what is wrong. Where HDF5 cannot read one,
+    or texts are not UTF-8, there is one of `files.DAMAGED`.
+    """
+    columns: dict[str, Any] = {}
+    for name, example in examples.items():
+        dataset = h5d.open(group, name.encode())
+        stored, in_memory = _types(example.dtype)
+        shape = dataset.shape
+        if len(shape) != example.ndim or shape[1:] != example.shape[1:]:
+            return None
+        if not dataset.get_type().equal(stored):
+            return None
+        column = np.zeros(shape, example.dtype)
+        dataset.read(h5s.ALL, h5s.ALL, column, in_memory)
+        if column.dtype == object:
+            column[:] = [text.decode() for text in column]
+        columns[name] = column
     return columns
 
 

@@ -48,8 +48,9 @@ def _color_changes(frame: Frame, step: int) -> Image:
     height, width = (size // step for size in frame.depth.shape)
     grey = cv2.cvtColor(frame.color, cv2.COLOR_RGB2GRAY)
     grey = cv2.resize(grey, (width, height), interpolation=cv2.INTER_AREA)
-    slopes = (cv2.Sobel(grey, cv2.CV_32F, *axes) for axes in ((1, 0), (0, 1)))
-    changes = np.log1p(np.hypot(*slopes))
+    dx, dy = (cv2.Sobel(grey, cv2.CV_32F, *axes) for axes in ((1, 0), (0, 1)))
+    # The slopes of 8 bits are whole numbers, so the squares are exact: it is the hypotenuse.
+    changes = np.log1p(np.sqrt(dx * dx + dy * dy))
     return np.asarray(changes - cv2.blur(changes, (SURROUNDINGS, SURROUNDINGS)), np.float32)
 
 
@@ -66,7 +67,7 @@ def _depth_jumps(depth: Image, step: int) -> Image:
 def _match_at_offsets(changes: Image, jumps: Image) -> Image:
     """Return the mean of `changes` at the jumps, for all offsets (y, x) up to FARTHEST."""
     padded = np.pad(changes, FARTHEST)
-    rows, columns = np.nonzero(jumps)
+    rows, columns = np.divmod(np.flatnonzero(jumps > 0), jumps.shape[1])
     size = 2 * FARTHEST + 1
     windows = np.lib.stride_tricks.sliding_window_view(padded, (size, size))
     return np.asarray(windows[rows, columns].mean(axis=0, dtype=np.float64), np.float32)
@@ -75,7 +76,7 @@ def _match_at_offsets(changes: Image, jumps: Image) -> Image:
 def oddities(frame: Frame) -> tuple[str, ...]:
     """Return what a user should know about a frame that can be read, a sentence each."""
     found = list(frame.notes)
-    measured = float(np.count_nonzero(frame.depth)) / frame.depth.size
+    measured = float(np.count_nonzero(frame.depth != 0)) / frame.depth.size
     if measured < FEW_MEASURED:
         found.append("less than a third of the depth is measured")
     if (offset := color_offset(frame)) is not None:

@@ -3,6 +3,7 @@
 import json
 import zipfile
 
+import cv2
 import numpy as np
 import pytest
 
@@ -101,3 +102,19 @@ def test_a_truncated_png_is_refused(tmp_path):
     path.write_bytes(b"")
     with pytest.raises(FormatError, match="not a whole image"):
         files.read_image(path)
+
+
+@pytest.mark.parametrize("channels", [1, 3, 4])
+@pytest.mark.parametrize(
+    ("suffix", "dtype"),
+    [(".png", np.uint8), (".png", np.uint16), (".tiff", np.float32), (".tiff", np.float64)],
+)
+def test_images_are_read_as_stored_red_first_and_without_alpha(tmp_path, channels, suffix, dtype):
+    image = np.random.default_rng(0).integers(0, 255, (5, 7, channels)).astype(dtype)
+    path = tmp_path / f"a{suffix}"
+    assert cv2.imwrite(str(path), image)
+    found = files.read_image(path)
+    expected = image[:, :, 0] if channels == 1 else image[:, :, 2::-1]
+    assert found.dtype == dtype
+    assert found.flags.c_contiguous
+    np.testing.assert_array_equal(found, expected)

@@ -3,13 +3,22 @@
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
 
 from pipelines.formats.frames import find_frames
-from pipelines.formats.registration import color_offset, oddities
+from pipelines.formats.registration import (
+    FARTHEST,
+    SURROUNDINGS,
+    _color_changes,
+    _match_at_offsets,
+    color_offset,
+    oddities,
+)
 from pipelines.formats.rgbd import Frame
 from pipelines.geometry.camera import Intrinsics
 
@@ -74,3 +83,23 @@ def test_sparse_depth_is_mentioned(share: float) -> None:
     sentences = oddities(replace(frame, depth=depth.astype(np.float32), notes=("from afar",)))
     assert sentences[0] == "from afar"
     assert any("third" in sentence for sentence in sentences) == (share < 1 / 3)
+
+
+def test_the_change_of_colour_is_the_length_of_its_slopes() -> None:
+    noise = np.random.default_rng(0).integers(0, 256, (240, 320), dtype=np.uint8)
+    noise[60:120, 80:160] = noise[60:120, 80:160] // 128 * 255  # the steepest slopes there are
+    dx, dy = (cv2.Sobel(noise, cv2.CV_32F, *axes) for axes in ((1, 0), (0, 1)))
+    lengths = np.log1p(np.hypot(dx, dy))
+    expected = lengths - cv2.blur(lengths, (SURROUNDINGS, SURROUNDINGS))
+    frame = replace(boxes(0), color=np.repeat(noise[:, :, None], 3, axis=2))
+    assert_array_equal(_color_changes(frame, 1), expected)
+
+
+def test_a_match_is_the_mean_over_the_jumps() -> None:
+    rng = np.random.default_rng(0)
+    changes = rng.random((60, 80)).astype(np.float32)
+    jumps = (rng.random((60, 80)) > 0.98).astype(np.float32)
+    padded = np.pad(changes, FARTHEST)
+    for y, x in ((0, 0), (FARTHEST, FARTHEST), (2 * FARTHEST, 3)):
+        there = padded[y : y + 60, x : x + 80][jumps > 0]
+        assert_allclose(_match_at_offsets(changes, jumps)[y, x], there.mean(), rtol=1e-5)

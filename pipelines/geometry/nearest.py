@@ -1,6 +1,8 @@
 """Nearest neighbours among few points: comparing with all of them is faster than a tree.
 
-A tree is worth its while from a thousand points on; a region that is fitted has some hundred.
+A tree is worth its while from a thousand points on; a region that is fitted has some hundred. Nor
+does it pay to put them in order and to leave out those that are far along an axis: they would be
+looked at one by one, and all are compared many at a time.
 """
 
 from dataclasses import dataclass
@@ -13,6 +15,8 @@ from pipelines.geometry.compiled import compiled
 Array = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Indices = NDArray[np.intp]
+
+ABREAST = 16  # distances that are looked through at once
 
 
 @dataclass(frozen=True)
@@ -69,6 +73,13 @@ def _nearest(points: Array, about: Singles, middle: Array, queries: Array) -> tu
         for n in range(len(bits)):
             least = min(least, bits[n])
         found = 0
+        while found + ABREAST <= len(bits):
+            here = np.int32(0)
+            for n in range(ABREAST):
+                here |= np.int32(bits[found + n] == least)
+            if here:
+                break
+            found += ABREAST
         while bits[found] != least:
             found += 1
         nearest[q], total = found, 0.0

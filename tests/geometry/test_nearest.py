@@ -1,6 +1,7 @@
 """Nearest neighbours found by comparing with all are those of a tree."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import KDTree
@@ -26,3 +27,11 @@ def test_points_themselves_are_found():
     away, nearest = nearest_of(points, np.repeat(points, 3, axis=0))
     np.testing.assert_allclose(away, 0.0, atol=1e-6)
     np.testing.assert_array_equal(nearest, np.repeat(np.arange(50), 3))
+
+
+@pytest.mark.parametrize("count", [1, 15, 16, 17, 31, 32, 47, 500])
+def test_each_place_is_found_and_of_equal_points_the_first(count):
+    points = np.random.default_rng(0).normal(size=(count, 3))
+    twice = np.concatenate([points, points])
+    _, nearest = nearest_of(twice, points)
+    np.testing.assert_array_equal(nearest, np.arange(count))

@@ -43,13 +43,26 @@ def test_of_points_equally_far_the_first_ones_are_taken():
     assert_allclose(weights, 1.0 / 3.0, rtol=1e-6)
 
 
-@pytest.mark.parametrize("stretched", [0, 1, 2])
-def test_on_a_lattice_the_first_of_many_equally_far_are_taken(stretched):
-    rng = np.random.default_rng(stretched)
-    support = rng.integers(0, 5, (120, 3)).astype(np.float32)  # some places twice
-    support[:, stretched] *= 2.0
-    queries = rng.integers(-3, 13, (200, 3)).astype(np.float32)
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("shift", [0.0, 1.0, 3.0, 1000.0])
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_on_a_grid_and_among_repeated_points_the_first_ones_are_taken(axis, shift, dtype):
+    rng = np.random.default_rng(axis)
+    steps = np.array([3, 3, 3])
+    steps[axis] = 9  # the axis along which points are put in order
+    support = rng.integers(0, steps, (120, 3)).astype(dtype)
+    queries = rng.integers(-2, steps + 2, (200, 3)).astype(dtype) + dtype(shift)
     squared = np.square(queries[:, None] - support[None]).sum(-1)
+    places, _ = found(queries, support)
+    assert_array_equal(places, squared.argsort(-1, kind="stable")[:, :3])
+
+
+@pytest.mark.parametrize("scale", [1e-23, 1e-20, 1e18])
+def test_where_squares_vanish_or_nearly_overflow_none_is_left_out(scale):
+    support = (drawn(60, 3) * np.float32(scale)).astype(np.float32)
+    queries = (drawn(80, 3, seed=1) * np.float32(scale)).astype(np.float32)
+    a, b, c = np.moveaxis(queries[:, None] - support[None], -1, 0)
+    squared = a * a + b * b + c * c
     places, _ = found(queries, support)
     assert_array_equal(places, squared.argsort(-1, kind="stable")[:, :3])
 

@@ -9,7 +9,7 @@ import pytest
 
 from pipelines import infer
 from pipelines.batch import BatchOptions, WorkItem, run_batch
-from pipelines.clusters import end_workers
+from pipelines.clusters import HUGE_PAGES, TUNABLES, end_workers
 from pipelines.configs import InferConfig
 from pipelines.errors import SymgraspError, UnknownNameError
 from pipelines.formats.files import read_json, write_json
@@ -61,6 +61,27 @@ def test_workers_that_are_ended_are_gone_and_others_do_the_next_batch(tmp_path):
         assert os.getpid() not in processes
         end_workers()
         assert not any(map(psutil.pid_exists, processes))
+
+
+def write_tunables(item):
+    tunables = os.environ.get(TUNABLES)
+    write_json(item.target, {"provenance": item.stamp.as_json(), "tunables": tunables})
+
+
+@pytest.mark.parametrize("users", [None, "glibc.malloc.check=0"])
+def test_workers_are_told_of_huge_pages_unless_the_user_tells_them_something(
+    tmp_path, monkeypatch, users
+):
+    if users is None:
+        monkeypatch.delenv(TUNABLES, raising=False)
+    else:
+        monkeypatch.setenv(TUNABLES, users)
+    end_workers()
+    (item,) = items(tmp_path, ["a"])
+    run_batch("toy", [item], write_tunables, replace(QUIET, workers=2))
+    end_workers()
+    assert read_json(item.target)["tunables"] == (users or HUGE_PAGES)
+    assert os.environ.get(TUNABLES) == users
 
 
 @pytest.fixture(scope="module")

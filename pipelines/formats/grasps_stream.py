@@ -135,11 +135,8 @@ class _Sizes:
 
     @classmethod
     def of(cls, parts: Sequence[FrameResult | Path]) -> "_Sizes":
-        regions, grasps, runs = 0, 0, 0
-        for part in parts:
-            if isinstance(part, Path):
-                more = shard_sizes(part)  # checked when it is read whole
-                regions, grasps, runs = regions + more[0], grasps + more[1], runs + more[2]
+        sizes = [shard_sizes(p) if isinstance(p, Path) else _size(p) for p in parts]
+        regions, grasps, runs = (sum(each) for each in zip((0, 0, 0), *sizes, strict=True))
         return cls(len(parts), regions, grasps, runs)
 
     def rows(self, group: str, name: str) -> int:
@@ -148,6 +145,10 @@ class _Sizes:
         return special.get(
             name, {"frames": self.frames, "regions": self.regions}.get(group, self.grasps)
         )
+
+
+def _size(result: FrameResult) -> tuple[int, ...]:
+    return len(result.regions), len(result.grasps), len(result.regions.mask_counts)
 
 
 def _tables(part: FrameResult | Path) -> Tables:

@@ -1,6 +1,7 @@
 """Batches on clusters: the same work in other processes, the same bytes whatever their number."""
 
 import os
+import subprocess
 import sys
 from dataclasses import replace
 
@@ -104,6 +105,35 @@ def alone(frames):
     output = frames.parent / "alone.h5"
     infer.run(infer.InferPaths(frames, output), PLANAR, QUIET)
     return output.read_bytes()
+
+
+WITHOUT_SEMAPHORES = """
+import _multiprocessing
+import sys
+
+class SemLock:
+    SEM_VALUE_MAX = 1
+
+    def __init__(self, *arguments, **names):
+        raise OSError(38, "Function not implemented")
+
+_multiprocessing.SemLock = SemLock
+from symgrasp_cli.app import main
+
+sys.argv = ["symgrasp", *sys.argv[1:]]
+main()
+"""
+
+
+def test_a_command_does_all_itself_where_the_system_has_no_semaphores(frames, tmp_path):
+    output = tmp_path / "grasps.h5"
+    command = [sys.executable, "-c", WITHOUT_SEMAPHORES, "infer", str(frames), "--out", str(output)]
+    options = ["--regions", "geometric", "--method", "planar", "--workers", "2"]
+    run = subprocess.run([*command, *options], capture_output=True, text=True, check=False)
+    assert "Traceback" not in run.stderr, run.stderr
+    assert run.returncode == 1
+    assert "torn_depth.png" in run.stderr
+    assert output.is_file()
 
 
 @pytest.fixture(scope="module")

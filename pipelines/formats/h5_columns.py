@@ -142,14 +142,18 @@ def coerce_columns(table: object, spec: ColumnSpec, length: int) -> None:
         length: of the first axis of every column.
 
     Raises:
-        ValueRangeError: a column has another shape.
+        ValueRangeError: a column has another shape, or holds what is not of its type.
     """
     for name, (trailing, dtype) in spec.items():
-        array: NDArray[Any] = np.asarray(getattr(table, name), dtype=dtype)
+        given, owner = getattr(table, name), type(table).__name__
+        try:
+            array: NDArray[Any] = np.asarray(given, dtype=dtype)
+        except (TypeError, ValueError) as error:
+            found, expected = f"of another type ({error})", f"of type {np.dtype(dtype)}"
+            raise ValueRangeError(f"{owner}.{name}", found, expected) from error
         if array.size == 0 and length == 0:
             array = array.reshape(0, *trailing)
         if array.shape != (length, *trailing):
-            raise ValueRangeError(
-                f"{type(table).__name__}.{name}", array.shape, f"of shape {(length, *trailing)}"
-            )
+            expected = f"of shape {(length, *trailing)}"
+            raise ValueRangeError(f"{owner}.{name}", array.shape, expected)
         object.__setattr__(table, name, array)

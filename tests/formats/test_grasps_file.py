@@ -164,6 +164,20 @@ def test_columns_of_unequal_length_are_refused(tmp_path: Path, results: list[Fra
         grasps_file.read(path)
 
 
+@pytest.mark.parametrize("column", ["grasps/width", "regions/box", "frames/seconds"])
+def test_texts_in_place_of_numbers_are_refused(
+    tmp_path: Path, results: list[FrameResult], column: str
+) -> None:
+    path = tmp_path / "g.h5"
+    grasps_file.write(path, results, STAMP)
+    with h5py.File(path, "a") as file:
+        texts = np.full(file[column].shape, "wide", dtype=h5py.string_dtype())
+        del file[column]
+        file[column] = texts
+    with pytest.raises(FormatError, match=rf"g\.h5: .*{column.split('/')[1]} .*wide"):
+        grasps_file.read(path)
+
+
 def test_a_file_of_a_later_version_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "g.h5"
     grasps_file.write(path, [], STAMP)

@@ -4,6 +4,7 @@ import dataclasses
 import hashlib
 import html
 import json
+import logging
 import re
 from collections.abc import Mapping
 from functools import lru_cache
@@ -17,6 +18,7 @@ from pipelines.errors import StaleOutputError
 from pipelines.formats.files import read_json, write_json
 from pipelines.formats.h5_files import open_h5
 
+log = logging.getLogger(__name__)
 # What must agree for an existing output to be reused; the version is recorded, not compared.
 COMPARED = ("stage", "config", "seed", "inputs")
 PAGE_STAMP = re.compile('<meta name="provenance" content="([^"]*)">')
@@ -163,4 +165,15 @@ def is_finished(target: Path, stamp: Stamp, *, overwrite: bool = False) -> bool:
     found, wanted = read_stamp(target) or {}, stamp.as_json()
     if any(found.get(key) != wanted[key] for key in COMPARED):
         raise StaleOutputError(target)
+    if found.get("version") != wanted["version"]:
+        _tell_of_version(str(found.get("version")), str(wanted["version"]))
     return True
+
+
+@lru_cache  # once a process: a stage may reuse thousands of files
+def _tell_of_version(found: str, installed: str) -> None:
+    log.warning(
+        "what is reused was made by symgrasp %s, installed is %s; --overwrite makes it anew",
+        found,
+        installed,
+    )

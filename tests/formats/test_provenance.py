@@ -92,3 +92,17 @@ def test_the_digest_of_a_folder_follows_names_and_contents(tmp_path):
     second = digest_folder(tmp_path, "*.h5")
     (tmp_path / "a.h5").rename(tmp_path / "b.h5")
     assert len({first, second, digest_folder(tmp_path, "*.h5")}) == 3
+
+
+def test_what_another_version_made_is_reused_and_named_once(tmp_path, caplog):
+    made = STAMP.as_json()
+    write_json(tmp_path / "new.json", {"provenance": made})
+    for name in ("a.json", "b.json"):
+        write_json(tmp_path / name, {"provenance": made | {"version": "0.0.7"}})
+    assert is_finished(tmp_path / "new.json", STAMP)
+    assert not caplog.messages
+    assert is_finished(tmp_path / "a.json", STAMP)
+    assert is_finished(tmp_path / "b.json", STAMP)
+    (said,) = caplog.messages
+    assert "made by symgrasp 0.0.7" in said
+    assert f"installed is {made['version']}" in said

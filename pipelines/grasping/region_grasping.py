@@ -1,6 +1,6 @@
 """From one region to ranked grasps: by symmetry, from the boundary, or at random."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,35 +56,63 @@ def plan_region(
         return RankedGrasps.empty()
     if completion is None:
         completion = completions([region], scene, [slots], config)[0]
-    turns = np.linspace(0.0, 2 * np.pi, config.num_approach_angles, endpoint=False)
     around = surroundings(region, scene, gripper, config)
     ranking = _ranking(region, scene, slots, completion.own, around, config, judge)
+    search = _Search(region, scene, slots, affordance, gripper, config, ranking, judge is not None)
+    pairs = search.across(slots, config)
+    found = search.best(pairs, around.with_unseen(completion.others), completion.own)
+    if len(found) or not len(completion.others):
+        return found
+    return search.best(pairs, around, completion.own)
 
-    def across(slots: SymmetrySlots, trusted: SelectionConfig) -> Candidates:
-        pairs = contact_pairs(region, scene, slots, affordance, gripper, trusted)
+
+@dataclass(frozen=True)
+class _Search:
+    """The search for the grasps of one region; fields as `plan_region` has them."""
+
+    region: RegionCloud
+    scene: SceneCloud
+    slots: SymmetrySlots
+    affordance: Array
+    gripper: Gripper
+    config: SelectionConfig
+    ranking: Ranking
+    is_judged: bool
+
+    def best(self, pairs: Candidates, around: Surroundings, own: Array) -> RankedGrasps:
+        """Return grasps of symmetric `pairs`, and of others where these do not serve.
+
+        `around`: what the hand must not touch; `own`: (m, 3) what symmetries put behind the
+        region, which planar grasps do not mind.
+        """
+        whole, turns = around.with_unseen(own), self._turns()
+        found = self._feasible(pairs, turns, whole)
+        if self._serve(found):
+            return found
+        flat = planar_candidates(self.region, self.scene, self.gripper, self.config)
+        found = joined(found, self._feasible(flat, PLANAR_TURNS, around), self.config)
+        if self._serve(found) or not self.is_judged:
+            return found
+        others = self.across(*_doubted(self.slots, self.config))
+        return joined(found, self._feasible(others, turns, whole), self.config)
+
+    def across(self, slots: SymmetrySlots, config: SelectionConfig) -> Candidates:
+        """Return contact pairs across those of `slots` that `config` trusts."""
+        region, scene = self.region, self.scene
+        pairs = contact_pairs(region, scene, slots, self.affordance, self.gripper, config)
         return _symmetric_candidates(pairs, region, scene)
 
-    def serves(found: RankedGrasps) -> bool:
-        return len(found) > 0 and (judge is None or found.rank_score[0] >= config.planar_below)
+    def _serve(self, found: RankedGrasps) -> bool:
+        if not len(found):
+            return False
+        return not self.is_judged or bool(found.rank_score[0] >= self.config.planar_below)
 
-    first = across(slots, config)
+    def _feasible(self, pairs: Candidates, turns: Array, around: Surroundings) -> RankedGrasps:
+        hand = self.gripper, self.config
+        return select(pairs, turns, self.region, self.scene, *hand, around, self.ranking)
 
-    def planned(around: Surroundings) -> RankedGrasps:
-        whole = around.with_unseen(completion.own)
-        found = select(first, turns, region, scene, gripper, config, whole, ranking)
-        if serves(found):
-            return found
-        flat = planar_candidates(region, scene, gripper, config)
-        planar = select(flat, PLANAR_TURNS, region, scene, gripper, config, around, ranking)
-        found = joined(found, planar, config)
-        if judge is None or serves(found):
-            return found
-        others = across(*_doubted(slots, config))
-        more = select(others, turns, region, scene, gripper, config, whole, ranking)
-        return joined(found, more, config)
-
-    found = planned(around.with_unseen(completion.others))
-    return found if len(found) or not len(completion.others) else planned(around)
+    def _turns(self) -> Array:
+        return np.linspace(0.0, 2 * np.pi, self.config.num_approach_angles, endpoint=False)
 
 
 def _ranking(

@@ -12,8 +12,8 @@ from contextlib import contextmanager
 from importlib import import_module
 from types import ModuleType
 
-from joblib import Parallel, parallel_config
-from joblib.externals.loky import reusable_executor
+from joblib import Parallel, effective_n_jobs, parallel_config
+from joblib.externals.loky import get_reusable_executor
 
 from pipelines.errors import SymgraspError, UnknownNameError
 
@@ -61,14 +61,12 @@ def _huge_pages() -> Iterator[None]:
 
 
 def end_workers() -> None:
-    """End the processes of loky that wait for more work; on its own torch leaves in seconds.
-
-    Its public `get_reusable_executor` would start an executor where there is none, and fails where
-    the system has no semaphores and joblib did the work in this process.
-    """
-    waiting = reusable_executor._executor
-    if waiting is not None:
-        waiting.shutdown(kill_workers=True)
+    """End the processes of loky that wait for more work; on its own torch leaves in seconds."""
+    # Where the system has no semaphores joblib works in this process, and loky cannot be asked.
+    with parallel_config(backend="loky"):
+        has_loky = effective_n_jobs(2) > 1
+    if has_loky:
+        get_reusable_executor(reuse=True).shutdown(kill_workers=True)
 
 
 @contextmanager

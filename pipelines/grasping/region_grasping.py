@@ -108,8 +108,16 @@ class _Search:
         return not self.is_judged or bool(found.rank_score[0] >= self.config.planar_below)
 
     def _feasible(self, pairs: Candidates, turns: Array, around: Surroundings) -> RankedGrasps:
-        hand = self.gripper, self.config
-        return select(pairs, turns, self.region, self.scene, *hand, around, self.ranking)
+        return select(
+            pairs,
+            turns,
+            self.region,
+            self.scene,
+            self.gripper,
+            self.config,
+            around,
+            self.ranking,
+        )
 
     def _turns(self) -> Array:
         return np.linspace(0.0, 2 * np.pi, self.config.num_approach_angles, endpoint=False)

@@ -154,27 +154,30 @@ def test_a_file_without_a_column_is_one_sentence(
         grasps_file.read(path)
 
 
+def replace_column(path: Path, name: str, content: np.ndarray) -> None:
+    with h5py.File(path, "a") as file:
+        del file[name]
+        file[name] = content
+
+
 def test_columns_of_unequal_length_are_refused(tmp_path: Path, results: list[FrameResult]) -> None:
     path = tmp_path / "g.h5"
     grasps_file.write(path, results, STAMP)
-    with h5py.File(path, "a") as file:
-        del file["grasps/affordance"]
-        file["grasps/affordance"] = np.zeros(2, np.float32)
+    replace_column(path, "grasps/affordance", np.zeros(2, np.float32))
     with pytest.raises(FormatError, match="disagree"):
         grasps_file.read(path)
 
 
-@pytest.mark.parametrize("column", ["grasps/width", "regions/box", "frames/seconds"])
+@pytest.mark.parametrize(("group", "name"), [("grasps", "width"), ("regions", "box")])
 def test_texts_in_place_of_numbers_are_refused(
-    tmp_path: Path, results: list[FrameResult], column: str
+    tmp_path: Path, results: list[FrameResult], group: str, name: str
 ) -> None:
     path = tmp_path / "g.h5"
     grasps_file.write(path, results, STAMP)
-    with h5py.File(path, "a") as file:
-        texts = np.full(file[column].shape, "wide", dtype=h5py.string_dtype())
-        del file[column]
-        file[column] = texts
-    with pytest.raises(FormatError, match=rf"g\.h5: .*{column.split('/')[1]} .*wide"):
+    numbers = getattr(getattr(grasps_file.read(path), group), name)
+    texts = np.full(numbers.shape, "wide", dtype=h5py.string_dtype())
+    replace_column(path, f"{group}/{name}", texts)
+    with pytest.raises(FormatError, match=rf"g\.h5: .*{name} .*wide"):
         grasps_file.read(path)
 
 

@@ -12,14 +12,10 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from typing import cast
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from pipelines.geometry.compiled import compiled
-
-Numbers = NDArray[np.floating]
+from pipelines.network.products import linear
 
 
 def taken_apart(features: Tensor) -> bool:
@@ -77,18 +73,12 @@ class CloudLinear(nn.Linear):
         found = super().forward(features)
         return found.relu_() if self.rectifies else found
 
-    def write(
+    def of_cloud(
         self,
         cloud: Tensor,  # (N, C)
-        out: Tensor,  # (N, out)
-    ) -> None:
-        """Set `out` to the features of one cloud's points."""
-        torch.mm(cloud, self.weight.t(), out=out)
-        bias = cast("Tensor | None", self.bias)
-        if bias is not None:
-            _shift(out.numpy(), bias.detach().numpy(), self.rectifies)
-        elif self.rectifies:
-            out.relu_()
+    ) -> Tensor:
+        """Return features (N, out) of one cloud's points, without gradients."""
+        return linear(cloud, self.weight, cast("Tensor | None", self.bias), self.rectifies)
 
 
 class CloudChain(nn.Sequential):
@@ -107,26 +97,13 @@ class CloudChain(nn.Sequential):
 
 def _through(layers: Iterable[CloudLinear], features: Tensor) -> Tensor:
     """Return what `layers` make of features (B, ..., C), one cloud after the other."""
-    *first, last = layers
-    found = features.new_empty((*features.shape[:-1], last.out_features))
-    clouds, outs = features.flatten(1, -2), found.flatten(1, -2)
-    between = [features.new_empty(clouds.shape[1], layer.out_features) for layer in first]
-    for cloud, out in zip(clouds, outs, strict=True):
-        for layer, hidden in zip(first, between, strict=True):
-            layer.write(cloud, hidden)
-            cloud = hidden  # noqa: PLW2901 - what goes on to the next layer
-        last.write(cloud, out)
+    layers = tuple(layers)
+    found = features.new_empty((*features.shape[:-1], layers[-1].out_features))
+    for cloud, out in zip(features.flatten(1, -2), found.flatten(1, -2), strict=True):
+        for layer in layers:
+            cloud = layer.of_cloud(cloud)  # noqa: PLW2901 - what goes on to the next layer
+        out.copy_(cloud)
     return found
-
-
-@compiled
-def _shift(values: Numbers, bias: Numbers, rectifies: bool) -> None:
-    """Add `bias` (c,) to rows (n, c); where it `rectifies`, nothing below zero is left."""
-    least = values.dtype.type(0.0 if rectifies else -np.inf)
-    for n in range(len(values)):
-        for c in range(values.shape[1]):
-            value = values[n, c] + bias[c]
-            values[n, c] = least if value < least else value
 
 
 class RowLinear(nn.Linear):

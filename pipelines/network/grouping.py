@@ -15,6 +15,7 @@ from torch import Tensor
 
 from pipelines.geometry.compiled import compiled
 from pipelines.network.cloudwise import each_cloud
+from pipelines.network.products import linear
 
 Numbers = NDArray[np.floating]
 Places = NDArray[np.int64]
@@ -80,13 +81,12 @@ def _pool_cloud(
     centers, members = neighbors.shape
     step = max(1, ROWS // members)
     hidden = weight.new_empty(min(step, centers) * members, weight.shape[1])
-    grouped = weight.new_empty(len(hidden), len(weight))
     for start in range(0, centers, step):
         some = slice(start, start + step)
         count = len(neighbors[some]) * members
         _rectify(projected, offset[some], neighbors[some], hidden.numpy())
-        torch.mm(hidden[:count], weight.t(), out=grouped[:count])
-        _maximize(grouped.numpy(), members, pooled[some], winners[some])
+        grouped = linear(hidden[:count], weight).numpy()
+        _maximize(grouped, members, pooled[some], winners[some])
 
 
 @compiled

@@ -1,6 +1,5 @@
 """What each point predicts from its feature: affordance, existence and symmetry (Fig. 5)."""
 
-from functools import reduce
 from itertools import pairwise
 
 import torch
@@ -8,13 +7,12 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from pipelines.network.cloudwise import CloudLinear, RowLinear
+from pipelines.network.leading_direction import leading_direction
 
 NUM_SLOTS = 5  # M of Eq. 7: three reflections, one rotation, one sphere
 NUM_DIRECTIONS = 4  # slots with a direction: all but the sphere
 ROTATION_SLOT, SPHERE_SLOT = 3, 4
 FIRST_OUTPUTS = 0.3  # how large, against what keeps the variance
-POWER_STEPS = 4  # squarings: the second eigenvalue fades as its share to the power of 16
-POSITIVE_SHIFT = 1.2  # no eigenvalue of a matrix with six numbers of unit length is below -1.2
 
 
 def mlp(in_dim: int, hidden: tuple[int, int, int], out_dim: int) -> nn.Sequential:
@@ -64,51 +62,3 @@ class Heads(nn.Module):
         six = parameters[..., 3 * NUM_SLOTS :].view(*shape, NUM_DIRECTIONS, 6)
         direction = functional.pad(leading_direction(six), (0, 0, 0, 1))
         return self.affordance(features)[..., 0], self.existence(telling), center, direction
-
-
-def leading_direction(
-    six: Tensor,  # (..., 6)
-) -> Tensor:
-    """Return the unit eigenvector (..., 3) of the largest eigenvalue of a symmetric matrix.
-
-    `six` holds xx, yy, zz, xy, xz, yz. The matrix is made positive and squared until its columns
-    are all along that eigenvector; the longest one is taken. Entries are the first axis, not the
-    last: a product of many 3 x 3 matrices is then a few sums of long rows.
-    """
-    six = six.movedim(-1, 0).contiguous()
-    six = six / (_length(six) + 1e-6)
-    power = (*(six[:3] + POSITIVE_SHIFT).unbind(), *six[3:].unbind())
-    for _ in range(POWER_STEPS):
-        # Never out of range: eigenvalues are between 0.6 and 2.2, their power of 16 is not large.
-        power = _squared(*power)
-    xx, yy, zz, xy, xz, yz = power
-    column = torch.where(yy > xx, torch.stack([xy, yy, yz]), torch.stack([xx, xy, xz]))
-    column = torch.where(zz > torch.maximum(xx, yy), torch.stack([xz, yz, zz]), column)
-    return (column / _length(column)).movedim(0, -1)
-
-
-def _length(
-    vectors: Tensor,  # (C, ...)
-) -> Tensor:
-    """Return the lengths (...) of vectors, the same ones wherever in a row a vector stands.
-
-    `Tensor.norm` is slow where C is not the last axis, and `sum` depends on the place.
-    """
-    squared: Tensor = reduce(torch.add, vectors.square())
-    return (squared + 1e-24).sqrt()  # finite gradient at zero
-
-
-def _squared(
-    xx: Tensor, yy: Tensor, zz: Tensor, xy: Tensor, xz: Tensor, yz: Tensor
-) -> tuple[Tensor, ...]:
-    """Return the six numbers, each (...), of the squares of symmetric matrices."""
-    # Not `addcmul`, which rounds a row's last elements otherwise than its first ones.
-    xy_xy, xz_xz, yz_yz = xy * xy, xz * xz, yz * yz
-    return (
-        (xx * xx).add_(xy_xy).add_(xz_xz),
-        (yy * yy).add_(xy_xy).add_(yz_yz),
-        (zz * zz).add_(xz_xz + yz_yz),
-        (xx * xy).add_(xy * yy).add_(xz * yz),
-        (xx * xz).add_(xy * yz).add_(xz * zz),
-        (xy * xz).add_(yy * yz).add_(yz * zz),
-    )

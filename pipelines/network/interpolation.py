@@ -1,8 +1,4 @@
-"""Interpolation from a coarse cloud to a finer one, compiled: who is near, and the weighted sum.
-
-The coarse points stand in order along the axis on which they spread most, and a query looks at
-those beside its place, outward until that axis alone parts them farther than the third nearest is.
-"""
+"""Interpolation from a coarse cloud to a finer one, compiled: weighted sums and their gradients."""
 
 from functools import partial
 from typing import Any
@@ -17,71 +13,6 @@ from pipelines.network.cloudwise import each_cloud
 
 Numbers = NDArray[np.floating]
 Places = NDArray[np.int64]
-
-TINY = 1e-8  # keeps weights finite where a query is one of the points
-
-
-@compiled
-def find_three_nearest(
-    queries: Numbers, support: Numbers, places: Places, weights: Numbers
-) -> None:
-    """Set (m, 3) to the points (n, 3) nearest to each query (m, 3), and to their weights.
-
-    Weights are inverse squared distances that sum to one; those of points that are not there,
-    where n is less than 3, are zero. Of points equally far the first ones are taken.
-    """
-    one, tiny = weights.dtype.type(1.0), weights.dtype.type(TINY)
-    axis = _widest(support)
-    order = np.argsort(support[:, axis])
-    along = support[order, axis]
-    squared, near = np.empty(3, support.dtype), np.empty(3, np.int64)
-    for m in range(len(queries)):
-        x, y, z, at = queries[m, 0], queries[m, 1], queries[m, 2], queries[m, axis]
-        squared[:], near[:] = np.inf, 0
-        above = np.searchsorted(along, at)
-        below = above - 1
-        # A sum of squares comes out no smaller than one of them, however it is rounded.
-        while above < len(along) and (along[above] - at) * (along[above] - at) <= squared[2]:
-            n = order[above]
-            a, b, c = x - support[n, 0], y - support[n, 1], z - support[n, 2]
-            _insert(a * a + b * b + c * c, n, squared, near)
-            above += 1
-        while below >= 0 and (along[below] - at) * (along[below] - at) <= squared[2]:
-            n = order[below]
-            a, b, c = x - support[n, 0], y - support[n, 1], z - support[n, 2]
-            _insert(a * a + b * b + c * c, n, squared, near)
-            below -= 1
-        total = weights.dtype.type(0.0)
-        for k in range(3):
-            places[m, k], weights[m, k] = near[k], one / (squared[k] + tiny)
-            total += weights[m, k]
-        for k in range(3):
-            weights[m, k] /= total
-
-
-@compiled
-def _widest(points: Numbers) -> int:
-    """Return the axis along which `points` (n, 3) spread most."""
-    widest, most = 0, -1.0
-    for axis in range(points.shape[1]):
-        spread = points[:, axis].max() - points[:, axis].min()
-        if spread > most:
-            widest, most = axis, spread
-    return widest
-
-
-@compiled
-def _insert(d: float, place: int, squared: Numbers, near: Places) -> None:
-    """Put a point among the three nearest (3,) if it is one of them."""
-    if d > squared[2]:
-        return
-    k = 3
-    while k > 0 and (d < squared[k - 1] or (d == squared[k - 1] and place < near[k - 1])):
-        if k < 3:
-            squared[k], near[k] = squared[k - 1], near[k - 1]
-        k -= 1
-    if k < 3:
-        squared[k], near[k] = d, place
 
 
 def interpolated(

@@ -131,10 +131,9 @@ class FoldedPropagation(nn.Module):
             told: Tensor = self.joined(torch.relu(interpolated + self.fine(features)))
             return told
         found: Tensor = coarse.new_empty(*features.shape[:2], self.joined.out_features)
-        hidden = coarse.new_empty(features.shape[1], self.fine.out_features)
         near = zip(*(each.numpy() for each in (coarse, index, weight)), strict=True)
         for cloud, out, (rows, places, weights) in zip(features, found, near, strict=True):
-            self.fine.write(cloud, hidden)
+            hidden = self.fine.of_cloud(cloud)
             add_interpolated(True, rows, places, weights, hidden.numpy())
-            self.joined.write(hidden, out)
+            out.copy_(self.joined.of_cloud(hidden))
         return found

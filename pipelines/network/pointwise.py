@@ -4,7 +4,8 @@ Torch's own convolution, on one thread, first copies such maps into another layo
 """
 
 from torch import Tensor, nn
-from torch.nn import functional
+
+from pipelines.network.products import linear
 
 
 class Pointwise(nn.Module):
@@ -19,7 +20,9 @@ class Pointwise(nn.Module):
         image: Tensor,  # (B, C, h, w)
     ) -> Tensor:
         """Return (B, D, h, w), as the convolution does."""
-        return functional.linear(image.movedim(1, -1), self.weight, self.bias).movedim(-1, 1)
+        places = image.movedim(1, -1)
+        made = linear(places.flatten(0, -2), self.weight, self.bias)
+        return made.unflatten(0, places.shape[:-1]).movedim(-1, 1)
 
 
 def replace_pointwise(network: nn.Module) -> None:

@@ -1,27 +1,19 @@
 """Which points a layer looks at: farthest points, nearest neighbours, three-nearest weights.
 
-On the CPU compiled code answers (fpsample, OpenCV's KD-tree, which is exact and works in single
-precision, and for three neighbours a loop of ours), one cloud a thread; elsewhere plain torch does.
+On the CPU loops of ours answer, one cloud a thread; elsewhere plain torch does. Both compare the
+same squares in single precision, so that devices agree on all but the order of points equally far.
 Nothing here has a gradient: indices do not, and interpolation weights are of fixed points.
 """
 
-import cv2
-import fpsample
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
 from pipelines.network.cloudwise import each_cloud
-from pipelines.network.interpolation import TINY, find_three_nearest, interpolated
+from pipelines.network.interpolation import interpolated
+from pipelines.network.neighbors import find_farthest, find_nearest, find_three_nearest
 
-Places = NDArray[np.int64]
-
-# Below these sizes one batched tensor operation is quicker than a call for each cloud.
-SMALL_CLOUD = 96
-SMALL_SUPPORT = 48
-KD_TREE: dict[str, bool | int | float | str] = {"algorithm": 4}  # FLANN's number of its exact tree
+TINY = 1e-8  # keeps weights finite where a query is one of the points
 
 
 @torch.no_grad()
@@ -31,19 +23,14 @@ def farthest_points(
 ) -> Tensor:
     """Return indices (B, count) of points far from each other, the same ones each time.
 
-    After a first point (D. 62), each next one is the farthest from all that were chosen before.
+    After the first point, each next one is the farthest from all that were chosen before.
     """
     if count >= points.shape[1]:
         return torch.arange(points.shape[1], device=points.device).expand(points.shape[:2])
-    if points.device.type != "cpu" or points.shape[1] <= SMALL_CLOUD:
-        return _farthest_points_torch(points, count)
-    height = 3 if points.shape[1] < 1024 else 4  # of fpsample's tree, the quickest when tried
-
-    def sample(cloud: NDArray[np.float32], out: Places) -> None:
-        out[:] = fpsample.bucket_fps_kdline_sampling(cloud, count, h=height, start_idx=0)
-
+    if not _have_loops(points):
+        return _farthest_points_torch(points.float(), count)
     chosen = torch.empty(len(points), count, dtype=torch.int64)
-    each_cloud(sample, points.float(), chosen)
+    each_cloud(find_farthest, points.float(), chosen)
     return chosen
 
 
@@ -52,8 +39,8 @@ def _farthest_points_torch(points: Tensor, count: int) -> Tensor:
     chosen = torch.zeros(len(points), count, dtype=torch.int64, device=points.device)
     distance = torch.full(points.shape[:2], torch.inf, device=points.device)
     for i in range(1, count):
-        offset = points - points[batch, chosen[:, i - 1]][:, None]
-        distance = torch.minimum(distance, offset.square().sum(-1))
+        last = points[batch, chosen[:, i - 1]][:, None]
+        distance = torch.minimum(distance, _squared_gap(points, last))
         chosen[:, i] = distance.argmax(-1)
     return chosen
 
@@ -65,14 +52,10 @@ def nearest_neighbors(
     count: int,
 ) -> Tensor:
     """Return indices (B, M, min(count, N)) of the support points nearest to each query."""
-    if queries.device.type != "cpu" or support.shape[1] <= SMALL_SUPPORT:
-        return _nearest_torch(queries, support, count)[1]
-
-    def search(at: NDArray[np.float32], cloud: NDArray[np.float32], out: Places) -> None:
-        out[:] = cv2.flann.Index(cloud, KD_TREE).knnSearch(at, out.shape[1])[0]
-
+    if not _have_loops(queries):
+        return _nearest_torch(queries, support, count)
     index = torch.empty(*queries.shape[:2], min(count, support.shape[1]), dtype=torch.int64)
-    each_cloud(search, queries.float(), support.float(), index)
+    each_cloud(find_nearest, queries.float(), support.float(), index)
     return index
 
 
@@ -86,13 +69,14 @@ def three_nearest(
     Weights are inverse squared distances that sum to one, as PointNet++ has them. Where there are
     fewer than three points, weights of zero (on a CPU) or fewer columns take the others' place.
     """
-    if queries.device.type == "cpu":
+    if _have_loops(queries):
         index = queries.new_empty(*queries.shape[:2], 3, dtype=torch.int64)
-        weight = queries.new_empty(index.shape)
-        each_cloud(find_three_nearest, queries, support, index, weight)
-        return index, weight
-    squared_distance, index = _nearest_torch(queries, support, 3)
-    weight = 1.0 / (squared_distance + TINY)
+        squared_gap = queries.new_empty(index.shape)
+        each_cloud(find_three_nearest, queries, support, index, squared_gap)
+    else:
+        index = _nearest_torch(queries, support, 3)
+        squared_gap = _squared_gap(queries[:, :, None], gather(support, index))
+    weight = 1.0 / (squared_gap + TINY)
     return index, weight / weight.sum(-1, keepdim=True)
 
 
@@ -126,7 +110,16 @@ def _flat(values: Tensor, index: Tensor) -> Tensor:
     return index + start.view(-1, *[1] * (index.dim() - 1))
 
 
-def _nearest_torch(queries: Tensor, support: Tensor, count: int) -> tuple[Tensor, Tensor]:
-    squared = (queries[:, :, None] - support[:, None]).square().sum(-1)
-    distance, index = squared.topk(min(count, support.shape[1]), dim=-1, largest=False)
-    return distance, index
+def _have_loops(points: Tensor) -> bool:
+    return points.device.type == "cpu"
+
+
+def _nearest_torch(queries: Tensor, support: Tensor, count: int) -> Tensor:
+    squared = _squared_gap(queries.float()[:, :, None], support.float()[:, None])
+    return squared.topk(min(count, support.shape[1]), dim=-1, largest=False)[1]
+
+
+def _squared_gap(points: Tensor, others: Tensor) -> Tensor:
+    """Return squared distances, summed in the order that the loops sum in."""
+    x, y, z = (points - others).unbind(-1)
+    return x * x + y * y + z * z

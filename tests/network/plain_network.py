@@ -11,10 +11,9 @@ from torch import Tensor
 from torch.nn import functional
 
 from pipelines.configs import NetworkConfig
-from pipelines.network.heads import POSITIVE_SHIFT
+from pipelines.network.leading_direction import POSITIVE_SHIFT
 from pipelines.network.model import UNITS_PER_METER, Prediction
 from pipelines.network.pift import MAX_LOG_SCALE, MAX_POINTS
-from pipelines.network.sampling import farthest_points
 
 
 @dataclass(frozen=True)
@@ -144,12 +143,9 @@ class PlainNetwork:
 
 
 def farthest(points: Tensor, count: int) -> list[int]:
-    """Return the greedy farthest points of a cloud (N, 3); the first is the fast network's own."""
+    """Return the first of a cloud's points (N, 3) and those farthest from it, greedily."""
     points = points.float()
-    chosen, distance = (
-        [int(farthest_points(points[None], 1))],
-        torch.full((len(points),), torch.inf),
-    )
+    chosen, distance = [0], torch.full((len(points),), torch.inf)
     while len(chosen) < min(count, len(points)):
         distance = torch.minimum(distance, (points - points[chosen[-1]]).square().sum(-1))
         chosen.append(int(distance.argmax()))

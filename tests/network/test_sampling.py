@@ -20,19 +20,26 @@ def naive_farthest(cloud, count, first):
     return chosen
 
 
-@pytest.mark.parametrize("count", [60, 300, 1500])  # torch, then both trees of fpsample
+@pytest.fixture(params=[True, False], ids=["loops", "torch"])
+def loops(request, monkeypatch):
+    monkeypatch.setattr(sampling, "_have_loops", lambda _: request.param)
+
+
+@pytest.mark.usefixtures("loops")
+@pytest.mark.parametrize("count", [60, 1500])
 def test_farthest_points_are_those_of_the_greedy_rule(count):
     points = clouds(2, count)
     found = sampling.farthest_points(points, 24).numpy()
     for cloud, chosen in zip(points.numpy(), found, strict=True):
-        assert chosen.tolist() == naive_farthest(cloud, 24, int(chosen[0]))
+        assert chosen.tolist() == naive_farthest(cloud, 24, 0)
 
 
 def test_a_cloud_smaller_than_the_sample_is_taken_whole():
     assert_array_equal(sampling.farthest_points(clouds(2, 5), 9).numpy(), [[0, 1, 2, 3, 4]] * 2)
 
 
-@pytest.mark.parametrize("count", [20, 200])  # topk, KD-tree
+@pytest.mark.usefixtures("loops")
+@pytest.mark.parametrize("count", [20, 200])
 def test_neighbors_are_the_nearest(count):
     queries, support = clouds(2, 30, 1), clouds(2, count, 2)
     found = sampling.nearest_neighbors(queries, support, 7).numpy()
@@ -44,6 +51,7 @@ def test_no_more_neighbors_are_returned_than_there_are():
     assert sampling.nearest_neighbors(clouds(1, 4), clouds(1, 3), 16).shape == (1, 4, 3)
 
 
+@pytest.mark.usefixtures("loops")
 @pytest.mark.parametrize("count", [20, 200])
 def test_interpolation_is_the_mean_by_inverse_squared_distance(count):
     queries, support = clouds(2, 30, 3), clouds(2, count, 4)
@@ -73,3 +81,13 @@ def test_gather_picks_from_each_cloud_its_own():
     values = torch.arange(12.0).view(2, 3, 2)
     index = torch.tensor([[[2, 0]], [[1, 1]]])
     assert sampling.gather(values, index).tolist() == [[[[4, 5], [0, 1]]], [[[8, 9], [8, 9]]]]
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("size", [1, 2])
+def test_points_that_are_not_there_weigh_nothing(size, dtype):
+    places, weights = sampling.three_nearest(clouds(1, 70).to(dtype), clouds(1, size, 1).to(dtype))
+    assert weights.dtype == dtype
+    assert_array_equal(weights[0, :, size:], 0.0)
+    assert_allclose(weights.sum(-1), 1.0, rtol=1e-6)
+    assert ((places >= 0) & (places < size)).all()

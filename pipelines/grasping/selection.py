@@ -12,14 +12,15 @@ from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.quantiles import quantiles
 from pipelines.geometry.transforms import unit
 from pipelines.grasping.candidates import Candidates, RankedGrasps
-from pipelines.grasping.collision import clearance, first_free, lowest_height, turned
+from pipelines.grasping.collision import clearance, first_free, turned
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.observation import RegionCloud, SceneCloud, Surroundings
 from pipelines.grasping.ranking import Ranking
+from pipelines.grasping.spare_room import with_spare_room
 from pipelines.grasping.suppression import different
 from pipelines.grasping.visibility import seen_share
-from pipelines.grasping.way_in import way_is_free
+from pipelines.grasping.way_in import keeps_off_table, way_is_free
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -70,7 +71,7 @@ def select(
             )
             kept = different(ranked.grasps, config.nms_distance, config.nms_angle, way_in)
             if len(kept):
-                return ranked[kept]
+                return with_spare_room(ranked[kept], scene, gripper, config, around)
     return RankedGrasps.empty()
 
 
@@ -115,8 +116,7 @@ def _reachable(
         allowed = scene.limits.allow(hands)
         hands, row = hands[allowed], row[allowed]
     if plane is not None:
-        swept = gripper.swept(config.approach_distance)
-        high = lowest_height(hands, swept, plane) >= config.min_table_distance
+        high = keeps_off_table(hands, plane, gripper, config)
         hands, row = hands[high], row[high]
     return hands, row
 

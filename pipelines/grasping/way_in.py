@@ -9,11 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import SelectionConfig
-from pipelines.grasping.collision import Obstacles, meets
+from pipelines.geometry.pointcloud import Plane
+from pipelines.grasping.collision import Obstacles, lowest_height, meets
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
 
 Mask = NDArray[np.bool_]
+
+
+def keeps_off_table(
+    grasps: Grasps, table: Plane, gripper: Gripper, config: SelectionConfig
+) -> Mask:
+    """Return (n,) which hands stay above the `table`, from `approach_distance` back to the pose."""
+    swept = gripper.swept(config.approach_distance)
+    return np.asarray(lowest_height(grasps, swept, table) >= config.min_table_distance)
 
 
 def way_is_free(

@@ -22,7 +22,7 @@ class Pointwise(nn.Module):
         """Return (B, D, h, w), as the convolution does."""
         places = image.movedim(1, -1)
         made = linear(places.flatten(0, -2), self.weight, self.bias)
-        return made.unflatten(0, places.shape[:-1]).movedim(-1, 1)
+        return made.view(*places.shape[:-1], len(self.weight)).movedim(-1, 1)
 
 
 def replace_pointwise(network: nn.Module) -> None:

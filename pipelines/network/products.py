@@ -30,6 +30,6 @@ def _is_for_onednn(rows: Tensor) -> bool:
         rows.dtype is torch.float32
         and rows.device.type == "cpu"
         and len(rows) > 0
-        and torch.backends.mkldnn.is_available()
+        and torch.backends.mkldnn.is_available()  # type: ignore[no-untyped-call]
         and not torch.is_grad_enabled()
     )

@@ -44,12 +44,15 @@ def gripper_points(grasps, index, scene):
 def test_a_symmetric_box_is_held_across_its_planes():
     pose, scene, region = seen([Box((0.06, 0.09, 0.1))])
     slots = box_planes(pose, 0.1)
-    found = plan_region(region, scene, slots, np.ones(len(region)), GRIPPER, CONFIG)
+    config = replace(CONFIG, spare_room=())
+    found = plan_region(region, scene, slots, np.ones(len(region)), GRIPPER, config)
     assert set(found.source) == {"network"}
     closing = np.abs(rotate_vectors(invert(pose), found.grasps.closing))
     width = np.where(found.slot == 0, 0.06, 0.09)
     np.testing.assert_allclose(found.grasps.width, width, atol=0.006)
     assert (closing[np.arange(len(found)), found.slot] > 0.99).all()
+    roomy = plan_region(region, scene, slots, np.ones(len(region)), GRIPPER, CONFIG)
+    np.testing.assert_allclose(roomy.grasps.width - found.grasps.width, CONFIG.spare_room[0])
 
 
 def test_without_a_symmetry_the_boundary_serves():

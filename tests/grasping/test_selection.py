@@ -21,7 +21,7 @@ from pipelines.grasping.selection import select, surroundings
 from pipelines.grasping.suppression import are_near
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
 
-CONFIG = SelectionConfig()
+CONFIG = SelectionConfig(spare_room=())  # which has tests of its own
 GRIPPER = load_gripper("rg2")
 TURNS = np.radians(np.arange(0, 360, 30))
 metres = st.floats(0.0, 0.2)

@@ -42,13 +42,10 @@ def with_spare_room(
         fits = is_feasible(wider, scene, gripper, config, around)
         translation[waiting[fits]], width[waiting[fits]] = middle[fits], wider.width[fits]
         waiting = waiting[~fits]
-    widened = np.flatnonzero(width > grasps.width)
-    grasps, room_about = (
-        Grasps.unchecked(grasps.rotation, translation, width),
-        found.clearance.copy(),
-    )
-    room_about[widened] = clearance(grasps[widened], gripper, around.others, config.clearance_cap)
-    return replace(found, grasps=grasps, clearance=room_about)
+    widened, free = np.flatnonzero(width > grasps.width), found.clearance.copy()
+    grasps = Grasps.unchecked(grasps.rotation, translation, width)
+    free[widened] = clearance(grasps[widened], gripper, around.others, config.clearance_cap)
+    return replace(found, grasps=grasps, clearance=free)
 
 
 def is_feasible(

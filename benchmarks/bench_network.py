@@ -130,7 +130,8 @@ def _linear_flops(rows: Sequence[int], weight: Sequence[int], *_: object, **__: 
     return 2 * int(np.prod(rows)) * weight[0]
 
 
-_COUNTED = {torch.ops.mkldnn._linear_pointwise: _linear_flops}
+_HAS_ONEDNN = torch.backends.mkldnn.is_available()  # type: ignore[no-untyped-call]
+_COUNTED = {torch.ops.mkldnn._linear_pointwise: _linear_flops} if _HAS_ONEDNN else {}
 
 
 def _regions(size: int, count: int) -> RegionBatch:

@@ -71,10 +71,10 @@ ROWS = (  # those that answer the paper's claims first: the table grows in this 
         infer=UNFITTED,
         network="no-siamese",
     ),
-    Row(TOLD, "PIFT, symmetries told in the camera frame", train=("--no-undo-predictions",)),
+    Row(TOLD, "PIFT, seen and told in the camera frame", train=("--no-canonical-frame",)),
     Row(
         f"plain-{TOLD}",
-        "as the paper, told in the camera frame",
+        "as the paper, seen and told in the camera frame",
         None,
         PLAIN,
         infer=UNFITTED,

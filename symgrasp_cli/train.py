@@ -60,8 +60,8 @@ def train(
         float, typer.Option(min=0.01, help="Epochs after which the rate drops by a tenth.")
     ] = TrainConfig.decay_epochs,
     pift: Annotated[bool, typer.Option(help="Deform points before aggregation (Eq. 3).")] = True,
-    undo_predictions: Annotated[
-        bool, typer.Option(help="Tell symmetries in PIFT's frame, and bring them back with it.")
+    canonical_frame: Annotated[
+        bool, typer.Option(help="See points, and tell symmetries, in PIFT's frame.")
     ] = True,
     siamese: Annotated[
         bool, typer.Option(help="Ask for the same features in a scaled copy (Fig. 3).")
@@ -85,7 +85,7 @@ def train(
 
     share = 0.0 if endless is None else 1.0 if packed is None else endless_share
     config = TrainConfig(
-        network=NetworkConfig(use_pift=pift, undo_predictions=undo_predictions),
+        network=NetworkConfig(use_pift=pift, canonical_frame=canonical_frame),
         epochs=epochs,
         batch_size=batch_size,
         micro_batch_size=micro_batch,

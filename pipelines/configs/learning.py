@@ -50,7 +50,7 @@ class NetworkConfig:
     set_neighbors: tuple[int, int, int, int] = (16, 16, 16, 32)  # the last: all of its level
     set_strides: tuple[int, int, int, int] = (3, 1, 1, 1)  # every how many-th point is a neighbour
     use_pift: bool = True  # Table IV, "No PIFT" is False
-    undo_predictions: bool = True  # symmetries are told in PIFT's first frame; D. 83
+    canonical_frame: bool = True  # points are seen, symmetries told, in PIFT's; D. 83, D. 95
 
 
 @dataclass(frozen=True)

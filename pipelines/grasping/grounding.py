@@ -38,8 +38,8 @@ TURNS = np.radians([60.0, 120.0, 180.0, 240.0, 300.0])
 
 # Logistic regression of truth on (1, existence, support, consistency), `docs/calibrate_trust.py`.
 WEIGHTS = {
-    "rotation": (-31.2, 6.7, 3.4, 26.4),
-    "sphere": (-18.3, 5.9, 19.2, 9.8),
+    "rotation": (-24.0, 6.1, 4.2, 19.1),
+    "sphere": (-16.8, 4.7, 18.3, 8.7),
 }
 
 

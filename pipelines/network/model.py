@@ -60,7 +60,7 @@ class SymmetryGraspNet(nn.Module):
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
         self.sees_height = config.input_frame == "table"
-        self.undoes_predictions = config.use_pift and config.undo_predictions
+        self.is_canonical = config.use_pift and config.canonical_frame
         dims = [4 if self.sees_height else 3, *(widths[-1] for widths in SET_DIMS)]
         sizes = zip(config.set_points, config.set_neighbors, config.set_strides, strict=True)
         self.set_abstractions = nn.ModuleList(
@@ -105,27 +105,37 @@ class SymmetryGraspNet(nn.Module):
         if self.sees_height:
             ground = points.new_zeros(len(points)) if ground is None else ground
             first = torch.cat([points, _heights(points, ground * UNITS_PER_METER)], -1)
-        sampled, aggregated, told = self._abstract(0, points, first)
-        levels = [(points, first), (sampled, aggregated)]
+        canonical = self._deformation(0, points, first)
+        if canonical is not None and self.is_canonical:
+            first = torch.cat([canonical.deform(points), first[..., 3:]], -1)
+        levels = [(points, first), self._abstract(0, points, first, canonical)]
         for i in range(1, 4):
-            levels.append(self._abstract(i, *levels[-1])[:2])
+            levels.append(self._abstract(i, *levels[-1], self._deformation(i, *levels[-1])))
         if query is not None:
             levels[0] = (gather(points, query), gather(first, query))
         coarse_points, coarse = levels[4]
         for i in (3, 2, 1, 0):
             coarse = self.propagations[i](*levels[i], coarse_points, coarse)
             coarse_points = levels[i][0]
-        return PointFeatures(coarse, told if self.undoes_predictions else None)
+        return PointFeatures(coarse, canonical if self.is_canonical else None)
+
+    def _deformation(self, level: int, points: Tensor, features: Tensor) -> Deformation | None:
+        """Return T_i."""
+        if self.pifts is None:
+            return None
+        found: Deformation = self.pifts[level](points, features)
+        return found
 
     def _abstract(
-        self, level: int, points: Tensor, features: Tensor
-    ) -> tuple[Tensor, Tensor, Deformation | None]:
-        """Return P_{i+1}, axes of P_0, E_{i+1} and T_i."""
-        if self.pifts is None:
-            return *self.set_abstractions[level](points, features), None
-        deformation = self.pifts[level](points, features)
-        deformed, aggregated = self.set_abstractions[level](deformation.deform(points), features)
-        return deformation.undo(deformed), aggregated, deformation
+        self, level: int, points: Tensor, features: Tensor, deformation: Deformation | None
+    ) -> tuple[Tensor, Tensor]:
+        """Return P_{i+1}, axes of P_0, and E_{i+1}."""
+        abstraction = self.set_abstractions[level]
+        if deformation is None:
+            sampled, aggregated = abstraction(points, features)
+            return sampled, aggregated
+        deformed, aggregated = abstraction(deformation.deform(points), features)
+        return deformation.undo(deformed), aggregated
 
     def predict(self, features: PointFeatures, every: int = 1) -> Prediction:
         """Return what the heads make of point features; `every` how many-th tells symmetries."""

@@ -123,7 +123,7 @@ def test_rows_differ_from_the_full_method_in_what_they_leave_out_and_nothing_els
     full = trained[FULL]
     assert sorted(set(trained["no-pift"]) - set(full)) == ["--no-pift"]
     assert sorted(set(trained["no-siamese"]) - set(full)) == ["--no-siamese"]
-    assert sorted(set(trained[TOLD]) - set(full)) == ["--no-undo-predictions"]
+    assert sorted(set(trained[TOLD]) - set(full)) == ["--no-canonical-frame"]
     assert set(trained["no-refinement"]) - set(full) == {"unrefined"}
     assert "uncut" in trained["no-regions"]
 

@@ -28,7 +28,7 @@ class PlainNetwork:
         """Return predictions (B, N, ...) at points (B, N, 3), metres; the table is unknown."""
         features = torch.stack([self._features(cloud * UNITS_PER_METER) for cloud in clouds])
         affordance, existence, center, direction = self._heads(features)
-        if self.use_pift and self.config.undo_predictions:
+        if self.use_pift and self.config.canonical_frame:
             for b, cloud in enumerate(clouds):
                 T, about = self._pift(
                     0, cloud * UNITS_PER_METER, self._first(cloud * UNITS_PER_METER)
@@ -45,9 +45,11 @@ class PlainNetwork:
         return torch.cat([points, unknown], 1) if self.config.input_frame == "table" else points
 
     def _features(self, points: Tensor) -> Tensor:
-        levels = [(points, self._first(points))]
-        for level in range(4):
+        first = self._first(points)
+        levels = [(points, first), self._abstract(0, points, first)]
+        for level in range(1, 4):
             levels.append(self._abstract(level, *levels[-1]))
+        levels[0] = points, self._content(0, points, first)
         coarse_points, coarse = levels[4]
         for level in (3, 2, 1, 0):
             fine_points, fine = levels[level]
@@ -59,8 +61,16 @@ class PlainNetwork:
         if not self.use_pift:
             return self._set_abstraction(level, points, features)
         T, center = self._pift(level, points, features)  # Eq. 3
-        sampled, pooled = self._set_abstraction(level, (points - center) @ T.T + center, features)
+        content = self._content(level, points, features)
+        sampled, pooled = self._set_abstraction(level, (points - center) @ T.T + center, content)
         return (sampled - center) @ torch.linalg.inv(T).T + center, pooled  # Eqs. 4, 5
+
+    def _content(self, level: int, points: Tensor, features: Tensor) -> Tensor:
+        """What is aggregated: at the first level coordinates among the deformed points."""
+        if level or not (self.use_pift and self.config.canonical_frame):
+            return features
+        T, center = self._pift(0, points, features)
+        return torch.cat([(points - center) @ T.T + center, features[:, 3:]], 1)
 
     def _pift(self, level: int, points: Tensor, features: Tensor) -> tuple[Tensor, Tensor]:
         name, center = f"pifts.{level}", points.mean(0)

@@ -59,9 +59,9 @@ def assert_alike(one, other, points, **tolerance):
         torch.testing.assert_close(found, expected, **tolerance)
 
 
-@pytest.mark.parametrize("undone", [False, True])
-def test_it_says_what_the_equations_say(undone):
-    config = replace(SMALL, undo_predictions=undone)
+@pytest.mark.parametrize("canonical", [False, True])
+def test_it_says_what_the_equations_say(canonical):
+    config = replace(SMALL, canonical_frame=canonical)
     network = learned(config)
     assert_alike(network, PlainNetwork(network.state_dict(), config), clouds(3, 160))
 
@@ -87,7 +87,7 @@ def test_each_level_keeps_points_of_the_cloud_itself():
     points = clouds(2, 160) * 10.0
     level = (points, torch.cat([points, torch.zeros_like(points[..., :1])], -1))
     for i in range(4):
-        level = network._abstract(i, *level)[:2]
+        level = network._abstract(i, *level, network._deformation(i, *level))
         assert torch.cdist(level[0], points).amin(-1).amax() < 1e-6
 
 

@@ -149,10 +149,10 @@ def test_weights_of_something_else_are_refused(tmp_path):
 def test_weights_that_do_not_say_a_setting_are_refused(tmp_path):
     path = tmp_path / "earlier.safetensors"
     settings = json.loads(weights_metadata("SymmetryGraspNet", CONFIG)["config"])
-    del settings["undo_predictions"]
+    del settings["canonical_frame"]
     metadata = {"model": "SymmetryGraspNet", "config": json.dumps(settings)}
     save_weights(path, SymmetryGraspNet(CONFIG).state_dict(), metadata)
-    with pytest.raises(FormatError, match="does not say the settings undo_predictions"):
+    with pytest.raises(FormatError, match="does not say the settings canonical_frame"):
         GraspPredictor.load(path, "cpu")
 
 

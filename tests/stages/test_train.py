@@ -103,9 +103,9 @@ def test_a_network_starts_from_the_weights_that_are_given(tmp_path):
 
 
 def test_weights_of_a_network_with_other_settings_are_no_start(tmp_path):
-    told = replace(CONFIG.network, undo_predictions=False)
+    told = replace(CONFIG.network, canonical_frame=False)
     path = weights_of(tmp_path / "w.safetensors", told)
-    expected = r"with undo_predictions=False; undo_predictions=True is asked for"
+    expected = r"with canonical_frame=False; canonical_frame=True is asked for"
     with pytest.raises(FormatError, match=expected):
         train.build(CONFIG, 0, path)
     train.build(replace(CONFIG, network=told), 0, path)

@@ -43,7 +43,8 @@ class PointFeatures:
 
     Attributes:
         values: (B, Q, 128), f_j.
-        deformation: of the first level, in whose frame predictions are made; None: the camera's.
+        deformation: of the first level, in whose frame points are seen and symmetries told; None:
+            that of the input.
     """
 
     values: Tensor
@@ -107,6 +108,7 @@ class SymmetryGraspNet(nn.Module):
             first = torch.cat([points, _heights(points, ground * UNITS_PER_METER)], -1)
         canonical = self._deformation(0, points, first)
         if canonical is not None and self.is_canonical:
+            # What is told in that frame is told from places in it (D. 95).
             first = torch.cat([canonical.deform(points), first[..., 3:]], -1)
         levels = [(points, first), self._abstract(0, points, first, canonical)]
         for i in range(1, 4):

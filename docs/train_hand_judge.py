@@ -5,9 +5,9 @@
 
 `collect` runs `infer`'s own stages with the default weights on every STRIDE-th frame of ROOT, from
 START on, and writes how some of the feasible hands at each region look, and their verdict among the
-true meshes. `fit` trains the judge on what was collected of the training's objects, and makes
-qualities of what it says by HELD, collected of objects that no network was trained on
-(docs/calibrate_trust.py says how such a ROOT is made).
+true meshes, opened as they would be if they were chosen (D. 92). `fit` trains the judge on what was
+collected of the training's objects, and makes qualities of what it says by HELD, collected of
+objects that no network was trained on (docs/calibrate_trust.py says how such a ROOT is made).
 """
 
 import sys
@@ -25,11 +25,14 @@ from pipelines.formats import judge_file
 from pipelines.formats.graspnet import FrameFiles, GraspNetRoot
 from pipelines.formats.gripper_files import load_gripper
 from pipelines.grasping.completion import completions
+from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.grounding import ground_symmetries
 from pipelines.grasping.hand_views import HandViews
 from pipelines.grasping.region_grasping import plan_region
+from pipelines.grasping.selection import surroundings
+from pipelines.grasping.spare_room import with_spare_room
 from pipelines.inference import models
-from pipelines.metrics.grasp_verdicts import TrueScene, qualities
+from pipelines.metrics.grasp_verdicts import qualities
 
 GRIPPER = load_gripper(INFER.gripper)
 ANY = 64  # hands of a region that are judged, of each round of the selection
@@ -54,8 +57,8 @@ class Recorder:
 
 def feasible_hands(
     regions: list[SeenRegion], rng: np.random.Generator
-) -> Iterator[tuple[SeenRegion, HandViews]]:
-    """Yield the feasible hands of each region and round, as the judge would see them."""
+) -> Iterator[tuple[SeenRegion, HandViews, Grasps]]:
+    """Yield the feasible hands of each region and round, as the judge sees them, and as used."""
     selection, planes = INFER.selection, models.plane_judge(models.PLANE_WEIGHTS)
     slots = [ground_symmetries(r.slots, r.cloud, r.scene, selection, planes) for r in regions]
     clouds, scene = [region.cloud for region in regions], regions[0].scene
@@ -63,18 +66,21 @@ def feasible_hands(
     for region, symmetries, completion in zip(regions, slots, unseen, strict=True):
         recorder, seen = Recorder(rng), (region.cloud, scene, symmetries, region.affordance)
         plan_region(*seen, GRIPPER, selection, recorder, completion)
+        around = surroundings(region.cloud, scene, GRIPPER, selection)
+        around = around.with_unseen(completion.others).with_unseen(completion.own)
         for views in recorder.asked:
-            yield region, views
+            opened = with_spare_room(views.found, scene, GRIPPER, selection, around)
+            yield region, views, opened.grasps
 
 
-def judged(views: HandViews, region: SeenRegion, truth: TrueScene, chosen: np.ndarray) -> Rows:
-    """Return how the hands `chosen` look, and their quality among the true meshes."""
-    evidence, hands = views.hand_rows()[chosen], views.found.grasps[chosen]
+def judged(views: HandViews, chosen: np.ndarray, quality: np.ndarray) -> Rows:
+    """Return how the hands `chosen` (k,) look, and `quality` (k,), theirs among the true meshes."""
+    evidence = views.hand_rows()[chosen]
     return {
         "points": views.point_rows()[chosen],
         "wholes": evidence[:, :0],
         "evidence": evidence,
-        "truth": qualities(truth, region.object_id, hands, GRIPPER).astype(np.float32),
+        "truth": quality.astype(np.float32),
     }
 
 
@@ -92,10 +98,10 @@ def of_frame(reader: TruthReader, files: FrameFiles, rng: np.random.Generator) -
     truth, regions = reader.read(files).scene, list(seen_regions(reader, files))
     if not regions:
         return
-    for region, views in feasible_hands(regions, rng):
+    for region, views, hands in feasible_hands(regions, rng):
         if region.object_id >= 0:
             chosen = np.sort(rng.permutation(len(views.found))[:ANY])
-            yield judged(views, region, truth, chosen)
+            yield judged(views, chosen, qualities(truth, region.object_id, hands[chosen], GRIPPER))
 
 
 def main() -> None:

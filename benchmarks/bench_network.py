@@ -19,10 +19,11 @@ from pipelines.errors import SymgraspError
 from pipelines.formats.frames import find_frames
 from pipelines.geometry.depth_channels import find_plane
 from pipelines.inference import models
+from pipelines.learning.grasp_training import Sample, sample_loss
 from pipelines.network.detector_input import detector_image
-from pipelines.network.losses import NUM_ERROR_POINTS, total_loss
+from pipelines.network.losses import NUM_ERROR_POINTS
 from pipelines.network.mask_rcnn import build_detector
-from pipelines.network.model import Prediction, SymmetryGraspNet
+from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.products import linear
 from pipelines.network.regions import RegionBatch
 from pipelines.network.weights_files import read_weights
@@ -59,15 +60,13 @@ def _training_step() -> Measurement:
     config, network = TrainConfig(), SymmetryGraspNet(NetworkConfig())
     size = MICRO_BATCH
     truth = _regions(size, config.network.num_points)
-    both = torch.cat([truth.points, 1.1 * truth.points])
-    ground = torch.cat([truth.ground, 1.1 * truth.ground])
     query = torch.rand(truth.points.shape[:2]).argsort(1)[:, : config.num_loss_points]
-    asked, measured = truth.at(query), truth.points[:, :NUM_ERROR_POINTS]
+    copies = truth.mapped(1.1 * torch.eye(3).expand(size, 3, 3), torch.eye(3).expand(size, 3, 3))
+    measured = torch.arange(NUM_ERROR_POINTS).expand(size, -1)
+    sample = Sample(truth, copies, query, measured)
 
     def forward() -> Tensor:
-        features = network.features(both, ground, torch.cat([query, query]))
-        said: Prediction = network.predict(features[:size])
-        return total_loss(said, asked, features.values[size:], config, measured).total
+        return sample_loss(network, sample, config, torch.device("cpu"))["total"]
 
     with torch.no_grad():
         alone = cpu_seconds_of(forward)

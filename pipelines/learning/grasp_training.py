@@ -15,14 +15,16 @@ from pipelines.learning.processes import Processes
 from pipelines.learning.region_figures import RegionFigures
 from pipelines.learning.region_sources import RegionSet, TrainingRegions
 from pipelines.learning.shares import check_shares, micro_batch_size
-from pipelines.network.augmentation import augment, mixed, scaled_copy
+from pipelines.network.augmentation import augment, scaled_copy
+from pipelines.network.heads import SPHERE_SLOT
 from pipelines.network.losses import NUM_ERROR_POINTS, total_loss
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.regions import RegionBatch
 from pipelines.network.sampling import gather
 
 VALIDATION_BATCH = 12
-OWN = ("copy", "copy_ground", "query", "measured")  # of a sample, beside its regions'
+OWN = ("query", "measured")  # of a sample, beside its regions' and their copies'
+COPY = "copy_"  # before the names of the copies' tensors
 CPU_MICRO_BATCH = 6  # regions; two threads with these are quickest
 
 
@@ -31,29 +33,30 @@ class Sample:
     """Augmented regions as a step sees them: nothing is left to be drawn.
 
     Attributes:
-        regions: of (B, N) points.
-        copy: (B, N, 3) the same points scaled along a principal direction; empty without Siamese
-            training.
-        copy_ground: (B,) as that of the regions.
+        regions: of (B, N) points, the initial ones.
+        copies: the same points scaled along a principal direction, their labels with them.
         query: (B, Q) the points that are asked about.
         measured: (B, S) the points on which dense errors are measured.
     """
 
     regions: RegionBatch
-    copy: Tensor
-    copy_ground: Tensor
+    copies: RegionBatch
     query: Tensor
     measured: Tensor
 
     def tensors(self) -> dict[str, Tensor]:
         """Return all of it by name."""
-        return {name: getattr(self, name) for name in OWN} | dict(vars(self.regions))
+        copies = {COPY + name: tensor for name, tensor in vars(self.copies).items()}
+        return {name: getattr(self, name) for name in OWN} | dict(vars(self.regions)) | copies
 
     @classmethod
     def of(cls, tensors: Mapping[str, Tensor]) -> "Sample":
         """Return what `tensors` gave."""
-        regions = RegionBatch(*(tensors[name] for name in RegionBatch.__dataclass_fields__))
-        return cls(regions, *(tensors[name] for name in OWN))
+        names = RegionBatch.__dataclass_fields__
+        regions, copies = (
+            RegionBatch(*(tensors[before + name] for name in names)) for before in ("", COPY)
+        )
+        return cls(regions, copies, *(tensors[name] for name in OWN))
 
 
 class GraspTraining:
@@ -87,7 +90,7 @@ class GraspTraining:
         return self.train_set.epoch(number, rng)
 
     def load(self, items: Indices, generators: Sequence[np.random.Generator]) -> Sample:
-        """Return regions augmented and, with Siamese training, a scaled copy of each."""
+        """Return regions augmented and a scaled copy of each."""
         regions = self.train_set.load(items, generators)
         return augmented(regions, self.config, generators)
 
@@ -123,39 +126,37 @@ class GraspTraining:
 def augmented(
     regions: RegionBatch, config: TrainConfig, generators: Sequence[np.random.Generator]
 ) -> Sample:
-    """Return regions in random views and the points that a step asks about.
-
-    Without Siamese training the network sees the initial or the scaled points, as separate samples
-    (Table IV); of a scaled sphere no label is left, so spheres are not scaled then.
-    """
+    """Return regions in random views, scaled copies, and the points that a step asks about."""
     initial = augment(regions, config.augmentation, generators)
-    siamese = config.use_siamese
-    scaled = scaled_copy(initial, config.augmentation, generators, spheres=siamese)
-    if not siamese:
-        initial, scaled = mixed(initial, scaled, generators), scaled[:0]
+    copies = scaled_copy(initial, config.augmentation, generators)
     count = regions.points.shape[1]
     chosen = np.stack([each.permutation(count) for each in generators])
     measured = np.stack([each.permutation(count)[:NUM_ERROR_POINTS] for each in generators])
     query = np.ascontiguousarray(chosen[:, : config.num_loss_points])
-    drawn = torch.from_numpy(query), torch.from_numpy(measured)
-    return Sample(initial, scaled.points, scaled.ground, *drawn)
+    return Sample(initial, copies, torch.from_numpy(query), torch.from_numpy(measured))
 
 
 def sample_loss(
     network: SymmetryGraspNet, sample: Sample, config: TrainConfig, device: torch.device
 ) -> dict[str, Tensor]:
-    """Return the terms of the loss of one micro-batch by name, `total` among them."""
-    regions, query = sample.regions.to(device), sample.query.to(device)
-    truth, points = regions.at(query), gather(regions.points, sample.measured.to(device))
-    if not len(sample.copy):
-        said = network(regions.points, regions.ground, query)
-        terms = total_loss(said, truth, None, config, points)
-    else:
-        both = torch.cat([regions.points, sample.copy.to(device)])
-        ground = torch.cat([regions.ground, sample.copy_ground.to(device)])
-        features = network.features(both, ground, torch.cat([query, query]))
-        prediction = network.predict(features[: len(regions)])
-        terms = total_loss(prediction, truth, features.values[len(regions) :], config, points)
+    """Return the terms of the loss of one micro-batch by name, `total` among them.
+
+    Both branches learn from labels, and without Siamese training separately (Sec. IV-C); of a
+    scaled sphere no label is left, so of such copies the features alone count.
+    """
+    both = RegionBatch.joined(sample.regions, sample.copies).to(device)
+    query, measured = (
+        torch.cat([each, each]).to(device) for each in (sample.query, sample.measured)
+    )
+    features = network.features(both.points, both.ground, query)
+    initial, scaled = features.values.chunk(2)
+    pair = (initial, scaled) if config.use_siamese else None
+    is_labelled = both.existence[:, SPHERE_SLOT] == 0
+    is_labelled[: len(sample.regions)] = True
+    points = gather(both.points, measured)
+    terms = total_loss(
+        network.predict(features), both.at(query), pair, config, points, is_labelled.float()
+    )
     return {name: getattr(terms, name) for name in terms.__dataclass_fields__}
 
 

@@ -43,24 +43,17 @@ def augment(batch: RegionBatch, config: AugmentationConfig, generators: Generato
 
 
 def scaled_copy(
-    batch: RegionBatch,
-    config: AugmentationConfig,
-    generators: Generators,
-    *,
-    spheres: bool = True,
+    batch: RegionBatch, config: AugmentationConfig, generators: Generators
 ) -> RegionBatch:
     """Return the regions scaled along or across one principal direction each (Fig. 3).
 
     A plane allows any direction along or across its normal. A rotation stays one only if its axis
     is such a direction and both directions across it share one scale. A sphere becomes an
-    ellipsoid: the features of its points should not mind, but its labels no longer hold;
-    `spheres=False` leaves it as it is.
+    ellipsoid: the features of its points should not mind, but its labels no longer hold.
     """
     direction = principal_directions(batch, generators)
     limit, drawn = math.log(config.principal_scale), _uniform(generators, 2)
     factor = torch.exp(limit * (2.0 * drawn[:, 0] - 1.0))
-    if not spheres:
-        factor = torch.where(batch.existence[:, SPHERE_SLOT] > 0, torch.ones(()), factor)
     along = drawn[:, 1] < 0.5
     one = torch.ones_like(factor)
     outer = direction[:, :, None] * direction[:, None]
@@ -69,13 +62,6 @@ def scaled_copy(
     )[:, None, None] * (torch.eye(3) - outer)
     # Normals and axes are eigenvectors of the scaling: they keep their directions.
     return batch.mapped(scaling, torch.eye(3).expand_as(scaling))
-
-
-def mixed(first: RegionBatch, second: RegionBatch, generators: Generators) -> RegionBatch:
-    """Return a batch with each region, at random, that of the one or of the other."""
-    own = _uniform(generators, 1)[:, 0] < 0.5
-    pairs = ((getattr(first, name), getattr(second, name)) for name in first.__dataclass_fields__)
-    return RegionBatch(*(torch.where(own.view(-1, *[1] * (a.dim() - 1)), a, b) for a, b in pairs))
 
 
 def principal_directions(batch: RegionBatch, generators: Generators) -> Tensor:

@@ -32,6 +32,7 @@ MIN_EXTENT_SHARE = 0.3
 
 GRASPABLE = 0.05  # affordance above which a point counts as positive
 MAX_BALANCE = 4.0  # a rare class weighs at most this many times a common one
+MIN_VARIANCE = 1e-6  # of features, where they are all the same
 NUM_ERROR_POINTS = 16  # points of the region on which dense errors are measured
 
 
@@ -53,25 +54,30 @@ class LossTerms:
 def total_loss(
     prediction: Prediction,
     truth: RegionBatch,
-    copy_features: Tensor | None,  # (B, Q, 128)
+    pair: tuple[Tensor, Tensor] | None,  # each (P, Q, 128)
     config: TrainConfig,
     points: Tensor,  # (B, S, 3)
+    labelled: Tensor | None = None,  # (B,)
 ) -> LossTerms:
     """Return L = w^f L^f + w^a sum L^a + w^s sum L^s over one batch.
 
-    `truth` holds the Q points that were asked about, `copy_features` their features in the
-    scaled copy (None without Siamese training), `points` those that measure dense errors.
+    `truth` holds the Q points that were asked about, `pair` points' features in initial regions
+    and in scaled copies (None without Siamese training), `points` those that measure dense errors.
+    `labelled` is 1 where the labels hold, 0 where they are not looked at; None: they hold.
     """
+    if labelled is None:
+        labelled = torch.ones_like(truth.ground)
     feature = prediction.features.new_zeros(())
-    if copy_features is not None:
-        feature = consistency_loss(prediction.features, copy_features)
-    affordance = affordance_loss(prediction.affordance, truth.affordance)
+    if pair is not None:
+        feature = consistency_loss(*pair)
+    affordance = affordance_loss(prediction.affordance, truth.affordance, labelled)
     weight = symmetry_weights(prediction.affordance)
     matched = match_reflections(
         truth, points, prediction.direction[:, :, :3], prediction.center[:, :, :3], weight
     )
-    existence = (weight * existence_loss(prediction.existence, matched)).sum(-1).mean()
-    parameters = (weight * parameter_loss(prediction, matched, points)).sum(-1).mean()
+    existence = (weight * existence_loss(prediction.existence, matched)).sum(-1) @ labelled
+    parameters = (weight * parameter_loss(prediction, matched, points)).sum(-1) @ labelled
+    existence, parameters = existence / len(labelled), parameters / len(labelled)
     symmetry = config.weight_existence * existence + config.weight_parameters * parameters
     total = (
         config.weight_feature * feature
@@ -85,13 +91,19 @@ def consistency_loss(
     features: Tensor,  # (B, Q, C)
     copy_features: Tensor,  # (B, Q, C)
 ) -> Tensor:
-    """Return L^f: squared distance of a point's two features, a mean over channels."""
-    return functional.mse_loss(features, copy_features)
+    """Return L^f: mean squared distance of a point's two features, by the features' variance.
+
+    Features that shrink would be as close and tell as little: the variance is over all of the
+    points, a mean over channels (D. 96).
+    """
+    both = torch.cat([features, copy_features]).flatten(0, 1)
+    return functional.mse_loss(features, copy_features) / (both.var(0).mean() + MIN_VARIANCE)
 
 
 def affordance_loss(
     predicted: Tensor,  # (B, Q)
     truth: Tensor,  # (B, Q)
+    labelled: Tensor | None = None,  # (B,)
 ) -> Tensor:
     """Return the L1 of Eq. 6, graspable and other points weighing alike.
 
@@ -102,6 +114,8 @@ def affordance_loss(
     share = positive.mean().clamp(1e-3, 1.0 - 1e-3)
     ratio = ((1.0 - share) / share).clamp(1.0 / MAX_BALANCE, MAX_BALANCE)
     weight = torch.where(positive > 0, ratio.sqrt(), 1.0 / ratio.sqrt())
+    if labelled is not None:
+        weight = weight * labelled[:, None]
     return ((predicted - truth).abs() * weight).sum() / weight.sum()  # Eq. 6
 
 

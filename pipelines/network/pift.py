@@ -3,7 +3,8 @@
 A small point convolutional network looks at a layer's points and proposes T = S R: turn the cloud
 into a canonical frame, then scale it along that frame's axes. The layer aggregates features among
 the deformed points; its sampled points are brought back exactly, and so are the planes, axes and
-centres that are told of the cloud in its canonical frame.
+centres that are told of the cloud in its canonical frame. Scales follow a power of the cloud's own
+spread, which is learned: with its inverse they undo a scaling along the frame's axes (D. 96).
 """
 
 from dataclasses import dataclass
@@ -18,6 +19,9 @@ from pipelines.network.pooling import max_over_group
 # exp of at most this: a scale leaves [1/e, e] in no layer, whatever the regression says.
 MAX_LOG_SCALE = 1.0
 MAX_POINTS = 375  # about as many points are looked at: the pose of a cloud needs no more
+TYPICAL_SPREAD = 0.25  # root mean square along an axis, decimetres: a cloud's that is not scaled
+MIN_SPREAD = 0.01  # decimetres; what is flat stays flat
+POWER_GAIN = 10.0  # the power is learned as fast as what many weights say together
 IDENTITY_6D = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 
 
@@ -84,6 +88,7 @@ class PIFT(nn.Module):
         self.norm = nn.LayerNorm(hidden)
         self.hidden = RowLinear(hidden, hidden)
         self.regress = RowLinear(hidden, 9)
+        self.power = nn.Parameter(torch.zeros(()))  # of the spread, in POWER_GAINs
         nn.init.zeros_(self.regress.weight)
         with torch.no_grad():
             self.regress.bias.copy_(torch.tensor([*IDENTITY_6D, 0.0, 0.0, 0.0]))
@@ -100,8 +105,23 @@ class PIFT(nn.Module):
         encoded = self.encode(torch.cat([seen, known], -1))
         pooled = torch.relu(self.norm(max_over_group(encoded[:, None])[:, 0]))
         output = self.regress(torch.relu(self.hidden(pooled)))
-        scale = torch.exp(MAX_LOG_SCALE * torch.tanh(output[:, 6:]))
-        return Deformation(rotation_from_6d(output[:, :6]), scale, center)
+        rotation = rotation_from_6d(output[:, :6])
+        log_scale = output[:, 6:] + POWER_GAIN * self.power * _log_spread(seen, rotation)
+        scale = torch.exp(MAX_LOG_SCALE * torch.tanh(log_scale))
+        return Deformation(rotation, scale, center)
+
+
+def _log_spread(
+    points: Tensor,  # (B, N, 3)
+    rotation: Tensor,  # (B, 3, 3)
+) -> Tensor:
+    """Return (B, 3) logarithms of the spread of centred points along the rows of `rotation`.
+
+    Against a typical spread, so that 0 asks for nothing.
+    """
+    turned = points @ rotation.transpose(1, 2)
+    spread = (turned.square().mean(1) + MIN_SPREAD**2).sqrt()
+    return torch.log(spread / TYPICAL_SPREAD)
 
 
 def rotation_from_6d(

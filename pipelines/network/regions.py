@@ -34,6 +34,12 @@ class RegionBatch:
     def __len__(self) -> int:
         return len(self.points)
 
+    @classmethod
+    def joined(cls, first: "RegionBatch", second: "RegionBatch") -> "RegionBatch":
+        """Return the regions of both, those of `first` first."""
+        names = cls.__dataclass_fields__
+        return cls(*(torch.cat([getattr(first, name), getattr(second, name)]) for name in names))
+
     def __getitem__(self, rows: slice) -> "RegionBatch":
         return self._each(lambda tensor: tensor[rows])
 

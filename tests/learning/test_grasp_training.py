@@ -15,6 +15,7 @@ from pipelines.learning.grasp_training import GraspTraining
 from pipelines.learning.processes import Processes
 from pipelines.learning.region_sources import RegionSet, TrainingRegions, packed_items
 from pipelines.learning.shares import cut
+from pipelines.network.heads import SPHERE_SLOT
 from pipelines.network.model import SymmetryGraspNet
 from tests.learning.packed_toys import CONFIG, write_packed
 
@@ -52,8 +53,8 @@ def test_a_region_is_loaded_alike_whatever_stands_beside_it(regions):
 
 
 def test_big_and_accumulated_batches_have_one_gradient(regions):
-    """But for what is of a micro-batch: batch norm's statistics and the balance of Eq. 6."""
-    config = replace(CONFIG, weight_affordance=0.0)
+    """But for what is of a micro-batch: norms' statistics, the balance of Eq. 6, L^f's variance."""
+    config = replace(CONFIG, weight_affordance=0.0, weight_feature=0.0)
     results = {}
     for size in (2, 6):
         trainee = training(regions, replace(config, micro_batch_size=size))
@@ -66,7 +67,7 @@ def test_big_and_accumulated_batches_have_one_gradient(regions):
         with GradientWorkers(trainee, 1) as workers:
             results[size] = workers.gradients(loaded, (0, 0, 0))
     small, big = results[2][0], results[6][0]
-    for name in ("total", "feature", "existence", "parameters"):
+    for name in ("total", "existence", "parameters"):
         assert small[name] == pytest.approx(big[name], rel=1e-4), name
     for small, big in zip(results[2][1], results[6][1], strict=True):
         torch.testing.assert_close(small, big, rtol=1e-3, atol=1e-5)
@@ -96,6 +97,39 @@ def test_a_few_steps_on_a_few_regions_lower_the_loss(regions, siamese, pift):
         optimizer.step()
         losses.append(float(terms["total"].detach()))
     assert losses[-1] < 0.6 * losses[0]
+
+
+def loss_terms(trainee, sample):
+    terms = trainee.loss(trainee.module.eval(), sample, torch.Generator())
+    return {name: float(each.detach()) for name, each in terms.items()}
+
+
+def test_both_branches_learn_from_labels_and_features_agree_with_siamese_training_alone(regions):
+    trainee = training(regions)
+    sample = trainee.load(packed_items(np.arange(3)), generators(3))
+    shared = loss_terms(trainee, sample)
+    apart = loss_terms(training(regions, replace(CONFIG, use_siamese=False)), sample)
+    assert shared["feature"] > 0.0
+    assert apart["feature"] == 0.0
+    for name in ("affordance", "existence", "parameters"):
+        assert shared[name] == pytest.approx(apart[name])
+    relabelled = replace(sample, copies=replace(sample.copies, center=sample.copies.center + 0.1))
+    assert loss_terms(trainee, relabelled)["parameters"] != shared["parameters"]
+
+
+def test_the_labels_of_a_scaled_sphere_are_not_looked_at(regions):
+    trainee = training(regions)
+    sample = trainee.load(
+        packed_items(np.arange(len(regions.indices))), generators(len(regions.indices))
+    )
+    ball = sample.regions.existence[:, SPHERE_SLOT] > 0
+    assert 0 < int(ball.sum()) < len(ball)
+    moved = sample.copies.center + 0.1 * ball[:, None, None]
+    relabelled = replace(sample, copies=replace(sample.copies, center=moved))
+    assert loss_terms(trainee, relabelled) == loss_terms(trainee, sample)
+    moved = sample.regions.center + 0.1 * ball[:, None, None]
+    relabelled = replace(sample, regions=replace(sample.regions, center=moved))
+    assert loss_terms(trainee, relabelled) != loss_terms(trainee, sample)
 
 
 def test_every_weight_gets_a_gradient(regions):

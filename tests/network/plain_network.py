@@ -13,7 +13,13 @@ from torch.nn import functional
 from pipelines.configs import NetworkConfig
 from pipelines.network.leading_direction import POSITIVE_SHIFT
 from pipelines.network.model import UNITS_PER_METER, Prediction
-from pipelines.network.pift import MAX_LOG_SCALE, MAX_POINTS
+from pipelines.network.pift import (
+    MAX_LOG_SCALE,
+    MAX_POINTS,
+    MIN_SPREAD,
+    POWER_GAIN,
+    TYPICAL_SPREAD,
+)
 
 
 @dataclass(frozen=True)
@@ -88,7 +94,12 @@ class PlainNetwork:
         q, r = torch.linalg.qr(out[:6].view(2, 3).T)
         first, second = (q * r.diagonal().sign()).T
         R = torch.stack([first, second, torch.linalg.cross(first, second)])
-        return torch.diag(torch.exp(MAX_LOG_SCALE * torch.tanh(out[6:]))) @ R, center
+        turned = (points - center)[::stride] @ R.T
+        spread = torch.sqrt(turned.square().mean(0) + MIN_SPREAD**2) / TYPICAL_SPREAD
+        power = POWER_GAIN * self._of(f"{name}.power")
+        return torch.diag(
+            torch.exp(MAX_LOG_SCALE * torch.tanh(out[6:])) * spread**power
+        ) @ R, center
 
     def _set_abstraction(
         self, level: int, points: Tensor, features: Tensor

@@ -80,12 +80,6 @@ def test_scaling_stays_within_its_limit():
     assert float(ratio.std()) > 0.02
 
 
-def test_spheres_can_be_left_as_they_are():
-    batch = toy_batch(3, 16)
-    scaled = augmentation.scaled_copy(batch, STILL, generators(1), spheres=False)
-    torch.testing.assert_close(scaled.points[2], batch.points[2])
-
-
 def test_a_region_is_drawn_alike_whatever_stands_beside_it():
     batch, config = toy_batch(3, 16), AugmentationConfig()
     whole = augmentation.augment(batch, config, generators(5))
@@ -107,12 +101,3 @@ def test_every_direction_that_keeps_the_symmetries_is_drawn():
     ]
     nearest = [int((box.direction[0, :3] @ each).abs().argmax()) for each in drawn]
     assert min(nearest.count(slot) for slot in range(3)) > 5
-
-
-def test_a_mixed_batch_takes_each_region_whole():
-    first, second = toy_batch(12, 16, 0), toy_batch(12, 16, 1)
-    mixed = augmentation.mixed(first, second, generators(0, 12))
-    own = (mixed.points == first.points).flatten(1).all(1)
-    assert 0 < int(own.sum()) < 12
-    expected = torch.where(own[:, None], first.affordance, second.affordance)
-    assert torch.equal(mixed.affordance, expected)

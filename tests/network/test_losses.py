@@ -40,17 +40,34 @@ def perfect_prediction(truth):
 def test_a_perfect_prediction_costs_nothing():
     truth = toy_batch(6, 40)
     prediction = perfect_prediction(truth)
-    terms = losses.total_loss(prediction, truth, prediction.features, CONFIG, truth.points[:, :16])
+    terms = losses.total_loss(
+        prediction, truth, (prediction.features,) * 2, CONFIG, truth.points[:, :16]
+    )
     assert float(terms.total) < 0.3  # the square root's floor, a tenth of a millimetre
     assert float(terms.parameters) < 0.01
 
 
 def test_the_total_is_the_weighted_sum_of_section_iii_e():
     truth, prediction = toy_batch(3, 20), random_prediction(3, 20)
-    other = torch.zeros_like(prediction.features)
-    terms = losses.total_loss(prediction, truth, other, CONFIG, truth.points[:, :8])
-    expected = terms.feature + terms.affordance + 5.0 * (terms.existence + 5.0 * terms.parameters)
+    pair = prediction.features, torch.zeros_like(prediction.features)
+    config = replace(CONFIG, weight_feature=3.0)
+    terms = losses.total_loss(prediction, truth, pair, config, truth.points[:, :8])
+    expected = (
+        3.0 * terms.feature + terms.affordance + 5.0 * (terms.existence + 5.0 * terms.parameters)
+    )
     torch.testing.assert_close(terms.total, expected)
+
+
+def test_features_that_shrink_are_no_more_consistent():
+    torch.manual_seed(0)
+    first, second = torch.randn(2, 3, 20, 8)
+    loss = losses.consistency_loss(first, second)
+    torch.testing.assert_close(
+        losses.consistency_loss(0.1 * first, 0.1 * second), loss, rtol=1e-3, atol=0.0
+    )
+    torch.testing.assert_close(loss, torch.tensor(2.0), rtol=0.1, atol=0.0)  # nothing in common
+    assert float(losses.consistency_loss(first, first)) == 0.0
+    assert float(losses.consistency_loss(torch.zeros(1, 2, 8), torch.zeros(1, 2, 8))) == 0.0
 
 
 @pytest.mark.parametrize("order", [(1, 0, 2), (2, 1, 0), (1, 2, 0)])
@@ -70,6 +87,25 @@ def test_the_order_of_the_true_planes_does_not_matter(order):
     torch.testing.assert_close(first, second)
 
 
+@pytest.mark.parametrize("row", [0, 2])
+def test_what_has_no_labels_is_not_looked_at(row):
+    truth, prediction = toy_batch(3, 20), random_prediction(3, 20)
+    labelled, points = torch.ones(3), truth.points[:, :8]
+    labelled[row] = 0.0
+    unlike = truth.affordance.clone()
+    unlike[row] = 0.01 * unlike[row]  # as graspable as before: the balance of Eq. 6 stays
+    other = replace(truth, existence=truth.existence.clone(), affordance=unlike)
+    other.existence[row] = 1.0 - other.existence[row]
+    first, second = (
+        losses.total_loss(prediction, each, None, CONFIG, points, labelled)
+        for each in (truth, other)
+    )
+    torch.testing.assert_close(first.existence, second.existence)
+    torch.testing.assert_close(first.parameters, second.parameters)
+    every = losses.total_loss(prediction, truth, None, CONFIG, points)
+    assert float(first.existence) < float(every.existence)
+
+
 def test_gradients_are_those_of_finite_differences():
     truth = toy_batch(2, 3)
     truth = RegionBatch(*(getattr(truth, field.name).double() for field in fields(RegionBatch)))
@@ -84,7 +120,7 @@ def test_gradients_are_those_of_finite_differences():
         prediction = Prediction(features, affordance, existence, center, direction)
         # Eq. 7's weights have no gradient: held still here, for differences would see them.
         detached = replace(prediction, affordance=fixed.affordance.double())
-        terms = losses.total_loss(detached, truth, other, CONFIG, truth.points)
+        terms = losses.total_loss(detached, truth, (features, other), CONFIG, truth.points)
         return terms.total - terms.affordance + losses.affordance_loss(affordance, truth.affordance)
 
     assert torch.autograd.gradcheck(loss, inputs, eps=1e-7, atol=1e-4, fast_mode=True)

@@ -4,7 +4,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipelines.network.pift import PIFT, rotation_from_6d
+from pipelines.network.pift import PIFT, POWER_GAIN, TYPICAL_SPREAD, rotation_from_6d
 
 seeds = st.integers(0, 2**31 - 1)
 
@@ -13,6 +13,7 @@ def learned_pift(seed):
     torch.manual_seed(seed)
     module = PIFT(4).double()
     torch.nn.init.normal_(module.regress.weight)
+    torch.nn.init.normal_(module.power, std=0.1)
     points, features = torch.randn(3, 50, 3).double(), torch.randn(3, 50, 4).double()
     return module(points, features), points
 
@@ -70,9 +71,28 @@ def test_a_cloud_is_deformed_alike_alone_and_in_company():
     torch.manual_seed(0)
     module = PIFT(4)
     torch.nn.init.normal_(module.regress.weight)
+    torch.nn.init.constant_(module.power, -0.1)
     points, features = torch.randn(5, 50, 3), torch.randn(5, 50, 4)
     together = module(points, features)
     for i in range(5):
         alone = module(points[i : i + 1], features[i : i + 1])
         assert torch.equal(alone.rotation[0], together.rotation[i])
         assert torch.equal(alone.scale[0], together.scale[i])
+
+
+@settings(max_examples=15, deadline=None)
+@given(seeds, st.sampled_from([0.7, 0.8, 1.25, 1.4]), st.integers(0, 2))
+def test_the_inverse_spread_undoes_a_scaling_along_an_axis_of_the_frame(seed, factor, axis):
+    torch.manual_seed(seed)
+    module = PIFT(4).double()
+    R = rotation_from_6d(torch.randn(1, 6).double())
+    torch.nn.init.constant_(module.power, -1.0 / POWER_GAIN)
+    with torch.no_grad():
+        module.regress.bias[:6] = R[0, :2].flatten()
+    points = TYPICAL_SPREAD * torch.randn(1, 50, 3).double()
+    points, features = points - points.mean(1, keepdim=True), torch.randn(1, 50, 4).double()
+    scaling = torch.ones(3).double()
+    scaling[axis] = factor
+    scaled = points @ (R[0].T @ torch.diag(scaling) @ R[0]).T
+    same, again = (module(each, features).deform(each) for each in (points, scaled))
+    assert (again - same).norm() < 0.25 * (scaled - points).norm()  # but for the bound on scales

@@ -95,7 +95,7 @@ class TrainConfig:
     decay: float = 0.9  # every `decay_epochs` epochs
     decay_epochs: float = 2.0
     epochs: int = 40
-    weight_feature: float = 32.0  # w^f: 1 for a sum over 128 channels of variance 1/4; D. 96
+    weight_feature: float = 8.0  # w^f; the paper has 1, for another L^f: D. 96
     weight_affordance: float = 1.0  # w^a
     weight_symmetry: float = 5.0  # w^s
     weight_existence: float = 1.0  # w^c

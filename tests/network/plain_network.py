@@ -96,10 +96,8 @@ class PlainNetwork:
         R = torch.stack([first, second, torch.linalg.cross(first, second)])
         turned = (points - center)[::stride] @ R.T
         spread = torch.sqrt(turned.square().mean(0) + MIN_SPREAD**2) / TYPICAL_SPREAD
-        power = POWER_GAIN * self._of(f"{name}.power")
-        return torch.diag(
-            torch.exp(MAX_LOG_SCALE * torch.tanh(out[6:])) * spread**power
-        ) @ R, center
+        log_scale = out[6:] + POWER_GAIN * self._of(f"{name}.power") * spread.log()
+        return torch.diag(torch.exp(MAX_LOG_SCALE * torch.tanh(log_scale))) @ R, center
 
     def _set_abstraction(
         self, level: int, points: Tensor, features: Tensor

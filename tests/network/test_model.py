@@ -35,6 +35,7 @@ def learned(config, seed=0):
     network = SymmetryGraspNet(config).double().eval()
     for pift in network.pifts or ():
         torch.nn.init.normal_(pift.regress.weight, std=0.3)
+        torch.nn.init.normal_(pift.power, std=0.1)
     for module in network.modules():
         if isinstance(module, torch.nn.BatchNorm1d):
             torch.nn.init.normal_(module.weight)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
+from pipelines.configs import EvaluateConfig
 from pipelines.network.averaging import average_symmetries
 from pipelines.network.dense_error import reflection_error, reflection_extent
 from pipelines.network.heads import ROTATION_SLOT, SPHERE_SLOT
@@ -15,6 +16,7 @@ from pipelines.network.model import Prediction
 from pipelines.network.regions import RegionBatch
 
 GRASPABLE = 0.5  # affordance above which a point is grasped (Sec. III-E)
+HIT = EvaluateConfig.symmetry_thresholds[0]  # dense error below which a plane is found, D. 11
 NUM_ERROR_POINTS = 64
 
 
@@ -80,7 +82,10 @@ class RegionFigures:
         }
         for name, parts in medians.items():
             figures |= _median(name, parts)
-        return figures
+        errors = torch.cat(self.plane_error)
+        return figures | (
+            {"planes_found": float((errors < HIT).float().mean())} if len(errors) else {}
+        )
 
 
 def _median(name: str, parts: Iterable[Tensor]) -> dict[str, float]:

@@ -1,5 +1,7 @@
 """Figures of predictions whose quality is known."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -17,6 +19,16 @@ def test_a_perfect_prediction_has_perfect_figures():
     assert got["existence_accuracy"] == pytest.approx(1.0)
     for name in ("plane_angle_deg", "axis_angle_deg", "sphere_offset_m", "plane_dense_error"):
         assert got[name] == pytest.approx(0.0, abs=0.1)
+    assert got["planes_found"] == 1.0
+
+
+def test_a_plane_far_off_is_not_found():
+    truth, figures = toy_batch(1, 64), RegionFigures()  # a box: three planes
+    perfect = perfect_prediction(truth)
+    center = perfect.center.clone()
+    center[:, :, 0] += 0.2 * truth.direction[:, None, 0]
+    figures.add(replace(perfect, center=center), truth)
+    assert figures.figures()["planes_found"] == pytest.approx(2 / 3)
 
 
 def test_the_area_counts_how_often_a_positive_is_above_a_negative():

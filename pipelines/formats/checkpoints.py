@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 HEADER_LENGTH_BYTES = 8
-LARGEST_HEADER = 100_000_000  # bytes; the format's own limit
 ALIGNMENT = 8
 
 
@@ -73,24 +72,6 @@ def _load(path: Path, framework: str, device: str) -> tuple[dict[str, Any], dict
             tensors = {name: file.get_tensor(name) for name in sorted(file.keys())}
             return tensors, dict(file.metadata() or {})
     except (SafetensorError, ValueError) as error:
-        raise FormatError(
-            path, f"this is not a whole safetensors file ({error})", "give weights or train again"
-        ) from error
-
-
-def read_metadata(path: Path) -> dict[str, str]:
-    """Read only the metadata of a safetensors file; needs no torch.
-
-    Raises:
-        FormatError: truncated, or not safetensors.
-    """
-    with existing(path).open("rb") as stream:
-        length = int.from_bytes(stream.read(HEADER_LENGTH_BYTES), "little")
-        text = stream.read(min(length, LARGEST_HEADER))
-    try:
-        header = json.loads(text)
-        return {str(key): str(value) for key, value in header.get("__metadata__", {}).items()}
-    except (UnicodeDecodeError, ValueError, AttributeError) as error:
         raise FormatError(
             path, f"this is not a whole safetensors file ({error})", "give weights or train again"
         ) from error

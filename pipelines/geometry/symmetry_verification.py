@@ -11,7 +11,7 @@ samples whose image lands there are left out, unless they are too many.
 Normalised coordinates: origin at the surface's centroid, unit diameter.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -174,24 +174,6 @@ def are_round(fits: Sequence[Fit]) -> bool:
     """Return whether turns about one axis by generic angles all fit alike."""
     misses = [fit.miss for fit in fits]
     return bool(max(misses) <= np.hypot(_ROUND_MEAN, _ROUND_RATIO * min(misses)))
-
-
-def supported(surface: Surface, images: Iterable[Samples], size: float = 1.0) -> Mask:
-    """Return which samples lie near the surface, with its normal, in every one of `images`.
-
-    `size` is the diameter of the surface, for coordinates that are not normalised.
-    """
-    tolerance = SUPPORT_DISTANCE * size
-    masks = []
-    for image in images:
-        reach, index = surface.within(image.points, 2.0 * tolerance)
-        met = surface.normals[index]
-        gap = np.abs(np.einsum("nd,nd->n", image.points - surface.points[index], met))
-        cosine = np.abs(np.einsum("nd,nd->n", met, image.normals))
-        near = (gap < tolerance) & np.isfinite(reach)
-        masks.append(near & (cosine > SUPPORT_COSINE))
-    agreed: Mask = np.logical_and.reduce(masks)
-    return agreed
 
 
 def is_sphere(points: Array, center: Array, radius: float) -> bool:

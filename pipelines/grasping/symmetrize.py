@@ -128,11 +128,6 @@ def _about(matrices: Array, point: Array) -> Array:
     return make_pose(matrices, point - matrices @ point)
 
 
-def images(grasps: Grasps, symmetry: Symmetry, copies_per_turn: int) -> list[Grasps]:
-    """Return the copies of `grasps` under `symmetry`, the originals left out."""
-    return [image(grasps, each) for each in isometries(symmetry, copies_per_turn)]
-
-
 def copies_under(
     grasps: Grasps,
     group: Array,
@@ -159,27 +154,6 @@ def copies_under(
     fresh = np.flatnonzero(~_near(copies, grasps, merge_distance))
     fresh = fresh[distinct(copies[fresh], merge_distance)]
     return copies[fresh], origin[fresh]
-
-
-def symmetrize(
-    grasps: Grasps, symmetry: Symmetry, *, copies_per_turn: int, merge_distance: float
-) -> tuple[Grasps, Indices]:
-    """Return `grasps` with all their copies under `symmetry`, and the original (m,) of each.
-
-    The originals come first, all of them.
-    """
-    group = isometries(symmetry, copies_per_turn)
-    copies, origin = copies_under(
-        grasps,
-        group,
-        merge_distance=merge_distance,
-        max_copies=len(group) * max(1, len(grasps)),
-        rng=np.random.default_rng(0),  # draws nothing: all are copied
-    )
-    return (
-        Grasps.concatenate([grasps, copies]),
-        np.concatenate([np.arange(len(grasps)), origin]),
-    )
 
 
 def distinct(grasps: Grasps, merge_distance: float) -> Indices:

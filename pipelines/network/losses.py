@@ -46,10 +46,6 @@ class LossTerms:
     existence: Tensor
     parameters: Tensor
 
-    def scalars(self) -> dict[str, float]:
-        """Return the terms as plain numbers."""
-        return {name: float(getattr(self, name).detach()) for name in self.__dataclass_fields__}
-
 
 def total_loss(
     prediction: Prediction,

@@ -34,7 +34,6 @@ def test_weights_come_back_with_their_metadata(tmp_path: Path) -> None:
     assert torch.equal(tensors["a"], made["a"])
     assert tensors["b"].item() == 3
     assert metadata["config"] == "{}"
-    assert checkpoints.read_metadata(path) == metadata
     assert is_finished(path, STAMP)
 
 
@@ -83,8 +82,6 @@ def test_truncated_weights_are_one_sentence(tmp_path: Path, kept: int) -> None:
     path.write_bytes(path.read_bytes()[:kept])
     with pytest.raises(FormatError, match=r"w\.safetensors"):
         checkpoints.load_weights(path)
-    with pytest.raises(FormatError, match=r"w\.safetensors"):
-        checkpoints.read_metadata(path)
 
 
 def test_weights_are_no_training_checkpoint(tmp_path: Path) -> None:

@@ -20,9 +20,8 @@ from pipelines.grasping.symmetrize import (
     copies_under,
     distinct,
     image,
-    images,
+    isometries,
     mirror,
-    symmetrize,
     symmetry_group,
     turned,
 )
@@ -56,7 +55,16 @@ kinds = st.sampled_from(["reflection", "rotation", "threefold", "sphere"])
 
 
 def symmetrized(grasps, symmetry):
-    return symmetrize(grasps, symmetry, copies_per_turn=12, merge_distance=MERGE)
+    """Return `grasps` and all their copies, and the original of each."""
+    group = isometries(symmetry, 12)
+    rng, most = np.random.default_rng(0), len(group) * len(grasps)
+    copies, origin = copies_under(grasps, group, merge_distance=MERGE, max_copies=most, rng=rng)
+    return Grasps.concatenate([grasps, copies]), np.r_[np.arange(len(grasps)), origin]
+
+
+def images(grasps, symmetry):
+    """Return the copies of `grasps` under `symmetry`, one set of them an isometry."""
+    return [image(grasps, each) for each in isometries(symmetry, 12)]
 
 
 @few
@@ -81,7 +89,7 @@ def test_a_mirrored_gripper_approaches_along_the_mirrored_approach(seed):
 @given(seeds, kinds)
 def test_every_copy_is_a_rotation_with_determinant_one(seed, kind):
     rng = np.random.default_rng(seed)
-    copies = images(random_grasps(rng), random_symmetry(rng, kind), 12)
+    copies = images(random_grasps(rng), random_symmetry(rng, kind))
     assert_allclose(np.linalg.det(Grasps.concatenate(copies).rotation), 1.0)
 
 
@@ -101,7 +109,7 @@ def test_turned_contacts_are_the_turned_contacts(seed):
     rng = np.random.default_rng(seed)
     grasps, axis = random_grasps(rng), random_symmetry(rng, "rotation")
     angles = 2.0 * np.pi * np.arange(1, 12) / 12
-    for angle, copy in zip(angles, images(grasps, axis, 12), strict=True):
+    for angle, copy in zip(angles, images(grasps, axis), strict=True):
         assert_allclose(copy.contacts, axis.turn(grasps.contacts, angle), atol=1e-12)
 
 

@@ -38,8 +38,8 @@ TURNS = np.radians([60.0, 120.0, 180.0, 240.0, 300.0])
 
 # Logistic regression of truth on (1, existence, support, consistency), `docs/calibrate_trust.py`.
 WEIGHTS = {
-    "rotation": (-24.0, 6.1, 4.2, 19.1),
-    "sphere": (-16.8, 4.7, 18.3, 8.7),
+    "rotation": (-24.5, 5.6, 3.0, 20.4),
+    "sphere": (-13.6, 7.6, 18.3, 4.8),
 }
 
 

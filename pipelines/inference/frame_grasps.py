@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pipelines.configs import InferConfig
 from pipelines.errors import SymgraspError
-from pipelines.formats.grasps_file import FrameResult, GraspTable, RegionTable
+from pipelines.formats.grasps_file import FrameResult
 from pipelines.formats.rgbd import Frame
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import SymmetrySlots
@@ -25,6 +25,8 @@ from pipelines.grasping.observation import RegionCloud, SceneCloud
 from pipelines.grasping.point_judge import PointJudge
 from pipelines.grasping.ranking import Judge
 from pipelines.grasping.region_grasping import MIN_POINTS, plan_planar, plan_random, plan_region
+from pipelines.inference.pieces import pieces_of
+from pipelines.inference.plans import Plan, grasp_table, region_table
 from pipelines.inference.regions import Detector, FrameRegions, Region, find_regions
 
 Array = NDArray[np.float64]
@@ -112,6 +114,7 @@ class Planner:
         regions, clouds = _within(found.regions, scene)
         plans = self._plans(clouds, scene, rng)
         if self.config.method != "random":
+            regions, plans = self._taken_apart(regions, plans, found, scene, rng)
             plans = [
                 plan if len(plan.grasps) else self._piecewise(plan, region.mask, found, scene)
                 for plan, region in zip(plans, regions, strict=True)
@@ -136,26 +139,26 @@ class Planner:
 
     def _plans(
         self, clouds: list[RegionCloud], scene: SceneCloud, rng: np.random.Generator
-    ) -> list["_Plan"]:
+    ) -> list[Plan]:
         selection = self.config.selection
         if self.config.method == "random":
             return [
-                _Plan(plan_random(cloud, scene, self.gripper, selection, rng)) for cloud in clouds
+                Plan(plan_random(cloud, scene, self.gripper, selection, rng)) for cloud in clouds
             ]
         if self.predictor is None:
-            return [_Plan(plan_planar(c, scene, self.gripper, selection)) for c in clouds]
+            return [Plan(plan_planar(c, scene, self.gripper, selection)) for c in clouds]
         large = [index for index, cloud in enumerate(clouds) if len(cloud) >= MIN_POINTS]
         predictions = self.predictor.predict([clouds[i].points for i in large], scene.plane)
         seen = [_Seen.of(clouds[i], told) for i, told in zip(large, predictions, strict=True)]
         slots = [self._symmetries(each, scene) for each in seen]
         completed = completions([each.cloud for each in seen], scene, slots, selection)
-        plans = [_Plan(RankedGrasps.empty()) for _ in clouds]
+        plans = [Plan(RankedGrasps.empty()) for _ in clouds]
         for index, each, known, unseen in zip(large, seen, slots, completed, strict=True):
             affordance = each.affordance
             ranked = plan_region(
                 each.cloud, scene, known, affordance, self.gripper, selection, self._judge, unseen
             )
-            plans[index] = _Plan(ranked, known, float(affordance.mean()), float(affordance.max()))
+            plans[index] = Plan(ranked, known, float(affordance.mean()), float(affordance.max()))
         return plans
 
     def _symmetries(self, seen: "_Seen", scene: SceneCloud) -> SymmetrySlots:
@@ -166,9 +169,41 @@ class Planner:
             seen.slots, seen.cloud, scene, self.config.selection, self.plane_judge
         )
 
+    def _taken_apart(
+        self,
+        regions: list[Region],
+        plans: list[Plan],
+        found: FrameRegions,
+        scene: SceneCloud,
+        rng: np.random.Generator,
+    ) -> tuple[list[Region], list[Plan]]:
+        """Return regions and plans; detections without a symmetric grasp by pieces (D. 97).
+
+        Such a region's symmetries and grasps are those of its largest piece, if that has grasps;
+        other pieces that have some become regions of their own.
+        """
+        config, labels = self.config, found.geometric.labels
+        if self.predictor is None or config.regions != "auto":
+            return regions, plans
+        parts = [
+            (index, rank, mask)
+            for index, (region, plan) in enumerate(zip(regions, plans, strict=True))
+            if region.source == "detector" and not plan.rests_on_symmetry
+            for rank, mask in enumerate(pieces_of(region.mask, labels, config))
+        ]
+        clouds = [RegionCloud.from_mask(mask, scene) for _, _, mask in parts]
+        regions, plans = list(regions), list(plans)
+        for (index, rank, mask), plan in zip(parts, self._plans(clouds, scene, rng), strict=True):
+            if len(plan.grasps) and rank == 0:
+                plans[index] = plan
+            elif len(plan.grasps):
+                regions.append(Region(mask, config.geometric_confidence, "geometric"))
+                plans.append(plan)
+        return regions, plans
+
     def _piecewise(
-        self, plan: "_Plan", mask: NDArray[np.bool_], found: FrameRegions, scene: SceneCloud
-    ) -> "_Plan":
+        self, plan: Plan, mask: NDArray[np.bool_], found: FrameRegions, scene: SceneCloud
+    ) -> Plan:
         """Return planar grasps of the geometric pieces of a region that has none as a whole."""
         inside = self.config.min_piece_inside
         for piece in found.geometric.masks:
@@ -196,59 +231,6 @@ class _Seen:
         told = prediction.existence, prediction.center, prediction.direction
         slots = average_symmetries(*told, affordance[prediction.telling])
         return cls(cloud[prediction.index], affordance, slots)
-
-
-@dataclass(frozen=True)
-class _Plan:
-    """The grasps of one region and what they rest on; affordance nan where none was predicted."""
-
-    grasps: RankedGrasps
-    slots: SymmetrySlots | None = None
-    affordance_mean: float = np.nan
-    affordance_max: float = np.nan
-
-
-def region_table(regions: list[Region], plans: list[_Plan]) -> RegionTable:
-    """Return one frame's regions as columns."""
-    slots = [plan.slots or SymmetrySlots.empty() for plan in plans]
-    return RegionTable.from_masks(
-        [region.mask for region in regions],
-        confidence=[region.confidence for region in regions],
-        source=[region.source for region in regions],
-        existence=np.array([s.existence for s in slots]).reshape(-1, 5),
-        symmetry_point=np.array([s.point for s in slots]).reshape(-1, 5, 3),
-        symmetry_direction=np.array([s.direction for s in slots]).reshape(-1, 5, 3),
-        affordance_mean=[plan.affordance_mean for plan in plans],
-        affordance_max=[plan.affordance_max for plan in plans],
-    )
-
-
-def grasp_table(ranked: list[RankedGrasps], limit: int) -> GraspTable:
-    """Return the best `limit` grasps of each region as columns, the first of each marked best."""
-    kept = [grasps[:limit] for grasps in ranked]
-    counts = [len(grasps) for grasps in kept]
-
-    def column(name: str) -> NDArray[Any]:
-        return np.concatenate([np.zeros(0), *(getattr(grasps, name) for grasps in kept)])
-
-    def geometry(name: str, shape: tuple[int, ...]) -> NDArray[Any]:
-        parts = [getattr(grasps.grasps, name) for grasps in kept]
-        return np.concatenate([np.zeros((0, *shape)), *parts])
-
-    return GraspTable(
-        region=np.repeat(np.arange(len(kept)), counts),
-        rotation=geometry("rotation", (3, 3)),
-        translation=geometry("translation", (3,)),
-        width=geometry("width", ()),
-        contacts=geometry("contacts", (2, 3)),
-        affordance=column("affordance"),
-        symmetry_slot=column("slot"),
-        source=np.concatenate([np.zeros(0, object), *(g.source.astype(object) for g in kept)]),
-        clearance=column("clearance"),
-        enclosed_height=column("enclosed_height"),
-        rank_score=column("rank_score"),
-        is_best=np.concatenate([np.zeros(0, bool), *(np.arange(n) == 0 for n in counts)]),
-    )
 
 
 def _within(regions: list[Region], scene: SceneCloud) -> tuple[list[Region], list[RegionCloud]]:

@@ -1,6 +1,6 @@
 """One frame through the planner, with a stand-in for the network that knows the truth."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,6 +17,7 @@ from pipelines.grasping.suppression import are_near
 from pipelines.inference import models
 from pipelines.inference.frame_grasps import Planner
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
+from tests.inference.predictions import Prediction
 
 POSE = looking_at_table()
 DEPTH, INDEX = render([Box((0.06, 0.09, 0.1))], POSE)
@@ -26,16 +27,6 @@ JUDGES = {
     "plane_judge": models.plane_judge(models.PLANE_WEIGHTS),
     "hand_judge": models.hand_judge(models.HAND_WEIGHTS),
 }
-
-
-@dataclass(frozen=True)
-class Prediction:
-    index: np.ndarray
-    affordance: np.ndarray
-    telling: np.ndarray
-    existence: np.ndarray
-    center: np.ndarray
-    direction: np.ndarray
 
 
 class Oracle:

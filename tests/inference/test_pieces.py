@@ -1,0 +1,146 @@
+"""Detections that hold several things are taken apart; what is one thing stays whole."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from pipelines.configs import InferConfig
+from pipelines.formats.gripper_files import load_gripper
+from pipelines.formats.rgbd import Frame
+from pipelines.geometry.symmetry import ReflectionSymmetry, SymmetrySlots
+from pipelines.geometry.transforms import transform_points
+from pipelines.inference import models
+from pipelines.inference.frame_grasps import Planner
+from pipelines.inference.pieces import pieces_of
+from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
+from tests.inference.predictions import Prediction
+
+POSE = looking_at_table()
+LARGE, SMALL = Box((0.06, 0.09, 0.1)), Box((0.05, 0.05, 0.06), at=(0.16, 0.0, 0.0))
+
+
+@dataclass(frozen=True)
+class Detection:
+    mask: np.ndarray
+    confidence: float = 0.9
+
+
+@dataclass(frozen=True)
+class Detector:
+    """Finds all that stands on the table, as one region."""
+
+    mask: np.ndarray
+
+    def detect(self, color, depth, intrinsics, plane):
+        return [Detection(self.mask)]
+
+
+class NoSymmetry:
+    """Says of every point that nothing is symmetric."""
+
+    def predict(self, clouds, table):
+        return [
+            Prediction(
+                np.arange(len(cloud)),
+                np.ones(len(cloud)),
+                np.arange(0, len(cloud), 3),
+                np.zeros((len(cloud[::3]), 5)),
+                np.zeros((len(cloud[::3]), 5, 3)),
+                np.zeros((len(cloud[::3]), 5, 3)),
+            )
+            for cloud in clouds
+        ]
+
+
+class TwoPlanes(NoSymmetry):
+    """Knows the upright planes of the box in the middle."""
+
+    def predict(self, clouds, table):
+        planes = [
+            ReflectionSymmetry(POSE[:3, axis], transform_points(POSE, [0, 0, 0.05]))
+            for axis in (0, 1)
+        ]
+        slots = SymmetrySlots.from_symmetries(planes)
+        told = slots.existence, np.nan_to_num(slots.point), np.nan_to_num(slots.direction)
+        return [
+            Prediction(
+                each.index,
+                each.affordance,
+                each.telling,
+                *(np.tile(part, (len(each.telling),) + (1,) * part.ndim) for part in told),
+            )
+            for each in super().predict(clouds, table)
+        ]
+
+
+def planned(boxes, predictor, regions="auto", **planning):
+    """The result of a frame whose detector sees one region, and the index of what each pixel is."""
+    depth, index = render(boxes, POSE)
+    frame = Frame("f", np.full((240, 320, 3), 90, np.uint8), depth.astype(np.float32), CAMERA)
+    # Symmetries are not fitted: what the stand-in says of them is what counts.
+    selection = replace(InferConfig().selection, ground_symmetries=False)
+    config = InferConfig(regions=regions, selection=selection)
+    judge = models.hand_judge(models.HAND_WEIGHTS)
+    planner = Planner(
+        config, load_gripper("rg2"), Detector(index >= 0), predictor, hand_judge=judge
+    )
+    return planner.plan(frame, np.random.default_rng(0), **planning), index
+
+
+def owners(result, index):
+    """Of each region's best grasp, the box in whose pixels the middle of its contacts lies."""
+    best = result.grasps.is_best
+    middle = np.asarray(result.grasps.translation[best], np.float64)
+    u, v = np.round(CAMERA.project(middle)).astype(int).T
+    return dict(zip(result.grasps.region[best].tolist(), index[v, u].tolist(), strict=True))
+
+
+def test_two_things_in_a_detection_get_a_grasp_each():
+    result, index = planned([LARGE, SMALL], NoSymmetry())
+    assert result.regions.source.tolist() == ["detector", "geometric"]
+    assert owners(result, index) == {0: 0, 1: 1}  # the detection's is on what most of it is
+    height, width = index.shape
+    piece = result.regions.mask(1, width, height)
+    assert (index[piece] == 1).mean() > 0.95
+    assert piece.sum() > 0.9 * (index == 1).sum()
+
+
+def test_one_thing_stays_one_region():
+    result, index = planned([LARGE], NoSymmetry())
+    assert owners(result, index) == {0: 0}
+
+
+def test_a_symmetric_grasp_holds_its_region_together():
+    result, _ = planned([LARGE, SMALL], TwoPlanes())
+    assert result.grasps.symmetry_slot[0] >= 0
+    assert result.regions.source.tolist() == ["detector"]
+
+
+def test_the_detector_alone_is_not_corrected_by_depth():
+    result, _ = planned([LARGE, SMALL], NoSymmetry(), regions="detector")
+    assert result.regions.source.tolist() == ["detector"]
+
+
+def test_regions_of_the_user_stay_as_they_are():
+    index = render([LARGE, SMALL], POSE)[1]
+    result, _ = planned([LARGE, SMALL], NoSymmetry(), masks=(index >= 0).astype(np.int32))
+    assert result.regions.source.tolist() == ["masks"]
+
+
+@pytest.mark.parametrize(("share", "count"), [(0.1, 3), (0.15, 2), (0.4, 0)])
+def test_pieces_are_those_large_enough_the_largest_first(share, count):
+    labels = np.zeros((40, 50), np.int32)
+    labels[:, :20], labels[:, 20:45], labels[:, 45:] = 3, 1, 2  # 800, 1000 and 200 pixels
+    mask = np.ones(labels.shape, bool)
+    mask[:, 0] = False
+    config = InferConfig(min_piece_share=share, min_region_pixels=150)
+    pieces = pieces_of(mask, labels, config)
+    assert len(pieces) == count
+    sizes = [int(piece.sum()) for piece in pieces]
+    assert sizes == [1000, 760, 200][:count]
+    assert all((piece <= mask).all() for piece in pieces)
+
+
+def test_what_no_geometric_region_covers_is_one_piece():
+    assert pieces_of(np.ones((30, 30), bool), np.zeros((30, 30), np.int32), InferConfig()) == []

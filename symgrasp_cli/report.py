@@ -36,7 +36,8 @@ def conclude(report: StageReport) -> None:
 def show_table(table: Table) -> None:
     """Print a table on stdout, names on the left, numbers on the right, what is meant below.
 
-    Columns stand closer where the terminal is narrow.
+    Columns stand closer where the terminal is narrow. Files and pipes are as wide as the table,
+    unless the variable COLUMNS says how wide.
     """
     from rich.console import Console
     from rich.measure import Measurement
@@ -44,8 +45,11 @@ def show_table(table: Table) -> None:
     console = Console()
     drawn = _drawn(table, gap=1)
     unbound = console.options.update(width=UNBOUND)
-    if Measurement.get(console, unbound, drawn).maximum > console.width:
+    width = Measurement.get(console, unbound, drawn).maximum
+    if width > console.width and (console.is_terminal or "COLUMNS" in os.environ):
         drawn = _drawn(table, gap=0)
+    elif width > console.width:
+        console = Console(width=width)
     console.print(drawn)
     if table.note:
         console.print(f"  {table.note}\n", style="dim", markup=False, highlight=False)

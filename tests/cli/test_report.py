@@ -1,4 +1,4 @@
-"""Tables on the terminal: one line a row where there is room, columns close where there is not."""
+"""Tables: one line a row where there is room, columns close on a terminal without."""
 
 import pytest
 
@@ -15,3 +15,10 @@ def test_a_row_stays_on_its_line(monkeypatch, capsys, columns, gap):
     monkeypatch.setenv("COLUMNS", str(columns))
     show_table(TABLE)
     assert gap.join(["SymGrasp", "0.5", "similar", *RATES]) in capsys.readouterr().out
+
+
+def test_a_pipe_is_as_wide_as_the_table(monkeypatch, capsys):
+    monkeypatch.delenv("COLUMNS", raising=False)
+    row = ("a name of a run that is as long as names of runs are", "0.5", "similar", *RATES)
+    show_table(Table("Table III", HEADER, (row,), names=3))
+    assert "  ".join(row) in capsys.readouterr().out

@@ -11,10 +11,10 @@ from unittest.mock import patch
 
 import numpy as np
 import torch
-from torch.utils.flop_counter import FlopCounterMode
 
 import pipelines
 from benchmarks.bench_machine import sgemm_rate
+from benchmarks.operations import gflop_of
 from benchmarks.timing import Measurement
 from pipelines import infer
 from pipelines.batch import BatchOptions
@@ -130,13 +130,11 @@ def _floor(frame: Frame, num_regions: float, device: str) -> Measurement:
     """Return what the networks' arithmetic alone takes at the rate of large matrix products."""
     detector = models.detector(models.DETECTOR_WEIGHTS, device)
     predictor = models.predictor(models.NETWORK_WEIGHTS, device)
-    with FlopCounterMode(display=False) as counter:
-        detector.detect(frame.color, frame.depth, frame.intrinsics)
-    detection = counter.get_total_flops()
-    # What other threads do would not be counted.
-    with models.one_thread_each(), FlopCounterMode(display=False) as counter:
-        predictor.predict([np.random.default_rng(0).normal(0.0, 0.03, (2000, 3))])
-    region = counter.get_total_flops()
-    gflop = (detection + num_regions * region) / 1e9
-    note = f"{detection / 1e9:.1f} GFLOP + {num_regions:.1f} regions x {region / 1e9:.2f}, at SGEMM"
+    cloud = np.random.default_rng(0).normal(0.0, 0.03, (2000, 3))
+    with models.one_thread_each():  # what other threads do would not be counted
+        seen = frame.color, frame.depth, frame.intrinsics
+        detection = gflop_of(lambda: detector.detect(*seen))
+        region = gflop_of(lambda: predictor.predict([cloud]))
+    gflop = detection + num_regions * region
+    note = f"{detection:.1f} GFLOP + {num_regions:.1f} regions x {region:.2f}, at SGEMM"
     return Measurement("infer: floor", gflop / sgemm_rate(), "s/frame", f"cpu, {note}")

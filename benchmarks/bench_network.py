@@ -5,14 +5,14 @@ libraries that torch has for them, which is measured beside each figure, because
 machine slows both.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 import torch
 from torch import Tensor
-from torch.utils.flop_counter import FlopCounterMode
 
 from benchmarks.bench_infer import FRAMES
+from benchmarks.operations import gflop_of
 from benchmarks.timing import Measurement, cpu_seconds_of
 from pipelines.configs import DetectorConfig, NetworkConfig, TrainConfig
 from pipelines.errors import SymgraspError
@@ -107,9 +107,7 @@ def _beside_floor(
     counted: Callable[[], object] | None = None,
 ) -> Measurement:
     """Return the seconds of `step` and how many times those of its matrix products they are."""
-    with torch.no_grad(), FlopCounterMode(display=False, custom_mapping=_COUNTED) as counter:
-        (counted or step)()
-    gflop = share * counter.get_total_flops() / 1e9
+    gflop = share * gflop_of(counted or step)
     before = _product_seconds()
     seconds = cpu_seconds_of(step, 5)
     rate = 2.0 * SIDE**3 / 1e9 / (0.5 * (before + _product_seconds()))
@@ -122,15 +120,6 @@ def _product_seconds() -> float:
     """Return the seconds of one large product of matrices."""
     a, b = torch.rand(2, SIDE, SIDE)
     return min(cpu_seconds_of(lambda: a @ b, 5), cpu_seconds_of(lambda: linear(a, b), 5))
-
-
-def _linear_flops(rows: Sequence[int], weight: Sequence[int], *_: object, **__: object) -> int:
-    """Return the operations of a linear layer, from the shapes of its first two arguments."""
-    return 2 * int(np.prod(rows)) * weight[0]
-
-
-_HAS_ONEDNN = torch.backends.mkldnn.is_available()  # type: ignore[no-untyped-call]
-_COUNTED = {torch.ops.mkldnn._linear_pointwise: _linear_flops} if _HAS_ONEDNN else {}
 
 
 def _regions(size: int, count: int) -> RegionBatch:

@@ -101,7 +101,7 @@ class InferConfig:
     min_region_pixels: int = 200
     min_foreground: float = 0.5  # share of a detection that must stand above the table
     min_uncovered: float = 0.5  # share of a geometric region that detections must leave
-    min_piece_share: float = 0.1  # of a detection, that a piece has by which it is taken apart
+    min_piece_share: float = 0.1  # of a detection, that each of its pieces has at least; D. 97
     min_piece_inside: float = 0.8  # share of a geometric piece within a region without grasps
     max_grasps_per_region: int = 20
     limits: LimitsConfig = field(default_factory=LimitsConfig)

@@ -17,7 +17,7 @@ from pipelines.grasping.suppression import are_near
 from pipelines.inference import models
 from pipelines.inference.frame_grasps import Planner
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
-from tests.inference.predictions import Prediction
+from tests.inference.stand_ins import Prediction
 
 POSE = looking_at_table()
 DEPTH, INDEX = render([Box((0.06, 0.09, 0.1))], POSE)

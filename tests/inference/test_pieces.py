@@ -1,6 +1,6 @@
 """Detections that hold several things are taken apart; what is one thing stays whole."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,26 +14,11 @@ from pipelines.inference import models
 from pipelines.inference.frame_grasps import Planner
 from pipelines.inference.pieces import pieces_of
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
-from tests.inference.predictions import Prediction
+from tests.inference.stand_ins import Detection, Detector, Prediction
 
 POSE = looking_at_table()
-LARGE, SMALL = Box((0.06, 0.09, 0.1)), Box((0.05, 0.05, 0.06), at=(0.16, 0.0, 0.0))
-
-
-@dataclass(frozen=True)
-class Detection:
-    mask: np.ndarray
-    confidence: float = 0.9
-
-
-@dataclass(frozen=True)
-class Detector:
-    """Finds all that stands on the table, as one region."""
-
-    mask: np.ndarray
-
-    def detect(self, color, depth, intrinsics, plane):
-        return [Detection(self.mask)]
+# As one region these two would be held at the smaller one alone, which is tall.
+LARGE, SMALL = Box((0.1, 0.1, 0.06)), Box((0.05, 0.06, 0.12), at=(0.1, 0.0, 0.0))
 
 
 class NoSymmetry:
@@ -58,7 +43,7 @@ class TwoPlanes(NoSymmetry):
 
     def predict(self, clouds, table):
         planes = [
-            ReflectionSymmetry(POSE[:3, axis], transform_points(POSE, [0, 0, 0.05]))
+            ReflectionSymmetry(POSE[:3, axis], transform_points(POSE, [0, 0, 0.03]))
             for axis in (0, 1)
         ]
         slots = SymmetrySlots.from_symmetries(planes)
@@ -83,23 +68,23 @@ def planned(boxes, predictor, regions="auto", **planning):
     config = InferConfig(regions=regions, selection=selection)
     judge = models.hand_judge(models.HAND_WEIGHTS)
     planner = Planner(
-        config, load_gripper("rg2"), Detector(index >= 0), predictor, hand_judge=judge
+        config, load_gripper("rg2"), Detector([Detection(index >= 0)]), predictor, hand_judge=judge
     )
     return planner.plan(frame, np.random.default_rng(0), **planning), index
 
 
-def owners(result, index):
-    """Of each region's best grasp, the box in whose pixels the middle of its contacts lies."""
-    best = result.grasps.is_best
-    middle = np.asarray(result.grasps.translation[best], np.float64)
+def held(result, index):
+    """Of each region, the boxes in whose pixels the middles of its grasps' contacts lie."""
+    middle = np.asarray(result.grasps.translation, np.float64)
     u, v = np.round(CAMERA.project(middle)).astype(int).T
-    return dict(zip(result.grasps.region[best].tolist(), index[v, u].tolist(), strict=True))
+    regions, boxes = np.asarray(result.grasps.region), index[v, u]
+    return {int(region): set(boxes[regions == region].tolist()) for region in np.unique(regions)}
 
 
-def test_two_things_in_a_detection_get_a_grasp_each():
+def test_two_things_in_a_detection_get_grasps_each():
     result, index = planned([LARGE, SMALL], NoSymmetry())
     assert result.regions.source.tolist() == ["detector", "geometric"]
-    assert owners(result, index) == {0: 0, 1: 1}  # the detection's is on what most of it is
+    assert held(result, index) == {0: {0}, 1: {1}}  # the detection's are on what most of it is
     height, width = index.shape
     piece = result.regions.mask(1, width, height)
     assert (index[piece] == 1).mean() > 0.95
@@ -108,7 +93,7 @@ def test_two_things_in_a_detection_get_a_grasp_each():
 
 def test_one_thing_stays_one_region():
     result, index = planned([LARGE], NoSymmetry())
-    assert owners(result, index) == {0: 0}
+    assert held(result, index) == {0: {0}}
 
 
 def test_a_symmetric_grasp_holds_its_region_together():

@@ -1,6 +1,6 @@
 """Where a frame's regions come from."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -8,28 +8,11 @@ from pipelines.configs import InferConfig
 from pipelines.formats.rgbd import Frame
 from pipelines.inference.regions import find_regions
 from tests.geometry.tabletops import CAMERA, Box, Can, render
+from tests.inference.stand_ins import Detection, Detector
 
 SHAPES = [Box((0.06, 0.09, 0.1)), Can(0.035, 0.12, (0.15, 0, 0))]
 DEPTH, INDEX = render(SHAPES)
 FRAME = Frame("f", np.zeros((240, 320, 3), np.uint8), DEPTH.astype(np.float32), CAMERA)
-
-
-@dataclass(frozen=True)
-class Found:
-    mask: np.ndarray
-    confidence: float = 0.9
-
-
-@dataclass(frozen=True)
-class StandIn:
-    """A detector that finds what it is told to find."""
-
-    found: list
-    planes: list = field(default_factory=list)
-
-    def detect(self, color, depth, intrinsics, plane):
-        self.planes.append(plane)
-        return self.found
 
 
 def regions(detector, **settings):
@@ -38,31 +21,31 @@ def regions(detector, **settings):
 
 
 def test_auto_completes_the_detector_with_what_it_left_uncovered():
-    found = regions(StandIn([Found(INDEX == 0)]))
+    found = regions(Detector([Detection(INDEX == 0)]))
     assert [region.source for region in found] == ["detector", "geometric"]
     assert (found[1].mask & (INDEX == 1)).sum() > 0.8 * (INDEX == 1).sum()
 
 
 def test_the_table_is_found_once_for_all():
-    detector = StandIn([])
+    detector = Detector([])
     found = find_regions(FRAME, InferConfig(), np.random.default_rng(0), detector)
     assert found.geometric.plane is not None
     assert detector.planes == [found.geometric.plane]
 
 
 def test_the_detector_alone_is_not_completed():
-    found = regions(StandIn([Found(INDEX == 0)]), regions="detector")
+    found = regions(Detector([Detection(INDEX == 0)]), regions="detector")
     assert [region.source for region in found] == ["detector"]
 
 
 def test_detections_of_the_table_are_dropped():
     table = np.zeros(DEPTH.shape, bool)
     table[200:230, 20:80] = True
-    assert not regions(StandIn([Found(table & (INDEX < 0))]), regions="detector")
+    assert not regions(Detector([Detection(table & (INDEX < 0))]), regions="detector")
 
 
 def test_overlapping_detections_go_to_the_more_confident():
-    both = StandIn([Found(INDEX >= 0, 0.6), Found(INDEX == 0, 0.9)])
+    both = Detector([Detection(INDEX >= 0, 0.6), Detection(INDEX == 0, 0.9)])
     found = regions(both, regions="detector")
     assert [region.confidence for region in found] == [0.9, 0.6]
     assert not (found[0].mask & found[1].mask).any()
@@ -72,4 +55,4 @@ def test_small_detections_are_dropped():
     speck = np.zeros(DEPTH.shape, bool)
     rows, columns = np.nonzero(INDEX == 0)
     speck[rows[:50], columns[:50]] = True
-    assert not regions(StandIn([Found(speck)]), regions="detector")
+    assert not regions(Detector([Detection(speck)]), regions="detector")

@@ -1,0 +1,37 @@
+"""What stand-ins for the networks say: a detector of a frame, a predictor of a region."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Detection:
+    """A region that a detector found."""
+
+    mask: np.ndarray
+    confidence: float = 0.9
+
+
+@dataclass(frozen=True)
+class Detector:
+    """Finds what it is told to find, and remembers the planes that it was told of."""
+
+    found: list
+    planes: list = field(default_factory=list)
+
+    def detect(self, color, depth, intrinsics, plane):
+        self.planes.append(plane)
+        return self.found
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """As `RegionPrediction`, and nothing more."""
+
+    index: np.ndarray
+    affordance: np.ndarray
+    telling: np.ndarray
+    existence: np.ndarray
+    center: np.ndarray
+    direction: np.ndarray

@@ -76,6 +76,11 @@ def joined(device: str) -> Iterator[tuple[Processes, torch.device]]:
     if not distributed.is_torchelastic_launched():
         yield Processes(), find_device(device)
         return
+    # This module keeps the group that it finds when it is imported, as an optimizer's first step
+    # does. Threads of a group that is kept live on after it is destroyed, and may abort the
+    # process at its end: so it is imported while there is none.
+    import torch.distributed.nn.functional  # noqa: PLC0415
+
     found = find_device(device, int(os.environ["LOCAL_RANK"]))
     if found.type == "cuda":
         torch.cuda.set_device(found)

@@ -1,7 +1,7 @@
 """`python -m tests.learning.train_toys PACKED OUTPUT`: a toy training in a process of its own.
 
-Run by torchrun it trains in several processes. `--resume` goes on; with `--die-at N` it is killed
-in step N.
+Run by torchrun it trains in several processes; it fails if threads of their group outlive it.
+`--resume` goes on; with `--die-at N` it is killed in step N.
 """
 
 import os
@@ -21,6 +21,14 @@ def main(arguments: list[str]) -> None:
         die_at(int(arguments[-1]))
     request = RunRequest(device="cpu", threads=1, resume="--resume" in arguments)
     train.run(packed, None, output, CONFIG, request)
+    if left := group_threads():
+        sys.exit(f"threads of the process group live on after the training: {left}")
+
+
+def group_threads() -> list[str]:
+    """Return the names of this process's threads that gloo started, where the system tells."""
+    names = [path.read_text().strip() for path in Path("/proc/self/task").glob("*/comm")]
+    return [name for name in names if "gloo" in name]
 
 
 def die_at(step: int) -> None:

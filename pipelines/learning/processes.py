@@ -77,7 +77,7 @@ def joined(device: str) -> Iterator[tuple[Processes, torch.device]]:
         yield Processes(), find_device(device)
         return
     # This module keeps the group that it finds when it is imported, as an optimizer's first step
-    # does. Threads of a group that is kept live on after it is destroyed, and may abort the
+    # does. Threads of a group that is kept live on after it is destroyed, and could abort the
     # process at its end: so it is imported while there is none.
     import torch.distributed.nn.functional  # noqa: PLC0415
 

@@ -74,8 +74,9 @@ ablations: install $(EVAL)/dataset.made ## table IV, each part left out in turn,
 		--steps $(STEPS) --detector-steps $(DETECTOR_STEPS) --scenes $(SCENES) --objects $(OBJECTS)
 	@echo "table: $(ABLATIONS)/ablations.md"
 
+BENCH :=
 bench: install ## speeds of this machine, stage by stage
-	$(BIN)/python -m benchmarks
+	$(BIN)/python -m benchmarks $(BENCH)
 
 golden: install ## write the golden files anew; review the difference
 	$(BIN)/python -m pytest -q tests/cli --golden

@@ -1,6 +1,8 @@
-"""Print all speeds as one Markdown table: `python -m benchmarks`."""
+"""Print all speeds, or those named, as one Markdown table: `python -m benchmarks [NAME ...]`."""
 
+import argparse
 import sys
+from collections.abc import Sequence
 
 from benchmarks import (
     bench_annotate,
@@ -15,22 +17,31 @@ from benchmarks import (
 )
 from benchmarks.timing import markdown
 
-BENCHES = (
-    bench_machine,
-    bench_infer,
-    bench_many_frames,
-    bench_network,
-    bench_annotate,
-    bench_dataset,
-    bench_labels,
-    bench_metrics,
-    bench_evaluate,
-)
+BENCHES = {
+    "machine": bench_machine,
+    "infer": bench_infer,
+    "many-frames": bench_many_frames,
+    "network": bench_network,
+    "annotate": bench_annotate,
+    "dataset": bench_dataset,
+    "labels": bench_labels,
+    "metrics": bench_metrics,
+    "evaluate": bench_evaluate,
+}
 
 
-def main() -> None:
-    """Run every bench, then print."""
-    sys.stdout.write(markdown([m for bench in BENCHES for m in bench.measure()]))
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the benches named, or every one, then print."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks",
+        description="Print all speeds, or those named, as one Markdown table.",
+    )
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(BENCHES)}")
+    names = parser.parse_args(arguments).names
+    if unknown := [name for name in names if name not in BENCHES]:
+        parser.error(f"no bench is called {unknown[0]}; there are {', '.join(BENCHES)}")
+    chosen = [bench for name, bench in BENCHES.items() if name in names or not names]
+    sys.stdout.write(markdown([m for bench in chosen for m in bench.measure()]))
 
 
 if __name__ == "__main__":

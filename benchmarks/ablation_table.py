@@ -21,6 +21,7 @@ METRICS = {
     "mask_ap50": "mask AP50",
 }
 FULL, PLAIN, TOLD = "full", "plain", "told-in-camera"
+NEITHER = "no-pift-no-siamese"
 UNFITTED = ("--no-grounding", "--rank-by", "eq8")  # what the paper does with a network's output
 NOTE = """\
 Paper: GraspNet-1Billion, seen and unseen. Ours: the benchmark of `make eval`; an object without a
@@ -85,6 +86,19 @@ ROWS = (  # those that answer the paper's claims first: the table grows in this 
     Row("no-grounding", "no fit to the seen surface", infer=UNFITTED[:1], network=FULL),
     Row("eq8", "ranked by Eq. 8", infer=UNFITTED[1:], network=FULL),
     Row("no-depth-regions", "no regions from depth", infer=("--regions", "detector"), network=FULL),
+    Row(  # does Siamese training bring more where PIFT does not undo scalings already (D. 100)?
+        NEITHER,
+        "no PIFT, no Siamese training",
+        base="no-pift",
+        train=("--no-pift", "--no-siamese"),
+    ),
+    Row(
+        f"plain-{NEITHER}",
+        "as the paper, no PIFT, no Siamese training",
+        base="plain-no-pift",
+        infer=UNFITTED,
+        network=NEITHER,
+    ),
 )
 
 

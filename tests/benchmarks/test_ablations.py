@@ -8,6 +8,7 @@ import pytest
 from benchmarks.ablation_table import (
     FULL,
     METRICS,
+    NEITHER,
     PLAIN,
     ROWS,
     SPLITS,
@@ -110,7 +111,10 @@ def test_rows_as_the_paper_has_them_are_compared_with_each_other(tmp_path):
     made = [command for command in done(tmp_path) if command[0] == "compare"]
     bases = {Path(out).parent.name: Path(base).parent.name for _, base, _, _, out in made}
     assert bases["plain-no-pift"] == bases["plain-no-siamese"] == PLAIN
-    assert {bases[key] for key in BASED if not key.startswith("plain-")} == {FULL}
+    assert bases[f"plain-{NEITHER}"] == "plain-no-pift"
+    others = {key for key in BASED if not key.startswith("plain-")} - {NEITHER}
+    assert bases[NEITHER] == "no-pift"
+    assert {bases[key] for key in others} == {FULL}
 
 
 def test_rows_differ_from_the_full_method_in_what_they_leave_out_and_nothing_else(tmp_path):
@@ -123,6 +127,7 @@ def test_rows_differ_from_the_full_method_in_what_they_leave_out_and_nothing_els
     full = trained[FULL]
     assert sorted(set(trained["no-pift"]) - set(full)) == ["--no-pift"]
     assert sorted(set(trained["no-siamese"]) - set(full)) == ["--no-siamese"]
+    assert sorted(set(trained[NEITHER]) - set(full)) == ["--no-pift", "--no-siamese"]
     assert sorted(set(trained[TOLD]) - set(full)) == ["--no-canonical-frame"]
     assert set(trained["no-refinement"]) - set(full) == {"unrefined"}
     assert "uncut" in trained["no-regions"]

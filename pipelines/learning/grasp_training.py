@@ -155,7 +155,12 @@ def sample_loss(
     is_labelled[: len(sample.regions)] = True
     points = gather(both.points, measured)
     terms = total_loss(
-        network.predict(features), both.at(query), pair, config, points, is_labelled.float()
+        network.predict(features),
+        both.at(query),
+        pair,
+        config,
+        points,
+        is_labelled.to(points.dtype),
     )
     return {name: getattr(terms, name) for name in terms.__dataclass_fields__}
 

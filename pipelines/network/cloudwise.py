@@ -15,12 +15,13 @@ from typing import cast
 import torch
 from torch import Tensor, nn
 
+from pipelines.network import devices
 from pipelines.network.products import linear
 
 
 def taken_apart(features: Tensor) -> bool:
     """Return whether clouds are worked on one by one: on a CPU, without gradients."""
-    return features.device.type == "cpu" and not torch.is_grad_enabled()
+    return devices.on_cpu(features) and not torch.is_grad_enabled()
 
 
 def each_cloud(function: Callable[..., None], *clouds: Tensor) -> None:

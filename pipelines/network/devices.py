@@ -1,6 +1,7 @@
 """Where tensors live: `auto`, `cpu`, `cuda` or `cuda:N`."""
 
 import torch
+from torch import Tensor
 
 from pipelines.errors import UnknownNameError, ValueRangeError
 
@@ -24,3 +25,12 @@ def find_device(name: str, process: int | None = None) -> torch.device:
     if kind == "cuda" and int(number or 0) >= torch.cuda.device_count():
         raise ValueRangeError("device", name, f"one of {torch.cuda.device_count()} GPUs, or cpu")
     return torch.device(name)
+
+
+def on_cpu(tensor: Tensor) -> bool:
+    """Return whether `tensor` lies where compiled loops can reach it.
+
+    Asked by all that goes another way on GPUs, as `devices.on_cpu`: where it is made to say no,
+    the CPU takes the way of GPUs.
+    """
+    return tensor.device.type == "cpu"

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from pipelines.geometry.compiled import compiled
+from pipelines.network import devices
 from pipelines.network.cloudwise import each_cloud
 from pipelines.network.products import linear
 
@@ -26,7 +27,7 @@ ROWS = 2048  # members of groups that are worked on at a time, about
 
 def applies_to(features: Tensor) -> bool:
     """Return whether `pooled_groups` can be used: on a CPU, where nothing is rounded to halves."""
-    return features.device.type == "cpu" and not torch.is_autocast_enabled("cpu")
+    return devices.on_cpu(features) and not torch.is_autocast_enabled("cpu")
 
 
 def pooled_groups(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from pipelines.geometry.compiled import compiled
+from pipelines.network import devices
 
 Numbers = NDArray[np.floating]
 
@@ -30,7 +31,7 @@ def leading_direction(
     last: a product of many 3 x 3 matrices is then a few sums of long rows.
     """
     rows = six.movedim(-1, 0).contiguous()
-    if six.device.type == "cpu" and not torch.is_grad_enabled():
+    if devices.on_cpu(six) and not torch.is_grad_enabled():
         found = six.new_empty(3, *six.shape[:-1])
         _find_leading(rows.view(6, -1).numpy(), found.view(3, -1).numpy())
     else:

@@ -34,8 +34,7 @@ def match_reflections(
     )  # (B, slot, plane)
     existing = truth.existence[:, None, :NUM_REFLECTIONS] > 0
     # An absent plane costs the same everywhere: it takes the slots that the others leave.
-    order = torch.from_numpy(_assign(torch.where(existing, cost, 0.0).cpu().numpy()))
-    order = order.to(points.device)
+    order = assign(torch.where(existing, cost, 0.0))
     picked = torch.cat(
         [order, truth.existence.new_tensor([[3, 4]]).long().expand(len(order), 2)], 1
     )
@@ -65,6 +64,7 @@ def _costs_of_plane(
     return torch.stack([(error * weight).sum(-1) for error in errors], -1)
 
 
-def _assign(cost: np.ndarray) -> np.ndarray:
+def assign(cost: Tensor) -> Tensor:
     """Return for each row of (B, slot, plane) costs the plane (B, slot) given to each slot."""
-    return np.stack([linear_sum_assignment(matrix)[1] for matrix in cost])
+    given = np.stack([linear_sum_assignment(matrix)[1] for matrix in cost.cpu().numpy()])
+    return torch.from_numpy(given).to(cost.device)

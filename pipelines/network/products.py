@@ -9,6 +9,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from pipelines.network import devices
+
 
 def linear(
     rows: Tensor,  # (n, c)
@@ -28,7 +30,7 @@ def linear(
 def _is_for_onednn(rows: Tensor) -> bool:
     return (
         rows.dtype is torch.float32
-        and rows.device.type == "cpu"
+        and devices.on_cpu(rows)
         and len(rows) > 0
         and torch.backends.mkldnn.is_available()  # type: ignore[no-untyped-call]
         and not torch.is_grad_enabled()

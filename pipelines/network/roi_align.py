@@ -13,6 +13,7 @@ from torchvision.ops import MultiScaleRoIAlign
 from torchvision.ops.poolers import _setup_scales
 
 from pipelines.geometry.compiled import compiled
+from pipelines.network import devices
 
 Singles = NDArray[np.float32]
 Indices = NDArray[np.int64]
@@ -40,7 +41,7 @@ class ChannelsLastRoIAlign(MultiScaleRoIAlign):  # type: ignore[misc] # untyped 
         sizes: Sequence[tuple[int, int]],  # of the images
     ) -> Tensor:
         """Return the features (N, C, h, w) of all images' boxes, one image after the other."""
-        if boxes[0].device.type != "cpu":
+        if not devices.on_cpu(boxes[0]):
             features: Tensor = super().forward(maps, boxes, sizes)
             return features
         used = [maps[name] for name in self.featmap_names if name in maps]

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from pipelines.network import devices
 from pipelines.network.cloudwise import each_cloud
 from pipelines.network.interpolation import interpolated
 from pipelines.network.neighbors import find_farthest, find_nearest, find_three_nearest
@@ -27,7 +28,7 @@ def farthest_points(
     """
     if count >= points.shape[1]:
         return torch.arange(points.shape[1], device=points.device).expand(points.shape[:2])
-    if not _have_loops(points):
+    if not devices.on_cpu(points):
         return _farthest_points_torch(points.float(), count)
     chosen = torch.empty(len(points), count, dtype=torch.int64)
     each_cloud(find_farthest, points.float(), chosen)
@@ -52,7 +53,7 @@ def nearest_neighbors(
     count: int,
 ) -> Tensor:
     """Return indices (B, M, min(count, N)) of the support points nearest to each query."""
-    if not _have_loops(queries):
+    if not devices.on_cpu(queries):
         return _nearest_torch(queries, support, count)
     index = torch.empty(*queries.shape[:2], min(count, support.shape[1]), dtype=torch.int64)
     each_cloud(find_nearest, queries.float(), support.float(), index)
@@ -69,7 +70,7 @@ def three_nearest(
     Weights are inverse squared distances that sum to one, as PointNet++ has them. Where there are
     fewer than three points, weights of zero (on a CPU) or fewer columns take the others' place.
     """
-    if _have_loops(queries):
+    if devices.on_cpu(queries):
         index = queries.new_empty(*queries.shape[:2], 3, dtype=torch.int64)
         squared_gap = queries.new_empty(index.shape)
         each_cloud(find_three_nearest, queries, support, index, squared_gap)
@@ -95,7 +96,7 @@ def weighted_sum(
     weight: Tensor,  # (B, M, K)
 ) -> Tensor:
     """Return sums (B, M, C) of `values` at `index`, each times its `weight`."""
-    if values.device.type == "cpu":
+    if devices.on_cpu(values):
         return interpolated(values, index, weight)
     bags = _flat(values, index).reshape(-1, index.shape[2])
     summed = functional.embedding_bag(
@@ -108,10 +109,6 @@ def _flat(values: Tensor, index: Tensor) -> Tensor:
     """Return indices (B, ...) into the clouds of `values` laid end to end."""
     start = torch.arange(len(values), device=values.device) * values.shape[1]
     return index + start.view(-1, *[1] * (index.dim() - 1))
-
-
-def _have_loops(points: Tensor) -> bool:
-    return points.device.type == "cpu"
 
 
 def _nearest_torch(queries: Tensor, support: Tensor, count: int) -> Tensor:

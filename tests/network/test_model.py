@@ -7,7 +7,7 @@ import torch
 
 from pipelines.configs import NetworkConfig
 from pipelines.inference.models import NETWORK_WEIGHTS
-from pipelines.network import sampling
+from pipelines.network import devices
 from pipelines.network.folding import folded
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.weights_files import read_weights
@@ -143,12 +143,13 @@ def test_every_weight_has_a_gradient_that_is_a_number(learn):
         assert torch.isfinite(value.grad).all(), name
 
 
+@pytest.mark.parametrize("change", [lambda network: network, folded], ids=["learned", "folded"])
 @pytest.mark.parametrize("config", [SMALL, NetworkConfig()])
-def test_compiled_sampling_and_plain_torch_give_the_same_answers(config, monkeypatch):
-    network, points = learned(config), clouds(2, config.num_points)
+def test_the_way_that_gpus_take_gives_the_same_answers(config, change, monkeypatch):
+    network, points = change(learned(config)), clouds(2, config.num_points)
     with torch.no_grad():
         compiled = network(points)
-        monkeypatch.setattr(sampling, "_have_loops", lambda _: False)
+        monkeypatch.setattr(devices, "on_cpu", lambda _: False)
         plain = network(points)
     for name in NAMES:
         torch.testing.assert_close(getattr(plain, name), getattr(compiled, name))

@@ -5,7 +5,7 @@ import pytest
 import torch
 from numpy.testing import assert_allclose, assert_array_equal
 
-from pipelines.network import sampling
+from pipelines.network import devices, sampling
 
 
 def clouds(size, count, seed=0):
@@ -22,7 +22,7 @@ def naive_farthest(cloud, count, first):
 
 @pytest.fixture(params=[True, False], ids=["loops", "torch"])
 def loops(request, monkeypatch):
-    monkeypatch.setattr(sampling, "_have_loops", lambda _: request.param)
+    monkeypatch.setattr(devices, "on_cpu", lambda _: request.param)
 
 
 @pytest.mark.usefixtures("loops")

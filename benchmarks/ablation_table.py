@@ -109,12 +109,14 @@ def rows_named(keys: Sequence[str]) -> tuple[Row, ...]:
         UnknownNameError: a key is of no row.
     """
     known = {row.key: row for row in ROWS}
-    wanted = {FULL}
-    for key in keys:
+    wanted, open_keys = {FULL}, list(keys)
+    while open_keys:
+        key = open_keys.pop()
         if key not in known:
             raise UnknownNameError("row", key, tuple(known))
-        row = known[key]
-        wanted |= {key} | ({row.base, row.network} - {None})
+        if key not in wanted:
+            wanted.add(key)
+            open_keys += {known[key].base, known[key].network} - {None}
     return tuple(row for row in ROWS if row.key in wanted)
 
 

@@ -239,6 +239,16 @@ def test_each_row_has_its_own_difference():
 def test_some_rows_come_with_what_they_rest_on():
     keys = [row.key for row in rows_named(["plain-no-pift"])]
     assert keys == [FULL, PLAIN, "no-pift", "plain-no-pift"]
+
+
+def test_what_rows_rest_on_comes_with_what_that_rests_on():
+    for row in ROWS:
+        chosen = rows_named([row.key])
+        keys = {each.key for each in chosen}
+        assert all({each.base, each.network} - {None} <= keys for each in chosen)
+
+
+def test_a_row_that_there_is_not_is_refused():
     with pytest.raises(SymgraspError, match="no-pifd"):
         rows_named(["no-pifd"])
 

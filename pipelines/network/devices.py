@@ -28,9 +28,8 @@ def find_device(name: str, process: int | None = None) -> torch.device:
 
 
 def on_cpu(tensor: Tensor) -> bool:
-    """Return whether `tensor` lies where compiled loops can reach it.
+    """Return whether `tensor` lies where compiled loops and the CPU's own products reach it.
 
-    Asked by all that goes another way on GPUs, as `devices.on_cpu`: where it is made to say no,
-    the CPU takes the way of GPUs.
+    Layers ask it as `devices.on_cpu`: where it is made to say no, they go the way of GPUs.
     """
     return tensor.device.type == "cpu"

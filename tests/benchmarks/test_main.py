@@ -6,8 +6,8 @@ from benchmarks import __main__ as program
 from benchmarks.timing import Measurement
 
 
-@pytest.fixture
-def told(monkeypatch):
+@pytest.fixture(autouse=True)
+def two_benches(monkeypatch):
     class Bench:
         def __init__(self, name):
             self.name = name
@@ -18,18 +18,18 @@ def told(monkeypatch):
     monkeypatch.setattr(program, "BENCHES", {name: Bench(name) for name in ("one", "two")})
 
 
-def names(run, arguments, capsys):
-    run(arguments)
+def printed(arguments, capsys):
+    program.main(arguments)
     rows = capsys.readouterr().out.splitlines()[2:]
     return [row.split("|")[1].strip() for row in rows]
 
 
-def test_every_bench_is_run_unless_some_are_named(told, capsys):
-    assert names(program.main, [], capsys) == ["one", "two"]
-    assert names(program.main, ["two"], capsys) == ["two"]
+def test_every_bench_is_run_unless_some_are_named(capsys):
+    assert printed([], capsys) == ["one", "two"]
+    assert printed(["two"], capsys) == ["two"]
 
 
-def test_a_name_of_no_bench_is_refused_with_those_there_are(told, capsys):
+def test_a_name_of_no_bench_is_refused_with_those_there_are(capsys):
     with pytest.raises(SystemExit) as stop:
         program.main(["three"])
     assert stop.value.code == 2

@@ -156,8 +156,12 @@ def _value(figures: Mapping[str, Any] | None, metric: str) -> float | None:
 
 
 def _difference(compared: Sequence[Any], split: str) -> dict[str, Any]:
-    """Return by how much the quality of a row is above its base's, of each seed."""
-    each = [one["figures"][split][QUALITY]["differences"][0] for one in compared]
+    """Return by how much the quality of a row is above its base's, of each seed.
+
+    There are none of a split that the benchmark does not have.
+    """
+    known = [one["figures"][split] for one in compared if split in one["figures"]]
+    each = [figures[QUALITY]["differences"][0] for figures in known]
     intervals = [[difference["low"], difference["high"]] for difference in each]
     return {**_over_seeds([difference["value"] for difference in each]), "intervals": intervals}
 

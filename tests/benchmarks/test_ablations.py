@@ -227,6 +227,16 @@ def test_one_seed_has_no_spread_but_the_interval_over_frames():
     assert "| -0.100 (-0.120 to -0.090) |" in text
 
 
+def test_a_split_that_the_benchmark_does_not_have_is_a_dash():
+    some, difference = report(0.5), comparison(-0.1)
+    some["rows"]["ours"] = {"all": some["rows"]["ours"]["all"]}
+    difference["figures"] = {"all": difference["figures"]["all"]}
+    reports = {row.key: [some] for row in ROWS}
+    text = markdown(summary(reports, {key: [difference] for key in BASED}, [0]))
+    assert "| full method | 0.382 | 0.297 | - | - | - | 0.500 |" in text
+    assert "| no PIFT | -0.045 | -0.205 | - | - | - | -0.100 (-0.120 to -0.090) |" in text
+
+
 def test_each_row_has_its_own_difference():
     reports = {row.key: [report(0.5)] for row in ROWS}
     each = {key: [comparison(-0.1 * place)] for place, key in enumerate(BASED)}

@@ -50,6 +50,10 @@ def infer(
     method: Annotated[
         str, typer.Option(help="network, or planar or random as baselines without it.")
     ] = "network",
+    mirrored: Annotated[
+        bool,
+        typer.Option("--mirrored", help="Show the network each region's mirror image too."),
+    ] = InferConfig.mirrored,
     grounding: Annotated[
         bool, typer.Option(help="Fit predicted symmetries to the surface that is seen.")
     ] = SelectionConfig.ground_symmetries,
@@ -127,6 +131,7 @@ def infer(
     config = InferConfig(
         regions=regions,
         method=method,
+        mirrored=mirrored,
         gripper=gripper,
         max_grasps_per_region=top,
         limits=LimitsConfig(room.box, workspace_frame, approach_cone, direction, approach_frame),

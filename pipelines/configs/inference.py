@@ -96,6 +96,7 @@ class InferConfig:
 
     regions: str = "auto"  # or detector, geometric
     method: str = "network"  # or planar, random: baselines
+    mirrored: bool = False  # whether the network sees regions' mirror images too; D. 101
     gripper: str = "rg2"
     geometric_confidence: float = 0.4  # of regions that the detector did not name
     min_region_pixels: int = 200

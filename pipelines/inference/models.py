@@ -51,10 +51,10 @@ def detector(path: Path, device: str) -> RegionDetector:
         return _detector(path, device)
 
 
-def predictor(path: Path, device: str) -> GraspPredictor:
-    """Return the grasp network of the weights `path`."""
+def predictor(path: Path, device: str, mirrored: bool = False) -> GraspPredictor:
+    """Return the grasp network of the weights `path`; `mirrored`: regions' mirror images too."""
     with _LOADING:
-        return _predictor(path, device)
+        return _predictor(path, device, mirrored)
 
 
 def plane_judge(path: Path) -> PointJudge:
@@ -114,10 +114,10 @@ def _detector(path: Path, device: str) -> RegionDetector:
 
 
 @lru_cache(maxsize=2)
-def _predictor(path: Path, device: str) -> GraspPredictor:
+def _predictor(path: Path, device: str, mirrored: bool) -> GraspPredictor:
     from pipelines.network.predictor import GraspPredictor  # noqa: PLC0415 - torch is slow to load
 
-    return GraspPredictor.load(existing_weights(path, "symgrasp train"), device)
+    return GraspPredictor.load(existing_weights(path, "symgrasp train"), device, mirrored)
 
 
 @lru_cache(maxsize=4)

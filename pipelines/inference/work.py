@@ -130,11 +130,12 @@ class Settings:
 
     def planner(self) -> Planner:
         """Return the planner, its networks loaded once a process."""
+        paths, device, mirrored = self.paths, self.device, self.config.mirrored
         return Planner(
             self.config,
             load_gripper(self.config.gripper),
-            models.detector(self.paths.detector, self.device) if self.uses_detector else None,
-            models.predictor(self.paths.network, self.device) if self.uses_network else None,
+            models.detector(paths.detector, device) if self.uses_detector else None,
+            models.predictor(paths.network, device, mirrored) if self.uses_network else None,
             models.plane_judge(self.paths.planes) if self.judges_planes else None,
             models.hand_judge(self.paths.hands) if self.judges_hands else None,
         )

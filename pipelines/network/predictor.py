@@ -17,6 +17,7 @@ from pipelines.geometry.pointcloud import Plane
 from pipelines.network.cloudwise import threads_of_one_core
 from pipelines.network.devices import find_device
 from pipelines.network.folding import folded
+from pipelines.network.mirror_copies import MIRROR, Told, joined
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.weights_files import fill, read_weights
 
@@ -33,7 +34,7 @@ class RegionPrediction:
     Attributes:
         index: (N,) which of the region's points were drawn; some twice where it has fewer.
         affordance: (N,) in [0, 1].
-        telling: (M,) which of the N tell symmetries.
+        telling: (M,) which of the N tell symmetries; all of them twice where a mirrored copy does.
         existence: (M, 5) probabilities; slots 0-2 reflection, 3 rotation, 4 sphere.
         center: (M, 5, 3).
         direction: (M, 5, 3) unit; zeros for the sphere.
@@ -48,16 +49,24 @@ class RegionPrediction:
 
 
 class GraspPredictor:
-    """Draws points from regions, centres them, runs the network on all regions at once."""
+    """Draws points from regions, centres them, runs the network on all regions at once.
+
+    `mirrored`: whether the network is asked of the regions' mirror images as well (D. 101).
+    """
 
     def __init__(
-        self, network: SymmetryGraspNet, config: NetworkConfig, device: torch.device
+        self,
+        network: SymmetryGraspNet,
+        config: NetworkConfig,
+        device: torch.device,
+        mirrored: bool = False,
     ) -> None:
         self.network, self.config, self.device = folded(network.to(device)), config, device
+        self.mirrored = mirrored
 
     @classmethod
-    def load(cls, path: Path, device: str = "auto") -> Self:
-        """Read weights that `symgrasp train` wrote.
+    def load(cls, path: Path, device: str = "auto", mirrored: bool = False) -> Self:
+        """Read weights that `symgrasp train` wrote; `mirrored` as the class has it.
 
         Raises:
             FormatError: the file holds no weights of this network.
@@ -66,7 +75,7 @@ class GraspPredictor:
         tensors, config = read_weights(path, SymmetryGraspNet.__name__, NetworkConfig)
         network = SymmetryGraspNet(config)
         fill(network, tensors, path)
-        return cls(network, config, found)
+        return cls(network, config, found, mirrored)
 
     def predict(
         self, clouds: Sequence[NDArray[np.floating]], table: Plane | None = None, seed: int = 0
@@ -88,17 +97,20 @@ class GraspPredictor:
         drawn = np.stack([np.asarray(cloud, np.float64)[chosen] for cloud, chosen in pairs])
         centroid = drawn.mean(1, keepdims=True)
         axes = self._axes(centroid[:, 0], table)
-        ground = np.zeros(len(drawn)) if table is None else table.height(centroid[:, 0])
+        height = np.zeros(len(drawn)) if table is None else table.height(centroid[:, 0])
+        ground = height.astype(np.float32)
         centered = ((drawn - centroid) @ axes.transpose(0, 2, 1)).astype(np.float32)
-        seen = (torch.from_numpy(each).to(self.device) for each in (centered, np.float32(ground)))
-        affordance, existence, center, direction = self._run(*seen)
-        back = axes[:, None].astype(np.float32)
-        centers = center @ back + centroid[:, :, None].astype(np.float32)
+        told = self._told(centered, ground)
         telling = np.arange(0, index.shape[1], TELLING)
-        columns = (index, affordance, existence, centers, direction @ back)
+        if self.mirrored:
+            told = joined(told, self._told(centered @ MIRROR, ground).mirrored())
+            telling = np.tile(telling, 2)
+        back = axes[:, None].astype(np.float32)
+        centers = told.center @ back + centroid[:, :, None].astype(np.float32)
+        columns = (index, told.affordance, told.existence, centers, told.direction @ back)
         return [
-            RegionPrediction(drawn, graspable, telling, *told)
-            for drawn, graspable, *told in zip(*columns, strict=True)
+            RegionPrediction(drawn, graspable, telling, *symmetries)
+            for drawn, graspable, *symmetries in zip(*columns, strict=True)
         ]
 
     def _axes(self, centroids: NDArray[np.float64], table: Plane | None) -> NDArray[np.float64]:
@@ -106,6 +118,12 @@ class GraspPredictor:
         if self.config.input_frame == "camera":
             return np.broadcast_to(np.eye(3), (len(centroids), 3, 3))
         return np.stack([level_axes(center, table) for center in centroids])
+
+    def _told(self, points: Array, ground: Array) -> Told:
+        """Return what is told of (B, N, 3) centred points, `ground` (B,) over the table."""
+        return Told(
+            *self._run(*(torch.from_numpy(each).to(self.device) for each in (points, ground)))
+        )
 
     def _run(self, points: Tensor, ground: Tensor) -> tuple[Array, ...]:
         """Return affordance at (B, N, 3) centred points; existence, centres, directions at some.

@@ -120,6 +120,13 @@ def test_frames_side_by_side_on_networks_write_the_bytes_of_one_thread(frames, t
                 )
 
 
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_the_network_sees_mirror_images_where_that_is_asked_for(frames, tmp_path, mirrored):
+    paths = infer.InferPaths(frames, tmp_path / "g.h5")
+    settings = work.Settings(paths, InferConfig(mirrored=mirrored), 0, "cpu", timings=False)
+    assert settings.planner().predictor.mirrored == mirrored
+
+
 def test_a_second_run_skips_everything(frames, tmp_path):
     run(frames, tmp_path / "g.h5")
     before = (tmp_path / "g.h5").stat().st_mtime_ns

@@ -62,6 +62,7 @@ class SelectionConfig:
     body_margin: float = 0.001  # metres that the gripper's bodies are blown up by
     max_points_inside: int = 2  # measured points, as noise, that a body may hold
     spare_room: tuple[float, ...] = (0.008, 0.006, 0.004, 0.002)  # metres, the most first, D. 92
+    spare_share: float = 0.25  # of the contacts' distance, that spare room is at most, D. 102
     rank_by: str = "judge"  # D. 82: the quality to expect; or eq8, as the paper
     steadiness: float = 0.85  # of the best candidate's, that a candidate needs for Eq. 8
     max_ranked: int = 96  # hands of a region and kind that are ranked, the steadiest

@@ -15,6 +15,7 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.compiled import compiled
 from pipelines.geometry.footprint import Footprint
 from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.quantiles import quantiles
 
 Array = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -24,8 +25,11 @@ Affine = tuple[float, float, float]  # a, b and c of 1/z = a u + b v + c
 
 MAX_PLANES = 4  # candidates that are drawn one after the other
 ITERATIONS = 300  # hypotheses a candidate
-SAMPLE = 4000  # pixels that hypotheses are counted on
+FITTED = 20000  # pixels or more that planes are fitted to, evenly spread
+SAMPLE = 4000  # of them that hypotheses are counted on
 MIN_PIXELS = 200  # fewer show no plane
+MAX_FITS = 20  # of a plane to the pixels near it, until these are the same
+STRAY = 0.05  # share of pixels, the nearest, that count no more than the next
 
 
 @dataclass(frozen=True)
@@ -48,11 +52,14 @@ def find_support(
     at = np.flatnonzero(near)
     if len(at) < MIN_PIXELS:
         return None
-    at = at[rng.choice(len(at), min(len(at), 5 * SAMPLE), replace=False)]
+    every = max(1, len(at) // FITTED) | 1  # odd: no columns of an image are left out
+    at = rng.permutation(at[::every])
     v, u = (place.astype(np.float64) for place in np.divmod(at, near.shape[1]))
     points = np.ascontiguousarray(xyz.reshape(-1, 3).take(at, axis=0).T)
     disparity = 1.0 / points[2]
-    weight = disparity**2 / (disparity**2).sum()
+    # A few stray pixels at the lens would outweigh a table by their inverse depth (D. 102).
+    close = np.minimum(disparity, quantiles(disparity, 1.0 - STRAY))
+    weight = close**2 / (close**2).sum()
     best, best_value, left = None, config.min_plane_share, np.ones(len(u), bool)
     for _ in range(MAX_PLANES):
         rest = np.flatnonzero(left)
@@ -103,10 +110,14 @@ def _ransac(
     sample = np.stack([u[:SAMPLE], v[:SAMPLE], disparity[:SAMPLE]]).astype(np.float32)
     most = np.argmax(_counts(hypotheses.astype(np.float32), sample, tolerance))
     a, b, c = hypotheses[most].tolist()
-    for _ in range(4):
+    fitted = 0.0
+    for _ in range(MAX_FITS):
         # Three unknowns of thousands of pixels: their normal equations are as good, and quick.
         squares, products = _moments(u, v, disparity, (a, b, c), tolerance)
         a, b, c = np.linalg.lstsq(squares, products, rcond=None)[0].tolist()
+        if squares[2, 2] == fitted:  # as many pixels: it has settled, whatever was drawn (D. 102)
+            break
+        fitted = squares[2, 2]
     return a, b, c
 
 

@@ -2,7 +2,8 @@
 
 The second contact of a symmetric grasp is a guess: a plane that lies millimetres too near puts it
 inside the object, and the finger with it. A finger that is farther out closes on the object all the
-same. So it opens wider, as far as nothing that is known stands in its way.
+same. So it opens wider, as far as nothing that is known stands in its way; less where contacts are
+close, for a hand whose middle leaves the object closes beside it.
 """
 
 from dataclasses import replace
@@ -40,6 +41,7 @@ def with_spare_room(
         middle = some.translation + 0.5 * room * some.closing
         wider = Grasps.unchecked(some.rotation, middle, some.width + room)
         fits = is_feasible(wider, scene, gripper, config, around)
+        fits &= room <= config.spare_share * some.width
         translation[waiting[fits]], width[waiting[fits]] = middle[fits], wider.width[fits]
         waiting = waiting[~fits]
     widened, free = np.flatnonzero(width > grasps.width), found.clearance.copy()

@@ -74,8 +74,9 @@ def measured_depth(
         depth = _grown_foreground(depth, sensor.fattening, rng)
     edges = _edges(depth)
     depth = _jittered(depth, sensor.jitter, rng)
+    lost = depth <= 0  # beside a surface, where there is none
     depth = depth + _axial_noise(depth, sensor, rng)
-    lost = unlit | (_cosine(hits, intrinsics) < sensor.grazing) | _holes(depth.shape, sensor, rng)
+    lost |= unlit | (_cosine(hits, intrinsics) < sensor.grazing) | _holes(depth.shape, sensor, rng)
     lost |= edges & (rng.uniform(size=depth.shape) < sensor.edge_loss)
     return np.where(lost | (hits.depth <= 0), 0.0, _quantised(depth, intrinsics, sensor))
 

@@ -49,6 +49,32 @@ def test_the_table_is_found_from_any_height(elevation, distance):
     np.testing.assert_allclose(top.plane.offset, -pose[:3, 2] @ pose[:3, 3], atol=3e-3)
 
 
+@pytest.mark.parametrize("at", [0.001, 0.02, 0.12])  # metres
+def test_stray_pixels_near_the_lens_do_not_hide_the_table(at):
+    pose = looking_at_table(0.8, 0.8)
+    depth, index = render([Box((0.06, 0.06, 0.1))], pose)
+    alone = find_tabletop(CAMERA.backproject(depth), CAMERA, CONFIG, np.random.default_rng(0))
+    stray = np.random.default_rng(1).permutation(depth.size)[: depth.size // 1000]
+    depth.ravel()[stray] = at
+    top = find_tabletop(CAMERA.backproject(depth), CAMERA, CONFIG, np.random.default_rng(0))
+    np.testing.assert_allclose(top.plane.normal, alone.plane.normal, atol=2e-3)
+    np.testing.assert_allclose(top.plane.offset, alone.plane.offset, atol=1e-3)
+    assert overlap(top.foreground, index >= 0) > 0.9
+
+
+def test_the_table_is_the_same_whatever_is_drawn():
+    depth, _ = render([Box((0.06, 0.06, 0.1)), Can(0.03, 0.12, (0.15, 0.0, 0.0))])
+    depth = depth + (depth > 0) * 0.001 * np.random.default_rng(1).normal(size=depth.shape)
+    tops = [
+        find_tabletop(CAMERA.backproject(depth), CAMERA, CONFIG, np.random.default_rng(seed))
+        for seed in range(5)
+    ]
+    for top in tops[1:]:
+        np.testing.assert_allclose(top.plane.normal, tops[0].plane.normal, atol=2e-5)
+        np.testing.assert_allclose(top.plane.offset, tops[0].plane.offset, atol=2e-5)
+        assert (top.foreground != tops[0].foreground).mean() < 1e-4
+
+
 def test_the_foreground_is_the_objects():
     depth, index = render([Box((0.06, 0.06, 0.1)), Can(0.03, 0.12, (0.15, 0.0, 0.0))])
     top = find_tabletop(CAMERA.backproject(depth), CAMERA, CONFIG, np.random.default_rng(0))

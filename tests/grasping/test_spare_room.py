@@ -56,6 +56,16 @@ def test_the_second_contact_gets_room_and_the_first_stays(width):
     assert_allclose(after.grasps.rotation, before.grasps.rotation)
 
 
+@pytest.mark.parametrize(("width", "room"), [(0.034, 0.008), (0.028, 0.006), (0.01, 0.002)])
+def test_close_contacts_get_less_wherever_there_is_room(monkeypatch, width, room):
+    monkeypatch.setattr(
+        "pipelines.grasping.spare_room.is_feasible", lambda hands, *_: np.ones(len(hands), bool)
+    )
+    after = widened(hand(width), *seen())
+    assert_allclose(after.grasps.width, width + room, atol=1e-12)
+    assert room <= CONFIG.spare_share * width
+
+
 @pytest.mark.parametrize("gap", [0.0, 0.0035, 0.0055, 0.02])
 def test_it_gets_the_most_room_that_a_neighbour_leaves(gap):
     left = 0.03 + FINGER + gap  # beside the open finger

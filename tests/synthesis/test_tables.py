@@ -93,6 +93,19 @@ def test_sensors_are_right_on_average_and_lose_edges(sensor, noise):
     assert (depth[~seen] == 0).all()
 
 
+@pytest.mark.parametrize("sensor", ["kinect", "realsense"])
+def test_no_depth_is_made_up_at_the_border_of_what_there_is(sensor):
+    T_world_cam = look_at([0.0, -0.9, 0.25], [0, 0, 0.1])  # over the table's far end, into nothing
+    scene = Scene([rectangle(1, 1)], [np.eye(4)])
+    hits = cast_view(scene, CAMERA, T_world_cam)
+    nearest = hits.depth[hits.depth > 0].min()
+    assert 0.2 < (hits.depth > 0).mean() < 0.8
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        depth = measured_depth(sensor, scene, hits, CAMERA, T_world_cam, rng)
+        assert depth[depth > 0].min() > 0.9 * nearest
+
+
 def test_a_perfect_sensor_reports_the_truth_and_an_unknown_one_is_refused():
     scene = Scene([rectangle(1, 1)], [np.eye(4)])
     T_world_cam = look_at([0.0, -0.5, 0.6], [0, 0, 0])

@@ -25,7 +25,7 @@ Affine = tuple[float, float, float]  # a, b and c of 1/z = a u + b v + c
 
 MAX_PLANES = 4  # candidates that are drawn one after the other
 ITERATIONS = 300  # hypotheses a candidate
-FITTED = 20000  # pixels or more that planes are fitted to, evenly spread
+FITTED = 20000  # pixels, about, that planes are fitted to, evenly spread
 SAMPLE = 4000  # of them that hypotheses are counted on
 MIN_PIXELS = 200  # fewer show no plane
 MAX_FITS = 20  # of a plane to the pixels near it, until these are the same
@@ -52,8 +52,7 @@ def find_support(
     at = np.flatnonzero(near)
     if len(at) < MIN_PIXELS:
         return None
-    every = max(1, len(at) // FITTED) | 1  # odd: no columns of an image are left out
-    at = rng.permutation(at[::every])
+    at = rng.permutation(at[:: len(at) // FITTED | 1])  # odd: rows rarely meet the same columns
     v, u = (place.astype(np.float64) for place in np.divmod(at, near.shape[1]))
     points = np.ascontiguousarray(xyz.reshape(-1, 3).take(at, axis=0).T)
     disparity = 1.0 / points[2]
@@ -115,7 +114,7 @@ def _ransac(
         # Three unknowns of thousands of pixels: their normal equations are as good, and quick.
         squares, products = _moments(u, v, disparity, (a, b, c), tolerance)
         a, b, c = np.linalg.lstsq(squares, products, rcond=None)[0].tolist()
-        if squares[2, 2] == fitted:  # as many pixels: it has settled, whatever was drawn (D. 102)
+        if squares[2, 2] == fitted:  # as many pixels: it has settled (D. 102)
             break
         fitted = squares[2, 2]
     return a, b, c

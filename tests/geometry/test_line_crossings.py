@@ -2,13 +2,15 @@
 
 import numpy as np
 import trimesh
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from pipelines.geometry.line_crossings import line_crossings
 from pipelines.geometry.mesh import Mesh
 from tests.synthesis.naive_labels import line_hits
+
+GRAZE = 1e-5  # of a triangle's sides; rays are cast in single precision
 
 
 def shells() -> Mesh:
@@ -42,7 +44,16 @@ def test_no_lines_and_no_crossings_are_empty() -> None:
     assert away.count.tolist() == [0]
 
 
+def grazes(triangles: np.ndarray, start: np.ndarray, along: np.ndarray) -> bool:
+    """Whether a line passes an edge closely enough for single precision to see it either way."""
+    first, second = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    sides = np.stack([first, second, np.broadcast_to(-along, first.shape)], -1)
+    u, v, _ = np.linalg.solve(sides, (start - triangles[:, 0])[..., None])[..., 0].T
+    return bool((np.abs([u, v, 1 - u - v]) < GRAZE).any())
+
+
 @given(st.integers(0, 2**32 - 1))
+@example(206770)  # one of its lines passes an edge at 1e-7 of the triangle
 @settings(max_examples=20, deadline=None)
 def test_lines_through_a_soup_cross_it_as_each_triangle_says(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -52,7 +63,9 @@ def test_lines_through_a_soup_cross_it_as_each_triangle_says(seed: int) -> None:
     along = rng.normal(size=(20, 3))
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     crossings = line_crossings(mesh, start, along, 0.1)
-    for i in range(20):
+    clear = [i for i in range(20) if not grazes(triangles, start[i], along[i])]
+    assert len(clear) > 10
+    for i in clear:
         distance, cosine = line_hits(triangles, start[i], along[i])
         kept = (distance >= 0) & (distance <= 0.1)
         order = np.argsort(distance[kept])

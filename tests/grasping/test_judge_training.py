@@ -1,23 +1,12 @@
 """Judges are trained to choose: what a choice loses, whole groups in a step, files put together."""
 
-import importlib
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
 
-DOCS = Path(__file__).parents[2] / "docs"
+from tests import docs_scripts
 
-
-@pytest.fixture(scope="module")
-def training():
-    sys.path.insert(0, str(DOCS))
-    try:
-        yield importlib.import_module("judge_training")
-    finally:
-        sys.path.remove(str(DOCS))
+training = docs_scripts.load("judge_training")
 
 
 def made_rows(groups=60, size=10, seed=0):
@@ -37,7 +26,7 @@ def made_rows(groups=60, size=10, seed=0):
     }
 
 
-def test_what_a_choice_loses_is_the_best_less_what_it_gives_in_the_mean_over_groups(training):
+def test_what_a_choice_loses_is_the_best_less_what_it_gives_in_the_mean_over_groups():
     rng = np.random.default_rng(0)
     group = rng.permutation(np.repeat([3, 7, 20], [5, 1, 9]))
     logits, truth = rng.normal(scale=4.0, size=15), rng.random(15)
@@ -50,7 +39,7 @@ def test_what_a_choice_loses_is_the_best_less_what_it_gives_in_the_mean_over_gro
     assert float(found) == pytest.approx(np.mean(losses), abs=1e-9)
 
 
-def test_choosing_the_best_loses_nothing_and_large_logits_do_not_overflow(training):
+def test_choosing_the_best_loses_nothing_and_large_logits_do_not_overflow():
     truth = torch.tensor([0.2, 0.9, 0.1, 0.6, 0.5])
     group = torch.tensor([0, 0, 0, 1, 1])
     best = torch.tensor([0.0, 500.0, 0.0, 500.0, -500.0], requires_grad=True)
@@ -60,7 +49,7 @@ def test_choosing_the_best_loses_nothing_and_large_logits_do_not_overflow(traini
     assert torch.isfinite(best.grad).all()
 
 
-def test_a_step_takes_whole_groups_and_a_pass_every_row_once(training):
+def test_a_step_takes_whole_groups_and_a_pass_every_row_once():
     group = np.random.default_rng(0).integers(0, 90, 1000)
     steps = training.batches(group, True, np.random.default_rng(1))
     assert sorted(np.concatenate(steps)) == list(range(1000))
@@ -70,13 +59,13 @@ def test_a_step_takes_whole_groups_and_a_pass_every_row_once(training):
     assert sum(map(len, of_step)) == len(set(group))
 
 
-def test_without_choices_a_step_takes_any_rows(training):
+def test_without_choices_a_step_takes_any_rows():
     steps = training.batches(np.zeros(1000, int), False, np.random.default_rng(1))
     assert [len(step) for step in steps] == [training.BATCH] * 3
     assert len(set(np.concatenate(steps))) == 3 * training.BATCH
 
 
-def test_groups_of_several_files_stay_apart_and_unknown_truth_is_left_out(training, tmp_path):
+def test_groups_of_several_files_stay_apart_and_unknown_truth_is_left_out(tmp_path):
     parts = [
         {k: v[:4] for k, v in made_rows(1, 4, seed).items() if k != "group"} for seed in (0, 1)
     ]
@@ -87,7 +76,7 @@ def test_groups_of_several_files_stay_apart_and_unknown_truth_is_left_out(traini
     assert rows["group"].tolist() == [0] * 4 + [1] * 3 + [2] * 4 + [3] * 3
 
 
-def test_a_step_minds_each_candidate_and_the_choice_as_much_as_is_asked(training):
+def test_a_step_minds_each_candidate_and_the_choice_as_much_as_is_asked():
     rows, chosen = made_rows(), np.arange(100)
     columns = [torch.from_numpy(rows[name][chosen]) for name in ("points", "wholes", "evidence")]
     mean, spread = columns[2].mean(0), columns[2].std(0)
@@ -111,7 +100,7 @@ def test_a_step_minds_each_candidate_and_the_choice_as_much_as_is_asked(training
 
 
 @pytest.mark.parametrize("choice", [0.0, 1.0])
-def test_what_was_learned_chooses_well_among_rows_never_seen(training, choice):
+def test_what_was_learned_chooses_well_among_rows_never_seen(choice):
     how = training.Training(
         mirrored=(2, 6), points_a_step=6, jitter=0.01, rate=3e-3, epochs=20, choice=choice
     )

@@ -1,6 +1,5 @@
 """Stage `doctor`: one line each, and exit code 1 if something is off."""
 
-import importlib.util
 import json
 import shutil
 import subprocess
@@ -17,6 +16,7 @@ from pipelines.formats.weights_manifest import MADE_BY, manifest_path, read_mani
 from pipelines.health import golden, packages, shipped
 from pipelines.health.checks import Check, Status
 from pipelines.inference import models
+from tests import docs_scripts
 
 ROOT = Path(doctor.__file__).parents[1]
 STALE = f"the manifest of the default weights is not of these weights: run `{MADE_BY}`"
@@ -92,11 +92,7 @@ def test_a_lost_manifest_is_a_failure_of_one_sentence(tmp_path):
 
 
 def test_the_manifest_is_what_its_command_writes(tmp_path):
-    path = ROOT / "docs" / "golden_frame.py"
-    spec = importlib.util.spec_from_file_location("golden_frame", path)
-    script = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(script)
-    script.main(tmp_path)
+    docs_scripts.load("golden_frame").main(tmp_path)
     made, kept = (read_manifest(manifest_path(f)) for f in (tmp_path, models.WEIGHTS))
     assert (kept.files, kept.frame) == (made.files, made.frame), STALE
     config = DoctorConfig()

@@ -43,6 +43,10 @@ class BatchOptions:
         """Whether the work is done in this process."""
         return self.workers <= 1 and self.backend not in CLUSTERS
 
+    def for_items(self, count: int) -> "BatchOptions":
+        """Return these with no more workers than `count` items; each worker loads all it needs."""
+        return dataclasses.replace(self, workers=min(self.workers, max(1, count)))
+
 
 @dataclasses.dataclass(frozen=True)
 class WorkItem:
@@ -137,6 +141,7 @@ def _outcomes(
     results: Iterator[tuple[str | None, str | None]]
     if not todo:
         return
+    options = options.for_items(len(todo))
     if options.is_here:
         results = (_attempt(step, item) for item in todo)
         yield from track(

@@ -74,11 +74,22 @@ Compile = Annotated[
 
 
 def batch_options(workers: int, backend: str, *, overwrite: bool, dry_run: bool) -> BatchOptions:
-    """Return the options of a batch, the progress bar shown where stderr is a terminal."""
+    """Return the options of a batch, the progress bar shown where stderr is a terminal.
+
+    More workers than cores only take each other's memory: there are as many as cores then.
+    """
+    import logging
     import sys
+
+    from joblib import cpu_count
 
     from pipelines.batch import BatchOptions
 
+    cores = cpu_count()
+    if backend == "loky" and workers > cores:
+        told = "--workers %d is more than this machine's %d cores: %d work at a time"
+        logging.getLogger(__name__).warning(told, workers, cores, cores)
+        workers = cores
     return BatchOptions(
         workers=workers,
         backend=backend,

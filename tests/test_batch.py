@@ -2,6 +2,7 @@
 
 import pytest
 
+from pipelines import batch
 from pipelines.batch import BatchOptions, WorkItem, run_batch
 from pipelines.errors import SymgraspError
 from pipelines.formats.files import write_json
@@ -30,6 +31,19 @@ def test_one_bad_item_fails_alone(tmp_path, workers):
     assert report.failed == {"bad": "bad is bad; good would be right"}
     assert report.notes == {"b": "noted"}
     assert report.exit_code == 1
+
+
+@pytest.mark.parametrize(("names", "started"), [(["a", "b"], [2]), (["a"], [])])
+def test_no_more_workers_than_items_are_started(tmp_path, monkeypatch, names, started):
+    asked, workers_of = [], batch.workers_of
+    monkeypatch.setattr(
+        batch,
+        "workers_of",
+        lambda backend, count: asked.append(count) or workers_of(backend, count),
+    )
+    options = BatchOptions(workers=100, progress=False)
+    assert run_batch("toy", items(tmp_path, names), step, options).done == names
+    assert asked == started
 
 
 def test_a_second_run_skips_what_is_finished(tmp_path):

@@ -25,6 +25,7 @@ def side_by_side(options: BatchOptions, frames: int, device: str) -> BatchOption
     CPU, processes of their own are worth what starting them takes. More than two would need more
     than 2 GB: that is for who asks with `--workers`.
     """
+    options = options.for_items(frames)
     if options.backend in CLUSTERS or options.workers > 1:
         return options
     processes = min(cpu_count(), PROCESSES)

@@ -46,6 +46,8 @@ def test_many_frames_are_given_two_processes_unless_somebody_says_otherwise(
     assert side_by_side(OPTIONS, frames, "cpu").backend == "threading"
     several = dataclasses.replace(OPTIONS, workers=3)
     assert side_by_side(several, frames, "cpu") == several
+    many = dataclasses.replace(OPTIONS, workers=100)
+    assert side_by_side(many, frames, "cpu").workers == frames
     cluster = dataclasses.replace(UNSAID, backend="dask")
     assert side_by_side(cluster, frames, "cpu") == cluster
 

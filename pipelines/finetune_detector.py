@@ -62,7 +62,8 @@ def run(
     """
     with joined(request.device) as (processes, device):
         started, report = time.monotonic(), StageReport(STAGE)
-        stamp = make_stamp(STAGE, config, seed=request.seed, inputs=_inputs(roots, init))
+        inputs = _inputs(roots, init) | {"split": split or "all", "camera": camera or "all"}
+        stamp = make_stamp(STAGE, config, seed=request.seed, inputs=inputs)
         earlier = find_progress(output, stamp, request)
         if earlier is not None and earlier.finished:
             report.skipped.append(output.name)
@@ -71,7 +72,7 @@ def run(
             prepared = _prepare(roots, output, config, split, camera, options or BatchOptions())
         if prepared.failed:
             return prepared
-        frames = frames_of(roots, output, config, request.seed)
+        frames = frames_of(roots, output, [*prepared.done, *prepared.skipped], config, request.seed)
         detector = starting_detector(config, request.seed, coco_weights, init)
         trainee = DetectorTraining(detector, frames, config, device, processes)
         metadata = weights_metadata(MODEL_NAME, config.detector)
@@ -135,12 +136,21 @@ def _name(root: Path) -> str:
 
 
 def frames_of(
-    roots: Sequence[Path], output: Path, config: FinetuneDetectorConfig, seed: int
+    roots: Sequence[Path],
+    output: Path,
+    scenes: Sequence[str],
+    config: FinetuneDetectorConfig,
+    seed: int,
 ) -> FrameSets:
-    """Return the frames of all roots; of each root some scenes are there to validate on."""
+    """Return the frames of `scenes`, each ROOT/SCENE; of each root some are there to validate on.
+
+    Scenes that an earlier run prepared beside `output`, with another split, are none of them.
+    """
     sets = []
     for root in roots:
-        files = sorted(frames_folder(output, root).glob("*.h5"))
+        folder = frames_folder(output, root)
+        files = sorted(folder.parent / f"{each}.h5" for each in scenes)
+        files = [path for path in files if path.parent == folder]
         sets.append(split_frames(files, config, seed, _given_split(root)))
     return FrameSets(
         [key for each in sets for key in each.train], [key for each in sets for key in each.val]
@@ -247,7 +257,7 @@ def split_frames(
     `held_out`: the scenes to validate on, where they are given.
 
     Raises:
-        ValueRangeError: there is only one scene.
+        ValueRangeError: there is only one scene, or no frame to train or to validate on.
     """
     scenes = {path.stem[:SCENE] for path in files}
     if len(scenes) < 2:
@@ -257,7 +267,13 @@ def split_frames(
         held_out = held_out_scenes(sorted(scenes), config.val_fraction, seed)
     keys = [(path, row) for path in files for row in range(detector_frames.count(path))]
     is_val = [path.stem[:SCENE] in held_out for path, _ in keys]
-    return FrameSets(
+    frames = FrameSets(
         [key for key, val in zip(keys, is_val, strict=True) if not val],
         [key for key, val in zip(keys, is_val, strict=True) if val],
     )
+    for of_what, which in (("to train on", frames.train), ("to validate on", frames.val)):
+        if not which:
+            raise ValueRangeError(
+                f"number of frames {of_what} in {files[0].parent}", 0, "at least 1"
+            )
+    return frames

@@ -18,7 +18,7 @@ import torch
 
 from pipelines.batch import StageReport
 from pipelines.configs import NetworkConfig, TrainConfig
-from pipelines.errors import FormatError, SymgraspError
+from pipelines.errors import FormatError, SymgraspError, ValueRangeError
 from pipelines.formats.files import existing
 from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.formats.packed_regions import PackedReader
@@ -120,20 +120,23 @@ def region_sets(
     """Return the packed regions to train on and those to validate on, of different scenes.
 
     Raises:
-        SymgraspError: there is nothing to validate on.
+        SymgraspError: there is nothing to validate on, or to train on.
     """
     if validation is not None:
-        held_out = PackedReader(validation)
-        val_set = RegionSet(held_out, np.arange(len(held_out)))
-        if packed is None:
-            return None, val_set
-        reader = PackedReader(packed)
-        return RegionSet(reader, np.arange(len(reader))), val_set
+        val_set = _all_regions(validation)
+        return (None if packed is None else _all_regions(packed)), val_set
     if packed is None:
         raise SymgraspError("training without packed regions needs --val, packed ones to judge by")
     reader = PackedReader(packed)
     train, val = split_by_scene(reader, config.val_fraction, np.random.default_rng(seed))
     return RegionSet(reader, train), RegionSet(reader, val)
+
+
+def _all_regions(packed: Path) -> RegionSet:
+    reader = PackedReader(packed)
+    if not len(reader):
+        raise ValueRangeError(f"number of regions in {packed}", 0, "at least 1; pack other scenes")
+    return RegionSet(reader, np.arange(len(reader)))
 
 
 def _inputs(

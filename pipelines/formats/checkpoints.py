@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import NDArray
 
 from pipelines.errors import FormatError
-from pipelines.formats.files import existing, write_bytes
+from pipelines.formats.files import write_bytes
 from pipelines.formats.provenance import Stamp
+from pipelines.formats.safetensors_files import open_safetensors
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -65,16 +66,9 @@ def load_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
 
 
 def _load(path: Path, framework: str, device: str) -> tuple[dict[str, Any], dict[str, str]]:
-    from safetensors import SafetensorError, safe_open  # noqa: PLC0415 - few commands need it
-
-    try:
-        with safe_open(str(existing(path)), framework=framework, device=device) as file:
-            tensors = {name: file.get_tensor(name) for name in sorted(file.keys())}
-            return tensors, dict(file.metadata() or {})
-    except (SafetensorError, ValueError) as error:
-        raise FormatError(
-            path, f"this is not a whole safetensors file ({error})", "give weights or train again"
-        ) from error
+    with open_safetensors(path, framework, device) as file:
+        tensors = {name: file.get_tensor(name) for name in sorted(file.keys())}
+        return tensors, dict(file.metadata() or {})
 
 
 def save_training(path: Path, state: TrainingState, stamp: Stamp | None = None) -> None:

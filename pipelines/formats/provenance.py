@@ -17,6 +17,7 @@ import h5py
 from pipelines.errors import StaleOutputError
 from pipelines.formats.files import read_json, write_json
 from pipelines.formats.h5_files import open_h5
+from pipelines.formats.safetensors_files import open_safetensors
 
 log = logging.getLogger(__name__)
 # What must agree for an existing output to be reused; the version is recorded, not compared.
@@ -147,9 +148,7 @@ def _read_h5_stamp(target: Path) -> dict[str, Any] | None:
 
 
 def _read_safetensors_stamp(target: Path) -> dict[str, Any] | None:
-    from safetensors import safe_open  # noqa: PLC0415 - only this format needs it
-
-    with safe_open(str(target), framework="numpy") as file:
+    with open_safetensors(target) as file:
         text = (file.metadata() or {}).get("provenance")
     return None if text is None else dict(json.loads(text))
 

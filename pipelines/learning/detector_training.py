@@ -92,8 +92,7 @@ class DetectorTraining:
     def validate(self) -> dict[str, float]:
         """Return mask AP on (at most `max_val_frames` of) the held-out frames."""
         figures = MaskFigures()
-        step = max(1, len(self.frames.val) // self.config.max_val_frames)
-        for key in self.frames.val[::step]:
+        for key in spread(self.frames.val, self.config.max_val_frames):
             view = detector_frames.read(*key)
             example = as_example(view, self.config.detector.input)
             (found,) = self.module([example.image.to(self.device)])
@@ -107,6 +106,12 @@ class DetectorTraining:
             masks = np.stack(drawn) if drawn else np.zeros((0, *size), bool)
             figures.add(masks_of(view.regions), masks, found["scores"].cpu().numpy())
         return figures.figures()
+
+
+def spread(keys: Keys, most: int) -> Keys:
+    """Return `keys`, or `most` of them, evenly spread, if there are more."""
+    count = min(len(keys), most)
+    return [keys[i * len(keys) // count] for i in range(count)]
 
 
 def frames_loss(

@@ -26,6 +26,7 @@ from pipelines.learning.curves import write_curves
 from pipelines.learning.runs import Progress, checkpoint_path, curves_path
 from pipelines.learning.trainee import Trainee
 from pipelines.learning.weight_average import WeightAverage
+from pipelines.network.weights_files import fill
 
 
 class Keeper:
@@ -47,8 +48,9 @@ class Keeper:
 
     def restore(self) -> Progress:
         """Go back to where the checkpoint stands, and return that."""
-        state = load_training(checkpoint_path(self.output))
-        self.trainee.module.load_state_dict(_with_prefix(state.model, "weights."))
+        path = checkpoint_path(self.output)
+        state = load_training(path)
+        fill(self.trainee.module, _with_prefix(state.model, "weights."), path)
         self.average.load(_with_prefix(state.model, "average."))
         self._best = _with_prefix(state.model, "best.")
         self.optimizer.load_state_dict(state.optimizer)

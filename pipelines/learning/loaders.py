@@ -24,9 +24,12 @@ Indices = NDArray[np.int64]
 def epoch_batches(
     indices: Sequence[int] | Indices, batch_size: int, rng: np.random.Generator
 ) -> list[Indices]:
-    """Return `indices` in random order, cut into batches; what is left over waits an epoch."""
+    """Return `indices` in random order, cut into batches; what is left over waits an epoch.
+
+    Fewer than a batch are one; none are no batch.
+    """
     order = rng.permutation(np.asarray(indices, np.int64))
-    count = max(1, len(order) // batch_size)
+    count = max(min(1, len(order)), len(order) // batch_size)
     return [order[i * batch_size : (i + 1) * batch_size] for i in range(count)]
 
 
@@ -36,16 +39,20 @@ def split_by_scene(
     """Return indices of regions to train on and of the `fraction` of scenes held out.
 
     Files of one scene (its two cameras) stay together: a view of a training scene tells nothing
-    about unseen ones. At least one scene is held out and one is trained on.
+    about unseen ones. At least one scene is held out and one is trained on; those without a region
+    are neither.
 
     Raises:
-        ValueRangeError: there is only one scene.
+        ValueRangeError: fewer than two scenes hold regions.
     """
     scene_of_file = [_scene_name(path.stem) for path in reader.paths]
-    scenes = sorted(set(scene_of_file))
+    pairs = zip(scene_of_file, reader.counts, strict=True)
+    scenes = sorted({scene for scene, count in pairs if count})
     if len(scenes) < 2:
         raise ValueRangeError(
-            "number of packed scenes", len(scenes), "at least 2, or give --val a folder of its own"
+            "number of packed scenes with regions",
+            len(scenes),
+            "at least 2, or give --val a folder of its own",
         )
     count = min(max(1, round(fraction * len(scenes))), len(scenes) - 1)
     held_out = set(rng.permutation(scenes)[:count].tolist())

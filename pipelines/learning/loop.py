@@ -132,7 +132,7 @@ class TrainingRun:
             if reason := self._why_stop():
                 break
         loaded.close()  # type: ignore[attr-defined]  # a generator: stops its thread
-        whole_epoch = self.progress.step == len(batches)
+        whole_epoch = self.progress.step >= len(batches)
         if whole_epoch:
             self.progress.epoch, self.progress.step = epoch + 1, 0
         if whole_epoch or reason is Reason.TIME_LIMIT:

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import torch
+from scipy.stats import rankdata
 from torch import Tensor
 
 from pipelines.configs import EvaluateConfig
@@ -104,12 +105,14 @@ def area_under_roc(
     values: Tensor,  # (n,)
     positive: Tensor,  # (n,) bool
 ) -> float:
-    """Return how often a positive has a higher value than a negative; 0.5 if one is absent."""
+    """Return how often a positive has a higher value than a negative, equal ones counting half.
+
+    0.5 if there is no positive or no negative.
+    """
     positives = int(positive.sum())
     negatives = len(positive) - positives
     if not positives or not negatives:
         return 0.5
-    ranks = torch.zeros(len(values), dtype=torch.float64)
-    ranks[values.argsort()] = torch.arange(1, len(values) + 1, dtype=torch.float64)
-    surplus = float(ranks[positive].sum()) - positives * (positives + 1) / 2
+    ranks = rankdata(values.cpu().numpy())  # equals share the mean of their ranks
+    surplus = float(ranks[positive.cpu().numpy()].sum()) - positives * (positives + 1) / 2
     return surplus / (positives * negatives)

@@ -7,7 +7,7 @@ from typing import Any
 
 from pipelines.errors import SymgraspError
 from pipelines.formats.checkpoints import load_training
-from pipelines.formats.provenance import Stamp, read_stamp
+from pipelines.formats.provenance import COMPARED, Stamp, read_stamp
 from pipelines.learning.history import History
 
 
@@ -97,11 +97,12 @@ def find_progress(output: Path, stamp: Stamp, request: RunRequest) -> Progress |
             f"{output} exists without {checkpoint.name}; pass --overwrite to train it again"
         )
     wanted, found = stamp.as_json(), read_stamp(checkpoint) or {}
-    changed = [key for key in ("stage", "config", "seed") if found.get(key) != wanted[key]]
+    changed = [key for key in COMPARED if found.get(key) != wanted[key]]
     if changed:
+        told = ["other data" if key == "inputs" else f"another {key}" for key in changed]
         raise SymgraspError(
-            f"{checkpoint} was made with another {' and '.join(changed)}; "
-            "give the same options to resume it, or pass --overwrite to start again"
+            f"{checkpoint} was made with {' and '.join(told)}; "
+            "give the same options and data to resume it, or pass --overwrite to start again"
         )
     progress = Progress.of(load_training(checkpoint).progress)
     if not request.resume and not progress.finished:
@@ -115,8 +116,6 @@ def find_progress(output: Path, stamp: Stamp, request: RunRequest) -> Progress |
 def describe(progress: Progress) -> str:
     """Return how far a run came and how good the kept weights are, in one line."""
     figures = ", ".join(f"{name} {value:.4g}" for name, value in progress.kept.items())
+    judged = f"best on unseen scenes: {figures}" if figures else "no weights are written yet"
     state = "finished" if progress.finished else "stopped by its time limit, --resume goes on"
-    return (
-        f"{progress.total_steps} steps in {progress.seconds / 60:.1f} min, {state}; "
-        f"best on unseen scenes: {figures}"
-    )
+    return f"{progress.total_steps} steps in {progress.seconds / 60:.1f} min, {state}; {judged}"

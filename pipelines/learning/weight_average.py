@@ -48,5 +48,5 @@ class WeightAverage:
         return dict(self._mean)
 
     def load(self, state: Mapping[str, Tensor]) -> None:
-        """Take over a mean returned by `state`."""
-        self._mean = {name: state[name].clone() for name in self._mean}
+        """Take over a mean returned by `state`, to where the module's own tensors are."""
+        self._mean = {name: state[name].to(each, copy=True) for name, each in self._mean.items()}

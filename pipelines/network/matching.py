@@ -12,6 +12,7 @@ from pipelines.network.regions import RegionBatch
 
 NUM_REFLECTIONS = 3
 MAX_MATCHED = 96  # about as many points vote on the assignment
+MOST = 1e12  # cost of what has none; three of them can still be added up in single precision
 
 
 @torch.no_grad()
@@ -65,6 +66,11 @@ def _costs_of_plane(
 
 
 def assign(cost: Tensor) -> Tensor:
-    """Return for each row of (B, slot, plane) costs the plane (B, slot) given to each slot."""
-    given = np.stack([linear_sum_assignment(matrix)[1] for matrix in cost.cpu().numpy()])
+    """Return for each row of (B, slot, plane) costs the plane (B, slot) given to each slot.
+
+    Costs that are not finite are no reason to fail here: the loss is not finite either then, and
+    training says so and keeps the batch.
+    """
+    finite = np.nan_to_num(cost.cpu().numpy(), nan=MOST, posinf=MOST, neginf=-MOST)
+    given = np.stack([linear_sum_assignment(matrix)[1] for matrix in finite])
     return torch.from_numpy(given).to(cost.device)

@@ -10,7 +10,8 @@ class _MaxOverGroup(torch.autograd.Function):
     """Maximum over the third axis; the gradient goes to every element that attains it.
 
     torch's own backward divides the gradient among ties, which costs two more passes over the
-    largest tensor of the network; ties only arise from repeated points.
+    largest tensor of the network. Ties only arise from repeated points, which would then count as
+    often as they are repeated; training moves them apart (`AugmentationConfig.jitter`).
     """
 
     @staticmethod

@@ -22,7 +22,7 @@ CONFIG = TrainConfig(
 def write_packed(folder: Path, scenes: int = 3, regions: int = 12) -> Path:
     """Write `scenes` files of `regions` boxes, cans and balls each."""
     for number in range(scenes):
-        batch = toy_batch(regions, 120, seed=number)
+        batch = toy_batch(max(regions, 1), 120, seed=number)[:regions]
         empty = batch.existence.numpy()[..., None] == 0
         headed = empty | (np.arange(5) == 4)[:, None]
         scene = PackedScene(

@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from pipelines.learning.region_figures import RegionFigures, area_under_roc
+from pipelines.network.model import Prediction
 from tests.network.test_losses import perfect_prediction
 from tests.network.toy_regions import toy_batch
 
@@ -35,3 +36,21 @@ def test_the_area_counts_how_often_a_positive_is_above_a_negative():
     values = torch.tensor([0.9, 0.6, 0.4, 0.1])
     assert area_under_roc(values, torch.tensor([True, False, True, False])) == pytest.approx(0.75)
     assert area_under_roc(values, torch.zeros(4, dtype=torch.bool)) == 0.5
+
+
+def test_the_area_is_a_half_where_all_values_are_equal():
+    for positive in ([True, True, False, False], [False, False, True, True]):
+        assert area_under_roc(torch.full((4,), 0.8), torch.tensor(positive)) == 0.5
+
+
+@pytest.mark.gpu
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
+def test_figures_of_what_lies_on_a_gpu_are_those_on_the_cpu():
+    truth, sums = toy_batch(6, 64), []
+    perfect = perfect_prediction(truth)
+    for device in ("cpu", "cuda"):
+        figures, there = RegionFigures(), torch.device(device)
+        moved = Prediction(**{name: each.to(there) for name, each in vars(perfect).items()})
+        figures.add(moved, truth.to(there))
+        sums.append(figures.figures())
+    assert sums[1] == pytest.approx(sums[0], abs=1e-3)

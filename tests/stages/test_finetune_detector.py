@@ -2,6 +2,7 @@
 
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,11 +17,12 @@ from pipelines.formats.checkpoints import load_weights
 from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.formats.provenance import make_stamp
 from pipelines.learning.detector_start import starting_detector
-from pipelines.learning.detector_training import DetectorTraining
+from pipelines.learning.detector_training import DetectorTraining, spread
 from pipelines.learning.faults import save_fault
 from pipelines.learning.gradients import loss_seed
 from pipelines.learning.runs import RunRequest
 from pipelines.network.detector import RegionDetector
+from tests.learning.stopped import stopped_after
 from tests.stages.toy_root import write_root
 
 CONFIG = FinetuneDetectorConfig(
@@ -72,8 +74,11 @@ def test_a_finished_training_is_skipped(root, output):
 
 def test_a_resumed_training_equals_one_that_never_stopped(root, output, tmp_path):
     path = tmp_path / "detector.safetensors"
-    limited = replace(REQUEST, time_limit=0.0)  # stops before its first step
-    finetune_detector.run([root.root], path, CONFIG, limited, split=None, options=QUIET)
+    with stopped_after(1):
+        report = finetune_detector.run(
+            [root.root], path, CONFIG, REQUEST, split=None, options=QUIET
+        )
+    assert report.notes[path.name].startswith("1 steps")
     resumed = replace(REQUEST, resume=True)
     finetune_detector.run([root.root], path, CONFIG, resumed, split=None, options=QUIET)
     assert path.read_bytes() == output.read_bytes()
@@ -123,10 +128,48 @@ def test_it_learns_from_several_roots(root, tmp_path):
     assert report.done == ["detector.safetensors"]
     files = [sorted(finetune_detector.frames_folder(path, each).glob("*.h5")) for each in roots]
     assert [file.name for file in files[0]] == [file.name for file in files[1]]
-    frames = finetune_detector.frames_of(roots, path, CONFIG, 0)
+    scenes = [f"{file.parent.name}/{file.stem}" for each in files for file in each]
+    frames = finetune_detector.frames_of(roots, path, scenes, CONFIG, 0)
     for keys in frames.train, frames.val:
         assert {file.parent.name for file, _ in keys} == {root.root.name, "other"}
     assert not set(frames.train) & set(frames.val)
+
+
+def test_scenes_that_an_earlier_run_prepared_with_another_split_are_not_learned(
+    root, tmp_path, monkeypatch
+):
+    both = tmp_path / "both"
+    shutil.copytree(root.root, both)
+    for number in (101, 161):  # two of `seen`, two of `novel`
+        shutil.copytree(
+            both / f"scenes/scene_{number - 1:04d}", both / f"scenes/scene_{number:04d}"
+        )
+    path, frames = tmp_path / "detector.safetensors", []
+    with stopped_after(1):
+        finetune_detector.run([both], path, CONFIG, REQUEST, split=None, options=QUIET)
+    resumed = replace(REQUEST, resume=True)
+    with pytest.raises(SymgraspError, match="was made with other data"):
+        finetune_detector.run([both], path, CONFIG, resumed, split="seen", options=QUIET)
+    made = DetectorTraining.__init__
+
+    def watched(trainee, detector, sets, *rest):
+        frames.append(sets)
+        made(trainee, detector, sets, *rest)
+
+    monkeypatch.setattr(DetectorTraining, "__init__", watched)
+    with stopped_after(1):
+        again = replace(REQUEST, overwrite=True)
+        finetune_detector.run([both], path, CONFIG, again, split="seen", options=QUIET)
+    shown = {file.stem[:10] for file, _ in frames[0].train + frames[0].val}
+    assert shown == {"scene_0100", "scene_0101"}
+
+
+@pytest.mark.parametrize(("frames", "judged"), [(0, 0), (7, 7), (120, 120), (121, 120), (239, 120)])
+def test_no_more_frames_are_judged_than_asked(frames, judged):
+    keys = [(Path("scene.h5"), row) for row in range(frames)]
+    chosen = spread(keys, 120)
+    assert len(chosen) == len(set(chosen)) == judged
+    assert np.diff([row for _, row in chosen]).max(initial=0) <= 2
 
 
 def test_bad_scenes_of_all_roots_are_named_before_anything_is_learned(root, tmp_path):

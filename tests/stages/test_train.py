@@ -1,5 +1,6 @@
 """The train stage: weights that load, what is skipped, what is refused."""
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -11,11 +12,12 @@ from pipelines.errors import FormatError, SymgraspError
 from pipelines.formats import object_list
 from pipelines.formats.checkpoints import load_weights, save_weights
 from pipelines.formats.object_list import ObjectRecord
-from pipelines.learning.runs import RunRequest
+from pipelines.learning.runs import RunRequest, checkpoint_path, fault_path
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.predictor import GraspPredictor
 from pipelines.network.weights_files import weights_metadata
 from tests.learning.packed_toys import CONFIG, write_packed
+from tests.learning.stopped import stopped_after
 from tests.stages.toy_root import STAMP, write_root
 from tests.synthesis.test_endless import CONFIG as ENDLESS
 
@@ -53,12 +55,74 @@ def test_other_settings_are_refused(packed, output):
 
 
 def test_a_resumed_training_equals_one_that_never_stopped(packed, output, tmp_path):
-    path = tmp_path / "network.safetensors"
-    limited = replace(REQUEST, time_limit=0.0)  # stops before its first step
-    train.run(packed, None, path, CONFIG, limited)
+    path, resumed = tmp_path / "network.safetensors", replace(REQUEST, resume=True)
+    report = train.run(packed, None, path, CONFIG, replace(REQUEST, time_limit=0.0))
     assert not path.exists()
-    train.run(packed, None, path, CONFIG, replace(REQUEST, resume=True))
+    assert report.notes[path.name].startswith("0 steps")
+    assert "no weights are written yet" in report.notes[path.name]
+    for steps in (3, 6):  # in the first epoch, in the second
+        with stopped_after(steps):
+            report = train.run(packed, None, path, CONFIG, resumed)
+        assert report.notes[path.name].startswith(f"{steps} steps")
+        assert path.read_bytes() != output.read_bytes()
+    train.run(packed, None, path, CONFIG, resumed)
     assert path.read_bytes() == output.read_bytes()
+
+
+def test_other_data_are_refused_whether_it_is_finished_or_to_be_resumed(packed, tmp_path):
+    path, resumed = tmp_path / "network.safetensors", replace(REQUEST, resume=True)
+    copy = shutil.copytree(packed, tmp_path / "packed")
+    with stopped_after(3):
+        train.run(copy, None, path, CONFIG, REQUEST)
+    sorted(copy.iterdir())[0].unlink()
+    with pytest.raises(SymgraspError, match="was made with other data; give the same options and"):
+        train.run(copy, None, path, CONFIG, resumed)
+
+
+def test_scenes_without_a_region_are_neither_trained_on_nor_held_out(tmp_path):
+    packed = write_packed(tmp_path / "packed", 2, 6)
+    for number in range(5):
+        scene = write_packed(tmp_path / "empty", 1, 0) / "scene_0000_kinect.h5"
+        shutil.move(scene, packed / f"scene_{10 + number:04d}_kinect.h5")
+    train_set, val_set = train.region_sets(packed, None, CONFIG, 0)
+    assert (len(train_set.indices), len(val_set.indices)) == (6, 6)
+    (packed / "scene_0001_kinect.h5").unlink()
+    with pytest.raises(SymgraspError, match="packed scenes with regions is 1"):
+        train.region_sets(packed, None, CONFIG, 0)
+    (packed / "scene_0000_kinect.h5").unlink()
+    with pytest.raises(SymgraspError, match=r"number of regions in .*packed is 0"):
+        train.region_sets(None, packed, CONFIG, 0)
+
+
+def test_a_damaged_checkpoint_is_one_sentence(packed, tmp_path):
+    path = tmp_path / "network.safetensors"
+    checkpoint, resumed = checkpoint_path(path), replace(REQUEST, resume=True)
+    with stopped_after(1):
+        train.run(packed, None, path, CONFIG, REQUEST)
+    whole = checkpoint.read_bytes()
+    for damaged in (b"", whole[:100], whole[: len(whole) // 2]):
+        checkpoint.write_bytes(damaged)
+        with pytest.raises(SymgraspError, match="not a whole safetensors file"):
+            train.run(packed, None, path, CONFIG, resumed)
+
+
+def test_a_checkpoint_of_another_network_is_one_sentence(packed, tmp_path):
+    path = tmp_path / "network.safetensors"
+    with stopped_after(1):
+        train.run(packed, None, path, CONFIG, REQUEST)
+    tensors, metadata = load_weights(checkpoint_path(path))
+    lacking = {name: each for name, each in tensors.items() if "power" not in name}
+    save_weights(checkpoint_path(path), lacking, metadata)
+    with pytest.raises(SymgraspError, match="its tensors do not fit the network"):
+        train.run(packed, None, path, CONFIG, replace(REQUEST, resume=True))
+
+
+def test_a_network_that_runs_away_keeps_its_batch(packed, tmp_path):
+    path = tmp_path / "network.safetensors"
+    wild = replace(CONFIG, learning_rate=1e30)
+    with pytest.raises(SymgraspError, match=r"it must be finite; .* holds the batch"):
+        train.run(packed, None, path, wild, REQUEST)
+    assert not np.isfinite(train.replay(fault_path(path))["total"])
 
 
 def test_a_folder_of_its_own_can_be_validated_on(packed, tmp_path):
@@ -75,8 +139,8 @@ def test_endless_regions_beside_packed_ones_resume_to_the_byte(packed, tmp_path)
     config = replace(CONFIG, epochs=1, endless=replace(ENDLESS, share=0.5))
     outputs = [tmp_path / name / "network.safetensors" for name in ("whole", "halves")]
     train.run(packed, None, outputs[0], config, REQUEST, endless=root)
-    limited = replace(REQUEST, time_limit=0.0)
-    train.run(packed, None, outputs[1], config, limited, endless=root)
+    with stopped_after(2):
+        train.run(packed, None, outputs[1], config, REQUEST, endless=root)
     resumed = replace(REQUEST, resume=True)
     train.run(packed, None, outputs[1], config, resumed, endless=root)
     assert outputs[0].read_bytes() == outputs[1].read_bytes()

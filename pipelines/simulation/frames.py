@@ -113,13 +113,16 @@ class FrameSimulator:
         return FrameTrials(result.name, truth.split, shift, ours, trials)
 
     def _rested(self, truth: FrameTruth) -> tuple[RestedScene, float]:
-        """Return the scene at rest, and metres that an object moved at most until then."""
+        """Return the scene at rest, and metres that an object moved at most until then.
+
+        A frame without objects has moved none.
+        """
         T_table_cam = truth.scene.T_table_cam
         given = {i: T_table_cam @ pose for i, pose in truth.scene.poses.items()}
         objects = {i: self.pieces.read(i) for i in given}
         poses = at_rest(objects, given)
-        shift = max(float(np.linalg.norm(poses[i][:3, 3] - given[i][:3, 3])) for i in given)
-        return RestedScene(objects, poses, T_table_cam), shift
+        shifts = [float(np.linalg.norm(poses[i][:3, 3] - given[i][:3, 3])) for i in given]
+        return RestedScene(objects, poses, T_table_cam), max(shifts, default=0.0)
 
     def _try_row(
         self,

@@ -88,8 +88,10 @@ def at_rest(objects: Mapping[int, Pieces], poses: Mapping[int, Array]) -> dict[i
     """Return the `poses` (4, 4), object to table, once everything has come to rest.
 
     Poses of a dataset are rounded or measured: things float a little or overlap. They sink into
-    place as if in honey, so that nothing is flung away.
+    place as if in honey, so that nothing is flung away. No poses come to rest at once.
     """
+    if not poses:
+        return {}
     spec = empty_world()
     for object_id, pose in poses.items():
         add_object(spec, str(object_id), objects[object_id], pose)

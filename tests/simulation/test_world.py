@@ -27,6 +27,10 @@ def test_what_stands_well_stays():
     assert moved(poses, rested).max() < 5e-4
 
 
+def test_an_empty_table_is_at_rest():
+    assert at_rest({}, {}) == {}
+
+
 def test_what_floats_a_little_sinks_onto_the_table():
     poses = standing((0, 0, 0.030))
     assert at_rest({0: [CUBE]}, poses)[0][2, 3] == pytest.approx(0.025, abs=5e-4)

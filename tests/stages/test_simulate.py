@@ -22,6 +22,7 @@ from pipelines.formats.graspnet import (
     GraspNetRoot,
     ObjectPose,
     write_annotation,
+    write_label,
     write_meta,
 )
 from pipelines.formats.grasps_file import FrameResult
@@ -409,6 +410,21 @@ def test_objects_that_hardly_stand_where_their_poses_say_are_remarked_on(tmp_pat
     write_grasps(tmp_path / "g.h5", [FrameResult(files.name, "empty")])
     report = run(tmp_path / "g.h5", root, tmp_path / "success.json")
     assert "30 mm before they lay still" in report.notes["scene_0100_realsense"]
+
+
+def test_a_frame_without_objects_has_no_trials_and_stops_no_other(tmp_path):
+    root = write_root(tmp_path / "root")
+    bare, *others = frame_names()[1:]
+    files = root.frame(bare)
+    write_annotation(files.path("annotations"), [])
+    write_meta(files.path("meta"), [], CAMERA.matrix)
+    write_label(files.path("label"), np.zeros((CAMERA.height, CAMERA.width), np.uint8))
+    results = [FrameResult(bare, "empty"), *(true_result(root, name) for name in others)]
+    write_grasps(tmp_path / "g.h5", results)
+    report = run(tmp_path / "g.h5", root, tmp_path / "success.json", baselines=True)
+    assert (report.exit_code, report.notes) == (0, {})
+    rates = read_json(tmp_path / "success.json")["success"]["all"]["all"]["0.5"]
+    assert (rates["held"], rates["trials"]) == (6, 6)
 
 
 def test_a_file_without_frames_is_refused_in_a_sentence(root, tmp_path):

@@ -62,7 +62,7 @@ def run(
         config: thresholds.
         options: how the batch is run.
         baselines: also plan with ground truth, from the boundary, and at random.
-        success: `success.json` that `simulate` made of the same grasps.
+        success: `success.json` that `simulate` made of the same grasps, hand and dataset.
         seed: of the baselines' random draws.
     """
     root, found = GraspNetRoot(dataset), read_index(grasps)
@@ -73,7 +73,7 @@ def run(
     inputs |= truth_digests(root, scenes, baselines=baselines)
     stamp = make_stamp("evaluate", settings, seed=seed, inputs=inputs)
     is_finished(output, stamp, overwrite=options.overwrite)  # refuses to replace another report
-    simulated = reports.read_success_of(success, inputs["grasps"]) if success else None
+    simulated = reports.read_success_of(success, inputs) if success else None
     items = _scene_items(grasps, scenes, output, stamp, options)
     step = functools.partial(_evaluate_scene, dataset, config, baselines)
     report = run_batch("evaluate", items, step, options)

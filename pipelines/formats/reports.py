@@ -74,15 +74,27 @@ def read_success(path: Path) -> dict[str, Any]:
     return content
 
 
-def read_success_of(path: Path, grasps: str) -> dict[str, Any]:
-    """Read the rates of success of the file of grasps of digest `grasps`.
+def read_success_of(path: Path, inputs: Mapping[str, str]) -> dict[str, Any]:
+    """Read the rates of success of what `inputs` are: digests by kind, `grasps` among them.
+
+    Of the other kinds those are compared that the simulation knew too: the gripper, the labels,
+    meshes and scenes of the dataset.
 
     Raises:
-        FormatError: as `read_success`, or they are of other grasps.
+        FormatError: as `read_success`, or they are of other grasps, or by another hand or in
+            another dataset.
     """
     content = read_success(path)
-    if grasps not in ((content.get("provenance") or {}).get("inputs") or {}).values():
+    found = (content.get("provenance") or {}).get("inputs") or {}
+    if found.get("grasps") != inputs["grasps"]:
         raise FormatError(path, "was simulated from other grasps", "run simulate on these grasps")
+    other = sorted(name for name in inputs.keys() & found.keys() if found[name] != inputs[name])
+    if other:
+        raise FormatError(
+            path,
+            f"was simulated with other inputs ({', '.join(other)})",
+            "run simulate with this gripper on this dataset",
+        )
     return content
 
 

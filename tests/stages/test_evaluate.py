@@ -160,6 +160,18 @@ def test_success_of_other_grasps_is_refused_before_anything_is_judged(root, trut
     assert [path.name for path in tmp_path.iterdir()] == ["success.json"]
 
 
+@pytest.mark.parametrize("kind", ["gripper", "symmetry", "meshes", "scenes"])
+def test_success_with_another_hand_or_dataset_is_refused(root, truth_file, tmp_path, kind):
+    run(truth_file, root, tmp_path / "report.json")
+    stamp = reports.read_report(tmp_path / "report.json")["provenance"]
+    success = write_success(tmp_path / "success.json", truth_file, provenance=stamp)
+    run(truth_file, root, tmp_path / "report.json", success=success)
+    other = {"inputs": stamp["inputs"] | {kind: "sha256:0"}}
+    success = write_success(tmp_path / "success.json", truth_file, provenance=other)
+    with pytest.raises(FormatError, match=rf"success\.json.* other inputs \({kind}\); run"):
+        run(truth_file, root, tmp_path / "report.json", success=success)
+
+
 @pytest.mark.parametrize("content", [{"success": 3}, {"format_version": 9}])
 def test_what_is_no_success_file_is_one_sentence(root, truth_file, tmp_path, content):
     success = write_success(tmp_path / "success.json", truth_file, **content)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pipelines.errors import FormatError
 from pipelines.formats.files import read_npy, read_npz, write_npz
 from pipelines.formats.provenance import Stamp, write_sidecar
+from pipelines.geometry.transforms import nearest_orthogonal
 
 Array = NDArray[np.float64]
 
@@ -68,8 +69,7 @@ def read_grasp_rows(
     rows = stored.astype(np.float64)
     faults = {int(i): "holds numbers that are not finite" for i in _not_finite(rows)}
     rotation = np.where(np.isfinite(rows[:, 4:13]), rows[:, 4:13], 0.0).reshape(-1, 3, 3)
-    u, _, v = np.linalg.svd(rotation)
-    nearest = u @ v
+    nearest = nearest_orthogonal(rotation)
     skew = np.abs(nearest - rotation).max(axis=(1, 2))
     wrong = (skew > max_skew) | (np.linalg.det(nearest) < 0.0)
     for row in np.flatnonzero(wrong).tolist():

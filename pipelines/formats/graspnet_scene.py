@@ -22,7 +22,12 @@ from numpy.typing import NDArray
 from pipelines.errors import FormatError
 from pipelines.formats.files import existing, read_npy, write_bytes, write_npy, write_text
 from pipelines.formats.mat_files import read_mat
-from pipelines.geometry.transforms import make_pose, matrix_to_quaternion, quaternion_to_matrix
+from pipelines.geometry.transforms import (
+    make_pose,
+    matrix_to_quaternion,
+    nearest_orthogonal,
+    quaternion_to_matrix,
+)
 
 log = logging.getLogger(__name__)
 
@@ -35,6 +40,8 @@ NEEDED_FIELDS = ("obj_id", "pos_in_world", "ori_in_world")
 LARGEST_ROUNDING = 5e-4
 # How far R^T R, or a quaternion's length, may be off one: rounding is far below, faults far above.
 RIGID_TOLERANCE = 1e-2
+# How far R^T R may be off one for a rotation to stay as it is: single precision is below.
+EXACT_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -84,7 +91,7 @@ def read_annotation_xml(path: Path) -> list[ObjectPose]:
         raise FormatError(
             path, f"not XML ({error})", "a GraspNet annotation is expected"
         ) from error
-    poses = [_read_object(path, element) for element in root or ()]
+    poses = [_read_object(path, element) for element in (() if root is None else root)]
     ids = [pose.object_id for pose in poses]
     twice = sorted({object_id for object_id in ids if ids.count(object_id) > 1})
     if twice:
@@ -143,7 +150,10 @@ def write_meta(
 
 
 def read_meta(path: Path) -> FrameMeta:
-    """Read `meta/NNNN.mat` or a demo folder's `meta.mat`; poses may be missing."""
+    """Read `meta/NNNN.mat` or a demo folder's `meta.mat`; poses may be missing.
+
+    Rotations that are a little off are made exact.
+    """
     content = read_mat(path)
     for name in ("intrinsic_matrix", "factor_depth"):
         if name not in content:
@@ -186,6 +196,8 @@ def write_pose_array(path: Path, poses: NDArray[np.floating]) -> None:
 def read_pose_array(path: Path, ndim: int | None = None) -> NDArray[np.float64]:
     """Read a file of `write_pose_array`: (..., 4, 4) float64, of `ndim` dimensions if given.
 
+    Rotations that are a little off, as few decimals leave them, are made exact.
+
     Raises:
         FormatError: another shape, or matrices that are no rigid transforms.
     """
@@ -195,7 +207,22 @@ def read_pose_array(path: Path, ndim: int | None = None) -> NDArray[np.float64]:
         raise FormatError(path, f"an array of shape {poses.shape}", f"{expected} is expected")
     if poses.dtype.kind not in "fiu" or not _are_rigid(poses):
         raise FormatError(path, "a matrix is no rigid transform", "rotations are orthonormal")
-    return poses.astype(np.float64)
+    return _straightened(poses.astype(np.float64))
+
+
+def _straightened(poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return `poses` (..., 4, 4) with rotations that are off by rounding made exact.
+
+    Those that are exact in single precision, and those that are no rotations, stay as they are.
+    """
+    R = poses[..., :3, :3]
+    with np.errstate(invalid="ignore"):  # of infinity; it compares with nothing then
+        misfit = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3)).max(axis=(-2, -1))
+    off = (misfit > EXACT_TOLERANCE) & (misfit <= RIGID_TOLERANCE)
+    if off.any():
+        poses = poses.copy()
+        poses[off, :3, :3] = nearest_orthogonal(R[off])
+    return poses
 
 
 def _are_rigid(poses: NDArray[Any]) -> bool:
@@ -253,4 +280,4 @@ def _read_mat_poses(
         raise FormatError(path, f"poses are {poses.shape}", f"(3, 4, {count}) is expected")
     full = np.tile(np.eye(4), (count, 1, 1))
     full[:, :3] = np.moveaxis(poses, 2, 0)
-    return full
+    return _straightened(full)

@@ -75,6 +75,15 @@ def random_rotation(rng: np.random.Generator) -> Array:
     return quaternion_to_matrix(rng.normal(size=4))
 
 
+def nearest_orthogonal(matrices: ArrayLike) -> Array:
+    """Return the orthogonal matrices (..., 3, 3) nearest to finite `matrices` (..., 3, 3).
+
+    They are rotations where these are near one; those of mirrored ones have determinant -1.
+    """
+    u, _, v = np.linalg.svd(np.asarray(matrices, np.float64))
+    return np.asarray(u @ v)
+
+
 def basis_from_direction(direction: ArrayLike) -> Array:
     """Return right-handed bases (..., 3, 3) whose first column is `direction` (..., 3)."""
     d = np.ascontiguousarray(direction, np.float64)

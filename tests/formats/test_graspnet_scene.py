@@ -14,6 +14,7 @@ from pipelines.errors import FormatError, SymgraspError
 from pipelines.formats import graspnet_scene as scene
 from pipelines.formats.graspnet_scene import ObjectPose
 from pipelines.geometry.transforms import make_pose, random_rotation
+from pipelines.grasping.grasps import Grasps
 
 K = np.array([[900.0, 0.0, 640.0], [0.0, 901.0, 360.0], [0.0, 0.0, 1.0]])
 
@@ -169,6 +170,17 @@ def test_meta_poses_come_back_in_float32(
     assert_allclose(meta.poses, expected, atol=1e-6)
 
 
+@pytest.mark.parametrize("number", [np.nan, np.inf, -1.0])
+def test_meta_poses_that_are_none_come_back_as_they_are(
+    tmp_path: Path, poses: list[ObjectPose], number: float
+) -> None:
+    spoilt = [ObjectPose(p.object_id, p.T_cam_obj.astype(np.float32)) for p in poses]
+    spoilt[1].T_cam_obj[:2, :3] = number
+    scene.write_meta(tmp_path / "0000.mat", spoilt, K)
+    read = scene.read_meta(tmp_path / "0000.mat").poses
+    assert_array_equal(read, np.stack([p.T_cam_obj for p in spoilt]))
+
+
 def test_a_truncated_mat_is_one_sentence(tmp_path: Path, poses: list[ObjectPose]) -> None:
     path = tmp_path / "0000.mat"
     scene.write_meta(path, poses, K)
@@ -221,6 +233,39 @@ def test_pose_arrays_must_be_transforms(tmp_path: Path) -> None:
     np.save(tmp_path / "bad.npy", np.zeros((5, 3)))
     with pytest.raises(FormatError, match=r"\(5, 3\)"):
         scene.read_pose_array(tmp_path / "bad.npy")
+
+
+def test_rotations_of_few_decimals_are_made_exact_and_exact_ones_stay(
+    tmp_path: Path, poses: list[ObjectPose]
+) -> None:
+    exact = np.stack([pose.T_cam_obj for pose in poses])
+    for name, stored in (("few", exact.round(2)), ("single", exact.astype(np.float32))):
+        scene.write_pose_array(tmp_path / f"{name}.npy", stored)
+        scene.write_pose_array(tmp_path / f"{name}_one.npy", stored[1])
+    few = scene.read_pose_array(tmp_path / "few.npy", 3)
+    assert_allclose(few, exact, atol=0.02)
+    assert_array_equal(few[:, :3, 3], exact[:, :3, 3].round(2))
+    assert_array_equal(scene.read_pose_array(tmp_path / "few_one.npy", 2), few[1])
+    hand = Grasps(np.eye(3), np.zeros(3), np.array(0.05))
+    for T in few:
+        hand.transformed(T)  # else refused as no rotation
+    single = scene.read_pose_array(tmp_path / "single.npy", 3)
+    assert_array_equal(single, exact.astype(np.float32))
+    assert_array_equal(scene.read_pose_array(tmp_path / "single_one.npy", 2), single[1])
+
+
+def test_poses_of_few_decimals_in_a_mat_are_made_exact_and_exact_ones_stay(
+    tmp_path: Path, poses: list[ObjectPose]
+) -> None:
+    exact = np.stack([pose.T_cam_obj for pose in poses])
+    few = [ObjectPose(p.object_id, p.T_cam_obj.round(3)) for p in poses]
+    scene.write_meta(tmp_path / "few.mat", few, K)
+    scene.write_meta(tmp_path / "single.mat", poses, K)
+    read = scene.read_meta(tmp_path / "few.mat").poses
+    assert read is not None
+    assert_allclose(read, exact, atol=0.002)
+    Grasps(read[:, :3, :3], read[:, :3, 3], np.ones(3))
+    assert_array_equal(scene.read_meta(tmp_path / "single.mat").poses, exact.astype(np.float32))
 
 
 @pytest.mark.parametrize(("shape", "ndim"), [((4, 4), 3), ((5, 4, 4), 2), ((5, 3, 4), 3)])

@@ -117,7 +117,11 @@ class TruthReader:
 
 
 def region_points(instance: RegionInstance, scene: TrueScene, intrinsics: Intrinsics) -> Array:
-    """Return (n, 3) points, camera frame, of the region's true surface that the camera sees."""
+    """Return (n, 3) points, camera frame, of the object's true surface that stand for a region.
+
+    They are what faces the camera and projects into the region's mask; what the object itself
+    hides is among them. Where these are too few, they are points of the whole object.
+    """
     target, pose = scene.objects[instance.object_id], scene.poses[instance.object_id]
     points, normals = transform_points(pose, target.points), rotate_vectors(pose, target.normals)
     pixels, inside = intrinsics.pixels_of(points)

@@ -24,6 +24,9 @@ from pipelines.metrics.average_precision import match_greedy
 
 KINDS = ("reflection", "rotation", "sphere")
 CORRECT, WRONG, IGNORED = 1, 0, -1
+# Planes are one up to so much: what follows from a listed one may be listed itself.
+SAME_COSINE = float(np.cos(np.radians(5.0)))
+SAME_OFFSET = 0.004  # metres, at the axis
 
 Array = NDArray[np.float64]
 
@@ -115,12 +118,19 @@ def _turned_planes(
 ) -> list[ReflectionSymmetry]:
     """Return the planes through a discrete `rotation`'s axis that follow from a listed one.
 
-    An n-fold axis in a mirror plane lies in n of them, half the rotation's step apart.
+    An n-fold axis in a mirror plane lies in n of them, half the rotation's step apart. Those that
+    are listed themselves are left out: each of them is to be found once.
     """
     order = rotation.order or 1
-    return [
-        replace(plane, normal=rotation_about(rotation.axis, np.pi * k / order) @ plane.normal)
+    through = [
+        plane
         for plane in listed
         if isinstance(plane, ReflectionSymmetry) and abs(plane.normal @ rotation.axis) < 0.1
+    ]
+    turned = [
+        replace(plane, normal=rotation_about(rotation.axis, np.pi * k / order) @ plane.normal)
+        for plane in through
         for k in range(1, order)
     ]
+    known = [p for p in through if abs((rotation.point - p.point) @ p.normal) <= SAME_OFFSET]
+    return [t for t in turned if all(abs(t.normal @ p.normal) < SAME_COSINE for p in known)]

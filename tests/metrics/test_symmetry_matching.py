@@ -15,6 +15,7 @@ from pipelines.metrics.symmetry_matching import (
     WRONG,
     PredictedSymmetry,
     TrueRegion,
+    implied_symmetries,
     judge_symmetries,
     scored_symmetries,
 )
@@ -80,6 +81,25 @@ def test_the_diagonal_planes_of_a_square_prism_are_ignored():
     assert judged([ReflectionSymmetry(X + Y, ORIGIN)], [prism], 0.067) == [IGNORED]
     tilted = ReflectionSymmetry([np.cos(0.4), np.sin(0.4), 0.0], ORIGIN)
     assert judged([tilted], [prism], 0.067) == [WRONG]
+
+
+def test_a_listed_plane_is_to_be_found_once_with_a_discrete_axis_or_without():
+    planes = [ReflectionSymmetry(normal, ORIGIN) for normal in (X, Y, Z)]
+    repeated = [planes[0], planes[0], planes[0]]
+    for others in ((), (RotationSymmetry(Z, ORIGIN, order=2),)):
+        assert judged(repeated, [region(*planes, *others)]) == [CORRECT, WRONG, WRONG]
+
+
+def test_a_plane_that_is_off_a_listed_one_by_no_more_than_noise_does_not_follow_from_another():
+    axis = RotationSymmetry(Z, ORIGIN, order=2)
+    tilt = np.radians(4.0)
+    listed = ReflectionSymmetry(np.array([-np.sin(tilt), np.cos(tilt), 0.0]), 0.003 * Y)
+    assert implied_symmetries(listed, (axis, ReflectionSymmetry(X, ORIGIN), listed)) == []
+    for other in (
+        ReflectionSymmetry(Y, 0.006 * Y),
+        ReflectionSymmetry(np.array([-np.sin(0.15), np.cos(0.15), 0.0]), ORIGIN),
+    ):
+        assert implied_symmetries(other, (axis, ReflectionSymmetry(X, ORIGIN), other))
 
 
 def test_a_discrete_rotation_is_no_truth_for_the_continuous_one():

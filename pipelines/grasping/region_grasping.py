@@ -202,26 +202,17 @@ def plan_random(
     """Return feasible grasps on random antipodal pairs of `region`: a baseline.
 
     Pairs are drawn from the region's points; both normals must be within the contact angle of
-    the line between them, as far as such pairs are seen from one side.
+    the line between them, as far as such pairs are seen from one side. A region too small for any
+    width of the hand has none.
     """
     if len(region) < MIN_POINTS:
         return RankedGrasps.empty()
-    first, second = rng.integers(0, len(region), (2, RANDOM_DRAWS))
-    contacts = np.stack([region.points[first], region.points[second]], 1)
-    line = unit(contacts[:, 1] - contacts[:, 0])
-    cosine = np.minimum(
-        -np.einsum("ni,ni->n", line, region.normals[first]),
-        np.einsum("ni,ni->n", line, region.normals[second]),
-    )
-    width = np.linalg.norm(contacts[:, 1] - contacts[:, 0], axis=1)
-    cosine[(width < config.min_width) | (width > gripper.max_width)] = -1.0
-    chosen = np.flatnonzero(cosine > np.cos(config.max_contact_angle))
-    if not len(chosen):  # nothing antipodal is seen: the least bad of what was drawn
-        chosen = np.argsort(-cosine, kind="stable")
-    chosen = chosen[: config.max_pairs]
-    count = len(chosen)
+    contacts = _random_contacts(region, gripper, config, rng)
+    count = len(contacts)
+    if not count:
+        return RankedGrasps.empty()
     candidates = Candidates(
-        contacts[chosen],
+        contacts,
         _base_approach(region, scene, count),
         np.ones(count),
         np.zeros(count),
@@ -232,6 +223,29 @@ def plan_random(
     around = surroundings(region, scene, gripper, config)
     ranking = by_eq8(config)
     return select(candidates, turns, region, scene, gripper, config, around, ranking)
+
+
+def _random_contacts(
+    region: RegionCloud, gripper: Gripper, config: SelectionConfig, rng: np.random.Generator
+) -> Array:
+    """Return (n, 2, 3) random pairs of the region's points that the hand's width allows.
+
+    Antipodal ones; where none is drawn, all, the least bad first.
+    """
+    first, second = rng.integers(0, len(region), (2, RANDOM_DRAWS))
+    contacts = np.stack([region.points[first], region.points[second]], 1)
+    line = unit(contacts[:, 1] - contacts[:, 0])
+    cosine = np.minimum(
+        -np.einsum("ni,ni->n", line, region.normals[first]),
+        np.einsum("ni,ni->n", line, region.normals[second]),
+    )
+    width = np.linalg.norm(contacts[:, 1] - contacts[:, 0], axis=1)
+    fits = (width >= config.min_width) & (width <= gripper.max_width)
+    chosen = np.flatnonzero(fits & (cosine > np.cos(config.max_contact_angle)))
+    if not len(chosen):  # nothing antipodal is seen
+        order = np.argsort(-cosine, kind="stable")
+        chosen = order[fits[order]]
+    return np.asarray(contacts[chosen[: config.max_pairs]])
 
 
 def _base_approach(region: RegionCloud, scene: SceneCloud, count: int) -> Array:

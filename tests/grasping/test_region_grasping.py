@@ -10,9 +10,11 @@ from pipelines.formats.gripper_files import load_gripper
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SymmetrySlots
 from pipelines.geometry.transforms import invert, rotate_vectors, transform_points
+from pipelines.grasping import region_grasping
 from pipelines.grasping.collision import lowest_height
 from pipelines.grasping.observation import RegionCloud, SceneCloud
 from pipelines.grasping.region_grasping import plan_planar, plan_random, plan_region
+from pipelines.grasping.selection import select
 from pipelines.grasping.suppression import are_near
 from tests.geometry.tabletops import CAMERA, Ball, Box, Can, looking_at_table, render
 
@@ -141,6 +143,39 @@ def test_random_grasps_are_feasible_and_repeat_with_their_seed():
     np.testing.assert_array_equal(plans[0].grasps.translation, plans[1].grasps.translation)
     for index in range(len(plans[0])):
         assert gripper_points(plans[0].grasps, index, scene) <= CONFIG.max_points_inside
+
+
+def shrunk(region, size):
+    """30 points of a region, no two of them farther apart than `size` metres."""
+    few = region[np.linspace(0, len(region) - 1, 30).astype(int)]
+    reach = np.linalg.norm(few.points - few.middle, axis=1).max()
+    return replace(few, points=few.middle + (few.points - few.middle) * size / (2 * reach))
+
+
+def test_a_region_smaller_than_any_width_has_no_random_grasp():
+    _, scene, region = seen([Can(0.03, 0.12)])
+    small = shrunk(region, 0.9 * CONFIG.min_width)
+    assert len(plan_random(small, scene, GRIPPER, CONFIG, np.random.default_rng(3))) == 0
+
+
+def test_where_nothing_antipodal_is_seen_random_pairs_still_have_a_width_that_fits(monkeypatch):
+    _, scene, region = seen([Can(0.03, 0.12)])
+    flat = replace(region, normals=np.tile(-region.view_ray, (len(region), 1)))
+    tried = []
+
+    def remember(candidates, *rest):
+        tried.append(candidates.contacts)
+        return select(candidates, *rest)
+
+    monkeypatch.setattr(region_grasping, "select", remember)
+    for cloud in (flat, shrunk(flat, 1.5 * CONFIG.min_width)):
+        plan_random(cloud, scene, GRIPPER, CONFIG, np.random.default_rng(3))
+    for contacts in tried:
+        width = np.linalg.norm(contacts[:, 1] - contacts[:, 0], axis=1)
+        assert 0 < len(width) <= CONFIG.max_pairs
+        assert width.min() >= CONFIG.min_width
+        assert width.max() <= GRIPPER.max_width
+    assert len(tried) == 2
 
 
 def test_a_false_symmetry_costs_nothing_but_the_fallback():

@@ -25,6 +25,7 @@ from pipelines.grasping.observation import RegionCloud, SceneCloud
 from pipelines.grasping.point_judge import PointJudge
 from pipelines.grasping.ranking import Judge
 from pipelines.grasping.region_grasping import MIN_POINTS, plan_planar, plan_random, plan_region
+from pipelines.inference.empty_frames import why_empty
 from pipelines.inference.pieces import pieces_of
 from pipelines.inference.plans import Plan, grasp_table, region_table
 from pipelines.inference.regions import Detector, FrameRegions, Region, find_regions
@@ -111,7 +112,8 @@ class Planner:
         plane, lens = found.geometric.plane, frame.intrinsics
         limits = Limits.of(self.config.limits, workspace, plane, lens)
         scene = SceneCloud(frame.depth.astype(np.float64), lens, plane, limits)
-        regions, clouds = _within(found.regions, scene)
+        every = [RegionCloud.from_mask(region.mask, scene) for region in found.regions]
+        regions, clouds = _within(found.regions, every, limits)
         plans = self._plans(clouds, scene, rng)
         if self.config.method != "random":
             regions, plans = self._taken_apart(regions, plans, found, scene, rng)
@@ -121,10 +123,11 @@ class Planner:
             ]
         grasps = [plan.grasps for plan in plans]
         count = sum(len(ranked) for ranked in grasps)
+        least = None if masks is None else self.config.min_region_pixels
         return FrameResult(
             name=frame.name,
             status="ok" if count else "empty",
-            message="" if count else _why_empty(len(regions), limits),
+            message="" if count else why_empty(found, every, len(regions), limits, least),
             intrinsics=frame.intrinsics,
             seconds=time.monotonic() - started,
             regions=region_table(regions, plans),
@@ -233,18 +236,11 @@ class _Seen:
         return cls(cloud[prediction.index], affordance, slots)
 
 
-def _within(regions: list[Region], scene: SceneCloud) -> tuple[list[Region], list[RegionCloud]]:
+def _within(
+    regions: list[Region], clouds: list[RegionCloud], limits: Limits | None
+) -> tuple[list[Region], list[RegionCloud]]:
     """Return the regions of which something lies in the workspace, and their points."""
-    clouds = [RegionCloud.from_mask(region.mask, scene) for region in regions]
-    if scene.limits is None:
+    if limits is None:
         return regions, clouds
-    some = [bool(scene.limits.contain(cloud.points).any()) for cloud in clouds]
+    some = [bool(limits.contain(cloud.points).any()) for cloud in clouds]
     return list(compress(regions, some)), list(compress(clouds, some))
-
-
-def _why_empty(num_regions: int, limits: Limits | None) -> str:
-    if limits is not None:
-        return f"none of {num_regions} regions in the workspace has a grasp within the limits given"
-    if num_regions == 0:
-        return "nothing stands out from its support; is an object within reach of the camera?"
-    return f"none of {num_regions} regions has a grasp that the gripper reaches without collision"

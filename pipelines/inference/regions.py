@@ -57,10 +57,14 @@ class Region:
 
 @dataclass(frozen=True)
 class FrameRegions:
-    """The regions of a frame, and what the depth alone says of the table."""
+    """The regions of a frame, and what the depth alone says of the table.
+
+    `too_small`: how many more there would be with fewer than `min_region_pixels`.
+    """
 
     regions: list[Region]
     geometric: GeometricRegions
+    too_small: int = 0
 
 
 def find_regions(
@@ -79,7 +83,7 @@ def find_regions(
         if config.regions != "detector":
             regions = _completed(regions, geometric, config)
     large = [r for r in regions if np.count_nonzero(r.mask) >= config.min_region_pixels]
-    return FrameRegions(large, geometric)
+    return FrameRegions(large, geometric, len(regions) - len(large))
 
 
 def _detected(

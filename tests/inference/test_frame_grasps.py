@@ -141,3 +141,56 @@ def test_no_two_grasps_of_a_region_are_alike():
     selection = CONFIG.selection
     near = are_near(grasps, selection.nms_distance, selection.nms_angle - 1e-3)
     assert near.sum() == len(grasps) > 1
+
+
+def of_masks(masks, frame=FRAME, **limits):
+    config = replace(CONFIG, method="planar", limits=LimitsConfig(**limits))
+    result = Planner(config, load_gripper("rg2")).plan(
+        frame, np.random.default_rng(0), masks.astype(np.int32)
+    )
+    assert result.status == "empty"
+    return result.message
+
+
+def speck(rows=5, columns=6):
+    """Instance 1: a few pixels of the box."""
+    masks = np.zeros(DEPTH.shape, int)
+    row, column = (int(np.median(each)) for each in np.nonzero(INDEX == 0))
+    masks[row : row + rows, column : column + columns] = 1
+    return masks
+
+
+BARE = replace(FRAME, depth=np.where(INDEX == 0, 0, DEPTH).astype(np.float32))
+
+
+@pytest.mark.parametrize("limits", [{}, {"box": (-9.0, -9.0, -9.0, 9.0, 9.0, 9.0)}])
+def test_instances_that_are_too_small_are_said_to_be(limits):
+    message = of_masks(speck(), **limits)
+    assert message == (
+        "1 of 1 instances of the masks were dropped as too small; an instance needs 200 pixels"
+    )
+
+
+@pytest.mark.parametrize("limits", [{}, {"box": (-9.0, -9.0, -9.0, 9.0, 9.0, 9.0)}])
+def test_instances_without_depth_are_said_to_have_none(limits):
+    message = of_masks(INDEX == 0, BARE, **limits)
+    assert message == (
+        "no depth, or too little, was measured in 1 regions; a region needs 20 points"
+    )
+
+
+def test_all_that_keeps_instances_from_grasps_is_said():
+    masks = np.where(INDEX == 0, 2, 0)
+    masks[:5, :6] = 1
+    message = of_masks(masks, BARE)
+    assert "measured in 1 regions" in message
+    assert "1 of 2 instances of the masks were dropped as too small" in message
+
+
+def test_masks_without_instances_are_said_to_show_none():
+    assert "masks show no instance" in of_masks(np.zeros(DEPTH.shape))
+
+
+def test_regions_that_no_hand_reaches_are_said_to_be_out_of_reach():
+    lone = replace(FRAME, depth=np.where(INDEX == 0, 0.05, 0).astype(np.float32))
+    assert "none of 1 regions has a grasp" in of_masks(INDEX == 0, lone)

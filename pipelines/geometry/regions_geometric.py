@@ -51,8 +51,12 @@ def geometric_regions(
     intrinsics: Intrinsics,
     config: RegionConfig,
     rng: np.random.Generator,
+    ground: Mask | None = None,
 ) -> GeometricRegions:
-    """Find the regions of `depth` (H, W) metres, 0 where missing."""
+    """Find the regions of `depth` (H, W) metres, 0 where missing.
+
+    `ground`: (H, W) the pixels that may show the support, where that is known.
+    """
     step = max(1, round(depth.shape[1] / WORKING_WIDTH))
     small = depth[::step, ::step]
     camera = Intrinsics(
@@ -64,7 +68,8 @@ def geometric_regions(
         small.shape[0],
     )
     xyz = camera.backproject(small)
-    top = find_tabletop(xyz, camera, config, rng)
+    bare = None if ground is None else ground[::step, ::step]
+    top = find_tabletop(xyz, camera, config, rng, bare)
     pieces, whole = segment(xyz, top.foreground, top.clear, camera.fx, config)
     labels = _sound_regions(xyz, pieces, whole, top, config)
     scaled = [_enlarged(image, depth.shape) for image in (labels, top.foreground)]

@@ -53,15 +53,21 @@ class Tabletop:
 
 
 def find_tabletop(
-    xyz: Array, intrinsics: Intrinsics, config: RegionConfig, rng: np.random.Generator
+    xyz: Array,
+    intrinsics: Intrinsics,
+    config: RegionConfig,
+    rng: np.random.Generator,
+    ground: Mask | None = None,
 ) -> Tabletop:
     """Find the support plane and the foreground of the organised cloud `xyz` (H, W, 3).
 
-    `xyz`: metres, camera frame, nan where the depth is missing.
+    `xyz`: metres, camera frame, nan where the depth is missing. `ground`: (H, W) the pixels that
+    may show the support, where that is known: without them an object's lid may be taken for it.
     """
     z = np.ascontiguousarray(xyz[..., 2])
     near = near_pixels(z, config)
-    support = find_support(xyz, near, intrinsics, config, rng)
+    bare = near if ground is None else near & ground
+    support = find_support(xyz, bare, intrinsics, config, rng)
     if support is None:
         return Tabletop(None, near, near, config.plane_tolerance / 3.0)
     residual, inliers = _near_plane(z, near, support.affine, config.plane_tolerance)

@@ -74,8 +74,12 @@ def find_regions(
     detector: Detector | None = None,
     masks: NDArray[np.int32] | None = None,
 ) -> FrameRegions:
-    """Return the regions of `frame`; `masks` (H, W) are the user's instance ids, 0 = background."""
-    geometric = geometric_regions(frame.depth, frame.intrinsics, config.region, rng)
+    """Return the regions of `frame`; `masks` (H, W) are the user's instance ids, 0 = background.
+
+    What the masks show is no support: without depth beside it no plane is known.
+    """
+    ground = None if masks is None else masks == 0
+    geometric = geometric_regions(frame.depth, frame.intrinsics, config.region, rng, ground)
     if masks is not None:
         regions = [Region(masks == i, 1.0, "masks") for i in np.unique(masks[masks > 0])]
     else:

@@ -194,3 +194,12 @@ def test_masks_without_instances_are_said_to_show_none():
 def test_regions_that_no_hand_reaches_are_said_to_be_out_of_reach():
     lone = replace(FRAME, depth=np.where(INDEX == 0, 0.05, 0).astype(np.float32))
     assert "none of 1 regions has a grasp" in of_masks(INDEX == 0, lone)
+
+
+def test_masked_objects_are_grasped_without_any_depth_beside_them():
+    masks = (INDEX + 1).astype(np.int32)
+    alone = replace(FRAME, depth=np.where(masks > 0, FRAME.depth, 0.0).astype(np.float32))
+    for method in ("planar", "random"):
+        planner = Planner(replace(CONFIG, method=method), load_gripper("rg2"), **JUDGES)
+        result = planner.plan(alone, np.random.default_rng(0), masks)
+        assert result.status == "ok", f"{method}: {result.message}"

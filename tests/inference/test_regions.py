@@ -56,3 +56,32 @@ def test_small_detections_are_dropped():
     rows, columns = np.nonzero(INDEX == 0)
     speck[rows[:50], columns[:50]] = True
     assert not regions(Detector([Detection(speck)]), regions="detector")
+
+
+def masked(depth, masks):
+    frame = replace(FRAME, depth=depth.astype(np.float32))
+    return find_regions(frame, InferConfig(), np.random.default_rng(0), None, masks)
+
+
+def test_a_lid_in_the_masks_is_not_taken_for_the_table():
+    masks = (INDEX + 1).astype(np.int32)
+    whole, cut = masked(DEPTH, masks), masked(np.where(masks > 0, DEPTH, 0.0), masks)
+    assert len(whole.regions) == len(cut.regions) == len(SHAPES)
+    plane = find_regions(FRAME, InferConfig(), np.random.default_rng(0)).geometric.plane
+    np.testing.assert_allclose(whole.geometric.plane.normal, plane.normal, atol=1e-3)
+    np.testing.assert_allclose(whole.geometric.plane.offset, plane.offset, atol=1e-3)
+    assert cut.geometric.plane is None
+
+
+def test_a_little_table_beside_the_masks_is_enough():
+    masks = (INDEX + 1).astype(np.int32)
+    table = np.zeros(DEPTH.shape, bool)
+    table[60:180:2, 40:280:2] = True
+    found = masked(np.where((masks > 0) | table, DEPTH, 0.0), masks)
+    whole = masked(DEPTH, masks)
+    np.testing.assert_allclose(
+        found.geometric.plane.normal, whole.geometric.plane.normal, atol=0.01
+    )
+    np.testing.assert_allclose(
+        found.geometric.plane.offset, whole.geometric.plane.offset, atol=0.01
+    )

@@ -10,9 +10,10 @@ from pipelines.configs import RegionConfig
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.compiled import compiled
 from pipelines.geometry.footprint import Footprint
+from pipelines.geometry.plane_sides import pixels_of_sides
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.quantiles import median, quantiles
-from pipelines.geometry.support_plane import Affine, find_support
+from pipelines.geometry.support_plane import Affine, Support, find_support
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -22,6 +23,7 @@ WARP_WINDOW = 81  # pixels over which a sensor bends a flat table
 CLEARLY = 1.6  # heights that stand out from noise which a thing does not share with its neighbour
 FAR = 10.0  # metres, from where on noise grows no more
 NOISE_FACTOR = 4.0  # standard deviations that foreground stands out by
+MOST_SIDES = 0.1  # pixels that hang down from a table, a pixel of it; from lids it is more
 THIN = 2  # every so many-th row and column tells of a table's noise and extent
 
 
@@ -70,7 +72,8 @@ def find_tabletop(
     support = find_support(xyz, bare, intrinsics, config, rng)
     if support is None:
         return Tabletop(None, near, near, config.plane_tolerance / 3.0)
-    residual, inliers = _near_plane(z, near, support.affine, config.plane_tolerance)
+    tolerance = config.plane_tolerance
+    residual, inliers = _near_plane(z, near, support.affine, tolerance)
     warp = _smooth(residual, inliers)
     some = _spread(inliers)
     noise = 1.4826 * float(median(np.abs(residual.take(some) - warp.take(some))))
@@ -83,7 +86,22 @@ def find_tabletop(
     table = Footprint.around(extent, support.plane, config.support_margin)
     at = _places(above, 1)
     above.ravel()[at] = table.contains(points.take(at, axis=0))
+    if np.count_nonzero(above) < config.min_pixels and _is_lid(z, near, inliers, support, config):
+        return Tabletop(None, near, near, tolerance / 3.0)
     return replace(top, foreground=above, clear=above & clear)
+
+
+def _is_lid(z: Array, near: Mask, inliers: Mask, support: Support, config: RegionConfig) -> bool:
+    """Return whether a plane on which nothing stands is a face of a thing instead of a table.
+
+    Where no depth is measured beside an object, its lid is the largest plane; its sides hang down
+    from it. Beyond the edge of a table the depth jumps.
+    """
+    rows, columns = (np.arange(count, dtype=np.float64) for count in z.shape)
+    a, b, c = support.affine
+    over = 1.0 / z - (a * columns + b * rows[:, None] + c)
+    sides = pixels_of_sides(z, near, inliers, over, 2.0 * config.plane_tolerance, config.depth_step)
+    return bool(sides > MOST_SIDES * np.count_nonzero(inliers))
 
 
 def _spread(mask: Mask) -> Indices:

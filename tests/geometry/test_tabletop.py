@@ -259,3 +259,22 @@ def test_labels_with_gaps_are_regions_all_the_same():
     assert sorted(np.unique(found)) == [0, 1, 2]
     for number in (1, 2):
         assert len(np.unique(labels[(found == number) & (labels > 0)])) == 1
+
+
+@pytest.mark.parametrize(
+    "shape", [Box((0.06, 0.09, 0.1)), Box((0.12, 0.1, 0.03)), Can(0.035, 0.12)]
+)
+def test_the_lid_of_a_thing_that_alone_has_depth_is_no_table(shape):
+    depth, index = render([shape])
+    found = regions_of(np.where(index == 0, depth, 0.0))
+    assert found.plane is None
+    assert best_overlap(found, index == 0) > 0.9
+
+
+@pytest.mark.parametrize("shape", [None, Box((0.4, 0.5, 0.03))])  # a thick board to see the edge of
+def test_a_table_with_nothing_on_it_is_a_table(shape):
+    depth, index = render([shape] if shape else [])
+    depth = depth if shape is None else np.where(index == 0, depth, 0.0)
+    found = regions_of(depth)
+    assert found.plane is not None
+    assert not found.masks

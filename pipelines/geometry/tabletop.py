@@ -23,7 +23,7 @@ WARP_WINDOW = 81  # pixels over which a sensor bends a flat table
 CLEARLY = 1.6  # heights that stand out from noise which a thing does not share with its neighbour
 FAR = 10.0  # metres, from where on noise grows no more
 NOISE_FACTOR = 4.0  # standard deviations that foreground stands out by
-MOST_SIDES = 0.1  # pixels that hang down from a table, a pixel of it; from lids it is more
+MOST_SIDES = 0.25  # pixels that hang down from a table, a pixel of it; from lids it is more
 THIN = 2  # every so many-th row and column tells of a table's noise and extent
 
 

@@ -262,7 +262,7 @@ def test_labels_with_gaps_are_regions_all_the_same():
 
 
 @pytest.mark.parametrize(
-    "shape", [Box((0.06, 0.09, 0.1)), Box((0.12, 0.1, 0.03)), Can(0.035, 0.12)]
+    "shape", [Box((0.06, 0.09, 0.1)), Box((0.12, 0.1, 0.06)), Can(0.035, 0.12)]
 )
 def test_the_lid_of_a_thing_that_alone_has_depth_is_no_table(shape):
     depth, index = render([shape])

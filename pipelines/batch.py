@@ -10,7 +10,7 @@ from typing import Any
 from joblib import delayed
 from rich.progress import track
 
-from pipelines.clusters import CLUSTERS, workers_of
+from pipelines.clusters import CLUSTERS, check_backend, workers_of
 from pipelines.errors import StaleOutputError, SymgraspError
 from pipelines.formats.provenance import Stamp, is_finished
 
@@ -85,7 +85,11 @@ def run_batch(
 
     A `SymgraspError` or `OSError` fails its item alone; anything else is a bug and propagates.
     `step` may return a note for the report; with several workers it must be picklable.
+
+    Raises:
+        UnknownNameError: no such backend.
     """
+    check_backend(options.backend)
     started, report = time.monotonic(), StageReport(stage)
     todo = _unfinished(items, options, report)
     if options.dry_run:

@@ -22,6 +22,12 @@ CLUSTERS = ("dask", "ray")
 TUNABLES, HUGE_PAGES = "GLIBC_TUNABLES", "glibc.malloc.hugetlb=1"
 
 
+def check_backend(backend: str) -> None:
+    """Raise UnknownNameError if there is no such backend."""
+    if backend not in BACKENDS:
+        raise UnknownNameError("backend", backend, BACKENDS)
+
+
 @contextmanager
 def workers_of(backend: str, workers: int) -> Iterator[Parallel]:
     """Yield what runs tasks on `workers` processes (threads if `threading`), results in order.
@@ -30,8 +36,7 @@ def workers_of(backend: str, workers: int) -> Iterator[Parallel]:
         UnknownNameError: no such backend.
         SymgraspError: the backend is not installed, or its scheduler does not answer.
     """
-    if backend not in BACKENDS:
-        raise UnknownNameError("backend", backend, BACKENDS)
+    check_backend(backend)
     if backend == "dask":
         with _dask(workers), parallel_config(backend="dask"):
             yield Parallel(return_as="generator")

@@ -78,10 +78,11 @@ def test_workers_are_told_of_huge_pages_unless_the_user_tells_them_something(
     else:
         monkeypatch.setenv(TUNABLES, users)
     end_workers()
-    (item,) = items(tmp_path, ["a"])
-    run_batch("toy", [item], write_tunables, replace(QUIET, workers=2))
+    both = items(tmp_path, ["a", "b"])
+    run_batch("toy", both, write_tunables, replace(QUIET, workers=2))
     end_workers()
-    assert read_json(item.target)["tunables"] == (users or HUGE_PAGES)
+    for item in both:
+        assert read_json(item.target)["tunables"] == (users or HUGE_PAGES)
     assert os.environ.get(TUNABLES) == users
 
 

@@ -76,11 +76,11 @@ class Acceleration:
         if not self.compiled:
             yield
             return
-        from torch._dynamo.exc import BackendCompilerFailed  # noqa: PLC0415 - slow to import
+        from torch._dynamo.exc import TorchDynamoException  # noqa: PLC0415 - slow to import
 
         try:
             yield
-        except BackendCompilerFailed as error:
+        except TorchDynamoException as error:  # a GPU too old, or without Triton, among them
             first = str(error).strip().splitlines()[0]
             raise SymgraspError(
                 f"torch.compile does not work here ({first}); leave out --compile"

@@ -120,10 +120,10 @@ class GradientWorkers:
     ) -> tuple[Losses, Gradients]:
         (piece, micro_batch), (seed, epoch, step) = loaded, place
         drawing = torch.Generator().manual_seed(loss_seed(seed, epoch, step, piece.number))
-        with self.acceleration.guarded():
+        with self.acceleration.guarded():  # the way back is compiled when it is first gone
             terms = self.trainee.loss(module, micro_batch, drawing)
-        total = terms["total"] * piece.share
-        gradients = torch.autograd.grad(total, self.parameters, allow_unused=True)
+            total = terms["total"] * piece.share
+            gradients = torch.autograd.grad(total, self.parameters, allow_unused=True)
         filled = [
             torch.zeros_like(parameter) if gradient is None else gradient
             for gradient, parameter in zip(gradients, self.parameters, strict=True)

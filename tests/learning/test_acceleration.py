@@ -5,7 +5,10 @@ import copy
 import numpy as np
 import pytest
 import torch
+from functorch.compile import nop
 from torch import nn
+from torch._dynamo.backends.common import aot_autograd
+from torch._inductor.exc import InductorError, TritonMissing
 
 from pipelines.configs import DetectorConfig
 from pipelines.errors import SymgraspError, UnknownNameError
@@ -126,6 +129,24 @@ def test_a_compiler_that_fails_is_a_sentence(trainee):
 
     with pytest.raises(SymgraspError, match="leave out --compile"):
         gradients(trainee, Acceleration(compiled=True, backend=refusing))
+
+
+def test_a_gpu_that_the_compiler_does_not_know_is_a_sentence(trainee):
+    def refusing(graph, inputs):
+        raise TritonMissing(None)
+
+    with pytest.raises(SymgraspError, match=r"working triton installation.*leave out --compile"):
+        gradients(trainee, Acceleration(compiled=True, backend=refusing))
+
+
+@pytest.mark.filterwarnings("ignore:The .grad attribute")  # torch's own, while it compiles
+def test_a_compiler_that_fails_on_the_way_back_is_a_sentence(trainee):
+    def refusing(graph, inputs):
+        raise InductorError(RuntimeError("no compiler"), None)
+
+    backend = aot_autograd(fw_compiler=nop, bw_compiler=refusing)
+    with pytest.raises(SymgraspError, match=r"no compiler.*leave out --compile"):
+        gradients(trainee, Acceleration(compiled=True, backend=backend))
 
 
 def test_a_plain_chain_is_found_once():

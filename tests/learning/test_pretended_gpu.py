@@ -1,0 +1,131 @@
+"""Whole trainings and predictors on a GPU that is only pretended: nothing is left on the CPU."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from pipelines import finetune_detector, train
+from pipelines.batch import BatchOptions
+from pipelines.configs import DetectorConfig, FinetuneDetectorConfig
+from pipelines.errors import SymgraspError
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.pointcloud import Plane
+from pipelines.health import torch_checks
+from pipelines.health.checks import Status
+from pipelines.inference.models import DETECTOR_WEIGHTS, NETWORK_WEIGHTS
+from pipelines.learning.runs import RunRequest, fault_path
+from pipelines.network.detector import RegionDetector
+from pipelines.network.predictor import GraspPredictor
+from tests.learning.packed_toys import CONFIG, write_packed
+from tests.learning.pretended_gpu import pretended_gpu
+from tests.learning.stopped import stopped_after
+from tests.stages.toy_root import write_root
+
+REQUEST = RunRequest(device="cuda", threads=2)
+SMALL = replace(CONFIG, epochs=1, batch_size=4, micro_batch_size=2)
+TABLE = Plane(np.array([0.0, -0.6, -0.8]), 0.7)
+
+
+def refused():
+    there, here = torch.ones(3, device="cuda"), torch.arange(3)
+    generator = torch.Generator()
+    return {
+        "a sum": lambda: there + here,
+        "a part by index": lambda: here[there.long()],
+        "a join": lambda: torch.stack([there.sum(), here.sum()]),
+        "an array": there.numpy,
+        "NumPy's array": lambda: np.asarray(there),
+        "an order": lambda: torch.randperm(3, generator=generator, device="cuda"),
+        "a draw": lambda: torch.empty_like(there).bernoulli_(generator=generator),
+        "a running sum": lambda: torch._foreach_add_([here.float()], [there]),
+    }
+
+
+def test_what_a_gpu_refuses_is_refused():
+    with pretended_gpu():
+        for name, call in refused().items():
+            with pytest.raises((RuntimeError, TypeError)):
+                pytest.fail(f"{name} was taken: {call()}")
+
+
+def test_what_a_gpu_takes_is_taken():
+    with pretended_gpu():
+        there = torch.ones(3, device="cuda", requires_grad=True)
+        sums = (there + torch.tensor(1.0))[torch.tensor([0, 2])].sum()
+        sums.backward()
+        assert sums.device == there.grad.device == torch.device("cuda", 0)
+        assert there.grad.cpu().numpy().tolist() == [1.0, 0.0, 1.0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("precision", ["float32", "bf16"])
+def test_a_network_is_trained_judged_kept_and_resumed(tmp_path, precision):
+    packed, path = write_packed(tmp_path, 2, 8), tmp_path / "network.safetensors"
+    request = replace(REQUEST, precision=precision)
+    with pretended_gpu():
+        with stopped_after(1):
+            train.run(packed, None, path, SMALL, request)
+        report = train.run(packed, None, path, SMALL, replace(request, resume=True))
+    assert report.notes[path.name].startswith("2 steps")
+    assert "plane_angle_deg" in report.notes[path.name]
+
+
+@pytest.mark.slow
+def test_a_network_that_runs_away_keeps_its_batch(tmp_path):
+    packed, path = write_packed(tmp_path, 2, 8), tmp_path / "network.safetensors"
+    wild = replace(SMALL, learning_rate=1e30)
+    with pretended_gpu(), pytest.raises(SymgraspError, match="holds the batch"):
+        train.run(packed, None, path, wild, REQUEST)
+    assert not np.isfinite(train.replay(fault_path(path))["total"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("variant", "precision"), [("light", "float32"), ("light", "bf16"), ("resnet50", "float32")]
+)
+def test_a_detector_is_trained_judged_kept_and_resumed(tmp_path, variant, precision):
+    root, path = write_root(tmp_path / "root"), tmp_path / "detector.safetensors"
+    small = DetectorConfig(min_size=96, max_size=128, min_confidence=0.0, variant=variant)
+    config = FinetuneDetectorConfig(
+        detector=small, epochs=2, batch_size=2, micro_batch_size=1, min_pixels=50
+    )
+    request, quiet = replace(REQUEST, precision=precision), BatchOptions(progress=False)
+    with pretended_gpu():
+        with stopped_after(1):
+            finetune_detector.run([root.root], path, config, request, split=None, options=quiet)
+        resumed = replace(request, resume=True)
+        report = finetune_detector.run(
+            [root.root], path, config, resumed, split=None, options=quiet
+        )
+    assert report.notes[path.name].startswith("2 steps")
+    assert "mask_ap50" in report.notes[path.name]
+
+
+def test_the_predictor_tells_the_same_of_regions_and_of_their_mirror_images():
+    rng = np.random.default_rng(0)
+    clouds = [rng.normal((0.0, 0.0, 0.6), 0.03, (count, 3)) for count in (400, 2000)]
+    with pretended_gpu():
+        there = GraspPredictor.load(NETWORK_WEIGHTS, "cuda", True).predict(clouds, TABLE)
+    here = GraspPredictor.load(NETWORK_WEIGHTS, "cpu", True).predict(clouds, TABLE)
+    for one, other in zip(there, here, strict=True):
+        for name, expected in vars(other).items():
+            np.testing.assert_allclose(getattr(one, name), expected, atol=1e-4)
+
+
+def test_the_detector_finds_the_same_regions():
+    rng, lens = np.random.default_rng(0), Intrinsics(120.0, 120.0, 63.5, 47.5, 128, 96)
+    color = rng.integers(0, 255, (96, 128, 3)).astype(np.uint8)
+    depth = np.full((96, 128), 0.8, np.float32)
+    depth[30:60, 40:80] = 0.7
+    with pretended_gpu():
+        there = RegionDetector.load(DETECTOR_WEIGHTS, "cuda").detect(color, depth, lens)
+    here = RegionDetector.load(DETECTOR_WEIGHTS, "cpu").detect(color, depth, lens)
+    assert [each.confidence for each in there] == pytest.approx([each.confidence for each in here])
+
+
+def test_the_doctors_operators_and_products_are_right():
+    with pretended_gpu():
+        assert torch_checks.operator_check("cuda:0").status is Status.OK
+        assert torch_checks.product_error("cuda:0") < 1e-5

@@ -11,7 +11,7 @@ from joblib import delayed
 from rich.progress import track
 
 from pipelines.clusters import CLUSTERS, check_backend, workers_of
-from pipelines.errors import StaleOutputError, SymgraspError
+from pipelines.errors import StaleOutputError, SymgraspError, WriteError
 from pipelines.formats.provenance import Stamp, is_finished
 
 log = logging.getLogger(__name__)
@@ -83,11 +83,13 @@ def run_batch(
 ) -> StageReport:
     """Run `step` on every item that is not finished yet.
 
-    A `SymgraspError` or `OSError` fails its item alone; anything else is a bug and propagates.
+    A `SymgraspError` or `OSError` fails its item alone. A `WriteError` ends the batch, as there is
+    no room or no right to write; anything else is a bug and propagates.
     `step` may return a note for the report; with several workers it must be picklable.
 
     Raises:
         UnknownNameError: no such backend.
+        WriteError: `step` said that its result cannot be written.
     """
     check_backend(options.backend)
     started, report = time.monotonic(), StageReport(stage)
@@ -171,5 +173,7 @@ def _attempt(
     """Return (note, None), or (None, the sentence of what failed)."""
     try:
         return step(item), None
+    except WriteError:
+        raise
     except (SymgraspError, OSError) as error:
         return None, str(error)

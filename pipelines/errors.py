@@ -19,6 +19,19 @@ class FormatError(SymgraspError):
         return type(self), self.arguments
 
 
+class WriteError(SymgraspError):
+    """A result cannot be written: no fault of its item, and others could not be written either."""
+
+    def __init__(self, path: Path | str, why: str) -> None:
+        super().__init__(
+            f"{path} cannot be written ({why}); once it can, the same command goes on from here"
+        )
+        self.arguments = (path, why)
+
+    def __reduce__(self) -> tuple[type["WriteError"], tuple[Path | str, str]]:
+        return type(self), self.arguments
+
+
 class MissingInputError(SymgraspError):
     """A stage's input is not there yet."""
 

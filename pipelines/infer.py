@@ -33,6 +33,7 @@ from pipelines.inference.work import (
     drop_stale_shards,
     infer_frame,
     overlay_path,
+    refuse_others_work,
 )
 
 __all__ = ["InferPaths", "infer_frame", "overlay_path", "run"]
@@ -62,9 +63,12 @@ def run(
         timings: write the seconds a frame took; the file then differs from run to run.
 
     Raises:
-        SymgraspError: no frames, unknown names, weights missing, or the output was made otherwise.
+        SymgraspError: no frames, unknown names, weights missing, or the output was made otherwise,
+            or by somebody else.
+        WriteError: no room or no right to write; frames that are finished stay.
     """
     check_names(config)
+    refuse_others_work(paths.output)
     settings = Settings(paths, config, seed, device, timings)
     work = Work(settings, camera, depth_units_per_metre)
     sources = work.find()

@@ -53,6 +53,7 @@ COMMANDS = (
 class SymgraspGroup(TyperGroup):
     """Report a `SymgraspError` as one line and exit 1; let every other exception show itself.
 
+    So is what the system refuses: a folder that may not be written, a full disk.
     A torchvision of another torch is no fault of ours, but many have it: a line as well.
     """
 
@@ -65,6 +66,11 @@ class SymgraspGroup(TyperGroup):
         try:
             return super().invoke(ctx)
         except SymgraspError as error:
+            typer.echo(f"error: {error}", err=True)
+            raise typer.Exit(1) from error
+        except BrokenPipeError:  # nobody reads on: click ends quietly
+            raise
+        except OSError as error:
             typer.echo(f"error: {error}", err=True)
             raise typer.Exit(1) from error
         except (ImportError, RuntimeError) as error:

@@ -3,17 +3,18 @@
 Each finished frame is a shard beside the output until the output is put together from them.
 """
 
-from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
+import h5py
 import numpy as np
 
 from pipelines.batch import WorkItem
 from pipelines.configs import InferConfig
-from pipelines.errors import UnknownNameError, ValueRangeError
+from pipelines.errors import SymgraspError, UnknownNameError, ValueRangeError, WriteError
 from pipelines.formats import grasps_file
 from pipelines.formats.camera_files import CameraFile
 from pipelines.formats.frames import FrameSource, find_frames, read_masks
@@ -240,10 +241,28 @@ def _infer_frame(item: WorkItem, settings: Settings) -> str | None:
     result = replace(
         result, name=source.name, seconds=result.seconds if settings.timings else np.nan
     )
-    if settings.paths.overlays is not None:
-        write_overlay(overlay_path(settings.paths.overlays, source.name), frame, result)
-    grasps_file.write_shard(item.target, result, item.stamp)
+    picture = settings.paths.overlays and overlay_path(settings.paths.overlays, source.name)
+    if picture is not None:
+        with writing(picture):
+            write_overlay(picture, frame, result)
+    with writing(item.target):
+        grasps_file.write_shard(item.target, result, item.stamp)
     return "; ".join(filter(None, (*oddities(frame), result.message))) or None
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Raise WriteError, which is no fault of a frame, where `path` cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        raise WriteError(path, error.strerror or str(error)) from error
+
+
+def refuse_others_work(output: Path) -> None:
+    """Raise SymgraspError if `output` exists and cannot be a `grasps.h5`: it may be anybody's."""
+    if output.exists() and not (output.is_file() and h5py.is_hdf5(output)):
+        raise SymgraspError(f"{output} exists and is no grasps.h5; choose another output")
 
 
 def overlay_path(folder: Path, frame_name: str) -> Path:

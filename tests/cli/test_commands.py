@@ -95,6 +95,16 @@ def test_wrong_usage_exits_with_2_and_a_missing_folder_with_a_sentence(tmp_path)
     assert "none" in result.output
 
 
+def test_an_output_that_the_system_refuses_is_a_sentence(tmp_path):
+    (tmp_path / "file").write_text("no folder")
+    frames, output = ROOT / "pipelines/weights/frames", tmp_path / "file" / "g.h5"
+    command = ["infer", str(frames), "--out", str(output), "--method", "planar"]
+    result = CliRunner().invoke(app, command)
+    assert result.exit_code == 1
+    assert result.stderr.startswith("error: ")
+    assert "file" in result.stderr
+
+
 def test_a_torchvision_of_another_torch_is_a_sentence(tmp_path):
     package = tmp_path / "torchvision"
     package.mkdir()

@@ -15,7 +15,13 @@ import torch
 from pipelines import infer
 from pipelines.batch import BatchOptions
 from pipelines.configs import InferConfig, LimitsConfig, SelectionConfig
-from pipelines.errors import MissingInputError, StaleOutputError, SymgraspError, UnknownNameError
+from pipelines.errors import (
+    MissingInputError,
+    StaleOutputError,
+    SymgraspError,
+    UnknownNameError,
+    WriteError,
+)
 from pipelines.formats import grasps_file
 from pipelines.formats.files import read_image, write_image, write_json
 from pipelines.formats.frames import find_frames
@@ -348,3 +354,25 @@ def test_a_frame_without_a_table_has_no_limits_over_it(tmp_path):
     assert "table" in report.failed["a"]
     with pytest.raises(UnknownNameError, match="camera, table"):
         limited(tmp_path / "frames", tmp_path / "g.h5", box_frame="base")
+
+
+def test_a_result_that_cannot_be_written_is_no_frame_that_failed(frames, tmp_path):
+    output, overlays = tmp_path / "grasps.h5", tmp_path / "overlays"
+    overlays.write_text("a file, where a folder is wanted")
+    with pytest.raises(WriteError, match="cannot be written"):
+        run(frames, output, overlays=overlays)
+    assert not output.exists()
+    assert run(frames, output).exit_code == 0
+    found = {result.status for result in grasps_file.read(output).results()}
+    assert "failed" not in found
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_what_is_no_file_of_grasps_is_never_replaced(frames, tmp_path, overwrite):
+    picture, folder = tmp_path / "picture.png", tmp_path / "folder"
+    picture.write_bytes(b"a picture")
+    folder.mkdir()
+    for output in (picture, folder):
+        with pytest.raises(SymgraspError, match=r"is no grasps\.h5; choose another output"):
+            run(frames, output, options=dataclasses.replace(OPTIONS, overwrite=overwrite))
+    assert picture.read_bytes() == b"a picture"

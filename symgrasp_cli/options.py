@@ -14,7 +14,9 @@ Workers = Annotated[int, typer.Option(min=1, help="Processes that work at a time
 Backend = Annotated[
     str, typer.Option(help="joblib's backend: loky, or dask or ray with that extra installed.")
 ]
-Seed = Annotated[int, typer.Option(min=0, help="Seed of everything that is drawn at random.")]
+Seed = Annotated[
+    int, typer.Option(min=0, max=2**63 - 1, help="Seed of everything that is drawn at random.")
+]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Make outputs again that exist.")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Say what would be done, do nothing.")]
 Device = Annotated[

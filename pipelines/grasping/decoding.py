@@ -184,6 +184,7 @@ def in_observed_frustum(points: Array, scene: SceneCloud, config: SelectionConfi
     if not inside.any():
         return inside
     reach = config.behind_tolerance * scene.intrinsics.fx / float(median(z[inside]))
+    reach = min(reach, scene.intrinsics.width)  # of what touches the lens it has no bound
     noise = (config.behind_tolerance, config.depth_noise)
     return _real(z, pixels, inside, scene.depth, max(1, round(reach)), noise)
 

@@ -118,7 +118,7 @@ class Settings:
         """Return the digests of the gripper, the user's masks and the workspace."""
         others = {"gripper": gripper_digest(self.config.gripper)}
         if self.paths.masks is not None:
-            pictures = sorted(self.paths.masks.rglob("*.png"))
+            pictures = sorted(p for p in self.paths.masks.rglob("*.png") if p.is_file())
             others["masks"] = digest_text("".join(f"{p.name} {digest(p)}" for p in pictures))
         if self.paths.workspace is not None:
             others["workspace"] = digest(self.paths.workspace)

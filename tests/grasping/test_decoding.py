@@ -136,6 +136,12 @@ def test_the_frustum_filter_rejects_what_is_outside_the_picture_or_behind_the_ca
     assert not in_observed_frustum(points, scene, CONFIG).any()
 
 
+def test_the_frustum_filter_takes_points_that_touch_the_lens():
+    scene = SceneCloud(render([])[0], CAMERA)
+    points = np.array([[0.0, 0.0, 1e-30]] * 2)
+    assert in_observed_frustum(points, scene, CONFIG).shape == (2,)
+
+
 def test_what_was_not_measured_may_be_real():
     scene = SceneCloud(np.zeros((240, 320)), CAMERA)
     assert in_observed_frustum(np.array([[0.0, 0.0, 0.5]]), scene, CONFIG).all()

@@ -23,6 +23,7 @@ from pipelines.formats.frames import FrameSource
 from pipelines.formats.grasps_stream import read_frames
 from pipelines.formats.overlays import write_overlay
 from pipelines.formats.provenance import is_finished
+from pipelines.inference.earlier import refuse_others_work
 from pipelines.inference.side_by_side import load, side_by_side
 from pipelines.inference.work import (
     STAGE,
@@ -33,7 +34,6 @@ from pipelines.inference.work import (
     drop_stale_shards,
     infer_frame,
     overlay_path,
-    refuse_others_work,
 )
 
 __all__ = ["InferPaths", "infer_frame", "overlay_path", "run"]

@@ -21,7 +21,7 @@ from pipelines.errors import SymgraspError
 from pipelines.formats import grasps_file
 from pipelines.formats.camera_files import CameraFile
 from pipelines.formats.frames import FrameSource
-from pipelines.inference.earlier import earlier_frames, refuse_stale
+from pipelines.inference.earlier import earlier_frames, refuse_others_work, refuse_stale
 from pipelines.inference.side_by_side import side_by_side
 from pipelines.inference.watching import Arrival, Lister, Watcher
 from pipelines.inference.work import (
@@ -101,9 +101,11 @@ def run(
 
     Raises:
         SymgraspError: no such folder, unknown names, weights missing, or the output was made
-            otherwise or holds frames that are nowhere else.
+            otherwise, by somebody else, or holds frames that are nowhere else.
+        WriteError: no room or no right to write; the same command goes on.
     """
     check_names(config)
+    refuse_others_work(paths.output)
     _check_wishes(paths, options)
     work = Work(Settings(paths, config, seed, device, timings), camera, depth_units_per_metre)
     signals = StopSignals()

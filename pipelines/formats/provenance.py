@@ -113,7 +113,7 @@ def write_sidecar(target: Path, stamp: Stamp) -> None:
 def read_stamp(target: Path) -> dict[str, Any] | None:
     """Return the stamp of `target`, or None if it has none."""
     match target.suffix:
-        case ".h5":
+        case ".h5" | ".hdf5":
             return _read_h5_stamp(target)
         case ".json":
             content = read_json(target)

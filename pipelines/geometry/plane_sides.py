@@ -9,6 +9,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
+@compiled
 def pixels_of_sides(
     z: Array, near: Mask, inliers: Mask, over: Array, tolerance: float, step: float
 ) -> int:
@@ -22,13 +23,6 @@ def pixels_of_sides(
         tolerance: inverse depth by which a pixel is beneath.
         step: share of the depth that neighbours of one surface differ by at most.
     """
-    return int(_flooded(z, near, inliers, over, tolerance, step))
-
-
-@compiled
-def _flooded(
-    z: Array, near: Mask, inliers: Mask, over: Array, tolerance: float, step: float
-) -> int:
     height, width = z.shape
     seen = inliers.copy()
     waiting = np.empty(height * width, np.int64)

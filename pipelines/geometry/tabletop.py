@@ -72,8 +72,7 @@ def find_tabletop(
     support = find_support(xyz, bare, intrinsics, config, rng)
     if support is None:
         return Tabletop(None, near, near, config.plane_tolerance / 3.0)
-    tolerance = config.plane_tolerance
-    residual, inliers = _near_plane(z, near, support.affine, tolerance)
+    residual, inliers = _near_plane(z, near, support.affine, config.plane_tolerance)
     warp = _smooth(residual, inliers)
     some = _spread(inliers)
     noise = 1.4826 * float(median(np.abs(residual.take(some) - warp.take(some))))
@@ -87,7 +86,7 @@ def find_tabletop(
     at = _places(above, 1)
     above.ravel()[at] = table.contains(points.take(at, axis=0))
     if np.count_nonzero(above) < config.min_pixels and _is_lid(z, near, inliers, support, config):
-        return Tabletop(None, near, near, tolerance / 3.0)
+        return Tabletop(None, near, near, config.plane_tolerance / 3.0)
     return replace(top, foreground=above, clear=above & clear)
 
 

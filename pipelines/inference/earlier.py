@@ -1,15 +1,31 @@
-"""What an earlier run that followed a folder left, and whether this run may go on from it."""
+"""What an earlier run left, and whether this run may go on from it, or write over it."""
+
+from contextlib import suppress
+from pathlib import Path
+
+import h5py
 
 from pipelines.batch import WorkItem
-from pipelines.errors import StaleOutputError, SymgraspError
+from pipelines.errors import FormatError, StaleOutputError, SymgraspError
 from pipelines.formats import grasps_file
 from pipelines.formats.grasps_stream import read_index
 from pipelines.formats.provenance import Stamp, read_stamp
 from pipelines.inference.work import STAGE, Work
 
 
+def refuse_others_work(output: Path) -> None:
+    """Raise SymgraspError if `output` exists and `infer` did not write it: it may be anybody's."""
+    if not output.exists():
+        return
+    ours = output.is_file() and h5py.is_hdf5(output)
+    with suppress(FormatError):  # so damaged that it does not say: there is nothing to lose
+        ours = ours and (read_stamp(output) or {}).get("stage") == STAGE
+    if not ours:
+        raise SymgraspError(f"{output} exists and is no grasps.h5; choose another output")
+
+
 def earlier_frames(work: Work) -> dict[str, WorkItem]:
-    """Return the finished frames of an earlier run with the same settings, by name."""
+    """Return the finished frames of an earlier run that followed a folder likewise, by name."""
     wanted, items = work.stamp(work.common).as_json(), {}
     parts = sorted(grasps_file.parts_folder(work.output).glob("[!.]*.h5"))
     for path in parts:

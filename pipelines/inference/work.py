@@ -9,12 +9,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from pipelines.batch import WorkItem
 from pipelines.configs import InferConfig
-from pipelines.errors import SymgraspError, UnknownNameError, ValueRangeError, WriteError
+from pipelines.errors import UnknownNameError, ValueRangeError, WriteError
 from pipelines.formats import grasps_file
 from pipelines.formats.camera_files import CameraFile
 from pipelines.formats.frames import FrameSource, find_frames, read_masks
@@ -257,12 +256,6 @@ def writing(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise WriteError(path, error.strerror or str(error)) from error
-
-
-def refuse_others_work(output: Path) -> None:
-    """Raise SymgraspError if `output` exists and cannot be a `grasps.h5`: it may be anybody's."""
-    if output.exists() and not (output.is_file() and h5py.is_hdf5(output)):
-        raise SymgraspError(f"{output} exists and is no grasps.h5; choose another output")
 
 
 def overlay_path(folder: Path, frame_name: str) -> Path:

@@ -8,6 +8,7 @@ drawn there by a generator of the CPU. Of the threads only that which enters the
 
 from contextlib import contextmanager
 
+import pytest
 import torch
 from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
@@ -145,8 +146,6 @@ def _check_generator(name, options):
 @contextmanager
 def pretended_gpu():
     """Let there be one GPU for this thread, as long as the context lasts."""
-    import pytest
-
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(torch.cuda, "is_available", lambda: True)
         patch.setattr(torch.cuda, "device_count", lambda: 1)

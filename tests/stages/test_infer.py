@@ -25,6 +25,7 @@ from pipelines.errors import (
 from pipelines.formats import grasps_file
 from pipelines.formats.files import read_image, write_image, write_json
 from pipelines.formats.frames import find_frames
+from pipelines.formats.h5_files import new_h5
 from pipelines.formats.provenance import make_stamp
 from pipelines.inference import work
 from pipelines.inference.models import HAND_WEIGHTS
@@ -369,10 +370,24 @@ def test_a_result_that_cannot_be_written_is_no_frame_that_failed(frames, tmp_pat
 
 @pytest.mark.parametrize("overwrite", [False, True])
 def test_what_is_no_file_of_grasps_is_never_replaced(frames, tmp_path, overwrite):
-    picture, folder = tmp_path / "picture.png", tmp_path / "folder"
+    picture, folder, other = (tmp_path / name for name in ("picture.png", "folder", "scene.h5"))
     picture.write_bytes(b"a picture")
     folder.mkdir()
-    for output in (picture, folder):
+    with new_h5(other) as file:
+        file.attrs["provenance"] = make_stamp("pack", {}).as_text()
+    packed = other.read_bytes()
+    for output in (picture, folder, other):
         with pytest.raises(SymgraspError, match=r"is no grasps\.h5; choose another output"):
             run(frames, output, options=dataclasses.replace(OPTIONS, overwrite=overwrite))
-    assert picture.read_bytes() == b"a picture"
+    assert (picture.read_bytes(), other.read_bytes()) == (b"a picture", packed)
+
+
+def test_a_damaged_file_of_grasps_is_made_anew_if_it_may_be(frames, tmp_path):
+    output = tmp_path / "grasps.h5"
+    run(frames, output)
+    whole = output.read_bytes()
+    output.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(SymgraspError):
+        run(frames, output)
+    run(frames, output, options=dataclasses.replace(OPTIONS, overwrite=True))
+    assert output.read_bytes() == whole

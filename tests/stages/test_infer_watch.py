@@ -1,6 +1,7 @@
 """Stage `infer --watch`: a scripted clock writes frames, so that no test waits or races."""
 
 import dataclasses
+import errno
 import os
 import signal
 import subprocess
@@ -14,7 +15,7 @@ from typer.testing import CliRunner
 from pipelines import infer, infer_watch
 from pipelines.batch import BatchOptions
 from pipelines.configs import InferConfig, WatchConfig
-from pipelines.errors import StaleOutputError, SymgraspError
+from pipelines.errors import StaleOutputError, SymgraspError, WriteError
 from pipelines.formats import grasps_file
 from symgrasp_cli.app import app
 from tests.stages.test_infer import SHAPES, write_frame
@@ -228,6 +229,28 @@ def test_an_output_that_cannot_be_written_is_no_secret(cell, monkeypatch):
     cell.write("a")
     with pytest.raises(OSError, match="no space left"):
         cell.follow()
+
+
+def test_a_frame_that_cannot_be_written_ends_it_and_it_goes_on_later(cell, monkeypatch):
+    def full(*arguments):
+        raise OSError(errno.ENOSPC, "no space left on device")
+
+    cell.write("a")
+    cell.follow(timeout=5.0)
+    cell.write("b")
+    with monkeypatch.context() as patch:
+        patch.setattr(grasps_file, "write_shard", full)
+        with pytest.raises(WriteError, match="no space left"):
+            cell.follow()
+    cell.follow()
+    assert cell.statuses() == {"a": "ok", "b": "ok"}
+
+
+def test_a_file_of_somebody_else_is_not_overwritten(cell):
+    cell.output.write_bytes(b"a picture")
+    with pytest.raises(SymgraspError, match=r"is no grasps\.h5"):
+        cell.follow(options=dataclasses.replace(OPTIONS, overwrite=True))
+    assert cell.output.read_bytes() == b"a picture"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -11,7 +11,7 @@ from joblib import delayed
 from rich.progress import track
 
 from pipelines.clusters import CLUSTERS, check_backend, workers_of
-from pipelines.errors import StaleOutputError, SymgraspError, WriteError
+from pipelines.errors import StaleOutputError, SymgraspError, WriteError, printable
 from pipelines.formats.provenance import Stamp, is_finished
 
 log = logging.getLogger(__name__)
@@ -176,4 +176,4 @@ def _attempt(
     except WriteError:
         raise
     except (SymgraspError, OSError) as error:
-        return None, str(error)
+        return None, printable(str(error))

@@ -7,7 +7,6 @@ Nothing is lost: depth that does not fit into 16 bits, as floats, goes to `NAME_
 folder appears whole; frames that cannot be read are failed and left out.
 """
 
-import hashlib
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,7 +19,7 @@ from pipelines.errors import SymgraspError
 from pipelines.formats.camera_files import CameraFile
 from pipelines.formats.files import atomic_folder, write_image, write_json, write_npz
 from pipelines.formats.frames import FrameSource, find_frames
-from pipelines.formats.provenance import digest, is_finished, make_stamp, write_sidecar
+from pipelines.formats.provenance import digest, digest_text, is_finished, make_stamp, write_sidecar
 from pipelines.formats.rgbd import Frame
 
 STAGE = "convert-frames"
@@ -100,7 +99,7 @@ def _is_exact(stored: np.ndarray, units: float, frame: Frame) -> bool:
 def _digest(sources: Sequence[FrameSource]) -> str:
     digests = {path: digest(path) for path in {path for each in sources for path in each.files}}
     lines = [f"{each.name} {' '.join(digests[path] for path in each.files)}" for each in sources]
-    return "sha256:" + hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
+    return digest_text("\n".join(lines))
 
 
 def _nothing(report: StageReport) -> str:

@@ -1,11 +1,23 @@
 """Errors a user can mend: each message says what, where, and what would be right."""
 
+import re
 from collections.abc import Iterable
 from pathlib import Path
+from typing import ClassVar
+
+
+def printable(text: str) -> str:
+    """Return `text` with bytes that are not UTF-8, as file names may hold, as %E9 is in an URL."""
+    return re.sub("[\ud800-\udfff]", lambda found: f"%{ord(found[0]) & 0xFF:02X}", text)
 
 
 class SymgraspError(Exception):
-    """Base of every error that is reported as one sentence instead of a traceback."""
+    """Base of every error that is reported as one sentence instead of a traceback.
+
+    `exit_code`: of a command that it ends: 1 for bad data, 2 for wrong usage.
+    """
+
+    exit_code: ClassVar[int] = 1
 
 
 class FormatError(SymgraspError):
@@ -46,6 +58,8 @@ class MissingInputError(SymgraspError):
 class UnknownNameError(SymgraspError):
     """A name was given that is not among the known ones."""
 
+    exit_code: ClassVar[int] = 2
+
     def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
         known = sorted(known)
         super().__init__(f"{kind} {name!r} is not known; known are {', '.join(known)}")
@@ -78,3 +92,9 @@ class ValueRangeError(SymgraspError):
 
     def __reduce__(self) -> tuple[type["ValueRangeError"], tuple[str, object, str]]:
         return type(self), self.arguments
+
+
+class OptionRangeError(ValueRangeError):
+    """An option was given a value that cannot be meant."""
+
+    exit_code: ClassVar[int] = 2

@@ -38,7 +38,7 @@ from pipelines.formats import reports
 from pipelines.formats.graspnet import GraspNetRoot, SceneFiles
 from pipelines.formats.grasps_file import FrameResult
 from pipelines.formats.grasps_stream import read_frames, read_index, scenes_of
-from pipelines.formats.gripper_files import gripper_digest, load_gripper
+from pipelines.formats.gripper_files import gripper_digest, gripper_to_use, load_gripper
 from pipelines.formats.provenance import Stamp, digest, is_finished, make_stamp
 
 
@@ -66,9 +66,10 @@ def run(
         seed: of the baselines' random draws.
     """
     root, found = GraspNetRoot(dataset), read_index(grasps)
-    config = replace(config, gripper=config.gripper or found.gripper)
+    gripper = gripper_to_use(config.gripper, found.gripper, found.stamp)
+    config = replace(config, gripper=gripper)
     settings = {**asdict(config), "baselines": baselines}
-    inputs = {"grasps": digest(grasps), "gripper": gripper_digest(config.gripper)}
+    inputs = {"grasps": digest(grasps), "gripper": gripper_digest(gripper)}
     scenes = scenes_of(grasps, found, root)
     inputs |= truth_digests(root, scenes, baselines=baselines)
     stamp = make_stamp("evaluate", settings, seed=seed, inputs=inputs)

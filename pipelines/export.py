@@ -33,9 +33,16 @@ from pipelines.formats import (
     ros_grasps,
 )
 from pipelines.formats.files import atomic_folder
-from pipelines.formats.grasp_exports import ExportHeader, Hand, HandGrasps, as_ranges
+from pipelines.formats.grasp_exports import (
+    LONGEST_SUFFIX,
+    ExportHeader,
+    Hand,
+    HandGrasps,
+    as_ranges,
+    frame_path,
+)
 from pipelines.formats.grasps_stream import GraspsIndex, read_frames, read_index
-from pipelines.formats.gripper_files import gripper_digest, load_gripper
+from pipelines.formats.gripper_files import gripper_digest, gripper_to_use, load_gripper
 from pipelines.formats.provenance import (
     Stamp,
     digest,
@@ -78,20 +85,26 @@ def run(
     started, report = time.monotonic(), StageReport(STAGE)
     _check_kind(output, config.to)
     index = read_index(grasps)
-    hand = _hand(index, config)
-    stamp = _stamp(grasps, index, hand, config)
-    if is_finished(output, stamp, overwrite=overwrite):
+    gripper = gripper_to_use(config.gripper, index.gripper, index.stamp)
+    hand = _hand(index, gripper, config)
+    stamp = _stamp(grasps, gripper, hand, config.to)
+    finished = is_finished(output, stamp, overwrite=overwrite)
+    tally = _Tally()
+    frames = _held(grasps, index, hand, tally, report)
+    if config.to in TO_FOLDER:
+        frames = _with_path(frames, report)
+    if finished:
+        _pass_over(frames)  # what could not be exported is named again
         report.skipped.append(output.name)
         return report
     _refuse_others_work(output)
     header = ExportHeader(hand, stamp.as_json(), index.stamp)
-    tally = _Tally()
-    frames = _held(grasps, index, hand, tally, report)
     if config.to in TO_FILE:
         _write_file(output, stamp, lambda path: TO_FILE[config.to](path, frames, header))
     else:
         with atomic_folder(output) as folder:
-            _write_frames(folder, frames, header, TO_FOLDER[config.to], report)
+            for frame in frames:
+                TO_FOLDER[config.to](folder, frame, header)
             _refuse_nothing(index, report)
             write_sidecar(folder, stamp)
     report.done.append(output.name)
@@ -110,20 +123,20 @@ def _check_kind(output: Path, to: str) -> None:
         raise SymgraspError(f"{output} is a file; {to} is written as a folder, choose another")
 
 
-def _hand(index: GraspsIndex, config: ExportConfig) -> Hand:
-    gripper = load_gripper(config.gripper or index.gripper)
+def _hand(index: GraspsIndex, name_or_path: str, config: ExportConfig) -> Hand:
+    gripper = load_gripper(name_or_path)
     behind = gripper.base_to_contacts
     if config.to == "graspnet":  # its origin is no hand's base
         behind = GRASPNET_DEPTH - gripper.tip_reach
     elif config.to == "contact-graspnet" and not config.gripper:  # it has a hand of its own
         behind = contact_graspnet_predictions.BASE_TO_CONTACTS
-    return Hand(gripper, behind, index.gripper)
+    checked = index.stamp.get("inputs", {}).get("gripper", gripper_digest(index.gripper))
+    return Hand(gripper, behind, index.gripper, gripper_digest(name_or_path) == checked)
 
 
-def _stamp(grasps: Path, index: GraspsIndex, hand: Hand, config: ExportConfig) -> Stamp:
-    gripper = config.gripper or index.gripper
+def _stamp(grasps: Path, gripper: str, hand: Hand, to: str) -> Stamp:
     settings = {
-        "to": config.to,
+        "to": to,
         "gripper": gripper,
         "base_to_contacts": round(hand.base_to_contacts, 9),
     }
@@ -173,21 +186,21 @@ def _write_file(output: Path, stamp: Stamp, write: Callable[[Path], None]) -> No
         write_sidecar(output, stamp)
 
 
-def _write_frames(
-    folder: Path,
-    frames: Iterable[HandGrasps],
-    header: ExportHeader,
-    write: FrameWriter,
-    report: StageReport,
-) -> None:
+def _with_path(frames: Iterable[HandGrasps], report: StageReport) -> Iterator[HandGrasps]:
+    """Yield the frames that have a file of their own; name those that can have none."""
     for frame in frames:
         name = frame.result.name
-        if name in report.failed:
-            continue
         try:
-            write(folder, frame, header)
-        except (SymgraspError, OSError) as error:
+            frame_path(Path(), name, LONGEST_SUFFIX)
+        except SymgraspError as error:
             report.failed[name] = str(error)
+        if name not in report.failed:
+            yield frame
+
+
+def _pass_over(frames: Iterable[HandGrasps]) -> None:
+    for _frame in frames:
+        pass
 
 
 def _refuse_nothing(index: GraspsIndex, report: StageReport) -> None:
@@ -206,7 +219,7 @@ def _notes(output: str, num_frames: int, tally: _Tally, hand: Hand) -> dict[str,
         f"{tally.written} grasps in {num_frames} frames; gripper {gripper.name}, origin of the "
         f"poses {1000 * hand.base_to_contacts:.1f} mm behind the contacts"
     )
-    if hand.checked_with != gripper.name:
+    if not hand.is_the_one_checked:
         made += f"; collisions were checked with {hand.checked_with}, not with {gripper.name}"
     if not tally.left_out:
         return {output: made}

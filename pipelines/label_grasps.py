@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.configs import LabelConfig, LabelGraspsConfig
-from pipelines.errors import SymgraspError, ValueRangeError
+from pipelines.errors import OptionRangeError, SymgraspError, ValueRangeError
 from pipelines.formats import object_list
 from pipelines.formats.files import atomic_folder
 from pipelines.formats.graspnet import GraspNetRoot
@@ -90,7 +90,7 @@ def run(
     root = GraspNetRoot(output)
     in_place = (meshes / "models").is_dir() and meshes.resolve() == output.resolve()
     if in_place and mesh_scale is not None:
-        raise ValueRangeError("--mesh-scale", mesh_scale, "left out for a root labelled in place")
+        raise OptionRangeError("--mesh-scale", mesh_scale, "left out for a root labelled in place")
     sources = _sources(meshes, output)
     report = StageReport(STAGE)
     if not in_place:

@@ -26,7 +26,7 @@ from pipelines.formats import convex_pieces as convex_file
 from pipelines.formats.files import read_json
 from pipelines.formats.graspnet import GraspNetRoot, SceneFiles
 from pipelines.formats.grasps_stream import read_frames, read_index, scenes_of
-from pipelines.formats.gripper_files import gripper_digest, load_gripper
+from pipelines.formats.gripper_files import gripper_digest, gripper_to_use, load_gripper
 from pipelines.formats.meshes import read_mesh
 from pipelines.formats.provenance import (
     Stamp,
@@ -71,10 +71,10 @@ def run(
         seed: of coacd, which cuts models into convex pieces, and of the baselines' random draws.
     """
     root, found = GraspNetRoot(dataset), read_index(grasps)
-    config = replace(config, gripper=config.gripper or found.gripper)
-    hand = gripper_digest(config.gripper)  # an unknown one is refused before anything is done
+    gripper = gripper_to_use(config.gripper, found.gripper, found.stamp)
+    config = replace(config, gripper=gripper)
     scenes = scenes_of(grasps, found, root)
-    inputs = {"grasps": digest(grasps), "gripper": hand}
+    inputs = {"grasps": digest(grasps), "gripper": gripper_digest(gripper)}
     inputs |= truth_digests(root, scenes, baselines=baselines)
     inputs["pieces"] = _digest_of_pieces(scenes, root, output)
     settings = {**asdict(config), "baselines": baselines}

@@ -12,6 +12,7 @@ stopped, and only the pages of new or changed frames are made. Frames that `infe
 that cannot be read any more, are named and listed without a page.
 """
 
+import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -30,14 +31,14 @@ from pipelines.formats.grasp_page.scene import frame_scene
 from pipelines.formats.grasps_file import FrameResult
 from pipelines.formats.grasps_stream import read_frames, read_index
 from pipelines.formats.grasps_tables import result_digest
-from pipelines.formats.gripper_files import gripper_digest, load_gripper
+from pipelines.formats.gripper_files import gripper_digest, gripper_to_use, load_gripper
 from pipelines.formats.overlays import draw_overlay
 from pipelines.formats.provenance import Stamp, digest, is_finished, make_stamp, read_stamp
 from pipelines.formats.rerun_recording import need_rerun, write_recording
 from pipelines.formats.rgbd import Frame
 
 STAGE = "view"
-LONGEST_NAME = 240  # bytes; file systems take 255, and a temporary name is longer
+LONGEST_NAME = 255  # bytes that file systems take
 Step = Callable[[WorkItem], str | None]
 
 
@@ -62,7 +63,7 @@ class ViewPaths:
         """
         folder = self.output / "frames"
         path = folder / f"{name}{suffix}"
-        longest = max(len(part.encode()) for part in path.parts)
+        longest = max(len(os.fsencode(part)) for part in path.parts)
         if (
             not name
             or longest > LONGEST_NAME
@@ -91,9 +92,9 @@ def run(
     if rerun:
         need_rerun()
     index = read_index(paths.grasps)
-    config = replace(config, gripper=config.gripper or index.gripper)
-    load_gripper(config.gripper)
-    whole = make_stamp(STAGE, config, inputs={"gripper": gripper_digest(config.gripper)})
+    gripper = gripper_to_use(config.gripper, index.gripper, index.stamp)
+    config = replace(config, gripper=gripper)
+    whole = make_stamp(STAGE, config, inputs={"gripper": gripper_digest(gripper)})
     _check_output(paths, whole, overwrite=options.overwrite)
     sources = FramesRecord.of(paths.grasps, index.attrs, paths.frames).sources()
     items, failed = _items(paths, whole, sources)

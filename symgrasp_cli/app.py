@@ -51,7 +51,7 @@ COMMANDS = (
 
 
 class SymgraspGroup(TyperGroup):
-    """Report a `SymgraspError` as one line and exit 1; let every other exception show itself.
+    """Report a `SymgraspError` as one line, exit 1 or 2; let every other exception show itself.
 
     So is what the system refuses: a folder that may not be written, a full disk.
     A torchvision of another torch is no fault of ours, but many have it: a line as well.
@@ -67,7 +67,7 @@ class SymgraspGroup(TyperGroup):
             return super().invoke(ctx)
         except SymgraspError as error:
             typer.echo(f"error: {error}", err=True)
-            raise typer.Exit(1) from error
+            raise typer.Exit(error.exit_code) from error
         except BrokenPipeError:  # nobody reads on: click ends quietly
             raise
         except OSError as error:

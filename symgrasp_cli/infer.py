@@ -42,7 +42,11 @@ def infer(
     ] = "auto",
     masks: Annotated[
         Path | None,
-        typer.Option(help="Folder of instance masks, NAME_label.png, to use as regions instead."),
+        typer.Option(
+            exists=True,
+            file_okay=False,
+            help="Folder of instance masks, NAME_label.png, to use as regions instead.",
+        ),
     ] = None,
     gripper: Annotated[
         str, typer.Option(help="rg2, robotiq_2f85, franka, or the path of a TOML file.")

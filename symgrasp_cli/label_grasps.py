@@ -24,7 +24,7 @@ def label_grasps(
     ] = LabelConfig.max_width,
     mesh_scale: Annotated[
         float | None,
-        typer.Option(min=0.0, help="Metres per unit of the meshes: 0.001 for millimetres."),
+        typer.Option(min=1e-6, help="Metres per unit of the meshes: 0.001 for millimetres."),
     ] = None,
     sdf: Annotated[
         bool, typer.Option(help="Write textured.sdf too, as dex-net does: 10 MB an object.")

@@ -86,7 +86,9 @@ def batch_options(workers: int, backend: str, *, overwrite: bool, dry_run: bool)
     from joblib import cpu_count
 
     from pipelines.batch import BatchOptions
+    from pipelines.clusters import check_backend
 
+    check_backend(backend)
     cores = cpu_count()
     if backend == "loky" and workers > cores:
         told = "--workers %d is more than this machine's %d cores: %d work at a time"

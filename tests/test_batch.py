@@ -33,6 +33,14 @@ def test_one_bad_item_fails_alone(tmp_path, workers):
     assert report.exit_code == 1
 
 
+def test_a_sentence_of_a_name_that_is_not_utf8_can_be_stored(tmp_path):
+    def refuse(_item):
+        raise SymgraspError("caf\udce9.png: this PNG is cut off")
+
+    report = run_batch("toy", items(tmp_path, ["a"]), refuse, QUIET)
+    assert report.failed == {"a": "caf%E9.png: this PNG is cut off"}
+
+
 @pytest.mark.parametrize(("names", "started"), [(["a", "b"], [2]), (["a"], [])])
 def test_no_more_workers_than_items_are_started(tmp_path, monkeypatch, names, started):
     asked, workers_of = [], batch.workers_of

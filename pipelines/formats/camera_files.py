@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.errors import FormatError, SymgraspError, ValueRangeError
+from pipelines.errors import FormatError, OptionRangeError, SymgraspError, ValueRangeError
 from pipelines.formats.files import existing, read_json, read_npy
 from pipelines.formats.graspnet_scene import read_meta
 from pipelines.geometry.camera import Intrinsics
@@ -120,7 +120,8 @@ def check_units(name: str, units: float | None) -> None:
     """Raise a ValueRangeError if `units` cannot be units per metre; None is unknown, and fine."""
     low, high = UNITS_RANGE
     if units is not None and not low <= units <= high:  # written so that nan fails too
-        raise ValueRangeError(name, units, f"between {low:g} and {high:g} units per metre")
+        kind = OptionRangeError if name.startswith("--") else ValueRangeError
+        raise kind(name, units, f"between {low:g} and {high:g} units per metre")
 
 
 def parse_camera(text: str) -> CameraFile:
@@ -130,7 +131,7 @@ def parse_camera(text: str) -> CameraFile:
     except ValueError:
         return read_camera_file(Path(text))
     if len(numbers) != 4:
-        raise ValueRangeError("--intrinsics", text, "fx,fy,cx,cy in pixels, or a camera file")
+        raise OptionRangeError("--intrinsics", text, "fx,fy,cx,cy in pixels, or a camera file")
     fx, fy, cx, cy = numbers
     return CameraFile(fx, fy, cx, cy)
 

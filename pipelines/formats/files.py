@@ -27,6 +27,7 @@ MAX_UNPACK_RATIO = 2000
 TO_RGB = {3: cv2.COLOR_BGR2RGB, 4: cv2.COLOR_BGRA2RGB}  # by the number of channels
 COLOR_TYPES = (np.uint8, np.uint16, np.float32)  # that OpenCV converts; TIFF has others too
 JPEG_TAIL = 4096  # bytes in which the end mark must lie; some cameras pad with zeros
+NAME_KEPT = 40  # characters of a file's name in that of its temporary file, at most 255 bytes long
 MAX_UNPACK_BYTES = 16 * 2**30
 # What numpy and zipfile raise on files that are cut off, damaged, encrypted, or claim a size that
 # does not fit into memory.
@@ -51,7 +52,9 @@ DAMAGED = (
 def atomic_path(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside `path`; on success it is synced and renamed to `path`."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(prefix=f".{path.stem}.", suffix=path.suffix, dir=path.parent)
+    handle, name = tempfile.mkstemp(
+        prefix=f".{path.stem[:NAME_KEPT]}.", suffix=path.suffix, dir=path.parent
+    )
     os.close(handle)
     temporary = Path(name)
     try:
@@ -68,7 +71,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
 def atomic_folder(path: Path) -> Iterator[Path]:
     """Yield a temporary folder beside `path`; on success it takes the place of `path`."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+    temporary = Path(tempfile.mkdtemp(prefix=f".{path.name[:NAME_KEPT]}.", dir=path.parent))
     try:
         yield temporary
         for file in temporary.rglob("*"):

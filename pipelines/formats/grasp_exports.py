@@ -1,5 +1,6 @@
 """What all exporters write of a frame, and what they say of it: grasps as poses of a named hand."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
@@ -18,6 +19,8 @@ from pipelines.grasping.hand_poses import CLOSING_ALONG_Y, hand_poses
 
 Array = NDArray[np.float64]
 
+LONGEST_NAME = 255  # bytes that file systems take
+LONGEST_SUFFIX = "predictions_.yaml"  # all that any format puts around a frame's name
 SLACK = 1e-6  # metres; widths are stored in single precision
 CAMERA_AXES = "camera, OpenCV axes: x right, y down, z forward"
 HAND_AXES = "y = closing, from the first contact to the second; z = approach; x = y cross z"
@@ -31,11 +34,13 @@ class Hand:
         gripper: its measures.
         base_to_contacts: metres along approach, from the base's origin to the contact line.
         checked_with: name of the gripper whose collisions `infer` checked.
+        is_the_one_checked: whether that one has the same measures.
     """
 
     gripper: Gripper
     base_to_contacts: float
     checked_with: str
+    is_the_one_checked: bool = True
 
     def facts(self) -> dict[str, Any]:
         """Return what a file says of the hand, metres."""
@@ -148,11 +153,13 @@ def frame_path(folder: Path, name: str, suffix: str, prefix: str = "") -> Path:
     """Return where the file of the frame `name` goes: its own path in `folder`.
 
     Raises:
-        SymgraspError: the name leads out of the folder.
+        SymgraspError: the name leads out of the folder, or is longer than a file's may be.
     """
     place = PurePosixPath(name)
     if not place.name or place.is_absolute() or ".." in place.parts or "\\" in name:
         raise SymgraspError(f"the frame's name {name!r} is no path within a folder; rename it")
+    if max(len(os.fsencode(f"{part}{suffix}")) for part in place.parts) > LONGEST_NAME:
+        raise SymgraspError(f"the frame's name {name!r} is too long for a file's; rename it")
     return folder / place.parent / f"{prefix}{place.name}{suffix}"
 
 

@@ -1,10 +1,12 @@
 """Gripper presets and users' own grippers, as TOML."""
 
 import tomllib
+from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
-from pipelines.errors import FormatError, UnknownNameError
+from pipelines.errors import FormatError, SymgraspError, UnknownNameError
 from pipelines.formats.provenance import digest_text
 from pipelines.grasping.gripper import Gripper
 
@@ -19,6 +21,30 @@ def preset_names() -> list[str]:
 def gripper_digest(name_or_path: str) -> str:
     """Return a digest of a gripper's measures, not of its name; errors as `load_gripper`."""
     return digest_text(repr(replace(load_gripper(name_or_path), name="")))
+
+
+def gripper_to_use(asked: str, used: str, stamp: Mapping[str, Any]) -> str:
+    """Return the gripper that grasps are looked at with: the one `asked` for, else their own.
+
+    Args:
+        asked: preset or TOML file; empty if none was named.
+        used: the one that the grasps were found for.
+        stamp: of the run that found them, as JSON.
+
+    Raises:
+        SymgraspError: it is not known; or none was named and theirs is gone, or is not what it was.
+    """
+    if asked:
+        load_gripper(asked)
+        return asked
+    if not Path(used).suffix or Path(used).is_file():
+        found = stamp.get("inputs", {}).get("gripper")
+        if found in (None, gripper_digest(used)):
+            return used
+        why = "has other measures now"
+    else:
+        why = "is not there any more, or not below this folder"
+    raise SymgraspError(f"gripper {used}, which the grasps were found for, {why}; name a --gripper")
 
 
 def load_gripper(name_or_path: str) -> Gripper:

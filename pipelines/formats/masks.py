@@ -1,6 +1,10 @@
-"""The user's own instance masks: one PNG of instance ids a frame, 0 = background."""
+"""The user's own instance masks: one PNG of instance ids a frame, 0 = background.
+
+Labelling tools store ids as one channel, as three equal ones, or as places in a palette.
+"""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,6 +12,8 @@ from numpy.typing import NDArray
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.formats.files import read_image
 
+PALETTE_AT, PALETTE = 25, b"\x03"  # where a PNG says of what kind it is, and the kind
+VOID = 255  # PASCAL VOC's place of outlines, which are nothing's
 MASK_ENDINGS = ("_label.png", ".png", "_mask.png")
 
 
@@ -19,7 +25,7 @@ def read_masks(folder: Path, frame_name: str) -> NDArray[np.int32]:
 
     Raises:
         SymgraspError: no such file.
-        FormatError: not an image of one channel.
+        FormatError: not an image, or of channels that differ.
     """
     names = dict.fromkeys((frame_name, frame_name.rsplit("/", 1)[-1]))
     candidates = [folder / f"{name}{ending}" for name in names for ending in MASK_ENDINGS]
@@ -28,8 +34,32 @@ def read_masks(folder: Path, frame_name: str) -> NDArray[np.int32]:
         looked_for = ", ".join(f"{frame_name}{ending}" for ending in MASK_ENDINGS)
         raise SymgraspError(f"{folder} has no mask for frame {frame_name}; give {looked_for}")
     stored = read_image(path)
-    if stored.ndim != 2:
-        raise FormatError(
-            path, f"has {stored.shape[2]} channels", "instance ids in one channel are expected"
-        )
+    if stored.ndim == 3:
+        stored = _places_in_palette(path) if _has_palette(path) else _grey(path, stored)
     return stored.astype(np.int32)
+
+
+def _has_palette(path: Path) -> bool:
+    with path.open("rb") as stream:
+        return stream.read(PALETTE_AT + 1)[PALETTE_AT:] == PALETTE
+
+
+def _places_in_palette(path: Path) -> NDArray[np.uint8]:
+    """Return what a PNG with a palette stores (H, W): the ids; the colours are for the eye."""
+    from PIL import Image  # noqa: PLC0415 - few need it
+
+    with Image.open(path) as picture:
+        places = np.array(picture, dtype=np.uint8)
+    places[places == VOID] = 0
+    return places
+
+
+def _grey(path: Path, stored: NDArray[Any]) -> NDArray[Any]:
+    """Return the one channel (H, W) that all of `stored` (H, W, 3) repeat."""
+    if (stored != stored[:, :, :1]).any():
+        raise FormatError(
+            path,
+            f"has {stored.shape[2]} channels that differ",
+            "instance ids in one channel, or in the palette's places, are expected",
+        )
+    return stored[:, :, 0]

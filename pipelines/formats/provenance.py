@@ -84,7 +84,7 @@ def digest(path: Path) -> str:
 
 def digest_text(text: str) -> str:
     """Return the first 16 hexadecimal digits of the SHA-256 of `text`."""
-    return "sha256:" + hashlib.sha256(text.encode()).hexdigest()[:16]
+    return "sha256:" + hashlib.sha256(text.encode(errors="surrogatepass")).hexdigest()[:16]
 
 
 def digest_folder(folder: Path, pattern: str) -> str:
@@ -92,10 +92,10 @@ def digest_folder(folder: Path, pattern: str) -> str:
 
     Hidden files are what an interrupted run left behind, and do not count.
     """
-    total = hashlib.sha256()
+    total = []
     for path in sorted(path for path in folder.glob(pattern) if not path.name.startswith(".")):
-        total.update(f"{path.name} {digest(path)}\n".encode())
-    return "sha256:" + total.hexdigest()[:16]
+        total.append(f"{path.name} {digest(path)}\n")
+    return digest_text("".join(total))
 
 
 def sidecar_of(target: Path) -> Path:

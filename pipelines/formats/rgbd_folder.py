@@ -2,7 +2,7 @@
 
 import functools
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +19,8 @@ NO_CAMERA = (
     "give --intrinsics fx,fy,cx,cy, or put a camera file "
     "(*_camera.json, intrinsics.json, cam_K.txt, ...) beside it"
 )
+
+Candidates = dict[str, list[Path]]  # by what is left of the name; the file to take is the first
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,7 @@ class ImagePair:
     stem: str  # what is left of the file name, "" if it was only `color` or `rgb`
     color: Path | None
     depth: Path | None
+    rivals: tuple[Path, ...] = ()  # further files of the same kind that would be this pair's too
 
 
 def read_with_camera(
@@ -86,22 +89,44 @@ def flat_pairs(folder: Path) -> list[ImagePair]:
     if "" in depths and "" not in colors:
         plain = next((path for path in files if path.stem == "image"), None)
         if plain is not None and plain.suffix.lower() in COLOR_SUFFIXES:
-            colors[""] = plain
-    stems = sorted(colors.keys() | depths.keys())
-    return [ImagePair(stem, colors.get(stem), depths.get(stem)) for stem in stems]
+            colors[""] = [plain]
+    return _paired(colors, depths)
+
+
+def _paired(colors: Candidates, depths: Candidates) -> list[ImagePair]:
+    pairs = []
+    for stem in sorted(colors.keys() | depths.keys()):
+        color, depth = colors.get(stem, []), depths.get(stem, [])
+        rivals = (*_rivals(color), *_rivals(depth))
+        pairs.append(ImagePair(stem, next(iter(color), None), next(iter(depth), None), rivals))
+    return pairs
+
+
+def _rivals(candidates: Sequence[Path]) -> list[Path]:
+    """Return the candidates of the first one's suffix, if more than one: none of them wins.
+
+    Of x_depth.png and x_depth.npy the first suffix does; x_color.png and x-color.png may be two
+    frames.
+    """
+    suffixes = [path.suffix.lower() for path in candidates]
+    alike = [path for path, each in zip(candidates, suffixes, strict=True) if each == suffixes[0]]
+    return alike if len(alike) > 1 else []
 
 
 def _by_stem(
-    files: Iterable[Path], suffixes: tuple[str, ...], words: tuple[str, ...]
-) -> dict[str, Path]:
-    """Map what is left of a file's name without its word to the file, best suffix first."""
-    found: dict[str, Path] = {}
+    files: Iterable[Path], suffixes: tuple[str, ...], words: tuple[str, ...] | None = None
+) -> Candidates:
+    """Map what is left of a file's name without its word to such files, best suffix first.
+
+    With `words` None the whole name counts, whatever the word.
+    """
+    found: Candidates = {}
     ordered = [path for path in files if path.suffix.lower() in suffixes]
     ordered.sort(key=lambda path: (suffixes.index(path.suffix.lower()), path.name))
     for path in ordered:
-        stem = _without_word(path.stem, words)
+        stem = path.stem if words is None else _without_word(path.stem, words)
         if stem is not None:
-            found.setdefault(stem, path)
+            found.setdefault(stem, []).append(path)
     return found
 
 
@@ -120,7 +145,6 @@ def sister_pairs(folder: Path) -> list[ImagePair]:
     color_folder = next((folder / n for n in COLOR_FOLDERS if (folder / n).is_dir()), None)
     if color_folder is None or not depth_folder.is_dir():
         return []
-    colors = {p.stem: p for p in color_folder.iterdir() if p.suffix.lower() in COLOR_SUFFIXES}
-    depths = {p.stem: p for p in depth_folder.iterdir() if p.suffix.lower() in DEPTH_SUFFIXES}
-    stems = sorted(colors.keys() | depths.keys())
-    return [ImagePair(stem, colors.get(stem), depths.get(stem)) for stem in stems]
+    colors = _by_stem(color_folder.iterdir(), COLOR_SUFFIXES)
+    depths = _by_stem(depth_folder.iterdir(), DEPTH_SUFFIXES)
+    return _paired(colors, depths)

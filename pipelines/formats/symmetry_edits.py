@@ -11,12 +11,12 @@ list says that a person looked and agrees.
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pipelines.errors import FormatError, SymgraspError, UnknownNameError
+from pipelines.errors import FormatError, SymgraspError
 from pipelines.formats.files import read_json
 from pipelines.formats.provenance import digest_text
 from pipelines.formats.symmetry_labels import (
@@ -50,7 +50,6 @@ def read(path: Path) -> dict[str, ObjectEdits]:
 
     Raises:
         FormatError: not such a file.
-        UnknownNameError: an action that there is none of.
     """
     content = read_json(path)
     if not isinstance(content, dict):
@@ -63,12 +62,10 @@ def _object_edits(path: Path, name: str, entries: Any) -> ObjectEdits:  # noqa: 
         raise FormatError(path, f"the corrections of {name} are no list", "a list of actions")
     for entry in entries:
         if not isinstance(entry, dict) or len(entry) != 1:
-            raise FormatError(
-                path, f"a correction of {name} is not one action", f"one of {', '.join(ACTIONS)}"
-            )
+            raise FormatError(path, f"a correction of {name} is not one action", _one_of(ACTIONS))
         ((action, content),) = entry.items()
         if action not in ACTIONS:
-            raise UnknownNameError(f"{path}: action of {name}", action, ACTIONS)
+            raise FormatError(path, f"no action {action!r} of {name} is known", _one_of(ACTIONS))
         if not isinstance(content, dict):
             raise FormatError(
                 path, f"{action} of {name} is no object", "kind, index, ... in braces"
@@ -114,7 +111,8 @@ def _fixed(edits: ObjectEdits, content: Mapping[str, Any], old: Symmetry) -> Sym
     known = symmetry_to_json(old)
     for key in changes:
         if key not in known:
-            raise UnknownNameError(f"{edits.path}: entry of {old.kind} of {edits.name}", key, known)
+            found = f"{key!r} is no entry of a {old.kind} of {edits.name}"
+            raise FormatError(edits.path, found, _one_of(known))
     return symmetries_from_json(edits.path, [known | changes])[0]
 
 
@@ -122,7 +120,8 @@ def _place(edits: ObjectEdits, content: Mapping[str, Any], found: Sequence[Symme
     """Return where in `found` the symmetry is that `kind` and `index` name."""
     kind, index = content.get("kind"), content.get("index")
     if kind not in KINDS:
-        raise UnknownNameError(f"{edits.path}: kind of symmetry of {edits.name}", str(kind), KINDS)
+        sentence = f"{kind!r} is no kind of symmetry of {edits.name}"
+        raise FormatError(edits.path, sentence, _one_of(KINDS))
     places = [place for place, symmetry in enumerate(found) if symmetry.kind == kind]
     if not isinstance(index, int) or not 0 <= index < len(places):
         raise SymgraspError(
@@ -138,6 +137,10 @@ def _candidate(edits: ObjectEdits, content: Mapping[str, Any], rejected: Sequenc
             f"{edits.path}: {edits.name} has no rejected candidate {index}; it has {len(rejected)}"
         )
     return index
+
+
+def _one_of(names: Iterable[str]) -> str:
+    return f"one of {', '.join(sorted(names))}"
 
 
 def _listed(found: Sequence[Symmetry]) -> str:

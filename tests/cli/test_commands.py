@@ -95,6 +95,31 @@ def test_wrong_usage_exits_with_2_and_a_missing_folder_with_a_sentence(tmp_path)
     assert "none" in result.output
 
 
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--intrinsics", "300,300"],
+        ["--approach-cone", "-5"],
+        ["--approach-direction", "up"],
+        ["--workspace", "0,0,0"],
+        ["--workspace", "0,0,0,-1,1,1"],
+        ["--depth-units-per-metre", "0"],
+        ["--method", "foo"],
+        ["--regions", "foo"],
+        ["--gripper", "nohand"],
+        ["--backend", "foo"],
+        ["--masks", "no/folder"],
+    ],
+)
+def test_values_that_cannot_be_meant_are_wrong_usage(options, tmp_path):
+    frames = str(ROOT / "pipelines/weights/frames")
+    command = ["infer", frames, "--out", str(tmp_path / "g.h5"), "--method", "planar", *options]
+    result = CliRunner().invoke(app, command)
+    assert result.exit_code == 2, result.output
+    assert result.exception is None or isinstance(result.exception, SystemExit)
+    assert not (tmp_path / "g.h5").exists()
+
+
 def test_an_output_that_the_system_refuses_is_a_sentence(tmp_path):
     (tmp_path / "file").write_text("no folder")
     frames, output = ROOT / "pipelines/weights/frames", tmp_path / "file" / "g.h5"

@@ -1,6 +1,7 @@
 """Whole files or none."""
 
 import json
+import os
 import zipfile
 
 import cv2
@@ -9,6 +10,15 @@ import pytest
 
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.formats import files
+
+
+@pytest.mark.parametrize("name", ["n" * 251 + ".txt", "漢" * 83 + ".txt", os.fsdecode(b"\xe9.txt")])
+def test_any_name_that_a_file_may_have_can_be_written(name, tmp_path):
+    files.write_text(tmp_path / name, "all")
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    with files.atomic_folder(tmp_path / f"{name[:-4]}.dir"):
+        pass
+    assert (tmp_path / f"{name[:-4]}.dir").is_dir()
 
 
 def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):

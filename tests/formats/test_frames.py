@@ -2,7 +2,9 @@
 
 import json
 import logging
+import os
 import pickle
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -46,6 +48,46 @@ def only_error(folder: Path, **options: object) -> str:
     with pytest.raises(SymgraspError) as caught:
         sources[0].read()
     return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        (("x_color.png", "x_depth.png"), ("x-color.png", "x-depth.png")),
+        (("color_x.png", "depth_x.png"), ("x_color.png", "x_depth.png")),
+        (("rgb/x.png", "depth/x.png"), ("rgb/x.PNG", "depth/y.png")),
+    ],
+)
+def test_two_frames_of_one_name_are_refused_and_not_one_of_them_dropped(
+    tmp_path: Path, save: Save, first: tuple[str, str], second: tuple[str, str]
+) -> None:
+    for color, depth in (first, second):
+        save(tmp_path / color, tmp_path / depth, tmp_path / "intrinsics.json")
+    found = {source.name: source for source in find_frames(tmp_path)}
+    with pytest.raises(FormatError, match=r"are one frame by their names; give each frame"):
+        found["x"].read()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems refuse such names")
+def test_a_name_that_is_not_utf8_is_read_and_can_be_written_as_text(
+    tmp_path: Path, save: Save
+) -> None:
+    save(tmp_path / "x_color.png", tmp_path / "x_depth.png", tmp_path / "camera.json")
+    for kind in ("color", "depth"):
+        (tmp_path / f"x_{kind}.png").rename(
+            tmp_path / os.fsdecode(b"caf\xe9_%b.png" % kind.encode())
+        )
+    (source,) = find_frames(tmp_path)
+    assert source.name == source.read().name == "caf%E9"
+
+
+def test_a_picture_of_two_suffixes_is_one_frame(tmp_path: Path, save: Save) -> None:
+    save(tmp_path / "rgb/x.jpg", tmp_path / "depth/x.png", tmp_path / "intrinsics.json")
+    save(tmp_path / "rgb/x.png", tmp_path / "depth/x.npy", tmp_path / "intrinsics.json")
+    (source,) = find_frames(tmp_path)
+    assert {path.name for path in source.files} >= {"x.png"}
+    assert all(path.suffix in (".png", ".json") for path in source.files)
+    source.read()
 
 
 @pytest.mark.parametrize(("color_name", "depth_name"), PAIRS)

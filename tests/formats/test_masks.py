@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.testing import assert_array_equal
+from PIL import Image
 
 from pipelines.errors import FormatError, SymgraspError, ValueRangeError
 from pipelines.formats.masks import read_masks
@@ -64,6 +65,23 @@ def test_a_missing_mask_says_what_is_looked_for(tmp_path: Path) -> None:
 
 
 def test_a_coloured_mask_is_refused(tmp_path: Path) -> None:
-    cv2.imwrite(str(tmp_path / "x.png"), np.zeros((3, 4, 3), np.uint8))
-    with pytest.raises(FormatError, match="3 channels"):
+    cv2.imwrite(str(tmp_path / "x.png"), np.arange(36, dtype=np.uint8).reshape(3, 4, 3))
+    with pytest.raises(FormatError, match="3 channels that differ"):
         read_masks(tmp_path, "x")
+
+
+def test_three_equal_channels_are_one(tmp_path: Path) -> None:
+    ids = np.arange(12, dtype=np.uint8).reshape(3, 4)
+    cv2.imwrite(str(tmp_path / "x.png"), np.repeat(ids[:, :, None], 3, axis=2))
+    assert_array_equal(read_masks(tmp_path, "x"), ids)
+
+
+@pytest.mark.parametrize("bits", [2, 8])
+def test_of_a_palette_the_places_count_and_not_the_colours(tmp_path: Path, bits: int) -> None:
+    ids = np.array([[0, 1, 1, 0], [2, 2, 3, 0]], np.uint8)
+    if bits == 8:
+        ids[0, 3] = 255  # outlines, as PASCAL VOC's masks have them
+    picture = Image.fromarray(ids, mode="P")
+    picture.putpalette(np.random.default_rng(0).permutation(768).astype(np.uint8).tobytes())
+    picture.save(tmp_path / "x.png", bits=bits)
+    assert_array_equal(read_masks(tmp_path, "x"), np.where(ids == 255, 0, ids))

@@ -18,7 +18,8 @@ from pipelines.formats.files import read_npz
 from pipelines.formats.grasp_rows import read_grasp_rows
 from pipelines.formats.graspnet_dump import dumped_scenes
 from pipelines.formats.grasps_file import FrameResult
-from pipelines.formats.gripper_files import PRESETS, load_gripper
+from pipelines.formats.gripper_files import PRESETS, gripper_digest, load_gripper
+from pipelines.formats.provenance import make_stamp
 from pipelines.grasping.grasps import from_graspnet
 from symgrasp_cli.app import app
 from tests.stages.toy_root import SCENES, frame_names, true_result, write_grasps, write_root
@@ -160,6 +161,55 @@ def test_contact_graspnet_has_its_own_origin_unless_a_gripper_is_named(grasps, t
 
 
 @pytest.mark.parametrize("to", OUTPUTS)
+def test_what_could_not_be_exported_is_named_again(to, grasps, tmp_path):
+    first, second = (run(grasps, tmp_path / OUTPUTS[to], to=to) for _ in range(2))
+    assert second.skipped
+    assert second.failed == first.failed
+    assert (first.exit_code, second.exit_code) == (1, 1)
+
+
+@pytest.fixture
+def own_gripper(tmp_path, monkeypatch) -> Path:
+    """A gripper's file, named as from the folder it lies in."""
+    monkeypatch.chdir(tmp_path)
+    text = (PRESETS / "rg2.toml").read_text().replace("rg2", "mine")
+    Path("hand.toml").write_text(text)
+    return Path("hand.toml")
+
+
+def own_grasps(root_grasps: Path, own_gripper: Path) -> Path:
+    """Write grasps of a run that was told of `own_gripper`."""
+    path = own_gripper.resolve().with_name("own.h5")
+    results = list(grasps_file.read(root_grasps).results())
+    inputs = {"gripper": gripper_digest(str(own_gripper))}
+    stamp = make_stamp("infer", {"gripper": str(own_gripper)}, inputs=inputs)
+    grasps_file.write(path, results, stamp)
+    return path
+
+
+def test_a_gripper_file_that_changed_since_is_not_taken_for_the_one_used(
+    grasps, own_gripper, tmp_path, monkeypatch
+):
+    own = own_grasps(grasps, own_gripper)
+    notes = run(own, tmp_path / "same.json", to="json").notes["same.json"]
+    assert "gripper mine" in notes
+    assert "collisions were checked" not in notes
+    copy = tmp_path / "copy.toml"
+    copy.write_text(own_gripper.read_text())
+    notes = run(own, tmp_path / "copied.json", to="json", gripper=str(copy)).notes["copied.json"]
+    assert "collisions were checked" not in notes
+    own_gripper.write_text(own_gripper.read_text().replace("0.11", "0.09"))
+    with pytest.raises(SymgraspError, match=r"hand\.toml.* has other measures now; name a"):
+        run(own, tmp_path / "new.json", to="json")
+    notes = run(own, tmp_path / "new.json", to="json", gripper="hand.toml").notes["new.json"]
+    assert "collisions were checked with hand.toml, not with mine" in notes
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    with pytest.raises(SymgraspError, match=r"hand\.toml.* is not there any more.*name a --grip"):
+        run(own, tmp_path / "away.json", to="json")
+
+
+@pytest.mark.parametrize("to", OUTPUTS)
 def test_an_export_is_skipped_when_done_and_refused_when_it_differs(to, grasps, tmp_path):
     out = tmp_path / OUTPUTS[to]
     run(grasps, out, to=to)
@@ -230,11 +280,12 @@ def test_a_file_of_frames_without_grasps_is_exported(to, tmp_path):
     assert (report.exit_code, report.done) == (0, [OUTPUTS[to]])
 
 
-def test_a_name_that_leads_elsewhere_fails_alone(grasps, tmp_path):
+def test_a_name_that_leads_elsewhere_or_is_too_long_fails_alone(grasps, tmp_path):
     (good, *_) = grasps_file.read(grasps).results()
-    write_grasps(tmp_path / "g.h5", [replace(good, name="../evil"), replace(good, name="good")])
+    names = ("../evil", "n" * 240, "good")
+    write_grasps(tmp_path / "g.h5", [replace(good, name=name) for name in names])
     report = run(tmp_path / "g.h5", tmp_path / "out", to="isaac")
-    assert set(report.failed) == {"../evil"}
+    assert set(report.failed) == {"../evil", "n" * 240}
     assert files_of(tmp_path) == {"g.h5", "out/good.yaml", "out/provenance.json"}
 
 

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from pipelines.errors import printable
 from pipelines.formats.rgbd import FrameSource
 from pipelines.formats.rgbd_folder import FrameOptions
 
@@ -30,7 +31,8 @@ class Layout:
 def frame_name(folder: Path, prefix: str, stem: str) -> str:
     """Return the name of a frame below the folder given; `stem` is empty for a folder's only one.
 
-    Index files may name files anywhere; a frame's name never leaves the folder of results.
+    Index files may name files anywhere; a frame's name never leaves the folder of results, and
+    every file can hold it as text.
     """
     parts = [part for part in (*prefix.split("/"), *stem.split("/")) if part not in ("", ".", "..")]
-    return "/".join(parts) or folder.resolve().name
+    return printable("/".join(parts) or folder.resolve().name)

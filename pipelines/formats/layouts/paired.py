@@ -77,7 +77,13 @@ def _find(pairing: Pairing, folder: Path, prefix: str, options: FrameOptions) ->
 
 
 def read_frame(name: str, pair: ImagePair, camera: Path | None, options: FrameOptions) -> Frame:
-    """Read a pair; raises a FormatError if one of the two is missing."""
+    """Read a pair; raises a FormatError if one of the two is missing, or could be several files."""
+    if pair.rivals:
+        raise FormatError(
+            str(pair.rivals[0]),
+            f"and {', '.join(path.name for path in pair.rivals[1:])} are one frame by their names",
+            "give each frame a name of its own, as x_color.png and x_depth.png",
+        )
     if pair.depth is None or pair.color is None:
         present = pair.color or pair.depth
         missing = "depth" if pair.depth is None else "colour"

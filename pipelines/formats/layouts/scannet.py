@@ -53,7 +53,7 @@ def seen_by(color: NDArray[np.uint8], camera: CameraFile, other: Intrinsics) -> 
 
 
 def _read(name: str, pair: ImagePair, cameras: tuple[Path, Path], options: FrameOptions) -> Frame:
-    if pair.color is None or pair.depth is None or not cameras[1].is_file():
+    if pair.rivals or pair.color is None or pair.depth is None or not cameras[1].is_file():
         return read_frame(name, pair, cameras[0], options)
     color, depth = read_color(pair.color), stored_depth(pair.depth)
     camera = options.camera or read_camera_file(cameras[0])

@@ -47,6 +47,7 @@ from pipelines.formats.provenance import (
 from pipelines.formats.signed_distance import write_sdf
 from pipelines.geometry.mesh import Mesh, sample_surface
 from pipelines.geometry.signed_distance import signed_distance_grid
+from pipelines.geometry.winding import inward_warning, turned_outward
 from pipelines.synthesis.grasp_sampling import LabelTarget, label_points
 
 STAGE = "label-grasps"
@@ -183,15 +184,12 @@ def _write_model(item: WorkItem) -> str:
     too_large = size_warning(mesh, path) if mesh_scale is None else None
     if too_large:
         raise SymgraspError(f"{too_large}; if it is in metres, say so: --mesh-scale 1")
-    notes = [note]
-    if mesh.is_watertight and mesh.volume < 0.0:
-        mesh = replace(mesh, faces=mesh.faces[:, ::-1])
-        notes.append("turned its triangles, which looked inward")
+    mesh, turned = turned_outward(mesh)
     with atomic_folder(item.target) as folder:
         write_mesh(folder / "nontextured.ply", mesh)
         write_mesh(folder / "textured.obj", mesh)
         write_sidecar(folder, item.stamp)
-    return "; ".join(note for note in notes if note)
+    return "; ".join(text for text in (note, turned) if text)
 
 
 def _grid_item(root: GraspNetRoot, source: Source) -> WorkItem:
@@ -242,7 +240,7 @@ def _label(
         if parts.failed:
             raise SymgraspError(next(iter(parts.failed.values())))
         files = [item.target for item in items]
-        summary = _summary(files)
+        summary = "; ".join(filter(None, (_summary(files), inward_warning(mesh))))
         write_sidecar(target, stamp)
         join_grasp_labels(target, files, compress=compress)
         shutil.rmtree(files[0].parent)

@@ -23,6 +23,7 @@ from pipelines.formats.signed_distance import read_sdf
 from pipelines.geometry.mesh import Mesh
 from pipelines.geometry.signed_distance import SignedDistanceGrid
 from pipelines.geometry.single_precision import single_precision_grid
+from pipelines.geometry.winding import turned_outward
 from pipelines.grasping.grasps import from_graspnet
 from pipelines.metrics.antipodal import contact_pair_score
 from pipelines.metrics.contacts import close_fingers
@@ -32,6 +33,7 @@ from pipelines.metrics.peer_collision import cloud_collision, exact_collision
 
 STAGE = "score-grasps"
 NAMED_FAULTS = 5
+UNSURE = "is not closed; near its holes the distance grid, and with it the verdicts, are a guess"
 
 
 def run(
@@ -53,16 +55,16 @@ def run(
     if is_finished(output, stamp, overwrite=overwrite):
         report.skipped.append(output.name)
         return report
-    mesh, given = read_mesh(mesh_path, config.mesh_scale), read_grasp_rows(grasps_path)
+    mesh, turned = turned_outward(read_mesh(mesh_path, config.mesh_scale))
+    given = read_grasp_rows(grasps_path)
     verdicts = score(mesh, given.rows, config, read_sdf(stored) if with_grid else None)
     _forget(verdicts, sorted(given.faults))
     write_verdicts(output, verdicts, stamp)
     report.done.append(output.name)
     report.notes[output.name] = _summary(verdicts)
-    if config.compatible and not with_grid and not mesh.is_watertight:
-        report.notes[mesh_path.name] = (
-            "is not closed; near its holes the distance grid, and with it the verdicts, are a guess"
-        )
+    unsure = config.compatible and not with_grid and not mesh.is_watertight
+    if turned or unsure:
+        report.notes[mesh_path.name] = "; ".join(filter(None, (turned, UNSURE if unsure else "")))
     for row in sorted(given.faults)[:NAMED_FAULTS]:
         report.failed[f"row {row}"] = f"{grasps_path} {given.faults[row]}; it is scored as failed"
     if len(given.faults) > NAMED_FAULTS:

@@ -11,6 +11,7 @@ class RegionConfig:
     max_range: float = 1.2  # metres beyond the nearest surfaces; behind it is background
     plane_tolerance: float = 0.010  # 1/metres of inverse depth: metres at one metre
     min_plane_share: float = 0.08  # of the near pixels; a smaller plane supports nothing
+    min_support_area: float = 0.008  # square metres seen of it; less is a finger before the lens
     beneath_weight: float = 2.0  # how much a near pixel beneath a plane speaks against it
     support_margin: float = 0.03  # metres that objects may stand out over the plane's border
     min_height: float = 0.006  # metres above the plane

@@ -24,6 +24,7 @@ Indices = NDArray[np.int64]
 Affine = tuple[float, float, float]  # a, b and c of 1/z = a u + b v + c
 
 MAX_PLANES = 4  # candidates that are drawn one after the other
+MAX_FINGERS = 4  # planes that are too small, between them
 ITERATIONS = 300  # hypotheses a candidate
 FITTED = 20000  # pixels, about, that planes are fitted to, evenly spread
 SAMPLE = 4000  # of them that hypotheses are counted on
@@ -40,6 +41,28 @@ class Support:
     plane: Plane
 
 
+@dataclass(frozen=True)
+class _Candidate:
+    support: Support
+    evidence: Array  # (n,) of each pixel, for the plane or against it
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """Some n pixels: (n,) columns, rows and inverse depths, and (3, n) where they lie."""
+
+    u: Array
+    v: Array
+    disparity: Array
+    points: Array
+    area: Array  # (n,) square metres that each stands for
+    weight: Array  # (n,) what each counts
+
+    def value(self, candidate: _Candidate) -> float:
+        """Return what all pixels together say for a candidate."""
+        return float(self.weight @ candidate.evidence)
+
+
 def find_support(
     xyz: Array, near: Mask, intrinsics: Intrinsics, config: RegionConfig, rng: np.random.Generator
 ) -> Support | None:
@@ -47,37 +70,58 @@ def find_support(
 
     Candidates are drawn in turn from what earlier ones left. The best has most pixels, near ones
     counting more; what is seen beneath a plane's own extent speaks against it, because things
-    stand on a table and nothing is seen through it.
+    stand on a table and nothing is seen through it. Planes of a few square centimetres are a
+    hand's fingers before the lens: they are no candidates and do not count (D. 106).
     """
     at = np.flatnonzero(near)
     if len(at) < MIN_PIXELS:
         return None
-    at = rng.permutation(at[:: len(at) // FITTED | 1])  # odd: rows rarely meet the same columns
+    step = len(at) // FITTED | 1  # odd: rows rarely meet the same columns
+    at = rng.permutation(at[::step])
     v, u = (place.astype(np.float64) for place in np.divmod(at, near.shape[1]))
     points = np.ascontiguousarray(xyz.reshape(-1, 3).take(at, axis=0).T)
     disparity = 1.0 / points[2]
     # A few stray pixels at the lens would outweigh a table by their inverse depth (D. 102).
-    close = np.minimum(disparity, quantiles(disparity, 1.0 - STRAY))
-    weight = close**2 / (close**2).sum()
-    best, best_value, left = None, config.min_plane_share, np.ones(len(u), bool)
-    for _ in range(MAX_PLANES):
+    weight = np.minimum(disparity, quantiles(disparity, 1.0 - STRAY)) ** 2
+    area = step * points[2] ** 2 / (intrinsics.fx * intrinsics.fy)  # at least
+    seen = _Seen(u, v, disparity, points, area, weight)
+    found = _candidates(seen, intrinsics, config, rng)
+    best = max(found, key=seen.value, default=None)
+    if best is None:
+        return None
+    # What is nearer than the plane is on it or before it, and counts no more than the plane does.
+    most = float(quantiles(weight[best.evidence > 0], 1.0 - STRAY))
+    share = seen.value(best) / float(np.minimum(weight, most).sum())
+    return best.support if share > config.min_plane_share else None
+
+
+def _candidates(
+    seen: _Seen, intrinsics: Intrinsics, config: RegionConfig, rng: np.random.Generator
+) -> list[_Candidate]:
+    """Return up to `MAX_PLANES` candidates; the `weight` of planes that are too small becomes 0."""
+    found: list[_Candidate] = []
+    left = np.ones(len(seen.u), np.bool_)
+    for _ in range(MAX_PLANES + MAX_FINGERS):
         rest = np.flatnonzero(left)
-        if len(rest) < MIN_PIXELS or weight @ left <= best_value:  # none can be better
-            break
-        drawn = u.take(rest), v.take(rest), disparity.take(rest)
+        best = max(map(seen.value, found), default=0.0)
+        if len(rest) < MIN_PIXELS or seen.weight @ left <= best or len(found) == MAX_PLANES:
+            break  # none can be better
+        drawn = seen.u.take(rest), seen.v.take(rest), seen.disparity.take(rest)
         affine = _ransac(*drawn, config.plane_tolerance, rng)
-        residual = disparity - (affine[0] * u + affine[1] * v + affine[2])
+        residual = seen.disparity - (affine[0] * seen.u + affine[1] * seen.v + affine[2])
         inliers = np.abs(residual) < config.plane_tolerance
-        if np.count_nonzero(inliers & left) < MIN_PIXELS / 10:
+        own = inliers & left
+        if np.count_nonzero(own) < MIN_PIXELS / 10:
             break
-        plane = _plane_of(affine, intrinsics)
-        beneath = _seen_through(points, residual < -2.0 * config.plane_tolerance, plane, inliers)
-        value = weight @ (inliers & left) - config.beneath_weight * (weight @ beneath)
-        value *= _facing_weight(plane)
-        if value > best_value:
-            best, best_value = Support(affine, plane), value
         left &= ~inliers
-    return best
+        if seen.area @ own < config.min_support_area:
+            seen.weight[own] = 0.0
+            continue
+        plane, behind = _plane_of(affine, intrinsics), residual < -2.0 * config.plane_tolerance
+        beneath = _seen_through(seen.points, behind, plane, inliers)
+        evidence = _facing_weight(plane) * (own - config.beneath_weight * beneath)
+        found.append(_Candidate(Support(affine, plane), evidence))
+    return found
 
 
 def _seen_through(points: Array, behind: Mask, plane: Plane, inliers: Mask) -> Mask:

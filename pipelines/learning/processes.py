@@ -13,7 +13,7 @@ from datetime import timedelta
 import torch
 from torch import Tensor, distributed
 
-from pipelines.errors import SymgraspError
+from pipelines.errors import OptionRangeError, SymgraspError
 from pipelines.network.devices import find_device
 
 LONGEST_WAIT = timedelta(hours=3)  # for the first process to validate, or to prepare frames
@@ -72,7 +72,11 @@ class Processes:
 
 @contextmanager
 def joined(device: str) -> Iterator[tuple[Processes, torch.device]]:
-    """Yield the processes that torchrun started and this one's device, `device` by name."""
+    """Yield the processes that torchrun started and this one's device, `device` by name.
+
+    Raises:
+        OptionRangeError: one GPU is named for several processes.
+    """
     if not distributed.is_torchelastic_launched():
         yield Processes(), find_device(device)
         return
@@ -81,6 +85,8 @@ def joined(device: str) -> Iterator[tuple[Processes, torch.device]]:
     # process at its end: so it is imported while there is none.
     import torch.distributed.nn.functional  # noqa: PLC0415
 
+    if ":" in device and int(os.environ["LOCAL_WORLD_SIZE"]) > 1:
+        raise OptionRangeError("device", device, "cuda, which gives each process its own GPU")
     found = find_device(device, int(os.environ["LOCAL_RANK"]))
     if found.type == "cuda":
         torch.cuda.set_device(found)

@@ -62,6 +62,34 @@ def test_stray_pixels_near_the_lens_do_not_hide_the_table(at):
     assert overlap(top.foreground, index >= 0) > 0.9
 
 
+def fingers(depth, share, along):
+    """Return `depth` with two fingers from the lower edge, of a `share` of the picture.
+
+    `along`: metres from the lens, at the edge and at the tips.
+    """
+    (height, width), depth = depth.shape, depth.copy()
+    high = int(0.4 * height)
+    wide = round(share * height * width / high / 2)
+    row = np.linspace(along[1], along[0], high)[:, None]
+    noise = np.random.default_rng(1).normal(0.0, 0.0005, (high, wide))
+    for left in (width // 5, 4 * width // 5 - wide):
+        depth[-high:, left : left + wide] = row + noise * (along[0] != along[1])
+    return depth
+
+
+@pytest.mark.parametrize("along", [(0.12, 0.12), (0.10, 0.18)])
+@pytest.mark.parametrize("share", [0.06, 0.15, 0.25])
+def test_the_hands_own_fingers_before_the_lens_do_not_hide_the_table(share, along):
+    depth, index = render([Box((0.06, 0.06, 0.1))], looking_at_table(0.8, 0.8))
+    alone = find_tabletop(CAMERA.backproject(depth), CAMERA, CONFIG, np.random.default_rng(0))
+    seen = fingers(depth, share, along)
+    top = find_tabletop(CAMERA.backproject(seen), CAMERA, CONFIG, np.random.default_rng(0))
+    np.testing.assert_allclose(top.plane.normal, alone.plane.normal, atol=2e-3)
+    np.testing.assert_allclose(top.plane.offset, alone.plane.offset, atol=1e-3)
+    assert not top.foreground[seen != depth].any()
+    assert overlap(top.foreground, (index >= 0) & (seen == depth)) > 0.9
+
+
 def test_the_table_is_the_same_whatever_is_drawn():
     depth, _ = render([Box((0.06, 0.06, 0.1)), Can(0.03, 0.12, (0.15, 0.0, 0.0))])
     depth = depth + (depth > 0) * 0.001 * np.random.default_rng(1).normal(size=depth.shape)

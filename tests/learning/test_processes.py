@@ -10,9 +10,9 @@ import pytest
 import torch
 
 from pipelines import train
-from pipelines.errors import ValueRangeError
+from pipelines.errors import OptionRangeError, ValueRangeError
 from pipelines.formats.checkpoints import load_weights
-from pipelines.learning.processes import Processes
+from pipelines.learning.processes import Processes, joined
 from pipelines.learning.runs import RunRequest, checkpoint_path
 from pipelines.learning.shares import check_shares, cut, micro_batch_size
 from tests.learning.packed_toys import CONFIG, write_packed
@@ -62,6 +62,13 @@ def test_a_run_killed_in_mid_step_and_resumed_gives_the_same_bytes(packed, alone
     ended = run(*TOYS, packed, output, "--resume")
     assert ended.returncode == 0, ended.stderr
     assert output.read_bytes() == alone.read_bytes()
+
+
+def test_one_gpu_is_not_given_to_several_processes(monkeypatch):
+    for name, value in (("TORCHELASTIC_RUN_ID", "0"), ("LOCAL_WORLD_SIZE", "2")):
+        monkeypatch.setenv(name, value)
+    with pytest.raises(OptionRangeError, match="cuda:0; it must be cuda, which"), joined("cuda:0"):
+        pass
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4])

@@ -197,6 +197,35 @@ def test_a_mesh_turned_inside_out_is_turned_back(tmp_path: Path) -> None:
     assert read_mesh(GraspNetRoot(tmp_path / "out").model_path(0)).volume > 0
 
 
+@pytest.mark.parametrize("which", ["all", "some"])
+def test_an_open_mesh_that_looks_inward_gets_the_labels_of_one_that_does_not(
+    which: str, tmp_path: Path
+) -> None:
+    good = box()
+    faces = good.faces[:-1]  # open
+    turned = np.arange(len(faces)) % 3 == 0 if which == "some" else np.ones(len(faces), np.bool_)
+    bad = np.where(turned[:, None], faces[:, ::-1], faces)
+    write_mesh(tmp_path / "good" / "box.ply", Mesh(good.vertices, faces))
+    write_mesh(tmp_path / "bad" / "box.ply", Mesh(good.vertices, bad))
+    notes = [label(tmp_path / n, tmp_path / f"{n}_out").notes["000 box"] for n in ("good", "bad")]
+    assert notes[1].startswith(notes[0])
+    assert "which looked inward" in notes[1]
+    one, other = (
+        read_grasp_label(GraspNetRoot(tmp_path / f"{n}_out").grasp_label_path(0))
+        for n in ("good", "bad")
+    )
+    assert (one.min_friction > 0).any()
+    assert np.mean(one.min_friction > 0) == pytest.approx(np.mean(other.min_friction > 0), rel=0.05)
+
+
+def test_a_root_labelled_in_place_says_that_a_mesh_looks_inward(tmp_path: Path) -> None:
+    good, root = box(), tmp_path / "root"
+    model = GraspNetRoot(root).model_path(0)
+    write_mesh(model, Mesh(good.vertices, good.faces[:, ::-1]))
+    report = label(root, root)
+    assert "100 % of its surface looks inward" in report.notes["000"]
+
+
 def test_more_meshes_get_the_next_numbers(meshes: Path, tmp_path: Path) -> None:
     label(meshes, tmp_path / "out")
     write_mesh(meshes / "apple.ply", box(0.03))

@@ -47,6 +47,16 @@ def run(mesh_path, rows, *, compatible=False, overwrite=False):
     return report, read_verdicts(out)
 
 
+def test_a_mesh_turned_inside_out_is_scored_as_it_is_meant(mesh_path):
+    _, verdicts = run(mesh_path, rows_across())
+    solid = box(*SIDES)
+    write_mesh(mesh_path, Mesh(solid.vertices, solid.faces[2:, ::-1]))  # and open on one side
+    report, turned = run(mesh_path, rows_across(), overwrite=True)
+    assert report.notes["box.ply"] == "turned its triangles, which looked inward"
+    np.testing.assert_array_equal(turned["min_friction"], verdicts["min_friction"])
+    assert turned["found"].all()
+
+
 def test_a_tilted_grasp_across_two_faces_needs_the_tangent_of_its_tilt(mesh_path):
     rows = rows_across()
     rows[:, 4:13] = (TILT @ rows[:, 4:13].reshape(-1, 3, 3)).reshape(-1, 9)

@@ -14,6 +14,7 @@ from types import ModuleType
 
 from joblib import Parallel, effective_n_jobs, parallel_config
 from joblib.externals.loky import get_reusable_executor
+from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from pipelines.errors import SymgraspError, UnknownNameError
 
@@ -34,7 +35,8 @@ def workers_of(backend: str, workers: int) -> Iterator[Parallel]:
 
     Raises:
         UnknownNameError: no such backend.
-        SymgraspError: the backend is not installed, or its scheduler does not answer.
+        SymgraspError: the backend is not installed, its scheduler does not answer, or a worker
+            was killed.
     """
     check_backend(backend)
     if backend == "dask":
@@ -44,8 +46,14 @@ def workers_of(backend: str, workers: int) -> Iterator[Parallel]:
         with _ray(workers), parallel_config(backend="ray", n_jobs=workers):
             yield Parallel()  # its pool gives nothing before all is done
     else:
-        with _huge_pages(), parallel_config(backend=backend, n_jobs=workers):
-            yield Parallel(return_as="generator")
+        try:
+            with _huge_pages(), parallel_config(backend=backend, n_jobs=workers):
+                yield Parallel(return_as="generator")
+        except TerminatedWorkerError as error:
+            raise SymgraspError(
+                "a worker process was ended from outside, most likely for want of memory; "
+                "give fewer --workers, the same command goes on from here"
+            ) from error
 
 
 @contextmanager

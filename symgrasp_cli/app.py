@@ -1,6 +1,7 @@
 """The `symgrasp` command: all commands in workflow order, and the one error boundary."""
 
 import logging
+import signal
 import sys
 from typing import Annotated, Any
 
@@ -120,8 +121,15 @@ for command in COMMANDS:
     app.command()(command)
 
 
+def _end(number: int, _frame: object) -> None:
+    signal.signal(number, signal.SIG_IGN)  # once is enough
+    sys.exit(128 + number)
+
+
 def main() -> None:
     """Run the command line."""
+    # Ended by default, it would leave workers behind, idle for minutes with their memory.
+    signal.signal(signal.SIGTERM, _end)
     try:
         app()
     finally:

@@ -1,8 +1,10 @@
 """Batches on clusters: the same work in other processes, the same bytes whatever their number."""
 
 import os
+import signal
 import subprocess
 import sys
+import time
 from dataclasses import replace
 
 import psutil
@@ -62,6 +64,36 @@ def test_workers_that_are_ended_are_gone_and_others_do_the_next_batch(tmp_path):
         assert os.getpid() not in processes
         end_workers()
         assert not any(map(psutil.pid_exists, processes))
+
+
+def end_itself(item):
+    write_json(item.target, {"provenance": item.stamp.as_json()})
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no such signal")
+def test_a_worker_that_is_killed_is_one_sentence(tmp_path):
+    with pytest.raises(SymgraspError, match="a worker process was ended.*fewer --workers"):
+        run_batch("toy", items(tmp_path, ["a", "b"]), end_itself, replace(QUIET, workers=2))
+    work = items(tmp_path / "after", ["a", "b"])  # others do the next batch
+    assert run_batch("toy", work, write_process, replace(QUIET, workers=2)).done == ["a", "b"]
+    end_workers()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no such signal")
+def test_workers_end_with_a_command_that_is_ended_before_they_have_begun(frames, tmp_path):
+    command = [sys.executable, "-c", "from symgrasp_cli.app import main; main()", "infer"]
+    options = ["--out", tmp_path / "g.h5", "--workers", "2", "--method", "planar"]
+    with subprocess.Popen([*command, frames, *options], stderr=subprocess.DEVNULL) as parent:
+        workers: list[psutil.Process] = []
+        while not any("LokyProcess" in " ".join(each.cmdline()) for each in workers):
+            assert parent.poll() is None
+            workers = psutil.Process(parent.pid).children(recursive=True)
+            time.sleep(0.02)
+        parent.send_signal(signal.SIGTERM)
+        assert parent.wait(60) == 128 + signal.SIGTERM
+    _, left = psutil.wait_procs(workers, timeout=30)
+    assert not left
 
 
 def write_tunables(item):

@@ -73,7 +73,7 @@ def end_itself(item):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there is no such signal")
 def test_a_worker_that_is_killed_is_one_sentence(tmp_path):
-    with pytest.raises(SymgraspError, match="a worker process was ended.*fewer --workers"):
+    with pytest.raises(SymgraspError, match=r"a worker process was ended.*fewer --workers"):
         run_batch("toy", items(tmp_path, ["a", "b"]), end_itself, replace(QUIET, workers=2))
     work = items(tmp_path / "after", ["a", "b"])  # others do the next batch
     assert run_batch("toy", work, write_process, replace(QUIET, workers=2)).done == ["a", "b"]

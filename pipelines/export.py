@@ -130,8 +130,9 @@ def _hand(index: GraspsIndex, name_or_path: str, config: ExportConfig) -> Hand:
         behind = GRASPNET_DEPTH - gripper.tip_reach
     elif config.to == "contact-graspnet" and not config.gripper:  # it has a hand of its own
         behind = contact_graspnet_predictions.BASE_TO_CONTACTS
-    checked = index.stamp.get("inputs", {}).get("gripper", gripper_digest(index.gripper))
-    return Hand(gripper, behind, index.gripper, gripper_digest(name_or_path) == checked)
+    checked = index.stamp.get("inputs", {}).get("gripper")  # old files do not say
+    alike = name_or_path == index.gripper or gripper_digest(name_or_path) == checked
+    return Hand(gripper, behind, index.gripper, alike)
 
 
 def _stamp(grasps: Path, gripper: str, hand: Hand, to: str) -> Stamp:

@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 
 from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.configs import RefineGraspsConfig
-from pipelines.errors import MissingInputError
+from pipelines.errors import MissingInputError, SymgraspError
 from pipelines.formats import affordance_labels, symmetry_labels
 from pipelines.formats.affordance_labels import AffordanceLabels, RefinementCounts
 from pipelines.formats.graspnet import GraspLabel, GraspNetRoot, LabelledGrasps, holding_grasps
 from pipelines.formats.graspnet_label_stream import grasp_label_pieces
 from pipelines.formats.graspnet_labels import GRID
-from pipelines.formats.meshes import read_mesh
+from pipelines.formats.meshes import read_solid_mesh
 from pipelines.formats.provenance import digest, make_stamp
 from pipelines.formats.symmetry_labels import ObjectSymmetries
 from pipelines.geometry.mesh import Mesh, sample_surface
@@ -62,8 +62,13 @@ def refine_file(item: WorkItem, root: GraspNetRoot, config: RefineGraspsConfig, 
     symmetry = _existing(root.symmetry_path(object_id), "symgrasp annotate-symmetry")
     label = _existing(root.grasp_label_path(object_id), "symgrasp label-grasps")
     pieces = grasp_label_pieces(label, max(1, config.chunk // int(np.prod(GRID))))
-    mesh = read_mesh(root.model_path(object_id))
+    mesh = read_solid_mesh(root.model_path(object_id))
     labels = refine(mesh, pieces, symmetry_labels.read(symmetry), config, seed)
+    if labels.counts.num_labelled and not labels.counts.num_distinct:
+        raise SymgraspError(
+            f"{label}: none of {labels.counts.num_labelled:,} labelled grasps meets the mesh "
+            f"{root.model_path(object_id)}; give the mesh that was labelled, in metres"
+        )
     affordance_labels.write(item.target, labels, item.stamp)
     return _note(labels)
 

@@ -27,7 +27,7 @@ from pipelines.formats.files import read_json
 from pipelines.formats.graspnet import GraspNetRoot, SceneFiles
 from pipelines.formats.grasps_stream import read_frames, read_index, scenes_of
 from pipelines.formats.gripper_files import gripper_digest, gripper_to_use, load_gripper
-from pipelines.formats.meshes import read_mesh
+from pipelines.formats.meshes import read_solid_mesh
 from pipelines.formats.provenance import (
     Stamp,
     digest,
@@ -126,7 +126,7 @@ def _model_items(
 
 def _cut_model(config: SimulateConfig, item: WorkItem) -> str | None:
     (model,) = item.arguments
-    mesh = read_mesh(model)
+    mesh = read_solid_mesh(model)
     pieces = convex_pieces(
         mesh,
         convex_enough=config.convex_enough,

@@ -29,7 +29,7 @@ from pipelines.formats.files import atomic_folder
 from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.formats.graspnet_labels import write_grasp_label
 from pipelines.formats.graspnet_layout import SPLITS
-from pipelines.formats.meshes import find_meshes, read_mesh, write_mesh
+from pipelines.formats.meshes import find_meshes, read_mesh, read_solid_mesh, write_mesh
 from pipelines.formats.provenance import digest, make_stamp, write_sidecar
 from pipelines.formats.signed_distance import write_sdf
 from pipelines.geometry.signed_distance import signed_distance_grid
@@ -162,7 +162,7 @@ def _make_object(
 ) -> SyntheticObject:
     if source is None:
         return _pool(pool, count, seed)[index]
-    mesh = read_mesh(source)
+    mesh = read_solid_mesh(source)
     return SyntheticObject(source.stem, source.stem, mesh, (), convex_pieces(mesh, seed=seed))
 
 

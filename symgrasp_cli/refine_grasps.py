@@ -22,7 +22,7 @@ def refine_grasps(
         ),
     ] = RefineGraspsConfig.use_symmetry,
     copies_per_turn: Annotated[
-        int, typer.Option(min=1, help="Equal angles about a continuous axis.")
+        int, typer.Option(min=1, max=72, help="Equal angles about a continuous axis.")
     ] = RefineGraspsConfig.copies_per_turn,
     validate: Annotated[
         bool,

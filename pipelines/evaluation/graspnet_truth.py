@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pipelines.errors import FormatError
 from pipelines.formats.graspnet import FrameFiles, GraspNetRoot, ObjectPose, SceneFiles
 from pipelines.formats.graspnet_scene import read_annotation_xml
-from pipelines.formats.meshes import read_mesh, read_vertices
+from pipelines.formats.meshes import read_mesh, read_solid_mesh, read_vertices
 from pipelines.formats.signed_distance import as_stored, read_sdf
 from pipelines.geometry.mesh import sample_surface
 from pipelines.geometry.single_precision import single_precision_grid
@@ -117,7 +117,7 @@ def _grid_object(model: _Version, grid: _Version) -> GridObject:
 
 @functools.lru_cache(maxsize=KEPT_OBJECTS)
 def _solid_object(surface: _Version, seed: int) -> SolidObject:
-    mesh = read_mesh(surface.path)
+    mesh = read_solid_mesh(surface.path)
     samples = sample_surface(mesh, NUM_SAMPLES, np.random.default_rng(seed))[0]
     return SolidObject(voxel_means(samples, VOXEL), mesh, MeshCollider(mesh))
 

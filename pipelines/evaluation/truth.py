@@ -11,7 +11,7 @@ from pipelines.errors import MissingInputError
 from pipelines.formats import affordance_labels
 from pipelines.formats.affordance_labels import AffordanceLabels
 from pipelines.formats.graspnet import FrameFiles, GraspNetRoot, SceneFiles, split_of_scene
-from pipelines.formats.meshes import read_mesh
+from pipelines.formats.meshes import read_solid_mesh
 from pipelines.formats.regioned_objects import read_regioned_object
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.mesh import sample_surface
@@ -83,7 +83,7 @@ class TruthReader:
     def object(self, object_id: int) -> TrueObject:
         """Return an object's mesh, surface points and collider."""
         if object_id not in self._objects:
-            mesh = read_mesh(self.root.model_path(object_id))
+            mesh = read_solid_mesh(self.root.model_path(object_id))
             rng = np.random.default_rng(object_id)
             points, normals, _ = sample_surface(mesh, SURFACE_POINTS, rng)
             self._objects[object_id] = TrueObject(mesh, points, normals, MeshCollider(mesh))

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pipelines.errors import FormatError, SymgraspError, UnknownNameError, ValueRangeError
 from pipelines.formats.files import existing, write_bytes
 from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.winding import turned_outward
 
 log = logging.getLogger(__name__)
 
@@ -59,6 +60,17 @@ def read_mesh(path: Path, scale: float = 1.0) -> Mesh:
     warning = size_warning(mesh, path)
     if warning:
         log.warning("%s", warning)
+    return mesh
+
+
+def read_solid_mesh(path: Path, scale: float = 1.0) -> Mesh:
+    """Read a mesh whose normals count: as `read_mesh`, all triangles looking outward.
+
+    Those that did not are turned, which is said on the log.
+    """
+    mesh, turned = turned_outward(read_mesh(path, scale))
+    if turned:
+        log.warning("%s: %s", path, turned)
     return mesh
 
 

@@ -22,6 +22,9 @@ Box = tuple[slice, slice]
 
 WORKING_WIDTH = 640  # pixels; larger images are thinned to about this
 FOOT = 6  # pixels below and above a piece where something nearer may hide its foot
+FEET = 500  # points of a piece whose feet are looked for
+KNOWN_FEET = 0.5  # of them must lie where depth is measured
+TABLE_BENEATH = 0.25  # of these may show the table
 TALL = 1.7  # heights that stand out from noise which an object's highest part must reach
 MIN_BORDER = 20  # pixels on the picture's border that say a thing goes on outside
 
@@ -57,7 +60,7 @@ def geometric_regions(
 
     `ground`: (H, W) the pixels that may show the support, where that is known.
     """
-    step = max(1, round(depth.shape[1] / WORKING_WIDTH))
+    step = max(1, round(max(depth.shape) / WORKING_WIDTH))
     small = depth[::step, ::step]
     camera = Intrinsics(
         intrinsics.fx / step,
@@ -71,7 +74,7 @@ def geometric_regions(
     bare = None if ground is None else ground[::step, ::step]
     top = find_tabletop(xyz, camera, config, rng, bare)
     pieces, whole = segment(xyz, top.foreground, top.clear, camera.fx, config)
-    labels = _sound_regions(xyz, pieces, whole, top, config)
+    labels = _sound_regions(xyz, pieces, whole, top, camera, config)
     scaled = [_enlarged(image, depth.shape) for image in (labels, top.foreground)]
     return GeometricRegions(scaled[0].astype(np.int32), top.plane, scaled[1].astype(bool))
 
@@ -86,11 +89,16 @@ def _enlarged(image: NDArray[np.generic], shape: tuple[int, ...]) -> Labels:
 
 
 def _sound_regions(
-    xyz: Array, labels: Labels, whole: Labels, top: Tabletop, config: RegionConfig
+    xyz: Array,
+    labels: Labels,
+    whole: Labels,
+    top: Tabletop,
+    camera: Intrinsics,
+    config: RegionConfig,
 ) -> Labels:
     """Renumber the regions that may be objects, holes filled, nearest first; drop the others."""
     kept: list[tuple[float, Mask, Box]] = []
-    standing = _standing(xyz, whole, top, config)
+    standing = _standing(xyz, whole, top, camera, config)
     for piece in _pieces(labels, xyz, config.min_pixels):
         if not standing[whole.take(piece.pixels[0])]:
             continue
@@ -153,11 +161,13 @@ def _without_holes(mask: Mask) -> Mask:
     return np.asarray((outside[1:-1, 1:-1] == 0) | mask)
 
 
-def _standing(xyz: Array, whole: Labels, top: Tabletop, config: RegionConfig) -> Mask:
+def _standing(
+    xyz: Array, whole: Labels, top: Tabletop, camera: Intrinsics, config: RegionConfig
+) -> Mask:
     """Return (pieces + 1,) which connected pieces come down to the table.
 
-    One whose foot is hidden behind a nearer piece may; an arm that hangs into the picture or
-    what is seen beyond the table does not.
+    One whose foot is hidden behind a nearer piece may, or beneath itself, as seen from above; an
+    arm that hangs into the picture or what is seen beyond the table does not.
     """
     result = np.ones(int(whole.max(initial=0)) + 1, bool)
     if top.plane is None:
@@ -171,8 +181,30 @@ def _standing(xyz: Array, whole: Labels, top: Tabletop, config: RegionConfig) ->
         below = cv2.dilate(inside.astype(np.uint8), np.ones((2 * FOOT + 1, 1), np.uint8)) > 0
         neighbour = below & ~inside & (around > 0)
         hidden = neighbour & (xyz[rows, columns, 2] < median(piece.points[:, 2]))
-        result[piece.label] = hidden.sum() > FOOT * 0.3 * np.count_nonzero(inside.any(axis=0))
+        enough = FOOT * 0.3 * np.count_nonzero(inside.any(axis=0))
+        result[piece.label] = hidden.sum() > enough or _hides_its_foot(
+            piece, xyz, top.plane, camera, config
+        )
     return result
+
+
+def _hides_its_foot(
+    piece: _Piece, xyz: Array, plane: Plane, camera: Intrinsics, config: RegionConfig
+) -> bool:
+    """Return whether no table is seen where upright walls beneath a piece's outline would end.
+
+    What reaches in from the picture's border may be an arm, and is not asked.
+    """
+    rows, columns = piece.box
+    cut = rows.start == 0 or columns.start == 0
+    if cut or rows.stop == xyz.shape[0] or columns.stop == xyz.shape[1]:
+        return False
+    some = piece.points[:: max(1, len(piece.points) // FEET)]
+    pixels, shown = camera.pixels_of(some - plane.height(some)[:, None] * plane.normal)
+    seen = xyz[pixels[shown, 1], pixels[shown, 0]]
+    seen = seen[np.isfinite(seen[:, 2])]
+    on_table = np.count_nonzero(plane.height(seen) < config.max_floating / 2.0)
+    return len(seen) > KNOWN_FEET * len(some) and on_table < TABLE_BENEATH * len(seen)
 
 
 def _border_pixels(mask: Mask, rows: slice, columns: slice, shape: tuple[int, ...]) -> int:

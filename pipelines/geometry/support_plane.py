@@ -108,6 +108,8 @@ def _candidates(
             break  # none can be better
         drawn = seen.u.take(rest), seen.v.take(rest), seen.disparity.take(rest)
         affine = _ransac(*drawn, config.plane_tolerance, rng)
+        if affine is None:  # pixels of one row or column
+            break
         residual = seen.disparity - (affine[0] * seen.u + affine[1] * seen.v + affine[2])
         inliers = np.abs(residual) < config.plane_tolerance
         own = inliers & left
@@ -144,11 +146,16 @@ def _facing_weight(plane: Plane) -> float:
 
 def _ransac(
     u: Array, v: Array, disparity: Array, tolerance: float, rng: np.random.Generator
-) -> Affine:
-    """Return (a, b, c) of the plane 1/z = a u + b v + c with most pixels within `tolerance`."""
+) -> Affine | None:
+    """Return (a, b, c) of the plane 1/z = a u + b v + c with most pixels within `tolerance`.
+
+    None where no three pixels drawn are corners of a triangle.
+    """
     triples = rng.integers(0, len(u), (ITERATIONS, 3))
     matrices = np.stack([u[triples], v[triples], np.ones(triples.shape)], axis=-1)
     sound = np.abs(np.linalg.det(matrices)) > 1.0
+    if not sound.any():
+        return None
     hypotheses = np.linalg.solve(matrices[sound], disparity[triples][sound][..., None])[..., 0]
     sample = np.stack([u[:SAMPLE], v[:SAMPLE], disparity[:SAMPLE]]).astype(np.float32)
     most = np.argmax(_counts(hypotheses.astype(np.float32), sample, tolerance))

@@ -38,6 +38,8 @@ def looks_inward(mesh: Mesh) -> Mask:
     """
     pairs, opposed = _neighbours(mesh.faces)
     against, sheet = _against_first(len(mesh.faces), pairs, opposed)
+    if mesh.is_watertight and not against.any() and (_volumes(mesh, sheet) > 0.0).all():
+        return against  # no rays are needed
     # Of each sheet the way of most of its area counts, until rays say otherwise.
     signed = np.bincount(sheet, np.where(against, -1.0, 1.0) * mesh.face_areas)
     against ^= signed[sheet] < 0.0
@@ -70,11 +72,17 @@ def inward_warning(mesh: Mesh) -> str:
 
 
 def _share(mesh: Mesh, which: Mask) -> float:
-    return float(mesh.face_areas[which].sum() / mesh.area)
+    return float(mesh.face_areas[which].sum() / mesh.area) if mesh.area else 0.0
 
 
 def _turned(mesh: Mesh, which: Mask) -> Mesh:
     return replace(mesh, faces=np.where(which[:, None], mesh.faces[:, ::-1], mesh.faces))
+
+
+def _volumes(mesh: Mesh, sheet: Indices) -> Array:
+    """Return the signed volume of each sheet of a closed mesh, cubic metres."""
+    a, b, c = mesh.triangles.swapaxes(0, 1)
+    return np.bincount(sheet, np.einsum("ij,ij->i", a, np.cross(b, c)))
 
 
 def _neighbours(faces: Indices) -> tuple[Indices, Mask]:

@@ -15,6 +15,7 @@ from pipelines.geometry.quantiles import median
 from pipelines.geometry.transforms import unit
 from pipelines.grasping.collision import Obstacles
 from pipelines.grasping.limits import Limits
+from pipelines.grasping.picture_border import PictureBorder, Sides, measured_sides
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -38,6 +39,7 @@ class Surroundings:
         others: all that do not belong to the region, beneath the floor as well.
         centre, radius: (3,), metres; of the ball that they lie in.
         floor: beneath which no hand comes; None for none.
+        border: where the picture cuts the region off; None where it does not.
     """
 
     points: Array
@@ -46,6 +48,7 @@ class Surroundings:
     centre: Array
     radius: float
     floor: Plane | None
+    border: PictureBorder | None = None
 
     @cached_property
     def met(self) -> Obstacles:
@@ -121,7 +124,12 @@ class SceneCloud:
             *seen, centre, radius, resolution, _numbers(floor)
         )
         others = Obstacles(other_points, other_count)
-        return Surroundings(points, count, others, centre, radius, floor)
+        border = PictureBorder.of(region.mask, self.depth, self._measured, self.intrinsics)
+        return Surroundings(points, count, others, centre, radius, floor, border)
+
+    @cached_property
+    def _measured(self) -> Sides:
+        return measured_sides(self.depth)
 
     def _window(self, centre: Array, radius: float) -> tuple[int, int, int, int]:
         """Return the rows and columns, each first and behind the last, a ball can be seen in."""

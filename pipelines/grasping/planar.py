@@ -80,7 +80,9 @@ def _slice_depths(
     """
     seen = view.depth[np.isfinite(view.depth)]
     nearest, farthest = quantiles(seen, (0.02, 0.98))
-    slices = nearest + np.array([d for d in SLICE_DEPTHS if d < farthest - nearest + THINNEST])
+    deep = [d for d in SLICE_DEPTHS[1:] if d < farthest - nearest + THINNEST]
+    # At least one: beneath a flat top seen from straight above are sides that show nowhere.
+    slices = nearest + np.array([SLICE_DEPTHS[0], *deep])
     slope = 0.0 if scene.plane is None else float(-view.axes[:, 0] @ scene.plane.normal)
     if scene.plane is None or slope < STEEP_APPROACH:
         return [(float(depth), float(depth)) for depth in slices]

@@ -61,6 +61,8 @@ def is_feasible(
     fits = hands.width <= gripper.max_width
     if scene.limits is not None:
         fits &= scene.limits.allow(hands)
+    if around.border is not None:
+        fits &= around.border.is_kept(hands, gripper)
     if scene.plane is not None:
         fits &= keeps_off_table(hands, scene.plane, gripper, config)
     tried = np.flatnonzero(fits)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
+from pipelines.errors import ValueRangeError
 from pipelines.geometry.symmetry import (
     ReflectionSymmetry,
     RotationSymmetry,
@@ -42,6 +43,7 @@ CELL_FACTORS = np.array(
 LEAST_ORDER = 12  # mirrors and turns measured on scans are less than half such a step off
 STEP_SHARE = 0.51  # of a step: every turn about a continuous axis is within it of a copy's
 MAX_GROUP = 288  # transforms; a continuous axis, a plane across it and one along it make 143
+MAX_COPIES = MAX_GROUP // 4  # of a turn: with a plane across the axis and one along it, four times
 CELL_SLACK = 0.9  # cells a little smaller than the merge distance, so that rounding cannot matter
 
 
@@ -91,7 +93,12 @@ def symmetry_group(symmetries: Sequence[Symmetry], copies_per_turn: int) -> Arra
     A sphere stands for everything about its centre. Measured symmetries fit each other only so
     far: a transform that turns within half a step of a known one is that one again, for all
     symmetries of an object share its centre. Short products come first, at most MAX_GROUP.
+
+    Raises:
+        ValueRangeError: `copies_per_turn` is above MAX_COPIES: groups would be cut.
     """
+    if not 1 <= copies_per_turn <= MAX_COPIES:
+        raise ValueRangeError("copies per turn", copies_per_turn, f"1 to {MAX_COPIES}")
     spheres = [each for each in symmetries if isinstance(each, SphereSymmetry)]
     generators = [isometries(each, copies_per_turn) for each in spheres[:1] or symmetries]
     steps = np.concatenate([np.zeros((0, 4, 4)), *generators])

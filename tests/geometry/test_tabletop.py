@@ -145,6 +145,49 @@ def test_what_is_too_large_for_the_hand_is_no_region():
     assert all(np.ptp(np.nonzero(mask)[1]) < 300 for mask in regions_of(depth).masks)
 
 
+def from_above(height=0.7):
+    """T_cam_table of a camera straight above the table's middle."""
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    pose[2, 3] = height
+    return pose
+
+
+@pytest.mark.parametrize("off", [0.0, 0.04, 0.08, 0.12])
+@pytest.mark.parametrize("height", [0.03, 0.06, 0.12])
+def test_what_stands_beneath_the_camera_is_found_though_its_sides_are_not_seen(height, off):
+    depth, index = render([Box((0.08, 0.08, height), (off, 0.0, 0.0))], from_above())
+    regions = regions_of(depth)
+    assert len(regions.masks) == 1
+    assert overlap(regions.masks[0], index == 0) > 0.85
+
+
+@pytest.mark.parametrize("pose", [from_above(), looking_at_table()], ids=["above", "aside"])
+def test_what_hangs_over_the_table_is_no_region_where_the_table_is_seen_beneath(pose):
+    depth, _ = render([Ball(0.04, (0.12, 0.1, 0.2))], pose)
+    beneath = regions_of(depth).masks
+    assert len(beneath) == 0
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_depth_in_a_single_row_or_column_shows_no_table(axis):
+    depth = np.zeros((240, 320))
+    depth[(100, slice(None)) if axis == 0 else (slice(None), 100)] = 0.7
+    top = find_tabletop(CAMERA.backproject(depth), CAMERA, CONFIG, np.random.default_rng(0))
+    assert top.plane is None
+
+
+def test_a_picture_on_its_side_is_thinned_as_one_that_is_not():
+    camera = Intrinsics(1048.0, 1048.0, 639.5, 479.5, 1280, 960)
+    depth, _ = render([Box((0.06, 0.06, 0.1)), Can(0.03, 0.1, (0.15, 0, 0))], camera=camera)
+    upright = Intrinsics(1048.0, 1048.0, 479.5, 639.5, 960, 1280)
+    turned = np.ascontiguousarray(np.rot90(depth))
+    rng = np.random.default_rng(0)
+    first = geometric_regions(depth, camera, CONFIG, rng).labels
+    second = geometric_regions(turned, upright, CONFIG, np.random.default_rng(0)).labels
+    assert first.max() == second.max() == 2
+    assert ((np.rot90(first) > 0) == (second > 0)).mean() > 0.999
+
+
 def test_a_frame_without_depth_has_no_regions():
     regions = regions_of(np.zeros((240, 320)))
     assert regions.plane is None
@@ -283,7 +326,9 @@ def test_labels_with_gaps_are_regions_all_the_same():
     xyz = CAMERA.backproject(depth)
     top = find_tabletop(xyz, CAMERA, CONFIG, np.random.default_rng(0))
     labels = np.where(top.foreground, np.select([index == 0, index == 1], [3, 70], 0), 0)
-    found = _sound_regions(xyz, labels.astype(np.int32), labels.astype(np.int32), top, CONFIG)
+    found = _sound_regions(
+        xyz, labels.astype(np.int32), labels.astype(np.int32), top, CAMERA, CONFIG
+    )
     assert sorted(np.unique(found)) == [0, 1, 2]
     for number in (1, 2):
         assert len(np.unique(labels[(found == number) & (labels > 0)])) == 1

@@ -10,6 +10,7 @@ from pipelines.formats.gripper_files import load_gripper
 from pipelines.geometry.pointcloud import Plane
 from pipelines.grasping import height_map, planar
 from pipelines.grasping.observation import RegionCloud, SceneCloud
+from pipelines.grasping.region_grasping import plan_planar
 from tests.geometry.tabletops import CAMERA, Box, Can, looking_at_table, render
 
 CONFIG = SelectionConfig()
@@ -41,6 +42,19 @@ def naive_pairs(view, depth, region, scene):
                 ]
                 found[tuple(contact[i]), tuple(contact[j])] = holding**2 * min(trusts)
     return found
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.0002])
+def test_a_flat_top_seen_from_straight_above_can_be_held_at_sides_that_show_nowhere(noise):
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    pose[2, 3] = 0.7
+    depth, index = render([Box((0.05, 0.05, 0.03))], pose)
+    depth = depth + noise * np.random.default_rng(0).normal(size=depth.shape)
+    scene = SceneCloud(depth, CAMERA, Plane(pose[:3, 2], float(-pose[:3, 2] @ pose[:3, 3])))
+    found = plan_planar(RegionCloud.from_mask(index == 0, scene), scene, GRIPPER, CONFIG)
+    assert len(found)
+    np.testing.assert_allclose(found.grasps.width[0], 0.05, atol=0.006)
+    assert (found.grasps.translation[:, 2] + GRIPPER.tip_reach < 0.7).all()  # above the table
 
 
 @pytest.mark.parametrize("shape", [Box((0.06, 0.05, 0.1)), Can(0.03, 0.08)])

@@ -207,6 +207,7 @@ def test_a_gripper_file_that_changed_since_is_not_taken_for_the_one_used(
     monkeypatch.chdir(tmp_path / "elsewhere")
     with pytest.raises(SymgraspError, match=r"hand\.toml.* is not there any more.*name a --grip"):
         run(own, tmp_path / "away.json", to="json")
+    assert run(own, tmp_path / "away.json", to="json", gripper=str(copy)).done
 
 
 @pytest.mark.parametrize("to", OUTPUTS)

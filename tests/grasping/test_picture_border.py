@@ -1,0 +1,98 @@
+"""What the picture cuts off goes on beyond: no finger where it ends."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipelines.configs import SelectionConfig
+from pipelines.formats.gripper_files import load_gripper
+from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.transforms import random_rotation
+from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.observation import RegionCloud, SceneCloud
+from pipelines.grasping.picture_border import BACK, PictureBorder, measured_sides
+from pipelines.grasping.region_grasping import plan_planar
+from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
+
+CONFIG, GRIPPER = SelectionConfig(), load_gripper("rg2")
+BOX = Box((0.09, 0.05, 0.06))
+POSE = looking_at_table()
+SIDES = ["left", "right", "upper", "lower", "none"]
+
+
+def cut(depth, index, side, share=0.6):
+    """Return depth and region of a picture that ends where `share` of the box is still seen."""
+    rows, columns = np.nonzero(index == 0)
+    depth = depth.copy()
+    match side:
+        case "left":
+            depth[:, : int(np.quantile(columns, 1 - share))] = 0.0
+        case "right":
+            depth[:, int(np.quantile(columns, share)) + 1 :] = 0.0
+        case "upper":
+            depth[: int(np.quantile(rows, 1 - share))] = 0.0
+        case "lower":
+            depth[int(np.quantile(rows, share)) + 1 :] = 0.0
+    return depth, (index == 0) & (depth > 0)
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_a_region_is_cut_where_it_reaches_the_end_of_what_is_measured(side):
+    depth, mask = cut(*render([BOX], POSE), side)
+    border = PictureBorder.of(mask, depth, measured_sides(depth), CAMERA)
+    if side == "none":
+        assert border is None
+        return
+    ends = np.isfinite([border.low[0], border.high[0], border.low[1], border.high[1]])
+    np.testing.assert_array_equal(ends, np.array(SIDES[:4]) == side)
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_no_finger_closes_where_the_picture_cuts_a_thing_off(side):
+    whole, index = render([BOX], POSE)
+    depth, mask = cut(whole, index, side)
+    scene = SceneCloud(depth, CAMERA, Plane(POSE[:3, 2], float(-POSE[:3, 2] @ POSE[:3, 3])))
+    found = plan_planar(RegionCloud.from_mask(mask, scene), scene, GRIPPER, CONFIG)
+    assert len(found)
+    hands = found.grasps
+    points = CAMERA.backproject(whole)[index == 0]  # with those beyond the cut
+    for n in range(len(found)):
+        along, across, aside = ((points - hands.translation[n]) @ hands.rotation[n]).T
+        half = 0.5 * hands.width[n] + GRIPPER.clearance
+        finger = (np.abs(across) > half) & (np.abs(across) < half + GRIPPER.finger_thickness)
+        finger &= (along < GRIPPER.tip_reach) & (along > -GRIPPER.finger_length)
+        finger &= np.abs(aside) < 0.5 * GRIPPER.finger_height
+        assert np.count_nonzero(finger) <= CONFIG.max_points_inside
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 1000))
+def test_a_hand_is_kept_if_its_fingers_are_in_view(seed):
+    rng = np.random.default_rng(seed)
+    low = np.array([rng.uniform(0, 100), -np.inf])
+    high = np.array([np.inf, rng.uniform(140, 239)])
+    rotation = np.stack([random_rotation(rng) for _ in range(20)])
+    middle = np.column_stack([rng.uniform(-0.3, 0.3, (20, 2)), rng.uniform(0.02, 0.8, 20)])
+    hands = Grasps.unchecked(rotation, middle, rng.uniform(0.01, 0.09, 20))
+    kept = PictureBorder(CAMERA, low, high).is_kept(hands, GRIPPER)
+    for n in range(20):
+        out = 0.5 * hands.width[n] + GRIPPER.clearance + GRIPPER.finger_thickness
+        inside = True
+        for across in (-out, out):
+            for along in (GRIPPER.tip_reach, GRIPPER.tip_reach - BACK):
+                x, y, z = middle[n] + rotation[n] @ [along, across, 0.0]
+                if z <= 0:
+                    inside = False
+                    continue
+                u, v = CAMERA.fx * x / z + CAMERA.cx, CAMERA.fy * y / z + CAMERA.cy
+                inside &= bool(u >= low[0] and v <= high[1])
+        assert kept[n] == inside
+
+
+def test_a_side_that_a_camera_never_measures_is_the_pictures_end():
+    depth = np.full((240, 320), 0.7)
+    depth[:, :30] = 0.0
+    depth[5, 3] = 0.7  # noise
+    assert measured_sides(depth) == ((30, 319), (0, 239))
+    assert measured_sides(np.zeros((4, 6))) == ((0, 5), (0, 3))

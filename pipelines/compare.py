@@ -35,7 +35,7 @@ from pipelines.formats.provenance import (
     make_stamp,
     write_sidecar,
 )
-from pipelines.metrics.paired_bootstrap import Difference, differences
+from pipelines.metrics.paired_bootstrap import FEWEST_UNITS, Difference, differences
 
 FORMAT_VERSION = 1
 # Nothing of these concerns our own row.
@@ -141,11 +141,13 @@ def tables(comparison: Comparison) -> list[Table]:
     for split in dict.fromkeys(figure.split for figure in comparison.figures):
         figures = [figure for figure in comparison.figures if figure.split == split]
         title = f"{split}: {figures[0].frames} frames in common"
+        units = figures[0].differences[0].units
+        title += f", {units} scenes" if config.unit == "scene" else ""
         title += f", row `{config.row}`" if config.row != DEFAULT_ROW else ""
         found.append(Table(title, tuple(header), tuple(map(_row, figures))))
     note = (
         f"Differences to {first}; intervals by paired bootstrap over {config.unit}s, "
-        f"{config.resamples} draws; * leaves out zero."
+        f"{config.resamples} draws; * leaves out zero, of at least {FEWEST_UNITS} {config.unit}s."
     )
     note += f" {VIEWS_NOTE}" if config.unit == "frame" else ""
     return [*found[:-1], replace(found[-1], note=note)]
@@ -280,7 +282,9 @@ def _row(figure: Figure) -> tuple[str, ...]:
 
 
 def _words(difference: Difference) -> tuple[str, str]:
-    if not math.isfinite(difference.low):
+    if not math.isfinite(difference.value):
         return "-", "-"
+    if not math.isfinite(difference.low):  # of a single frame or scene, or undefined in most draws
+        return f"{difference.value:+.3f}", "-"
     mark = " *" if difference.is_certain else ""
     return f"{difference.value:+.3f}", f"{difference.low:+.3f} to {difference.high:+.3f}{mark}"

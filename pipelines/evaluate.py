@@ -80,7 +80,9 @@ def run(
     report = run_batch("evaluate", items, step, options)
     if not options.dry_run:
         judged = Judged(grasps, found, root, config, stamp)
-        report.notes |= write_report_files(output, _finished(items), judged, simulated)
+        report.notes |= write_report_files(
+            output, _finished(items), judged, simulated, report.failed
+        )
     return report
 
 

@@ -14,6 +14,7 @@ Writes  NAME.safetensors             the best weights so far by mask AP50 on uns
 import json
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -62,14 +63,20 @@ def run(
     """
     with joined(request.device) as (processes, device):
         started, report = time.monotonic(), StageReport(STAGE)
-        inputs = _inputs(roots, init) | {"split": split or "all", "camera": camera or "all"}
+        inputs = _inputs(roots, init, coco_weights) | {
+            "split": split or "all",
+            "camera": camera or "all",
+        }
         stamp = make_stamp(STAGE, config, seed=request.seed, inputs=inputs)
         earlier = find_progress(output, stamp, request)
         if earlier is not None and earlier.finished:
             report.skipped.append(output.name)
             return report
         with processes.one_first():  # the others find all frames there
-            prepared = _prepare(roots, output, config, split, camera, options or BatchOptions())
+            options = options or BatchOptions()
+            # What the first has made anew the others must not make once more.
+            options = replace(options, overwrite=options.overwrite and processes.is_first)
+            prepared = _prepare(roots, output, config, split, camera, options)
         if prepared.failed:
             return prepared
         frames = frames_of(roots, output, [*prepared.done, *prepared.skipped], config, request.seed)
@@ -114,7 +121,7 @@ def _prepare(
     return report
 
 
-def _inputs(roots: Sequence[Path], init: Path | None) -> dict[str, str]:
+def _inputs(roots: Sequence[Path], init: Path | None, coco_weights: str | None) -> dict[str, str]:
     """Return what the training came from.
 
     Raises:
@@ -128,6 +135,9 @@ def _inputs(roots: Sequence[Path], init: Path | None) -> dict[str, str]:
         labels = "annotations" if coco_instances.is_coco(root) else "symmetry"
         key = labels if len(names) == 1 else f"{name}/{labels}"
         inputs[key] = digest_folder(root / labels, "*.json")
+    if coco_weights is not None:
+        path = Path(coco_weights)
+        inputs["coco_weights"] = digest(path) if path.is_file() else coco_weights
     return inputs if init is None else inputs | {"init": digest(existing(init))}
 
 
@@ -200,6 +210,7 @@ def _scene_stamp(root: GraspNetRoot, scene: SceneFiles, settings: dict[str, Any]
     labels = [root.symmetry_path(object_id) for object_id in scene.object_ids]
     # A label that is not there fails its scenes, when it is read.
     inputs = {path.name: digest(path) if path.is_file() else "missing" for path in labels}
+    inputs["frames"] = str(len(scene.frames()))
     return make_stamp(STAGE, settings, inputs=inputs)
 
 

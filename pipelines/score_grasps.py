@@ -94,6 +94,7 @@ def score(
     else:
         contacts = close_fingers(mesh, grasps, grasps.width)
         collision, empty = exact_collision(mesh, grasps, rows[:, 3])
+        empty &= ~contacts.found  # samples of a large surface may miss what the fingers meet
     smallest = min_friction(contacts)
     stepped = on_grid(smallest, config.friction_grid)
     return {

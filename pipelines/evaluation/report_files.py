@@ -45,8 +45,11 @@ def write_report_files(
     scenes: Iterable[list[FrameRecord]],
     judged: Judged,
     success: Mapping[str, Any] | None = None,
+    failed: Mapping[str, str] | None = None,
 ) -> dict[str, str]:
     """Write `output` and the page beside it from the records of scenes, one scene in memory.
+
+    `failed`: scenes that could not be judged and are left out, to why.
 
     Returns:
         What could not be drawn: frame to sentence.
@@ -58,7 +61,8 @@ def write_report_files(
             tally.add(record)
     thresholds, sphere = judged.config.symmetry_thresholds, judged.config.sphere_threshold
     rows = report_rows(tally, thresholds, sphere)
-    more: dict[str, Any] = {"curves": report_curves(tally, thresholds, sphere)}
+    more: dict[str, Any] = {"failed": dict(failed or {})}
+    more["curves"] = report_curves(tally, thresholds, sphere)
     if success is not None:
         more |= _add_success(rows, success)
     seconds = float(np.mean(tally.seconds)) if tally.seconds else None

@@ -55,7 +55,7 @@ def report_tables(report: Mapping[str, Any]) -> list[Table]:
     quality = split_table(
         rows, "grasp_quality", published.GRASP_QUALITY, title="Table I. Grasp quality, 1 - mu"
     )
-    quality = replace(quality, note=f"{quality.note} {METHODS_NOTE}")
+    quality = replace(quality, note=f"{quality.note} {METHODS_NOTE}{_left_out(report)}")
     pair = split_table(
         rows,
         "antipodal_score",
@@ -68,6 +68,14 @@ def report_tables(report: Mapping[str, Any]) -> list[Table]:
     tables = [quality, pair, region, success_table(report), trial_table(report)]
     tables += [symmetry_table(rows), mask_table(rows), reason_table(rows)]
     return [table for table in tables if table is not None]
+
+
+def _left_out(report: Mapping[str, Any]) -> str:
+    failed = report.get("failed") or {}
+    if not failed:
+        return ""
+    scene, why = next(iter(failed.items()))
+    return f" {len(failed)} scenes could not be judged and are left out, {scene} among them: {why}."
 
 
 def split_table(rows: ReportRows, figure: str, paper: Sequence[PublishedRow], title: str) -> Table:

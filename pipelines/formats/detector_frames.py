@@ -46,7 +46,8 @@ def write(path: Path, frames: list[DetectorFrame], stamp: Stamp) -> None:
         file["plane"] = np.reshape(np.array(planes, np.float64), (-1, 4))
         lens = [[camera.fx, camera.fy, camera.cx, camera.cy] for camera in cameras]
         file["intrinsics"] = np.reshape(np.array(lens, np.float64), (-1, 4))
-        file["depth"].attrs["units"] = "0.1 mm"
+        if frames:
+            file["depth"].attrs["units"] = "0.1 mm"
 
 
 def count(path: Path) -> int:

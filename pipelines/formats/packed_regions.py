@@ -31,6 +31,7 @@ FORMAT_VERSION = 2
 UNITS = {"points": "m", "point": "m"}
 # What makes up nearly all of a region: a row a chunk, and not packed, so that training reads it
 # in any order at the speed of the disk. All else of a scene is small and kept in memory.
+MOST_OPEN = 200  # files at a time; systems allow a process some 1,024
 BY_ROW = ("points", "affordance")
 
 
@@ -141,7 +142,7 @@ class PackedReader:
             raise MissingInputError(folder / "*.h5", "symgrasp pack")
         self.counts = tuple(_count(path) for path in self.paths)
         self._ends = list(itertools.accumulate(self.counts))
-        self._scenes: dict[int, _OpenScene] = {}
+        self._scenes: dict[int, _OpenScene] = {}  # those used last at the end
         self._process = os.getpid()
 
     def __len__(self) -> int:
@@ -170,9 +171,11 @@ class PackedReader:
     def _open(self, scene: int) -> _OpenScene:
         if self._process != os.getpid():  # handles must not be shared with the parent
             self._scenes, self._process = {}, os.getpid()
-        if scene not in self._scenes:
-            self._scenes[scene] = _OpenScene.of(self.paths[scene])
-        return self._scenes[scene]
+        opened = self._scenes.pop(scene, None) or _OpenScene.of(self.paths[scene])
+        while len(self._scenes) >= MOST_OPEN:
+            del self._scenes[next(iter(self._scenes))]  # h5py closes what nobody holds
+        self._scenes[scene] = opened
+        return opened
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_scenes": {}, "_process": -1}

@@ -16,7 +16,7 @@ from torch import Tensor, distributed
 from pipelines.errors import OptionRangeError, SymgraspError
 from pipelines.network.devices import find_device
 
-LONGEST_WAIT = timedelta(hours=3)  # for the first process to validate, or to prepare frames
+LONGEST_WAIT = timedelta(days=7)  # for the first process to validate, or to prepare frames
 
 
 @dataclass(frozen=True)

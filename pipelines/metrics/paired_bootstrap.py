@@ -11,10 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 Array = NDArray[np.float64]
 
 COCO_RECALLS = np.linspace(0.0, 1.0, 101)
+FEWEST_UNITS = 6  # that can all differ alike with a chance below 5 %
 LARGEST_BLOCK = 4_000_000  # weights of predictions that are in memory at a time
 LARGEST_DRAW = 64  # draws that are computed together
 
@@ -90,16 +92,24 @@ FrameFigure = FrameMeans | FramePrecision
 
 @dataclass(frozen=True)
 class Difference:
-    """How much larger a figure is than the first run's, with its interval; nan if undefined."""
+    """How much larger a figure is than the first run's, with its interval; nan if undefined.
+
+    `units`: how many frames or scenes are drawn from.
+    """
 
     value: float
     low: float
     high: float
+    units: int
 
     @property
     def is_certain(self) -> bool:
-        """Whether the interval leaves out zero."""
-        return self.low > 0.0 or self.high < 0.0
+        """Whether the interval leaves out zero, and there are enough units to say so.
+
+        Of fewer than `FEWEST_UNITS` all may differ alike by chance more often than the interval
+        allows.
+        """
+        return self.units >= FEWEST_UNITS and (self.low > 0.0 or self.high < 0.0)
 
 
 def draws(num_drawn: int, resamples: int, rng: np.random.Generator) -> Iterator[Array]:
@@ -129,15 +139,28 @@ def differences(
     """
     everything = np.ones((1, len(group)))
     values = [float(figure.at(everything)[0]) for figure in figures]
-    if not len(group):
-        return values, [Difference(np.nan, np.nan, np.nan)] * (len(figures) - 1)
-    blocks = draws(int(group.max()) + 1, resamples, np.random.default_rng(seed))
+    units = int(group.max(initial=-1)) + 1
+    if units < 2:  # how far one alone would vary, nothing tells
+        return values, [Difference(v - values[0], np.nan, np.nan, units) for v in values[1:]]
+    blocks = draws(units, resamples, np.random.default_rng(seed))
     drawn = np.hstack([np.stack([figure.at(w[:, group]) for figure in figures]) for w in blocks])
-    ends = [50.0 * (1.0 - level), 50.0 * (1.0 + level)]
+    ends = _percentiles(level, units)
     found = []
     for value, row in zip(values[1:], drawn[1:] - drawn[0], strict=True):
         defined = row[np.isfinite(row)]  # a draw may hold no truth at all
         enough = 2 * len(defined) >= len(row)
         low, high = np.percentile(defined, ends) if enough else (np.nan, np.nan)
-        found.append(Difference(value - values[0], float(low), float(high)))
+        found.append(Difference(value - values[0], float(low), float(high), units))
     return values, found
+
+
+def _percentiles(level: float, units: int) -> tuple[float, float]:
+    """Return which percentiles of the draws of `units` frames or scenes hold a share `level`.
+
+    Draws from few vary too little, by the root of (n - 1) / n, and have too short tails: expanded
+    percentiles are as far out as Student's t is (T. Hesterberg, What Teachers Should Know About the
+    Bootstrap, 2015).
+    """
+    far = stats.t.ppf(0.5 * (1.0 + level), units - 1) * np.sqrt(units / (units - 1))
+    share = float(stats.norm.cdf(far))
+    return 100.0 * (1.0 - share), 100.0 * share

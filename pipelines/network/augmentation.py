@@ -51,9 +51,9 @@ def scaled_copy(
     is such a direction and both directions across it share one scale. A sphere becomes an
     ellipsoid: the features of its points should not mind, but its labels no longer hold.
     """
-    direction = principal_directions(batch, generators)
+    direction, keeps = principal_directions(batch, generators)
     limit, drawn = math.log(config.principal_scale), _uniform(generators, 2)
-    factor = torch.exp(limit * (2.0 * drawn[:, 0] - 1.0))
+    factor = torch.exp(limit * (2.0 * drawn[:, 0] - 1.0) * keeps)
     along = drawn[:, 1] < 0.5
     one = torch.ones_like(factor)
     outer = direction[:, :, None] * direction[:, None]
@@ -64,11 +64,12 @@ def scaled_copy(
     return batch.mapped(scaling, torch.eye(3).expand_as(scaling))
 
 
-def principal_directions(batch: RegionBatch, generators: Generators) -> Tensor:
+def principal_directions(batch: RegionBatch, generators: Generators) -> tuple[Tensor, Tensor]:
     """Return a random direction (B, 3) along which scaling keeps all planes and axes.
 
     Candidates are the normals and the axis, their cross products, a random direction across the
-    only one there is, and for regions without any (or spheres) a random one.
+    only one there is, and for regions without any (or spheres) a random one. Measured symmetries
+    may fit each other so badly that none keeps all: (B,) says of which regions one does.
     """
     directions = batch.direction[:, :SPHERE_SLOT]  # (B, 4, 3)
     exists = batch.existence[:, :SPHERE_SLOT] > 0
@@ -94,7 +95,8 @@ def principal_directions(batch: RegionBatch, generators: Generators) -> Tensor:
     number = (_uniform(generators, 1) * valid.sum(1, keepdim=True)).floor()
     chosen = ((valid.cumsum(1) > number) & valid).float().argmax(1)
     picked = candidates.gather(1, chosen[:, None, None].expand(-1, 1, 3))[:, 0]
-    return torch.where(valid.any(-1)[:, None], picked, random)
+    keeps_all = valid.any(-1) | ~exists.any(-1)
+    return torch.where(valid.any(-1)[:, None], picked, random), keeps_all
 
 
 def _normal(generators: Generators, *shape: int) -> Tensor:

@@ -18,6 +18,7 @@ from pipelines.errors import SymgraspError
 from pipelines.formats.packed_regions import PackedRegion
 from pipelines.synthesis.endless import EndlessScenes
 
+GRACE = 20.0  # seconds that a training has for its step and its checkpoint
 POLL = 2.0  # seconds between looks whether the training still lives
 
 # Of a process that renders: its scenes, or why it has none.
@@ -76,12 +77,19 @@ class EndlessPool:
 
 def _start(root: Path, config: EndlessConfig, seed: int, parent: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the training's to answer
+    signal.signal(signal.SIGTERM, _end_soon)  # torchrun sends it to all: the step needs its scenes
     cv2.setNumThreads(1)
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     try:
         _OWN.append(EndlessScenes(root, config, seed))
     except SymgraspError as error:  # told to whoever asks for a scene
         _OWN.append(error)
+
+
+def _end_soon(_number: int, _frame: object) -> None:
+    ending = threading.Timer(GRACE, os._exit, (1,))
+    ending.daemon = True
+    ending.start()
 
 
 def _end_with(parent: int) -> None:

@@ -50,6 +50,18 @@ def test_a_scene_comes_back_as_it_was(folder: Path) -> None:
     assert is_finished(folder / "scene_0000.h5", STAMP)
 
 
+def test_no_more_files_are_open_than_systems_allow(folder: Path, monkeypatch) -> None:
+    monkeypatch.setattr(packed_regions, "MOST_OPEN", 2)
+    for number in range(3, 8):
+        packed_regions.write(folder / f"scene_{number:04d}.h5", packed(1, 10 * number), STAMP)
+    reader = PackedReader(folder)
+    for index in (*range(len(reader)), 0, 4, 9):
+        scene, row = reader.locate(index)
+        assert reader[index].object_id == 10 * scene + row
+        held = {Path(link.resolve()) for link in Path("/proc/self/fd").iterdir() if link.exists()}
+        assert len(held & set(reader.paths)) <= 2
+
+
 def test_regions_are_counted_through_the_files(folder: Path) -> None:
     reader = PackedReader(folder)
     assert len(reader) == 5

@@ -1,11 +1,13 @@
 """Copies of grasps across symmetries: laws that hold for every grasp and every symmetry."""
 
 import numpy as np
+import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.distance import cdist
 
+from pipelines.errors import ValueRangeError
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SphereSymmetry
 from pipelines.geometry.transforms import (
     make_pose,
@@ -16,6 +18,7 @@ from pipelines.geometry.transforms import (
 )
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.symmetrize import (
+    MAX_COPIES,
     MAX_GROUP,
     copies_under,
     distinct,
@@ -225,6 +228,18 @@ def test_a_group_has_every_product_and_no_transform_twice(seed, name):
     products = (whole[:, None] @ whole[None]).reshape(-1, 16)
     gaps = np.abs(products[:, None] - whole.reshape(1, -1, 16)).max(axis=2)
     assert ((gaps < 1e-9).sum(axis=1) == 1).all()
+
+
+@pytest.mark.parametrize("count", [0, MAX_COPIES + 1, 360])
+def test_more_copies_a_turn_than_groups_may_hold_are_refused(count):
+    with pytest.raises(ValueRangeError, match=f"copies per turn is {count}"):
+        symmetry_group([RotationSymmetry([0, 0, 1], [0, 0, 0])], count)
+
+
+def test_the_most_copies_a_turn_are_whole_with_planes_along_and_across_the_axis():
+    planes = [ReflectionSymmetry(normal, [0, 0, 0]) for normal in ([0, 0, 1], [1, 0, 0])]
+    group = symmetry_group([RotationSymmetry([0, 0, 1], [0, 0, 0]), *planes], MAX_COPIES)
+    assert len(group) == 4 * MAX_COPIES - 1
 
 
 def nearest_copies(grasps, group):

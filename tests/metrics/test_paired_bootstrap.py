@@ -89,6 +89,26 @@ def test_chance_is_rarely_taken_for_a_difference():
     assert 0.02 < np.mean(certain) < 0.10
 
 
+@pytest.mark.parametrize("units", [2, 3, 4, 6, 8, 12, 20])
+def test_few_units_are_not_taken_for_many(units):
+    rng = np.random.default_rng(5)
+    zero, ones, group = np.zeros(units), np.ones(units), np.arange(units)
+    pairs = [[FrameMeans(zero, ones), FrameMeans(rng.normal(size=units), ones)] for _ in range(400)]
+    found = [differences(pair, group, 400, 0.95, seed=0)[1][0] for pair in pairs]
+    assert np.mean([difference.is_certain for difference in found]) < 0.10
+    if units >= 6:
+        assert np.mean([difference.low <= 0.0 <= difference.high for difference in found]) > 0.90
+
+
+def test_one_unit_has_no_interval():
+    ones = np.ones(4)
+    pair = [FrameMeans(np.zeros(4), ones), FrameMeans(np.full(4, 0.3), ones)]
+    _, (difference,) = differences(pair, np.zeros(4, np.int64), 100, 0.95, seed=0)
+    assert difference.value == pytest.approx(0.3)
+    assert np.isnan([difference.low, difference.high]).all()
+    assert not difference.is_certain
+
+
 def test_scenes_drawn_whole_are_less_certain_where_their_frames_are_alike():
     rng = np.random.default_rng(4)
     scene, ones = np.repeat(np.arange(20), 10), np.ones(200)

@@ -115,11 +115,23 @@ def test_a_region_is_drawn_alike_whatever_stands_beside_it():
         torch.testing.assert_close(alone.points[0], copies.points[row])
 
 
+def test_a_region_whose_symmetries_fit_each_other_badly_is_not_scaled():
+    batch = toy_batch(3, 16)
+    box = RegionBatch(*(each[:1].clone() for each in vars(batch).values()))
+    lean = float(np.radians(10.0))
+    for slot, direction in enumerate(
+        ([1.0, 0, 0], [np.sin(lean), np.cos(lean), 0], [0.7, 0, 0.714])
+    ):
+        box.direction[0, slot] = torch.tensor(direction, dtype=torch.float32)
+    copy = augmentation.scaled_copy(box, STILL, generators(0, 1))
+    torch.testing.assert_close(copy.points, box.points, atol=1e-6, rtol=0)
+
+
 def test_every_direction_that_keeps_the_symmetries_is_drawn():
     batch = toy_batch(3, 16)
     box = RegionBatch(*(each[:1] for each in vars(batch).values()))  # three planes across
     drawn = [
-        augmentation.principal_directions(box, [np.random.default_rng(seed)])[0]
+        augmentation.principal_directions(box, [np.random.default_rng(seed)])[0][0]
         for seed in range(60)
     ]
     nearest = [int((box.direction[0, :3] @ each).abs().argmax()) for each in drawn]

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import weakref
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +17,12 @@ from pipelines.configs import EvaluateConfig
 from pipelines.errors import FormatError, StaleOutputError
 from pipelines.evaluation.records import read_records, records_folder
 from pipelines.formats import reports
-from pipelines.formats.files import write_json
+from pipelines.formats.files import read_json, write_json
 from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.formats.grasps_file import FrameResult
 from pipelines.formats.grasps_stream import read_frames
 from pipelines.formats.gripper_files import PRESETS
+from pipelines.formats.meshes import read_mesh, write_mesh
 from pipelines.formats.provenance import digest, make_stamp
 from tests.stages.toy_root import SCENES, frame_names, true_result, write_grasps, write_root
 
@@ -76,6 +78,18 @@ def test_perfect_grasps_have_quality_and_antipodal_score_one(truth_report):
     assert found["antipodal_score"] == pytest.approx(1.0, abs=0.01)
     assert 0.5 < found["antipodal_score_region"] <= 1.0
     assert found["reasons"] == {"held": 12}
+
+
+def test_meshes_that_look_inward_are_judged_as_they_are_meant(truth_file, truth_report, tmp_path):
+    turned = write_root(tmp_path / "root")
+    for object_id in turned.object_ids():
+        path = turned.model_path(object_id)
+        mesh = read_mesh(path)
+        write_mesh(path, replace(mesh, faces=mesh.faces[:, ::-1]))
+    run(truth_file, turned, tmp_path / "report.json")
+    assert figures(tmp_path / "report.json")["reasons"] == {"held": 12}
+    expected = figures(truth_report)["grasp_quality"]
+    assert figures(tmp_path / "report.json")["grasp_quality"] == pytest.approx(expected, abs=0.02)
 
 
 def test_scenes_count_in_their_split(truth_report):
@@ -326,6 +340,10 @@ def test_a_scene_with_a_damaged_label_fails_alone(tmp_path):
     assert list(report.failed) == ["scene_0100_realsense"]
     assert report.done == ["scene_0160_realsense"]
     assert figures(tmp_path / "report.json")["frames"] == 2
+    written = read_json(tmp_path / "report.json")
+    assert written["failed"] == report.failed
+    page = (tmp_path / "report.html").read_text()
+    assert "1 scenes could not be judged and are left out, scene_0100_realsense among them" in page
 
 
 def test_a_dry_run_writes_nothing(root, truth_file, tmp_path):

@@ -72,16 +72,48 @@ def test_a_finished_training_is_skipped(root, output):
     assert report.skipped == ["detector.safetensors"]
 
 
-def test_a_resumed_training_equals_one_that_never_stopped(root, output, tmp_path):
-    path = tmp_path / "detector.safetensors"
+def test_a_resumed_training_equals_one_that_never_stopped(root, tmp_path):
+    config = replace(CONFIG, epochs=3)  # of one step each
+    whole, path = (tmp_path / folder / "detector.safetensors" for folder in ("whole", "stopped"))
+    finetune_detector.run([root.root], whole, config, REQUEST, split=None, options=QUIET)
     with stopped_after(1):
         report = finetune_detector.run(
-            [root.root], path, CONFIG, REQUEST, split=None, options=QUIET
+            [root.root], path, config, REQUEST, split=None, options=QUIET
         )
     assert report.notes[path.name].startswith("1 steps")
+    assert "finished" not in report.notes[path.name]
     resumed = replace(REQUEST, resume=True)
-    finetune_detector.run([root.root], path, CONFIG, resumed, split=None, options=QUIET)
-    assert path.read_bytes() == output.read_bytes()
+    report = finetune_detector.run([root.root], path, config, resumed, split=None, options=QUIET)
+    assert report.done
+    assert path.read_bytes() == whole.read_bytes()
+
+
+def test_a_scene_that_has_gained_frames_is_prepared_anew(tmp_path):
+    root = write_root(tmp_path / "root")
+    config, output = CONFIG, tmp_path / "detector.safetensors"
+    prepared = finetune_detector.prepare(root, output, config, None, None, QUIET)
+    assert prepared.done
+    scene = root.scenes()[0]
+    for path in scene.camera_folder.glob("*/0001.*"):
+        path.rename(path.with_suffix(".away"))
+    again = finetune_detector.prepare(root, output, config, None, None, QUIET)
+    assert len(again.failed) == 1
+    assert "other settings or inputs" in next(iter(again.failed.values()))
+
+
+def test_a_scene_without_depth_fails_or_is_empty_and_ends_no_batch(tmp_path):
+    detector_frames.write(tmp_path / "scene.h5", [], make_stamp("x", CONFIG))
+    assert detector_frames.count(tmp_path / "scene.h5") == 0
+
+
+def test_other_coco_weights_are_another_training(root, output):
+    again = finetune_detector.run([root.root], output, CONFIG, REQUEST, split=None, options=QUIET)
+    assert again.skipped
+    with pytest.raises(SymgraspError, match="other data"):
+        finetune_detector.run(
+            [root.root], output, CONFIG, REQUEST, split=None, options=QUIET,
+            coco_weights="nowhere.pth",
+        )  # fmt: skip
 
 
 def test_a_kept_batch_gives_its_losses_again(root, output, tmp_path):

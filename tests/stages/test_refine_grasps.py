@@ -1,6 +1,7 @@
 """The refine-grasps stage on a box, a can, and a ball joined to a box."""
 
 import shutil
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -16,7 +17,7 @@ from pipelines.configs import AnnotateSymmetryConfig, RefineGraspsConfig
 from pipelines.formats import affordance_labels, symmetry_labels
 from pipelines.formats.graspnet import GraspLabel, GraspNetRoot, read_grasp_label, write_grasp_label
 from pipelines.formats.graspnet_label_stream import grasp_label_pieces
-from pipelines.formats.meshes import read_mesh
+from pipelines.formats.meshes import read_mesh, write_mesh
 from pipelines.formats.symmetry_labels import ObjectSymmetries, RegionLabel
 from pipelines.geometry.mesh import Mesh
 from pipelines.geometry.surface import Surface
@@ -61,6 +62,24 @@ def test_every_object_gets_its_file(root):
     labels = [affordance_labels.read(root.affordance_path(i)) for i in range(3)]
     assert all(len(label.quality) > 100 for label in labels)
     assert all(len(label.affordance) == CONFIG.num_surface_points for label in labels)
+
+
+def test_a_mesh_that_looks_inward_is_turned_and_one_that_is_another_fails(root, tmp_path, caplog):
+    shutil.copytree(root.root, tmp_path / "root")
+    copy = GraspNetRoot(tmp_path / "root")
+    inward, other = (copy.model_path(i) for i in (0, 1))
+    mesh = read_mesh(inward)
+    write_mesh(inward, replace(mesh, faces=mesh.faces[:, ::-1]))
+    far = read_mesh(other)
+    write_mesh(other, replace(far, vertices=far.vertices + 1.0))
+    options = replace(QUIET, overwrite=True)
+    report = refine_grasps.run(copy.root, CONFIG, options=options)
+    assert list(report.failed) == ["001"]
+    assert "labelled grasps meets the mesh" in report.failed["001"]
+    assert "turned its triangles, which looked inward" in caplog.text
+    found, expected = (affordance_labels.read(each.affordance_path(0)) for each in (copy, root))
+    assert len(found.quality) == pytest.approx(len(expected.quality), rel=0.05)
+    assert np.mean(found.affordance > 0) == pytest.approx(np.mean(expected.affordance > 0), abs=0.1)
 
 
 def test_every_contact_lies_on_the_mesh(root):

@@ -40,6 +40,16 @@ def test_regions_are_the_same_in_any_order_within_their_group(root):
             pool.region(6, 0)
 
 
+def test_scenes_still_come_when_all_processes_are_asked_to_end(root):
+    here = EndlessScenes(root, FEW, 0)
+    with EndlessPool(root, FEW, 0, 1) as pool:
+        pool.region(0, 0)  # they have begun
+        for process in list(pool._pool._processes):
+            os.kill(process, signal.SIGTERM)
+        ours, theirs = here.regions(9)[0], pool.region(9, 0)
+        np.testing.assert_array_equal(theirs.points, ours.points)
+
+
 def test_a_missing_label_is_told_to_whoever_asks(tmp_path):
     made = write_root(tmp_path)
     records = [ObjectRecord(i, f"object{i}", "toy", "seen") for i in range(3)]

@@ -29,13 +29,14 @@ from pipelines.formats.files import atomic_folder
 from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.formats.graspnet_labels import write_grasp_label
 from pipelines.formats.graspnet_layout import SPLITS
-from pipelines.formats.meshes import find_meshes, read_mesh, read_solid_mesh, write_mesh
+from pipelines.formats.meshes import read_mesh, write_mesh
 from pipelines.formats.provenance import digest, make_stamp, write_sidecar
 from pipelines.formats.signed_distance import write_sdf
 from pipelines.geometry.signed_distance import signed_distance_grid
 from pipelines.synthesis.cameras import MIXED, camera_folder
 from pipelines.synthesis.decomposition import convex_pieces
 from pipelines.synthesis.grasp_sampling import sample_grasp_label
+from pipelines.synthesis.own_models import OwnModel, own_models
 from pipelines.synthesis.pools import SyntheticObject, make_pool
 from pipelines.synthesis.scene_files import write_scene
 
@@ -52,14 +53,16 @@ def run(
     *,
     seed: int = 0,
     models: Path | None = None,
+    mesh_scale: float | None = None,
     sdf: bool = False,
 ) -> StageReport:
     """Write a dataset to `output`: objects first, then scenes; finished ones are kept.
 
-    `models`: meshes to take instead of procedural objects. `sdf`: write `textured.sdf` too.
+    `models`: meshes to take instead of procedural objects, `mesh_scale` metres a unit; None is 1,
+    and refuses meshes too large for it. `sdf`: write `textured.sdf` too.
     """
     _check(config, models)
-    sources = find_meshes(models) if models else []
+    sources = own_models(models, mesh_scale) if models else []
     ids = _object_ids(config, len(sources))
     step = partial(_write_object, config=config, seed=seed)
     report = run_batch(
@@ -79,6 +82,7 @@ def run(
         grids = _grid_items(output, sorted(ids))
         _merge(report, run_batch("synthesize distance grids", grids, _write_grid, options))
     if report.failed:
+        report.notes["scenes"] = "none are made before all objects and their labels are there"
         return report
     _write_object_list(output, config, seed, ids, sources)
     items = _scene_items(output, config, seed, ids, sources)
@@ -135,17 +139,19 @@ def _object_items(
     config: SynthesizeConfig,
     seed: int,
     ids: dict[int, tuple[str, int]],
-    sources: Sequence[Path],
+    sources: Sequence[OwnModel],
 ) -> list[WorkItem]:
     items = []
     for object_id, (pool, index) in ids.items():
         source = sources[index] if sources else None
-        settings = {
+        settings: dict[str, object] = {
             "pool": pool,
             "index": index,
             "count": config.objects_per_pool,
         }
-        inputs = {source.name: digest(source)} if source else {}
+        if source and source.scale is not None:
+            settings["mesh_scale"] = source.scale
+        inputs = source.inputs if source else {}
         stamp = make_stamp("synthesize object", settings, seed=seed, inputs=inputs)
         target = GraspNetRoot(output).model_path(object_id).parent
         items.append(WorkItem(f"object {object_id:03d}", target, stamp, (pool, index, source)))
@@ -158,12 +164,12 @@ def _pool(pool: str, count: int, seed: int) -> list[SyntheticObject]:
 
 
 def _make_object(
-    pool: str, index: int, source: Path | None, count: int, seed: int
+    pool: str, index: int, source: OwnModel | None, count: int, seed: int
 ) -> SyntheticObject:
     if source is None:
         return _pool(pool, count, seed)[index]
-    mesh = read_solid_mesh(source)
-    return SyntheticObject(source.stem, source.stem, mesh, (), convex_pieces(mesh, seed=seed))
+    mesh = source.read()
+    return SyntheticObject(source.name, source.name, mesh, (), convex_pieces(mesh, seed=seed))
 
 
 def _write_object(item: WorkItem, *, config: SynthesizeConfig, seed: int) -> None:
@@ -181,13 +187,13 @@ def _write_object_list(
     config: SynthesizeConfig,
     seed: int,
     ids: dict[int, tuple[str, int]],
-    sources: Sequence[Path],
+    sources: Sequence[OwnModel],
 ) -> None:
     records = []
     for object_id, (pool, index) in ids.items():
         if sources:
-            stem = sources[index].stem
-            records.append(object_list.ObjectRecord(object_id, stem, stem, pool))
+            name = sources[index].name
+            records.append(object_list.ObjectRecord(object_id, name, name, pool))
             continue
         made = _pool(pool, config.objects_per_pool, seed)[index]
         records.append(
@@ -248,10 +254,10 @@ def _scene_items(
     config: SynthesizeConfig,
     seed: int,
     ids: dict[int, tuple[str, int]],
-    sources: Sequence[Path],
+    sources: Sequence[OwnModel],
 ) -> list[WorkItem]:
     root = GraspNetRoot(output)
-    inputs = {source.name: digest(source) for source in sources}
+    inputs = {name: each for source in sources for name, each in source.inputs.items()}
     # How many scenes and which splits a run asks for does not change any one scene.
     settings = replace(config, splits=(), scenes_per_split=0)
     items = []

@@ -16,7 +16,14 @@ def synthesize(
     output: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the dataset.")],
     models: Annotated[
         Path | None,
-        typer.Option(help="Folder of your own meshes, metres, instead of procedural objects."),
+        typer.Option(
+            help="Your own meshes instead of procedural objects: a mesh, a folder, or a dataset "
+            "root's."
+        ),
+    ] = None,
+    mesh_scale: Annotated[
+        float | None,
+        typer.Option(min=1e-6, help="Metres per unit of the meshes: 0.001 for millimetres."),
     ] = None,
     splits: Annotated[
         str, typer.Option(help="Splits to make, of train, seen, similar, novel.")
@@ -74,7 +81,9 @@ def synthesize(
         labels=LabelConfig(num_points=grasp_points),
     )
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
-    conclude(stage.run(output, config, options, seed=seed, models=models, sdf=sdf))
+    conclude(
+        stage.run(output, config, options, seed=seed, models=models, mesh_scale=mesh_scale, sdf=sdf)
+    )
 
 
 def parse_pair(text: str, separator: str, option: str) -> tuple[int, int]:

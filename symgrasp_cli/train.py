@@ -25,7 +25,9 @@ def train(
     out: Annotated[Path, typer.Option(help="Weights to write, NAME.safetensors.")],
     packed: Annotated[
         Path | None,
-        typer.Argument(help="Folder of packed regions, from `pack`; not needed with --endless."),
+        typer.Argument(
+            help="Folder of packed regions, from `pack`; with --endless and --val not needed."
+        ),
     ] = None,
     endless: Annotated[
         Path | None,
@@ -42,7 +44,7 @@ def train(
     ] = EndlessConfig.epoch_regions,
     val: Annotated[
         Path | None,
-        typer.Option(help="Packed regions to validate on; by default a tenth of the scenes."),
+        typer.Option(help="Packed regions to validate on; by default a tenth of PACKED's scenes."),
     ] = None,
     init: Annotated[
         Path | None, typer.Option(help="Weights of an earlier training to start from.")

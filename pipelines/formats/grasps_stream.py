@@ -86,6 +86,8 @@ def read_frames(path: Path, frames: Iterable[int]) -> Iterator[FrameResult]:
 def scenes_of(path: Path, index: GraspsIndex, root: GraspNetRoot) -> dict[SceneFiles, list[int]]:
     """Return the places of the frames of each scene and camera, in the order of their names.
 
+    What `infer` failed on and the dataset does not know, a stray picture, is left out.
+
     Raises:
         SymgraspError: `path` holds no frames, or some that are not of the dataset.
     """
@@ -94,8 +96,12 @@ def scenes_of(path: Path, index: GraspsIndex, root: GraspNetRoot) -> dict[SceneF
         try:
             frame = root.frame(name)
         except SymgraspError as error:
+            if index.statuses[place] == "failed":
+                continue
             found = f"its frame {name} is not in {root.root}"
-            raise FormatError(path, found, "give the dataset that infer was run on") from error
+            raise FormatError(
+                path, found, "give the dataset that infer was run on, as its root or its scenes/"
+            ) from error
         scenes[root.scene(frame.scene_id, frame.camera)].append(place)
     if not scenes:
         raise FormatError(path, "holds no frames", "run infer on the dataset first")

@@ -141,7 +141,8 @@ def write_mesh(path: Path, mesh: Mesh) -> None:
 
 def find_meshes(folder: Path) -> list[Path]:
     """List the mesh files directly in `folder`, sorted by name."""
-    return sorted(file for file in folder.iterdir() if file.suffix.lower() in MESH_SUFFIXES)
+    files = (file for file in folder.iterdir() if not file.name.startswith("."))
+    return sorted(file for file in files if file.suffix.lower() in MESH_SUFFIXES)
 
 
 def _load(path: Path) -> trimesh.Trimesh:

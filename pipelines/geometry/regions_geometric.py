@@ -204,7 +204,7 @@ def _hides_its_foot(
     seen = xyz[pixels[shown, 1], pixels[shown, 0]]
     seen = seen[np.isfinite(seen[:, 2])]
     on_table = np.count_nonzero(plane.height(seen) < config.max_floating / 2.0)
-    return len(seen) > KNOWN_FEET * len(some) and on_table < TABLE_BENEATH * len(seen)
+    return bool(len(seen) > KNOWN_FEET * len(some) and on_table < TABLE_BENEATH * len(seen))
 
 
 def _border_pixels(mask: Mask, rows: slice, columns: slice, shape: tuple[int, ...]) -> int:

@@ -82,7 +82,7 @@ def _turned(mesh: Mesh, which: Mask) -> Mesh:
 def _volumes(mesh: Mesh, sheet: Indices) -> Array:
     """Return the signed volume of each sheet of a closed mesh, cubic metres."""
     a, b, c = mesh.triangles.swapaxes(0, 1)
-    return np.bincount(sheet, np.einsum("ij,ij->i", a, np.cross(b, c)))
+    return np.asarray(np.bincount(sheet, np.einsum("ij,ij->i", a, np.cross(b, c))), np.float64)
 
 
 def _neighbours(faces: Indices) -> tuple[Indices, Mask]:

@@ -21,6 +21,7 @@ Sides = tuple[tuple[int, int], tuple[int, int]]  # first and last column, and ro
 AT_BORDER = 4  # pixels: a region that comes so near is cut
 FEW = 3  # pixels of a region there that may be noise
 FEWEST_MEASURED = 0.05  # of what a full column or row has; some cameras measure none at one side
+MOST_MEASURED = 0.8  # of the picture's width, or height, a camera measures at least
 BACK = 0.03  # metres behind the tips that must be in view too
 
 
@@ -75,10 +76,14 @@ class PictureBorder:
 
 
 def measured_sides(depth: Array) -> Sides:
-    """Return the first and the last column, and row, of `depth` (H, W) that hold some depth."""
+    """Return the first and the last column, and row, of `depth` (H, W) that hold some depth.
+
+    Those of the picture where what is measured is much smaller: the rest was cut away from a thing.
+    """
     measured, sides = depth > 0.0, []
     for axis in range(2):
         count = np.count_nonzero(measured, axis=axis)
         places = np.flatnonzero(count > FEWEST_MEASURED * count.max(initial=0))
-        sides.append((int(places[0]), int(places[-1])) if len(places) else (0, len(count) - 1))
+        wide = len(places) and places[-1] - places[0] >= MOST_MEASURED * len(count)
+        sides.append((int(places[0]), int(places[-1])) if wide else (0, len(count) - 1))
     return sides[0], sides[1]

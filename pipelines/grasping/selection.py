@@ -51,8 +51,8 @@ def select(
     order = np.argsort(-steadiness, kind="stable")
     hands, row = _reachable(base[order], np.asarray(angles, np.float64), scene, gripper, config)
     if around.border is not None:
-        kept = around.border.is_kept(hands, gripper)
-        hands, row = hands[kept], row[kept]
+        in_view = around.border.is_kept(hands, gripper)
+        hands, row = hands[in_view], row[in_view]
     pair = order[row]
     number = np.cumsum(np.diff(pair, prepend=-1) != 0) - 1  # of each hand's pair, among these
     for start in range(0, MAX_ROUNDS * config.max_pairs, config.max_pairs):

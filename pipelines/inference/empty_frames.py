@@ -40,7 +40,9 @@ def _of_regions(clouds: Sequence[RegionCloud], num_within: int, limits: Limits |
     if clouds and all(len(cloud) < MIN_POINTS for cloud in clouds):
         measured = f"no depth, or too little, was measured in {len(clouds)} regions"
         return f"{measured}; a region needs {MIN_POINTS} points"
-    if limits is not None:
+    if limits is not None and clouds and not num_within:
+        return f"none of {len(clouds)} regions lies in the workspace"
+    if limits is not None and num_within:
         return f"none of {num_within} regions in the workspace has a grasp within the limits given"
     if num_within == 0:
         return "nothing stands out from its support; is an object within reach of the camera?"

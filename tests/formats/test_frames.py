@@ -81,6 +81,18 @@ def test_a_name_that_is_not_utf8_is_read_and_can_be_written_as_text(
     assert source.name == source.read().name == "caf%E9"
 
 
+@pytest.mark.parametrize(
+    "stray", ["rgb/._x.png", "rgb/.x.png", "depth/._y.png", "._x_color.png", "._x.npz", "._x.pcd"]
+)
+def test_files_that_other_systems_hide_are_no_frames(
+    tmp_path: Path, save: Save, stray: str
+) -> None:
+    save(tmp_path / "rgb/x.png", tmp_path / "depth/x.png", tmp_path / "intrinsics.json")
+    (tmp_path / stray).write_bytes(b"Mac OS X")
+    (source,) = find_frames(tmp_path)
+    assert source.read().name == "x"
+
+
 def test_a_picture_of_two_suffixes_is_one_frame(tmp_path: Path, save: Save) -> None:
     save(tmp_path / "rgb/x.jpg", tmp_path / "depth/x.png", tmp_path / "intrinsics.json")
     save(tmp_path / "rgb/x.png", tmp_path / "depth/x.npy", tmp_path / "intrinsics.json")

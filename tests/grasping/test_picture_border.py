@@ -1,5 +1,7 @@
 """What the picture cuts off goes on beyond: no finger where it ends."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -22,25 +24,29 @@ SIDES = ["left", "right", "upper", "lower", "none"]
 
 
 def cut(depth, index, side, share=0.6):
-    """Return depth and region of a picture that ends where `share` of the box is still seen."""
+    """Return depth, region and camera of a picture that ends where `share` of the box is seen."""
     rows, columns = np.nonzero(index == 0)
-    depth = depth.copy()
     match side:
         case "left":
-            depth[:, : int(np.quantile(columns, 1 - share))] = 0.0
+            some = slice(None), slice(int(np.quantile(columns, 1 - share)), None)
         case "right":
-            depth[:, int(np.quantile(columns, share)) + 1 :] = 0.0
+            some = slice(None), slice(0, int(np.quantile(columns, share)) + 1)
         case "upper":
-            depth[: int(np.quantile(rows, 1 - share))] = 0.0
+            some = slice(int(np.quantile(rows, 1 - share)), None), slice(None)
         case "lower":
-            depth[int(np.quantile(rows, share)) + 1 :] = 0.0
-    return depth, (index == 0) & (depth > 0)
+            some = slice(0, int(np.quantile(rows, share)) + 1), slice(None)
+        case _:
+            some = slice(None), slice(None)
+    first = [each.start or 0 for each in some]
+    camera = replace(CAMERA, cx=CAMERA.cx - first[1], cy=CAMERA.cy - first[0])
+    depth, mask = depth[some], (index == 0)[some]
+    return depth, mask, replace(camera, width=depth.shape[1], height=depth.shape[0])
 
 
 @pytest.mark.parametrize("side", SIDES)
 def test_a_region_is_cut_where_it_reaches_the_end_of_what_is_measured(side):
-    depth, mask = cut(*render([BOX], POSE), side)
-    border = PictureBorder.of(mask, depth, measured_sides(depth), CAMERA)
+    depth, mask, camera = cut(*render([BOX], POSE), side)
+    border = PictureBorder.of(mask, depth, measured_sides(depth), camera)
     if side == "none":
         assert border is None
         return
@@ -51,8 +57,8 @@ def test_a_region_is_cut_where_it_reaches_the_end_of_what_is_measured(side):
 @pytest.mark.parametrize("side", SIDES)
 def test_no_finger_closes_where_the_picture_cuts_a_thing_off(side):
     whole, index = render([BOX], POSE)
-    depth, mask = cut(whole, index, side)
-    scene = SceneCloud(depth, CAMERA, Plane(POSE[:3, 2], float(-POSE[:3, 2] @ POSE[:3, 3])))
+    depth, mask, camera = cut(whole, index, side)
+    scene = SceneCloud(depth, camera, Plane(POSE[:3, 2], float(-POSE[:3, 2] @ POSE[:3, 3])))
     found = plan_planar(RegionCloud.from_mask(mask, scene), scene, GRIPPER, CONFIG)
     assert len(found)
     hands = found.grasps
@@ -96,3 +102,10 @@ def test_a_side_that_a_camera_never_measures_is_the_pictures_end():
     depth[5, 3] = 0.7  # noise
     assert measured_sides(depth) == ((30, 319), (0, 239))
     assert measured_sides(np.zeros((4, 6))) == ((0, 5), (0, 3))
+
+
+def test_where_all_but_a_thing_was_cut_away_its_ends_are_its_own():
+    depth, index = render([BOX], POSE)
+    alone = np.where(index == 0, depth, 0.0)
+    assert measured_sides(alone) == ((0, 319), (0, 239))
+    assert PictureBorder.of(index == 0, alone, measured_sides(alone), CAMERA) is None

@@ -192,7 +192,7 @@ def test_masks_without_instances_are_said_to_show_none():
 
 
 def test_regions_that_no_hand_reaches_are_said_to_be_out_of_reach():
-    lone = replace(FRAME, depth=np.where(INDEX == 0, 0.05, 0).astype(np.float32))
+    lone = replace(FRAME, depth=np.where(INDEX == 0, 1.9, 0).astype(np.float32))
     assert "none of 1 regions has a grasp" in of_masks(INDEX == 0, lone)
 
 

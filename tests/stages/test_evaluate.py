@@ -80,6 +80,18 @@ def test_perfect_grasps_have_quality_and_antipodal_score_one(truth_report):
     assert found["reasons"] == {"held": 12}
 
 
+def test_a_stray_picture_that_infer_failed_on_is_left_out(root, tmp_path):
+    results = [true_result(root, name) for name in frame_names()]
+    scene = results[0].name.rsplit("/", 1)[0]
+    stray = FrameResult(f"{scene}/._0000", "failed", "this PNG is cut off")
+    write_grasps(tmp_path / "g.h5", [stray, *results])
+    assert run(tmp_path / "g.h5", root, tmp_path / "report.json").exit_code == 0
+    assert figures(tmp_path / "report.json")["frames"] == len(results)
+    write_grasps(tmp_path / "h.h5", [replace(results[0], name="elsewhere/0000")])
+    with pytest.raises(FormatError, match=r"elsewhere/0000 is not in .*its root or its scenes/"):
+        run(tmp_path / "h.h5", root, tmp_path / "other.json")
+
+
 def test_meshes_that_look_inward_are_judged_as_they_are_meant(truth_file, truth_report, tmp_path):
     turned = write_root(tmp_path / "root")
     for object_id in turned.object_ids():

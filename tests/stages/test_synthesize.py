@@ -20,8 +20,9 @@ from pipelines.formats.graspnet_labels import (
     read_grasp_label,
     read_rect,
 )
-from pipelines.formats.meshes import read_mesh
+from pipelines.formats.meshes import read_mesh, write_mesh
 from pipelines.formats.signed_distance import read_sdf
+from pipelines.geometry.mesh import Mesh
 from pipelines.geometry.surface import Surface
 from pipelines.geometry.transforms import transform_points
 
@@ -131,6 +132,39 @@ def test_the_users_own_meshes_are_taken(tmp_path):
     report = synthesize.run(tmp_path / "root", config, QUIET, models=tmp_path)
     assert report.failed == {}
     assert GraspNetRoot(tmp_path / "root").object_ids() == [0, 1]
+
+
+def test_the_models_of_a_dataset_are_taken_and_nothing_is_made_of_none(tmp_path):
+    own = GraspNetRoot(tmp_path / "own")
+    for object_id in (2, 5):
+        box = trimesh.creation.box((0.05, 0.06, 0.1))
+        write_mesh(own.model_path(object_id), Mesh(np.array(box.vertices), np.array(box.faces)))
+    config = replace(CONFIG, splits=("train",), labels=LabelConfig(num_points=0))
+    for number, source in enumerate((own.root, own.root / "models")):
+        made = GraspNetRoot(tmp_path / f"root{number}")
+        assert synthesize.run(made.root, config, QUIET, models=source).failed == {}
+        records = object_list.read(made.root / "objects.json")
+        assert [(each.object_id, each.name) for each in records] == [(0, "002"), (1, "005")]
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "empty" / "._a.ply").write_bytes(b"Mac OS X")
+    for source, sentence in (("empty", "holds no meshes"), ("nowhere", "does not exist")):
+        with pytest.raises(SymgraspError, match=sentence):
+            synthesize.run(tmp_path / "none", config, QUIET, models=tmp_path / source)
+    assert not (tmp_path / "none").exists()
+
+
+def test_meshes_in_millimetres_are_refused_or_scaled(tmp_path):
+    for name in "ab":
+        trimesh.creation.box((50.0, 60.0, 100.0)).export(tmp_path / f"{name}.stl")
+    config = replace(CONFIG, splits=("train",), labels=LabelConfig(num_points=0))
+    report = synthesize.run(tmp_path / "root", config, QUIET, models=tmp_path)
+    assert set(report.failed) == {"object 000", "object 001"}
+    assert "--mesh-scale 0.001" in report.failed["object 000"]
+    assert "none are made" in report.notes["scenes"]
+    report = synthesize.run(tmp_path / "root", config, QUIET, models=tmp_path, mesh_scale=0.001)
+    assert report.failed == {}
+    diagonal = read_mesh(GraspNetRoot(tmp_path / "root").model_path(0)).diagonal
+    assert diagonal == pytest.approx(np.linalg.norm([0.05, 0.06, 0.1]), rel=1e-5)
 
 
 def test_distance_grids_are_added_to_a_finished_root(tmp_path):

@@ -147,7 +147,7 @@ def test_endless_regions_beside_packed_ones_resume_to_the_byte(packed, tmp_path)
 
 
 def test_training_on_nothing_but_fresh_regions_needs_something_to_judge_by(tmp_path):
-    with pytest.raises(SymgraspError, match="needs --val"):
+    with pytest.raises(SymgraspError, match="--val is not given"):
         train.run(None, None, tmp_path / "x.safetensors", CONFIG, REQUEST)
 
 

@@ -40,7 +40,7 @@ def find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
 
     With them, so that they are named, the damaged ones, and pickles that have no such twin.
     """
-    files = sorted(path for path in folder.glob("*.npz") if path.is_file())
+    files = sorted(path for path in folder.glob("[!.]*.npz") if path.is_file())
     names = {path: _arrays_in(path) for path in files}
     frames = [path for path in files if _make_frame(names[path])]
     if not frames:
@@ -57,7 +57,7 @@ def find_pickled(folder: Path, prefix: str, options: FrameOptions) -> list[Frame
 
     Damaged `.npz` files are listed too: nothing else told what they are.
     """
-    damaged = [path for path in sorted(folder.glob("*.npz")) if _arrays_in(path) is None]
+    damaged = [path for path in sorted(folder.glob("[!.]*.npz")) if _arrays_in(path) is None]
     sources = [_source(folder, prefix, path, options) for path in damaged]
     pickles = _pickles(folder, options)
     return sources + [_pickled(folder, prefix, path, options) for path in pickles]

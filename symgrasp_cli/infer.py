@@ -129,6 +129,8 @@ def infer(
 
     if watch_timeout is not None and not watch:
         raise typer.BadParameter("--watch-timeout goes with --watch")
+    if workspace is None and workspace_frame != LimitsConfig.box_frame:
+        raise typer.BadParameter("--workspace-frame goes with a box of --workspace")
     room, direction = parse_workspace(workspace), parse_direction(approach_direction)
     paths = stage.InferPaths(frames, out, overlays, masks, room.mask)
     paths = paths.with_weights(detector, network)

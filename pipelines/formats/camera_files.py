@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.errors import FormatError, OptionRangeError, SymgraspError, ValueRangeError
-from pipelines.formats.files import existing, read_json, read_npy
+from pipelines.formats.files import existing, is_file, read_json, read_npy
 from pipelines.formats.graspnet_scene import read_meta
 from pipelines.geometry.camera import Intrinsics
 
@@ -78,7 +78,8 @@ class CameraFile:
         for name in ("fx", "fy", "cx", "cy"):
             value = getattr(self, name)
             if not np.isfinite(value) or value <= 0:
-                raise ValueRangeError(f"{name} of {self.origin}", value, "positive, in pixels")
+                kind = OptionRangeError if self.origin.startswith("--") else ValueRangeError
+                raise kind(f"{name} of {self.origin}", value, "positive, in pixels")
         check_units(f"depth scale of {self.origin}", self.units_per_metre)
 
     def at(self, width: int, height: int) -> Intrinsics:
@@ -129,7 +130,9 @@ def parse_camera(text: str) -> CameraFile:
     try:
         numbers = [float(part) for part in re.split(r"[,\s]+", text.strip())]
     except ValueError:
-        return read_camera_file(Path(text))
+        if Path(text).suffix or is_file(Path(text)):
+            return read_camera_file(Path(text))
+        numbers = []
     if len(numbers) != 4:
         raise OptionRangeError("--intrinsics", text, "fx,fy,cx,cy in pixels, or a camera file")
     fx, fy, cx, cy = numbers

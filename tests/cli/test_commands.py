@@ -99,6 +99,8 @@ def test_wrong_usage_exits_with_2_and_a_missing_folder_with_a_sentence(tmp_path)
     "options",
     [
         ["--intrinsics", "300,300"],
+        ["--intrinsics", "0,0,0,0"],
+        ["--intrinsics", "600,600,abc,4"],
         ["--approach-cone", "-5"],
         ["--approach-direction", "up"],
         ["--workspace", "0,0,0"],
@@ -109,6 +111,7 @@ def test_wrong_usage_exits_with_2_and_a_missing_folder_with_a_sentence(tmp_path)
         ["--gripper", "nohand"],
         ["--backend", "foo"],
         ["--masks", "no/folder"],
+        ["--workspace-frame", "table"],
     ],
 )
 def test_values_that_cannot_be_meant_are_wrong_usage(options, tmp_path):

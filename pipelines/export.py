@@ -131,7 +131,7 @@ def _hand(index: GraspsIndex, name_or_path: str, config: ExportConfig) -> Hand:
     elif config.to == "contact-graspnet" and not config.gripper:  # it has a hand of its own
         behind = contact_graspnet_predictions.BASE_TO_CONTACTS
     checked = index.stamp.get("inputs", {}).get("gripper")  # old files do not say
-    alike = name_or_path == index.gripper or gripper_digest(name_or_path) == checked
+    alike = gripper_digest(name_or_path) == checked if checked else name_or_path == index.gripper
     return Hand(gripper, behind, index.gripper, alike)
 
 

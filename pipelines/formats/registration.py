@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.formats.rgbd import Frame
+from pipelines.geometry.sparse_depth import DENSE, measured_share
 
 Image = NDArray[np.float32]
 
@@ -79,6 +80,10 @@ def oddities(frame: Frame) -> tuple[str, ...]:
     measured = float(np.count_nonzero(frame.depth != 0)) / frame.depth.size
     if measured < FEW_MEASURED:
         found.append("less than a third of the depth is measured")
+    share = measured_share(frame.depth)
+    if share < DENSE:
+        holes = f"{100 * (1.0 - share):.0f} % of its surface"
+        found.append(f"depth has holes beside most pixels ({holes}), which infer fills")
     if (offset := color_offset(frame)) is not None:
         found.append(
             f"colour seems to lie {offset[0]}, {offset[1]} pixels off the depth: "

@@ -14,6 +14,7 @@ from pipelines.errors import SymgraspError
 from pipelines.formats.grasps_file import FrameResult
 from pipelines.formats.rgbd import Frame
 from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.sparse_depth import filled
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.grasping.candidates import RankedGrasps
 from pipelines.grasping.completion import completions
@@ -108,6 +109,7 @@ class Planner:
         grasps; None for found regions and for everywhere.
         """
         started = time.monotonic()
+        frame = replace(frame, depth=filled(frame.depth))
         found = find_regions(frame, self.config, rng, self.detector, masks)
         plane, lens = found.geometric.plane, frame.intrinsics
         limits = Limits.of(self.config.limits, workspace, plane, lens)

@@ -67,6 +67,33 @@ def test_predicted_symmetries_give_network_grasps_and_are_written_down():
     assert result.regions.affordance_max[0] == 1.0
 
 
+def thinned(kind):
+    """The frame's depth with holes as registering it to a larger picture leaves them."""
+    depth = FRAME.depth.copy()
+    match kind:
+        case "rows":
+            depth[1::2] = 0.0
+        case "columns":
+            depth[:, 1::2] = 0.0
+        case "both":
+            depth[1::2] = depth[:, 1::2] = 0.0
+        case "random":
+            depth[np.random.default_rng(0).random(depth.shape) < 0.6] = 0.0
+    return replace(FRAME, depth=depth)
+
+
+@pytest.mark.parametrize("kind", ["rows", "columns", "both", "random"])
+def test_a_frame_with_a_hole_beside_every_pixel_is_grasped(kind):
+    planner = Planner(CONFIG, load_gripper("rg2"), predictor=Oracle(), **JUDGES)
+    result = planner.plan(thinned(kind), np.random.default_rng(0))
+    assert result.status == "ok", result.message
+    width, height = result.size
+    mask, expected = result.regions.mask(0, width, height), INDEX == 0
+    assert (mask & expected).sum() > 0.85 * (mask | expected).sum()
+    whole = np.asarray(plan(Oracle()).grasps.width[0])
+    np.testing.assert_allclose(np.asarray(result.grasps.width[0]), whole, atol=0.012)
+
+
 def test_without_a_network_the_boundary_serves_and_no_affordance_is_claimed():
     result = plan(None)
     assert set(result.grasps.source) == {"planar"}

@@ -1,0 +1,44 @@
+"""Depth with a hole beside almost every pixel, as registering it to a larger picture leaves it.
+
+Neighbours tell a stray pixel from a surface, and noise from an edge: where most of them are
+missing, everything would count as stray. So what lies between measured pixels is filled first.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Depth = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+GAP = 5  # pixels: the window that closes holes between measured pixels, not shadows
+DENSE = 0.7  # share of the closed surface that is measured, from which depth is left as it is
+
+
+def measured_share(depth: Depth) -> float:
+    """Return which share of the surface that `depth` (H, W) shows is measured; 1 without any."""
+    measured = depth > 0.0
+    surface = np.count_nonzero(_closed(measured))
+    return np.count_nonzero(measured) / surface if surface else 1.0
+
+
+def filled(depth: Depth) -> Depth:
+    """Return `depth` (H, W) metres, 0 where missing, with holes as far as the nearest measured one.
+
+    The same array where it is dense enough; holes wider than `GAP` are never filled.
+    """
+    if measured_share(depth) >= DENSE:
+        return depth
+    measured = depth > 0.0
+    _, nearest = cv2.distanceTransformWithLabels(
+        (~measured).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    of_label = np.zeros(int(nearest.max()) + 1, depth.dtype)
+    of_label[nearest[measured]] = depth[measured]
+    return np.where(_closed(measured) & ~measured, of_label[nearest], depth)
+
+
+def _closed(measured: Mask) -> Mask:
+    kernel = np.ones((GAP, GAP), np.uint8)
+    closed = cv2.morphologyEx(measured.astype(np.uint8), cv2.MORPH_CLOSE, kernel)
+    return np.asarray(closed, np.uint8) > 0

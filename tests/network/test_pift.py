@@ -89,10 +89,11 @@ def test_the_inverse_spread_undoes_a_scaling_along_an_axis_of_the_frame(seed, fa
     torch.nn.init.constant_(module.power, -1.0 / POWER_GAIN)
     with torch.no_grad():
         module.regress.bias[:6] = R[0, :2].flatten()
-    points = TYPICAL_SPREAD * torch.randn(1, 50, 3).double()
-    points, features = points - points.mean(1, keepdim=True), torch.randn(1, 50, 4).double()
+    points = TYPICAL_SPREAD * torch.randn(64, 50, 3).double()
+    points, features = points - points.mean(1, keepdim=True), torch.randn(64, 50, 4).double()
     scaling = torch.ones(3).double()
     scaling[axis] = factor
     scaled = points @ (R[0].T @ torch.diag(scaling) @ R[0]).T
     same, again = (module(each, features).deform(each) for each in (points, scaled))
-    assert (again - same).norm() < 0.25 * (scaled - points).norm()  # but for the bound on scales
+    # But for the bound on scales: single clouds, whose spread comes near it, keep up to a half.
+    assert (again - same).norm() < 0.15 * (scaled - points).norm()

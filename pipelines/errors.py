@@ -3,7 +3,6 @@
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import ClassVar
 
 
 def printable(text: str) -> str:
@@ -17,7 +16,7 @@ class SymgraspError(Exception):
     `exit_code`: of a command that it ends: 1 for bad data, 2 for wrong usage.
     """
 
-    exit_code: ClassVar[int] = 1
+    exit_code: int = 1
 
 
 class FormatError(SymgraspError):
@@ -58,7 +57,7 @@ class MissingInputError(SymgraspError):
 class UnknownNameError(SymgraspError):
     """A name was given that is not among the known ones."""
 
-    exit_code: ClassVar[int] = 2
+    exit_code: int = 2
 
     def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
         known = sorted(known)
@@ -84,17 +83,12 @@ class StaleOutputError(SymgraspError):
 
 
 class ValueRangeError(SymgraspError):
-    """A value is outside what it may be."""
+    """A value is outside what it may be; of an option, as `--top`, that is wrong usage."""
 
     def __init__(self, name: str, found: object, expected: str) -> None:
         super().__init__(f"{name} is {found}; it must be {expected}")
+        self.exit_code = 2 if name.startswith("--") else 1
         self.arguments = (name, found, expected)
 
     def __reduce__(self) -> tuple[type["ValueRangeError"], tuple[str, object, str]]:
         return type(self), self.arguments
-
-
-class OptionRangeError(ValueRangeError):
-    """An option was given a value that cannot be meant."""
-
-    exit_code: ClassVar[int] = 2

@@ -34,6 +34,7 @@ from pipelines.formats import (
 )
 from pipelines.formats.files import atomic_folder
 from pipelines.formats.grasp_exports import (
+    LONGEST_PREFIX,
     LONGEST_SUFFIX,
     ExportHeader,
     Hand,
@@ -192,7 +193,7 @@ def _with_path(frames: Iterable[HandGrasps], report: StageReport) -> Iterator[Ha
     for frame in frames:
         name = frame.result.name
         try:
-            frame_path(Path(), name, LONGEST_SUFFIX)
+            frame_path(Path(), name, LONGEST_SUFFIX, LONGEST_PREFIX)
         except SymgraspError as error:
             report.failed[name] = str(error)
         if name not in report.failed:

@@ -21,18 +21,18 @@ from numpy.typing import NDArray
 
 from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.configs import LabelConfig, LabelGraspsConfig
-from pipelines.errors import OptionRangeError, SymgraspError, ValueRangeError
+from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.formats import object_list
 from pipelines.formats.files import atomic_folder
 from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.formats.graspnet_label_parts import join_grasp_labels, part_arrays
 from pipelines.formats.graspnet_labels import write_grasp_label
 from pipelines.formats.meshes import (
-    MESH_SUFFIXES,
     clean_mesh,
     find_meshes,
     read_mesh,
-    size_warning,
+    read_solid_mesh,
+    refuse_too_large,
     write_mesh,
 )
 from pipelines.formats.object_list import ObjectRecord
@@ -47,7 +47,7 @@ from pipelines.formats.provenance import (
 from pipelines.formats.signed_distance import write_sdf
 from pipelines.geometry.mesh import Mesh, sample_surface
 from pipelines.geometry.signed_distance import signed_distance_grid
-from pipelines.geometry.winding import inward_warning, turned_outward
+from pipelines.geometry.winding import turned_outward
 from pipelines.synthesis.grasp_sampling import LabelTarget, label_points
 
 STAGE = "label-grasps"
@@ -91,7 +91,7 @@ def run(
     root = GraspNetRoot(output)
     in_place = (meshes / "models").is_dir() and meshes.resolve() == output.resolve()
     if in_place and mesh_scale is not None:
-        raise OptionRangeError("--mesh-scale", mesh_scale, "left out for a root labelled in place")
+        raise ValueRangeError("--mesh-scale", mesh_scale, "left out for a root labelled in place")
     sources = _sources(meshes, output)
     report = StageReport(STAGE)
     if not in_place:
@@ -131,12 +131,7 @@ def _sources(meshes: Path, output: Path) -> list[Source]:
         root = GraspNetRoot(meshes)
         names = {record.object_id: record.name for record in _records(meshes)}
         return [Source(i, names.get(i, f"{i:03d}"), root.model_path(i)) for i in root.object_ids()]
-    if not meshes.exists():
-        raise SymgraspError(f"{meshes} does not exist; give a mesh, a folder of meshes or a root")
-    paths = find_meshes(meshes) if meshes.is_dir() else [meshes]
-    if not paths:
-        kinds = ", ".join(MESH_SUFFIXES)
-        raise SymgraspError(f"{meshes} holds no meshes; files ending in {kinds} are read")
+    paths = find_meshes(meshes)
     records = _records(output)
     known = {str(r.details["file"]): r.object_id for r in records if "file" in r.details}
     taken = {record.object_id for record in records}
@@ -181,9 +176,7 @@ def _model_item(root: GraspNetRoot, source: Source, mesh_scale: float | None) ->
 def _write_model(item: WorkItem) -> str:
     path, mesh_scale = item.arguments
     mesh, _, note = clean_mesh(read_mesh(path, mesh_scale or 1.0))
-    too_large = size_warning(mesh, path) if mesh_scale is None else None
-    if too_large:
-        raise SymgraspError(f"{too_large}; if it is in metres, say so: --mesh-scale 1")
+    refuse_too_large(mesh, path, mesh_scale)
     mesh, turned = turned_outward(mesh)
     with atomic_folder(item.target) as folder:
         write_mesh(folder / "nontextured.ply", mesh)
@@ -201,7 +194,7 @@ def _grid_item(root: GraspNetRoot, source: Source) -> WorkItem:
 
 def _write_grid(item: WorkItem) -> None:
     (model,) = item.arguments
-    grid = signed_distance_grid(read_mesh(model))
+    grid = signed_distance_grid(read_solid_mesh(model))
     # The stamp first: a file without one would be taken for somebody else's.
     write_sidecar(item.target, item.stamp)
     write_sdf(item.target, grid)
@@ -231,7 +224,7 @@ def _label(
         if options.dry_run:
             report.notes[source.title] = f"would write {target}"
             return
-        mesh = read_mesh(model)
+        mesh = read_solid_mesh(model)
         labels = replace(config.labels, num_points=number_of_points(mesh, config))
         items = _part_items(model, target, stamp, labels.num_points)
         step = partial(_write_part, config=labels, seed=seed)
@@ -240,7 +233,7 @@ def _label(
         if parts.failed:
             raise SymgraspError(next(iter(parts.failed.values())))
         files = [item.target for item in items]
-        summary = "; ".join(filter(None, (_summary(files), inward_warning(mesh))))
+        summary = _summary(files)
         write_sidecar(target, stamp)
         join_grasp_labels(target, files, compress=compress)
         shutil.rmtree(files[0].parent)
@@ -276,7 +269,7 @@ def _prepared(
     model: Path, _digest: str, num_points: int, seed: int
 ) -> tuple[LabelTarget, NDArray[np.float32]]:
     """Return a model ready for labelling, and its grasp points: the same in every worker."""
-    mesh = read_mesh(model)
+    mesh = read_solid_mesh(model)
     points = sample_surface(mesh, num_points, np.random.default_rng([seed, TAG_POINTS]))[0]
     return LabelTarget.from_mesh(mesh), points.astype(np.float32)
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.configs import SynthesizeConfig
-from pipelines.errors import OptionRangeError, UnknownNameError, ValueRangeError
+from pipelines.errors import UnknownNameError, ValueRangeError
 from pipelines.formats import convex_pieces as convex_file
 from pipelines.formats import object_list
 from pipelines.formats.files import atomic_folder
@@ -98,17 +98,17 @@ def _check(config: SynthesizeConfig, models: Path | None) -> None:
         if split not in SPLITS:
             raise UnknownNameError("split", split, SPLITS)
         if config.scenes_per_split > len(SPLITS[split]):
-            raise OptionRangeError(
+            raise ValueRangeError(
                 "--scenes-per-split",
                 config.scenes_per_split,
                 f"at most {len(SPLITS[split])} for {split}",
             )
         if models and POOL_OF_SPLIT[split] != "seen":
-            raise OptionRangeError(
+            raise ValueRangeError(
                 "--splits", split, "train or seen with --models, which is one pool"
             )
     if len(POOLS) * config.objects_per_pool > MAX_OBJECTS:
-        raise OptionRangeError(
+        raise ValueRangeError(
             "--objects", config.objects_per_pool, f"at most {MAX_OBJECTS // len(POOLS)} a pool"
         )
     if config.sensor != MIXED:

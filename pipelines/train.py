@@ -18,7 +18,7 @@ import torch
 
 from pipelines.batch import StageReport
 from pipelines.configs import NetworkConfig, TrainConfig
-from pipelines.errors import FormatError, OptionRangeError, ValueRangeError
+from pipelines.errors import FormatError, ValueRangeError
 from pipelines.formats.files import existing
 from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.formats.packed_regions import PackedReader
@@ -126,7 +126,7 @@ def region_sets(
         val_set = _all_regions(validation)
         return (None if packed is None else _all_regions(packed)), val_set
     if packed is None:
-        raise OptionRangeError(
+        raise ValueRangeError(
             "--val",
             "not given",
             "a folder of packed regions to judge by, where none are learned from",

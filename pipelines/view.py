@@ -23,7 +23,7 @@ import cv2
 from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.configs import ViewConfig
 from pipelines.errors import FormatError, SymgraspError
-from pipelines.formats.files import write_image, write_text
+from pipelines.formats.files import LONGEST_NAME, write_image, write_text
 from pipelines.formats.frames import FrameSource
 from pipelines.formats.frames_record import FramesRecord
 from pipelines.formats.grasp_page.page import IndexEntry, frame_page, in_words, index_page
@@ -38,7 +38,6 @@ from pipelines.formats.rerun_recording import need_rerun, write_recording
 from pipelines.formats.rgbd import Frame
 
 STAGE = "view"
-LONGEST_NAME = 255  # bytes that file systems take
 Step = Callable[[WorkItem], str | None]
 
 

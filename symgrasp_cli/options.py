@@ -79,6 +79,9 @@ def batch_options(workers: int, backend: str, *, overwrite: bool, dry_run: bool)
     """Return the options of a batch, the progress bar shown where stderr is a terminal.
 
     More workers than cores only take each other's memory: there are as many as cores then.
+
+    Raises:
+        UnknownNameError: no such backend.
     """
     import logging
     import sys

@@ -9,7 +9,7 @@ from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.errors import SymgraspError
 from pipelines.formats.bop_models_info import ModelInfo, object_key
 from pipelines.formats.graspnet import GraspNetRoot
-from pipelines.formats.meshes import MESH_SUFFIXES, find_meshes
+from pipelines.formats.meshes import find_meshes
 from pipelines.formats.provenance import digest, digest_text, make_stamp, read_stamp
 from pipelines.formats.symmetry_edits import ObjectEdits
 
@@ -103,10 +103,7 @@ def _mesh_jobs(source: Path, output_dir: Path | None) -> list[Named]:
         raise SymgraspError(
             f"{source} holds no models/ folder, so it is no dataset; pass --out for loose meshes"
         )
-    meshes = find_meshes(source) if source.is_dir() else [source]
-    if not meshes:
-        kinds = ", ".join(MESH_SUFFIXES)
-        raise SymgraspError(f"{source} holds no meshes; files ending in {kinds} are read")
+    meshes = find_meshes(source)
     count = Counter(path.stem for path in meshes)
     return [
         (path.stem, output_dir / f"{path.stem}.json", Job(path))

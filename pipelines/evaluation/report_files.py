@@ -61,8 +61,10 @@ def write_report_files(
             tally.add(record)
     thresholds, sphere = judged.config.symmetry_thresholds, judged.config.sphere_threshold
     rows = report_rows(tally, thresholds, sphere)
-    more: dict[str, Any] = {"failed": dict(failed or {})}
-    more["curves"] = report_curves(tally, thresholds, sphere)
+    more: dict[str, Any] = {
+        "failed": dict(failed or {}),
+        "curves": report_curves(tally, thresholds, sphere),
+    }
     if success is not None:
         more |= _add_success(rows, success)
     seconds = float(np.mean(tally.seconds)) if tally.seconds else None

@@ -75,7 +75,7 @@ def _left_out(report: Mapping[str, Any]) -> str:
     if not failed:
         return ""
     scene, why = next(iter(failed.items()))
-    return f" {len(failed)} scenes could not be judged and are left out, {scene} among them: {why}."
+    return f" Scenes that could not be judged and are left out: {len(failed)}, as {scene}: {why}."
 
 
 def split_table(rows: ReportRows, figure: str, paper: Sequence[PublishedRow], title: str) -> Table:

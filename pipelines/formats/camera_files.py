@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.errors import FormatError, OptionRangeError, SymgraspError, ValueRangeError
+from pipelines.errors import FormatError, SymgraspError, ValueRangeError
 from pipelines.formats.files import existing, is_file, read_json, read_npy
 from pipelines.formats.graspnet_scene import read_meta
 from pipelines.geometry.camera import Intrinsics
@@ -78,8 +78,7 @@ class CameraFile:
         for name in ("fx", "fy", "cx", "cy"):
             value = getattr(self, name)
             if not np.isfinite(value) or value <= 0:
-                kind = OptionRangeError if self.origin.startswith("--") else ValueRangeError
-                raise kind(f"{name} of {self.origin}", value, "positive, in pixels")
+                raise ValueRangeError(f"{self.origin}: {name}", value, "positive, in pixels")
         check_units(f"depth scale of {self.origin}", self.units_per_metre)
 
     def at(self, width: int, height: int) -> Intrinsics:
@@ -121,8 +120,7 @@ def check_units(name: str, units: float | None) -> None:
     """Raise a ValueRangeError if `units` cannot be units per metre; None is unknown, and fine."""
     low, high = UNITS_RANGE
     if units is not None and not low <= units <= high:  # written so that nan fails too
-        kind = OptionRangeError if name.startswith("--") else ValueRangeError
-        raise kind(name, units, f"between {low:g} and {high:g} units per metre")
+        raise ValueRangeError(name, units, f"between {low:g} and {high:g} units per metre")
 
 
 def parse_camera(text: str) -> CameraFile:
@@ -134,7 +132,7 @@ def parse_camera(text: str) -> CameraFile:
             return read_camera_file(Path(text))
         numbers = []
     if len(numbers) != 4:
-        raise OptionRangeError("--intrinsics", text, "fx,fy,cx,cy in pixels, or a camera file")
+        raise ValueRangeError("--intrinsics", text, "fx,fy,cx,cy in pixels, or a camera file")
     fx, fy, cx, cy = numbers
     return CameraFile(fx, fy, cx, cy)
 

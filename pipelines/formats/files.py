@@ -27,7 +27,8 @@ MAX_UNPACK_RATIO = 2000
 TO_RGB = {3: cv2.COLOR_BGR2RGB, 4: cv2.COLOR_BGRA2RGB}  # by the number of channels
 COLOR_TYPES = (np.uint8, np.uint16, np.float32)  # that OpenCV converts; TIFF has others too
 JPEG_TAIL = 4096  # bytes in which the end mark must lie; some cameras pad with zeros
-NAME_KEPT = 40  # characters of a file's name in that of its temporary file, at most 255 bytes long
+LONGEST_NAME = 255  # bytes that file systems take
+NAME_KEPT = 40  # characters of a file's name in that of its temporary file
 MAX_UNPACK_BYTES = 16 * 2**30
 # What numpy and zipfile raise on files that are cut off, damaged, encrypted, or claim a size that
 # does not fit into memory.

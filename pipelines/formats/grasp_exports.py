@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.errors import SymgraspError
+from pipelines.formats.files import LONGEST_NAME
 from pipelines.formats.grasps_tables import FrameResult, GraspTable
 from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT
 from pipelines.geometry.transforms import matrix_to_quaternion
@@ -19,8 +20,7 @@ from pipelines.grasping.hand_poses import CLOSING_ALONG_Y, hand_poses
 
 Array = NDArray[np.float64]
 
-LONGEST_NAME = 255  # bytes that file systems take
-LONGEST_SUFFIX = "predictions_.yaml"  # all that any format puts around a frame's name
+LONGEST_PREFIX, LONGEST_SUFFIX = "predictions_", ".yaml"  # that any format puts to a frame's name
 SLACK = 1e-6  # metres; widths are stored in single precision
 CAMERA_AXES = "camera, OpenCV axes: x right, y down, z forward"
 HAND_AXES = "y = closing, from the first contact to the second; z = approach; x = y cross z"
@@ -158,9 +158,10 @@ def frame_path(folder: Path, name: str, suffix: str, prefix: str = "") -> Path:
     place = PurePosixPath(name)
     if not place.name or place.is_absolute() or ".." in place.parts or "\\" in name:
         raise SymgraspError(f"the frame's name {name!r} is no path within a folder; rename it")
-    if max(len(os.fsencode(f"{part}{suffix}")) for part in place.parts) > LONGEST_NAME:
+    below = place.parent / f"{prefix}{place.name}{suffix}"
+    if max(len(os.fsencode(part)) for part in below.parts) > LONGEST_NAME:
         raise SymgraspError(f"the frame's name {name!r} is too long for a file's; rename it")
-    return folder / place.parent / f"{prefix}{place.name}{suffix}"
+    return folder / below
 
 
 def rounded(values: NDArray[Any]) -> list[Any]:

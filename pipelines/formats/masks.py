@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.formats.files import read_image
 
-PALETTE_AT, PALETTE = 25, b"\x03"  # where a PNG says of what kind it is, and the kind
+PNG, KIND_AT, PALETTE = b"\x89PNG", 25, b"\x03"  # where one says of what kind it is, and the kind
 VOID = 255  # PASCAL VOC's place of outlines, which are nothing's
 MASK_ENDINGS = ("_label.png", ".png", "_mask.png")
 
@@ -41,7 +41,8 @@ def read_masks(folder: Path, frame_name: str) -> NDArray[np.int32]:
 
 def _has_palette(path: Path) -> bool:
     with path.open("rb") as stream:
-        return stream.read(PALETTE_AT + 1)[PALETTE_AT:] == PALETTE
+        head = stream.read(KIND_AT + 1)
+    return head.startswith(PNG) and head[KIND_AT:] == PALETTE
 
 
 def _places_in_palette(path: Path) -> NDArray[np.uint8]:

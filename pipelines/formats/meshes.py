@@ -6,6 +6,7 @@ bad ones, for those who write a mesh of their own, and says which are left.
 """
 
 import logging
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -70,8 +71,13 @@ def read_solid_mesh(path: Path, scale: float = 1.0) -> Mesh:
     """
     mesh, turned = turned_outward(read_mesh(path, scale))
     if turned:
-        log.warning("%s: %s", path, turned)
+        _tell_once(path, turned)
     return mesh
+
+
+@lru_cache  # a dataset's model is read for each scene
+def _tell_once(path: Path, sentence: str) -> None:
+    log.warning("%s: %s", path, sentence)
 
 
 def read_vertices(path: Path) -> NDArray[np.float64]:
@@ -89,6 +95,13 @@ def read_vertices(path: Path) -> NDArray[np.float64]:
             path, "no points, or some that are not finite", "finite metres are expected"
         )
     return points
+
+
+def refuse_too_large(mesh: Mesh, path: Path, scale: float | None) -> None:
+    """Raise SymgraspError if `mesh` is too large to be in metres and no `scale` was stated."""
+    too_large = size_warning(mesh, path) if scale is None else None
+    if too_large:
+        raise SymgraspError(f"{too_large}; if it is in metres, say so: --mesh-scale 1")
 
 
 def size_warning(mesh: Mesh, path: Path) -> str | None:
@@ -139,10 +152,22 @@ def write_mesh(path: Path, mesh: Mesh) -> None:
             raise UnknownNameError("mesh format to write", suffix, (".obj", ".ply"))
 
 
-def find_meshes(folder: Path) -> list[Path]:
-    """List the mesh files directly in `folder`, sorted by name."""
-    files = (file for file in folder.iterdir() if not file.name.startswith("."))
-    return sorted(file for file in files if file.suffix.lower() in MESH_SUFFIXES)
+def find_meshes(source: Path) -> list[Path]:
+    """List the mesh files directly in the folder `source`, sorted by name, or that one mesh.
+
+    Raises:
+        SymgraspError: there is no such folder or file, or no mesh in it.
+    """
+    if not source.exists():
+        raise SymgraspError(f"{source} does not exist; give a mesh, a folder of meshes or a root")
+    if not source.is_dir():
+        return [source]
+    files = (file for file in source.iterdir() if not file.name.startswith("."))
+    meshes = sorted(file for file in files if file.suffix.lower() in MESH_SUFFIXES)
+    if not meshes:
+        kinds = ", ".join(MESH_SUFFIXES)
+        raise SymgraspError(f"{source} holds no meshes; files ending in {kinds} are read")
+    return meshes
 
 
 def _load(path: Path) -> trimesh.Trimesh:

@@ -29,9 +29,9 @@ from pipelines.geometry.symmetry import NUM_SLOTS
 
 FORMAT_VERSION = 2
 UNITS = {"points": "m", "point": "m"}
+MOST_OPEN = 200  # files at a time; systems allow a process some 1,024
 # What makes up nearly all of a region: a row a chunk, and not packed, so that training reads it
 # in any order at the speed of the disk. All else of a scene is small and kept in memory.
-MOST_OPEN = 200  # files at a time; systems allow a process some 1,024
 BY_ROW = ("points", "affordance")
 
 

@@ -92,10 +92,8 @@ def digest_folder(folder: Path, pattern: str) -> str:
 
     Hidden files are what an interrupted run left behind, and do not count.
     """
-    total = []
-    for path in sorted(path for path in folder.glob(pattern) if not path.name.startswith(".")):
-        total.append(f"{path.name} {digest(path)}\n")
-    return digest_text("".join(total))
+    files = sorted(path for path in folder.glob(pattern) if not path.name.startswith("."))
+    return digest_text("".join(f"{path.name} {digest(path)}\n" for path in files))
 
 
 def sidecar_of(target: Path) -> Path:

@@ -42,7 +42,7 @@ class ImagePair:
     stem: str  # what is left of the file name, "" if it was only `color` or `rgb`
     color: Path | None
     depth: Path | None
-    rivals: tuple[Path, ...] = ()  # further files of the same kind that would be this pair's too
+    rivals: tuple[Path, ...] = ()  # several that could be its colour, or depth
 
 
 def read_with_camera(

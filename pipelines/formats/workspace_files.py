@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.errors import FormatError, OptionRangeError
+from pipelines.errors import FormatError, ValueRangeError
 from pipelines.formats.files import read_image
 
 FORMS = "x0,y0,z0,x1,y1,z1 in metres, or a mask picture's path"
@@ -35,9 +35,9 @@ def parse_workspace(text: str | None) -> Workspace:
     try:
         box = numbers_of(text)
     except ValueError:
-        raise OptionRangeError("--workspace", text, FORMS) from None
+        raise ValueRangeError("--workspace", text, FORMS) from None
     if len(box) != 6:
-        raise OptionRangeError("--workspace", text, FORMS)
+        raise ValueRangeError("--workspace", text, FORMS)
     return Workspace(box=box)
 
 
@@ -57,7 +57,7 @@ def parse_direction(text: str) -> tuple[float, ...]:
     except ValueError:
         direction = ()
     if len(direction) != 3:
-        raise OptionRangeError("--approach-direction", text, "three numbers x,y,z")
+        raise ValueRangeError("--approach-direction", text, "three numbers x,y,z")
     return direction
 
 

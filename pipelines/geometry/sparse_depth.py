@@ -18,8 +18,7 @@ DENSE = 0.7  # share of the closed surface that is measured, from which depth is
 def measured_share(depth: Depth) -> float:
     """Return which share of the surface that `depth` (H, W) shows is measured; 1 without any."""
     measured = depth > 0.0
-    surface = np.count_nonzero(_closed(measured))
-    return np.count_nonzero(measured) / surface if surface else 1.0
+    return _share(measured, _closed(measured))
 
 
 def filled(depth: Depth) -> Depth:
@@ -27,15 +26,21 @@ def filled(depth: Depth) -> Depth:
 
     The same array where it is dense enough; holes wider than `GAP` are never filled.
     """
-    if measured_share(depth) >= DENSE:
-        return depth
     measured = depth > 0.0
+    surface = _closed(measured)
+    if _share(measured, surface) >= DENSE:
+        return depth
     _, nearest = cv2.distanceTransformWithLabels(
         (~measured).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )
     of_label = np.zeros(int(nearest.max()) + 1, depth.dtype)
     of_label[nearest[measured]] = depth[measured]
-    return np.where(_closed(measured) & ~measured, of_label[nearest], depth)
+    return np.where(surface & ~measured, of_label[nearest], depth)
+
+
+def _share(measured: Mask, surface: Mask) -> float:
+    count = np.count_nonzero(surface)
+    return np.count_nonzero(measured) / count if count else 1.0
 
 
 def _closed(measured: Mask) -> Mask:

@@ -57,22 +57,10 @@ def turned_outward(mesh: Mesh) -> tuple[Mesh, str]:
     triangle here and there.
     """
     inward = looks_inward(mesh)
-    if _share(mesh, inward) < NOTABLE:
+    if mesh.face_areas[inward].sum() <= NOTABLE * mesh.area:
         return mesh, ""
     which = "its" if inward.all() else f"{inward.sum()} of its {len(inward)}"
     return _turned(mesh, inward), f"turned {which} triangles, which looked inward"
-
-
-def inward_warning(mesh: Mesh) -> str:
-    """Return a sentence on a mesh of which a notable share looks inward, else an empty one."""
-    share = _share(mesh, looks_inward(mesh))
-    if share < NOTABLE:
-        return ""
-    return f"{100 * share:.0f} % of its surface looks inward and holds nothing; turn it outward"
-
-
-def _share(mesh: Mesh, which: Mask) -> float:
-    return float(mesh.face_areas[which].sum() / mesh.area) if mesh.area else 0.0
 
 
 def _turned(mesh: Mesh, which: Mask) -> Mesh:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import LimitsConfig
-from pipelines.errors import OptionRangeError, UnknownNameError, ValueRangeError
+from pipelines.errors import UnknownNameError, ValueRangeError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.table_frame import table_from_camera
@@ -95,17 +95,19 @@ def check_limits(config: LimitsConfig) -> None:
             raise UnknownNameError(kind, name, FRAMES)
     box = np.asarray(config.box, np.float64)
     if len(box) and not (len(box) == 6 and np.isfinite(box).all() and (box[:3] < box[3:]).all()):
-        raise OptionRangeError(
-            "workspace", list(config.box), "x0,y0,z0,x1,y1,z1 in metres, each first below its last"
+        raise ValueRangeError(
+            "--workspace",
+            list(config.box),
+            "x0,y0,z0,x1,y1,z1 in metres, each first below its last",
         )
     direction = np.asarray(config.approach_direction, np.float64)
     if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
-        raise OptionRangeError(
-            "approach direction", list(config.approach_direction), "x,y,z, not all zero"
+        raise ValueRangeError(
+            "--approach-direction", list(config.approach_direction), "x,y,z, not all zero"
         )
     if not 0.0 < config.approach_cone <= ANY_DIRECTION:
-        raise OptionRangeError(
-            "approach cone", config.approach_cone, "degrees from its axis, above 0, at most 180"
+        raise ValueRangeError(
+            "--approach-cone", config.approach_cone, "degrees from its axis, above 0, at most 180"
         )
 
 

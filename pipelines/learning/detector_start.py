@@ -7,7 +7,7 @@ import torch
 from torchvision.models.detection import MaskRCNN
 
 from pipelines.configs import DetectorConfig, FinetuneDetectorConfig
-from pipelines.errors import OptionRangeError, SymgraspError
+from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.formats.torch_weights import read_torch_weights
 from pipelines.network.detector import MODEL_NAME
 from pipelines.network.mask_rcnn import adopt_coco, build_detector
@@ -34,7 +34,7 @@ def starting_detector(
     if coco_weights is not None:
         if config.detector.variant != "resnet50":
             what = "left out unless --variant resnet50"
-            raise OptionRangeError("--coco-weights", coco_weights, what)
+            raise ValueRangeError("--coco-weights", coco_weights, what)
         fresh = adopt_coco(model, read_coco(coco_weights))
         log.info("%d tensors start anew, the others from COCO", len(fresh))
     if init is not None:

@@ -13,7 +13,7 @@ from datetime import timedelta
 import torch
 from torch import Tensor, distributed
 
-from pipelines.errors import OptionRangeError, SymgraspError
+from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.network.devices import find_device
 
 LONGEST_WAIT = timedelta(days=7)  # for the first process to validate, or to prepare frames
@@ -75,7 +75,7 @@ def joined(device: str) -> Iterator[tuple[Processes, torch.device]]:
     """Yield the processes that torchrun started and this one's device, `device` by name.
 
     Raises:
-        OptionRangeError: one GPU is named for several processes.
+        ValueRangeError: one GPU is named for several processes.
     """
     if not distributed.is_torchelastic_launched():
         yield Processes(), find_device(device)
@@ -86,7 +86,7 @@ def joined(device: str) -> Iterator[tuple[Processes, torch.device]]:
     import torch.distributed.nn.functional  # noqa: PLC0415
 
     if ":" in device and int(os.environ["LOCAL_WORLD_SIZE"]) > 1:
-        raise OptionRangeError("device", device, "cuda, which gives each process its own GPU")
+        raise ValueRangeError("--device", device, "cuda, which gives each process its own GPU")
     found = find_device(device, int(os.environ["LOCAL_RANK"]))
     if found.type == "cuda":
         torch.cuda.set_device(found)

@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pipelines.errors import OptionRangeError, SymgraspError
+from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.formats.checkpoints import load_training
 from pipelines.formats.provenance import COMPARED, Stamp, read_stamp
 from pipelines.learning.history import History
@@ -86,12 +86,12 @@ def find_progress(output: Path, stamp: Stamp, request: RunRequest) -> Progress |
     """Return the progress of an earlier run that is finished or to be resumed, None if none is.
 
     Raises:
-        OptionRangeError: `output` is to be another kind of file.
+        ValueRangeError: `output` is to be another kind of file.
         SymgraspError: there is an earlier run, and neither --resume nor --overwrite says what is
             to become of it; or it was made with other settings and cannot be resumed.
     """
     if output.suffix != ".safetensors":
-        raise OptionRangeError("--out", output, "NAME.safetensors")
+        raise ValueRangeError("--out", output, "NAME.safetensors")
     checkpoint = checkpoint_path(output)
     if request.overwrite or not (checkpoint.exists() or output.exists()):
         return None

@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from pipelines.errors import OptionRangeError, UnknownNameError
+from pipelines.errors import UnknownNameError, ValueRangeError
 
 
 def find_device(name: str, process: int | None = None) -> torch.device:
@@ -23,7 +23,7 @@ def find_device(name: str, process: int | None = None) -> torch.device:
     if kind == "cuda" and not number and process is not None:
         number, name = str(process), f"cuda:{process}"
     if kind == "cuda" and int(number or 0) >= torch.cuda.device_count():
-        raise OptionRangeError("device", name, f"one of {torch.cuda.device_count()} GPUs, or cpu")
+        raise ValueRangeError("--device", name, f"one of {torch.cuda.device_count()} GPUs, or cpu")
     return torch.device(name)
 
 

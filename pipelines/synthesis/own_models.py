@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipelines.errors import SymgraspError
 from pipelines.formats.graspnet import GraspNetRoot
-from pipelines.formats.meshes import MESH_SUFFIXES, find_meshes, read_solid_mesh, size_warning
+from pipelines.formats.meshes import find_meshes, read_solid_mesh, refuse_too_large
 from pipelines.formats.provenance import digest
 from pipelines.geometry.mesh import Mesh
 
@@ -37,9 +36,7 @@ class OwnModel:
             SymgraspError: it cannot be read, or seems to be in millimetres.
         """
         mesh = read_solid_mesh(self.path, self.scale or 1.0)
-        too_large = size_warning(mesh, self.path) if self.scale is None else None
-        if too_large:
-            raise SymgraspError(f"{too_large}; if it is in metres, say so: --mesh-scale 1")
+        refuse_too_large(mesh, self.path, self.scale)
         return mesh
 
 
@@ -47,21 +44,10 @@ def own_models(source: Path, scale: float | None) -> list[OwnModel]:
     """List the meshes of `source`: one mesh, a folder of meshes, a dataset root or its models/.
 
     Raises:
-        SymgraspError: there are none, or two of one name.
+        SymgraspError: there are none.
     """
-    if not source.exists():
-        raise SymgraspError(f"{source} does not exist; give a mesh, a folder of meshes or a root")
-    root = source if (source / "models").is_dir() else source.parent
-    paths = find_meshes(source) if source.is_dir() else [source]
-    found = [OwnModel(path.stem, path, scale) for path in paths]
-    if not found and (root / "models").is_dir() and source in (root, root / "models"):
-        models = GraspNetRoot(root)
-        found = [
-            OwnModel(f"{i:03d}", path, scale)
-            for i in models.object_ids()
-            if (path := models.model_path(i)).is_file()
-        ]
-    if not found:
-        kinds = ", ".join(MESH_SUFFIXES)
-        raise SymgraspError(f"{source} holds no meshes; files ending in {kinds} are read")
-    return found
+    root = GraspNetRoot(source if (source / "models").is_dir() else source.parent)
+    of_root = source in (root.root, root.root / "models") and (root.root / "models").is_dir()
+    models = {i: root.model_path(i) for i in root.object_ids()} if of_root else {}
+    found = [OwnModel(f"{i:03d}", path, scale) for i, path in models.items() if path.is_file()]
+    return found or [OwnModel(path.stem, path, scale) for path in find_meshes(source)]

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from pipelines import train
-from pipelines.errors import OptionRangeError, ValueRangeError
+from pipelines.errors import ValueRangeError
 from pipelines.formats.checkpoints import load_weights
 from pipelines.learning.processes import Processes, joined
 from pipelines.learning.runs import RunRequest, checkpoint_path
@@ -67,7 +67,7 @@ def test_a_run_killed_in_mid_step_and_resumed_gives_the_same_bytes(packed, alone
 def test_one_gpu_is_not_given_to_several_processes(monkeypatch):
     for name, value in (("TORCHELASTIC_RUN_ID", "0"), ("LOCAL_WORLD_SIZE", "2")):
         monkeypatch.setenv(name, value)
-    with pytest.raises(OptionRangeError, match="cuda:0; it must be cuda, which"), joined("cuda:0"):
+    with pytest.raises(ValueRangeError, match="cuda:0; it must be cuda, which"), joined("cuda:0"):
         pass
 
 

@@ -355,7 +355,7 @@ def test_a_scene_with_a_damaged_label_fails_alone(tmp_path):
     written = read_json(tmp_path / "report.json")
     assert written["failed"] == report.failed
     page = (tmp_path / "report.html").read_text()
-    assert "1 scenes could not be judged and are left out, scene_0100_realsense among them" in page
+    assert "Scenes that could not be judged and are left out: 1, as scene_0100_realsense" in page
 
 
 def test_a_dry_run_writes_nothing(root, truth_file, tmp_path):

@@ -101,7 +101,7 @@ def test_a_scene_that_has_gained_frames_is_prepared_anew(tmp_path):
     assert "other settings or inputs" in next(iter(again.failed.values()))
 
 
-def test_a_scene_without_depth_fails_or_is_empty_and_ends_no_batch(tmp_path):
+def test_a_scene_without_frames_has_a_file_of_none(tmp_path):
     detector_frames.write(tmp_path / "scene.h5", [], make_stamp("x", CONFIG))
     assert detector_frames.count(tmp_path / "scene.h5") == 0
 

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from pipelines import train
-from pipelines.errors import FormatError, OptionRangeError, SymgraspError
+from pipelines.errors import FormatError, SymgraspError, ValueRangeError
 from pipelines.formats import object_list
 from pipelines.formats.checkpoints import load_weights, save_weights
 from pipelines.formats.object_list import ObjectRecord
@@ -50,7 +50,7 @@ def test_a_finished_training_is_skipped(packed, output):
 
 
 def test_weights_of_another_suffix_are_refused_before_anything_is_learned(packed, tmp_path):
-    with pytest.raises(OptionRangeError, match=r"x\.pt; it must be NAME\.safetensors"):
+    with pytest.raises(ValueRangeError, match=r"--out is .*x\.pt; it must be NAME\.safetensors"):
         train.run(packed, None, tmp_path / "x.pt", CONFIG, REQUEST)
     assert not list(tmp_path.iterdir())
 

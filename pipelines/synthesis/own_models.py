@@ -25,9 +25,12 @@ class OwnModel:
 
     @property
     def inputs(self) -> dict[str, str]:
-        """The digest of the mesh, by a name that no other mesh has."""
+        """The digest of the mesh, by a name that no other mesh has; of one that is not there none.
+
+        Reading it says so then.
+        """
         key = self.path.name if self.name == self.path.stem else f"{self.name}/{self.path.name}"
-        return {key: digest(self.path)}
+        return {key: digest(self.path) if self.path.is_file() else "missing"}
 
     def read(self) -> Mesh:
         """Return the mesh in metres, looking outward.
@@ -48,6 +51,6 @@ def own_models(source: Path, scale: float | None) -> list[OwnModel]:
     """
     root = GraspNetRoot(source if (source / "models").is_dir() else source.parent)
     of_root = source in (root.root, root.root / "models") and (root.root / "models").is_dir()
-    models = {i: root.model_path(i) for i in root.object_ids()} if of_root else {}
-    found = [OwnModel(f"{i:03d}", path, scale) for i, path in models.items() if path.is_file()]
+    ids = root.object_ids() if of_root else []
+    found = [OwnModel(f"{i:03d}", root.model_path(i), scale) for i in ids]
     return found or [OwnModel(path.stem, path, scale) for path in find_meshes(source)]

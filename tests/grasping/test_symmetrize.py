@@ -240,6 +240,7 @@ def test_the_most_copies_a_turn_are_whole_with_planes_along_and_across_the_axis(
     planes = [ReflectionSymmetry(normal, [0, 0, 0]) for normal in ([0, 0, 1], [1, 0, 0])]
     group = symmetry_group([RotationSymmetry([0, 0, 1], [0, 0, 0]), *planes], MAX_COPIES)
     assert len(group) == 4 * MAX_COPIES - 1
+    assert MAX_COPIES == 72  # what the command's option allows
 
 
 def nearest_copies(grasps, group):

@@ -145,6 +145,10 @@ def test_the_models_of_a_dataset_are_taken_and_nothing_is_made_of_none(tmp_path)
         assert synthesize.run(made.root, config, QUIET, models=source).failed == {}
         records = object_list.read(made.root / "objects.json")
         assert [(each.object_id, each.name) for each in records] == [(0, "002"), (1, "005")]
+    own.model_path(2).unlink()
+    report = synthesize.run(tmp_path / "torn", config, QUIET, models=own.root)
+    assert list(report.failed) == ["object 000"]
+    assert "nontextured.ply does not exist" in report.failed["object 000"]
     (tmp_path / "empty").mkdir()
     (tmp_path / "empty" / "._a.ply").write_bytes(b"Mac OS X")
     for source, sentence in (("empty", "holds no meshes"), ("nowhere", "does not exist")):

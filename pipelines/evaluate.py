@@ -37,7 +37,7 @@ from pipelines.evaluation.truth_inputs import truth_digests
 from pipelines.formats import reports
 from pipelines.formats.graspnet import GraspNetRoot, SceneFiles
 from pipelines.formats.grasps_file import FrameResult
-from pipelines.formats.grasps_stream import read_frames, read_index, scenes_of
+from pipelines.formats.grasps_stream import read_dataset_frames, read_index, scenes_of
 from pipelines.formats.gripper_files import gripper_digest, gripper_to_use, load_gripper
 from pipelines.formats.provenance import Stamp, digest, is_finished, make_stamp
 
@@ -109,7 +109,7 @@ def _evaluate_scene(
 ) -> str | None:
     reader = TruthReader(GraspNetRoot(dataset), config)
     planner = Planner.of(reader, load_gripper(config.gripper)) if baselines else None
-    results = read_frames(*item.arguments)
+    results = read_dataset_frames(*item.arguments)
     records = [evaluate_frame(result, reader, planner, item.stamp.seed) for result in results]
     write_records(item.target, records, item.stamp)
     return None

@@ -25,7 +25,7 @@ from pipelines.evaluation.truth_inputs import truth_digests
 from pipelines.formats import convex_pieces as convex_file
 from pipelines.formats.files import read_json
 from pipelines.formats.graspnet import GraspNetRoot, SceneFiles
-from pipelines.formats.grasps_stream import read_frames, read_index, scenes_of
+from pipelines.formats.grasps_stream import read_dataset_frames, read_index, scenes_of
 from pipelines.formats.gripper_files import gripper_digest, gripper_to_use, load_gripper
 from pipelines.formats.meshes import read_solid_mesh
 from pipelines.formats.provenance import (
@@ -159,7 +159,7 @@ def _simulate_scene(
     root, hand = GraspNetRoot(dataset), load_gripper(config.gripper)
     pieces = PiecesReader(root, pieces_folder(output))
     simulator = FrameSimulator(root, pieces, hand, config, baselines, item.stamp.seed)
-    frames = [simulator.run(result) for result in read_frames(*item.arguments)]
+    frames = [simulator.run(result) for result in read_dataset_frames(*item.arguments)]
     write_trials(item.target, frames, item.stamp)
     farthest = max(frame.shift for frame in frames)
     if farthest < LARGE_SHIFT:

@@ -120,7 +120,8 @@ def _draw(
     names: dict[int, str],
 ) -> Picture:
     files = root.frame(record.name)
-    result = next(iter(read_frames(grasps, [index.names.index(record.name)])))
+    place = index.dataset_names(grasps).index(record.name)
+    result = next(read_frames(grasps, [place]))
     label = root.read_label(files)
     masks = [label == verdict.object_id + 1 for verdict in record.rows[ROW].verdicts]
     left, top, right, bottom = window = _window(np.any(masks, axis=0))

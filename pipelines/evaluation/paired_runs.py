@@ -51,7 +51,7 @@ class Judged:
         new[places] = np.arange(len(places))
         frame = new[np.array(self.frame, np.int64)]
         kept = frame >= 0
-        # In the order of the frames, so that equal confidences rank alike in all runs.
+        # In the order of the frames, so that COCO's equal confidences rank alike in all runs.
         order = np.argsort(frame[kept], kind="stable")
         confidence, correct = np.array(self.confidence)[kept], np.array(self.correct, bool)[kept]
         truths = np.array(self.num_truth)[places]

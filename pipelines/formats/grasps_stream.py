@@ -5,6 +5,7 @@ these are read. To write, the rows of all shards are counted first, then filled 
 """
 
 import json
+import os
 from bisect import bisect_left
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -19,6 +20,7 @@ import numpy as np
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.formats.files import DAMAGED
 from pipelines.formats.graspnet import GraspNetRoot, SceneFiles
+from pipelines.formats.graspnet_layout import FrameFiles, frame_key
 from pipelines.formats.grasps_file import (
     SCHEMA,
     UNITS,
@@ -52,6 +54,22 @@ class GraspsIndex:
         """The gripper that the grasps were found for."""
         return str(self.attrs["config"].get("gripper", DEFAULT_GRIPPER))
 
+    def dataset_names(self, path: Path) -> list[str]:
+        """Return the names of all frames as `infer ROOT` names them, of the file at `path`.
+
+        Of `infer ROOT/scenes/scene_0100` they begin further down; the folder that was given says
+        of which scene they are. Names that are of no GraspNet layout stay.
+        """
+        recorded = self.stamp.get("recorded")
+        frames = recorded.get("frames", "") if isinstance(recorded, dict) else ""
+        folder = os.path.normpath(path.resolve().parent / str(frames))
+        return [_dataset_name(Path(folder).as_posix(), name) for name in self.names]
+
+
+def _dataset_name(folder: str, name: str) -> str:
+    key = frame_key(f"{folder}/{name}")
+    return name if key is None else FrameFiles(Path(), *key).name
+
 
 def read_index(path: Path) -> GraspsIndex:
     """Read the names of all frames and the attributes.
@@ -83,6 +101,14 @@ def read_frames(path: Path, frames: Iterable[int]) -> Iterator[FrameResult]:
                 ) from error
 
 
+def read_dataset_frames(path: Path, frames: Iterable[int]) -> Iterator[FrameResult]:
+    """Yield frames as `read_frames`, named as `GraspsIndex.dataset_names`."""
+    frames = list(frames)
+    names = read_index(path).dataset_names(path)
+    for place, result in zip(frames, read_frames(path, frames), strict=True):
+        yield replace(result, name=names[place])
+
+
 def scenes_of(path: Path, index: GraspsIndex, root: GraspNetRoot) -> dict[SceneFiles, list[int]]:
     """Return the places of the frames of each scene and camera, in the order of their names.
 
@@ -92,16 +118,14 @@ def scenes_of(path: Path, index: GraspsIndex, root: GraspNetRoot) -> dict[SceneF
         SymgraspError: `path` holds no frames, or some that are not of the dataset.
     """
     scenes: dict[SceneFiles, list[int]] = defaultdict(list)
-    for place, name in enumerate(index.names):
+    for place, name in enumerate(index.dataset_names(path)):
         try:
             frame = root.frame(name)
         except SymgraspError as error:
             if index.statuses[place] == "failed":
                 continue
             found = f"its frame {name} is not in {root.root}"
-            raise FormatError(
-                path, found, "give the dataset that infer was run on, as its root or its scenes/"
-            ) from error
+            raise FormatError(path, found, "give the dataset that infer was run on") from error
         scenes[root.scene(frame.scene_id, frame.camera)].append(place)
     if not scenes:
         raise FormatError(path, "holds no frames", "run infer on the dataset first")

@@ -2,7 +2,8 @@
 
 Predictions are matched to the truth one to one, the most confident first; a second prediction of
 a truth already taken is wrong. Average precision is the whole area under the precision-recall
-curve, all points; of masks COCO's is in `coco_masks`.
+curve, all points, where predictions of one confidence are one point: whoever sets a threshold has
+all of them or none, so their order means nothing. Of masks COCO's is in `coco_masks`.
 """
 
 from dataclasses import dataclass
@@ -16,12 +17,12 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class PrecisionRecallCurve:
-    """One point a prediction, from the most confident to the least.
+    """One point a confidence, from the most confident predictions to the least.
 
     Attributes:
-        confidence: (p,) falling.
-        recall: (p,) rising; nan if there is no truth.
-        precision: (p,).
+        confidence: (c,) falling, each once.
+        recall: (c,) rising; nan if there is no truth.
+        precision: (c,).
     """
 
     confidence: Array
@@ -56,7 +57,16 @@ def precision_recall(
     order = np.argsort(-falling, kind="stable")
     hits = np.cumsum(np.asarray(correct, np.bool_)[order])
     recall = hits / num_truth if num_truth else np.full(len(hits), np.nan)
-    return PrecisionRecallCurve(falling[order], recall, hits / np.arange(1, len(hits) + 1))
+    precision = hits / np.arange(1, len(hits) + 1)
+    last = np.unique(last_equals(falling[order]))
+    return PrecisionRecallCurve(falling[order][last], recall[last], precision[last])
+
+
+def last_equals(falling: Array) -> NDArray[np.int64]:
+    """Return (p,) the place of the last confidence equal to each of `falling` (p,)."""
+    differs = np.append(falling[1:] != falling[:-1], True)[: len(falling)]
+    ends = np.flatnonzero(differs)
+    return np.asarray(ends[np.cumsum(differs) - differs], np.int64)
 
 
 def average_precision(confidence: ArrayLike, correct: ArrayLike, num_truth: int) -> float:
@@ -78,5 +88,5 @@ def interpolated_precision(
 
 
 def _envelope(precision: Array) -> Array:
-    """Return (p,) the best precision at the same or any higher recall."""
+    """Return (c,) the best precision at the same or any higher recall."""
     return np.maximum.accumulate(precision[::-1])[::-1]

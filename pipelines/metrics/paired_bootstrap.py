@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from pipelines.metrics.average_precision import last_equals
+
 Array = NDArray[np.float64]
 
 COCO_RECALLS = np.linspace(0.0, 1.0, 101)
@@ -42,12 +44,14 @@ class FramePrecision:
         correct: (p,) 1 right, 0 wrong.
         frame: (p,) index of each one's frame.
         num_truth: (f,) how many there are to find.
+        last: (p,) the place of the last one that is counted with it; with COCO each its own.
         coco: COCO's mean over 101 recalls, not the area under all points.
     """
 
     correct: Array
     frame: NDArray[np.int64]
     num_truth: Array
+    last: NDArray[np.int64]
     coco: bool = False
 
     @classmethod
@@ -60,9 +64,10 @@ class FramePrecision:
         *,
         coco: bool = False,
     ) -> "FramePrecision":
-        """Return it from predictions in any order; equal confidences keep their order."""
+        """Return it from predictions in any order; COCO's equal confidences keep theirs."""
         order = np.argsort(-confidence, kind="stable")
-        return cls(correct[order].astype(np.float64), frame[order], num_truth, coco)
+        last = np.arange(len(order)) if coco else last_equals(confidence[order])
+        return cls(correct[order].astype(np.float64), frame[order], num_truth, last, coco)
 
     def at(self, weights: Array) -> Array:
         """Return (b,) the average precisions of `weights` (b, f); nan without any truth."""
@@ -74,7 +79,7 @@ class FramePrecision:
         total = weights @ self.num_truth
         counted = weights[:, self.frame]
         right = np.cumsum(counted * self.correct, axis=1)
-        precision = right / np.maximum(np.cumsum(counted, axis=1), 1.0)
+        precision = (right / np.maximum(np.cumsum(counted, axis=1), 1.0))[:, self.last]
         best = np.maximum.accumulate(precision[:, ::-1], axis=1)[:, ::-1]
         with np.errstate(invalid="ignore", divide="ignore"):
             if not self.coco:

@@ -53,8 +53,8 @@ def test_predictions_of_all_frames_are_ranked_together():
         frame("seen", RowRecord([], planes)),
         frame("novel", RowRecord([], {"reflection": judged([0, 1], 1)})),
     )
-    # By confidence: right and wrong tie at 0.9, in file order; then wrong and right at 0.8.
-    assert found["symmetry_ap"]["reflection"] == pytest.approx(0.5 * 1.0 + 0.5 * 0.5)
+    # By confidence: right and wrong tie at 0.9, one point; then wrong and right at 0.8, another.
+    assert found["symmetry_ap"]["reflection"] == pytest.approx(0.5 * 0.5 + 0.5 * 0.5)
 
 
 def test_ignored_predictions_are_neither_right_nor_wrong():

@@ -50,6 +50,32 @@ def test_average_precision_without_predictions_is_zero():
     assert average_precision([], [], 4) == 0.0
 
 
+def test_equal_confidences_are_one_point():
+    # Three of one confidence, two right: precision 2/3 up to recall 1/2, whichever comes first.
+    for correct in ([True, True, False], [False, True, True]):
+        assert average_precision([0.5] * 3, correct, 4) == pytest.approx(1 / 3)
+        curve = precision_recall([0.5] * 3, correct, 4)
+        assert (curve.confidence.tolist(), curve.recall.tolist()) == ([0.5], [0.5])
+
+
+@given(seeds)
+@few
+def test_average_precision_is_that_of_any_order(seed):
+    rng = np.random.default_rng(seed)
+    confidence, correct = rng.integers(0, 6, 30) / 6, rng.random(30) < 0.5
+    value = average_precision(confidence, correct, 40)
+    order = rng.permutation(30)
+    assert average_precision(confidence[order], correct[order], 40) == value
+    thresholds = np.unique(confidence)[::-1]
+    points = [(correct[confidence >= t].sum() / 40, correct[confidence >= t].mean())
+              for t in thresholds]  # fmt: skip
+    area, recall = 0.0, 0.0
+    for place, (reached, _) in enumerate(points):
+        area += (reached - recall) * max(precision for _, precision in points[place:])
+        recall = reached
+    assert value == pytest.approx(area)
+
+
 @given(seeds)
 @few
 def test_each_truth_is_taken_once(seed):

@@ -24,11 +24,13 @@ def copies(weights, confidence, correct, frame, num_truth):
     return np.repeat(confidence, times), np.repeat(correct, times), int(weights @ num_truth)
 
 
-@given(seeds)
+@pytest.mark.parametrize("decimals", [9, 1, 0])
+@given(seed=seeds)
 @few
-def test_weights_count_as_copies_of_frames(seed):
+def test_weights_count_as_copies_of_frames(seed, decimals):
     rng = np.random.default_rng(seed)
     confidence, correct, frame = predictions(rng)
+    confidence = confidence.round(decimals)
     num_truth = rng.integers(6, 12, 6).astype(float)
     weights = next(iter(draws(6, 4, rng)))
     found = FramePrecision.ranked(confidence, correct, frame, num_truth).at(weights)

@@ -1,5 +1,6 @@
 """`evaluate` on a dataset whose truth is known."""
 
+import os
 import shutil
 import signal
 import subprocess
@@ -16,11 +17,11 @@ from pipelines.batch import BatchOptions, StageReport
 from pipelines.configs import EvaluateConfig
 from pipelines.errors import FormatError, StaleOutputError
 from pipelines.evaluation.records import read_records, records_folder
-from pipelines.formats import reports
+from pipelines.formats import grasps_file, reports
 from pipelines.formats.files import read_json, write_json
 from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.formats.grasps_file import FrameResult
-from pipelines.formats.grasps_stream import read_frames
+from pipelines.formats.grasps_stream import read_dataset_frames, read_frames, read_index
 from pipelines.formats.gripper_files import PRESETS
 from pipelines.formats.meshes import read_mesh, write_mesh
 from pipelines.formats.provenance import digest, make_stamp
@@ -88,8 +89,33 @@ def test_a_stray_picture_that_infer_failed_on_is_left_out(root, tmp_path):
     assert run(tmp_path / "g.h5", root, tmp_path / "report.json").exit_code == 0
     assert figures(tmp_path / "report.json")["frames"] == len(results)
     write_grasps(tmp_path / "h.h5", [replace(results[0], name="elsewhere/0000")])
-    with pytest.raises(FormatError, match=r"elsewhere/0000 is not in .*its root or its scenes/"):
+    with pytest.raises(FormatError, match=r"elsewhere/0000 is not in .*that infer was run on"):
         run(tmp_path / "h.h5", root, tmp_path / "other.json")
+
+
+@pytest.mark.parametrize("below", ["scenes", "scenes/scene_0100", "scenes/scene_0100/realsense"])
+def test_frames_of_a_part_of_a_dataset_are_judged_as_those_of_the_whole(
+    root, truth_file, truth_report, tmp_path, below
+):
+    whole = read_index(truth_file).names
+    results = [
+        replace(found, name=found.name.removeprefix(f"{below}/"))
+        for found in read_frames(truth_file, range(len(whole)))
+        if found.name.startswith(f"{below}/")
+    ]
+    folder = os.path.relpath(root.root / below, tmp_path.resolve())
+    stamp = replace(make_stamp("infer", {"gripper": "rg2"}), recorded={"frames": folder})
+    grasps_file.write(tmp_path / "g.h5", results, stamp)
+    report = run(tmp_path / "g.h5", root, tmp_path / "report.json")
+    assert (report.exit_code, report.notes) == (0, {})
+    expected = figures(truth_report, split="seen")
+    assert figures(tmp_path / "report.json", split="seen") == expected
+    scene = "scene_0100_realsense.json"
+    part, all_of_it = (
+        read_records(records_folder(output) / scene)
+        for output in (tmp_path / "report.json", truth_report)
+    )
+    assert [record.name for record in part] == [record.name for record in all_of_it]
 
 
 def test_meshes_that_look_inward_are_judged_as_they_are_meant(truth_file, truth_report, tmp_path):
@@ -209,12 +235,12 @@ def test_one_frame_at_a_time_is_in_memory(root, truth_file, tmp_path, monkeypatc
     seen = []
 
     def watched(path, frames):
-        for found in read_frames(path, frames):
+        for found in read_dataset_frames(path, frames):
             seen.append(weakref.ref(found))
             assert sum(each() is not None for each in seen) <= 2  # the one judged last, this one
             yield found
 
-    monkeypatch.setattr(evaluate, "read_frames", watched)
+    monkeypatch.setattr(evaluate, "read_dataset_frames", watched)
     run(truth_file, root, tmp_path / "report.json")
     assert len(seen) == len(frame_names())
 

@@ -20,6 +20,8 @@ from pipelines.errors import SymgraspError, UnknownNameError
 
 BACKENDS = ("loky", "threading", "dask", "ray")
 CLUSTERS = ("dask", "ray")
+# Ray hides the GPUs from tasks that reserve none, as joblib's do; --device says which is used.
+SEE_ALL_GPUS = {"RAY_EXPERIMENTAL_NOSET_CUDA_VISIBLE_DEVICES": "1"}
 TUNABLES, HUGE_PAGES = "GLIBC_TUNABLES", "glibc.malloc.hugetlb=1"
 
 
@@ -126,10 +128,11 @@ def _ray(workers: int) -> Iterator[None]:
         yield
         return
     try:
+        settings = {"log_to_driver": False, "runtime_env": {"env_vars": SEE_ALL_GPUS}}
         if "RAY_ADDRESS" in os.environ:
-            ray.init(log_to_driver=False)
+            ray.init(**settings)
         else:
-            ray.init(num_cpus=workers, include_dashboard=False, log_to_driver=False)
+            ray.init(num_cpus=workers, include_dashboard=False, **settings)
     except (ConnectionError, OSError) as error:
         raise SymgraspError(
             f"the ray cluster does not answer ({error}); start it, or unset RAY_ADDRESS"

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from functools import partial
 
 import psutil
 import pytest
@@ -200,6 +201,19 @@ def test_ray_writes_the_same_bytes(frames, alone):
     output = frames.parent / "ray.h5"
     infer.run(infer.InferPaths(frames, output), PLANAR, ray_of(2))
     assert output.read_bytes() == alone
+
+
+def write_visible_gpus(item):
+    gpus = os.environ.get("CUDA_VISIBLE_DEVICES", "all")
+    write_json(item.target, {"provenance": item.stamp.as_json(), "gpus": gpus})
+
+
+def test_ray_hides_no_gpu_from_workers(tmp_path, monkeypatch):
+    options, ray = ray_of(2), pytest.importorskip("ray")
+    monkeypatch.setattr(ray, "init", partial(ray.init, num_gpus=1))
+    monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
+    run_batch("toy", items(tmp_path, ["b", "c"]), write_visible_gpus, options)
+    assert {read_json(tmp_path / f"{name}.json")["gpus"] for name in "bc"} == {"all"}
 
 
 @pytest.mark.parametrize("backend", ["dask", "ray"])

@@ -21,7 +21,9 @@ from symgrasp_cli.report import conclude
 def annotate_symmetry(
     source: Annotated[
         Path,
-        typer.Argument(help="Dataset root with models/, or a mesh, or a folder of meshes."),
+        typer.Argument(
+            exists=True, help="Dataset root with models/, or a mesh, or a folder of meshes."
+        ),
     ],
     out: Annotated[
         Path | None,
@@ -33,11 +35,15 @@ def annotate_symmetry(
     ] = None,
     edit: Annotated[
         Path | None,
-        typer.Option(help="Corrections by hand, JSON: drop, fix, add or accept a symmetry."),
+        typer.Option(
+            exists=True, help="Corrections by hand, JSON: drop, fix, add or accept a symmetry."
+        ),
     ] = None,
     bop_symmetries: Annotated[
         Path | None,
-        typer.Option(help="BOP's models_info.json: its rotations win over those found."),
+        typer.Option(
+            exists=True, help="BOP's models_info.json: its rotations win over those found."
+        ),
     ] = None,
     bop: Annotated[
         Path | None,

@@ -22,7 +22,9 @@ from symgrasp_cli.report import conclude
 
 
 def export_coco(
-    root: Annotated[Path, typer.Argument(help="Dataset root with scenes/ and symmetry/.")],
+    root: Annotated[
+        Path, typer.Argument(exists=True, help="Dataset root with scenes/ and symmetry/.")
+    ],
     *,
     out: Annotated[Path, typer.Option(help="Folder for annotations/, images/ and scenes/.")],
     split: DatasetSplit = "train",

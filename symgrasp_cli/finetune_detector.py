@@ -27,7 +27,9 @@ from symgrasp_cli.report import conclude
 def finetune_detector(
     roots: Annotated[
         list[Path],
-        typer.Argument(help="Dataset roots with scenes/ and symmetry/, or what export-coco wrote."),
+        typer.Argument(
+            exists=True, help="Dataset roots with scenes/ and symmetry/, or what export-coco wrote."
+        ),
     ],
     out: Annotated[Path, typer.Option(help="Weights to write, NAME.safetensors.")],
     split: Annotated[
@@ -47,7 +49,7 @@ def finetune_detector(
         typer.Option(help="Start of resnet50: a file of torchvision's weights, or download."),
     ] = None,
     init: Annotated[
-        Path | None, typer.Option(help="Weights of an earlier training to start from.")
+        Path | None, typer.Option(exists=True, help="Weights of an earlier training to start from.")
     ] = None,
     epochs: Annotated[
         int, typer.Option(min=1, help="Passes over the frames.")

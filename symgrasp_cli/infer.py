@@ -89,10 +89,12 @@ def infer(
     intrinsics: IntrinsicsText = None,
     depth_units_per_metre: DepthUnitsPerMetre = None,
     detector: Annotated[
-        Path | None, typer.Option(help="Weights of the region detector, if not the default.")
+        Path | None,
+        typer.Option(exists=True, help="Weights of the region detector, if not the default."),
     ] = None,
     network: Annotated[
-        Path | None, typer.Option(help="Weights of the grasp network, if not the default.")
+        Path | None,
+        typer.Option(exists=True, help="Weights of the grasp network, if not the default."),
     ] = None,
     timings: Annotated[
         bool,

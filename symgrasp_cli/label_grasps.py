@@ -13,7 +13,9 @@ from symgrasp_cli.report import conclude
 def label_grasps(
     meshes: Annotated[
         Path,
-        typer.Argument(help="A mesh, a folder of meshes, or a dataset root with models/."),
+        typer.Argument(
+            exists=True, help="A mesh, a folder of meshes, or a dataset root with models/."
+        ),
     ],
     out: Annotated[Path, typer.Option(help="Dataset root to write; may be the root that is read.")],
     points: Annotated[

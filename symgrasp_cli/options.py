@@ -45,7 +45,9 @@ MinVisiblePixels = Annotated[
 Resume = Annotated[bool, typer.Option("--resume", help="Go on with an unfinished training.")]
 FrameFolder = Annotated[
     Path,
-    typer.Argument(help="Folder of RGB-D frames in any layout of FORMATS.md, or a frame's file."),
+    typer.Argument(
+        exists=True, help="Folder of RGB-D frames in any layout of FORMATS.md, or a frame's file."
+    ),
 ]
 IntrinsicsText = Annotated[
     str | None, typer.Option(help="fx,fy,cx,cy in pixels, or a camera file, for all frames.")

@@ -23,7 +23,8 @@ from symgrasp_cli.report import conclude
 
 def pack(
     root: Annotated[
-        Path, typer.Argument(help="Dataset root with scenes/, symmetry/ and affordance/.")
+        Path,
+        typer.Argument(exists=True, help="Dataset root with scenes/, symmetry/ and affordance/."),
     ],
     *,
     out: Annotated[Path, typer.Option(help="Folder for scene_NNNN_CAMERA.h5.")],

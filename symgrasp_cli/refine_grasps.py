@@ -12,7 +12,8 @@ from symgrasp_cli.report import conclude
 
 def refine_grasps(
     root: Annotated[
-        Path, typer.Argument(help="Dataset root with models/, grasp_label/ and symmetry/.")
+        Path,
+        typer.Argument(exists=True, help="Dataset root with models/, grasp_label/ and symmetry/."),
     ],
     symmetry: Annotated[
         bool,

@@ -11,9 +11,12 @@ from symgrasp_cli.report import conclude
 
 
 def score_grasps(
-    mesh: Annotated[Path, typer.Argument(help="Mesh, metres.")],
+    mesh: Annotated[Path, typer.Argument(exists=True, help="Mesh, metres.")],
     grasps: Annotated[
-        Path, typer.Argument(help="Grasps (N, 17) as graspnetAPI has them, .npy, mesh's frame.")
+        Path,
+        typer.Argument(
+            exists=True, help="Grasps (N, 17) as graspnetAPI has them, .npy, mesh's frame."
+        ),
     ],
     *,
     out: Annotated[Path, typer.Option(help="Verdicts to write, .npz, one row a grasp.")],

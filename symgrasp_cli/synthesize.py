@@ -17,8 +17,9 @@ def synthesize(
     models: Annotated[
         Path | None,
         typer.Option(
+            exists=True,
             help="Your own meshes instead of procedural objects: a mesh, a folder, or a dataset "
-            "root's."
+            "root's.",
         ),
     ] = None,
     mesh_scale: Annotated[

@@ -26,13 +26,15 @@ def train(
     packed: Annotated[
         Path | None,
         typer.Argument(
-            help="Folder of packed regions, from `pack`; with --endless and --val not needed."
+            exists=True,
+            help="Folder of packed regions, from `pack`; with --endless and --val not needed.",
         ),
     ] = None,
     endless: Annotated[
         Path | None,
         typer.Option(
-            help="Dataset root with symmetry/ and affordance/: fresh regions of its objects."
+            exists=True,
+            help="Dataset root with symmetry/ and affordance/: fresh regions of its objects.",
         ),
     ] = None,
     endless_share: Annotated[
@@ -44,10 +46,13 @@ def train(
     ] = EndlessConfig.epoch_regions,
     val: Annotated[
         Path | None,
-        typer.Option(help="Packed regions to validate on; by default a tenth of PACKED's scenes."),
+        typer.Option(
+            exists=True,
+            help="Packed regions to validate on; by default a tenth of PACKED's scenes.",
+        ),
     ] = None,
     init: Annotated[
-        Path | None, typer.Option(help="Weights of an earlier training to start from.")
+        Path | None, typer.Option(exists=True, help="Weights of an earlier training to start from.")
     ] = None,
     epochs: Annotated[
         int, typer.Option(min=1, help="Passes over the regions.")

@@ -25,7 +25,9 @@ def view(
     out: Annotated[Path, typer.Option(help="Folder to write; open its index.html.")],
     frames: Annotated[
         Path | None,
-        typer.Option(help="Folder of the RGB-D frames, if they are not where infer read them."),
+        typer.Option(
+            exists=True, help="Folder of the RGB-D frames, if they are not where infer read them."
+        ),
     ] = None,
     gripper: GripperUsed = ViewConfig.gripper,
     max_pixels: Annotated[

@@ -250,6 +250,8 @@ def _above(figures: Mapping[str, Any]) -> str:
     if figure["spread"] is not None:
         return f"{figure['mean']:+.3f} ± {figure['spread']:.3f}"
     low, high = figure["intervals"][0]
+    if low is None or high is None:  # of one frame
+        return f"{figure['mean']:+.3f}"
     return f"{figure['mean']:+.3f} ({low:+.3f} to {high:+.3f})"
 
 

@@ -20,8 +20,9 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.ablation_table import ROWS, Row, markdown, rows_named, summary
-from pipelines.errors import SymgraspError
+from pipelines.errors import MissingInputError, SymgraspError, ValueRangeError
 from pipelines.formats.files import read_json, write_json, write_text
+from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.formats.provenance import digest, make_stamp
 
 SYMGRASP = (sys.executable, "-c", "from symgrasp_cli.app import main; main()")
@@ -101,6 +102,15 @@ class Ablations:
     def compared(self, row: Row, seed: int) -> Path:
         """Return where the comparison of a row with its base lies."""
         return self.folder(seed) / row.key / "compare.json"
+
+    def is_finished(self, row: Row, seeds: Sequence[int]) -> bool:
+        """Return whether all that the table needs of a row is there."""
+        files = [self.report(row, seed) for seed in seeds]
+        if row.base is not None:
+            files += [self.compared(row, seed) for seed in seeds]
+            if not all(self.is_finished(base, seeds) for base in ROWS if base.key == row.base):
+                return False
+        return all(path.is_file() for path in files)
 
     def _labels(self) -> Iterator[Step]:
         budget, workers = self.budget, ("--workers", self.budget.workers)
@@ -215,12 +225,14 @@ def perform(steps: Iterator[Step], records: Path, run: Run) -> None:
 
 
 def make_table(work: Ablations, seeds: Sequence[int], run: Run) -> str:
-    """Do all that is to be done, writing the table whenever a row is finished; return it."""
-    rows, text = [], ""
-    for row, steps in work.rows(seeds):
+    """Do all that is to be done, writing the table whenever a row is finished; return it.
+
+    Rows that an earlier run finished with these seeds stay in the table.
+    """
+    text = ""
+    for _, steps in work.rows(seeds):
         perform(steps, work.out / "steps", run)
-        rows.append(row)
-        text = write_tables(work, rows, seeds)
+        text = write_tables(work, [row for row in ROWS if work.is_finished(row, seeds)], seeds)
     return text
 
 
@@ -284,13 +296,27 @@ def parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
+def seeds_of(text: str) -> list[int]:
+    """Return the seeds of `0,1,2`, each once.
+
+    Raises:
+        ValueRangeError: it is something else.
+    """
+    parts = [part.strip() for part in text.split(",")]
+    if not all(part.isdecimal() for part in parts):
+        raise ValueRangeError("--seeds", repr(text), "numbers as 0,1,2")
+    return list(dict.fromkeys(map(int, parts)))
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Make the table; return the exit code."""
     options = parsed(arguments)
     budget = Budget(**{name: getattr(options, name) for name in vars(Budget())})
-    seeds = list(dict.fromkeys(int(seed) for seed in options.seeds.split(",")))
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
+        seeds = seeds_of(options.seeds)
+        if not GraspNetRoot(options.root).scenes():
+            raise MissingInputError(options.root / "scenes", "symgrasp synthesize")
         rows = rows_named(options.rows.split(",")) if options.rows else ROWS
         work = Ablations(options.root, options.out, budget, trained_regions, rows)
         sys.stdout.write(make_table(work, seeds, run_symgrasp))

@@ -19,6 +19,7 @@ from pipelines.formats.files import atomic_path
 from pipelines.formats.graspnet import FrameFiles, GraspNetRoot, SceneFiles
 from pipelines.formats.provenance import digest, make_stamp
 from pipelines.formats.region_frames import held_out_scenes, read_region_frame
+from pipelines.formats.scene_digests import digest_of_frames
 
 STAGE = "export-coco"
 
@@ -122,7 +123,7 @@ def _place(source: Path, target: Path, *, link: bool) -> None:
 def _item(
     root: GraspNetRoot, scene: SceneFiles, output_dir: Path, config: ExportCocoConfig
 ) -> WorkItem:
-    inputs = {"frames": str(scene.num_frames)}
+    inputs = {"frames": digest_of_frames(scene)}
     for object_id in scene.object_ids:
         path = root.symmetry_path(object_id)
         # A label that is not there fails its scenes, when it is read.

@@ -13,7 +13,7 @@ Writes  NAME.safetensors             the best weights so far by mask AP50 on uns
 
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -26,8 +26,9 @@ from pipelines.formats import coco_instances, detector_frames
 from pipelines.formats.coco_instances import CocoFrame
 from pipelines.formats.files import existing
 from pipelines.formats.graspnet import GraspNetRoot, SceneFiles
-from pipelines.formats.provenance import Stamp, digest, digest_folder, digest_text, make_stamp
+from pipelines.formats.provenance import digest, digest_folder, digest_text, make_stamp
 from pipelines.formats.region_frames import held_out_scenes
+from pipelines.formats.scene_digests import digest_of_frames, digest_of_pictures
 from pipelines.learning import detector_training
 from pipelines.learning.detector_preparation import frames_of_coco, frames_of_scene
 from pipelines.learning.detector_start import starting_detector
@@ -63,10 +64,11 @@ def run(
     """
     with joined(request.device) as (processes, device):
         started, report = time.monotonic(), StageReport(STAGE)
-        inputs = _inputs(roots, init, coco_weights) | {
-            "split": split or "all",
-            "camera": camera or "all",
-        }
+        inputs = _inputs(roots, init, coco_weights)
+        scenes = {root: scene_items(root, output, config, split, camera) for root in roots}
+        stamps = [item.stamp.as_text() for items in scenes.values() for item in items]
+        inputs |= {"split": split or "all", "camera": camera or "all"}
+        inputs["scenes"] = digest_text("\n".join(stamps))
         stamp = make_stamp(STAGE, config, seed=request.seed, inputs=inputs)
         earlier = find_progress(output, stamp, request)
         if earlier is not None and earlier.finished:
@@ -76,7 +78,7 @@ def run(
             options = options or BatchOptions()
             # What the first has made anew the others must not make once more.
             options = replace(options, overwrite=options.overwrite and processes.is_first)
-            prepared = _prepare(roots, output, config, split, camera, options)
+            prepared = _prepare(scenes, config, options)
         if prepared.failed:
             return prepared
         frames = frames_of(roots, output, [*prepared.done, *prepared.skipped], config, request.seed)
@@ -100,20 +102,12 @@ def replay(fault: Path) -> dict[str, float]:
 
 
 def _prepare(
-    roots: Sequence[Path],
-    output: Path,
-    config: FinetuneDetectorConfig,
-    split: str | None,
-    camera: str | None,
-    options: BatchOptions,
+    scenes: Mapping[Path, list[WorkItem]], config: FinetuneDetectorConfig, options: BatchOptions
 ) -> StageReport:
-    """Prepare the frames of all roots; scenes are reported as ROOT/SCENE."""
+    """Prepare the scenes of all roots; they are reported as ROOT/SCENE."""
     report = StageReport(STAGE)
-    for root in roots:
-        if coco_instances.is_coco(root):
-            part = prepare_coco(root, output, config, options)
-        else:
-            part = prepare(GraspNetRoot(root), output, config, split, camera, options)
+    for root, items in scenes.items():
+        part = prepare(root, items, config, options)
         report.done += [f"{_name(root)}/{scene}" for scene in part.done]
         report.skipped += [f"{_name(root)}/{scene}" for scene in part.skipped]
         report.failed |= {f"{_name(root)}/{scene}": why for scene, why in part.failed.items()}
@@ -180,55 +174,56 @@ def frames_folder(output: Path, root: Path) -> Path:
 
 
 def prepare(
-    root: GraspNetRoot,
+    root: Path, items: Sequence[WorkItem], config: FinetuneDetectorConfig, options: BatchOptions
+) -> StageReport:
+    """Write a file of small frames and their regions for each scene of `root` that has none yet."""
+    step = partial(prepare_scene, root=GraspNetRoot(root), config=config)
+    return run_batch(STAGE, items, step, options)
+
+
+def scene_items(
+    root: Path,
     output: Path,
     config: FinetuneDetectorConfig,
-    split: str | None,
-    camera: str | None,
-    options: BatchOptions,
-) -> StageReport:
-    """Write one file of small frames with their regions for each scene that has none yet."""
-    scenes = root.scenes(camera, split)
+    split: str | None = None,
+    camera: str | None = None,
+) -> list[WorkItem]:
+    """Return what is to be prepared of a root, or of a COCO dataset: an item a scene and camera."""
+    folder = frames_folder(output, root)
+    if coco_instances.is_coco(root):
+        return _coco_items(root, folder, config)
+    dataset = GraspNetRoot(root)
+    scenes = dataset.scenes(camera, split)
     if not scenes:
         raise SymgraspError(
-            f"{root.root} holds no {split or 'any'} scene; name another --split or --camera"
+            f"{root} holds no {split or 'any'} scene; name another --split or --camera"
         )
-    folder = frames_folder(output, root.root)
-    items = [
-        _item(
-            folder,
-            f"scene_{scene.scene_id:04d}_{scene.camera}",
-            _scene_stamp(root, scene, _settings(config)),
-            scene,
-        )
-        for scene in scenes
-    ]
-    return run_batch(STAGE, items, partial(prepare_scene, root=root, config=config), options)
+    items = []
+    for scene in scenes:
+        labels = [dataset.symmetry_path(object_id) for object_id in scene.object_ids]
+        # A label that is not there fails its scenes, when it is read.
+        inputs = {path.name: digest(path) if path.is_file() else "missing" for path in labels}
+        inputs["frames"] = digest_of_frames(scene)
+        name = f"scene_{scene.scene_id:04d}_{scene.camera}"
+        items.append(_item(folder, name, config, inputs, scene))
+    return items
 
 
-def _scene_stamp(root: GraspNetRoot, scene: SceneFiles, settings: dict[str, Any]) -> Stamp:
-    labels = [root.symmetry_path(object_id) for object_id in scene.object_ids]
-    # A label that is not there fails its scenes, when it is read.
-    inputs = {path.name: digest(path) if path.is_file() else "missing" for path in labels}
-    inputs["frames"] = str(len(scene.frames()))
-    return make_stamp(STAGE, settings, inputs=inputs)
-
-
-def prepare_coco(
-    folder: Path, output: Path, config: FinetuneDetectorConfig, options: BatchOptions
-) -> StageReport:
-    """Write the same files from a COCO instance dataset that has depth and cameras beside it."""
+def _coco_items(root: Path, folder: Path, config: FinetuneDetectorConfig) -> list[WorkItem]:
+    """Return the scenes of a COCO instance dataset that has depth and cameras beside it."""
     scenes: dict[str, list[CocoFrame]] = {}
     for split in coco_instances.SPLITS:
-        for frame in coco_instances.read_frames(folder, split):
+        for frame in coco_instances.read_frames(root, split):
             scenes.setdefault(frame.scene, []).append(frame)
     items = []
     for name, frames in sorted(scenes.items()):
         shown = json.dumps([frame.annotations for frame in frames], sort_keys=True)
-        stamp = make_stamp(STAGE, _settings(config), inputs={"annotations": digest_text(shown)})
-        items.append(_item(frames_folder(output, folder), name, stamp, frames))
-    root = GraspNetRoot(folder)
-    return run_batch(STAGE, items, partial(prepare_coco_scene, root=root, config=config), options)
+        pictures = digest_of_pictures(
+            frame.files.path(kind) for frame in frames for kind in ("rgb", "depth")
+        )
+        inputs = {"annotations": digest_text(shown), "frames": pictures}
+        items.append(_item(folder, name, config, inputs, frames))
+    return items
 
 
 def _settings(config: FinetuneDetectorConfig) -> dict[str, Any]:
@@ -239,20 +234,24 @@ def _settings(config: FinetuneDetectorConfig) -> dict[str, Any]:
     }
 
 
-def _item(folder: Path, name: str, stamp: Stamp, source: SceneFiles | list[CocoFrame]) -> WorkItem:
+def _item(
+    folder: Path,
+    name: str,
+    config: FinetuneDetectorConfig,
+    inputs: Mapping[str, str],
+    source: SceneFiles | list[CocoFrame],
+) -> WorkItem:
+    stamp = make_stamp(STAGE, _settings(config), inputs=inputs)
     return WorkItem(name, folder / f"{name}.h5", stamp, (source,))
 
 
 def prepare_scene(item: WorkItem, root: GraspNetRoot, config: FinetuneDetectorConfig) -> str:
-    """Prepare one scene; `item.arguments` are its files. Return the count of frames."""
-    frames = frames_of_scene(item.arguments[0], root, config)
-    detector_frames.write(item.target, frames, item.stamp)
-    return f"{len(frames)} frames"
-
-
-def prepare_coco_scene(item: WorkItem, root: GraspNetRoot, config: FinetuneDetectorConfig) -> str:
-    """Prepare one scene of a COCO dataset; `item.arguments` are its frames."""
-    frames = frames_of_coco(item.arguments[0], root, config)
+    """Prepare one scene; `item.arguments` are its files, or its COCO frames. Return the count."""
+    (source,) = item.arguments
+    if isinstance(source, SceneFiles):
+        frames = frames_of_scene(source, root, config)
+    else:
+        frames = frames_of_coco(source, root, config)
     detector_frames.write(item.target, frames, item.stamp)
     return f"{len(frames)} frames"
 

@@ -25,6 +25,7 @@ from pipelines.formats.graspnet import FrameFiles, GraspNetRoot, SceneFiles
 from pipelines.formats.packed_regions import PackedScene
 from pipelines.formats.provenance import digest, make_stamp
 from pipelines.formats.regioned_objects import read_regioned_object
+from pipelines.formats.scene_digests import digest_of_frames
 from pipelines.geometry.levelling import table_row
 from pipelines.geometry.mask_noise import MaskNoise
 from pipelines.geometry.region_masks import RegionInstance, visible_regions
@@ -189,7 +190,7 @@ def _item(
     seed: int,
     digests: dict[int, dict[str, str]],
 ) -> WorkItem:
-    inputs = {"frames": str(scene.num_frames)}
+    inputs = {"frames": digest_of_frames(scene)}
     for object_id in _object_ids(scene):
         inputs |= digests[object_id]
     name = f"scene_{scene.scene_id:04d}_{scene.camera}"

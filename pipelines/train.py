@@ -124,7 +124,10 @@ def region_sets(
     """
     if validation is not None:
         val_set = _all_regions(validation)
-        return (None if packed is None else _all_regions(packed)), val_set
+        train_set = None if packed is None else _all_regions(packed)
+        if train_set is not None:
+            _refuse_shared(train_set.reader, val_set.reader)
+        return train_set, val_set
     if packed is None:
         raise ValueRangeError(
             "--val",
@@ -134,6 +137,18 @@ def region_sets(
     reader = PackedReader(packed)
     train, val = split_by_scene(reader, config.val_fraction, np.random.default_rng(seed))
     return RegionSet(reader, train), RegionSet(reader, val)
+
+
+def _refuse_shared(train: PackedReader, validation: PackedReader) -> None:
+    """Raise ValueRangeError if a file to validate on, or a copy of it, is learned from."""
+    sizes: dict[int, list[Path]] = {}
+    for path in train.paths:
+        sizes.setdefault(path.stat().st_size, []).append(path)
+    for path in validation.paths:
+        for learned in sizes.get(path.stat().st_size, []):
+            if digest(path) == digest(learned):
+                what = f"a folder without what is learned from, as {learned} is"
+                raise ValueRangeError("--val", path, what)
 
 
 def _all_regions(packed: Path) -> RegionSet:

@@ -27,6 +27,7 @@ def train(
         Path | None,
         typer.Argument(
             exists=True,
+            file_okay=False,
             help="Folder of packed regions, from `pack`; with --endless and --val not needed.",
         ),
     ] = None,

@@ -1,17 +1,16 @@
 """Digests of what decides what is true of the frames of a report: labels, poses, meshes."""
 
 from collections.abc import Iterable
-from pathlib import Path
 
 from pipelines.formats.graspnet import GraspNetRoot, SceneFiles
 from pipelines.formats.graspnet_scene import annotated_ids
 from pipelines.formats.provenance import digest, digest_folder, digest_text
+from pipelines.formats.scene_digests import CAMERA_FILES, POSES, digest_of_files
 from pipelines.inference import models
 
 LABELS = {"symmetry": "*.json", "regions": "*.json"}
 # Images of colour and depth are what was judged, not what is true; of a dataset they are gigabytes.
-KINDS = {"annotations": "*.xml", "meta": "*.mat", "label": "*.png"}
-CAMERA_FILES = ("camK.npy", "camera_poses.npy", "cam0_wrt_table.npy")
+KINDS = {**POSES, "label": "*.png"}
 
 
 def truth_digests(
@@ -32,7 +31,7 @@ def truth_digests(
     if baselines:
         found["hands"] = digest(models.existing_weights(models.HAND_WEIGHTS, models.HANDS_BY))
     return found | {
-        "meshes": _digest_of(root.model_path(object_id) for object_id in sorted(ids)),
+        "meshes": digest_of_files(root.model_path(object_id) for object_id in sorted(ids)),
         "scenes": digest_text("".join(_digest_of_scene(scene) for scene in scenes)),
     }
 
@@ -40,10 +39,4 @@ def truth_digests(
 def _digest_of_scene(scene: SceneFiles) -> str:
     folder = scene.camera_folder
     kinds = [digest_folder(folder / kind, pattern) for kind, pattern in KINDS.items()]
-    return "".join([*kinds, _digest_of(folder / name for name in CAMERA_FILES)])
-
-
-def _digest_of(paths: Iterable[Path]) -> str:
-    """Return one digest of files; one that is absent counts as absent."""
-    each = (f"{path.name} {digest(path) if path.is_file() else 'absent'}\n" for path in paths)
-    return digest_text("".join(each))
+    return "".join([*kinds, digest_of_files(folder / name for name in CAMERA_FILES)])

@@ -75,11 +75,6 @@ class SceneFiles:
         return sorted(int(file.stem) for file in files if file.stem.isdigit())
 
     @property
-    def num_frames(self) -> int:
-        """The number of frames that are there."""
-        return len(self.frame_ids)
-
-    @property
     def camera_poses(self) -> NDArray[np.float64]:
         """(n, 4, 4): camera i to camera 0 coordinates, metres."""
         return read_pose_array(self.camera_folder / "camera_poses.npy", ndim=3)

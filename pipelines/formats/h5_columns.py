@@ -129,7 +129,11 @@ def read_alike(group: Handle, examples: Mapping[str, NDArray[Any]]) -> dict[str,
 
 def check_version(path: Path, found: Any, known: int) -> None:  # noqa: ANN401 - any attribute
     """Raise FormatError unless `found` is the format version that this code knows."""
-    if found is None or int(found) != known:
+    try:
+        same = int(found) == known
+    except (TypeError, ValueError):  # no number, or none at all
+        same = False
+    if not same:
         raise FormatError(path, f"has format_version {found}", f"this symgrasp reads {known}")
 
 

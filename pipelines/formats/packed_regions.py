@@ -136,6 +136,8 @@ class PackedReader:
     """
 
     def __init__(self, folder: Path) -> None:
+        if (folder / "scenes").is_dir():
+            raise FormatError(folder, "is a dataset root", "give what `symgrasp pack` made of it")
         files = (path for path in folder.rglob("*.h5") if not path.name.startswith("."))
         self.paths = tuple(sorted(files))
         if not self.paths:

@@ -7,7 +7,7 @@ import torch
 from torchvision.models.detection import MaskRCNN
 
 from pipelines.configs import DetectorConfig, FinetuneDetectorConfig
-from pipelines.errors import SymgraspError, ValueRangeError
+from pipelines.errors import FormatError, SymgraspError, ValueRangeError
 from pipelines.formats.torch_weights import read_torch_weights
 from pipelines.network.detector import MODEL_NAME
 from pipelines.network.mask_rcnn import adopt_coco, build_detector
@@ -26,7 +26,7 @@ def starting_detector(
 
     Raises:
         ValueRangeError: COCO weights are asked for a variant that has none.
-        FormatError: `init` or the file of COCO's weights holds none of this detector.
+        FormatError: `init` holds no weights of this detector, or the file of COCO's none of COCO's.
     """
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)  # layers are initialised from torch's own generator
@@ -35,11 +35,19 @@ def starting_detector(
         if config.detector.variant != "resnet50":
             what = "left out unless --variant resnet50"
             raise ValueRangeError("--coco-weights", coco_weights, what)
-        fresh = adopt_coco(model, read_coco(coco_weights))
+        fresh = adopt_coco(model, read_coco(coco_weights), coco_weights)
         log.info("%d tensors start anew, the others from COCO", len(fresh))
     if init is not None:
-        fill(model, read_weights(init, MODEL_NAME, DetectorConfig)[0], init)
+        tensors, settings = read_weights(init, MODEL_NAME, DetectorConfig)
+        found, wanted = _kind(settings), _kind(config.detector)
+        if found != wanted:
+            raise FormatError(init, f"is of a detector with {found}", f"{wanted} is asked for")
+        fill(model, tensors, init)
     return model
+
+
+def _kind(config: DetectorConfig) -> str:
+    return f"--variant {config.variant} --input {config.input}"
 
 
 def read_coco(source: str) -> dict[str, torch.Tensor]:

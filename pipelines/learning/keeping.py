@@ -86,14 +86,24 @@ class Keeper:
                 self._best = weights
             # What lies there may be of where an earlier run stopped.
             if self._best and (better or progress.kept != progress.figures):
-                self._write(self._best, progress.figures)
-                progress.kept = progress.figures
+                self._write_best(progress)
         elif better:
             progress.kept = figures
             # First of all the checkpoint says so: a kill between the two loses nothing.
             self.save_checkpoint(progress)
             self._write(weights, figures)
         write_curves(curves_path(self.output), progress.history, self.trainee.best_by)
+
+    def finish(self, progress: Progress) -> None:
+        """See to it that what a finished run leaves is its best weights, also after a kill."""
+        if self._best and (progress.kept != progress.figures or not self.output.exists()):
+            self._write_best(progress)
+
+    def _write_best(self, progress: Progress) -> None:
+        # First the checkpoint, with what is kept until now: weights without one are nobody's.
+        self.save_checkpoint(progress)
+        self._write(self._best, progress.figures)
+        progress.kept = progress.figures
 
     def _is_better(self, value: float, best: float | None) -> bool:
         sign = 1.0 if self.trainee.higher_is_better else -1.0

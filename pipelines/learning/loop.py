@@ -81,6 +81,8 @@ class TrainingRun:
             while self.progress.epoch < self.options.epochs and not reason:
                 reason = self._run_epoch(workers)
         self.progress.finished = self.progress.epoch >= self.options.epochs
+        if self.progress.finished and self.processes.is_first:
+            self.keeper.finish(self.progress)
         self._save_checkpoint()
         if reason > Reason.TIME_LIMIT and not self.progress.finished:
             raise TrainingStopped(
@@ -94,7 +96,8 @@ class TrainingRun:
             return None
         from torch.utils.tensorboard import SummaryWriter  # noqa: PLC0415 - slow to import
 
-        purge = self.progress.total_steps or None
+        # What an earlier run told of later steps, or of all if this one starts anew, is void.
+        purge = self.progress.total_steps
         writer: SummaryWriter = stack.enter_context(
             SummaryWriter(str(log_folder(self.output)), purge_step=purge)
         )

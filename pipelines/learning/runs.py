@@ -108,6 +108,9 @@ def find_progress(output: Path, stamp: Stamp, request: RunRequest) -> Progress |
             "give the same options and data to resume it, or pass --overwrite to start again"
         )
     progress = Progress.of(load_training(checkpoint).progress)
+    if progress.finished and not output.exists():  # gone; the checkpoint holds them still
+        progress.finished = False
+        return progress
     if not request.resume and not progress.finished:
         raise SymgraspError(
             f"{checkpoint} holds an unfinished training; "

@@ -13,7 +13,7 @@ from torchvision.models.detection.transform import GeneralizedRCNNTransform
 from torchvision.ops import MultiScaleRoIAlign
 
 from pipelines.configs import DetectorConfig
-from pipelines.errors import UnknownNameError
+from pipelines.errors import FormatError, UnknownNameError
 from pipelines.network.backbone import LightBackbone
 
 NUM_CLASSES = 2  # background, symmetric region
@@ -193,13 +193,25 @@ def _resnet50(in_channels: int, config: DetectorConfig) -> MaskRCNN:
     return model
 
 
-def adopt_coco(model: MaskRCNN, weights: Mapping[str, Tensor]) -> list[str]:
+def adopt_coco(model: MaskRCNN, weights: Mapping[str, Tensor], source: str) -> list[str]:
     """Give the resnet50 variant those of COCO's `weights` whose shapes fit; return the others.
 
     The class predictors never fit: COCO's 91 classes are not ours. Input channels beyond colour
-    have no counterpart either.
+    have no counterpart either. `source` is where the weights come from.
+
+    Raises:
+        FormatError: they are not of torchvision's Mask R-CNN for COCO.
     """
+    with torch.device("meta"):
+        theirs = maskrcnn_resnet50_fpn(weights=None, weights_backbone=None)
+    try:
+        # Published files have names of older versions, which torchvision itself translates.
+        theirs.load_state_dict(dict(weights), assign=True)
+    except RuntimeError as error:
+        expected = "the state_dict of torchvision's maskrcnn_resnet50_fpn with 91 classes"
+        raise FormatError(source, "holds other tensors", expected) from error
     own = model.state_dict()
-    fitting = {n: t for n, t in weights.items() if n in own and own[n].shape == t.shape}
+    given = theirs.state_dict().items()
+    fitting = {n: t for n, t in given if n in own and own[n].shape == t.shape}
     model.load_state_dict({**own, **fitting})
     return sorted(set(own) - set(fitting))

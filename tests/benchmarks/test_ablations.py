@@ -23,6 +23,7 @@ from benchmarks.ablations import (
     Budget,
     Step,
     epochs,
+    main,
     make_table,
     parsed,
     perform,
@@ -190,6 +191,41 @@ def test_what_was_deleted_is_made_again(tmp_path):
     done(tmp_path)
     work_in(tmp_path).report(ROWS[1], 0).unlink()
     assert [command[0] for command in done(tmp_path)] == ["evaluate"]
+
+
+def test_rows_that_are_finished_stay_in_the_table_of_fewer(tmp_path):
+    done(tmp_path)
+    fewer = work_in(tmp_path)
+    fewer.chosen = rows_named(["no-pift"])
+    make_table(fewer, (0,), Machine())
+    assert set(json.loads((tmp_path / "ablations.json").read_text())["rows"]) == {
+        row.key for row in ROWS
+    }
+    work_in(tmp_path).report(ROWS[0], 0).unlink()  # what the others are compared with
+    assert not any(fewer.is_finished(row, (0,)) for row in ROWS if row.base == FULL)
+
+
+@pytest.mark.parametrize("seeds", ["a", "", "0, ", "-1", "1.5"])
+def test_seeds_that_are_none_are_one_sentence(tmp_path, capsys, seeds):
+    assert main([str(tmp_path), f"--seeds={seeds}"]) == 1
+    assert capsys.readouterr().err.startswith("error: --seeds is")
+
+
+def test_a_benchmark_that_is_not_there_is_said_before_anything_is_made(tmp_path, capsys):
+    assert main([str(tmp_path / "none"), "--out", str(tmp_path / "out")]) == 1
+    assert "none/scenes does not exist" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_difference_over_one_frame_has_no_interval():
+    reports = {row.key: [report(0.5)] for row in ROWS}
+    alone = comparison(-0.1)
+    for split in SPLITS:
+        difference = alone["figures"][split]["grasp_quality"]["differences"][0]
+        difference["low"] = difference["high"] = None
+    text = markdown(summary(reports, {key: [alone] for key in BASED}, [0]))
+    assert "| -0.100 |" in text
+    assert "None" not in text
 
 
 def test_another_budget_is_refused_and_names_the_folder(tmp_path):

@@ -4,14 +4,17 @@ import contextlib
 import itertools
 import math
 import os
+import shutil
 import signal
 import tempfile
+import time
 from pathlib import Path
 
 import pytest
 import torch
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from torch import nn
 
 from pipelines.errors import SymgraspError, ValueRangeError
@@ -166,7 +169,7 @@ def test_a_run_killed_at_any_moment_and_resumed_gives_the_same_bytes(whole, mome
             with contextlib.suppress(Killed):
                 run.run()
         run = TrainingRun(kind(), OPTIONS, output, STAMP, {"model": "Line"})
-        if checkpoint_path(output).exists():
+        if find_progress(output, STAMP, RunRequest(resume=True)) is not None:
             run.resume()
         run.run()
         assert_same(output, whole[kind])
@@ -209,6 +212,20 @@ def test_a_signal_stops_after_the_step_with_a_checkpoint(tmp_path, whole, number
     assert signal.getsignal(number) is before
     trained(output, resume=True)
     assert_same(output, whole[Line])
+
+
+def test_weights_that_are_gone_are_written_again_from_the_checkpoint(tmp_path, whole):
+    output = tmp_path / "line.safetensors"
+    for path in whole[Line], checkpoint_path(whole[Line]):
+        shutil.copy(path, tmp_path)
+    output.unlink()
+    earlier = find_progress(output, STAMP, RunRequest())
+    assert earlier is not None
+    assert not earlier.finished
+    _, progress = trained(output, resume=True)
+    assert progress.finished
+    assert_same(output, whole[Line])
+    assert find_progress(output, STAMP, RunRequest()).finished
 
 
 def test_a_second_interrupt_does_not_wait():
@@ -333,6 +350,18 @@ def test_a_run_of_other_settings_is_not_resumed(tmp_path):
 def test_scalars_are_kept_for_tensorboard(tmp_path):
     trained(tmp_path / "line.safetensors")
     assert list((tmp_path / "line.logs").glob("events*"))
+
+
+def test_a_training_that_starts_anew_is_the_only_one_in_its_curves(tmp_path):
+    output, tag = tmp_path / "line.safetensors", "val/loss"
+    for epochs in (3, 2):
+        trained(output, LoopOptions(**{**vars(OPTIONS), "epochs": epochs}))
+        time.sleep(1.1)  # TensorBoard's files are ordered by their names, which count seconds
+    read = EventAccumulator(str(tmp_path / "line.logs"))
+    read.Reload()
+    steps = [event.step for event in read.Scalars(tag)]
+    assert len(steps) == 2
+    assert steps == sorted(steps)
 
 
 def test_the_picture_of_a_resumed_run_is_that_of_a_whole_one(tmp_path, whole):

@@ -105,9 +105,9 @@ def test_a_run_stopped_anywhere_goes_on_to_the_same_bytes(
 
 def test_the_detector_sees_the_same_frames_from_both(root, exported, tmp_path):
     outputs = [tmp_path / "a.safetensors", tmp_path / "b.safetensors"]
-    finetune_detector.prepare(root, outputs[0], DETECTOR, None, None, QUIET)
-    report = finetune_detector.prepare_coco(exported, outputs[1], DETECTOR, QUIET)
-    assert not report.failed
+    for source, output in zip([root.root, exported], outputs, strict=True):
+        items = finetune_detector.scene_items(source, output, DETECTOR)
+        assert not finetune_detector.prepare(source, items, DETECTOR, QUIET).failed
     folders = [
         finetune_detector.frames_folder(output, source)
         for output, source in zip(outputs, [root.root, exported], strict=True)
@@ -125,7 +125,8 @@ def test_the_detector_sees_the_same_frames_from_both(root, exported, tmp_path):
 
 def test_the_detector_validates_on_the_datasets_own_split(exported, tmp_path):
     output = tmp_path / "d.safetensors"
-    finetune_detector.prepare_coco(exported, output, DETECTOR, QUIET)
+    items = finetune_detector.scene_items(exported, output, DETECTOR)
+    finetune_detector.prepare(exported, items, DETECTOR, QUIET)
     files = sorted(finetune_detector.frames_folder(output, exported).glob("*.h5"))
     for scene in (f"scene_{number:04d}" for number in SCENES):
         sets = finetune_detector.split_frames(files, DETECTOR, 0, {scene})

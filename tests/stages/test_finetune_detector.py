@@ -4,6 +4,7 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -46,6 +47,11 @@ def output(root, tmp_path_factory):
     path = tmp_path_factory.mktemp("out") / "detector.safetensors"
     finetune_detector.run([root.root], path, CONFIG, REQUEST, split=None, options=QUIET)
     return path
+
+
+def prepare(root, output, config=CONFIG):
+    items = finetune_detector.scene_items(root.root, output, config)
+    return finetune_detector.prepare(root.root, items, config, QUIET)
 
 
 def test_frames_are_prepared_with_their_regions(root, output):
@@ -91,14 +97,28 @@ def test_a_resumed_training_equals_one_that_never_stopped(root, tmp_path):
 def test_a_scene_that_has_gained_frames_is_prepared_anew(tmp_path):
     root = write_root(tmp_path / "root")
     config, output = CONFIG, tmp_path / "detector.safetensors"
-    prepared = finetune_detector.prepare(root, output, config, None, None, QUIET)
+    prepared = prepare(root, output, config)
     assert prepared.done
     scene = root.scenes()[0]
     for path in scene.camera_folder.glob("*/0001.*"):
         path.rename(path.with_suffix(".away"))
-    again = finetune_detector.prepare(root, output, config, None, None, QUIET)
+    again = prepare(root, output, config)
     assert len(again.failed) == 1
     assert "other settings or inputs" in next(iter(again.failed.values()))
+
+
+def test_other_pictures_of_the_same_names_are_other_data(root, output, tmp_path):
+    copy = tmp_path / root.root.name
+    shutil.copytree(root.root, copy)
+    shutil.copytree(output.parent, tmp_path / "out")
+    path = tmp_path / "out" / output.name
+    again = finetune_detector.run([copy], path, CONFIG, REQUEST, split=None, options=QUIET)
+    assert again.skipped
+    picture = sorted(copy.glob("scenes/*/*/rgb/0000.png"))[0]
+    cv2.imwrite(str(picture), 255 - cv2.imread(str(picture)) // 2)
+    with pytest.raises(SymgraspError, match="other data"):
+        finetune_detector.run([copy], path, CONFIG, REQUEST, split=None, options=QUIET)
+    assert len(prepare(GraspNetRoot(copy), path).failed) == 1
 
 
 def test_a_scene_without_frames_has_a_file_of_none(tmp_path):
@@ -144,7 +164,7 @@ def test_frames_prepared_with_other_labels_are_not_reused(root, output, tmp_path
     shutil.copytree(root.root, copy)
     label = sorted((copy / "symmetry").glob("*.json"))[0]
     label.write_text(label.read_text() + "\n")
-    report = finetune_detector.prepare(GraspNetRoot(copy), output, CONFIG, None, None, QUIET)
+    report = prepare(GraspNetRoot(copy), output, CONFIG)
     assert report.failed
     assert all(
         "other settings" in sentence or "otherwise" in sentence

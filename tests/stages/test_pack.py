@@ -153,6 +153,19 @@ def test_a_finished_scene_is_skipped(root, tmp_path):
     assert pack.run(root.root, tmp_path, CONFIG, options=QUIET).skipped == [NAME]
 
 
+def test_a_scene_whose_pictures_were_replaced_is_not_reused(root, tmp_path):
+    shutil.copytree(root.root, tmp_path / "copy")
+    assert pack.run(tmp_path / "copy", tmp_path / "out", CONFIG, options=QUIET).done
+    assert pack.run(tmp_path / "copy", tmp_path / "out", CONFIG, options=QUIET).skipped
+    path = GraspNetRoot(tmp_path / "copy").scene(0).frame(1).path("depth")
+    depth = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    cv2.imwrite(
+        str(path), np.where(depth > 0, depth + np.indices(depth.shape)[0] % 3, 0).astype("u2")
+    )
+    again = pack.run(tmp_path / "copy", tmp_path / "out", CONFIG, options=QUIET)
+    assert "other settings or inputs" in again.failed[NAME]
+
+
 def test_a_split_without_scenes_is_one_sentence(root, tmp_path):
     with pytest.raises(SymgraspError, match="novel scene"):
         pack.run(root.root, tmp_path, CONFIG, split="novel", options=QUIET)

@@ -12,6 +12,7 @@ from pipelines.errors import FormatError, SymgraspError, ValueRangeError
 from pipelines.formats import object_list
 from pipelines.formats.checkpoints import load_weights, save_weights
 from pipelines.formats.object_list import ObjectRecord
+from pipelines.formats.packed_regions import PackedReader
 from pipelines.learning.runs import RunRequest, checkpoint_path, fault_path
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.predictor import GraspPredictor
@@ -100,6 +101,26 @@ def test_scenes_without_a_region_are_neither_trained_on_nor_held_out(tmp_path):
         train.region_sets(None, packed, CONFIG, 0)
 
 
+def test_what_is_validated_on_is_not_learned_from(packed, tmp_path):
+    both = shutil.copytree(packed, tmp_path / "both")
+    first, *_ = sorted(both.glob("*.h5"))
+    (both / "val").mkdir()
+    shutil.copy(first, both / "val" / "renamed.h5")
+    with pytest.raises(ValueRangeError, match=r"--val is .*renamed\.h5"):
+        train.region_sets(both, both / "val", CONFIG, 0)
+    apart = tmp_path / "apart"
+    (both / "val").rename(apart)
+    first.unlink()
+    train_set, val_set = train.region_sets(both, apart, CONFIG, 0)
+    assert len(train_set.indices) + len(val_set.indices) == len(PackedReader(packed))
+
+
+def test_a_dataset_root_is_no_packed_folder(tmp_path):
+    (tmp_path / "scenes").mkdir()
+    with pytest.raises(FormatError, match="is a dataset root; give what `symgrasp pack`"):
+        train.region_sets(tmp_path, None, CONFIG, 0)
+
+
 def test_a_damaged_checkpoint_is_one_sentence(packed, tmp_path):
     path = tmp_path / "network.safetensors"
     checkpoint, resumed = checkpoint_path(path), replace(REQUEST, resume=True)
@@ -132,7 +153,9 @@ def test_a_network_that_runs_away_keeps_its_batch(packed, tmp_path):
 
 
 def test_a_folder_of_its_own_can_be_validated_on(packed, tmp_path):
-    other = write_packed(tmp_path / "val", 1)
+    other = write_packed(tmp_path / "val", 4)
+    for scene in sorted(other.glob("*.h5"))[:3]:  # these are the ones learned from
+        scene.unlink()
     path = tmp_path / "network.safetensors"
     report = train.run(packed, other, path, replace(CONFIG, epochs=1), REQUEST)
     assert "plane_angle_deg" in report.notes["network.safetensors"]

@@ -16,7 +16,15 @@ from pathlib import Path
 import numpy as np
 
 from pipelines.annotation.extras import AnnotationExtras, write_extras
-from pipelines.annotation.jobs import STAGE, Job, Sources, edits_of, is_to_correct, items_of
+from pipelines.annotation.jobs import (
+    STAGE,
+    Job,
+    Sources,
+    edits_of,
+    is_to_correct,
+    items_of,
+    without_given,
+)
 from pipelines.annotation.objects import annotate, correct
 from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.configs import AnnotateSymmetryConfig
@@ -44,6 +52,8 @@ def run(
         given={} if extras.bop_symmetries is None else bop_models_info.read(extras.bop_symmetries),
     )
     items = items_of(source, output_dir, config, seed, sources)
+    given = extras.bop_symmetries
+    missing = [] if given is None else without_given(items, given, sources)
     step = partial(annotate_file, config=config, seed=seed)
     # Corrections are made to a finished annotation; all else that is finished stays.
     to_correct = {item.name for item in items if is_to_correct(item)}
@@ -51,6 +61,8 @@ def run(
     corrections = [item for item in items if item.name in to_correct]
     _add(report, run_batch(STAGE, corrections, step, replace(options, overwrite=True)))
     _refuse_unknown(report, sources.edits, [item.name for item in items])
+    if given is not None and missing:
+        report.notes[given.name] = f"says nothing of {', '.join(missing)}; what was found stays"
     if not options.dry_run:
         write_extras(report, items, extras, config, options)
     return report

@@ -2,7 +2,8 @@
 
 Reads   grasps.h5                            of `infer`
 Writes  DUMP/scene_NNNN/CAMERA/NNNN.npy      `--to graspnet`: graspnetAPI's rows; of frames that
-                                             are none of a dataset DUMP/NAME.npy
+                                             are none of a dataset, or of several that have the
+                                             same scenes, DUMP/NAME.npy
         OUT/predictions_NAME.npz             `--to contact-graspnet`
         OUT/NAME.yaml                        `--to isaac`: isaac_grasp files
         OUT/NAME.json                        `--to ros-json`: PoseArray and widths
@@ -16,6 +17,7 @@ grasps have a file that says so; frames that failed have none, and are named. Fo
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -36,10 +38,12 @@ from pipelines.formats.files import atomic_folder
 from pipelines.formats.grasp_exports import (
     LONGEST_PREFIX,
     LONGEST_SUFFIX,
+    Claims,
     ExportHeader,
     Hand,
     HandGrasps,
     as_ranges,
+    folds_case,
     frame_path,
 )
 from pipelines.formats.grasps_stream import GraspsIndex, read_frames, read_index
@@ -64,6 +68,12 @@ TO_FOLDER: dict[str, FrameWriter] = {
     "isaac": isaac_grasps.write_frame,
     "ros-json": ros_grasps.write_frame,
 }
+AFFIXES = {  # of a frame's file, before and behind the frame's name
+    "contact-graspnet": ("predictions_", ".npz"),
+    "isaac": ("", ".yaml"),
+    "ros-json": ("", ".json"),
+}
+STAMP_FILE = Path("provenance.json")  # in a folder
 TO_FILE: dict[str, FileWriter] = {"json": grasp_json.write, "csv": grasp_csv.write}
 NAMED_AT_MOST = 10  # frames in a sentence
 
@@ -91,9 +101,11 @@ def run(
     stamp = _stamp(grasps, gripper, hand, config.to)
     finished = is_finished(output, stamp, overwrite=overwrite)
     tally = _Tally()
-    frames = _held(grasps, index, hand, tally, report)
+    frames = _held(grasps, index, hand, report)
     if config.to in TO_FOLDER:
-        frames = _with_path(frames, report)
+        write_frame, path_of = _of_a_frame(config.to, index, report)
+        frames = _with_path(frames, path_of, Claims(folds_case=folds_case(output)), report)
+    frames = _counted(frames, tally)
     if finished:
         _pass_over(frames)  # what could not be exported is named again
         report.skipped.append(output.name)
@@ -105,7 +117,7 @@ def run(
     else:
         with atomic_folder(output) as folder:
             for frame in frames:
-                TO_FOLDER[config.to](folder, frame, header)
+                write_frame(folder, frame, header)
             _refuse_nothing(index, report)
             write_sidecar(folder, stamp)
     report.done.append(output.name)
@@ -158,9 +170,9 @@ def _refuse_others_work(output: Path) -> None:
 
 
 def _held(
-    grasps: Path, index: GraspsIndex, hand: Hand, tally: _Tally, report: StageReport
+    grasps: Path, index: GraspsIndex, hand: Hand, report: StageReport
 ) -> Iterator[HandGrasps]:
-    """Yield what the hand holds of each frame, one in memory at a time; count and name the rest."""
+    """Yield what the hand holds of each frame, one in memory at a time; name the others."""
     first = 0
     for result in read_frames(grasps, range(len(index.names))):
         if result.status == "failed":
@@ -172,11 +184,17 @@ def _held(
             continue
         finally:
             first += len(result.grasps)
-        tally.written += len(frame)
-        if len(frame.left_out):
-            tally.left_out[result.name] = frame.left_out
         yield frame
     _refuse_nothing(index, report)
+
+
+def _counted(frames: Iterable[HandGrasps], tally: _Tally) -> Iterator[HandGrasps]:
+    """Yield the frames that are written, and count what of them is and what is left out."""
+    for frame in frames:
+        tally.written += len(frame)
+        if len(frame.left_out):
+            tally.left_out[frame.result.name] = frame.left_out
+        yield frame
 
 
 def _write_file(output: Path, stamp: Stamp, write: Callable[[Path], None]) -> None:
@@ -188,12 +206,40 @@ def _write_file(output: Path, stamp: Stamp, write: Callable[[Path], None]) -> No
         write_sidecar(output, stamp)
 
 
-def _with_path(frames: Iterable[HandGrasps], report: StageReport) -> Iterator[HandGrasps]:
+def _of_a_frame(
+    to: str, index: GraspsIndex, report: StageReport
+) -> tuple[FrameWriter, Callable[[str], Path]]:
+    """Return what writes a frame's file, and what says where in the folder it lies, by name."""
+    if to != "graspnet":
+        prefix, suffix = AFFIXES[to]
+        return TO_FOLDER[to], lambda name: frame_path(Path(), name, suffix, prefix)
+    states = zip(index.names, index.statuses, strict=True)
+    shared = graspnet_dump.shared_place(name for name, status in states if status != "failed")
+    by_name = shared is not None
+    if shared is not None:  # of several datasets: none of them may take the others' place
+        report.notes["names"] = (
+            f"{shared[0]} and {shared[1]} would have one file in a dump; so all files are named as "
+            "the frames are, and what is before scene_NNNN in a name is a dump of its own"
+        )
+    return (
+        partial(graspnet_dump.write_frame, by_name=by_name),
+        partial(graspnet_dump.frame_file, Path(), by_name=by_name),
+    )
+
+
+def _with_path(
+    frames: Iterable[HandGrasps],
+    path_of: Callable[[str], Path],
+    claims: Claims,
+    report: StageReport,
+) -> Iterator[HandGrasps]:
     """Yield the frames that have a file of their own; name those that can have none."""
+    claims.claim(STAMP_FILE, "the export's stamp")
     for frame in frames:
         name = frame.result.name
         try:
             frame_path(Path(), name, LONGEST_SUFFIX, LONGEST_PREFIX)
+            claims.claim(path_of(name), f"that of {name}")
         except SymgraspError as error:
             report.failed[name] = str(error)
         if name not in report.failed:

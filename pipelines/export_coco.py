@@ -1,12 +1,16 @@
 """export-coco: masks of symmetric regions as a COCO instance dataset (Sec. III-D).
 
 Reads   ROOT/scenes/scene_NNNN/CAMERA/{rgb,depth,label,annotations,camK.npy}
+        ROOT/models/NNN/nontextured.ply
         ROOT/symmetry/NNN.json   regions, from annotate-symmetry
 Writes  DIR/annotations/instances_{train,val}.json, DIR/images/, DIR/scenes/
+
+The annotations are joined from those of all scenes, once every scene is there.
 """
 
+import json
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -17,9 +21,9 @@ from pipelines.errors import SymgraspError, UnknownNameError
 from pipelines.formats import coco_instances
 from pipelines.formats.files import atomic_path
 from pipelines.formats.graspnet import FrameFiles, GraspNetRoot, SceneFiles
-from pipelines.formats.provenance import digest, make_stamp
-from pipelines.formats.region_frames import held_out_scenes, read_region_frame
-from pipelines.formats.scene_digests import digest_of_frames
+from pipelines.formats.provenance import COMPARED, digest_text, is_finished, make_stamp
+from pipelines.formats.region_frames import held_out_scenes, read_region_frame, strided_frames
+from pipelines.formats.scene_digests import inputs_of_scenes
 
 STAGE = "export-coco"
 
@@ -43,11 +47,19 @@ def run(
     if not scenes:
         wanted = f"{split or 'any'} scene" + (f" seen by {camera}" if camera else "")
         raise SymgraspError(f"{source} holds no {wanted}; name another --split or --camera")
-    items = [_item(root, scene, output_dir, config) for scene in scenes]
+    items = [
+        _item(scene, output_dir, config, inputs)
+        for scene, inputs in zip(scenes, inputs_of_scenes(root, scenes), strict=True)
+    ]
+    splits = _splits(items, output_dir, config, seed)
+    _refuse_stale(splits, items, options)
     report = run_batch(STAGE, items, partial(export_scene, root=root, config=config), options)
-    finished = [item for item in items if item.name not in report.failed]
-    if not options.dry_run and finished:
-        report.notes["splits"] = _join(root, finished, output_dir, config, seed)
+    if report.failed:
+        # Without some scenes others would be held out, and models validated on trained ones.
+        count = f"{len(report.failed)} of {len(items)} scenes failed"
+        report.notes["splits"] = f"not joined to annotations/, as {count}"
+    elif not options.dry_run:
+        report.notes["splits"] = _join(splits, config, options)
     return report
 
 
@@ -57,7 +69,7 @@ def export_scene(item: WorkItem, root: GraspNetRoot, config: ExportCocoConfig) -
     folder = output_dir / "images" / scene.folder.name / scene.camera
     images, annotations = [], []
     _place(scene.camera_folder / "camK.npy", folder / "camK.npy", link=config.link)
-    for files in scene.frames()[:: config.frame_stride]:
+    for files in strided_frames(scene, config.frame_stride):
         shown = read_region_frame(root, files, config.min_pixels)
         copy = FrameFiles(folder, files.scene_id, files.camera, files.frame_id)
         for kind in ("rgb", "depth"):
@@ -76,30 +88,64 @@ def export_scene(item: WorkItem, root: GraspNetRoot, config: ExportCocoConfig) -
     return f"{len(annotations)} regions in {len(images)} frames"
 
 
-def _join(
-    root: GraspNetRoot,
-    items: Sequence[WorkItem],
-    output_dir: Path,
-    config: ExportCocoConfig,
-    seed: int,
-) -> str:
-    """Write the annotation files of both splits; scenes seen by two cameras stay together."""
+def _splits(
+    items: Sequence[WorkItem], output_dir: Path, config: ExportCocoConfig, seed: int
+) -> list[WorkItem]:
+    """Return the annotation files of both splits; scenes seen by two cameras stay together.
+
+    `arguments` are the items of their scenes. Their stamps are known before any scene is
+    exported, so that other settings are refused before anything is written.
+    """
     held_out = held_out_scenes([_scene_name(i) for i in items], config.val_fraction, seed)
+    splits = []
+    for split in coco_instances.SPLITS:
+        mine = tuple(i for i in items if (_scene_name(i) in held_out) == (split == "val"))
+        inputs = {item.name: _digest_of_stamp(item) for item in mine}
+        stamp = make_stamp(STAGE, config, seed=seed, inputs=inputs)
+        path = coco_instances.annotations_path(output_dir, split)
+        splits.append(WorkItem(split, path, stamp, mine))
+    return splits
+
+
+def _digest_of_stamp(item: WorkItem) -> str:
+    """Return a digest of how a scene is made, whichever version of the toolkit made it."""
+    stamp = item.stamp.as_json()
+    return digest_text(json.dumps({key: stamp[key] for key in COMPARED}, sort_keys=True))
+
+
+def _refuse_stale(
+    splits: Sequence[WorkItem], items: Sequence[WorkItem], options: BatchOptions
+) -> None:
+    """Refuse to replace the annotations of an earlier run, before any scene is exported.
+
+    Scenes that are stale themselves say so each in its turn, which is the more telling.
+    """
+    refusals = [why for split in splits if (why := _refusal(split, options)) is not None]
+    if refusals and all(_refusal(item, options) is None for item in items):
+        raise refusals[0]
+
+
+def _refusal(item: WorkItem, options: BatchOptions) -> SymgraspError | None:
+    try:
+        is_finished(item.target, item.stamp, overwrite=options.overwrite)
+    except SymgraspError as error:
+        return error
+    return None
+
+
+def _join(splits: Sequence[WorkItem], config: ExportCocoConfig, options: BatchOptions) -> str:
+    """Write the annotation files of both splits from those of their scenes. Return the counts."""
+    items = [item for split in splits for item in split.arguments]
     object_ids = {object_id for item in items for object_id in item.arguments[0].object_ids}
     categories = coco_instances.category_entries(config.categories, object_ids)
     counts = []
-    for split in coco_instances.SPLITS:
-        mine = [i for i in items if (_scene_name(i) in held_out) == (split == "val")]
-        images, annotations = [], []
-        for item in mine:
-            some, more = coco_instances.read_entries(item.target)
-            images += some
-            annotations += more
-        inputs = {item.name: digest(item.target) for item in mine}
-        stamp = make_stamp(STAGE, config, seed=seed, inputs=inputs)
-        path = coco_instances.annotations_path(output_dir, split)
-        coco_instances.write(path, images, annotations, categories, stamp)
-        counts.append(f"{split}: {len(images)} images, {len(annotations)} regions")
+    for split in splits:
+        entries = [coco_instances.read_entries(item.target) for item in split.arguments]
+        images = [image for some, _ in entries for image in some]
+        annotations = [annotation for _, more in entries for annotation in more]
+        if not is_finished(split.target, split.stamp, overwrite=options.overwrite):
+            coco_instances.write(split.target, images, annotations, categories, split.stamp)
+        counts.append(f"{split.name}: {len(images)} images, {len(annotations)} regions")
     return "; ".join(counts)
 
 
@@ -121,14 +167,9 @@ def _place(source: Path, target: Path, *, link: bool) -> None:
 
 
 def _item(
-    root: GraspNetRoot, scene: SceneFiles, output_dir: Path, config: ExportCocoConfig
+    scene: SceneFiles, output_dir: Path, config: ExportCocoConfig, inputs: Mapping[str, str]
 ) -> WorkItem:
-    inputs = {"frames": digest_of_frames(scene)}
-    for object_id in scene.object_ids:
-        path = root.symmetry_path(object_id)
-        # A label that is not there fails its scenes, when it is read.
-        inputs[path.name] = digest(path) if path.is_file() else "missing"
-    name = f"{scene.folder.name}_{scene.camera}"
     settings = {key: value for key, value in asdict(config).items() if key != "val_fraction"}
     stamp = make_stamp(STAGE, settings, inputs=inputs)
-    return WorkItem(name, output_dir / "scenes" / f"{name}.json", stamp, (scene, output_dir))
+    target = output_dir / "scenes" / f"{scene.name}.json"
+    return WorkItem(scene.name, target, stamp, (scene, output_dir))

@@ -1,6 +1,6 @@
 """finetune-detector: Mask R-CNN on masks of symmetric regions (Sec. III-D).
 
-Reads   ROOT/scenes/scene_NNNN/CAMERA/{rgb,depth,label,annotations}
+Reads   ROOT/scenes/scene_NNNN/CAMERA/{rgb,depth,label,annotations}, ROOT/models/
         ROOT/symmetry/NNN.json       regions, from annotate-symmetry
         or a COCO instance dataset of `export-coco`, with its own split
 Writes  NAME.safetensors             the best weights so far by mask AP50 on unseen scenes
@@ -28,7 +28,7 @@ from pipelines.formats.files import existing
 from pipelines.formats.graspnet import GraspNetRoot, SceneFiles
 from pipelines.formats.provenance import digest, digest_folder, digest_text, make_stamp
 from pipelines.formats.region_frames import held_out_scenes
-from pipelines.formats.scene_digests import digest_of_frames, digest_of_pictures
+from pipelines.formats.scene_digests import digest_of_pictures, inputs_of_scenes
 from pipelines.learning import detector_training
 from pipelines.learning.detector_preparation import frames_of_coco, frames_of_scene
 from pipelines.learning.detector_start import starting_detector
@@ -198,15 +198,10 @@ def scene_items(
         raise SymgraspError(
             f"{root} holds no {split or 'any'} scene; name another --split or --camera"
         )
-    items = []
-    for scene in scenes:
-        labels = [dataset.symmetry_path(object_id) for object_id in scene.object_ids]
-        # A label that is not there fails its scenes, when it is read.
-        inputs = {path.name: digest(path) if path.is_file() else "missing" for path in labels}
-        inputs["frames"] = digest_of_frames(scene)
-        name = f"scene_{scene.scene_id:04d}_{scene.camera}"
-        items.append(_item(folder, name, config, inputs, scene))
-    return items
+    return [
+        _item(folder, scene.name, config, inputs, scene)
+        for scene, inputs in zip(scenes, inputs_of_scenes(dataset, scenes), strict=True)
+    ]
 
 
 def _coco_items(root: Path, folder: Path, config: FinetuneDetectorConfig) -> list[WorkItem]:

@@ -15,15 +15,14 @@ from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 
-from pipelines.batch import BatchOptions, StageReport, run_batch
+from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.configs import InferConfig
 from pipelines.formats import grasps_file
 from pipelines.formats.camera_files import CameraFile
-from pipelines.formats.frames import FrameSource
 from pipelines.formats.grasps_stream import read_frames
-from pipelines.formats.overlays import write_overlay
 from pipelines.formats.provenance import is_finished
 from pipelines.inference.earlier import refuse_others_work
+from pipelines.inference.pictures import draw_missing, of_output
 from pipelines.inference.side_by_side import load, side_by_side
 from pipelines.inference.work import (
     STAGE,
@@ -71,36 +70,45 @@ def run(
     refuse_others_work(paths.output)
     settings = Settings(paths, config, seed, device, timings)
     work = Work(settings, camera, depth_units_per_metre)
-    sources = work.find()
-    items = work.items(sources)
+    items = work.items(work.find())
     if is_finished(paths.output, work.whole_stamp(items), overwrite=options.overwrite):
         if not options.dry_run:
             grasps_file.remove_shards(paths.output)  # of frames that were followed
-        return _finished_report(paths, sources)
+        report = _finished_report(paths, len(items))
+    else:
+        report = _make(work, items, options)
+    undrawn = draw_missing(settings, of_output(paths.output, items), options)
+    report.failed |= undrawn
+    report.done, report.skipped = (
+        [name for name in names if name not in undrawn] for names in (report.done, report.skipped)
+    )
+    return report
+
+
+def _make(work: Work, items: Sequence[WorkItem], options: BatchOptions) -> StageReport:
+    """Find what is not found yet, and put the output together."""
+    settings = work.settings
     if not options.dry_run:
         drop_stale_shards(items)
     unfinished = sum(not item.target.exists() for item in items)
     # Shards are of this very run.
-    beside = side_by_side(replace(options, overwrite=False), unfinished, device)
+    beside = side_by_side(replace(options, overwrite=False), unfinished, settings.device)
     with settings.one_core() if beside.backend == "threading" else nullcontext():
         if unfinished and not options.dry_run:
             load(settings, beside)
         report = run_batch(STAGE, items, partial(infer_frame, settings=settings), beside)
     if not options.dry_run:
         work.put_together(items, report.failed)
-        grasps_file.remove_shards(paths.output)
+        grasps_file.remove_shards(work.output)
     return report
 
 
-def _finished_report(paths: InferPaths, sources: Sequence[FrameSource]) -> StageReport:
-    """Return what the finished output says; pictures that are missing are drawn from it."""
+def _finished_report(paths: InferPaths, count: int) -> StageReport:
+    """Return what the finished output says of its `count` frames."""
     report = StageReport(STAGE)
-    results = read_frames(paths.output, range(len(sources)))
-    for source, result in zip(sources, results, strict=True):
+    for result in read_frames(paths.output, range(count)):
         if result.status == "failed":
             report.failed[result.name] = result.message
             continue
         report.skipped.append(result.name)
-        if paths.overlays is not None and not overlay_path(paths.overlays, result.name).exists():
-            write_overlay(overlay_path(paths.overlays, result.name), source.read(), result)
     return report

@@ -9,10 +9,9 @@ goes on from them, and `infer` without `--watch` ends with the same bytes and re
 """
 
 import logging
-import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
@@ -22,15 +21,16 @@ from pipelines.formats import grasps_file
 from pipelines.formats.camera_files import CameraFile
 from pipelines.formats.frames import FrameSource
 from pipelines.inference.earlier import earlier_frames, refuse_others_work, refuse_stale
+from pipelines.inference.pictures import draw_missing, of_shards
 from pipelines.inference.side_by_side import side_by_side
-from pipelines.inference.watching import Arrival, Lister, Watcher
+from pipelines.inference.watching import Arrival, Clock, Lister, Watcher
 from pipelines.inference.work import (
     STAGE,
     InferPaths,
     Settings,
     Work,
     check_names,
-    drop_stale_shards,
+    has_shard,
     infer_frame,
 )
 from pipelines.learning.stopping import Reason, StopSignals
@@ -39,14 +39,6 @@ log = logging.getLogger(__name__)
 
 LONGEST_PAUSE = 1.0  # seconds until a signal is heeded
 LISTING_SHARE = 4  # a listing's time is waited this many times, so that large folders cost little
-
-
-@dataclass(frozen=True)
-class Clock:
-    """Where the time comes from, and how it passes."""
-
-    now: Callable[[], float] = time.monotonic
-    wait: Callable[[float], None] = time.sleep
 
 
 @dataclass(frozen=True)
@@ -203,25 +195,35 @@ class _Follower:
         except (SymgraspError, OSError) as error:  # the folder may be back in a moment
             log.warning("cannot look for frames: %s", error)
             return []
+        # A frame that has gone since it could not be read keeps the result that it had.
+        names = {source.name for source in self.listed}
+        self.pending = {name: each for name, each in self.pending.items() if name in names}
         return self.watcher.look(self.listed, self.clock.now())
 
     def _work_on(self, arrivals: Sequence[Arrival]) -> None:
         items = [self._item(arrival.source) for arrival in arrivals]
         if any(item.name in self.items for item in items):
             self._await_output()  # which is made of the parts that are now written anew
-        drop_stale_shards(items)
+        finished = [item for item in items if has_shard(item)]
+        todo = [item for item in items if item not in finished]
         step = partial(infer_frame, settings=self.work.settings)
-        report = run_batch(STAGE, items, step, self.options)
+        # Over the shards of earlier files: these stay until there is another result.
+        report = run_batch(STAGE, todo, step, replace(self.options, overwrite=True))
         self.report.notes.update(report.notes)
         for arrival, item in zip(arrivals, items, strict=True):
             sentence = report.failed.get(item.name)
             if sentence is not None and not arrival.is_last_try:
                 self.watcher.put_off(item.name)
                 self.pending[item.name] = (arrival, item, sentence)
-            elif item.name in report.skipped:
+            elif item in finished:
                 self._keep(item, self.report.skipped)
             else:
+                if sentence is not None:
+                    item.target.unlink(missing_ok=True)  # of files that are no more
                 self._conclude(item.name, arrival, item, sentence)
+        undrawn = draw_missing(self.work.settings, of_shards(finished), self.options)
+        for name, why in undrawn.items():
+            log.warning("%s: %s", name, why)
 
     def _item(self, source: FrameSource) -> WorkItem:
         try:
@@ -259,12 +261,20 @@ class _Follower:
         It takes a hundredth of a second a frame, in which the next frame is not to wait.
         """
         self._await_output()
+        self._forget_lost()
         listed = [source.name for source in self.listed]
         gone = [name for name in self.items if name not in {*listed, *self.failed}]
         order = [*gone, *(name for name in listed if name in self.items)]
         items = [self.items[name] for name in order]
         self.writing = self.beside.submit(self.work.put_together, items, dict(self.failed))
         self.is_changed = False
+
+    def _forget_lost(self) -> None:
+        """Leave out what somebody took the parts of, rather than end for want of them."""
+        for name in set(self.items) - set(self.failed):
+            if not self.items[name].target.exists():
+                log.warning("%s: its part is not there any more, it is left out", name)
+                del self.items[name]
 
     def _await_output(self) -> None:
         """Wait until the output is put together, where it is being so; raise what went wrong."""

@@ -33,6 +33,7 @@ from pipelines.formats.meshes import (
     read_mesh,
     read_solid_mesh,
     refuse_too_large,
+    smallness_warning,
     write_mesh,
 )
 from pipelines.formats.object_list import ObjectRecord
@@ -42,12 +43,14 @@ from pipelines.formats.provenance import (
     is_finished,
     make_stamp,
     read_stamp,
+    stamp_ahead,
     write_sidecar,
 )
 from pipelines.formats.signed_distance import write_sdf
 from pipelines.geometry.mesh import Mesh, sample_surface
 from pipelines.geometry.signed_distance import signed_distance_grid
 from pipelines.geometry.winding import turned_outward
+from pipelines.synthesis.collision_notes import collision_note
 from pipelines.synthesis.grasp_sampling import LabelTarget, label_points
 
 STAGE = "label-grasps"
@@ -104,6 +107,9 @@ def run(
         sources = _run_step(report, sources, items, _write_grid, options)
     for number, source in enumerate(sources, start=1):
         _label(report, root, source, config, seed, compress, options, f"{number}/{len(sources)}")
+    labelled = [source.object_id for source in sources if source.title in report.done]
+    if note := collision_note(root, labelled):
+        report.notes["collision labels"] = note
     return report
 
 
@@ -195,8 +201,7 @@ def _grid_item(root: GraspNetRoot, source: Source) -> WorkItem:
 def _write_grid(item: WorkItem) -> None:
     (model,) = item.arguments
     grid = signed_distance_grid(read_solid_mesh(model))
-    # The stamp first: a file without one would be taken for somebody else's.
-    write_sidecar(item.target, item.stamp)
+    stamp_ahead(item.target, item.stamp)
     write_sdf(item.target, grid)
 
 
@@ -225,6 +230,7 @@ def _label(
             report.notes[source.title] = f"would write {target}"
             return
         mesh = read_solid_mesh(model)
+        too_small = smallness_warning(mesh, source.path)
         labels = replace(config.labels, num_points=number_of_points(mesh, config))
         items = _part_items(model, target, stamp, labels.num_points)
         step = partial(_write_part, config=labels, seed=seed)
@@ -234,15 +240,15 @@ def _label(
             raise SymgraspError(next(iter(parts.failed.values())))
         files = [item.target for item in items]
         summary = _summary(files)
-        write_sidecar(target, stamp)
+        stamp_ahead(target, stamp)
         join_grasp_labels(target, files, compress=compress)
         shutil.rmtree(files[0].parent)
     except (SymgraspError, OSError) as error:
         report.failed[source.title] = str(error)
         return
     report.done.append(source.title)
-    note = report.notes.pop(source.title, "")
-    report.notes[source.title] = "; ".join(text for text in (summary, note) if text)
+    notes = (summary, too_small, report.notes.pop(source.title, ""))
+    report.notes[source.title] = "; ".join(text for text in notes if text)
 
 
 def number_of_points(mesh: Mesh, config: LabelGraspsConfig) -> int:
@@ -278,7 +284,7 @@ def _write_part(item: WorkItem, *, config: LabelConfig, seed: int) -> None:
     model, first = item.arguments
     prepared, points = _prepared(model, item.stamp.inputs[model.name], config.num_points, seed)
     label = label_points(prepared, points[first : first + POINTS_A_PART], config)
-    write_sidecar(item.target, item.stamp)
+    stamp_ahead(item.target, item.stamp)
     write_grasp_label(item.target, label, compress=False)
 
 

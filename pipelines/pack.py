@@ -1,6 +1,7 @@
 """pack: cut frames into region point clouds with labels, ready for training (Sec. III-E).
 
 Reads   ROOT/scenes/scene_NNNN/CAMERA/{depth,label,annotations}   sensor depth, masks, poses
+        ROOT/models/NNN/nontextured.ply
         ROOT/symmetry/NNN.json       from annotate-symmetry
         ROOT/affordance/NNN.h5       from refine-grasps
 Writes  PACKED/scene_NNNN_CAMERA.h5  one file a scene; camera frame
@@ -9,7 +10,7 @@ The points are the sensor's, inside a mask like those a detector makes, so that 
 inference will. Symmetries and affordance are the object's, moved by its pose.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -19,13 +20,14 @@ from numpy.typing import NDArray
 
 from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.configs import PackConfig, RegionConfig
-from pipelines.errors import FormatError, MissingInputError, SymgraspError
+from pipelines.errors import MissingInputError, SymgraspError
 from pipelines.formats import affordance_labels, packed_regions
 from pipelines.formats.graspnet import FrameFiles, GraspNetRoot, SceneFiles
 from pipelines.formats.packed_regions import PackedScene
-from pipelines.formats.provenance import digest, make_stamp
+from pipelines.formats.provenance import make_stamp
+from pipelines.formats.region_frames import read_posed_label, strided_frames
 from pipelines.formats.regioned_objects import read_regioned_object
-from pipelines.formats.scene_digests import digest_of_frames
+from pipelines.formats.scene_digests import inputs_of_scenes
 from pipelines.geometry.levelling import table_row
 from pipelines.geometry.mask_noise import MaskNoise
 from pipelines.geometry.region_masks import RegionInstance, visible_regions
@@ -55,8 +57,11 @@ def run(
     if not scenes:
         wanted = f"{split or 'any'} scene" + (f" seen by {camera}" if camera else "")
         raise SymgraspError(f"{source} holds no {wanted}; name another --split or --camera")
-    digests = _label_digests(root, scenes)
-    items = [_item(scene, output_dir, config, seed, digests) for scene in scenes]
+    inputs = inputs_of_scenes(root, scenes, with_affordance=True)
+    items = [
+        _item(scene, output_dir, config, seed, of_scene)
+        for scene, of_scene in zip(scenes, inputs, strict=True)
+    ]
     step = partial(pack_scene, root=root, config=config, seed=seed)
     return run_batch(STAGE, items, step, options or BatchOptions())
 
@@ -64,9 +69,7 @@ def run(
 def pack_scene(item: WorkItem, root: GraspNetRoot, config: PackConfig, seed: int) -> str:
     """Pack one scene; `item.arguments` are its files. Return the counts."""
     (scene,) = item.arguments
-    # A frame that has poses but no depth is a fault, not a frame less.
-    frame_ids = sorted({*scene.frame_ids, *scene.ids_of("annotations")})
-    frames = [scene.frame(frame_id) for frame_id in frame_ids[:: config.frame_stride]]
+    frames = strided_frames(scene, config.frame_stride)
     clouds: list[LabelledCloud] = []
     frame_of_cloud: list[int] = []
     for frame in frames:
@@ -83,12 +86,7 @@ def pack_frame(
 ) -> list[LabelledCloud]:
     """Return the labelled clouds of every region of a frame that shows enough of itself."""
     depth, intrinsics = root.read_depth(files)
-    label, poses = root.read_label(files), _poses(root, files)
-    if label.shape != depth.shape:
-        found = f"the label image is {label.shape[1]}x{label.shape[0]}"
-        expected = f"the depth image is {depth.shape[1]}x{depth.shape[0]}"
-        raise FormatError(files.path("label"), found, expected)
-    _check_listed(files, label, poses)
+    label, poses = read_posed_label(root, files, depth.shape)
     objects = {object_id: read_regioned_object(root.root, object_id) for object_id in poses}
     scene = SceneCloud(np.asarray(depth, np.float64), intrinsics)
     plane = find_tabletop(scene.xyz, intrinsics, RegionConfig(), np.random.default_rng(0)).plane
@@ -103,34 +101,6 @@ def pack_frame(
         return _surface(*_version(root.affordance_path(object_id)))
 
     return labelled_clouds(shown, scene, poses, surface_of, mask_of, config, rng)
-
-
-def _poses(root: GraspNetRoot, files: FrameFiles) -> dict[int, Array]:
-    """Return the pose of each object that the scene lists, by its id.
-
-    Raises:
-        FormatError: an object of the scene has no pose in this frame.
-    """
-    poses = {pose.object_id: pose.T_cam_obj for pose in root.read_annotation(files)}
-    missing = [i for i in root.scene(files.scene_id, files.camera).object_ids if i not in poses]
-    if missing:
-        raise FormatError(
-            files.path("annotations"),
-            f"holds no pose of object {missing[0]}",
-            "object_id_list.txt names it",
-        )
-    return poses
-
-
-def _check_listed(files: FrameFiles, label: NDArray[np.uint8], poses: dict[int, Array]) -> None:
-    shown = np.flatnonzero(np.bincount(label.ravel())) - 1
-    unknown = sorted(set(shown.tolist()) - poses.keys() - {-1})
-    if unknown:
-        raise FormatError(
-            files.path("label"),
-            f"shows object {unknown[0]}",
-            f"{files.path('annotations').name} has no pose of it",
-        )
 
 
 def _version(path: Path) -> tuple[Path, int]:
@@ -162,37 +132,13 @@ def _stacked(
     )
 
 
-def _label_digests(root: GraspNetRoot, scenes: Sequence[SceneFiles]) -> dict[int, dict[str, str]]:
-    """Return the digests of each object's labels: taken once, not once a scene."""
-    listed = {object_id for scene in scenes for object_id in _object_ids(scene)}
-    return {
-        object_id: {
-            # A label that is not there fails its scenes, when it is read.
-            path.name: digest(path) if path.is_file() else "missing"
-            for path in (root.symmetry_path(object_id), root.affordance_path(object_id))
-        }
-        for object_id in sorted(listed)
-    }
-
-
-def _object_ids(scene: SceneFiles) -> list[int]:
-    """Return the scene's objects; none if the list is at fault, which then fails the scene."""
-    try:
-        return scene.object_ids
-    except SymgraspError:
-        return []
-
-
 def _item(
     scene: SceneFiles,
     output_dir: Path,
     config: PackConfig,
     seed: int,
-    digests: dict[int, dict[str, str]],
+    inputs: Mapping[str, str],
 ) -> WorkItem:
-    inputs = {"frames": digest_of_frames(scene)}
-    for object_id in _object_ids(scene):
-        inputs |= digests[object_id]
     name = f"scene_{scene.scene_id:04d}_{scene.camera}"
     stamp = make_stamp(STAGE, config, seed=seed, inputs=inputs)
     return WorkItem(name, output_dir / f"{name}.h5", stamp, (scene,))

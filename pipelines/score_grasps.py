@@ -18,7 +18,7 @@ from pipelines.configs import ScoreGraspsConfig
 from pipelines.formats.files import existing
 from pipelines.formats.grasp_rows import read_grasp_rows, write_verdicts
 from pipelines.formats.meshes import read_mesh
-from pipelines.formats.provenance import digest, is_finished, make_stamp
+from pipelines.formats.provenance import digest, is_finished, make_stamp, refuse_other_suffix
 from pipelines.formats.signed_distance import read_sdf
 from pipelines.geometry.mesh import Mesh
 from pipelines.geometry.signed_distance import SignedDistanceGrid
@@ -44,7 +44,12 @@ def run(
     *,
     overwrite: bool = False,
 ) -> StageReport:
-    """Score the rows of `grasps_path` on the mesh; rows that are no grasps are named."""
+    """Score the rows of `grasps_path` on the mesh; rows that are no grasps are named.
+
+    Raises:
+        ValueRangeError: `output` is not named .npz.
+    """
+    refuse_other_suffix(output, ".npz")
     started, report = time.monotonic(), StageReport(STAGE)
     inputs = {"mesh": digest(existing(mesh_path)), "grasps": digest(existing(grasps_path))}
     stored = mesh_path.with_suffix(".sdf")

@@ -34,7 +34,8 @@ from pipelines.formats.provenance import (
     digest_text,
     is_finished,
     make_stamp,
-    write_sidecar,
+    refuse_other_suffix,
+    stamp_ahead,
 )
 from pipelines.formats.trial_records import (
     FrameTrials,
@@ -69,7 +70,11 @@ def run(
         options: how the batch is run.
         baselines: also try grasps planned with ground truth, from the boundary, and at random.
         seed: of coacd, which cuts models into convex pieces, and of the baselines' random draws.
+
+    Raises:
+        ValueRangeError: `output` is not named .json.
     """
+    refuse_other_suffix(output, ".json")
     root, found = GraspNetRoot(dataset), read_index(grasps)
     gripper = gripper_to_use(config.gripper, found.gripper, found.stamp)
     config = replace(config, gripper=gripper)
@@ -134,9 +139,7 @@ def _cut_model(config: SimulateConfig, item: WorkItem) -> str | None:
         max_pieces=config.max_pieces,
         seed=item.stamp.seed,
     )
-    # The stamp first: pieces without one would be taken for those of another mesh.
-    item.target.parent.mkdir(parents=True, exist_ok=True)
-    write_sidecar(item.target, item.stamp)
+    stamp_ahead(item.target, item.stamp)
     convex_file.write(item.target, pieces)
     if len(pieces) > 1 or is_nearly_convex(mesh, config.convex_enough):
         return None

@@ -24,19 +24,19 @@ from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.configs import SynthesizeConfig
 from pipelines.errors import UnknownNameError, ValueRangeError
 from pipelines.formats import convex_pieces as convex_file
-from pipelines.formats import object_list
 from pipelines.formats.files import atomic_folder
 from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.formats.graspnet_labels import write_grasp_label
 from pipelines.formats.graspnet_layout import SPLITS
 from pipelines.formats.meshes import read_mesh, write_mesh
-from pipelines.formats.provenance import digest, make_stamp, write_sidecar
+from pipelines.formats.object_list import ObjectRecord
+from pipelines.formats.provenance import digest, make_stamp, stamp_ahead, write_sidecar
 from pipelines.formats.signed_distance import write_sdf
 from pipelines.geometry.signed_distance import signed_distance_grid
 from pipelines.synthesis.cameras import MIXED, camera_folder
-from pipelines.synthesis.decomposition import convex_pieces
 from pipelines.synthesis.grasp_sampling import sample_grasp_label
-from pipelines.synthesis.own_models import OwnModel, own_models
+from pipelines.synthesis.object_records import add_to_object_list
+from pipelines.synthesis.own_models import OwnModel, own_models, refuse_own_output
 from pipelines.synthesis.pools import SyntheticObject, make_pool
 from pipelines.synthesis.scene_files import write_scene
 
@@ -60,16 +60,17 @@ def run(
 
     `models`: meshes to take instead of procedural objects, `mesh_scale` metres a unit; None is 1,
     and refuses meshes too large for it. `sdf`: write `textured.sdf` too.
+
+    Raises:
+        ValueRangeError: a setting is out of range, or `models` are those of `output`.
     """
-    _check(config, models)
+    _check(config, models, output)
     sources = own_models(models, mesh_scale) if models else []
     ids = _object_ids(config, len(sources))
     step = partial(_write_object, config=config, seed=seed)
     report = run_batch(
         "synthesize objects", _object_items(output, config, seed, ids, sources), step, options
     )
-    if options.dry_run:
-        return report
     if config.labels.num_points and not report.failed:
         items = _label_items(output, config, seed, sorted(ids))
         _merge(
@@ -84,7 +85,8 @@ def run(
     if report.failed:
         report.notes["scenes"] = "none are made before all objects and their labels are there"
         return report
-    _write_object_list(output, config, seed, ids, sources)
+    if not options.dry_run:
+        _write_object_list(output, config, seed, ids, sources)
     items = _scene_items(output, config, seed, ids, sources)
     _merge(
         report,
@@ -93,7 +95,9 @@ def run(
     return report
 
 
-def _check(config: SynthesizeConfig, models: Path | None) -> None:
+def _check(config: SynthesizeConfig, models: Path | None, output: Path) -> None:
+    if models:
+        refuse_own_output(models, output)
     for split in config.splits:
         if split not in SPLITS:
             raise UnknownNameError("split", split, SPLITS)
@@ -149,7 +153,7 @@ def _object_items(
             "index": index,
             "count": config.objects_per_pool,
         }
-        if source and source.scale is not None:
+        if source and source.scale not in (None, 1.0):  # 1 is what is meant if none is said
             settings["mesh_scale"] = source.scale
         inputs = source.inputs if source else {}
         stamp = make_stamp("synthesize object", settings, seed=seed, inputs=inputs)
@@ -168,8 +172,7 @@ def _make_object(
 ) -> SyntheticObject:
     if source is None:
         return _pool(pool, count, seed)[index]
-    mesh = source.read()
-    return SyntheticObject(source.name, source.name, mesh, (), convex_pieces(mesh, seed=seed))
+    return source.as_object(seed)
 
 
 def _write_object(item: WorkItem, *, config: SynthesizeConfig, seed: int) -> None:
@@ -193,19 +196,15 @@ def _write_object_list(
     for object_id, (pool, index) in ids.items():
         if sources:
             name = sources[index].name
-            records.append(object_list.ObjectRecord(object_id, name, name, pool))
+            records.append(ObjectRecord(object_id, name, name, pool))
             continue
         made = _pool(pool, config.objects_per_pool, seed)[index]
-        records.append(
-            object_list.ObjectRecord(object_id, made.name, made.family, pool, made.symmetries)
-        )
-    settings = {
-        "pools": sorted({pool for pool, _ in ids.values()}),
-        "count": config.objects_per_pool,
-    }
-    object_list.write(
-        output / "objects.json", records, make_stamp("synthesize object list", settings, seed=seed)
-    )
+        records.append(ObjectRecord(object_id, made.name, made.family, pool, made.symmetries))
+    add_to_object_list(GraspNetRoot(output), records, count=config.objects_per_pool, seed=seed)
+
+
+def _model_digest(model: Path) -> str:
+    return digest(model) if model.is_file() else "missing"  # as in a dry run
 
 
 def _label_items(
@@ -215,9 +214,8 @@ def _label_items(
     items = []
     for object_id in ids:
         model = root.model_path(object_id)
-        stamp = make_stamp(
-            "synthesize label", config.labels, seed=seed, inputs={model.name: digest(model)}
-        )
+        inputs = {model.name: _model_digest(model)}
+        stamp = make_stamp("synthesize label", config.labels, seed=seed, inputs=inputs)
         target = root.grasp_label_path(object_id)
         items.append(WorkItem(f"label {object_id:03d}", target, stamp, (object_id, model)))
     return items
@@ -227,9 +225,7 @@ def _write_label(item: WorkItem, *, config: SynthesizeConfig, seed: int) -> None
     object_id, model = item.arguments
     rng = np.random.default_rng([seed, TAG_LABEL, object_id])
     label = sample_grasp_label(read_mesh(model), config.labels, rng)
-    # The stamp first: a label without one would be taken for somebody else's.
-    item.target.parent.mkdir(parents=True, exist_ok=True)
-    write_sidecar(item.target, item.stamp)
+    stamp_ahead(item.target, item.stamp)
     write_grasp_label(item.target, label)
 
 
@@ -237,7 +233,8 @@ def _grid_items(output: Path, ids: Sequence[int]) -> list[WorkItem]:
     items = []
     for object_id in ids:
         model = GraspNetRoot(output).model_path(object_id)
-        stamp = make_stamp("synthesize distance grid", {}, inputs={model.name: digest(model)})
+        inputs = {model.name: _model_digest(model)}
+        stamp = make_stamp("synthesize distance grid", {}, inputs=inputs)
         target = model.with_name("textured.sdf")
         items.append(WorkItem(f"distance grid {object_id:03d}", target, stamp, (model,)))
     return items
@@ -245,8 +242,9 @@ def _grid_items(output: Path, ids: Sequence[int]) -> list[WorkItem]:
 
 def _write_grid(item: WorkItem) -> None:
     (model,) = item.arguments
-    write_sidecar(item.target, item.stamp)
-    write_sdf(item.target, signed_distance_grid(read_mesh(model)))
+    grid = signed_distance_grid(read_mesh(model))
+    stamp_ahead(item.target, item.stamp)
+    write_sdf(item.target, grid)
 
 
 def _scene_items(
@@ -257,7 +255,10 @@ def _scene_items(
     sources: Sequence[OwnModel],
 ) -> list[WorkItem]:
     root = GraspNetRoot(output)
-    inputs = {name: each for source in sources for name, each in source.inputs.items()}
+    # Procedural objects follow from the settings and the seed; a user's meshes do not, and not
+    # from their files either: --mesh-scale has a say in what lies in models/.
+    models = {f"{i:03d}": root.model_path(i) for i in ids} if sources else {}
+    inputs = {f"models/{name}/{path.name}": _model_digest(path) for name, path in models.items()}
     # How many scenes and which splits a run asks for does not change any one scene.
     settings = replace(config, splits=(), scenes_per_split=0)
     items = []

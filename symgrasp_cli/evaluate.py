@@ -69,6 +69,9 @@ def evaluate(
     dry_run: DryRun = False,
 ) -> None:
     """Judge grasps, symmetries and masks against a dataset: report, tables, baselines."""
+    from pipelines.formats.provenance import refuse_other_suffix
+
+    refuse_other_suffix(out, ".json")
     needs_grasps = baselines or success is not None
     _refuse_mixtures(grasps, protocol, exact=exact, needs_grasps=needs_grasps)
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)

@@ -1,8 +1,10 @@
 """What is to be annotated: one item an object, with all that its annotation is made of."""
 
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from pipelines.batch import WorkItem
 from pipelines.configs import AnnotateSymmetryConfig
@@ -54,13 +56,28 @@ def items_of(
     return [_item(name, target, job, config, seed, sources) for name, target, job in jobs]
 
 
+def without_given(items: Sequence[WorkItem], path: Path, sources: Sources) -> list[str]:
+    """Return the names of the items that `path`, BOP's file, says nothing of.
+
+    Raises:
+        SymgraspError: it says nothing of any, so it is the file of other objects.
+    """
+    missing = [item.name for item in items if item.arguments[0].given is None]
+    if len(missing) == len(items):
+        raise SymgraspError(
+            f"{path} says nothing of {', '.join(missing)}; it has entries of "
+            f"{', '.join(sources.given) or 'no object'}, so give the file of these meshes"
+        )
+    return missing
+
+
 def edits_of(target: Path) -> str | None:
     """Return the digest of the corrections that an annotation holds, if it holds any."""
     try:
         stamp = read_stamp(target) if target.is_file() else None
     except SymgraspError:  # what is no annotation is told when the item's turn comes
         return None
-    return None if stamp is None else stamp.get("inputs", {}).get("edits")
+    return None if stamp is None else _inputs_of(stamp).get("edits")
 
 
 def is_to_correct(item: WorkItem) -> bool:
@@ -74,9 +91,16 @@ def is_to_correct(item: WorkItem) -> bool:
         return False
     wanted = item.stamp.as_json()
     same = all(stamp.get(key) == wanted[key] for key in ("stage", "config", "seed"))
-    before = {key: value for key, value in stamp.get("inputs", {}).items() if key != "edits"}
+    found = _inputs_of(stamp)
+    before = {key: value for key, value in found.items() if key != "edits"}
     inputs = {key: value for key, value in wanted["inputs"].items() if key != "edits"}
-    return same and before == inputs and stamp["inputs"].get("edits") != job.edits.digest
+    return same and before == inputs and found.get("edits") != job.edits.digest
+
+
+def _inputs_of(stamp: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a stamp's inputs; none of a stamp written by hand that has something else there."""
+    inputs = stamp.get("inputs")
+    return inputs if isinstance(inputs, dict) else {}
 
 
 def _dataset_jobs(source: Path, config: AnnotateSymmetryConfig) -> list[Named]:

@@ -163,6 +163,6 @@ class ViewConfig:
     """Frames as pages to turn around in a browser."""
 
     gripper: str = ""  # the one that `infer` used
-    max_pixels: int = 400_000  # D. 72: of a frame's; a page takes some 10 bytes a pixel
+    max_pixels: int = 410_000  # D. 72: of a frame's, 848x480; a page takes some 10 bytes a pixel
     max_grasps: int = 4000  # of a frame's, the best of each region first; some 300 bytes each
     picture_width: int = 320  # pixels, of the index's pictures

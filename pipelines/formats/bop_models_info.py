@@ -21,7 +21,12 @@ from pipelines.errors import FormatError, SymgraspError
 from pipelines.formats.files import read_json, write_json
 from pipelines.formats.meshes import size_warning
 from pipelines.geometry.mesh import Mesh
-from pipelines.geometry.rotation_group import PARALLEL_COSINE, implied_rotations, turn_of
+from pipelines.geometry.rotation_group import (
+    PARALLEL_COSINE,
+    SAME_ANGLE,
+    implied_rotations,
+    turn_of,
+)
 from pipelines.geometry.surface import diameter
 from pipelines.geometry.symmetry import RotationSymmetry, SphereSymmetry, Symmetry
 
@@ -117,6 +122,8 @@ def symmetries_of(info: ModelInfo, mesh: Mesh) -> list[Symmetry]:
             return [SphereSymmetry(scale * _meeting_point(info.continuous))]
         return [RotationSymmetry(axis, scale * offset)]
     turns = [turn_of(transform) for transform in info.discrete]
+    # Files that list a whole group have the identity in it, which turns about no axis.
+    turns = [(axis, angle, point) for axis, angle, point in turns if angle > SAME_ANGLE]
     best: RotationSymmetry | None = None
     for axis, _, point in turns:
         angles = [angle for other, angle, _ in turns if abs(other @ axis) > PARALLEL_COSINE]

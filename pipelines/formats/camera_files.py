@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pipelines.errors import FormatError, SymgraspError, ValueRangeError
 from pipelines.formats.files import existing, is_file, read_json, read_npy
+from pipelines.formats.flat_yaml import read_flat_yaml
 from pipelines.formats.graspnet_scene import read_meta
 from pipelines.geometry.camera import Intrinsics
 
@@ -50,15 +51,17 @@ SYNONYMS = {
     "cx": ("cx", "_cx", "x_offset", "ppx"),
     "cy": ("cy", "_cy", "y_offset", "ppy"),
 }
-WIDTH_KEYS = ("width", "img_width", "_width", "w")
-HEIGHT_KEYS = ("height", "img_height", "_height", "h")
+WIDTH_KEYS = ("width", "img_width", "image_width", "_width", "w")
+HEIGHT_KEYS = ("height", "img_height", "image_height", "_height", "h")
 SCALE_KEYS = ("depth_units_per_metre", "depth_scale", "factor_depth", "scale")
-MATRIX_KEYS = ("cam_K", "K", "k", "intrinsic_matrix", "camera_matrix")
+MATRIX_KEYS = ("cam_K", "K", "k", "intrinsic_matrix", "camera_matrix", "INTRINSICS")
 FORMS = "fx, fy, cx, cy or a 3x3 matrix (cam_K, K, intrinsic_matrix) is expected"
-NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 UNITS_RANGE = (1e-3, 1e9)  # kilometres to nanometres: beyond, a file is damaged
 # A principal point this near the border means intrinsics of another image size.
 CENTRAL = (0.1, 0.9)
+# Of the image's side. Below, it would see more than 175 degrees, which no pinhole camera does: the
+# number is in other units, such as the lens's millimetres.
+SHORTEST_LENGTH = 0.02
 
 
 @dataclass(frozen=True)
@@ -85,12 +88,15 @@ class CameraFile:
         """Return the intrinsics for images of this size.
 
         Raises:
-            FormatError: the camera is of images of another size.
+            FormatError: the camera is of images of another size, or its lengths are no pixels.
         """
         size = f"{width}x{height}"
         if self.width is not None and (self.width, self.height) != (width, height):
             found = f"describes {self.width}x{self.height} images, but the depth is {size}"
             raise FormatError(self.origin, found, "give the intrinsics of the depth image")
+        if self.fx < SHORTEST_LENGTH * width or self.fy < SHORTEST_LENGTH * height:
+            found = f"has focal lengths of {self.fx:g} and {self.fy:g} pixels for a {size} image"
+            raise FormatError(self.origin, found, "give fx and fy in pixels, not in millimetres")
         low, high = CENTRAL
         if not (low < self.cx / width < high and low < self.cy / height < high):
             found = f"has its principal point at ({self.cx:g}, {self.cy:g}) of a {size} depth image"
@@ -171,7 +177,7 @@ def read_camera_file(path: Path, frame: str = "") -> CameraFile:
                 content = _camera_of(path, content, frame)
             return camera_from_mapping(path, content)
         case ".yml" | ".yaml":
-            return camera_from_mapping(path, _flat_yaml(path))
+            return camera_from_mapping(path, read_flat_yaml(path))
         case ".txt":
             return _from_numbers(path)
         case ".npy":
@@ -259,13 +265,3 @@ def _from_numbers(path: Path) -> CameraFile:
             return CameraFile.from_matrix(path, numbers.reshape(side, side))
         case size:
             raise FormatError(path, f"{size} numbers", "fx fy cx cy or a 3x3 matrix is expected")
-
-
-def _flat_yaml(path: Path) -> dict[str, Any]:
-    """Return the top-level numbers and number lists of a YAML file; all else is left out."""
-    text = existing(path).read_text(encoding="utf-8", errors="replace")
-    content: dict[str, Any] = {}
-    for key, value in re.findall(rf"^(\w+):[ \t]*(\[[^\][]*\]|{NUMBER})[ \t]*$", text, re.M):
-        numbers = [float(part) for part in re.findall(NUMBER, value)]
-        content["K" if key == "INTRINSICS" else key] = numbers if "[" in value else numbers[0]
-    return content

@@ -80,9 +80,12 @@ def atomic_folder(path: Path) -> Iterator[Path]:
                 with file.open("rb") as stream:
                     os.fsync(stream.fileno())
         temporary.chmod(0o777 & ~_umask())
+        # An earlier folder is moved away whole: half deleted it would still bear its stamp.
+        earlier = temporary.with_name(f"{temporary.name}.earlier")
         if path.exists():
-            shutil.rmtree(path)
+            path.replace(earlier)
         temporary.replace(path)
+        shutil.rmtree(earlier, ignore_errors=True)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 

@@ -164,6 +164,42 @@ def frame_path(folder: Path, name: str, suffix: str, prefix: str = "") -> Path:
     return folder / below
 
 
+class Claims:
+    """Which files of a folder are whose, so that no frame's file takes another's place."""
+
+    def __init__(self, *, folds_case: bool) -> None:
+        """`folds_case`: whether names that differ in case alone are one."""
+        self._folds_case = folds_case
+        self._owners: dict[Path, str] = {}
+        self._folders: set[Path] = set()
+
+    def claim(self, path: Path, owner: str) -> None:
+        """Note that the file `path` within the folder is that of `owner`.
+
+        Raises:
+            SymgraspError: it is another's, a folder of others', or would lie in a file.
+        """
+        key = Path(str(path).casefold()) if self._folds_case else path
+        for place in (key, *key.parents):
+            if place in self._owners:
+                owners = self._owners[place]
+                raise SymgraspError(f"its file {path} would take the place of {owners}; rename it")
+        if key in self._folders:
+            raise SymgraspError(f"its file {path} is a folder of other frames; rename it")
+        self._owners[key] = owner
+        self._folders |= set(key.parents)
+
+
+def folds_case(folder: Path) -> bool:
+    """Return whether names in `folder` that differ in case alone are one, as macOS takes them."""
+    folder = folder.resolve()
+    for place in (folder, *folder.parents):
+        swapped = place.parent / place.name.swapcase()
+        if swapped != place and place.exists():
+            return swapped.exists() and swapped.samefile(place)
+    return False
+
+
 def rounded(values: NDArray[Any]) -> list[Any]:
     """Return numbers as JSON has them, to a nanometre; null where they are not finite."""
     flat = [round(v, 9) + 0.0 if np.isfinite(v) else None for v in values.ravel().tolist()]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pipelines.errors import FormatError
 from pipelines.formats.files import read_npy, read_npz, write_npz
-from pipelines.formats.provenance import Stamp, write_sidecar
+from pipelines.formats.provenance import Stamp, stamp_ahead
 from pipelines.geometry.transforms import nearest_orthogonal
 
 Array = NDArray[np.float64]
@@ -106,8 +106,8 @@ def _not_finite(rows: Array) -> NDArray[np.int64]:
 
 def write_verdicts(path: Path, arrays: dict[str, NDArray[np.generic]], stamp: Stamp) -> None:
     """Write one array for each of `VERDICT_ARRAYS`, and the stamp beside them."""
+    stamp_ahead(path, stamp)
     write_npz(path, compress=True, **{name: arrays[name] for name in VERDICT_ARRAYS})
-    write_sidecar(path, stamp)
 
 
 def read_verdicts(path: Path) -> dict[str, NDArray[np.generic]]:

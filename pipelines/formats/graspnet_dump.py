@@ -3,10 +3,12 @@
 DUMP/scene_NNNN/{kinect,realsense}/NNNN.npy     (N, 17), see `grasp_rows`; camera frame
 
 Ours have the rank score as score and the hand's opening as width; the finger tips pass the
-contacts by the hand's reach, so `from_graspnet(rows, tip_reach=...)` gives the grasps back.
+contacts by the hand's reach, so `from_graspnet(rows, tip_reach=...)` gives the grasps back. Frames
+of several datasets that would have one place keep their names: DUMP/ROOT/scenes is a dump of each.
 """
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -51,25 +53,53 @@ def dumped_scenes(dump: Path) -> list[DumpedScene]:
         if (scene / camera).is_dir()
     ]
     if not any(scene.frame_ids for scene in found):
-        within = sorted(path.parent.name for path in dump.glob("*/scene_[0-9][0-9][0-9][0-9]"))
+        scenes = (f"{above}/scene_[0-9][0-9][0-9][0-9]" for above in ("*", "*/*"))
+        within = sorted(
+            path.parent.relative_to(dump).as_posix() for each in scenes for path in dump.glob(each)
+        )
         hint = f"; its folder {within[0]} holds scenes, give that" if within else ""
         raise FormatError(dump, "no dump of a grasp detector", WANTED + hint)
     return found
 
 
-def write_frame(folder: Path, frame: HandGrasps, _header: ExportHeader) -> None:
-    """Write the grasps of a frame where graspnetAPI looks for them in the dump `folder`.
+def frame_file(folder: Path, name: str, *, by_name: bool = False) -> Path:
+    """Return where graspnetAPI looks for the grasps of the frame `name` in the dump `folder`.
 
-    A frame that is none of a dataset has `folder`/NAME.npy, which graspnetAPI's GraspGroup reads.
+    A frame that is none of a dataset has `folder`/NAME.npy, which graspnetAPI's GraspGroup reads;
+    and, with `by_name`, every frame has.
 
     Raises:
         SymgraspError: the frame's name leads out of the folder.
     """
-    path, key = frame_path(folder, frame.result.name, ".npy"), frame_key(frame.result.name)
-    if key is not None:
-        scene_id, camera, frame_id = key
-        scene = DumpedScene(folder / f"scene_{scene_id:04d}" / camera, scene_id, camera)
-        path = scene.path(frame_id)
+    path, key = frame_path(folder, name, ".npy"), frame_key(name)
+    if key is None or by_name:
+        return path
+    scene_id, camera, frame_id = key
+    return DumpedScene(folder / f"scene_{scene_id:04d}" / camera, scene_id, camera).path(frame_id)
+
+
+def shared_place(names: Iterable[str]) -> tuple[str, str] | None:
+    """Return the first two of the frames `names` that have one place in a dump, if any have."""
+    owners: dict[tuple[int, str, int], str] = {}
+    for name in names:
+        key = frame_key(name)
+        if key is None:
+            continue
+        if key in owners:
+            return owners[key], name
+        owners[key] = name
+    return None
+
+
+def write_frame(
+    folder: Path, frame: HandGrasps, _header: ExportHeader, *, by_name: bool = False
+) -> None:
+    """Write the grasps of a frame into the dump `folder`, where `frame_file` says.
+
+    Raises:
+        SymgraspError: the frame's name leads out of the folder.
+    """
+    path = frame_file(folder, frame.result.name, by_name=by_name)
     rank, reach = frame.result.grasps.rank_score, frame.hand.gripper.tip_reach
     rows = to_graspnet(frame.grasps, rank, opening=frame.opening, tip_reach=reach)
     write_npy(path, rows)

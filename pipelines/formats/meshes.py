@@ -23,6 +23,7 @@ log = logging.getLogger(__name__)
 
 MESH_SUFFIXES = (".glb", ".obj", ".off", ".ply", ".stl")
 LARGEST_LIKELY_DIAGONAL = 2.0  # m; what a gripper may hold is smaller, a file in mm is larger
+SMALLEST_DIAGONAL = 0.005  # m; smaller ones no gripper holds, no depth camera sees
 THINNEST_TRIANGLE = 1e-10  # height over longest edge; a thinner one has no normal to speak of
 
 PLY_HEADER = """ply
@@ -102,6 +103,24 @@ def refuse_too_large(mesh: Mesh, path: Path, scale: float | None) -> None:
     too_large = size_warning(mesh, path) if scale is None else None
     if too_large:
         raise SymgraspError(f"{too_large}; if it is in metres, say so: --mesh-scale 1")
+
+
+def refuse_too_small(mesh: Mesh, path: Path) -> None:
+    """Raise SymgraspError if `mesh` is smaller than what physics and cameras can work with."""
+    if too_small := smallness_warning(mesh, path):
+        raise SymgraspError(too_small)
+
+
+def smallness_warning(mesh: Mesh, path: Path) -> str | None:
+    """Return the sentence on a mesh too small to be held: its size, and what to pass."""
+    size = mesh.diagonal
+    if size >= SMALLEST_DIAGONAL:
+        return None
+    return (
+        f"{path}: the mesh is {1000 * size:.3g} mm from corner to corner, which is too small to "
+        f"be held; at least {1000 * SMALLEST_DIAGONAL:g} mm are expected: --mesh-scale states how "
+        "many metres a unit of the file is, 1 for metres, 0.001 for millimetres"
+    )
 
 
 def size_warning(mesh: Mesh, path: Path) -> str | None:

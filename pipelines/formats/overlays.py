@@ -2,17 +2,22 @@
 
 Outlines: regions. Translucent quads: symmetry planes; dashes: rotation axes; rings: sphere
 centres. Wireframes: the hand of each region's best grasp, a dot at each contact; green where a
-symmetry gave the grasp, orange where the boundary did, grey for random ones.
+symmetry gave the grasp, orange where the boundary did, grey for random ones. The PNG holds the
+stamp of what is drawn, as the text `provenance`.
 """
 
+import json
+import struct
+import zlib
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.formats.files import write_image
+from pipelines.formats.files import encode_image, write_bytes
 from pipelines.formats.grasps_file import FrameResult
+from pipelines.formats.provenance import COMPARED, Stamp
 from pipelines.formats.rgbd import Frame
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT, Symmetry, SymmetrySlots
@@ -36,11 +41,36 @@ FINGER, WRIST = 0.045, 0.05  # metres, of the drawn hand
 NEAREST = 0.02  # metres; nothing nearer is drawn
 USED_OPACITY, OPACITY = 0.35, 0.1  # of the plane that gave the best grasp, and of others
 FIXED_BITS = 3  # OpenCV draws at eighths of a pixel
+SIGNATURE, HEADER = b"\x89PNG\r\n\x1a\n", 33  # bytes up to the end of a PNG's first chunk
+TEXT = b"tEXtprovenance\0"  # kind and keyword of the chunk that comes next
+CHUNK = struct.Struct(">I")  # its length, and its check sum
 
 
-def write_overlay(path: Path, frame: Frame, result: FrameResult) -> None:
-    """Draw `result` onto the colour image of `frame` and write it as PNG, atomically."""
-    write_image(path, draw_overlay(frame, result))
+def write_overlay(path: Path, frame: Frame, result: FrameResult, stamp: Stamp) -> None:
+    """Draw `result` onto the colour image of `frame` and write it as PNG, atomically.
+
+    `stamp` is that of the result, and says which run's grasps the picture shows.
+    """
+    data = encode_image(draw_overlay(frame, result), ".png")
+    chunk = TEXT + stamp.as_text().encode("ascii")
+    length, check = len(chunk) - len("tEXt"), zlib.crc32(chunk)
+    text = CHUNK.pack(length) + chunk + CHUNK.pack(check)
+    write_bytes(path, data[:HEADER] + text + data[HEADER:])
+
+
+def is_drawn(path: Path, stamp: Stamp) -> bool:
+    """Return whether `path` is a picture of the result that `stamp` says."""
+    wanted = stamp.as_json()
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(HEADER + CHUNK.size)
+            if not head.startswith(SIGNATURE) or stream.read(len(TEXT)) != TEXT:
+                return False
+            (length,) = CHUNK.unpack(head[HEADER:])
+            found = json.loads(stream.read(length + len("tEXt") - len(TEXT)))
+    except (OSError, ValueError, struct.error):  # none, or none of ours
+        return False
+    return all(found.get(key) == wanted[key] for key in COMPARED)
 
 
 def draw_overlay(frame: Frame, result: FrameResult) -> Picture:

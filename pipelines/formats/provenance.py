@@ -14,7 +14,7 @@ from typing import Any
 
 import h5py
 
-from pipelines.errors import StaleOutputError
+from pipelines.errors import StaleOutputError, ValueRangeError
 from pipelines.formats.files import read_json, write_json
 from pipelines.formats.h5_files import open_h5
 from pipelines.formats.safetensors_files import open_safetensors
@@ -108,6 +108,27 @@ def write_sidecar(target: Path, stamp: Stamp) -> None:
     write_json(sidecar_of(target), stamp.as_json())
 
 
+def stamp_ahead(target: Path, stamp: Stamp) -> None:
+    """Write the sidecar of the file `target`, which is to be written next.
+
+    The stamp goes first: a file without one would be taken for somebody else's. An earlier
+    `target` goes before that: a run killed in between would leave it under a stamp not its own.
+    """
+    target.unlink(missing_ok=True)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    write_sidecar(target, stamp)
+
+
+def refuse_other_suffix(output: Path, suffix: str) -> None:
+    """Raise ValueRangeError if `--out` does not end in `suffix`.
+
+    Where the stamp of an output is looked for follows from its suffix; under another one it would
+    not be found again.
+    """
+    if output.suffix != suffix:
+        raise ValueRangeError("--out", output, f"a file name that ends in {suffix}")
+
+
 def read_stamp(target: Path) -> dict[str, Any] | None:
     """Return the stamp of `target`, or None if it has none."""
     match target.suffix:
@@ -115,7 +136,9 @@ def read_stamp(target: Path) -> dict[str, Any] | None:
             return _read_h5_stamp(target)
         case ".json":
             content = read_json(target)
-            return content.get("provenance") if isinstance(content, dict) else None
+            # What a person wrote by hand may say anything there; that is no stamp.
+            stamp = content.get("provenance") if isinstance(content, dict) else None
+            return stamp if isinstance(stamp, dict) else None
         case ".safetensors":
             return _read_safetensors_stamp(target)
         case ".html" if not sidecar_of(target).exists():

@@ -3,10 +3,11 @@
 from functools import lru_cache
 from pathlib import Path
 
-from pipelines.errors import MissingInputError
+from pipelines.errors import FormatError, MissingInputError
 from pipelines.formats import symmetry_labels
 from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.formats.meshes import read_mesh
+from pipelines.formats.provenance import digest, read_stamp
 from pipelines.formats.regions import check_triangles
 from pipelines.geometry.region_masks import ObjectRegion, RegionedObject
 
@@ -16,7 +17,8 @@ def read_regioned_object(root: Path, object_id: int) -> RegionedObject:
 
     Raises:
         MissingInputError: `annotate-symmetry` has not been run.
-        FormatError: a region has triangles that the mesh lacks, or that another region has.
+        FormatError: a region has triangles that the mesh lacks, or that another region has; or
+            the mesh is not the one that was annotated.
     """
     files = GraspNetRoot(root)
     mesh, labels = files.model_path(object_id), files.symmetry_path(object_id)
@@ -37,6 +39,7 @@ def _read(
     mesh_path: Path, labels_path: Path, _mesh: tuple[int, int], _labels: tuple[int, int]
 ) -> RegionedObject:
     mesh, labels = read_mesh(mesh_path), symmetry_labels.read(labels_path)
+    _check_mesh(mesh_path, labels_path)
     check_triangles(labels_path, ((r.name, r.triangles) for r in labels.regions), mesh)
     regions = tuple(
         ObjectRegion(region.name, region.triangles, region.symmetries)
@@ -44,3 +47,16 @@ def _read(
         if len(region.triangles)
     )
     return RegionedObject(mesh, regions)
+
+
+def _check_mesh(mesh: Path, labels: Path) -> None:
+    """Refuse labels of another mesh: their regions count its triangles, which are others here.
+
+    Labels written by hand need not say what they were made of.
+    """
+    inputs = (read_stamp(labels) or {}).get("inputs")
+    made_of = inputs.get("mesh") if isinstance(inputs, dict) else None
+    if made_of is not None and made_of != digest(mesh):
+        raise FormatError(
+            labels, f"its regions are those of another mesh than {mesh}", "annotate it again"
+        )

@@ -19,6 +19,7 @@ NEAR = 2  # pixels of the reduced image within which edges count as lying on eac
 SURROUNDINGS = 31  # pixels, of which the mean change of colour is taken off: texture is everywhere
 JUMP = 0.03  # 1/m between neighbouring pixels: 3 cm at 1 m
 FEWEST_JUMPS = 50
+LEAST_HEIGHT = 3  # pixels of the reduced image: a slope across rows needs as many
 FEW_MEASURED = 1 / 3
 CLEAR = 4.0  # standard deviations of the other offsets that the best stands out by
 SHARE = 2 / 3  # of the best match, below which no offset matches clearly worse
@@ -30,6 +31,8 @@ def color_offset(frame: Frame) -> tuple[int, int] | None:
     None too where edges are too few or too many to tell: no answer is not a proof.
     """
     step = max(1, round(frame.depth.shape[1] / WIDTH))
+    if frame.depth.shape[0] < step * LEAST_HEIGHT:
+        return None
     changes, jumps = _color_changes(frame, step), _depth_jumps(frame.depth, step)
     if jumps.sum() < FEWEST_JUMPS:
         return None

@@ -34,6 +34,23 @@ class FrameOptions:
     def __post_init__(self) -> None:
         check_units("--depth-units-per-metre", self.depth_units_per_metre)
 
+    def depth_units(
+        self, written: float | None = None, usual: float = DepthUnits().integers
+    ) -> DepthUnits:
+        """Return the unit of the depth, in every layout by the same order.
+
+        Args:
+            written: units per metre that the files beside the images say, None if they do not.
+            usual: units per metre of whole numbers in the layout, if nothing says any.
+
+        Returns:
+            What the user stated, which holds of floats too; else what the stated camera's file
+            says, else `written`, else `usual`, which hold of whole numbers: floats are metres.
+        """
+        if (stated := self.depth_units_per_metre) is not None:
+            return DepthUnits(stated, stated)
+        return DepthUnits((self.camera and self.camera.units_per_metre) or written or usual)
+
 
 @dataclass(frozen=True)
 class ImagePair:
@@ -64,14 +81,7 @@ def read_with_camera(
     camera = options.camera or written
     # Asked for after the depth is read: a faulty depth image is the more telling fault.
     intrinsics = camera.at if camera is not None else functools.partial(_refuse, color)
-    stated = options.depth_units_per_metre
-    if stated is not None:
-        units = DepthUnits(stated, stated)
-    else:
-        known = (options.camera and options.camera.units_per_metre) or (
-            written and written.units_per_metre
-        )
-        units = DepthUnits(known or usual_units)
+    units = options.depth_units(written.units_per_metre if written else None, usual_units)
     return read_pair(name, color, depth, intrinsics, units)
 
 
@@ -83,9 +93,13 @@ def flat_pairs(folder: Path) -> list[ImagePair]:
     """Pair files by name: `x_color`, `x-rgb`, `color_x`, `color`, `image` with their depth."""
     files = sorted(path for path in folder.iterdir() if path.is_file())
     colors = _by_stem(files, COLOR_SUFFIXES, COLOR_WORDS)
-    # x_depth_color.png is a picture of the depth, not a colour image.
-    colors = {stem: p for stem, p in colors.items() if _without_word(stem, ("depth",)) is None}
     depths = _by_stem(files, DEPTH_SUFFIXES, ("depth",))
+    # x_depth_color.png is a picture of the depth, unless it is the colour of x_depth_depth.png.
+    colors = {
+        stem: paths
+        for stem, paths in colors.items()
+        if stem in depths or _without_word(stem, ("depth",)) is None
+    }
     if "" in depths and "" not in colors:
         plain = next((path for path in files if path.stem == "image"), None)
         if plain is not None and plain.suffix.lower() in COLOR_SUFFIXES:
@@ -131,12 +145,17 @@ def _by_stem(
 
 
 def _without_word(stem: str, words: tuple[str, ...]) -> str | None:
-    """Return `stem` without the word it begins or ends with, None if it has none of `words`."""
+    """Return `stem` without the word it ends or begins with, None if that is none of `words`.
+
+    The last word tells: rgb_1_depth is the depth of rgb_1, and no colour image.
+    """
     if stem.lower() in (*words, *(f"{w}_image" for w in words), *(f"image_{w}" for w in words)):
         return ""
-    choices = "|".join(words)
-    match = re.fullmatch(rf"(?:{choices})[-_.](.+)|(.+?)[-_.](?:{choices})", stem, re.IGNORECASE)
-    return None if match is None else match[1] or match[2]
+    every = "|".join((*COLOR_WORDS, "depth"))
+    if ending := re.fullmatch(rf"(.+)[-_.]({every})", stem, re.IGNORECASE):
+        return ending[1] if ending[2].lower() in words else None
+    beginning = re.fullmatch(rf"({every})[-_.](.+)", stem, re.IGNORECASE)
+    return beginning[2] if beginning and beginning[1].lower() in words else None
 
 
 def sister_pairs(folder: Path) -> list[ImagePair]:

@@ -2,14 +2,17 @@
 
 Depth is an image of 16UC1 or mono16 (millimetres, 0 = missing) or 32FC1 (metres, NaN = missing),
 as REP 118 has it; colour one of rgb8, bgr8, rgba8, bgra8. The camera is the CameraInfo beside the
-depth topic, or, for depth that is aligned to colour, the one beside the colour topic.
+depth topic, or, for depth that is aligned to colour, the one beside the colour topic. A bag may
+hold several cameras: the topics of one begin alike.
 """
 
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,23 +24,56 @@ IMAGE, CAMERA = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
 DEPTHS = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
 COLORS = {"rgb8": (0, 1, 2), "bgr8": (2, 1, 0), "rgba8": (0, 1, 2), "bgra8": (2, 1, 0)}
 CHANNELS = {"rgb8": 3, "bgr8": 3, "rgba8": 4, "bgra8": 4}
-ALIGNED = ("aligned", "registered")  # in the depth topic's name, as drivers have it
+# In the depth topic's name, as drivers have it; Azure Kinect's is depth_to_rgb.
+ALIGNED = ("aligned", "registered", "depth_to_rgb", "depth_to_color")
 EXTRA = "install it with `pip install symgrasp[ros]`"
-Stamps = list[tuple[float, int]]  # seconds of the image, and nanoseconds at which it was recorded
+
+
+class Recorded(NamedTuple):
+    """Which image of a topic: several may be recorded at one time, as `rosbag` filters write them.
+
+    Attributes:
+        time: nanoseconds, of the recording.
+        stamp: nanoseconds, of the image's header.
+        number: among the images of the topic with this time and stamp, from 0.
+    """
+
+    time: int
+    stamp: int
+    number: int
+
+
+Stamps = list[tuple[float, Recorded]]  # seconds of the image, and which it is
 
 
 @dataclass(frozen=True)
 class Topics:
-    """The topics of a bag's RGB-D camera."""
+    """The topics of an RGB-D camera.
+
+    Attributes:
+        color: the topic of the colour images.
+        depth: the topic of the depth images.
+        camera: the topic of the depth's CameraInfo, None if there is none.
+    """
 
     color: str
     depth: str
-    camera: str | None
+    camera: str | None = None
 
     @property
     def is_aligned(self) -> bool:
         """Whether the depth topic says that it lies on the colour."""
-        return any(word in self.depth for word in ALIGNED)
+        return _is_aligned(self.depth)
+
+    @property
+    def shared(self) -> str:
+        """What both topics begin with, part by part, `/left` of a camera of that name."""
+        return "/".join(self.depth.split("/")[: _shared(self.color, self.depth)])
+
+    @property
+    def name(self) -> str:
+        """A name for the camera among others of the bag."""
+        return (self.shared or self.color).strip("/")
 
 
 @contextmanager
@@ -65,8 +101,10 @@ def open_bag(path: Path) -> Iterator[Any]:
         ) from error
 
 
-def find_topics(path: Path, reader: Any) -> Topics:  # noqa: ANN401 - an extra's
-    """Return the topics of the RGB-D camera, aligned depth before any other.
+def find_cameras(path: Path, reader: Any) -> tuple[list[Topics], list[str]]:  # noqa: ANN401
+    """Return the RGB-D cameras to read, and of those that are passed over a sentence each.
+
+    All whose depth is aligned are read, or, where none is, one.
 
     Raises:
         FormatError: no topic of colour or of depth, as their encodings say.
@@ -83,26 +121,73 @@ def find_topics(path: Path, reader: Any) -> Topics:  # noqa: ANN401 - an extra's
             f"has no {'depth' if colors else 'colour'} images; its topics are {topics}",
             f"raw images are read: {', '.join(COLORS)} beside {', '.join(DEPTHS)}",
         )
-    depth = min(depths, key=lambda topic: (not any(word in topic for word in ALIGNED), topic))
-    color = max(colors, key=lambda topic: (_shared(topic, depth), topic))
-    cameras = {c.topic for c in reader.connections if c.msgtype == CAMERA}
-    found = Topics(color, depth, None)
-    sources = (depth, color) if found.is_aligned else (depth,)
-    camera = next((each for source in sources for each in _infos(source) if each in cameras), None)
-    return Topics(color, depth, camera)
+    infos = {c.topic for c in reader.connections if c.msgtype == CAMERA}
+    cameras = [_with_info(camera, infos) for camera in _cameras(colors, depths)]
+    read = [camera for camera in cameras if camera.is_aligned] or cameras[:1]
+    return sorted(read, key=lambda camera: camera.name), _passed_over(colors, depths, cameras, read)
+
+
+def _passed_over(
+    colors: list[str], depths: list[str], cameras: list[Topics], read: list[Topics]
+) -> list[str]:
+    """Return a sentence for each depth topic that may be a camera's and is not read."""
+    others = [camera.depth for camera in cameras if camera not in read]
+    sentences = [f"{depth} is passed over: it is not called aligned" for depth in others]
+    if set(colors) != {camera.color for camera in read}:
+        known = {camera.depth for camera in cameras}
+        sentences += [
+            f"{depth} is passed over: by the topics' names it is of no other camera"
+            for depth in depths
+            if _is_aligned(depth) and depth not in known
+        ]
+    return sentences
+
+
+def _cameras(colors: list[str], depths: list[str]) -> list[Topics]:
+    """Return one camera for each beginning and each colour topic, aligned ones first.
+
+    A camera has several topics of depth (aligned to this and that, rectified): the first by name
+    is taken. A depth whose own colour was not recorded has a colour that is nearer to another's.
+    """
+    pairs = [
+        Topics(max(colors, key=lambda color: (_shared(color, depth), color)), depth)
+        for depth in depths
+    ]
+    pairs.sort(key=lambda pair: (not pair.is_aligned, -_shared(pair.color, pair.depth), pair.depth))
+    cameras: list[Topics] = []
+    for pair in pairs:
+        if all(pair.color != c.color and pair.shared != c.shared for c in cameras):
+            cameras.append(pair)
+    return cameras
+
+
+def _is_aligned(depth: str) -> bool:
+    return any(word in depth for word in ALIGNED)
+
+
+def _with_info(camera: Topics, infos: set[str]) -> Topics:
+    sources = (camera.depth, camera.color) if camera.is_aligned else (camera.depth,)
+    found = (each for source in sources for each in _infos(source) if each in infos)
+    return replace(camera, camera=next(found, None))
 
 
 def read_stamps(reader: Any, topic: str) -> Stamps:  # noqa: ANN401 - an extra's
-    """Return when each image of `topic` was taken, and when it was recorded."""
-    return [
-        (image.header.stamp.sec + image.header.stamp.nanosec * 1e-9, recorded)
-        for recorded, image in _messages(reader, topic)
-    ]
+    """Return when each image of `topic` was taken, and which it is."""
+    stamps: Stamps = []
+    times: Counter[tuple[int, int]] = Counter()
+    for time, image in _messages(reader, topic):
+        stamp = image.header.stamp
+        which = (time, _nanoseconds(image))
+        stamps.append((stamp.sec + stamp.nanosec * 1e-9, Recorded(*which, times[which])))
+        times[which] += 1
+    return stamps
 
 
-def read_image_at(path: Path, reader: Any, topic: str, recorded: int) -> NDArray[Any]:  # noqa: ANN401
+def read_image_at(path: Path, reader: Any, topic: str, which: Recorded) -> NDArray[Any]:  # noqa: ANN401
     """Return one image: (H, W) depth as stored, or (H, W, 3) RGB."""
-    _t, image = next(_messages(reader, topic, recorded), (0, None))
+    images = (image for _t, image in _messages(reader, topic, which.time))
+    alike = (image for image in images if _nanoseconds(image) == which.stamp)
+    image = next(islice(alike, which.number, None), None)
     if image is None:
         raise FormatError(path, f"lacks an image of {topic}", "copy the whole bag again")
     return decode(path, image)
@@ -149,6 +234,11 @@ def _messages(reader: Any, topic: str, recorded: int | None = None) -> Iterator[
     stop = None if recorded is None else recorded + 1
     for connection, time, raw in reader.messages(connections, start=recorded, stop=stop):
         yield time, reader.deserialize(raw, connection.msgtype)
+
+
+def _nanoseconds(image: Any) -> int:  # noqa: ANN401 - an extra's
+    """Return the time in the header of a message."""
+    return int(image.header.stamp.sec) * 10**9 + int(image.header.stamp.nanosec)
 
 
 def _infos(topic: str) -> list[str]:

@@ -1,19 +1,63 @@
-"""What tells that the frames of a scene are other ones than those something was made of.
+"""What tells that a scene, its frames and objects, is another one than something was made of.
 
 Pictures of a dataset are gigabytes, so of these names and sizes count: a PNG of another picture has
 another size, and of all frames of a scene nearly certainly one has. Poses and cameras, which may
 change within their digits, are read.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from pipelines.formats.graspnet_layout import SceneFiles
+from pipelines.errors import SymgraspError
+from pipelines.formats.graspnet import GraspNetRoot, SceneFiles
 from pipelines.formats.provenance import digest, digest_folder, digest_text
 
 PICTURES = ("rgb", "depth", "label")
 POSES = {"annotations": "*.xml", "meta": "*.mat"}
 CAMERA_FILES = ("camK.npy", "camera_poses.npy", "cam0_wrt_table.npy")
+
+
+def inputs_of_scenes(
+    root: GraspNetRoot, scenes: Sequence[SceneFiles], *, with_affordance: bool = False
+) -> list[dict[str, str]]:
+    """Return, of each scene, what the regions of its frames are made of: digests by name.
+
+    These are its frames, and of each object the mesh and the regions cut from it, with
+    `with_affordance` its affordance too.
+    """
+    objects = {
+        object_id: _inputs_of_object(root, object_id, with_affordance=with_affordance)
+        # Taken once, not once a scene: meshes may be large.
+        for object_id in sorted({i for scene in scenes for i in _object_ids(scene)})
+    }
+    found = []
+    for scene in scenes:
+        inputs = {"frames": digest_of_frames(scene)}
+        for object_id in _object_ids(scene):
+            inputs |= objects[object_id]
+        found.append(inputs)
+    return found
+
+
+def _inputs_of_object(
+    root: GraspNetRoot, object_id: int, *, with_affordance: bool
+) -> dict[str, str]:
+    files = {
+        f"{object_id:03d}/{root.model_path(object_id).name}": root.model_path(object_id),
+        root.symmetry_path(object_id).name: root.symmetry_path(object_id),
+    }
+    if with_affordance:
+        files[root.affordance_path(object_id).name] = root.affordance_path(object_id)
+    # A file that is not there fails its scenes, when it is read.
+    return {name: digest(path) if path.is_file() else "missing" for name, path in files.items()}
+
+
+def _object_ids(scene: SceneFiles) -> list[int]:
+    """Return the scene's objects; none if the list is at fault, which then fails the scene."""
+    try:
+        return scene.object_ids
+    except SymgraspError:
+        return []
 
 
 def digest_of_frames(scene: SceneFiles) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.errors import FormatError, SymgraspError, UnknownNameError
+from pipelines.errors import FormatError, SymgraspError, UnknownNameError, ValueRangeError
 from pipelines.formats.files import read_json, write_json
 from pipelines.formats.provenance import Stamp
 from pipelines.geometry.symmetry import (
@@ -163,13 +163,22 @@ def _symmetry(entry: Mapping[str, Any]) -> Symmetry:
         case "reflection":
             return ReflectionSymmetry(entry["normal"], entry["point"], error)
         case "rotation":
-            order = entry.get("order")
-            order = None if order is None else int(order)
+            order = _order(entry.get("order"))
             return RotationSymmetry(entry["axis"], entry["point"], order, error)
         case "sphere":
             return SphereSymmetry(entry["point"], error)
         case other:
             raise UnknownNameError("kind of symmetry", str(other), KINDS)
+
+
+def _order(content: Any) -> int | None:  # noqa: ANN401 - JSON
+    """Return an order; 4.0, as some programs write 4, is whole too."""
+    is_whole = (isinstance(content, int) and not isinstance(content, bool)) or (
+        isinstance(content, float) and content.is_integer()
+    )
+    if content is not None and not is_whole:
+        raise ValueRangeError("order", repr(content), "null (continuous) or a whole number from 2")
+    return None if content is None else int(content)
 
 
 def _region(path: Path, content: Any) -> RegionLabel:  # noqa: ANN401 - JSON

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import AnnotateSymmetryConfig
+from pipelines.geometry.mesh import Mesh
 from pipelines.geometry.revolved_bodies import Body
 from pipelines.geometry.sampled_parts import SampledParts
 from pipelines.geometry.symmetry import (
@@ -14,10 +15,16 @@ from pipelines.geometry.symmetry import (
     SphereSymmetry,
     Symmetry,
 )
-from pipelines.geometry.symmetry_detection import Detection, analyse, analyse_body
+from pipelines.geometry.symmetry_detection import (
+    Detection,
+    analyse,
+    analyse_body,
+    holding,
+)
 from pipelines.geometry.symmetry_verification import SUPPORT_COSINE, SUPPORT_DISTANCE
 
 Array = NDArray[np.float64]
+Faces = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 PIECE_SAMPLES = 12000
@@ -36,10 +43,14 @@ class PartSymmetries:
     size: float  # diameter of the object, metres
 
     def body(self, body: Body) -> list[Symmetry]:
-        """Return the symmetries of a body of revolution: its axis at least, or a sphere."""
+        """Return the symmetries of a body of revolution: its axis at least, or a sphere.
+
+        None if it stands alone and does not turn about any: an oval column's circles look round.
+        """
         axis = RotationSymmetry(body.axis.direction, body.axis.point)
         mesh = self.parts.submesh(body.members)
-        return analyse_body(mesh, axis, self._coarser, self.rng)
+        is_cut = self.parts.touching(body.members, ~body.members) > 0.0
+        return analyse_body(mesh, axis, self._coarser, self.rng, is_cut=is_cut)
 
     def part(self, members: Mask) -> list[Symmetry]:
         """Return the symmetries of the part `members` (m,), and the whole's planes it shares."""
@@ -48,11 +59,18 @@ class PartSymmetries:
             return found
         planes = [symmetry for symmetry in found if isinstance(symmetry, ReflectionSymmetry)]
         others = [symmetry for symmetry in found if not isinstance(symmetry, ReflectionSymmetry)]
-        for plane in self._planes():
-            known = any(abs(plane.normal @ other.normal) > SAME_PLANE for other in planes)
-            if not known and len(planes) < self.config.max_planes and self._keeps(plane, members):
-                planes.append(plane)
+        planes = self._with_shared(planes, members)
         return [*planes, *others]
+
+    def still_held(self, symmetries: list[Symmetry], members: Mask) -> list[Symmetry] | None:
+        """Return `symmetries` with the errors that their planes have on the samples `members` (m,).
+
+        None if a plane does not hold there.
+        """
+        planes = [symmetry for symmetry in symmetries if isinstance(symmetry, ReflectionSymmetry)]
+        others = [each for each in symmetries if not isinstance(each, ReflectionSymmetry)]
+        held = self._held(planes, self.parts.submesh(members))
+        return [*held, *others] if len(held) == len(planes) else None
 
     def largest_mirrored(self, members: Mask) -> Mask | None:
         """Return the largest connected part of `members` that a plane of the object explains.
@@ -73,8 +91,30 @@ class PartSymmetries:
         known = [*self.detection.symmetries, *self.detection.partial[:NUM_PARTIAL]]
         return [symmetry for symmetry in known if isinstance(symmetry, ReflectionSymmetry)]
 
+    def _with_shared(
+        self, planes: list[ReflectionSymmetry], members: Mask
+    ) -> list[ReflectionSymmetry]:
+        """Return `planes` and as many more of the object's as there is room for and hold here."""
+        room = self.config.max_planes - len(planes)
+        others = [
+            plane
+            for plane in self._planes()
+            if not _is_among(plane, planes) and self._keeps(plane, members)
+        ]
+        if not others or room <= 0:
+            return planes
+        shared: list[ReflectionSymmetry] = []
+        for plane in self._held(others, self.parts.submesh(members)):
+            if len(shared) < room and not _is_among(plane, shared):
+                shared.append(plane)
+        return [*planes, *shared]
+
+    def _held(self, planes: list[ReflectionSymmetry], mesh: Mesh) -> list[ReflectionSymmetry]:
+        # Samples of their own, so that other parts' do not depend on whether any are drawn here.
+        return holding(planes, mesh, self._coarser, self.rng.spawn(1)[0])
+
     def _keeps(self, plane: ReflectionSymmetry, members: Mask) -> bool:
-        """Return whether `plane` maps the part `members` to itself."""
+        """Return whether `plane` maps most of the part `members` to itself: is it worth a fit?"""
         held = self._supported(plane, members)
         return bool(held.mean() >= self.config.min_agreement)
 
@@ -98,6 +138,10 @@ class PartSymmetries:
     def _coarser(self) -> AnnotateSymmetryConfig:
         """The configuration for parts: they are smaller than their object."""
         return replace(self.config, num_samples=min(PIECE_SAMPLES, self.config.num_samples))
+
+
+def _is_among(plane: ReflectionSymmetry, others: list[ReflectionSymmetry]) -> bool:
+    return any(abs(plane.normal @ other.normal) > SAME_PLANE for other in others)
 
 
 def turns(symmetry: Symmetry) -> bool:

@@ -23,6 +23,7 @@ FLAT = float(np.sin(np.radians(15.0)))  # between normal and axis
 SAME_FLAT = 0.9  # cosine; the two sides of a plate are two flats
 MIN_BOUNDED = 2.0 / 3.0  # share of the links around a flat that lead to its body
 MAX_SMOOTH_BORDER = 0.8  # share of a body's border where the surface just goes on
+MAX_STRAYS = 0.02  # of a body, samples in its midst that belong to it
 MIN_LATERAL = 0.15  # share of a body that is not flat, or it is a disc drawn on a plate
 
 
@@ -94,11 +95,25 @@ def _grown(
     held = _without_loose_flats(parts, parts.smoothed(held) & held, lateral)
     if not held.any():
         return None
-    members = parts.clusters(held)[0]
+    members = _with_strays(parts, parts.clusters(held)[0])
     if lateral[members].mean() < MIN_LATERAL or parts.smooth_border(members) > MAX_SMOOTH_BORDER:
         return None
     inside = float(lateral[members].sum())
     return Body(axis, members, inside / float(lateral.sum())) if inside >= enough else None
+
+
+def _with_strays(parts: SampledParts, members: Mask) -> Mask:
+    """Return `members` (n,) and the few samples in their midst that were missed by chance.
+
+    Left out they would be all that borders on a body that stands alone, and no edge lies between.
+    """
+    filled = members.copy()
+    for stray in parts.clusters(~members):
+        alone = parts.touching(stray, ~members & ~stray) == 0.0
+        few = stray.sum() <= MAX_STRAYS * members.sum()
+        if few and alone and parts.touching(stray, members) > 0.0:
+            filled |= stray
+    return filled
 
 
 def _without_loose_flats(parts: SampledParts, held: Mask, lateral: Array) -> Mask:

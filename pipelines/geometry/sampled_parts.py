@@ -102,7 +102,13 @@ class SampledParts:
         voted = votes.argmax(axis=1) - 1
         return np.where(votes.sum(axis=1) > 0, voted, nearest)
 
+    def on_triangles(self, members: Mask) -> Mask:
+        """Return the samples (m,) on the triangles that the samples `members` (m,) stand for."""
+        return np.asarray(self._triangles_of(members)[self.surface.faces])
+
     def submesh(self, members: Mask) -> Mesh:
         """Return the triangles that the samples `members` (m,) stand for, as a mesh."""
-        owner = self.owner_of_faces(np.where(members, 0, NO_PART))
-        return self.mesh.submesh(owner == 0)
+        return self.mesh.submesh(self._triangles_of(members))
+
+    def _triangles_of(self, members: Mask) -> Mask:
+        return np.asarray(self.owner_of_faces(np.where(members, 0, NO_PART)) == 0)

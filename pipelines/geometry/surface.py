@@ -1,21 +1,24 @@
 """The surface of a mesh as something to measure distances to."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, KDTree, QhullError
-from scipy.spatial.distance import pdist
+from scipy.spatial.distance import cdist
 from trimesh.triangles import closest_point
 
 from pipelines.geometry.mesh import Mesh, sample_surface
 from pipelines.geometry.open_boundary import OpenBoundary
+from pipelines.geometry.symmetry_candidates import fibonacci_directions
 from pipelines.geometry.transforms import basis_from_direction, unit
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-MAX_HULL_CORNERS = 2000
+MAX_EXACT, CHUNK = 8000, 500  # points of which all pairs are measured, and rows at a time
+NUM_SUPPORTS = 2000  # directions 2.5 degrees apart
+MAX_PRODUCTS = 4_000_000  # numbers held at a time
 NUM_SMOOTHED = 16  # samples that a normal is averaged over
 SAME_SIDE_COSINE = 0.3  # the other faces of an edge and of a thin wall do not count
 ROUGH_PASSES = 3  # of averaging, where noise has tilted the triangles
@@ -81,6 +84,22 @@ class Surface:
             noise=self.noise / size,
             steadiness=self.steadiness,
         )
+
+    def with_walls(self, reach: float) -> "Surface":
+        """Return the surface with the samples within `reach` of its rim on it, looking out of it.
+
+        As if the rim had thickness: normals of a flat sheet do not say where in its plane it ends.
+        """
+        if self.rim.tree is None:
+            return self
+        found = self.rim.tree.query(self.points, distance_upper_bound=reach)
+        distance, index = (np.asarray(part) for part in found)
+        near = np.isfinite(distance)
+        points, normals, faces = self.points.copy(), self.normals.copy(), self.faces.copy()
+        points[near] = self.rim.points[index[near]]
+        normals[near] = self.rim.outward[index[near]]
+        faces[near] = self.faces[self.nearest(points[near])]
+        return replace(self, points=points, normals=normals, faces=faces, tree=_tree(points))
 
     @property
     def spacing(self) -> float:
@@ -171,10 +190,45 @@ def _agreement(neighbours: Array, normals: Array) -> float:
 
 
 def diameter(points: Array) -> float:
-    """Return the largest distance between two of `points` (n, 3); it does not turn with them."""
+    """Return the largest distance between two of `points` (n, 3); it does not turn with them.
+
+    Exact, but for thousands of points that all lie as far out as any, a finely tessellated ball:
+    there it may be a thousandth short.
+    """
     try:
         corners = points[ConvexHull(points, qhull_options="QJ").vertices]
     except QhullError:  # fewer than four points, or not a number of them
         corners = points
-    stride = -(-len(corners) // MAX_HULL_CORNERS)
-    return float(pdist(corners[::stride]).max())
+    middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+    out = np.linalg.norm(corners - middle, axis=1)
+    # What is nearer to the middle than this belongs to no pair farther apart than one known.
+    known = _far_apart(corners, corners[out.argmax()])
+    far = corners[out + out.max() >= (1.0 - 1e-9) * known]
+    if len(far) > MAX_EXACT:
+        far = _outermost(far)
+    rows = (cdist(far[i : i + CHUNK], far[i:]).max() for i in range(0, len(far), CHUNK))
+    return float(max(rows))
+
+
+def _far_apart(points: Array, start: Array) -> float:
+    """Return the distance of a far pair: that of going to the farthest again and again."""
+    longest = 0.0
+    while True:
+        apart = np.linalg.norm(points - start, axis=1)
+        index = int(apart.argmax())
+        if not apart[index] > longest:
+            return longest
+        longest, start = float(apart[index]), points[index]
+
+
+def _outermost(points: Array) -> Array:
+    """Return those of `points` (n, 3) that lie outermost along any of many directions.
+
+    A lone tip is outermost over a wide angle, so unlike in every n-th point it stays.
+    """
+    directions = fibonacci_directions(NUM_SUPPORTS)
+    found: list[Indices] = []
+    for some in np.array_split(directions, max(1, len(points) * NUM_SUPPORTS // MAX_PRODUCTS)):
+        along = some @ points.T
+        found += [along.argmax(axis=1), along.argmin(axis=1)]
+    return points[np.unique(np.concatenate(found))]

@@ -91,7 +91,8 @@ def _mirrored_pieces(cutting: _Cutting) -> list[_Piece]:
     """Return bodies of revolution and the parts beside them; none if the planes say it better."""
     everything = np.ones(NUM_SAMPLES, dtype=np.bool_)
     pieces = _bodies(cutting, everything, cutting.config.min_body_share)
-    if not pieces:
+    # A body that is all of the object would say otherwise than the whole does: many-sided columns.
+    if not pieces or pieces[0].members.all():
         return []
     loose: list[Mask] = []
     for members in cutting.parts.clusters(_left(pieces, everything)):
@@ -101,7 +102,7 @@ def _mirrored_pieces(cutting: _Cutting) -> list[_Piece]:
             loose.append(members)
     if sum(cutting.parts.share(members) for members in loose) > MAX_LOOSE_SHARE:
         return []
-    return _joined(cutting.parts, pieces, loose)
+    return _joined(cutting, pieces, loose)
 
 
 def _asymmetric_pieces(cutting: _Cutting) -> list[_Piece]:
@@ -120,15 +121,16 @@ def _asymmetric_pieces(cutting: _Cutting) -> list[_Piece]:
                 pieces.append(_Piece(left, []))
             else:
                 loose.append(left)
-    return _joined(cutting.parts, pieces, loose)
+    return _joined(cutting, pieces, loose)
 
 
 def _bodies(cutting: _Cutting, among: Mask, min_lateral: float) -> list[_Piece]:
-    return [
+    pieces = [
         _Piece(body.members, cutting.symmetries_of.body(body), is_body=True)
         for body in revolved_bodies(cutting.parts, among, min_lateral)
         if _is_graspable(cutting, body.members)
     ]
+    return [piece for piece in pieces if piece.symmetries]
 
 
 def _cut_further(cutting: _Cutting, members: Mask) -> list[_Piece]:
@@ -149,12 +151,14 @@ def _convex_pieces(cutting: _Cutting, members: Mask) -> list[_Piece]:
     """Return those nearly convex parts of `members` that are symmetric."""
     pieces = []
     owner = np.full(NUM_SAMPLES, NO_PART, dtype=np.int64)
-    part = cutting.parts.submesh(members)
-    owner[members] = convex_owner(part, cutting.parts.surface.points[members])
+    mesh = cutting.parts.submesh(members)
+    owner[members] = convex_owner(mesh, cutting.parts.surface.points[members])
     for index in np.unique(owner[members]):
         piece = cutting.parts.clusters(owner == index)[0]
         seen = cutting.parts.smooth_border(piece) <= MAX_SMOOTH_BORDER
-        if not seen or not _is_graspable(cutting, piece):
+        # What a region is are its triangles: of large ones a piece may get hardly any.
+        stands_for = cutting.parts.on_triangles(piece)
+        if not seen or not all(_is_graspable(cutting, part) for part in (piece, stands_for)):
             continue
         found = cutting.symmetries_of.part(piece)
         if has_slot(found):
@@ -180,16 +184,28 @@ def _left(pieces: list[_Piece], members: Mask) -> Mask:
     return left
 
 
-def _joined(parts: SampledParts, pieces: list[_Piece], loose: list[Mask]) -> list[_Piece]:
-    """Return `pieces` with each of `loose` joined to the one it touches most; none stays out."""
-    if not pieces:
-        return []
-    members = [piece.members.copy() for piece in pieces]
+def _joined(cutting: _Cutting, pieces: list[_Piece], loose: list[Mask]) -> list[_Piece]:
+    """Return `pieces` with each of `loose` joined to the one it touches most, if it may."""
+    scraps: list[list[Mask]] = [[] for _ in pieces]
     for scrap in loose:
-        links = [parts.touching(scrap, piece.members) for piece in pieces]
-        if max(links) > 0:
-            members[int(np.argmax(links))] |= scrap
-    return [replace(piece, members=mine) for piece, mine in zip(pieces, members, strict=True)]
+        links = [cutting.parts.touching(scrap, piece.members) for piece in pieces]
+        if max(links, default=0.0) > 0.0:
+            scraps[int(np.argmax(links))].append(scrap)
+    return [_with_scraps(cutting, *both) for both in zip(pieces, scraps, strict=True)]
+
+
+def _with_scraps(cutting: _Cutting, piece: _Piece, scraps: list[Mask]) -> _Piece:
+    """Return `piece` with as many of `scraps`, the small ones first, as its planes hold with."""
+    left = sorted(scraps, key=np.count_nonzero)
+    while left:
+        members = np.any([piece.members, *left], axis=0)
+        if piece.is_body:  # which other things than its circles may touch
+            return replace(piece, members=members)
+        symmetries = cutting.symmetries_of.still_held(piece.symmetries, members)
+        if symmetries is not None:
+            return replace(piece, members=members, symmetries=symmetries)
+        left.pop()
+    return piece
 
 
 def _regions(parts: SampledParts, pieces: list[_Piece]) -> list[SymmetricRegion]:

@@ -5,7 +5,7 @@ surface. A sphere stands for every symmetry it has, a continuous axis for the pl
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -17,11 +17,9 @@ from pipelines.geometry.mesh import Mesh
 from pipelines.geometry.symmetry import (
     ReflectionSymmetry,
     RotationSymmetry,
-    SphereSymmetry,
     Symmetry,
 )
 from pipelines.geometry.symmetry_candidates import DistanceGrid, axis_candidates
-from pipelines.geometry.symmetry_refinement import fit_sphere
 from pipelines.geometry.symmetry_search import (
     COARSE_SAMPLES,
     COARSE_SCALES,
@@ -39,7 +37,8 @@ from pipelines.geometry.symmetry_search import (
     search_axes,
     search_planes,
 )
-from pipelines.geometry.symmetry_verification import Fit, is_sphere
+from pipelines.geometry.symmetry_spheres import sphere_of
+from pipelines.geometry.symmetry_verification import Fit
 
 Array = NDArray[np.float64]
 Accepted = tuple[Array, Fit]  # a plane (nx, ny, nz, d) and how well it fits
@@ -76,16 +75,22 @@ def analyse(mesh: Mesh, config: AnnotateSymmetryConfig, rng: np.random.Generator
 
 
 def analyse_body(
-    mesh: Mesh, guess: RotationSymmetry, config: AnnotateSymmetryConfig, rng: np.random.Generator
+    mesh: Mesh,
+    guess: RotationSymmetry,
+    config: AnnotateSymmetryConfig,
+    rng: np.random.Generator,
+    *,
+    is_cut: bool = True,
 ) -> list[Symmetry]:
     """Return the symmetries of a body of revolution about `guess`, mesh frame.
 
     A sphere; or the plane across, if it is one, and the axis: refined where all of the surface
-    turns about it, as guessed where holes or noise hide that.
+    turns about it, as guessed where holes or noise hide that. A body that is not cut out of
+    anything, `is_cut` False, has no holes by cutting: if it does not turn it has no symmetries.
     """
     pose = CanonicalPose.of(mesh)
     shape = Shape.from_mesh(pose.mesh, config, rng)
-    sphere = _sphere(shape)
+    sphere = sphere_of(shape, config)
     if sphere is not None:
         return [pose.given(sphere)]
     known = pose.posed(guess)
@@ -94,17 +99,40 @@ def analyse_body(
         better = refined_axes(shape, axis[None], REFINEMENT_ANGLES, scales, FINE_SAMPLES)[0]
         fit, continuous = continuous_fit(shape, better, config)
         if not continuous or abs(better[:3] @ known.direction) < ACROSS_COSINE:
-            fit = continuous_fit(shape, axis, config)[0]
+            fit, continuous = continuous_fit(shape, axis, config)
             break
         axis = better
+    if not is_cut and not continuous:
+        return []
     found: list[Symmetry] = [
         _reflection(shape, plane, fit) for plane, fit in _across(shape, axis, [], config)
     ]
     return [pose.given(each) for each in [*found, _rotation(shape, axis, None, fit)]]
 
 
+def holding(
+    planes: Sequence[ReflectionSymmetry],
+    mesh: Mesh,
+    config: AnnotateSymmetryConfig,
+    rng: np.random.Generator,
+) -> list[ReflectionSymmetry]:
+    """Return those of `planes` that hold on `mesh`, mesh frame, with the error they have there."""
+    if not planes:
+        return []
+    pose = CanonicalPose.of(mesh)
+    shape = Shape.from_mesh(pose.mesh, config, rng)
+    held = []
+    for plane in planes:
+        known = pose.posed(plane)
+        offset = known.direction @ (known.point - shape.center) / shape.size
+        fit = fit_of_plane(shape, np.append(known.direction, offset), shape.samples)
+        if fit.holds(config):
+            held.append(replace(plane, error=fit.error))
+    return held
+
+
 def _analyse(shape: Shape, config: AnnotateSymmetryConfig) -> Detection:
-    sphere = _sphere(shape)
+    sphere = sphere_of(shape, config)
     if sphere is not None:
         return Detection([sphere], [])
     grid = DistanceGrid.around(shape.surface.points, config.grid_resolution, config.distance_cap)
@@ -136,15 +164,6 @@ def _analyse(shape: Shape, config: AnnotateSymmetryConfig) -> Detection:
         _reflection(shape, plane, fit) for plane, fit in _best_planes(shape, accepted, config)
     ]
     return Detection(symmetries + ([rotation] if rotation is not None else []), partial)
-
-
-def _sphere(shape: Shape) -> SphereSymmetry | None:
-    points = shape.samples.points
-    center, radius = fit_sphere(points)
-    if not is_sphere(points, center, radius):
-        return None
-    gap = np.abs(np.linalg.norm(points - center, axis=1) - radius)
-    return SphereSymmetry(shape.to_mesh(center), float(gap.mean() / (2.0 * radius)))
 
 
 def _reflection(shape: Shape, plane: Array, fit: Fit) -> ReflectionSymmetry:

@@ -20,6 +20,7 @@ from pipelines.geometry.symmetry_candidates import (
     DistanceGrid,
     distinct,
     plane_candidates,
+    principal_axes,
 )
 from pipelines.geometry.symmetry_refinement import refine_axes, refine_planes
 from pipelines.geometry.symmetry_revolution import revolution_candidates
@@ -42,6 +43,8 @@ REFINEMENT_ANGLES = VERIFICATION_ANGLES[1::2]
 COARSE_SAMPLES, FINE_SAMPLES, FINAL_SAMPLES = 200, 600, 2000
 FEW_SAMPLES = 400
 KEPT_PLANES = 14
+FLAT_SHEET = 0.01  # of the diameter; a surface with open rims that is no thicker
+WALL_REACH = 0.05  # of the diameter, as candidates err by; nearer samples stand for a sheet's rim
 MIN_AREA = 1e-9  # of the squared diameter; a mesh of less is points or a line
 MISS_CAP = 0.05  # of the diameter; a larger miss is no worse
 MAX_MISS = 0.5 * MISS_CAP
@@ -73,8 +76,13 @@ class Shape:
         raw = Surface.from_mesh(mesh, config.num_samples, rng)
         center = raw.points.mean(axis=0)
         surface = raw.normalised(center, size)
+        is_sheet = bool(len(surface.rim.points)) and _thickness(surface) < FLAT_SHEET
+        if is_sheet:  # all that says where it is, is its rim
+            surface = surface.with_walls(WALL_REACH)
         draw = rng.choice(len(raw.points), config.num_verification_samples, replace=False)
-        make = Samples.with_links if len(surface.rim.points) else Samples
+        # A card turned in its plane lands beyond its rim, which is what tells it from a disc: of a
+        # sheet there is no more beyond the rim, of anything else there may be.
+        make = Samples.with_links if len(surface.rim.points) and not is_sheet else Samples
         samples, few = (
             make(surface.points[some], surface.normals[some]) for some in (draw, draw[:FEW_SAMPLES])
         )
@@ -87,6 +95,12 @@ class Shape:
     def to_mesh(self, point: Array) -> Array:
         """Return `point` (3,) in the mesh frame, metres."""
         return self.center + self.size * point
+
+
+def _thickness(surface: Surface) -> float:
+    """Return the extent of `surface` across the plane that it lies in most, without strays."""
+    height = surface.points @ principal_axes(surface.points)[-1]
+    return float(np.ptp(np.percentile(height, [1.0, 99.0])))
 
 
 def search_planes(

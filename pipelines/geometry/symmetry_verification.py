@@ -178,14 +178,15 @@ def are_round(fits: Sequence[Fit]) -> bool:
 
 def is_sphere(points: Array, center: Array, radius: float) -> bool:
     """Return whether `points` (n, 3) cover the sphere: near it, and on all sides of its centre."""
+    gap = np.abs(np.linalg.norm(points - center, axis=1) - radius)
+    near = gap.mean() <= _SPHERE_MEAN and np.percentile(gap, 95.0) <= _SPHERE_P95
+    return bool(near and surrounds(points, center))
+
+
+def surrounds(points: Array, center: Array) -> bool:
+    """Return whether `points` (n, 3) lie on all sides of `center` (3,)."""
     arm = points - center
-    length = np.linalg.norm(arm, axis=1)
-    gap = np.abs(length - radius)
-    directions = arm / np.maximum(length, 1e-9)[:, None]
+    directions = arm / np.maximum(np.linalg.norm(arm, axis=1), 1e-9)[:, None]
     spread = np.linalg.eigvalsh(directions.T @ directions / len(points))
-    return bool(
-        gap.mean() <= _SPHERE_MEAN
-        and np.percentile(gap, 95.0) <= _SPHERE_P95
-        and np.linalg.norm(directions.mean(axis=0)) <= _SPHERE_OFFCENTER
-        and spread[0] >= _SPHERE_MIN_SPREAD
-    )
+    offcenter = np.linalg.norm(directions.mean(axis=0))
+    return bool(offcenter <= _SPHERE_OFFCENTER and spread[0] >= _SPHERE_MIN_SPREAD)

@@ -6,6 +6,7 @@ late, so it is read once more after a longer while before it has failed. A frame
 again is a new one.
 """
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,14 @@ from pipelines.configs import WatchConfig
 from pipelines.formats.rgbd import FrameSource
 
 State = tuple[tuple[str, int, int, int], ...]  # path, size, time of change, file number
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Where the time comes from, and how it passes."""
+
+    now: Callable[[], float] = time.monotonic
+    wait: Callable[[float], None] = time.sleep
 
 
 class Lister:

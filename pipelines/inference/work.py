@@ -243,7 +243,7 @@ def _infer_frame(item: WorkItem, settings: Settings) -> str | None:
     picture = settings.paths.overlays and overlay_path(settings.paths.overlays, source.name)
     if picture is not None:
         with writing(picture):
-            write_overlay(picture, frame, result)
+            write_overlay(picture, frame, result, item.stamp)
     with writing(item.target):
         grasps_file.write_shard(item.target, result, item.stamp)
     return "; ".join(filter(None, (*oddities(frame), result.message))) or None
@@ -279,5 +279,10 @@ def check_names(config: InferConfig) -> None:
 def drop_stale_shards(items: Sequence[WorkItem]) -> None:
     """Remove shards that a killed run with other settings left: nobody waits for them."""
     for item in items:
-        if item.target.exists() and read_stamp(item.target) != item.stamp.as_json():
+        if item.target.exists() and not has_shard(item):
             item.target.unlink()
+
+
+def has_shard(item: WorkItem) -> bool:
+    """Return whether the shard of `item` is there, and made as its stamp says."""
+    return item.target.exists() and read_stamp(item.target) == item.stamp.as_json()

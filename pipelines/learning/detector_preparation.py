@@ -6,10 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import FinetuneDetectorConfig
+from pipelines.errors import FormatError
 from pipelines.formats.coco_instances import CocoFrame
 from pipelines.formats.detector_frames import DetectorFrame
 from pipelines.formats.graspnet import GraspNetRoot, SceneFiles
-from pipelines.formats.region_frames import MOST_REGIONS, read_region_frame
+from pipelines.formats.region_frames import MOST_REGIONS, read_region_frame, strided_frames
 from pipelines.formats.rgbd import Frame
 from pipelines.geometry.depth_channels import find_plane, shrink
 
@@ -19,7 +20,7 @@ def frames_of_scene(
 ) -> list[DetectorFrame]:
     """Return the frames of a scene with the regions that its objects show."""
     frames = []
-    for files in scene.frames()[:: config.frame_stride]:
+    for files in strided_frames(scene, config.frame_stride):
         shown = read_region_frame(root, files, config.min_pixels)
         masks = [region.mask for region in shown.regions]
         frames.append(prepare_frame(shown.frame, masks, config))
@@ -29,11 +30,21 @@ def frames_of_scene(
 def frames_of_coco(
     listed: Sequence[CocoFrame], root: GraspNetRoot, config: FinetuneDetectorConfig
 ) -> list[DetectorFrame]:
-    """Return frames of a COCO dataset with the regions that it lists."""
+    """Return frames of a COCO dataset with the regions that it lists.
+
+    Raises:
+        FormatError: masks of another size than their frame.
+    """
     frames = []
     for each in listed[:: config.frame_stride]:
-        masks = [mask for mask in each.masks() if mask.sum() >= config.min_pixels]
-        frames.append(prepare_frame(root.read_frame(each.files), masks[:MOST_REGIONS], config))
+        frame, masks = root.read_frame(each.files), each.masks()
+        height, width = frame.depth.shape
+        for mask in masks:
+            if mask.shape != (height, width):
+                found = f"its annotations have a mask of {mask.shape[1]}x{mask.shape[0]}"
+                raise FormatError(each.files.path("rgb"), found, f"the image is {width}x{height}")
+        masks = [mask for mask in masks if mask.sum() >= config.min_pixels]
+        frames.append(prepare_frame(frame, masks[:MOST_REGIONS], config))
     return frames
 
 

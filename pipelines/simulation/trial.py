@@ -12,7 +12,8 @@ from pipelines.formats.trial_records import HELD, Outcome
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
 from pipelines.simulation.hand import Hand, add_hand, stroke
-from pipelines.simulation.world import TIME_STEP, Pieces, add_object, compiled, empty_world
+from pipelines.simulation.world import TIME_STEP, Pieces, add_object, empty_world
+from pipelines.synthesis.settling import compiled
 
 Array = NDArray[np.float64]
 

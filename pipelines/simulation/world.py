@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.errors import SymgraspError
 from pipelines.geometry.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, matrix_to_quaternion, quaternion_to_matrix
+from pipelines.synthesis.settling import compiled
 
 Array = NDArray[np.float64]
 Pieces = Sequence[Mesh]
@@ -59,21 +59,6 @@ def add_object(spec: mujoco.MjSpec, name: str, pieces: Pieces, pose: Array) -> N
         )
         geom = body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh, density=DENSITY)
         _make_world(geom)
-
-
-def compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """Return the model of a world.
-
-    Raises:
-        SymgraspError: MuJoCo cannot make bodies of the objects' pieces.
-    """
-    try:
-        return spec.compile()
-    except ValueError as error:
-        raise SymgraspError(
-            f"convex pieces of a model make no solid body ({' '.join(str(error).split())}); mend "
-            "its mesh, and delete its convex.npz"
-        ) from error
 
 
 def object_pose(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Array:

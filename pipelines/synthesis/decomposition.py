@@ -3,7 +3,9 @@
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
+from scipy.spatial import QhullError
 
+from pipelines.errors import SymgraspError
 from pipelines.geometry import convex_decomposition
 from pipelines.geometry.mesh import Mesh
 
@@ -16,8 +18,20 @@ MANIFOLD_CELLS = 30
 
 
 def hull_of_points(points: NDArray[np.float64]) -> Mesh:
-    """Return the convex hull of `points` (n, 3)."""
-    hull = trimesh.convex.convex_hull(points)
+    """Return the convex hull of `points` (n, 3).
+
+    Raises:
+        SymgraspError: they span none, as those of a single triangle.
+    """
+    try:
+        # Of flat points it divides by a volume of 0 for a centre that nobody asks for.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            hull = trimesh.convex.convex_hull(points)
+    except QhullError as error:
+        raise SymgraspError(
+            f"the {len(points)} corners of a mesh span no volume; physics takes a solid, so give a "
+            "mesh of a closed surface"
+        ) from error
     return Mesh(np.asarray(hull.vertices), np.asarray(hull.faces))
 
 

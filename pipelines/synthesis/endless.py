@@ -203,10 +203,11 @@ class EndlessScenes:
         self, layout: SceneLayout, T_world_cam: Array, rng: np.random.Generator
     ) -> tuple[Mesh, Array]:
         """Return an object and its pose somewhere between the camera and one of the others."""
-        eye, hidden = T_world_cam[:3, 3], layout.poses[rng.integers(len(layout.poses)), :3, 3]
+        eye, hidden = T_world_cam[:3, 3], layout.middles[rng.integers(len(layout.poses))]
         place = eye + rng.uniform(*OCCLUDER_REACH) * (hidden - eye) + rng.normal(0.0, 0.02, 3)
-        mesh = self.objects[int(rng.choice(list(self.objects)))].scene.mesh
-        return mesh, make_pose(random_rotation(rng), place)
+        drawn = self.objects[int(rng.choice(list(self.objects)))].scene
+        turn = random_rotation(rng)
+        return drawn.mesh, make_pose(turn, place - turn @ drawn.centre)
 
 
 def _with_ground(layout: SceneLayout, rng: np.random.Generator) -> tuple[list[Mesh], list[Array]]:

@@ -3,10 +3,19 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.formats.graspnet import GraspNetRoot
-from pipelines.formats.meshes import find_meshes, read_solid_mesh, refuse_too_large
+from pipelines.formats.meshes import (
+    find_meshes,
+    read_solid_mesh,
+    refuse_too_large,
+    refuse_too_small,
+)
 from pipelines.formats.provenance import digest
 from pipelines.geometry.mesh import Mesh
+from pipelines.synthesis.decomposition import convex_pieces
+from pipelines.synthesis.pools import SyntheticObject
+from pipelines.synthesis.settling import refuse_bodiless
 
 
 @dataclass(frozen=True)
@@ -36,11 +45,40 @@ class OwnModel:
         """Return the mesh in metres, looking outward.
 
         Raises:
-            SymgraspError: it cannot be read, or seems to be in millimetres.
+            SymgraspError: it cannot be read, seems to be in millimetres, or is tiny.
         """
         mesh = read_solid_mesh(self.path, self.scale or 1.0)
         refuse_too_large(mesh, self.path, self.scale)
+        refuse_too_small(mesh, self.path)
         return mesh
+
+    def as_object(self, seed: int) -> SyntheticObject:
+        """Return the object that scenes are made of, cut into convex pieces with `seed`.
+
+        Raises:
+            SymgraspError: as `read`, or physics cannot take it as a body, as a sheet.
+        """
+        mesh = self.read()
+        try:
+            pieces = convex_pieces(mesh, seed=seed)
+            refuse_bodiless(pieces)
+        except SymgraspError as error:
+            raise SymgraspError(f"{self.path}: {error}") from error
+        return SyntheticObject(self.name, self.name, mesh, (), pieces)
+
+
+def refuse_own_output(source: Path, output: Path) -> None:
+    """Raise ValueRangeError if meshes are to be taken from where the dataset `output` is written.
+
+    Its models would be numbered anew, and their labels be made over.
+    """
+    here, there = source.resolve(), output.resolve()
+    if here == there or here.is_relative_to(there / "models"):
+        expected = (
+            "outside of OUT, whose models and labels would be numbered and made anew; "
+            "name another folder as OUT"
+        )
+        raise ValueRangeError("--models", source, expected)
 
 
 def own_models(source: Path, scale: float | None) -> list[OwnModel]:

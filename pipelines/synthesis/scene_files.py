@@ -24,7 +24,7 @@ from pipelines.formats.graspnet_scene import (
     write_pose_array,
 )
 from pipelines.formats.meshes import read_mesh
-from pipelines.formats.provenance import Stamp, write_sidecar
+from pipelines.formats.provenance import Stamp, stamp_ahead, write_sidecar
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.transforms import invert
 from pipelines.synthesis.cameras import MIXED, camera_folder, drawn_viewpoints, intrinsics_of
@@ -130,8 +130,7 @@ def _write_collisions(
     meshes = [item.mesh for item in layout.objects]
     collisions = scene_collisions(labels, meshes, list(layout.poses))
     target = root.collision_label_path(scene_id)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    write_sidecar(target, stamp)
+    stamp_ahead(target, stamp)
     write_collision_labels(target, collisions)
     return [
         free_grasps(item.object_id, label, collision)

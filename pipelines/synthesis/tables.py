@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from pipelines.geometry.rendering import Scene, cast_view
 from pipelines.geometry.transforms import invert, make_pose
 from pipelines.synthesis.depth_sensors import measured_depth
 from pipelines.synthesis.lamplight import drawn_lighting, drawn_texture, shade, table_texture
-from pipelines.synthesis.settling import drop_objects
+from pipelines.synthesis.settling import drop_objects, middles_of
 from pipelines.synthesis.smoothing import corner_normals, with_smooth_normals
 
 Array = NDArray[np.float64]
@@ -22,6 +23,7 @@ TABLE_SIZE = (0.7, 0.5)  # metres, half extents
 FLOOR_SIZE = 6.0
 FLOOR_HEIGHTS = (-0.9, -0.5)
 DROP_ATTEMPTS = 5
+CENTRED = 1e-6  # metres; what is nearer to its origin is rounding
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,15 @@ class SceneObject:
     name: str
     mesh: Mesh
     pieces: Sequence[Mesh]
+
+    @cached_property
+    def centre(self) -> Array:
+        """(3,) metres, object frame: the middle of the bounding box; of a centred mesh exactly 0.
+
+        The origin of somebody's mesh may lie at its foot, or metres away.
+        """
+        middle = np.asarray(self.mesh.bounds.mean(axis=0))
+        return middle if np.linalg.norm(middle) > CENTRED else np.zeros(3)
 
 
 @dataclass(frozen=True)
@@ -59,9 +70,14 @@ class SceneLayout:
     poses: Array
 
     @property
+    def middles(self) -> Array:
+        """(k, 3) metres, the middle of each object, in the table frame."""
+        return middles_of(self.poses, np.stack([item.centre for item in self.objects]))
+
+    @property
     def centre(self) -> Array:
-        """(3,) metres, the middle of the objects."""
-        return np.asarray(self.poses[:, :3, 3].mean(axis=0))
+        """(3,) metres, the middle of the objects, in the table frame."""
+        return np.asarray(self.middles.mean(axis=0))
 
 
 def settle(objects: Sequence[SceneObject], rng: np.random.Generator) -> SceneLayout:
@@ -70,8 +86,9 @@ def settle(objects: Sequence[SceneObject], rng: np.random.Generator) -> SceneLay
     Raises:
         SymgraspError: they never do.
     """
+    centres = np.stack([item.centre for item in objects])
     for _ in range(DROP_ATTEMPTS):
-        settled = drop_objects([item.pieces for item in objects], rng)
+        settled = drop_objects([item.pieces for item in objects], rng, centres)
         if 2 * len(settled.index) >= len(objects):
             return SceneLayout(tuple(objects[i] for i in settled.index), settled.poses)
     raise SymgraspError(

@@ -121,6 +121,18 @@ def test_what_is_written_is_read_back_as_the_rotation_it_says(tmp_path, name, ki
     assert np.linalg.norm(np.cross(found.point - unit * T[:3, 3], found.axis)) < 1e-6 * unit
 
 
+def test_the_identity_of_a_whole_group_is_no_turn(tmp_path):
+    mesh, half_turn = solid("box")[0], np.diag([-1.0, -1.0, 1.0, 1.0])
+    discrete = [np.eye(4).ravel().tolist(), half_turn.ravel().tolist()]
+    path = tmp_path / "models_info.json"
+    path.write_text(json.dumps({"1": {"symmetries_discrete": discrete}}))
+    (found,) = bop_models_info.symmetries_of(bop_models_info.read(path)["1"], mesh)
+    assert found.order == 2
+    assert abs(found.axis @ Z) == pytest.approx(1.0)
+    path.write_text(json.dumps({"1": {"symmetries_discrete": discrete[:1]}}))
+    assert bop_models_info.symmetries_of(bop_models_info.read(path)["1"], mesh) == []
+
+
 def test_a_file_of_another_mesh_is_refused(tmp_path):
     mesh, symmetries = solid("can")
     bop_models_info.write(tmp_path / "m.json", {"1": (mesh, symmetries)})

@@ -113,3 +113,13 @@ def test_lengths_and_units_must_be_positive() -> None:
         CameraFile(float("nan"), 1.0, 1.0, 1.0)
     with pytest.raises(ValueRangeError, match="scale"):
         CameraFile(1.0, 1.0, 1.0, 1.0, units_per_metre=0.0)
+
+
+@pytest.mark.parametrize("lengths", [(1.93, 1.93), (0.001, 60.0), (60.0, 0.5)])
+def test_focal_lengths_that_are_no_pixels_are_refused(lengths: tuple[float, float]) -> None:
+    with pytest.raises(FormatError, match="give fx and fy in pixels, not in millimetres"):
+        CameraFile(*lengths, 320.0, 240.0).at(640, 480)
+
+
+def test_a_wide_lens_is_read() -> None:
+    assert CameraFile(20.0, 20.0, 320.0, 240.0).at(640, 480).fx == 20.0

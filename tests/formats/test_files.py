@@ -1,5 +1,6 @@
 """Whole files or none."""
 
+import contextlib
 import json
 import os
 import zipfile
@@ -128,3 +129,28 @@ def test_images_are_read_as_stored_red_first_and_without_alpha(tmp_path, channel
     assert found.dtype == dtype
     assert found.flags.c_contiguous
     np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize("moment", range(3))
+def test_a_folder_is_replaced_whole_or_not_at_all(tmp_path, monkeypatch, moment):
+    """A kill between any two moves leaves the earlier folder, the new one, or none at all."""
+    target = tmp_path / "folder"
+    for text in ("first", "earlier"):
+        with files.atomic_folder(target) as folder:
+            (folder / "a").write_text(text)
+            (folder / "b").write_text(text)
+    moves = []
+
+    def dying(path, to):
+        if len(moves) == moment:
+            raise KeyboardInterrupt
+        moves.append(to)
+        path.rename(to)
+
+    monkeypatch.setattr(files.Path, "replace", dying)
+    with contextlib.suppress(KeyboardInterrupt), files.atomic_folder(target) as folder:
+        (folder / "a").write_text("new")
+        (folder / "b").write_text("new")
+    found = {path.read_text() for path in target.glob("*")}
+    assert found == [{"earlier"}, set(), {"new"}][moment]
+    assert target.is_dir() == bool(found)

@@ -9,7 +9,15 @@ import trimesh
 from numpy.testing import assert_allclose, assert_array_equal
 
 from pipelines.errors import FormatError, SymgraspError, UnknownNameError, ValueRangeError
-from pipelines.formats.meshes import clean_mesh, find_meshes, read_mesh, size_warning, write_mesh
+from pipelines.formats.meshes import (
+    clean_mesh,
+    find_meshes,
+    read_mesh,
+    refuse_too_small,
+    size_warning,
+    smallness_warning,
+    write_mesh,
+)
 from pipelines.geometry.mesh import Mesh
 
 
@@ -99,6 +107,14 @@ def test_a_scale_turns_millimetres_into_metres_without_a_warning(
     assert not caplog.text
     assert size_warning(mesh, tmp_path) is None
     assert_allclose(np.ptp(mesh.vertices, axis=0), (0.1, 0.2, 0.3), rtol=1e-6)
+
+
+def test_what_is_too_small_to_be_held_is_refused_with_its_size(tmp_path: Path) -> None:
+    path = tmp_path / "small.ply"
+    assert smallness_warning(box(0.002), path) is None  # 7.5 mm
+    refuse_too_small(box(0.002), path)
+    with pytest.raises(SymgraspError, match=r"small\.ply: .* 3\.74 mm .*5 mm .*--mesh-scale"):
+        refuse_too_small(box(0.001), path)
 
 
 def test_degenerate_and_duplicate_triangles_are_dropped_and_said() -> None:

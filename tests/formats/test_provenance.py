@@ -77,6 +77,14 @@ def test_a_page_of_somebody_else_has_no_stamp(tmp_path, content):
     assert read_stamp(tmp_path / "a.html") is None
 
 
+@pytest.mark.parametrize("stamp", ["me", 3, None, ["annotate-symmetry"]])
+def test_what_a_person_wrote_where_the_stamp_belongs_is_none(tmp_path, stamp):
+    write_json(tmp_path / "a.json", {"provenance": stamp})
+    assert read_stamp(tmp_path / "a.json") is None
+    with pytest.raises(StaleOutputError, match="--overwrite"):
+        is_finished(tmp_path / "a.json", STAMP)
+
+
 def test_the_digest_follows_the_content(tmp_path):
     path = tmp_path / "a"
     path.write_bytes(b"1")

@@ -60,6 +60,14 @@ def test_without_edges_nothing_is_said() -> None:
     assert color_offset(replace(frame, depth=np.full_like(frame.depth, 0.7))) is None
 
 
+@pytest.mark.parametrize("shape", [(1, 640), (2, 640), (1, 1280), (5, 1280), (640, 1), (1, 1)])
+def test_of_a_strip_nothing_is_said(shape: tuple[int, int]) -> None:
+    rng = np.random.default_rng(0)
+    color = rng.integers(0, 255, (*shape, 3), dtype=np.uint8)
+    depth = rng.uniform(0.4, 1.5, shape).astype(np.float32)
+    assert oddities(Frame("strip", color, depth, CAMERA)) == ()
+
+
 def test_the_demos_frames_lie_right() -> None:
     for source in find_frames(BUNDLED):
         assert color_offset(source.read()) is None

@@ -56,6 +56,7 @@ def test_a_fix_changes_what_it_names_and_keeps_the_rest(tmp_path):
     fix = {"kind": "rotation", "index": 0, "order": 4}
     symmetries, sources = applied(tmp_path, {"fix": fix})
     assert symmetries[2].order == 4
+    assert applied(tmp_path, {"fix": fix | {"order": 4.0}})[0][2].order == 4
     assert symmetries[2].axis.tolist() == Z.tolist()
     assert sources == [FOUND, FOUND, BY_HAND]
 
@@ -75,6 +76,10 @@ def test_a_rejected_candidate_is_accepted(tmp_path):
         ({"fix": {"kind": "rotation", "index": 0, "normal": [0, 0, 1]}}, "one of axis"),
         ({"add": {"kind": "rotation", "axis": [1, 0, 0], "point": [0, 0, 0]}}, "room for 1"),
         ({"add": {"kind": "reflection", "point": [0, 0, 0]}}, "lacks 'normal'"),
+        ({"fix": {"kind": "rotation", "index": 0, "order": 2.7}}, "order is 2.7; it must be null"),
+        ({"fix": {"kind": "rotation", "index": 0, "order": "4"}}, "order is '4'; it must be null"),
+        ({"fix": {"kind": "rotation", "index": 0, "order": True}}, "order is True"),
+        ({"fix": {"kind": "rotation", "index": 0, "order": float("inf")}}, "order is inf"),
         ({"accept": {"index": 1}}, "has no rejected candidate 1; it has 1"),
     ],
 )

@@ -5,12 +5,22 @@ import pytest
 from numpy.testing import assert_allclose
 
 from pipelines.configs import AnnotateSymmetryConfig
+from pipelines.geometry.doubt import Gauge
 from pipelines.geometry.mesh import Mesh
 from pipelines.geometry.symmetric_parts import symmetric_regions
-from pipelines.geometry.symmetry_detection import analyse
+from pipelines.geometry.symmetry import ReflectionSymmetry
+from pipelines.geometry.symmetry_detection import analyse, holding
 from pipelines.geometry.transforms import make_pose, random_rotation
 from pipelines.synthesis.catalogue import make_shape
-from tests.geometry.symmetric_shapes import ball_beside_box, box, pebble
+from tests.geometry.symmetric_shapes import (
+    ball_beside_box,
+    box,
+    cylinder,
+    finned_box,
+    pebble,
+    pronged_column,
+    three_boxes,
+)
 
 QUICK = AnnotateSymmetryConfig(num_samples=8000, num_verification_samples=1000)
 
@@ -113,3 +123,51 @@ def test_triangles_turned_inside_out_change_nothing(mug, regions_of_mug):
     regions = regions_of(Mesh(mug.vertices, faces))[1]
     assert [region.name for region in regions] == [region.name for region in regions_of_mug]
     assert abs(axis_of(regions[0]).axis @ axis_of(regions_of_mug[0]).axis) > 0.9999
+
+
+@pytest.mark.parametrize("mesh", [pronged_column(), finned_box()], ids=["column", "box"])
+def test_the_planes_of_a_part_hold_on_all_of_it_with_the_error_told(mesh):
+    regions = [region for region in regions_of(mesh)[1] if region.name != "whole"]
+    assert any("reflection" in kinds(region) for region in regions)
+    for region in regions:
+        gauge = Gauge.of(mesh.submesh(region.triangles), QUICK, np.random.default_rng(1))
+        for plane in region.symmetries:
+            if plane.kind == "reflection":
+                measure = gauge.measure(plane)
+                assert measure.strain < 1.2
+                assert_allclose(plane.error, measure.error, atol=0.003)
+
+
+def test_a_scrap_that_a_part_is_not_symmetric_with_is_in_no_region():
+    mesh = finned_box()
+    (part,) = regions_of(mesh)[1]
+    assert kinds(part).count("reflection") == 3
+    fin = np.flatnonzero(mesh.triangles.mean(axis=1)[:, 1] > 0.041)
+    assert not np.intersect1d(part.triangles, fin).size
+
+
+def test_of_the_planes_offered_those_hold_that_the_surface_has_with_its_own_error():
+    middle, beside = np.zeros(3), np.array([0.0, 0.01, 0.0])
+    offered = [
+        ReflectionSymmetry(normal, point, 0.5)
+        for normal, point in [(np.eye(3)[1], beside), (np.eye(3)[2], middle)]
+    ]
+    (held,) = holding(offered, box(), QUICK, np.random.default_rng(0))
+    assert_allclose(held.normal, np.eye(3)[2])
+    assert held.error < 0.005
+
+
+def test_a_part_that_gets_hardly_a_triangle_of_a_coarse_mesh_has_no_symmetry():
+    mesh = three_boxes()
+    for region in regions_of(mesh)[1]:
+        if region.symmetries:
+            assert mesh.face_areas[region.triangles].sum() > 0.03 * mesh.area
+
+
+def test_an_oval_column_stays_whole_and_gets_no_axis():
+    column = cylinder()
+    oval = Mesh(column.vertices * (1.0, 0.94, 1.0), column.faces)
+    symmetries, (whole,) = regions_of(oval)
+    assert whole.name == "whole"
+    assert whole.symmetries == symmetries
+    assert all(symmetry.order is not None for symmetry in symmetries if symmetry.kind == "rotation")

@@ -325,6 +325,44 @@ def test_bops_rotation_wins_over_the_one_found(tmp_path):
     assert labels.symmetries[1].axis.tolist() == [0.0, 0.0, 1.0]
 
 
+def given_by_bop(tmp_path, content):
+    """Annotate the meshes of `tmp_path` with a models_info.json of `content`."""
+    path = tmp_path / "models_info.json"
+    path.write_text(json.dumps(content))
+    extras = AnnotationExtras(bop_symmetries=path)
+    return annotate_symmetry.run(tmp_path, tmp_path / "out", QUICK, extras=extras, options=QUIET)
+
+
+def test_objects_that_bops_file_says_nothing_of_are_named(tmp_path):
+    for number in (4, 5):
+        write_mesh(tmp_path / f"obj_{number:06d}.ply", shapes()[1])
+    axis = {"axis": [0, 0, 1], "offset": [0, 0, 0]}
+    report = given_by_bop(tmp_path, {"4": {"symmetries_continuous": [axis]}, "9": {}})
+    assert report.done == ["obj_000004", "obj_000005"]
+    assert report.notes["models_info.json"].startswith("says nothing of obj_000005;")
+
+
+def test_bops_file_of_other_objects_is_refused_before_any_is_annotated(tmp_path):
+    write_mesh(tmp_path / "obj_000004.ply", shapes()[1])
+    with pytest.raises(SymgraspError, match="says nothing of obj_000004; it has entries of 7, 8"):
+        given_by_bop(tmp_path, {"7": {}, "8": {}})
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("stamp", ["me", {"inputs": "me"}])
+def test_a_file_by_hand_in_the_way_of_an_annotation_fails_alone(box, stamp):
+    write_mesh(box / "can.ply", shapes()[1])
+    (box / "out" / "can.json").write_text(json.dumps({"symmetries": [], "provenance": stamp}))
+    report = run(box, box / "out")
+    assert report.skipped == ["box"]
+    assert "--overwrite" in report.failed["can"]
+    path = box / "edits.json"
+    path.write_text(json.dumps({"can": []}))
+    extras = AnnotationExtras(edits=path)
+    report = annotate_symmetry.run(box, box / "out", QUICK, extras=extras, options=QUIET)
+    assert "--overwrite" in report.failed["can"]
+
+
 def test_regions_of_parts_are_named_and_cover_the_object():
     mesh, rng = shapes()[2], np.random.default_rng(0)
     labels, notes = annotate(mesh, "pair", QUICK, rng)

@@ -15,6 +15,7 @@ from pipelines.configs import ExportConfig
 from pipelines.errors import StaleOutputError, SymgraspError, UnknownNameError
 from pipelines.formats import grasps_file
 from pipelines.formats.files import read_npz
+from pipelines.formats.grasp_exports import folds_case
 from pipelines.formats.grasp_rows import read_grasp_rows
 from pipelines.formats.graspnet_dump import dumped_scenes
 from pipelines.formats.grasps_file import FrameResult
@@ -98,6 +99,7 @@ def test_a_dump_has_a_file_a_frame_where_graspnetapi_looks(grasps, tmp_path):
 )
 def test_folders_have_a_file_a_frame_under_its_name(to, file, grasps, tmp_path):
     run(grasps, tmp_path / "out", to=to)
+    assert "{}".join(export.AFFIXES[to]) == file
     stems = ["scenes/scene_0100/realsense/0000", EMPTY, "scenes/scene_0160/realsense/0001"]
     paths = [Path(stem) for stem in (*stems, "desk/0007")]
     wanted = {str(path.with_name(file.format(path.name))) for path in paths}
@@ -313,3 +315,80 @@ def test_the_command(grasps, tmp_path):
     result = CliRunner().invoke(app, ["export", str(grasps), "--out", str(tmp_path / "dump")])
     assert result.exit_code == 1  # a failed frame is among them
     assert np.load(tmp_path / "dump" / "scene_0100" / "realsense" / "0000.npy").shape == (3, 17)
+
+
+def named(grasps: Path, path: Path, *names: str) -> Path:
+    """Write the grasps of the first frame under several names; return the file."""
+    (first, *_) = grasps_file.read(grasps).results()
+    write_grasps(path, [replace(first, name=name) for name in names])
+    return path
+
+
+TWO_ROOTS = tuple(f"{root}/scenes/scene_0100/realsense/0000" for root in "ab")
+
+
+def test_frames_of_several_roots_do_not_take_each_others_place(grasps, tmp_path):
+    others = ("b/scenes/scene_0101/realsense/0003", "desk/7")
+    several = named(grasps, tmp_path / "g.h5", *TWO_ROOTS, *others)
+    report = run(several, tmp_path / "dump")
+    assert (report.exit_code, "12 grasps in 4" in report.notes["dump"]) == (0, True)
+    assert f"{TWO_ROOTS[0]} and {TWO_ROOTS[1]}" in report.notes["names"]
+    files = files_of(tmp_path / "dump") - {"provenance.json"}
+    assert files == {f"{name}.npy" for name in (*TWO_ROOTS, *others)}
+    scenes = dumped_scenes(tmp_path / "dump" / "b" / "scenes")
+    assert [scene.scene_id for scene in scenes] == [100, 101]
+    with pytest.raises(SymgraspError, match="its folder a/scenes holds scenes"):
+        dumped_scenes(tmp_path / "dump")
+
+
+def test_frames_of_several_roots_with_scenes_of_their_own_are_one_dump(grasps, tmp_path):
+    names = (TWO_ROOTS[0], "b/scenes/scene_0101/realsense/0000")
+    report = run(named(grasps, tmp_path / "g.h5", *names), tmp_path / "dump")
+    assert "names" not in report.notes
+    assert [scene.scene_id for scene in dumped_scenes(tmp_path / "dump")] == [100, 101]
+
+
+TAKEN = [
+    ("ros-json", "provenance", "the export's stamp"),
+    ("ros-json", "a.json/b", "that of a"),
+    ("isaac", "a.yaml/b", "that of a"),
+    ("graspnet", "provenance.json/b", "the export's stamp"),
+]
+
+
+@pytest.mark.parametrize(("to", "name", "owner"), TAKEN)
+def test_a_frame_whose_file_would_be_anothers_fails_alone_and_is_named_again(
+    to, name, owner, grasps, tmp_path
+):
+    odd = named(grasps, tmp_path / "g.h5", "a", name)
+    first, second = (run(odd, tmp_path / "out", to=to) for _ in range(2))
+    assert list(first.failed) == [name]
+    assert f"would take the place of {owner}" in first.failed[name]
+    assert "3 grasps in 2 frames" in first.notes["out"]
+    assert (second.failed, second.skipped) == (first.failed, ["out"])
+    assert json.loads((tmp_path / "out" / "provenance.json").read_text())["stage"] == "export"
+
+
+def test_a_file_that_would_be_a_folder_of_others_fails_alone(grasps, tmp_path):
+    odd = named(grasps, tmp_path / "g.h5", "a.yaml/b", "a")
+    report = run(odd, tmp_path / "out", to="isaac")
+    assert "a.yaml is a folder of other frames" in report.failed["a"]
+
+
+@pytest.mark.parametrize("folds", [True, False])
+@pytest.mark.parametrize("to", [to for to, out in OUTPUTS.items() if out == "dump"])
+def test_names_that_differ_in_case_alone_are_one_only_where_the_disk_says_so(
+    folds, to, grasps, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(export, "folds_case", lambda _folder: folds)
+    report = run(named(grasps, tmp_path / "g.h5", "box/a", "Box/A"), tmp_path / "out", to=to)
+    assert list(report.failed) == (["Box/A"] if folds else [])
+
+
+def test_an_ordinary_disk_tells_case_apart(tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "OUT").mkdir()
+    assert not folds_case(tmp_path / "out" / "new")
+    (tmp_path / "OUT").rmdir()
+    (tmp_path / "OUT").symlink_to(tmp_path / "out")  # as a disk that does not
+    assert folds_case(tmp_path / "out" / "new")

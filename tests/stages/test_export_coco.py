@@ -1,6 +1,7 @@
 """The export-coco stage: COCO's readers open it, and the detector trains on the same masks."""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from torchvision.datasets import CocoDetection
 from pipelines import export_coco, finetune_detector
 from pipelines.batch import BatchOptions
 from pipelines.configs import DetectorConfig, ExportCocoConfig, FinetuneDetectorConfig
-from pipelines.errors import FormatError, SymgraspError, UnknownNameError
+from pipelines.errors import FormatError, StaleOutputError, SymgraspError, UnknownNameError
 from pipelines.formats import coco_instances, detector_frames
 from pipelines.formats.region_frames import held_out_scenes, read_region_frame
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SphereSymmetry
@@ -192,6 +193,50 @@ def test_a_damaged_scene_fails_alone(root, tmp_path):
     report = export_coco.run(copy.root, tmp_path / "out", CONFIG, split=None, options=QUIET)
     assert len(report.done) == len(report.failed) == 1
     assert not (tmp_path / "out" / "scenes" / f"{next(iter(report.failed))}.json").exists()
+    assert not (tmp_path / "out" / "annotations").exists()
+    assert report.notes["splits"] == "not joined to annotations/, as 1 of 2 scenes failed"
+
+
+def contents(folder):
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+OTHERS = {
+    "another split": (CONFIG, {"split": "seen"}),
+    "another share": (replace(CONFIG, val_fraction=0.0), {"split": None}),
+    "another seed": (CONFIG, {"split": None, "seed": 1}),
+}
+
+
+@pytest.mark.parametrize("other", OTHERS)
+def test_annotations_of_an_earlier_run_are_not_replaced_unasked(root, exported, tmp_path, other):
+    out, (config, arguments) = shutil.copytree(exported, tmp_path / "out"), OTHERS[other]
+    before = contents(out)
+    with pytest.raises(StaleOutputError, match=r"instances_train.json .* --overwrite"):
+        export_coco.run(root.root, out, config, **arguments, options=QUIET)
+    assert contents(out) == before
+    options = replace(QUIET, overwrite=True)
+    assert not export_coco.run(root.root, out, config, **arguments, options=options).failed
+    assert contents(out) != before
+
+
+def test_a_stale_scene_leaves_the_annotations_as_they_were(tmp_path):
+    copy, out = write_root(tmp_path / "root"), tmp_path / "out"
+    export_coco.run(copy.root, out, CONFIG, split=None, options=QUIET)
+    before = contents(out)
+    np.save(copy.scenes()[0].camera_folder / "camK.npy", np.diag([301.0, 301.0, 1.0]))
+    report = export_coco.run(copy.root, out, CONFIG, split=None, options=QUIET)
+    assert list(report.failed) == [copy.scenes()[0].name]
+    assert len(report.skipped) == 1
+    assert contents(out) == before
+
+
+def test_a_share_of_nothing_holds_no_scene_out(root, tmp_path):
+    config = replace(CONFIG, val_fraction=0.0)
+    report = export_coco.run(root.root, tmp_path, config, split=None, options=QUIET)
+    assert report.notes["splits"].endswith("val: 0 images, 0 regions")
+    assert len(coco(tmp_path).getImgIds()) == len(SCENES) * len(FRAMES)
+    assert not coco(tmp_path, "val").getImgIds()
 
 
 def test_a_dataset_of_another_maker_is_one_sentence(tmp_path):
@@ -216,3 +261,5 @@ def test_scenes_are_held_out_by_seed_but_never_all():
     assert held_out_scenes(names, 0.1, 0) == held_out_scenes(names[::-1], 0.1, 0)
     assert len(held_out_scenes(names, 1.0, 0)) == 19
     assert held_out_scenes(names[:1], 0.5, 0) == set()
+    assert held_out_scenes(names, 0.0, 0) == set()
+    assert len(held_out_scenes(names, 0.001, 0)) == 1

@@ -260,6 +260,62 @@ def test_overlays_are_pictures_of_the_frames_and_drawn_again_when_lost(frames, t
     assert (pictures / "a.png").read_bytes() == drawn
 
 
+def pictures_of(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_overlays_are_drawn_of_grasps_that_are_there_already(frames, tmp_path):
+    run(frames, tmp_path / "whole.h5", overlays=tmp_path / "whole")
+    run(frames, tmp_path / "g.h5")
+    shards = [grasps_file.read(tmp_path / "g.h5").results()[0]]
+    run(frames, tmp_path / "g.h5", overlays=tmp_path / "finished")
+    assert pictures_of(tmp_path / "finished") == pictures_of(tmp_path / "whole")
+    # As a killed run that drew no pictures leaves it.
+    settings = work.Settings(infer.InferPaths(frames, tmp_path / "k.h5"), CONFIG, 0, "auto", False)
+    (item, *_) = work.Work(settings).items(find_frames(frames))
+    grasps_file.write_shard(item.target, shards[0], item.stamp)
+    assert run(frames, tmp_path / "k.h5", overlays=tmp_path / "killed").skipped == ["a"]
+    assert pictures_of(tmp_path / "killed") == pictures_of(tmp_path / "whole")
+
+
+def test_overlays_of_another_run_are_drawn_anew_and_others_left(frames, tmp_path):
+    pictures = tmp_path / "pictures"
+    run(frames, tmp_path / "g.h5", overlays=pictures)
+    drawn, times = pictures_of(pictures), {p: p.stat().st_mtime_ns for p in pictures.iterdir()}
+    run(frames, tmp_path / "g.h5", overlays=pictures)
+    assert {p: p.stat().st_mtime_ns for p in pictures.iterdir()} == times
+    other = dataclasses.replace(CONFIG, gripper="franka")
+    run(frames, tmp_path / "other.h5", config=other, overlays=pictures)
+    assert pictures_of(pictures)["a.png"] != drawn["a.png"]
+    write_image(pictures / "b.png", np.zeros((4, 4), np.uint8))  # without a stamp
+    run(frames, tmp_path / "g.h5", overlays=pictures)
+    assert pictures_of(pictures) == drawn
+
+
+def test_a_dry_run_draws_nothing(frames, tmp_path):
+    run(frames, tmp_path / "g.h5")
+    dry = dataclasses.replace(OPTIONS, dry_run=True)
+    run(frames, tmp_path / "g.h5", overlays=tmp_path / "pictures", options=dry)
+    assert not (tmp_path / "pictures").exists()
+
+
+def test_a_picture_that_cannot_be_drawn_is_named_and_the_grasps_stay(frames, tmp_path, monkeypatch):
+    run(frames, tmp_path / "g.h5")
+
+    def away(folder, **options):
+        def read():
+            raise SymgraspError("the images are away")
+
+        sources = find_frames(folder, **options)
+        return [dataclasses.replace(sources[0], read=read), *sources[1:]]
+
+    monkeypatch.setattr(work, "find_frames", away)
+    report = run(frames, tmp_path / "g.h5", overlays=tmp_path / "pictures")
+    assert (list(report.failed), report.skipped) == (["a"], ["b", "c"])
+    assert "not its picture: the images are away" in report.failed["a"]
+    assert list(grasps_file.read(tmp_path / "g.h5").frames.status) == ["ok", "ok", "empty"]
+
+
 def test_seconds_are_written_only_on_demand(frames, tmp_path):
     run(frames, tmp_path / "without.h5")
     assert np.isnan(grasps_file.read(tmp_path / "without.h5").frames.seconds).all()

@@ -17,6 +17,7 @@ from pipelines.batch import BatchOptions
 from pipelines.configs import InferConfig, WatchConfig
 from pipelines.errors import StaleOutputError, SymgraspError, WriteError
 from pipelines.formats import grasps_file
+from pipelines.inference.watching import Clock
 from symgrasp_cli.app import app
 from tests.stages.test_infer import SHAPES, write_frame
 
@@ -82,14 +83,14 @@ class Cell:
     def names_told(self):
         return [(frame.name, frame.status) for frame in self.told]
 
-    def follow(self, *, timeout=30.0, config=CONFIG, options=OPTIONS, masks=None):
+    def follow(self, *, timeout=30.0, config=CONFIG, options=OPTIONS, masks=None, overlays=None):
         return infer_watch.run(
-            infer.InferPaths(self.frames, self.output, masks=masks),
+            infer.InferPaths(self.frames, self.output, overlays, masks),
             config,
             options,
             watch=WatchConfig(timeout=timeout),
             tell=self.tell,
-            clock=infer_watch.Clock(lambda: self.time, self.wait),
+            clock=Clock(lambda: self.time, self.wait),
             beside=self.beside,
         )
 
@@ -361,3 +362,79 @@ def test_the_command_prints_a_line_a_frame_and_heeds_signals(cell, number):
     assert first[4].strip() == str(grasps_file.shard_path(cell.output, "a"))
     assert (process.returncode, rest) == (0, "")
     assert cell.statuses() == {"a": "ok", "b": "ok"}
+
+
+def grasps_of(cell, name):
+    results = {result.name: result for result in grasps_file.read(cell.output).results()}
+    return len(results[name].grasps)
+
+
+def test_a_frame_that_is_removed_file_by_file_keeps_its_grasps(cell):
+    cell.write("b")
+    cell.at(3.0, (cell.frames / "b_depth.png").unlink)
+    cell.at(5.0, cell.remove, "b")
+    cell.at(6.0, cell.write, "a")
+    report = cell.follow()
+    assert cell.names_told() == [("b", "ok"), ("a", "ok")]
+    assert (report.failed, cell.statuses()) == ({}, {"b": "ok", "a": "ok"})
+    assert grasps_of(cell, "b") > 0
+    cell.at(cell.time + 1.0, cell.write, "c")
+    cell.follow()
+    assert list(cell.statuses()) == ["b", "a", "c"]
+
+
+def test_a_frame_that_is_replaced_slowly_has_its_old_grasps_until_the_new_are_there(cell):
+    seen = []
+    cell.write("b")
+    cell.at(4.0, cell.write_half, "b")
+    cell.at(5.0, cell.write, "a")
+    cell.at(8.2, lambda: seen.append((cell.statuses(), grasps_of(cell, "b"))))
+    cell.at(8.6, lambda: cell.write("c", as_name="b"))
+    report = cell.follow()
+    ((statuses, before),) = seen
+    assert statuses == {"a": "ok", "b": "ok"}
+    assert before > 0
+    assert cell.names_told() == [("b", "ok"), ("a", "ok"), ("b", "empty")]
+    assert (report.exit_code, cell.statuses()) == (0, {"a": "ok", "b": "empty"})
+
+
+def test_a_frame_that_stays_bad_after_it_was_done_has_failed_and_has_no_part(cell):
+    cell.write("b")
+    cell.at(4.0, cell.write_half, "b")
+    report = cell.follow()
+    assert cell.names_told() == [("b", "ok"), ("b", "failed")]
+    assert (list(report.failed), cell.statuses()) == (["b"], {"b": "failed"})
+    assert not grasps_file.shard_path(cell.output, "b").exists()
+
+
+def test_grasps_of_a_frame_that_is_bad_at_the_end_are_not_lost_for_good(cell):
+    cell.write("b")
+    cell.at(4.0, cell.write_half, "b")
+    cell.at(5.0, signal.raise_signal, signal.SIGTERM)
+    assert list(cell.follow().failed) == ["b"]
+    cell.remove("b")
+    cell.write("a")
+    cell.follow()
+    assert cell.statuses() == {"b": "ok", "a": "ok"}
+
+
+def test_a_part_that_somebody_took_is_left_out_with_a_warning(cell, caplog):
+    cell.write("a")
+    cell.at(4.0, grasps_file.shard_path(cell.output, "a").unlink)
+    cell.at(5.0, cell.write, "b")
+    assert cell.follow().done == ["a", "b"]
+    assert cell.statuses() == {"b": "ok"}
+    assert "a: its part is not there any more" in caplog.text
+
+
+def test_pictures_that_an_earlier_run_did_not_draw_are_drawn(cell, tmp_path):
+    cell.write("a")
+    cell.follow()
+    cell.at(cell.time + 1.0, cell.write, "b")
+    cell.follow(overlays=tmp_path / "pictures")
+    cell.output.unlink()
+    paths = infer.InferPaths(cell.frames, cell.output, tmp_path / "whole")
+    infer.run(paths, CONFIG, OPTIONS)
+    for name in ("a", "b"):
+        drawn = (tmp_path / "pictures" / f"{name}.png").read_bytes()
+        assert drawn == (tmp_path / "whole" / f"{name}.png").read_bytes()

@@ -281,6 +281,57 @@ def test_a_dry_run_writes_nothing(meshes: Path, tmp_path: Path) -> None:
     assert content(tmp_path / "out") == before
 
 
+def test_a_kill_before_a_label_is_replaced_leaves_none_under_another_stamp(
+    meshes: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def killed(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    over = BatchOptions(progress=False, overwrite=True)
+    other = LabelGraspsConfig(labels=LabelConfig(num_points=2))
+    path = GraspNetRoot(tmp_path / "out").grasp_label_path(0)
+    grid = tmp_path / "out" / "models" / "000" / "textured.sdf"
+    for function, target in (("write_sdf", grid), ("join_grasp_labels", path)):
+        label(meshes / "box.ply", tmp_path / "out", options=over, sdf=target == grid)
+        assert target.exists()
+        with monkeypatch.context() as patch:
+            patch.setattr(label_grasps, function, killed)
+            with pytest.raises(KeyboardInterrupt):
+                label(meshes / "box.ply", tmp_path / "out", other, options=over, sdf=target == grid)
+        assert not target.exists()
+    assert label(meshes / "box.ply", tmp_path / "out", other).done == ["000 box"]
+    assert len(read_grasp_label(path).points) == 2
+
+
+def test_a_mesh_too_small_to_be_held_is_remarked_on(meshes: Path, tmp_path: Path) -> None:
+    report = label(meshes / "box.ply", tmp_path / "out", mesh_scale=0.001)
+    assert "0.108 mm" in report.notes["000 box"]
+    assert "--mesh-scale" in report.notes["000 box"]
+    label(meshes / "box.ply", tmp_path / "right")
+    again = label(tmp_path / "right", tmp_path / "right")
+    assert "--mesh-scale" not in again.notes.get("000", "")
+
+
+def test_collision_labels_of_earlier_labels_are_remarked_on(tmp_path: Path) -> None:
+    root = GraspNetRoot(tmp_path / "root")
+    for object_id in (0, 1):
+        write_mesh(root.model_path(object_id), box())
+    for scene_id, ids in ((0, "0\n"), (1, "1\n"), (2, "0\n1\n")):
+        (root.scene_folder(scene_id) / "kinect").mkdir(parents=True)
+        (root.scene_folder(scene_id) / "object_id_list.txt").write_text(ids)
+        root.collision_label_path(scene_id).parent.mkdir(parents=True)
+    assert "collision labels" not in label(root.root, root.root).notes
+    for scene_id in (1, 2):
+        root.collision_label_path(scene_id).write_bytes(b"of other labels")
+    assert "collision labels" not in label(root.root, root.root).notes  # all are finished
+    root.grasp_label_path(0).unlink()
+    note = label(root.root, root.root).notes["collision labels"]
+    assert "of 1 scenes (scene_0002 the first)" in note
+    over = BatchOptions(progress=False, overwrite=True)
+    note = label(root.root, root.root, options=over).notes["collision labels"]
+    assert "of 2 scenes (scene_0001 the first) are of the earlier grasp labels" in note
+
+
 def test_points_follow_the_area_within_bounds() -> None:
     assert label_grasps.number_of_points(box(), CONFIG) == 3
     config = LabelGraspsConfig()

@@ -377,7 +377,7 @@ def test_a_model_that_coacd_dies_of_is_tried_as_its_hull_and_named(tmp_path, mon
 def test_a_run_killed_while_it_cuts_models_leaves_no_half_pieces(root, small_file, tmp_path):
     whole, output = tmp_path / "whole" / "success.json", tmp_path / "killed" / "success.json"
     run(small_file, root, whole)
-    script = KILLED.format(function="write_sidecar")
+    script = KILLED.format(function="stamp_ahead")
     command = [sys.executable, "-c", script, str(small_file), str(root.root), str(output)]
     assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
     folder = simulate.pieces_folder(output)

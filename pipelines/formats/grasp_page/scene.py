@@ -4,6 +4,7 @@ Camera frame, metres. Arrays are base64 of their little-endian bytes.
 """
 
 from base64 import b64encode
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from pipelines.configs import RegionConfig, ViewConfig
 from pipelines.formats.grasp_page.cloud import PixelCloud
 from pipelines.formats.grasps_file import FrameResult, GraspTable, RegionTable
 from pipelines.formats.rgbd import Frame
+from pipelines.geometry.sparse_depth import filled
 from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT
 from pipelines.geometry.tabletop import find_tabletop
 from pipelines.grasping.gripper import Gripper
@@ -33,8 +35,9 @@ SMALLEST = 0.15  # metres, radius of what is looked at first
 def frame_scene(
     frame: Frame, result: FrameResult, gripper: Gripper, config: ViewConfig
 ) -> dict[str, Any]:
-    """Return all that the page of a frame draws."""
-    cloud = PixelCloud.of(frame, result, config.max_pixels)
+    """Return all that the page of a frame draws, of depth filled as `infer` fills it."""
+    # Before it is thinned: every n-th pixel may be missing just where it lies.
+    cloud = PixelCloud.of(replace(frame, depth=filled(frame.depth)), result, config.max_pixels)
     rows = np.sort(np.argsort(places_in_region(result.grasps), kind="stable")[: config.max_grasps])
     grasps = GraspTable(**{name: getattr(result.grasps, name)[rows] for name in GraspTable.SPEC})
     points = cloud.points()

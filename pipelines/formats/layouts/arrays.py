@@ -23,7 +23,7 @@ from pipelines.formats.camera_files import CameraFile
 from pipelines.formats.files import DAMAGED, existing, read_npz
 from pipelines.formats.layouts.layout import Layout, frame_name
 from pipelines.formats.plain_pickle import read_plain_pickle
-from pipelines.formats.rgbd import DepthUnits, Frame, FrameSource, make_frame
+from pipelines.formats.rgbd import Frame, FrameSource, make_frame
 from pipelines.formats.rgbd_folder import FrameOptions
 
 NAME = "Contact-GraspNet / 6-DOF GraspNet arrays"
@@ -110,8 +110,7 @@ def frame_of_arrays(
     else:
         color = _color(path, key, arrays[key])
     camera = options.camera or _camera(path, arrays)
-    unit = options.depth_units_per_metre
-    units = DepthUnits() if unit is None else DepthUnits(unit, unit)
+    units = options.depth_units()
     return make_frame(name, (path, lambda: color), (path, depth), camera.at, units, notes)
 
 

@@ -10,7 +10,7 @@ from pipelines.errors import FormatError
 from pipelines.formats.camera_files import camera_from_mapping
 from pipelines.formats.files import is_file, read_json
 from pipelines.formats.layouts.layout import Layout, frame_name
-from pipelines.formats.rgbd import DepthUnits, Frame, FrameSource, read_pair
+from pipelines.formats.rgbd import Frame, FrameSource, read_pair
 from pipelines.formats.rgbd_folder import FrameOptions
 
 NAME = "nerfstudio"
@@ -66,12 +66,10 @@ def _read(
         found = f"the camera model is {camera['model']!r}"
         raise FormatError(index, found, f"undistort the images; {', '.join(PINHOLES)} are read")
     stated = options.camera or camera_from_mapping(index, {key: camera[key] for key in CAMERA_KEYS})
-    unit = options.depth_units_per_metre
-    units = DepthUnits() if unit is None else DepthUnits(unit, unit)
     notes: tuple[str, ...] = ()
     if any(camera[key] for key in DISTORTION_KEYS):
         notes = ("the camera has a lens distortion, which is ignored",)
-    return read_pair(name, color, depth, stated.at, units, notes)
+    return read_pair(name, color, depth, stated.at, options.depth_units(), notes)
 
 
 LAYOUT = Layout(NAME, "transforms.json that names depth images", find)

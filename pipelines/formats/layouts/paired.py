@@ -46,7 +46,9 @@ class Pairing:
         """Return the camera file of a pair: the layout's, else its own, else the folder's."""
         usual = (folder / name.format(stem=pair.stem) for name in self.cameras)
         found = next((path for path in usual if path.is_file()), None)
-        for stem in (pair.stem, pair.color and pair.color.stem):
+        # image_color.png is a frame without a name, whose camera is image_camera.json.
+        first = pair.color and pair.color.stem.partition("_")[0]
+        for stem in (pair.stem or first, pair.color and pair.color.stem):
             found = found or (own_camera_file(folder, stem) if stem else None)
         return found or shared
 

@@ -14,7 +14,7 @@ from pipelines.errors import FormatError
 from pipelines.formats.camera_files import CameraFile
 from pipelines.formats.layouts.layout import Layout, frame_name
 from pipelines.formats.pcd_files import read_pcd
-from pipelines.formats.rgbd import DepthUnits, Frame, FrameSource, make_frame
+from pipelines.formats.rgbd import Frame, FrameSource, make_frame
 from pipelines.formats.rgbd_folder import FrameOptions
 
 NAME = "organised point cloud"
@@ -75,9 +75,9 @@ def _read(name: str, path: Path, options: FrameOptions) -> Frame:
     else:
         color = _unpacked(path, packed)
     camera = options.camera or fit_camera(path, points)
-    unit = options.depth_units_per_metre or 1.0
     depth = (path, points[:, :, 2].astype(np.float32))
-    return make_frame(name, (path, lambda: color), depth, camera.at, DepthUnits(unit, unit), notes)
+    units = options.depth_units()
+    return make_frame(name, (path, lambda: color), depth, camera.at, units, notes)
 
 
 def _unpacked(path: Path, packed: NDArray[Any]) -> NDArray[np.uint8]:

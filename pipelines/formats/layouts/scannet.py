@@ -15,7 +15,6 @@ from pipelines.formats.camera_files import CameraFile, read_camera_file
 from pipelines.formats.layouts.layout import Layout, frame_name
 from pipelines.formats.layouts.paired import read_frame
 from pipelines.formats.rgbd import (
-    DepthUnits,
     Frame,
     FrameSource,
     make_frame,
@@ -61,10 +60,8 @@ def _read(name: str, pair: ImagePair, cameras: tuple[Path, Path], options: Frame
     if depth.ndim == 2 and color.shape[:2] != depth.shape:
         notes = (f"colour of {color.shape[1]}x{color.shape[0]} is looked up through both cameras",)
         color = seen_by(color, read_camera_file(cameras[1]), camera.at(*depth.shape[::-1]))
-    unit = options.depth_units_per_metre
-    units = DepthUnits() if unit is None else DepthUnits(unit, unit)
     images = (pair.color, lambda: color), (pair.depth, depth)
-    return make_frame(name, *images, camera.at, units, notes)
+    return make_frame(name, *images, camera.at, options.depth_units(), notes)
 
 
 LAYOUT = Layout(NAME, f"color/ beside depth/ with {DEPTH_CAMERA}", find)

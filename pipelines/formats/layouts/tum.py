@@ -23,7 +23,7 @@ CALIBRATIONS = {
     "freiburg3": (535.4, 539.2, 320.1, 247.6),
 }
 Stamped = list[tuple[float, Path]]
-Item = TypeVar("Item", Path, int)
+Item = TypeVar("Item")  # such as a path: tells the image, can be put in order
 
 
 def find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
@@ -108,10 +108,11 @@ def _time(index: Path, text: str) -> float:
 
 
 def _published(folder: Path) -> CameraFile | None:
-    match = re.search(r"freiburg[123]", str(folder.resolve()))
-    if match is None:
+    # The nearest folder's name counts: sequences of one camera may lie below another's.
+    names = re.findall(r"freiburg[123]", str(folder.resolve()))
+    if not names:
         return None
-    return CameraFile(*CALIBRATIONS[match[0]], 640, 480, origin=f"calibration of {match[0]}")
+    return CameraFile(*CALIBRATIONS[names[-1]], 640, 480, origin=f"calibration of {names[-1]}")
 
 
 def _present(*paths: Path | None) -> tuple[Path, ...]:

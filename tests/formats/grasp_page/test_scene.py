@@ -7,6 +7,7 @@ import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
 from pipelines.configs import ViewConfig
+from pipelines.formats.grasp_page.cloud import _stride
 from pipelines.formats.grasp_page.scene import frame_scene, places_in_region, region_symmetries
 from pipelines.formats.grasps_file import GraspTable, RegionTable
 from pipelines.formats.gripper_files import load_gripper
@@ -98,3 +99,22 @@ def test_a_frame_without_grasps_and_numbers_that_are_none_can_be_written():
     grasps = replace(RESULT.grasps, translation=np.full((5, 3), np.nan))
     odd = replace(RESULT, regions=regions, grasps=grasps)
     assert json.dumps(frame_scene(FRAME, odd, GRIPPER, ViewConfig()), allow_nan=False)
+
+
+def test_depth_with_holes_beside_most_pixels_is_drawn_as_infer_sees_it():
+    sparse = np.zeros_like(FRAME.depth)
+    sparse[1::2, 1::2] = FRAME.depth[1::2, 1::2]  # none of it where every second pixel is kept
+    config = ViewConfig(max_pixels=sparse.size // 4)
+    scene = frame_scene(replace(FRAME, depth=sparse), RESULT, GRIPPER, config)
+    assert scene["camera"]["columns"] == CAMERA.width // 2
+    whole = frame_scene(FRAME, RESULT, GRIPPER, config)
+    measured = [(decoded(each["arrays"]["depth"]) > 0).mean() for each in (scene, whole)]
+    assert measured[0] > 0.95 * measured[1]
+    assert scene["has_table"]
+    for each, same in zip(scene["regions"], whole["regions"], strict=True):
+        assert len(each["symmetries"]) == len(same["symmetries"]) > 0
+
+
+def test_no_pixel_of_the_usual_cameras_is_left_out():
+    for width, height in ((640, 480), (848, 480)):
+        assert _stride((height, width), ViewConfig().max_pixels) == 1

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from numpy.testing import assert_array_equal
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.formats.camera_files import CameraFile
 from pipelines.formats.frames import find_frames
+from pipelines.formats.ros_bags import CAMERA, IMAGE
 from tests.formats.layouts import build
 from tests.formats.layouts.test_damaged import MUTATIONS, mutations, read_everything
 
@@ -23,6 +25,7 @@ TOPICS = {
     "depth": "/camera/aligned_depth_to_color/image_raw",
     "info": "/camera/color/camera_info",
 }
+KINDS = {"color": IMAGE, "depth": IMAGE, "info": CAMERA}
 
 
 def write_bag(
@@ -34,9 +37,15 @@ def write_bag(
     padding: int = 0,
     big: bool = False,
     topics: dict[str, str] = TOPICS,
+    more: tuple[dict[str, str], ...] = (),
     delay: float = 0.004,
+    recorded: Callable[[float], int] = lambda seconds: round(seconds * 1e9) + 500,
 ) -> None:
-    """Write COUNT frames; the depth is taken `delay` seconds after the colour."""
+    """Write COUNT frames of the camera of `topics`, and of `more` cameras, which hang upside down.
+
+    The depth is taken `delay` seconds after the colour; `recorded` tells when an image of these
+    seconds is recorded, in nanoseconds.
+    """
     from rosbags.rosbag1 import Writer as Writer1
     from rosbags.rosbag2 import Writer as Writer2
     from rosbags.typesys import Stores, get_typestore
@@ -66,10 +75,11 @@ def write_bag(
             np.eye(3).ravel(), P, 0, 0, roi,
         )  # fmt: skip
 
-    def messages(i: int) -> dict[str, tuple[float, Any]]:
+    def messages(i: int, turn: int) -> dict[str, tuple[float, Any]]:
         seconds = 1000.0 + i / 30
         image = build.color(i) if color == "rgb8" else build.color(i)[:, :, ::-1]
         stored = build.depth(i).astype(">u2" if big else "<u2")
+        image, stored = image[::turn], stored[::turn]
         if depth == "32FC1":
             stored = np.where(stored == 0, np.nan, stored / 1000).astype("<f4")
         return {
@@ -79,15 +89,16 @@ def write_bag(
         }
 
     with Writer1(path) if ros == 1 else Writer2(path, version=9) as writer:
-        opened = {
-            kind: writer.add_connection(topic, messages(0)[kind][1].__msgtype__, typestore=store)
-            for kind, topic in topics.items()
-        }
-        for i in range(build.COUNT):
-            for kind, (seconds, content) in messages(i).items():
-                if kind in topics:
+        cameras = [
+            {kind: writer.add_connection(topic, KINDS[kind], typestore=store)
+             for kind, topic in each.items()}
+            for each in (topics, *more)
+        ]  # fmt: skip
+        for i, (at, opened) in product(range(build.COUNT), enumerate(cameras)):
+            for kind, (seconds, content) in messages(i, -1 if at else 1).items():
+                if kind in opened:
                     raw = serialize(content, content.__msgtype__)
-                    writer.write(opened[kind], round(seconds * 1e9) + 500, raw)
+                    writer.write(opened[kind], recorded(seconds), raw)
 
 
 @pytest.mark.parametrize(

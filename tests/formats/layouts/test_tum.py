@@ -46,6 +46,14 @@ def test_the_folders_name_says_the_published_calibration(tmp_path: Path) -> None
         find_frames(folder)[0].read()
 
 
+def test_the_nearest_folders_name_says_the_calibration(tmp_path: Path) -> None:
+    folder = tmp_path / "freiburg1/rgbd_dataset_freiburg3_desk"
+    folder.mkdir(parents=True)
+    build.tum(folder)
+    with pytest.raises(SymgraspError, match="calibration of freiburg3"):
+        find_frames(folder)[0].read()
+
+
 def test_without_a_camera_it_is_asked_for(tmp_path: Path) -> None:
     build.tum(tmp_path)
     with pytest.raises(FormatError, match="--intrinsics"):

@@ -1,0 +1,72 @@
+"""Pictures of frames whose grasps are there already.
+
+A frame's picture is drawn as its grasps are found. Where an earlier run found them, it is drawn
+from its results, unless the picture that is there is stamped as theirs.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from pipelines.batch import BatchOptions, WorkItem, run_batch
+from pipelines.formats.grasps_stream import read_frames, read_index
+from pipelines.formats.overlays import is_drawn, write_overlay
+from pipelines.inference.work import STAGE, Settings, overlay_path, writing
+
+
+@dataclass(frozen=True)
+class Found:
+    """Where the results of a frame are: the place in a `grasps.h5`, of one frame or of all."""
+
+    item: WorkItem
+    results: Path
+    place: int = 0
+
+
+def of_output(output: Path, items: Sequence[WorkItem]) -> Iterator[Found]:
+    """Yield the frames of `output`, which was made of `items`, but those that failed."""
+    for place, status in enumerate(read_index(output).statuses):
+        if status != "failed":
+            yield Found(items[place], output, place)
+
+
+def of_shards(items: Iterable[WorkItem]) -> Iterator[Found]:
+    """Yield the frames of `items`, whose shards are there."""
+    for item in items:
+        yield Found(item, item.target)
+
+
+def draw_missing(
+    settings: Settings, frames: Iterable[Found], options: BatchOptions
+) -> dict[str, str]:
+    """Draw the pictures of `frames` that are not there, or of other results, where any are wanted.
+
+    Returns:
+        Why a frame has no picture, by its name.
+
+    Raises:
+        WriteError: no room or no right to write.
+    """
+    folder = settings.paths.overlays
+    if folder is None or options.dry_run:
+        return {}
+    todo = [
+        WorkItem(item.name, path, item.stamp, (*item.arguments, found.results, found.place))
+        for found in frames
+        for item in [found.item]
+        for path in [overlay_path(folder, item.name)]
+        if not is_drawn(path, item.stamp)
+    ]
+    # Not in threads: one in OpenCV, when another's fault ends the program, would not let it end.
+    workers = 1 if options.backend == "threading" else max(1, options.workers)
+    beside = replace(options, overwrite=True, workers=workers)
+    failed = run_batch(f"{STAGE}: pictures", todo, _draw, beside).failed
+    return {name: f"its grasps are found, not its picture: {why}" for name, why in failed.items()}
+
+
+def _draw(item: WorkItem) -> None:
+    source, results, place = item.arguments
+    (result,) = read_frames(results, [place])
+    frame = source.read()
+    with writing(item.target):
+        write_overlay(item.target, frame, result, item.stamp)

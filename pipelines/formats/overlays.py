@@ -70,7 +70,7 @@ def is_drawn(path: Path, stamp: Stamp) -> bool:
             found = json.loads(stream.read(length + len("tEXt") - len(TEXT)))
     except (OSError, ValueError, struct.error):  # none, or none of ours
         return False
-    return all(found.get(key) == wanted[key] for key in COMPARED)
+    return isinstance(found, dict) and all(found.get(key) == wanted[key] for key in COMPARED)
 
 
 def draw_overlay(frame: Frame, result: FrameResult) -> Picture:

@@ -37,7 +37,7 @@ def export_coco(
     ] = ExportCocoConfig.min_pixels,
     frame_stride: FrameStride = ExportCocoConfig.frame_stride,
     val_fraction: Annotated[
-        float, typer.Option(min=0.0, max=1.0, help="Share of the scenes to validate on.")
+        float, typer.Option(min=0.0, max=1.0, help="Share of the scenes to validate on; 0: none.")
     ] = ExportCocoConfig.val_fraction,
     link: Annotated[
         bool, typer.Option("--link", help="Link to the dataset's images instead of copying them.")

@@ -8,7 +8,6 @@ Writes  DIR/annotations/instances_{train,val}.json, DIR/images/, DIR/scenes/
 The annotations are joined from those of all scenes, once every scene is there.
 """
 
-import json
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -21,7 +20,7 @@ from pipelines.errors import SymgraspError, UnknownNameError
 from pipelines.formats import coco_instances
 from pipelines.formats.files import atomic_path
 from pipelines.formats.graspnet import FrameFiles, GraspNetRoot, SceneFiles
-from pipelines.formats.provenance import COMPARED, digest_text, is_finished, make_stamp
+from pipelines.formats.provenance import is_finished, make_stamp
 from pipelines.formats.region_frames import held_out_scenes, read_region_frame, strided_frames
 from pipelines.formats.scene_digests import inputs_of_scenes
 
@@ -100,17 +99,11 @@ def _splits(
     splits = []
     for split in coco_instances.SPLITS:
         mine = tuple(i for i in items if (_scene_name(i) in held_out) == (split == "val"))
-        inputs = {item.name: _digest_of_stamp(item) for item in mine}
+        inputs = {item.name: item.stamp.as_digest() for item in mine}
         stamp = make_stamp(STAGE, config, seed=seed, inputs=inputs)
         path = coco_instances.annotations_path(output_dir, split)
         splits.append(WorkItem(split, path, stamp, mine))
     return splits
-
-
-def _digest_of_stamp(item: WorkItem) -> str:
-    """Return a digest of how a scene is made, whichever version of the toolkit made it."""
-    stamp = item.stamp.as_json()
-    return digest_text(json.dumps({key: stamp[key] for key in COMPARED}, sort_keys=True))
 
 
 def _refuse_stale(

@@ -66,7 +66,7 @@ def run(
         started, report = time.monotonic(), StageReport(STAGE)
         inputs = _inputs(roots, init, coco_weights)
         scenes = {root: scene_items(root, output, config, split, camera) for root in roots}
-        stamps = [item.stamp.as_text() for items in scenes.values() for item in items]
+        stamps = [item.stamp.as_digest() for items in scenes.values() for item in items]
         inputs |= {"split": split or "all", "camera": camera or "all"}
         inputs["scenes"] = digest_text("\n".join(stamps))
         stamp = make_stamp(STAGE, config, seed=request.seed, inputs=inputs)

@@ -39,7 +39,7 @@ from pipelines.formats.meshes import (
 from pipelines.formats.object_list import ObjectRecord
 from pipelines.formats.provenance import (
     Stamp,
-    digest,
+    digest_if_there,
     is_finished,
     make_stamp,
     read_stamp,
@@ -173,7 +173,7 @@ def _write_object_list(meshes: Path, output: Path, sources: Sequence[Source]) ->
 
 def _model_item(root: GraspNetRoot, source: Source, mesh_scale: float | None) -> WorkItem:
     # A mesh that is not there fails as its own item, when it is read.
-    inputs = {"mesh": digest(source.path) if source.path.is_file() else "missing"}
+    inputs = {"mesh": digest_if_there(source.path)}
     stamp = make_stamp(f"{STAGE} model", {"mesh_scale": mesh_scale or 1.0}, inputs=inputs)
     target = root.model_path(source.object_id).parent
     return WorkItem(source.title, target, stamp, (source.path, mesh_scale))
@@ -193,7 +193,7 @@ def _write_model(item: WorkItem) -> str:
 
 def _grid_item(root: GraspNetRoot, source: Source) -> WorkItem:
     model = root.model_path(source.object_id)
-    inputs = {model.name: digest(model) if model.is_file() else "missing"}
+    inputs = {model.name: digest_if_there(model)}
     stamp = make_stamp(f"{STAGE} distance grid", {}, inputs=inputs)
     return WorkItem(source.title, model.with_name("textured.sdf"), stamp, (model,))
 
@@ -221,7 +221,7 @@ def _label(
     """Label one object with all workers, part by part, and tell `report`."""
     model, target = root.model_path(source.object_id), root.grasp_label_path(source.object_id)
     try:
-        inputs = {model.name: digest(model) if model.is_file() else "missing"}
+        inputs = {model.name: digest_if_there(model)}
         stamp = make_stamp(STAGE, config, seed=seed, inputs=inputs)
         if is_finished(target, stamp, overwrite=options.overwrite):
             report.skipped.append(source.title)

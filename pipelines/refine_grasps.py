@@ -28,7 +28,7 @@ from pipelines.formats.graspnet import GraspLabel, GraspNetRoot, LabelledGrasps,
 from pipelines.formats.graspnet_label_stream import grasp_label_pieces
 from pipelines.formats.graspnet_labels import GRID
 from pipelines.formats.meshes import read_solid_mesh
-from pipelines.formats.provenance import digest, make_stamp
+from pipelines.formats.provenance import digest_if_there, make_stamp
 from pipelines.formats.symmetry_labels import ObjectSymmetries
 from pipelines.geometry.mesh import Mesh, sample_surface
 from pipelines.geometry.surface import Surface
@@ -172,6 +172,6 @@ def _item(root: GraspNetRoot, object_id: int, config: RefineGraspsConfig, seed: 
         "symmetry": root.symmetry_path(object_id),
     }
     # An input that is not there fails as its own item, when it is read.
-    inputs = {key: digest(path) if path.is_file() else "missing" for key, path in paths.items()}
+    inputs = {key: digest_if_there(path) for key, path in paths.items()}
     stamp = make_stamp(STAGE, config, seed=seed, inputs=inputs)
     return WorkItem(f"{object_id:03d}", root.affordance_path(object_id), stamp, (object_id,))

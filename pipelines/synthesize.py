@@ -30,7 +30,7 @@ from pipelines.formats.graspnet_labels import write_grasp_label
 from pipelines.formats.graspnet_layout import SPLITS
 from pipelines.formats.meshes import read_mesh, write_mesh
 from pipelines.formats.object_list import ObjectRecord
-from pipelines.formats.provenance import digest, make_stamp, stamp_ahead, write_sidecar
+from pipelines.formats.provenance import digest_if_there, make_stamp, stamp_ahead, write_sidecar
 from pipelines.formats.signed_distance import write_sdf
 from pipelines.geometry.signed_distance import signed_distance_grid
 from pipelines.synthesis.cameras import MIXED, camera_folder
@@ -155,7 +155,7 @@ def _object_items(
         }
         if source and source.scale not in (None, 1.0):  # 1 is what is meant if none is said
             settings["mesh_scale"] = source.scale
-        inputs = source.inputs if source else {}
+        inputs = {"mesh": digest_if_there(source.path)} if source else {}
         stamp = make_stamp("synthesize object", settings, seed=seed, inputs=inputs)
         target = GraspNetRoot(output).model_path(object_id).parent
         items.append(WorkItem(f"object {object_id:03d}", target, stamp, (pool, index, source)))
@@ -203,10 +203,6 @@ def _write_object_list(
     add_to_object_list(GraspNetRoot(output), records, count=config.objects_per_pool, seed=seed)
 
 
-def _model_digest(model: Path) -> str:
-    return digest(model) if model.is_file() else "missing"  # as in a dry run
-
-
 def _label_items(
     output: Path, config: SynthesizeConfig, seed: int, ids: Sequence[int]
 ) -> list[WorkItem]:
@@ -214,7 +210,7 @@ def _label_items(
     items = []
     for object_id in ids:
         model = root.model_path(object_id)
-        inputs = {model.name: _model_digest(model)}
+        inputs = {model.name: digest_if_there(model)}
         stamp = make_stamp("synthesize label", config.labels, seed=seed, inputs=inputs)
         target = root.grasp_label_path(object_id)
         items.append(WorkItem(f"label {object_id:03d}", target, stamp, (object_id, model)))
@@ -233,7 +229,7 @@ def _grid_items(output: Path, ids: Sequence[int]) -> list[WorkItem]:
     items = []
     for object_id in ids:
         model = GraspNetRoot(output).model_path(object_id)
-        inputs = {model.name: _model_digest(model)}
+        inputs = {model.name: digest_if_there(model)}
         stamp = make_stamp("synthesize distance grid", {}, inputs=inputs)
         target = model.with_name("textured.sdf")
         items.append(WorkItem(f"distance grid {object_id:03d}", target, stamp, (model,)))
@@ -258,7 +254,7 @@ def _scene_items(
     # Procedural objects follow from the settings and the seed; a user's meshes do not, and not
     # from their files either: --mesh-scale has a say in what lies in models/.
     models = {f"{i:03d}": root.model_path(i) for i in ids} if sources else {}
-    inputs = {f"models/{name}/{path.name}": _model_digest(path) for name, path in models.items()}
+    inputs = {f"models/{name}/{path.name}": digest_if_there(path) for name, path in models.items()}
     # How many scenes and which splits a run asks for does not change any one scene.
     settings = replace(config, splits=(), scenes_per_split=0)
     items = []

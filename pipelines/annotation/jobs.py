@@ -12,7 +12,13 @@ from pipelines.errors import SymgraspError
 from pipelines.formats.bop_models_info import ModelInfo, object_key
 from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.formats.meshes import find_meshes
-from pipelines.formats.provenance import digest, digest_text, make_stamp, read_stamp
+from pipelines.formats.provenance import (
+    digest,
+    digest_if_there,
+    digest_text,
+    make_stamp,
+    read_stamp,
+)
 from pipelines.formats.symmetry_edits import ObjectEdits
 
 STAGE = "annotate-symmetry"
@@ -154,7 +160,7 @@ def _item(
     given = sources.given.get(name, sources.given.get(key or ""))
     job = replace(job, edits=sources.edits.get(name), given=given)
     # A mesh that is not there fails as its own item, when it is read.
-    inputs = {"mesh": digest(job.mesh) if job.mesh.is_file() else "missing"}
+    inputs = {"mesh": digest_if_there(job.mesh)}
     inputs |= {} if job.regions is None else {"regions": digest(job.regions)}
     inputs |= {} if given is None else {"bop": digest_text(repr(given))}
     edits = edits_of(target) if job.edits is None else job.edits.digest

@@ -1,13 +1,12 @@
 """Digests of everything that decides the verdicts on a dumped scene: grasps, poses, meshes."""
 
 import functools
-from pathlib import Path
 
 from pipelines.evaluation.graspnet_truth import object_files
 from pipelines.formats.graspnet import GraspNetRoot, SceneFiles
 from pipelines.formats.graspnet_dump import DumpedScene
 from pipelines.formats.graspnet_scene import annotated_ids
-from pipelines.formats.provenance import digest, digest_folder, digest_text
+from pipelines.formats.provenance import digest_folder, digest_if_there, digest_text
 
 
 class InputDigests:
@@ -15,7 +14,7 @@ class InputDigests:
 
     def __init__(self, root: GraspNetRoot, *, exact: bool) -> None:
         self._root, self._exact = root, exact
-        self._digest = functools.cache(_digest_if_there)
+        self._digest = functools.cache(digest_if_there)
 
     def of(self, dumped: DumpedScene) -> dict[str, str]:
         """Return digests of a scene's dump, poses and meshes; what is absent counts as absent."""
@@ -42,7 +41,3 @@ class InputDigests:
             for path in object_files(self._root, object_id, exact=self._exact)
         ]
         return digest_text("".join(f"{path.name} {self._digest(path)}\n" for path in paths))
-
-
-def _digest_if_there(path: Path) -> str:
-    return digest(path) if path.is_file() else "absent"

@@ -53,6 +53,11 @@ class Stamp:
         """Return the stamp as one line of JSON."""
         return json.dumps(self.as_json(), sort_keys=True)
 
+    def as_digest(self) -> str:
+        """Return a digest of what is compared: the same whichever version of the toolkit."""
+        stamp = self.as_json()
+        return digest_text(json.dumps({key: stamp[key] for key in COMPARED}, sort_keys=True))
+
 
 @lru_cache(maxsize=1)
 def version() -> str:
@@ -80,6 +85,11 @@ def digest(path: Path) -> str:
     """Return the first 16 hexadecimal digits of the file's SHA-256."""
     with path.open("rb") as stream:
         return "sha256:" + hashlib.file_digest(stream, "sha256").hexdigest()[:16]
+
+
+def digest_if_there(path: Path) -> str:
+    """Return the digest of a file, `missing` of one that is not there: reading it says so then."""
+    return digest(path) if path.is_file() else "missing"
 
 
 def digest_text(text: str) -> str:

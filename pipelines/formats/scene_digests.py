@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pipelines.errors import SymgraspError
 from pipelines.formats.graspnet import GraspNetRoot, SceneFiles
-from pipelines.formats.provenance import digest, digest_folder, digest_text
+from pipelines.formats.provenance import digest_folder, digest_if_there, digest_text
 
 PICTURES = ("rgb", "depth", "label")
 POSES = {"annotations": "*.xml", "meta": "*.mat"}
@@ -49,7 +49,7 @@ def _inputs_of_object(
     if with_affordance:
         files[root.affordance_path(object_id).name] = root.affordance_path(object_id)
     # A file that is not there fails its scenes, when it is read.
-    return {name: digest(path) if path.is_file() else "missing" for name, path in files.items()}
+    return {name: digest_if_there(path) for name, path in files.items()}
 
 
 def _object_ids(scene: SceneFiles) -> list[int]:
@@ -76,11 +76,11 @@ def digest_of_frames(scene: SceneFiles) -> str:
 
 def digest_of_pictures(paths: Iterable[Path]) -> str:
     """Return a digest of the names and sizes of pictures; of one that is absent says so."""
-    sizes = (f"{p.name} {p.stat().st_size if p.is_file() else 'absent'}\n" for p in paths)
+    sizes = (f"{p.name} {p.stat().st_size if p.is_file() else 'missing'}\n" for p in paths)
     return digest_text("".join(sizes))
 
 
 def digest_of_files(paths: Iterable[Path]) -> str:
     """Return one digest of files; one that is absent counts as absent."""
-    each = (f"{path.name} {digest(path) if path.is_file() else 'absent'}\n" for path in paths)
+    each = (f"{path.name} {digest_if_there(path)}\n" for path in paths)
     return digest_text("".join(each))

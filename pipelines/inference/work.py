@@ -201,7 +201,7 @@ class Work:
 
     def whole_stamp(self, items: Sequence[WorkItem]) -> Stamp:
         """Return the stamp of the output that holds `items`."""
-        frames = digest_text("\n".join(f"{item.name} {item.stamp.as_text()}" for item in items))
+        frames = digest_text("\n".join(f"{item.name} {item.stamp.as_digest()}" for item in items))
         record = FramesRecord(
             self.settings.paths.frames, self.camera, self.depth_units_per_metre
         ).beside(self.output)

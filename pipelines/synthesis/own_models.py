@@ -11,7 +11,6 @@ from pipelines.formats.meshes import (
     refuse_too_large,
     refuse_too_small,
 )
-from pipelines.formats.provenance import digest
 from pipelines.geometry.mesh import Mesh
 from pipelines.synthesis.decomposition import convex_pieces
 from pipelines.synthesis.pools import SyntheticObject
@@ -31,15 +30,6 @@ class OwnModel:
     name: str
     path: Path
     scale: float | None
-
-    @property
-    def inputs(self) -> dict[str, str]:
-        """The digest of the mesh, by a name that no other mesh has; of one that is not there none.
-
-        Reading it says so then.
-        """
-        key = self.path.name if self.name == self.path.stem else f"{self.name}/{self.path.name}"
-        return {key: digest(self.path) if self.path.is_file() else "missing"}
 
     def read(self) -> Mesh:
         """Return the mesh in metres, looking outward.

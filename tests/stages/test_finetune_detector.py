@@ -13,7 +13,7 @@ from pipelines import finetune_detector
 from pipelines.batch import BatchOptions
 from pipelines.configs import DetectorConfig, FinetuneDetectorConfig
 from pipelines.errors import SymgraspError, ValueRangeError
-from pipelines.formats import detector_frames
+from pipelines.formats import detector_frames, provenance
 from pipelines.formats.checkpoints import load_weights
 from pipelines.formats.graspnet import GraspNetRoot
 from pipelines.formats.provenance import make_stamp
@@ -105,6 +105,12 @@ def test_a_scene_that_has_gained_frames_is_prepared_anew(tmp_path):
     again = prepare(root, output, config)
     assert len(again.failed) == 1
     assert "other settings or inputs" in next(iter(again.failed.values()))
+
+
+def test_what_another_version_trained_is_reused(root, output, monkeypatch):
+    monkeypatch.setattr(provenance, "version", lambda: "9.9.9")
+    again = finetune_detector.run([root.root], output, CONFIG, REQUEST, split=None, options=QUIET)
+    assert again.skipped == [output.name]
 
 
 def test_other_pictures_of_the_same_names_are_other_data(root, output, tmp_path):

@@ -22,7 +22,7 @@ from pipelines.errors import (
     UnknownNameError,
     WriteError,
 )
-from pipelines.formats import grasps_file
+from pipelines.formats import grasps_file, provenance
 from pipelines.formats.files import read_image, write_image, write_json
 from pipelines.formats.frames import find_frames
 from pipelines.formats.h5_files import new_h5
@@ -132,6 +132,12 @@ def test_the_network_sees_mirror_images_where_that_is_asked_for(frames, tmp_path
     paths = infer.InferPaths(frames, tmp_path / "g.h5")
     settings = work.Settings(paths, InferConfig(mirrored=mirrored), 0, "cpu", timings=False)
     assert settings.planner().predictor.mirrored == mirrored
+
+
+def test_what_another_version_found_is_reused(frames, tmp_path, monkeypatch):
+    run(frames, tmp_path / "g.h5")
+    monkeypatch.setattr(provenance, "version", lambda: "9.9.9")
+    assert run(frames, tmp_path / "g.h5").skipped == ["a", "b", "c"]
 
 
 def test_a_second_run_skips_everything(frames, tmp_path):

@@ -80,8 +80,8 @@ bench: install ## speeds of this machine, stage by stage
 
 golden: install ## write the golden files anew; review the difference
 	$(BIN)/python -m pytest -q tests/cli --golden
-	$(BIN)/python docs/golden_frame.py
-	$(BIN)/python docs/demo_picture.py
+	$(BIN)/python tools/golden_frame.py
+	$(BIN)/python tools/demo_picture.py
 
 clean: ## remove what was built, not .venv
 	rm -rf build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

@@ -20,10 +20,10 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.ablation_table import ROWS, Row, markdown, rows_named, summary
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.errors import MissingInputError, SymgraspError, ValueRangeError
-from pipelines.formats.files import read_json, write_json, write_text
-from pipelines.formats.graspnet import GraspNetRoot
-from pipelines.formats.provenance import digest, make_stamp
+from pipelines.storage.files import read_json, write_json, write_text
+from pipelines.storage.provenance import digest, make_stamp
 
 SYMGRASP = (sys.executable, "-c", "from symgrasp_cli.app import main; main()")
 REFINED, UNREFINED, UNCUT = "refined", "unrefined", "uncut"

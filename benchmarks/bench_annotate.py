@@ -11,10 +11,10 @@ import trimesh
 from benchmarks.timing import Measurement
 from pipelines.annotation.objects import annotate
 from pipelines.configs import AnnotateSymmetryConfig
-from pipelines.geometry.mesh import Mesh
-from pipelines.geometry.symmetric_parts import symmetric_regions
-from pipelines.geometry.symmetry_detection import analyse
-from pipelines.synthesis import catalogue
+from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.mesh_symmetry.detection.symmetry_detection import analyse
+from pipelines.mesh_symmetry.parts.symmetric_parts import symmetric_regions
+from pipelines.synthesis.objects import catalogue
 
 FAMILIES = tuple(catalogue.FAMILIES)[::3]  # every third, so that none is chosen
 NUM_FACES, MOST_FACES = 10000, 12000

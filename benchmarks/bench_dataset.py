@@ -7,7 +7,6 @@ import numpy as np
 
 from benchmarks.timing import Measurement, seconds_of
 from pipelines import annotate_symmetry, pack, refine_grasps, synthesize
-from pipelines.batch import BatchOptions
 from pipelines.configs import (
     AnnotateSymmetryConfig,
     LabelConfig,
@@ -15,12 +14,13 @@ from pipelines.configs import (
     RefineGraspsConfig,
     SynthesizeConfig,
 )
-from pipelines.formats.graspnet import GraspNetRoot
-from pipelines.formats.graspnet_label_stream import grasp_label_pieces
-from pipelines.formats.graspnet_labels import GRID
-from pipelines.formats.meshes import read_mesh
-from pipelines.formats.packed_regions import PackedReader
-from pipelines.synthesis.grasp_sampling import sample_grasp_label
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.graspnet.graspnet_label_stream import grasp_label_pieces
+from pipelines.dataset.graspnet.graspnet_labels import GRID
+from pipelines.dataset.meshes import read_mesh
+from pipelines.dataset.training.packed_regions import PackedReader
+from pipelines.runtime.batch import BatchOptions
+from pipelines.synthesis.labels.grasp_sampling import sample_grasp_label
 
 QUIET = BatchOptions(progress=False)
 NUM_OBJECTS, NUM_VIEWS = 6, 2

@@ -15,18 +15,18 @@ import numpy as np
 
 from benchmarks.timing import Measurement
 from pipelines import annotate_symmetry, synthesize
-from pipelines.batch import BatchOptions
 from pipelines.configs import (
     AnnotateSymmetryConfig,
     InferConfig,
     LabelConfig,
     SynthesizeConfig,
 )
-from pipelines.formats import grasps_file
-from pipelines.formats.graspnet import GraspNetRoot, SceneFiles, write_pose_array
-from pipelines.formats.gripper_files import load_gripper
-from pipelines.formats.provenance import make_stamp
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot, SceneFiles, write_pose_array
+from pipelines.grasp_files import grasps_file
+from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.inference.frame_grasps import Planner
+from pipelines.runtime.batch import BatchOptions
+from pipelines.storage.provenance import make_stamp
 
 QUIET = BatchOptions(progress=False)
 NUM_SCENES, NUM_VIEWS, NUM_DIFFERENT, NUM_OBJECTS = 8, 250, 5, 4
@@ -47,7 +47,7 @@ CHILD = """
 import sys, time
 from pathlib import Path
 from pipelines import evaluate
-from pipelines.batch import BatchOptions
+from pipelines.runtime.batch import BatchOptions
 from pipelines.configs import EvaluateConfig
 
 grasps, root, report = map(Path, sys.argv[1:])

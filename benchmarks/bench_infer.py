@@ -17,14 +17,14 @@ from benchmarks.bench_machine import sgemm_rate
 from benchmarks.operations import gflop_of
 from benchmarks.timing import Measurement
 from pipelines import infer
-from pipelines.batch import BatchOptions
 from pipelines.configs import InferConfig
 from pipelines.errors import SymgraspError
-from pipelines.formats.frames import FrameSource, find_frames
-from pipelines.formats.gripper_files import load_gripper
-from pipelines.formats.rgbd import Frame
+from pipelines.frames.frames import FrameSource, find_frames
+from pipelines.frames.rgbd import Frame
+from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.inference import frame_grasps, models, regions
 from pipelines.inference.frame_grasps import Planner
+from pipelines.runtime.batch import BatchOptions
 
 FRAMES = Path(pipelines.__file__).parent / "weights" / "frames"
 STEPS = {

@@ -7,9 +7,9 @@ import trimesh
 
 from benchmarks.timing import Measurement
 from pipelines.configs import LabelConfig
-from pipelines.geometry.mesh import Mesh, sample_surface
-from pipelines.geometry.signed_distance import signed_distance_grid
-from pipelines.synthesis.grasp_sampling import LabelTarget, label_points
+from pipelines.geometry.meshes.mesh import Mesh, sample_surface
+from pipelines.geometry.meshes.signed_distance import signed_distance_grid
+from pipelines.synthesis.labels.grasp_sampling import LabelTarget, label_points
 from tests.synthesis import naive_labels
 
 NUM_POINTS, NUM_NAIVE = 24, 400

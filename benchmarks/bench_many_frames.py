@@ -17,8 +17,8 @@ import psutil
 
 from benchmarks.timing import Measurement
 from pipelines import convert_frames, synthesize
-from pipelines.batch import BatchOptions
 from pipelines.configs import ConvertFramesConfig, LabelConfig, SynthesizeConfig
+from pipelines.runtime.batch import BatchOptions
 
 QUIET = BatchOptions(progress=False)
 NUM_FRAMES, NUM_SCENES, NUM_VIEWS, NUM_OBJECTS = 500, 5, 4, 8
@@ -39,9 +39,9 @@ CHILD = """
 import sys, time
 from pathlib import Path
 from pipelines import infer
-from pipelines.batch import CHOSEN, BatchOptions
+from pipelines.runtime.batch import CHOSEN, BatchOptions
 from pipelines.configs import InferConfig
-from pipelines.formats.grasps_stream import read_index
+from pipelines.grasp_files.grasps_stream import read_index
 
 frames, out = map(Path, sys.argv[1:])
 started = time.perf_counter()

@@ -5,19 +5,19 @@ import trimesh
 from numpy.typing import NDArray
 
 from benchmarks.timing import Measurement, cpu_seconds_of, seconds_of
-from pipelines.formats.gripper_files import load_gripper
-from pipelines.geometry.mesh import Mesh, sample_surface
+from pipelines.geometry.meshes.mesh import Mesh, sample_surface
+from pipelines.geometry.numerics.single_precision import single_precision_grid
 from pipelines.geometry.rendering import first_hits
-from pipelines.geometry.single_precision import single_precision_grid
 from pipelines.geometry.transforms import make_pose, random_rotation, unit
+from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.grasps import Grasps, to_graspnet
 from pipelines.metrics.contacts import close_fingers
 from pipelines.metrics.force_closure import min_friction, on_grid
-from pipelines.metrics.graspnet_ap import FRICTIONS
-from pipelines.metrics.graspnet_frames import GridObject, PeerScene, judge_rows
-from pipelines.metrics.grid_contacts import close_fingers_on_grid
+from pipelines.metrics.graspnet.graspnet_ap import FRICTIONS
+from pipelines.metrics.graspnet.graspnet_frames import GridObject, PeerScene, judge_rows
+from pipelines.metrics.graspnet.grid_contacts import close_fingers_on_grid
+from pipelines.metrics.graspnet.peer_collision import NUM_SAMPLES, VOXEL, voxel_means
 from pipelines.metrics.mesh_collision import MeshCollider
-from pipelines.metrics.peer_collision import NUM_SAMPLES, VOXEL, voxel_means
 
 Array = NDArray[np.float64]
 

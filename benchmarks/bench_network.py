@@ -16,17 +16,17 @@ from benchmarks.operations import gflop_of
 from benchmarks.timing import Measurement, cpu_seconds_of
 from pipelines.configs import DetectorConfig, NetworkConfig, TrainConfig
 from pipelines.errors import SymgraspError
-from pipelines.formats.frames import find_frames
-from pipelines.geometry.depth_channels import find_plane
+from pipelines.frames.frames import find_frames
 from pipelines.inference import models
-from pipelines.learning.grasp_training import Sample, sample_loss
-from pipelines.network.detector_input import detector_image
+from pipelines.learning.grasp_network.grasp_training import Sample, sample_loss
+from pipelines.network.cpu.products import linear
+from pipelines.network.detection.detector_input import detector_image
+from pipelines.network.detection.mask_rcnn import build_detector
 from pipelines.network.losses import NUM_ERROR_POINTS
-from pipelines.network.mask_rcnn import build_detector
 from pipelines.network.model import SymmetryGraspNet
-from pipelines.network.products import linear
 from pipelines.network.regions import RegionBatch
 from pipelines.network.weights_files import read_weights
+from pipelines.tabletop.depth_channels import find_plane
 from tests.network.plain_network import PlainNetwork
 
 NUM_REGIONS = 8

@@ -26,14 +26,14 @@ from pipelines.annotation.jobs import (
     without_given,
 )
 from pipelines.annotation.objects import annotate, correct
-from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.configs import AnnotateSymmetryConfig
+from pipelines.dataset.meshes import read_mesh
+from pipelines.dataset.symmetry import bop_models_info, symmetry_edits, symmetry_labels
+from pipelines.dataset.symmetry.symmetry_edits import ObjectEdits
+from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries
 from pipelines.errors import SymgraspError
-from pipelines.formats import bop_models_info, symmetry_edits, symmetry_labels
-from pipelines.formats.meshes import read_mesh
-from pipelines.formats.symmetry_edits import ObjectEdits
-from pipelines.formats.symmetry_labels import ObjectSymmetries
-from pipelines.geometry.symmetric_parts import has_slot
+from pipelines.mesh_symmetry.parts.symmetric_parts import has_slot
+from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 
 
 def run(

@@ -18,16 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import CompareConfig
+from pipelines.dataset.graspnet.graspnet import frame_key
 from pipelines.errors import SymgraspError, UnknownNameError
 from pipelines.evaluation.figures import TEST_SPLITS
+from pipelines.evaluation.pages.report_page import html_table, note_list, whole_page
 from pipelines.evaluation.paired_runs import Run, paired_frames
-from pipelines.evaluation.report_page import html_table, note_list, whole_page
 from pipelines.evaluation.run_readers import DEFAULT_ROW, compared_folders, friction_of, read_run
 from pipelines.evaluation.tables import Table
 from pipelines.evaluation.tallies import ALL
-from pipelines.formats.files import write_json, write_text
-from pipelines.formats.graspnet import frame_key
-from pipelines.formats.provenance import (
+from pipelines.metrics.paired_bootstrap import FEWEST_UNITS, Difference, differences
+from pipelines.storage.files import write_json, write_text
+from pipelines.storage.provenance import (
     Stamp,
     digest,
     digest_folder,
@@ -35,7 +36,6 @@ from pipelines.formats.provenance import (
     make_stamp,
     write_sidecar,
 )
-from pipelines.metrics.paired_bootstrap import FEWEST_UNITS, Difference, differences
 
 FORMAT_VERSION = 1
 # Nothing of these concerns our own row.

@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from pipelines.batch import StageReport
 from pipelines.configs import ConvertFramesConfig
 from pipelines.errors import SymgraspError
-from pipelines.formats.camera_files import CameraFile
-from pipelines.formats.files import atomic_folder, write_image, write_json, write_npz
-from pipelines.formats.frames import FrameSource, find_frames
-from pipelines.formats.provenance import digest, digest_text, is_finished, make_stamp, write_sidecar
-from pipelines.formats.rgbd import Frame
+from pipelines.frames.camera_files import CameraFile
+from pipelines.frames.frames import FrameSource, find_frames
+from pipelines.frames.rgbd import Frame
+from pipelines.runtime.batch import StageReport
+from pipelines.storage.files import atomic_folder, write_image, write_json, write_npz
+from pipelines.storage.provenance import digest, digest_text, is_finished, make_stamp, write_sidecar
 
 STAGE = "convert-frames"
 LARGEST = 65534  # 65535 reads as missing

@@ -19,8 +19,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
-from pipelines.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
 from pipelines.configs import EvaluateConfig
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot, SceneFiles
+from pipelines.evaluation import reports
 from pipelines.evaluation.baselines import Planner, rows_of
 from pipelines.evaluation.judging import assign_regions, judge_frame
 from pipelines.evaluation.predictions import FramePredictions
@@ -34,12 +35,11 @@ from pipelines.evaluation.report_files import Judged, write_report_files
 from pipelines.evaluation.tables import Table, report_tables
 from pipelines.evaluation.truth import TruthReader
 from pipelines.evaluation.truth_inputs import truth_digests
-from pipelines.formats import reports
-from pipelines.formats.graspnet import GraspNetRoot, SceneFiles
-from pipelines.formats.grasps_file import FrameResult
-from pipelines.formats.grasps_stream import read_dataset_frames, read_index, scenes_of
-from pipelines.formats.gripper_files import gripper_digest, gripper_to_use, load_gripper
-from pipelines.formats.provenance import Stamp, digest, is_finished, make_stamp
+from pipelines.grasp_files.grasps_file import FrameResult
+from pipelines.grasp_files.grasps_stream import read_dataset_frames, read_index, scenes_of
+from pipelines.grasp_files.gripper_files import gripper_digest, gripper_to_use, load_gripper
+from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
+from pipelines.storage.provenance import Stamp, digest, is_finished, make_stamp
 
 
 def run(

@@ -15,24 +15,24 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pipelines.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
 from pipelines.configs import EvaluateDumpConfig
-from pipelines.evaluation.graspnet_figures import DumpTally, dump_tables
-from pipelines.evaluation.graspnet_inputs import InputDigests
-from pipelines.evaluation.graspnet_page import dump_page
-from pipelines.evaluation.graspnet_scenes import judge_scene
-from pipelines.evaluation.tables import Table
-from pipelines.formats import reports
-from pipelines.formats.dump_verdicts import (
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.evaluation import reports
+from pipelines.evaluation.graspnet.dump_verdicts import (
     STATUSES,
     read_dump_verdicts,
     scenes_folder,
     write_dump_verdicts,
 )
-from pipelines.formats.files import write_text
-from pipelines.formats.graspnet import GraspNetRoot
-from pipelines.formats.graspnet_dump import DumpedScene, dumped_scenes
-from pipelines.formats.provenance import Stamp, digest_text, is_finished, make_stamp
+from pipelines.evaluation.graspnet.graspnet_figures import DumpTally, dump_tables
+from pipelines.evaluation.graspnet.graspnet_inputs import InputDigests
+from pipelines.evaluation.graspnet.graspnet_page import dump_page
+from pipelines.evaluation.graspnet.graspnet_scenes import judge_scene
+from pipelines.evaluation.tables import Table
+from pipelines.grasp_files.exports.graspnet_dump import DumpedScene, dumped_scenes
+from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
+from pipelines.storage.files import write_text
+from pipelines.storage.provenance import Stamp, digest_text, is_finished, make_stamp
 
 STAGE = "evaluate"
 PROTOCOL = "graspnet"

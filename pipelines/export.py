@@ -23,10 +23,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.batch import StageReport
 from pipelines.configs import ExportConfig
 from pipelines.errors import SymgraspError, UnknownNameError
-from pipelines.formats import (
+from pipelines.grasp_files.exports import (
     contact_graspnet_predictions,
     grasp_csv,
     grasp_json,
@@ -34,8 +33,7 @@ from pipelines.formats import (
     isaac_grasps,
     ros_grasps,
 )
-from pipelines.formats.files import atomic_folder
-from pipelines.formats.grasp_exports import (
+from pipelines.grasp_files.exports.grasp_exports import (
     LONGEST_PREFIX,
     LONGEST_SUFFIX,
     Claims,
@@ -46,9 +44,12 @@ from pipelines.formats.grasp_exports import (
     folds_case,
     frame_path,
 )
-from pipelines.formats.grasps_stream import GraspsIndex, read_frames, read_index
-from pipelines.formats.gripper_files import gripper_digest, gripper_to_use, load_gripper
-from pipelines.formats.provenance import (
+from pipelines.grasp_files.grasps_stream import GraspsIndex, read_frames, read_index
+from pipelines.grasp_files.gripper_files import gripper_digest, gripper_to_use, load_gripper
+from pipelines.grasping.grasps import GRASPNET_DEPTH
+from pipelines.runtime.batch import StageReport
+from pipelines.storage.files import atomic_folder
+from pipelines.storage.provenance import (
     Stamp,
     digest,
     is_finished,
@@ -57,7 +58,6 @@ from pipelines.formats.provenance import (
     sidecar_of,
     write_sidecar,
 )
-from pipelines.grasping.grasps import GRASPNET_DEPTH
 
 STAGE = "export"
 FrameWriter = Callable[[Path, HandGrasps, ExportHeader], None]

@@ -14,15 +14,19 @@ from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
-from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.configs import ExportCocoConfig
+from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot, SceneFiles
+from pipelines.dataset.scene_digests import inputs_of_scenes
+from pipelines.dataset.training import coco_instances
+from pipelines.dataset.training.region_frames import (
+    held_out_scenes,
+    read_region_frame,
+    strided_frames,
+)
 from pipelines.errors import SymgraspError, UnknownNameError
-from pipelines.formats import coco_instances
-from pipelines.formats.files import atomic_path
-from pipelines.formats.graspnet import FrameFiles, GraspNetRoot, SceneFiles
-from pipelines.formats.provenance import is_finished, make_stamp
-from pipelines.formats.region_frames import held_out_scenes, read_region_frame, strided_frames
-from pipelines.formats.scene_digests import inputs_of_scenes
+from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.storage.files import atomic_path
+from pipelines.storage.provenance import is_finished, make_stamp
 
 STAGE = "export-coco"
 

@@ -19,27 +19,27 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.configs import FinetuneDetectorConfig
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot, SceneFiles
+from pipelines.dataset.scene_digests import digest_of_pictures, inputs_of_scenes
+from pipelines.dataset.training import coco_instances, detector_frames
+from pipelines.dataset.training.coco_instances import CocoFrame
+from pipelines.dataset.training.region_frames import held_out_scenes
 from pipelines.errors import SymgraspError, ValueRangeError
-from pipelines.formats import coco_instances, detector_frames
-from pipelines.formats.coco_instances import CocoFrame
-from pipelines.formats.files import existing
-from pipelines.formats.graspnet import GraspNetRoot, SceneFiles
-from pipelines.formats.provenance import digest, digest_folder, digest_text, make_stamp
-from pipelines.formats.region_frames import held_out_scenes
-from pipelines.formats.scene_digests import digest_of_pictures, inputs_of_scenes
-from pipelines.learning import detector_training
-from pipelines.learning.detector_preparation import frames_of_coco, frames_of_scene
-from pipelines.learning.detector_start import starting_detector
-from pipelines.learning.detector_training import DetectorTraining, FrameSets
-from pipelines.learning.faults import read_fault
-from pipelines.learning.loop import TrainingRun
-from pipelines.learning.options import LoopOptions
-from pipelines.learning.processes import joined
-from pipelines.learning.runs import RunRequest, describe, find_progress
-from pipelines.network.detector import MODEL_NAME
+from pipelines.learning.detector import detector_training
+from pipelines.learning.detector.detector_preparation import frames_of_coco, frames_of_scene
+from pipelines.learning.detector.detector_start import starting_detector
+from pipelines.learning.detector.detector_training import DetectorTraining, FrameSets
+from pipelines.learning.loop.faults import read_fault
+from pipelines.learning.loop.loop import TrainingRun
+from pipelines.learning.loop.options import LoopOptions
+from pipelines.learning.loop.runs import RunRequest, describe, find_progress
+from pipelines.learning.speed.processes import joined
+from pipelines.network.detection.detector import MODEL_NAME
 from pipelines.network.weights_files import weights_metadata
+from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.storage.files import existing
+from pipelines.storage.provenance import digest, digest_folder, digest_text, make_stamp
 
 STAGE = "finetune-detector"
 SCENE = len("scene_0000")

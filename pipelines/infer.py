@@ -15,12 +15,10 @@ from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 
-from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.configs import InferConfig
-from pipelines.formats import grasps_file
-from pipelines.formats.camera_files import CameraFile
-from pipelines.formats.grasps_stream import read_frames
-from pipelines.formats.provenance import is_finished
+from pipelines.frames.camera_files import CameraFile
+from pipelines.grasp_files import grasps_file
+from pipelines.grasp_files.grasps_stream import read_frames
 from pipelines.inference.earlier import refuse_others_work
 from pipelines.inference.pictures import draw_missing, of_output
 from pipelines.inference.side_by_side import load, side_by_side
@@ -34,6 +32,8 @@ from pipelines.inference.work import (
     infer_frame,
     overlay_path,
 )
+from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.storage.provenance import is_finished
 
 __all__ = ["InferPaths", "infer_frame", "overlay_path", "run"]
 

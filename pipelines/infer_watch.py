@@ -14,12 +14,11 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
 
-from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.configs import InferConfig, WatchConfig
 from pipelines.errors import SymgraspError
-from pipelines.formats import grasps_file
-from pipelines.formats.camera_files import CameraFile
-from pipelines.formats.frames import FrameSource
+from pipelines.frames.camera_files import CameraFile
+from pipelines.frames.frames import FrameSource
+from pipelines.grasp_files import grasps_file
 from pipelines.inference.earlier import earlier_frames, refuse_others_work, refuse_stale
 from pipelines.inference.pictures import draw_missing, of_shards
 from pipelines.inference.side_by_side import side_by_side
@@ -33,7 +32,8 @@ from pipelines.inference.work import (
     has_shard,
     infer_frame,
 )
-from pipelines.learning.stopping import Reason, StopSignals
+from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.runtime.stopping import Reason, StopSignals
 
 log = logging.getLogger(__name__)
 

@@ -19,15 +19,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.configs import LabelConfig, LabelGraspsConfig
-from pipelines.errors import SymgraspError, ValueRangeError
-from pipelines.formats import object_list
-from pipelines.formats.files import atomic_folder
-from pipelines.formats.graspnet import GraspNetRoot
-from pipelines.formats.graspnet_label_parts import join_grasp_labels, part_arrays
-from pipelines.formats.graspnet_labels import write_grasp_label
-from pipelines.formats.meshes import (
+from pipelines.dataset import object_list
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.graspnet.graspnet_label_parts import join_grasp_labels, part_arrays
+from pipelines.dataset.graspnet.graspnet_labels import write_grasp_label
+from pipelines.dataset.graspnet.signed_distance import write_sdf
+from pipelines.dataset.meshes import (
     clean_mesh,
     find_meshes,
     read_mesh,
@@ -36,8 +34,14 @@ from pipelines.formats.meshes import (
     smallness_warning,
     write_mesh,
 )
-from pipelines.formats.object_list import ObjectRecord
-from pipelines.formats.provenance import (
+from pipelines.dataset.object_list import ObjectRecord
+from pipelines.errors import SymgraspError, ValueRangeError
+from pipelines.geometry.meshes.mesh import Mesh, sample_surface
+from pipelines.geometry.meshes.signed_distance import signed_distance_grid
+from pipelines.geometry.meshes.winding import turned_outward
+from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.storage.files import atomic_folder
+from pipelines.storage.provenance import (
     Stamp,
     digest_if_there,
     is_finished,
@@ -46,12 +50,8 @@ from pipelines.formats.provenance import (
     stamp_ahead,
     write_sidecar,
 )
-from pipelines.formats.signed_distance import write_sdf
-from pipelines.geometry.mesh import Mesh, sample_surface
-from pipelines.geometry.signed_distance import signed_distance_grid
-from pipelines.geometry.winding import turned_outward
-from pipelines.synthesis.collision_notes import collision_note
-from pipelines.synthesis.grasp_sampling import LabelTarget, label_points
+from pipelines.synthesis.labels.grasp_sampling import LabelTarget, label_points
+from pipelines.synthesis.scenes.collision_notes import collision_note
 
 STAGE = "label-grasps"
 MAX_OBJECTS = 1000  # ids have three digits

@@ -18,23 +18,23 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.configs import PackConfig, RegionConfig
+from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot, SceneFiles
+from pipelines.dataset.scene_digests import inputs_of_scenes
+from pipelines.dataset.symmetry.regioned_objects import read_regioned_object
+from pipelines.dataset.training import affordance_labels, packed_regions
+from pipelines.dataset.training.packed_regions import PackedScene
+from pipelines.dataset.training.region_frames import read_posed_label, strided_frames
 from pipelines.errors import MissingInputError, SymgraspError
-from pipelines.formats import affordance_labels, packed_regions
-from pipelines.formats.graspnet import FrameFiles, GraspNetRoot, SceneFiles
-from pipelines.formats.packed_regions import PackedScene
-from pipelines.formats.provenance import make_stamp
-from pipelines.formats.region_frames import read_posed_label, strided_frames
-from pipelines.formats.regioned_objects import read_regioned_object
-from pipelines.formats.scene_digests import inputs_of_scenes
-from pipelines.geometry.levelling import table_row
-from pipelines.geometry.mask_noise import MaskNoise
 from pipelines.geometry.region_masks import RegionInstance, visible_regions
 from pipelines.geometry.symmetry import NUM_SLOTS
-from pipelines.geometry.tabletop import find_tabletop
 from pipelines.grasping.labelled_regions import LabelledCloud, LabelledSurface, labelled_clouds
 from pipelines.grasping.observation import SceneCloud
+from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.storage.provenance import make_stamp
+from pipelines.tabletop.levelling import table_row
+from pipelines.tabletop.mask_noise import MaskNoise
+from pipelines.tabletop.tabletop import find_tabletop
 
 Array = NDArray[np.float64]
 

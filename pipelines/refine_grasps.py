@@ -19,22 +19,28 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.configs import RefineGraspsConfig
+from pipelines.dataset.graspnet.graspnet import (
+    GraspLabel,
+    GraspNetRoot,
+    LabelledGrasps,
+    holding_grasps,
+)
+from pipelines.dataset.graspnet.graspnet_label_stream import grasp_label_pieces
+from pipelines.dataset.graspnet.graspnet_labels import GRID
+from pipelines.dataset.meshes import read_solid_mesh
+from pipelines.dataset.symmetry import symmetry_labels
+from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries
+from pipelines.dataset.training import affordance_labels
+from pipelines.dataset.training.affordance_labels import AffordanceLabels, RefinementCounts
 from pipelines.errors import MissingInputError, SymgraspError
-from pipelines.formats import affordance_labels, symmetry_labels
-from pipelines.formats.affordance_labels import AffordanceLabels, RefinementCounts
-from pipelines.formats.graspnet import GraspLabel, GraspNetRoot, LabelledGrasps, holding_grasps
-from pipelines.formats.graspnet_label_stream import grasp_label_pieces
-from pipelines.formats.graspnet_labels import GRID
-from pipelines.formats.meshes import read_solid_mesh
-from pipelines.formats.provenance import digest_if_there, make_stamp
-from pipelines.formats.symmetry_labels import ObjectSymmetries
-from pipelines.geometry.mesh import Mesh, sample_surface
-from pipelines.geometry.surface import Surface
+from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.rated_grasps import BestOfPlaces, GraspSample, RatedGrasps
+from pipelines.mesh_symmetry.detection.surface import Surface
 from pipelines.refinement.copies import PLACE_SHARE, Copier, contact_pairs
+from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.storage.provenance import digest_if_there, make_stamp
 
 Array = NDArray[np.float64]
 

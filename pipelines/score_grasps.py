@@ -13,23 +13,23 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.batch import StageReport
 from pipelines.configs import ScoreGraspsConfig
-from pipelines.formats.files import existing
-from pipelines.formats.grasp_rows import read_grasp_rows, write_verdicts
-from pipelines.formats.meshes import read_mesh
-from pipelines.formats.provenance import digest, is_finished, make_stamp, refuse_other_suffix
-from pipelines.formats.signed_distance import read_sdf
-from pipelines.geometry.mesh import Mesh
-from pipelines.geometry.signed_distance import SignedDistanceGrid
-from pipelines.geometry.single_precision import single_precision_grid
-from pipelines.geometry.winding import turned_outward
+from pipelines.dataset.graspnet.signed_distance import read_sdf
+from pipelines.dataset.meshes import read_mesh
+from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.geometry.meshes.signed_distance import SignedDistanceGrid
+from pipelines.geometry.meshes.winding import turned_outward
+from pipelines.geometry.numerics.single_precision import single_precision_grid
+from pipelines.grasp_files.grasp_rows import read_grasp_rows, write_verdicts
 from pipelines.grasping.grasps import from_graspnet
 from pipelines.metrics.antipodal import contact_pair_score
 from pipelines.metrics.contacts import close_fingers
 from pipelines.metrics.force_closure import min_friction, on_grid
-from pipelines.metrics.grid_contacts import close_fingers_on_grid
-from pipelines.metrics.peer_collision import cloud_collision, exact_collision
+from pipelines.metrics.graspnet.grid_contacts import close_fingers_on_grid
+from pipelines.metrics.graspnet.peer_collision import cloud_collision, exact_collision
+from pipelines.runtime.batch import StageReport
+from pipelines.storage.files import existing
+from pipelines.storage.provenance import digest, is_finished, make_stamp, refuse_other_suffix
 
 STAGE = "score-grasps"
 NAMED_FAULTS = 5

@@ -18,17 +18,25 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 
-from pipelines.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
 from pipelines.configs import SimulateConfig
+from pipelines.dataset import convex_pieces as convex_file
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot, SceneFiles
+from pipelines.dataset.meshes import read_solid_mesh
 from pipelines.evaluation.tables import Table
+from pipelines.evaluation.trial_records import (
+    FrameTrials,
+    read_trials,
+    trials_folder,
+    write_trials,
+)
 from pipelines.evaluation.truth_inputs import truth_digests
-from pipelines.formats import convex_pieces as convex_file
-from pipelines.formats.files import read_json
-from pipelines.formats.graspnet import GraspNetRoot, SceneFiles
-from pipelines.formats.grasps_stream import read_dataset_frames, read_index, scenes_of
-from pipelines.formats.gripper_files import gripper_digest, gripper_to_use, load_gripper
-from pipelines.formats.meshes import read_solid_mesh
-from pipelines.formats.provenance import (
+from pipelines.grasp_files.grasps_stream import read_dataset_frames, read_index, scenes_of
+from pipelines.grasp_files.gripper_files import gripper_digest, gripper_to_use, load_gripper
+from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
+from pipelines.simulation.frames import FrameSimulator, PiecesReader
+from pipelines.simulation.success import success_tables, write_success
+from pipelines.storage.files import read_json
+from pipelines.storage.provenance import (
     Stamp,
     digest,
     digest_text,
@@ -37,15 +45,7 @@ from pipelines.formats.provenance import (
     refuse_other_suffix,
     stamp_ahead,
 )
-from pipelines.formats.trial_records import (
-    FrameTrials,
-    read_trials,
-    trials_folder,
-    write_trials,
-)
-from pipelines.simulation.frames import FrameSimulator, PiecesReader
-from pipelines.simulation.success import success_tables, write_success
-from pipelines.synthesis.decomposition import convex_pieces, is_nearly_convex
+from pipelines.synthesis.objects.decomposition import convex_pieces, is_nearly_convex
 
 LARGE_SHIFT = 0.01  # metres, more than rounded poses make
 

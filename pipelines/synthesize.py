@@ -20,25 +20,25 @@ from pathlib import Path
 
 import numpy as np
 
-from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.configs import SynthesizeConfig
+from pipelines.dataset import convex_pieces as convex_file
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.graspnet.graspnet_labels import write_grasp_label
+from pipelines.dataset.graspnet.graspnet_layout import SPLITS
+from pipelines.dataset.graspnet.signed_distance import write_sdf
+from pipelines.dataset.meshes import read_mesh, write_mesh
+from pipelines.dataset.object_list import ObjectRecord
 from pipelines.errors import UnknownNameError, ValueRangeError
-from pipelines.formats import convex_pieces as convex_file
-from pipelines.formats.files import atomic_folder
-from pipelines.formats.graspnet import GraspNetRoot
-from pipelines.formats.graspnet_labels import write_grasp_label
-from pipelines.formats.graspnet_layout import SPLITS
-from pipelines.formats.meshes import read_mesh, write_mesh
-from pipelines.formats.object_list import ObjectRecord
-from pipelines.formats.provenance import digest_if_there, make_stamp, stamp_ahead, write_sidecar
-from pipelines.formats.signed_distance import write_sdf
-from pipelines.geometry.signed_distance import signed_distance_grid
-from pipelines.synthesis.cameras import MIXED, camera_folder
-from pipelines.synthesis.grasp_sampling import sample_grasp_label
-from pipelines.synthesis.object_records import add_to_object_list
-from pipelines.synthesis.own_models import OwnModel, own_models, refuse_own_output
-from pipelines.synthesis.pools import SyntheticObject, make_pool
-from pipelines.synthesis.scene_files import write_scene
+from pipelines.geometry.meshes.signed_distance import signed_distance_grid
+from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.storage.files import atomic_folder
+from pipelines.storage.provenance import digest_if_there, make_stamp, stamp_ahead, write_sidecar
+from pipelines.synthesis.labels.grasp_sampling import sample_grasp_label
+from pipelines.synthesis.objects.object_records import add_to_object_list
+from pipelines.synthesis.objects.own_models import OwnModel, own_models, refuse_own_output
+from pipelines.synthesis.objects.pools import SyntheticObject, make_pool
+from pipelines.synthesis.scenes.cameras import MIXED, camera_folder
+from pipelines.synthesis.scenes.scene_files import write_scene
 
 POOLS = ("seen", "similar", "novel")
 POOL_OF_SPLIT = {"train": "seen", "seen": "seen", "similar": "similar", "novel": "novel"}

@@ -16,24 +16,24 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from pipelines.batch import StageReport
 from pipelines.configs import NetworkConfig, TrainConfig
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.training.packed_regions import PackedReader
 from pipelines.errors import FormatError, ValueRangeError
-from pipelines.formats.files import existing
-from pipelines.formats.graspnet import GraspNetRoot
-from pipelines.formats.packed_regions import PackedReader
-from pipelines.formats.provenance import digest, digest_folder, make_stamp
-from pipelines.learning import grasp_training
-from pipelines.learning.faults import read_fault
-from pipelines.learning.grasp_training import GraspTraining
-from pipelines.learning.loaders import split_by_scene
-from pipelines.learning.loop import TrainingRun
-from pipelines.learning.options import LoopOptions
-from pipelines.learning.processes import joined
-from pipelines.learning.region_sources import RegionSet, TrainingRegions
-from pipelines.learning.runs import RunRequest, describe, find_progress
+from pipelines.learning.grasp_network import grasp_training
+from pipelines.learning.grasp_network.grasp_training import GraspTraining
+from pipelines.learning.grasp_network.region_sources import RegionSet, TrainingRegions
+from pipelines.learning.loop.faults import read_fault
+from pipelines.learning.loop.loaders import split_by_scene
+from pipelines.learning.loop.loop import TrainingRun
+from pipelines.learning.loop.options import LoopOptions
+from pipelines.learning.loop.runs import RunRequest, describe, find_progress
+from pipelines.learning.speed.processes import joined
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.weights_files import fill, read_weights, weights_metadata
+from pipelines.runtime.batch import StageReport
+from pipelines.storage.files import existing
+from pipelines.storage.provenance import digest, digest_folder, make_stamp
 from pipelines.synthesis.endless import trainable_objects
 from pipelines.synthesis.endless_pool import EndlessPool
 

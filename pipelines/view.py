@@ -20,22 +20,22 @@ from pathlib import Path
 
 import cv2
 
-from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.configs import ViewConfig
 from pipelines.errors import FormatError, SymgraspError
-from pipelines.formats.files import LONGEST_NAME, write_image, write_text
-from pipelines.formats.frames import FrameSource
-from pipelines.formats.frames_record import FramesRecord
-from pipelines.formats.grasp_page.page import IndexEntry, frame_page, in_words, index_page
-from pipelines.formats.grasp_page.scene import frame_scene
-from pipelines.formats.grasps_file import FrameResult
-from pipelines.formats.grasps_stream import read_frames, read_index
-from pipelines.formats.grasps_tables import result_digest
-from pipelines.formats.gripper_files import gripper_digest, gripper_to_use, load_gripper
-from pipelines.formats.overlays import draw_overlay
-from pipelines.formats.provenance import Stamp, digest, is_finished, make_stamp, read_stamp
-from pipelines.formats.rerun_recording import need_rerun, write_recording
-from pipelines.formats.rgbd import Frame
+from pipelines.frames.frames import FrameSource
+from pipelines.frames.frames_record import FramesRecord
+from pipelines.frames.rgbd import Frame
+from pipelines.grasp_files.grasps_file import FrameResult
+from pipelines.grasp_files.grasps_stream import read_frames, read_index
+from pipelines.grasp_files.grasps_tables import result_digest
+from pipelines.grasp_files.gripper_files import gripper_digest, gripper_to_use, load_gripper
+from pipelines.pictures.grasp_page.page import IndexEntry, frame_page, in_words, index_page
+from pipelines.pictures.grasp_page.scene import frame_scene
+from pipelines.pictures.overlays import draw_overlay
+from pipelines.pictures.rerun_recording import need_rerun, write_recording
+from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.storage.files import LONGEST_NAME, write_image, write_text
+from pipelines.storage.provenance import Stamp, digest, is_finished, make_stamp, read_stamp
 
 STAGE = "view"
 Step = Callable[[WorkItem], str | None]

@@ -18,7 +18,7 @@ from symgrasp_cli.export import export
 from symgrasp_cli.export_coco import export_coco
 from symgrasp_cli.finetune_detector import finetune_detector
 from symgrasp_cli.infer import infer
-from symgrasp_cli.inspect import inspect
+from symgrasp_cli.inspect_frames import inspect
 from symgrasp_cli.label_grasps import label_grasps
 from symgrasp_cli.pack import pack
 from symgrasp_cli.refine_grasps import refine_grasps
@@ -95,7 +95,7 @@ app = typer.Typer(
 
 def _show_version(wanted: bool) -> None:
     if wanted:
-        from pipelines.formats.provenance import version
+        from pipelines.storage.provenance import version
 
         typer.echo(f"symgrasp {version()}")
         raise typer.Exit
@@ -133,5 +133,5 @@ def main() -> None:
     try:
         app()
     finally:
-        if "pipelines.clusters" in sys.modules:  # else no command can have started workers
-            sys.modules["pipelines.clusters"].end_workers()
+        if "pipelines.runtime.clusters" in sys.modules:  # else no command can have started workers
+            sys.modules["pipelines.runtime.clusters"].end_workers()

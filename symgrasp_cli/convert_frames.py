@@ -24,7 +24,7 @@ def convert_frames(
 ) -> None:
     """Write RGB-D frames of any layout as colour and depth images with camera files."""
     from pipelines import convert_frames as stage
-    from pipelines.formats.camera_files import parse_camera
+    from pipelines.frames.camera_files import parse_camera
 
     report = stage.run(
         frames,

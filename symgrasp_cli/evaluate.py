@@ -69,7 +69,7 @@ def evaluate(
     dry_run: DryRun = False,
 ) -> None:
     """Judge grasps, symmetries and masks against a dataset: report, tables, baselines."""
-    from pipelines.formats.provenance import refuse_other_suffix
+    from pipelines.storage.provenance import refuse_other_suffix
 
     refuse_other_suffix(out, ".json")
     needs_grasps = baselines or success is not None

@@ -77,7 +77,7 @@ def finetune_detector(
 ) -> None:
     """Train the detector of symmetric regions on the frames of datasets."""
     from pipelines import finetune_detector as stage
-    from pipelines.learning.runs import RunRequest
+    from pipelines.learning.loop.runs import RunRequest
 
     config = FinetuneDetectorConfig(
         detector=DetectorConfig(variant=variant, input=input_kind),

@@ -125,9 +125,9 @@ def infer(
     """Find ranked grasps in RGB-D frames."""
     from pipelines import infer as stage
     from pipelines import infer_watch
-    from pipelines.batch import CHOSEN
-    from pipelines.formats.camera_files import parse_camera
-    from pipelines.formats.workspace_files import parse_direction, parse_workspace
+    from pipelines.frames.camera_files import parse_camera
+    from pipelines.frames.workspace_files import parse_direction, parse_workspace
+    from pipelines.runtime.batch import CHOSEN
 
     if watch_timeout is not None and not watch:
         raise typer.BadParameter("--watch-timeout goes with --watch")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from pipelines.batch import BatchOptions
+    from pipelines.runtime.batch import BatchOptions
 
 Workers = Annotated[int, typer.Option(min=1, help="Processes that work at a time.")]
 Backend = Annotated[
@@ -90,8 +90,8 @@ def batch_options(workers: int, backend: str, *, overwrite: bool, dry_run: bool)
 
     from joblib import cpu_count
 
-    from pipelines.batch import BatchOptions
-    from pipelines.clusters import check_backend
+    from pipelines.runtime.batch import BatchOptions
+    from pipelines.runtime.clusters import check_backend
 
     check_backend(backend)
     cores = cpu_count()

@@ -10,8 +10,8 @@ import typer
 if TYPE_CHECKING:
     from rich.table import Table as Drawn
 
-    from pipelines.batch import StageReport
     from pipelines.evaluation.tables import Table
+    from pipelines.runtime.batch import StageReport
 
 UNBOUND = 10_000  # characters: a table as wide as it would like to be
 

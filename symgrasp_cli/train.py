@@ -89,7 +89,7 @@ def train(
 ) -> None:
     """Train the symmetry-aware grasp network on packed regions."""
     from pipelines import train as stage
-    from pipelines.learning.runs import RunRequest
+    from pipelines.learning.loop.runs import RunRequest
 
     share = 0.0 if endless is None else 1.0 if packed is None else endless_share
     config = TrainConfig(

@@ -10,9 +10,9 @@ import pytest
 from typer.testing import CliRunner
 
 from pipelines import infer
-from pipelines.batch import BatchOptions
 from pipelines.configs import InferConfig
-from pipelines.formats.files import read_image, write_image, write_json
+from pipelines.runtime.batch import BatchOptions
+from pipelines.storage.files import read_image, write_image, write_json
 from symgrasp_cli.app import app
 
 README = Path(__file__).resolve().parents[1] / "README.md"

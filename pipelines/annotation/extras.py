@@ -6,13 +6,15 @@ from functools import partial
 from pathlib import Path
 
 from pipelines.annotation.jobs import STAGE
-from pipelines.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.configs import AnnotateSymmetryConfig
+from pipelines.dataset.meshes import read_mesh
+from pipelines.dataset.symmetry import bop_models_info, symmetry_labels
 from pipelines.errors import StaleOutputError
-from pipelines.formats import bop_models_info, contact_sheet, symmetry_labels
-from pipelines.formats.files import read_image, read_json, write_image
-from pipelines.formats.meshes import read_mesh
-from pipelines.formats.provenance import (
+from pipelines.pictures import contact_sheet
+from pipelines.pictures.symmetry_pictures import object_views
+from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.storage.files import read_image, read_json, write_image
+from pipelines.storage.provenance import (
     Stamp,
     digest,
     make_stamp,
@@ -20,7 +22,6 @@ from pipelines.formats.provenance import (
     sidecar_of,
     write_sidecar,
 )
-from pipelines.formats.symmetry_pictures import object_views
 
 PICTURES = "annotate-symmetry, pictures"
 

@@ -6,20 +6,20 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from pipelines.batch import WorkItem
 from pipelines.configs import AnnotateSymmetryConfig
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.meshes import find_meshes
+from pipelines.dataset.symmetry.bop_models_info import ModelInfo, object_key
+from pipelines.dataset.symmetry.symmetry_edits import ObjectEdits
 from pipelines.errors import SymgraspError
-from pipelines.formats.bop_models_info import ModelInfo, object_key
-from pipelines.formats.graspnet import GraspNetRoot
-from pipelines.formats.meshes import find_meshes
-from pipelines.formats.provenance import (
+from pipelines.runtime.batch import WorkItem
+from pipelines.storage.provenance import (
     digest,
     digest_if_there,
     digest_text,
     make_stamp,
     read_stamp,
 )
-from pipelines.formats.symmetry_edits import ObjectEdits
 
 STAGE = "annotate-symmetry"
 Named = tuple[str, Path, "Job"]  # an object's name, its annotation, what that is made of

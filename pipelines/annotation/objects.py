@@ -8,32 +8,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import AnnotateSymmetryConfig
-from pipelines.formats import regions as manual_regions
-from pipelines.formats import symmetry_edits
-from pipelines.formats.meshes import clean_mesh
-from pipelines.formats.symmetry_edits import ObjectEdits
-from pipelines.formats.symmetry_labels import (
+from pipelines.dataset.meshes import clean_mesh
+from pipelines.dataset.symmetry import regions as manual_regions
+from pipelines.dataset.symmetry import symmetry_edits
+from pipelines.dataset.symmetry.symmetry_edits import ObjectEdits
+from pipelines.dataset.symmetry.symmetry_labels import (
     BY_HAND,
     FOUND,
     FROM_BOP,
     ObjectSymmetries,
     RegionLabel,
 )
-from pipelines.geometry.doubt import Gauge
-from pipelines.geometry.mesh import Mesh
-from pipelines.geometry.symmetric_parts import (
-    WHOLE,
-    SymmetricRegion,
-    has_slot,
-    symmetric_regions,
-)
+from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.symmetry import (
     ReflectionSymmetry,
     RotationSymmetry,
     SphereSymmetry,
     Symmetry,
 )
-from pipelines.geometry.symmetry_detection import Detection, analyse, detect_symmetries
+from pipelines.mesh_symmetry.detection.symmetry_detection import (
+    Detection,
+    analyse,
+    detect_symmetries,
+)
+from pipelines.mesh_symmetry.doubt import Gauge
+from pipelines.mesh_symmetry.parts.symmetric_parts import (
+    WHOLE,
+    SymmetricRegion,
+    has_slot,
+    symmetric_regions,
+)
 
 THROUGH_COSINE = float(np.cos(np.radians(85.0)))  # of a plane's normal and an axis in it
 

@@ -12,6 +12,13 @@ from pipelines.configs.dataset import (
     RefineGraspsConfig,
     SynthesizeConfig,
 )
+from pipelines.configs.evaluation import (
+    CompareConfig,
+    EvaluateConfig,
+    EvaluateDumpConfig,
+    ScoreGraspsConfig,
+    SimulateConfig,
+)
 from pipelines.configs.inference import (
     ConvertFramesConfig,
     DoctorConfig,
@@ -23,13 +30,6 @@ from pipelines.configs.inference import (
     SelectionConfig,
     ViewConfig,
     WatchConfig,
-)
-from pipelines.configs.judging import (
-    CompareConfig,
-    EvaluateConfig,
-    EvaluateDumpConfig,
-    ScoreGraspsConfig,
-    SimulateConfig,
 )
 from pipelines.configs.learning import (
     AugmentationConfig,

@@ -12,21 +12,21 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from pipelines.configs import InferConfig
+from pipelines.dataset.graspnet.graspnet import FrameFiles
 from pipelines.evaluation.judging import RegionOwners
 from pipelines.evaluation.predictions import FramePredictions, RowPredictions
 from pipelines.evaluation.truth import FrameTruth, TruthReader
-from pipelines.formats.graspnet import FrameFiles
-from pipelines.formats.rgbd import Frame
-from pipelines.geometry.regions_geometric import geometric_regions
+from pipelines.frames.rgbd import Frame
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.geometry.transforms import invert, transform_points
-from pipelines.grasping.candidates import RankedGrasps
-from pipelines.grasping.completion import completions
+from pipelines.grasping.candidates.completion import completions
+from pipelines.grasping.grasp_candidates import RankedGrasps
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.observation import RegionCloud, SceneCloud
-from pipelines.grasping.ranking import Judge
+from pipelines.grasping.ranking.ranking import Judge
 from pipelines.grasping.region_grasping import plan_planar, plan_random, plan_region
 from pipelines.inference import models
+from pipelines.tabletop.regions_geometric import geometric_regions
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

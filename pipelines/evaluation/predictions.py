@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.formats.grasps_file import FrameResult, RegionTable
 from pipelines.geometry.symmetry import SPHERE_SLOT, SymmetrySlots
-from pipelines.grasping.candidates import RankedGrasps
+from pipelines.grasp_files.grasps_file import FrameResult, RegionTable
+from pipelines.grasping.grasp_candidates import RankedGrasps
 from pipelines.grasping.grasps import Grasps
 
 Array = NDArray[np.float64]

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.errors import FormatError
-from pipelines.formats.files import read_json, write_json
-from pipelines.formats.provenance import Stamp
 from pipelines.metrics.grasp_verdicts import Verdict
+from pipelines.storage.files import read_json, write_json
+from pipelines.storage.provenance import Stamp
 
 FORMAT_VERSION = 1
 

@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 
 from pipelines.configs import EvaluateConfig
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.evaluation import reports
 from pipelines.evaluation.figures import Figures, report_curves, report_rows
-from pipelines.evaluation.gallery import FrameChoice, draw_gallery
+from pipelines.evaluation.pages.gallery import FrameChoice, draw_gallery
+from pipelines.evaluation.pages.report_page import report_page
 from pipelines.evaluation.records import FrameRecord
-from pipelines.evaluation.report_page import report_page
 from pipelines.evaluation.tables import TABLE_FRICTION
 from pipelines.evaluation.tallies import ReportTally
-from pipelines.formats import reports
-from pipelines.formats.files import write_text
-from pipelines.formats.graspnet import GraspNetRoot
-from pipelines.formats.grasps_stream import GraspsIndex
-from pipelines.formats.provenance import Stamp
+from pipelines.grasp_files.grasps_stream import GraspsIndex
+from pipelines.storage.files import write_text
+from pipelines.storage.provenance import Stamp
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from pipelines.dataset.graspnet.graspnet import split_of_scene
 from pipelines.errors import FormatError, MissingInputError, UnknownNameError
+from pipelines.evaluation import reports
+from pipelines.evaluation.graspnet.dump_verdicts import read_dump_verdicts, scenes_folder
 from pipelines.evaluation.paired_runs import MASKS, Run
 from pipelines.evaluation.records import (
     FrameRecord,
@@ -16,14 +19,11 @@ from pipelines.evaluation.records import (
     records_folder,
     threshold_key,
 )
-from pipelines.formats import reports
-from pipelines.formats.dump_verdicts import read_dump_verdicts, scenes_folder
-from pipelines.formats.graspnet import split_of_scene
-from pipelines.formats.provenance import COMPARED, read_stamp
-from pipelines.formats.trial_records import HELD, OURS, friction_key, read_trials, trials_folder
+from pipelines.evaluation.trial_records import HELD, OURS, friction_key, read_trials, trials_folder
 from pipelines.metrics.coco_masks import IOU_THRESHOLDS
-from pipelines.metrics.graspnet_ap import FRICTIONS
+from pipelines.metrics.graspnet.graspnet_ap import FRICTIONS
 from pipelines.metrics.symmetry_matching import KINDS
+from pipelines.storage.provenance import COMPARED, read_stamp
 
 PRECISIONS = (*(f"symmetry_ap {kind}" for kind in KINDS), MASKS)
 DUMP_FRICTIONS = {"ap": FRICTIONS, "ap_0.8": (0.8,), "ap_0.4": (0.4,)}

@@ -7,14 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import EvaluateConfig
+from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot, SceneFiles, split_of_scene
+from pipelines.dataset.meshes import read_solid_mesh
+from pipelines.dataset.symmetry.regioned_objects import read_regioned_object
+from pipelines.dataset.training import affordance_labels
+from pipelines.dataset.training.affordance_labels import AffordanceLabels
 from pipelines.errors import MissingInputError
-from pipelines.formats import affordance_labels
-from pipelines.formats.affordance_labels import AffordanceLabels
-from pipelines.formats.graspnet import FrameFiles, GraspNetRoot, SceneFiles, split_of_scene
-from pipelines.formats.meshes import read_solid_mesh
-from pipelines.formats.regioned_objects import read_regioned_object
 from pipelines.geometry.camera import Intrinsics
-from pipelines.geometry.mesh import sample_surface
+from pipelines.geometry.meshes.mesh import sample_surface
 from pipelines.geometry.region_masks import RegionInstance, visible_regions
 from pipelines.geometry.transforms import rotate_vectors, transform_points
 from pipelines.metrics.grasp_verdicts import TrueObject, TrueScene

@@ -2,11 +2,11 @@
 
 from collections.abc import Iterable
 
-from pipelines.formats.graspnet import GraspNetRoot, SceneFiles
-from pipelines.formats.graspnet_scene import annotated_ids
-from pipelines.formats.provenance import digest, digest_folder, digest_text
-from pipelines.formats.scene_digests import CAMERA_FILES, POSES, digest_of_files
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot, SceneFiles
+from pipelines.dataset.scene_digests import CAMERA_FILES, POSES, digest_of_files
+from pipelines.frames.graspnet_scene import annotated_ids
 from pipelines.inference import models
+from pipelines.storage.provenance import digest, digest_folder, digest_text
 
 LABELS = {"symmetry": "*.json", "regions": "*.json"}
 # Images of colour and depth are what was judged, not what is true; of a dataset they are gigabytes.

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipelines.errors import ValueRangeError
-from pipelines.geometry.compiled import compiled
+from pipelines.geometry.numerics.compiled import compiled
 
 Array = NDArray[np.float64]
 Lens = tuple[float, float, float, float]  # fx, fy, cx, cy

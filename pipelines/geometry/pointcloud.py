@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipelines.geometry.point_cells import cell_keys, first_of_each
+from pipelines.geometry.numerics.point_cells import cell_keys, first_of_each
 
 Array = NDArray[np.float64]
 

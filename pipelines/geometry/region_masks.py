@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipelines.geometry.camera import Intrinsics
-from pipelines.geometry.mesh import Mesh, sample_surface
+from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.geometry.rendering import first_hits
 from pipelines.geometry.symmetry import Symmetry
 from pipelines.geometry.transforms import invert, rotate_vectors, transform_points

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.camera import Intrinsics
-from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import invert, rotate_vectors, transform_points, unit
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.geometry.fitting_sums import (
+from pipelines.geometry.numerics.fitting_sums import (
     SCALES,
     Sums,
     axis_sums,
@@ -21,7 +21,7 @@ from pipelines.geometry.fitting_sums import (
     plane_sums,
     stepped,
 )
-from pipelines.geometry.nearest import Neighbours
+from pipelines.geometry.numerics.nearest import Neighbours
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry
 from pipelines.geometry.transforms import basis_from_direction, cross, unit
 

@@ -9,7 +9,7 @@ y down, z forward. An array that could be in two frames carries a suffix: `point
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipelines.geometry.compiled import compiled
+from pipelines.geometry.numerics.compiled import compiled
 
 Array = NDArray[np.float64]
 

@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.geometry.camera import Intrinsics
-from pipelines.geometry.compiled import compiled
-from pipelines.geometry.organized import smooth_normals
+from pipelines.geometry.numerics.compiled import compiled
+from pipelines.geometry.numerics.quantiles import median
 from pipelines.geometry.pointcloud import Plane
-from pipelines.geometry.quantiles import median
 from pipelines.geometry.transforms import unit
-from pipelines.grasping.collision import Obstacles
-from pipelines.grasping.limits import Limits
-from pipelines.grasping.picture_border import PictureBorder, Sides, measured_sides
+from pipelines.grasping.feasibility.collision import Obstacles
+from pipelines.grasping.feasibility.image_border import PictureBorder, Sides, measured_sides
+from pipelines.grasping.feasibility.limits import Limits
+from pipelines.tabletop.organized import smooth_normals
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]

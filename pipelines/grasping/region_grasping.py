@@ -8,16 +8,16 @@ from numpy.typing import NDArray
 from pipelines.configs import SelectionConfig
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.geometry.transforms import unit
-from pipelines.grasping.candidates import Candidates, RankedGrasps
-from pipelines.grasping.completion import Completion, completions
-from pipelines.grasping.decoding import ContactPairs, contact_pairs
+from pipelines.grasping.candidates.completion import Completion, completions
+from pipelines.grasping.candidates.decoding import ContactPairs, contact_pairs
+from pipelines.grasping.candidates.planar import planar_candidates
+from pipelines.grasping.grasp_candidates import Candidates, RankedGrasps
 from pipelines.grasping.gripper import Gripper
-from pipelines.grasping.known_region import KnownRegion
 from pipelines.grasping.observation import RegionCloud, SceneCloud, Surroundings
-from pipelines.grasping.planar import planar_candidates
-from pipelines.grasping.ranking import Judge, Ranking, by_eq8, by_judge
+from pipelines.grasping.ranking.known_region import KnownRegion
+from pipelines.grasping.ranking.ranking import Judge, Ranking, by_eq8, by_judge
+from pipelines.grasping.ranking.suppression import different
 from pipelines.grasping.selection import select, surroundings
-from pipelines.grasping.suppression import different
 
 Array = NDArray[np.float64]
 

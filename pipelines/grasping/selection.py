@@ -8,19 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import SelectionConfig
+from pipelines.geometry.numerics.quantiles import quantiles
 from pipelines.geometry.pointcloud import Plane
-from pipelines.geometry.quantiles import quantiles
 from pipelines.geometry.transforms import unit
-from pipelines.grasping.candidates import Candidates, RankedGrasps
-from pipelines.grasping.collision import clearance, first_free, turned
+from pipelines.grasping.feasibility.approach_path import keeps_off_table, way_is_free
+from pipelines.grasping.feasibility.collision import clearance, first_free, turned
+from pipelines.grasping.feasibility.opening_margin import with_spare_room
+from pipelines.grasping.feasibility.visibility import seen_share
+from pipelines.grasping.grasp_candidates import Candidates, RankedGrasps
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.observation import RegionCloud, SceneCloud, Surroundings
-from pipelines.grasping.ranking import Ranking
-from pipelines.grasping.spare_room import with_spare_room
-from pipelines.grasping.suppression import different
-from pipelines.grasping.visibility import seen_share
-from pipelines.grasping.way_in import keeps_off_table, way_is_free
+from pipelines.grasping.ranking.ranking import Ranking
+from pipelines.grasping.ranking.suppression import different
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 
 from pipelines.configs import DoctorConfig, InferConfig
 from pipelines.errors import MissingInputError
-from pipelines.formats.frames import find_frames
-from pipelines.formats.grasps_file import FrameResult
-from pipelines.formats.gripper_files import load_gripper
-from pipelines.formats.weights_manifest import MADE_BY, GoldenGrasps, Manifest
+from pipelines.frames.frames import find_frames
+from pipelines.grasp_files.grasps_file import FrameResult
+from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.health.checks import Check, Status
 from pipelines.inference import models
 from pipelines.inference.frame_grasps import Planner
+from pipelines.storage.weights_manifest import MADE_BY, GoldenGrasps, Manifest
 
 FRAMES = models.WEIGHTS / "frames"
 

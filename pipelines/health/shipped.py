@@ -3,10 +3,10 @@
 from pathlib import Path
 
 from pipelines.errors import SymgraspError
-from pipelines.formats.provenance import digest
-from pipelines.formats.weights_manifest import Manifest, manifest_path, read_manifest
 from pipelines.health.checks import Check, Status
 from pipelines.inference import models
+from pipelines.storage.provenance import digest
+from pipelines.storage.weights_manifest import Manifest, manifest_path, read_manifest
 
 
 def manifest_check(folder: Path = models.WEIGHTS) -> tuple[Manifest | None, Check]:

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import h5py
 
-from pipelines.batch import WorkItem
 from pipelines.errors import FormatError, StaleOutputError, SymgraspError
-from pipelines.formats import grasps_file
-from pipelines.formats.grasps_stream import read_index
-from pipelines.formats.provenance import Stamp, read_stamp
+from pipelines.grasp_files import grasps_file
+from pipelines.grasp_files.grasps_stream import read_index
 from pipelines.inference.work import STAGE, Work
+from pipelines.runtime.batch import WorkItem
+from pipelines.storage.provenance import Stamp, read_stamp
 
 
 def refuse_others_work(output: Path) -> None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from pipelines.grasping.limits import Limits
+from pipelines.grasping.feasibility.limits import Limits
 from pipelines.grasping.observation import RegionCloud
 from pipelines.grasping.region_grasping import MIN_POINTS
 from pipelines.inference.regions import FrameRegions

@@ -11,25 +11,25 @@ from numpy.typing import NDArray
 
 from pipelines.configs import InferConfig
 from pipelines.errors import SymgraspError
-from pipelines.formats.grasps_file import FrameResult
-from pipelines.formats.rgbd import Frame
+from pipelines.frames.rgbd import Frame
 from pipelines.geometry.pointcloud import Plane
-from pipelines.geometry.sparse_depth import filled
 from pipelines.geometry.symmetry import SymmetrySlots
-from pipelines.grasping.candidates import RankedGrasps
-from pipelines.grasping.completion import completions
-from pipelines.grasping.decoding import average_symmetries
+from pipelines.grasp_files.grasps_file import FrameResult
+from pipelines.grasping.candidates.completion import completions
+from pipelines.grasping.candidates.decoding import average_symmetries
+from pipelines.grasping.candidates.grounding import ground_symmetries
+from pipelines.grasping.feasibility.limits import Limits
+from pipelines.grasping.grasp_candidates import RankedGrasps
 from pipelines.grasping.gripper import Gripper
-from pipelines.grasping.grounding import ground_symmetries
-from pipelines.grasping.limits import Limits
 from pipelines.grasping.observation import RegionCloud, SceneCloud
-from pipelines.grasping.point_judge import PointJudge
-from pipelines.grasping.ranking import Judge
+from pipelines.grasping.ranking.point_critic import PointJudge
+from pipelines.grasping.ranking.ranking import Judge
 from pipelines.grasping.region_grasping import MIN_POINTS, plan_planar, plan_random, plan_region
 from pipelines.inference.empty_frames import why_empty
 from pipelines.inference.pieces import pieces_of
 from pipelines.inference.plans import Plan, grasp_table, region_table
 from pipelines.inference.regions import Detector, FrameRegions, Region, find_regions
+from pipelines.tabletop.sparse_depth import filled
 
 Array = NDArray[np.float64]
 

@@ -14,12 +14,12 @@ import cv2
 from threadpoolctl import ThreadpoolController
 
 from pipelines.errors import MissingInputError
-from pipelines.formats import judge_file
-from pipelines.grasping.point_judge import PointJudge
-from pipelines.grasping.ranking import HandJudge
+from pipelines.grasping.ranking import critic_files
+from pipelines.grasping.ranking.point_critic import PointJudge
+from pipelines.grasping.ranking.ranking import HandJudge
 
 if TYPE_CHECKING:
-    from pipelines.network.detector import RegionDetector
+    from pipelines.network.detection.detector import RegionDetector
     from pipelines.network.predictor import GraspPredictor
 
 WEIGHTS = Path(__file__).parent.parent / "weights"
@@ -28,7 +28,7 @@ NETWORK_WEIGHTS = WEIGHTS / "network.safetensors"
 PLANE_WEIGHTS = WEIGHTS / "plane_judge.safetensors"
 HAND_WEIGHTS = WEIGHTS / "hand_judge.safetensors"
 DRIVERS = ("/dev/nvidiactl", "/dev/kfd", "/dev/dxg")  # of NVIDIA, AMD, and WSL
-PLANES_BY, HANDS_BY = "docs/train_plane_judge.py", "docs/train_hand_judge.py"
+PLANES_BY, HANDS_BY = "tools/train_plane_critic.py", "tools/train_grasp_critic.py"
 
 
 def existing_weights(path: Path, written_by: str) -> Path:
@@ -60,13 +60,13 @@ def predictor(path: Path, device: str, mirrored: bool = False) -> GraspPredictor
 def plane_judge(path: Path) -> PointJudge:
     """Return the judge of mirror planes of the weights `path`."""
     with _LOADING:
-        return _judge(path, judge_file.PLANES, PLANES_BY)
+        return _judge(path, critic_files.PLANES, PLANES_BY)
 
 
 def hand_judge(path: Path) -> HandJudge:
     """Return the judge of hands of the weights `path`."""
     with _LOADING:
-        return HandJudge(_judge(path, judge_file.HANDS, HANDS_BY))
+        return HandJudge(_judge(path, critic_files.HANDS, HANDS_BY))
 
 
 def uses_gpu(device: str) -> bool:
@@ -108,7 +108,7 @@ def _matrix_products() -> ThreadpoolController:
 
 @lru_cache(maxsize=2)
 def _detector(path: Path, device: str) -> RegionDetector:
-    from pipelines.network.detector import RegionDetector  # noqa: PLC0415 - torch is slow to load
+    from pipelines.network.detection.detector import RegionDetector  # noqa: PLC0415 - torch is slow to load
 
     return RegionDetector.load(existing_weights(path, "symgrasp finetune-detector"), device)
 
@@ -122,4 +122,4 @@ def _predictor(path: Path, device: str, mirrored: bool) -> GraspPredictor:
 
 @lru_cache(maxsize=4)
 def _judge(path: Path, model: str, written_by: str) -> PointJudge:
-    return judge_file.read(existing_weights(path, written_by), model)
+    return critic_files.read(existing_weights(path, written_by), model)

@@ -8,10 +8,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pipelines.batch import BatchOptions, WorkItem, run_batch
-from pipelines.formats.grasps_stream import read_frames, read_index
-from pipelines.formats.overlays import is_drawn, write_overlay
+from pipelines.grasp_files.grasps_stream import read_frames, read_index
 from pipelines.inference.work import STAGE, Settings, overlay_path, writing
+from pipelines.pictures.overlays import is_drawn, write_overlay
+from pipelines.runtime.batch import BatchOptions, WorkItem, run_batch
 
 
 @dataclass(frozen=True)

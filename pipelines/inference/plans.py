@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.formats.grasps_file import GraspTable, RegionTable
 from pipelines.geometry.symmetry import SymmetrySlots
-from pipelines.grasping.candidates import RankedGrasps
+from pipelines.grasp_files.grasps_file import GraspTable, RegionTable
+from pipelines.grasping.grasp_candidates import RankedGrasps
 from pipelines.inference.regions import Region
 
 

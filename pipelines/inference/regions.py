@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import InferConfig
-from pipelines.formats.rgbd import Frame
+from pipelines.frames.rgbd import Frame
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.pointcloud import Plane
-from pipelines.geometry.regions_geometric import GeometricRegions, geometric_regions
+from pipelines.tabletop.regions_geometric import GeometricRegions, geometric_regions
 
 Mask = NDArray[np.bool_]
 

@@ -8,10 +8,10 @@ from functools import cache
 
 from joblib import cpu_count, delayed
 
-from pipelines.batch import CHOSEN, BatchOptions
-from pipelines.clusters import CLUSTERS, workers_of
 from pipelines.inference import models
 from pipelines.inference.work import Settings
+from pipelines.runtime.batch import CHOSEN, BatchOptions
+from pipelines.runtime.clusters import CLUSTERS, workers_of
 
 MAX_THREADS = 4
 ORPHANED = 2.0  # seconds between two looks whether the parent is still there

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipelines.configs import WatchConfig
-from pipelines.formats.rgbd import FrameSource
+from pipelines.frames.rgbd import FrameSource
 
 State = tuple[tuple[str, int, int, int], ...]  # path, size, time of change, file number
 

@@ -11,24 +11,24 @@ from pathlib import Path
 
 import numpy as np
 
-from pipelines.batch import WorkItem
 from pipelines.configs import InferConfig
 from pipelines.errors import UnknownNameError, ValueRangeError, WriteError
-from pipelines.formats import grasps_file
-from pipelines.formats.camera_files import CameraFile
-from pipelines.formats.frames import FrameSource, find_frames, read_masks
-from pipelines.formats.frames_record import FramesRecord
-from pipelines.formats.grasps_file import FrameResult
-from pipelines.formats.grasps_stream import merge_shards
-from pipelines.formats.gripper_files import gripper_digest, load_gripper
-from pipelines.formats.overlays import write_overlay
-from pipelines.formats.provenance import Stamp, digest, digest_text, make_stamp, read_stamp
-from pipelines.formats.registration import oddities
-from pipelines.formats.workspace_files import read_workspace_mask
-from pipelines.grasping.limits import check_limits
+from pipelines.frames.camera_files import CameraFile
+from pipelines.frames.frames import FrameSource, find_frames, read_masks
+from pipelines.frames.frames_record import FramesRecord
+from pipelines.frames.registration import oddities
+from pipelines.frames.workspace_files import read_workspace_mask
+from pipelines.grasp_files import grasps_file
+from pipelines.grasp_files.grasps_file import FrameResult
+from pipelines.grasp_files.grasps_stream import merge_shards
+from pipelines.grasp_files.gripper_files import gripper_digest, load_gripper
+from pipelines.grasping.feasibility.limits import check_limits
 from pipelines.inference import models
 from pipelines.inference.frame_grasps import Planner
 from pipelines.inference.regions import SOURCES
+from pipelines.pictures.overlays import write_overlay
+from pipelines.runtime.batch import WorkItem
+from pipelines.storage.provenance import Stamp, digest, digest_text, make_stamp, read_stamp
 
 STAGE = "infer"
 METHODS = ("network", "planar", "random")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import invert, transform_points
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper

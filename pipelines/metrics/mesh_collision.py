@@ -4,7 +4,7 @@ import fcl
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.rendering import first_hits
 from pipelines.geometry.transforms import transform_points
 from pipelines.grasping.grasps import Grasps

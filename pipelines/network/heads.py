@@ -6,8 +6,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from pipelines.network.cloudwise import CloudLinear, RowLinear
-from pipelines.network.leading_direction import leading_direction
+from pipelines.network.cpu.cloudwise import CloudLinear, RowLinear
+from pipelines.network.cpu.leading_direction import leading_direction
 
 NUM_SLOTS = 5  # M of Eq. 7: three reflections, one rotation, one sphere
 NUM_DIRECTIONS = 4  # slots with a direction: all but the sphere

@@ -13,8 +13,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from pipelines.network.cloudwise import CloudLinear, RowLinear
-from pipelines.network.pooling import max_over_group
+from pipelines.network.cpu.cloudwise import CloudLinear, RowLinear
+from pipelines.network.cpu.pooling import max_over_group
 
 # exp of at most this: a scale leaves [1/e, e] in no layer, whatever the regression says.
 MAX_LOG_SCALE = 1.0

@@ -9,10 +9,10 @@ Activations are normalised after pooling, where they are sixteen times fewer.
 import torch
 from torch import Tensor, nn
 
-from pipelines.network import grouping
-from pipelines.network.cloudwise import CloudLinear, taken_apart
-from pipelines.network.interpolation import add_interpolated
-from pipelines.network.pooling import max_over_group
+from pipelines.network.cpu import grouping
+from pipelines.network.cpu.cloudwise import CloudLinear, taken_apart
+from pipelines.network.cpu.interpolation import add_interpolated
+from pipelines.network.cpu.pooling import max_over_group
 from pipelines.network.sampling import (
     farthest_points,
     gather,

@@ -12,14 +12,14 @@ from torch import Tensor
 
 from pipelines.configs import NetworkConfig
 from pipelines.errors import ValueRangeError
-from pipelines.geometry.levelling import level_axes
 from pipelines.geometry.pointcloud import Plane
-from pipelines.network.cloudwise import threads_of_one_core
+from pipelines.network.cpu.cloudwise import threads_of_one_core
+from pipelines.network.cpu.folding import folded
 from pipelines.network.devices import find_device
-from pipelines.network.folding import folded
 from pipelines.network.mirror_copies import MIRROR, Told, joined
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.weights_files import fill, read_weights
+from pipelines.tabletop.levelling import level_axes
 
 Array = NDArray[np.float32]
 

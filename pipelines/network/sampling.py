@@ -10,9 +10,9 @@ from torch import Tensor
 from torch.nn import functional
 
 from pipelines.network import devices
-from pipelines.network.cloudwise import each_cloud
-from pipelines.network.interpolation import interpolated
-from pipelines.network.neighbors import find_farthest, find_nearest, find_three_nearest
+from pipelines.network.cpu.cloudwise import each_cloud
+from pipelines.network.cpu.interpolation import interpolated
+from pipelines.network.cpu.neighbors import find_farthest, find_nearest, find_three_nearest
 
 TINY = 1e-8  # keeps weights finite where a query is one of the points
 

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 from torch import Tensor, nn
 
 from pipelines.errors import FormatError
-from pipelines.formats.checkpoints import load_weights
+from pipelines.storage.checkpoints import load_weights
 
 Config = TypeVar("Config")
 

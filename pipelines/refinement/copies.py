@@ -7,14 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import RefineGraspsConfig
-from pipelines.formats.symmetry_labels import ObjectSymmetries
-from pipelines.geometry.mesh import Mesh
-from pipelines.geometry.surface import Surface
+from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries
+from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.symmetry import Symmetry
 from pipelines.grasping.affordance import point_affordance
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.rated_grasps import BestOfPlaces, RatedGrasps
 from pipelines.grasping.symmetrize import copies_under, image, symmetry_group
+from pipelines.mesh_symmetry.detection.surface import Surface
 from pipelines.metrics.contacts import close_fingers
 from pipelines.metrics.force_closure import min_friction, on_grid
 

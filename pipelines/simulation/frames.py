@@ -7,21 +7,21 @@ from pathlib import Path
 import numpy as np
 
 from pipelines.configs import EvaluateConfig, SimulateConfig
+from pipelines.dataset import convex_pieces
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.training.coco_instances import kind_of
 from pipelines.evaluation.baselines import Planner, rows_of
 from pipelines.evaluation.judging import RegionOwners, assign_regions, best_region
 from pipelines.evaluation.predictions import FramePredictions, Mask, RowPredictions
-from pipelines.evaluation.truth import FrameTruth, TruthReader
-from pipelines.formats import convex_pieces
-from pipelines.formats.coco_instances import kind_of
-from pipelines.formats.graspnet import GraspNetRoot
-from pipelines.formats.grasps_file import FrameResult
-from pipelines.formats.trial_records import (
+from pipelines.evaluation.trial_records import (
     OURS,
     FrameTrials,
     Outcome,
     TrialRecord,
     friction_key,
 )
+from pipelines.evaluation.truth import FrameTruth, TruthReader
+from pipelines.grasp_files.grasps_file import FrameResult
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
 from pipelines.simulation.trial import Trial

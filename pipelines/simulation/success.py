@@ -5,11 +5,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from pipelines.dataset.graspnet.graspnet import SPLITS
 from pipelines.evaluation.tables import METHODS, METHODS_NOTE, Table
-from pipelines.formats.files import write_json
-from pipelines.formats.graspnet import SPLITS
-from pipelines.formats.provenance import Stamp
-from pipelines.formats.trial_records import (
+from pipelines.evaluation.trial_records import (
     FORMAT_VERSION,
     HELD,
     OURS,
@@ -19,6 +17,8 @@ from pipelines.formats.trial_records import (
 )
 from pipelines.metrics.success_rate import SuccessRate
 from pipelines.simulation.trial import REASONS
+from pipelines.storage.files import write_json
+from pipelines.storage.provenance import Stamp
 
 KINDS = ("reflection", "rotation", "sphere", "none", "all")
 Rates = dict[str, dict[str, dict[str, dict[str, Any]]]]

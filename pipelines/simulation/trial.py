@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import SimulateConfig
-from pipelines.formats.trial_records import HELD, Outcome
+from pipelines.evaluation.trial_records import HELD, Outcome
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
-from pipelines.simulation.hand import Hand, add_hand, stroke
+from pipelines.simulation.gripper_model import Hand, add_hand, stroke
 from pipelines.simulation.world import TIME_STEP, Pieces, add_object, empty_world
-from pipelines.synthesis.settling import compiled
+from pipelines.synthesis.scenes.settling import compiled
 
 Array = NDArray[np.float64]
 

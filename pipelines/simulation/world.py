@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, matrix_to_quaternion, quaternion_to_matrix
-from pipelines.synthesis.settling import compiled
+from pipelines.synthesis.scenes.settling import compiled
 
 Array = NDArray[np.float64]
 Pieces = Sequence[Mesh]

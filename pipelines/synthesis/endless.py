@@ -13,16 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import EndlessConfig
+from pipelines.dataset import convex_pieces as convex_file
+from pipelines.dataset import object_list
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.symmetry.regioned_objects import read_regioned_object
+from pipelines.dataset.training import affordance_labels
+from pipelines.dataset.training.packed_regions import PackedRegion
 from pipelines.errors import MissingInputError, SymgraspError
-from pipelines.formats import affordance_labels, object_list
-from pipelines.formats import convex_pieces as convex_file
-from pipelines.formats.graspnet import GraspNetRoot
-from pipelines.formats.packed_regions import PackedRegion
-from pipelines.formats.regioned_objects import read_regioned_object
 from pipelines.geometry.camera import Intrinsics
-from pipelines.geometry.levelling import table_row
-from pipelines.geometry.mask_noise import MaskFaults, MaskNoise
-from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.region_masks import RegionedObject, RegionInstance, visible_regions
 from pipelines.geometry.rendering import Scene, cast_view
@@ -34,10 +33,10 @@ from pipelines.geometry.transforms import (
 )
 from pipelines.grasping.labelled_regions import LabelledCloud, LabelledSurface, labelled_clouds
 from pipelines.grasping.observation import SceneCloud
-from pipelines.synthesis.cameras import LENSES, drawn_viewpoints, intrinsics_of
-from pipelines.synthesis.decomposition import hull_of_points
-from pipelines.synthesis.depth_sensors import measured_depth
-from pipelines.synthesis.tables import (
+from pipelines.synthesis.objects.decomposition import hull_of_points
+from pipelines.synthesis.scenes.cameras import LENSES, drawn_viewpoints, intrinsics_of
+from pipelines.synthesis.scenes.depth_sensors import measured_depth
+from pipelines.synthesis.scenes.tables import (
     FLOOR_HEIGHTS,
     FLOOR_SIZE,
     TABLE_SIZE,
@@ -46,6 +45,8 @@ from pipelines.synthesis.tables import (
     rectangle,
     settle,
 )
+from pipelines.tabletop.levelling import table_row
+from pipelines.tabletop.mask_noise import MaskFaults, MaskNoise
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -14,8 +14,8 @@ from typing import Self
 import cv2
 
 from pipelines.configs import EndlessConfig
+from pipelines.dataset.training.packed_regions import PackedRegion
 from pipelines.errors import SymgraspError
-from pipelines.formats.packed_regions import PackedRegion
 from pipelines.synthesis.endless import EndlessScenes
 
 GRACE = 20.0  # seconds that a training has for its step and its checkpoint

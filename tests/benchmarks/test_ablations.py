@@ -30,7 +30,7 @@ from benchmarks.ablations import (
     run_symgrasp,
 )
 from pipelines.errors import SymgraspError
-from tests.formats.test_formats_document import block, keys_of
+from tests.docs.test_formats_document import block, keys_of
 
 MAKEFILE = Path(__file__).resolve().parents[2] / "Makefile"
 BASED = [row.key for row in ROWS if row.base is not None]

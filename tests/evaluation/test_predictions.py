@@ -3,9 +3,9 @@
 import numpy as np
 
 from pipelines.evaluation.predictions import FramePredictions, RowPredictions
-from pipelines.formats.grasps_file import FrameResult, GraspTable, RegionTable
 from pipelines.geometry.camera import Intrinsics
-from pipelines.grasping.candidates import RankedGrasps
+from pipelines.grasp_files.grasps_file import FrameResult, GraspTable, RegionTable
+from pipelines.grasping.grasp_candidates import RankedGrasps
 
 CAMERA = Intrinsics(10.0, 10.0, 1.5, 1.0, 4, 3)
 

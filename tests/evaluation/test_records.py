@@ -11,9 +11,9 @@ from pipelines.evaluation.records import (
     threshold_key,
     write_records,
 )
-from pipelines.formats.files import write_json
-from pipelines.formats.provenance import is_finished, make_stamp
 from pipelines.metrics.grasp_verdicts import Verdict
+from pipelines.storage.files import write_json
+from pipelines.storage.provenance import is_finished, make_stamp
 
 STAMP = make_stamp("evaluate", {"a": 1})
 RECORD = FrameRecord(

@@ -3,7 +3,7 @@
 import numpy as np
 import trimesh
 
-from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.meshes.mesh import Mesh
 
 
 def mesh_of(made):

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.camera import Intrinsics
-from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.rendering import Scene, cast_view, first_hits
 from pipelines.geometry.transforms import make_pose, random_rotation, unit
 

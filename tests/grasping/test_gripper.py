@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from pipelines.errors import FormatError, UnknownNameError, ValueRangeError
-from pipelines.formats.gripper_files import PRESETS, gripper_digest, load_gripper, preset_names
+from pipelines.grasp_files.gripper_files import PRESETS, gripper_digest, load_gripper, preset_names
 
 
 def test_every_preset_loads_under_its_own_name():

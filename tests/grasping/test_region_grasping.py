@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from pipelines.configs import SelectionConfig
-from pipelines.formats.gripper_files import load_gripper
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SymmetrySlots
 from pipelines.geometry.transforms import invert, rotate_vectors, transform_points
+from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping import region_grasping
-from pipelines.grasping.collision import lowest_height
+from pipelines.grasping.feasibility.collision import lowest_height
 from pipelines.grasping.observation import RegionCloud, SceneCloud
+from pipelines.grasping.ranking.suppression import are_near
 from pipelines.grasping.region_grasping import plan_planar, plan_random, plan_region
 from pipelines.grasping.selection import select
-from pipelines.grasping.suppression import are_near
 from tests.geometry.tabletops import CAMERA, Ball, Box, Can, looking_at_table, render
 
 CONFIG = SelectionConfig()

@@ -8,17 +8,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipelines.configs import LimitsConfig, SelectionConfig
-from pipelines.formats.gripper_files import load_gripper
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import transform_points
-from pipelines.grasping.candidates import Candidates, no_candidates
-from pipelines.grasping.collision import lowest_height, turned
+from pipelines.grasp_files.gripper_files import load_gripper
+from pipelines.grasping.feasibility.collision import lowest_height, turned
+from pipelines.grasping.feasibility.limits import Limits
+from pipelines.grasping.grasp_candidates import Candidates, no_candidates
 from pipelines.grasping.grasps import Grasps
-from pipelines.grasping.limits import Limits
 from pipelines.grasping.observation import RegionCloud, SceneCloud
-from pipelines.grasping.ranking import Ranking, by_eq8, rank_score
+from pipelines.grasping.ranking.ranking import Ranking, by_eq8, rank_score
+from pipelines.grasping.ranking.suppression import are_near
 from pipelines.grasping.selection import select, surroundings
-from pipelines.grasping.suppression import are_near
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
 
 CONFIG = SelectionConfig(spare_room=())  # which has tests of its own

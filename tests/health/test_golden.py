@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pipelines.configs import DoctorConfig
-from pipelines.formats.weights_manifest import GoldenGrasps, Manifest
 from pipelines.health import golden
 from pipelines.health.checks import Status
+from pipelines.storage.weights_manifest import GoldenGrasps, Manifest
 
 CONFIG = DoctorConfig()
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import pipelines
-from pipelines.geometry.compiled import compiled
+from pipelines.geometry.numerics.compiled import compiled
 
 PIPELINES = Path(pipelines.__file__).parent
 
@@ -16,7 +16,7 @@ PIPELINES = Path(pipelines.__file__).parent
 GOLDEN_FRAME = """
 import sys
 from numba.core.dispatcher import Dispatcher
-from pipelines.formats.weights_manifest import read_manifest
+from pipelines.storage.weights_manifest import read_manifest
 from pipelines.health.golden import golden_result
 from pipelines.inference.models import WEIGHTS
 
@@ -36,7 +36,7 @@ def test_a_loop_that_cannot_be_kept_is_compiled_all_the_same():
 
 SAYS = """
 import numba
-from pipelines.geometry.compiled import compiled
+from pipelines.geometry.numerics.compiled import compiled
 
 numba.njit(lambda x: x)(1)
 print("a user's own")
@@ -65,7 +65,7 @@ def test_a_frame_needs_each_loop_for_one_kind_of_arguments():
         [sys.executable, "-c", GOLDEN_FRAME], capture_output=True, text=True, check=True
     )
     counts = dict(line.split() for line in made.stdout.splitlines())
-    assert "pipelines.grasping.hand_bodies.points_met" in counts
+    assert "pipelines.grasping.feasibility.gripper_bodies.points_met" in counts
     assert {name: number for name, number in counts.items() if int(number) > 1} == {}
 
 

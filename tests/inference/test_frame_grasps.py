@@ -7,15 +7,15 @@ import pytest
 
 from pipelines.configs import InferConfig, LimitsConfig
 from pipelines.errors import SymgraspError
-from pipelines.formats.gripper_files import load_gripper
-from pipelines.formats.overlays import draw_overlay
-from pipelines.formats.rgbd import Frame
+from pipelines.frames.rgbd import Frame
 from pipelines.geometry.symmetry import ReflectionSymmetry, SymmetrySlots
 from pipelines.geometry.transforms import transform_points
+from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.grasps import Grasps
-from pipelines.grasping.suppression import are_near
+from pipelines.grasping.ranking.suppression import are_near
 from pipelines.inference import models
 from pipelines.inference.frame_grasps import Planner
+from pipelines.pictures.overlays import draw_overlay
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
 from tests.inference.stand_ins import Prediction
 

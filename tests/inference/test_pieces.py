@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from pipelines.configs import InferConfig
-from pipelines.formats.gripper_files import load_gripper
-from pipelines.formats.rgbd import Frame
+from pipelines.frames.rgbd import Frame
 from pipelines.geometry.symmetry import ReflectionSymmetry, SymmetrySlots
 from pipelines.geometry.transforms import transform_points
+from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.inference import models
 from pipelines.inference.frame_grasps import Planner
 from pipelines.inference.pieces import pieces_of

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from pipelines.configs import InferConfig
-from pipelines.formats.rgbd import Frame
+from pipelines.frames.rgbd import Frame
 from pipelines.inference.regions import find_regions
 from tests.geometry.tabletops import CAMERA, Box, Can, render
 from tests.inference.stand_ins import Detection, Detector

@@ -9,12 +9,12 @@ import time
 import psutil
 import pytest
 
-from pipelines.batch import CHOSEN, BatchOptions
 from pipelines.configs import InferConfig
 from pipelines.errors import SymgraspError
 from pipelines.inference import side_by_side as module
 from pipelines.inference.side_by_side import load, side_by_side
 from pipelines.inference.work import InferPaths, Settings
+from pipelines.runtime.batch import CHOSEN, BatchOptions
 
 PARENT = """
 import os, time

@@ -5,7 +5,7 @@ import os
 import pytest
 
 from pipelines.configs import WatchConfig
-from pipelines.formats.rgbd import FrameSource
+from pipelines.frames.rgbd import FrameSource
 from pipelines.inference.watching import Lister, Watcher
 
 CONFIG = WatchConfig(settle=1.0, patience=5.0, relist=2.0)

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 
 from pipelines.configs import NetworkConfig, TrainConfig
-from pipelines.formats import packed_regions
-from pipelines.formats.packed_regions import PackedScene
-from pipelines.formats.provenance import make_stamp
+from pipelines.dataset.training import packed_regions
+from pipelines.dataset.training.packed_regions import PackedScene
+from pipelines.storage.provenance import make_stamp
 from tests.network.toy_regions import toy_batch
 
 PLACE = np.array([0.1, 0.0, 0.7], np.float32)  # metres, camera frame

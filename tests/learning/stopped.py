@@ -5,8 +5,8 @@ from contextlib import contextmanager
 
 import pytest
 
-from pipelines.learning.loop import TrainingRun
-from pipelines.learning.stopping import Reason
+from pipelines.learning.loop.loop import TrainingRun
+from pipelines.runtime.stopping import Reason
 
 
 @contextmanager

@@ -12,10 +12,10 @@ import torch
 from torch._subclasses.fake_tensor import FakeTensorMode
 from torch.utils._python_dispatch import _disable_current_modes
 
-from pipelines.learning.acceleration import Acceleration
-from pipelines.learning.grasp_training import Sample, augmented, sample_loss
+from pipelines.learning.grasp_network.grasp_training import Sample, augmented, sample_loss
+from pipelines.learning.speed.acceleration import Acceleration
 from pipelines.network import devices, matching
-from pipelines.network.folding import folded
+from pipelines.network.cpu.folding import folded
 from pipelines.network.model import SymmetryGraspNet
 from tests.learning.packed_toys import CONFIG
 from tests.network.toy_regions import toy_batch

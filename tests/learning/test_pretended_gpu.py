@@ -7,7 +7,6 @@ import pytest
 import torch
 
 from pipelines import finetune_detector, train
-from pipelines.batch import BatchOptions
 from pipelines.configs import DetectorConfig, FinetuneDetectorConfig
 from pipelines.errors import SymgraspError
 from pipelines.geometry.camera import Intrinsics
@@ -15,9 +14,10 @@ from pipelines.geometry.pointcloud import Plane
 from pipelines.health import torch_checks
 from pipelines.health.checks import Status
 from pipelines.inference.models import DETECTOR_WEIGHTS, NETWORK_WEIGHTS
-from pipelines.learning.runs import RunRequest, fault_path
-from pipelines.network.detector import RegionDetector
+from pipelines.learning.loop.runs import RunRequest, fault_path
+from pipelines.network.detection.detector import RegionDetector
 from pipelines.network.predictor import GraspPredictor
+from pipelines.runtime.batch import BatchOptions
 from tests.learning.packed_toys import CONFIG, write_packed
 from tests.learning.pretended_gpu import pretended_gpu
 from tests.learning.stopped import stopped_after

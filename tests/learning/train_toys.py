@@ -10,8 +10,8 @@ import sys
 from pathlib import Path
 
 from pipelines import train
-from pipelines.learning.loop import TrainingRun
-from pipelines.learning.runs import RunRequest
+from pipelines.learning.loop.loop import TrainingRun
+from pipelines.learning.loop.runs import RunRequest
 from tests.learning.packed_toys import CONFIG
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from pipelines.geometry.mesh import Mesh, sample_surface
+from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.geometry.transforms import random_rotation, transform_points
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, random_rotation
 from pipelines.grasping.grasps import Grasps
 from pipelines.metrics.grasp_verdicts import TrueObject, TrueScene, judge_grasp, qualities

@@ -14,15 +14,15 @@ import trimesh
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from pipelines.formats.files import read_npy, read_npz
-from pipelines.formats.meshes import read_mesh
-from pipelines.geometry.mesh import Mesh
-from pipelines.geometry.signed_distance import SignedDistanceGrid, closest_points
-from pipelines.geometry.single_precision import single_precision_grid
+from pipelines.dataset.meshes import read_mesh
+from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.geometry.meshes.signed_distance import SignedDistanceGrid, closest_points
+from pipelines.geometry.numerics.single_precision import single_precision_grid
 from pipelines.grasping.grasps import Grasps, from_graspnet
 from pipelines.metrics.contacts import Contacts, close_fingers
 from pipelines.metrics.force_closure import min_friction, on_grid
-from pipelines.metrics.grid_contacts import NEAR, PROBE_RADIUS, PROBES, interpolated
+from pipelines.metrics.graspnet.grid_contacts import NEAR, PROBE_RADIUS, PROBES, interpolated
+from pipelines.storage.files import read_npy, read_npz
 
 Array = NDArray[np.float64]
 

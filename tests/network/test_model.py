@@ -8,7 +8,7 @@ import torch
 from pipelines.configs import NetworkConfig
 from pipelines.inference.models import NETWORK_WEIGHTS
 from pipelines.network import devices
-from pipelines.network.folding import folded
+from pipelines.network.cpu.folding import folded
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.weights_files import read_weights
 from tests.network.plain_network import PlainNetwork

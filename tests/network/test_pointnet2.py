@@ -3,11 +3,11 @@
 import pytest
 import torch
 
-from pipelines.learning.acceleration import Acceleration
-from pipelines.network import grouping
-from pipelines.network.cloudwise import CloudLinear
+from pipelines.learning.speed.acceleration import Acceleration
+from pipelines.network.cpu import grouping
+from pipelines.network.cpu.cloudwise import CloudLinear
+from pipelines.network.cpu.pooling import max_over_group
 from pipelines.network.pointnet2 import FeaturePropagation, SetAbstraction
-from pipelines.network.pooling import max_over_group
 from pipelines.network.sampling import farthest_points, gather, nearest_neighbors, three_nearest
 
 

@@ -10,13 +10,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from pipelines.configs import NetworkConfig
 from pipelines.errors import FormatError, ValueRangeError
-from pipelines.formats.checkpoints import save_weights
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import random_rotation, unit
 from pipelines.inference.models import NETWORK_WEIGHTS
 from pipelines.network.model import Prediction, SymmetryGraspNet
 from pipelines.network.predictor import GraspPredictor
 from pipelines.network.weights_files import weights_metadata
+from pipelines.storage.checkpoints import save_weights
 
 CONFIG = NetworkConfig(num_points=200, set_points=(64, 32, 16, 4), set_neighbors=(8, 8, 8, 16))
 

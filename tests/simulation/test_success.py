@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from pipelines.formats.files import read_json
-from pipelines.formats.provenance import make_stamp
-from pipelines.formats.trial_records import FrameTrials, Outcome, TrialRecord
+from pipelines.evaluation.trial_records import FrameTrials, Outcome, TrialRecord
 from pipelines.simulation.success import reasons, success_rates, success_tables, write_success
+from pipelines.storage.files import read_json
+from pipelines.storage.provenance import make_stamp
 
 
 def trial(kind: str, *what: str) -> TrialRecord:

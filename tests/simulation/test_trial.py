@@ -5,12 +5,12 @@ import pytest
 import trimesh
 
 from pipelines.configs import SimulateConfig
-from pipelines.formats.gripper_files import load_gripper, preset_names
-from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, rotation_about
+from pipelines.grasp_files.gripper_files import load_gripper, preset_names
 from pipelines.grasping.grasps import Grasps
 from pipelines.simulation.trial import Outcome, Trial
-from pipelines.synthesis.decomposition import hull_of_points
+from pipelines.synthesis.objects.decomposition import hull_of_points
 from tests.metrics.shapes import ball, box, moved
 
 X, Y, Z = np.eye(3)

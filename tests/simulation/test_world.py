@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from pipelines.errors import SymgraspError
-from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, rotation_about
 from pipelines.simulation.world import add_object, at_rest, empty_world, object_pose
 from tests.metrics.shapes import ball, box

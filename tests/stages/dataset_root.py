@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from pipelines.formats.graspnet import (
+from pipelines.dataset.graspnet.graspnet import (
     GraspLabel,
     GraspNetRoot,
     ObjectPose,
@@ -21,9 +21,9 @@ from pipelines.formats.graspnet import (
     write_object_ids,
     write_pose_array,
 )
-from pipelines.formats.meshes import write_mesh
+from pipelines.dataset.meshes import write_mesh
 from pipelines.geometry.camera import Intrinsics
-from pipelines.geometry.mesh import Mesh, sample_surface
+from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.geometry.rendering import Scene, cast_view
 from pipelines.geometry.transforms import invert, make_pose, random_rotation
 from pipelines.grasping.grasps import Grasps

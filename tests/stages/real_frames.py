@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 
 from pipelines import infer
-from pipelines.batch import BatchOptions
 from pipelines.configs import InferConfig
-from pipelines.formats import grasps_file
 from pipelines.geometry.transforms import unit
+from pipelines.grasp_files import grasps_file
+from pipelines.runtime.batch import BatchOptions
 
 FRAMES = Path(__file__).parents[3] / "shared" / "frames"
 SOURCES = ("mosd", "m2t2_realsense", "zerograsp_stereo", "6dofgraspnet_realsense")

@@ -10,15 +10,15 @@ import pytest
 from pipelines import annotate_symmetry
 from pipelines.annotation.extras import AnnotationExtras
 from pipelines.annotation.objects import annotate
-from pipelines.batch import BatchOptions
 from pipelines.configs import AnnotateSymmetryConfig
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.meshes import write_mesh
+from pipelines.dataset.symmetry import symmetry_labels
 from pipelines.errors import SymgraspError
-from pipelines.formats import symmetry_labels
-from pipelines.formats.files import read_image
-from pipelines.formats.graspnet import GraspNetRoot
-from pipelines.formats.meshes import write_mesh
-from pipelines.formats.provenance import sidecar_of
-from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.runtime.batch import BatchOptions
+from pipelines.storage.files import read_image
+from pipelines.storage.provenance import sidecar_of
 from tests.stages.dataset_root import shapes
 
 QUICK = AnnotateSymmetryConfig(

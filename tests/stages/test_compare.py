@@ -19,7 +19,13 @@ from pipelines.errors import (
     UnknownNameError,
 )
 from pipelines.evaluation.figures import report_rows
-from pipelines.evaluation.graspnet_figures import DumpTotals
+from pipelines.evaluation.graspnet.dump_verdicts import (
+    FrameVerdicts,
+    read_dump_verdicts,
+    scenes_folder,
+    write_dump_verdicts,
+)
+from pipelines.evaluation.graspnet.graspnet_figures import DumpTotals
 from pipelines.evaluation.records import (
     FrameRecord,
     JudgedPredictions,
@@ -27,16 +33,9 @@ from pipelines.evaluation.records import (
     records_folder,
     write_records,
 )
+from pipelines.evaluation.reports import write_report
 from pipelines.evaluation.tallies import ReportTally
-from pipelines.formats.dump_verdicts import (
-    FrameVerdicts,
-    read_dump_verdicts,
-    scenes_folder,
-    write_dump_verdicts,
-)
-from pipelines.formats.provenance import make_stamp
-from pipelines.formats.reports import write_report
-from pipelines.formats.trial_records import (
+from pipelines.evaluation.trial_records import (
     FrameTrials,
     Outcome,
     TrialRecord,
@@ -46,8 +45,9 @@ from pipelines.formats.trial_records import (
 )
 from pipelines.metrics.coco_masks import IOU_THRESHOLDS
 from pipelines.metrics.grasp_verdicts import Verdict
-from pipelines.metrics.graspnet_ap import FRICTIONS, RANKS
+from pipelines.metrics.graspnet.graspnet_ap import FRICTIONS, RANKS
 from pipelines.simulation.success import write_success
+from pipelines.storage.provenance import make_stamp
 from symgrasp_cli.app import app
 
 CONFIG = CompareConfig(resamples=200)

@@ -12,10 +12,10 @@ from typer.testing import CliRunner
 from pipelines import convert_frames
 from pipelines.configs import ConvertFramesConfig
 from pipelines.errors import StaleOutputError, SymgraspError
-from pipelines.formats.camera_files import CameraFile
-from pipelines.formats.frames import find_frames
+from pipelines.frames.camera_files import CameraFile
+from pipelines.frames.frames import find_frames
 from symgrasp_cli.app import app
-from tests.formats.layouts import build
+from tests.frames.layouts import build
 
 CONFIG, TRUSTING = ConvertFramesConfig(), ConvertFramesConfig(trust_pickle=True)
 METRES = build.depth(0).astype(np.float32) / 1000

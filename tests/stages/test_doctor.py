@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 
 from pipelines import doctor, infer
-from pipelines.batch import BatchOptions
 from pipelines.configs import DoctorConfig, InferConfig
-from pipelines.formats import grasps_file
-from pipelines.formats.weights_manifest import MADE_BY, manifest_path, read_manifest
+from pipelines.grasp_files import grasps_file
 from pipelines.health import golden, packages, shipped
 from pipelines.health.checks import Check, Status
 from pipelines.inference import models
-from tests import docs_scripts
+from pipelines.runtime.batch import BatchOptions
+from pipelines.storage.weights_manifest import MADE_BY, manifest_path, read_manifest
+from tests import tool_scripts
 
 ROOT = Path(doctor.__file__).parents[1]
 STALE = f"the manifest of the default weights is not of these weights: run `{MADE_BY}`"
@@ -92,7 +92,7 @@ def test_a_lost_manifest_is_a_failure_of_one_sentence(tmp_path):
 
 
 def test_the_manifest_is_what_its_command_writes(tmp_path):
-    docs_scripts.load("golden_frame").main(tmp_path)
+    tool_scripts.load("golden_frame").main(tmp_path)
     made, kept = (read_manifest(manifest_path(f)) for f in (tmp_path, models.WEIGHTS))
     assert (kept.files, kept.frame) == (made.files, made.frame), STALE
     config = DoctorConfig()

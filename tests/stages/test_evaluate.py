@@ -13,18 +13,19 @@ import numpy as np
 import pytest
 
 from pipelines import evaluate
-from pipelines.batch import BatchOptions, StageReport
 from pipelines.configs import EvaluateConfig
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.meshes import read_mesh, write_mesh
 from pipelines.errors import FormatError, StaleOutputError
+from pipelines.evaluation import reports
 from pipelines.evaluation.records import read_records, records_folder
-from pipelines.formats import grasps_file, reports
-from pipelines.formats.files import read_json, write_json
-from pipelines.formats.graspnet import GraspNetRoot
-from pipelines.formats.grasps_file import FrameResult
-from pipelines.formats.grasps_stream import read_dataset_frames, read_frames, read_index
-from pipelines.formats.gripper_files import PRESETS
-from pipelines.formats.meshes import read_mesh, write_mesh
-from pipelines.formats.provenance import digest, make_stamp
+from pipelines.grasp_files import grasps_file
+from pipelines.grasp_files.grasps_file import FrameResult
+from pipelines.grasp_files.grasps_stream import read_dataset_frames, read_frames, read_index
+from pipelines.grasp_files.gripper_files import PRESETS
+from pipelines.runtime.batch import BatchOptions, StageReport
+from pipelines.storage.files import read_json, write_json
+from pipelines.storage.provenance import digest, make_stamp
 from tests.stages.toy_root import SCENES, frame_names, true_result, write_grasps, write_root
 
 QUIET = BatchOptions(progress=False)
@@ -249,7 +250,7 @@ KILLED = """
 import os, signal, sys
 from pathlib import Path
 from pipelines import evaluate
-from pipelines.batch import BatchOptions
+from pipelines.runtime.batch import BatchOptions
 from pipelines.configs import EvaluateConfig
 
 write, written = evaluate.write_records, []

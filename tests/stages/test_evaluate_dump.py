@@ -8,18 +8,18 @@ import pytest
 from typer.testing import CliRunner
 
 from pipelines import evaluate_dump
-from pipelines.batch import BatchOptions, StageReport
 from pipelines.configs import EvaluateDumpConfig
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.graspnet.signed_distance import write_sdf
+from pipelines.dataset.meshes import read_mesh, write_mesh
 from pipelines.errors import FormatError, StaleOutputError
-from pipelines.evaluation.graspnet_truth import grid_object
-from pipelines.formats import reports
-from pipelines.formats.dump_verdicts import read_dump_verdicts, scenes_folder
-from pipelines.formats.graspnet import GraspNetRoot
-from pipelines.formats.meshes import read_mesh, write_mesh
-from pipelines.formats.signed_distance import write_sdf
-from pipelines.geometry.mesh import Mesh
-from pipelines.geometry.single_precision import single_precision_grid
+from pipelines.evaluation import reports
+from pipelines.evaluation.graspnet.dump_verdicts import read_dump_verdicts, scenes_folder
+from pipelines.evaluation.graspnet.graspnet_truth import grid_object
+from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.geometry.numerics.single_precision import single_precision_grid
 from pipelines.geometry.transforms import rotation_about
+from pipelines.runtime.batch import BatchOptions, StageReport
 from symgrasp_cli.app import app
 from tests.stages.toy_dump import frame_file, write_dump, write_root
 

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 
 from pipelines import evaluate
-from pipelines.batch import BatchOptions
 from pipelines.configs import EvaluateConfig
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.evaluation import reports
 from pipelines.evaluation.baselines import Planner
 from pipelines.evaluation.judging import assign_regions
 from pipelines.evaluation.predictions import FramePredictions
 from pipelines.evaluation.truth import TruthReader
-from pipelines.formats import reports
-from pipelines.formats.graspnet import GraspNetRoot
-from pipelines.formats.grasps_file import FrameResult
-from pipelines.formats.gripper_files import load_gripper
+from pipelines.grasp_files.grasps_file import FrameResult
+from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.grasps import Grasps
+from pipelines.runtime.batch import BatchOptions
 from tests.stages.toy_root import frame_names, grasp_table, true_result, write_grasps, write_root
 
 CONFIG = EvaluateConfig(min_visible_pixels=100, gripper="rg2")

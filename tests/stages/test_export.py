@@ -13,15 +13,15 @@ from typer.testing import CliRunner
 from pipelines import export
 from pipelines.configs import ExportConfig
 from pipelines.errors import StaleOutputError, SymgraspError, UnknownNameError
-from pipelines.formats import grasps_file
-from pipelines.formats.files import read_npz
-from pipelines.formats.grasp_exports import folds_case
-from pipelines.formats.grasp_rows import read_grasp_rows
-from pipelines.formats.graspnet_dump import dumped_scenes
-from pipelines.formats.grasps_file import FrameResult
-from pipelines.formats.gripper_files import PRESETS, gripper_digest, load_gripper
-from pipelines.formats.provenance import make_stamp
+from pipelines.grasp_files import grasps_file
+from pipelines.grasp_files.exports.grasp_exports import folds_case
+from pipelines.grasp_files.exports.graspnet_dump import dumped_scenes
+from pipelines.grasp_files.grasp_rows import read_grasp_rows
+from pipelines.grasp_files.grasps_file import FrameResult
+from pipelines.grasp_files.gripper_files import PRESETS, gripper_digest, load_gripper
 from pipelines.grasping.grasps import from_graspnet
+from pipelines.storage.files import read_npz
+from pipelines.storage.provenance import make_stamp
 from symgrasp_cli.app import app
 from tests.stages.toy_root import SCENES, frame_names, true_result, write_grasps, write_root
 

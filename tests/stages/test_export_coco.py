@@ -11,13 +11,13 @@ from pycocotools.coco import COCO
 from torchvision.datasets import CocoDetection
 
 from pipelines import export_coco, finetune_detector
-from pipelines.batch import BatchOptions
 from pipelines.configs import DetectorConfig, ExportCocoConfig, FinetuneDetectorConfig
+from pipelines.dataset.training import coco_instances, detector_frames
+from pipelines.dataset.training.region_frames import held_out_scenes, read_region_frame
 from pipelines.errors import FormatError, StaleOutputError, SymgraspError, UnknownNameError
-from pipelines.formats import coco_instances, detector_frames
-from pipelines.formats.region_frames import held_out_scenes, read_region_frame
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SphereSymmetry
-from pipelines.learning.runs import RunRequest
+from pipelines.learning.loop.runs import RunRequest
+from pipelines.runtime.batch import BatchOptions
 from tests.stages.toy_root import FRAMES, SCENES, write_root
 
 CONFIG = ExportCocoConfig(min_pixels=50)

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 
 from pipelines import export_coco, finetune_detector, pack
-from pipelines.batch import BatchOptions
 from pipelines.configs import (
     DetectorConfig,
     ExportCocoConfig,
     FinetuneDetectorConfig,
     PackConfig,
 )
-from pipelines.formats import coco_instances
-from pipelines.formats.graspnet import GraspNetRoot
-from pipelines.formats.meshes import read_mesh, write_mesh
-from pipelines.geometry.mesh import Mesh
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.meshes import read_mesh, write_mesh
+from pipelines.dataset.training import coco_instances
+from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.runtime.batch import BatchOptions
 from tests.stages.toy_root import SCENES, write_root
 
 QUIET = BatchOptions(progress=False)

@@ -10,19 +10,20 @@ import pytest
 import torch
 
 from pipelines import finetune_detector
-from pipelines.batch import BatchOptions
 from pipelines.configs import DetectorConfig, FinetuneDetectorConfig
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.training import detector_frames
 from pipelines.errors import SymgraspError, ValueRangeError
-from pipelines.formats import detector_frames, provenance
-from pipelines.formats.checkpoints import load_weights
-from pipelines.formats.graspnet import GraspNetRoot
-from pipelines.formats.provenance import make_stamp
-from pipelines.learning.detector_start import starting_detector
-from pipelines.learning.detector_training import DetectorTraining, spread
-from pipelines.learning.faults import save_fault
-from pipelines.learning.gradients import loss_seed
-from pipelines.learning.runs import RunRequest
-from pipelines.network.detector import RegionDetector
+from pipelines.learning.detector.detector_start import starting_detector
+from pipelines.learning.detector.detector_training import DetectorTraining, spread
+from pipelines.learning.loop.faults import save_fault
+from pipelines.learning.loop.runs import RunRequest
+from pipelines.learning.speed.gradients import loss_seed
+from pipelines.network.detection.detector import RegionDetector
+from pipelines.runtime.batch import BatchOptions
+from pipelines.storage import provenance
+from pipelines.storage.checkpoints import load_weights
+from pipelines.storage.provenance import make_stamp
 from tests.learning.stopped import stopped_after
 from tests.stages.toy_root import write_root
 

@@ -13,7 +13,6 @@ import pytest
 import torch
 
 from pipelines import infer
-from pipelines.batch import BatchOptions
 from pipelines.configs import InferConfig, LimitsConfig, SelectionConfig
 from pipelines.errors import (
     MissingInputError,
@@ -22,13 +21,15 @@ from pipelines.errors import (
     UnknownNameError,
     WriteError,
 )
-from pipelines.formats import grasps_file, provenance
-from pipelines.formats.files import read_image, write_image, write_json
-from pipelines.formats.frames import find_frames
-from pipelines.formats.h5_files import new_h5
-from pipelines.formats.provenance import make_stamp
+from pipelines.frames.frames import find_frames
+from pipelines.grasp_files import grasps_file
 from pipelines.inference import work
 from pipelines.inference.models import HAND_WEIGHTS
+from pipelines.runtime.batch import BatchOptions
+from pipelines.storage import provenance
+from pipelines.storage.files import read_image, write_image, write_json
+from pipelines.storage.h5_files import new_h5
+from pipelines.storage.provenance import make_stamp
 from tests.geometry.tabletops import CAMERA, Box, Can, render
 
 CONFIG = InferConfig(regions="geometric", method="planar")
@@ -167,7 +168,7 @@ KILLED = """
 import sys, time
 from pathlib import Path
 from pipelines import infer
-from pipelines.batch import BatchOptions
+from pipelines.runtime.batch import BatchOptions
 from pipelines.configs import InferConfig
 
 step = infer.infer_frame
@@ -344,7 +345,7 @@ def test_missing_weights_name_the_command_that_makes_them(frames, tmp_path):
 def test_a_missing_judge_of_hands_is_asked_for_only_where_it_ranks(frames, tmp_path):
     paths = infer.InferPaths(frames, tmp_path / "g.h5", hands=tmp_path / "none.safetensors")
     config = InferConfig(regions="geometric")
-    with pytest.raises(MissingInputError, match="train_hand_judge"):
+    with pytest.raises(MissingInputError, match="train_grasp_critic"):
         infer.run(paths, config, OPTIONS)
     as_paper = dataclasses.replace(config, selection=SelectionConfig(rank_by="eq8"))
     assert infer.run(paths, as_paper, OPTIONS).exit_code == 0

@@ -13,11 +13,11 @@ import pytest
 from typer.testing import CliRunner
 
 from pipelines import infer, infer_watch
-from pipelines.batch import BatchOptions
 from pipelines.configs import InferConfig, WatchConfig
 from pipelines.errors import StaleOutputError, SymgraspError, WriteError
-from pipelines.formats import grasps_file
+from pipelines.grasp_files import grasps_file
 from pipelines.inference.watching import Clock
+from pipelines.runtime.batch import BatchOptions
 from symgrasp_cli.app import app
 from tests.stages.test_infer import SHAPES, write_frame
 

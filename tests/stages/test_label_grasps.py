@@ -9,14 +9,14 @@ import trimesh
 from typer.testing import CliRunner
 
 from pipelines import label_grasps
-from pipelines.batch import BatchOptions, StageReport
 from pipelines.configs import LabelConfig, LabelGraspsConfig
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot, read_grasp_label
+from pipelines.dataset.graspnet.signed_distance import read_sdf
+from pipelines.dataset.meshes import read_mesh, write_mesh
+from pipelines.dataset.object_list import read as read_object_list
 from pipelines.errors import SymgraspError
-from pipelines.formats.graspnet import GraspNetRoot, read_grasp_label
-from pipelines.formats.meshes import read_mesh, write_mesh
-from pipelines.formats.object_list import read as read_object_list
-from pipelines.formats.signed_distance import read_sdf
-from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.runtime.batch import BatchOptions, StageReport
 from symgrasp_cli.app import app
 
 QUIET = BatchOptions(progress=False)

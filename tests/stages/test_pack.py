@@ -15,17 +15,16 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from pipelines import annotate_symmetry, pack, refine_grasps
-from pipelines.batch import BatchOptions
 from pipelines.configs import AnnotateSymmetryConfig, PackConfig, RefineGraspsConfig
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.meshes import read_mesh
+from pipelines.dataset.symmetry import symmetry_labels
+from pipelines.dataset.training import packed_regions
+from pipelines.dataset.training.packed_regions import PackedReader
 from pipelines.errors import SymgraspError
-from pipelines.formats import packed_regions, symmetry_labels
-from pipelines.formats.graspnet import GraspNetRoot
-from pipelines.formats.meshes import read_mesh
-from pipelines.formats.packed_regions import PackedReader
 from pipelines.geometry.camera import Intrinsics
-from pipelines.geometry.mesh import Mesh
+from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.region_masks import ObjectRegion, RegionedObject, visible_regions
-from pipelines.geometry.surface import Surface
 from pipelines.geometry.symmetry import (
     ROTATION_SLOT,
     SPHERE_SLOT,
@@ -41,6 +40,8 @@ from pipelines.geometry.transforms import (
     transform_points,
     unit,
 )
+from pipelines.mesh_symmetry.detection.surface import Surface
+from pipelines.runtime.batch import BatchOptions
 from tests.stages.dataset_root import write_root
 
 QUIET = BatchOptions(progress=False)

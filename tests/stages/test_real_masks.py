@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from pipelines import infer
-from pipelines.batch import BatchOptions
 from pipelines.configs import InferConfig
-from pipelines.formats import grasps_file
+from pipelines.grasp_files import grasps_file
+from pipelines.runtime.batch import BatchOptions
 from tests.stages.real_frames import FRAMES, labelled_frames
 
 PLANAR = InferConfig(method="planar")

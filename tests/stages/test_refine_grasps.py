@@ -12,15 +12,19 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from pipelines import annotate_symmetry, refine_grasps
-from pipelines.batch import BatchOptions
 from pipelines.configs import AnnotateSymmetryConfig, RefineGraspsConfig
-from pipelines.formats import affordance_labels, symmetry_labels
-from pipelines.formats.graspnet import GraspLabel, GraspNetRoot, read_grasp_label, write_grasp_label
-from pipelines.formats.graspnet_label_stream import grasp_label_pieces
-from pipelines.formats.meshes import read_mesh, write_mesh
-from pipelines.formats.symmetry_labels import ObjectSymmetries, RegionLabel
-from pipelines.geometry.mesh import Mesh
-from pipelines.geometry.surface import Surface
+from pipelines.dataset.graspnet.graspnet import (
+    GraspLabel,
+    GraspNetRoot,
+    read_grasp_label,
+    write_grasp_label,
+)
+from pipelines.dataset.graspnet.graspnet_label_stream import grasp_label_pieces
+from pipelines.dataset.meshes import read_mesh, write_mesh
+from pipelines.dataset.symmetry import symmetry_labels
+from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries, RegionLabel
+from pipelines.dataset.training import affordance_labels
+from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.symmetry import (
     ReflectionSymmetry,
     RotationSymmetry,
@@ -30,9 +34,11 @@ from pipelines.geometry.transforms import random_rotation
 from pipelines.grasping.affordance import point_affordance
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.rated_grasps import RatedGrasps
+from pipelines.mesh_symmetry.detection.surface import Surface
 from pipelines.metrics.contacts import close_fingers
 from pipelines.metrics.force_closure import min_friction
 from pipelines.refinement.copies import Copier
+from pipelines.runtime.batch import BatchOptions
 from tests.stages.dataset_root import write_root
 
 ANNOTATE = AnnotateSymmetryConfig(num_samples=8000, num_verification_samples=1000)

@@ -8,15 +8,15 @@ from typer.testing import CliRunner
 
 from pipelines import score_grasps
 from pipelines.configs import ScoreGraspsConfig
+from pipelines.dataset.graspnet.signed_distance import write_sdf
+from pipelines.dataset.meshes import write_mesh
 from pipelines.errors import FormatError, StaleOutputError
-from pipelines.formats.files import read_npz, write_npy
-from pipelines.formats.grasp_rows import VERDICT_ARRAYS, read_verdicts
-from pipelines.formats.meshes import write_mesh
-from pipelines.formats.signed_distance import write_sdf
-from pipelines.geometry.mesh import Mesh
-from pipelines.geometry.signed_distance import SignedDistanceGrid
+from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.geometry.meshes.signed_distance import SignedDistanceGrid
 from pipelines.geometry.transforms import make_pose, random_rotation, rotation_about
+from pipelines.grasp_files.grasp_rows import VERDICT_ARRAYS, read_verdicts
 from pipelines.grasping.grasps import Grasps, to_graspnet
+from pipelines.storage.files import read_npz, write_npy
 from symgrasp_cli.app import app
 from tests.metrics.shapes import box, moved, random_grasps
 

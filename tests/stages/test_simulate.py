@@ -13,26 +13,26 @@ import pytest
 from typer.testing import CliRunner
 
 from pipelines import evaluate, simulate
-from pipelines.batch import BatchOptions, StageReport
 from pipelines.configs import EvaluateConfig, SimulateConfig
-from pipelines.errors import FormatError, StaleOutputError, SymgraspError, UnknownNameError
-from pipelines.formats import convex_pieces
-from pipelines.formats.files import read_json
-from pipelines.formats.graspnet import (
+from pipelines.dataset import convex_pieces
+from pipelines.dataset.graspnet.graspnet import (
     GraspNetRoot,
     ObjectPose,
     write_annotation,
     write_label,
     write_meta,
 )
-from pipelines.formats.grasps_file import FrameResult
-from pipelines.formats.meshes import read_mesh, write_mesh
-from pipelines.formats.trial_records import read_trials
-from pipelines.geometry import convex_decomposition
+from pipelines.dataset.meshes import read_mesh, write_mesh
+from pipelines.errors import FormatError, StaleOutputError, SymgraspError, UnknownNameError
+from pipelines.evaluation.trial_records import read_trials
+from pipelines.geometry.meshes import convex_decomposition
 from pipelines.geometry.transforms import invert, make_pose
+from pipelines.grasp_files.grasps_file import FrameResult
 from pipelines.grasping.grasps import Grasps
+from pipelines.runtime.batch import BatchOptions, StageReport
+from pipelines.storage.files import read_json
 from symgrasp_cli.app import app
-from tests.geometry.test_convex_decomposition import tray
+from tests.geometry.meshes.test_convex_decomposition import tray
 from tests.stages.toy_root import (
     CAMERA,
     DOWN,
@@ -203,7 +203,7 @@ KILLED = """
 import os, signal, sys
 from pathlib import Path
 from pipelines import evaluate, simulate
-from pipelines.batch import BatchOptions
+from pipelines.runtime.batch import BatchOptions
 from pipelines.configs import SimulateConfig
 
 write, written = simulate.{function}, []

@@ -9,22 +9,22 @@ import trimesh
 from numpy.testing import assert_allclose
 
 from pipelines import synthesize
-from pipelines.batch import BatchOptions
 from pipelines.configs import LabelConfig, SynthesizeConfig
-from pipelines.errors import SymgraspError
-from pipelines.formats import object_list
-from pipelines.formats.frames import find_frames
-from pipelines.formats.graspnet import GraspNetRoot
-from pipelines.formats.graspnet_labels import (
+from pipelines.dataset import object_list
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.graspnet.graspnet_labels import (
     read_collision_labels,
     read_grasp_label,
     read_rect,
 )
-from pipelines.formats.meshes import read_mesh, write_mesh
-from pipelines.formats.signed_distance import read_sdf
-from pipelines.geometry.mesh import Mesh
-from pipelines.geometry.surface import Surface
+from pipelines.dataset.graspnet.signed_distance import read_sdf
+from pipelines.dataset.meshes import read_mesh, write_mesh
+from pipelines.errors import SymgraspError
+from pipelines.frames.frames import find_frames
+from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import transform_points
+from pipelines.mesh_symmetry.detection.surface import Surface
+from pipelines.runtime.batch import BatchOptions
 
 QUIET = BatchOptions(progress=False)
 CONFIG = SynthesizeConfig(

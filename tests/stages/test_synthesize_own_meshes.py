@@ -10,11 +10,11 @@ import trimesh
 from typer.testing import CliRunner
 
 from pipelines import synthesize
-from pipelines.batch import BatchOptions, StageReport
 from pipelines.configs import LabelConfig, SynthesizeConfig
+from pipelines.dataset import object_list
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot, read_grasp_label
 from pipelines.errors import ValueRangeError
-from pipelines.formats import object_list
-from pipelines.formats.graspnet import GraspNetRoot, read_grasp_label
+from pipelines.runtime.batch import BatchOptions, StageReport
 from symgrasp_cli.app import app
 
 QUIET = BatchOptions(progress=False)
@@ -144,7 +144,7 @@ def test_pieces_that_are_no_body_are_named_with_their_mesh(meshes, tmp_path, mon
         [[0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]], [[0, 1, 2], [0, 2, 3]]
     )
     sheet.export(meshes / "sheet.ply")
-    module = "pipelines.geometry.convex_decomposition.convex_pieces"
+    module = "pipelines.geometry.meshes.convex_decomposition.convex_pieces"
     monkeypatch.setattr(module, lambda *_: [])  # as coacd answers to some
     report = make(tmp_path / "root", models=meshes / "sheet.ply")
     assert "sheet.ply: convex pieces of a model make no solid body" in report.failed["object 000"]

@@ -8,15 +8,15 @@ import pytest
 import torch
 
 from pipelines import train
+from pipelines.dataset import object_list
+from pipelines.dataset.object_list import ObjectRecord
+from pipelines.dataset.training.packed_regions import PackedReader
 from pipelines.errors import FormatError, SymgraspError, ValueRangeError
-from pipelines.formats import object_list
-from pipelines.formats.checkpoints import load_weights, save_weights
-from pipelines.formats.object_list import ObjectRecord
-from pipelines.formats.packed_regions import PackedReader
-from pipelines.learning.runs import RunRequest, checkpoint_path, fault_path
+from pipelines.learning.loop.runs import RunRequest, checkpoint_path, fault_path
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.predictor import GraspPredictor
 from pipelines.network.weights_files import weights_metadata
+from pipelines.storage.checkpoints import load_weights, save_weights
 from tests.learning.packed_toys import CONFIG, write_packed
 from tests.learning.stopped import stopped_after
 from tests.stages.toy_root import STAMP, write_root

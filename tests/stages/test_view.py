@@ -9,19 +9,19 @@ import pytest
 from typer.testing import CliRunner
 
 from pipelines import view
-from pipelines.batch import BatchOptions, StageReport
 from pipelines.configs import ViewConfig
 from pipelines.errors import FormatError, StaleOutputError, SymgraspError, UnknownNameError
-from pipelines.formats import grasps_file
-from pipelines.formats.files import read_image, write_image, write_json
-from pipelines.formats.frames_record import FramesRecord
-from pipelines.formats.grasps_file import FrameResult
-from pipelines.formats.gripper_files import load_gripper
-from pipelines.formats.provenance import digest_folder, make_stamp, write_sidecar
+from pipelines.frames.frames_record import FramesRecord
+from pipelines.grasp_files import grasps_file
+from pipelines.grasp_files.grasps_file import FrameResult
+from pipelines.grasp_files.gripper_files import load_gripper
+from pipelines.runtime.batch import BatchOptions, StageReport
+from pipelines.storage.files import read_image, write_image, write_json
+from pipelines.storage.provenance import digest_folder, make_stamp, write_sidecar
 from symgrasp_cli.app import app
 from tests.evaluation.page_reader import Reader
-from tests.formats.grasp_page.toys import decoded, scene_of, toy_frame, toy_result
 from tests.geometry.tabletops import Box
+from tests.pictures.grasp_page.toys import decoded, scene_of, toy_frame, toy_result
 from tests.stages.test_infer import write_frame
 
 CONFIG, OPTIONS = ViewConfig(), BatchOptions(progress=False)

@@ -6,9 +6,9 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from pipelines.formats.graspnet import GraspNetRoot
-from pipelines.formats.meshes import write_mesh
-from pipelines.geometry.mesh import Mesh
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.meshes import write_mesh
+from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import rotation_about
 from pipelines.grasping.grasps import Grasps, to_graspnet
 from tests.stages import toy_root

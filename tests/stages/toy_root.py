@@ -6,15 +6,15 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from pipelines.formats import affordance_labels, graspnet, grasps_file, symmetry_labels
-from pipelines.formats.affordance_labels import AffordanceLabels
-from pipelines.formats.graspnet import GraspNetRoot, ObjectPose
-from pipelines.formats.grasps_file import FrameResult, GraspTable, RegionTable
-from pipelines.formats.meshes import read_mesh, write_mesh
-from pipelines.formats.provenance import make_stamp
-from pipelines.formats.symmetry_labels import ObjectSymmetries, RegionLabel
+from pipelines.dataset.graspnet import graspnet
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot, ObjectPose
+from pipelines.dataset.meshes import read_mesh, write_mesh
+from pipelines.dataset.symmetry import symmetry_labels
+from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries, RegionLabel
+from pipelines.dataset.training import affordance_labels
+from pipelines.dataset.training.affordance_labels import AffordanceLabels
 from pipelines.geometry.camera import Intrinsics
-from pipelines.geometry.mesh import Mesh, sample_surface
+from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.geometry.rendering import Scene, cast_view
 from pipelines.geometry.symmetry import (
     ReflectionSymmetry,
@@ -23,7 +23,10 @@ from pipelines.geometry.symmetry import (
     SymmetrySlots,
 )
 from pipelines.geometry.transforms import invert, make_pose
+from pipelines.grasp_files import grasps_file
+from pipelines.grasp_files.grasps_file import FrameResult, GraspTable, RegionTable
 from pipelines.grasping.grasps import Grasps
+from pipelines.storage.provenance import make_stamp
 
 Array = NDArray[np.float64]
 

@@ -8,13 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipelines.configs import EndlessConfig, PackConfig
+from pipelines.dataset import object_list
+from pipelines.dataset.graspnet.graspnet import write_object_ids
+from pipelines.dataset.object_list import ObjectRecord
 from pipelines.errors import MissingInputError, SymgraspError
-from pipelines.formats import object_list
-from pipelines.formats.graspnet import write_object_ids
-from pipelines.formats.object_list import ObjectRecord
 from pipelines.geometry.rendering import Scene, cast_view
 from pipelines.geometry.transforms import invert, make_pose
-from pipelines.synthesis.cameras import intrinsics_of, look_at
 from pipelines.synthesis.endless import (
     EndlessScenes,
     read_object,
@@ -22,6 +21,7 @@ from pipelines.synthesis.endless import (
     trainable_objects,
     window_of,
 )
+from pipelines.synthesis.scenes.cameras import intrinsics_of, look_at
 from tests.stages.toy_root import SHAPES, STAMP, write_root
 
 CONFIG = EndlessConfig(

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pipelines.dataset import object_list
+from pipelines.dataset.object_list import ObjectRecord
 from pipelines.errors import SymgraspError
-from pipelines.formats import object_list
-from pipelines.formats.object_list import ObjectRecord
 from pipelines.synthesis.endless import EndlessScenes
 from pipelines.synthesis.endless_pool import EndlessPool
 from tests.stages.toy_root import STAMP, write_root

@@ -1,0 +1,32 @@
+"""`models/NNN/convex.npz`: the convex pieces of an object, for physics; object frame, metres."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.storage.files import read_npz, write_npz
+
+ARRAYS = ("vertices", "faces", "vertex_start", "face_start")
+
+
+def write(path: Path, pieces: Sequence[Mesh]) -> None:
+    """Write `pieces`: all vertices and faces behind each other, and where each piece starts."""
+    write_npz(
+        path,
+        vertices=np.concatenate([piece.vertices for piece in pieces]),
+        faces=np.concatenate([piece.faces for piece in pieces]),
+        vertex_start=np.cumsum([0, *(len(piece.vertices) for piece in pieces)]),
+        face_start=np.cumsum([0, *(len(piece.faces) for piece in pieces)]),
+    )
+
+
+def read(path: Path) -> list[Mesh]:
+    """Read a file of `write`."""
+    arrays = read_npz(path, ARRAYS)
+    v, f = arrays["vertex_start"], arrays["face_start"]
+    return [
+        Mesh(arrays["vertices"][v[i] : v[i + 1]], arrays["faces"][f[i] : f[i + 1]])
+        for i in range(len(v) - 1)
+    ]

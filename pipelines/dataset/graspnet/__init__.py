@@ -1,0 +1,1 @@
+"""GraspNet-1Billion's own files: layout, scenes' annotations, grasp labels, `.sdf`."""

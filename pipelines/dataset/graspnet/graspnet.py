@@ -1,0 +1,240 @@
+"""A dataset root in GraspNet-1Billion's layout: where its files are, and reading its frames.
+
+    ROOT/models/NNN/{nontextured.ply,textured.obj,textured.sdf}
+    ROOT/grasp_label/NNN_labels.npz
+    ROOT/collision_label/scene_NNNN/collision_labels.npz
+    ROOT/scenes/scene_NNNN/{object_id_list.txt,rs_wrt_kn.npy}
+    ROOT/scenes/scene_NNNN/{kinect,realsense}/{rgb,depth,label,annotations,meta,rect}/NNNN.*
+    ROOT/scenes/scene_NNNN/{kinect,realsense}/{camK,camera_poses,cam0_wrt_table}.npy
+
+and, written by our own stages, ROOT/{symmetry,regions}/NNN.json and ROOT/affordance/NNN.h5.
+A root with only some cameras, splits or frames is fine: what is there is listed.
+"""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.dataset.graspnet.graspnet_labels import (
+    GraspLabel,
+    LabelledGrasps,
+    holding_grasps,
+    label_offsets,
+    read_collision_labels,
+    read_grasp_label,
+    read_labelled_grasps,
+    read_rect,
+    write_collision_labels,
+    write_grasp_label,
+    write_rect,
+)
+from pipelines.dataset.graspnet.graspnet_layout import (
+    CAMERAS,
+    SPLITS,
+    FrameFiles,
+    SceneFiles,
+    frame_key,
+    split_of_scene,
+)
+from pipelines.dataset.graspnet.graspnet_views import generate_views, view_rotation, view_rotations
+from pipelines.errors import FormatError, MissingInputError, SymgraspError, UnknownNameError
+from pipelines.frames.camera_files import read_camera_file
+from pipelines.frames.graspnet_scene import (
+    FrameMeta,
+    ObjectPose,
+    read_meta,
+    read_pose_array,
+    read_poses,
+    write_annotation,
+    write_meta,
+    write_object_ids,
+    write_pose_array,
+)
+from pipelines.frames.rgbd import DepthUnits, Frame, read_depth
+from pipelines.frames.rgbd_folder import FrameOptions, read_with_camera
+from pipelines.geometry.camera import Intrinsics
+from pipelines.storage.files import read_image, write_image, write_npy
+
+__all__ = [
+    "CAMERAS",
+    "SPLITS",
+    "FrameFiles",
+    "FrameMeta",
+    "GraspLabel",
+    "GraspNetRoot",
+    "LabelledGrasps",
+    "ObjectPose",
+    "SceneFiles",
+    "frame_key",
+    "generate_views",
+    "holding_grasps",
+    "label_offsets",
+    "read_collision_labels",
+    "read_grasp_label",
+    "read_labelled_grasps",
+    "read_meta",
+    "read_pose_array",
+    "read_rect",
+    "split_of_scene",
+    "view_rotation",
+    "view_rotations",
+    "write_annotation",
+    "write_camera_matrix",
+    "write_collision_labels",
+    "write_color",
+    "write_depth",
+    "write_grasp_label",
+    "write_label",
+    "write_meta",
+    "write_object_ids",
+    "write_pose_array",
+    "write_rect",
+]
+
+MILLIMETRES = 1000.0  # depth units per metre of the layout
+LARGEST_DEPTH = 65534  # 65535 reads as missing
+
+
+@dataclass(frozen=True)
+class GraspNetRoot:
+    """A dataset root; see the module's first lines for what lies where."""
+
+    root: Path
+
+    def object_ids(self) -> list[int]:
+        """List the ids of `models/`, ascending."""
+        return _numbers(self.root / "models", r"(\d{3})")
+
+    def scene_ids(self, split: str | None = None) -> list[int]:
+        """List the ids of `scenes/`, ascending; of one of SPLITS, if given."""
+        scenes = _numbers(self.root / "scenes", r"scene_(\d{4})")
+        if split is None:
+            return scenes
+        if split not in SPLITS:
+            raise UnknownNameError("split", split, SPLITS)
+        return [scene for scene in scenes if scene in SPLITS[split]]
+
+    def cameras(self, scene_id: int) -> list[str]:
+        """List the cameras that a scene was seen by."""
+        return [name for name in CAMERAS if (self.scene_folder(scene_id) / name).is_dir()]
+
+    def scene(self, scene_id: int, camera: str | None = None) -> SceneFiles:
+        """Return one scene seen by `camera`, by the first that is there if None."""
+        present = self.cameras(scene_id)
+        if not present:
+            raise MissingInputError(self.scene_folder(scene_id), "symgrasp synthesize")
+        camera = camera or present[0]
+        if camera not in present:
+            raise UnknownNameError(f"camera of scene {scene_id}", camera, present)
+        return SceneFiles(self.scene_folder(scene_id), scene_id, camera)
+
+    def scenes(self, camera: str | None = None, split: str | None = None) -> list[SceneFiles]:
+        """Return every scene that `camera` saw; every scene by every camera if None."""
+        return [
+            self.scene(scene_id, name)
+            for scene_id in self.scene_ids(split)
+            for name in self.cameras(scene_id)
+            if camera in (None, name)
+        ]
+
+    def frame(self, name: str) -> FrameFiles:
+        """Return the frame of a name that ends in `scene_NNNN/CAMERA/NNNN`."""
+        key = frame_key(name)
+        if key is None:
+            raise SymgraspError(f"{name} is no frame of a dataset; scene_NNNN/CAMERA/NNNN is")
+        return self.scene(key[0], key[1]).frame(key[2])
+
+    def scene_folder(self, scene_id: int) -> Path:
+        """ROOT/scenes/scene_NNNN."""
+        return self.root / "scenes" / f"scene_{scene_id:04d}"
+
+    def model_path(self, object_id: int) -> Path:
+        """ROOT/models/NNN/nontextured.ply."""
+        return self.root / "models" / f"{object_id:03d}" / "nontextured.ply"
+
+    def textured_path(self, object_id: int, suffix: str) -> Path:
+        """ROOT/models/NNN/textured.obj or .sdf: the same surface; not every root has them."""
+        return self.root / "models" / f"{object_id:03d}" / f"textured{suffix}"
+
+    def grasp_label_path(self, object_id: int) -> Path:
+        """ROOT/grasp_label/NNN_labels.npz."""
+        return self.root / "grasp_label" / f"{object_id:03d}_labels.npz"
+
+    def collision_label_path(self, scene_id: int) -> Path:
+        """ROOT/collision_label/scene_NNNN/collision_labels.npz."""
+        folder = self.root / "collision_label" / f"scene_{scene_id:04d}"
+        return folder / "collision_labels.npz"
+
+    def symmetry_path(self, object_id: int) -> Path:
+        """ROOT/symmetry/NNN.json, written by `annotate-symmetry`."""
+        return self.root / "symmetry" / f"{object_id:03d}.json"
+
+    def region_path(self, object_id: int) -> Path:
+        """ROOT/regions/NNN.json, written by hand: overrides the regions of `symmetry/`."""
+        return self.root / "regions" / f"{object_id:03d}.json"
+
+    def affordance_path(self, object_id: int) -> Path:
+        """ROOT/affordance/NNN.h5, written by `refine-grasps`."""
+        return self.root / "affordance" / f"{object_id:03d}.h5"
+
+    def read_annotation(self, frame: FrameFiles) -> list[ObjectPose]:
+        """Read the poses of a frame's objects, camera frame, in the order of the object list.
+
+        The XML is read by its tags and has four decimals; where `meta/NNNN.mat` holds the same
+        poses, its digits are taken.
+        """
+        return read_poses(frame.path("annotations"), frame.path("meta"))
+
+    def read_label(self, frame: FrameFiles) -> NDArray[np.uint8]:
+        """Read (H, W) uint8: object id + 1, 0 = background."""
+        path = frame.path("label")
+        label = read_image(path)
+        if label.ndim != 2 or label.dtype != np.uint8:
+            found = f"{label.dtype} of shape {label.shape}"
+            raise FormatError(path, found, "8 bit in one channel is expected")
+        return label
+
+    def read_depth(self, frame: FrameFiles) -> tuple[NDArray[np.float32], Intrinsics]:
+        """Read a frame's depth (H, W), metres, 0 = missing, with the camera of `camK.npy`."""
+        depth = read_depth(frame.path("depth"), DepthUnits(MILLIMETRES, MILLIMETRES))
+        camera = read_camera_file(frame.camera_folder / "camK.npy", frame.path("depth").stem)
+        return depth, camera.at(depth.shape[1], depth.shape[0])
+
+    def read_frame(self, frame: FrameFiles) -> Frame:
+        """Read a frame's images, with the camera of `camK.npy`."""
+        camera_file = frame.camera_folder / "camK.npy"
+        options = FrameOptions(depth_units_per_metre=MILLIMETRES)
+        color, depth = frame.path("rgb"), frame.path("depth")
+        return read_with_camera(frame.name, color, depth, camera_file, options)
+
+
+def write_color(path: Path, color: NDArray[np.uint8]) -> None:
+    """Write `rgb/NNNN.png` (H, W, 3)."""
+    write_image(path, color)
+
+
+def write_depth(path: Path, depth: NDArray[np.floating]) -> None:
+    """Write `depth/NNNN.png` from metres (H, W), 0 or nan = missing: uint16 millimetres."""
+    millimetres = np.rint(np.nan_to_num(depth, nan=0.0, posinf=0.0, neginf=0.0) * MILLIMETRES)
+    measured = (millimetres > 0) & (millimetres <= LARGEST_DEPTH)
+    write_image(path, np.where(measured, millimetres, 0).astype(np.uint16))
+
+
+def write_label(path: Path, label: NDArray[np.integer]) -> None:
+    """Write `label/NNNN.png` (H, W): object id + 1, 0 = background."""
+    write_image(path, label.astype(np.uint8))
+
+
+def write_camera_matrix(path: Path, intrinsics: Intrinsics) -> None:
+    """Write `camK.npy`: (3, 3) float64."""
+    write_npy(path, np.asarray(intrinsics.matrix, dtype=np.float64))
+
+
+def _numbers(folder: Path, pattern: str) -> list[int]:
+    if not folder.is_dir():
+        raise MissingInputError(folder, "symgrasp synthesize")
+    matches = (re.fullmatch(pattern, child.name) for child in folder.iterdir())
+    return sorted(int(match[1]) for match in matches if match is not None)

@@ -1,0 +1,173 @@
+"""GraspNet-1Billion's grasp labels: `grasp_label/NNN_labels.npz` and `collision_labels.npz`.
+
+A label has four arrays over (point, view, angle, depth), shape (P, 300, 12, 4): `scores` is the
+smallest friction coefficient under which the grasp holds (0.1..1.0, lower is better, -1 = never),
+`collision` is the gripper against the object itself, `offsets` = [angle rad, depth m, width m].
+`points` (P, 3) are metres in the object frame and are the grasps' origins: the finger tips reach
+`depth` past the point along the approach.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.dataset.graspnet.graspnet_views import (
+    ANGLES,
+    DEPTHS,
+    NUM_ANGLES,
+    NUM_DEPTHS,
+    NUM_VIEWS,
+    view_rotations,
+)
+from pipelines.errors import FormatError
+from pipelines.storage.files import read_npy, read_npz, write_npy, write_npz
+
+GRID = (NUM_VIEWS, NUM_ANGLES, NUM_DEPTHS)
+LABEL_ARRAYS = ("points", "offsets", "collision", "scores")
+RECT_COLUMNS = 7  # center_x, center_y, open_x, open_y, height, score, object id; pixels
+
+
+@dataclass(frozen=True)
+class GraspLabel:
+    """The label arrays of one object; see the module's first lines for their meaning."""
+
+    points: NDArray[np.float32]  # (P, 3) metres, object frame
+    offsets: NDArray[np.float32]  # (P, 300, 12, 4, 3) angle, depth, width
+    collision: NDArray[np.bool_]  # (P, 300, 12, 4)
+    min_friction: NDArray[np.float32]  # (P, 300, 12, 4); `scores` in the file, -1 = never holds
+
+
+@dataclass(frozen=True)
+class LabelledGrasps:
+    """The labelled grasps that hold, one row each, object frame, metres."""
+
+    index: NDArray[np.int64]  # (n, 4) point, view, angle, depth
+    rotation: NDArray[np.float32]  # (n, 3, 3) columns approach, closing, approach x closing
+    origin: NDArray[np.float32]  # (n, 3) GraspNet's origin, `depth` behind the finger tips
+    depth: NDArray[np.float32]  # (n,) 0.01 .. 0.04
+    opening: NDArray[np.float32]  # (n,) the label's width: the opening, not the contact distance
+    min_friction: NDArray[np.float32]  # (n,) 0.1 .. 1.0, lower is better
+
+    def __len__(self) -> int:
+        """Return the number of grasps."""
+        return len(self.index)
+
+
+def label_offsets(width: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Return `offsets` (P, 300, 12, 4, 3) for openings `width` (P, 300, 12, 4) in metres."""
+    offsets = np.zeros((*width.shape, 3), dtype=np.float32)
+    offsets[..., 0] = ANGLES[:, None]
+    offsets[..., 1] = DEPTHS
+    offsets[..., 2] = width
+    return offsets
+
+
+def write_grasp_label(path: Path, label: GraspLabel, *, compress: bool = True) -> None:
+    """Write `grasp_label/NNN_labels.npz` with the original's names and types."""
+    shape = (len(label.points), *GRID)
+    for name, array, expected in (
+        ("offsets", label.offsets, (*shape, 3)),
+        ("collision", label.collision, shape),
+        ("scores", label.min_friction, shape),
+    ):
+        if array.shape != expected:
+            raise FormatError(path, f"{name} to write is {array.shape}", f"it must be {expected}")
+    write_npz(
+        path,
+        compress=compress,
+        points=label.points.astype(np.float32),
+        offsets=label.offsets.astype(np.float32),
+        collision=label.collision.astype(bool),
+        scores=label.min_friction.astype(np.float32),
+    )
+
+
+def read_grasp_label(path: Path) -> GraspLabel:
+    """Read a whole label; 17 bytes for each of its P * 14400 candidates."""
+    arrays = read_npz(path, LABEL_ARRAYS)
+    _check_label(path, arrays)
+    return GraspLabel(
+        points=arrays["points"].astype(np.float32, copy=False),
+        offsets=arrays["offsets"].astype(np.float32, copy=False),
+        collision=arrays["collision"].astype(bool, copy=False),
+        min_friction=arrays["scores"].astype(np.float32, copy=False),
+    )
+
+
+def read_labelled_grasps(path: Path, max_friction: float = 1.0) -> LabelledGrasps:
+    """Read the grasps that hold at `max_friction` without self-collision, in label order.
+
+    A real label has some fifty million candidates; this never builds their poses.
+    """
+    return holding_grasps(read_grasp_label(path), max_friction)
+
+
+def holding_grasps(label: GraspLabel, max_friction: float = 1.0) -> LabelledGrasps:
+    """Select the grasps of `label` that hold at `max_friction` without self-collision."""
+    # Labels are float32: 0.4 is stored a hair above 0.4.
+    holds = (label.min_friction > 0) & (label.min_friction <= max_friction + 1e-4)
+    point, view, angle, depth = np.nonzero(holds & ~label.collision)
+    offsets = label.offsets[point, view, angle, depth]
+    return LabelledGrasps(
+        index=np.stack([point, view, angle, depth], axis=1),
+        rotation=view_rotations()[view, angle],
+        origin=label.points[point],
+        depth=offsets[:, 1],
+        opening=offsets[:, 2],
+        min_friction=label.min_friction[point, view, angle, depth],
+    )
+
+
+def write_collision_labels(path: Path, collisions: Sequence[NDArray[np.bool_]]) -> None:
+    """Write a scene's `collision_labels.npz`: arr_i (P_i, 300, 12, 4) of its i-th object."""
+    arrays = {f"arr_{i}": array.astype(bool) for i, array in enumerate(collisions)}
+    write_npz(path, compress=True, **arrays)
+
+
+def read_collision_labels(path: Path) -> list[NDArray[np.bool_]]:
+    """Read arr_0, arr_1, ... in order; True = the grasp collides with the scene."""
+    arrays = read_npz(path, ())
+    names = [f"arr_{i}" for i in range(len(arrays))]
+    if sorted(arrays) != sorted(names):
+        raise FormatError(
+            path,
+            f"holds the arrays {sorted(arrays)}",
+            "arr_0, arr_1, ... without a gap are expected",
+        )
+    for name in names:
+        if arrays[name].ndim != 4 or arrays[name].shape[1:] != GRID:
+            raise FormatError(
+                path, f"{name} has shape {arrays[name].shape}", f"(P, *{GRID}) is expected"
+            )
+    return [arrays[name].astype(bool, copy=False) for name in names]
+
+
+def write_rect(path: Path, rows: NDArray[np.floating]) -> None:
+    """Write planar grasps (N, 7), pixels, as float32; see RECT_COLUMNS."""
+    if rows.ndim != 2 or rows.shape[1] != RECT_COLUMNS:
+        raise FormatError(path, f"rows to write are {rows.shape}", "they must be (N, 7)")
+    write_npy(path, rows.astype(np.float32))
+
+
+def read_rect(path: Path) -> NDArray[np.float32]:
+    """Read `rect/NNNN.npy`: (N, 7) float32 planar grasps, pixels."""
+    rows = read_npy(path)
+    if rows.ndim != 2 or rows.shape[1] != RECT_COLUMNS:
+        raise FormatError(path, f"an array of shape {rows.shape}", "(N, 7) is expected")
+    return rows.astype(np.float32)
+
+
+def _check_label(path: Path, arrays: dict[str, NDArray[Any]]) -> None:
+    points = arrays["points"]
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise FormatError(path, f"points of shape {points.shape}", "(P, 3) is expected")
+    shape = (len(points), *GRID)
+    for name, expected in (("offsets", (*shape, 3)), ("collision", shape), ("scores", shape)):
+        if arrays[name].shape != expected:
+            raise FormatError(
+                path, f"{name} of shape {arrays[name].shape}", f"{expected} is expected"
+            )

@@ -1,0 +1,128 @@
+"""Where the files of a GraspNet-1Billion scene are: splits, cameras, scenes, frames."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.errors import FormatError, SymgraspError
+from pipelines.frames.graspnet_scene import read_object_ids, read_pose_array
+from pipelines.geometry.camera import Intrinsics
+from pipelines.storage.files import read_image, read_npy
+
+CAMERAS = ("kinect", "realsense")
+SPLITS = {
+    "train": range(100),
+    "seen": range(100, 130),
+    "similar": range(130, 160),
+    "novel": range(160, 190),
+}
+
+
+@dataclass(frozen=True)
+class FrameFiles:
+    """The paths of one frame of one camera."""
+
+    camera_folder: Path
+    scene_id: int
+    camera: str
+    frame_id: int
+
+    @property
+    def name(self) -> str:
+        """The frame's name relative to the root, as in grasps.h5 of `infer ROOT`."""
+        return f"scenes/scene_{self.scene_id:04d}/{self.camera}/{self.frame_id:04d}"
+
+    def path(self, kind: str) -> Path:
+        """Return the file of `kind`: rgb, depth, label, annotations, meta or rect."""
+        suffix = {"annotations": "xml", "meta": "mat", "rect": "npy"}.get(kind, "png")
+        return self.camera_folder / kind / f"{self.frame_id:04d}.{suffix}"
+
+
+@dataclass(frozen=True)
+class SceneFiles:
+    """One scene seen by one camera."""
+
+    folder: Path  # ROOT/scenes/scene_NNNN
+    scene_id: int
+    camera: str
+
+    @property
+    def name(self) -> str:
+        """scene_NNNN_CAMERA, as results about it are called."""
+        return f"scene_{self.scene_id:04d}_{self.camera}"
+
+    @property
+    def camera_folder(self) -> Path:
+        """ROOT/scenes/scene_NNNN/CAMERA."""
+        return self.folder / self.camera
+
+    @property
+    def object_ids(self) -> list[int]:
+        """The scene's object ids, in the order of its poses and collision labels."""
+        return read_object_ids(self.folder / "object_id_list.txt")
+
+    @property
+    def frame_ids(self) -> list[int]:
+        """The ids of the frames that are there, ascending: those with a depth image."""
+        return self.ids_of("depth")
+
+    def ids_of(self, kind: str) -> list[int]:
+        """Return the ids of the frames that have a file of `kind`, as `FrameFiles.path` has it."""
+        files = (self.camera_folder / kind).glob("*" + self.frame(0).path(kind).suffix)
+        return sorted(int(file.stem) for file in files if file.stem.isdigit())
+
+    @property
+    def camera_poses(self) -> NDArray[np.float64]:
+        """(n, 4, 4): camera i to camera 0 coordinates, metres."""
+        return read_pose_array(self.camera_folder / "camera_poses.npy", ndim=3)
+
+    @property
+    def cam0_wrt_table(self) -> NDArray[np.float64]:
+        """(4, 4): camera 0 to table coordinates; the table's top is z = 0, z up."""
+        return read_pose_array(self.camera_folder / "cam0_wrt_table.npy", ndim=2)
+
+    def table_from_camera(self, frame_id: int) -> NDArray[np.float64]:
+        """Return (4, 4): coordinates of the frame's camera to table coordinates."""
+        poses = self.camera_poses
+        if frame_id >= len(poses):
+            path = self.camera_folder / "camera_poses.npy"
+            raise FormatError(path, f"holds {len(poses)} poses", f"frame {frame_id} has none")
+        return np.asarray(self.cam0_wrt_table @ poses[frame_id])
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """The camera of `camK.npy`, with the size of the scene's first depth image."""
+        path = self.camera_folder / "camK.npy"
+        K = read_npy(path).astype(np.float64)
+        if K.shape != (3, 3):
+            raise FormatError(path, f"a matrix of shape {K.shape}", "(3, 3) is expected")
+        first = next(iter(self.frames()), None)
+        if first is None:
+            raise SymgraspError(f"{self.camera_folder / 'depth'} holds no frames; NNNN.png")
+        height, width = read_image(first.path("depth")).shape[:2]
+        return Intrinsics.from_matrix(K, width, height)
+
+    def frame(self, frame_id: int) -> FrameFiles:
+        """Return the files of one frame."""
+        return FrameFiles(self.camera_folder, self.scene_id, self.camera, frame_id)
+
+    def frames(self) -> list[FrameFiles]:
+        """Return the files of every frame that is there."""
+        return [self.frame(frame_id) for frame_id in self.frame_ids]
+
+
+def frame_key(name: str) -> tuple[int, str, int] | None:
+    """Return (scene id, camera, frame id) of a name ending in `scene_NNNN/CAMERA/NNNN`."""
+    match = re.search(r"scene_(\d{4})/(\w+)/(\d{4})$", name)
+    return None if match is None else (int(match[1]), match[2], int(match[3]))
+
+
+def split_of_scene(scene_id: int) -> str:
+    """Return which of SPLITS holds the scene."""
+    split = next((name for name, scenes in SPLITS.items() if scene_id in scenes), None)
+    if split is None:
+        raise SymgraspError(f"scene {scene_id} is in no split; scenes are numbered 0 to 189")
+    return split

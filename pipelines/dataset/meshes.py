@@ -1,0 +1,222 @@
+"""Read and write triangle meshes: ply, obj, stl, off and glb in, binary ply and obj out.
+
+Vertices are metres in the object frame. Triangles keep the order they have in the file, so that
+triangle indices (symmetric regions) mean the same thing to every reader; `clean_mesh` drops the
+bad ones, for those who write a mesh of their own, and says which are left.
+"""
+
+import logging
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from pipelines.errors import FormatError, SymgraspError, UnknownNameError, ValueRangeError
+from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.geometry.meshes.winding import turned_outward
+from pipelines.storage.files import existing, write_bytes
+
+log = logging.getLogger(__name__)
+
+MESH_SUFFIXES = (".glb", ".obj", ".off", ".ply", ".stl")
+LARGEST_LIKELY_DIAGONAL = 2.0  # m; what a gripper may hold is smaller, a file in mm is larger
+SMALLEST_DIAGONAL = 0.005  # m; smaller ones no gripper holds, no depth camera sees
+THINNEST_TRIANGLE = 1e-10  # height over longest edge; a thinner one has no normal to speak of
+
+PLY_HEADER = """ply
+format binary_little_endian 1.0
+element vertex {vertices}
+property float x
+property float y
+property float z
+element face {faces}
+property list uchar int vertex_indices
+end_header
+"""
+
+
+def read_mesh(path: Path, scale: float = 1.0) -> Mesh:
+    """Read one mesh: metres, object frame, equal vertices merged, triangles in file order.
+
+    `scale`: metres per unit of the file, 0.001 for millimetres. A mesh too large to be in metres
+    is warned of on the log.
+
+    Raises:
+        FormatError: unreadable, without triangles, or with vertices that are not finite.
+    """
+    if path.suffix.lower() not in MESH_SUFFIXES:
+        raise UnknownNameError("mesh format", path.suffix, MESH_SUFFIXES)
+    loaded = _load(existing(path))
+    if len(loaded.faces) == 0:
+        raise FormatError(path, "the mesh has no triangles", "give a triangle mesh")
+    if not np.isfinite(loaded.vertices).all():
+        bad = int((~np.isfinite(loaded.vertices).all(axis=1)).sum())
+        found = f"{bad} of {len(loaded.vertices)} vertices are NaN or infinite"
+        raise FormatError(path, found, "finite metres are expected; export the mesh again")
+    loaded.merge_vertices(merge_tex=True, merge_norm=True)
+    faces = np.asarray(loaded.faces, dtype=np.int64)
+    mesh = Mesh(scale * np.asarray(loaded.vertices, dtype=np.float64), faces)
+    warning = size_warning(mesh, path)
+    if warning:
+        log.warning("%s", warning)
+    return mesh
+
+
+def read_solid_mesh(path: Path, scale: float = 1.0) -> Mesh:
+    """Read a mesh whose normals count: as `read_mesh`, all triangles looking outward.
+
+    Those that did not are turned, which is said on the log.
+    """
+    mesh, turned = turned_outward(read_mesh(path, scale))
+    if turned:
+        _tell_once(path, turned)
+    return mesh
+
+
+@lru_cache  # a dataset's model is read for each scene
+def _tell_once(path: Path, sentence: str) -> None:
+    log.warning("%s: %s", path, sentence)
+
+
+def read_vertices(path: Path) -> NDArray[np.float64]:
+    """Read the points of a mesh or a cloud (n, 3), as they are in the file: none are merged."""
+    try:
+        loaded: Any = trimesh.load(existing(path), process=False)  # a mesh, or a cloud
+        points = np.asarray(loaded.vertices, dtype=np.float64)
+    except SymgraspError:
+        raise
+    except Exception as error:  # trimesh's parsers raise whatever they stumble over
+        what = f"not readable as {path.suffix} ({type(error).__name__}: {error})"
+        raise FormatError(path, what, "export the mesh again") from error
+    if len(points) == 0 or not np.isfinite(points).all():
+        raise FormatError(
+            path, "no points, or some that are not finite", "finite metres are expected"
+        )
+    return points
+
+
+def refuse_too_large(mesh: Mesh, path: Path, scale: float | None) -> None:
+    """Raise SymgraspError if `mesh` is too large to be in metres and no `scale` was stated."""
+    too_large = size_warning(mesh, path) if scale is None else None
+    if too_large:
+        raise SymgraspError(f"{too_large}; if it is in metres, say so: --mesh-scale 1")
+
+
+def refuse_too_small(mesh: Mesh, path: Path) -> None:
+    """Raise SymgraspError if `mesh` is smaller than what physics and cameras can work with."""
+    if too_small := smallness_warning(mesh, path):
+        raise SymgraspError(too_small)
+
+
+def smallness_warning(mesh: Mesh, path: Path) -> str | None:
+    """Return the sentence on a mesh too small to be held: its size, and what to pass."""
+    size = mesh.diagonal
+    if size >= SMALLEST_DIAGONAL:
+        return None
+    return (
+        f"{path}: the mesh is {1000 * size:.3g} mm from corner to corner, which is too small to "
+        f"be held; at least {1000 * SMALLEST_DIAGONAL:g} mm are expected: --mesh-scale states how "
+        "many metres a unit of the file is, 1 for metres, 0.001 for millimetres"
+    )
+
+
+def size_warning(mesh: Mesh, path: Path) -> str | None:
+    """Return the sentence on a mesh too large to be in metres: its size, and what to pass."""
+    size = mesh.diagonal
+    if size <= LARGEST_LIKELY_DIAGONAL:
+        return None
+    return (
+        f"{path}: the mesh is {size:.4g} m from corner to corner, which looks like millimetres; "
+        f"scale it to metres (--mesh-scale 0.001 makes that {size / 1000:.4g} m)"
+    )
+
+
+def clean_mesh(mesh: Mesh) -> tuple[Mesh, NDArray[np.int64], str]:
+    """Drop triangles without area, and all but the first of those with the same three corners.
+
+    Returns:
+        the mesh that is left, the indices of its triangles in `mesh`, and a sentence on what was
+        dropped, empty if nothing was.
+
+    Raises:
+        ValueRangeError: no triangle is left.
+    """
+    edges = mesh.triangles - np.roll(mesh.triangles, 1, axis=1)
+    longest = np.einsum("fei,fei->fe", edges, edges).max(axis=1)
+    flat = 2.0 * mesh.face_areas <= THINNEST_TRIANGLE * longest
+    firsts = np.unique(np.sort(mesh.faces, axis=1), axis=0, return_index=True)[1]
+    repeated = np.ones(len(mesh.faces), np.bool_)
+    repeated[firsts] = False
+    repeated &= ~flat
+    kept = np.flatnonzero(~flat & ~repeated)
+    if not len(kept):
+        raise ValueRangeError("mesh", "without area", "a surface: no triangle has three corners")
+    counts = {"degenerate": int(flat.sum()), "duplicate": int(repeated.sum())}
+    dropped = [f"{count} {kind}" for kind, count in counts.items() if count]
+    note = f"dropped {' and '.join(dropped)} triangles" if dropped else ""
+    return mesh.submesh(kept), kept, note
+
+
+def write_mesh(path: Path, mesh: Mesh) -> None:
+    """Write `mesh` as binary ply or as obj, by the suffix of `path`; same mesh, same bytes."""
+    match path.suffix.lower():
+        case ".ply":
+            write_bytes(path, _ply_bytes(mesh))
+        case ".obj":
+            write_bytes(path, _obj_text(mesh).encode("ascii"))
+        case suffix:
+            raise UnknownNameError("mesh format to write", suffix, (".obj", ".ply"))
+
+
+def find_meshes(source: Path) -> list[Path]:
+    """List the mesh files directly in the folder `source`, sorted by name, or that one mesh.
+
+    Raises:
+        SymgraspError: there is no such folder or file, or no mesh in it.
+    """
+    if not source.exists():
+        raise SymgraspError(f"{source} does not exist; give a mesh, a folder of meshes or a root")
+    if not source.is_dir():
+        return [source]
+    files = (file for file in source.iterdir() if not file.name.startswith("."))
+    meshes = sorted(file for file in files if file.suffix.lower() in MESH_SUFFIXES)
+    if not meshes:
+        kinds = ", ".join(MESH_SUFFIXES)
+        raise SymgraspError(f"{source} holds no meshes; files ending in {kinds} are read")
+    return meshes
+
+
+def _load(path: Path) -> trimesh.Trimesh:
+    try:
+        loaded = trimesh.load_mesh(path, process=False)
+    except Exception as error:  # trimesh's parsers raise whatever they stumble over
+        what = f"not readable as {path.suffix} ({type(error).__name__}: {error})"
+        raise FormatError(path, what, "export the mesh again") from error
+    if not isinstance(loaded, trimesh.Trimesh):
+        raise FormatError(path, "the file holds points but no triangles", "give a triangle mesh")
+    if len(loaded.faces) and not 0 <= loaded.faces.min() <= loaded.faces.max() < len(
+        loaded.vertices
+    ):
+        raise FormatError(
+            path, "a triangle names a vertex that is not there", "export the mesh again"
+        )
+    return loaded
+
+
+def _ply_bytes(mesh: Mesh) -> bytes:
+    header = PLY_HEADER.format(vertices=len(mesh.vertices), faces=len(mesh.faces))
+    faces = np.zeros(len(mesh.faces), dtype=[("count", "u1"), ("indices", "<i4", (3,))])
+    faces["count"] = 3
+    faces["indices"] = mesh.faces
+    vertices = np.asarray(mesh.vertices, dtype="<f4")
+    return b"".join((header.encode("ascii"), vertices.tobytes(), faces.tobytes()))
+
+
+def _obj_text(mesh: Mesh) -> str:
+    # Nine significant digits name each float32 uniquely: ply and obj hold the same mesh.
+    vertices = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.vertices.astype(np.float32)]
+    faces = [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
+    return "\n".join([*vertices, *faces]) + "\n"

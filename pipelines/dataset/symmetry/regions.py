@@ -1,0 +1,109 @@
+"""`regions/NNN.json`: symmetric regions given by hand; they override what is found (D. 10).
+
+    {"regions": [{"name": "handle",
+                  "box": [[x0, y0, z0], [x1, y1, z1]],    metres, object frame, or
+                  "triangles": [0, 1, ...],               indices into the mesh
+                  "symmetries": [...]}]}                  as in symmetry/NNN.json, optional
+
+A box takes the triangles whose centroid lies in it. Without `symmetries` they are searched for.
+A triangle is in one region at most; triangles in none are never shown by a region's mask.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.dataset.symmetry.symmetry_labels import symmetries_from_json, triangles_from_json
+from pipelines.errors import FormatError
+from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.geometry.symmetry import Symmetry
+from pipelines.storage.files import read_json
+
+
+@dataclass(frozen=True)
+class ManualRegion:
+    """A region given by hand; `symmetries` is None where they are to be found."""
+
+    name: str
+    triangles: NDArray[np.int64]  # (k,)
+    symmetries: tuple[Symmetry, ...] | None = None
+
+
+def read(path: Path, mesh: Mesh) -> list[ManualRegion]:
+    """Read the hand-written regions of `mesh`, object frame, metres.
+
+    Raises:
+        FormatError: not such a file, a region without triangles of the mesh, two that share some.
+    """
+    content = read_json(path)
+    if not isinstance(content, dict) or not isinstance(content.get("regions"), list):
+        raise FormatError(path, "lacks the list `regions`", '{"regions": [...]} is expected')
+    if not content["regions"]:
+        raise FormatError(path, "`regions` is empty", "list a region, or delete the file")
+    regions = [_region(path, mesh, entry) for entry in content["regions"]]
+    check_triangles(path, ((region.name, region.triangles) for region in regions), mesh)
+    return regions
+
+
+def check_triangles(
+    path: Path, regions: Iterable[tuple[str, NDArray[np.int64]]], mesh: Mesh
+) -> None:
+    """Refuse regions (name, triangles) of the file `path` that `mesh` cannot have.
+
+    Raises:
+        FormatError: triangles beyond the mesh, twice in a region, or in two regions.
+    """
+    count = len(mesh.faces)
+    owner = np.full(count, "", dtype=object)
+    for name, triangles in regions:
+        if len(triangles) and triangles.max() >= count:
+            raise FormatError(
+                path,
+                f"region {name!r} names triangle {triangles.max()}, beyond the mesh",
+                f"the mesh has {count}, numbered from 0",
+            )
+        if len(np.unique(triangles)) < len(triangles):
+            raise FormatError(path, f"region {name!r} names a triangle twice", "name it once")
+        shared = triangles[owner[triangles] != ""]
+        if len(shared):
+            raise FormatError(
+                path,
+                f"regions {owner[shared[0]]!r} and {name!r} share {len(shared)} triangles, "
+                f"{shared[0]} the first",
+                "a triangle is in one region at most",
+            )
+        owner[triangles] = name or "?"
+
+
+def _region(path: Path, mesh: Mesh, entry: Any) -> ManualRegion:  # noqa: ANN401 - JSON
+    if not isinstance(entry, dict) or ("triangles" in entry) == ("box" in entry):
+        raise FormatError(path, "a region is not right", "it has either `triangles` or `box`")
+    name = str(entry.get("name", "region"))
+    if "box" in entry:
+        triangles, which = _in_box(path, mesh, entry), "its box holds none: metres, object frame?"
+    else:
+        triangles, which = triangles_from_json(path, entry["triangles"]), "list some, or drop it"
+    if len(triangles) == 0:
+        raise FormatError(path, f"region {name!r} has no triangles", which)
+    stated = entry.get("symmetries")
+    if stated is not None and not isinstance(stated, list):
+        raise FormatError(path, f"`symmetries` of region {name!r} are no list", "a list, or none")
+    return ManualRegion(
+        name, triangles, None if stated is None else symmetries_from_json(path, stated)
+    )
+
+
+def _in_box(path: Path, mesh: Mesh, entry: Mapping[str, Any]) -> NDArray[np.int64]:
+    try:
+        low, high = np.asarray(entry["box"], dtype=np.float64).reshape(2, 3)
+    except (TypeError, ValueError) as error:
+        raise FormatError(path, f"a box is not right ({error})", "two corners, metres") from error
+    if not np.isfinite([low, high]).all() or (low > high).any():
+        raise FormatError(path, "a box's corners are not right", "the lower one first, metres")
+    centroids = mesh.vertices[mesh.faces].mean(axis=1)
+    inside = ((centroids >= low) & (centroids <= high)).all(axis=1)
+    return np.flatnonzero(inside).astype(np.int64)

@@ -1,0 +1,93 @@
+"""`affordance/NNN.h5`: an object's symmetric contact pairs and the affordance of its surface.
+
+All in the object's canonical frame, metres. Attributes `num_*` count what became of the grasps.
+"""
+
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.storage.h5_columns import (
+    ColumnSpec,
+    check_version,
+    coerce_columns,
+    read_columns,
+    write_columns,
+)
+from pipelines.storage.h5_files import new_h5, open_h5
+from pipelines.storage.provenance import Stamp
+
+FORMAT_VERSION = 1
+UNITS = {"contacts": "m", "points": "m"}
+PAIR_COLUMNS: ColumnSpec = {
+    "contacts": ((2, 3), np.float32),
+    "approach": ((3,), np.float32),
+    "quality": ((), np.float32),
+}
+SURFACE_COLUMNS: ColumnSpec = {
+    "points": ((3,), np.float32),
+    "normals": ((3,), np.float32),
+    "affordance": ((), np.float32),
+}
+
+
+@dataclass(frozen=True)
+class RefinementCounts:
+    """What `refine-grasps` found and made of one object's label."""
+
+    num_labelled: int = 0  # candidates that hold, without collision with the object
+    num_distinct: int = 0  # contact pairs of these on the mesh, merged
+    num_originals: int = 0  # of those, kept: the first rows
+    num_copies: int = 0  # the rows after them: images under symmetries
+    num_dropped: int = 0  # copies that missed the surface, or did not hold on it
+    num_points_before: int = 0  # surface points with an affordance from the originals alone
+    num_points_after: int = 0  # from all
+
+
+@dataclass(frozen=True)
+class AffordanceLabels:
+    """Refined grasps as contact pairs, and the affordance they give the surface (D. 9)."""
+
+    contacts: NDArray[Any]  # f4 (m, 2, 3) metres
+    approach: NDArray[Any]  # f4 (m, 3) unit
+    quality: NDArray[Any]  # f4 (m,) 1 - smallest friction coefficient, 0..1
+    points: NDArray[Any]  # f4 (p, 3) metres, surface samples
+    normals: NDArray[Any]  # f4 (p, 3) unit, outward
+    affordance: NDArray[Any]  # f4 (p,) 0..1
+    counts: RefinementCounts = RefinementCounts()
+
+    def __post_init__(self) -> None:
+        coerce_columns(self, PAIR_COLUMNS, len(self.quality))
+        coerce_columns(self, SURFACE_COLUMNS, len(self.affordance))
+
+
+def write(path: Path, labels: AffordanceLabels, stamp: Stamp) -> None:
+    """Write `labels`; same labels and stamp, same bytes."""
+    with new_h5(path) as file:
+        file.attrs["format_version"] = FORMAT_VERSION
+        file.attrs["frame"] = "object"
+        file.attrs["provenance"] = stamp.as_text()
+        file.attrs.update(asdict(labels.counts))
+        names = (*PAIR_COLUMNS, *SURFACE_COLUMNS)
+        write_columns(file, {name: getattr(labels, name) for name in names}, UNITS)
+
+
+def read(path: Path) -> AffordanceLabels:
+    """Read a file of `write`."""
+    with open_h5(path) as file:
+        check_version(path, file.attrs.get("format_version"), FORMAT_VERSION)
+        columns: dict[str, Any] = read_columns(path, file, (*PAIR_COLUMNS, *SURFACE_COLUMNS))
+        # Files of before there were counts have none.
+        names = [field.name for field in fields(RefinementCounts)]
+        counts = RefinementCounts(**{name: int(file.attrs.get(name, 0)) for name in names})
+    return AffordanceLabels(**columns, counts=counts)
+
+
+def read_surface(path: Path) -> dict[str, NDArray[Any]]:
+    """Read the surface's `points`, `normals` and `affordance` alone: the pairs are far more."""
+    with open_h5(path) as file:
+        check_version(path, file.attrs.get("format_version"), FORMAT_VERSION)
+        return read_columns(path, file, SURFACE_COLUMNS)

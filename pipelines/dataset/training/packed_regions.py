@@ -1,0 +1,191 @@
+"""`PACKED/scene_NNNN_CAMERA.h5`: the region clouds of a scene's frames, with their labels.
+
+Camera frame (OpenCV axes), metres. Slots as in `geometry/symmetry.py`: 0-2 reflection, 3 rotation,
+4 sphere; the point and direction of an empty slot are nan.
+"""
+
+import bisect
+import itertools
+import os
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.errors import FormatError, MissingInputError
+from pipelines.geometry.symmetry import NUM_SLOTS
+from pipelines.storage.h5_columns import (
+    ColumnSpec,
+    check_version,
+    coerce_columns,
+    read_columns,
+    write_columns,
+)
+from pipelines.storage.h5_files import new_h5, open_h5
+from pipelines.storage.provenance import Stamp
+
+FORMAT_VERSION = 2
+UNITS = {"points": "m", "point": "m"}
+MOST_OPEN = 200  # files at a time; systems allow a process some 1,024
+# What makes up nearly all of a region: a row a chunk, and not packed, so that training reads it
+# in any order at the speed of the disk. All else of a scene is small and kept in memory.
+BY_ROW = ("points", "affordance")
+
+
+@dataclass(frozen=True)
+class PackedScene:
+    """The R packed regions of one scene, P points each."""
+
+    points: NDArray[Any]  # f4 (R, P, 3) metres, camera frame
+    affordance: NDArray[Any]  # f4 (R, P) 0..1
+    existence: NDArray[Any]  # f4 (R, 5) 0 or 1
+    point: NDArray[Any]  # f4 (R, 5, 3) metres, camera frame
+    direction: NDArray[Any]  # f4 (R, 5, 3) unit, camera frame
+    table: NDArray[Any]  # f4 (R, 4) normal and offset (metres), camera frame; nan: none found
+    object_id: NDArray[Any]  # i4 (R,)
+    frame_id: NDArray[Any]  # i4 (R,)
+    name: NDArray[Any]  # str (R,), the region's name
+
+    def __post_init__(self) -> None:
+        regions, count = np.shape(self.points)[:2]
+        spec: ColumnSpec = {
+            "points": ((count, 3), np.float32),
+            "affordance": ((count,), np.float32),
+            "existence": ((NUM_SLOTS,), np.float32),
+            "point": ((NUM_SLOTS, 3), np.float32),
+            "direction": ((NUM_SLOTS, 3), np.float32),
+            "table": ((4,), np.float32),
+            "object_id": ((), np.int32),
+            "frame_id": ((), np.int32),
+            "name": ((), np.object_),
+        }
+        coerce_columns(self, spec, regions)
+
+    def __len__(self) -> int:
+        """Return the number of regions."""
+        return len(self.points)
+
+
+@dataclass(frozen=True)
+class PackedRegion:
+    """One packed region; the fields of `PackedScene` without their first axis."""
+
+    points: NDArray[np.float32]  # (P, 3)
+    affordance: NDArray[np.float32]  # (P,)
+    existence: NDArray[np.float32]  # (5,)
+    point: NDArray[np.float32]  # (5, 3)
+    direction: NDArray[np.float32]  # (5, 3)
+    table: NDArray[np.float32]  # (4,)
+    object_id: int
+    frame_id: int
+    name: str
+
+
+COLUMNS = tuple(field.name for field in fields(PackedScene))
+
+
+def write(path: Path, scene: PackedScene, stamp: Stamp) -> None:
+    """Write one scene; same regions and stamp, same bytes."""
+    with new_h5(path) as file:
+        file.attrs["format_version"] = FORMAT_VERSION
+        file.attrs["frame"] = "camera, OpenCV axes"
+        file.attrs["provenance"] = stamp.as_text()
+        columns = {name: getattr(scene, name) for name in COLUMNS}
+        write_columns(file, columns, UNITS, BY_ROW)
+
+
+def read(path: Path) -> PackedScene:
+    """Read a whole scene."""
+    with open_h5(path) as file:
+        check_version(path, file.attrs.get("format_version"), FORMAT_VERSION)
+        return PackedScene(**read_columns(path, file, COLUMNS))
+
+
+@dataclass(frozen=True)
+class _OpenScene:
+    """An open file: the datasets that are read row by row, and the columns kept in memory."""
+
+    rows: dict[str, h5py.Dataset]
+    columns: dict[str, NDArray[Any]]
+
+    @classmethod
+    def of(cls, path: Path) -> "_OpenScene":
+        file = open_h5(path, cache_bytes=0, checked=False)  # no chunk is read twice in a row
+        small = [name for name in COLUMNS if name not in BY_ROW]
+        columns, rows = read_columns(path, file, small), {name: file.get(name) for name in BY_ROW}
+        for name, dataset in rows.items():
+            if not isinstance(dataset, h5py.Dataset) or len(dataset) != len(columns["name"]):
+                raise FormatError(path, f"/{name} is missing or cut off", "pack the scene again")
+        return cls(rows, columns)
+
+    def region(self, row: int) -> PackedRegion:
+        columns = {name: column[row] for name, column in self.columns.items()}
+        columns |= {name: dataset[row] for name, dataset in self.rows.items()}
+        columns |= {name: int(columns[name]) for name in ("object_id", "frame_id")}
+        return PackedRegion(**columns)
+
+
+class PackedReader:
+    """Random access to the regions of every `*.h5` under a folder, files opened when first needed.
+
+    Pickles without its open files, and opens them anew in a forked process, so that it may be
+    handed to the workers of a data loader. Hidden files are what an interrupted `pack` left.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        if (folder / "scenes").is_dir():
+            raise FormatError(folder, "is a dataset root", "give what `symgrasp pack` made of it")
+        files = (path for path in folder.rglob("*.h5") if not path.name.startswith("."))
+        self.paths = tuple(sorted(files))
+        if not self.paths:
+            raise MissingInputError(folder / "*.h5", "symgrasp pack")
+        self.counts = tuple(_count(path) for path in self.paths)
+        self._ends = list(itertools.accumulate(self.counts))
+        self._scenes: dict[int, _OpenScene] = {}  # those used last at the end
+        self._process = os.getpid()
+
+    def __len__(self) -> int:
+        """Return the number of regions of all files."""
+        return self._ends[-1]
+
+    def __getitem__(self, index: int) -> PackedRegion:
+        """Return region `index`, counted through the files in the order of their names."""
+        scene, row = self.locate(index)
+        opened = self._open(scene)
+        try:
+            return opened.region(row)
+        except OSError as error:
+            raise FormatError(
+                self.paths[scene], f"region {row} is damaged ({error})", "pack again"
+            ) from error
+
+    def locate(self, index: int) -> tuple[int, int]:
+        """Return (index into `paths`, row in that file) of region `index`."""
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"region {index} of {len(self)}")
+        index %= len(self)
+        scene = bisect.bisect_right(self._ends, index)
+        return scene, index - (self._ends[scene] - self.counts[scene])
+
+    def _open(self, scene: int) -> _OpenScene:
+        if self._process != os.getpid():  # handles must not be shared with the parent
+            self._scenes, self._process = {}, os.getpid()
+        opened = self._scenes.pop(scene, None) or _OpenScene.of(self.paths[scene])
+        while len(self._scenes) >= MOST_OPEN:
+            del self._scenes[next(iter(self._scenes))]  # h5py closes what nobody holds
+        self._scenes[scene] = opened
+        return opened
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_scenes": {}, "_process": -1}
+
+
+def _count(path: Path) -> int:
+    with open_h5(path, checked=False) as file:  # all of them before the first step
+        check_version(path, file.attrs.get("format_version"), FORMAT_VERSION)
+        if "points" not in file:
+            raise FormatError(path, "has no dataset /points", "pack the scene again")
+        return int(file["points"].shape[0])

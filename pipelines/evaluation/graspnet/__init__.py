@@ -1,0 +1,1 @@
+"""The evaluation of grasp dumps by GraspNet's protocol."""

@@ -1,0 +1,105 @@
+"""The verdicts on one dumped scene, `report.scenes/scene_NNNN_CAMERA.npz`, one row a frame.
+
+Where a frame has fewer ranked grasps than another its row is filled up with nan or -1.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.storage.files import read_npz, write_npz
+from pipelines.storage.provenance import Stamp, write_sidecar
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+STATUSES = ("ok", "missing", "unreadable")
+NONE = np.zeros(0)
+
+ARRAYS = (
+    "frame_id",
+    "status",
+    "message",
+    "rows",
+    "left_out",
+    "straightened",
+    "accuracy",
+    "row",
+    "object_id",
+    "confidence",
+    "friction",
+    "reason",
+)
+
+
+@dataclass(frozen=True)
+class FrameVerdicts:
+    """What became of one frame of a dump.
+
+    Attributes:
+        frame_id: of the dataset.
+        status: one of `STATUSES`.
+        message: what is wrong with the frame's file, or with its rows; empty if nothing is.
+        rows: number in the file.
+        left_out: of these, that are no grasps.
+        straightened: of these, whose rotations were made exact.
+        accuracy: (50, 6).
+        row, object_id: (k,) of each ranked grasp: its row in the file, its object.
+        confidence, friction: (k,) of each ranked grasp; the friction is -1 if it does not hold.
+        reason: (k,) index of `metrics.graspnet_frames.REASONS`.
+    """
+
+    frame_id: int
+    status: str
+    message: str
+    rows: int
+    left_out: int
+    straightened: int
+    accuracy: Array
+    row: NDArray[np.generic] = field(default_factory=lambda: NONE)
+    object_id: NDArray[np.generic] = field(default_factory=lambda: NONE)
+    confidence: NDArray[np.generic] = field(default_factory=lambda: NONE)
+    friction: NDArray[np.generic] = field(default_factory=lambda: NONE)
+    reason: NDArray[np.generic] = field(default_factory=lambda: NONE)
+
+
+def scenes_folder(report: Path) -> Path:
+    """Return where the verdicts of the report `report` lie, one file a scene."""
+    return report.with_suffix(".scenes")
+
+
+def write_dump_verdicts(path: Path, frames: Sequence[FrameVerdicts], stamp: Stamp) -> None:
+    """Write the verdicts on a scene's frames, and the stamp beside them."""
+    arrays: dict[str, NDArray[np.generic]] = {
+        "frame_id": np.array([f.frame_id for f in frames], np.int32),
+        "status": np.array([STATUSES.index(f.status) for f in frames], np.int8),
+        "message": np.array([f.message for f in frames], np.str_),
+        "rows": np.array([f.rows for f in frames], np.int32),
+        "left_out": np.array([f.left_out for f in frames], np.int32),
+        "straightened": np.array([f.straightened for f in frames], np.int32),
+        "accuracy": np.stack([f.accuracy for f in frames]),
+        "row": _padded([f.row for f in frames], -1, np.int32),
+        "object_id": _padded([f.object_id for f in frames], -1, np.int32),
+        "confidence": _padded([f.confidence for f in frames], np.nan, np.float64),
+        "friction": _padded([f.friction for f in frames], np.nan, np.float64),
+        "reason": _padded([f.reason for f in frames], -1, np.int8),
+    }
+    write_npz(path, compress=True, **arrays)
+    write_sidecar(path, stamp)
+
+
+def read_dump_verdicts(path: Path) -> dict[str, NDArray[np.generic]]:
+    """Read the arrays of a scene."""
+    return dict(read_npz(path, ARRAYS))
+
+
+def _padded(
+    parts: Sequence[NDArray[np.generic]], fill: float, dtype: type[np.generic]
+) -> NDArray[np.generic]:
+    full = np.full((len(parts), max(map(len, parts), default=0)), fill, dtype)
+    for row, part in zip(full, parts, strict=True):
+        row[: len(part)] = part
+    return full

@@ -1,0 +1,178 @@
+"""Figures and tables of GraspNet's protocol: AP by camera and split, what became of the grasps.
+
+A frame without a file counts as a frame without grasps, so that nobody gains by leaving out the
+hard ones; the mean over the frames that are there stands beside it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.dataset.graspnet.graspnet import SPLITS
+from pipelines.evaluation.graspnet.dump_verdicts import STATUSES
+from pipelines.evaluation.tables import Table
+from pipelines.metrics.graspnet.graspnet_ap import FRICTIONS, RANKS
+from pipelines.metrics.graspnet.graspnet_frames import REASONS
+
+Array = NDArray[np.float64]
+Figures = dict[str, Any]
+
+ALL, TRAIN = "all", "train"
+SHOWN = {"ap_0.8": FRICTIONS.index(0.8), "ap_0.4": FRICTIONS.index(0.4)}
+
+
+@dataclass
+class DumpTotals:
+    """Sums over scenes, from which every figure follows; scenes are added one by one."""
+
+    scenes: int = 0
+    frames: int = 0
+    absent: int = 0  # frames without a readable file
+    rows: int = 0
+    left_out: int = 0
+    straightened: int = 0
+    accuracy: Array = field(default_factory=lambda: np.zeros((RANKS, len(FRICTIONS))))
+    reasons: NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(REASONS), np.int64))
+    reachable: Array = field(default_factory=lambda: np.zeros(RANKS))  # if all grasps held
+
+    def add(self, verdicts: Mapping[str, NDArray[Any]]) -> None:
+        """Add the verdicts on one scene, as `formats.dump_verdicts` reads them."""
+        self.scenes += 1
+        self.frames += len(verdicts["frame_id"])
+        self.absent += int((verdicts["status"] != STATUSES.index("ok")).sum())
+        self.rows += int(verdicts["rows"].sum())
+        self.left_out += int(verdicts["left_out"].sum())
+        self.straightened += int(verdicts["straightened"].sum())
+        self.accuracy += verdicts["accuracy"].sum(axis=0)
+        count = (verdicts["reason"] >= 0).sum(axis=1)[:, None]
+        self.reachable += np.minimum(count / np.arange(1, RANKS + 1), 1.0).sum(axis=0)
+        judged = verdicts["reason"][verdicts["reason"] >= 0]
+        self.reasons += np.bincount(judged, minlength=len(REASONS))
+
+    def figures(self) -> Figures:
+        """Return FIGURES; None where there are no frames."""
+        by_friction = self._mean(self.frames)
+        present = self._mean(self.frames - self.absent)
+        return {
+            "ap": _mean_or_none(by_friction),
+            **{name: None if by_friction is None else by_friction[i] for name, i in SHOWN.items()},
+            "ap_present": _mean_or_none(present),
+            "ap_by_friction": None
+            if by_friction is None
+            else {f"{mu:g}": ap for mu, ap in zip(FRICTIONS, by_friction, strict=True)},
+            "scenes": self.scenes,
+            "frames": self.frames,
+            "frames_absent": self.absent,
+            "rows": self.rows,
+            "rows_left_out": self.left_out,
+            "rows_straightened": self.straightened,
+            "reasons": {r: int(n) for r, n in zip(REASONS, self.reasons, strict=True) if n},
+        }
+
+    def by_rank(self) -> Figures:
+        """Return the mean accuracy at k = 1 to 50: at each friction, over them, and reachable."""
+        accuracy = self.accuracy / max(self.frames, 1)
+        held = {
+            f"{mu:g}": column.tolist() for mu, column in zip(FRICTIONS, accuracy.T, strict=True)
+        }
+        reachable = (self.reachable / max(self.frames, 1)).tolist()
+        return {"held": held, "mean": accuracy.mean(axis=1).tolist(), "reachable": reachable}
+
+    def _mean(self, frames: int) -> list[float] | None:
+        """Return AP at each friction over so many frames."""
+        return None if frames == 0 else (self.accuracy.mean(axis=0) / frames).tolist()
+
+
+@dataclass
+class DumpTally:
+    """Totals by camera and split, and the figures of each scene."""
+
+    totals: dict[str, dict[str, DumpTotals]] = field(default_factory=dict)
+    scenes: dict[str, Figures] = field(default_factory=dict)
+
+    def add(
+        self, name: str, camera: str, scene_id: int, verdicts: Mapping[str, NDArray[Any]]
+    ) -> None:
+        """Add the verdicts on one scene, as `formats.dump_verdicts` reads them."""
+        fresh = {split: DumpTotals() for split in (*SPLITS, ALL)}
+        splits = self.totals.setdefault(camera, fresh)
+        own, total = [split for split in SPLITS if scene_id in SPLITS[split]], DumpTotals()
+        for each in (total, *(splits[split] for split in (*own, ALL))):
+            each.add(verdicts)
+        self.scenes[name] = {"split": own[0] if own else "", **total.figures()}
+
+    def rows(self) -> dict[str, dict[str, Figures]]:
+        """Return FIGURES by camera and split; of the split train where it was dumped."""
+        return {
+            camera: {name: t.figures() for name, t in splits.items() if name != TRAIN or t.frames}
+            for camera, splits in sorted(self.totals.items())
+        }
+
+    def accuracy(self) -> dict[str, dict[str, Figures]]:
+        """Return accuracy by rank, by camera and split, of splits with frames and of all."""
+        return {
+            camera: {n: t.by_rank() for n, t in splits.items() if n == ALL or t.frames}
+            for camera, splits in sorted(self.totals.items())
+        }
+
+
+def scene_table(scenes: Mapping[str, Figures]) -> Table:
+    """Return a row a scene."""
+    return Table(
+        "Average precision and what became of the ranked grasps, percent",
+        ("scene", "split", "AP", "AP 0.8", "AP 0.4", *REASONS, "grasps", "frames", "absent"),
+        tuple(
+            (
+                *(name, f["split"], *(percent(f[key]) for key in ("ap", *SHOWN))),
+                *(*_shares(f["reasons"]), str(f["frames"]), str(f["frames_absent"])),
+            )
+            for name, f in scenes.items()
+        ),
+        names=2,
+    )
+
+
+def dump_tables(rows: Mapping[str, Mapping[str, Figures]]) -> list[Table]:
+    """Return the tables of a report on a dump."""
+    cells = [(row, split, f) for row, splits in rows.items() for split, f in splits.items()]
+    cells = [cell for cell in cells if cell[2]["frames"]]
+    header = ("camera", "split", "AP", "AP 0.8", "AP 0.4", "AP present", "scenes", "frames")
+    names = ("ap", "ap_0.8", "ap_0.4", "ap_present")
+    precision = Table(
+        "Average precision by GraspNet's protocol, percent",
+        (*header, "absent"),
+        tuple(
+            (
+                *(row, split, *(percent(f[name]) for name in names)),
+                *(str(f[name]) for name in ("scenes", "frames", "frames_absent")),
+            )
+            for row, split, f in cells
+        ),
+        note="Frames without a readable file are absent and count 0; AP present leaves them out.",
+        names=2,
+    )
+    fates = Table(
+        "What became of the ranked grasps, percent",
+        ("camera", "split", *REASONS, "grasps"),
+        tuple((row, split, *_shares(f["reasons"])) for row, split, f in cells),
+        names=2,
+    )
+    return [precision, fates]
+
+
+def _shares(reasons: Mapping[str, int]) -> list[str]:
+    total = sum(reasons.values())
+    shares = [percent(reasons.get(r, 0) / total if total else None) for r in REASONS]
+    return [*shares, str(total)]
+
+
+def _mean_or_none(values: list[float] | None) -> float | None:
+    return None if values is None else float(np.mean(values))
+
+
+def percent(share: float | None) -> str:
+    """Return a share in percent, two decimals; a dash for None."""
+    return "-" if share is None else f"{100.0 * share:.2f}"

@@ -1,0 +1,79 @@
+"""From a scene of a dump to the verdicts on its frames."""
+
+import numpy as np
+
+from pipelines.configs import EvaluateDumpConfig
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot, SceneFiles
+from pipelines.errors import SymgraspError
+from pipelines.evaluation.graspnet.dump_verdicts import FrameVerdicts
+from pipelines.evaluation.graspnet.graspnet_truth import SceneTruth
+from pipelines.grasp_files.exports.graspnet_dump import DumpedScene
+from pipelines.grasp_files.grasp_rows import GraspRows, read_grasp_rows
+from pipelines.metrics.graspnet.graspnet_ap import accuracy
+from pipelines.metrics.graspnet.graspnet_frames import judge_rows
+
+MAX_SKEW = 0.1  # of a rotation's entries; what is farther off was not meant as one
+
+
+def judge_scene(
+    root: GraspNetRoot, dumped: DumpedScene, config: EvaluateDumpConfig
+) -> list[FrameVerdicts]:
+    """Return the verdicts on every frame that the dataset has of a scene, in order.
+
+    Raises:
+        SymgraspError: the dataset lacks the scene, its camera, its models or its poses.
+    """
+    files = root.scene(dumped.scene_id, dumped.camera)
+    truth = SceneTruth.read(root, files, config.exact)
+    return [_judge_frame(truth, dumped, i, config) for i in frames_of(files)]
+
+
+def frames_of(files: SceneFiles) -> list[int]:
+    """Return the ids of the frames that can be judged: those with poses."""
+    found = files.ids_of("annotations")
+    if not found:
+        raise SymgraspError(
+            f"{files.camera_folder / 'annotations'} holds no poses; NNNN.xml of every frame"
+        )
+    return found
+
+
+def _judge_frame(
+    truth: SceneTruth, dumped: DumpedScene, frame_id: int, config: EvaluateDumpConfig
+) -> FrameVerdicts:
+    path = dumped.path(frame_id)
+    if not path.is_file():
+        return _without_grasps(frame_id, "missing", f"{path} is missing")
+    try:
+        given = read_grasp_rows(path, max_width=config.max_width, max_skew=MAX_SKEW)
+    except SymgraspError as error:
+        return _without_grasps(frame_id, "unreadable", str(error))
+    ids, scene = truth.frame(frame_id)
+    kept = np.setdiff1d(np.arange(len(given.rows)), list(given.faults))
+    judged = judge_rows(given.rows[kept], scene)
+    return FrameVerdicts(
+        frame_id,
+        "ok",
+        _fault(path.name, given),
+        len(given.rows),
+        len(given.faults),
+        int(given.straightened.sum()),
+        accuracy(judged.friction),
+        row=kept[judged.index],
+        object_id=np.array(ids, np.int64)[judged.owner],
+        confidence=given.rows[kept][judged.index, 0],
+        friction=judged.friction,
+        reason=judged.reason,
+    )
+
+
+def _without_grasps(frame_id: int, status: str, message: str) -> FrameVerdicts:
+    return FrameVerdicts(frame_id, status, message, 0, 0, 0, accuracy([]))
+
+
+def _fault(name: str, given: GraspRows) -> str:
+    """Return the sentence on the rows of a file that are no grasps; empty if all are."""
+    if not given.faults:
+        return ""
+    first = min(given.faults)
+    return f"{name}: row {first} {given.faults[first]}, {len(given.faults)} rows are left out"

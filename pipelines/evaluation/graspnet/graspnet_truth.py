@@ -1,0 +1,133 @@
+"""The objects, poses and table of a GraspNet scene, as its protocol wants them."""
+
+import functools
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot, ObjectPose, SceneFiles
+from pipelines.dataset.graspnet.signed_distance import as_stored, read_sdf
+from pipelines.dataset.meshes import read_mesh, read_solid_mesh, read_vertices
+from pipelines.errors import FormatError
+from pipelines.frames.graspnet_scene import read_annotation_xml
+from pipelines.geometry.meshes.mesh import sample_surface
+from pipelines.geometry.numerics.single_precision import single_precision_grid
+from pipelines.metrics.graspnet.graspnet_frames import (
+    ExactScene,
+    GridObject,
+    PeerScene,
+    SolidObject,
+)
+from pipelines.metrics.graspnet.peer_collision import NUM_SAMPLES, VOXEL, voxel_means
+from pipelines.metrics.mesh_collision import MeshCollider
+
+Array = NDArray[np.float64]
+
+KEPT_OBJECTS = 28  # in memory, a grid of 8 MB each; GraspNet-1Billion's splits have no more
+
+
+@dataclass(frozen=True)
+class SceneTruth:
+    """One scene seen by one camera.
+
+    Attributes:
+        root: the dataset.
+        files: of the scene.
+        exact: objects and poses as exactly as the dataset has them, or as the peer reads them.
+        T_table_cams: (n, 4, 4) of each frame's camera; the table's top is z = 0.
+    """
+
+    root: GraspNetRoot
+    files: SceneFiles
+    exact: bool
+    T_table_cams: Array
+
+    @classmethod
+    def read(cls, root: GraspNetRoot, files: SceneFiles, exact: bool) -> "SceneTruth":
+        """Read what all frames of a scene share."""
+        return cls(root, files, exact, files.cam0_wrt_table @ files.camera_poses)
+
+    def frame(self, frame_id: int) -> tuple[list[int], PeerScene | ExactScene]:
+        """Return the ids of a frame's objects, in the annotation's order, and its scene."""
+        if frame_id >= len(self.T_table_cams):
+            path = self.files.camera_folder / "camera_poses.npy"
+            raise FormatError(
+                path, f"holds {len(self.T_table_cams)} poses", f"frame {frame_id} has none"
+            )
+        T_table_cam = self.T_table_cams[frame_id]
+        listed = self._poses(self.files.frame(frame_id))
+        ids = [pose.object_id for pose in listed]
+        if self.exact:
+            solids = [solid_object(self.root, i) for i in ids]
+            return ids, ExactScene(solids, [pose.T_cam_obj for pose in listed], T_table_cam)
+        grids = [grid_object(self.root, i) for i in ids]
+        poses = [pose.T_cam_obj.astype(np.float32) for pose in listed]
+        return ids, PeerScene(grids, poses, T_table_cam)
+
+    def _poses(self, frame: FrameFiles) -> list[ObjectPose]:
+        """Return poses; the peer takes the XML's four decimals, whatever the .mat says."""
+        if self.exact:
+            return self.root.read_annotation(frame)
+        return read_annotation_xml(frame.path("annotations"))
+
+
+def object_files(root: GraspNetRoot, object_id: int, *, exact: bool) -> tuple[Path, ...]:
+    """Return the files that say what an object is: its points, and its surface or grid."""
+    surface = _surface(root, object_id)
+    if exact:
+        return (surface,)
+    stored = root.textured_path(object_id, ".sdf")
+    return (root.model_path(object_id), stored if stored.is_file() else surface)
+
+
+def grid_object(root: GraspNetRoot, object_id: int) -> GridObject:
+    """Return an object as the peer has it: its model's vertices, and `textured.sdf`.
+
+    Without that file the grid is computed from the mesh, as it would be read from the file: its six
+    digits decide on flat faces.
+    """
+    return _grid_object(*map(_version, object_files(root, object_id, exact=False)))
+
+
+def solid_object(root: GraspNetRoot, object_id: int) -> SolidObject:
+    """Return an object as it is; whose a grasp is, points all over its surface say."""
+    return _solid_object(*map(_version, object_files(root, object_id, exact=True)), object_id)
+
+
+@dataclass(frozen=True)
+class _Version:
+    """A file as it was when it was last written: what is in memory is good for that only."""
+
+    path: Path
+    written: int = 0  # nanoseconds
+    size: int = 0
+
+
+def _version(path: Path) -> _Version:
+    if not path.is_file():
+        return _Version(path)  # reading it says what is missing
+    status = path.stat()
+    return _Version(path, status.st_mtime_ns, status.st_size)
+
+
+@functools.lru_cache(maxsize=KEPT_OBJECTS)
+def _grid_object(model: _Version, grid: _Version) -> GridObject:
+    points = voxel_means(read_vertices(model.path), VOXEL)
+    if grid.path.suffix == ".sdf":
+        return GridObject(points, read_sdf(grid.path))
+    return GridObject(points, as_stored(single_precision_grid(read_mesh(grid.path))))
+
+
+@functools.lru_cache(maxsize=KEPT_OBJECTS)
+def _solid_object(surface: _Version, seed: int) -> SolidObject:
+    mesh = read_solid_mesh(surface.path)
+    samples = sample_surface(mesh, NUM_SAMPLES, np.random.default_rng(seed))[0]
+    return SolidObject(voxel_means(samples, VOXEL), mesh, MeshCollider(mesh))
+
+
+def _surface(root: GraspNetRoot, object_id: int) -> Path:
+    """Return the mesh that grids are made of, or the one that every root has."""
+    textured = root.textured_path(object_id, ".obj")
+    return textured if textured.is_file() else root.model_path(object_id)

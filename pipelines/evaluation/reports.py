@@ -1,0 +1,111 @@
+"""`report.json` of `evaluate`, figures by row and split, and `success.json` of `simulate`."""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pipelines.errors import FormatError
+from pipelines.storage.files import read_json, write_json
+from pipelines.storage.provenance import Stamp
+
+FORMAT_VERSION = 1
+
+
+def write_report(
+    path: Path,
+    rows: Mapping[str, Mapping[str, Any]],
+    stamp: Stamp,
+    *,
+    seconds_per_frame: float | None = None,
+    **more: Any,  # noqa: ANN401 - JSON is any of many types
+) -> None:
+    """Write a report.
+
+    Args:
+        path: where to.
+        rows: row (ours, oracle, planar, random) to split (seen, similar, novel, all) to figures;
+            a figure that could not be computed, nan, is stored as null.
+        stamp: how it was made.
+        seconds_per_frame: mean time of `infer`.
+        more: further JSON entries.
+    """
+    content = {
+        "rows": rows,
+        "seconds_per_frame": seconds_per_frame,
+        **more,
+        "format_version": FORMAT_VERSION,
+        "provenance": stamp.as_json(),
+    }
+    write_json(path, _finite(content))
+
+
+def read_report(path: Path) -> dict[str, Any]:
+    """Read a report as the JSON object it is.
+
+    Raises:
+        FormatError: it has no `rows`.
+    """
+    content = read_json(path)
+    if not isinstance(content, dict) or not isinstance(content.get("rows"), dict):
+        raise FormatError(path, "lacks `rows`", "a report.json of `symgrasp evaluate` is expected")
+    return content
+
+
+def is_success(path: Path) -> bool:
+    """Return whether a JSON file is meant as a `success.json`, not as a `report.json`."""
+    content = read_json(path)
+    return isinstance(content, dict) and "success" in content and "rows" not in content
+
+
+def read_success(path: Path) -> dict[str, Any]:
+    """Read the rates of success that `simulate` found.
+
+    Raises:
+        FormatError: not a success.json, or of another version.
+    """
+    content: dict[str, Any] = read_json(path)
+    for name, kind in (("success", dict), ("frictions", list)):
+        if not isinstance(content, dict) or not isinstance(content.get(name), kind):
+            raise FormatError(path, f"lacks `{name}`", "a success.json of `simulate` is expected")
+    if content.get("format_version") != FORMAT_VERSION:
+        found = f"has format_version {content.get('format_version')}"
+        raise FormatError(path, found, f"this symgrasp reads {FORMAT_VERSION}")
+    return content
+
+
+def read_success_of(path: Path, inputs: Mapping[str, str]) -> dict[str, Any]:
+    """Read the rates of success of what `inputs` are: digests by kind, `grasps` among them.
+
+    Of the other kinds those are compared that the simulation knew too: the gripper, the labels,
+    meshes and scenes of the dataset.
+
+    Raises:
+        FormatError: as `read_success`, or they are of other grasps, or by another hand or in
+            another dataset.
+    """
+    content = read_success(path)
+    found = (content.get("provenance") or {}).get("inputs") or {}
+    if found.get("grasps") != inputs["grasps"]:
+        raise FormatError(path, "was simulated from other grasps", "run simulate on these grasps")
+    other = sorted(name for name in inputs.keys() & found.keys() if found[name] != inputs[name])
+    if other:
+        raise FormatError(
+            path,
+            f"was simulated with other inputs ({', '.join(other)})",
+            "run simulate with this gripper on this dataset",
+        )
+    return content
+
+
+def _finite(content: Any) -> Any:  # noqa: ANN401 - JSON is any of many types
+    """Return `content` with numbers as Python's own and nan as None: JSON has no nan."""
+    if isinstance(content, Mapping):
+        return {str(key): _finite(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [_finite(value) for value in content]
+    if hasattr(content, "tolist"):  # numpy's scalars and arrays
+        return _finite(content.tolist())
+    if isinstance(content, float) and not math.isfinite(content):
+        return None
+    return content

@@ -1,0 +1,123 @@
+"""`success.trials/*.json`: what became of the trials of a scene, enough to compute any rate again.
+
+Records are written scene by scene, so that an interrupted run loses nothing.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pipelines.errors import FormatError
+from pipelines.storage.files import read_json, write_json
+from pipelines.storage.provenance import Stamp
+
+FORMAT_VERSION = 1
+HELD = "held"  # the reason of a trial that succeeded
+OURS = "ours"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a trial.
+
+    Attributes:
+        reason: one of `simulation.trial.REASONS`.
+        slip: metres that the object moved in the hand from closing to the end.
+        turn: degrees that it turned in the hand.
+    """
+
+    reason: str
+    slip: float = 0.0
+    turn: float = 0.0
+
+
+@dataclass(frozen=True)
+class TrialRecord:
+    """The best grasp on one visible object of a frame.
+
+    Attributes:
+        object_id: of the dataset.
+        kind: symmetry of the true region that it is on: sphere, rotation, reflection or none.
+        outcomes: by friction, see `friction_key`.
+    """
+
+    object_id: int
+    kind: str
+    outcomes: dict[str, Outcome]
+
+
+@dataclass(frozen=True)
+class FrameTrials:
+    """All trials of one frame.
+
+    Attributes:
+        name: of the frame.
+        split: of its scene.
+        shift: metres that an object moved at most to come to rest.
+        trials: of our grasps.
+        baselines: of those of other methods on the same regions (oracle, planar, random).
+    """
+
+    name: str
+    split: str
+    shift: float
+    trials: list[TrialRecord]
+    baselines: dict[str, list[TrialRecord]] = field(default_factory=dict)
+
+    @property
+    def rows(self) -> dict[str, list[TrialRecord]]:
+        """The trials by method, ours first."""
+        return {OURS: self.trials, **self.baselines}
+
+
+def friction_key(friction: float) -> str:
+    """Return the name of a friction in JSON: 0.3 is "0.3"."""
+    return f"{friction:g}"
+
+
+def trials_folder(success: Path) -> Path:
+    """Return where the trials of `success`, a `success.json`, lie, one file a scene."""
+    return success.with_suffix(".trials")
+
+
+def write_trials(path: Path, frames: Sequence[FrameTrials], stamp: Stamp) -> None:
+    """Write the trials of one scene."""
+    content = {
+        "format_version": FORMAT_VERSION,
+        "frames": [asdict(frame) for frame in frames],
+        "provenance": stamp.as_json(),
+    }
+    write_json(path, content)
+
+
+def read_trials(path: Path) -> list[FrameTrials]:
+    """Read the trials of one scene.
+
+    Raises:
+        FormatError: not written by `write_trials`.
+    """
+    content = read_json(path)
+    try:
+        return [_frame(entry) for entry in content["frames"]]
+    except (AttributeError, KeyError, TypeError) as error:
+        raise FormatError(
+            path, f"not the trials of a scene ({error})", "delete it and run `simulate` again"
+        ) from error
+
+
+def _frame(entry: Mapping[str, Any]) -> FrameTrials:
+    baselines = {row: _trials(found) for row, found in entry.get("baselines", {}).items()}
+    trials = _trials(entry["trials"])
+    return FrameTrials(entry["name"], entry["split"], entry["shift"], trials, baselines)
+
+
+def _trials(entries: Sequence[Mapping[str, Any]]) -> list[TrialRecord]:
+    return [
+        TrialRecord(
+            trial["object_id"],
+            trial["kind"],
+            {key: Outcome(**outcome) for key, outcome in trial["outcomes"].items()},
+        )
+        for trial in entries
+    ]

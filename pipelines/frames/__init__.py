@@ -1,0 +1,1 @@
+"""RGB-D frames in any layout: finding, reading, cameras, masks, workspaces."""

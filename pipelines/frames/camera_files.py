@@ -1,0 +1,267 @@
+"""Pinhole cameras from the many small files that users have beside their images.
+
+Internally the unit of depth is always `units_per_metre`. The files' own words clash: GraspNet's
+factor_depth and our depth_scale divide, BOP's depth_scale multiplies to millimetres, RealSense's
+is metres per unit. Distortion is ignored: registered images have none.
+"""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.errors import FormatError, SymgraspError, ValueRangeError
+from pipelines.frames.encodings.flat_yaml import read_flat_yaml
+from pipelines.frames.graspnet_scene import read_meta
+from pipelines.geometry.camera import Intrinsics
+from pipelines.storage.files import existing, is_file, read_json, read_npy
+
+# Looked for beside the images, in this order; after them any *.intr.
+SHARED_CAMERA_FILES = (
+    "camera.json",
+    "camera_params.json",
+    "camera_intrinsics.json",
+    "camera_intrinsic.json",
+    "camera_data.json",
+    "intrinsics.json",
+    "intrinsic.json",
+    "cam_info.json",
+    "camera_info.yaml",
+    "meta.yml",
+    "cam_K.txt",
+    "camera-intrinsics.txt",
+    "test-camera-intrinsics.txt",
+    "camera_intrinsics.txt",
+    "intrinsics.txt",
+    "intrinsic/intrinsic_depth.txt",
+    "camK.npy",
+    "meta.mat",
+    "transforms.json",
+    "scene_camera.json",
+)
+# Looked for first: the frame's own.
+OWN_CAMERA_ENDINGS = ("camera.json", "intrinsics.json", "meta.mat")
+
+SYNONYMS = {
+    "fx": ("fx", "_fx", "fl_x"),
+    "fy": ("fy", "_fy", "fl_y"),
+    "cx": ("cx", "_cx", "x_offset", "ppx"),
+    "cy": ("cy", "_cy", "y_offset", "ppy"),
+}
+WIDTH_KEYS = ("width", "img_width", "image_width", "_width", "w")
+HEIGHT_KEYS = ("height", "img_height", "image_height", "_height", "h")
+SCALE_KEYS = ("depth_units_per_metre", "depth_scale", "factor_depth", "scale")
+MATRIX_KEYS = ("cam_K", "K", "k", "intrinsic_matrix", "camera_matrix", "INTRINSICS")
+FORMS = "fx, fy, cx, cy or a 3x3 matrix (cam_K, K, intrinsic_matrix) is expected"
+UNITS_RANGE = (1e-3, 1e9)  # kilometres to nanometres: beyond, a file is damaged
+# A principal point this near the border means intrinsics of another image size.
+CENTRAL = (0.1, 0.9)
+# Of the image's side. Below, it would see more than 175 degrees, which no pinhole camera does: the
+# number is in other units, such as the lens's millimetres.
+SHORTEST_LENGTH = 0.02
+
+
+@dataclass(frozen=True)
+class CameraFile:
+    """A pinhole camera as a file or an option states it; sizes and unit may be unknown."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int | None = None
+    height: int | None = None
+    units_per_metre: float | None = None
+    origin: str = "--intrinsics"
+
+    def __post_init__(self) -> None:
+        for name in ("fx", "fy", "cx", "cy"):
+            value = getattr(self, name)
+            if not np.isfinite(value) or value <= 0:
+                raise ValueRangeError(f"{self.origin}: {name}", value, "positive, in pixels")
+        check_units(f"depth scale of {self.origin}", self.units_per_metre)
+
+    def at(self, width: int, height: int) -> Intrinsics:
+        """Return the intrinsics for images of this size.
+
+        Raises:
+            FormatError: the camera is of images of another size, or its lengths are no pixels.
+        """
+        size = f"{width}x{height}"
+        if self.width is not None and (self.width, self.height) != (width, height):
+            found = f"describes {self.width}x{self.height} images, but the depth is {size}"
+            raise FormatError(self.origin, found, "give the intrinsics of the depth image")
+        if self.fx < SHORTEST_LENGTH * width or self.fy < SHORTEST_LENGTH * height:
+            found = f"has focal lengths of {self.fx:g} and {self.fy:g} pixels for a {size} image"
+            raise FormatError(self.origin, found, "give fx and fy in pixels, not in millimetres")
+        low, high = CENTRAL
+        if not (low < self.cx / width < high and low < self.cy / height < high):
+            found = f"has its principal point at ({self.cx:g}, {self.cy:g}) of a {size} depth image"
+            raise FormatError(self.origin, found, "give the intrinsics of the depth image")
+        return Intrinsics(self.fx, self.fy, self.cx, self.cy, width, height)
+
+    @classmethod
+    def of(cls, intrinsics: Intrinsics, origin: str = "--intrinsics") -> "CameraFile":
+        """Return the camera of known `intrinsics`."""
+        i = intrinsics
+        return cls(i.fx, i.fy, i.cx, i.cy, i.width, i.height, origin=origin)
+
+    @classmethod
+    def from_matrix(cls, path: Path, matrix: NDArray[Any], **facts: Any) -> "CameraFile":  # noqa: ANN401
+        """Return the camera of a (3, 3) or (4, 4) `matrix`, as `path` holds it."""
+        try:
+            K = np.asarray(matrix, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise FormatError(path, f"holds what is no number ({error})", FORMS) from error
+        if K.shape not in ((3, 3), (4, 4)) or abs(K[2, 2] - 1.0) > 1e-6:
+            raise FormatError(path, f"a camera matrix of shape {K.shape}", "3x3 is expected")
+        fx, fy, cx, cy = (float(K[row, column]) for row, column in ((0, 0), (1, 1), (0, 2), (1, 2)))
+        return cls(fx, fy, cx, cy, origin=str(path), **facts)
+
+
+def check_units(name: str, units: float | None) -> None:
+    """Raise a ValueRangeError if `units` cannot be units per metre; None is unknown, and fine."""
+    low, high = UNITS_RANGE
+    if units is not None and not low <= units <= high:  # written so that nan fails too
+        raise ValueRangeError(name, units, f"between {low:g} and {high:g} units per metre")
+
+
+def parse_camera(text: str) -> CameraFile:
+    """Return the camera of `--intrinsics`: four numbers fx,fy,cx,cy, or a file's path."""
+    try:
+        numbers = [float(part) for part in re.split(r"[,\s]+", text.strip())]
+    except ValueError:
+        if Path(text).suffix or is_file(Path(text)):
+            return read_camera_file(Path(text))
+        numbers = []
+    if len(numbers) != 4:
+        raise ValueRangeError("--intrinsics", text, "fx,fy,cx,cy in pixels, or a camera file")
+    fx, fy, cx, cy = numbers
+    return CameraFile(fx, fy, cx, cy)
+
+
+def find_camera_file(folder: Path, name: str) -> Path | None:
+    """Return the camera file of frame `name` in `folder`: its own, or the folder's."""
+    return own_camera_file(folder, name) or shared_camera_file(folder)
+
+
+def own_camera_file(folder: Path, name: str) -> Path | None:
+    """Return the camera file of frame `name` alone."""
+    own = [folder / f"{name}{mark}{end}" for end in OWN_CAMERA_ENDINGS for mark in "_-."]
+    own += [folder / f"{name}.json", folder / "meta" / f"{name}.mat"]  # GraspNet's meta/
+    return next((path for path in own if path.is_file()), None)
+
+
+def shared_camera_file(folder: Path) -> Path | None:
+    """Return the camera file of all frames in `folder`."""
+    shared = (folder / file for file in SHARED_CAMERA_FILES)
+    found = next((path for path in shared if path.is_file()), None)
+    return found or min(folder.glob("*.intr"), default=None)
+
+
+def read_camera_file(path: Path, frame: str = "") -> CameraFile:
+    """Read a camera file of any known form: json, intr, yaml, txt, npy, mat.
+
+    A BOP `scene_camera.json` has one camera a frame; `frame` names it.
+
+    Raises:
+        FormatError: none of the known forms.
+    """
+    match path.suffix.lower():
+        case ".json" | ".intr":
+            content = read_json(path)
+            if path.name == "scene_camera.json" and isinstance(content, dict):
+                content = _camera_of(path, content, frame)
+            return camera_from_mapping(path, content)
+        case ".yml" | ".yaml":
+            return camera_from_mapping(path, read_flat_yaml(path))
+        case ".txt":
+            return _from_numbers(path)
+        case ".npy":
+            return CameraFile.from_matrix(path, read_npy(path))
+        case ".mat":
+            meta = read_meta(path)
+            units = meta.factor_depth
+            return CameraFile.from_matrix(path, meta.intrinsic_matrix, units_per_metre=units)
+        case _:
+            raise SymgraspError(f"{path} is no camera file; give .json, .yaml, .txt, .npy or .mat")
+
+
+def camera_from_mapping(path: Path, content: Any) -> CameraFile:  # noqa: ANN401 - JSON
+    """Return the camera of the keys and values that `path` holds.
+
+    Raises:
+        FormatError: keys are missing, or values are no numbers.
+    """
+    if not isinstance(content, dict):
+        raise FormatError(path, "this is no JSON object", FORMS)
+    try:
+        height, width = content.get("resolution") or (None, None)  # MegaPose's
+        width, height = width or _first(content, WIDTH_KEYS), height or _first(content, HEIGHT_KEYS)
+        size = {} if width is None or height is None else {"width": width, "height": height}
+        facts: dict[str, Any] = {name: int(value) for name, value in size.items()}
+        facts["units_per_metre"] = _units(content)
+        matrix = _first(content, MATRIX_KEYS)
+        if matrix is not None:
+            return CameraFile.from_matrix(path, _matrix(path, matrix), **facts)
+        values = {name: _first(content, keys) for name, keys in SYNONYMS.items()}
+        missing = [name for name, value in values.items() if value is None]
+        if missing:
+            raise FormatError(path, f"lacks {', '.join(missing)}", FORMS)
+        fx, fy, cx, cy = (float(value) for value in values.values())
+    except (TypeError, ValueError, OverflowError) as error:
+        raise FormatError(path, f"holds what is no number ({error})", FORMS) from error
+    return CameraFile(fx, fy, cx, cy, origin=str(path), **facts)
+
+
+def _camera_of(path: Path, scene: dict[str, Any], frame: str) -> Any:  # noqa: ANN401 - JSON
+    """Return the camera of one image of a BOP scene; the keys have no leading zeros."""
+    if not frame:
+        raise FormatError(path, "has a camera for each image", "name one camera's file instead")
+    if (key := frame.lstrip("0") or "0") not in scene:
+        raise FormatError(path, f"lacks a camera for image {key}", "each image of rgb/ has one")
+    return scene[key]
+
+
+def _first(content: dict[str, Any], keys: tuple[str, ...]) -> Any:  # noqa: ANN401 - JSON
+    return next((content[key] for key in keys if content.get(key) is not None), None)
+
+
+def _units(content: dict[str, Any]) -> float | None:
+    scale = _first(content, SCALE_KEYS)
+    if scale is None:
+        return None
+    scale = float(scale)
+    if "cam_K" in content and scale > 0:
+        return 1000.0 / scale  # BOP: times depth_scale gives millimetres
+    return 1.0 / scale if 0 < scale < 1 else scale  # below one: RealSense's metres per unit
+
+
+def _matrix(path: Path, stored: Any) -> NDArray[np.float64]:  # noqa: ANN401 - JSON
+    values = stored.get("data") if isinstance(stored, dict) else stored
+    numbers = np.asarray(values, dtype=np.float64).ravel()
+    if numbers.size != 9:
+        raise FormatError(path, f"a camera matrix of {numbers.size} numbers", "9 are expected")
+    K = numbers.reshape(3, 3)
+    # Open3D stores columns one after the other: then the centre stands in the last row.
+    return np.asarray(K.T if K[2, 0] > 1.0 and K[0, 2] == 0.0 else K)
+
+
+def _from_numbers(path: Path) -> CameraFile:
+    try:
+        text = existing(path).read_text(encoding="utf-8")
+        numbers = np.array(re.split(r"[,\s]+", text.strip()), dtype=np.float64)
+    except ValueError as error:
+        raise FormatError(path, f"holds what is no number ({error})", FORMS) from error
+    match numbers.size:
+        case 4:
+            fx, fy, cx, cy = numbers.tolist()
+            return CameraFile(fx, fy, cx, cy, origin=str(path))
+        case 9 | 16:
+            side = int(np.sqrt(numbers.size))
+            return CameraFile.from_matrix(path, numbers.reshape(side, side))
+        case size:
+            raise FormatError(path, f"{size} numbers", "fx fy cx cy or a 3x3 matrix is expected")

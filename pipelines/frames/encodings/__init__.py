@@ -1,0 +1,1 @@
+"""Decoders of file contents that frames are stored in: bags, .pcd, .mat, pickles, LZF."""

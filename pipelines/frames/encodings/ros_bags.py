@@ -1,0 +1,256 @@
+"""Registered RGB-D frames in ROS 1 and ROS 2 bags, with the `rosbags` package (the extra `ros`).
+
+Depth is an image of 16UC1 or mono16 (millimetres, 0 = missing) or 32FC1 (metres, NaN = missing),
+as REP 118 has it; colour one of rgb8, bgr8, rgba8, bgra8. The camera is the CameraInfo beside the
+depth topic, or, for depth that is aligned to colour, the one beside the colour topic. A bag may
+hold several cameras: the topics of one begin alike.
+"""
+
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.errors import FormatError, SymgraspError
+from pipelines.frames.camera_files import CameraFile
+
+IMAGE, CAMERA = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
+DEPTHS = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
+COLORS = {"rgb8": (0, 1, 2), "bgr8": (2, 1, 0), "rgba8": (0, 1, 2), "bgra8": (2, 1, 0)}
+CHANNELS = {"rgb8": 3, "bgr8": 3, "rgba8": 4, "bgra8": 4}
+# In the depth topic's name, as drivers have it; Azure Kinect's is depth_to_rgb.
+ALIGNED = ("aligned", "registered", "depth_to_rgb", "depth_to_color")
+EXTRA = "install it with `pip install symgrasp[ros]`"
+
+
+class Recorded(NamedTuple):
+    """Which image of a topic: several may be recorded at one time, as `rosbag` filters write them.
+
+    Attributes:
+        time: nanoseconds, of the recording.
+        stamp: nanoseconds, of the image's header.
+        number: among the images of the topic with this time and stamp, from 0.
+    """
+
+    time: int
+    stamp: int
+    number: int
+
+
+Stamps = list[tuple[float, Recorded]]  # seconds of the image, and which it is
+
+
+@dataclass(frozen=True)
+class Topics:
+    """The topics of an RGB-D camera.
+
+    Attributes:
+        color: the topic of the colour images.
+        depth: the topic of the depth images.
+        camera: the topic of the depth's CameraInfo, None if there is none.
+    """
+
+    color: str
+    depth: str
+    camera: str | None = None
+
+    @property
+    def is_aligned(self) -> bool:
+        """Whether the depth topic says that it lies on the colour."""
+        return _is_aligned(self.depth)
+
+    @property
+    def shared(self) -> str:
+        """What both topics begin with, part by part, `/left` of a camera of that name."""
+        return "/".join(self.depth.split("/")[: _shared(self.color, self.depth)])
+
+    @property
+    def name(self) -> str:
+        """A name for the camera among others of the bag."""
+        return (self.shared or self.color).strip("/")
+
+
+@contextmanager
+def open_bag(path: Path) -> Iterator[Any]:
+    """Yield rosbags' reader of a `.bag` file or a ROS 2 folder.
+
+    Raises:
+        FormatError: the bag is damaged, here or while it is read.
+        SymgraspError: `rosbags` is not installed.
+    """
+    try:
+        from rosbags.highlevel import AnyReader  # noqa: PLC0415 - an extra
+        from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415 - an extra
+    except ImportError as error:
+        raise SymgraspError(f"{path} is a ROS bag, which needs rosbags; {EXTRA}") from error
+    try:
+        types = get_typestore(Stores.ROS2_HUMBLE)
+        with AnyReader([path], default_typestore=types) as reader:
+            yield reader
+    except (SymgraspError, GeneratorExit):
+        raise
+    except Exception as error:  # its parsers, sqlite and the decompressors raise many kinds
+        raise FormatError(
+            path, f"this bag is damaged ({error})", "record or copy it again"
+        ) from error
+
+
+def find_cameras(path: Path, reader: Any) -> tuple[list[Topics], list[str]]:  # noqa: ANN401
+    """Return the RGB-D cameras to read, and of those that are passed over a sentence each.
+
+    All whose depth is aligned are read, or, where none is, one.
+
+    Raises:
+        FormatError: no topic of colour or of depth, as their encodings say.
+    """
+    colors, depths = [], []
+    for topic in sorted({c.topic for c in reader.connections if c.msgtype == IMAGE}):
+        encoding = next((image.encoding for _t, image in _messages(reader, topic)), "")
+        colors += [topic] if encoding in COLORS else []
+        depths += [topic] if encoding in DEPTHS else []
+    if not colors or not depths:
+        topics = ", ".join(sorted({c.topic for c in reader.connections})) or "none"
+        raise FormatError(
+            path,
+            f"has no {'depth' if colors else 'colour'} images; its topics are {topics}",
+            f"raw images are read: {', '.join(COLORS)} beside {', '.join(DEPTHS)}",
+        )
+    infos = {c.topic for c in reader.connections if c.msgtype == CAMERA}
+    cameras = [_with_info(camera, infos) for camera in _cameras(colors, depths)]
+    read = [camera for camera in cameras if camera.is_aligned] or cameras[:1]
+    return sorted(read, key=lambda camera: camera.name), _passed_over(colors, depths, cameras, read)
+
+
+def _passed_over(
+    colors: list[str], depths: list[str], cameras: list[Topics], read: list[Topics]
+) -> list[str]:
+    """Return a sentence for each depth topic that may be a camera's and is not read."""
+    others = [camera.depth for camera in cameras if camera not in read]
+    sentences = [f"{depth} is passed over: it is not called aligned" for depth in others]
+    if set(colors) != {camera.color for camera in read}:
+        known = {camera.depth for camera in cameras}
+        sentences += [
+            f"{depth} is passed over: by the topics' names it is of no other camera"
+            for depth in depths
+            if _is_aligned(depth) and depth not in known
+        ]
+    return sentences
+
+
+def _cameras(colors: list[str], depths: list[str]) -> list[Topics]:
+    """Return one camera for each beginning and each colour topic, aligned ones first.
+
+    A camera has several topics of depth (aligned to this and that, rectified): the first by name
+    is taken. A depth whose own colour was not recorded has a colour that is nearer to another's.
+    """
+    pairs = [
+        Topics(max(colors, key=lambda color: (_shared(color, depth), color)), depth)
+        for depth in depths
+    ]
+    pairs.sort(key=lambda pair: (not pair.is_aligned, -_shared(pair.color, pair.depth), pair.depth))
+    cameras: list[Topics] = []
+    for pair in pairs:
+        if all(pair.color != c.color and pair.shared != c.shared for c in cameras):
+            cameras.append(pair)
+    return cameras
+
+
+def _is_aligned(depth: str) -> bool:
+    return any(word in depth for word in ALIGNED)
+
+
+def _with_info(camera: Topics, infos: set[str]) -> Topics:
+    sources = (camera.depth, camera.color) if camera.is_aligned else (camera.depth,)
+    found = (each for source in sources for each in _infos(source) if each in infos)
+    return replace(camera, camera=next(found, None))
+
+
+def read_stamps(reader: Any, topic: str) -> Stamps:  # noqa: ANN401 - an extra's
+    """Return when each image of `topic` was taken, and which it is."""
+    stamps: Stamps = []
+    times: Counter[tuple[int, int]] = Counter()
+    for time, image in _messages(reader, topic):
+        stamp = image.header.stamp
+        which = (time, _nanoseconds(image))
+        stamps.append((stamp.sec + stamp.nanosec * 1e-9, Recorded(*which, times[which])))
+        times[which] += 1
+    return stamps
+
+
+def read_image_at(path: Path, reader: Any, topic: str, which: Recorded) -> NDArray[Any]:  # noqa: ANN401
+    """Return one image: (H, W) depth as stored, or (H, W, 3) RGB."""
+    images = (image for _t, image in _messages(reader, topic, which.time))
+    alike = (image for image in images if _nanoseconds(image) == which.stamp)
+    image = next(islice(alike, which.number, None), None)
+    if image is None:
+        raise FormatError(path, f"lacks an image of {topic}", "copy the whole bag again")
+    return decode(path, image)
+
+
+def read_camera(path: Path, reader: Any, topic: str) -> CameraFile:  # noqa: ANN401 - an extra's
+    """Return the camera of a CameraInfo topic, which is the same in all its messages."""
+    _t, info = next(_messages(reader, topic), (0, None))
+    K = None if info is None else getattr(info, "k", getattr(info, "K", None))
+    if info is None or K is None:
+        raise FormatError(path, f"{topic} holds no CameraInfo", "give --intrinsics fx,fy,cx,cy")
+    matrix = np.asarray(K, np.float64).reshape(3, 3)
+    facts = {"width": int(info.width), "height": int(info.height)}
+    return CameraFile.from_matrix(path, matrix, **facts)
+
+
+def decode(path: Path, image: Any) -> NDArray[Any]:  # noqa: ANN401 - an extra's
+    """Return the pixels of an Image message; rows may be padded, numbers of either byte order.
+
+    Raises:
+        FormatError: an unknown encoding, or fewer bytes than rows.
+    """
+    height, width, step = int(image.height), int(image.width), int(image.step)
+    encoding = str(image.encoding)
+    if encoding not in DEPTHS and encoding not in COLORS:
+        raise FormatError(path, f"has images of {encoding}", f"{', '.join((*DEPTHS, *COLORS))}")
+    kind = np.dtype((">" if image.is_bigendian else "<") + DEPTHS.get(encoding, "u1"))
+    row = width * CHANNELS.get(encoding, 1) * kind.itemsize
+    data = np.asarray(image.data, np.uint8).ravel()
+    if min(height, width) < 1 or step < row or data.size < height * step:
+        found = f"has an image of {width}x{height}, {step} bytes a row, in {data.size} bytes"
+        raise FormatError(path, found, "copy the whole bag again")
+    rows = np.ascontiguousarray(data[: height * step].reshape(height, step)[:, :row])
+    pixels = rows.view(kind)
+    if encoding in DEPTHS:
+        return pixels
+    channels = pixels.reshape(height, width, CHANNELS[encoding])
+    return np.ascontiguousarray(channels[:, :, COLORS[encoding]])
+
+
+def _messages(reader: Any, topic: str, recorded: int | None = None) -> Iterator[tuple[int, Any]]:  # noqa: ANN401
+    """Yield the messages of `topic` with their time; only those of one nanosecond, if given."""
+    connections = [each for each in reader.connections if each.topic == topic]
+    stop = None if recorded is None else recorded + 1
+    for connection, time, raw in reader.messages(connections, start=recorded, stop=stop):
+        yield time, reader.deserialize(raw, connection.msgtype)
+
+
+def _nanoseconds(image: Any) -> int:  # noqa: ANN401 - an extra's
+    """Return the time in the header of a message."""
+    return int(image.header.stamp.sec) * 10**9 + int(image.header.stamp.nanosec)
+
+
+def _infos(topic: str) -> list[str]:
+    """Return where a driver puts the CameraInfo of an image topic."""
+    parts = topic.split("/")
+    return ["/".join([*parts[:end], name]) for end, name in _PLACES if len(parts) > abs(end)]
+
+
+_PLACES = ((-1, "camera_info"), (-2, "camera_info"), (-2, "info/camera_info"))
+
+
+def _shared(topic: str, other: str) -> int:
+    """Return how many parts two topics begin with alike: those of one camera do."""
+    pairs = list(zip(topic.split("/"), other.split("/"), strict=False))
+    return next((i for i, (one, two) in enumerate(pairs) if one != two), len(pairs))

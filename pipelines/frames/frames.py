@@ -1,0 +1,85 @@
+"""Find RGB-D frames below a folder, whatever its layout."""
+
+from pathlib import Path
+
+from pipelines.errors import SymgraspError
+from pipelines.frames.camera_files import CameraFile
+from pipelines.frames.layouts.registry import LAYOUTS, frames_in, pickled_in
+from pipelines.frames.masks import read_masks
+from pipelines.frames.rgbd import Frame, FrameSource
+from pipelines.frames.rgbd_folder import FrameOptions
+from pipelines.geometry.camera import Intrinsics
+
+__all__ = ["Frame", "FrameSource", "find_frames", "read_masks"]
+
+GRASPNET_CAMERAS = ("kinect", "realsense")
+
+
+def find_frames(
+    folder: Path,
+    *,
+    intrinsics: CameraFile | Intrinsics | None = None,
+    depth_units_per_metre: float | None = None,
+    camera: str | None = None,
+    trust_pickles: bool = False,
+    may_be_empty: bool = False,
+) -> list[FrameSource]:
+    """List the RGB-D frames of `folder`, sorted by folder and name.
+
+    Layouts are told apart by their files. A folder that holds frames is not searched further
+    down; one that holds none is searched folder by folder. Images are not read yet:
+    `FrameSource.read` does, and raises.
+
+    Args:
+        folder: where to look, or one file of a frame (an image, `.npz`, `.pcd`).
+        intrinsics: the camera of all frames, instead of the files beside the images;
+            `camera_files.parse_camera` makes one of `--intrinsics`.
+        depth_units_per_metre: unit of the depth files, instead of what the camera files say.
+        camera: of GraspNet scenes only this camera, `kinect` or `realsense`; all if None.
+        trust_pickles: take the arrays out of pickles too, with `plain_pickle`.
+        may_be_empty: a folder without frames is an empty list, no error.
+
+    Raises:
+        SymgraspError: no such folder, or no frames in it.
+    """
+    stated = CameraFile.of(intrinsics) if isinstance(intrinsics, Intrinsics) else intrinsics
+    options = FrameOptions(stated, depth_units_per_metre, trust_pickles)
+    if not folder.is_dir():
+        sources = [found for found in _beside(folder, options) if folder in found.files]
+        if not sources:
+            raise SymgraspError(f"{folder} is not a folder; give the folder that holds the frames")
+        return sources
+    sources = _search(folder, "", options, camera)
+    if not sources and not may_be_empty:
+        looked_for = ", ".join(layout.looks_like for layout in LAYOUTS)
+        raise SymgraspError(f"{folder} holds no RGB-D frames; looked for {looked_for}")
+    return sources
+
+
+def _beside(file: Path, options: FrameOptions) -> list[FrameSource]:
+    """List the frames of the file's folder, and of the one above: images may lie in `rgb/`."""
+    if not file.is_file():
+        return []
+    folders = (file.parent, file.parent.parent)
+    found = [source for folder in folders for source in frames_in(folder, "", options)]
+    return found + pickled_in(file.parent, "", options)
+
+
+def _search(
+    folder: Path, prefix: str, options: FrameOptions, camera: str | None
+) -> list[FrameSource]:
+    if camera is not None and folder.name in GRASPNET_CAMERAS and folder.name != camera:
+        return []
+    direct = frames_in(folder, prefix, options)
+    if direct:
+        return direct
+    # Of a GraspNet root only the scenes hold frames; models/ is large.
+    below = [folder / "scenes"] if (folder / "scenes").is_dir() else sorted(folder.iterdir())
+    sources = []
+    for child in below:
+        if child.is_symlink() and folder.resolve().is_relative_to(child.resolve()):
+            continue  # a link to a folder above would be searched for ever
+        if child.is_dir() and not child.name.startswith("."):
+            name = f"{prefix}/{child.name}" if prefix else child.name
+            sources += _search(child, name, options, camera)
+    return sources or pickled_in(folder, prefix, options)

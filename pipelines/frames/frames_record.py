@@ -1,0 +1,77 @@
+"""How the frames of a `grasps.h5` were read, so that later stages read the same ones."""
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from pipelines.errors import FormatError
+from pipelines.frames.camera_files import CameraFile
+from pipelines.frames.frames import FrameSource, find_frames
+
+
+@dataclass(frozen=True)
+class FramesRecord:
+    """A folder of frames, and what was said of them in place of the files beside them."""
+
+    folder: Path
+    camera: CameraFile | None = None
+    depth_units_per_metre: float | None = None
+
+    def beside(self, output: Path) -> dict[str, Any]:
+        """Return it as a JSON object; the folder relative to that of `output`, if it can be.
+
+        So both may be moved together, and no folder of a user's is named needlessly.
+        """
+        try:
+            folder = os.path.relpath(self.folder.resolve(), output.resolve().parent)
+        except ValueError:  # on another drive
+            folder = str(self.folder.resolve())
+        return {
+            "frames": Path(folder).as_posix(),
+            "camera": None if self.camera is None else asdict(self.camera),
+            "depth_units_per_metre": self.depth_units_per_metre,
+        }
+
+    @classmethod
+    def of(
+        cls, grasps: Path, attrs: Mapping[str, Any], folder: Path | None = None
+    ) -> "FramesRecord":
+        """Return the record in the attributes `attrs` of the file `grasps`.
+
+        Args:
+            grasps: the file.
+            attrs: as `grasps_stream.read_index` gives them.
+            folder: where the frames lie now, if not where they lay.
+
+        Raises:
+            FormatError: nothing is recorded and no folder given, or the folder is gone.
+        """
+        try:
+            stored = dict(json.loads(attrs.get("provenance", "{}")).get("recorded", {}))
+            camera = stored.get("camera")
+            record = cls(
+                grasps.resolve().parent / stored.get("frames", "."),
+                None if camera is None else CameraFile(**camera),
+                stored.get("depth_units_per_metre"),
+            )
+        except (TypeError, ValueError, AttributeError) as error:
+            found = f"its record of the frames is damaged ({error})"
+            raise FormatError(grasps, found, "run infer again") from error
+        if folder is not None:
+            return replace(record, folder=folder)
+        if "frames" not in stored:
+            raise FormatError(grasps, "does not say where its frames lie", "give --frames")
+        if not record.folder.exists():
+            found = f"its frames lay in {record.folder}, which does not exist"
+            raise FormatError(grasps, found, "give --frames")
+        return record
+
+    def sources(self) -> dict[str, FrameSource]:
+        """Return the frames by name; errors as `find_frames`."""
+        found = find_frames(
+            self.folder, intrinsics=self.camera, depth_units_per_metre=self.depth_units_per_metre
+        )
+        return {source.name: source for source in found}

@@ -1,0 +1,175 @@
+"""Contact-GraspNet's and 6-DOF GraspNet's frames: named arrays in one `.npz` a frame.
+
+    depth              (H, W) float metres; whole numbers are millimetres
+    K                  (3, 3); also `intrinsics_matrix`, `intrinsic_matrix`, `cam_K`
+    rgb                (H, W, 3) uint8 in the order **BGR**, as Contact-GraspNet has it; optional
+    image              (H, W, 3) uint8 RGB, as 6-DOF GraspNet has it
+
+Their `.npy` files (and `.pkl`) are pickled dictionaries, which can run any code: they are refused,
+and the sentence says how to convert them.
+"""
+
+import functools
+import re
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.errors import FormatError, SymgraspError
+from pipelines.frames.camera_files import CameraFile
+from pipelines.frames.encodings.plain_pickle import read_plain_pickle
+from pipelines.frames.layouts.layout import Layout, frame_name
+from pipelines.frames.rgbd import Frame, FrameSource, make_frame
+from pipelines.frames.rgbd_folder import FrameOptions
+from pipelines.storage.files import DAMAGED, existing, read_npz
+
+NAME = "Contact-GraspNet / 6-DOF GraspNet arrays"
+PICKLED_NAME = "Contact-GraspNet / 6-DOF GraspNet pickles"
+CAMERA_KEYS = ("K", "intrinsics_matrix", "intrinsic_matrix", "cam_K")
+CLOUD_KEYS = ("xyz", "xyz_color")
+GREY = 128
+HEADER_BYTES = 256  # of a .npy; its type stands in the first hundred
+PICKLES = (".npy", ".pkl", ".pickle")
+
+
+def find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
+    """List the `.npz` files of `folder` that hold a frame.
+
+    With them, so that they are named, the damaged ones, and pickles that have no such twin.
+    """
+    files = sorted(path for path in folder.glob("[!.]*.npz") if path.is_file())
+    names = {path: _arrays_in(path) for path in files}
+    frames = [path for path in files if _make_frame(names[path])]
+    if not frames:
+        return []
+    listed = [path for path in files if path in frames or names[path] is None]
+    twins = {path.stem for path in listed}
+    pickles = [path for path in _pickles(folder, options) if path.stem not in twins]
+    sources = [_source(folder, prefix, path, options) for path in listed]
+    return sources + [_pickled(folder, prefix, path, options) for path in pickles]
+
+
+def find_pickled(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
+    """List the files of `folder` that hold a pickle; to read one raises, unless it is trusted.
+
+    Damaged `.npz` files are listed too: nothing else told what they are.
+    """
+    damaged = [path for path in sorted(folder.glob("[!.]*.npz")) if _arrays_in(path) is None]
+    sources = [_source(folder, prefix, path, options) for path in damaged]
+    pickles = _pickles(folder, options)
+    return sources + [_pickled(folder, prefix, path, options) for path in pickles]
+
+
+def _source(folder: Path, prefix: str, path: Path, options: FrameOptions) -> FrameSource:
+    name = frame_name(folder, prefix, path.stem)
+    return FrameSource(name, functools.partial(_read, name, path, options), (path,), NAME)
+
+
+def _pickled(folder: Path, prefix: str, path: Path, options: FrameOptions) -> FrameSource:
+    name = frame_name(folder, prefix, path.stem)
+    read = functools.partial(_read_pickled, name, path, options)
+    return FrameSource(name, read, (path,), PICKLED_NAME)
+
+
+def _pickles(folder: Path, options: FrameOptions) -> list[Path]:
+    """List the pickles. What a `.pkl` is about nobody knows: it counts only if it is trusted."""
+    suffixes = PICKLES if options.trust_pickles else PICKLES[:1]
+    files = sorted(path for path in folder.iterdir() if path.suffix in suffixes)
+    return [path for path in files if path.suffix != ".npy" or is_pickled(path)]
+
+
+def is_pickled(path: Path) -> bool:
+    """Return whether a `.npy` holds Python objects instead of numbers; nothing is unpickled."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as stream:
+        header = stream.read(HEADER_BYTES)
+    return re.search(rb"'descr': *'\|?O[48]?'", header) is not None
+
+
+def frame_of_arrays(
+    name: str, path: Path, arrays: dict[str, NDArray[Any]], options: FrameOptions
+) -> Frame:
+    """Return the frame that the named arrays of `path` make.
+
+    Raises:
+        FormatError: no depth, no camera, or arrays that are none of the two.
+    """
+    if "depth" not in arrays:
+        kind = "a point cloud" if set(CLOUD_KEYS) & set(arrays) else f"{sorted(arrays)}"
+        raise FormatError(path, f"holds {kind} without a depth image", "add the array `depth`")
+    notes: tuple[str, ...] = ()
+    depth = arrays["depth"]
+    key = next((key for key in ("rgb", "image") if key in arrays), None)
+    if key is None:
+        notes = ("has no colour (rgb or image); grey is taken",)
+        color = np.full((*depth.shape[:2], 3), GREY, np.uint8)
+    else:
+        color = _color(path, key, arrays[key])
+    camera = options.camera or _camera(path, arrays)
+    units = options.depth_units()
+    return make_frame(name, (path, lambda: color), (path, depth), camera.at, units, notes)
+
+
+def _read(name: str, path: Path, options: FrameOptions) -> Frame:
+    return frame_of_arrays(name, path, read_npz(path), options)
+
+
+def _read_pickled(name: str, path: Path, options: FrameOptions) -> Frame:
+    if not options.trust_pickles:
+        raise FormatError(
+            path,
+            "holds a pickled dictionary, which can run any code when it is read",
+            f"if you trust it, `symgrasp convert-frames {path} --out DIR --trust-pickle` "
+            "takes the arrays out",
+        )
+    content = read_plain_pickle(path)
+    if not isinstance(content, dict):
+        found = f"holds a {type(content).__name__}"
+        raise FormatError(path, found, "a dictionary of arrays is expected")
+    arrays = {key: value for key, value in content.items() if isinstance(value, np.ndarray)}
+    return frame_of_arrays(name, path, arrays, options)
+
+
+def _arrays_in(path: Path) -> set[str] | None:
+    """Return the names in an `.npz`, of which only the list is read; None if it is damaged."""
+    try:
+        with zipfile.ZipFile(existing(path)) as archive:
+            return {name.removesuffix(".npy") for name in archive.namelist()}
+    except (*DAMAGED, SymgraspError):
+        return None
+
+
+def _make_frame(names: set[str] | None) -> bool:
+    """Return whether arrays of these names are a frame.
+
+    An `.npz` of depth alone belongs to a colour image of its name.
+    """
+    names = names or set()
+    others = {*CAMERA_KEYS, "rgb", "image"}
+    return ("depth" in names and bool(names & others)) or CLOUD_KEYS[0] in names
+
+
+def _color(path: Path, key: str, stored: NDArray[Any]) -> NDArray[np.uint8]:
+    if stored.ndim != 3 or stored.shape[2] not in (3, 4) or stored.dtype != np.uint8:
+        found = f"`{key}` is an array {stored.shape} of {stored.dtype}"
+        raise FormatError(path, found, "(height, width, 3) of uint8 is expected")
+    if 0 in stored.shape:
+        raise FormatError(path, f"`{key}` is empty", "(height, width, 3) of uint8 is expected")
+    color = stored[:, :, :3]
+    return np.ascontiguousarray(color[:, :, ::-1] if key == "rgb" else color)
+
+
+def _camera(path: Path, arrays: dict[str, NDArray[Any]]) -> CameraFile:
+    key = next((key for key in CAMERA_KEYS if key in arrays), None)
+    if key is None:
+        expected = f"add one of {', '.join(CAMERA_KEYS)}, or give --intrinsics fx,fy,cx,cy"
+        raise FormatError(path, "has no camera matrix", expected)
+    return CameraFile.from_matrix(path, arrays[key])
+
+
+LAYOUT = Layout(NAME, "*.npz with the arrays depth, K and rgb", find)
+PICKLED = Layout(PICKLED_NAME, "their pickled *.npy", find_pickled)

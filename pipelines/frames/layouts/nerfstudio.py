@@ -1,0 +1,75 @@
+"""nerfstudio: `transforms.json` names a colour and a depth image a frame; depth in millimetres."""
+
+import functools
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pipelines.errors import FormatError
+from pipelines.frames.camera_files import camera_from_mapping
+from pipelines.frames.layouts.layout import Layout, frame_name
+from pipelines.frames.rgbd import Frame, FrameSource, read_pair
+from pipelines.frames.rgbd_folder import FrameOptions
+from pipelines.storage.files import is_file, read_json
+
+NAME = "nerfstudio"
+INDEX = "transforms.json"
+PINHOLES = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "PERSPECTIVE")
+CAMERA_KEYS = ("fl_x", "fl_y", "cx", "cy", "w", "h")
+DISTORTION_KEYS = ("k1", "k2", "k3", "k4", "p1", "p2")
+
+
+def find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
+    """List the frames that have a depth image, in the order of the file.
+
+    Raises:
+        FormatError: `transforms.json` is damaged.
+    """
+    index = folder / INDEX
+    if not index.is_file():
+        return []
+    content = read_json(index)
+    if not isinstance(content, dict) or not isinstance(content.get("frames"), list):
+        return []
+    frames = [frame for frame in content["frames"] if _has_depth(frame)]
+    stems = [Path(frame["file_path"]).stem for frame in frames]
+    sources, times = [], Counter(stems)
+    for frame, stem in zip(frames, stems, strict=True):
+        color, depth = (folder / frame[key] for key in ("file_path", "depth_file_path"))
+        path = stem if times[stem] == 1 else str(Path(frame["file_path"]).with_suffix(""))
+        name = frame_name(folder, prefix, path)
+        camera = {key: frame.get(key, content.get(key)) for key in (*CAMERA_KEYS, *DISTORTION_KEYS)}
+        camera["model"] = content.get("camera_model", "OPENCV")
+        read = functools.partial(_read, name, color, depth, index, camera, options)
+        files = tuple(path for path in (color, depth) if is_file(path))
+        sources.append(FrameSource(name, read, (*files, index), NAME))
+    return sources
+
+
+def _has_depth(frame: Any) -> bool:  # noqa: ANN401 - JSON of any form
+    if not isinstance(frame, dict):
+        return False
+    paths = (frame.get("file_path"), frame.get("depth_file_path"))
+    return all(isinstance(path, str) and path and "\0" not in path for path in paths)
+
+
+def _read(
+    name: str,
+    color: Path,
+    depth: Path,
+    index: Path,
+    camera: Mapping[str, Any],
+    options: FrameOptions,
+) -> Frame:
+    if options.camera is None and camera["model"] not in PINHOLES:
+        found = f"the camera model is {camera['model']!r}"
+        raise FormatError(index, found, f"undistort the images; {', '.join(PINHOLES)} are read")
+    stated = options.camera or camera_from_mapping(index, {key: camera[key] for key in CAMERA_KEYS})
+    notes: tuple[str, ...] = ()
+    if any(camera[key] for key in DISTORTION_KEYS):
+        notes = ("the camera has a lens distortion, which is ignored",)
+    return read_pair(name, color, depth, stated.at, options.depth_units(), notes)
+
+
+LAYOUT = Layout(NAME, "transforms.json that names depth images", find)

@@ -1,0 +1,92 @@
+"""Organised point clouds, `.pcd`: a point a pixel, row by row, metres in the camera frame.
+
+The file has no intrinsics; they follow from the points, by least squares, to the last digit.
+"""
+
+import functools
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.errors import FormatError
+from pipelines.frames.camera_files import CameraFile
+from pipelines.frames.encodings.pcd_files import read_pcd
+from pipelines.frames.layouts.layout import Layout, frame_name
+from pipelines.frames.rgbd import Frame, FrameSource, make_frame
+from pipelines.frames.rgbd_folder import FrameOptions
+
+NAME = "organised point cloud"
+GREY = 128
+LARGEST_MISFIT = 0.5  # pixels between a point's projection and its place in the grid
+FEWEST_POINTS = 100
+
+
+def find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
+    """List the `.pcd` files of `folder`, each one frame."""
+    sources = []
+    for path in sorted(folder.glob("*.pcd")):
+        name = frame_name(folder, prefix, path.stem)
+        read = functools.partial(_read, name, path, options)
+        sources.append(FrameSource(name, read, (path,), NAME))
+    return sources
+
+
+def fit_camera(path: Path, points: NDArray[np.float64]) -> CameraFile:
+    """Return the pinhole camera that sees `points` (H, W, 3), metres, each in its own pixel.
+
+    Raises:
+        FormatError: no camera does: the cloud was cropped, turned, or is not organised.
+    """
+    height, width = points.shape[:2]
+    seen = np.isfinite(points).all(2) & (points[:, :, 2] > 0)
+    rows, columns = np.nonzero(seen)
+    if len(rows) < FEWEST_POINTS:
+        raise FormatError(path, f"{len(rows)} points lie before the camera", "measure again")
+    x, y, z = points[seen].T
+    lengths, misfits = [], []
+    for pixels, slopes in ((columns, x / z), (rows, y / z)):
+        system = np.column_stack([slopes, np.ones(len(slopes))])
+        solution = np.linalg.lstsq(system, pixels.astype(np.float64), rcond=None)[0]
+        lengths.append(solution)
+        misfits.append(float(np.abs(system @ solution - pixels).max()))
+    (fx, cx), (fy, cy) = lengths
+    if not (max(misfits) <= LARGEST_MISFIT and min(fx, fy) > 0):
+        found = "its points are not those of a pinhole camera, pixel by pixel"
+        raise FormatError(path, found, "save the organised cloud in the camera frame, not turned")
+    return CameraFile(float(fx), float(fy), float(cx), float(cy), width, height, origin=str(path))
+
+
+def _read(name: str, path: Path, options: FrameOptions) -> Frame:
+    fields = read_pcd(path)
+    if not set("xyz") <= set(fields):
+        raise FormatError(path, f"has the fields {', '.join(fields)}", "x, y, z are needed")
+    if min(fields["x"].shape) < 2:
+        found = "is a list of points, not one point a pixel"
+        raise FormatError(path, found, "an organised cloud (HEIGHT above 1) is expected")
+    with np.errstate(over="ignore", invalid="ignore"):
+        points = np.stack([fields[axis].astype(np.float64) for axis in "xyz"], axis=2)
+    notes: tuple[str, ...] = ()
+    packed = next((fields[key] for key in ("rgb", "rgba") if key in fields), None)
+    if packed is None:
+        notes = ("has no colour (rgb or rgba); grey is taken",)
+        color = np.full(points.shape, GREY, np.uint8)
+    else:
+        color = _unpacked(path, packed)
+    camera = options.camera or fit_camera(path, points)
+    depth = (path, points[:, :, 2].astype(np.float32))
+    units = options.depth_units()
+    return make_frame(name, (path, lambda: color), depth, camera.at, units, notes)
+
+
+def _unpacked(path: Path, packed: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return (H, W, 3) RGB of colours packed into the bits of one number each."""
+    if packed.dtype.itemsize != 4:
+        found = f"has colours of {packed.dtype}"
+        raise FormatError(path, found, "four bytes a point are expected")
+    bits = np.ascontiguousarray(packed).view(np.uint32)
+    return np.stack([bits >> shift & 255 for shift in (16, 8, 0)], axis=2).astype(np.uint8)
+
+
+LAYOUT = Layout(NAME, "organised *.pcd", find)

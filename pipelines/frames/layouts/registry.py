@@ -1,0 +1,62 @@
+"""All layouts of RGB-D frames, most specific first: the first that finds frames has the folder."""
+
+import functools
+from pathlib import Path
+
+from pipelines.errors import SymgraspError
+from pipelines.frames.layouts import arrays, nerfstudio, paired, pcd, rosbag, scannet, tum
+from pipelines.frames.layouts.layout import Layout, frame_name
+from pipelines.frames.rgbd import Frame, FrameSource
+from pipelines.frames.rgbd_folder import FrameOptions
+
+LAYOUTS: tuple[Layout, ...] = (
+    paired.GRASPNET_SCENE,
+    paired.GRASPNET_DEMO,
+    paired.BOP_SCENE,
+    paired.BOP_IMAGE,
+    paired.RECORDER,
+    paired.YCB_VIDEO,
+    paired.PRINCETON,
+    scannet.LAYOUT,
+    tum.LAYOUT,
+    nerfstudio.LAYOUT,
+    paired.FOUNDATION_POSE,
+    paired.GQCNN,
+    arrays.LAYOUT,
+    paired.FLAT,
+    paired.SISTERS,
+    pcd.LAYOUT,
+    rosbag.LAYOUT,  # last: images that were taken out of a bag often lie beside it
+)
+# Asked of folders that hold no frame, nor do those below: a stray pickle must not hide any.
+LAST_RESORT = arrays.PICKLED
+
+
+def frames_in(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
+    """List the frames that lie directly in `folder`, empty if there are none.
+
+    A folder whose index is damaged gives one source, which raises what is wrong with it.
+    """
+    for layout in LAYOUTS:
+        if found := _found(layout, folder, prefix, options):
+            return found
+    return []
+
+
+def pickled_in(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
+    """List the pickles in `folder`; to read one raises, unless pickles are trusted."""
+    return _found(LAST_RESORT, folder, prefix, options)
+
+
+def _found(layout: Layout, folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
+    try:
+        found = layout.find(folder, prefix, options)
+        # Of hidden files, as other systems leave beside each of their own, nobody asked.
+        return [each for each in found if not any(f.name.startswith(".") for f in each.files)]
+    except SymgraspError as error:
+        name = frame_name(folder, prefix, "")
+        return [FrameSource(name, functools.partial(_refuse, error), (), layout.name)]
+
+
+def _refuse(error: SymgraspError) -> Frame:
+    raise error

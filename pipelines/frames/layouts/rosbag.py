@@ -1,0 +1,114 @@
+"""ROS bags: `.bag` files, and ROS 2 folders of `metadata.yaml` with `.db3` or `.mcap`."""
+
+import functools
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from pipelines.errors import FormatError, SymgraspError
+from pipelines.frames.encodings.ros_bags import (
+    Recorded,
+    Topics,
+    find_cameras,
+    open_bag,
+    read_camera,
+    read_image_at,
+    read_stamps,
+)
+from pipelines.frames.layouts.layout import Layout, frame_name
+from pipelines.frames.layouts.tum import associate
+from pipelines.frames.rgbd import Frame, FrameSource, make_frame
+from pipelines.frames.rgbd_folder import NO_CAMERA, FrameOptions
+
+NAME = "ROS bag"
+ROS_2_FILES = ("*.db3", "*.mcap")
+
+
+def find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
+    """List the frames of the bags in `folder`, named after the time of their colour image.
+
+    Of several cameras in one bag each has its own folder in the names.
+    """
+    if (folder / "metadata.yaml").is_file() and any(
+        file for pattern in ROS_2_FILES for file in folder.glob(pattern)
+    ):
+        files = sorted(file for pattern in ROS_2_FILES for file in folder.glob(pattern))
+        return _frames(folder, (*files, folder / "metadata.yaml"), folder, prefix, options)
+    sources = []
+    for bag in sorted(file for file in folder.glob("*.bag") if file.is_file()):
+        below = f"{prefix}/{bag.stem}"
+        try:
+            sources += _frames(bag, (bag,), folder, below, options)
+        except SymgraspError as error:
+            name = frame_name(folder, below, "")
+            sources.append(FrameSource(name, functools.partial(_refuse, error), (bag,), NAME))
+    return sources
+
+
+def _frames(
+    bag: Path, files: tuple[Path, ...], folder: Path, prefix: str, options: FrameOptions
+) -> list[FrameSource]:
+    with open_bag(bag) as reader:
+        cameras, passed_over = find_cameras(bag, reader)
+        pairs = [associate(*(read_stamps(reader, t) for t in (c.color, c.depth))) for c in cameras]
+    sources = []
+    for topics, taken in zip(cameras, pairs, strict=True):
+        below = prefix if len(cameras) == 1 else f"{prefix}/{topics.name}"
+        if not taken:
+            found = f"has no colour and depth images of one time in {topics.color}, {topics.depth}"
+            read = functools.partial(_refuse, FormatError(bag, found, "record both at once"))
+            sources.append(FrameSource(frame_name(folder, below, ""), read, files, NAME))
+        for stem, pair in zip(frame_stems([color for color, _ in taken]), taken, strict=True):
+            name = frame_name(folder, below, stem)
+            read = functools.partial(_read, name, bag, topics, pair, options, tuple(passed_over))
+            sources.append(FrameSource(name, read, files, NAME))
+    return sources
+
+
+def frame_stems(images: list[Recorded]) -> list[str]:
+    """Return a name for each image: the time of its recording, where it has that for its own.
+
+    Else the time in its header; where several have that too, both and its place among them.
+    """
+    times, stamps = (Counter(image[at] for image in images) for at in (0, 1))
+    stems = []
+    for image in images:
+        if times[image.time] == 1:
+            stems.append(f"{image.time:020d}")
+        elif stamps[image.stamp] == 1 and times[image.stamp] != 1:
+            stems.append(f"{image.stamp:020d}")
+        else:
+            stems.append(f"{image.time:020d}-{image.stamp:020d}-{image.number}")
+    return stems
+
+
+def _read(
+    name: str,
+    bag: Path,
+    topics: Topics,
+    pair: tuple[Recorded, Recorded],
+    options: FrameOptions,
+    notes: tuple[str, ...],
+) -> Frame:
+    with open_bag(bag) as reader:
+        color, depth = (
+            read_image_at(bag, reader, topic, which)
+            for topic, which in zip((topics.color, topics.depth), pair, strict=True)
+        )
+        camera = options.camera
+        if camera is None and topics.camera is not None:
+            camera = read_camera(bag, reader, topics.camera)
+    if camera is None:
+        raise FormatError(bag, f"has no CameraInfo beside {topics.depth}", NO_CAMERA)
+    if not topics.is_aligned:
+        notes = (f"{topics.depth} is not called aligned: record aligned_depth_to_color", *notes)
+    image = (bag, lambda: color.astype(np.uint8, copy=False))
+    return make_frame(name, image, (bag, depth), camera.at, options.depth_units(), notes)
+
+
+def _refuse(error: SymgraspError) -> Frame:
+    raise error
+
+
+LAYOUT = Layout(NAME, "ROS bags (*.bag, or metadata.yaml with *.db3 or *.mcap)", find)

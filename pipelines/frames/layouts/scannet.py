@@ -1,0 +1,67 @@
+"""ScanNet's export: colour and depth look along the same rays, each with a camera of its own.
+
+Colour is larger than depth by no whole number (1296x968 beside 640x480), so it is looked up along
+the ray of each depth pixel.
+"""
+
+import functools
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.frames.camera_files import CameraFile, read_camera_file
+from pipelines.frames.layouts.layout import Layout, frame_name
+from pipelines.frames.layouts.paired import read_frame
+from pipelines.frames.rgbd import (
+    Frame,
+    FrameSource,
+    make_frame,
+    read_color,
+    stored_depth,
+)
+from pipelines.frames.rgbd_folder import FrameOptions, ImagePair, sister_pairs
+from pipelines.geometry.camera import Intrinsics
+
+NAME = "ScanNet"
+DEPTH_CAMERA, COLOR_CAMERA = "intrinsic/intrinsic_depth.txt", "intrinsic/intrinsic_color.txt"
+
+
+def find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
+    """List the frames of a scene."""
+    cameras = (folder / DEPTH_CAMERA, folder / COLOR_CAMERA)
+    if not cameras[0].is_file():
+        return []
+    sources = []
+    for pair in sister_pairs(folder):
+        name = frame_name(folder, prefix, pair.stem)
+        read = functools.partial(_read, name, pair, cameras, options)
+        files = (pair.color, pair.depth, *cameras)
+        present = tuple(path for path in files if path is not None and path.is_file())
+        sources.append(FrameSource(name, read, present, NAME))
+    return sources
+
+
+def seen_by(color: NDArray[np.uint8], camera: CameraFile, other: Intrinsics) -> NDArray[np.uint8]:
+    """Return what `color` (H, W, 3) of `camera` shows along the rays of `other`, black outside."""
+    x, y, _one = np.moveaxis(other.rays(), 2, 0)
+    u = (camera.fx * x + camera.cx).astype(np.float32)
+    v = (camera.fy * y + camera.cy).astype(np.float32)
+    return np.asarray(cv2.remap(color, u, v, cv2.INTER_LINEAR), np.uint8)
+
+
+def _read(name: str, pair: ImagePair, cameras: tuple[Path, Path], options: FrameOptions) -> Frame:
+    if pair.rivals or pair.color is None or pair.depth is None or not cameras[1].is_file():
+        return read_frame(name, pair, cameras[0], options)
+    color, depth = read_color(pair.color), stored_depth(pair.depth)
+    camera = options.camera or read_camera_file(cameras[0])
+    notes: tuple[str, ...] = ()
+    if depth.ndim == 2 and color.shape[:2] != depth.shape:
+        notes = (f"colour of {color.shape[1]}x{color.shape[0]} is looked up through both cameras",)
+        color = seen_by(color, read_camera_file(cameras[1]), camera.at(*depth.shape[::-1]))
+    images = (pair.color, lambda: color), (pair.depth, depth)
+    return make_frame(name, *images, camera.at, options.depth_units(), notes)
+
+
+LAYOUT = Layout(NAME, f"color/ beside depth/ with {DEPTH_CAMERA}", find)

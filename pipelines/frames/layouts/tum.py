@@ -1,0 +1,122 @@
+"""TUM RGB-D: colour and depth images of two clocks, associated by time; metres = value / 5000."""
+
+import functools
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeVar
+
+from pipelines.errors import FormatError
+from pipelines.frames.camera_files import CameraFile, find_camera_file
+from pipelines.frames.layouts.layout import Layout, frame_name
+from pipelines.frames.rgbd import FrameSource
+from pipelines.frames.rgbd_folder import FrameOptions, read_with_camera
+from pipelines.storage.files import existing, is_file
+
+NAME = "TUM RGB-D"
+UNITS_PER_METRE = 5000.0
+LARGEST_GAP = 0.02  # seconds between a colour and a depth image of one frame
+# The published calibrations; a sequence's folder is named after its camera.
+CALIBRATIONS = {
+    "freiburg1": (517.3, 516.5, 318.6, 255.3),
+    "freiburg2": (520.9, 521.0, 325.1, 249.7),
+    "freiburg3": (535.4, 539.2, 320.1, 247.6),
+}
+Stamped = list[tuple[float, Path]]
+Item = TypeVar("Item")  # such as a path: tells the image, can be put in order
+
+
+def find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
+    """List the frames of a sequence, by the time of their colour image.
+
+    Raises:
+        FormatError: an index whose lines are not `time path`.
+    """
+    index = folder / "associations.txt"
+    if index.is_file() and (folder / "depth").is_dir():
+        pairs = _associated(folder, index)
+    elif (folder / "rgb.txt").is_file() and (folder / "depth.txt").is_file():
+        pairs = associate(*(_listed(folder, folder / f"{kind}.txt") for kind in ("rgb", "depth")))
+    else:
+        return []
+    camera_file = find_camera_file(folder, "rgb")
+    if options.camera is None and camera_file is None:
+        options = replace(options, camera=_published(folder))
+    sources = []
+    for color, depth in pairs:
+        name = frame_name(folder, prefix, color.stem)
+        read = functools.partial(
+            read_with_camera, name, color, depth, camera_file, options, UNITS_PER_METRE
+        )
+        sources.append(FrameSource(name, read, _present(color, depth, camera_file), NAME))
+    return sources
+
+
+def associate(
+    colors: list[tuple[float, Item]], depths: list[tuple[float, Item]]
+) -> list[tuple[Item, Item]]:
+    """Pair images whose times are nearest, each used once and at most 0.02 s apart."""
+    near: list[tuple[float, tuple[float, Item], tuple[float, Item]]] = []
+    depths, first = sorted(depths), 0
+    for color in sorted(colors):
+        while first < len(depths) and depths[first][0] < color[0] - LARGEST_GAP:
+            first += 1
+        for depth in depths[first:]:
+            if depth[0] > color[0] + LARGEST_GAP:
+                break
+            near.append((abs(depth[0] - color[0]), color, depth))
+    used_colors: set[tuple[float, Item]] = set()
+    used_depths: set[tuple[float, Item]] = set()
+    pairs = []
+    for _gap, color, depth in sorted(near):
+        if color not in used_colors and depth not in used_depths:
+            used_colors.add(color)
+            used_depths.add(depth)
+            pairs.append((color, depth))
+    return [(color[1], depth[1]) for color, depth in sorted(pairs)]
+
+
+def _listed(folder: Path, index: Path) -> Stamped:
+    return [(_time(index, line[0]), folder / line[1]) for line in _lines(index, 2)]
+
+
+def _associated(folder: Path, index: Path) -> list[tuple[Path, Path]]:
+    """Read `time path time path`; which of the two is the depth, its folder says."""
+    pairs = []
+    for _t0, one, _t1, other in _lines(index, 4):
+        color, depth = (other, one) if one.startswith("depth/") else (one, other)
+        pairs.append((folder / color, folder / depth))
+    return pairs
+
+
+def _lines(index: Path, fields: int) -> list[list[str]]:
+    text = existing(index).read_text(encoding="utf-8", errors="replace").replace("\0", "?")
+    lines = [line.split() for line in text.splitlines() if not line.lstrip().startswith("#")]
+    lines = [line for line in lines if line]
+    wrong = next((line for line in lines if len(line) != fields), None)
+    if wrong is not None:
+        expected = "`time path`" if fields == 2 else "`time path time path`"
+        raise FormatError(index, f"has the line {' '.join(wrong)!r}", f"{expected} is expected")
+    return lines
+
+
+def _time(index: Path, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError as error:
+        raise FormatError(index, f"has the time {text!r}", "seconds are expected") from error
+
+
+def _published(folder: Path) -> CameraFile | None:
+    # The nearest folder's name counts: sequences of one camera may lie below another's.
+    names = re.findall(r"freiburg[123]", str(folder.resolve()))
+    if not names:
+        return None
+    return CameraFile(*CALIBRATIONS[names[-1]], 640, 480, origin=f"calibration of {names[-1]}")
+
+
+def _present(*paths: Path | None) -> tuple[Path, ...]:
+    return tuple(path for path in paths if path is not None and is_file(path))
+
+
+LAYOUT = Layout(NAME, "TUM's rgb.txt and depth.txt", find)

@@ -1,0 +1,95 @@
+"""Do colour and depth of a frame lie on each other? Asked of their edges, with no model of either.
+
+Where depth jumps, an object ends, and colour usually changes too. The mean change of colour at
+the jumps is compared with the same at the jumps moved by up to a sixteenth of the image.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.frames.rgbd import Frame
+from pipelines.tabletop.sparse_depth import DENSE, measured_share
+
+Image = NDArray[np.float32]
+
+WIDTH = 320  # to which images are reduced; finer offsets do no harm
+FARTHEST = 20  # pixels of the reduced image
+NEAR = 2  # pixels of the reduced image within which edges count as lying on each other
+SURROUNDINGS = 31  # pixels, of which the mean change of colour is taken off: texture is everywhere
+JUMP = 0.03  # 1/m between neighbouring pixels: 3 cm at 1 m
+FEWEST_JUMPS = 50
+LEAST_HEIGHT = 3  # pixels of the reduced image: a slope across rows needs as many
+FEW_MEASURED = 1 / 3
+CLEAR = 4.0  # standard deviations of the other offsets that the best stands out by
+SHARE = 2 / 3  # of the best match, below which no offset matches clearly worse
+
+
+def color_offset(frame: Frame) -> tuple[int, int] | None:
+    """Return by how many pixels (x, y) colour lies off the depth; None if it seems to lie right.
+
+    None too where edges are too few or too many to tell: no answer is not a proof.
+    """
+    step = max(1, round(frame.depth.shape[1] / WIDTH))
+    if frame.depth.shape[0] < step * LEAST_HEIGHT:
+        return None
+    changes, jumps = _color_changes(frame, step), _depth_jumps(frame.depth, step)
+    if jumps.sum() < FEWEST_JUMPS:
+        return None
+    match = _match_at_offsets(changes, jumps)
+    y, x = (int(i) for i in np.unravel_index(match.argmax(), match.shape))
+    rows, columns = np.indices(match.shape)
+    others = match[np.maximum(abs(rows - y), abs(columns - x)) > 2 * NEAR]
+    best = match[y, x]
+    near = match[FARTHEST - NEAR : FARTHEST + NEAR + 1, FARTHEST - NEAR : FARTHEST + NEAR + 1].max()
+    is_clear = best > 0 and best >= others.mean() + CLEAR * others.std()
+    if not is_clear or near > SHARE * best:
+        return None
+    return (x - FARTHEST) * step, (y - FARTHEST) * step
+
+
+def _color_changes(frame: Frame, step: int) -> Image:
+    height, width = (size // step for size in frame.depth.shape)
+    grey = cv2.cvtColor(frame.color, cv2.COLOR_RGB2GRAY)
+    grey = cv2.resize(grey, (width, height), interpolation=cv2.INTER_AREA)
+    dx, dy = (cv2.Sobel(grey, cv2.CV_32F, *axes) for axes in ((1, 0), (0, 1)))
+    # The slopes of 8 bits are whole numbers, so the squares are exact: it is the hypotenuse.
+    changes = np.log1p(np.sqrt(dx * dx + dy * dy))
+    return np.asarray(changes - cv2.blur(changes, (SURROUNDINGS, SURROUNDINGS)), np.float32)
+
+
+def _depth_jumps(depth: Image, step: int) -> Image:
+    height, width = (size // step for size in depth.shape)
+    depth = depth[: height * step : step, : width * step : step]
+    inverse = np.divide(1.0, depth, out=np.full_like(depth, np.nan), where=depth > 0)
+    jumps = np.zeros_like(depth)
+    jumps[:, 1:] = np.abs(np.diff(inverse, axis=1)) > JUMP
+    jumps[1:] = np.maximum(jumps[1:], np.abs(np.diff(inverse, axis=0)) > JUMP)
+    return jumps
+
+
+def _match_at_offsets(changes: Image, jumps: Image) -> Image:
+    """Return the mean of `changes` at the jumps, for all offsets (y, x) up to FARTHEST."""
+    padded = np.pad(changes, FARTHEST)
+    rows, columns = np.divmod(np.flatnonzero(jumps > 0), jumps.shape[1])
+    size = 2 * FARTHEST + 1
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (size, size))
+    return np.asarray(windows[rows, columns].mean(axis=0, dtype=np.float64), np.float32)
+
+
+def oddities(frame: Frame) -> tuple[str, ...]:
+    """Return what a user should know about a frame that can be read, a sentence each."""
+    found = list(frame.notes)
+    measured = float(np.count_nonzero(frame.depth != 0)) / frame.depth.size
+    if measured < FEW_MEASURED:
+        found.append("less than a third of the depth is measured")
+    share = measured_share(frame.depth)
+    if share < DENSE:
+        holes = f"{100 * (1.0 - share):.0f} % of its surface"
+        found.append(f"depth has holes beside most pixels ({holes}), which infer fills")
+    if (offset := color_offset(frame)) is not None:
+        found.append(
+            f"colour seems to lie {offset[0]}, {offset[1]} pixels off the depth: "
+            "register them (RealSense: align depth to color)"
+        )
+    return tuple(found)

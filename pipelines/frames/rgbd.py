@@ -1,0 +1,207 @@
+"""One RGB-D frame, read from a colour and a depth file, with every common fault caught.
+
+Depth leaves here as float32 metres with 0 = missing: 0, NaN, infinities, negative values and
+65535 in the file all mean missing.
+"""
+
+import functools
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.errors import FormatError
+from pipelines.geometry.camera import Intrinsics
+from pipelines.storage.files import read_image, read_npy, read_npz
+
+log = logging.getLogger(__name__)
+
+MISSING_DEPTH = 65535  # saturated in 16-bit files of several sensors
+CANDIDATE_UNITS = (1000.0, 10000.0, 5000.0, 1.0)  # mm; 0.1 mm; TUM; metres
+NEAREST_SHARE = 0.3  # far background must not hide a table near the camera
+SAMPLE = 20_000  # pixels are enough for a median
+LIKELY_DEPTH = (0.15, 4.0)  # m, of the median of the nearest share
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One registered RGB-D frame."""
+
+    name: str
+    color: NDArray[np.uint8]  # (H, W, 3) RGB
+    depth: NDArray[np.float32]  # (H, W) metres along the optical axis, 0 = missing
+    intrinsics: Intrinsics
+    units_per_metre: float | None = None  # what the file's numbers were divided by, if known
+    notes: tuple[str, ...] = ()  # what was odd, a sentence each
+
+
+@dataclass(frozen=True)
+class FrameSource:
+    """A frame that can be read: `read()` raises a SymgraspError if this frame is faulty."""
+
+    name: str  # relative to the folder that was searched, with forward slashes
+    read: Callable[[], Frame]
+    files: tuple[Path, ...] = ()  # the frame's existing files, colour first
+    layout: str = ""  # the name of the layout it was found in
+
+
+def read_color(path: Path) -> NDArray[np.uint8]:
+    """Read a colour image as (H, W, 3) RGB; grey images are repeated in three channels."""
+    image = read_image(path)
+    if image.dtype != np.uint8:
+        raise FormatError(path, f"a colour image of {image.dtype}", "8 bit is expected")
+    if image.ndim == 2:
+        image = np.repeat(image[:, :, None], 3, axis=2)
+    return image[:, :, :3]
+
+
+@dataclass(frozen=True)
+class DepthUnits:
+    """What a depth file's numbers are divided by to give metres: whole numbers, and floats."""
+
+    integers: float = 1000.0
+    floats: float = 1.0  # depth stored as floats is metres, as a rule
+
+
+def read_depth(path: Path, units: DepthUnits) -> NDArray[np.float32]:
+    """Read a depth image (H, W) in metres, 0 = missing.
+
+    Args:
+        path: 16-bit PNG or TIFF, float TIFF, `.npy`, or `.npz` with one array.
+        units: the unit of the file's numbers.
+
+    Raises:
+        FormatError: colourised, 8 bit, damaged, empty, or in an implausible unit.
+    """
+    return _metres(path, stored_depth(path), units)[0]
+
+
+def read_pair(
+    name: str,
+    color_path: Path,
+    depth_path: Path,
+    intrinsics: Callable[[int, int], Intrinsics],
+    units: DepthUnits,
+    notes: tuple[str, ...] = (),
+) -> Frame:
+    """Read a frame from its two images; see `make_frame`."""
+    color = functools.partial(read_color, color_path)
+    stored = stored_depth(depth_path)
+    return make_frame(name, (color_path, color), (depth_path, stored), intrinsics, units, notes)
+
+
+def make_frame(
+    name: str,
+    color: tuple[Path, Callable[[], NDArray[np.uint8]]],
+    depth: tuple[Path, NDArray[Any]],
+    intrinsics: Callable[[int, int], Intrinsics],
+    units: DepthUnits,
+    notes: tuple[str, ...] = (),
+) -> Frame:
+    """Make a frame of what files hold. The depth is looked at first: its faults tell the most.
+
+    Args:
+        name: the frame's name.
+        color: the file, and what reads (H, W, 3) RGB from it; resampled to the depth's size.
+        depth: the file, and the numbers in it.
+        intrinsics: called with the depth's width and height, returns its camera or raises.
+        units: see `read_depth`.
+        notes: what is odd about the frame.
+    """
+    measured, unit = _metres(*depth, units)
+    height, width = measured.shape
+    camera = intrinsics(width, height)
+    path, image = color[0], color[1]()
+    fitted = fit_color(path, image, width, height)
+    if fitted is not image:
+        notes += (f"colour of {image.shape[1]}x{image.shape[0]} is resampled to the depth",)
+    return Frame(name, fitted, measured, camera, unit, notes)
+
+
+def fit_color(path: Path, color: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:
+    """Return `color` at the depth's size; only integer ratios may be resampled."""
+    if color.shape[:2] == (height, width):
+        return color
+    found = f"colour is {color.shape[1]}x{color.shape[0]}, depth is {width}x{height}"
+    down = color.shape[0] % height == 0 and color.shape[1] % width == 0
+    up = height % color.shape[0] == 0 and width % color.shape[1] == 0
+    same_ratio = color.shape[0] * width == color.shape[1] * height
+    if not (same_ratio and (down or up)):
+        raise FormatError(path, found, "register them to one size, or to an integer ratio")
+    log.info("%s: %s; colour is resampled to the depth", path, found)
+    how = cv2.INTER_AREA if down else cv2.INTER_NEAREST
+    return np.asarray(cv2.resize(color, (width, height), interpolation=how), dtype=np.uint8)
+
+
+def _metres(
+    path: Path, stored: NDArray[Any], units: DepthUnits
+) -> tuple[NDArray[np.float32], float]:
+    """Return depth (H, W) in metres, 0 = missing, and its unit, of the numbers `path` holds."""
+    if stored.ndim == 3 and stored.shape[2] == 1:
+        stored = stored[:, :, 0]
+    if stored.ndim == 3 and stored.shape[2] in (3, 4):
+        raise FormatError(
+            path,
+            f"depth has {stored.shape[2]} channels, as a colourised picture has",
+            "save the raw depth as a 16-bit PNG of one channel",
+        )
+    if stored.ndim != 2 or stored.size == 0 or stored.dtype.kind not in "fiu":
+        found = f"depth is an array {stored.shape} of {stored.dtype}"
+        raise FormatError(path, found, "numbers of shape (height, width) are expected")
+    if stored.dtype.itemsize == 1:
+        raise FormatError(
+            path, "depth has 8 bits", "save the raw depth as a 16-bit PNG, in millimetres"
+        )
+    is_float = stored.dtype.kind == "f"
+    with np.errstate(over="ignore"):  # too large for float32 is infinite, hence missing
+        values = stored.astype(np.float32)
+    valid = np.isfinite(values) & (values > 0)
+    if not is_float:
+        valid &= stored != MISSING_DEPTH
+    values[~valid] = 0.0
+    unit = units.floats if is_float else units.integers
+    depth = values / np.float32(unit)
+    _check_plausible(path, values, depth)
+    return depth, unit
+
+
+def stored_depth(path: Path) -> NDArray[Any]:
+    """Return the numbers of a depth file as they are; see `read_depth` for the kinds."""
+    match path.suffix.lower():
+        case ".npy":
+            return read_npy(path)
+        case ".npz":
+            arrays = read_npz(path)
+            if not arrays or (len(arrays) != 1 and "depth" not in arrays):
+                raise FormatError(path, f"holds {sorted(arrays)}", "name one array `depth`")
+            return arrays["depth"] if "depth" in arrays else next(iter(arrays.values()))
+        case _:
+            return read_image(path)
+
+
+def _check_plausible(path: Path, values: NDArray[Any], depth: NDArray[Any]) -> None:
+    valid = values > 0
+    if not valid.any():
+        raise FormatError(path, "every pixel is missing (0, NaN or 65535)", "measure again")
+    near, far = LIKELY_DEPTH
+    if near <= _nearest_median(depth[valid]) <= far:
+        return
+    typical = _nearest_median(values[valid])
+    options = ", ".join(f"{typical / unit:.4g} m under {unit:g}" for unit in CANDIDATE_UNITS)
+    raise FormatError(
+        path,
+        f"the nearest depths are about {_nearest_median(depth[valid]):.4g} m, "
+        f"outside {near:g} to {far:g} m",
+        f"give the units per metre with --depth-units-per-metre: they would be {options}",
+    )
+
+
+def _nearest_median(depth: NDArray[np.float32]) -> float:
+    depth = depth[:: max(1, depth.size // SAMPLE)]
+    count = max(1, int(NEAREST_SHARE * depth.size))
+    return float(np.median(np.partition(depth, count - 1)[:count]))

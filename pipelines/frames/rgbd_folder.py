@@ -1,0 +1,169 @@
+"""Colour and depth images paired by their names, in one folder or in two sister folders."""
+
+import functools
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipelines.errors import FormatError
+from pipelines.frames.camera_files import CameraFile, check_units, read_camera_file
+from pipelines.frames.rgbd import DepthUnits, Frame, read_pair
+from pipelines.geometry.camera import Intrinsics
+
+COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz")
+COLOR_WORDS = ("color", "colour", "rgb")
+COLOR_FOLDERS = ("rgb", "color", "image", "images", "gray")
+NO_CAMERA = (
+    "give --intrinsics fx,fy,cx,cy, or put a camera file "
+    "(*_camera.json, intrinsics.json, cam_K.txt, ...) beside it"
+)
+
+Candidates = dict[str, list[Path]]  # by what is left of the name; the file to take is the first
+
+
+@dataclass(frozen=True)
+class FrameOptions:
+    """What the user states about the frames; None = as the files beside the images say."""
+
+    camera: CameraFile | None = None
+    depth_units_per_metre: float | None = None
+    trust_pickles: bool = False
+
+    def __post_init__(self) -> None:
+        check_units("--depth-units-per-metre", self.depth_units_per_metre)
+
+    def depth_units(
+        self, written: float | None = None, usual: float = DepthUnits().integers
+    ) -> DepthUnits:
+        """Return the unit of the depth, in every layout by the same order.
+
+        Args:
+            written: units per metre that the files beside the images say, None if they do not.
+            usual: units per metre of whole numbers in the layout, if nothing says any.
+
+        Returns:
+            What the user stated, which holds of floats too; else what the stated camera's file
+            says, else `written`, else `usual`, which hold of whole numbers: floats are metres.
+        """
+        if (stated := self.depth_units_per_metre) is not None:
+            return DepthUnits(stated, stated)
+        return DepthUnits((self.camera and self.camera.units_per_metre) or written or usual)
+
+
+@dataclass(frozen=True)
+class ImagePair:
+    """The colour and depth files of one frame; one of them may be missing."""
+
+    stem: str  # what is left of the file name, "" if it was only `color` or `rgb`
+    color: Path | None
+    depth: Path | None
+    rivals: tuple[Path, ...] = ()  # several that could be its colour, or depth
+
+
+def read_with_camera(
+    name: str,
+    color: Path,
+    depth: Path,
+    camera_file: Path | None,
+    options: FrameOptions,
+    usual_units: float = DepthUnits().integers,
+) -> Frame:
+    """Read one frame: stated options first, then what `camera_file` says, then `usual_units`.
+
+    Raises:
+        FormatError: no intrinsics, or a fault of the images (see `read_depth`).
+    """
+    written = None
+    if camera_file is not None and not (options.camera and options.depth_units_per_metre):
+        written = read_camera_file(camera_file, color.stem)
+    camera = options.camera or written
+    # Asked for after the depth is read: a faulty depth image is the more telling fault.
+    intrinsics = camera.at if camera is not None else functools.partial(_refuse, color)
+    units = options.depth_units(written.units_per_metre if written else None, usual_units)
+    return read_pair(name, color, depth, intrinsics, units)
+
+
+def _refuse(color: Path, _width: int, _height: int) -> Intrinsics:
+    raise FormatError(color, "no intrinsics are known for this frame", NO_CAMERA)
+
+
+def flat_pairs(folder: Path) -> list[ImagePair]:
+    """Pair files by name: `x_color`, `x-rgb`, `color_x`, `color`, `image` with their depth."""
+    files = sorted(path for path in folder.iterdir() if path.is_file())
+    colors = _by_stem(files, COLOR_SUFFIXES, COLOR_WORDS)
+    depths = _by_stem(files, DEPTH_SUFFIXES, ("depth",))
+    # x_depth_color.png is a picture of the depth, unless it is the colour of x_depth_depth.png.
+    colors = {
+        stem: paths
+        for stem, paths in colors.items()
+        if stem in depths or _without_word(stem, ("depth",)) is None
+    }
+    if "" in depths and "" not in colors:
+        plain = next((path for path in files if path.stem == "image"), None)
+        if plain is not None and plain.suffix.lower() in COLOR_SUFFIXES:
+            colors[""] = [plain]
+    return _paired(colors, depths)
+
+
+def _paired(colors: Candidates, depths: Candidates) -> list[ImagePair]:
+    pairs = []
+    for stem in sorted(colors.keys() | depths.keys()):
+        color, depth = colors.get(stem, []), depths.get(stem, [])
+        rivals = (*_rivals(color), *_rivals(depth))
+        pairs.append(ImagePair(stem, next(iter(color), None), next(iter(depth), None), rivals))
+    return pairs
+
+
+def _rivals(candidates: Sequence[Path]) -> list[Path]:
+    """Return the candidates of the first one's suffix, if more than one: none of them wins.
+
+    Of x_depth.png and x_depth.npy the first suffix does; x_color.png and x-color.png may be two
+    frames.
+    """
+    suffixes = [path.suffix.lower() for path in candidates]
+    alike = [path for path, each in zip(candidates, suffixes, strict=True) if each == suffixes[0]]
+    return alike if len(alike) > 1 else []
+
+
+def _by_stem(
+    files: Iterable[Path], suffixes: tuple[str, ...], words: tuple[str, ...] | None = None
+) -> Candidates:
+    """Map what is left of a file's name without its word to such files, best suffix first.
+
+    With `words` None the whole name counts, whatever the word.
+    """
+    found: Candidates = {}
+    ordered = [path for path in files if path.suffix.lower() in suffixes]
+    ordered.sort(key=lambda path: (suffixes.index(path.suffix.lower()), path.name))
+    for path in ordered:
+        stem = path.stem if words is None else _without_word(path.stem, words)
+        if stem is not None:
+            found.setdefault(stem, []).append(path)
+    return found
+
+
+def _without_word(stem: str, words: tuple[str, ...]) -> str | None:
+    """Return `stem` without the word it ends or begins with, None if that is none of `words`.
+
+    The last word tells: rgb_1_depth is the depth of rgb_1, and no colour image.
+    """
+    if stem.lower() in (*words, *(f"{w}_image" for w in words), *(f"image_{w}" for w in words)):
+        return ""
+    every = "|".join((*COLOR_WORDS, "depth"))
+    if ending := re.fullmatch(rf"(.+)[-_.]({every})", stem, re.IGNORECASE):
+        return ending[1] if ending[2].lower() in words else None
+    beginning = re.fullmatch(rf"({every})[-_.](.+)", stem, re.IGNORECASE)
+    return beginning[2] if beginning and beginning[1].lower() in words else None
+
+
+def sister_pairs(folder: Path) -> list[ImagePair]:
+    """Pair `rgb/x` with `depth/x`; several names of the colour folder are in use."""
+    depth_folder = folder / "depth"
+    color_folder = next((folder / n for n in COLOR_FOLDERS if (folder / n).is_dir()), None)
+    if color_folder is None or not depth_folder.is_dir():
+        return []
+    colors = _by_stem(color_folder.iterdir(), COLOR_SUFFIXES)
+    depths = _by_stem(depth_folder.iterdir(), DEPTH_SUFFIXES)
+    return _paired(colors, depths)

@@ -1,0 +1,77 @@
+"""The workspace that a user gives: a mask picture, or six numbers of a box."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.errors import FormatError, ValueRangeError
+from pipelines.storage.files import read_image
+
+FORMS = "x0,y0,z0,x1,y1,z1 in metres, or a mask picture's path"
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """Either of both; an empty box and no mask is everywhere."""
+
+    box: tuple[float, ...] = ()
+    mask: Path | None = None
+
+
+def parse_workspace(text: str | None) -> Workspace:
+    """Return what `--workspace` means.
+
+    Raises:
+        ValueRangeError: neither six numbers nor a file.
+    """
+    if text is None:
+        return Workspace()
+    path = Path(text)
+    if path.is_file():
+        return Workspace(mask=path)
+    try:
+        box = numbers_of(text)
+    except ValueError:
+        raise ValueRangeError("--workspace", text, FORMS) from None
+    if len(box) != 6:
+        raise ValueRangeError("--workspace", text, FORMS)
+    return Workspace(box=box)
+
+
+def numbers_of(text: str) -> tuple[float, ...]:
+    """Return the numbers of `text`, commas or spaces between them, or raise ValueError."""
+    return tuple(float(part) for part in re.split(r"[,\s]+", text.strip()))
+
+
+def parse_direction(text: str) -> tuple[float, ...]:
+    """Return the three numbers of `--approach-direction`.
+
+    Raises:
+        ValueRangeError: there are others.
+    """
+    try:
+        direction = numbers_of(text)
+    except ValueError:
+        direction = ()
+    if len(direction) != 3:
+        raise ValueRangeError("--approach-direction", text, "three numbers x,y,z")
+    return direction
+
+
+def read_workspace_mask(path: Path, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Return (H, W) which pixels of a mask picture are not black; `shape` is the depth's.
+
+    Raises:
+        SymgraspError: no such picture, or not of that size.
+    """
+    picture = read_image(path)
+    inside = (picture if picture.ndim == 2 else picture[..., :3].max(axis=-1)) > 0
+    if inside.shape != shape:
+        height, width = inside.shape
+        raise FormatError(
+            path, f"has {width} x {height} pixels", f"the frame's depth has {shape[1]} x {shape[0]}"
+        )
+    return np.asarray(inside)

@@ -1,0 +1,1 @@
+"""Triangle meshes: volume, winding, signed distance, convex pieces."""

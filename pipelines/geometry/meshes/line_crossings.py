@@ -1,0 +1,87 @@
+"""Where straight lines cross the surface of a mesh, one crossing behind the other."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.geometry.rendering import first_hits
+
+Array = NDArray[np.float64]
+
+STEP_PAST = 1e-6  # metres behind a crossing that the search goes on
+MAX_CROSSINGS = 64  # of one line; what a gripper may hold has far fewer
+
+
+@dataclass(frozen=True)
+class Crossings:
+    """What lines cross on their way.
+
+    Attributes:
+        distance: (n, k) metres from each line's start, ascending; inf where there is no more.
+        cosine: (n, k) between the line and the outward normal: positive where the line leaves
+            the object, negative where it enters; 0 where there is no more.
+    """
+
+    distance: Array
+    cosine: Array
+
+    def __getitem__(self, index: NDArray[np.bool_] | np.bool_) -> "Crossings":
+        distance = self.distance[index]
+        used = int(np.isfinite(distance).any(axis=0).sum())
+        return Crossings(distance[:, :used], self.cosine[index][:, :used])
+
+    @property
+    def count(self) -> NDArray[np.int64]:
+        """(n,) crossings of each line."""
+        return np.asarray(np.isfinite(self.distance).sum(axis=1))
+
+    @property
+    def leave(self) -> NDArray[np.bool_]:
+        """(n, k) whether the line leaves the object there."""
+        return np.asarray(self.cosine > 0.0)
+
+
+def line_crossings(mesh: Mesh, start: Array, direction: Array, reach: float) -> Crossings:
+    """Return all crossings of lines with `mesh` up to `reach` metres from their start.
+
+    `start` (n, 3) metres and unit `direction` (n, 3), the mesh's frame.
+    """
+    columns: list[tuple[Array, Array]] = []
+    line = np.arange(len(start))
+    travelled = np.zeros(len(start))
+    last = np.full(len(start), -1)
+    for _ in range(MAX_CROSSINGS):
+        at = start[line] + travelled[:, None] * direction[line]
+        ahead, triangle = first_hits(mesh, at, direction[line])
+        travelled = travelled + ahead
+        hit = travelled <= reach
+        if not hit.any():
+            break
+        line, travelled, triangle, last = line[hit], travelled[hit], triangle[hit], last[hit]
+        # Single precision may meet a triangle again that was just passed.
+        new = triangle != last
+        columns.append(_column(mesh, direction, line[new], travelled[new], triangle[new]))
+        last, travelled = triangle, travelled + STEP_PAST
+    return _packed(columns, len(start))
+
+
+def _column(
+    mesh: Mesh, direction: Array, line: NDArray[np.int64], distance: Array, triangle: Array
+) -> tuple[Array, Array]:
+    found, cosine = np.full(len(direction), np.inf), np.zeros(len(direction))
+    found[line] = distance
+    cosine[line] = np.einsum("ni,ni->n", direction[line], mesh.face_normals[triangle])
+    return found, cosine
+
+
+def _packed(columns: list[tuple[Array, Array]], count: int) -> Crossings:
+    if not columns:
+        return Crossings(np.zeros((count, 0)), np.zeros((count, 0)))
+    distance, cosine = (np.stack(arrays, axis=1) for arrays in zip(*columns, strict=True))
+    order = np.argsort(distance, axis=1, kind="stable")  # close the gaps of repeated triangles
+    crossings = Crossings(
+        np.take_along_axis(distance, order, axis=1), np.take_along_axis(cosine, order, axis=1)
+    )
+    return crossings[np.ones(count, np.bool_)]

@@ -1,0 +1,155 @@
+"""Which way the triangles of a mesh look: made to agree, and turned outward, on open meshes too.
+
+Meshes from scans and drawing programs have triangles that look inward, all of them or some. On a
+closed mesh the sign of its volume would tell; here what each sheet sees does: rays leave it on
+both sides, and the side from which far fewer of them get away is the inside.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import breadth_first_order, connected_components
+
+from pipelines.geometry.meshes.mesh import Mesh, sample_surface
+from pipelines.geometry.rendering import first_hits
+from pipelines.geometry.transforms import unit
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+NUM_SAMPLES = 2000  # points of the whole surface that rays leave from
+SAMPLES_A_SHEET = 8  # at least, of each
+NUM_DIRECTIONS = 12  # rays from a point, on each side
+LIFT = 1e-5  # of the bounding box's diagonal: where rays start, off their own triangle
+CLEARLY_LESS = 0.5  # of the rays that get away on one side do so on the other: that is the inside
+NOTABLE = 0.01  # share of a surface
+SEEN_AT_ALL = 0.02  # share of rays that get away; below, a sheet lies in a closed hollow
+
+
+def looks_inward(mesh: Mesh) -> Mask:
+    """Return (f,) which triangles of `mesh` look inward, or against the others of their sheet.
+
+    Triangles that share an edge with one other are a sheet. A sheet whose two sides see equally
+    much, as a single leaf of paper, or nothing, as a closed hollow's wall, is turned as most of
+    the others are.
+    """
+    pairs, opposed = _neighbours(mesh.faces)
+    against, sheet = _against_first(len(mesh.faces), pairs, opposed)
+    if mesh.is_watertight and not against.any() and (_volumes(mesh, sheet) > 0.0).all():
+        return against  # no rays are needed
+    # Of each sheet the way of most of its area counts, until rays say otherwise.
+    signed = np.bincount(sheet, np.where(against, -1.0, 1.0) * mesh.face_areas)
+    against ^= signed[sheet] < 0.0
+    inward, outward = _clear_sides(_turned(mesh, against), sheet)
+    areas = np.bincount(sheet, mesh.face_areas)
+    if areas[inward].sum() > areas[outward].sum():
+        inward = ~outward
+    return np.asarray(against ^ inward[sheet])
+
+
+def turned_outward(mesh: Mesh) -> tuple[Mesh, str]:
+    """Return `mesh` with all triangles looking outward, in the same order, and what was done.
+
+    The mesh itself and no sentence where that is less than a notable share: scans have a folded
+    triangle here and there.
+    """
+    inward = looks_inward(mesh)
+    if mesh.face_areas[inward].sum() <= NOTABLE * mesh.area:
+        return mesh, ""
+    which = "its" if inward.all() else f"{inward.sum()} of its {len(inward)}"
+    return _turned(mesh, inward), f"turned {which} triangles, which looked inward"
+
+
+def _turned(mesh: Mesh, which: Mask) -> Mesh:
+    return replace(mesh, faces=np.where(which[:, None], mesh.faces[:, ::-1], mesh.faces))
+
+
+def _volumes(mesh: Mesh, sheet: Indices) -> Array:
+    """Return the signed volume of each sheet of a closed mesh, cubic metres."""
+    a, b, c = mesh.triangles.swapaxes(0, 1)
+    return np.asarray(np.bincount(sheet, np.einsum("ij,ij->i", a, np.cross(b, c))), np.float64)
+
+
+def _neighbours(faces: Indices) -> tuple[Indices, Mask]:
+    """Return the pairs (e, 2) of triangles across edges of two, and which of them (e,) disagree."""
+    edges = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    rising = edges[:, 0] < edges[:, 1]
+    key = edges.min(axis=1) * (faces.max() + 1) + edges.max(axis=1)
+    order = np.argsort(key, kind="stable")
+    starts = np.flatnonzero(np.diff(key[order], prepend=-1))
+    twice = starts[np.diff(starts, append=len(order)) == 2]
+    first, second = order[twice], order[twice + 1]
+    pairs = np.column_stack([first, second]) // 3
+    # Both run along their edge in one direction: they look to different sides.
+    opposed = rising[first] == rising[second]
+    # Folded triangles share two edges.
+    _, kept = np.unique(np.sort(pairs, axis=1), axis=0, return_index=True)
+    return pairs[kept], opposed[kept]
+
+
+def _against_first(count: int, pairs: Indices, opposed: Mask) -> tuple[Mask, Indices]:
+    """Return which of `count` triangles look against the first of their sheet, and their sheet."""
+    # One more than the weight, as sparse graphs hold no zeros.
+    graph = coo_matrix((1 + opposed, (pairs[:, 0], pairs[:, 1])), (count + 1, count + 1))
+    sheet = connected_components(graph, directed=False)[1][:count].astype(np.int64)
+    firsts = np.unique(sheet, return_index=True)[1]
+    # A root over the first triangle of each sheet makes them one tree.
+    rooted = graph + coo_matrix(
+        (np.ones(len(firsts), np.int64), (np.full(len(firsts), count), firsts)), graph.shape
+    )
+    rooted = (rooted + rooted.T).tocsr()
+    _, before = breadth_first_order(rooted, count, directed=False)
+    before = before.astype(np.int64)
+    before[count] = count
+    against = np.zeros(count + 1, np.bool_)
+    each = np.arange(count)
+    against[:count] = np.asarray(rooted[each, before[:count]]).ravel() == 2
+    while (before != count).any():  # twice as far up the tree each time
+        against ^= against[before]
+        before = before[before]
+    return against[:count], sheet
+
+
+def _clear_sides(mesh: Mesh, sheet: Indices) -> tuple[Mask, Mask]:
+    """Return which sheets clearly look inward and which outward, by the rays that get away."""
+    rng = np.random.default_rng(0)
+    points, normals, triangle = _samples(mesh, sheet, rng)
+    directions = unit(rng.normal(size=(len(points), NUM_DIRECTIONS, 3)))
+    side = np.einsum("nkj,nj->nk", directions, normals)
+    directions *= np.sign(side)[..., None]
+    lift = LIFT * mesh.diagonal
+    away = [
+        np.isinf(_distances(mesh, points + sign * lift * normals, sign * directions)).mean(axis=1)
+        for sign in (1.0, -1.0)
+    ]
+    before, behind = (np.bincount(sheet[triangle], seen, sheet.max() + 1) for seen in away)
+    num = np.maximum(np.bincount(sheet[triangle], minlength=sheet.max() + 1), 1)
+    inward = (before < CLEARLY_LESS * behind) & (behind > SEEN_AT_ALL * num)
+    outward = (behind < CLEARLY_LESS * before) & (before > SEEN_AT_ALL * num)
+    return np.asarray(inward), np.asarray(outward)
+
+
+def _samples(mesh: Mesh, sheet: Indices, rng: np.random.Generator) -> tuple[Array, Array, Indices]:
+    """Return points (n, 3), normals (n, 3) and triangles (n,): by area, and some of each sheet."""
+    points, normals, triangle = sample_surface(mesh, NUM_SAMPLES, rng)
+    order = rng.permutation(len(sheet))
+    order = order[np.argsort(sheet[order], kind="stable")]
+    starts = np.flatnonzero(np.diff(sheet[order], prepend=-1))
+    place = np.arange(len(order)) - np.repeat(starts, np.diff(starts, append=len(order)))
+    some = order[place < SAMPLES_A_SHEET]
+    centres = mesh.triangles[some].mean(axis=1)
+    return (
+        np.concatenate([points, centres]),
+        np.concatenate([normals, mesh.face_normals[some]]),
+        np.concatenate([triangle, some]),
+    )
+
+
+def _distances(mesh: Mesh, origins: Array, directions: Array) -> Array:
+    """Return (n, k) how far rays get from `origins` (n, 3) along `directions` (n, k, 3)."""
+    starts = np.broadcast_to(origins[:, None], directions.shape)
+    distance, _ = first_hits(mesh, starts.reshape(-1, 3), directions.reshape(-1, 3))
+    return distance.reshape(directions.shape[:2])

@@ -1,0 +1,1 @@
+"""Numerical building blocks: compiled loops, sums, quantiles, nearest points."""

@@ -1,0 +1,284 @@
+"""What the surface says of candidate symmetries, summed over its points: the loops of a fit.
+
+Each residual r, in metres, has a weight w (Tukey's biweight at a scale) and derivatives J by the
+four unknowns of `symmetry_fitting`: two turns of a direction along its basis (3, 2), two offsets.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.geometry.numerics.compiled import compiled
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Vector = tuple[float, float, float]
+Derivatives = tuple[float, float, float, float]
+Sums = tuple[Array, Array, Array]  # of w J J^T (k, 4, 4), w J r (k, 4) and w (k,), for each start
+
+SCALES = (0.020, 0.004)  # metres, Tukey's biweight at the first and at the last step
+REACH = SCALES[0] / 2 + SCALES[0]  # metres from an image to what it may meet
+MIN_SLOPE = 0.2  # sine between normal and axis; flatter ends say little about the axis
+MATCH_NORMAL = np.cos(np.radians(40.0))
+
+
+@compiled
+def _row(rows: Array, n: int) -> Vector:
+    """Return a row (3,) as numbers: views of rows would cost more than what is done with them."""
+    return rows[n, 0], rows[n, 1], rows[n, 2]
+
+
+@compiled
+def _column(bases: Array, k: int, column: int) -> Vector:
+    """Return a column (3,) of the k-th of `bases` (k, 3, c)."""
+    return bases[k, 0, column], bases[k, 1, column], bases[k, 2, column]
+
+
+@compiled
+def _dot(a: Vector, b: Vector) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@compiled
+def _minus(a: Vector, b: Vector) -> Vector:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@compiled
+def _cross(a: Vector, b: Vector) -> Vector:
+    x, y, z = a
+    u, v, w = b
+    return y * w - z * v, z * u - x * w, x * v - y * u
+
+
+@compiled
+def _biweight(residual: float, scale: float) -> float:
+    return (1.0 - (residual / scale) ** 2) ** 2 if abs(residual) < scale else 0.0
+
+
+@compiled
+def _solved(matrix: Array, right: Array) -> Array:
+    """Return x (m,) of `matrix` (m, m) x = `right` (m,), symmetric and positive; both are used."""
+    size = len(right)
+    for i in range(size):
+        for j in range(i + 1, size):
+            factor = matrix[j, i] / matrix[i, i]
+            for k in range(i, size):
+                matrix[j, k] -= factor * matrix[i, k]
+            right[j] -= factor * right[i]
+    for i in range(size - 1, -1, -1):
+        for j in range(i + 1, size):
+            right[i] -= matrix[i, j] * right[j]
+        right[i] /= matrix[i, i]
+    return right
+
+
+def axis_sums(
+    rows: Array, squares: Array, axis: Array, centre: Array, basis: Array, scale: float
+) -> Sums:
+    """Return the sums for k axes: how far the lines of n normals pass by each, over their sine.
+
+    Args:
+        rows: (n, 6) points x normals, and normals, metres.
+        squares: (n, 36) each row times itself.
+        axis: (k, 3) unit.
+        centre: (k, 3) a point of each, metres.
+        basis: (k, 3, 2) across the axes that were started from.
+        scale: metres.
+    """
+    forms = _axis_forms(axis, centre, basis)
+    weight, total = _axis_weights(forms[:, 0] @ rows.T, axis @ rows[:, 3:].T, scale)
+    # Residuals and derivatives are linear in the rows, so their sums are in the rows' squares.
+    moment = (weight @ squares).reshape(-1, 6, 6)
+    sums = forms @ moment @ forms.swapaxes(1, 2)
+    return sums[:, 1:, 1:].copy(), sums[:, 1:, 0].copy(), total
+
+
+@compiled
+def _axis_forms(axis: Array, centre: Array, basis: Array) -> Array:
+    """Return (k, 5, 6) what times a row gives the residual and its derivatives, each times sine."""
+    forms = np.zeros((len(axis), 5, 6))
+    for k in range(len(axis)):
+        along, c = _row(axis, k), _row(centre, k)
+        sides = _column(basis, k, 0), _column(basis, k, 1)
+        # (n x v) . (p - c) = v . (p x n) - n . (v x c)
+        arm = _cross(along, c)
+        for i in range(3):
+            forms[k, 0, i], forms[k, 0, 3 + i] = along[i], -arm[i]
+        for side in range(2):
+            arm, aside = _cross(sides[side], c), _cross(along, sides[side])
+            for i in range(3):
+                forms[k, 1 + side, i], forms[k, 1 + side, 3 + i] = sides[side][i], -arm[i]
+                forms[k, 3 + side, 3 + i] = -aside[i]
+    return forms
+
+
+@compiled
+def _axis_weights(passing: Array, along: Array, scale: float) -> tuple[Array, Array]:
+    """Return (k, n) the weights over sines squared, and (k,) the sums of the weights.
+
+    `passing`: (k, n) metres between normals' lines and axes, times the sine; `along`: the cosine.
+    """
+    weight, total = np.empty(passing.shape), np.zeros(len(passing))
+    for k in range(len(passing)):
+        for n in range(passing.shape[1]):
+            square = max(1.0 - along[k, n] * along[k, n], MIN_SLOPE * MIN_SLOPE)
+            near = max(1.0 - passing[k, n] * passing[k, n] / (square * scale * scale), 0.0)
+            weight[k, n] = near * near / square
+            total[k] += near * near
+    return weight, total
+
+
+@compiled
+def _add(sums: Sums, k: int, row: Derivatives, residual: float, weight: float) -> None:
+    """Add a residual with derivatives `row` to what is known of the k-th start."""
+    for i in range(4):
+        sums[1][k, i] += weight * row[i] * residual
+        for j in range(4):
+            sums[0][k, i, j] += weight * row[i] * row[j]
+    sums[2][k] += weight
+
+
+@compiled
+def mirrored(points: Array, normal: Array, point: Array) -> Array:
+    """Return the images (k, n, 3) of `points` (n, 3) in planes of `normal` and `point` (k, 3)."""
+    images = np.empty((len(normal), len(points), 3))
+    for k in range(len(normal)):
+        m, at = _row(normal, k), _row(point, k)
+        for n in range(len(points)):
+            height = _dot(m, _minus(_row(points, n), at))
+            for i in range(3):
+                images[k, n, i] = points[n, i] - 2.0 * height * m[i]
+    return images
+
+
+@compiled
+def plane_sums(
+    points: Array,
+    normals: Array,
+    every: int,
+    images: Array,
+    away: Array,
+    nearest: Indices,
+    normal: Array,
+    point: Array,
+    basis: Array,
+    scale: float,
+) -> Sums:
+    """Return the sums for k planes: how far images lie off the surface, along its normals.
+
+    Args:
+        points: (m, 3) of the surface, metres.
+        normals: (m, 3).
+        every: so many-th of them is mirrored, n in all.
+        images: (k, n, 3) of these.
+        away: (k, n) metres from the images to the nearest points of the surface.
+        nearest: (k, n) which these are.
+        normal: (k, 3) of the planes.
+        point: (k, 3) on them.
+        basis: (k, 3, 2) across the normals that were started from.
+        scale: metres.
+    """
+    size = len(normal)
+    sums = np.zeros((size, 4, 4)), np.zeros((size, 4)), np.zeros(size)
+    for k in range(size):
+        m, first, second = _row(normal, k), _column(basis, k, 0), _column(basis, k, 1)
+        for n in range(images.shape[1]):
+            image = images[k, n, 0], images[k, n, 1], images[k, n, 2]
+            v, own = _row(normals, nearest[k, n]), _row(normals, n * every)
+            along = _dot(m, v)
+            residual = _dot(v, _minus(image, _row(points, nearest[k, n])))
+            weight = _biweight(residual, scale)
+            # An image beside the seen surface meets its border: that says nothing of the plane,
+            # whether it is farther off or misses the surface by more than a scale.
+            beside = away[k, n] > REACH or away[k, n] - abs(residual) > SCALES[0] / 2
+            alike = _dot(own, v) - 2.0 * _dot(m, own) * along > MATCH_NORMAL
+            if weight > 0.0 and alike and not beside:
+                foot = _minus(_row(points, n * every), _row(point, k))
+                height = _dot(m, foot)
+                row = (
+                    -2.0 * (_dot(foot, first) * along + height * _dot(v, first)),
+                    -2.0 * (_dot(foot, second) * along + height * _dot(v, second)),
+                    2.0 * along,
+                    0.0,
+                )
+                _add(sums, k, row, residual, weight)
+    return sums
+
+
+@compiled
+def stepped(
+    starts: tuple[Array, Array, Array],
+    offsets: Array,
+    total: Array,
+    sums: Sums,
+    share: float,
+    precision: Array,
+) -> tuple[Array, Array, Array]:
+    """Return the unknowns (k, 4) after a step of Gauss-Newton, and what these make of the starts.
+
+    Args:
+        starts: unit directions (k, 3), points (k, 3) and bases (k, 3, 2) across the directions.
+        offsets: (k, 3, 2) along which the points are moved.
+        total: (k, 4) the unknowns before.
+        sums: of the residuals.
+        share: what these are multiplied by.
+        precision: (4,) of the unknowns' priors, which are zero.
+    """
+    directions, points, basis = starts
+    found, point, direction = np.empty_like(total), np.empty_like(points), np.empty_like(points)
+    for k in range(len(total)):
+        matrix, right = share * sums[0][k], np.empty(4)
+        for i in range(4):
+            right[i] = share * sums[1][k, i] + precision[i] * total[k, i]
+            matrix[i, i] += precision[i]
+        step, length = _solved(matrix, right), 0.0
+        for i in range(4):
+            found[k, i] = total[k, i] - step[i]
+        for i in range(3):
+            turn = basis[k, i, 0] * found[k, 0] + basis[k, i, 1] * found[k, 1]
+            move = offsets[k, i, 0] * found[k, 2] + offsets[k, i, 1] * found[k, 3]
+            direction[k, i], point[k, i] = directions[k, i] + turn, points[k, i] + move
+            length += direction[k, i] ** 2
+        for i in range(3):
+            direction[k, i] /= np.sqrt(length)
+    return found, direction, point
+
+
+@compiled
+def fitted_sphere(
+    points: Array, normals: Array, start: Array, scales: Array, share: float, precision: float
+) -> tuple[Array, float]:
+    """Return the centre (3,) that the lines of n normals pass nearest by, and its weight.
+
+    A point that lies farther than a scale off the median radius has none.
+
+    Args:
+        points: (n, 3) metres.
+        normals: (n, 3).
+        start: (3,) the prior's centre.
+        scales: (s,) metres, one a step.
+        share: what the sums over the points are multiplied by.
+        precision: of the prior.
+    """
+    centre, distance, total = start.copy(), np.empty(len(points)), 0.0
+    for scale in scales:
+        middle = centre[0], centre[1], centre[2]
+        for n in range(len(points)):
+            foot = _minus(_row(points, n), middle)
+            distance[n] = np.sqrt(_dot(foot, foot))
+        radius = np.median(distance)
+        spread, pull, total = precision * np.eye(3), precision * (start - centre), 0.0
+        for n in range(len(points)):
+            if abs(distance[n] - radius) < scale:
+                foot, normal = _minus(_row(points, n), middle), _row(normals, n)
+                height = _dot(foot, normal)
+                passing = _minus(foot, (height * normal[0], height * normal[1], height * normal[2]))
+                weight = _biweight(np.sqrt(_dot(passing, passing)), scale)
+                total += weight
+                for i in range(3):
+                    pull[i] += share * weight * passing[i]
+                    spread[i, i] += share * weight
+                    for j in range(3):
+                        spread[i, j] -= share * weight * normal[i] * normal[j]
+        centre = centre + _solved(spread, pull)
+    return centre, total

@@ -1,0 +1,130 @@
+"""Points sorted into cubes, so that what lies far from a body is ruled out a cube at a time.
+
+A cube's points lie in a ball about the middle of their own box; a body farther from the ball's
+centre than its radius touches none of them.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.geometry.numerics.compiled import compiled
+
+Array = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Indices = NDArray[np.int64]
+
+ROUNDING = 1e-6  # metres by which a ball is widened, for what single precision rounds off
+SPREAD = 0x9E3779B97F4A7C15  # 2^64 over the golden ratio: its multiples' high bits are even
+WORD = 64  # bits
+
+
+@dataclass(frozen=True)
+class PointCells:
+    """n points in c cubes, any frame, metres.
+
+    Attributes:
+        index: (n,) the points' places in the array they came from, cube by cube.
+        points: (3, n) them, cube by cube, a coordinate in one piece.
+        start: (c + 1,) where each cube's points start and end in `index` and `points`.
+        centre: (3, c) of balls around the points of each cube.
+        radius: (c,) of these balls.
+    """
+
+    index: Indices
+    points: Singles
+    start: Indices
+    centre: Singles
+    radius: Singles
+
+    @classmethod
+    def of(cls, points: Array, size: float) -> "PointCells":
+        """Sort `points` (n, 3) into cubes of edge `size` metres."""
+        place, _, count = _places(cell_keys(points, size))
+        return cls(*_gathered(np.ascontiguousarray(points, np.float64), place, count))
+
+    def __len__(self) -> int:
+        return len(self.radius)
+
+
+def cell_keys(points: Array, size: float) -> Indices:
+    """Return (n,) a number for the cube of edge `size` each of `points` (n, 3) lies in.
+
+    Cubes start at the lowest coordinates; numbers ascend by x, then y, then z.
+    """
+    return _keys(np.ascontiguousarray(points, np.float64), size)
+
+
+def first_of_each(key: Indices) -> Indices:
+    """Return where each value of `key` (n,) comes first, in ascending order of these places."""
+    return _places(key)[1]
+
+
+@compiled
+def _keys(points: Array, size: float) -> Indices:
+    key = np.empty(len(points), np.int64)
+    if not len(points):
+        return key
+    x0, y0, z0 = points[0]
+    x1, y1, z1 = points[0]
+    for n in range(len(points)):
+        x, y, z = points[n, 0], points[n, 1], points[n, 2]
+        x0, y0, z0 = min(x0, x), min(y0, y), min(z0, z)
+        x1, y1, z1 = max(x1, x), max(y1, y), max(z1, z)
+    rows, columns = int((y1 - y0) / size) + 1, int((z1 - z0) / size) + 1
+    for n in range(len(points)):
+        x, y, z = (points[n, 0] - x0) / size, (points[n, 1] - y0) / size, (points[n, 2] - z0) / size
+        key[n] = (int(x) * rows + int(y)) * columns + int(z)
+    return key
+
+
+@compiled
+def _places(key: Indices) -> tuple[Indices, Indices, Indices]:
+    """Return (n,) which of c values each of `key` has, (c,) where it comes first and how often.
+
+    Values are numbered as they come, by a table that is searched from each one's own place on.
+    """
+    bits = 4
+    while 1 << bits < 2 * len(key):
+        bits += 1
+    shift, last = np.uint64(WORD - bits), (1 << bits) - 1
+    table = np.full(1 << bits, -1, np.int32)
+    place = np.empty(len(key), np.int64)
+    first, count = np.empty(len(key), np.int64), np.zeros(len(key), np.int64)
+    found = 0
+    for n in range(len(key)):
+        slot = np.int64((np.uint64(key[n]) * np.uint64(SPREAD)) >> shift)
+        while table[slot] >= 0 and key[first[table[slot]]] != key[n]:
+            slot = (slot + 1) & last
+        if table[slot] < 0:
+            table[slot] = found
+            first[found] = n
+            found += 1
+        place[n] = table[slot]
+        count[place[n]] += 1
+    return place, first[:found].copy(), count[:found].copy()
+
+
+@compiled
+def _gathered(
+    points: Array, place: Indices, count: Indices
+) -> tuple[Indices, Singles, Indices, Singles, Singles]:
+    """Return the fields of `PointCells`: each of `points` has a `place` (n,), `count` (c,) each."""
+    start = np.zeros(len(count) + 1, np.int64)
+    start[1:] = np.cumsum(count)
+    free, index = start[:-1].copy(), np.empty(len(place), np.int64)
+    ordered = np.empty((3, len(place)), np.float32)
+    low, high = np.full((3, len(count)), np.inf), np.full((3, len(count)), -np.inf)
+    for n in range(len(place)):
+        c = place[n]
+        index[free[c]] = n
+        for axis in range(3):
+            ordered[axis, free[c]] = points[n, axis]
+            low[axis, c] = min(low[axis, c], points[n, axis])
+            high[axis, c] = max(high[axis, c], points[n, axis])
+        free[c] += 1
+    edge = high - low
+    radius = 0.5 * np.sqrt(edge[0] ** 2 + edge[1] ** 2 + edge[2] ** 2) + ROUNDING
+    centre = (0.5 * (low + high)).astype(np.float32)
+    return index, ordered, start, centre, radius.astype(np.float32)

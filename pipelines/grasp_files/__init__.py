@@ -1,0 +1,1 @@
+"""`grasps.h5`, its shards and tables, and gripper files."""

@@ -1,0 +1,36 @@
+"""Predictions as Contact-GraspNet saves them, without its pickles.
+
+OUT/predictions_NAME.npz holds a plain array per key and segment, `pred_grasps_cam/3`, where
+Contact-GraspNet has a pickled dict per key (D. 70, FORMATS.md says how to make these of it).
+Segments are regions, counted from 1: 0 is its background.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from pipelines.grasp_files.exports.grasp_exports import ExportHeader, HandGrasps, frame_path
+from pipelines.grasping.gripper_poses import CLOSING_ALONG_X, hand_poses
+from pipelines.storage.files import write_npz
+
+# Metres from the origin of the Franka hand to the middle of its finger pads: where the contacts of
+# Contact-GraspNet's own poses lie.
+BASE_TO_CONTACTS = 0.1034
+
+
+def write_frame(folder: Path, frame: HandGrasps, _header: ExportHeader) -> None:
+    """Write `folder`/predictions_NAME.npz of a frame; without grasps it holds no segment."""
+    hand, region = frame.hand, frame.result.grasps.region
+    columns = {
+        "pred_grasps_cam": hand_poses(frame.grasps, hand.base_to_contacts, CLOSING_ALONG_X),
+        "scores": frame.result.grasps.rank_score.astype(np.float64),
+        "contact_pts": frame.grasps.contacts[:, 0],
+        "gripper_openings": frame.opening,
+    }
+    arrays = {
+        f"{key}/{segment + 1}": column[region == segment]
+        for key, column in columns.items()
+        for segment in np.unique(region).tolist()
+    }
+    path = frame_path(folder, frame.result.name, ".npz", prefix="predictions_")
+    write_npz(path, **arrays, base_to_contacts=np.array(hand.base_to_contacts))

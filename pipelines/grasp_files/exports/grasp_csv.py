@@ -1,0 +1,86 @@
+"""All grasps as one table of text, a grasp a line; lines before it, with #, say what it means."""
+
+import csv
+import json
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipelines.grasp_files.exports.grasp_exports import (
+    CAMERA_AXES,
+    HAND_AXES,
+    ExportHeader,
+    HandGrasps,
+    rounded,
+)
+from pipelines.storage.files import atomic_path
+
+FORMAT_VERSION = 1
+TITLE = "SymGrasp grasps"
+COLUMNS = (
+    *("frame", "grasp", "region", "is_best", "rank_score", "affordance", "source", "symmetry"),
+    *(f"contact{finger}_{axis}" for finger in (1, 2) for axis in "xyz"),
+    *("width", "opening", "base_x", "base_y", "base_z"),
+    *("base_qx", "base_qy", "base_qz", "base_qw"),
+)
+
+
+def write(path: Path, frames: Iterable[HandGrasps], header: ExportHeader) -> None:
+    """Write `frames`, one in memory at a time; one without grasps is a line with #."""
+    with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as out:
+        for key, value in _head(header).items():
+            out.write(f"# {key}: {value}\n")
+        table = csv.writer(out, quoting=csv.QUOTE_NONNUMERIC, lineterminator="\n")
+        table.writerow(COLUMNS)
+        for frame in frames:
+            if not len(frame):
+                name = json.dumps(frame.result.name, ensure_ascii=False)
+                message = " ".join(frame.result.message.split())
+                out.write(f"# no grasps in {name} ({frame.result.status}): {message}\n")
+            table.writerows(_rows(frame))
+
+
+def is_ours(path: Path) -> bool:
+    """Return whether the file starts as those that `write` makes."""
+    with path.open("rb") as stream:
+        return stream.read(len(TITLE) + 2) == f"# {TITLE}".encode()
+
+
+def _head(header: ExportHeader) -> dict[str, str]:
+    return {
+        TITLE: f"format version {FORMAT_VERSION}",
+        "units": "metres",
+        "camera_frame": CAMERA_AXES,
+        "base": f"base of the gripper in the camera frame: {HAND_AXES}; "
+        "the contacts lie base_to_contacts before it along z",
+        "gripper": json.dumps(header.hand.facts()),
+        "infer": json.dumps(header.infer),
+        "provenance": json.dumps(header.stamp),
+    }
+
+
+def _rows(frame: HandGrasps) -> Iterator[list[Any]]:
+    table, quaternions = frame.result.grasps, frame.quaternions
+    numbers = np.concatenate(
+        [
+            frame.grasps.contacts.reshape(-1, 6),
+            frame.grasps.width[:, None],
+            frame.opening[:, None],
+            frame.poses[:, :3, 3],
+            quaternions[:, [1, 2, 3, 0]],
+        ],
+        axis=1,
+    )
+    for i, (row, symmetry) in enumerate(zip(rounded(numbers), frame.symmetries, strict=True)):
+        yield [
+            frame.result.name,
+            int(frame.rows[i]),
+            int(table.region[i]),
+            int(table.is_best[i]),
+            *rounded(np.array([table.rank_score[i], table.affordance[i]])),
+            str(table.source[i]),
+            symmetry,
+            *row,
+        ]

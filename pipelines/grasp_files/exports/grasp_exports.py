@@ -1,0 +1,208 @@
+"""What all exporters write of a frame, and what they say of it: grasps as poses of a named hand."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.errors import SymgraspError
+from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT
+from pipelines.geometry.transforms import matrix_to_quaternion
+from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable
+from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.gripper import Gripper
+from pipelines.grasping.gripper_poses import CLOSING_ALONG_Y, hand_poses
+from pipelines.storage.files import LONGEST_NAME
+
+Array = NDArray[np.float64]
+
+LONGEST_PREFIX, LONGEST_SUFFIX = "predictions_", ".yaml"  # that any format puts to a frame's name
+SLACK = 1e-6  # metres; widths are stored in single precision
+CAMERA_AXES = "camera, OpenCV axes: x right, y down, z forward"
+HAND_AXES = "y = closing, from the first contact to the second; z = approach; x = y cross z"
+
+
+@dataclass(frozen=True)
+class Hand:
+    """The hand that poses are given for.
+
+    Attributes:
+        gripper: its measures.
+        base_to_contacts: metres along approach, from the base's origin to the contact line.
+        checked_with: name of the gripper whose collisions `infer` checked.
+        is_the_one_checked: whether that one has the same measures.
+    """
+
+    gripper: Gripper
+    base_to_contacts: float
+    checked_with: str
+    is_the_one_checked: bool = True
+
+    def facts(self) -> dict[str, Any]:
+        """Return what a file says of the hand, metres."""
+        return {
+            "name": self.gripper.name,
+            "base_to_contacts": round(self.base_to_contacts, 9),
+            "tip_reach": self.gripper.tip_reach,
+            "max_opening": self.gripper.max_opening,
+            "clearance": self.gripper.clearance,
+            "collisions_checked_with": self.checked_with,
+        }
+
+
+@dataclass(frozen=True)
+class HandGrasps:
+    """The grasps of a frame that the hand can hold.
+
+    Attributes:
+        result: the frame; its `grasps` are the g held ones.
+        rows: (g,) places in `/grasps` of grasps.h5.
+        left_out: (n,) places of those that are wider than the hand opens.
+        grasps: the held ones in double precision, camera frame.
+        hand: whose poses they are.
+    """
+
+    result: FrameResult
+    rows: NDArray[np.int64]
+    left_out: NDArray[np.int64]
+    grasps: Grasps
+    hand: Hand
+
+    @classmethod
+    def of(cls, result: FrameResult, first_row: int, hand: Hand) -> "HandGrasps":
+        """Return what `hand` can hold of a frame whose grasps start at `first_row` of /grasps.
+
+        Raises:
+            SymgraspError: a pose is not finite, or no rotation.
+        """
+        table = result.grasps
+        for name in ("rotation", "translation", "width", "contacts"):
+            if not np.isfinite(getattr(table, name)).all():
+                raise SymgraspError(f"the {name} of a grasp is not finite; run infer again")
+        fits = table.width <= hand.gripper.max_width + SLACK
+        held = _with_best(
+            GraspTable(**{name: getattr(table, name)[fits] for name in GraspTable.SPEC})
+        )
+        rows = first_row + np.arange(len(table))
+        u, _, v = np.linalg.svd(held.rotation.astype(np.float64))  # stored in single precision
+        grasps = Grasps(u @ v, held.translation, held.width)
+        return cls(replace(result, grasps=held), rows[fits], rows[~fits], grasps, hand)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @property
+    def opening(self) -> Array:
+        """(g,) metres between the open fingers."""
+        return self.hand.gripper.opening(self.grasps.width)
+
+    @property
+    def poses(self) -> Array:
+        """(g, 4, 4) base of the hand to camera; axes as `HAND_AXES` says."""
+        return hand_poses(self.grasps, self.hand.base_to_contacts, CLOSING_ALONG_Y)
+
+    @property
+    def quaternions(self) -> Array:
+        """(g, 4), w first, of `poses`."""
+        if not len(self):
+            return np.zeros((0, 4))  # SciPy takes no empty stack
+        return matrix_to_quaternion(self.poses[:, :3, :3])
+
+    @property
+    def symmetries(self) -> list[str]:
+        """The kind of symmetry that gave each grasp's second contact; none where none did."""
+        return [symmetry_kind(int(slot)) for slot in self.result.grasps.symmetry_slot]
+
+
+@dataclass(frozen=True)
+class ExportHeader:
+    """What is said once in an export: whose poses, and how it was made."""
+
+    hand: Hand
+    stamp: Mapping[str, Any]  # of the export, as JSON
+    infer: Mapping[str, Any]  # stamp of the grasps.h5, as JSON
+
+
+def _with_best(held: GraspTable) -> GraspTable:
+    """Return `held` where each region has a best grasp: the next one if it was left out."""
+    is_best = held.is_best.copy()
+    for region in np.setdiff1d(held.region, held.region[is_best]).tolist():
+        places = np.flatnonzero(held.region == region)
+        is_best[places[np.argmax(held.rank_score[places])]] = True
+    return replace(held, is_best=is_best)
+
+
+def symmetry_kind(slot: int) -> str:
+    """Return what `symmetry_slot` of grasps.h5 means: none, reflection, rotation or sphere."""
+    if slot < 0:
+        return "none"
+    return {ROTATION_SLOT: "rotation", SPHERE_SLOT: "sphere"}.get(slot, "reflection")
+
+
+def as_ranges(places: NDArray[np.int64]) -> str:
+    """Return ascending whole numbers as text, runs as first-last: 3, 5-9."""
+    runs = np.split(places, np.flatnonzero(np.diff(places) != 1) + 1)
+    return ", ".join(str(r[0]) if len(r) == 1 else f"{r[0]}-{r[-1]}" for r in runs if len(r))
+
+
+def frame_path(folder: Path, name: str, suffix: str, prefix: str = "") -> Path:
+    """Return where the file of the frame `name` goes: its own path in `folder`.
+
+    Raises:
+        SymgraspError: the name leads out of the folder, or is longer than a file's may be.
+    """
+    place = PurePosixPath(name)
+    if not place.name or place.is_absolute() or ".." in place.parts or "\\" in name:
+        raise SymgraspError(f"the frame's name {name!r} is no path within a folder; rename it")
+    below = place.parent / f"{prefix}{place.name}{suffix}"
+    if max(len(os.fsencode(part)) for part in below.parts) > LONGEST_NAME:
+        raise SymgraspError(f"the frame's name {name!r} is too long for a file's; rename it")
+    return folder / below
+
+
+class Claims:
+    """Which files of a folder are whose, so that no frame's file takes another's place."""
+
+    def __init__(self, *, folds_case: bool) -> None:
+        """`folds_case`: whether names that differ in case alone are one."""
+        self._folds_case = folds_case
+        self._owners: dict[Path, str] = {}
+        self._folders: set[Path] = set()
+
+    def claim(self, path: Path, owner: str) -> None:
+        """Note that the file `path` within the folder is that of `owner`.
+
+        Raises:
+            SymgraspError: it is another's, a folder of others', or would lie in a file.
+        """
+        key = Path(str(path).casefold()) if self._folds_case else path
+        for place in (key, *key.parents):
+            if place in self._owners:
+                owners = self._owners[place]
+                raise SymgraspError(f"its file {path} would take the place of {owners}; rename it")
+        if key in self._folders:
+            raise SymgraspError(f"its file {path} is a folder of other frames; rename it")
+        self._owners[key] = owner
+        self._folders |= set(key.parents)
+
+
+def folds_case(folder: Path) -> bool:
+    """Return whether names in `folder` that differ in case alone are one, as macOS takes them."""
+    folder = folder.resolve()
+    for place in (folder, *folder.parents):
+        swapped = place.parent / place.name.swapcase()
+        if swapped != place and place.exists():
+            return swapped.exists() and swapped.samefile(place)
+    return False
+
+
+def rounded(values: NDArray[Any]) -> list[Any]:
+    """Return numbers as JSON has them, to a nanometre; null where they are not finite."""
+    flat = [round(v, 9) + 0.0 if np.isfinite(v) else None for v in values.ravel().tolist()]
+    for length in reversed(values.shape[1:]):
+        flat = [flat[i : i + length] for i in range(0, len(flat), length)]
+    return flat

@@ -1,0 +1,87 @@
+"""All grasps as one JSON text that needs no other: units, frames, hand and how it was made."""
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from pipelines.grasp_files.exports.grasp_exports import (
+    CAMERA_AXES,
+    HAND_AXES,
+    ExportHeader,
+    HandGrasps,
+    rounded,
+)
+from pipelines.storage.files import atomic_path
+
+FORMAT_VERSION = 1
+CONVENTIONS = {
+    "units": "metres; the camera in pixels",
+    "camera_frame": CAMERA_AXES,
+    "rotation": "columns approach, closing, approach x closing; camera frame",
+    "translation": "midpoint of the contacts, camera frame",
+    "width": "distance of the contacts",
+    "opening": "distance of the open fingers: width and the gripper's clearance on each side",
+    "T_cam_base": f"base of the gripper in the camera frame: {HAND_AXES}; "
+    "the contacts lie base_to_contacts before it along z",
+    "rank_score": "0 to 1, higher is better; is_best marks the one to try first of its region",
+}
+
+
+def write(path: Path, frames: Iterable[HandGrasps], header: ExportHeader) -> None:
+    """Write `frames`, one in memory at a time, a grasp a line."""
+    head = {
+        "format": "symgrasp-grasps",
+        "format_version": FORMAT_VERSION,
+        "conventions": CONVENTIONS,
+        "gripper": header.hand.facts(),
+        "infer": header.infer,
+        "provenance": header.stamp,
+    }
+    with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8") as stream:
+        stream.write(_text(head, indent=1).removesuffix("\n}") + ',\n "frames": [')
+        separator = "\n"
+        for frame in frames:
+            stream.write(separator + _frame(frame))
+            separator = ",\n"
+        stream.write("\n ]\n}\n")
+
+
+def _frame(frame: HandGrasps) -> str:
+    result, camera = frame.result, frame.result.intrinsics
+    names = ("fx", "fy", "cx", "cy", "width", "height")
+    facts = {
+        "name": result.name,
+        "status": result.status,
+        "message": result.message,
+        "camera": None if camera is None else {name: getattr(camera, name) for name in names},
+        "left_out": frame.left_out.tolist(),
+    }
+    lines = ",\n".join(f"   {_text(each)}" for each in _grasps(frame))
+    grasps = f"[\n{lines}\n  ]" if lines else "[]"
+    return f'  {_text(facts).removesuffix("}")}, "grasps": {grasps}}}'
+
+
+def _grasps(frame: HandGrasps) -> list[dict[str, Any]]:
+    table = frame.result.grasps
+    columns = {
+        "grasp": frame.rows.tolist(),
+        "region": table.region.tolist(),
+        "is_best": table.is_best.tolist(),
+        "rank_score": rounded(table.rank_score),
+        "affordance": rounded(table.affordance),
+        "source": [str(source) for source in table.source],
+        "symmetry": frame.symmetries,
+        "contacts": rounded(frame.grasps.contacts),
+        "rotation": rounded(frame.grasps.rotation),
+        "translation": rounded(frame.grasps.translation),
+        "width": rounded(frame.grasps.width),
+        "opening": rounded(frame.opening),
+        "T_cam_base": rounded(frame.poses),
+    }
+    rows = zip(*columns.values(), strict=True)
+    return [dict(zip(columns, row, strict=True)) for row in rows]
+
+
+def _text(content: object, indent: int | None = None) -> str:
+    return json.dumps(content, indent=indent, allow_nan=False, ensure_ascii=False)

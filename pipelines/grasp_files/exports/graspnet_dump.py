@@ -1,0 +1,105 @@
+"""Dumps of grasp detectors as graspnetAPI evaluates them: one array of grasp rows a frame.
+
+DUMP/scene_NNNN/{kinect,realsense}/NNNN.npy     (N, 17), see `grasp_rows`; camera frame
+
+Ours have the rank score as score and the hand's opening as width; the finger tips pass the
+contacts by the hand's reach, so `from_graspnet(rows, tip_reach=...)` gives the grasps back. Frames
+of several datasets that would have one place keep their names: DUMP/ROOT/scenes is a dump of each.
+"""
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipelines.dataset.graspnet.graspnet_layout import CAMERAS, frame_key
+from pipelines.errors import FormatError
+from pipelines.grasp_files.exports.grasp_exports import ExportHeader, HandGrasps, frame_path
+from pipelines.grasping.grasps import to_graspnet
+from pipelines.storage.files import write_npy
+
+WANTED = "DUMP/scene_NNNN/{kinect,realsense}/NNNN.npy is expected"
+
+
+@dataclass(frozen=True)
+class DumpedScene:
+    """The dump of one scene seen by one camera."""
+
+    folder: Path
+    scene_id: int
+    camera: str
+
+    def path(self, frame_id: int) -> Path:
+        """Return where the grasps of a frame are."""
+        return self.folder / f"{frame_id:04d}.npy"
+
+    @property
+    def frame_ids(self) -> list[int]:
+        """The ids of the frames that are there, ascending."""
+        return sorted(int(file.stem) for file in self.folder.glob("*.npy") if file.stem.isdigit())
+
+
+def dumped_scenes(dump: Path) -> list[DumpedScene]:
+    """List the scenes and cameras of a dump, in order.
+
+    Raises:
+        FormatError: there are none.
+    """
+    found = [
+        DumpedScene(scene / camera, int(match[1]), camera)
+        for scene in sorted(dump.iterdir())
+        if (match := re.fullmatch(r"scene_(\d{4})", scene.name)) is not None
+        for camera in CAMERAS
+        if (scene / camera).is_dir()
+    ]
+    if not any(scene.frame_ids for scene in found):
+        scenes = (f"{above}/scene_[0-9][0-9][0-9][0-9]" for above in ("*", "*/*"))
+        within = sorted(
+            path.parent.relative_to(dump).as_posix() for each in scenes for path in dump.glob(each)
+        )
+        hint = f"; its folder {within[0]} holds scenes, give that" if within else ""
+        raise FormatError(dump, "no dump of a grasp detector", WANTED + hint)
+    return found
+
+
+def frame_file(folder: Path, name: str, *, by_name: bool = False) -> Path:
+    """Return where graspnetAPI looks for the grasps of the frame `name` in the dump `folder`.
+
+    A frame that is none of a dataset has `folder`/NAME.npy, which graspnetAPI's GraspGroup reads;
+    and, with `by_name`, every frame has.
+
+    Raises:
+        SymgraspError: the frame's name leads out of the folder.
+    """
+    path, key = frame_path(folder, name, ".npy"), frame_key(name)
+    if key is None or by_name:
+        return path
+    scene_id, camera, frame_id = key
+    return DumpedScene(folder / f"scene_{scene_id:04d}" / camera, scene_id, camera).path(frame_id)
+
+
+def shared_place(names: Iterable[str]) -> tuple[str, str] | None:
+    """Return the first two of the frames `names` that have one place in a dump, if any have."""
+    owners: dict[tuple[int, str, int], str] = {}
+    for name in names:
+        key = frame_key(name)
+        if key is None:
+            continue
+        if key in owners:
+            return owners[key], name
+        owners[key] = name
+    return None
+
+
+def write_frame(
+    folder: Path, frame: HandGrasps, _header: ExportHeader, *, by_name: bool = False
+) -> None:
+    """Write the grasps of a frame into the dump `folder`, where `frame_file` says.
+
+    Raises:
+        SymgraspError: the frame's name leads out of the folder.
+    """
+    path = frame_file(folder, frame.result.name, by_name=by_name)
+    rank, reach = frame.result.grasps.rank_score, frame.hand.gripper.tip_reach
+    rows = to_graspnet(frame.grasps, rank, opening=frame.opening, tip_reach=reach)
+    write_npy(path, rows)

@@ -1,0 +1,64 @@
+"""isaac_grasp files, as Isaac Sim and Isaac ROS read them: OUT/NAME.yaml, one a frame.
+
+Poses are relative to the camera, which takes the object's place: nothing is known of the object.
+"""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.grasp_files.exports.grasp_exports import (
+    CAMERA_AXES,
+    HAND_AXES,
+    ExportHeader,
+    HandGrasps,
+    frame_path,
+)
+from pipelines.storage.files import write_text
+
+# Joints whose position is half the distance of the fingers. Of other hands the files name no joint.
+FINGER_JOINTS = {"franka": "panda_finger_joint1"}
+
+
+def write_frame(folder: Path, frame: HandGrasps, header: ExportHeader) -> None:
+    """Write `folder`/NAME.yaml of a frame."""
+    lines = [*_head(header), *(_grasps(frame) if len(frame) else ["grasps: {}"])]
+    write_text(frame_path(folder, frame.result.name, ".yaml"), "\n".join(lines) + "\n")
+
+
+def _head(header: ExportHeader) -> list[str]:
+    gripper = f"base of {header.hand.gripper.name}: {HAND_AXES}"
+    return [
+        "format: isaac_grasp",
+        "format_version: 1.0",
+        *(f"object_frame{end}: {json.dumps(CAMERA_AXES)}" for end in ("", "_link")),
+        *(f"gripper_frame{end}: {json.dumps(gripper)}" for end in ("", "_link")),
+        "units: metres",
+        f"gripper: {json.dumps(header.hand.facts())}",
+        f"provenance: {json.dumps(header.stamp)}",
+    ]
+
+
+def _grasps(frame: HandGrasps) -> Iterator[str]:
+    joint = FINGER_JOINTS.get(frame.hand.gripper.name)
+    rank, width, opening = frame.result.grasps.rank_score, frame.grasps.width, frame.opening
+    positions, quaternions = frame.poses[:, :3, 3], frame.quaternions
+    yield "grasps:"
+    for i in range(len(frame)):
+        yield f"  grasp_{i}:"
+        yield f"    confidence: {rank[i]:.6f}"
+        yield f"    position: {_row(positions[i])}"
+        yield f"    orientation: {{w: {quaternions[i, 0]:.9f}, xyz: {_row(quaternions[i, 1:])}}}"
+        if joint is not None:
+            yield f"    cspace_position: {{{joint}: {width[i] / 2:.9f}}}"
+            yield f"    pregrasp_cspace_position: {{{joint}: {opening[i] / 2:.9f}}}"
+        yield f"    contact_width: {width[i]:.9f}"
+        yield f"    opening: {opening[i]:.9f}"
+
+
+def _row(values: NDArray[np.float64]) -> str:
+    # No exponents: YAML 1.1 takes 1e-05 for a text.
+    return "[" + ", ".join(f"{value:.9f}" for value in values) + "]"

@@ -1,0 +1,115 @@
+"""graspnetAPI's grasp rows, `.npy` of shape (N, 17), and the verdicts on them, `.npz`.
+
+A row is score, width, height, depth, rotation (row-major, 9), translation (3), object id; metres.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.errors import FormatError
+from pipelines.geometry.transforms import nearest_orthogonal
+from pipelines.storage.files import read_npy, read_npz, write_npz
+from pipelines.storage.provenance import Stamp, stamp_ahead
+
+Array = NDArray[np.float64]
+
+COLUMNS = 17
+RECT_COLUMNS = 7
+SAME = 1e-5  # entries of a rotation this near to an exact one are left as they are
+MAX_SKEW = 1e-3  # of a rotation as float16 rounds it; beyond this it is none
+LENGTHS = (3, 13, 14, 15)  # columns; widths are cut anyway and heights ignored
+FARTHEST = 1e6  # metres; what is farther off than this was not measured
+VERDICT_ARRAYS = (
+    "min_friction",
+    "min_friction_grid",
+    "contacts",
+    "normals",
+    "found",
+    "antipodal",
+    "collision",
+    "empty",
+)
+
+
+@dataclass(frozen=True)
+class GraspRows:
+    """Rows of a file.
+
+    Attributes:
+        rows: (n, 17) float64; those that are no grasps are zero but for a unit rotation.
+        faults: which rows are no grasps, with the reason.
+        straightened: (n,) whose rotations were a little off and have been made exact.
+    """
+
+    rows: Array
+    faults: dict[int, str]
+    straightened: NDArray[np.bool_]
+
+
+def read_grasp_rows(
+    path: Path, *, max_width: float | None = None, max_skew: float = MAX_SKEW
+) -> GraspRows:
+    """Read grasp rows; rotations a little off are made exact, rows that are none are named.
+
+    Args:
+        path: `.npy`.
+        max_width: widths are cut to 0 and this, in the file's precision; if None they stay, and
+            a negative one is a fault.
+        max_skew: largest error of a rotation's entries that is made good.
+
+    Raises:
+        FormatError: not a plain array of 17 columns.
+    """
+    stored = _numbers(path)
+    if max_width is not None:
+        stored[:, 1] = np.clip(stored[:, 1], 0.0, max_width)
+    rows = stored.astype(np.float64)
+    faults = {int(i): "holds numbers that are not finite" for i in _not_finite(rows)}
+    rotation = np.where(np.isfinite(rows[:, 4:13]), rows[:, 4:13], 0.0).reshape(-1, 3, 3)
+    nearest = nearest_orthogonal(rotation)
+    skew = np.abs(nearest - rotation).max(axis=(1, 2))
+    wrong = (skew > max_skew) | (np.linalg.det(nearest) < 0.0)
+    for row in np.flatnonzero(wrong).tolist():
+        faults.setdefault(row, "has no rotation in columns 4 to 12")
+    rounded = (skew > SAME) & ~wrong
+    rows[rounded, 4:13] = nearest[rounded].reshape(-1, 9)
+    for row in np.flatnonzero(~(rows[:, 1] >= 0.0)).tolist():
+        faults.setdefault(row, "has a negative width")
+    far = (np.abs(rows[:, LENGTHS]) > FARTHEST).any(axis=1)
+    for row in np.flatnonzero(far).tolist():
+        faults.setdefault(row, "holds lengths beyond a thousand kilometres")
+    for row in faults:
+        rows[row] = 0.0
+        rows[row, 4:13] = np.eye(3).ravel()
+    rounded[list(faults)] = False
+    return GraspRows(rows, faults, rounded)
+
+
+def _numbers(path: Path) -> NDArray[np.floating]:
+    rows = read_npy(path)
+    if rows.size == 0 and rows.dtype.kind in "fiu":
+        return np.zeros((0, COLUMNS))
+    if rows.ndim != 2 or rows.shape[1] != COLUMNS or rows.dtype.kind not in "fiu":
+        found = f"an array of shape {rows.shape} and type {rows.dtype}"
+        if rows.ndim == 2 and rows.shape[1] == RECT_COLUMNS:
+            found += " (planar grasps in pixels)"
+        raise FormatError(path, found, f"(N, {COLUMNS}) numbers, graspnetAPI's rows, are expected")
+    return rows if rows.dtype.kind == "f" else rows.astype(np.float64)
+
+
+def _not_finite(rows: Array) -> NDArray[np.int64]:
+    return np.flatnonzero(~np.isfinite(rows).all(axis=1))
+
+
+def write_verdicts(path: Path, arrays: dict[str, NDArray[np.generic]], stamp: Stamp) -> None:
+    """Write one array for each of `VERDICT_ARRAYS`, and the stamp beside them."""
+    stamp_ahead(path, stamp)
+    write_npz(path, compress=True, **{name: arrays[name] for name in VERDICT_ARRAYS})
+
+
+def read_verdicts(path: Path) -> dict[str, NDArray[np.generic]]:
+    """Read what `write_verdicts` wrote."""
+    return dict(read_npz(path, VERDICT_ARRAYS))

@@ -1,0 +1,265 @@
+"""`grasps.h5`: what `infer` found in a batch of frames, one columnar file (FORMATS.md).
+
+While a run goes on, each frame lies in a file of its own, a shard of the same layout, under
+`<grasps.h5>.parts/`; a run that was killed reads these and does only what is missing.
+"""
+
+import hashlib
+import json
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.errors import FormatError, SymgraspError
+from pipelines.geometry.camera import Intrinsics
+from pipelines.grasp_files.grasps_tables import (
+    FrameResult,
+    FrameTable,
+    GraspTable,
+    RegionTable,
+    join_grasps,
+    join_regions,
+)
+from pipelines.storage.files import DAMAGED
+from pipelines.storage.h5_columns import check_version, read_columns, write_attribute, write_columns
+from pipelines.storage.h5_files import new_h5, open_h5
+from pipelines.storage.masks_rle import decode_mask, encode_mask
+from pipelines.storage.provenance import Stamp
+
+__all__ = [
+    "FrameResult",
+    "FrameTable",
+    "GraspTable",
+    "GraspsFile",
+    "RegionTable",
+    "decode_mask",
+    "encode_mask",
+    "opened",
+    "parts_folder",
+    "read",
+    "read_shard",
+    "remove_shards",
+    "shard_path",
+    "write",
+    "write_shard",
+]
+
+FORMAT_VERSION = 1
+LONGEST_NAME = 200  # characters of a shard's file name; file systems take 255 bytes
+AXES = "camera, OpenCV axes: x right, y down, z forward"
+GRASP_FRAME = "columns approach, closing, approach x closing; origin midway between the contacts"
+UNITS = {
+    "frames": {"size": "pixel", "intrinsics": "pixel", "seconds": "s"},
+    "regions": {"box": "pixel", "mask_counts": "pixel", "symmetry_point": "m"},
+    "grasps": dict.fromkeys(
+        ("translation", "width", "contacts", "clearance", "enclosed_height"), "m"
+    ),
+}
+REGION_COLUMNS = (*RegionTable.SPEC, "mask_counts", "mask_start")
+SCHEMA = {"frames": FrameTable.SPEC, "regions": REGION_COLUMNS, "grasps": GraspTable.SPEC}
+
+
+@dataclass(frozen=True)
+class GraspsFile:
+    """A whole file: its tables, and its attributes (`config` and `weights` as JSON objects)."""
+
+    frames: FrameTable
+    regions: RegionTable
+    grasps: GraspTable
+    attrs: Mapping[str, Any]
+
+    def intrinsics(self, frame: int) -> Intrinsics | None:
+        """Return the camera of a frame, None where it could not be read."""
+        return intrinsics_of(self.frames.size[frame], self.frames.intrinsics[frame])
+
+    def results(self) -> list[FrameResult]:
+        """Return the file frame by frame, indices local to each frame."""
+        places = np.arange(len(self.frames) + 1)
+        region_ends = np.searchsorted(self.regions.frame, places).tolist()
+        grasp_ends = np.searchsorted(self.grasps.frame, places).tolist()
+        results = []
+        for frame in range(len(self.frames)):
+            first = region_ends[frame]
+            regions = self.regions.rows(first, region_ends[frame + 1])
+            grasps = self.grasps.rows(grasp_ends[frame], grasp_ends[frame + 1])
+            results.append(
+                FrameResult(
+                    name=str(self.frames.name[frame]),
+                    status=str(self.frames.status[frame]),
+                    message=str(self.frames.message[frame]),
+                    intrinsics=self.intrinsics(frame),
+                    seconds=float(self.frames.seconds[frame]),
+                    regions=replace(regions, frame=np.zeros(len(regions))),
+                    grasps=replace(
+                        grasps, frame=np.zeros(len(grasps)), region=grasps.region - first
+                    ),
+                )
+            )
+        return results
+
+
+def write(
+    path: Path,
+    results: Sequence[FrameResult],
+    stamp: Stamp,
+    weights: Mapping[str, str] | None = None,
+) -> None:
+    """Write `results` in order; the same results and stamp give the same bytes.
+
+    Args:
+        path: where to.
+        results: one a frame.
+        stamp: settings, seed and inputs of the run.
+        weights: name to digest of the weights used; the stamp's inputs if not given.
+    """
+    with new_h5(path) as file:
+        write_attributes(file, stamp, weights)
+        for group, columns in tables_of(results).items():
+            write_columns(file.create_group(group), columns, UNITS[group])
+
+
+def write_attributes(
+    file: h5py.File, stamp: Stamp, weights: Mapping[str, str] | None = None
+) -> None:
+    """Write what `write` says of a run into the open `file`."""
+    weights = stamp.inputs if weights is None else weights
+    for name, value in (
+        ("format_version", FORMAT_VERSION),
+        ("axes", AXES),
+        ("grasp_frame", GRASP_FRAME),
+        ("config", json.dumps(dict(stamp.config), sort_keys=True)),
+        ("weights", json.dumps(dict(weights), sort_keys=True)),
+        ("seed", stamp.seed),
+        ("provenance", stamp.as_text()),
+    ):
+        write_attribute(file.id, name, value)
+
+
+def tables_of(results: Sequence[FrameResult]) -> dict[str, dict[str, NDArray[Any]]]:
+    """Return the columns of `results` in order, by group; indices count from the first of them."""
+    regions = join_regions([result.regions for result in results])
+    grasps = join_grasps(
+        [result.grasps for result in results], [len(result.regions) for result in results]
+    )
+    frames = _frames(results)
+    return {
+        "frames": {name: getattr(frames, name) for name in FrameTable.SPEC},
+        "regions": {name: getattr(regions, name) for name in REGION_COLUMNS},
+        "grasps": {name: getattr(grasps, name) for name in GraspTable.SPEC},
+    }
+
+
+def read(path: Path | str) -> GraspsFile:
+    """Read a whole file.
+
+    Raises:
+        FormatError: not a grasps.h5, of another version, truncated, or inconsistent.
+    """
+    path = Path(path)
+    with opened(path) as file:
+        columns = {group: read_columns(path, file[group], SCHEMA[group]) for group in SCHEMA}
+        attrs = file_attributes(file)
+    try:
+        frames = FrameTable(**columns["frames"])
+        regions, grasps = RegionTable(**columns["regions"]), GraspTable(**columns["grasps"])
+    except SymgraspError as error:
+        raise FormatError(path, f"its columns disagree ({error})", "run infer again") from error
+    return GraspsFile(frames, regions, grasps, attrs)
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[h5py.File]:
+    """Yield the open file, checked; what HDF5 finds damaged in it later is a FormatError too.
+
+    Raises:
+        FormatError: not a whole grasps.h5 of the version known here.
+    """
+    try:
+        with open_h5(path) as file:
+            _check_file(path, file)
+            yield file
+    except DAMAGED as error:
+        raise FormatError(path, f"is damaged ({error})", "run infer again") from error
+
+
+def _check_file(path: Path, file: h5py.File) -> None:
+    """Raise FormatError unless the open `file` is a grasps.h5 of the version known here."""
+    check_version(path, file.attrs.get("format_version"), FORMAT_VERSION)
+    missing = [group for group in SCHEMA if group not in file]
+    if missing:
+        raise FormatError(path, f"has no /{missing[0]}", "a grasps.h5 of infer is expected")
+
+
+def file_attributes(file: h5py.File) -> dict[str, Any]:
+    """Return the attributes of an open file, `config` and `weights` as JSON objects."""
+    attrs = dict(file.attrs)
+    return attrs | {name: json.loads(attrs.get(name, "{}")) for name in ("config", "weights")}
+
+
+def intrinsics_of(size: NDArray[Any], intrinsics: NDArray[Any]) -> Intrinsics | None:
+    """Return the camera of a row of `/frames`; None where it could not be read."""
+    width, height = size.tolist()
+    if width == 0:
+        return None
+    fx, fy, cx, cy = intrinsics.tolist()
+    return Intrinsics(fx, fy, cx, cy, width, height)
+
+
+def parts_folder(path: Path) -> Path:
+    """Return the folder of the shards of the file `path`."""
+    return path.with_name(f"{path.name}.parts")
+
+
+def shard_path(path: Path, frame_name: str) -> Path:
+    """Return where the shard of a frame lies while `path` is being made."""
+    safe = quote(frame_name, safe="")
+    if len(safe) > LONGEST_NAME:
+        safe = safe[-LONGEST_NAME:] + hashlib.sha256(frame_name.encode()).hexdigest()[:16]
+    return parts_folder(path) / f"{safe}.h5"
+
+
+def write_shard(
+    path: Path, result: FrameResult, stamp: Stamp, weights: Mapping[str, str] | None = None
+) -> None:
+    """Write one frame's result to `path`, a `shard_path`."""
+    write(path, [result], stamp, weights)
+
+
+def read_shard(path: Path) -> FrameResult:
+    """Read one frame's result, just as it was written.
+
+    Raises:
+        FormatError: the file holds not exactly one frame.
+    """
+    results = read(path).results()
+    if len(results) != 1:
+        raise FormatError(path, f"holds {len(results)} frames", "a shard holds one")
+    return results[0]
+
+
+def remove_shards(path: Path) -> None:
+    """Remove the shards of `path`, once it is written."""
+    folder = parts_folder(path)
+    if folder.is_dir():
+        shutil.rmtree(folder)
+
+
+def _frames(results: Sequence[FrameResult]) -> FrameTable:
+    cameras = [result.intrinsics for result in results]
+    columns: dict[str, Any] = {
+        "name": [result.name for result in results],
+        "status": [result.status for result in results],
+        "message": [result.message for result in results],
+        "size": [result.size for result in results],
+        "intrinsics": [(c.fx, c.fy, c.cx, c.cy) if c else (np.nan,) * 4 for c in cameras],
+        "seconds": [result.seconds for result in results],
+    }
+    return FrameTable(**columns)

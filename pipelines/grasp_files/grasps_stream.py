@@ -1,0 +1,259 @@
+"""`grasps.h5` a few frames at a time: memory does not grow with the number of frames.
+
+The tables of a file are sorted by frame, so the rows of a frame are found by bisection and only
+these are read. To write, the rows of all shards are counted first, then filled in.
+"""
+
+import json
+import os
+from bisect import bisect_left
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot, SceneFiles
+from pipelines.dataset.graspnet.graspnet_layout import FrameFiles, frame_key
+from pipelines.errors import FormatError, SymgraspError
+from pipelines.grasp_files.grasps_file import (
+    SCHEMA,
+    UNITS,
+    file_attributes,
+    intrinsics_of,
+    opened,
+    tables_of,
+    write_attributes,
+)
+from pipelines.grasp_files.grasps_shards import NO_FRAMES, Tables, joined, shard_sizes, shard_tables
+from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable, RegionTable
+from pipelines.storage.files import DAMAGED
+from pipelines.storage.h5_columns import make_column, read_columns
+from pipelines.storage.h5_files import new_h5
+from pipelines.storage.provenance import Stamp
+
+DEFAULT_GRIPPER = "rg2"
+BATCH = 64  # frames in memory while shards are put together
+
+
+@dataclass(frozen=True)
+class GraspsIndex:
+    """What a file holds, without its grasps: names and states of its frames, and attributes."""
+
+    names: list[str]
+    statuses: list[str]
+    attrs: Mapping[str, Any]
+    stamp: Mapping[str, Any]  # of the run that wrote it, as JSON
+
+    @property
+    def gripper(self) -> str:
+        """The gripper that the grasps were found for."""
+        return str(self.attrs["config"].get("gripper", DEFAULT_GRIPPER))
+
+    def dataset_names(self, path: Path) -> list[str]:
+        """Return the names of all frames as `infer ROOT` names them, of the file at `path`.
+
+        Of `infer ROOT/scenes/scene_0100` they begin further down; the folder that was given says
+        of which scene they are. Names that are of no GraspNet layout stay.
+        """
+        recorded = self.stamp.get("recorded")
+        frames = recorded.get("frames", "") if isinstance(recorded, dict) else ""
+        folder = os.path.normpath(path.resolve().parent / str(frames))
+        return [_dataset_name(Path(folder).as_posix(), name) for name in self.names]
+
+
+def _dataset_name(folder: str, name: str) -> str:
+    key = frame_key(f"{folder}/{name}")
+    return name if key is None else FrameFiles(Path(), *key).name
+
+
+def read_index(path: Path) -> GraspsIndex:
+    """Read the names of all frames and the attributes.
+
+    Raises:
+        FormatError: not a grasps.h5, of another version, truncated, or inconsistent.
+    """
+    with _opened(path) as file:
+        columns = read_columns(path, file["frames"], ["name", "status"])
+        names, statuses = ([str(text) for text in columns[key]] for key in ("name", "status"))
+        attrs = file_attributes(file)
+        stamp = dict(json.loads(attrs.get("provenance", "{}")))
+        return GraspsIndex(names, statuses, attrs, stamp)
+
+
+def read_frames(path: Path, frames: Iterable[int]) -> Iterator[FrameResult]:
+    """Yield the frames with the given places in the file, one in memory at a time.
+
+    Raises:
+        FormatError: as `read_index`.
+    """
+    with _opened(path) as file:
+        for frame in frames:
+            try:
+                yield _read_frame(file, frame)
+            except (*DAMAGED, SymgraspError) as error:
+                raise FormatError(
+                    path, f"frame {frame} is damaged ({error})", "run infer again"
+                ) from error
+
+
+def read_dataset_frames(path: Path, frames: Iterable[int]) -> Iterator[FrameResult]:
+    """Yield frames as `read_frames`, named as `GraspsIndex.dataset_names`."""
+    frames = list(frames)
+    names = read_index(path).dataset_names(path)
+    for place, result in zip(frames, read_frames(path, frames), strict=True):
+        yield replace(result, name=names[place])
+
+
+def scenes_of(path: Path, index: GraspsIndex, root: GraspNetRoot) -> dict[SceneFiles, list[int]]:
+    """Return the places of the frames of each scene and camera, in the order of their names.
+
+    What `infer` failed on and the dataset does not know, a stray picture, is left out.
+
+    Raises:
+        SymgraspError: `path` holds no frames, or some that are not of the dataset.
+    """
+    scenes: dict[SceneFiles, list[int]] = defaultdict(list)
+    for place, name in enumerate(index.dataset_names(path)):
+        try:
+            frame = root.frame(name)
+        except SymgraspError as error:
+            if index.statuses[place] == "failed":
+                continue
+            found = f"its frame {name} is not in {root.root}"
+            raise FormatError(path, found, "give the dataset that infer was run on") from error
+        scenes[root.scene(frame.scene_id, frame.camera)].append(place)
+    if not scenes:
+        raise FormatError(path, "holds no frames", "run infer on the dataset first")
+    return {scene: scenes[scene] for scene in sorted(scenes, key=lambda scene: scene.name)}
+
+
+def merge_shards(
+    path: Path,
+    parts: Sequence[FrameResult | Path],
+    stamp: Stamp,
+    weights: Mapping[str, str] | None = None,
+) -> None:
+    """Write the file that `grasps_file.write` would of the frames `parts`, shards or results.
+
+    Raises:
+        FormatError: a shard is damaged.
+    """
+    sizes = _Sizes.of(parts)
+    with new_h5(path) as file:
+        write_attributes(file, stamp, weights)
+        _make_columns(file, sizes)
+        done = _Sizes(0, 0, 0, 0)
+        for start in range(0, len(parts), BATCH):
+            done = _fill(
+                file, joined([_tables(part) for part in parts[start : start + BATCH]]), done
+            )
+
+
+@dataclass(frozen=True)
+class _Sizes:
+    """How many rows some frames have."""
+
+    frames: int
+    regions: int
+    grasps: int
+    runs: int  # of all masks
+
+    @classmethod
+    def of(cls, parts: Sequence[FrameResult | Path]) -> "_Sizes":
+        sizes = [shard_sizes(p) if isinstance(p, Path) else _size(p) for p in parts]
+        regions, grasps, runs = (sum(each) for each in zip((0, 0, 0), *sizes, strict=True))
+        return cls(len(parts), regions, grasps, runs)
+
+    def rows(self, group: str, name: str) -> int:
+        """Return the length of a column."""
+        special = {"mask_counts": self.runs, "mask_start": self.regions + 1}
+        return special.get(
+            name, {"frames": self.frames, "regions": self.regions}.get(group, self.grasps)
+        )
+
+
+def _size(result: FrameResult) -> tuple[int, ...]:
+    return len(result.regions), len(result.grasps), len(result.regions.mask_counts)
+
+
+def _tables(part: FrameResult | Path) -> Tables:
+    return shard_tables(part) if isinstance(part, Path) else tables_of([part])
+
+
+def _make_columns(file: h5py.File, sizes: _Sizes) -> None:
+    """Make the datasets of a file, in the order and of the types of one that holds no frames."""
+    for group, columns in NO_FRAMES.items():
+        made = file.create_group(group)
+        for name, column in columns.items():
+            shape = (sizes.rows(group, name), *column.shape[1:])
+            make_column(made, name, shape, column.dtype, UNITS[group].get(name))
+
+
+def _fill(file: h5py.File, tables: Tables, done: _Sizes) -> _Sizes:
+    """Write `tables` behind the rows that are `done`; return what is done then."""
+    regions, grasps = tables["regions"], tables["grasps"]
+    regions["frame"], grasps["frame"] = (t["frame"] + done.frames for t in (regions, grasps))
+    grasps["region"] = grasps["region"] + done.regions
+    regions["mask_start"] = regions["mask_start"] + done.runs
+    for group, columns in tables.items():
+        for name, column in columns.items():
+            first = done.rows(group, name) - (name == "mask_start")
+            file[group][name][first : first + len(column)] = column
+    return _Sizes(
+        done.frames + len(tables["frames"]["name"]),
+        done.regions + len(regions["frame"]),
+        done.grasps + len(grasps["frame"]),
+        done.runs + len(regions["mask_counts"]),
+    )
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[h5py.File]:
+    with opened(path) as file:
+        for group, names in SCHEMA.items():
+            lengths = {name: len(file[group][name]) for name in names if name in file[group]}
+            missing = set(names) - set(lengths)
+            lengths = {name: n for name, n in lengths.items() if not name.startswith("mask_")}
+            if missing or len(set(lengths.values())) > 1:
+                found = f"has no dataset /{group}/{min(missing)}" if missing else "columns disagree"
+                raise FormatError(path, found, "run infer again")
+        yield file
+
+
+def _read_frame(file: h5py.File, frame: int) -> FrameResult:
+    table = file["frames"]
+    first, last = _rows(file["regions/frame"], frame)
+    start, end = _rows(file["grasps/frame"], frame)
+    regions = _slice(file["regions"], RegionTable.SPEC, first, last)
+    mask_start = file["regions/mask_start"][first : last + 1].astype(np.int64)
+    regions["mask_counts"] = file["regions/mask_counts"][mask_start[0] : mask_start[-1]]
+    regions["mask_start"] = mask_start - mask_start[0]
+    grasps = _slice(file["grasps"], GraspTable.SPEC, start, end)
+    local = GraspTable(**grasps)
+    return FrameResult(
+        name=table["name"].asstr()[frame],
+        status=table["status"].asstr()[frame],
+        message=table["message"].asstr()[frame],
+        intrinsics=intrinsics_of(table["size"][frame], table["intrinsics"][frame]),
+        seconds=float(table["seconds"][frame]),
+        regions=replace(RegionTable(**regions), frame=np.zeros(last - first)),
+        grasps=replace(local, frame=np.zeros(end - start), region=local.region - first),
+    )
+
+
+def _rows(frame_of_row: h5py.Dataset, frame: int) -> tuple[int, int]:
+    first = bisect_left(frame_of_row, frame)
+    return first, bisect_left(frame_of_row, frame + 1, lo=first)
+
+
+def _slice(group: h5py.Group, names: Iterable[str], start: int, end: int) -> dict[str, Any]:
+    def column(dataset: h5py.Dataset) -> Any:  # noqa: ANN401 - an array of any type
+        is_text = h5py.check_string_dtype(dataset.dtype) is not None
+        return dataset.asstr()[start:end] if is_text else dataset[start:end]
+
+    return {name: column(group[name]) for name in names}

@@ -1,0 +1,263 @@
+"""The tables of `grasps.h5`: regions, grasps, and what became of each frame.
+
+Camera frame (OpenCV axes), metres, float32. Every table coerces its columns to the file's types
+when it is made, so that what is written and read again is what it was.
+"""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipelines.errors import ValueRangeError
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.symmetry import NUM_SLOTS
+from pipelines.storage.h5_columns import ColumnSpec, coerce_columns
+from pipelines.storage.masks_rle import box_of_mask, decode_mask, encode_mask
+from pipelines.storage.provenance import digest_text
+
+STATUSES = ("ok", "empty", "failed")
+NO_COLUMN = np.zeros(0)
+
+
+@dataclass(frozen=True)
+class RegionTable:
+    """The r detected regions of a frame, or of a file."""
+
+    box: NDArray[Any]  # f4 (r, 4) x0, y0, x1, y1 pixels, x1 and y1 exclusive
+    confidence: NDArray[Any]  # f4 (r,) the detector's, 0..1
+    mask_counts: NDArray[Any]  # u4 (sum,) run lengths of all masks, see masks_rle.py
+    mask_start: NDArray[Any]  # i8 (r + 1,) where each mask's runs start and end
+    existence: NDArray[Any]  # f4 (r, 5) probabilities of the symmetry slots
+    symmetry_point: NDArray[Any]  # f4 (r, 5, 3) metres, nan where there is none
+    symmetry_direction: NDArray[Any]  # f4 (r, 5, 3) unit, nan where there is none
+    affordance_mean: NDArray[Any]  # f4 (r,) of the region's points
+    affordance_max: NDArray[Any]  # f4 (r,)
+    source: NDArray[Any]  # str (r,): detector, geometric or masks
+    frame: NDArray[Any]  # i4 (r,) index into the frames
+
+    SPEC: ClassVar[ColumnSpec] = {
+        "frame": ((), np.int32),
+        "box": ((4,), np.float32),
+        "confidence": ((), np.float32),
+        "existence": ((NUM_SLOTS,), np.float32),
+        "symmetry_point": ((NUM_SLOTS, 3), np.float32),
+        "symmetry_direction": ((NUM_SLOTS, 3), np.float32),
+        "affordance_mean": ((), np.float32),
+        "affordance_max": ((), np.float32),
+        "source": ((), np.object_),
+    }
+
+    def __post_init__(self) -> None:
+        coerce_columns(self, self.SPEC, len(self.box))
+        start = np.asarray(self.mask_start, dtype=np.int64)
+        counts = np.asarray(self.mask_counts, dtype=np.uint32)
+        if start.shape != (len(self) + 1,) or start[0] != 0 or start[-1] != len(counts):
+            raise ValueRangeError("mask_start", start.shape, f"{len(self) + 1} ascending starts")
+        object.__setattr__(self, "mask_start", start)
+        object.__setattr__(self, "mask_counts", counts)
+
+    @classmethod
+    def from_masks(
+        cls,
+        masks: Sequence[NDArray[np.bool_]],
+        *,
+        confidence: ArrayLike,
+        source: Sequence[str],
+        existence: ArrayLike,
+        symmetry_point: ArrayLike,
+        symmetry_direction: ArrayLike,
+        affordance_mean: ArrayLike,
+        affordance_max: ArrayLike,
+    ) -> "RegionTable":
+        """Return the table of one frame's regions, given their masks (H, W)."""
+        runs = [encode_mask(mask) for mask in masks]
+        columns: dict[str, Any] = {
+            "box": [box_of_mask(mask) for mask in masks],
+            "mask_counts": np.concatenate(runs) if runs else NO_COLUMN,
+            "mask_start": np.cumsum([0, *map(len, runs)]),
+            "confidence": confidence,
+            "source": np.array(list(source), dtype=object),
+            "existence": existence,
+            "symmetry_point": symmetry_point,
+            "symmetry_direction": symmetry_direction,
+            "affordance_mean": affordance_mean,
+            "affordance_max": affordance_max,
+            "frame": np.zeros(len(masks)),
+        }
+        return cls(**columns)
+
+    @classmethod
+    def empty(cls) -> "RegionTable":
+        """Return a table of no regions."""
+        columns: dict[str, Any] = {name: NO_COLUMN for name in cls.SPEC}
+        return cls(**columns, mask_counts=NO_COLUMN, mask_start=np.zeros(1))
+
+    def __len__(self) -> int:
+        """Return the number of regions."""
+        return len(self.box)
+
+    def mask(self, region: int, width: int, height: int) -> NDArray[np.bool_]:
+        """Return the mask (H, W) of one region, given the size of its frame."""
+        start, end = self.mask_start[region : region + 2]
+        return decode_mask(self.mask_counts[start:end], width, height)
+
+    def rows(self, start: int, end: int) -> "RegionTable":
+        """Return the regions `start` to `end`, exclusive."""
+        first, last = self.mask_start[start], self.mask_start[end]
+        columns = {name: getattr(self, name)[start:end] for name in self.SPEC}
+        columns["mask_counts"] = self.mask_counts[first:last]
+        columns["mask_start"] = self.mask_start[start : end + 1] - first
+        return RegionTable(**columns)
+
+
+@dataclass(frozen=True)
+class GraspTable:
+    """The g grasps of a frame, or of a file; frame and units as in `grasping/grasps.py`."""
+
+    region: NDArray[Any]  # i4 (g,) index into the regions
+    rotation: NDArray[Any]  # f4 (g, 3, 3) columns approach, closing, approach x closing
+    translation: NDArray[Any]  # f4 (g, 3) metres, midpoint of the contacts
+    width: NDArray[Any]  # f4 (g,) metres, distance of the contacts
+    contacts: NDArray[Any]  # f4 (g, 2, 3) metres
+    affordance: NDArray[Any]  # f4 (g,) predicted, 0..1
+    symmetry_slot: NDArray[Any]  # i4 (g,) slot that gave the counterpart, -1 for planar
+    source: NDArray[Any]  # str (g,): network or planar
+    clearance: NDArray[Any]  # f4 (g,) metres, b of Eq. 8
+    enclosed_height: NDArray[Any]  # f4 (g,) metres, h of Eq. 8
+    rank_score: NDArray[Any]  # f4 (g,) quality to expect, or s of Eq. 8; higher is better
+    is_best: NDArray[Any]  # bool (g,) the one best of its region
+    frame: NDArray[Any] = field(default_factory=lambda: np.zeros(0))  # i4 (g,) as in RegionTable
+
+    SPEC: ClassVar[ColumnSpec] = {
+        "frame": ((), np.int32),
+        "region": ((), np.int32),
+        "rotation": ((3, 3), np.float32),
+        "translation": ((3,), np.float32),
+        "width": ((), np.float32),
+        "contacts": ((2, 3), np.float32),
+        "affordance": ((), np.float32),
+        "symmetry_slot": ((), np.int32),
+        "source": ((), np.object_),
+        "clearance": ((), np.float32),
+        "enclosed_height": ((), np.float32),
+        "rank_score": ((), np.float32),
+        "is_best": ((), np.bool_),
+    }
+
+    def __post_init__(self) -> None:
+        if len(self.frame) == 0:  # the table of one frame
+            object.__setattr__(self, "frame", np.zeros(len(self.width)))
+        coerce_columns(self, self.SPEC, len(self.width))
+
+    @classmethod
+    def empty(cls) -> "GraspTable":
+        """Return a table of no grasps."""
+        columns: dict[str, Any] = {name: NO_COLUMN for name in cls.SPEC}
+        return cls(**columns)
+
+    def __len__(self) -> int:
+        """Return the number of grasps."""
+        return len(self.width)
+
+    def rows(self, start: int, end: int) -> "GraspTable":
+        """Return the grasps `start` to `end`, exclusive."""
+        return GraspTable(**{name: getattr(self, name)[start:end] for name in self.SPEC})
+
+
+@dataclass(frozen=True)
+class FrameTable:
+    """What became of each of f frames."""
+
+    name: NDArray[Any]  # str (f,), relative to the folder given
+    status: NDArray[Any]  # str (f,): ok, empty (nothing to grasp) or failed
+    message: NDArray[Any]  # str (f,): why it is empty or failed, or a note
+    size: NDArray[Any]  # i4 (f, 2) width, height; 0 where unknown
+    intrinsics: NDArray[Any]  # f8 (f, 4) fx, fy, cx, cy pixels; nan where unknown
+    seconds: NDArray[Any]  # f4 (f,) time spent
+
+    SPEC: ClassVar[ColumnSpec] = {
+        "name": ((), np.object_),
+        "status": ((), np.object_),
+        "message": ((), np.object_),
+        "size": ((2,), np.int32),
+        "intrinsics": ((4,), np.float64),
+        "seconds": ((), np.float32),
+    }
+
+    def __post_init__(self) -> None:
+        coerce_columns(self, self.SPEC, len(self.name))
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return len(self.name)
+
+
+@dataclass(frozen=True)
+class FrameResult:
+    """What `infer` found in one frame; indices of its tables are local to the frame."""
+
+    name: str
+    status: str  # ok, empty or failed
+    message: str = ""
+    intrinsics: Intrinsics | None = None  # None where the frame could not be read
+    seconds: float = 0.0
+    regions: RegionTable = field(default_factory=RegionTable.empty)
+    grasps: GraspTable = field(default_factory=GraspTable.empty)
+
+    def __post_init__(self) -> None:
+        if self.status not in STATUSES:
+            raise ValueRangeError("status", self.status, f"one of {STATUSES}")
+        region = self.grasps.region
+        if ((region < 0) | (region >= len(self.regions))).any():
+            found = f"{region.min()} to {region.max()}"
+            raise ValueRangeError("region of a grasp", found, f"0 to below {len(self.regions)}")
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height, (0, 0) where unknown."""
+        camera = self.intrinsics
+        return (0, 0) if camera is None else (camera.width, camera.height)
+
+
+def result_digest(result: FrameResult) -> str:
+    """Return a digest of all that was found in a frame; not of the time that it took."""
+    regions, grasps = result.regions, result.grasps
+    parts = [repr((result.name, result.status, result.message, result.intrinsics)).encode()]
+    for table, names in (
+        (regions, (*RegionTable.SPEC, "mask_counts", "mask_start")),
+        (grasps, GraspTable.SPEC),
+    ):
+        for name in names:
+            column = getattr(table, name)
+            is_text = column.dtype == object
+            parts.append("\0".join(column).encode() if is_text else column.tobytes())
+    return digest_text("\n".join(hashlib.sha256(part).hexdigest() for part in parts))
+
+
+def join_regions(tables: Sequence[RegionTable]) -> RegionTable:
+    """Return the regions of all frames in order; `frame` becomes each table's place."""
+    columns = _joined(tables, RegionTable.SPEC)
+    counts = [table.mask_counts for table in tables]
+    ends = np.concatenate([np.zeros(1, dtype=np.int64), *(np.diff(t.mask_start) for t in tables)])
+    columns["mask_counts"] = np.concatenate([NO_COLUMN.astype(np.uint32), *counts])
+    return RegionTable(**columns, mask_start=np.cumsum(ends))
+
+
+def join_grasps(tables: Sequence[GraspTable], num_regions: Sequence[int]) -> GraspTable:
+    """Return the grasps of all frames in order, `region` counted through all frames."""
+    firsts = np.cumsum([0, *num_regions[:-1]])
+    shifted = [replace(t, region=t.region + n) for t, n in zip(tables, firsts, strict=False)]
+    return GraspTable(**_joined(shifted, GraspTable.SPEC))
+
+
+def _joined(tables: Sequence[Any], spec: ColumnSpec) -> dict[str, Any]:
+    columns: dict[str, Any] = {
+        name: np.concatenate([np.zeros((0, *trailing), dtype), *(getattr(t, name) for t in tables)])
+        for name, (trailing, dtype) in spec.items()
+    }
+    columns["frame"] = np.repeat(np.arange(len(tables)), [len(table) for table in tables])
+    return columns

@@ -1,0 +1,1 @@
+"""Grasp candidates of a region: contact pairs across symmetries, or from its boundary."""

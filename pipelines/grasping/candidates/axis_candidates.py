@@ -1,0 +1,62 @@
+"""Axes of rotation that a region may have, from its shape and from the network.
+
+What stands turns about the table's normal, what lies about a level line at half its height; a tin
+of which only the lid is seen turns about the lid's normal, through the middle of its outline.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.symmetry import ROTATION_SLOT, RotationSymmetry, SymmetrySlots
+from pipelines.geometry.transforms import basis_from_direction, cross
+from pipelines.grasping.candidates.plane_candidates import (
+    half_between_ends,
+    halfway_up,
+    largest_face,
+    level_directions,
+    principal_axes,
+)
+
+Array = NDArray[np.float64]
+
+
+def candidate_axes(
+    slots: SymmetrySlots, points: Array, normals: Array, table: Plane | None
+) -> list[RotationSymmetry]:
+    """Return axes worth a fit.
+
+    Args:
+        slots: what the network says of the region, camera frame.
+        points: (n, 3) metres, camera frame.
+        normals: (n, 3) unit.
+        table: normal toward the camera; None where none is known.
+    """
+    named, face = slots.point[ROTATION_SLOT], largest_face(normals)
+    lines = [(slots.direction[ROTATION_SLOT], named)]
+    lines += [(direction, named) for direction in principal_axes(points).T]
+    lines.append((face, middle_of_outline(points, face)))
+    if table is not None:
+        up = table.normal
+        lines += [(up, named), (up, middle_of_outline(points, up))]
+        lines += _lying(points, level_directions(points, table), table)
+    return [RotationSymmetry(direction, point) for direction, point in lines]
+
+
+def middle_of_outline(points: Array, direction: Array) -> Array:
+    """Return the centre (3,) of the smallest circle around `points` as seen along `direction`."""
+    basis, middle = basis_from_direction(direction)[:, 1:], points.mean(axis=0)
+    flat = (points - middle) @ basis
+    centre, _ = cv2.minEnclosingCircle(flat.astype(np.float32))
+    return np.asarray(middle + basis @ np.array(centre, np.float64))
+
+
+def _lying(points: Array, along: list[Array], table: Plane) -> list[tuple[Array, Array]]:
+    """Return the axes of what lies on `table` `along` each direction: it, and a point (3,)."""
+    middle = points.mean(axis=0)
+    across = cross(table.normal, np.array(along))
+    aside = half_between_ends(points, across) - across @ middle
+    rise = float(table.height(halfway_up(points, table)) - table.height(middle))
+    through = middle + aside[:, None] * across + rise * table.normal
+    return list(zip(along, through, strict=True))

@@ -1,0 +1,233 @@
+"""Planar grasps from a region's boundary: the fallback without symmetry (Sec. III-F, D. 8).
+
+A region is looked at along an approach direction and sliced at some depths behind its nearest
+point. Each slice is a mask on the plane across the approach; two points of its boundary whose
+outward normals oppose each other along the line between them are a grasp. Slicing at several
+depths finds the walls of hollow things as well: a bowl's slice below the rim is a ring.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.configs import SelectionConfig
+from pipelines.geometry.camera import Lens
+from pipelines.geometry.numerics.compiled import compiled
+from pipelines.geometry.numerics.quantiles import quantiles
+from pipelines.geometry.transforms import unit
+from pipelines.grasping.candidates.height_map import HeightMap
+from pipelines.grasping.grasp_candidates import Candidates, no_candidates
+from pipelines.grasping.gripper import Gripper
+from pipelines.grasping.observation import RegionCloud, SceneCloud
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+SLICE_DEPTHS = (0.006, 0.013, 0.025, 0.045, 0.08)  # metres behind the nearest point
+TILTS = (0.0, 0.35, 0.7, 1.0)  # shares of the way from the table's normal to the view ray
+THINNEST = 0.004  # metres that a slice lies behind the nearest point at least
+STEEP_APPROACH = 0.9  # cosine to the table's normal from which the table bounds the depth
+MAX_BOUNDARY = 72  # boundary points a slice
+MAX_PAIRS = 24  # pairs a slice
+PLACE = 4.0  # cells: one pair whose middle lies in such a square
+MIN_HOLDING = 0.8  # cosine of the contact angle; rubber pads slip at about 0.75, 37 degrees
+COVERED = 0.4  # share of trust left to a boundary that something nearer makes
+OCCLUSION_STEP = 0.008  # metres by which it is nearer
+HIDDEN_PENALTY = 0.3  # a boundary that faces away from the camera may not be the object's end
+
+
+def planar_candidates(
+    region: RegionCloud, scene: SceneCloud, gripper: Gripper, config: SelectionConfig
+) -> Candidates:
+    """Return boundary grasps of `region` along the table's normal, the view ray and between."""
+    parts = []
+    for approach in approach_directions(region, scene):
+        view = HeightMap.of(region.points, approach)
+        for depth, contact_depth in _slice_depths(view, scene, gripper, config):
+            found = _slice_pairs(view, depth, contact_depth, region, scene, gripper, config)
+            parts.append((*found, approach))
+    if not parts:
+        return no_candidates("planar")
+    contacts = np.concatenate([part[0] for part in parts])
+    quality = np.concatenate([part[1] for part in parts])
+    approach = np.concatenate([np.broadcast_to(part[2], (len(part[1]), 3)) for part in parts])
+    return Candidates(
+        contacts,
+        approach,
+        quality,
+        np.zeros(len(quality)),
+        np.full(len(quality), -1, np.int64),
+        "planar",
+    )
+
+
+def approach_directions(region: RegionCloud, scene: SceneCloud) -> list[Array]:
+    """Return unit approaches (3,): into the table, along the view ray, and between."""
+    ray = region.view_ray
+    if scene.inward is None:
+        return [ray]
+    return [unit((1.0 - share) * scene.inward + share * ray) for share in TILTS]
+
+
+def _slice_depths(
+    view: HeightMap, scene: SceneCloud, gripper: Gripper, config: SelectionConfig
+) -> list[tuple[float, float]]:
+    """Return where to slice, and how deep the contacts then are, along the approach.
+
+    From above, the table bounds the depth of the tips. On a thin object the contacts may lie a
+    little before its surface then, as long as it is still between the tips.
+    """
+    seen = view.depth[np.isfinite(view.depth)]
+    nearest, farthest = quantiles(seen, (0.02, 0.98))
+    deep = [d for d in SLICE_DEPTHS[1:] if d < farthest - nearest + THINNEST]
+    # At least one: beneath a flat top seen from straight above are sides that show nowhere.
+    slices = nearest + np.array([SLICE_DEPTHS[0], *deep])
+    slope = 0.0 if scene.plane is None else float(-view.axes[:, 0] @ scene.plane.normal)
+    if scene.plane is None or slope < STEEP_APPROACH:
+        return [(float(depth), float(depth)) for depth in slices]
+    deepest = scene.plane.offset / slope - config.min_table_distance - config.body_margin
+    deepest -= gripper.tip_reach
+    lifted = {(min(d, max(deepest, nearest + THINNEST)), min(d, deepest)) for d in slices}
+    reach = gripper.tip_reach - config.min_enclosed / 2
+    return sorted((float(d), float(c)) for d, c in lifted if d - c <= reach)
+
+
+def _slice_pairs(
+    view: HeightMap,
+    depth: float,
+    contact_depth: float,
+    region: RegionCloud,
+    scene: SceneCloud,
+    gripper: Gripper,
+    config: SelectionConfig,
+) -> tuple[Array, Array]:
+    """Return contacts (k, 2, 3) and quality (k,) of the best pairs of one slice."""
+    inside = np.asarray(cv2.medianBlur((view.depth <= depth).astype(np.uint8), 3), np.uint8)
+    boundary, outward = _boundary(inside)
+    if len(boundary) < 2:
+        return np.zeros((0, 2, 3)), np.zeros(0)
+    contact = boundary + 0.5 * outward  # from a cell's centre to its outer edge
+    steep = _wall_steepness(view.depth, depth, view.cell, boundary, outward)
+    trust = 1.0 - HIDDEN_PENALTY * np.maximum(outward @ view.across(region.view_ray), 0.0)
+    beyond = view.points_at(boundary + 2.0 * outward, depth)
+    trust[_covered(beyond, scene.depth, region.mask, scene.intrinsics.lens)] *= COVERED
+    fitting = (config.min_width, float(gripper.max_width))
+    pairs, quality = _holding_pairs(contact, outward, steep, trust, view.cell, fitting)
+    best = _spread(contact, pairs, np.argsort(-quality, kind="stable"))
+    contacts = view.points_at(contact[pairs[best].reshape(-1)], contact_depth)
+    return contacts.reshape(len(best), 2, 3), quality[best]
+
+
+def _boundary(inside: NDArray[np.uint8]) -> tuple[Array, Array]:
+    """Return boundary cells (n, 2) as (column, row), evenly taken, and outward normals (n, 2)."""
+    contours, _ = cv2.findContours(inside, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    long = [contour[:, 0] for contour in contours if len(contour) > 4]
+    if not long:
+        return np.zeros((0, 2)), np.zeros((0, 2))
+    cells = np.concatenate(long).astype(np.int64)
+    cells = np.ascontiguousarray(cells[:: max(1, len(cells) // MAX_BOUNDARY)])
+    smooth = np.asarray(cv2.GaussianBlur(inside.astype(np.float64), (0, 0), 2.0), np.float64)
+    return cells.astype(np.float64), -unit(_slopes(smooth, cells))
+
+
+@compiled
+def _slopes(smooth: Array, cells: Indices) -> Array:
+    """Return (n, 2) how `smooth` (h, w) rises at `cells` (n, 2), as Sobel's filters do."""
+    slopes = np.empty((len(cells), 2))
+    for n in range(len(cells)):
+        j, i = cells[n, 0], cells[n, 1]
+        a, b = smooth[i - 1, j + 1] - smooth[i - 1, j - 1], smooth[i, j + 1] - smooth[i, j - 1]
+        slopes[n, 0] = a + 2.0 * b + (smooth[i + 1, j + 1] - smooth[i + 1, j - 1])
+        a, b = smooth[i + 1, j - 1] - smooth[i - 1, j - 1], smooth[i + 1, j] - smooth[i - 1, j]
+        slopes[n, 1] = a + 2.0 * b + (smooth[i + 1, j + 1] - smooth[i - 1, j + 1])
+    return slopes
+
+
+@compiled
+def _wall_steepness(depth: Array, at: float, cell: float, cells: Array, outward: Array) -> Array:
+    """Return (n,) the sine between the wall below a boundary cell and the plane of the slice.
+
+    Two cells farther out the region is either gone (a wall as steep as can be seen) or has
+    fallen away by so much. `depth`: (h, w), sliced `at` metres.
+    """
+    height, width = depth.shape
+    steep = np.ones(len(cells))
+    for n in range(len(cells)):
+        column = int(np.rint(cells[n, 0] + 2.5 * outward[n, 0]))
+        row = int(np.rint(cells[n, 1] + 2.5 * outward[n, 1]))
+        fall = depth[min(max(row, 0), height - 1), min(max(column, 0), width - 1)] - at
+        fall = (max(fall, 0.0) if fall < np.inf else 1.0) / (2.5 * cell)
+        steep[n] = fall / np.hypot(fall, 1.0)
+    return steep
+
+
+@compiled
+def _covered(points: Array, depth: Array, mask: Mask, lens: Lens) -> Mask:
+    """Return which of `points` (n, 3) another thing hides: the region may go on behind it.
+
+    `depth`: (h, w). `mask`: (h, w) the region.
+    """
+    fx, fy, cx, cy = lens
+    height, width = depth.shape
+    covered = np.zeros(len(points), np.bool_)
+    for n in range(len(points)):
+        z = points[n, 2]
+        u, v = np.rint(fx * points[n, 0] / z + cx), np.rint(fy * points[n, 1] / z + cy)
+        column, row = int(min(max(u, 0.0), width - 1.0)), int(min(max(v, 0.0), height - 1.0))
+        seen = depth[row, column]
+        covered[n] = seen > 0 and seen < z - OCCLUSION_STEP and not mask[row, column]
+    return covered
+
+
+@compiled
+def _holding_pairs(
+    contact: Array,
+    outward: Array,
+    steep: Array,
+    trust: Array,
+    cell: float,
+    fitting: tuple[float, float],
+) -> tuple[Indices, Array]:
+    """Return the pairs (k, 2) of n boundary points that fingers hold, and their quality (k,).
+
+    `contact` (n, 2) are in cells; `fitting`: the least and greatest metres between two.
+    """
+    narrow, wide = fitting
+    most = len(contact) * (len(contact) - 1) // 2
+    pairs, quality, count = np.empty((most, 2), np.int64), np.empty(most), 0
+    for i in range(len(contact)):
+        for j in range(i + 1, len(contact)):
+            x, y = contact[j, 0] - contact[i, 0], contact[j, 1] - contact[i, 1]
+            width = np.sqrt(x * x + y * y)
+            if not narrow < width * cell < wide:
+                continue
+            opposed = -(x * outward[i, 0] + y * outward[i, 1])
+            cosine = min(opposed, x * outward[j, 0] + y * outward[j, 1]) / width
+            holding = cosine * min(steep[i], steep[j])
+            if holding > MIN_HOLDING:
+                pairs[count, 0], pairs[count, 1] = i, j
+                quality[count] = holding * holding * min(trust[i], trust[j])
+                count += 1
+    return pairs[:count].copy(), quality[:count].copy()
+
+
+@compiled
+def _spread(contact: Array, pairs: Indices, order: Indices) -> Indices:
+    """Return the first few in `order` of `pairs` (k, 2), at most one about one place."""
+    best, places = np.empty(MAX_PAIRS, np.int64), np.empty((MAX_PAIRS, 2))
+    count = 0
+    for n in range(len(order)):
+        k = order[n]
+        i, j = pairs[k, 0], pairs[k, 1]
+        x = np.floor(0.5 * (contact[i, 0] + contact[j, 0]) / PLACE)
+        y = np.floor(0.5 * (contact[i, 1] + contact[j, 1]) / PLACE)
+        taken = False
+        for other in range(count):
+            taken |= (places[other, 0] == x) & (places[other, 1] == y)
+        if not taken:
+            best[count], places[count, 0], places[count, 1] = k, x, y
+            count += 1
+        if count == MAX_PAIRS:
+            break
+    return best[:count].copy()

@@ -1,0 +1,185 @@
+"""Mirror planes that a region may have, from its shape and from the network; none is judged here.
+
+A box shows where its planes are by its faces and its outline, a can by its axis, whatever stands
+on the table by half its height. Each source names planes that the others miss; what they name
+twice is kept once.
+"""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.geometry.numerics.compiled import compiled
+from pipelines.geometry.numerics.quantiles import median, quantiles
+from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.symmetry import (
+    REFLECTION_SLOTS,
+    ReflectionSymmetry,
+    RotationSymmetry,
+    SymmetrySlots,
+)
+from pipelines.geometry.transforms import basis_from_direction, cross, unit
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+ENDS = (0.015, 0.985)  # of the points along a direction, against flying pixels
+TOP = 0.97  # of a region's heights, likewise
+FACE_TRIALS = 40  # normals tried as the one of the largest face
+FACE_ANGLE = np.radians(20.0)  # normals closer than this are one face's
+SIDE_ANGLE = np.radians(30.0)  # normals nearer than this to the largest face's are no side's
+MIN_SIDE_POINTS = 10
+SAME_ANGLE = np.radians(8.0)  # starts closer than both lead to one fit
+SAME_OFFSET = 0.004  # metres
+
+
+def candidate_planes(
+    slots: SymmetrySlots,
+    axis: RotationSymmetry,
+    points: Array,
+    normals: Array,
+    table: Plane | None,
+) -> list[ReflectionSymmetry]:
+    """Return planes worth a look, each with its point next to the region's middle.
+
+    Args:
+        slots: what the network says of the region, camera frame.
+        axis: the best axis of rotation.
+        points: (n, 3) metres, camera frame.
+        normals: (n, 3) unit.
+        table: normal toward the camera; None where none is known.
+    """
+    middle = points.mean(axis=0)
+    directions, named = face_directions(points, normals), []
+    if table is not None:
+        directions += level_directions(points, table)
+        named.append((table.normal, halfway_up(points, table)))
+    across = [*directions, axis.direction]
+    middles = half_between_ends(points, np.array(across))
+    named += [(d, middle * d) for d, middle in zip(across, middles, strict=True)]
+    named += [(slots.direction[k], slots.point[k]) for k in REFLECTION_SLOTS]
+    # What is half hidden has its middle elsewhere than what is seen: the axis may know it.
+    named += [(d, axis.point) for d in directions]
+    normal = unit(np.array([direction for direction, _ in named]))
+    offset = np.einsum("ki,ki->k", np.array([point for _, point in named]) - middle, normal)
+    foot = middle + offset[:, None] * normal  # nearest to the middle
+    kept = _distinct(normal, foot, float(np.cos(SAME_ANGLE)), SAME_OFFSET)
+    return [ReflectionSymmetry(*each) for each in zip(normal[kept], foot[kept], strict=True)]
+
+
+def half_between_ends(points: Array, directions: Array) -> Array:
+    """Return (k,) the offsets along `directions` (k, 3) halfway between the ends of `points`."""
+    return np.asarray(quantiles(directions @ points.T, ENDS).mean(axis=1))
+
+
+def halfway_up(points: Array, table: Plane) -> Array:
+    """Return a point (3,) halfway between the table and the top of `points` (n, 3)."""
+    foot = median(points.T)
+    rise = region_top(points, table) / 2.0 - float(table.height(foot))
+    return np.asarray(foot + rise * table.normal)
+
+
+def region_top(points: Array, table: Plane) -> float:
+    """Return the height in metres of the top of `points` (n, 3) above `table`."""
+    return float(quantiles(table.height(points), TOP))
+
+
+def face_directions(points: Array, normals: Array) -> list[Array]:
+    """Return the edges of the two boxes that fit: the largest face's normal and two across it.
+
+    Across it once as the other faces lie, if any are seen, once as the outline lies.
+    """
+    face = largest_face(normals)
+    basis = basis_from_direction(face)[:, 1:]
+    lean = normals @ basis
+    sides = lean[np.linalg.norm(lean, axis=1) > np.sin(np.pi / 2 - SIDE_ANGLE)]
+    angles = [_outline_angle(points @ basis)]
+    if len(sides) > MIN_SIDE_POINTS:
+        # Faces at right angles are one direction of four times their angle.
+        quadrupled = 4.0 * np.arctan2(sides[:, 1], sides[:, 0])
+        angles.append(float(np.angle(np.exp(1j * quadrupled).mean())) / 4.0)
+    return [face, *_frames(face, basis, angles)]
+
+
+def largest_face(normals: Array) -> Array:
+    """Return the normal (3,) that most of `normals` (n, 3) are close to, or opposite of."""
+    trials = normals[:: max(1, len(normals) // FACE_TRIALS)]
+    narrow = np.cos(FACE_ANGLE)
+    face = trials[_likeness(np.abs(normals @ trials.T), float(narrow)).argmax()]
+    cosine = normals @ face
+    near = np.abs(cosine) > narrow
+    return unit((normals[near] * np.sign(cosine[near])[:, None]).sum(axis=0))
+
+
+def level_directions(points: Array, table: Plane) -> list[Array]:
+    """Return the sides of the smallest rectangle around `points` (n, 3) as seen from above.
+
+    And their principal axes in the table's plane: the outline's, where its far side is not seen.
+    """
+    basis = basis_from_direction(table.normal)[:, 1:]
+    flat = points @ basis
+    longest = principal_axes(flat)[:, 1]
+    angles = [_outline_angle(flat), float(np.arctan2(longest[1], longest[0]))]
+    return _frames(table.normal, basis, angles)
+
+
+def principal_axes(points: Array) -> Array:
+    """Return the (d, d) principal axes of `points` (n, d) as columns, the longest last."""
+    away = points - points.mean(axis=0)
+    vectors: Array = np.linalg.eigh(away.T @ away / (len(points) - 1))[1]
+    return vectors
+
+
+def _frames(normal: Array, basis: Array, angles: list[float]) -> list[Array]:
+    """Return two directions (3,) for each of `angles` in `basis` (3, 2): there, and across it."""
+    first = np.array([[np.cos(angle), np.sin(angle)] for angle in angles]) @ basis.T
+    across = cross(normal, first)
+    return [each for pair in zip(first, across, strict=True) for each in pair]
+
+
+def _outline_angle(flat: Array) -> float:
+    """Return how the smallest rectangle around `flat` (n, 2) is turned, radians."""
+    return float(np.radians(cv2.minAreaRect(flat.astype(np.float32))[2]))
+
+
+def distinct(
+    planes: Sequence[ReflectionSymmetry], angle: float, offset: float = np.inf
+) -> list[ReflectionSymmetry]:
+    """Return `planes` without those within `angle` (radians) and `offset` (metres) of one before.
+
+    `offset` is taken along the earlier plane's normal.
+    """
+    normal = np.array([plane.normal for plane in planes]).reshape(-1, 3)
+    point = np.array([plane.point for plane in planes]).reshape(-1, 3)
+    return [planes[number] for number in _distinct(normal, point, float(np.cos(angle)), offset)]
+
+
+@compiled
+def _distinct(normal: Array, point: Array, cosine: float, offset: float) -> Indices:
+    """Return which planes of `normal` and `point` (k, 3) are kept, in their order."""
+    kept, count = np.empty(len(normal), np.int64), 0
+    for k in range(len(normal)):
+        new = True
+        for place in range(count):
+            before = kept[place]
+            alike, away = 0.0, 0.0
+            for i in range(3):
+                alike += normal[k, i] * normal[before, i]
+                away += (point[k, i] - point[before, i]) * normal[before, i]
+            new = new and (abs(alike) <= cosine or abs(away) >= offset)
+        if new:
+            kept[count] = k
+            count += 1
+    return kept[:count].copy()
+
+
+@compiled
+def _likeness(cosine: Array, narrow: float) -> Array:
+    """Return (t,) sums of `cosine` (n, t) from 0, at `narrow` and less, to 1."""
+    total = np.zeros(cosine.shape[1])
+    for n in range(len(cosine)):
+        for t in range(len(total)):
+            total[t] += min(max((cosine[n, t] - narrow) / (1.0 - narrow), 0.0), 1.0)
+    return total

@@ -1,0 +1,1 @@
+"""Feasibility of a grasp: collision, approach path, limits, image border, visibility."""

@@ -1,0 +1,222 @@
+"""One hand against points, one after the other: compiled loops behind `collision`.
+
+A hand is two fingers and a palm, boxes in its own frame (approach, closing, height), the same on
+both sides of it: what counts along closing and height is how far off a point lies. All is single
+precision, metres. `bounds` are those of `Gripper`, `cells` as `Obstacles` has them: points (3, n),
+cube by cube; how many measured ones each stands for (n,); where a cube's points start and end
+(c + 1,); the centres (3, c) and radii (c,) of balls about the points of a cube.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.geometry.numerics.compiled import compiled
+
+Array = NDArray[np.float64]
+Single = np.float32
+Singles = NDArray[np.float32]
+Counts = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+Row = tuple[Single, Single, Single, Single]
+Frame = tuple[Row, Row, Row]
+Hand = tuple[Row, Row]
+Place = tuple[Single, Single, Single]
+Cells = tuple[Singles, Counts, Counts, Singles, Singles]
+
+
+@compiled
+def frames_about(rotation: Array, translation: Array, centre: Array) -> Singles:
+    """Return (k, 3, 4) matrices into the frames of k hands, from coordinates about `centre`."""
+    frames = np.empty((len(rotation), 3, 4), np.float32)
+    for k in range(len(rotation)):
+        for axis in range(3):
+            origin = 0.0
+            for i in range(3):
+                frames[k, axis, i] = rotation[k, i, axis]
+                origin += (translation[k, i] - centre[i]) * rotation[k, i, axis]
+            frames[k, axis, 3] = -origin
+    return frames
+
+
+@compiled
+def points_met(
+    frames: Singles, bounds: Singles, margin: Single, allowed: int, cells: Cells
+) -> tuple[Mask, Singles]:
+    """Return which of k hands, blown up by `margin`, meet too much, and what the others enclose.
+
+    Args:
+        frames: (k, 3, 4) into each hand's frame.
+        bounds: (k, 9) of its bodies.
+        margin: metres.
+        allowed: how many points it may meet.
+        cells: the points.
+
+    Returns:
+        (k,) whether it meets more than `allowed`; (k,) metres that points between the fingers
+        reach in from the tips' line, 0 where it does.
+    """
+    blocked, enclosed = np.empty(len(frames), np.bool_), np.zeros(len(frames), np.float32)
+    near = np.empty(len(cells[4]), np.bool_)
+    for k in range(len(frames)):
+        frame = _frame(frames[k])
+        blocked[k] = _is_blocked(frame, bounds[k], margin, allowed, cells, near)
+        if not blocked[k]:
+            enclosed[k] = _enclosed(frame, bounds[k], cells, near)
+    return blocked, enclosed
+
+
+@compiled
+def free_hands(
+    frames: Singles,
+    bounds: Singles,
+    margin: Single,
+    allowed: int,
+    cells: Cells,
+    steady: Array,
+    wanted: tuple[float, float, int],
+) -> tuple[Counts, Singles]:
+    """Return which hands (f,) are free and enclose enough, and what these enclose.
+
+    Hands come steadiest first, `steady` (k,). `wanted`: metres to enclose, the share of the first
+    free one's steadiness that others need, and how many: what comes then is not looked at. The
+    others are those of `points_met`.
+    """
+    least, share, most = wanted
+    found, enclosed = np.empty(len(frames), np.int64), np.empty(len(frames), np.float32)
+    near, count = np.empty(len(cells[4]), np.bool_), 0
+    for k in range(len(frames)):
+        if count == most or (count > 0 and steady[k] < share * steady[found[0]]):
+            break
+        frame = _frame(frames[k])
+        if _is_blocked(frame, bounds[k], margin, allowed, cells, near):
+            continue
+        enclosed[count] = _enclosed(frame, bounds[k], cells, near)
+        if enclosed[count] >= least:
+            found[count] = k
+            count += 1
+    return found[:count], enclosed[:count]
+
+
+@compiled
+def nearest_gaps(frames: Singles, bounds: Singles, cap: Single, cells: Cells) -> Singles:
+    """Return (k,) metres from the bodies of k hands to the nearest point, at most `cap`.
+
+    Arguments are those of `points_met`.
+    """
+    points, _, start, centre, radius = cells
+    nearest, least = np.empty(len(frames), np.float32), np.empty(len(radius), np.float32)
+    for k in range(len(frames)):
+        frame, hand = _frame(frames[k]), _hand(bounds[k], Single(0.0))
+        inner, first, gap = bounds[k, 6], 0, cap
+        for c in range(len(radius)):
+            place = _local(frame, centre[0, c], centre[1, c], centre[2, c])
+            least[c] = np.sqrt(_gap(hand, inner, place)) - radius[c]
+        for c in range(len(radius)):
+            first = c if least[c] < least[first] else first
+        for turn in range(min(len(radius), 1) + len(radius)):
+            c = first if turn == 0 else turn - 1  # the nearest cube first: few others remain
+            if least[c] >= gap:
+                continue
+            squared = gap * gap
+            for n in range(start[c], start[c + 1]):
+                place = _local(frame, points[0, n], points[1, n], points[2, n])
+                squared = min(squared, _gap(hand, inner, place))
+            gap = np.sqrt(squared)
+        nearest[k] = gap
+    return nearest
+
+
+@compiled
+def _is_blocked(
+    frame: Frame, bounds: Singles, margin: Single, allowed: int, cells: Cells, near: Mask
+) -> bool:
+    """Return whether a hand, blown up by `margin`, meets more than `allowed` points.
+
+    Where it does not, `near` (c,) then says of which cubes something may lie in it or between its
+    fingers.
+    """
+    points, count, start, centre, radius = cells
+    hand, inner, met = _hand(bounds, margin), bounds[6] - margin, 0
+    for c in range(len(radius)):
+        place = _local(frame, centre[0, c], centre[1, c], centre[2, c])
+        near[c] = _gap(hand, Single(0.0), place) <= radius[c] * radius[c]
+    for c in range(len(radius)):
+        if not near[c]:
+            continue
+        # Unsigned numbers never count from an array's end: several points go at a time.
+        for n in range(np.uint64(start[c]), np.uint64(start[c + 1])):
+            place = _local(frame, points[0, n], points[1, n], points[2, n])
+            met += count[n] * _bodies_at(hand, inner, place)
+        if met > allowed:
+            return True
+    return False
+
+
+@compiled
+def _enclosed(frame: Frame, bounds: Singles, cells: Cells, near: Mask) -> Single:
+    """Return how far points between the fingers reach in, of the cubes that are `near` (c,)."""
+    points, _, start, centre, radius = cells
+    back, tip, half, inner = bounds[0], bounds[1], bounds[4], bounds[6]
+    deepest = Single(0.0)
+    for c in range(len(radius)):
+        if not near[c]:
+            continue
+        along, across, third = _local(frame, centre[0, c], centre[1, c], centre[2, c])
+        if max(along - (tip - deepest), across - inner, third - half) > radius[c]:
+            continue
+        for n in range(start[c], start[c + 1]):
+            along, across, third = _local(frame, points[0, n], points[1, n], points[2, n])
+            if (back < along) & (along < tip) & (across < inner) & (third < half):
+                deepest = max(deepest, tip - along)
+    return deepest
+
+
+@compiled
+def _frame(m: Singles) -> Frame:
+    """Return the rows of the matrix `m` (3, 4), as numbers: a loop holds these at hand."""
+    first = (m[0, 0], m[0, 1], m[0, 2], m[0, 3])
+    second = (m[1, 0], m[1, 1], m[1, 2], m[1, 3])
+    return first, second, (m[2, 0], m[2, 1], m[2, 2], m[2, 3])
+
+
+@compiled
+def _hand(b: Singles, m: Single) -> Hand:
+    """Return fingers (back, tip, half, outer) and palm likewise of bounds `b`, `m` blown up."""
+    fingers = (b[0] - m, b[1] + m, b[4] + m, b[7] + m)
+    return fingers, (b[2] - m, b[3] + m, b[5] + m, b[8] + m)
+
+
+@compiled
+def _local(frame: Frame, x: Single, y: Single, z: Single) -> Place:
+    """Return where a point lies along approach, and how far off across closing and height."""
+    first, second, third = frame
+    along = first[0] * x + first[1] * y + first[2] * z + first[3]
+    across = second[0] * x + second[1] * y + second[2] * z + second[3]
+    return along, abs(across), abs(third[0] * x + third[1] * y + third[2] * z + third[3])
+
+
+@compiled
+def _bodies_at(hand: Hand, inner: Single, place: Place) -> int:
+    """Return in how many bodies a point lies; `inner`: of a finger along closing."""
+    along, across, third = place
+    back, tip, half, outer = hand[0]
+    finger = (along > back) & (along < tip) & (third < half) & (across > inner) & (across < outer)
+    back, tip, half, outer = hand[1]
+    palm = (along > back) & (along < tip) & (third < half) & (across < outer)
+    return int(finger) + int(palm)
+
+
+@compiled
+def _gap(hand: Hand, inner: Single, place: Place) -> Single:
+    """Return the squared distance to the nearest body; `inner` 0 counts what they close in on."""
+    along, across, third = place
+    back, tip, half, outer = hand[0]
+    a = max(back - along, along - tip, Single(0.0))
+    b = max(inner - across, across - outer, Single(0.0))
+    c = max(third - half, Single(0.0))
+    finger = a * a + b * b + c * c
+    back, tip, half, outer = hand[1]
+    a = max(back - along, along - tip, Single(0.0))
+    b = max(across - outer, Single(0.0))
+    c = max(third - half, Single(0.0))
+    return min(finger, a * a + b * b + c * c)

@@ -1,0 +1,122 @@
+"""Where a robot may grasp, and from where: a workspace, and a cone of approaches."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.configs import LimitsConfig
+from pipelines.errors import UnknownNameError, ValueRangeError
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.transforms import rotate_vectors, transform_points, unit
+from pipelines.grasping.grasps import Grasps
+from pipelines.tabletop.table_frame import table_from_camera
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+FRAMES = ("camera", "table")
+ANY_DIRECTION = 180.0  # degrees
+ROUNDING = 1e-9  # of a cosine
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What one frame's grasps must keep to.
+
+    Attributes:
+        box: (2, 3) low and high corner in metres, in the frame that `T_box_cam` leads to.
+        T_box_cam: (4, 4).
+        direction: (3,) unit, camera frame: the cone's axis.
+        cone: radians from it; pi allows every approach.
+        mask: (H, W) pixels within the workspace; None for all.
+        intrinsics: of the mask.
+    """
+
+    box: Array
+    T_box_cam: Array
+    direction: Array
+    cone: float
+    mask: Mask | None
+    intrinsics: Intrinsics
+
+    @classmethod
+    def of(
+        cls, config: LimitsConfig, mask: Mask | None, plane: Plane | None, intrinsics: Intrinsics
+    ) -> "Limits | None":
+        """Return the limits of a frame with support `plane`; None where there are none.
+
+        Raises:
+            ValueRangeError: they are meant in the table's frame, and no table is seen.
+        """
+        has_cone = config.approach_cone < ANY_DIRECTION
+        if not (config.box or has_cone or mask is not None):
+            return None
+        everywhere = np.array([[-np.inf] * 3, [np.inf] * 3])
+        T_box_cam = _frame(config.box_frame if config.box else "camera", plane)
+        T_cone_cam = _frame(config.approach_frame if has_cone else "camera", plane)
+        direction = unit(np.asarray(config.approach_direction, np.float64))
+        return cls(
+            np.reshape(config.box, (2, 3)).astype(np.float64) if config.box else everywhere,
+            T_box_cam,
+            rotate_vectors(T_cone_cam.T, direction),
+            float(np.radians(config.approach_cone)),
+            mask,
+            intrinsics,
+        )
+
+    def contain(self, points: Array) -> Mask:
+        """Return which of `points` (n, 3), camera frame, lie in the workspace."""
+        placed = transform_points(self.T_box_cam, points)
+        inside = ((placed >= self.box[0]) & (placed <= self.box[1])).all(axis=-1)
+        if self.mask is None or not inside.any():
+            return np.asarray(inside)
+        pixels, shown = self.intrinsics.pixels_of(points)
+        inside &= shown
+        inside[inside] = self.mask[pixels[inside, 1], pixels[inside, 0]]
+        return np.asarray(inside)
+
+    def allow(self, grasps: Grasps) -> Mask:
+        """Return (n,) which grasps have their contacts' middle inside and come from the cone."""
+        along = grasps.approach @ self.direction
+        allowed = along >= np.cos(self.cone) - ROUNDING
+        allowed[allowed] = self.contain(grasps.translation[allowed])
+        return np.asarray(allowed)
+
+
+def check_limits(config: LimitsConfig) -> None:
+    """Raise ValueRangeError or UnknownNameError if `config` cannot be meant."""
+    for kind, name in (
+        ("workspace frame", config.box_frame),
+        ("approach frame", config.approach_frame),
+    ):
+        if name not in FRAMES:
+            raise UnknownNameError(kind, name, FRAMES)
+    box = np.asarray(config.box, np.float64)
+    if len(box) and not (len(box) == 6 and np.isfinite(box).all() and (box[:3] < box[3:]).all()):
+        raise ValueRangeError(
+            "--workspace",
+            list(config.box),
+            "x0,y0,z0,x1,y1,z1 in metres, each first below its last",
+        )
+    direction = np.asarray(config.approach_direction, np.float64)
+    if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
+        raise ValueRangeError(
+            "--approach-direction", list(config.approach_direction), "x,y,z, not all zero"
+        )
+    if not 0.0 < config.approach_cone <= ANY_DIRECTION:
+        raise ValueRangeError(
+            "--approach-cone", config.approach_cone, "degrees from its axis, above 0, at most 180"
+        )
+
+
+def _frame(name: str, plane: Plane | None) -> Array:
+    """Return (4, 4) camera coordinates to those of the frame `name`."""
+    if name == "camera":
+        return np.eye(4)
+    if plane is None:
+        raise ValueRangeError(
+            "table of this frame", "not found", "in view, or the limits given in the camera's frame"
+        )
+    return table_from_camera(plane)

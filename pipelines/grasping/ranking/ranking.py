@@ -1,0 +1,84 @@
+"""What feasible grasps are ranked by: Eq. 8, or the quality that a judge expects (D. 82)."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipelines.configs import SelectionConfig
+from pipelines.grasping.grasp_candidates import RankedGrasps
+from pipelines.grasping.ranking.grasp_features import HandViews
+from pipelines.grasping.ranking.known_region import KnownRegion
+from pipelines.grasping.ranking.point_critic import PointJudge
+
+Array = NDArray[np.float64]
+# Of feasible grasps, their steadiness and the seen share of their tips' room.
+Score = Callable[[RankedGrasps, Array, Array], Array]
+
+
+class Judge(Protocol):
+    """What expects something of hands."""
+
+    def expect(self, views: HandViews) -> Array:
+        """Return (k,) the quality to expect of each hand, 0 to 1."""
+
+
+@dataclass(frozen=True)
+class HandJudge:
+    """The network that was trained on verdicts among true meshes, `tools/train_grasp_critic.py`."""
+
+    network: PointJudge
+
+    def expect(self, views: HandViews) -> Array:
+        """Return (k,) the quality to expect of each hand, 0 to 1."""
+        rows = views.hand_rows()
+        return self.network.trust(views.point_rows(), rows[:, :0], rows)
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """What ranks grasps, and which of them are worth it.
+
+    Attributes:
+        score: the higher, the better.
+        steadiness: of the steadiest candidate's, that a candidate needs.
+        count: candidates at most, the steadiest.
+    """
+
+    score: Score
+    steadiness: float
+    count: int
+
+
+def by_eq8(config: SelectionConfig) -> Ranking:
+    """Return the paper's ranking.
+
+    Eq. 8 knows what was seen. Room that was not may hold the object's own far side, so its score
+    counts by the share of the finger tips' room that was seen to be free (D. 68).
+    """
+
+    def score(found: RankedGrasps, steady: Array, sight: Array) -> Array:
+        del steady
+        s = rank_score(found.clearance, found.enclosed_height, config)
+        return np.asarray(s * (1.0 - config.weight_unseen * (1.0 - sight)))
+
+    return Ranking(score, config.steadiness, config.max_ranked)
+
+
+def rank_score(clearance: ArrayLike, enclosed_height: ArrayLike, config: SelectionConfig) -> Array:
+    """Return s of Eq. 8 for `clearance` b and `enclosed_height` h in metres (D. 7)."""
+    b = np.minimum(clearance, config.clearance_cap) / config.clearance_cap
+    h = np.minimum(enclosed_height, config.enclosed_height_cap) / config.enclosed_height_cap
+    # Eq. 8
+    return np.asarray(np.tanh(config.weight_clearance * b) * np.tanh(config.weight_height * h))
+
+
+def by_judge(judge: Judge, known: KnownRegion, config: SelectionConfig) -> Ranking:
+    """Return the ranking by the quality to expect of each hand at a region."""
+
+    def score(found: RankedGrasps, steady: Array, sight: Array) -> Array:
+        return judge.expect(HandViews(found, steady, sight, known))
+
+    return Ranking(score, config.judged_steadiness, config.max_ranked)

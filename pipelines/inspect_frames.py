@@ -1,0 +1,143 @@
+"""Stage `inspect`: what would be read of a folder of RGB-D frames, without running anything on it.
+
+Reads   a folder of RGB-D frames in any layout that `formats/layouts` knows, or one of its files
+Writes  nothing
+
+Frames of one layout, size, camera and unit are told together. What cannot be read is failed, with
+the sentence that `infer` would give.
+"""
+
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pipelines.configs import InspectConfig
+from pipelines.errors import SymgraspError
+from pipelines.frames.camera_files import CameraFile
+from pipelines.frames.frames import FrameSource, find_frames
+from pipelines.frames.registration import oddities
+from pipelines.frames.rgbd import Frame
+from pipelines.geometry.camera import Intrinsics
+from pipelines.runtime.batch import StageReport
+
+STAGE = "inspect"
+RANGE = (1, 99)  # percentiles of the measured depth: a few pixels are always far off
+
+
+@dataclass(frozen=True)
+class Look:
+    """What one frame showed."""
+
+    layout: str
+    name: str
+    intrinsics: Intrinsics
+    units_per_metre: float | None
+    depth_range: tuple[float, float]  # m
+    measured: float  # share of the pixels
+    odd: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What a folder holds.
+
+    Attributes:
+        found: the number of frames of each layout.
+        groups: frames that were read, alike in layout, size, camera and unit.
+        report: names of frames that were read, and of those that cannot be.
+    """
+
+    found: Counter[str]
+    groups: list[list[Look]]
+    report: StageReport
+
+
+def run(
+    frames: Path,
+    config: InspectConfig,
+    *,
+    camera: CameraFile | None = None,
+    depth_units_per_metre: float | None = None,
+) -> Findings:
+    """Read frames of `frames`, evenly spread where there are many, and say what they are.
+
+    Args:
+        frames: a folder, or one file of a frame.
+        config: how many frames are read.
+        camera: intrinsics of all frames, instead of the files beside them.
+        depth_units_per_metre: unit of the depth files, instead of what the files say.
+
+    Raises:
+        SymgraspError: no frames.
+    """
+    started, report = time.monotonic(), StageReport(STAGE)
+    sources = find_frames(frames, intrinsics=camera, depth_units_per_metre=depth_units_per_metre)
+    groups: dict[object, list[Look]] = {}
+    for source in _spread(sources, config.max_frames):
+        try:
+            look = _look(source, source.read())
+        except (SymgraspError, OSError) as error:
+            report.failed[source.name] = str(error)
+            continue
+        report.done.append(source.name)
+        alike = (look.layout, look.intrinsics, look.units_per_metre)
+        groups.setdefault(alike, []).append(look)
+    report.seconds = time.monotonic() - started
+    found = Counter(source.layout for source in sources)
+    return Findings(found, list(groups.values()), report)
+
+
+def summary(findings: Findings) -> list[str]:
+    """Return what was found, line by line."""
+    read = len(findings.report.done) + len(findings.report.failed)
+    lines = [f"{count} frames as {layout}" for layout, count in findings.found.items()]
+    if read < findings.found.total():
+        lines.append(f"{read} of them were read, evenly spread")
+    for group in findings.groups:
+        lines += ["", *_told(group)]
+    return lines
+
+
+def _spread(sources: Sequence[FrameSource], most: int) -> list[FrameSource]:
+    if len(sources) <= most:
+        return list(sources)
+    return [sources[round(i)] for i in np.linspace(0, len(sources) - 1, most)]
+
+
+def _look(source: FrameSource, frame: Frame) -> Look:
+    measured = frame.depth[frame.depth > 0]
+    near, far = (float(value) for value in np.percentile(measured, RANGE))
+    share = measured.size / frame.depth.size
+    return Look(
+        source.layout,
+        source.name,
+        frame.intrinsics,
+        frame.units_per_metre,
+        (near, far),
+        share,
+        oddities(frame),
+    )
+
+
+def _told(group: Sequence[Look]) -> list[str]:
+    first, camera = group[0], group[0].intrinsics
+    names = first.name if len(group) == 1 else f"{first.name} ... {group[-1].name}"
+    near = min(look.depth_range[0] for look in group)
+    far = max(look.depth_range[1] for look in group)
+    measured = float(np.mean([look.measured for look in group]))
+    units = first.units_per_metre
+    unit = "metres" if units in (None, 1.0) else f"{units:g} units per metre"
+    odd = Counter(sentence for look in group for sentence in look.odd)
+    facts = {
+        "layout": first.layout,
+        "frames": f"{len(group)}: {names}",
+        "size": f"{camera.width}x{camera.height}",
+        "intrinsics": f"fx {camera.fx:g}, fy {camera.fy:g}, cx {camera.cx:g}, cy {camera.cy:g}",
+        "depth": f"{near:.3f} to {far:.3f} m, {measured:.0%} measured; stored as {unit}",
+        "odd": "; ".join(f"{text} ({times}x)" for text, times in odd.items()) or "nothing",
+    }
+    return [f"{key:<12}{text}" for key, text in facts.items()]

@@ -1,0 +1,65 @@
+"""Frames as the region detector learns them: small, with the support plane and numbered regions."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.configs import FinetuneDetectorConfig
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot, SceneFiles
+from pipelines.dataset.training.coco_instances import CocoFrame
+from pipelines.dataset.training.detector_frames import DetectorFrame
+from pipelines.dataset.training.region_frames import MOST_REGIONS, read_region_frame, strided_frames
+from pipelines.errors import FormatError
+from pipelines.frames.rgbd import Frame
+from pipelines.tabletop.depth_channels import find_plane, shrink
+
+
+def frames_of_scene(
+    scene: SceneFiles, root: GraspNetRoot, config: FinetuneDetectorConfig
+) -> list[DetectorFrame]:
+    """Return the frames of a scene with the regions that its objects show."""
+    frames = []
+    for files in strided_frames(scene, config.frame_stride):
+        shown = read_region_frame(root, files, config.min_pixels)
+        masks = [region.mask for region in shown.regions]
+        frames.append(prepare_frame(shown.frame, masks, config))
+    return frames
+
+
+def frames_of_coco(
+    listed: Sequence[CocoFrame], root: GraspNetRoot, config: FinetuneDetectorConfig
+) -> list[DetectorFrame]:
+    """Return frames of a COCO dataset with the regions that it lists.
+
+    Raises:
+        FormatError: masks of another size than their frame.
+    """
+    frames = []
+    for each in listed[:: config.frame_stride]:
+        frame, masks = root.read_frame(each.files), each.masks()
+        height, width = frame.depth.shape
+        for mask in masks:
+            if mask.shape != (height, width):
+                found = f"its annotations have a mask of {mask.shape[1]}x{mask.shape[0]}"
+                raise FormatError(each.files.path("rgb"), found, f"the image is {width}x{height}")
+        masks = [mask for mask in masks if mask.sum() >= config.min_pixels]
+        frames.append(prepare_frame(frame, masks[:MOST_REGIONS], config))
+    return frames
+
+
+def prepare_frame(
+    frame: Frame, masks: Sequence[NDArray[np.bool_]], config: FinetuneDetectorConfig
+) -> DetectorFrame:
+    """Return a frame at the detector's size with its regions, numbered from 1."""
+    detector = config.detector
+    small = shrink(frame.color, frame.depth, frame.intrinsics, detector.min_size, detector.max_size)
+    regions = np.zeros((frame.intrinsics.height, frame.intrinsics.width), np.uint8)
+    for number, mask in enumerate(masks, start=1):
+        regions[mask] = number
+    rows = np.floor((np.arange(small.depth.shape[0]) + 0.5) * regions.shape[0] / len(small.depth))
+    columns = np.floor(
+        (np.arange(small.depth.shape[1]) + 0.5) * regions.shape[1] / small.depth.shape[1]
+    )
+    picked = regions[np.ix_(rows.astype(int), columns.astype(int))]
+    return DetectorFrame(small, find_plane(small), picked)

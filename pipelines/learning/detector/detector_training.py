@@ -1,0 +1,151 @@
+"""The region detector as the training engine sees it: frames, Mask R-CNN's losses, mask AP."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torchvision.models.detection import MaskRCNN
+
+from pipelines.configs import FinetuneDetectorConfig, from_settings
+from pipelines.dataset.training import detector_frames
+from pipelines.learning.detector.frame_views import (
+    DetectorExample,
+    as_example,
+    masks_of,
+    random_view,
+)
+from pipelines.learning.detector.mask_figures import MaskFigures
+from pipelines.learning.loop.faults import Fault
+from pipelines.learning.loop.loaders import epoch_batches
+from pipelines.learning.speed.processes import Processes
+from pipelines.learning.speed.shares import check_shares, micro_batch_size
+from pipelines.network.detection.detector import draw_mask
+from pipelines.network.detection.mask_rcnn import build_detector, seed_samplers
+
+Keys = Sequence[tuple[Path, int]]  # file and row of each frame
+
+CPU_MICRO_BATCH = 2  # frames
+
+
+@dataclass(frozen=True)
+class FrameSets:
+    """Frames to train on and frames of other scenes to validate on."""
+
+    train: Keys
+    val: Keys
+
+
+class DetectorTraining:
+    """A `Trainee`: the detector with the frames it learns from and those it is judged on."""
+
+    best_by = "mask_ap50"
+    higher_is_better = True
+
+    def __init__(
+        self,
+        module: MaskRCNN,
+        frames: FrameSets,
+        config: FinetuneDetectorConfig,
+        device: torch.device,
+        processes: Processes | None = None,
+    ) -> None:
+        self.module: nn.Module = module.to(device, memory_format=torch.channels_last)
+        self.frames, self.config, self.device = frames, config, device
+        self.parallel = device.type == "cpu"
+        on_cpu = CPU_MICRO_BATCH if self.parallel else 0
+        processes = processes or Processes()
+        self.micro_batch_size = micro_batch_size(
+            config.micro_batch_size, config.batch_size, on_cpu, processes
+        )
+        check_shares(config.batch_size, self.micro_batch_size, processes)
+
+    def epoch(self, number: int, rng: np.random.Generator) -> Sequence[NDArray[np.int64]]:
+        """Return one epoch's batches of frame numbers."""
+        del number  # every epoch shows all frames
+        return epoch_batches(range(len(self.frames.train)), self.config.batch_size, rng)
+
+    def load(
+        self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]
+    ) -> list[DetectorExample]:
+        """Return random views of frames."""
+        examples = []
+        for number, rng in zip(items, generators, strict=True):
+            frame = detector_frames.read(*self.frames.train[int(number)])
+            examples.append(as_example(random_view(frame, rng), self.config.detector.input))
+        return examples
+
+    def loss(
+        self, module: nn.Module, micro_batch: list[DetectorExample], generator: torch.Generator
+    ) -> Mapping[str, Tensor]:
+        """Return Mask R-CNN's five losses, and their sum as `total`."""
+        return frames_loss(cast(MaskRCNN, module), micro_batch, generator, self.device)
+
+    def tensors(self, micro_batch: list[DetectorExample]) -> dict[str, Tensor]:
+        """Return a micro-batch as named tensors, NUMBER.NAME."""
+        return {
+            f"{number}.{name}": tensor
+            for number, example in enumerate(micro_batch)
+            for name, tensor in ({"image": example.image} | example.target).items()
+        }
+
+    @torch.no_grad()
+    def validate(self) -> dict[str, float]:
+        """Return mask AP on (at most `max_val_frames` of) the held-out frames."""
+        figures = MaskFigures()
+        for key in spread(self.frames.val, self.config.max_val_frames):
+            view = detector_frames.read(*key)
+            example = as_example(view, self.config.detector.input)
+            (found,) = self.module([example.image.to(self.device)])
+            size = view.regions.shape
+            drawn = [
+                draw_mask(soft, box.astype(np.float64), (size[0], size[1]))
+                for soft, box in zip(
+                    found["masks"][:, 0].cpu().numpy(), found["boxes"].cpu().numpy(), strict=True
+                )
+            ]
+            masks = np.stack(drawn) if drawn else np.zeros((0, *size), bool)
+            figures.add(masks_of(view.regions), masks, found["scores"].cpu().numpy())
+        return figures.figures()
+
+
+def spread(keys: Keys, most: int) -> Keys:
+    """Return `keys`, or `most` of them, evenly spread, if there are more."""
+    count = min(len(keys), most)
+    return [keys[i * len(keys) // count] for i in range(count)]
+
+
+def frames_loss(
+    detector: MaskRCNN,
+    examples: Sequence[DetectorExample],
+    generator: torch.Generator,
+    device: torch.device,
+) -> dict[str, Tensor]:
+    """Return Mask R-CNN's five losses by name, and their sum as `total`."""
+    seed_samplers(detector, generator)
+    images = [example.image.to(device) for example in examples]
+    targets = [
+        {name: each.to(device) for name, each in example.target.items()} for example in examples
+    ]
+    terms: dict[str, Tensor] = detector(images, targets)
+    return {"total": torch.stack(list(terms.values())).sum()} | {
+        name.removeprefix("loss_"): term for name, term in terms.items()
+    }
+
+
+def replay(fault: Fault) -> dict[str, float]:
+    """Return the loss terms of a kept micro-batch, on the CPU."""
+    config = from_settings(FinetuneDetectorConfig, fault.settings)
+    detector = build_detector(config.detector)
+    detector.load_state_dict(dict(fault.weights))
+    numbers = sorted({int(name.split(".")[0]) for name in fault.batch})
+    examples = []
+    for number in numbers:
+        target = {name: fault.batch[f"{number}.{name}"] for name in ("boxes", "labels", "masks")}
+        examples.append(DetectorExample(fault.batch[f"{number}.image"], target))
+    terms = frames_loss(detector.train(), examples, fault.generator(), torch.device("cpu"))
+    return {name: float(term.detach()) for name, term in terms.items()}

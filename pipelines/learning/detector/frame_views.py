@@ -1,0 +1,128 @@
+"""Random views of a detector's training frame: mirrored, zoomed, with a worse depth sensor."""
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from pipelines.dataset.training.detector_frames import DetectorFrame
+from pipelines.geometry.pointcloud import Plane
+from pipelines.network.detection.detector_input import detector_image
+from pipelines.tabletop.depth_channels import SmallFrame
+
+MAX_ZOOM = 1.5
+MAX_NOISE = 0.003  # metres at one metre, standard deviation of smooth depth errors; grows with z^2
+NOISE_CELL = 6  # pixels over which depth errors are alike
+MAX_HOLES = 12
+MAX_HOLE = 0.06  # of the image's width, half-axis of an elliptic hole in the depth
+MAX_EDGE_LOSS = 0.6  # share of the pixels at depth edges that lose their depth
+EDGE = 0.015  # metres between neighbouring pixels that make an edge
+MIN_REGION_PIXELS = 30  # at the detector's size; less cannot be learned from
+
+
+@dataclass(frozen=True)
+class DetectorExample:
+    """An image (C, h, w) and what is in it: `boxes` (n, 4), `labels` (n,), `masks` (n, h, w)."""
+
+    image: Tensor
+    target: dict[str, Tensor]
+
+
+def random_view(view: DetectorFrame, rng: np.random.Generator) -> DetectorFrame:
+    """Return the frame mirrored, zoomed and with a noisier depth, each at random."""
+    if rng.random() < 0.5:
+        view = mirrored(view)
+    view = zoomed(view, 1.0 + (MAX_ZOOM - 1.0) * rng.random() ** 2, rng)
+    depth = noisy_depth(view.frame.depth, rng)
+    tinted = np.clip(view.frame.color * rng.uniform(0.6, 1.4, 3), 0, 255)
+    color: NDArray[np.uint8] = tinted.astype(np.uint8)
+    return replace(view, frame=replace(view.frame, depth=depth, color=color))
+
+
+def mirrored(view: DetectorFrame) -> DetectorFrame:
+    """Return the frame with left and right exchanged, the camera's x axis with it."""
+    camera = view.frame.intrinsics
+    frame = SmallFrame(
+        np.ascontiguousarray(view.frame.color[:, ::-1]),
+        np.ascontiguousarray(view.frame.depth[:, ::-1]),
+        replace(camera, cx=camera.width - 1 - camera.cx),
+    )
+    plane = Plane(view.plane.normal * [-1.0, 1.0, 1.0], view.plane.offset)
+    return DetectorFrame(frame, plane, np.ascontiguousarray(view.regions[:, ::-1]))
+
+
+def zoomed(view: DetectorFrame, zoom: float, rng: np.random.Generator) -> DetectorFrame:
+    """Return a window of the frame, `zoom` times enlarged, as a longer lens would show it."""
+    camera = view.frame.intrinsics
+    size = (camera.width, camera.height)
+    # Pixel p of the window shows pixel p / zoom + corner.
+    corner = rng.random(2) * (np.array(size) - 1) * (1.0 - 1.0 / zoom)
+    inverse = np.array([[1.0 / zoom, 0.0, corner[0]], [0.0, 1.0 / zoom, corner[1]]])
+    nearest = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+    linear = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    lens = replace(
+        camera,
+        fx=camera.fx * zoom,
+        fy=camera.fy * zoom,
+        cx=(camera.cx - corner[0]) * zoom,
+        cy=(camera.cy - corner[1]) * zoom,
+    )
+    frame = SmallFrame(
+        np.asarray(cv2.warpAffine(view.frame.color, inverse, size, flags=linear), np.uint8),
+        np.asarray(cv2.warpAffine(view.frame.depth, inverse, size, flags=nearest), np.float32),
+        lens,
+    )
+    regions = cv2.warpAffine(view.regions, inverse, size, flags=nearest)
+    return DetectorFrame(frame, view.plane, np.asarray(regions, np.uint8))
+
+
+def noisy_depth(depth: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:
+    """Return `depth` (h, w) metres with smooth errors, holes and frayed edges."""
+    height, width = depth.shape
+    coarse = rng.standard_normal((height // NOISE_CELL + 2, width // NOISE_CELL + 2))
+    smooth = cv2.resize(coarse.astype(np.float32), (width, height), interpolation=cv2.INTER_CUBIC)
+    noisy = depth + MAX_NOISE * rng.random() * smooth * depth**2
+    across, down = np.abs(np.gradient(depth))
+    fray = (np.maximum(across, down) > EDGE) & (
+        rng.random(depth.shape, np.float32) < MAX_EDGE_LOSS * rng.random()
+    )
+    holes = np.zeros(depth.shape, np.uint8)
+    for _ in range(rng.integers(MAX_HOLES)):
+        center = (int(rng.integers(width)), int(rng.integers(height)))
+        axes = (rng.random(2) * MAX_HOLE * width).astype(int) + 1
+        angle = float(rng.uniform(0.0, 180.0))
+        cv2.ellipse(holes, center, (int(axes[0]), int(axes[1])), angle, 0.0, 360.0, 1, -1)
+    lost = fray | (holes > 0) | (depth <= 0)
+    return np.where(lost, 0.0, np.maximum(noisy, 0.0)).astype(np.float32)
+
+
+def as_example(view: DetectorFrame, kind: str) -> DetectorExample:
+    """Return what the detector is shown of a frame and what it is to answer."""
+    image = detector_image(view.frame, view.plane, kind)
+    masks = masks_of(view.regions)
+    boxes = np.array([_box(mask) for mask in masks], np.float32).reshape(-1, 4)
+    target = {
+        "boxes": torch.from_numpy(boxes),
+        "labels": torch.ones(len(masks), dtype=torch.int64),
+        "masks": torch.from_numpy(masks.astype(np.uint8)),
+    }
+    return DetectorExample(image, target)
+
+
+def masks_of(regions: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Return the masks (n, h, w) of the regions large enough to be learned from."""
+    sizes = np.bincount(regions.ravel(), minlength=1)
+    numbers = [n for n in range(1, len(sizes)) if sizes[n] >= MIN_REGION_PIXELS]
+    return (
+        np.stack([regions == n for n in numbers])
+        if numbers
+        else np.zeros((0, *regions.shape), bool)
+    )
+
+
+def _box(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
+    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+    return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1

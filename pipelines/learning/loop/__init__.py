@@ -1,0 +1,1 @@
+"""The training loop: runs, checkpoints, data loaders, faults."""

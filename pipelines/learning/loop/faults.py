@@ -1,0 +1,74 @@
+"""The micro-batch at which a training came apart, kept with the weights of that moment.
+
+`NAME.fault.safetensors` holds `weights.*` and `batch.*`, and as metadata the place (seed, epoch,
+step, number), the loss terms and the stamp with the settings. `replay` of the stage's module gives
+the loss terms again.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from pipelines.errors import FormatError
+from pipelines.learning.speed.gradients import Losses, loss_seed
+from pipelines.storage.checkpoints import load_weights, save_weights
+from pipelines.storage.provenance import Stamp
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Weights, a micro-batch as tensors, where in the training it came, and the settings."""
+
+    weights: Mapping[str, Tensor]
+    batch: dict[str, Tensor]
+    place: tuple[int, int, int, int]  # seed, epoch, step, number of the micro-batch
+    settings: Mapping[str, Any]  # of the stage's config
+
+    def generator(self) -> torch.Generator:
+        """Return what the loss drew from."""
+        return torch.Generator().manual_seed(loss_seed(*self.place))
+
+
+def save_fault(
+    path: Path,
+    module: nn.Module,
+    batch: Mapping[str, Tensor],
+    place: tuple[int, int, int, int],
+    stamp: Stamp,
+) -> None:
+    """Write a micro-batch that gave a loss or a gradient that is not finite."""
+    tensors = {f"weights.{name}": tensor for name, tensor in module.state_dict().items()}
+    tensors |= {f"batch.{name}": tensor for name, tensor in batch.items()}
+    names = ("seed", "epoch", "step", "micro_batch")
+    metadata = {"place": json.dumps(dict(zip(names, place, strict=True)))}
+    save_weights(path, tensors, metadata, stamp)
+
+
+def read_fault(path: Path) -> Fault:
+    """Read what `save_fault` wrote.
+
+    Raises:
+        FormatError: the file holds something else.
+    """
+    tensors, metadata = load_weights(path)
+    if "place" not in metadata or "provenance" not in metadata:
+        raise FormatError(path, "holds no faulty batch", "NAME.fault.safetensors is expected")
+    seed, epoch, step, number = json.loads(metadata["place"]).values()
+    groups: dict[str, dict[str, Tensor]] = {"weights": {}, "batch": {}}
+    for name, tensor in tensors.items():
+        kind, rest = name.split(".", 1)
+        groups[kind][rest] = tensor
+    settings = json.loads(metadata["provenance"])["config"]
+    return Fault(groups["weights"], groups["batch"], (seed, epoch, step, number), settings)
+
+
+def describe_losses(losses: Losses) -> str:
+    """Return the loss terms in one line, those that are not finite first."""
+    ordered = sorted(losses.items(), key=lambda item: math.isfinite(item[1]))
+    return ", ".join(f"{name} {value:.4g}" for name, value in ordered)

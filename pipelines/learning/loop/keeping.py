@@ -1,0 +1,118 @@
+"""The files of a training: its checkpoint, the best weights so far, the curves.
+
+The weights that a finished run leaves are the best at the end of an epoch. A run that stops in the
+middle of one is judged there too, and what it leaves may be of that moment; but this is forgotten
+when it is resumed, so that the result does not depend on where it was stopped. All files are
+written whole or not at all, by the first process alone.
+"""
+
+import json
+import math
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from pipelines.learning.loop.runs import Progress, checkpoint_path, curves_path
+from pipelines.learning.loop.trainee import Trainee
+from pipelines.learning.progress.curves import write_curves
+from pipelines.learning.speed.weight_average import WeightAverage
+from pipelines.network.weights_files import fill
+from pipelines.storage.checkpoints import (
+    TrainingState,
+    load_training,
+    save_training,
+    save_weights,
+)
+from pipelines.storage.provenance import Stamp
+
+
+class Keeper:
+    """Writes what is to be kept of a training, and takes it up again."""
+
+    def __init__(
+        self,
+        trainee: Trainee,
+        optimizer: torch.optim.Optimizer,
+        average: WeightAverage,
+        output: Path,
+        stamp: Stamp,
+        metadata: Mapping[str, str],
+    ) -> None:
+        self.trainee, self.optimizer, self.average = trainee, optimizer, average
+        self.output, self.stamp, self.metadata = output, stamp, dict(metadata)
+        self.saved = time.monotonic()
+        self._best: dict[str, Tensor] = {}
+
+    def restore(self) -> Progress:
+        """Go back to where the checkpoint stands, and return that."""
+        path = checkpoint_path(self.output)
+        state = load_training(path)
+        fill(self.trainee.module, _with_prefix(state.model, "weights."), path)
+        self.average.load(_with_prefix(state.model, "average."))
+        self._best = _with_prefix(state.model, "best.")
+        self.optimizer.load_state_dict(state.optimizer)
+        return Progress.of(state.progress)
+
+    def save_checkpoint(self, progress: Progress) -> None:
+        """Write everything that the training needs to go on."""
+        now = time.monotonic()
+        progress.seconds += now - self.saved
+        self.saved = now
+        groups = {
+            "weights": self.trainee.module.state_dict(),
+            "average": self.average.state(),
+            "best": self._best,
+        }
+        model = {f"{kind}.{n}": each for kind, group in groups.items() for n, each in group.items()}
+        state = TrainingState(model, self.optimizer.state_dict(), progress.as_json())
+        save_training(checkpoint_path(self.output), state, self.stamp)
+
+    def judge(
+        self,
+        figures: dict[str, float],
+        weights: dict[str, Tensor],
+        progress: Progress,
+        *,
+        whole_epoch: bool,
+    ) -> None:
+        """Keep `weights`, which `figures` are of, if they are the best so far."""
+        better = self._is_better(figures[self.trainee.best_by], progress.best)
+        if whole_epoch:
+            if better:
+                progress.best, progress.figures = figures[self.trainee.best_by], figures
+                self._best = weights
+            # What lies there may be of where an earlier run stopped.
+            if self._best and (better or progress.kept != progress.figures):
+                self._write_best(progress)
+        elif better:
+            progress.kept = figures
+            # First of all the checkpoint says so: a kill between the two loses nothing.
+            self.save_checkpoint(progress)
+            self._write(weights, figures)
+        write_curves(curves_path(self.output), progress.history, self.trainee.best_by)
+
+    def finish(self, progress: Progress) -> None:
+        """See to it that what a finished run leaves is its best weights, also after a kill."""
+        if self._best and (progress.kept != progress.figures or not self.output.exists()):
+            self._write_best(progress)
+
+    def _write_best(self, progress: Progress) -> None:
+        # First the checkpoint, with what is kept until now: weights without one are nobody's.
+        self.save_checkpoint(progress)
+        self._write(self._best, progress.figures)
+        progress.kept = progress.figures
+
+    def _is_better(self, value: float, best: float | None) -> bool:
+        sign = 1.0 if self.trainee.higher_is_better else -1.0
+        return math.isfinite(value) and (best is None or sign * value > sign * best)
+
+    def _write(self, weights: Mapping[str, Tensor], figures: Mapping[str, float]) -> None:
+        metadata = self.metadata | {"validation": json.dumps(figures, sort_keys=True)}
+        save_weights(self.output, weights, metadata, self.stamp)
+
+
+def _with_prefix(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
+    return {n.removeprefix(prefix): tensor for n, tensor in tensors.items() if n.startswith(prefix)}

@@ -1,0 +1,146 @@
+"""Batches of packed regions: random access, drawn by seed and step, read in this process."""
+
+import queue
+import re
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import TypeVar
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from pipelines.configs import NetworkConfig
+from pipelines.dataset.training.packed_regions import PackedReader, PackedRegion
+from pipelines.errors import ValueRangeError
+from pipelines.network.regions import RegionBatch
+from pipelines.tabletop.levelling import level_axes, table_of_row
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+Indices = NDArray[np.int64]
+
+
+def epoch_batches(
+    indices: Sequence[int] | Indices, batch_size: int, rng: np.random.Generator
+) -> list[Indices]:
+    """Return `indices` in random order, cut into batches; what is left over waits an epoch.
+
+    Fewer than a batch are one; none are no batch.
+    """
+    order = rng.permutation(np.asarray(indices, np.int64))
+    count = max(min(1, len(order)), len(order) // batch_size)
+    return [order[i * batch_size : (i + 1) * batch_size] for i in range(count)]
+
+
+def split_by_scene(
+    reader: PackedReader, fraction: float, rng: np.random.Generator
+) -> tuple[Indices, Indices]:
+    """Return indices of regions to train on and of the `fraction` of scenes held out.
+
+    Files of one scene (its two cameras) stay together: a view of a training scene tells nothing
+    about unseen ones. At least one scene is held out and one is trained on; those without a region
+    are neither.
+
+    Raises:
+        ValueRangeError: fewer than two scenes hold regions.
+    """
+    scene_of_file = [_scene_name(path.stem) for path in reader.paths]
+    pairs = zip(scene_of_file, reader.counts, strict=True)
+    scenes = sorted({scene for scene, count in pairs if count})
+    if len(scenes) < 2:
+        raise ValueRangeError(
+            "number of packed scenes with regions",
+            len(scenes),
+            "at least 2, or give --val a folder of its own",
+        )
+    count = min(max(1, round(fraction * len(scenes))), len(scenes) - 1)
+    held_out = set(rng.permutation(scenes)[:count].tolist())
+    is_held_out = np.repeat([scene in held_out for scene in scene_of_file], reader.counts)
+    return np.flatnonzero(~is_held_out), np.flatnonzero(is_held_out)
+
+
+def _scene_name(stem: str) -> str:
+    found = re.match(r"scene_\d+", stem)
+    return found.group() if found else stem
+
+
+def load_regions(
+    reader: PackedReader,
+    indices: Indices,
+    network: NetworkConfig,
+    generators: Sequence[np.random.Generator],
+) -> RegionBatch:
+    """Return regions with `num_points` of their points each, centred on those points' centroid.
+
+    Each region draws its points from its own generator.
+    """
+    pairs = zip(indices, generators, strict=True)
+    return batch_of([draw_points(reader[int(i)], network, rng) for i, rng in pairs])
+
+
+def batch_of(regions: Sequence[tuple[NDArray[np.float32], ...]]) -> RegionBatch:
+    """Return regions of `draw_points` as one batch."""
+    return RegionBatch(*(torch.from_numpy(np.stack(each)) for each in zip(*regions, strict=True)))
+
+
+def draw_points(
+    region: PackedRegion,
+    network: NetworkConfig,
+    rng: np.random.Generator,
+    lost_table: float = 0.0,
+) -> tuple[NDArray[np.float32], ...]:
+    """Return some of a region's points, centred, axes of the network, and the labels with them.
+
+    `lost_table`: how often a table is taken for unknown.
+    """
+    available, count = len(region.points), network.num_points
+    chosen = rng.permutation(available)[:count]
+    if available < count:
+        chosen = np.concatenate([chosen, rng.integers(available, size=count - available)])
+    points = region.points[chosen]
+    centroid = points.mean(0)
+    axes, ground = np.eye(3, dtype=np.float32), np.zeros((), np.float32)
+    if network.input_frame == "table":
+        table = table_of_row(region.table) if rng.random() >= lost_table else None
+        axes = level_axes(centroid, table).astype(np.float32)
+        ground = table.height(centroid).astype(np.float32) if table else ground
+    center: NDArray[np.float32] = np.nan_to_num(region.point - centroid) @ axes.T
+    direction: NDArray[np.float32] = np.nan_to_num(region.direction) @ axes.T
+    affordance = np.nan_to_num(region.affordance[chosen])
+    return (points - centroid) @ axes.T, affordance, region.existence, center, direction, ground
+
+
+def prefetch(
+    load: Callable[[Item], Result], items: Iterable[Item], depth: int = 2
+) -> Iterator[Result]:
+    """Yield `load(item)` for each item, `depth` of them loaded ahead in a thread.
+
+    An exception of `load` is raised where its result was due.
+    """
+    ready: queue.Queue[Result | BaseException | None] = queue.Queue(depth)
+    stopped = threading.Event()
+
+    def work() -> None:
+        try:
+            for item in items:
+                if stopped.is_set():
+                    return
+                ready.put(load(item))
+            ready.put(None)
+        except BaseException as error:
+            ready.put(error)
+
+    thread = threading.Thread(target=work, daemon=True)
+    thread.start()
+    try:
+        while (result := ready.get()) is not None:
+            if isinstance(result, BaseException):
+                raise result
+            yield result
+    finally:
+        stopped.set()
+        while thread.is_alive():  # it may wait for room in the queue
+            while not ready.empty():
+                ready.get_nowait()
+            thread.join(0.01)

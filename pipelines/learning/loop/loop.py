@@ -1,0 +1,234 @@
+"""The training engine that `train` and `finetune-detector` share.
+
+A run owns beside its output `NAME.safetensors`, which always holds the best weights by validation
+so far: `NAME.checkpoint.safetensors`, from which it goes on exactly, `NAME.curves.png`, the folder
+`NAME.logs` of TensorBoard scalars, and, where it came apart, `NAME.fault.safetensors`.
+"""
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import torch
+
+from pipelines.errors import ValueRangeError
+from pipelines.learning.loop.draws import generator
+from pipelines.learning.loop.faults import describe_losses, save_fault
+from pipelines.learning.loop.keeping import Keeper
+from pipelines.learning.loop.loaders import prefetch
+from pipelines.learning.loop.options import LoopOptions
+from pipelines.learning.loop.runs import Progress, checkpoint_path, fault_path, log_folder
+from pipelines.learning.loop.trainee import Items, Trainee
+from pipelines.learning.progress.display import Display
+from pipelines.learning.speed.gradients import GradientWorkers, Loaded, Losses, intra_op_threads
+from pipelines.learning.speed.processes import Processes
+from pipelines.learning.speed.shares import cut
+from pipelines.learning.speed.weight_average import WeightAverage
+from pipelines.runtime.stopping import Reason, StopSignals, TrainingStopped
+from pipelines.storage.provenance import Stamp
+
+if TYPE_CHECKING:
+    from torch.utils.tensorboard import SummaryWriter
+
+
+class TrainingRun:
+    """One training, from its first step or its checkpoint to its end or its time limit."""
+
+    def __init__(
+        self,
+        trainee: Trainee,
+        options: LoopOptions,
+        output: Path,
+        stamp: Stamp,
+        metadata: Mapping[str, str],
+        processes: Processes | None = None,
+    ) -> None:
+        self.trainee, self.options, self.output, self.stamp = trainee, options, output, stamp
+        self.processes = processes or Processes()
+        self.module = trainee.module
+        self.parameters = [p for p in self.module.parameters() if p.requires_grad]
+        self.optimizer = torch.optim.Adam(self.parameters, lr=options.learning_rate)
+        self.average = WeightAverage(self.module, options.ema_decay)
+        self.keeper = Keeper(trainee, self.optimizer, self.average, output, stamp, metadata)
+        self.progress = Progress()
+        self.signals = StopSignals()
+        self._losses: Losses = {}
+
+    def resume(self) -> None:
+        """Go back to where the checkpoint stands."""
+        self.progress = self.keeper.restore()
+
+    def run(self) -> Progress:
+        """Train, validate after each epoch and at the end, and return where it stands.
+
+        Raises:
+            TrainingStopped: by SIGTERM or Ctrl-C; a checkpoint is written.
+            ValueRangeError: the loss or its gradient is not finite; the batch is kept.
+        """
+        self.processes.wait()  # nobody writes before all have read
+        self._steps_before = self.progress.total_steps
+        self._began = self.keeper.saved = self._logged = time.monotonic()
+        with ExitStack() as stack:
+            stack.enter_context(self.signals.heeded(patient=self.processes.count > 1))
+            self.writer = self._open_writer(stack)
+            self.display = stack.enter_context(self._make_display())
+            stack.enter_context(intra_op_threads(self.options.threads))
+            workers = stack.enter_context(self._make_workers())
+            reason = self._why_stop()
+            while self.progress.epoch < self.options.epochs and not reason:
+                reason = self._run_epoch(workers)
+        self.progress.finished = self.progress.epoch >= self.options.epochs
+        if self.progress.finished and self.processes.is_first:
+            self.keeper.finish(self.progress)
+        self._save_checkpoint()
+        if reason > Reason.TIME_LIMIT and not self.progress.finished:
+            raise TrainingStopped(
+                f"stopped by {reason.name} after {self.progress.total_steps} steps; "
+                f"{checkpoint_path(self.output)} holds them, --resume goes on"
+            )
+        return self.progress
+
+    def _open_writer(self, stack: ExitStack) -> "SummaryWriter | None":
+        if not self.processes.is_first:
+            return None
+        from torch.utils.tensorboard import SummaryWriter  # noqa: PLC0415 - slow to import
+
+        # What an earlier run told of later steps, or of all if this one starts anew, is void.
+        purge = self.progress.total_steps
+        writer: SummaryWriter = stack.enter_context(
+            SummaryWriter(str(log_folder(self.output)), purge_step=purge)
+        )
+        return writer
+
+    def _make_display(self) -> Display:
+        shown, options = self.processes.is_first, self.options
+        return Display(shown=shown, bar=options.progress, seconds=options.log_seconds)
+
+    def _make_workers(self) -> GradientWorkers:
+        acceleration = self.options.acceleration
+        alone = not self.trainee.parallel or acceleration.compiled  # the compiler is of one thread
+        threads = 1 if alone else self.options.threads
+        return GradientWorkers(self.trainee, threads, self.processes, acceleration)
+
+    def _run_epoch(self, workers: GradientWorkers) -> Reason:
+        """Take the steps that are left of an epoch; return why to stop, if there is a reason."""
+        epoch, seed = self.progress.epoch, self.options.seed
+        batches = self.trainee.epoch(epoch, generator(seed, epoch))
+        if not len(batches):
+            raise ValueRangeError("number of batches an epoch", 0, "at least 1")
+        remaining = range(self.progress.step, len(batches))
+        self.module.train()
+
+        def load(step: int) -> list[Loaded]:
+            pieces = cut(batches[step], self.trainee.micro_batch_size, self.processes)
+            return [(piece, piece.load(self.trainee, seed, epoch, step)) for piece in pieces]
+
+        reason, loaded = Reason.NONE, prefetch(load, remaining)
+        for step, pieces in zip(remaining, loaded, strict=True):
+            self._set_learning_rate(epoch + step / len(batches))
+            self._step(workers, pieces)
+            self.progress.step = step + 1
+            self._report_and_save(batches)
+            if reason := self._why_stop():
+                break
+        loaded.close()  # type: ignore[attr-defined]  # a generator: stops its thread
+        whole_epoch = self.progress.step >= len(batches)
+        if whole_epoch:
+            self.progress.epoch, self.progress.step = epoch + 1, 0
+        if whole_epoch or reason is Reason.TIME_LIMIT:
+            self._validate(whole_epoch=whole_epoch)
+        self._save_checkpoint()
+        return reason
+
+    def _step(self, workers: GradientWorkers, loaded: Sequence[Loaded]) -> None:
+        place = (self.options.seed, self.progress.epoch, self.progress.step)
+        losses, gradients = workers.gradients(loaded, place)
+        for parameter, gradient in zip(self.parameters, gradients, strict=True):
+            parameter.grad = gradient
+        norm = float(torch.nn.utils.clip_grad_norm_(self.parameters, self.options.clip_norm))
+        if not all(math.isfinite(value) for value in (norm, *losses.values())):
+            self._give_up(workers, loaded, losses | {"gradient": norm})
+        workers.adopt_buffers()
+        self.optimizer.step()
+        self.progress.total_steps += 1
+        self.average.update(self.progress.total_steps)
+        self.progress.history.add_losses(losses)
+        for name, value in losses.items():  # a running mean, for the log
+            self._losses[name] = 0.95 * self._losses.get(name, value) + 0.05 * value
+
+    def _give_up(self, workers: GradientWorkers, loaded: Sequence[Loaded], losses: Losses) -> None:
+        """Keep the micro-batch that is at fault and say where it is."""
+        place = (self.options.seed, self.progress.epoch, self.progress.step)
+        fault, path = workers.find_fault(loaded, place), fault_path(self.output)
+        number = fault[0].number if fault else -1
+        last = self.processes.most(number)  # of the processes that found one, one keeps it
+        if fault is not None and number == last:
+            batch = self.trainee.tensors(fault[1])
+            save_fault(path, self.module, batch, (*place, number), self.stamp)
+        self.processes.wait()
+        kept = f"{path} holds the batch" if last >= 0 else "each micro-batch alone is"
+        raise ValueRangeError(
+            f"loss at epoch {place[1] + 1}, step {place[2] + 1}",
+            describe_losses(losses),
+            f"finite; {kept}; a lower learning rate may help",
+        )
+
+    def _set_learning_rate(self, epochs_done: float) -> None:
+        drops = math.floor(epochs_done / self.options.decay_epochs + 1e-9)
+        for group in self.optimizer.param_groups:
+            group["lr"] = self.options.learning_rate * self.options.decay**drops
+
+    def _validate(self, *, whole_epoch: bool) -> None:
+        if self.writer is None:  # the first process does it, the others wait for its next step
+            return
+        with self.average.applied():
+            self.module.eval()
+            figures = self.trainee.validate()
+            self.module.train()
+            judged = {
+                n: each.detach().cpu().clone() for n, each in self.module.state_dict().items()
+            }
+        steps = self.progress.total_steps
+        self.progress.history.add_figures(steps, figures)
+        # The module has its own weights again: this may write a checkpoint.
+        self.keeper.judge(figures, judged, self.progress, whole_epoch=whole_epoch)
+        for name, figure in figures.items():
+            self.writer.add_scalar(f"val/{name}", figure, steps)
+        text = ", ".join(f"{name} {figure:.4g}" for name, figure in figures.items())
+        self.display.say(f"validation after {steps} steps: {text}")
+
+    def _report_and_save(self, batches: Sequence[Items]) -> None:
+        now, progress, total = time.monotonic(), self.progress, len(batches)
+        epoch = f"{progress.epoch + 1}/{self.options.epochs}"
+        self.display.step(epoch, progress.step, total, self._losses, self._seconds_left(total))
+        if self.writer is not None and now - self._logged > self.options.log_seconds:
+            self._logged = now
+            for name, value in self._losses.items():
+                self.writer.add_scalar(f"train/{name}", value, progress.total_steps)
+        if now - self.keeper.saved > 60.0 * self.options.checkpoint_minutes:
+            self._save_checkpoint()
+
+    def _seconds_left(self, steps_an_epoch: int) -> float:
+        done = self.progress.total_steps - self._steps_before
+        total = self.options.epochs * steps_an_epoch - self._steps_before
+        seconds = self._elapsed() / done * (total - done)
+        if self.options.time_limit is not None:
+            seconds = min(seconds, 60.0 * self.options.time_limit - self._elapsed())
+        return seconds
+
+    def _save_checkpoint(self) -> None:
+        if self.processes.is_first:
+            self.keeper.save_checkpoint(self.progress)
+
+    def _elapsed(self) -> float:
+        return time.monotonic() - self._began
+
+    def _why_stop(self) -> Reason:
+        """Return why to stop, the same in all processes."""
+        limit, own = self.options.time_limit, self.signals.reason
+        if limit is not None and self._elapsed() > 60.0 * limit:
+            own = max(own, Reason.TIME_LIMIT)
+        return Reason(self.processes.most(own))

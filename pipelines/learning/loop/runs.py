@@ -1,0 +1,127 @@
+"""A training as it was asked for, the files it owns, and where an earlier one stands."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pipelines.errors import SymgraspError, ValueRangeError
+from pipelines.learning.loop.history import History
+from pipelines.storage.checkpoints import load_training
+from pipelines.storage.provenance import COMPARED, Stamp, read_stamp
+
+
+@dataclass(frozen=True)
+class RunRequest:
+    """What the user asks of a run that does not change what it converges to.
+
+    Attributes:
+        seed: of everything drawn at random.
+        device: auto, cpu, cuda or cuda:N.
+        threads: CPU cores to use.
+        time_limit: minutes after which the run stops cleanly, None for no limit.
+        resume: go on with an unfinished run.
+        overwrite: start again whatever is there.
+        progress: show a progress bar on stderr instead of lines.
+        precision: of the large products of a step, float32 or bf16.
+        compiled: compile chains of layers.
+    """
+
+    seed: int = 0
+    device: str = "auto"
+    threads: int = 2
+    time_limit: float | None = None
+    resume: bool = False
+    overwrite: bool = False
+    progress: bool = False
+    precision: str = "float32"
+    compiled: bool = False
+
+
+@dataclass
+class Progress:
+    """Where a run stands; what a checkpoint remembers beside tensors."""
+
+    epoch: int = 0
+    step: int = 0  # of this epoch
+    total_steps: int = 0
+    seconds: float = 0.0
+    best: float | None = None  # at the end of an epoch
+    figures: dict[str, float] = field(default_factory=dict)  # of the best weights
+    kept: dict[str, float] = field(default_factory=dict)  # of the weights in the output
+    finished: bool = False
+    history: History = field(default_factory=History)
+
+    @classmethod
+    def of(cls, content: Mapping[str, Any]) -> "Progress":
+        """Return what `as_json` gave."""
+        return cls(**{**content, "history": History(**content.get("history", {}))})
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it as a JSON object."""
+        return asdict(self)
+
+
+def checkpoint_path(output: Path) -> Path:
+    """Return where the checkpoint of the run that writes `output` lies."""
+    return output.with_name(f"{output.stem}.checkpoint.safetensors")
+
+
+def fault_path(output: Path) -> Path:
+    """Return where a batch without a finite loss is kept by the run that writes `output`."""
+    return output.with_name(f"{output.stem}.fault.safetensors")
+
+
+def curves_path(output: Path) -> Path:
+    """Return where the picture of the curves of the run that writes `output` lies."""
+    return output.with_name(f"{output.stem}.curves.png")
+
+
+def log_folder(output: Path) -> Path:
+    """Return where the TensorBoard scalars of the run that writes `output` lie."""
+    return output.with_name(f"{output.stem}.logs")
+
+
+def find_progress(output: Path, stamp: Stamp, request: RunRequest) -> Progress | None:
+    """Return the progress of an earlier run that is finished or to be resumed, None if none is.
+
+    Raises:
+        ValueRangeError: `output` is to be another kind of file.
+        SymgraspError: there is an earlier run, and neither --resume nor --overwrite says what is
+            to become of it; or it was made with other settings and cannot be resumed.
+    """
+    if output.suffix != ".safetensors":
+        raise ValueRangeError("--out", output, "NAME.safetensors")
+    checkpoint = checkpoint_path(output)
+    if request.overwrite or not (checkpoint.exists() or output.exists()):
+        return None
+    if not checkpoint.exists():
+        raise SymgraspError(
+            f"{output} exists without {checkpoint.name}; pass --overwrite to train it again"
+        )
+    wanted, found = stamp.as_json(), read_stamp(checkpoint) or {}
+    changed = [key for key in COMPARED if found.get(key) != wanted[key]]
+    if changed:
+        told = ["other data" if key == "inputs" else f"another {key}" for key in changed]
+        raise SymgraspError(
+            f"{checkpoint} was made with {' and '.join(told)}; "
+            "give the same options and data to resume it, or pass --overwrite to start again"
+        )
+    progress = Progress.of(load_training(checkpoint).progress)
+    if progress.finished and not output.exists():  # gone; the checkpoint holds them still
+        progress.finished = False
+        return progress
+    if not request.resume and not progress.finished:
+        raise SymgraspError(
+            f"{checkpoint} holds an unfinished training; "
+            "pass --resume to go on with it or --overwrite to start again"
+        )
+    return progress
+
+
+def describe(progress: Progress) -> str:
+    """Return how far a run came and how good the kept weights are, in one line."""
+    figures = ", ".join(f"{name} {value:.4g}" for name, value in progress.kept.items())
+    judged = f"best on unseen scenes: {figures}" if figures else "no weights are written yet"
+    state = "finished" if progress.finished else "stopped by its time limit, --resume goes on"
+    return f"{progress.total_steps} steps in {progress.seconds / 60:.1f} min, {state}; {judged}"

@@ -1,0 +1,1 @@
+"""Progress of a training: terminal display and curves."""

@@ -1,0 +1,1 @@
+"""Speed of training: gradients, processes, precision, averaged weights."""

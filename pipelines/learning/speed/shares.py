@@ -1,0 +1,72 @@
+"""A batch cut into micro-batches, and which of them a process works on.
+
+Which regions are worked on together does not depend on the number of processes, so neither do the
+statistics of batch norm: with two processes a step differs from that with one by rounding alone.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pipelines.errors import ValueRangeError
+from pipelines.learning.loop.draws import generator
+from pipelines.learning.loop.trainee import Items, MicroBatch, Trainee
+from pipelines.learning.speed.processes import Processes
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One micro-batch of a batch, not loaded yet.
+
+    Attributes:
+        number: among the batch's micro-batches.
+        first: position of its first item in the batch.
+        items: the trainee's own.
+        share: of the batch's gradient; 0 for what is worked on only to keep step.
+    """
+
+    number: int
+    first: int
+    items: Items
+    share: float
+
+    def load(self, trainee: Trainee, seed: int, epoch: int, step: int) -> MicroBatch:
+        """Return the items loaded, each with the generator of its place."""
+        places = range(self.first, self.first + len(self.items))
+        drawing: list[np.random.Generator] = [generator(seed, epoch, step, i) for i in places]
+        return trainee.load(self.items, drawing)
+
+
+def cut(batch: Items, size: int, processes: Processes) -> list[Piece]:
+    """Return this process's micro-batches of `batch`, at least one."""
+    starts = range(0, len(batch), size)
+    pieces = [
+        Piece(number, first, batch[first : first + size], len(batch[first : first + size]))
+        for number, first in enumerate(starts)
+    ]
+    pieces = [replace(piece, share=piece.share / len(batch)) for piece in pieces]
+    own = pieces[processes.rank :: processes.count]
+    # An epoch smaller than a batch may not go around: who has nothing of it adds nothing.
+    return own or [replace(pieces[0], share=0.0)]
+
+
+def check_shares(batch_size: int, micro_batch_size: int, processes: Processes) -> None:
+    """Raise ValueRangeError if the processes cannot share out a batch evenly."""
+    pieces = -(-batch_size // micro_batch_size)
+    if pieces % processes.count:
+        raise ValueRangeError(
+            f"number of micro-batches of {micro_batch_size} in a batch of {batch_size}",
+            pieces,
+            f"a multiple of the {processes.count} processes; change --batch-size or --micro-batch",
+        )
+
+
+def micro_batch_size(asked: int, batch_size: int, on_cpu: int, processes: Processes) -> int:
+    """Return the size of micro-batches; `asked` 0 leaves it to us.
+
+    A CPU is quickest on a few items at a time, in several threads; a GPU on its whole share.
+    `on_cpu` is 0 where there is a GPU.
+    """
+    if asked:
+        return min(asked, batch_size)
+    return min(on_cpu or -(-batch_size // processes.count), batch_size)

@@ -1,0 +1,1 @@
+"""Symmetries of meshes: detection, verification, symmetric parts, doubt."""

@@ -1,0 +1,1 @@
+"""Detection of planes, axes and spheres of symmetry of a mesh."""

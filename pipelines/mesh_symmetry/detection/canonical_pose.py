@@ -1,0 +1,106 @@
+"""A mesh in a pose, size and order of its own, so that how it was given does not matter.
+
+Samples, search directions and grids are laid out in the mesh's frame. In a frame that turns with
+the surface, with triangles in an order that does too, the same surface gives the same samples, and
+its symmetries come out the same however it lies, whatever its unit, and wherever its file starts.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.geometry.symmetry import (
+    ReflectionSymmetry,
+    RotationSymmetry,
+    SphereSymmetry,
+    Symmetry,
+)
+
+Array = NDArray[np.float64]
+
+CELLS_PER_RADIUS = 8.0  # triangles are sorted by cells of space: neighbours stay neighbours
+
+
+@dataclass(frozen=True)
+class CanonicalPose:
+    """`mesh` = the given one as `x = rotation (x_given - center) / size`."""
+
+    mesh: Mesh
+    rotation: Array  # (3, 3)
+    center: Array  # (3,) metres, frame of the given mesh
+    size: float  # metres
+
+    @classmethod
+    def of(cls, given: Mesh) -> "CanonicalPose":
+        """Return `given` about its surface's centroid, along its principal axes, unit radius.
+
+        Of triangles on the same three points one is kept. A mesh without area is left as it is.
+        """
+        mesh = _without_doubles(given)
+        area = mesh.face_areas
+        if not area.sum() > 0.0:
+            return cls(mesh, np.eye(3), np.zeros(3), 1.0)
+        middle = mesh.triangles.mean(axis=1)
+        center = np.average(middle, axis=0, weights=area)
+        arms = mesh.triangles - center
+        sums = arms.sum(axis=1)
+        # The second moment of a triangle's area about the centroid, exactly.
+        moment = np.einsum("f,fi,fj->ij", area, sums, sums)
+        moment += np.einsum("f,fki,fkj->ij", area, arms, arms)
+        moment /= 12.0 * area.sum()
+        rotation = np.linalg.eigh(moment)[1].T[::-1].copy()
+        lean = np.average(((middle - center) @ rotation.T) ** 3, axis=0, weights=area)
+        rotation[lean < 0.0] *= -1.0  # the longer tail is ahead
+        rotation[2] = np.cross(rotation[0], rotation[1])
+        size = float(np.sqrt(np.trace(moment)))
+        vertices = (mesh.vertices - center) @ rotation.T / size
+        return cls(Mesh(vertices, _in_order(vertices, mesh.faces)), rotation, center, size)
+
+    def posed(self, symmetry: Symmetry) -> Symmetry:
+        """Return `symmetry` of the given mesh in the frame of the canonical one."""
+        point = self.rotation @ (symmetry.point - self.center) / self.size
+        return _moved(symmetry, self.rotation, point)
+
+    def given(self, symmetry: Symmetry) -> Symmetry:
+        """Return `symmetry` of the canonical mesh in the frame of the given one."""
+        point = self.center + self.size * symmetry.point @ self.rotation
+        return _moved(symmetry, self.rotation.T, point)
+
+
+def _moved(symmetry: Symmetry, rotation: Array, point: Array) -> Symmetry:
+    """Return `symmetry` turned by `rotation` (3, 3), through `point` (3,)."""
+    match symmetry:
+        case ReflectionSymmetry():
+            return ReflectionSymmetry(rotation @ symmetry.normal, point, symmetry.error)
+        case RotationSymmetry():
+            axis = rotation @ symmetry.axis
+            return RotationSymmetry(axis, point, symmetry.order, symmetry.error)
+        case SphereSymmetry():
+            return SphereSymmetry(point, symmetry.error)
+
+
+def _without_doubles(mesh: Mesh) -> Mesh:
+    number = np.unique(mesh.vertices, axis=0, return_inverse=True)[1].reshape(-1)
+    corners = np.sort(number[mesh.faces], axis=1)
+    kept = np.unique(corners, axis=0, return_index=True)[1]
+    return mesh if len(kept) == len(mesh.faces) else mesh.submesh(np.sort(kept))
+
+
+def _in_order(vertices: Array, faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return `faces` (f, 3) sorted by where they lie, each from the corner off its longest edge.
+
+    All look away from the centroid: which side a file calls outside says nothing here.
+    """
+    corners = vertices[faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inward = np.einsum("fi,fi->f", normal, corners.sum(axis=1)) < 0.0
+    faces = np.where(inward[:, None], faces[:, ::-1], faces)
+    corners = vertices[faces]
+    opposite = np.linalg.norm(np.roll(corners, -1, axis=1) - np.roll(corners, 1, axis=1), axis=2)
+    first = opposite.argmax(axis=1)
+    rolled = np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1)
+    middle = corners.mean(axis=1)
+    cell = np.floor(middle * CELLS_PER_RADIUS)
+    return np.asarray(rolled[np.lexsort((*middle.T, *cell.T))])

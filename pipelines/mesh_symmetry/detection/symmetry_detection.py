@@ -1,0 +1,278 @@
+"""Find the symmetries of a mesh: up to three planes, one axis, one sphere (Sec. III-G).
+
+Candidates are searched coarsely, refined until they fit, and accepted by their distance to the
+surface. A sphere stands for every symmetry it has, a continuous axis for the planes through it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.configs import AnnotateSymmetryConfig
+from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.geometry.symmetry import (
+    ReflectionSymmetry,
+    RotationSymmetry,
+    Symmetry,
+)
+from pipelines.mesh_symmetry.detection.canonical_pose import CanonicalPose
+from pipelines.mesh_symmetry.detection.symmetry_candidates import DistanceGrid, axis_candidates
+from pipelines.mesh_symmetry.detection.symmetry_search import (
+    COARSE_SAMPLES,
+    COARSE_SCALES,
+    FINAL_SAMPLES,
+    FINAL_SCALES,
+    FINE_SAMPLES,
+    FINE_SCALES,
+    REFINEMENT_ANGLES,
+    Shape,
+    continuous_fit,
+    fit_of_plane,
+    fit_of_turn,
+    refined_axes,
+    refined_planes,
+    search_axes,
+    search_planes,
+)
+from pipelines.mesh_symmetry.detection.symmetry_spheres import sphere_of
+from pipelines.mesh_symmetry.symmetry_verification import Fit
+
+Array = NDArray[np.float64]
+Accepted = tuple[Array, Fit]  # a plane (nx, ny, nz, d) and how well it fits
+
+ACROSS_COSINE = float(np.cos(np.radians(5.0)))
+SAME_COSINE = float(np.cos(np.radians(13.0)))
+PAIR_TOLERANCE = float(np.radians(2.0))
+FACING_POWER = 8  # sharpness of "this face looks along the plane's normal"
+
+
+@dataclass(frozen=True)
+class Detection:
+    """The symmetries of the whole mesh, and the candidates that fit only a part of it."""
+
+    symmetries: list[Symmetry]
+    partial: list[Symmetry]
+
+
+def detect_symmetries(
+    mesh: Mesh, config: AnnotateSymmetryConfig, rng: np.random.Generator
+) -> list[Symmetry]:
+    """Return the symmetries of `mesh`, metres, mesh frame: planes, then axis, or a sphere."""
+    return analyse(mesh, config, rng).symmetries
+
+
+def analyse(mesh: Mesh, config: AnnotateSymmetryConfig, rng: np.random.Generator) -> Detection:
+    """Return the symmetries of `mesh` and its rejected candidates (best first), mesh frame."""
+    pose = CanonicalPose.of(mesh)
+    found = _analyse(Shape.from_mesh(pose.mesh, config, rng), config)
+    return Detection(
+        [pose.given(each) for each in found.symmetries],
+        [pose.given(each) for each in found.partial],
+    )
+
+
+def analyse_body(
+    mesh: Mesh,
+    guess: RotationSymmetry,
+    config: AnnotateSymmetryConfig,
+    rng: np.random.Generator,
+    *,
+    is_cut: bool = True,
+) -> list[Symmetry]:
+    """Return the symmetries of a body of revolution about `guess`, mesh frame.
+
+    A sphere; or the plane across, if it is one, and the axis: refined where all of the surface
+    turns about it, as guessed where holes or noise hide that. A body that is not cut out of
+    anything, `is_cut` False, has no holes by cutting: if it does not turn it has no symmetries.
+    """
+    pose = CanonicalPose.of(mesh)
+    shape = Shape.from_mesh(pose.mesh, config, rng)
+    sphere = sphere_of(shape, config)
+    if sphere is not None:
+        return [pose.given(sphere)]
+    known = pose.posed(guess)
+    axis = np.concatenate([known.direction, (known.point - shape.center) / shape.size])
+    for scales in (FINE_SCALES, FINAL_SCALES):
+        better = refined_axes(shape, axis[None], REFINEMENT_ANGLES, scales, FINE_SAMPLES)[0]
+        fit, continuous = continuous_fit(shape, better, config)
+        if not continuous or abs(better[:3] @ known.direction) < ACROSS_COSINE:
+            fit, continuous = continuous_fit(shape, axis, config)
+            break
+        axis = better
+    if not is_cut and not continuous:
+        return []
+    found: list[Symmetry] = [
+        _reflection(shape, plane, fit) for plane, fit in _across(shape, axis, [], config)
+    ]
+    return [pose.given(each) for each in [*found, _rotation(shape, axis, None, fit)]]
+
+
+def holding(
+    planes: Sequence[ReflectionSymmetry],
+    mesh: Mesh,
+    config: AnnotateSymmetryConfig,
+    rng: np.random.Generator,
+) -> list[ReflectionSymmetry]:
+    """Return those of `planes` that hold on `mesh`, mesh frame, with the error they have there."""
+    if not planes:
+        return []
+    pose = CanonicalPose.of(mesh)
+    shape = Shape.from_mesh(pose.mesh, config, rng)
+    held = []
+    for plane in planes:
+        known = pose.posed(plane)
+        offset = known.direction @ (known.point - shape.center) / shape.size
+        fit = fit_of_plane(shape, np.append(known.direction, offset), shape.samples)
+        if fit.holds(config):
+            held.append(replace(plane, error=fit.error))
+    return held
+
+
+def _analyse(shape: Shape, config: AnnotateSymmetryConfig) -> Detection:
+    sphere = sphere_of(shape, config)
+    if sphere is not None:
+        return Detection([sphere], [])
+    grid = DistanceGrid.around(shape.surface.points, config.grid_resolution, config.distance_cap)
+    axes, axis_fits = search_axes(shape, config)
+    planes, plane_fits = search_planes(shape, grid, config)
+    partial: list[Symmetry] = [
+        _rotation(shape, axis, None, fit)
+        for axis, (fit, continuous) in zip(axes, axis_fits, strict=True)
+        if not continuous
+    ]
+    partial += [
+        _reflection(shape, plane, fit)
+        for plane, fit in zip(planes, plane_fits, strict=True)
+        if not fit.holds(config)
+    ]
+    accepted = _not_parallel(
+        [(plane, fit) for plane, fit in zip(planes, plane_fits, strict=True) if fit.holds(config)]
+    )
+    rounds = [(axis, fit) for axis, (fit, yes) in zip(axes, axis_fits, strict=True) if yes]
+    rotation: RotationSymmetry | None
+    if rounds:
+        axis, fit = rounds[0]
+        axis = refined_axes(shape, axis[None], REFINEMENT_ANGLES, FINAL_SCALES, FINE_SAMPLES)[0]
+        accepted = _across(shape, axis, accepted, config)
+        rotation = _rotation(shape, axis, None, fit)
+    else:
+        rotation = _discrete_rotation(shape, grid, [plane for plane, _ in accepted], config)
+    symmetries: list[Symmetry] = [
+        _reflection(shape, plane, fit) for plane, fit in _best_planes(shape, accepted, config)
+    ]
+    return Detection(symmetries + ([rotation] if rotation is not None else []), partial)
+
+
+def _reflection(shape: Shape, plane: Array, fit: Fit) -> ReflectionSymmetry:
+    # The point of the plane that is nearest to the centroid: the origin moved onto the plane.
+    return ReflectionSymmetry(plane[:3], shape.to_mesh(plane[3] * plane[:3]), fit.error)
+
+
+def _rotation(shape: Shape, axis: Array, order: int | None, fit: Fit) -> RotationSymmetry:
+    foot = axis[3:] - (axis[3:] @ axis[:3]) * axis[:3]
+    return RotationSymmetry(axis[:3], shape.to_mesh(foot), order, fit.error)
+
+
+def _not_parallel(planes: Sequence[Accepted]) -> list[Accepted]:
+    """Return the planes without those nearly parallel to a better one.
+
+    Two parallel mirrors make a translation, which no bounded object survives; two that meet at
+    less than 15 degrees a rotation of more than twelve-fold symmetry, or one plane found twice.
+    """
+    kept: list[Accepted] = []
+    for plane, fit in planes:
+        if all(abs(plane[:3] @ better[:3]) < SAME_COSINE for better, _ in kept):
+            kept.append((plane, fit))
+    return kept
+
+
+def _across(
+    shape: Shape, axis: Array, accepted: Sequence[Accepted], config: AnnotateSymmetryConfig
+) -> list[Accepted]:
+    """Return the plane perpendicular to the continuous axis, if it is one of symmetry.
+
+    Planes through the axis are one family that the axis stands for; no other can be right.
+    """
+    for plane, fit in accepted:
+        if abs(plane[:3] @ axis[:3]) > ACROSS_COSINE:
+            return [(plane, fit)]
+    # Halfway between the ends: where a lid is missing, the centroid is not in the plane.
+    height = shape.samples.points @ axis[:3]
+    for offset in (0.0, (height.min() + height.max()) / 2.0):
+        start = np.append(axis[:3], offset)[None]
+        plane = refined_planes(shape, start, FINE_SCALES, FINAL_SAMPLES)[0]
+        fit = fit_of_plane(shape, plane, shape.samples)
+        if abs(plane[:3] @ axis[:3]) > ACROSS_COSINE and fit.holds(config):
+            return [(plane, fit)]
+    return []
+
+
+def _discrete_rotation(
+    shape: Shape, grid: DistanceGrid, planes: Sequence[Array], config: AnnotateSymmetryConfig
+) -> RotationSymmetry | None:
+    """Return the n-fold rotation of highest order: from pairs of planes, else by search."""
+    guesses: list[tuple[int, Array]] = []
+    for first, second in combinations(planes, 2):
+        between = np.arccos(np.clip(abs(first[:3] @ second[:3]), 0.0, 1.0))
+        order = int(np.clip(np.round(np.pi / max(float(between), 1e-3)), 2, config.max_order))
+        if abs(between - np.pi / order) < PAIR_TOLERANCE:
+            guesses.append((order, _common_line(first, second)))
+    # Of a box's three half turns, the one about its longest side.
+    spread = [float(np.ptp(shape.samples.points @ axis[:3]).round(2)) for _, axis in guesses]
+    ranked = sorted(range(len(guesses)), key=lambda i: (-guesses[i][0], -spread[i]))
+    guesses = [guesses[i] for i in ranked]
+    if not guesses:  # a shape with a turn but no mirror, such as a propeller
+        guesses = _searched_turns(shape, grid, config)
+    for order, axis in guesses:
+        angle = 2.0 * np.pi / order
+        coarse = refined_axes(shape, axis[None], (angle,), COARSE_SCALES, COARSE_SAMPLES)
+        if fit_of_turn(shape, coarse[0], angle, shape.few).is_hopeless(config):
+            continue
+        refined = refined_axes(shape, coarse, (angle,), FINE_SCALES, FINE_SAMPLES)[0]
+        fit = fit_of_turn(shape, refined, angle, shape.samples)
+        if fit.holds(config):
+            return _rotation(shape, refined, order, fit)
+    return None
+
+
+def _common_line(first: Array, second: Array) -> Array:
+    direction = np.cross(first[:3], second[:3])
+    system = np.stack([first[:3], second[:3], direction])
+    point = np.linalg.solve(system, [first[3], second[3], 0.0])
+    return np.concatenate([direction / np.linalg.norm(direction), point])
+
+
+def _searched_turns(
+    shape: Shape, grid: DistanceGrid, config: AnnotateSymmetryConfig
+) -> list[tuple[int, Array]]:
+    guesses = []
+    for order in range(config.max_order, 1, -1):
+        angles = (2.0 * np.pi / order,)
+        best = axis_candidates(grid, shape.points(COARSE_SAMPLES), config, angles)[0]
+        guesses.append((order, np.concatenate([best, np.zeros(3)])))
+    return guesses
+
+
+def _best_planes(
+    shape: Shape, accepted: Sequence[Accepted], config: AnnotateSymmetryConfig
+) -> list[Accepted]:
+    """Return at most `max_planes` planes: the most orthogonal ones that faces look along.
+
+    A cube has nine planes and the network three slots. Among equally orthogonal triples the one
+    parallel to faces is taken, because there mirrored points face each other and can be gripped.
+    """
+    if len(accepted) <= config.max_planes:
+        return list(accepted)
+    normals = np.stack([plane[:3] for plane, _ in accepted])
+    facing = np.mean(np.abs(shape.samples.normals @ normals.T) ** FACING_POWER, axis=0)
+    overlap = np.square(normals @ normals.T)
+
+    def cost(chosen: tuple[int, ...]) -> tuple[float, float]:
+        pairs = sum(float(overlap[i, j]) for i, j in combinations(chosen, 2))
+        return round(pairs, 1), -float(facing[list(chosen)].sum())
+
+    best = min(combinations(range(len(accepted)), config.max_planes), key=cost)
+    return [accepted[index] for index in best]

@@ -1,0 +1,70 @@
+"""Candidate axes of revolution, read from the normals of a surface.
+
+The normal line of every point of a surface of revolution meets the axis. For an axis with unit
+direction u through c that says n . (u x (p - c)) = 0, which is linear in u and m = c x u; so a few
+points give an axis without any search. Small random sets propose, all points vote, and the best
+are fitted to the points that agree: a body's axis is found in spite of a handle, and wherever a
+missing piece has moved the centroid.
+Normalised coordinates: origin at the surface's centroid, unit diameter. Axes are rows
+(ux, uy, uz, px, py, pz).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.geometry.transforms import unit
+from pipelines.mesh_symmetry.detection.symmetry_candidates import distinct, principal_axes
+
+Array = NDArray[np.float64]
+
+SET_SIZE = 8  # an axis has four degrees of freedom; normals of scans are rough
+NUM_STARTS = 24  # of the sets, the best by votes
+NUM_FITTED = 600  # points that vote
+TOLERANCE = 0.04  # diameters a radian: the speed across the surface of a point that disagrees
+STEPS = 6  # of reweighting
+PRIOR = 1e-3  # weight of the centroid where the normals do not say where the axis is
+
+
+def revolution_candidates(points: Array, normals: Array, limit: int, min_angle: float) -> Array:
+    """Return at most `limit` axes (c, 6), best first, more than `min_angle` radians apart.
+
+    `points`, `normals`: (n, 3) surface samples in random order.
+    """
+    lines = np.concatenate([np.cross(points, normals), normals], axis=1)  # (n, 6)
+    usable = len(lines) // SET_SIZE * SET_SIZE
+    sets = lines[:usable].reshape(-1, SET_SIZE, 6)
+    voters = lines[:NUM_FITTED]
+    proposed = _fitted(np.einsum("ski,skj->sij", sets, sets) / SET_SIZE)
+    order = np.argsort(-_votes(voters, proposed).sum(axis=1), kind="stable")[:NUM_STARTS]
+    frame = principal_axes(points)
+    known = np.concatenate([frame, np.zeros((3, 3))], axis=1)
+    axes = np.concatenate(
+        [known, _fitted((voters.T @ voters)[None] / len(voters)), proposed[order]]
+    )
+    for _ in range(STEPS):
+        weight = _votes(voters, axes)
+        system = np.einsum("av,vi,vj->aij", weight, voters, voters, optimize=True)
+        axes = _fitted(system / weight.sum(axis=1)[:, None, None])
+    ranked = np.argsort(-_votes(voters, axes).sum(axis=1), kind="stable")
+    axes = axes[ranked]
+    keep = distinct(axes[:, :3], np.zeros(len(axes)), limit, min_angle=min_angle, min_offset=np.inf)
+    found = axes[keep]
+    centers = np.cross(found[:, :3], found[:, 3:])
+    return np.concatenate([found[:, :3], centers], axis=1)
+
+
+def _fitted(system: Array) -> Array:
+    """Return the axes (a, 6) as (u, m) that solve the normal equations `system` (a, 6, 6)."""
+    cross = system[:, :3, 3:]
+    inverse = np.linalg.inv(system[:, 3:, 3:] + PRIOR * np.eye(3))
+    reduced = system[:, :3, :3] - cross @ inverse @ cross.swapaxes(1, 2)
+    direction = np.linalg.eigh(reduced)[1][:, :, 0]
+    moment = -np.einsum("aij,akj,ak->ai", inverse, cross, direction)
+    along = np.einsum("ai,ai->a", moment, direction)  # a screw's pitch, which an axis has not
+    return np.concatenate([unit(direction), moment - along[:, None] * direction], axis=1)
+
+
+def _votes(lines: Array, axes: Array) -> Array:
+    """Return how far (a, n) each of the `lines` (n, 6) agrees with each axis, 0 to 1."""
+    speed = axes @ lines.T
+    return np.asarray(1.0 / (1.0 + np.square(speed / TOLERANCE)))

@@ -1,0 +1,66 @@
+"""Spheres: a ball by its radius, a hollow ball by its turns.
+
+The two skins of a hollow ball have no common radius, but what turns about two axes turns about all
+that pass through where they meet.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.configs import AnnotateSymmetryConfig
+from pipelines.geometry.symmetry import SphereSymmetry
+from pipelines.geometry.transforms import unit
+from pipelines.mesh_symmetry.detection.symmetry_refinement import fit_sphere
+from pipelines.mesh_symmetry.detection.symmetry_search import Shape, continuous_fit
+from pipelines.mesh_symmetry.symmetry_verification import (
+    SUPPORT_COSINE,
+    Samples,
+    is_sphere,
+    surrounds,
+)
+
+Array = NDArray[np.float64]
+
+
+def sphere_of(shape: Shape, config: AnnotateSymmetryConfig) -> SphereSymmetry | None:
+    """Return the sphere that `shape` is, mesh frame, metres, if it is one."""
+    return _ball(shape) or _hollow_ball(shape, config)
+
+
+def _ball(shape: Shape) -> SphereSymmetry | None:
+    points = shape.samples.points
+    center, radius = fit_sphere(points)
+    if not is_sphere(points, center, radius):
+        return None
+    gap = np.abs(np.linalg.norm(points - center, axis=1) - radius)
+    return SphereSymmetry(shape.to_mesh(center), float(gap.mean() / (2.0 * radius)))
+
+
+def _hollow_ball(shape: Shape, config: AnnotateSymmetryConfig) -> SphereSymmetry | None:
+    center = _common_point(shape.samples)
+    if not _looks_radial(shape, center, config):
+        return None
+    fits = []
+    for direction in np.eye(3):
+        fit, continuous = continuous_fit(shape, np.concatenate([direction, center]), config)
+        if not continuous:
+            return None
+        fits.append(fit)
+    return SphereSymmetry(shape.to_mesh(center), max(fit.error for fit in fits))
+
+
+def _common_point(samples: Samples) -> Array:
+    """Return the point (3,) that the normals' lines pass nearest to."""
+    across = np.eye(3) - samples.normals[:, :, None] * samples.normals[:, None, :]
+    system = across.sum(axis=0) + 1e-9 * len(across) * np.eye(3)
+    right = np.einsum("nij,nj->i", across, samples.points)
+    return np.asarray(np.linalg.solve(system, right))
+
+
+def _looks_radial(shape: Shape, center: Array, config: AnnotateSymmetryConfig) -> bool:
+    """Return whether `shape` lies all around `center` (3,), and its normals point from or to it."""
+    samples = shape.samples
+    radial = np.einsum("nd,nd->n", samples.normals, unit(samples.points - center))
+    share = float(np.mean(np.abs(radial) > SUPPORT_COSINE))
+    enough = config.min_agreement * shape.surface.steadiness
+    return share >= enough and surrounds(samples.points, center)

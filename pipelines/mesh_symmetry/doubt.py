@@ -1,0 +1,187 @@
+"""How near an annotator's decisions were to falling the other way.
+
+Every symmetry that was accepted, and every candidate that was rejected, is measured again on
+samples of its own. Its strain is the factor by which the annotator's limits would have to be
+wider, or could be tighter, for it to just hold: 1 is the line. An accepted symmetry is as doubtful
+as it is strained, a rejected candidate as one over its strain; an object is as doubtful as its
+most doubtful decision, D. 42.
+"""
+
+from bisect import bisect_left
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.configs import AnnotateSymmetryConfig
+from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.geometry.symmetry import (
+    ReflectionSymmetry,
+    RotationSymmetry,
+    SphereSymmetry,
+    Symmetry,
+)
+from pipelines.mesh_symmetry.detection.canonical_pose import CanonicalPose
+from pipelines.mesh_symmetry.detection.symmetry_refinement import fit_sphere
+from pipelines.mesh_symmetry.detection.symmetry_search import Shape, fit_of_plane, fit_of_turn
+from pipelines.mesh_symmetry.symmetry_verification import VERIFICATION_ANGLES, Fit
+
+Array = NDArray[np.float64]
+
+NUM_SURFACE, NUM_SAMPLES = 10_000, 800
+SPHERE_ANGLES = VERIFICATION_ANGLES[::3]
+SAME_COSINE = float(np.cos(np.radians(7.0)))
+SAME_OFFSET = 0.03  # of the diameter
+STRAINS = np.geomspace(1 / 32, 32, 513).tolist()  # steps of 1.4 %
+NUM_JUDGED, NUM_REJECTED = 5, 3  # rejected candidates that are measured, and that are told
+LIKELY = 0.5  # nearness from which a sphere, which is not searched for, is told as a candidate
+
+
+@dataclass(frozen=True)
+class Measure:
+    """How well one symmetry fits a mesh.
+
+    Attributes:
+        strain: the factor that limits would need for it to just hold; up to 1 it does hold.
+        error: dense symmetry error of the surface against its image, the worst of its images.
+        roundness: the smallest miss over the largest of a continuous axis's turns: near 0 for
+            a polygon, which fits at some angles and not at others; 1 for all else.
+    """
+
+    strain: float
+    error: float
+    roundness: float = 1.0
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """The doubt of an object, 0 to 1, and its rejected candidates, the nearest to holding first."""
+
+    doubt: float
+    rejected: tuple[Symmetry, ...]
+
+
+@dataclass(frozen=True)
+class Gauge:
+    """A mesh's surface and samples of it in its canonical pose, to measure symmetries on."""
+
+    pose: CanonicalPose
+    shape: Shape
+    config: AnnotateSymmetryConfig
+
+    @classmethod
+    def of(cls, mesh: Mesh, config: AnnotateSymmetryConfig, rng: np.random.Generator) -> "Gauge":
+        """Sample `mesh`; the samples are not those that its symmetries were found on."""
+        coarser = replace(
+            config,
+            num_samples=min(NUM_SURFACE, config.num_samples),
+            num_verification_samples=min(NUM_SAMPLES, config.num_verification_samples),
+        )
+        pose = CanonicalPose.of(mesh)
+        return cls(pose, Shape.from_mesh(pose.mesh, coarser, rng), config)
+
+    def measure(self, symmetry: Symmetry) -> Measure:
+        """Return how well `symmetry`, mesh frame, metres, fits."""
+        shape, posed = self.shape, self.pose.posed(symmetry)
+        point = (posed.point - shape.center) / shape.size
+        match posed:
+            case ReflectionSymmetry():
+                plane = np.append(posed.normal, point @ posed.normal)
+                return self._measure(
+                    [fit_of_plane(shape, plane, shape.samples)], self.config.max_mean
+                )
+            case RotationSymmetry(order=None):
+                fits = self._turns(posed.axis, point, VERIFICATION_ANGLES)
+                measure = self._measure(fits, self.config.max_axis_mean)
+                misses = [fit.miss for fit in fits]
+                oval = max(fit.ovalness for fit in fits)
+                roundness = min(misses) / max(*misses, 1e-9)
+                return Measure(max(measure.strain, oval), measure.error, roundness)
+            case RotationSymmetry():
+                fits = self._turns(posed.axis, point, [2.0 * np.pi / (posed.order or 1)])
+                return self._measure(fits, self.config.max_mean)
+            case SphereSymmetry():
+                fits = [
+                    fit for axis in np.eye(3) for fit in self._turns(axis, point, SPHERE_ANGLES)
+                ]
+                return self._measure(fits, self.config.max_axis_mean)
+
+    def judge(self, accepted: Sequence[Symmetry], rejected: Sequence[Symmetry]) -> Judgement:
+        """Return the doubt of having `accepted` these and `rejected` those.
+
+        Candidates that say what an accepted symmetry says already are passed over.
+        """
+        doubts = [min(self.measure(symmetry).strain, 1.0) for symmetry in accepted]
+        others = [each for each in rejected if not self._is_known(each, accepted)]
+        others = sorted(others, key=lambda each: each.error)[:NUM_JUDGED]
+        if not any(isinstance(symmetry, SphereSymmetry) for symmetry in accepted):
+            center, _ = fit_sphere(self.shape.samples.points)
+            others.append(self.pose.given(SphereSymmetry(self.shape.to_mesh(center))))
+        measures = [self.measure(symmetry) for symmetry in others]
+        near = [_nearness(measure) for measure in measures]
+        told = [
+            replace(others[index], error=measures[index].error)
+            for index in np.argsort(near)[::-1].tolist()
+            if near[index] > LIKELY or not isinstance(others[index], SphereSymmetry)
+        ]
+        return Judgement(round(max([*doubts, *near], default=0.0), 4), tuple(told[:NUM_REJECTED]))
+
+    def _turns(self, axis: Array, point: Array, angles: Sequence[float]) -> list[Fit]:
+        line = np.concatenate([axis, point])
+        return [fit_of_turn(self.shape, line, angle, self.shape.samples) for angle in angles]
+
+    def _measure(self, fits: Sequence[Fit], max_mean: float) -> Measure:
+        strain = max(_strain(fit, self.config, max_mean) for fit in fits)
+        return Measure(strain, max(fit.error for fit in fits))
+
+    def _is_known(self, candidate: Symmetry, accepted: Sequence[Symmetry]) -> bool:
+        return any(self._implies(known, candidate) for known in accepted)
+
+    def _implies(self, known: Symmetry, candidate: Symmetry) -> bool:
+        """Return whether `candidate` is nearly `known`, or one of the family it stands for."""
+        between = candidate.point - known.point
+        reach = SAME_OFFSET * self.shape.size * self.pose.size
+        match known, candidate:
+            case ReflectionSymmetry(), ReflectionSymmetry():
+                return bool(abs(known.normal @ candidate.normal) > SAME_COSINE)
+            case RotationSymmetry(), RotationSymmetry():
+                same = abs(known.axis @ candidate.axis) > SAME_COSINE
+                return bool(same and known.order == candidate.order)
+            case RotationSymmetry(order=None), ReflectionSymmetry():
+                through = abs(between @ candidate.normal) < reach
+                across = abs(known.axis @ candidate.normal) < np.sqrt(1.0 - SAME_COSINE**2)
+                return bool(through and across)
+            case SphereSymmetry(), _:
+                return True
+            case _:
+                return False
+
+
+def _nearness(measure: Measure) -> float:
+    """Return how near a rejected candidate is to holding, 0 to 1."""
+    return min(1.0 / max(measure.strain, 1.0), measure.roundness)
+
+
+def _strain(fit: Fit, config: AnnotateSymmetryConfig, max_mean: float) -> float:
+    """Return the factor by which all limits must be widened for `fit` to just hold."""
+    if not fit.holds(_widened(config, STRAINS[-1]), max_mean * STRAINS[-1]):
+        return float(STRAINS[-1])
+    place = bisect_left(
+        STRAINS, True, key=lambda factor: fit.holds(_widened(config, factor), max_mean * factor)
+    )
+    return float(STRAINS[place])
+
+
+@lru_cache(maxsize=2 * len(STRAINS))
+def _widened(config: AnnotateSymmetryConfig, factor: float) -> AnnotateSymmetryConfig:
+    return replace(
+        config,
+        max_mean=config.max_mean * factor,
+        max_p95=config.max_p95 * factor,
+        max_p99=config.max_p99 * factor,
+        max_error=config.max_error * factor,
+        max_unseen=config.max_unseen * factor,
+        min_agreement=1.0 - (1.0 - config.min_agreement) * factor,
+    )

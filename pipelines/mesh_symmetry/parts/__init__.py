@@ -1,0 +1,1 @@
+"""Symmetric parts of a mesh that has no symmetry as a whole."""

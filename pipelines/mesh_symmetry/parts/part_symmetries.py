@@ -1,0 +1,150 @@
+"""The symmetries of an object's parts: their own, and the planes of the whole they share."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.configs import AnnotateSymmetryConfig
+from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.geometry.symmetry import (
+    ReflectionSymmetry,
+    RotationSymmetry,
+    SphereSymmetry,
+    Symmetry,
+)
+from pipelines.mesh_symmetry.detection.symmetry_detection import (
+    Detection,
+    analyse,
+    analyse_body,
+    holding,
+)
+from pipelines.mesh_symmetry.parts.revolved_bodies import Body
+from pipelines.mesh_symmetry.parts.sampled_parts import SampledParts
+from pipelines.mesh_symmetry.symmetry_verification import SUPPORT_COSINE, SUPPORT_DISTANCE
+
+Array = NDArray[np.float64]
+Faces = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+PIECE_SAMPLES = 12000
+SAME_PLANE = float(np.cos(np.radians(10.0)))
+NUM_PARTIAL = 6  # rejected candidates that are tried on parts
+
+
+@dataclass(frozen=True)
+class PartSymmetries:
+    """What is known of an object's symmetries, to find those of its parts."""
+
+    parts: SampledParts
+    detection: Detection
+    config: AnnotateSymmetryConfig
+    rng: np.random.Generator
+    size: float  # diameter of the object, metres
+
+    def body(self, body: Body) -> list[Symmetry]:
+        """Return the symmetries of a body of revolution: its axis at least, or a sphere.
+
+        None if it stands alone and does not turn about any: an oval column's circles look round.
+        """
+        axis = RotationSymmetry(body.axis.direction, body.axis.point)
+        mesh = self.parts.submesh(body.members)
+        is_cut = self.parts.touching(body.members, ~body.members) > 0.0
+        return analyse_body(mesh, axis, self._coarser, self.rng, is_cut=is_cut)
+
+    def part(self, members: Mask) -> list[Symmetry]:
+        """Return the symmetries of the part `members` (m,), and the whole's planes it shares."""
+        found = self._analysed(members)
+        if any(turns(symmetry) for symmetry in found):
+            return found
+        planes = [symmetry for symmetry in found if isinstance(symmetry, ReflectionSymmetry)]
+        others = [symmetry for symmetry in found if not isinstance(symmetry, ReflectionSymmetry)]
+        planes = self._with_shared(planes, members)
+        return [*planes, *others]
+
+    def still_held(self, symmetries: list[Symmetry], members: Mask) -> list[Symmetry] | None:
+        """Return `symmetries` with the errors that their planes have on the samples `members` (m,).
+
+        None if a plane does not hold there.
+        """
+        planes = [symmetry for symmetry in symmetries if isinstance(symmetry, ReflectionSymmetry)]
+        others = [each for each in symmetries if not isinstance(each, ReflectionSymmetry)]
+        held = self._held(planes, self.parts.submesh(members))
+        return [*held, *others] if len(held) == len(planes) else None
+
+    def largest_mirrored(self, members: Mask) -> Mask | None:
+        """Return the largest connected part of `members` that a plane of the object explains.
+
+        None if that is less than `min_region_support` of it: the cut would be where the plane
+        ceases to hold, which no one sees.
+        """
+        for plane in self._planes():
+            held = members.copy()
+            held[members] = self._supported(plane, members)
+            clusters = self.parts.clusters(self.parts.smoothed(held) & members)
+            enough = self.config.min_region_support * members.sum()
+            if clusters and clusters[0].sum() >= enough:
+                return clusters[0]
+        return None
+
+    def _planes(self) -> list[ReflectionSymmetry]:
+        known = [*self.detection.symmetries, *self.detection.partial[:NUM_PARTIAL]]
+        return [symmetry for symmetry in known if isinstance(symmetry, ReflectionSymmetry)]
+
+    def _with_shared(
+        self, planes: list[ReflectionSymmetry], members: Mask
+    ) -> list[ReflectionSymmetry]:
+        """Return `planes` and as many more of the object's as there is room for and hold here."""
+        room = self.config.max_planes - len(planes)
+        others = [
+            plane
+            for plane in self._planes()
+            if not _is_among(plane, planes) and self._keeps(plane, members)
+        ]
+        if not others or room <= 0:
+            return planes
+        shared: list[ReflectionSymmetry] = []
+        for plane in self._held(others, self.parts.submesh(members)):
+            if len(shared) < room and not _is_among(plane, shared):
+                shared.append(plane)
+        return [*planes, *shared]
+
+    def _held(self, planes: list[ReflectionSymmetry], mesh: Mesh) -> list[ReflectionSymmetry]:
+        # Samples of their own, so that other parts' do not depend on whether any are drawn here.
+        return holding(planes, mesh, self._coarser, self.rng.spawn(1)[0])
+
+    def _keeps(self, plane: ReflectionSymmetry, members: Mask) -> bool:
+        """Return whether `plane` maps most of the part `members` to itself: is it worth a fit?"""
+        held = self._supported(plane, members)
+        return bool(held.mean() >= self.config.min_agreement)
+
+    def _supported(self, plane: ReflectionSymmetry, members: Mask) -> Mask:
+        """Return which of `members` (k,) have their image on the surface of `members`."""
+        surface = self.parts.surface
+        image = plane.counterpart(surface.points[members])
+        normals = plane.mirror_vectors(surface.normals[members])
+        index = surface.nearest(image)
+        met = surface.normals[index]
+        gap = np.einsum("nd,nd->n", image - surface.points[index], met)
+        beside = np.linalg.norm(image - surface.points[index], axis=1)
+        tolerance = SUPPORT_DISTANCE * self.size
+        near = (np.abs(gap) < tolerance) & (beside < 3.0 * tolerance) & members[index]
+        return np.asarray(near & (np.abs(np.einsum("nd,nd->n", met, normals)) > SUPPORT_COSINE))
+
+    def _analysed(self, members: Mask) -> list[Symmetry]:
+        return analyse(self.parts.submesh(members), self._coarser, self.rng).symmetries
+
+    @property
+    def _coarser(self) -> AnnotateSymmetryConfig:
+        """The configuration for parts: they are smaller than their object."""
+        return replace(self.config, num_samples=min(PIECE_SAMPLES, self.config.num_samples))
+
+
+def _is_among(plane: ReflectionSymmetry, others: list[ReflectionSymmetry]) -> bool:
+    return any(abs(plane.normal @ other.normal) > SAME_PLANE for other in others)
+
+
+def turns(symmetry: Symmetry) -> bool:
+    """Return whether `symmetry` is a continuous rotation or a sphere."""
+    continuous = isinstance(symmetry, RotationSymmetry) and symmetry.order is None
+    return continuous or isinstance(symmetry, SphereSymmetry)

@@ -1,0 +1,134 @@
+"""Bodies of revolution among the parts of a surface: a mug's wall, a pan, a hammer's grip.
+
+An axis is proposed by patches (`revolution.py`) and grows to the connected samples on full, round
+circles about it. Flat samples look the same about every axis across them, so they belong to
+a body only where it bounds them, as a mug bounds its bottom; the flats of a nut stay out. And a
+body ends at an edge: the middle of a banana is round as well, but nobody sees where it ends.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.mesh_symmetry.detection.revolution import (
+    Axis,
+    candidate_axes,
+    profile,
+    refined,
+    same_line,
+)
+from pipelines.mesh_symmetry.detection.surface import diameter
+from pipelines.mesh_symmetry.parts.sampled_parts import SampledParts
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+MAX_BODIES = 4
+FLAT = float(np.sin(np.radians(15.0)))  # between normal and axis
+SAME_FLAT = 0.9  # cosine; the two sides of a plate are two flats
+MIN_BOUNDED = 2.0 / 3.0  # share of the links around a flat that lead to its body
+MAX_SMOOTH_BORDER = 0.8  # share of a body's border where the surface just goes on
+MAX_STRAYS = 0.02  # of a body, samples in its midst that belong to it
+MIN_LATERAL = 0.15  # share of a body that is not flat, or it is a disc drawn on a plate
+
+
+@dataclass(frozen=True)
+class Body:
+    """The samples (m,) of a body of revolution, its axis, and how much it is of what curves.
+
+    `axis` in the frame and unit of the mesh. `lateral` weighs samples by the sine between normal
+    and axis: the share of the surface that fingers close on across the axis, 0 to 1.
+    """
+
+    axis: Axis
+    members: Mask
+    lateral: float
+
+
+def revolved_bodies(parts: SampledParts, among: Mask, min_lateral: float) -> list[Body]:
+    """Return the bodies of revolution of at least `min_lateral`, the largest first.
+
+    They are sought `among` (m,) the samples, the next one among those that are left over.
+    """
+    center = parts.surface.points.mean(axis=0)
+    size = diameter(parts.surface.points)
+    points, normals = (parts.surface.points - center) / size, parts.surface.normals
+    left = among.copy()
+    bodies: list[Body] = []
+    while len(bodies) < MAX_BODIES and left.mean() > min_lateral:
+        best = _largest_body(parts, points, normals, left, min_lateral)
+        if best is None:
+            break
+        axis = Axis(best.axis.direction, best.axis.point * size + center)
+        bodies.append(replace(best, axis=axis))
+        left &= ~best.members
+    return bodies
+
+
+def _largest_body(
+    parts: SampledParts, points: Array, normals: Array, left: Mask, min_lateral: float
+) -> Body | None:
+    """Return the largest body among `left` (n,), of at least `min_lateral`."""
+    bodies: list[Body] = []
+    fits: list[Axis] = []
+    for axis in candidate_axes(points[left], normals[left]):
+        if any(same_line(axis, known) for known in fits):
+            continue
+        fitted, held_left = refined(axis, points[left], normals[left])
+        fits.append(fitted)
+        held = np.zeros(len(points), dtype=np.bool_)
+        held[left] = held_left
+        body = _grown(parts, fitted, points, normals, held, min_lateral)
+        if body is not None:
+            bodies.append(body)
+    return max(bodies, key=lambda body: body.lateral, default=None)
+
+
+def _grown(
+    parts: SampledParts,
+    axis: Axis,
+    points: Array,
+    normals: Array,
+    held: Mask,
+    min_lateral: float,
+) -> Body | None:
+    """Return the body about `axis` that is the largest connected part of `held` (n,)."""
+    lateral = profile(axis, points, normals).lateral
+    enough = min_lateral * lateral.sum()
+    if lateral[held].sum() < enough:
+        return None
+    held = _without_loose_flats(parts, parts.smoothed(held) & held, lateral)
+    if not held.any():
+        return None
+    members = _with_strays(parts, parts.clusters(held)[0])
+    if lateral[members].mean() < MIN_LATERAL or parts.smooth_border(members) > MAX_SMOOTH_BORDER:
+        return None
+    inside = float(lateral[members].sum())
+    return Body(axis, members, inside / float(lateral.sum())) if inside >= enough else None
+
+
+def _with_strays(parts: SampledParts, members: Mask) -> Mask:
+    """Return `members` (n,) and the few samples in their midst that were missed by chance.
+
+    Left out they would be all that borders on a body that stands alone, and no edge lies between.
+    """
+    filled = members.copy()
+    for stray in parts.clusters(~members):
+        alone = parts.touching(stray, ~members & ~stray) == 0.0
+        few = stray.sum() <= MAX_STRAYS * members.sum()
+        if few and alone and parts.touching(stray, members) > 0.0:
+            filled |= stray
+    return filled
+
+
+def _without_loose_flats(parts: SampledParts, held: Mask, lateral: Array) -> Mask:
+    """Return `held` without the flats that are bounded by something else."""
+    flat = held & (lateral < FLAT)
+    kept = held.copy()
+    for members in parts.clusters(flat, SAME_FLAT):
+        inside = parts.touching(members, held & ~members)
+        outside = parts.touching(members, ~held)
+        if inside < MIN_BOUNDED * (inside + outside):
+            kept &= ~members
+    return kept

@@ -1,0 +1,223 @@
+"""Cut an object into regions that have a symmetry of their own (Sec. III-D; D. 36).
+
+A sphere or a body of revolution stays whole. Anything else is searched for bodies of revolution:
+where one holds enough of what fingers close on, as a mug's wall does, it becomes a region, and so
+does every graspable part that is left. An object of mirror planes without such a body, a box,
+stays whole too. What has no symmetry at all is cut further: by the mirror plane that explains
+most of it, and into nearly convex pieces.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.configs import AnnotateSymmetryConfig
+from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.geometry.symmetry import Symmetry
+from pipelines.mesh_symmetry.detection.surface import diameter
+from pipelines.mesh_symmetry.detection.symmetry_detection import Detection
+from pipelines.mesh_symmetry.parts.convex_parts import convex_owner
+from pipelines.mesh_symmetry.parts.part_symmetries import PartSymmetries, turns
+from pipelines.mesh_symmetry.parts.revolved_bodies import MAX_SMOOTH_BORDER, revolved_bodies
+from pipelines.mesh_symmetry.parts.sampled_parts import NO_PART, SampledParts
+
+Faces = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+WHOLE = "whole"
+NUM_SAMPLES = 8000
+MAX_MEAN_NORMAL = 0.6  # 0 for a closed surface, 0.5 for a bowl, 1 for a sheet: no grip across it
+SMALL_OBJECT = 0.5  # of its object's diameter: so large a part is what there is to grasp
+MAX_LOOSE_SHARE = 0.2  # a body with more beside it that cannot be gripped is a peach, not a mug
+MIN_DETAIL = 0.1  # of what has no symmetry, a symmetric part of less is not worth a cut
+MIN_CUT_SHARE = 0.2  # smaller parts are not cut into convex pieces
+
+
+@dataclass(frozen=True)
+class SymmetricRegion:
+    """Triangles of a mesh and the symmetries they have; `triangles`: (k,) sorted indices."""
+
+    name: str
+    triangles: Faces
+    symmetries: list[Symmetry]
+
+
+@dataclass(frozen=True)
+class _Piece:
+    members: Mask  # (m,) samples
+    symmetries: list[Symmetry]
+    is_body: bool = False
+
+
+@dataclass(frozen=True)
+class _Cutting:
+    """An object while it is cut."""
+
+    parts: SampledParts
+    symmetries_of: PartSymmetries
+    config: AnnotateSymmetryConfig
+    size: float  # diameter, metres
+
+
+def symmetric_regions(
+    mesh: Mesh, detection: Detection, config: AnnotateSymmetryConfig, rng: np.random.Generator
+) -> list[SymmetricRegion]:
+    """Return the symmetric regions of `mesh`, of which `detection` was made, mesh frame.
+
+    No triangle is in two regions. An object in which nothing symmetric is found is one region,
+    the whole, without symmetries.
+    """
+    whole = SymmetricRegion(WHOLE, np.arange(len(mesh.faces)), detection.symmetries)
+    if any(turns(symmetry) for symmetry in detection.symmetries):
+        return [whole]
+    parts = SampledParts.of(mesh, NUM_SAMPLES, rng)
+    size = diameter(parts.surface.points)
+    cutting = _Cutting(parts, PartSymmetries(parts, detection, config, rng, size), config, size)
+    mirrored = has_slot(detection.symmetries)
+    pieces = _mirrored_pieces(cutting) if mirrored else _asymmetric_pieces(cutting)
+    symmetric = sum(parts.share(piece.members) for piece in pieces if has_slot(piece.symmetries))
+    if symmetric < MIN_DETAIL:
+        return [whole]
+    return _regions(parts, pieces)
+
+
+def has_slot(symmetries: list[Symmetry]) -> bool:
+    """Return whether any symmetry is one the network predicts: discrete rotations are not."""
+    return any(getattr(symmetry, "order", None) is None for symmetry in symmetries)
+
+
+def _mirrored_pieces(cutting: _Cutting) -> list[_Piece]:
+    """Return bodies of revolution and the parts beside them; none if the planes say it better."""
+    everything = np.ones(NUM_SAMPLES, dtype=np.bool_)
+    pieces = _bodies(cutting, everything, cutting.config.min_body_share)
+    # A body that is all of the object would say otherwise than the whole does: many-sided columns.
+    if not pieces or pieces[0].members.all():
+        return []
+    loose: list[Mask] = []
+    for members in cutting.parts.clusters(_left(pieces, everything)):
+        if _is_graspable(cutting, members):
+            pieces.append(_Piece(members, cutting.symmetries_of.part(members)))
+        else:
+            loose.append(members)
+    if sum(cutting.parts.share(members) for members in loose) > MAX_LOOSE_SHARE:
+        return []
+    return _joined(cutting, pieces, loose)
+
+
+def _asymmetric_pieces(cutting: _Cutting) -> list[_Piece]:
+    """Return the symmetric parts of an object that has no symmetry, and what is left of it."""
+    everything = np.ones(NUM_SAMPLES, dtype=np.bool_)
+    pieces = _bodies(cutting, everything, cutting.config.min_body_share)
+    mirrored = cutting.symmetries_of.largest_mirrored(_left(pieces, everything))
+    if mirrored is not None and _is_graspable(cutting, mirrored):
+        pieces.append(_Piece(mirrored, cutting.symmetries_of.part(mirrored)))
+    loose: list[Mask] = []
+    for members in cutting.parts.clusters(_left(pieces, everything)):
+        found = _cut_further(cutting, members)
+        pieces += found
+        for left in cutting.parts.clusters(_left(found, members)):
+            if _is_graspable(cutting, left):
+                pieces.append(_Piece(left, []))
+            else:
+                loose.append(left)
+    return _joined(cutting, pieces, loose)
+
+
+def _bodies(cutting: _Cutting, among: Mask, min_lateral: float) -> list[_Piece]:
+    pieces = [
+        _Piece(body.members, cutting.symmetries_of.body(body), is_body=True)
+        for body in revolved_bodies(cutting.parts, among, min_lateral)
+        if _is_graspable(cutting, body.members)
+    ]
+    return [piece for piece in pieces if piece.symmetries]
+
+
+def _cut_further(cutting: _Cutting, members: Mask) -> list[_Piece]:
+    """Return the symmetric pieces of `members`: all of it, bodies in it, nearly convex parts."""
+    if not _is_graspable(cutting, members):
+        return []
+    found = cutting.symmetries_of.part(members)
+    if has_slot(found):
+        return [_Piece(members, found)]
+    pieces = _bodies(cutting, members, MIN_DETAIL)
+    for rest in cutting.parts.clusters(_left(pieces, members)):
+        if cutting.parts.share(rest) >= MIN_CUT_SHARE:
+            pieces += _convex_pieces(cutting, rest)
+    return pieces
+
+
+def _convex_pieces(cutting: _Cutting, members: Mask) -> list[_Piece]:
+    """Return those nearly convex parts of `members` that are symmetric."""
+    pieces = []
+    owner = np.full(NUM_SAMPLES, NO_PART, dtype=np.int64)
+    mesh = cutting.parts.submesh(members)
+    owner[members] = convex_owner(mesh, cutting.parts.surface.points[members])
+    for index in np.unique(owner[members]):
+        piece = cutting.parts.clusters(owner == index)[0]
+        seen = cutting.parts.smooth_border(piece) <= MAX_SMOOTH_BORDER
+        # What a region is are its triangles: of large ones a piece may get hardly any.
+        stands_for = cutting.parts.on_triangles(piece)
+        if not seen or not all(_is_graspable(cutting, part) for part in (piece, stands_for)):
+            continue
+        found = cutting.symmetries_of.part(piece)
+        if has_slot(found):
+            pieces.append(_Piece(piece, found))
+    return pieces
+
+
+def _is_graspable(cutting: _Cutting, members: Mask) -> bool:
+    """Return whether a part is large enough, and no sheet that fingers cannot close on."""
+    surface, config = cutting.parts.surface, cutting.config
+    if cutting.parts.share(members) < config.min_part_share or members.sum() < 5:
+        return False
+    extent = diameter(surface.points[members])
+    if extent < min(config.min_region_extent, SMALL_OBJECT * cutting.size):
+        return False
+    return float(np.linalg.norm(surface.normals[members].mean(axis=0))) <= MAX_MEAN_NORMAL
+
+
+def _left(pieces: list[_Piece], members: Mask) -> Mask:
+    left = members.copy()
+    for piece in pieces:
+        left &= ~piece.members
+    return left
+
+
+def _joined(cutting: _Cutting, pieces: list[_Piece], loose: list[Mask]) -> list[_Piece]:
+    """Return `pieces` with each of `loose` joined to the one it touches most, if it may."""
+    scraps: list[list[Mask]] = [[] for _ in pieces]
+    for scrap in loose:
+        links = [cutting.parts.touching(scrap, piece.members) for piece in pieces]
+        if max(links, default=0.0) > 0.0:
+            scraps[int(np.argmax(links))].append(scrap)
+    return [_with_scraps(cutting, *both) for both in zip(pieces, scraps, strict=True)]
+
+
+def _with_scraps(cutting: _Cutting, piece: _Piece, scraps: list[Mask]) -> _Piece:
+    """Return `piece` with as many of `scraps`, the small ones first, as its planes hold with."""
+    left = sorted(scraps, key=np.count_nonzero)
+    while left:
+        members = np.any([piece.members, *left], axis=0)
+        if piece.is_body:  # which other things than its circles may touch
+            return replace(piece, members=members)
+        symmetries = cutting.symmetries_of.still_held(piece.symmetries, members)
+        if symmetries is not None:
+            return replace(piece, members=members, symmetries=symmetries)
+        left.pop()
+    return piece
+
+
+def _regions(parts: SampledParts, pieces: list[_Piece]) -> list[SymmetricRegion]:
+    owner = np.full(NUM_SAMPLES, NO_PART, dtype=np.int64)
+    for index, piece in enumerate(pieces):
+        owner[piece.members] = index
+    of_faces = parts.owner_of_faces(owner)
+    regions: list[SymmetricRegion] = []
+    for index, piece in enumerate(pieces):
+        triangles = np.flatnonzero(of_faces == index)
+        kind = "body" if piece.is_body else "part"
+        number = sum(region.name.startswith(kind) for region in regions)
+        if len(triangles):
+            regions.append(SymmetricRegion(f"{kind}{number}", triangles, piece.symmetries))
+    return regions

@@ -1,0 +1,1 @@
+"""GraspNet's metrics, verdict for verdict as graspnetAPI."""

@@ -1,0 +1,189 @@
+"""The grasps of a frame among its objects, as graspnetAPI judges them or exactly.
+
+Both give a ranked grasp the smallest friction of the protocol at which it holds. The peer's way:
+contacts on signed-distance grids, collision of clouds of 8 mm voxels, poses in single precision.
+The exact way: contacts where rays meet triangles, collision of triangles, an endless table.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.geometry.meshes.signed_distance import SignedDistanceGrid
+from pipelines.geometry.transforms import invert, transform_points
+from pipelines.grasping.grasps import Grasps, from_graspnet
+from pipelines.metrics.contacts import Contacts, close_fingers
+from pipelines.metrics.force_closure import min_friction, on_grid
+from pipelines.metrics.graspnet.graspnet_ap import FAILED, FRICTIONS, ranked, suppress
+from pipelines.metrics.graspnet.grid_contacts import close_fingers_on_grid
+from pipelines.metrics.graspnet.peer_collision import (
+    MIN_INNER,
+    meets_mesh,
+    meets_points,
+    meets_table,
+    table_cloud,
+)
+from pipelines.metrics.mesh_collision import MeshCollider
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+# What becomes of a ranked grasp, in the order in which it can fail.
+REASONS = ("collision", "empty", "no contact", "friction", "held")
+OUTLIER = 0.05  # metres around an object's box within which its surroundings are looked at
+TABLE = table_cloud()
+
+
+@dataclass(frozen=True)
+class GridObject:
+    """An object as the peer has it: its cloud and its distance grid, object frame, metres."""
+
+    points: Array  # (m, 3), means of voxels
+    grid: SignedDistanceGrid
+
+
+@dataclass(frozen=True)
+class SolidObject:
+    """An object as it is: points of its surface, its mesh, its collider; object frame, metres."""
+
+    points: Array  # (m, 3)
+    mesh: Mesh
+    collider: MeshCollider
+
+
+@dataclass(frozen=True)
+class RankedGrasps:
+    """The grasps of a frame that are judged, most confident first; one entry a grasp.
+
+    Attributes:
+        index: (k,) rows of the dump.
+        owner: (k,) indices of the scene's objects.
+        friction: (k,) the smallest of `FRICTIONS` that holds; `FAILED` if none.
+        reason: (k,) indices of `REASONS`.
+    """
+
+    index: Indices
+    owner: Indices
+    friction: Array
+    reason: Indices
+
+
+class Scene(Protocol):
+    """What judging wants to know of a frame; camera frame, metres."""
+
+    def clouds(self) -> list[Array]:
+        """Return the points (m, 3) of each object, that say whose a grasp is."""
+
+    def collisions(self, grasps: Grasps, depth: Array, owner: Indices) -> tuple[Mask, Mask]:
+        """Return (n,) whether the open gripper meets something, and whether it is empty."""
+
+    def contacts(self, which: int, grasps: Grasps) -> Contacts:
+        """Return the contacts of `grasps` with one object."""
+
+
+@dataclass(frozen=True)
+class PeerScene:
+    """A frame as graspnetAPI sees it."""
+
+    objects: Sequence[GridObject]
+    poses: Sequence[NDArray[np.float32]]  # T_cam_obj (4, 4)
+    T_table_cam: Array
+
+    def clouds(self) -> list[Array]:
+        """Return the objects' clouds."""
+        pairs = zip(self.objects, self.poses, strict=True)
+        return [transform_points(pose.astype(np.float64), each.points) for each, pose in pairs]
+
+    def collisions(self, grasps: Grasps, depth: Array, owner: Indices) -> tuple[Mask, Mask]:
+        """Look at the points around the box of each grasp's own object only."""
+        clouds = self.clouds()
+        table = transform_points(invert(self.T_table_cam), TABLE)
+        everything = np.ascontiguousarray(np.concatenate([*clouds, table]).T)
+        hit, inner = np.zeros(len(grasps), np.bool_), np.zeros(len(grasps), np.int64)
+        for which in np.unique(owner):
+            mine, cloud = owner == which, clouds[which]
+            low, high = cloud.min(axis=0) - OUTLIER, cloud.max(axis=0) + OUTLIER
+            around = _within(everything, low, high)
+            hit[mine], inner[mine] = meets_points(around, grasps[mine], depth[mine])
+        return hit, inner < MIN_INNER
+
+    def contacts(self, which: int, grasps: Grasps) -> Contacts:
+        """Close the fingers on the object's grid; its pose is inverted in single precision."""
+        pose = self.poses[which]
+        center = np.append(grasps.translation, np.ones((len(grasps), 1)), axis=1)
+        local = Grasps(
+            pose[:3, :3].T.astype(np.float64) @ grasps.rotation,
+            (np.linalg.inv(pose).astype(np.float64) @ center.T).T[:, :3],
+            grasps.width,
+        )
+        return close_fingers_on_grid(self.objects[which].grid, local, grasps.width)
+
+
+@dataclass(frozen=True)
+class ExactScene:
+    """A frame as it is."""
+
+    objects: Sequence[SolidObject]
+    poses: Sequence[Array]  # T_cam_obj (4, 4)
+    T_table_cam: Array
+
+    def clouds(self) -> list[Array]:
+        """Return points of the objects' surfaces."""
+        pairs = zip(self.objects, self.poses, strict=True)
+        return [transform_points(pose, each.points) for each, pose in pairs]
+
+    def collisions(self, grasps: Grasps, depth: Array, owner: Indices) -> tuple[Mask, Mask]:
+        """Test the gripper's boxes against all triangles; nothing is empty that has contacts."""
+        hit = meets_table(grasps, depth, self.T_table_cam)
+        for each, pose in zip(self.objects, self.poses, strict=True):
+            free = np.flatnonzero(~hit)
+            local = grasps[free].transformed(invert(pose))
+            hit[free] = meets_mesh(each.collider, local, depth[free])
+        return hit, np.zeros(len(owner), np.bool_)
+
+    def contacts(self, which: int, grasps: Grasps) -> Contacts:
+        """Close the fingers on the object's triangles."""
+        local = grasps.transformed(invert(self.poses[which]))
+        return close_fingers(self.objects[which].mesh, local, grasps.width)
+
+
+def judge_rows(rows: Array, scene: Scene) -> RankedGrasps:
+    """Return what becomes of graspnetAPI's `rows` (n, 17), camera frame, metres."""
+    kept = suppress(rows[:, 0], rows[:, 4:13].reshape(-1, 3, 3), rows[:, 13:16])
+    clouds = scene.clouds()
+    if not len(kept) or not clouds:
+        none = np.zeros(0, np.int64)
+        return RankedGrasps(none, none, np.zeros(0), none)
+    owner = _nearest(rows[kept, 13:16], clouds)
+    first = ranked(rows[kept, 0], owner)
+    index, owner = kept[first], owner[first]
+    grasps = from_graspnet(rows[index])
+    hit, empty = scene.collisions(grasps, rows[index, 3], owner)
+    friction, touching = np.full(len(index), np.inf), np.zeros(len(index), np.bool_)
+    for which in np.unique(owner):
+        free = np.flatnonzero((owner == which) & ~hit & ~empty)
+        contacts = scene.contacts(int(which), grasps[free])
+        friction[free] = on_grid(min_friction(contacts), FRICTIONS)
+        touching[free] = contacts.found
+    failures = [hit, empty, ~touching, np.isinf(friction)]
+    reason = np.select(failures, range(len(failures)), len(failures))
+    return RankedGrasps(index, owner, np.where(np.isinf(friction), FAILED, friction), reason)
+
+
+def _nearest(points: Array, clouds: Sequence[Array]) -> Indices:
+    """Return (n,) the index of the cloud that holds the point nearest to each of `points`."""
+    whose = np.repeat(np.arange(len(clouds)), [len(cloud) for cloud in clouds])
+    return np.asarray(whose[cKDTree(np.concatenate(clouds)).query(points)[1]])
+
+
+def _within(points: Array, low: Array, high: Array) -> Array:
+    """Return those of `points` (3, n) that lie between two corners (3,): (m, 3)."""
+    for axis in range(3):
+        points = points[:, (points[axis] > low[axis]) & (points[axis] < high[axis])]
+    return points.T

@@ -1,0 +1,125 @@
+"""GraspNet's box gripper against objects: exact triangles, or clouds as the peer has them.
+
+The fingers are 1 cm thick and 2 cm high and reach from 2 cm behind the grasp's origin to its tips,
+the bottom is a slab of 1 cm behind them. `depth` is how far the tips lie past the origin.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.geometry.meshes.mesh import Mesh, sample_surface
+from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.gripper import Gripper
+from pipelines.metrics.mesh_collision import MeshCollider, hits_table
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+FINGER = 0.01  # metres: thickness of a finger and of the bottom, half a finger's height
+BEHIND = 0.02  # metres from the origin back to the bottom
+VOXEL = 0.008  # metres, of the peer's cloud
+MIN_INNER = 10  # points of that cloud between the fingers, or the grasp is empty
+NUM_SAMPLES = 40000
+AT_A_TIME = 2_000_000  # pairs of a grasp and a point
+LONGEST = 0.9  # metres; what a finger may be
+TABLE_SIDE, TABLE_DEPTH = 1.0, 0.05  # metres, of the peer's cloud
+
+
+def exact_collision(mesh: Mesh, grasps: Grasps, depth: Array) -> tuple[Mask, Mask]:
+    """Return (n,) whether the open gripper meets `mesh`, and whether nothing is between it.
+
+    `grasps`: mesh frame, metres, `translation` between the finger tips and `width` the opening.
+    """
+    collision = meets_mesh(MeshCollider(mesh), grasps, depth)
+    samples = sample_surface(mesh, NUM_SAMPLES, np.random.default_rng(0))[0]
+    return collision, meets_points(samples, grasps, depth)[1] == 0
+
+
+def meets_mesh(collider: MeshCollider, grasps: Grasps, depth: Array) -> Mask:
+    """Return (n,) whether the open gripper touches the mesh, or is in it; frame of the mesh."""
+    collision = np.zeros(len(grasps), np.bool_)
+    for reach in np.unique(depth):
+        some = np.flatnonzero(depth == reach)
+        collision[some] = collider.hits(grasps[some], _box_gripper(float(reach)))
+    return collision
+
+
+def meets_table(grasps: Grasps, depth: Array, T_table_grasps: Array) -> Mask:
+    """Return (n,) whether the open gripper reaches below the table's top, z = 0."""
+    collision = np.zeros(len(grasps), np.bool_)
+    for reach in np.unique(depth):
+        some = np.flatnonzero(depth == reach)
+        collision[some] = hits_table(grasps[some], _box_gripper(float(reach)), T_table_grasps)
+    return collision
+
+
+def cloud_collision(mesh: Mesh, grasps: Grasps, depth: Array) -> tuple[Mask, Mask]:
+    """Return (n,) collision and emptiness as the peer has them; empty grasps count as colliding.
+
+    Its cloud is drawn at random, so this agrees with it up to a voxel's share of doubt.
+    """
+    samples = sample_surface(mesh, NUM_SAMPLES, np.random.default_rng(0))[0]
+    hit, inner = meets_points(voxel_means(samples, VOXEL), grasps, depth)
+    empty = inner < MIN_INNER
+    return hit | empty, empty
+
+
+def voxel_means(points: Array, size: float) -> Array:
+    """Return the mean of the points (n, 3) in each voxel of edge `size`: (m, 3).
+
+    The first voxel's corner lies half a voxel below the lowest coordinates, as in Open3D.
+    """
+    corner = points.min(axis=0) - size * 0.5
+    voxel = np.floor((points - corner) / size).astype(np.int64)
+    index = np.unique(voxel, axis=0, return_inverse=True)[1].reshape(-1)
+    count = np.bincount(index)
+    return np.stack([np.bincount(index, column) / count for column in points.T], axis=1)
+
+
+def table_cloud() -> Array:
+    """Return the peer's table (93750, 3), table frame, top at z = 0: 8 mm apart, 5 cm deep."""
+    side = np.linspace(0.0, TABLE_SIDE, int(TABLE_SIDE / VOXEL)) - TABLE_SIDE / 2.0
+    height = np.linspace(0.0, TABLE_DEPTH, int(TABLE_DEPTH / VOXEL)) - TABLE_DEPTH
+    return np.stack(np.meshgrid(side, side, height), -1).reshape(-1, 3)
+
+
+def meets_points(points: Array, grasps: Grasps, depth: Array) -> tuple[Mask, NDArray[np.int64]]:
+    """Return (n,) whether a box of the gripper holds a point, and (n,) how many lie between.
+
+    Args:
+        points: (m, 3) metres, frame of the grasps.
+        grasps: `translation` between the finger tips, `width` the opening.
+        depth: (n,) metres from the origin of GraspNet's frame to the tips.
+    """
+    hit, inner = np.zeros(len(grasps), np.bool_), np.zeros(len(grasps), np.int64)
+    step = max(1, AT_A_TIME // max(len(points), 1))
+    for start in range(0, len(grasps), step):
+        part = slice(start, start + step)
+        some, tips = grasps[part], depth[part, None]
+        turn = some.rotation.swapaxes(1, 2)
+        local = turn @ points.T - turn @ some.translation[..., None]  # (n, 3, m)
+        along, across = local[:, 0] + tips, np.abs(local[:, 1])
+        half = some.width[:, None] / 2.0
+        level = np.abs(local[:, 2]) < FINGER
+        reached = level & (along > -BEHIND) & (along < tips)
+        fingers = reached & (across > half) & (across < half + FINGER)
+        bottom = level & (along > -BEHIND - FINGER) & (along < -BEHIND) & (across < half + FINGER)
+        hit[part] = (fingers | bottom).any(axis=1)
+        inner[part] = (reached & (across <= half)).sum(axis=1)
+    return hit, inner
+
+
+def _box_gripper(depth: float) -> Gripper:
+    return Gripper(
+        name="graspnet",
+        max_opening=0.5,
+        finger_length=float(np.clip(depth + BEHIND, 0.0, LONGEST)),
+        finger_thickness=FINGER,
+        finger_height=2.0 * FINGER,
+        palm_depth=FINGER,
+        palm_width=0.0,
+        palm_height=2.0 * FINGER,
+        tip_reach=0.0,
+        clearance=0.0,
+        flange_to_tip=0.0,
+    )

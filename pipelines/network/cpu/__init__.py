@@ -1,0 +1,1 @@
+"""Faster kernels for the CPU, equal to plain torch: neighbours, pooling, RoI align."""

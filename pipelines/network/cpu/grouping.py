@@ -1,0 +1,151 @@
+"""What a set abstraction makes of its groups, for the CPU: one cloud after the other, in one pass.
+
+The largest tensor of the network, a row for each member of each group, is written a part at a time
+and stays near the processor until it is pooled. Of all the members of a group only the one that is
+the maximum in a channel has a gradient there, so the way back is a sum over few rows.
+"""
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from pipelines.geometry.numerics.compiled import compiled
+from pipelines.network import devices
+from pipelines.network.cpu.cloudwise import each_cloud
+from pipelines.network.cpu.products import linear
+
+Numbers = NDArray[np.floating]
+Places = NDArray[np.int64]
+Members = NDArray[np.int32]
+
+ROWS = 2048  # members of groups that are worked on at a time, about
+
+
+def applies_to(features: Tensor) -> bool:
+    """Return whether `pooled_groups` can be used: on a CPU, where nothing is rounded to halves."""
+    return devices.on_cpu(features) and not torch.is_autocast_enabled("cpu")
+
+
+def pooled_groups(
+    projected: Tensor,  # (B, N, C)
+    offset: Tensor,  # (B, M, C)
+    neighbors: Tensor,  # (B, M, K)
+    weight: Tensor,  # (D, C)
+) -> Tensor:
+    """Return (B, M, D) the maximum over each group of W relu(projected + offset).
+
+    Where several members are the maximum, the gradient goes to the first.
+    """
+    pooled: Tensor = _PooledGroups.apply(projected, offset, neighbors, weight)
+    return pooled
+
+
+class _PooledGroups(torch.autograd.Function):
+    @staticmethod
+    def forward(
+        ctx: Any,  # noqa: ANN401 - torch's context object
+        projected: Tensor,
+        offset: Tensor,
+        neighbors: Tensor,
+        weight: Tensor,
+    ) -> Tensor:
+        pooled = projected.new_empty(*neighbors.shape[:2], len(weight))
+        winners = torch.empty(pooled.shape, dtype=torch.int32)
+        pool = partial(_pool_cloud, weight.detach())
+        each_cloud(pool, projected, offset, neighbors, pooled, winners)
+        ctx.save_for_backward(projected, offset, neighbors, weight, winners)
+        return pooled
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:  # noqa: ANN401
+        projected, offset, neighbors, weight, winners = ctx.saved_tensors
+        back = torch.zeros_like(projected), torch.zeros_like(offset)
+        shares = weight.new_zeros(len(projected), *weight.shape)
+        through = partial(_go_back, weight.detach().contiguous().numpy())
+        each_cloud(through, projected, offset, neighbors, winners, gradients[0], *back, shares)
+        return *back, None, shares.sum(0)
+
+
+def _pool_cloud(
+    weight: Tensor,
+    projected: Numbers,
+    offset: Numbers,
+    neighbors: Places,
+    pooled: Numbers,
+    winners: Members,
+) -> None:
+    """Set `pooled` (m, d) to the maxima of a cloud's groups, `winners` to the members they are."""
+    centers, members = neighbors.shape
+    step = max(1, ROWS // members)
+    hidden = weight.new_empty(min(step, centers) * members, weight.shape[1])
+    for start in range(0, centers, step):
+        some = slice(start, start + step)
+        count = len(neighbors[some]) * members
+        _rectify(projected, offset[some], neighbors[some], hidden.numpy())
+        grouped = linear(hidden[:count], weight).numpy()
+        _maximize(grouped, members, pooled[some], winners[some])
+
+
+@compiled
+def _rectify(projected: Numbers, offset: Numbers, neighbors: Places, hidden: Numbers) -> None:
+    """Set `hidden` (m k, c) to relu(projected[neighbors] + offset), `neighbors`: (m, k)."""
+    members, zero = neighbors.shape[1], hidden.dtype.type(0.0)
+    for m in range(len(offset)):
+        for k in range(members):
+            n = neighbors[m, k]
+            for c in range(offset.shape[1]):
+                value = projected[n, c] + offset[m, c]
+                hidden[m * members + k, c] = value if value > zero else zero
+
+
+@compiled
+def _maximize(grouped: Numbers, members: int, pooled: Numbers, winners: Members) -> None:
+    """Set `pooled` (m, c) to the maxima of `members` rows each of `grouped` (m members, c)."""
+    for m in range(len(pooled)):
+        for c in range(pooled.shape[1]):
+            pooled[m, c], winners[m, c] = grouped[m * members, c], 0
+        for k in range(1, members):
+            member = np.int32(k)
+            for c in range(pooled.shape[1]):
+                value = grouped[m * members + k, c]
+                more = value > pooled[m, c]
+                pooled[m, c] = value if more else pooled[m, c]
+                winners[m, c] = member if more else winners[m, c]
+
+
+@compiled
+def _go_back(
+    weight: Numbers,
+    projected: Numbers,
+    offset: Numbers,
+    neighbors: Places,
+    winners: Members,
+    gradient: Numbers,
+    to_projected: Numbers,
+    to_offset: Numbers,
+    to_weight: Numbers,
+) -> None:
+    """Add to the last three what the `gradient` (m, d) of the maxima makes of the inputs."""
+    members, zero = neighbors.shape[1], weight.dtype.type(0.0)
+    hidden = np.empty((members, weight.shape[1]), weight.dtype)
+    to_hidden = np.empty_like(hidden)
+    for m in range(len(neighbors)):
+        for k in range(members):
+            for c in range(weight.shape[1]):
+                hidden[k, c] = max(projected[neighbors[m, k], c] + offset[m, c], zero)
+                to_hidden[k, c] = zero
+        for d in range(len(weight)):
+            share, k = gradient[m, d], winners[m, d]
+            for c in range(weight.shape[1]):
+                to_weight[d, c] += share * hidden[k, c]
+                to_hidden[k, c] += share * weight[d, c]
+        for k in range(members):
+            n = neighbors[m, k]
+            for c in range(weight.shape[1]):
+                share = to_hidden[k, c] if hidden[k, c] > zero else zero
+                to_projected[n, c] += share
+                to_offset[m, c] += share

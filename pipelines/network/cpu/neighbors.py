@@ -1,0 +1,141 @@
+"""Who is near and who is far among the points of a cloud, compiled: looking at all of them.
+
+A row of distances is sums over three columns, and counts, minima and places of it are sums and
+minima of integers, as the bits of numbers that are not negative are in their order. A processor
+does eight or sixteen of each at once, so that looking at all points takes less time than a tree
+takes to be built. What is near is so in single precision; of points equally far the first are
+taken.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.geometry.numerics.compiled import compiled
+
+Numbers = NDArray[np.floating]
+Rows = NDArray[np.float32]
+Places = NDArray[np.int64]
+
+NO_PLACE = np.int32(np.iinfo(np.int32).max)
+TRIES = 6  # at a distance within which there are as many as are asked for, and few more
+FEW = 8
+
+
+@compiled
+def find_farthest(cloud: Rows, chosen: Places) -> None:
+    """Set `chosen` (m,) to the first of a cloud's points (n, 3), and to the farthest from these."""
+    xs, ys, zs = cloud[:, 0].copy(), cloud[:, 1].copy(), cloud[:, 2].copy()
+    squared = np.full(len(cloud), np.float32(np.inf))
+    fresh = np.empty_like(squared)
+    chosen[0] = 0
+    for m in range(1, len(chosen)):
+        _measure(cloud[chosen[m - 1]], xs, ys, zs, fresh)
+        for n in range(len(squared)):
+            squared[n] = min(fresh[n], squared[n])
+        bits = squared.view(np.int32)
+        most = bits[0]
+        for n in range(len(bits)):
+            most = max(most, bits[n])
+        chosen[m] = _first(bits, most)
+
+
+@compiled
+def find_nearest(queries: Rows, support: Rows, places: Places) -> None:
+    """Set `places` (m, k) to the points (n, 3) nearest to each query (m, 3), the nearest first.
+
+    There are at least k points.
+    """
+    xs, ys, zs = support[:, 0].copy(), support[:, 1].copy(), support[:, 2].copy()
+    squared = np.empty(len(support), np.float32)
+    within = np.empty(len(support) + 1, np.int64)
+    near, count = np.zeros(places.shape[1], np.int64), places.shape[1]
+    limit = np.float32(0.0)
+    for m in range(len(queries)):
+        _measure(queries[m], xs, ys, zs, squared)
+        limit = _limit_of_some(squared, count, limit)
+        found = 0
+        for n in range(len(squared)):
+            within[found] = n
+            found += 1 if squared[n] <= limit else 0
+        for f in range(found):
+            place = within[f]
+            k = min(f, count)
+            while k > 0 and squared[place] < squared[near[k - 1]]:
+                if k < count:
+                    near[k] = near[k - 1]
+                k -= 1
+            if k < count:
+                near[k] = place
+        places[m] = near
+
+
+@compiled
+def find_three_nearest(
+    queries: Numbers, support: Numbers, places: Places, squared_gaps: Numbers
+) -> None:
+    """Set (m, 3) to the points (n, 3) nearest to each query (m, 3), and to how far these are.
+
+    Looked for in single precision and told in that of the points. Where n is less than 3, any
+    point takes the place of those that are not there, infinitely far.
+    """
+    single, asked = support.astype(np.float32), queries.astype(np.float32)
+    xs, ys, zs = single[:, 0].copy(), single[:, 1].copy(), single[:, 2].copy()
+    squared = np.empty(len(support), np.float32)
+    bits = squared.view(np.int32)
+    for m in range(len(queries)):
+        _measure(asked[m], xs, ys, zs, squared)
+        for k in range(3):
+            least = bits[0]
+            for n in range(len(bits)):
+                least = min(least, bits[n])
+            place = _first(bits, least)
+            squared_gaps[m, k] = np.inf
+            if k < len(bits):
+                x = support[place, 0] - queries[m, 0]
+                y = support[place, 1] - queries[m, 1]
+                z = support[place, 2] - queries[m, 2]
+                squared_gaps[m, k] = x * x + y * y + z * z
+            places[m, k], squared[place] = place, np.inf
+
+
+@compiled
+def _measure(query: Rows, xs: Rows, ys: Rows, zs: Rows, squared: Rows) -> None:
+    """Set `squared` (n,) to the squared distances from the `query` (3,) to points (n,) each."""
+    for n in range(len(squared)):
+        x, y, z = xs[n] - query[0], ys[n] - query[1], zs[n] - query[2]
+        squared[n] = x * x + y * y + z * z
+
+
+@compiled
+def _first(bits: NDArray[np.int32], wanted: np.int32) -> int:
+    """Return the first place of `bits` (n,) that holds what is `wanted`."""
+    place = NO_PLACE
+    for n in range(len(bits)):
+        place = min(place, np.int32(n) if bits[n] == wanted else NO_PLACE)
+    return int(place)
+
+
+@compiled
+def _limit_of_some(squared: Rows, count: int, guess: np.float32) -> np.float32:
+    """Return what at least `count` of `squared` (n,) are within, and if it is soon found few more.
+
+    How many points of a surface there are grows with the square of the distance. The query before
+    asks for much the same, which is the `guess`; 0 is none.
+    """
+    low, high = np.float32(0.0), np.float32(np.inf)
+    if not low < guess < high:
+        guess = squared.max() * np.float32(count / len(squared))
+    for _ in range(TRIES):
+        found = 0
+        for n in range(len(squared)):
+            found += 1 if squared[n] <= guess else 0
+        if found < count:
+            low = guess
+        elif found > count + FEW:
+            high = guess
+        else:
+            return guess
+        guess *= np.float32((count + 0.5 * FEW) / max(found, 1))
+        if not low < guess < high:
+            guess = np.float32(0.5) * (low + high)
+    return high

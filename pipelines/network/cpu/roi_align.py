@@ -1,0 +1,120 @@
+"""Features of boxes (RoIAlign, He et al.) out of maps whose channels lie together.
+
+Torchvision's own, on the CPU, copies a whole map into another layout for each level and call.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torchvision.ops import MultiScaleRoIAlign
+from torchvision.ops.poolers import _setup_scales
+
+from pipelines.geometry.numerics.compiled import compiled
+from pipelines.network import devices
+
+Singles = NDArray[np.float32]
+Indices = NDArray[np.int64]
+Samples = tuple[Indices, Indices, Singles]
+
+
+class ChannelsLastRoIAlign(MultiScaleRoIAlign):  # type: ignore[misc] # untyped library
+    """Torchvision's `MultiScaleRoIAlign` without gradients: on the CPU, of `channels_last` maps."""
+
+    @classmethod
+    def like(cls, pooling: MultiScaleRoIAlign) -> "ChannelsLastRoIAlign":
+        """Return one that answers as `pooling` does."""
+        return cls(
+            pooling.featmap_names,
+            pooling.output_size,
+            pooling.sampling_ratio,
+            canonical_scale=pooling.canonical_scale,
+            canonical_level=pooling.canonical_level,
+        )
+
+    def forward(
+        self,
+        maps: Mapping[str, Tensor],  # (B, C, h, w) each
+        boxes: list[Tensor],  # (n, 4) x0, y0, x1, y1 in pixels, an image each
+        sizes: Sequence[tuple[int, int]],  # of the images
+    ) -> Tensor:
+        """Return the features (N, C, h, w) of all images' boxes, one image after the other."""
+        if not devices.on_cpu(boxes[0]):
+            features: Tensor = super().forward(maps, boxes, sizes)
+            return features
+        used = [maps[name] for name in self.featmap_names if name in maps]
+        canonical = self.canonical_scale, self.canonical_level
+        scales, level_of = _setup_scales(used, sizes, *canonical)
+        image = np.repeat(np.arange(len(boxes)), [len(each) for each in boxes])
+        pooled = _aligned(
+            tuple(each.permute(0, 2, 3, 1).contiguous().numpy() for each in used),
+            np.array(scales, np.float32),
+            torch.cat(boxes).numpy(),
+            (image, level_of(boxes).numpy()),
+            (*self.output_size, self.sampling_ratio),
+        )
+        return torch.from_numpy(pooled).permute(0, 3, 1, 2)
+
+
+@compiled
+def _aligned(
+    maps: tuple[Singles, ...],
+    scales: Singles,
+    boxes: Singles,
+    where: tuple[Indices, Indices],
+    counts: tuple[int, int, int],
+) -> Singles:
+    """Return (n, rows, columns, C) the means of samples in the cells of `boxes` (n, 4).
+
+    `maps`: (B, h, w, C), of an image times `scales` (m,). `where`: (n,) each box's image and
+    map. `counts`: of rows, of columns, and of the samples along each side of a cell.
+    """
+    rows, columns, samples = counts
+    channels, one = maps[0].shape[3], np.float32(1.0)
+    pooled = np.zeros((len(boxes), rows, columns, channels), np.float32)
+    for n in range(len(boxes)):
+        image, level = where[0][n], where[1][n]
+        features, scale = maps[level], scales[level]
+        height, width = features.shape[1], features.shape[2]
+        down = _samples(boxes[n, 1] * scale, boxes[n, 3] * scale, rows, samples, height)
+        across = _samples(boxes[n, 0] * scale, boxes[n, 2] * scale, columns, samples, width)
+        for y in range(rows * samples):
+            for x in range(columns * samples):
+                top, bottom, v = down[0][y], down[1][y], down[2][y]
+                left, right, u = across[0][x], across[1][x], across[2][x]
+                if top < 0 or left < 0:
+                    continue
+                row, column = y // samples, x // samples
+                share = (one - v) * (one - u), (one - v) * u, v * (one - u), v * u
+                for c in range(channels):
+                    pooled[n, row, column, c] += (
+                        share[0] * features[image, top, left, c]
+                        + share[1] * features[image, top, right, c]
+                        + share[2] * features[image, bottom, left, c]
+                        + share[3] * features[image, bottom, right, c]
+                    )
+    return pooled / np.float32(samples * samples)
+
+
+@compiled
+def _samples(start: np.float32, end: np.float32, cells: int, samples: int, length: int) -> Samples:
+    """Return between which two pixels samples lie along one side of a box, and how far.
+
+    `start`, `end`: of the side; it has `cells` with so many `samples` each.
+    Of samples off the map, which is `length` pixels long, the first pixel is -1.
+    """
+    count = cells * samples
+    first, second = np.full(count, -1, np.int64), np.zeros(count, np.int64)
+    share = np.zeros(count, np.float32)
+    cell = max(end - start, np.float32(1.0)) / np.float32(cells)
+    for n in range(count):
+        inside = (np.float32(n % samples) + np.float32(0.5)) * cell / np.float32(samples)
+        place = start + np.float32(n // samples) * cell + inside
+        if -1.0 <= place <= length:  # false also for what is no number
+            place = max(place, np.float32(0.0))
+            first[n] = min(int(place), length - 1)
+            second[n] = min(first[n] + 1, length - 1)
+            share[n] = place - np.float32(first[n]) if second[n] > first[n] else np.float32(0.0)
+    return first, second, share

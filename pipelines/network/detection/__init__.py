@@ -1,0 +1,1 @@
+"""The region detector: Mask R-CNN on depth geometry."""

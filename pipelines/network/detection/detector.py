@@ -1,0 +1,154 @@
+"""The trained region detector as a function: a frame in, masks of symmetric regions out."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self, cast
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torchvision.models.detection.roi_heads import RoIHeads
+
+from pipelines.configs import DetectorConfig
+from pipelines.errors import ValueRangeError
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.pointcloud import Plane
+from pipelines.network.cpu.folding import folded
+from pipelines.network.cpu.pointwise import replace_pointwise
+from pipelines.network.cpu.proposals import Proposals
+from pipelines.network.cpu.roi_align import ChannelsLastRoIAlign
+from pipelines.network.detection.detector_input import detector_image
+from pipelines.network.detection.mask_rcnn import build_detector
+from pipelines.network.devices import find_device
+from pipelines.network.weights_files import fill, read_weights
+from pipelines.tabletop.depth_channels import SmallFrame, find_plane, shrink
+
+MODEL_NAME = "RegionDetector"
+
+
+@dataclass(frozen=True)
+class Detection:
+    """One region found in a frame.
+
+    Attributes:
+        mask: (H, W), at the frame's size.
+        box: (4,) x0, y0, x1, y1 in pixels of the frame.
+        confidence: in [0, 1].
+    """
+
+    mask: NDArray[np.bool_]
+    box: NDArray[np.float64]
+    confidence: float
+
+
+class RegionDetector:
+    """Mask R-CNN with what it is shown and how its answers are drawn."""
+
+    def __init__(self, model: nn.Module, config: DetectorConfig, device: torch.device) -> None:
+        self.config, self.device = config, device
+        self.model = folded(model.to(device)).to(memory_format=torch.channels_last)
+        replace_pointwise(self.model)
+        self.model.rpn = Proposals(self.model.rpn)
+        heads = cast(RoIHeads, self.model.roi_heads)
+        heads.box_roi_pool = ChannelsLastRoIAlign.like(heads.box_roi_pool)
+        heads.mask_roi_pool = ChannelsLastRoIAlign.like(heads.mask_roi_pool)
+        # What `detect` would drop needs no mask: a weaker box never suppresses a stronger one.
+        heads.score_thresh = max(config.candidate_confidence, config.min_confidence)
+
+    @classmethod
+    def load(cls, path: Path, device: str = "auto") -> Self:
+        """Read weights that `symgrasp finetune-detector` wrote.
+
+        Raises:
+            FormatError: the file holds no weights of this detector.
+        """
+        found = find_device(device)
+        tensors, config = read_weights(path, MODEL_NAME, DetectorConfig)
+        model = build_detector(config)
+        fill(model, tensors, path)
+        return cls(model, config, found)
+
+    @torch.inference_mode()
+    def detect(
+        self,
+        color: NDArray[np.uint8],
+        depth: NDArray[np.float32],
+        intrinsics: Intrinsics,
+        plane: Plane | None = None,
+    ) -> list[Detection]:
+        """Return the regions of a frame, the most confident first.
+
+        Args:
+            color: (H, W, 3) RGB.
+            depth: (H, W) metres, 0 = missing.
+            intrinsics: of both.
+            plane: that things stand on, camera frame; it is looked for unless given.
+
+        Raises:
+            ValueRangeError: the images are not of the size that `intrinsics` are for.
+        """
+        size = (intrinsics.height, intrinsics.width)
+        if color.shape != (*size, 3) or depth.shape != size:
+            found = f"{color.shape} and {depth.shape}"
+            raise ValueRangeError("shapes of colour and depth", found, f"of an image of {size}")
+        frame = self.resized(color, depth, intrinsics)
+        known = find_plane(frame) if plane is None else plane
+        image = detector_image(frame, known, self.config.input).to(self.device)
+        (found_regions,) = self.model([image])
+        scale = np.array([size[1] / frame.color.shape[1], size[0] / frame.color.shape[0]] * 2)
+        return self._detections(found_regions, scale, size)
+
+    def resized(
+        self, color: NDArray[np.uint8], depth: NDArray[np.float32], intrinsics: Intrinsics
+    ) -> SmallFrame:
+        """Return the frame at the size that is looked at: larger than while training (D. 84)."""
+        trained = self.config.min_size, self.config.max_size
+        sides = (round(self.config.enlarged * side) for side in trained)
+        seen = None if self.config.input == "geometry" else color
+        return shrink(seen, depth, intrinsics, *sides)
+
+    def _detections(
+        self, found: dict[str, Tensor], scale: NDArray[np.float64], size: tuple[int, int]
+    ) -> list[Detection]:
+        detections = []
+        for box, confidence, soft in zip(
+            found["boxes"].cpu().numpy(),
+            found["scores"].cpu().numpy(),
+            found["masks"][:, 0].cpu().numpy(),
+            strict=True,
+        ):
+            if confidence < self.config.min_confidence:
+                continue
+            full = box.astype(np.float64) * scale
+            mask = draw_mask(soft, full, size, self.config.mask_threshold)
+            if mask.any():
+                detections.append(Detection(mask, full, float(confidence)))
+        return detections
+
+
+def draw_mask(
+    soft: NDArray[np.float32],
+    box: NDArray[np.float64],
+    size: tuple[int, int],
+    threshold: float = 0.5,
+) -> NDArray[np.bool_]:
+    """Return the mask (H, W) = `size` of probabilities (28, 28) spread over `box`, in pixels.
+
+    The outermost probabilities are taken to reach half a cell beyond the box, where they fade.
+    """
+    mask = np.zeros(size, bool)
+    x0, y0 = np.maximum(np.floor(box[:2]).astype(int), 0)
+    x1, y1 = np.minimum(np.ceil(box[2:]).astype(int), (size[1], size[0]))
+    if x1 <= x0 or y1 <= y0:
+        return mask
+    cells = soft.shape[0]
+    u = (np.arange(x0, x1) + 0.5 - box[0]) / max(box[2] - box[0], 1e-6) * cells - 0.5
+    v = (np.arange(y0, y1) + 0.5 - box[1]) / max(box[3] - box[1], 1e-6) * cells - 0.5
+    map_u, map_v = np.meshgrid(u.astype(np.float32), v.astype(np.float32))
+    values = cv2.remap(
+        soft.astype(np.float32), map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT
+    )
+    mask[y0:y1, x0:x1] = values >= threshold
+    return mask

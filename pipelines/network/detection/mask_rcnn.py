@@ -1,0 +1,217 @@
+"""Mask R-CNN with an FPN (Sec. III-D) in two sizes, both fed images that are ready as they are."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torchvision.models.detection import MaskRCNN, maskrcnn_resnet50_fpn
+from torchvision.models.detection.anchor_utils import AnchorGenerator
+from torchvision.models.detection.image_list import ImageList
+from torchvision.models.detection.mask_rcnn import MaskRCNNHeads
+from torchvision.models.detection.transform import GeneralizedRCNNTransform
+from torchvision.ops import MultiScaleRoIAlign
+
+from pipelines.configs import DetectorConfig
+from pipelines.errors import FormatError, UnknownNameError
+from pipelines.network.detection.backbone import LightBackbone
+
+NUM_CLASSES = 2  # background, symmetric region
+COLOR_CHANNELS, GEOMETRY_CHANNELS = 3, 6
+NUM_CHANNELS = {
+    "geometry": GEOMETRY_CHANNELS,
+    "color": COLOR_CHANNELS,
+    "both": COLOR_CHANNELS + GEOMETRY_CHANNELS,
+}
+LIGHT_WIDTH = 64  # channels of the light variant's pyramid and mask head
+LIGHT_HIDDEN = 256  # of its box head
+ANCHOR_SIZES = ((16,), (32,), (64,), (128,), (192,))  # pixels at the network's input
+ASPECT_RATIOS = (0.5, 1.0, 2.0)
+
+
+class PreparedImages(GeneralizedRCNNTransform):  # type: ignore[misc] # untyped library
+    """Torchvision's transform without its changes: images come resized and normalised.
+
+    Only the padding to one size is left. Masks stay as the head gives them, 28 x 28 in the box:
+    they are drawn at the frame's own size, which the network does not know.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(1, 1, [0.0], [1.0])
+
+    def forward(
+        self, images: list[Tensor], targets: list[dict[str, Tensor]] | None = None
+    ) -> tuple[ImageList, list[dict[str, Tensor]] | None]:
+        """Return the images padded to one size, and the targets as they are."""
+        sizes = [(int(image.shape[-2]), int(image.shape[-1])) for image in images]
+        return ImageList(self.batch_images(images), sizes), targets
+
+    def batch_images(self, images: list[Tensor], size_divisible: int = 32) -> Tensor:
+        """Return the images (B, C, H, W), zeros below and to the right, channels last in memory."""
+        sides = [max(image.shape[axis] for image in images) for axis in (-2, -1)]
+        height, width = (-(-side // size_divisible) * size_divisible for side in sides)
+        batch = images[0].new_empty(len(images), height, width, images[0].shape[0]).movedim(-1, 1)
+        for padded, image in zip(batch, images, strict=True):
+            below, right = image.shape[-2:]
+            padded[:, :below, :right] = image
+            padded[:, below:], padded[:, :below, right:] = 0.0, 0.0
+        return batch
+
+    def postprocess(
+        self,
+        result: list[dict[str, Tensor]],
+        image_shapes: Sequence[tuple[int, int]],
+        original_image_sizes: Sequence[tuple[int, int]],
+    ) -> list[dict[str, Tensor]]:
+        """Return the detections unchanged."""
+        return result
+
+
+class SeededSampler:
+    """Draws the anchors or boxes a loss is computed on, positives up to a share.
+
+    As torchvision's own, but from a generator that is handed in instead of the global one.
+    """
+
+    def __init__(self, batch_size_per_image: int, positive_fraction: float) -> None:
+        self.size, self.positive_fraction = batch_size_per_image, positive_fraction
+        self.generator = torch.Generator()
+
+    def __call__(self, matched: Sequence[Tensor]) -> tuple[list[Tensor], list[Tensor]]:
+        """Return masks of the positives and negatives drawn, one of each an image.
+
+        `matched`: (n,) per image; at least 1 is positive, 0 negative, below neither.
+        """
+        positives, negatives = [], []
+        for labels in matched:
+            positive = self._draw(labels >= 1, int(self.size * self.positive_fraction))
+            negatives.append(self._draw(labels == 0, self.size - int(positive.sum())))
+            positives.append(positive)
+        return positives, negatives
+
+    def _draw(self, candidates: Tensor, count: int) -> Tensor:
+        indices = candidates.nonzero()[:, 0]
+        order = torch.randperm(len(indices), generator=self.generator)[:count]
+        chosen = torch.zeros_like(candidates, dtype=torch.bool)
+        chosen[indices[order.to(indices.device)]] = True
+        return chosen
+
+
+def build_detector(config: DetectorConfig) -> MaskRCNN:
+    """Return an untrained detector.
+
+    Raises:
+        UnknownNameError: the variant or the input is not known.
+    """
+    if config.input not in NUM_CHANNELS:
+        raise UnknownNameError("detector input", config.input, NUM_CHANNELS)
+    builders = {"light": _light, "resnet50": _resnet50}
+    if config.variant not in builders:
+        raise UnknownNameError("detector variant", config.variant, builders)
+    model: MaskRCNN = builders[config.variant](NUM_CHANNELS[config.input], config)
+    model.transform = PreparedImages()
+    rpn, roi = model.rpn.fg_bg_sampler, model.roi_heads.fg_bg_sampler
+    model.rpn.fg_bg_sampler = SeededSampler(rpn.batch_size_per_image, rpn.positive_fraction)
+    model.roi_heads.fg_bg_sampler = SeededSampler(roi.batch_size_per_image, roi.positive_fraction)
+    return model
+
+
+def seed_samplers(model: MaskRCNN, generator: torch.Generator) -> None:
+    """Let the detector draw from `generator` what it draws at random while training."""
+    for part in (model.rpn, model.roi_heads):
+        part.fg_bg_sampler.generator = generator
+
+
+def _limits(config: DetectorConfig) -> dict[str, Any]:
+    return {
+        "box_detections_per_img": config.max_detections,
+        "box_score_thresh": config.candidate_confidence,
+        "box_nms_thresh": config.nms_threshold,
+    }
+
+
+def _light(in_channels: int, config: DetectorConfig) -> MaskRCNN:
+    backbone = LightBackbone(in_channels, LIGHT_WIDTH)
+    names = ["0", "1", "2", "3"]
+    return MaskRCNN(
+        backbone,
+        rpn_anchor_generator=AnchorGenerator(ANCHOR_SIZES, (ASPECT_RATIOS,) * len(ANCHOR_SIZES)),
+        rpn_pre_nms_top_n_train=500,
+        rpn_pre_nms_top_n_test=200,
+        rpn_post_nms_top_n_train=200,
+        rpn_post_nms_top_n_test=60,
+        rpn_batch_size_per_image=128,
+        box_roi_pool=MultiScaleRoIAlign(names, output_size=7, sampling_ratio=2),
+        box_head=_BoxHead(LIGHT_WIDTH * 7 * 7, LIGHT_HIDDEN),
+        box_predictor=_BoxPredictor(LIGHT_HIDDEN),
+        box_batch_size_per_image=96,
+        mask_roi_pool=MultiScaleRoIAlign(names, output_size=14, sampling_ratio=2),
+        mask_head=MaskRCNNHeads(LIGHT_WIDTH, (LIGHT_WIDTH,) * 3, 1),
+        mask_predictor=_MaskPredictor(LIGHT_WIDTH),
+        **_limits(config),
+    )
+
+
+class _BoxHead(nn.Sequential):
+    def __init__(self, in_dim: int, hidden: int) -> None:
+        super().__init__(
+            nn.Flatten(1),
+            nn.Linear(in_dim, hidden),
+            nn.ReLU(),
+            nn.Linear(hidden, hidden),
+            nn.ReLU(),
+        )
+
+
+class _BoxPredictor(nn.Module):
+    def __init__(self, hidden: int) -> None:
+        super().__init__()
+        self.cls_score = nn.Linear(hidden, NUM_CLASSES)
+        self.bbox_pred = nn.Linear(hidden, 4 * NUM_CLASSES)
+
+    def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
+        return self.cls_score(features), self.bbox_pred(features)
+
+
+class _MaskPredictor(nn.Sequential):
+    def __init__(self, width: int) -> None:
+        super().__init__(
+            nn.ConvTranspose2d(width, width, 2, 2), nn.ReLU(), nn.Conv2d(width, NUM_CLASSES, 1)
+        )
+
+
+def _resnet50(in_channels: int, config: DetectorConfig) -> MaskRCNN:
+    model = maskrcnn_resnet50_fpn(
+        weights=None,
+        weights_backbone=None,
+        num_classes=NUM_CLASSES,
+        rpn_post_nms_top_n_test=200,
+        **_limits(config),
+    )
+    if in_channels != COLOR_CHANNELS:
+        model.backbone.body.conv1 = nn.Conv2d(in_channels, 64, 7, 2, padding=3, bias=False)
+    return model
+
+
+def adopt_coco(model: MaskRCNN, weights: Mapping[str, Tensor], source: str) -> list[str]:
+    """Give the resnet50 variant those of COCO's `weights` whose shapes fit; return the others.
+
+    The class predictors never fit: COCO's 91 classes are not ours. Input channels beyond colour
+    have no counterpart either. `source` is where the weights come from.
+
+    Raises:
+        FormatError: they are not of torchvision's Mask R-CNN for COCO.
+    """
+    with torch.device("meta"):
+        theirs = maskrcnn_resnet50_fpn(weights=None, weights_backbone=None)
+    try:
+        # Published files have names of older versions, which torchvision itself translates.
+        theirs.load_state_dict(dict(weights), assign=True)
+    except RuntimeError as error:
+        expected = "the state_dict of torchvision's maskrcnn_resnet50_fpn with 91 classes"
+        raise FormatError(source, "holds other tensors", expected) from error
+    own = model.state_dict()
+    given = theirs.state_dict().items()
+    fitting = {n: t for n, t in given if n in own and own[n].shape == t.shape}
+    model.load_state_dict({**own, **fitting})
+    return sorted(set(own) - set(fitting))

@@ -1,0 +1,82 @@
+"""A frame's points as its page holds them: depth on the grid of pixels, quantised.
+
+A pixel needs no x and y: these follow from its place and the camera. So a point is two bytes of
+depth, three of colour and two of its region.
+"""
+
+from dataclasses import dataclass
+from math import ceil, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.frames.rgbd import Frame
+from pipelines.geometry.camera import Intrinsics
+from pipelines.grasp_files.grasps_file import FrameResult
+
+Array = NDArray[np.float64]
+
+FINEST_STEP = 1e-4  # metres; finer than any sensor
+STEPS = 65535  # of 16 bits
+
+
+@dataclass(frozen=True)
+class PixelCloud:
+    """The measured pixels of every `stride`-th row and column.
+
+    Attributes:
+        depth: (h, w) u2, in steps; 0 = missing.
+        step: metres; a depth is off by at most half of it.
+        color: (h, w, 3) u1 RGB.
+        region: (h, w) u2, 0 = none, r + 1 = region r.
+        camera: of these pixels.
+        stride: how many of the frame's pixels lie between two, each way.
+    """
+
+    depth: NDArray[np.uint16]
+    step: float
+    color: NDArray[np.uint8]
+    region: NDArray[np.uint16]
+    camera: Intrinsics
+    stride: int
+
+    @classmethod
+    def of(cls, frame: Frame, result: FrameResult, max_pixels: int) -> "PixelCloud":
+        """Return the cloud of a frame on at most `max_pixels` pixels."""
+        stride = _stride(frame.depth.shape, max_pixels)
+        thin = (slice(None, None, stride), slice(None, None, stride))
+        depth = frame.depth[thin].astype(np.float64)
+        step = max(FINEST_STEP, float(depth.max()) / STEPS)
+        steps = np.round(depth / step)
+        quantised = np.where(depth > 0, np.clip(steps, 1, STEPS), 0).astype(np.uint16)
+        region = label_image(result)[thin]
+        height, width = depth.shape
+        whole = frame.intrinsics
+        camera = Intrinsics(  # every stride-th pixel is kept as it is
+            whole.fx / stride, whole.fy / stride, whole.cx / stride, whole.cy / stride,
+            width, height,
+        )  # fmt: skip
+        color = np.ascontiguousarray(frame.color[thin])
+        return cls(quantised, step, color, region, camera, stride)
+
+    def points(self) -> Array:
+        """Return (h, w, 3) metres, camera frame, as the page draws them; nan where missing."""
+        return self.camera.backproject(self.depth * self.step)
+
+
+def label_image(result: FrameResult) -> NDArray[np.uint16]:
+    """Return (H, W) r + 1 where region r lies, 0 elsewhere; of those that overlap the smallest."""
+    width, height = result.size
+    masks = [result.regions.mask(region, width, height) for region in range(len(result.regions))]
+    labels = np.zeros((height, width), np.uint16)
+    for region in np.argsort([-int(mask.sum()) for mask in masks], kind="stable").tolist():
+        labels[masks[region]] = region + 1
+    return labels
+
+
+def _stride(shape: tuple[int, ...], max_pixels: int) -> int:
+    height, width = shape
+    stride = max(1, int(sqrt(height * width / max_pixels)))
+    while ceil(height / stride) * ceil(width / stride) > max_pixels:
+        stride += 1
+    return stride

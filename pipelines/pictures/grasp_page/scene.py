@@ -1,0 +1,191 @@
+"""What a page draws of a frame: numbers for the viewer, as one JSON object.
+
+Camera frame, metres. Arrays are base64 of their little-endian bytes.
+"""
+
+from base64 import b64encode
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.configs import RegionConfig, ViewConfig
+from pipelines.frames.rgbd import Frame
+from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT
+from pipelines.grasp_files.grasps_file import FrameResult, GraspTable, RegionTable
+from pipelines.grasping.gripper import Gripper
+from pipelines.pictures.grasp_page.cloud import PixelCloud
+from pipelines.tabletop.sparse_depth import filled
+from pipelines.tabletop.tabletop import find_tabletop
+
+Array = NDArray[np.float64]
+
+# By region, round and round; apart from each other and from the greens and reds of scores.
+REGION_COLORS = (
+    "#4c9be8", "#f2a33c", "#c77dff", "#3ccfb4", "#ff7aa8", "#d8c63a",
+    "#8aa0ff", "#ff8a5c", "#63c7ff", "#b58a5a", "#9ad14b", "#e08ad6",
+)  # fmt: skip
+DETAIL = ("width", "affordance", "clearance", "enclosed_height", "rank_score")
+FAR = 90  # percent of points lie within what is called their radius
+HAND = 0.1  # metres from a grasp to the end of the hand, about
+SMALLEST = 0.15  # metres, radius of what is looked at first
+
+
+def frame_scene(
+    frame: Frame, result: FrameResult, gripper: Gripper, config: ViewConfig
+) -> dict[str, Any]:
+    """Return all that the page of a frame draws, of depth filled as `infer` fills it."""
+    # Before it is thinned: every n-th pixel may be missing just where it lies.
+    cloud = PixelCloud.of(replace(frame, depth=filled(frame.depth)), result, config.max_pixels)
+    rows = np.sort(np.argsort(places_in_region(result.grasps), kind="stable")[: config.max_grasps])
+    grasps = GraspTable(**{name: getattr(result.grasps, name)[rows] for name in GraspTable.SPEC})
+    points = cloud.points()
+    plane = find_tabletop(points, cloud.camera, RegionConfig(), np.random.default_rng(0)).plane
+    up = np.array([0.0, -1.0, 0.0]) if plane is None else plane.normal
+    camera = cloud.camera
+    return {
+        "name": result.name,
+        "gripper": gripper.name,
+        "clearance": gripper.clearance,
+        "camera": {
+            "fx": camera.fx,
+            "fy": camera.fy,
+            "cx": camera.cx,
+            "cy": camera.cy,
+            "columns": camera.width,
+            "rows": camera.height,
+        },
+        "depth_step": cloud.step,
+        "up": _numbers(up),
+        "has_table": plane is not None,
+        "focus": _focus(grasps, points),
+        "regions": _regions(result, points, cloud.region),
+        "sources": [str(source) for source in grasps.source],
+        "left_out": len(result.grasps) - len(grasps),
+        "arrays": _arrays(cloud, grasps, gripper) | {"row": encoded(rows, "<i4")},
+    }
+
+
+def region_color(region: int) -> str:
+    """Return the colour of a region, `#rrggbb`."""
+    return REGION_COLORS[region % len(REGION_COLORS)]
+
+
+def places_in_region(grasps: GraspTable) -> NDArray[np.int64]:
+    """Return (g,) each grasp's place among those of its region, 0 the best, then by rank score."""
+    order = np.lexsort((-grasps.rank_score, ~grasps.is_best, grasps.region))
+    regions = grasps.region[order]
+    firsts = np.searchsorted(regions, regions)
+    places = np.zeros(len(grasps), np.int64)
+    places[order] = np.arange(len(grasps)) - firsts
+    return places
+
+
+def _arrays(cloud: PixelCloud, grasps: GraspTable, gripper: Gripper) -> dict[str, Any]:
+    arrays = {
+        "depth": (cloud.depth, "<u2"),
+        "color": (cloud.color, "|u1"),
+        "region": (cloud.region, "<u2"),
+        "grasp_region": (grasps.region, "<i4"),
+        "grasp_place": (places_in_region(grasps), "<i4"),
+        "symmetry_slot": (grasps.symmetry_slot, "<i4"),
+        "rotation": (grasps.rotation, "<f4"),
+        "translation": (grasps.translation, "<f4"),
+        "contacts": (grasps.contacts, "<f4"),
+        "boxes": (gripper.boxes(grasps.width), "<f4"),
+        **{name: (getattr(grasps, name), "<f4") for name in DETAIL},
+    }
+    return {name: encoded(array, dtype) for name, (array, dtype) in arrays.items()}
+
+
+def encoded(array: NDArray[Any], dtype: str) -> dict[str, Any]:
+    """Return an array as `{"dtype", "shape", "data"}`, the data base64 of its bytes in C order."""
+    data = np.ascontiguousarray(array, dtype)
+    return {
+        "dtype": dtype,
+        "shape": list(data.shape),
+        "data": b64encode(data.tobytes()).decode("ascii"),
+    }
+
+
+def _regions(
+    result: FrameResult, points: Array, labels: NDArray[np.uint16]
+) -> list[dict[str, Any]]:
+    table, measured = result.regions, np.isfinite(points[..., 2])
+    return [
+        {
+            "color": region_color(region),
+            "source": str(table.source[region]),
+            "confidence": _number(table.confidence[region]),
+            "symmetries": region_symmetries(
+                table, region, points[measured & (labels == region + 1)]
+            ),
+        }
+        for region in range(len(table))
+    ]
+
+
+def region_symmetries(table: RegionTable, region: int, points: Array) -> list[dict[str, Any]]:
+    """Return the known symmetries of a region, to be drawn about the middle of its points (n, 3).
+
+    Each is `{"slot", "kind", "confidence", "place", "direction", "radius"}`; the kind is plane,
+    axis or sphere, the direction None for a sphere. None of a region without points.
+    """
+    if not len(points):
+        return []
+    middle, radius = _middle(points)
+    drawn = []
+    for slot, confidence in enumerate(table.existence[region].tolist()):
+        point = table.symmetry_point[region, slot].astype(float)
+        direction = table.symmetry_direction[region, slot].astype(float)
+        has_direction = slot != SPHERE_SLOT
+        needed = [*point, confidence, *(direction if has_direction else [])]
+        if not np.isfinite(needed).all():
+            continue
+        # Where the plane or axis comes nearest to the region's middle.
+        off = (middle - point) @ direction * direction
+        kind, place, size = "plane", middle - off, radius
+        if slot == ROTATION_SLOT:
+            kind, place = "axis", point + off
+        elif slot == SPHERE_SLOT:
+            kind, place = "sphere", point
+            size = float(np.median(np.linalg.norm(points - point, axis=1)))
+        drawn.append({
+            "slot": slot,
+            "kind": kind,
+            "confidence": confidence,
+            "place": _numbers(place),
+            "direction": _numbers(direction) if has_direction else None,
+            "radius": size,
+        })  # fmt: skip
+    return drawn
+
+
+def _focus(grasps: GraspTable, points: Array) -> dict[str, Any]:
+    """Return what is looked at first: the best grasps, or all points where there are none."""
+    best = grasps.translation[grasps.is_best].astype(float)
+    best = best[np.isfinite(best).all(axis=1)]
+    points = points[np.isfinite(points[..., 2])]
+    middle, radius = np.array([0.0, 0.0, 1.0]), 0.0
+    if len(best):
+        middle, radius = _middle(best)
+        radius += HAND
+    elif len(points):
+        middle, radius = _middle(points)
+    return {"place": _numbers(middle), "radius": max(radius, SMALLEST)}
+
+
+def _middle(points: Array) -> tuple[Array, float]:
+    """Return the median (3,) of points (n, 3), and the radius about it of nearly all."""
+    middle = np.median(points, axis=0)
+    return middle, float(np.percentile(np.linalg.norm(points - middle, axis=1), FAR))
+
+
+def _numbers(vector: Array) -> list[float]:
+    return [float(value) for value in vector]
+
+
+def _number(value: float) -> float | None:
+    """Return what JSON can hold."""
+    return float(value) if np.isfinite(value) else None

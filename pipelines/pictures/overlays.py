@@ -1,0 +1,204 @@
+"""A frame's picture with its regions, symmetries and best grasps drawn onto it.
+
+Outlines: regions. Translucent quads: symmetry planes; dashes: rotation axes; rings: sphere
+centres. Wireframes: the hand of each region's best grasp, a dot at each contact; green where a
+symmetry gave the grasp, orange where the boundary did, grey for random ones. The PNG holds the
+stamp of what is drawn, as the text `provenance`.
+"""
+
+import json
+import struct
+import zlib
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.frames.rgbd import Frame
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT, Symmetry, SymmetrySlots
+from pipelines.geometry.transforms import unit
+from pipelines.grasp_files.grasps_file import FrameResult
+from pipelines.storage.files import encode_image, write_bytes
+from pipelines.storage.provenance import COMPARED, Stamp
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+Color = tuple[int, int, int]
+
+COLORS: dict[str, Color] = {  # RGB, by source of the grasp
+    "network": (60, 255, 90),
+    "planar": (255, 160, 30),
+    "random": (190, 190, 190),
+}
+OUTLINE: Color = (70, 170, 255)
+PLANE_COLORS: tuple[Color, ...] = ((255, 80, 200), (120, 110, 255), (255, 230, 70))
+AXIS_COLOR: Color = (255, 60, 60)
+CONTACT: Color = (255, 40, 40)
+HALO: Color = (0, 0, 0)
+FINGER, WRIST = 0.045, 0.05  # metres, of the drawn hand
+NEAREST = 0.02  # metres; nothing nearer is drawn
+USED_OPACITY, OPACITY = 0.35, 0.1  # of the plane that gave the best grasp, and of others
+FIXED_BITS = 3  # OpenCV draws at eighths of a pixel
+SIGNATURE, HEADER = b"\x89PNG\r\n\x1a\n", 33  # bytes up to the end of a PNG's first chunk
+TEXT = b"tEXtprovenance\0"  # kind and keyword of the chunk that comes next
+CHUNK = struct.Struct(">I")  # its length, and its check sum
+
+
+def write_overlay(path: Path, frame: Frame, result: FrameResult, stamp: Stamp) -> None:
+    """Draw `result` onto the colour image of `frame` and write it as PNG, atomically.
+
+    `stamp` is that of the result, and says which run's grasps the picture shows.
+    """
+    data = encode_image(draw_overlay(frame, result), ".png")
+    chunk = TEXT + stamp.as_text().encode("ascii")
+    length, check = len(chunk) - len("tEXt"), zlib.crc32(chunk)
+    text = CHUNK.pack(length) + chunk + CHUNK.pack(check)
+    write_bytes(path, data[:HEADER] + text + data[HEADER:])
+
+
+def is_drawn(path: Path, stamp: Stamp) -> bool:
+    """Return whether `path` is a picture of the result that `stamp` says."""
+    wanted = stamp.as_json()
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(HEADER + CHUNK.size)
+            if not head.startswith(SIGNATURE) or stream.read(len(TEXT)) != TEXT:
+                return False
+            (length,) = CHUNK.unpack(head[HEADER:])
+            found = json.loads(stream.read(length + len("tEXt") - len(TEXT)))
+    except (OSError, ValueError, struct.error):  # none, or none of ours
+        return False
+    return isinstance(found, dict) and all(found.get(key) == wanted[key] for key in COMPARED)
+
+
+def draw_overlay(frame: Frame, result: FrameResult) -> Picture:
+    """Return the picture (H, W, 3) RGB of a frame with all that was found in it."""
+    picture = np.ascontiguousarray(frame.color).copy()
+    thick = max(1, round(picture.shape[1] / 640))
+    height, width = picture.shape[:2]
+    for region in range(len(result.regions)):
+        mask = result.regions.mask(region, width, height)
+        _draw_symmetries(picture, frame, result, region, mask)
+        contours, _ = cv2.findContours(
+            mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+        )
+        cv2.drawContours(picture, contours, -1, OUTLINE, thick, cv2.LINE_AA)
+    for grasp in np.flatnonzero(result.grasps.is_best):
+        _draw_hand(picture, frame.intrinsics, result, int(grasp), thick)
+    return picture
+
+
+def _draw_hand(
+    picture: Picture, camera: Intrinsics, result: FrameResult, grasp: int, thick: int
+) -> None:
+    table = result.grasps
+    rotation, middle = table.rotation[grasp].astype(float), table.translation[grasp].astype(float)
+    half = float(table.width[grasp]) / 2.0
+    corners = np.array([
+        [0.0, -half, 0], [-FINGER, -half, 0], [-FINGER, half, 0], [0.0, half, 0],
+        [-FINGER, 0, 0], [-FINGER - WRIST, 0, 0],
+    ])  # fmt: skip
+    pixels = _pixels(camera, corners @ rotation.T + middle)
+    if pixels is None:
+        return
+    color = COLORS.get(str(table.source[grasp]), COLORS["planar"])
+    for line_color, extra in ((HALO, 2), (color, 0)):
+        for start, end in ((0, 1), (1, 2), (2, 3), (4, 5)):
+            _line(picture, pixels[start], pixels[end], line_color, 2 * thick + extra)
+    for contact in (0, 3):
+        center = tuple(int(x) for x in pixels[contact])
+        radius = (3 * thick) << FIXED_BITS
+        cv2.circle(picture, center, radius, CONTACT, -1, cv2.LINE_AA, FIXED_BITS)
+
+
+def _draw_symmetries(
+    picture: Picture, frame: Frame, result: FrameResult, region: int, mask: NDArray[np.bool_]
+) -> None:
+    table = result.regions
+    slots = SymmetrySlots(
+        table.existence[region].astype(float),
+        table.symmetry_point[region].astype(float),
+        table.symmetry_direction[region].astype(float),
+    )
+    found = np.flatnonzero(slots.existence > 0.5).tolist()
+    existing = [slot for slot in found if _is_known(slots, slot)]
+    cloud = frame.intrinsics.backproject(frame.depth)[mask & (frame.depth > 0)]
+    if not existing or not len(cloud):
+        return
+    radius = float(np.percentile(np.linalg.norm(cloud - np.median(cloud, axis=0), axis=1), 90))
+    grasps = result.grasps
+    used = grasps.symmetry_slot[(grasps.region == region) & grasps.is_best].tolist()
+    for slot in existing:
+        opacity = USED_OPACITY if slot in used else OPACITY
+        _draw_symmetry(picture, frame.intrinsics, slots.symmetry(slot), slot, radius, opacity)
+
+
+def _is_known(slots: SymmetrySlots, slot: int) -> bool:
+    known = np.isfinite(slots.point[slot]).all()
+    return bool(known and (slot == SPHERE_SLOT or np.isfinite(slots.direction[slot]).all()))
+
+
+def _draw_symmetry(
+    picture: Picture,
+    camera: Intrinsics,
+    symmetry: Symmetry,
+    slot: int,
+    radius: float,
+    opacity: float,
+) -> None:
+    point = symmetry.point
+    if slot == SPHERE_SLOT:
+        pixels = _pixels(camera, point[None])
+        if pixels is not None:
+            size = int(radius * camera.fx / point[2] * (1 << FIXED_BITS))
+            center = (int(pixels[0, 0]), int(pixels[0, 1]))
+            cv2.circle(picture, center, size, AXIS_COLOR, 1, cv2.LINE_AA, FIXED_BITS)
+    elif slot == ROTATION_SLOT:
+        ends = _pixels(camera, point + 1.3 * radius * np.array([[-1], [1]]) * symmetry.direction)
+        if ends is not None:
+            for color, size in ((HALO, 4), (AXIS_COLOR, 2)):
+                _line(picture, ends[0], ends[1], color, size)
+    else:
+        _draw_plane(picture, camera, symmetry, radius, PLANE_COLORS[slot], opacity)
+
+
+def _draw_plane(
+    picture: Picture,
+    camera: Intrinsics,
+    plane: Symmetry,
+    radius: float,
+    color: Color,
+    opacity: float,
+) -> None:
+    # One side of the quad is level in the image, so the quad reads as a sheet and not a kite.
+    across = np.cross(plane.direction, [0.0, 1.0, 0.0])
+    if np.linalg.norm(across) < 0.1:
+        across = np.cross(plane.direction, [1.0, 0.0, 0.0])
+    across = unit(across)
+    up = np.cross(plane.direction, across)
+    signs = np.array([[-1, -1], [-1, 1], [1, 1], [1, -1]])
+    corners = plane.point + 0.8 * radius * (signs[:, :1] * across + signs[:, 1:] * up)
+    pixels = _pixels(camera, corners)
+    if pixels is None:
+        return
+    sheet = picture.copy()
+    cv2.fillConvexPoly(sheet, pixels, color, cv2.LINE_AA, FIXED_BITS)
+    cv2.addWeighted(sheet, opacity, picture, 1.0 - opacity, 0.0, dst=picture)
+    cv2.polylines(picture, [pixels], True, color, 1, cv2.LINE_AA, FIXED_BITS)
+
+
+def _pixels(camera: Intrinsics, points: Array) -> NDArray[np.int32] | None:
+    """Return (n, 2) fixed-point pixels of `points` (n, 3); None if one is behind the camera."""
+    if not (points[:, 2] > NEAREST).all():
+        return None
+    scaled = camera.project(points) * (1 << FIXED_BITS)
+    return np.asarray(np.round(np.clip(scaled, -1e6, 1e6)), np.int32)
+
+
+def _line(
+    picture: Picture, start: NDArray[np.int32], end: NDArray[np.int32], color: Color, size: int
+) -> None:
+    first, second = (int(start[0]), int(start[1])), (int(end[0]), int(end[1]))
+    cv2.line(picture, first, second, color, size, cv2.LINE_AA, FIXED_BITS)

@@ -1,0 +1,1 @@
+"""Running many items: batches, worker processes, stop signals."""

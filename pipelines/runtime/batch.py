@@ -1,0 +1,179 @@
+"""Map a step over files: skip what is finished, collect what fails, report both."""
+
+import dataclasses
+import logging
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from joblib import delayed
+from rich.progress import track
+
+from pipelines.errors import StaleOutputError, SymgraspError, WriteError, printable
+from pipelines.runtime.clusters import CLUSTERS, check_backend, workers_of
+from pipelines.storage.provenance import Stamp, is_finished
+
+log = logging.getLogger(__name__)
+
+CHOSEN = 0  # for `workers`
+
+
+@dataclasses.dataclass(frozen=True)
+class BatchOptions:
+    """How a batch is run; none of these changes what is written.
+
+    Attributes:
+        workers: processes at a time; 1 runs in this process, unless `backend` is a cluster;
+            `CHOSEN` leaves it to the stage, and is 1 to those that do not choose.
+        backend: `loky`, or `dask` or `ray` where these are installed.
+        overwrite: make outputs again that exist.
+        dry_run: say what would be done, do nothing.
+        progress: show a progress bar on stderr.
+    """
+
+    workers: int = 1
+    backend: str = "loky"
+    overwrite: bool = False
+    dry_run: bool = False
+    progress: bool = True
+
+    @property
+    def is_here(self) -> bool:
+        """Whether the work is done in this process."""
+        return self.workers <= 1 and self.backend not in CLUSTERS
+
+    def for_items(self, count: int) -> "BatchOptions":
+        """Return these with no more workers than `count` items; each worker loads all it needs."""
+        return dataclasses.replace(self, workers=min(self.workers, max(1, count)))
+
+
+@dataclasses.dataclass(frozen=True)
+class WorkItem:
+    """One output to make: its name in reports, where it goes, how it is to be made."""
+
+    name: str
+    target: Path
+    stamp: Stamp
+    arguments: tuple[Any, ...] = ()
+
+
+@dataclasses.dataclass
+class StageReport:
+    """What a stage did: names of items done, skipped as finished, failed with their sentence."""
+
+    stage: str
+    done: list[str] = dataclasses.field(default_factory=list)
+    skipped: list[str] = dataclasses.field(default_factory=list)
+    failed: dict[str, str] = dataclasses.field(default_factory=dict)
+    notes: dict[str, str] = dataclasses.field(default_factory=dict)
+    seconds: float = 0.0
+
+    @property
+    def exit_code(self) -> int:
+        """0 if nothing failed, else 1."""
+        return 1 if self.failed else 0
+
+
+def run_batch(
+    stage: str,
+    items: Sequence[WorkItem],
+    step: Callable[[WorkItem], str | None],
+    options: BatchOptions,
+) -> StageReport:
+    """Run `step` on every item that is not finished yet.
+
+    A `SymgraspError` or `OSError` fails its item alone. A `WriteError` ends the batch, as there is
+    no room or no right to write; anything else is a bug and propagates.
+    `step` may return a note for the report; with several workers it must be picklable.
+
+    Raises:
+        UnknownNameError: no such backend.
+        WriteError: `step` said that its result cannot be written.
+    """
+    check_backend(options.backend)
+    started, report = time.monotonic(), StageReport(stage)
+    todo = _unfinished(items, options, report)
+    if options.dry_run:
+        report.notes.update({item.name: f"would write {item.target}" for item in todo})
+        return report
+    for item, (note, failure) in zip(todo, _outcomes(stage, todo, step, options), strict=True):
+        if failure is not None:
+            report.failed[item.name] = failure
+            continue
+        report.done.append(item.name)
+        if note:
+            report.notes[item.name] = note
+    report.seconds = time.monotonic() - started
+    return report
+
+
+def drop_stale(items: Sequence[WorkItem], options: BatchOptions) -> None:
+    """Remove targets that were made otherwise, for outputs that are parts of another.
+
+    Without the whole that they belong to they are but an interrupted run's.
+    """
+    for item in items:
+        try:
+            is_finished(item.target, item.stamp)
+        except StaleOutputError:
+            if not options.dry_run:
+                item.target.unlink()
+
+
+def _unfinished(
+    items: Sequence[WorkItem], options: BatchOptions, report: StageReport
+) -> list[WorkItem]:
+    todo = []
+    for item in items:
+        try:
+            finished = is_finished(item.target, item.stamp, overwrite=options.overwrite)
+        except SymgraspError as error:
+            report.failed[item.name] = str(error)
+            continue
+        if finished:
+            report.skipped.append(item.name)
+        else:
+            todo.append(item)
+    return todo
+
+
+def _outcomes(
+    stage: str,
+    todo: Sequence[WorkItem],
+    step: Callable[[WorkItem], str | None],
+    options: BatchOptions,
+) -> Iterable[tuple[str | None, str | None]]:
+    results: Iterator[tuple[str | None, str | None]]
+    if not todo:
+        return
+    options = options.for_items(len(todo))
+    if options.is_here:
+        results = (_attempt(step, item) for item in todo)
+        yield from track(
+            results, stage, total=len(todo), disable=not options.progress, console=_stderr()
+        )
+        return
+    with workers_of(options.backend, max(1, options.workers)) as parallel:
+        results = parallel(delayed(_attempt)(step, item) for item in todo)
+        yield from track(
+            results, stage, total=len(todo), disable=not options.progress, console=_stderr()
+        )
+
+
+def _stderr() -> Any:  # noqa: ANN401 - rich's console
+    from rich.console import Console  # noqa: PLC0415
+
+    return Console(stderr=True)
+
+
+def _attempt(
+    step: Callable[[WorkItem], str | None], item: WorkItem
+) -> tuple[str | None, str | None]:
+    """Return (note, None), or (None, the sentence of what failed)."""
+    try:
+        return step(item), None
+    except WriteError:
+        raise
+    except (SymgraspError, OSError) as error:
+        return None, printable(str(error))

@@ -1,0 +1,209 @@
+"""How an output was made: the stamp every file carries, and whether it is still the right one."""
+
+import dataclasses
+import hashlib
+import html
+import json
+import logging
+import re
+from collections.abc import Mapping
+from functools import lru_cache
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import h5py
+
+from pipelines.errors import StaleOutputError, ValueRangeError
+from pipelines.storage.files import read_json, write_json
+from pipelines.storage.h5_files import open_h5
+from pipelines.storage.safetensors_files import open_safetensors
+
+log = logging.getLogger(__name__)
+# What must agree for an existing output to be reused; the version is recorded, not compared.
+COMPARED = ("stage", "config", "seed", "inputs")
+PAGE_STAMP = re.compile('<meta name="provenance" content="([^"]*)">')
+PAGE_HEAD = 65536  # characters of a page in which its stamp must lie
+
+
+@dataclasses.dataclass(frozen=True)
+class Stamp:
+    """What an output was made by: stage, settings, seed and digests of its inputs.
+
+    `recorded` is written down too where there is any, for later stages; it is not compared.
+    """
+
+    stage: str
+    config: Mapping[str, Any]
+    seed: int = 0
+    inputs: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    recorded: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the stamp as a JSON object, the toolkit's version included."""
+        return {
+            "stage": self.stage,
+            "config": dict(self.config),
+            "seed": self.seed,
+            "inputs": dict(self.inputs),
+            "version": version(),
+        } | ({"recorded": dict(self.recorded)} if self.recorded else {})
+
+    def as_text(self) -> str:
+        """Return the stamp as one line of JSON."""
+        return json.dumps(self.as_json(), sort_keys=True)
+
+    def as_digest(self) -> str:
+        """Return a digest of what is compared: the same whichever version of the toolkit."""
+        stamp = self.as_json()
+        return digest_text(json.dumps({key: stamp[key] for key in COMPARED}, sort_keys=True))
+
+
+@lru_cache(maxsize=1)
+def version() -> str:
+    """Return the installed version of symgrasp."""
+    try:
+        return metadata.version("symgrasp")
+    except metadata.PackageNotFoundError:
+        return "unknown"
+
+
+def make_stamp(
+    stage: str,
+    config: Any,  # noqa: ANN401 - any dataclass, or a mapping
+    *,
+    seed: int = 0,
+    inputs: Mapping[str, str] | None = None,
+) -> Stamp:
+    """Return the stamp of `stage` run with `config`, a dataclass or a mapping."""
+    settings = config if isinstance(config, Mapping) else dataclasses.asdict(config)
+    # Through JSON and back, so that tuples and lists compare as they will when read again.
+    return Stamp(stage, json.loads(json.dumps(settings, default=str)), seed, dict(inputs or {}))
+
+
+def digest(path: Path) -> str:
+    """Return the first 16 hexadecimal digits of the file's SHA-256."""
+    with path.open("rb") as stream:
+        return "sha256:" + hashlib.file_digest(stream, "sha256").hexdigest()[:16]
+
+
+def digest_if_there(path: Path) -> str:
+    """Return the digest of a file, `missing` of one that is not there: reading it says so then."""
+    return digest(path) if path.is_file() else "missing"
+
+
+def digest_text(text: str) -> str:
+    """Return the first 16 hexadecimal digits of the SHA-256 of `text`."""
+    return "sha256:" + hashlib.sha256(text.encode(errors="surrogatepass")).hexdigest()[:16]
+
+
+def digest_folder(folder: Path, pattern: str) -> str:
+    """Return one digest of the names and contents of all files of `folder` that fit `pattern`.
+
+    Hidden files are what an interrupted run left behind, and do not count.
+    """
+    files = sorted(path for path in folder.glob(pattern) if not path.name.startswith("."))
+    return digest_text("".join(f"{path.name} {digest(path)}\n" for path in files))
+
+
+def sidecar_of(target: Path) -> Path:
+    """Return where the stamp of `target` lies when the format itself has no place for it."""
+    if target.is_dir():
+        return target / "provenance.json"
+    return target.with_name(f"{target.name}.provenance.json")
+
+
+def write_sidecar(target: Path, stamp: Stamp) -> None:
+    """Write the stamp of `target` beside it, or into it if it is a folder."""
+    write_json(sidecar_of(target), stamp.as_json())
+
+
+def stamp_ahead(target: Path, stamp: Stamp) -> None:
+    """Write the sidecar of the file `target`, which is to be written next.
+
+    The stamp goes first: a file without one would be taken for somebody else's. An earlier
+    `target` goes before that: a run killed in between would leave it under a stamp not its own.
+    """
+    target.unlink(missing_ok=True)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    write_sidecar(target, stamp)
+
+
+def refuse_other_suffix(output: Path, suffix: str) -> None:
+    """Raise ValueRangeError if `--out` does not end in `suffix`.
+
+    Where the stamp of an output is looked for follows from its suffix; under another one it would
+    not be found again.
+    """
+    if output.suffix != suffix:
+        raise ValueRangeError("--out", output, f"a file name that ends in {suffix}")
+
+
+def read_stamp(target: Path) -> dict[str, Any] | None:
+    """Return the stamp of `target`, or None if it has none."""
+    match target.suffix:
+        case ".h5" | ".hdf5":
+            return _read_h5_stamp(target)
+        case ".json":
+            content = read_json(target)
+            # What a person wrote by hand may say anything there; that is no stamp.
+            stamp = content.get("provenance") if isinstance(content, dict) else None
+            return stamp if isinstance(stamp, dict) else None
+        case ".safetensors":
+            return _read_safetensors_stamp(target)
+        case ".html" if not sidecar_of(target).exists():
+            return _read_page_stamp(target)
+        case _:
+            sidecar = sidecar_of(target)
+            return dict(read_json(sidecar)) if sidecar.exists() else None
+
+
+def page_stamp(stamp: Stamp) -> str:
+    """Return the element that holds the stamp of an HTML page; it belongs into the head, first."""
+    return f'<meta name="provenance" content="{html.escape(stamp.as_text())}">'
+
+
+def _read_page_stamp(target: Path) -> dict[str, Any] | None:
+    with target.open(encoding="utf-8", errors="replace") as stream:
+        found = PAGE_STAMP.search(stream.read(PAGE_HEAD))
+    try:
+        return None if found is None else dict(json.loads(html.unescape(found[1])))
+    except (TypeError, ValueError):
+        return None
+
+
+def _read_h5_stamp(target: Path) -> dict[str, Any] | None:
+    with open_h5(target) as file:
+        text = file.attrs.get("provenance")
+    return None if text is None or isinstance(text, h5py.Empty) else dict(json.loads(text))
+
+
+def _read_safetensors_stamp(target: Path) -> dict[str, Any] | None:
+    with open_safetensors(target) as file:
+        text = (file.metadata() or {}).get("provenance")
+    return None if text is None else dict(json.loads(text))
+
+
+def is_finished(target: Path, stamp: Stamp, *, overwrite: bool = False) -> bool:
+    """Return whether `target` exists and was made as `stamp` says.
+
+    Raises:
+        StaleOutputError: it exists, was made otherwise, and may not be overwritten.
+    """
+    if not target.exists() or overwrite:
+        return False
+    found, wanted = read_stamp(target) or {}, stamp.as_json()
+    if any(found.get(key) != wanted[key] for key in COMPARED):
+        raise StaleOutputError(target)
+    if found.get("version") != wanted["version"]:
+        _tell_of_version(str(found.get("version")), str(wanted["version"]))
+    return True
+
+
+@lru_cache  # once a process: a stage may reuse thousands of files
+def _tell_of_version(found: str, installed: str) -> None:
+    log.warning(
+        "what is reused was made by symgrasp %s, installed is %s; --overwrite makes it anew",
+        found,
+        installed,
+    )

@@ -1,0 +1,1 @@
+"""Grasp labels of synthetic objects, as GraspNet-1Billion has them."""

@@ -1,0 +1,183 @@
+"""GraspNet's gripper against surfaces and a table: collision of grasp labels.
+
+The gripper is the one of GraspNet-1Billion's evaluation: two fingers and a slab behind them, in
+the grasp frame about GraspNet's origin. A label's candidates share their origin by the thousand
+and their approach by the dozen, so points are turned once a view and spun for the angles.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.dataset.graspnet.graspnet_labels import GRID
+from pipelines.dataset.graspnet.graspnet_views import ANGLES, DEPTHS, view_rotations
+from pipelines.geometry.meshes.surface_patches import SurfacePatches, meet_boxes
+
+Array = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+HALF_HEIGHT = 0.01  # metres to each side along approach x closing
+FINGER = 0.01  # metres that a finger is thick along closing
+FINGER_BACK = -0.02  # metres along approach, where fingers begin and the slab ends
+SLAB_BACK = -0.03  # metres along approach, where the slab begins
+SCOUT_STRIDE = 3  # every how many-th patch is tried before all of them are
+
+
+def hits_surface(
+    surface: SurfacePatches, origin: Array, candidates: Mask, width: NDArray[np.floating]
+) -> Mask:
+    """Return which candidates of one grasp point have a part of a surface in the gripper's boxes.
+
+    Exact: where no centre of a patch is in a box, the triangles of the patches near it are tried.
+
+    Args:
+        surface: object frame, metres.
+        origin: (3,) metres, the grasp point, object frame.
+        candidates: (300, 12, 4) the views, angles and depths to test; the others are False.
+        width: (300, 12, 4) metres, openings.
+    """
+    hit = np.zeros(GRID, np.bool_)
+    half = (0.5 * np.asarray(width)).astype(np.float32)
+    scouts = surface.centers[::SCOUT_STRIDE]  # a few points find most of what collides
+    for view, angle, depth, _, held in _held(scouts, origin, candidates, half, 0.0):
+        hit[view[held], angle, depth[held]] = True
+    grow = float(surface.radius.max(initial=0.0))
+    near = [
+        (view, np.full(len(view), angle), depth, patch, held)
+        for view, angle, depth, patch, held in _held(
+            surface.centers, origin, candidates & ~hit, half, grow
+        )
+    ]
+    if not near:
+        return hit
+    view, angle_of, depth, patch, held = (
+        np.concatenate(parts) for parts in zip(*near, strict=True)
+    )
+    hit[view[held], angle_of[held], depth[held]] = True
+    open_ = ~hit[view, angle_of, depth]
+    index = np.stack([view[open_], angle_of[open_], depth[open_]])
+    met = _patches_meet(surface, origin, index, patch[open_], width)
+    hit[tuple(index[:, met])] = True
+    return hit
+
+
+def _patches_meet(
+    surface: SurfacePatches,
+    origin: Array,
+    index: NDArray[np.int64],
+    patch: NDArray[np.int64],
+    width: NDArray[np.floating],
+) -> Mask:
+    """Return (m,) whether a triangle of `patch` (m,) meets the gripper of candidates (3, m)."""
+    frames = view_rotations().astype(np.float64)[index[0], index[1]]
+    half, tips = 0.5 * np.asarray(width, np.float64)[tuple(index)], DEPTHS[index[2]]
+    centers = np.einsum("mi,mij->mj", surface.centers[patch] - origin, frames)
+    met = np.zeros(len(patch), np.bool_)
+    for low, high in gripper_boxes(half, tips):
+        away = np.maximum(np.maximum(low - centers, centers - high), 0.0)
+        near = np.flatnonzero((away**2).sum(axis=1) < surface.radius[patch] ** 2)
+        pair, triangle = surface.triangles_of(patch[near])
+        row = near[pair]
+        corners = (surface.triangles[triangle] - origin) @ frames[row]
+        met[row[meet_boxes(corners, low[row], high[row])]] = True
+    return met
+
+
+def gripper_boxes(half: Array, tips: Array) -> list[tuple[Array, Array]]:
+    """Return lowest and highest corners (n, 3) of the fingers' and the slab's boxes, grasp frame.
+
+    `half` (n,): metres of half the opening; `tips` (n,): metres that the fingers reach forward.
+    """
+    sides = [(-half - FINGER, -half), (half, half + FINGER), (-half - FINGER, half + FINGER)]
+    ends = [(FINGER_BACK, tips), (FINGER_BACK, tips), (SLAB_BACK, np.full_like(tips, FINGER_BACK))]
+    level = np.full_like(half, HALF_HEIGHT)
+    return [
+        (
+            np.stack([np.full_like(half, back), inner, -level], axis=1),
+            np.stack([front, outer, level], axis=1),
+        )
+        for (back, front), (inner, outer) in zip(ends, sides, strict=True)
+    ]
+
+
+def _held(
+    points: Array, origin: Array, candidates: Mask, half: Singles, grow: float
+) -> Iterator[tuple[NDArray[np.int64], int, NDArray[np.int64], NDArray[np.int64], Mask]]:
+    """Yield, angle by angle, which points lie in which candidates' boxes grown by `grow` metres.
+
+    Yields view (k,), angle, depth (k,), point (k,) and whether it lies in the boxes as they are.
+    """
+    views = np.flatnonzero(candidates.any(axis=(1, 2)))
+    if not len(views) or not len(points):
+        return
+    view, point, q = _near_gripper(points - origin, views, half, candidates, grow)
+    wanted = np.asarray(candidates.any(axis=2))  # (300, 12)
+    for angle, (cosine, sine) in enumerate(_turns()):
+        level = np.abs(cosine * q[2] - sine * q[1])
+        near = np.flatnonzero((level < HALF_HEIGHT + grow) & wanted[view, angle])
+        side = np.abs(cosine * q[1, near] + sine * q[2, near])[:, None]
+        along, opening = q[0, near, None], half[view[near], angle]
+        row, depth = np.nonzero(_inside(along, side, opening, grow) & candidates[view[near], angle])
+        picked = near[row]
+        held = np.ones(len(row), np.bool_)
+        if grow:
+            held = _inside(along, side, opening, 0.0)[row, depth] & (level[picked] < HALF_HEIGHT)
+        yield view[picked], angle, depth, point[picked], held
+
+
+def _near_gripper(
+    around: Array, views: NDArray[np.int64], half: Singles, candidates: Mask, grow: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Singles]:
+    """Return view (k,), index (k,) and coordinates (3, k) at angle 0 of points near some box."""
+    # Per view, whatever the angle: how near the approach fingers come, and how far boxes reach.
+    inner = np.where(candidates, half, np.inf).min(axis=(1, 2))[views, None] - grow
+    outer = np.where(candidates, half, 0.0).max(axis=(1, 2))[views, None] + FINGER + grow
+    outer_squared = (outer**2 + (HALF_HEIGHT + grow) ** 2).astype(np.float32)
+    tips = np.where(candidates, DEPTHS, 0.0).max(axis=(1, 2))[views, None].astype(np.float32)
+    points = around.astype(np.float32)
+    square = np.einsum("ni,ni->n", points, points)
+    farthest = max(DEPTHS.max(), -SLAB_BACK) + grow
+    near = np.flatnonzero(square < outer_squared.max() + farthest**2)
+    points, square = points[near], square[near]
+    frames = view_rotations(angles=np.zeros(1))[views, 0]
+    along = frames[:, :, 0] @ points.T  # (v, n)
+    away = square - along**2  # from the line of approach, squared
+    reached = (along > SLAB_BACK - grow) & (along < tips + grow) & (away < outer_squared)
+    inner_squared = np.maximum(inner, 0.0).astype(np.float32) ** 2
+    reached &= (along < FINGER_BACK + grow) | (away > 0.999 * inner_squared)
+    row, sample = np.nonzero(reached)
+    across = np.einsum("kij,ki->jk", frames[row, :, 1:], points[sample])
+    return views[row], near[sample], np.concatenate([along[row, sample][None], across])
+
+
+def _turns() -> list[tuple[np.float32, np.float32]]:
+    return list(
+        zip(np.cos(ANGLES).astype(np.float32), np.sin(ANGLES).astype(np.float32), strict=True)
+    )
+
+
+def _inside(along: Singles, side: Singles, half: Singles, grow: float) -> Mask:
+    """Return (k, 4) whether points at `along`, `side` (k, 1) lie in boxes of half openings."""
+    back, front = np.float32(FINGER_BACK + grow), (DEPTHS + grow).astype(np.float32)
+    finger = (along > FINGER_BACK - grow) & (along < front) & (side > half - np.float32(grow))
+    slab = (along > np.float32(SLAB_BACK - grow)) & (along < back)
+    return (finger | slab) & (side < half + np.float32(FINGER + grow))
+
+
+def hits_plane(width: NDArray[np.floating], normal: Array, height: Array) -> Mask:
+    """Return (p, 300, 12, 4) whether the gripper reaches below a plane.
+
+    Args:
+        width: (p, 300, 12, 4) metres, openings.
+        normal: (3,) unit, out of the table, object frame.
+        height: (p,) metres of the grasp points above the plane.
+    """
+    # Slab and fingers all reach the same distance sideways, so the lowest corner of the boxes is
+    # the lowest corner of the one box around them.
+    up = np.einsum("i,vaij->jva", normal, view_rotations())[..., None]  # (3, 300, 12, 1)
+    outer = 0.5 * width + FINGER
+    lowest = np.minimum(SLAB_BACK * up[0], DEPTHS * up[0]) - HALF_HEIGHT * np.abs(up[2])
+    lowest = lowest - outer * np.abs(up[1])
+    return np.asarray(height[:, None, None, None] + lowest < 0.0)

@@ -1,0 +1,73 @@
+"""Planar grasp labels, `rect/NNNN.npy`: the grasps of labels that approach along the view axis.
+
+GraspNet-1Billion's conversion: a row is seven pixels (see `formats.graspnet_labels.RECT_COLUMNS`),
+the rectangle's centre, the middle of one short side, its height, and the grasp's worth.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.dataset.graspnet.graspnet_labels import RECT_COLUMNS, GraspLabel
+from pipelines.dataset.graspnet.graspnet_views import generate_views, view_rotations
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.transforms import rotate_vectors, transform_points
+
+Array = NDArray[np.float64]
+
+MIN_ALONG_VIEW = 0.99  # cosine between approach and view axis: 8 degrees
+BASE = 0.02  # metres behind the grasp's origin where the rectangle is drawn
+HALF_HEIGHT = 0.01  # metres, of the gripper
+WORTH_OF_NO_FRICTION = 1.1  # a row holds 1.1 - friction, higher is better
+
+
+@dataclass(frozen=True)
+class FreeGrasps:
+    """The grasps of one object of a scene that hold and meet nothing, object frame, metres."""
+
+    object_id: int
+    view: NDArray[np.int64]  # (n,) index into the template of views
+    rotation: Array  # (n, 3, 3) columns approach, closing, approach x closing
+    origin: Array  # (n, 3) GraspNet's origin
+    opening: Array  # (n,)
+    min_friction: Array  # (n,)
+
+
+def free_grasps(object_id: int, label: GraspLabel, collision: NDArray[np.bool_]) -> FreeGrasps:
+    """Select the grasps of `label` that hold and, by `collision` (P, 300, 12, 4), are free."""
+    point, view, angle, depth = np.nonzero((label.min_friction > 0) & ~collision)
+    return FreeGrasps(
+        object_id,
+        view,
+        view_rotations()[view, angle].astype(np.float64),
+        label.points[point].astype(np.float64),
+        label.offsets[point, view, angle, depth, 2].astype(np.float64),
+        label.min_friction[point, view, angle, depth].astype(np.float64),
+    )
+
+
+def planar_rows(grasps: FreeGrasps, T_cam_obj: Array, intrinsics: Intrinsics) -> Array:
+    """Return the rows (m, 7), pixels, of the grasps that approach along the view axis."""
+    along = -generate_views().astype(np.float64) @ T_cam_obj[2, :3]
+    level = np.flatnonzero(along[grasps.view] > MIN_ALONG_VIEW)
+    if not len(level):
+        return np.zeros((0, RECT_COLUMNS))
+    axes = rotate_vectors(T_cam_obj, grasps.rotation[level].swapaxes(1, 2))  # (m, axis, 3)
+    origin = transform_points(T_cam_obj, grasps.origin[level])
+    middle = origin - BASE * axes[:, 0]
+    side = middle - 0.5 * grasps.opening[level, None] * axes[:, 1]
+    corners = [side + sign * HALF_HEIGHT * axes[:, 2] for sign in (-1.0, 1.0)]
+    centre, opened, low, high = (intrinsics.project(p) for p in (middle, side, *corners))
+    rows = np.column_stack(
+        [
+            centre,
+            opened,
+            np.linalg.norm(high - low, axis=1),
+            WORTH_OF_NO_FRICTION - grasps.min_friction[level],
+            np.full(len(level), grasps.object_id),
+        ]
+    )
+    inside = (centre >= 0).all(axis=1)
+    inside &= (centre[:, 0] < intrinsics.width) & (centre[:, 1] < intrinsics.height)
+    return rows[inside]

@@ -1,0 +1,73 @@
+"""At which openings a gripper's fingers, closing on one line, hold what is between them (D. 38).
+
+Each finger stands half the opening from the middle of the line, with free line behind its contact:
+a clearance, or less at the widest opening alone. It closes on the first surface it meets. Every
+surface that the line leaves outward is thus the farther contact of at most one opening.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.geometry.meshes.line_crossings import Crossings
+from pipelines.metrics.force_closure import friction_of_cosine
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Openings:
+    """The openings of n candidates at which both fingers have a contact, the smallest first.
+
+    Attributes:
+        half: (n, j) metres from the middle to each finger; inf where there is no more.
+        friction: (n, j) smallest coefficient of friction that holds; inf where there is no more.
+    """
+
+    half: Array
+    friction: Array
+
+    def limited(self, max_friction: float) -> "Openings":
+        """Return only the openings that hold at `max_friction`."""
+        return _ordered(np.where(self.friction <= max_friction, self.half, np.inf), self.friction)
+
+
+def openings(below: Crossings, above: Crossings, clearance: float, max_half: float) -> Openings:
+    """Return the openings of lines that cross `below` and `above` their middle.
+
+    `clearance`: free metres between a contact and the finger before it closes; `max_half`: metres
+    from the middle to each finger of the open gripper.
+    """
+    farther = np.concatenate(
+        [np.where(side.leave, side.distance, np.inf) for side in (below, above)], axis=1
+    )
+    half = np.minimum(farther + clearance, max_half)
+    valid = farther <= max_half
+    cosine = np.ones_like(farther)
+    for side in (below, above):
+        distance, of_side = _contacts(side, half)
+        valid &= (of_side > 0.0) & (distance <= farther)
+        cosine = np.minimum(cosine, of_side)
+    friction = friction_of_cosine(np.where(valid, cosine, 0.0))
+    return _ordered(np.where(valid, half, np.inf), friction)
+
+
+def _contacts(side: Crossings, half: Array) -> tuple[Array, Array]:
+    """Return distance and cosine (n, j) of what a finger at `half` (n, j) meets; nan for none.
+
+    It is the last surface before the finger; a negative cosine means that the finger is inside.
+    """
+    last = (side.distance[:, None, :] <= half[:, :, None]).sum(axis=2) - 1
+    at = np.maximum(last, 0)
+    return (
+        np.where(last >= 0, np.take_along_axis(side.distance, at, axis=1), np.nan),
+        np.where(last >= 0, np.take_along_axis(side.cosine, at, axis=1), np.nan),
+    )
+
+
+def _ordered(half: Array, friction: Array) -> Openings:
+    order = np.argsort(half, axis=1, kind="stable")
+    half = np.take_along_axis(half, order, axis=1)
+    friction = np.take_along_axis(friction, order, axis=1)
+    return Openings(half, np.where(np.isfinite(half), friction, np.inf))

@@ -1,0 +1,73 @@
+"""Curved surfaces from flat triangles: normals interpolated between a triangle's corners.
+
+Only for the colour image; depth and grasps know the triangles as they are.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.geometry.rendering import Hits
+from pipelines.geometry.transforms import invert, rotate_vectors, transform_points, unit
+
+Array = NDArray[np.float64]
+
+CREASE = np.radians(35.0)  # a corner whose neighbourhood bends more than this stays an edge
+
+
+def corner_normals(mesh: Mesh) -> Array:
+    """Return (f, 3, 3) unit normals of each triangle's corners, the mesh's frame."""
+    sums = np.zeros_like(mesh.vertices)
+    weighted = mesh.face_normals * mesh.face_areas[:, None]
+    for corner in range(3):
+        np.add.at(sums, mesh.faces[:, corner], weighted)
+    smooth = unit(sums)[mesh.faces]
+    bend = np.einsum("fki,fi->fk", smooth, mesh.face_normals)
+    return np.where((bend > np.cos(CREASE))[..., None], smooth, mesh.face_normals[:, None])
+
+
+def with_smooth_normals(
+    hits: Hits,
+    meshes: Sequence[Mesh],
+    corners: Sequence[Array],
+    T_cam_obj: Array,
+    intrinsics: Intrinsics,
+) -> Hits:
+    """Return `hits` with the normals of the first objects interpolated.
+
+    `corners`: `corner_normals` of each of the meshes; `T_cam_obj`: (k, 4, 4) their poses.
+    """
+    normal = hits.normal.copy()
+    rays = intrinsics.rays()
+    for index, mesh in enumerate(meshes):
+        seen = hits.object_index == index
+        if not seen.any():
+            continue
+        triangle, ray = hits.triangle_index[seen], rays[seen]
+        points = transform_points(invert(T_cam_obj[index]), ray * hits.depth[seen][:, None])
+        weights = barycentric(mesh.triangles[triangle], points)
+        own = np.einsum("nk,nki->ni", weights, corners[index][triangle])
+        smooth = unit(rotate_vectors(T_cam_obj[index], own))
+        # Near a silhouette the interpolated normal may turn away from the camera.
+        facing = np.einsum("ni,ni->n", smooth, ray) < 0.0
+        normal[seen] = np.where(facing[:, None], smooth, normal[seen])
+    return replace(hits, normal=normal)
+
+
+def barycentric(triangles: Array, points: Array) -> Array:
+    """Return (n, 3) shares of the corners of `triangles` (n, 3, 3) that make up `points` (n, 3).
+
+    Points outside their triangle get the shares of a point on its border.
+    """
+    a, b, c = triangles.swapaxes(0, 1)
+    u, v, w = b - a, c - a, points - a
+    uu, uv, vv = (np.einsum("ni,ni->n", p, q) for p, q in ((u, u), (u, v), (v, v)))
+    wu, wv = np.einsum("ni,ni->n", w, u), np.einsum("ni,ni->n", w, v)
+    area = np.maximum(uu * vv - uv * uv, 1e-30)
+    second, third = (vv * wu - uv * wv) / area, (uu * wv - uv * wu) / area
+    shares = np.clip(np.stack([1.0 - second - third, second, third], 1), 0.0, None)
+    return np.asarray(shares / shares.sum(axis=1, keepdims=True))

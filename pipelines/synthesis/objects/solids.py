@@ -1,0 +1,227 @@
+"""Closed solids as building blocks of objects: hulls, prisms, bent tubes, lumps, unions.
+
+A `Solid` is exact (its union and difference are again watertight) and knows convex pieces of
+itself for physics. Metres; lathes and prisms stand on the z axis.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from manifold3d import CrossSection, Manifold, Mesh64
+from numpy.typing import ArrayLike, NDArray
+
+from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.geometry.transforms import make_pose, transform_points, unit
+
+Array = NDArray[np.float64]
+
+IDENTITY = np.eye(3)
+FLAT_FACES = 3000  # triangles that an object of flat faces gets
+MAX_FACES = 8000  # fewer, larger ones where round parts have many already
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A closed solid.
+
+    Attributes:
+        body: its surface.
+        pieces: (k, 3) points each; the hulls of these together are about the solid.
+    """
+
+    body: Manifold
+    pieces: tuple[Array, ...]
+
+    def __or__(self, other: "Solid") -> "Solid":
+        return Solid(self.body + other.body, self.pieces + other.pieces)
+
+    def __sub__(self, other: "Solid") -> "Solid":
+        """Cut `other` away; the pieces stay, so cut only what physics may overlook."""
+        return Solid(self.body - other.body, self.pieces)
+
+    def moved(self, rotation: ArrayLike = IDENTITY, translation: ArrayLike = (0, 0, 0)) -> "Solid":
+        """Return the solid rotated by (3, 3), also a mirroring, then moved by (3,) metres."""
+        T = make_pose(rotation, translation)
+        body = self.body.transform(np.ascontiguousarray(T[:3]))
+        return Solid(body, tuple(transform_points(T, piece) for piece in self.pieces))
+
+    def mirrored(self, axis: int) -> "Solid":
+        """Return the mirror image in the plane through the origin across `axis`."""
+        signs = np.ones(3)
+        signs[axis] = -1.0
+        return self.moved(np.diag(signs))
+
+    def centred(self) -> "Solid":
+        """Return the solid with the centre of its bounding box at the origin."""
+        box = np.array(self.body.bounding_box()).reshape(2, 3)
+        return self.moved(translation=-box.mean(axis=0))
+
+    def mesh(self) -> Mesh:
+        """Return the surface with long edges split, at most about MAX_FACES triangles.
+
+        Peers read a model's vertices as its point cloud, so flat faces need vertices too.
+        """
+        edge = float(np.sqrt(self.body.surface_area() / (0.3 * FLAT_FACES)))
+        refined = self.body.refine_to_length(edge)
+        while refined.num_tri() > max(MAX_FACES, self.body.num_tri()):
+            edge *= 1.3
+            refined = self.body.refine_to_length(edge)
+        stored = refined.to_mesh64()
+        vertices = np.asarray(stored.vert_properties)[:, :3]
+        return Mesh(vertices, np.asarray(stored.tri_verts).astype(np.int64))
+
+
+def solid_of(vertices: Array, faces: NDArray[np.int64], pieces: Sequence[Array]) -> Solid:
+    """Return the solid bounded by a watertight surface, whichever way its faces turn."""
+    a, b, c = vertices[faces].swapaxes(0, 1)
+    outward = np.einsum("ij,ij->", a, np.cross(b, c)) > 0
+    turned = faces if outward else faces[:, ::-1]
+    body = Manifold(Mesh64(np.ascontiguousarray(vertices), np.ascontiguousarray(turned, np.uint64)))
+    return Solid(body, tuple(pieces))
+
+
+def hull(points: Array) -> Solid:
+    """Return the convex hull of (n, 3) points."""
+    return Solid(Manifold.hull_points(np.ascontiguousarray(points)), (points,))
+
+
+def box(size: ArrayLike, bevel: float = 0.0) -> Solid:
+    """Return a box of `size` (3,) about the origin, its edges cut off by `bevel` metres."""
+    half = np.asarray(size, np.float64) / 2.0
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)
+    if bevel <= 0.0:
+        return hull(signs * half)
+    corners = [signs * (half - bevel * (1.0 - np.eye(3)[axis])) for axis in range(3)]
+    return hull(np.concatenate(corners))
+
+
+def rounded_box(size: ArrayLike, radius: float) -> Solid:
+    """Return a box of `size` (3,) about the origin with edges rounded by `radius` metres."""
+    half = np.asarray(size, np.float64) / 2.0 - radius
+    ball = _ball_directions(8) * radius
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)
+    return hull((signs[:, None] * half + ball[None]).reshape(-1, 3))
+
+
+def _ball_directions(steps: int) -> Array:
+    """Return unit vectors that are symmetric in every coordinate plane."""
+    grid = np.linspace(-1.0, 1.0, steps)
+    x, y, z = np.meshgrid(grid, grid, grid)
+    shell = np.stack([x, y, z], -1).reshape(-1, 3)
+    return unit(shell[np.abs(shell).max(axis=1) > 1.0 - 1e-9])
+
+
+def ball(radius: float, segments: int = 96) -> Solid:
+    """Return a ball about the origin, made of 8 (segments / 4)^2 triangles."""
+    body = Manifold.sphere(radius, segments)
+    points = np.asarray(body.to_mesh64().vert_properties)[:, :3]
+    return Solid(body, (points,))
+
+
+def prism(outline: ArrayLike, height: float, pieces: Sequence[ArrayLike] | None = None) -> Solid:
+    """Return the extrusion of `outline` (k, 2), counter-clockwise, centred on z = 0.
+
+    `pieces`: convex outlines that make up a concave one.
+    """
+    o = np.asarray(outline, np.float64)
+    body = Manifold.extrude(CrossSection([o]), height).translate((0.0, 0.0, -height / 2.0))
+    flats = [o] if pieces is None else [np.asarray(piece, np.float64) for piece in pieces]
+    return Solid(body, tuple(_between(flat, height) for flat in flats))
+
+
+def _between(outline: Array, height: float) -> Array:
+    flat = np.tile(outline, (2, 1))
+    return np.column_stack([flat, np.repeat([-height / 2.0, height / 2.0], len(outline))])
+
+
+def bent_tube(path: Array, radii: ArrayLike, sides: int = 32, up: ArrayLike = (0, 0, 1)) -> Solid:
+    """Return a tube along `path` (k, 3) with elliptic sections and pointed or blunt ends.
+
+    `radii`: (k,) or (k, 2), metres: along the curve's side (up x tangent) and along `up`, a
+    direction that the path never takes.
+    """
+    r = np.broadcast_to(np.asarray(radii, np.float64).reshape(len(path), -1), (len(path), 2))
+    tangent = unit(np.gradient(path, axis=0))
+    side = unit(np.cross(np.asarray(up, np.float64), tangent))
+    above = np.cross(tangent, side)
+    angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
+    across = np.cos(angle)[None, :, None] * side[:, None] * r[:, None, :1]
+    rings = path[:, None] + across + np.sin(angle)[None, :, None] * above[:, None] * r[:, None, 1:]
+    vertices = np.concatenate([rings.reshape(-1, 3), path[[0, -1]]])
+    faces = [ring_faces(len(path), sides, closed=False)]
+    turn = np.arange(sides)
+    following, last = (turn + 1) % sides, (len(path) - 1) * sides
+    foot, tip = np.full(sides, len(path) * sides), np.full(sides, len(path) * sides + 1)
+    faces += [
+        np.stack([foot, following, turn], 1),
+        np.stack([tip, last + turn, last + following], 1),
+    ]
+    cuts = np.linspace(0, len(path) - 1, min(9, len(path))).astype(int)
+    pieces = [rings[a : b + 1].reshape(-1, 3) for a, b in pairwise(cuts)]
+    return solid_of(vertices, np.concatenate(faces), pieces)
+
+
+def lump(
+    radius: float,
+    stretch: ArrayLike,
+    waves: Sequence[tuple[Array, float, float]],
+    segments: int = 72,
+) -> Solid:
+    """Return a ball of `radius`, dented by `waves` (direction, amplitude, phase), then stretched.
+
+    Each wave adds amplitude * sin(direction . unit vector + phase) to the radius, as a share.
+    """
+    mesh = Manifold.sphere(1.0, segments).to_mesh64()
+    directions = unit(np.asarray(mesh.vert_properties)[:, :3])
+    height = np.ones(len(directions))
+    for direction, amplitude, phase in waves:
+        height += amplitude * np.sin(directions @ direction + phase)
+    vertices = radius * directions * height[:, None] * np.asarray(stretch, np.float64)
+    longest = int(np.argmax(np.ptp(vertices, axis=0)))
+    solid = solid_of(vertices, np.asarray(mesh.tri_verts, np.int64), [vertices])
+    return layered(solid, longest, 4)
+
+
+def layered(solid: Solid, axis: int, count: int) -> Solid:
+    """Return `solid` with its one piece cut into layers, unless it is about convex."""
+    if solid.body.hull().volume() < 1.03 * solid.body.volume():
+        return solid
+    return Solid(solid.body, tuple(layers(solid.pieces[0], axis, count)))
+
+
+def layers(points: Array, axis: int, count: int) -> list[Array]:
+    """Cut (n, 3) points into `count` overlapping layers along `axis`, each spanning a volume."""
+    low, high = points[:, axis].min(), points[:, axis].max()
+    cuts = np.linspace(low, high, count + 1)
+    slack = 0.12 * (high - low) / count
+    inside = [
+        points[(points[:, axis] >= a - slack) & (points[:, axis] <= b + slack)]
+        for a, b in pairwise(cuts)
+    ]
+    return [part for part in inside if len(part) >= 8 and np.ptp(part, axis=0).min() > 1e-4]
+
+
+def rounded_polyline(points: ArrayLike, radius: float, steps: int = 4) -> Array:
+    """Return (k, 2) `points` with every inner corner replaced by an arc, ends kept."""
+    p = np.asarray(points, np.float64)
+    result = [p[:1]]
+    for before, corner, after in zip(p, p[1:], p[2:], strict=False):
+        lengths = np.linalg.norm([before - corner, after - corner], axis=1)
+        cut = min(radius, 0.45 * lengths.min())
+        start, end = corner + cut * unit(before - corner), corner + cut * unit(after - corner)
+        s = np.linspace(0.0, 1.0, steps)[:, None]
+        # A quadratic Bezier: near enough to an arc, and it never overshoots.
+        result.append((1 - s) ** 2 * start + 2 * s * (1 - s) * corner + s**2 * end)
+    return np.concatenate([*result, p[-1:]])
+
+
+def ring_faces(count: int, sides: int, closed: bool) -> NDArray[np.int64]:
+    """Return triangles that join `count` rings of `sides` vertices each."""
+    steps = count if closed else count - 1
+    ring, turn = np.meshgrid(np.arange(steps), np.arange(sides), indexing="ij")
+    following, above = (turn + 1) % sides, (ring + 1) % count
+    a, b = ring * sides + turn, ring * sides + following
+    c, d = above * sides + following, above * sides + turn
+    return np.concatenate([np.stack([a, b, c], -1), np.stack([a, c, d], -1)]).reshape(-1, 3)

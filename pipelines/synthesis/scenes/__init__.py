@@ -1,0 +1,1 @@
+"""Synthetic scenes: settling, tables, cameras, depth sensors, light."""

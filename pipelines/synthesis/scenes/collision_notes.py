@@ -1,0 +1,33 @@
+"""What new grasp labels of objects mean for the collision labels of scenes: they do not fit."""
+
+from collections.abc import Iterable
+
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.errors import SymgraspError
+
+
+def collision_note(root: GraspNetRoot, relabelled: Iterable[int]) -> str:
+    """Return a sentence on scenes of `root` whose collision labels are of earlier grasp labels.
+
+    `relabelled`: ids of the objects whose labels are new. Empty if no such scene shows them.
+    """
+    if not (root.root / "scenes").is_dir():
+        return ""
+    objects = set(relabelled)
+    stale = [i for i in root.scene_ids() if objects & _objects_with_collisions(root, i)]
+    if not stale:
+        return ""
+    return (
+        f"collision_label and rect of {len(stale)} scenes (scene_{stale[0]:04d} the first) are of "
+        "the earlier grasp labels and do not fit the new ones; take them away"
+    )
+
+
+def _objects_with_collisions(root: GraspNetRoot, scene_id: int) -> set[int]:
+    """Return which objects a scene's collision labels are of; none if it has none."""
+    if not root.collision_label_path(scene_id).is_file() or not root.cameras(scene_id):
+        return set()
+    try:
+        return set(root.scene(scene_id).object_ids)
+    except SymgraspError:  # a torn scene is for those to name who read it
+        return set()

@@ -1,0 +1,143 @@
+"""One scene of a dataset, drawn, recorded and written in GraspNet-1Billion's layout."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pipelines.configs import SynthesizeConfig
+from pipelines.dataset import convex_pieces as convex_file
+from pipelines.dataset.graspnet.graspnet import (
+    GraspNetRoot,
+    write_camera_matrix,
+    write_color,
+    write_depth,
+)
+from pipelines.dataset.graspnet.graspnet import write_label as write_label_image
+from pipelines.dataset.graspnet.graspnet_labels import (
+    read_grasp_label,
+    write_collision_labels,
+    write_rect,
+)
+from pipelines.dataset.meshes import read_mesh
+from pipelines.errors import SymgraspError
+from pipelines.frames.graspnet_scene import (
+    ObjectPose,
+    write_annotation,
+    write_meta,
+    write_object_ids,
+    write_pose_array,
+)
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.transforms import invert
+from pipelines.storage.files import atomic_folder
+from pipelines.storage.provenance import Stamp, stamp_ahead, write_sidecar
+from pipelines.synthesis.labels.grasp_sampling import scene_collisions
+from pipelines.synthesis.labels.planar_labels import FreeGrasps, free_grasps, planar_rows
+from pipelines.synthesis.scenes.cameras import MIXED, camera_folder, drawn_viewpoints, intrinsics_of
+from pipelines.synthesis.scenes.depth_sensors import SENSORS
+from pipelines.synthesis.scenes.tables import SceneLayout, SceneObject, View, record, settle
+
+TAG_SCENE, TAG_SENSOR = 2, 4  # what a child seed is for
+
+
+def write_scene(
+    root: GraspNetRoot,
+    scene_id: int,
+    members: Sequence[int],
+    config: SynthesizeConfig,
+    stamp: Stamp,
+) -> str:
+    """Draw scene `scene_id` from the objects `members` and write it whole; return a note."""
+    rng = np.random.default_rng([stamp.seed, TAG_SCENE, scene_id])
+    layout = _draw_layout(root, config, members, rng)
+    sensor = _sensor_of(config, scene_id, stamp.seed)
+    intrinsics = intrinsics_of(sensor, config.width, config.height)
+    viewpoints = drawn_viewpoints(layout.centre, config.views, intrinsics, rng)
+    labelled = config.collision_labels and config.labels.num_points > 0
+    free = _write_collisions(root, scene_id, layout, stamp) if labelled else []
+    with atomic_folder(root.scene_folder(scene_id)) as folder:
+        write_object_ids(folder / "object_id_list.txt", [o.object_id for o in layout.objects])
+        write_pose_array(folder / "rs_wrt_kn.npy", np.tile(np.eye(4), (config.views, 1, 1)))
+        camera = folder / camera_folder(sensor)
+        write_camera_matrix(camera / "camK.npy", intrinsics)
+        write_pose_array(camera / "camera_poses.npy", invert(viewpoints[0]) @ viewpoints)
+        write_pose_array(camera / "cam0_wrt_table.npy", viewpoints[0])
+        views = record(layout, viewpoints, intrinsics, sensor, rng)
+        for frame_id, view in enumerate(views):
+            _write_view(camera, frame_id, view, layout, intrinsics)
+            if labelled:
+                _write_planar(camera, frame_id, view, layout, intrinsics, free)
+        write_sidecar(folder, stamp)
+    return f"{len(layout.objects)} objects, {config.views} views"
+
+
+def _sensor_of(config: SynthesizeConfig, scene_id: int, seed: int) -> str:
+    if config.sensor != MIXED:
+        return config.sensor
+    return str(np.random.default_rng([seed, TAG_SENSOR, scene_id]).choice(list(SENSORS)))
+
+
+def _draw_layout(
+    root: GraspNetRoot, config: SynthesizeConfig, members: Sequence[int], rng: np.random.Generator
+) -> SceneLayout:
+    if not members:
+        raise SymgraspError("no objects to make scenes of; give --models a folder of meshes")
+    count = min(int(rng.integers(config.min_objects, config.max_objects + 1)), len(members))
+    drawn = rng.choice(members, count, replace=False)
+    objects = []
+    for object_id in drawn.tolist():
+        model = root.model_path(object_id)
+        pieces = convex_file.read(model.parent / "convex.npz")
+        objects.append(SceneObject(object_id, f"{object_id:03d}", read_mesh(model), pieces))
+    return settle(objects, rng)
+
+
+def _write_view(
+    camera: Path, frame_id: int, view: View, layout: SceneLayout, intrinsics: Intrinsics
+) -> None:
+    name = f"{frame_id:04d}"
+    object_ids = np.array([item.object_id for item in layout.objects])
+    label = np.where(view.object_index >= 0, object_ids[view.object_index] + 1, 0)
+    poses = [
+        ObjectPose(item.object_id, invert(view.T_world_cam) @ pose, item.name)
+        for item, pose in zip(layout.objects, layout.poses, strict=True)
+    ]
+    write_color(camera / "rgb" / f"{name}.png", view.color)
+    write_depth(camera / "depth" / f"{name}.png", view.depth)
+    write_label_image(camera / "label" / f"{name}.png", label)
+    write_annotation(camera / "annotations" / f"{name}.xml", poses)
+    write_meta(camera / "meta" / f"{name}.mat", poses, intrinsics.matrix)
+
+
+def _write_planar(
+    camera: Path,
+    frame_id: int,
+    view: View,
+    layout: SceneLayout,
+    intrinsics: Intrinsics,
+    free: Sequence[FreeGrasps],
+) -> None:
+    T_cam_obj = invert(view.T_world_cam) @ layout.poses
+    rows = [
+        planar_rows(grasps, pose, intrinsics) for grasps, pose in zip(free, T_cam_obj, strict=True)
+    ]
+    write_rect(camera / "rect" / f"{frame_id:04d}.npy", np.concatenate(rows))
+
+
+def _write_collisions(
+    root: GraspNetRoot,
+    scene_id: int,
+    layout: SceneLayout,
+    stamp: Stamp,
+) -> list[FreeGrasps]:
+    labels = [read_grasp_label(root.grasp_label_path(item.object_id)) for item in layout.objects]
+    meshes = [item.mesh for item in layout.objects]
+    collisions = scene_collisions(labels, meshes, list(layout.poses))
+    target = root.collision_label_path(scene_id)
+    stamp_ahead(target, stamp)
+    write_collision_labels(target, collisions)
+    return [
+        free_grasps(item.object_id, label, collision)
+        for item, label, collision in zip(layout.objects, labels, collisions, strict=True)
+    ]

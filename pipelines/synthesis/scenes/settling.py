@@ -1,0 +1,135 @@
+"""Objects dropped onto a table, settled by physics (MuJoCo). The table's top is z = 0, z up."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.errors import SymgraspError
+from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.geometry.transforms import make_pose, quaternion_to_matrix
+
+Array = NDArray[np.float64]
+
+TABLE_RADIUS = 0.30  # metres from the middle; what rolls farther is taken away
+DROP_RADIUS = (0.05, 0.15)  # metres, drawn for each scene: a pile or things apart
+SETTLE_SECONDS = 3.0
+TIME_STEP = 0.003
+DENSITY = 400.0  # kg / m^3, a half-full household object
+MAX_SPEED = 0.15  # metres or radians a second; what still moves faster has not settled
+
+
+@dataclass(frozen=True)
+class SettledScene:
+    """Where dropped objects came to rest.
+
+    Attributes:
+        index: (k,) which of the dropped objects stayed on the table, ascending.
+        poses: (k, 4, 4) object to table.
+    """
+
+    index: NDArray[np.int64]
+    poses: Array
+
+
+def drop_objects(
+    pieces: Sequence[Sequence[Mesh]], rng: np.random.Generator, centres: Array | None = None
+) -> SettledScene:
+    """Drop objects, each given as convex `pieces` in its own frame, one above the other.
+
+    `centres`: (k, 3) metres, the middle of each object in its own frame; None is their origins.
+    Objects are placed, and kept or taken away, by it: an origin may lie far from its object.
+
+    Raises:
+        SymgraspError: MuJoCo cannot make bodies of the pieces.
+    """
+    middles = np.zeros((len(pieces), 3)) if centres is None else np.asarray(centres, np.float64)
+    data = mujoco.MjData(model := _model_of(pieces))
+    height, spread = 0.0, rng.uniform(*DROP_RADIUS)
+    for body, parts in enumerate(pieces):
+        spokes = (part.vertices - middles[body] for part in parts)
+        radius = max(float(np.linalg.norm(spoke, axis=1).max()) for spoke in spokes)
+        angle, distance = rng.uniform(0, 2 * np.pi), spread * np.sqrt(rng.uniform())
+        height += 0.6 * radius + 0.02
+        place = [distance * np.cos(angle), distance * np.sin(angle), height + radius]
+        turn = _drawn_orientation(rng)
+        origin = np.array(place) - quaternion_to_matrix(turn) @ middles[body]
+        data.qpos[7 * body : 7 * body + 7] = [*origin, *turn]
+    for _ in range(int(SETTLE_SECONDS / TIME_STEP)):
+        mujoco.mj_step(model, data)
+    places = data.qpos.reshape(-1, 7)
+    poses = make_pose(quaternion_to_matrix(places[:, 3:]), places[:, :3])
+    rest = middles_of(poses, middles)
+    speed = np.abs(data.qvel.reshape(-1, 6)).max(axis=1)
+    kept = (
+        (np.linalg.norm(rest[:, :2], axis=1) < TABLE_RADIUS)
+        & (rest[:, 2] > -0.02)
+        & (speed < MAX_SPEED)
+    )
+    index = np.flatnonzero(kept)
+    return SettledScene(index, poses[index])
+
+
+def middles_of(poses: Array, centres: Array) -> Array:
+    """Return where `centres` (k, 3), object frames, lie under `poses` (k, 4, 4): (k, 3) metres."""
+    turned = np.einsum("kij,kj->ki", poses[:, :3, :3], centres)
+    return np.asarray(poses[:, :3, 3] + turned)
+
+
+def refuse_bodiless(pieces: Sequence[Mesh]) -> None:
+    """Raise SymgraspError if physics cannot take the convex `pieces` of an object as a body."""
+    _model_of([pieces])
+
+
+def compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """Return the model of a world.
+
+    Raises:
+        SymgraspError: MuJoCo cannot make bodies of the objects' pieces.
+    """
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise SymgraspError(
+            f"convex pieces of a model make no solid body ({' '.join(str(error).split())}); mend "
+            "its mesh or, if it came out too small, its --mesh-scale, and delete its convex.npz"
+        ) from error
+
+
+def _drawn_orientation(rng: np.random.Generator) -> Array:
+    """Return a quaternion, w first: upright half of the time, as people put things down."""
+    if rng.uniform() < 0.5:
+        half = rng.uniform(0, np.pi)
+        return np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
+    return rng.normal(size=4)
+
+
+def _model_of(pieces: Sequence[Sequence[Mesh]]) -> mujoco.MjModel:
+    spec = mujoco.MjSpec()
+    spec.option.timestep = TIME_STEP
+    spec.worldbody.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_PLANE, size=[2, 2, 0.1], friction=[0.9, 0.02, 0.005], condim=6
+    )
+    for number, parts in enumerate(pieces):
+        body = spec.worldbody.add_body(name=f"object{number}")
+        # Damping by the air stands for what stiff contacts lack: balls come to rest.
+        body.add_freejoint()
+        for part_number, part in enumerate(parts):
+            name = f"mesh{number}_{part_number}"
+            spec.add_mesh(
+                name=name,
+                uservert=part.vertices.ravel().tolist(),
+                inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX,
+            )
+            body.add_geom(
+                type=mujoco.mjtGeom.mjGEOM_MESH,
+                meshname=name,
+                density=DENSITY,
+                friction=[0.9, 0.02, 0.005],
+                condim=6,
+            )
+    model = compiled(spec)
+    model.dof_damping[:] = 2e-4
+    return model

@@ -1,0 +1,1 @@
+"""Frames of tabletop scenes: support plane, segments, regions, filled depth."""

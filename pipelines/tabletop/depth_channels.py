@@ -1,0 +1,166 @@
+"""What a depth image shows of geometry, as channels that a convolutional network takes.
+
+Surface orientation and height over the table look the same in rendered and in measured frames,
+which colours do not: a detector trained on them carries over from one to the other.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.configs import RegionConfig
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.numerics.compiled import compiled
+from pipelines.geometry.pointcloud import Plane
+from pipelines.tabletop.organized import image_normals
+from pipelines.tabletop.tabletop import find_tabletop
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+
+CHANNELS = ("normal_x", "normal_y", "upright", "height", "step", "missing")
+NORMAL_RADIUS = 2  # pixels about a pixel that its normal is fitted to
+HEIGHT_UNIT = 0.08  # metres over the table that make one unit of the channel
+STEP_UNIT = 0.01  # metres that depth changes by to a neighbouring pixel, one unit
+LIMIT = 3.0  # channels are cut off beyond
+
+
+@dataclass(frozen=True)
+class SmallFrame:
+    """A frame at the size the detector works at.
+
+    Attributes:
+        color: (h, w, 3) uint8 RGB; zeros where nothing looks at it.
+        depth: (h, w) float32 metres, 0 = missing.
+        intrinsics: of both.
+    """
+
+    color: NDArray[np.uint8]
+    depth: Image
+    intrinsics: Intrinsics
+
+
+def shrink(
+    color: NDArray[np.uint8] | None,
+    depth: Image,
+    intrinsics: Intrinsics,
+    min_size: int,
+    max_size: int,
+) -> SmallFrame:
+    """Return the frame resized so that its sides fit `min_size` and `max_size`, both pixels.
+
+    Colour is averaged, depth is picked: an average across an edge would float between surfaces.
+    `color`: None where nothing looks at it.
+    """
+    width, height = small_size(intrinsics, min_size, max_size)
+    small = intrinsics.resized(width, height)
+    if color is None:
+        color = np.zeros((height, width, 3), np.uint8)
+    else:
+        averaged = cv2.resize(color, (width, height), interpolation=cv2.INTER_AREA)
+        color = np.asarray(averaged, np.uint8)
+    picked = cv2.resize(depth, (width, height), interpolation=cv2.INTER_NEAREST_EXACT)
+    return SmallFrame(color, np.asarray(picked, np.float32), small)
+
+
+def small_size(intrinsics: Intrinsics, min_size: int, max_size: int) -> tuple[int, int]:
+    """Return the width and height in pixels that `shrink` resizes to."""
+    sides = intrinsics.width, intrinsics.height
+    scale = min(min_size / min(sides), max_size / max(sides))
+    return max(1, round(scale * sides[0])), max(1, round(scale * sides[1]))
+
+
+def find_plane(frame: SmallFrame) -> Plane:
+    """Return the plane that things stand on; without one, the plane the camera looks straight at.
+
+    The latter lies at the farthest tenth of the depths, so that heights are what stands out.
+    """
+    xyz = frame.intrinsics.backproject(frame.depth)
+    plane = find_tabletop(xyz, frame.intrinsics, RegionConfig(), np.random.default_rng(0)).plane
+    if plane is not None:
+        return plane
+    known = frame.depth[frame.depth > 0]
+    far = float(np.percentile(known, 90)) if len(known) else 1.0
+    return Plane(np.array([0.0, 0.0, -1.0]), far)
+
+
+def depth_channels(depth: Image, intrinsics: Intrinsics, plane: Plane) -> Image:
+    """Return (6, h, w) float32 channels, named by `CHANNELS`, each about one unit large.
+
+    Missing depth takes the value of the nearest pixel that has one, and is marked in `missing`.
+    A frame without any depth gives zeros, all marked missing.
+    """
+    missing = ~(depth > 0)
+    if missing.all():
+        channels = np.zeros((len(CHANNELS), *depth.shape), np.float32)
+        channels[-1] = 1.0
+        return channels
+    smooth = np.asarray(cv2.medianBlur(depth.astype(np.float32), 3), np.float32)
+    filled = fill_missing(np.where(missing, np.float32(0.0), smooth))
+    rays = intrinsics.image_plane
+    normals = image_normals(filled, *rays, NORMAL_RADIUS)
+    blurred = np.asarray(cv2.blur(filled, (5, 5)), np.float32)
+    place = (*plane.normal.tolist(), float(plane.offset))
+    return np.moveaxis(_channels(filled, blurred, missing, normals, rays, place), -1, 0)
+
+
+def fill_missing(depth: Image) -> Image:
+    """Return `depth` (h, w) with zeros replaced by the value of the nearest pixel that has one."""
+    missing = ~(depth > 0)
+    if not missing.any() or missing.all():
+        return depth
+    _, label = cv2.distanceTransformWithLabels(
+        missing.astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    return _nearest(depth, np.asarray(label, np.int32))
+
+
+@compiled
+def _nearest(depth: Image, label: NDArray[np.int32]) -> Image:
+    """Return (h, w) the one depth over 0 among the pixels with the same `label` (h, w)."""
+    value = np.zeros(depth.size + 1, np.float32)
+    filled = np.empty_like(depth)
+    for row in range(depth.shape[0]):
+        for column in range(depth.shape[1]):
+            if depth[row, column] > 0:
+                value[label[row, column]] = depth[row, column]
+    for row in range(depth.shape[0]):
+        for column in range(depth.shape[1]):
+            filled[row, column] = value[label[row, column]]
+    return filled
+
+
+@compiled
+def _channels(
+    depth: Image,
+    blurred: Image,
+    missing: NDArray[np.bool_],
+    normals: Array,
+    rays: tuple[Array, Array],
+    plane: tuple[float, float, float, float],
+) -> Image:
+    """Return (h, w, 6) the channels of what is known of each pixel.
+
+    `rays`: (w,), (h,) where columns and rows lie at depth 1. `plane`: normal and offset.
+    """
+    height, width = depth.shape
+    channels = np.empty((height, width, 6), np.float32)
+    for row in range(height):
+        for column in range(width):
+            z = np.float64(depth[row, column])
+            nx, ny, nz = normals[row, column, 0], normals[row, column, 1], normals[row, column, 2]
+            if np.isnan(nx):
+                nx, ny, nz = 0.0, 0.0, 0.0
+            channels[row, column, 0] = nx
+            channels[row, column, 1] = ny
+            channels[row, column, 2] = plane[0] * nx + plane[1] * ny + plane[2] * nz
+            ray = plane[0] * rays[0][column] + plane[1] * rays[1][row] + plane[2]
+            above = min(max((ray * z + plane[3]) / HEIGHT_UNIT, -LIMIT), LIMIT)
+            # Stretched near the table, where thin things must stand out from it.
+            channels[row, column, 3] = np.copysign(np.sqrt(abs(above)), above)
+            step = (depth[row, column] - blurred[row, column]) / np.float32(STEP_UNIT)
+            channels[row, column, 4] = min(max(step, np.float32(-LIMIT)), np.float32(LIMIT))
+            channels[row, column, 5] = np.float32(missing[row, column])
+    return channels

@@ -1,0 +1,290 @@
+"""Cutting a foreground where its depth has a step or its surface folds inward.
+
+The objects of a household are mostly convex, so where one ends and another begins the surface
+folds inward: a concave crease. Pixels of a crease go to the nearest piece afterwards.
+"""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from pipelines.configs import RegionConfig
+from pipelines.geometry.numerics.compiled import compiled
+from pipelines.geometry.numerics.quantiles import quantiles
+from pipelines.tabletop.organized import smooth_normals
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Labels = NDArray[np.int32]
+Indices = NDArray[np.int64]
+Image = NDArray[np.float32]
+Axes = tuple[Image, Image, Image]
+
+USUAL_FOCAL = 525.0  # pixels; a coarser image is smoothed over fewer
+GAP = 4  # pixels without depth that a surface is followed across
+FINER = 0.5  # share of fold and step that too large a piece is cut at again
+
+
+def segment(
+    xyz: Array, foreground: Mask, clear: Mask, focal: float, config: RegionConfig
+) -> tuple[Labels, Labels]:
+    """Cut `foreground` (H, W) into pieces; 0 elsewhere.
+
+    Pieces too large for an object are cut again at weaker creases and lower steps.
+
+    Args:
+        xyz: (H, W, 3) metres, camera frame, nan where missing.
+        foreground: (H, W) what to cut.
+        clear: (H, W) the part of it that pieces may hang together by.
+        focal: pixels, focal length of the image.
+        config: thresholds.
+
+    Returns:
+        The pieces (H, W), and (H, W) what hangs together without a step in depth.
+    """
+    pieces, whole = np.zeros((2, *foreground.shape), np.int32)
+    rows, columns = (np.flatnonzero(foreground.any(axis=axis)) for axis in (1, 0))
+    if not len(rows):
+        return pieces, whole
+    window = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    pieces[window], whole[window] = _segment(
+        np.ascontiguousarray(xyz[window]), foreground[window], clear[window], focal, config
+    )
+    return pieces, whole
+
+
+def _segment(
+    xyz: Array, foreground: Mask, clear: Mask, focal: float, config: RegionConfig
+) -> tuple[Labels, Labels]:
+    fold = inward_fold(xyz, foreground, focal, config)
+    whole = connected(xyz, foreground, config)
+    fold[foreground & ~clear] = -np.inf
+    labels = _cut(xyz, foreground, whole, fold, config)
+    large = _too_large(xyz, labels, config).take(labels)
+    if large.any():
+        finer = replace(
+            config,
+            crease_fold=FINER * config.crease_fold,
+            depth_step=FINER * config.depth_step,
+        )
+        again = _cut(xyz, large, connected(xyz, large, finer), fold, finer)
+        labels = np.where(large, again + labels.max(initial=0), labels)
+    return labels, whole
+
+
+def _cut(xyz: Array, mask: Mask, whole: Labels, fold: Image, config: RegionConfig) -> Labels:
+    parts = connected(xyz, mask & (fold > -config.crease_fold), config)
+    names = np.arange(parts.max(initial=0) + 1, dtype=np.int32)
+    names[np.bincount(parts.ravel()) < config.min_pixels] = 0
+    names[0] = 0
+    return _attach(xyz, names.take(parts), whole, mask)
+
+
+def _too_large(xyz: Array, labels: Labels, config: RegionConfig) -> Mask:
+    """Return (labels + 1,) which pieces are longer than an object; 0, which is none, is not."""
+    size, diagonal = _sizes(np.ascontiguousarray(xyz), labels, int(labels.max(initial=0)))
+    # The diagonal is quicker than the extent, and never less.
+    large = (size >= config.min_pixels) & (diagonal > config.max_extent)
+    large[0] = False
+    for label in np.flatnonzero(large):
+        large[label] = extent(xyz[labels == label]) > config.max_extent
+    return np.asarray(large)
+
+
+def extent(points: Array) -> float:
+    """Return the diagonal in metres of the box around `points` (n, 3), outliers left out."""
+    low, high = quantiles(points.T, (0.02, 0.98)).T
+    return float(np.linalg.norm(high - low))
+
+
+def inward_fold(xyz: Array, mask: Mask, focal: float, config: RegionConfig) -> Image:
+    """Return (H, W) how far the surface of `mask` folds: -2 sin(angle / 2) inward, 0 elsewhere.
+
+    Normals on both sides of a convex edge point apart, of a concave one toward each other
+    (Stein et al., LCCP): (n_2 - n_1) . (p_2 - p_1) / |p_2 - p_1| is then negative.
+    """
+    radius = max(2, round(config.normal_radius * min(1.0, focal / USUAL_FOCAL)))
+    reach = radius + 1
+    steps = np.array([(0, reach), (reach, 0), (reach, reach), (reach, -reach)])
+    # The longest chords of a pixel at one metre.
+    longest = np.hypot(*steps.T).astype(np.float32) * np.float32(config.crease_reach / focal)
+    xyz, mask = np.ascontiguousarray(xyz), np.ascontiguousarray(mask)
+    return _folds(xyz, smooth_normals(xyz, mask, radius), mask, steps, longest)
+
+
+def connected(xyz: Array, mask: Mask, config: RegionConfig) -> Labels:
+    """Label the pieces of `mask` (H, W), all measured, whose depth has no step; 0 elsewhere.
+
+    A surface is followed along rows and columns, and across gaps without depth no wider than
+    `GAP`. Pieces are numbered as they are met row by row.
+    """
+    steps = config.depth_step * (1.0 + 0.25 * np.arange(GAP + 1, dtype=np.float32))
+    return _joined(xyz[..., 2].astype(np.float32), np.ascontiguousarray(mask), steps)
+
+
+def _attach(xyz: Array, cores: Labels, whole: Labels, foreground: Mask) -> Labels:
+    """Give the foreground outside `cores` to the nearest core of the same whole piece.
+
+    A whole piece without a core (small or thin) becomes a region of its own.
+    """
+    labels = cores.copy()
+    rest = foreground & (cores == 0)
+    with_core = np.zeros(whole.max(initial=0) + 1, bool)
+    with_core[whole[cores > 0]] = True
+    pieces = whole[rest]
+    labels[rest] = np.where(with_core[pieces], 0, cores.max(initial=0) + pieces)
+    rest &= labels == 0
+    if rest.any():
+        seeds = cv2.dilate(rest.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
+        seeds &= cores > 0
+        if seeds.any():
+            _, nearest = KDTree(xyz[seeds]).query(xyz[rest])
+            labels[rest] = cores[seeds][nearest]
+    return labels
+
+
+@compiled
+def _folds(xyz: Array, normals: Array, mask: Mask, steps: Indices, longest: Image) -> Image:
+    """Return (H, W) the most negative of folds between the ends of chords about each pixel.
+
+    `steps`: (k, 2) rows and columns from a chord's middle to its end. `longest`: (k,) lengths
+    at a depth of one metre beyond which a chord crosses a step.
+    """
+    height, width = mask.shape
+    margin = int(steps.max())
+    points, facing = _padded(xyz, mask, margin), _padded(normals, mask, margin)
+    folds, stride = np.zeros((height, width), np.float32), width + 2 * margin
+    for row in range(height):
+        first = (row + margin) * stride + margin
+        for k in range(len(steps)):
+            step = steps[k, 0] * stride + steps[k, 1]
+            _lower(
+                folds[row],
+                _row(points, first, width)[2],
+                (_row(points, first - step, width), _row(points, first + step, width)),
+                (_row(facing, first - step, width), _row(facing, first + step, width)),
+                longest[k],
+            )
+    return folds
+
+
+@compiled
+def _padded(image: Array, mask: Mask, margin: int) -> Axes:
+    """Return x, y and z of `image` (H, W, 3) row by row, nan outside `mask` and in a margin."""
+    height, width = mask.shape
+    stride = width + 2 * margin
+    x = np.full((height + 2 * margin) * stride, np.nan, np.float32)
+    y, z = x.copy(), x.copy()
+    for row in range(height):
+        for column in range(width):
+            if mask[row, column]:
+                n = (row + margin) * stride + column + margin
+                x[n] = image[row, column, 0]
+                y[n] = image[row, column, 1]
+                z[n] = image[row, column, 2]
+    return x, y, z
+
+
+@compiled
+def _row(axes: Axes, first: int, width: int) -> Axes:
+    end = first + width
+    return axes[0][first:end], axes[1][first:end], axes[2][first:end]
+
+
+@compiled
+def _lower(
+    folds: Image, z: Image, points: tuple[Axes, Axes], normals: tuple[Axes, Axes], longest: float
+) -> None:
+    """Lower `folds` (W,) to those between two rows of points that are not too far apart."""
+    # All pixels, masked or not, without a branch: many are computed at a time. nan is not lower.
+    (x0, y0, z0), (x1, y1, z1) = points
+    (u0, v0, w0), (u1, v1, w1) = normals
+    for n in range(len(folds)):
+        x, y, depth = x1[n] - x0[n], y1[n] - y0[n], z1[n] - z0[n]
+        length = np.sqrt(x * x + y * y + depth * depth)
+        total = x * (u1[n] - u0[n]) + y * (v1[n] - v0[n]) + depth * (w1[n] - w0[n])
+        fold = total / length if length < longest * z[n] else np.float32(0.0)
+        folds[n] = fold if fold < folds[n] else folds[n]
+
+
+@compiled
+def _joined(z: Image, mask: Mask, steps: Image) -> Labels:
+    """Return the pieces of `connected`; pixels `n` apart show no step of `steps[n]`, (GAP + 1,)."""
+    height, width = mask.shape
+    depth, inside = z.ravel(), mask.ravel()
+    # Numbers of runs along rows; an earlier run of the same piece, or itself, of each.
+    run, earlier, count = np.zeros(mask.size, np.int64), np.zeros(mask.size + 1, np.int64), 0
+    apart = np.array([1, width])  # places between neighbours along a row and along a column
+    for row in range(height):
+        for column in range(width):
+            pixel = row * width + column
+            if not inside[pixel]:
+                continue
+            left = _before(depth, inside, steps, (pixel, column), apart[0])
+            over = _before(depth, inside, steps, (pixel, row), apart[1])
+            if left < 0:
+                count += 1
+                earlier[count] = count
+            run[pixel] = run[left] if left >= 0 else count
+            if over >= 0 and earlier[run[over]] != earlier[run[pixel]]:
+                one = _first(earlier, int(run[over]))
+                other = _first(earlier, int(run[pixel]))
+                earlier[max(one, other)] = min(one, other)
+    label, found = np.zeros(count + 1, np.int32), 0
+    for n in range(1, count + 1):
+        first = _first(earlier, n)
+        found += first == n
+        label[n] = found if first == n else label[first]
+    return label[run].reshape(height, width)
+
+
+@compiled
+def _before(z: Image, inside: Mask, steps: Image, at: tuple[int, int], along: int) -> int:
+    """Return the pixel before one that hangs together with it; -1 if none does.
+
+    `at`: the pixel, and how many are before it, each `along` from the next.
+    """
+    pixel, room = at
+    for span in range(1, min(len(steps), room + 1)):
+        other = pixel - span * along
+        if inside[other]:
+            step = steps[span] * max(z[other], np.float32(0.5))
+            return other if abs(z[pixel] - z[other]) < step else -1
+        if z[other] > 0:
+            return -1
+    return -1
+
+
+@compiled
+def _first(earlier: Indices, run: int) -> int:
+    """Return the first of the runs that are joined with one."""
+    while earlier[run] != run:
+        earlier[run] = earlier[earlier[run]]
+        run = int(earlier[run])
+    return run
+
+
+@compiled
+def _sizes(xyz: Array, labels: Labels, count: int) -> tuple[Indices, Array]:
+    """Return how many pixels each of `count` labels and 0 has, and its box's diagonal, metres."""
+    size, diagonal = np.zeros(count + 1, np.int64), np.zeros(count + 1)
+    low, high = np.full((count + 1, 3), np.inf), np.full((count + 1, 3), -np.inf)
+    for row in range(labels.shape[0]):
+        for column in range(labels.shape[1]):
+            label = labels[row, column]
+            if label == 0:
+                continue
+            size[label] += 1
+            for axis in range(3):
+                value = xyz[row, column, axis]
+                low[label, axis] = min(low[label, axis], value)
+                high[label, axis] = max(high[label, axis], value)
+    for label in range(count + 1):
+        total = 0.0
+        for axis in range(3):
+            total += (high[label, axis] - low[label, axis]) ** 2
+        diagonal[label] = np.sqrt(total)
+    return size, diagonal

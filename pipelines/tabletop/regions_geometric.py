@@ -1,0 +1,236 @@
+"""Regions without a network: pieces of what stands on the table that may be objects."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.configs import RegionConfig
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.numerics.compiled import compiled
+from pipelines.geometry.numerics.quantiles import median, quantiles
+from pipelines.geometry.pointcloud import Plane
+from pipelines.tabletop.depth_segments import extent, segment
+from pipelines.tabletop.tabletop import Tabletop, find_tabletop
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Labels = NDArray[np.int32]
+Indices = NDArray[np.int64]
+Box = tuple[slice, slice]
+
+WORKING_WIDTH = 640  # pixels; larger images are thinned to about this
+FOOT = 6  # pixels below and above a piece where something nearer may hide its foot
+FEET = 500  # points of a piece whose feet are looked for
+KNOWN_FEET = 0.5  # of them must lie where depth is measured
+TABLE_BENEATH = 0.25  # of these may show the table
+TALL = 1.7  # heights that stand out from noise which an object's highest part must reach
+MIN_BORDER = 20  # pixels on the picture's border that say a thing goes on outside
+
+
+@dataclass(frozen=True)
+class GeometricRegions:
+    """Regions of one frame.
+
+    Attributes:
+        labels: (H, W) 1, 2, ... for regions, 0 elsewhere.
+        plane: the support plane, camera frame, normal to the camera's side; None without one.
+        foreground: (H, W) what is above the plane, in a region or not.
+    """
+
+    labels: Labels
+    plane: Plane | None
+    foreground: Mask
+
+    @property
+    def masks(self) -> list[Mask]:
+        """The regions one by one, (H, W) each."""
+        return [self.labels == index for index in range(1, int(self.labels.max(initial=0)) + 1)]
+
+
+def geometric_regions(
+    depth: NDArray[np.floating],
+    intrinsics: Intrinsics,
+    config: RegionConfig,
+    rng: np.random.Generator,
+    ground: Mask | None = None,
+) -> GeometricRegions:
+    """Find the regions of `depth` (H, W) metres, 0 where missing.
+
+    `ground`: (H, W) the pixels that may show the support, where that is known.
+    """
+    step = max(1, round(max(depth.shape) / WORKING_WIDTH))
+    small = depth[::step, ::step]
+    camera = Intrinsics(
+        intrinsics.fx / step,
+        intrinsics.fy / step,
+        intrinsics.cx / step,
+        intrinsics.cy / step,
+        small.shape[1],
+        small.shape[0],
+    )
+    xyz = camera.backproject(small)
+    bare = None if ground is None else ground[::step, ::step]
+    top = find_tabletop(xyz, camera, config, rng, bare)
+    pieces, whole = segment(xyz, top.foreground, top.clear, camera.fx, config)
+    labels = _sound_regions(xyz, pieces, whole, top, camera, config)
+    scaled = [_enlarged(image, depth.shape) for image in (labels, top.foreground)]
+    return GeometricRegions(scaled[0].astype(np.int32), top.plane, scaled[1].astype(bool))
+
+
+def _enlarged(image: NDArray[np.generic], shape: tuple[int, ...]) -> Labels:
+    if image.shape == shape:
+        return image.astype(np.int32)
+    size = (shape[1], shape[0])
+    return np.asarray(
+        cv2.resize(image.astype(np.float32), size, interpolation=cv2.INTER_NEAREST), np.int32
+    )
+
+
+def _sound_regions(
+    xyz: Array,
+    labels: Labels,
+    whole: Labels,
+    top: Tabletop,
+    camera: Intrinsics,
+    config: RegionConfig,
+) -> Labels:
+    """Renumber the regions that may be objects, holes filled, nearest first; drop the others."""
+    kept: list[tuple[float, Mask, Box]] = []
+    standing = _standing(xyz, whole, top, camera, config)
+    for piece in _pieces(labels, xyz, config.min_pixels):
+        if not standing[whole.take(piece.pixels[0])]:
+            continue
+        mask = labels[piece.box] == piece.label
+        border = _border_pixels(mask, *piece.box, labels.shape)
+        if _may_be_object(piece.points, border, top, config):
+            filled = _without_holes(mask) & ((labels[piece.box] == 0) | mask)
+            kept.append((float(median(piece.points[:, 2])), filled, piece.box))
+    result = np.zeros(labels.shape, np.int32)
+    for number, (_, mask, box) in enumerate(sorted(kept, key=lambda entry: entry[0]), 1):
+        result[box][mask] = number
+    return result
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """What has one label: its pixels (n,) row by row, their points (n, 3), its box in the image."""
+
+    label: int
+    pixels: Indices
+    points: Array
+    box: Box
+
+
+def _pieces(labels: Labels, xyz: Array, min_pixels: int) -> list[_Piece]:
+    """Return the pieces of `labels` (H, W) that have so many pixels, by ascending label."""
+    order, end = _by_label(labels.ravel(), int(labels.max(initial=0)))
+    found = []
+    for label in np.flatnonzero(np.diff(end) >= min_pixels) + 1:
+        pixels = order[end[label - 1] : end[label]]
+        rows, columns = np.divmod(pixels, labels.shape[1])
+        box = slice(rows[0], rows[-1] + 1), slice(columns.min(), columns.max() + 1)
+        found.append(_Piece(int(label), pixels, xyz.reshape(-1, 3).take(pixels, axis=0), box))
+    return found
+
+
+@compiled
+def _by_label(labels: Labels, count: int) -> tuple[Indices, Indices]:
+    """Return the places of what has labels 1 to `count`, in this order, and (count + 1,) the ends.
+
+    `labels`: (n,). The places of one label ascend; label 0 has none and ends at 0.
+    """
+    end = np.zeros(count + 1, np.int64)
+    for n in range(len(labels)):
+        if labels[n] > 0:
+            end[labels[n]] += 1
+    end = np.cumsum(end)
+    free, order = end.copy(), np.empty(end[-1], np.int64)
+    for n in range(len(labels) - 1, -1, -1):
+        if labels[n] > 0:
+            free[labels[n]] -= 1
+            order[free[labels[n]]] = n
+    return order, end
+
+
+def _without_holes(mask: Mask) -> Mask:
+    """Return `mask` (h, w) and what no way along rows and columns leads out of."""
+    outside = np.pad(mask.astype(np.uint8), 1)
+    cv2.floodFill(outside, None, (0, 0), 1)
+    return np.asarray((outside[1:-1, 1:-1] == 0) | mask)
+
+
+def _standing(
+    xyz: Array, whole: Labels, top: Tabletop, camera: Intrinsics, config: RegionConfig
+) -> Mask:
+    """Return (pieces + 1,) which connected pieces come down to the table.
+
+    One whose foot is hidden behind a nearer piece may, or beneath itself, as seen from above; an
+    arm that hangs into the picture or what is seen beyond the table does not.
+    """
+    result = np.ones(int(whole.max(initial=0)) + 1, bool)
+    if top.plane is None:
+        return result
+    for piece in _pieces(whole, xyz, config.min_pixels):
+        if quantiles(top.plane.height(piece.points), 0.02) < config.max_floating:
+            continue
+        rows, columns = (slice(max(0, s.start - FOOT), s.stop + FOOT) for s in piece.box)
+        around = whole[rows, columns]
+        inside = around == piece.label
+        below = cv2.dilate(inside.astype(np.uint8), np.ones((2 * FOOT + 1, 1), np.uint8)) > 0
+        neighbour = below & ~inside & (around > 0)
+        hidden = neighbour & (xyz[rows, columns, 2] < median(piece.points[:, 2]))
+        enough = FOOT * 0.3 * np.count_nonzero(inside.any(axis=0))
+        result[piece.label] = hidden.sum() > enough or _hides_its_foot(
+            piece, xyz, top.plane, camera, config
+        )
+    return result
+
+
+def _hides_its_foot(
+    piece: _Piece, xyz: Array, plane: Plane, camera: Intrinsics, config: RegionConfig
+) -> bool:
+    """Return whether no table is seen where upright walls beneath a piece's outline would end.
+
+    What reaches in from the picture's border may be an arm, and is not asked.
+    """
+    rows, columns = piece.box
+    cut = rows.start == 0 or columns.start == 0
+    if cut or rows.stop == xyz.shape[0] or columns.stop == xyz.shape[1]:
+        return False
+    some = piece.points[:: max(1, len(piece.points) // FEET)]
+    pixels, shown = camera.pixels_of(some - plane.height(some)[:, None] * plane.normal)
+    seen = xyz[pixels[shown, 1], pixels[shown, 0]]
+    seen = seen[np.isfinite(seen[:, 2])]
+    on_table = np.count_nonzero(plane.height(seen) < config.max_floating / 2.0)
+    return bool(len(seen) > KNOWN_FEET * len(some) and on_table < TABLE_BENEATH * len(seen))
+
+
+def _border_pixels(mask: Mask, rows: slice, columns: slice, shape: tuple[int, ...]) -> int:
+    """Return how many pixels of `mask`, a cut-out of an image, lie on the image's border."""
+    sides = (
+        (rows.start == 0, mask[0]),
+        (rows.stop == shape[0], mask[-1]),
+        (columns.start == 0, mask[:, 0]),
+        (columns.stop == shape[1], mask[:, -1]),
+    )
+    return sum(int(side.sum()) for touches, side in sides if touches)
+
+
+def _may_be_object(points: Array, border_pixels: int, top: Tabletop, config: RegionConfig) -> bool:
+    """Return whether the region of `points` (n, 3) is of an object's size and place."""
+    greatest = config.max_extent
+    if border_pixels > MIN_BORDER:
+        greatest = min(greatest, config.max_cut_extent)
+    # The diagonal is quicker than the extent, and never less.
+    diagonal = np.linalg.norm(np.ptp(np.ascontiguousarray(points.T), axis=1))
+    if diagonal > greatest and extent(points) > greatest:
+        return False
+    # A strip along the picture's border, or a big thing that reaches in from outside.
+    if border_pixels**2 > config.max_border * len(points):
+        return False
+    if top.plane is None:
+        return True
+    tall = quantiles(top.plane.height(points), 0.9)
+    return bool(tall > TALL * top.threshold(median(points[:, 2]), config))

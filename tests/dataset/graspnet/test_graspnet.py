@@ -1,0 +1,152 @@
+"""A whole root in GraspNet-1Billion's layout, written and read."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from pipelines.dataset.graspnet import graspnet
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot, ObjectPose
+from pipelines.errors import FormatError, MissingInputError, SymgraspError, UnknownNameError
+from pipelines.frames.frames import find_frames
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.transforms import make_pose, random_rotation
+
+CAMERA = Intrinsics(60.0, 61.0, 31.5, 23.5, 64, 48)
+DEPTH = np.random.default_rng(0).uniform(0.4, 0.8, (48, 64))
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> GraspNetRoot:
+    """Two scenes, one camera, three frames: far less than the original's 190 x 2 x 256."""
+    rng = np.random.default_rng(1)
+    dataset = GraspNetRoot(tmp_path)
+    for scene_id in (0, 130):
+        folder = dataset.scene_folder(scene_id)
+        graspnet.write_object_ids(folder / "object_id_list.txt", [5, 2])
+        camera = folder / "realsense"
+        graspnet.write_camera_matrix(camera / "camK.npy", CAMERA)
+        graspnet.write_pose_array(camera / "camera_poses.npy", np.tile(np.eye(4), (3, 1, 1)))
+        graspnet.write_pose_array(camera / "cam0_wrt_table.npy", np.eye(4))
+        for frame_id in range(3):
+            frame = graspnet.FrameFiles(camera, scene_id, "realsense", frame_id)
+            poses = [ObjectPose(i, make_pose(random_rotation(rng), rng.random(3))) for i in (5, 2)]
+            graspnet.write_color(frame.path("rgb"), np.full((48, 64, 3), frame_id, np.uint8))
+            graspnet.write_depth(frame.path("depth"), DEPTH)
+            graspnet.write_label(frame.path("label"), np.full((48, 64), 6))
+            graspnet.write_annotation(frame.path("annotations"), poses)
+            graspnet.write_meta(frame.path("meta"), poses, CAMERA.matrix)
+    (tmp_path / "models/005").mkdir(parents=True)
+    (tmp_path / "models/notes").mkdir()
+    return dataset
+
+
+def test_what_is_there_is_listed(root: GraspNetRoot) -> None:
+    assert root.object_ids() == [5]
+    assert root.scene_ids() == [0, 130]
+    assert root.scene_ids("similar") == [130]
+    assert root.cameras(0) == ["realsense"]
+    scene = root.scene(130)
+    assert scene.object_ids == [5, 2]
+    assert scene.frame_ids == [0, 1, 2]
+    assert scene.intrinsics == CAMERA
+    assert scene.camera_poses.shape == (3, 4, 4)
+    assert [s.scene_id for s in root.scenes("realsense")] == [0, 130]
+    assert root.scenes("kinect") == []
+
+
+def test_files_have_the_originals_names(root: GraspNetRoot) -> None:
+    base = root.root
+    assert root.model_path(5) == base / "models/005/nontextured.ply"
+    assert root.grasp_label_path(5) == base / "grasp_label/005_labels.npz"
+    collision = base / "collision_label/scene_0130/collision_labels.npz"
+    assert root.collision_label_path(130) == collision
+    frame = root.scene(0).frame(2)
+    folder = base / "scenes/scene_0000/realsense"
+    assert frame.path("annotations") == folder / "annotations/0002.xml"
+    assert frame.path("rect") == folder / "rect/0002.npy"
+    assert all(frame.path(k).is_file() for k in ("rgb", "depth", "label", "meta", "annotations"))
+
+
+def test_depth_is_sixteen_bit_millimetres(root: GraspNetRoot) -> None:
+    stored = cv2.imread(str(root.scene(0).frame(0).path("depth")), cv2.IMREAD_UNCHANGED)
+    assert stored.dtype == np.uint16
+    assert_array_equal(stored, np.rint(DEPTH * 1000))
+
+
+def test_depth_that_cannot_be_stored_is_missing(tmp_path: Path) -> None:
+    metres = np.array([[np.nan, np.inf, -1.0, 0.0, 66.0, 0.5]])
+    graspnet.write_depth(tmp_path / "d.png", metres)
+    stored = cv2.imread(str(tmp_path / "d.png"), cv2.IMREAD_UNCHANGED)
+    assert stored.tolist() == [[0, 0, 0, 0, 0, 500]]
+
+
+def test_a_frame_reads_as_it_was_written(root: GraspNetRoot) -> None:
+    files = root.scene(0).frame(1)
+    frame = root.read_frame(files)
+    assert frame.name == "scenes/scene_0000/realsense/0001"
+    assert frame.intrinsics == CAMERA
+    assert_allclose(frame.depth, DEPTH, atol=5.1e-4)
+    assert frame.color.max() == 1
+    assert root.read_label(files).max() == 6
+    assert [pose.object_id for pose in root.read_annotation(files)] == [5, 2]
+
+
+def test_infer_finds_the_same_frames_under_the_same_names(root: GraspNetRoot) -> None:
+    sources = find_frames(root.root)
+    names = [frame.name for scene in root.scenes() for frame in scene.frames()]
+    assert [source.name for source in sources] == names
+    assert_array_equal(sources[4].read().depth, root.read_frame(root.frame(names[4])).depth)
+
+
+@pytest.mark.parametrize("prefix", ["", "scenes/", "anything/scenes/"])
+def test_frames_are_known_by_the_end_of_their_name(root: GraspNetRoot, prefix: str) -> None:
+    assert root.frame(f"{prefix}scene_0130/realsense/0002") == root.scene(130).frame(2)
+    assert graspnet.frame_key("mosd/learn6") is None
+    with pytest.raises(SymgraspError, match="learn6"):
+        root.frame("mosd/learn6")
+
+
+def test_missing_parts_are_sentences(root: GraspNetRoot) -> None:
+    with pytest.raises(MissingInputError, match="scene_0007"):
+        root.scene(7)
+    with pytest.raises(UnknownNameError, match="kinect"):
+        root.scene(0, "kinect")
+    with pytest.raises(UnknownNameError, match="unseen"):
+        root.scene_ids("unseen")
+    with pytest.raises(MissingInputError, match="models"):
+        GraspNetRoot(root.root / "none").object_ids()
+
+
+def test_a_colour_picture_is_no_label(root: GraspNetRoot) -> None:
+    frame = root.scene(0).frame(0)
+    graspnet.write_color(frame.path("label"), np.zeros((48, 64, 3), np.uint8))
+    with pytest.raises(FormatError, match="channel"):
+        root.read_label(frame)
+
+
+def test_every_scene_has_one_split() -> None:
+    splits = [graspnet.split_of_scene(scene) for scene in range(190)]
+    assert [splits.count(name) for name in graspnet.SPLITS] == [100, 30, 30, 30]
+    with pytest.raises(SymgraspError, match="190"):
+        graspnet.split_of_scene(190)
+
+
+def test_depth_alone_is_that_of_the_frame(root: GraspNetRoot) -> None:
+    files = root.scene(0).frame(1)
+    files.path("rgb").unlink()
+    depth, intrinsics = root.read_depth(files)
+    assert_allclose(depth, DEPTH, atol=5.1e-4)
+    assert intrinsics == CAMERA
+
+
+def test_a_frame_without_a_camera_pose_is_one_sentence(root: GraspNetRoot) -> None:
+    scene = root.scene(0)
+    assert_array_equal(scene.table_from_camera(2), np.eye(4))
+    with pytest.raises(FormatError, match="frame 3 has none"):
+        scene.table_from_camera(3)
+    graspnet.write_pose_array(scene.camera_folder / "camera_poses.npy", np.eye(4))
+    with pytest.raises(FormatError, match=r"\(n, 4, 4\)"):
+        scene.table_from_camera(0)

@@ -1,0 +1,162 @@
+"""Reading and writing meshes."""
+
+import logging
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from numpy.testing import assert_allclose, assert_array_equal
+
+from pipelines.dataset.meshes import (
+    clean_mesh,
+    find_meshes,
+    read_mesh,
+    refuse_too_small,
+    size_warning,
+    smallness_warning,
+    write_mesh,
+)
+from pipelines.errors import FormatError, SymgraspError, UnknownNameError, ValueRangeError
+from pipelines.geometry.meshes.mesh import Mesh
+
+
+def box(size: float = 0.1) -> Mesh:
+    shape = trimesh.creation.box(extents=(size, 2 * size, 3 * size))
+    return Mesh(np.asarray(shape.vertices, np.float32).astype(float), np.asarray(shape.faces))
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".obj"])
+def test_a_written_mesh_is_read_again(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"box{suffix}"
+    write_mesh(path, box())
+    again = read_mesh(path)
+    assert_allclose(again.vertices[again.faces], box().vertices[box().faces], atol=1e-7)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".obj"])
+def test_the_same_mesh_gives_the_same_bytes(tmp_path: Path, suffix: str) -> None:
+    first, second = tmp_path / f"a{suffix}", tmp_path / f"b{suffix}"
+    write_mesh(first, box())
+    write_mesh(second, box())
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_the_ply_is_read_by_a_stranger_as_it_was(tmp_path: Path) -> None:
+    write_mesh(tmp_path / "box.ply", box())
+    stranger = trimesh.load_mesh(tmp_path / "box.ply", process=False)
+    assert_allclose(stranger.vertices, box().vertices, atol=1e-8)
+    assert_array_equal(stranger.faces, box().faces)
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".off", ".glb", ".ply", ".obj"])
+def test_foreign_meshes_become_watertight_with_triangles_in_order(
+    tmp_path: Path, suffix: str
+) -> None:
+    shape = trimesh.creation.icosphere(subdivisions=2, radius=0.05)
+    shape.export(tmp_path / f"ball{suffix}")
+    mesh = read_mesh(tmp_path / f"ball{suffix}")
+    assert mesh.is_watertight
+    assert_allclose(mesh.vertices[mesh.faces], shape.triangles, atol=1e-6)
+
+
+def test_a_mesh_without_triangles_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "points.ply"
+    trimesh.PointCloud(np.random.default_rng(0).random((5, 3))).export(path)
+    with pytest.raises(FormatError, match="triangle"):
+        read_mesh(path)
+
+
+def test_vertices_that_are_not_finite_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "nan.obj"
+    path.write_text("v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n")
+    with pytest.raises(FormatError, match="NaN"):
+        read_mesh(path)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".stl", ".glb", ".off"])
+def test_a_damaged_mesh_is_one_sentence(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"bad{suffix}"
+    path.write_bytes(b"\x00nonsense that is no mesh")
+    with pytest.raises(FormatError, match=r"bad\."):
+        read_mesh(path)
+
+
+def test_a_missing_mesh_and_a_foreign_suffix_are_sentences(tmp_path: Path) -> None:
+    with pytest.raises(SymgraspError, match="does not exist"):
+        read_mesh(tmp_path / "none.ply")
+    with pytest.raises(UnknownNameError, match=r"\.step"):
+        read_mesh(tmp_path / "part.step")
+
+
+def test_millimetres_are_warned_of(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    write_mesh(tmp_path / "large.ply", box(100.0))
+    with caplog.at_level(logging.WARNING):
+        read_mesh(tmp_path / "large.ply")
+    assert "millimetres" in caplog.text
+    assert "374.2 m" in caplog.text
+    assert "--mesh-scale 0.001" in caplog.text
+
+
+def test_a_scale_turns_millimetres_into_metres_without_a_warning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    write_mesh(tmp_path / "large.ply", box(100.0))
+    with caplog.at_level(logging.WARNING):
+        mesh = read_mesh(tmp_path / "large.ply", scale=0.001)
+    assert not caplog.text
+    assert size_warning(mesh, tmp_path) is None
+    assert_allclose(np.ptp(mesh.vertices, axis=0), (0.1, 0.2, 0.3), rtol=1e-6)
+
+
+def test_what_is_too_small_to_be_held_is_refused_with_its_size(tmp_path: Path) -> None:
+    path = tmp_path / "small.ply"
+    assert smallness_warning(box(0.002), path) is None  # 7.5 mm
+    refuse_too_small(box(0.002), path)
+    with pytest.raises(SymgraspError, match=r"small\.ply: .* 3\.74 mm .*5 mm .*--mesh-scale"):
+        refuse_too_small(box(0.001), path)
+
+
+def test_degenerate_and_duplicate_triangles_are_dropped_and_said() -> None:
+    good = box()
+    point, line, middle = [0, 0, 1], [0, 1, len(good.vertices)], good.vertices[[0, 1]].mean(axis=0)
+    turned = good.faces[3][[1, 2, 0]]  # the same triangle, another corner first
+    faces = np.concatenate([[point], good.faces, [line], [turned], [turned[::-1]]])
+    mesh, kept, note = clean_mesh(Mesh(np.concatenate([good.vertices, [middle]]), faces))
+    assert_array_equal(mesh.faces, good.faces)
+    assert_array_equal(kept, np.arange(len(good.faces)) + 1)
+    assert note == "dropped 2 degenerate and 2 duplicate triangles"
+    assert clean_mesh(good)[2] == ""
+
+
+def test_a_mesh_of_degenerate_triangles_alone_is_refused() -> None:
+    with pytest.raises(ValueRangeError, match="without area"):
+        clean_mesh(Mesh(np.eye(3), np.array([[0, 0, 1]])))
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".obj", ".stl", ".off"])
+def test_an_empty_file_is_one_sentence(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"empty{suffix}"
+    path.write_bytes(b"")
+    with pytest.raises(FormatError, match=r"empty\."):
+        read_mesh(path)
+
+
+def test_meshes_of_a_folder_are_listed_in_order(tmp_path: Path) -> None:
+    for name in ("b.ply", "a.ply"):
+        write_mesh(tmp_path / name, box())
+    (tmp_path / "notes.txt").write_text("none")
+    assert [path.name for path in find_meshes(tmp_path)] == ["a.ply", "b.ply"]
+
+
+def test_real_meshes_are_read(shared: Path) -> None:
+    for path in find_meshes(shared / "meshes")[::15]:
+        mesh = read_mesh(path)
+        assert 0.01 < mesh.diagonal < 2.0
+
+
+def test_comments_in_another_encoding_do_no_harm(tmp_path: Path) -> None:
+    path = tmp_path / "box.obj"
+    write_mesh(path, box())
+    path.write_bytes("# Würfel, Größe in Metern\n".encode("latin-1") + path.read_bytes())
+    assert len(read_mesh(path).faces) == 12

@@ -1,0 +1,73 @@
+"""The page of a report, parsed as a browser would."""
+
+from pipelines.evaluation.figures import report_curves, report_rows
+from pipelines.evaluation.pages.gallery import Gallery, Picture, Tag
+from pipelines.evaluation.pages.report_page import report_page
+from pipelines.evaluation.records import FrameRecord, JudgedPredictions, RowRecord
+from pipelines.evaluation.tallies import ReportTally
+from pipelines.metrics.grasp_verdicts import REASONS, Verdict
+from tests.evaluation.page_reader import Reader
+
+
+def report() -> dict:
+    verdicts = [Verdict(i, reason, min_friction=0.3) for i, reason in enumerate(REASONS)]
+    planes = {"reflection": JudgedPredictions(2, [0.9, 0.8], {"0.25": [1, 0], "0.134": [1, 0]})}
+    row = RowRecord(verdicts, planes)
+    record = FrameRecord("f", "seen", 0.1, JudgedPredictions(0), {"ours": row, "planar": row})
+    tally = ReportTally.of([record])
+    thresholds = ((0.25, 0.134), 0.05)
+    return {
+        "rows": report_rows(tally, *thresholds),
+        "curves": report_curves(tally, *thresholds),
+        "seconds_per_frame": 0.1,
+        "provenance": {"version": "1", "seed": 0, "inputs": {"grasps": "<x>"}, "config": {}},
+    }
+
+
+def gallery() -> Gallery:
+    tags = [
+        Tag(i, f"mug <{i}>", (0.2, 0.3), Verdict(i, reason, 0.5))
+        for i, reason in enumerate(REASONS)
+    ]
+    return Gallery([Picture("scene/a", "seen", 0.5, b"jpeg", (64, 48), tags)], [])
+
+
+def test_the_page_is_well_formed_and_fetches_nothing():
+    page = report_page(report(), gallery())
+    reader = Reader(page)
+    assert "http" not in page
+    assert not {"script", "link", "iframe"} & {tag for tag, _ in reader.found}
+    sources = [attrs["src"] for tag, attrs in reader.found if tag == "img"]
+    assert [source[:23] for source in sources] == ["data:image/jpeg;base64,"]
+
+
+def test_what_it_is_given_is_escaped():
+    page = report_page(report(), gallery())
+    assert "<x>" not in page
+    assert "mug &lt;0&gt;" in page
+
+
+def test_every_object_of_a_picture_has_its_reason_in_words():
+    text = Reader(report_page(report(), gallery())).text
+    for index, reason in enumerate(REASONS):
+        assert f"mug <{index}>: {reason}" in text
+
+
+def test_curves_have_axes_with_labels_and_a_line_a_threshold():
+    page = report_page(report(), Gallery())
+    reader = Reader(page)
+    assert {"friction", "recall", "precision"} <= set(reader.text.replace(",", " ").split())
+    lines = [attrs for tag, attrs in reader.found if tag == "polyline"]
+    assert len(lines) == 2 + 2  # share held of two methods; reflection at two thresholds
+    for line in lines:
+        points = [tuple(map(float, pair.split(","))) for pair in line["points"].split()]
+        assert all(0 <= x <= 420 and 0 <= y <= 290 for x, y in points)
+
+
+def test_a_report_of_nothing_is_a_page_too():
+    tally = ReportTally.of([FrameRecord("f", "seen", 0.1, JudgedPredictions(0), {})])
+    empty = {
+        "rows": report_rows(tally, (0.25,), 0.05),
+        "curves": report_curves(tally, (0.25,), 0.05),
+    }
+    Reader(report_page(empty, Gallery()))

@@ -1,0 +1,56 @@
+"""report.json and objects.json."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipelines.dataset import object_list
+from pipelines.dataset.object_list import ObjectRecord
+from pipelines.errors import FormatError
+from pipelines.evaluation.reports import read_report, write_report
+from pipelines.geometry.symmetry import RotationSymmetry
+from pipelines.storage.provenance import is_finished, make_stamp
+
+STAMP = make_stamp("evaluate", {"gripper": "rg2"})
+
+
+def test_a_report_is_plain_json_with_null_for_what_is_unknown(tmp_path: Path) -> None:
+    path = tmp_path / "report.json"
+    figures = {"grasp_quality": np.float64(0.5), "mask_ap50": float("nan"), "frames": np.int64(3)}
+    write_report(
+        path, {"ours": {"seen": figures}}, STAMP, seconds_per_frame=0.25, curve=np.arange(3)
+    )
+    content = json.loads(path.read_text())
+    assert content["rows"]["ours"]["seen"] == {
+        "grasp_quality": 0.5, "mask_ap50": None, "frames": 3
+    }  # fmt: skip
+    assert content["seconds_per_frame"] == 0.25
+    assert content["curve"] == [0, 1, 2]
+    assert is_finished(path, STAMP)
+    assert read_report(path) == content
+
+
+def test_a_file_without_rows_is_no_report(tmp_path: Path) -> None:
+    (tmp_path / "report.json").write_text("[]")
+    with pytest.raises(FormatError, match="rows"):
+        read_report(tmp_path / "report.json")
+
+
+def test_the_list_of_objects_comes_back_in_order(tmp_path: Path) -> None:
+    axis = RotationSymmetry(np.array([0.0, 0, 1]), np.zeros(3))
+    can = ObjectRecord(4, "can_01", "can", "seen", (axis,), {"radius": 0.03})
+    made = [can, ObjectRecord(1, "mug", "mug")]
+    object_list.write(tmp_path / "objects.json", made, STAMP)
+    first, second = object_list.read(tmp_path / "objects.json")
+    assert (first.object_id, first.family, first.symmetries) == (1, "mug", ())
+    assert second.symmetries[0].kind == "rotation"
+    assert second.details == {"radius": 0.03}
+
+
+@pytest.mark.parametrize("content", [{}, {"objects": [{"name": "x"}]}, {"objects": [3]}])
+def test_a_wrong_list_of_objects_is_one_sentence(tmp_path: Path, content: object) -> None:
+    (tmp_path / "objects.json").write_text(json.dumps(content))
+    with pytest.raises(FormatError, match=r"objects\.json"):
+        object_list.read(tmp_path / "objects.json")

@@ -1,0 +1,84 @@
+"""The unit of the depth: what the user says, then what files say, in every layout alike."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from pipelines.frames.camera_files import CameraFile, parse_camera
+from pipelines.frames.frames import find_frames
+from pipelines.frames.layouts.scannet import COLOR_CAMERA, DEPTH_CAMERA
+from pipelines.frames.rgbd import DepthUnits
+from pipelines.frames.rgbd_folder import FrameOptions
+from tests.frames.layouts import build
+
+UNITS = 2000.0
+IN_FILE = CameraFile(*build.FOUR, units_per_metre=UNITS)
+OF_FLOATS = {"gqcnn", "contact_graspnet", "six_dof_graspnet", "pcd"}
+
+
+@pytest.mark.parametrize("key", build.LAYOUTS)
+def test_the_unit_in_the_stated_cameras_file_counts_in_every_layout(
+    tmp_path: Path, key: str
+) -> None:
+    build.LAYOUTS[key][1](tmp_path)
+    frame = find_frames(tmp_path, intrinsics=IN_FILE)[0].read()
+    if key in OF_FLOATS:  # floats are metres, whatever the unit of whole numbers
+        assert frame.units_per_metre == 1.0
+        return
+    assert frame.units_per_metre == UNITS
+    camera = CameraFile(*build.FOUR)
+    stated = find_frames(tmp_path, intrinsics=camera, depth_units_per_metre=UNITS)[0].read()
+    assert_array_equal(frame.depth, stated.depth)
+
+
+def test_whole_numbers_in_arrays_have_that_unit(tmp_path: Path) -> None:
+    np.savez(tmp_path / "x.npz", depth=build.depth(0), K=build.K, rgb=build.color(0))
+    assert find_frames(tmp_path)[0].read().units_per_metre == 1000.0
+    frame = find_frames(tmp_path, intrinsics=IN_FILE)[0].read()
+    assert_array_equal(frame.depth, build.depth(0) / np.float32(UNITS))
+
+
+def test_so_do_images_of_a_scan_that_has_both_cameras(tmp_path: Path) -> None:
+    build.scannet(tmp_path)
+    shutil.copy(tmp_path / DEPTH_CAMERA, tmp_path / COLOR_CAMERA)
+    assert find_frames(tmp_path, intrinsics=IN_FILE)[0].read().units_per_metre == UNITS
+
+
+def test_so_do_images_in_bags(tmp_path: Path) -> None:
+    pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
+    from tests.frames.layouts.test_rosbag import write_bag
+
+    write_bag(tmp_path / "a")
+    assert find_frames(tmp_path, intrinsics=IN_FILE)[0].read().units_per_metre == UNITS
+
+
+def test_a_file_given_as_the_option_says_its_unit(tmp_path: Path) -> None:
+    build.nerfstudio(tmp_path)
+    names = dict(zip(("fx", "fy", "cx", "cy"), build.FOUR, strict=True))
+    (tmp_path / "l515.json").write_text(json.dumps(names | {"depth_scale": UNITS}))
+    camera = parse_camera(str(tmp_path / "l515.json"))
+    assert find_frames(tmp_path, intrinsics=camera)[0].read().units_per_metre == UNITS
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        (FrameOptions(IN_FILE, 9.0), DepthUnits(9.0, 9.0)),
+        (FrameOptions(IN_FILE), DepthUnits(UNITS, 1.0)),
+        (FrameOptions(CameraFile(*build.FOUR)), DepthUnits(7.0, 1.0)),
+        (FrameOptions(), DepthUnits(7.0, 1.0)),
+    ],
+)
+def test_what_is_stated_wins_over_what_is_written(
+    options: FrameOptions, expected: DepthUnits
+) -> None:
+    assert options.depth_units(7.0, 5.0) == expected
+
+
+def test_without_a_word_the_layouts_unit_is_taken() -> None:
+    assert FrameOptions().depth_units(usual=5.0).integers == 5.0
+    assert FrameOptions().depth_units() == DepthUnits()

@@ -1,0 +1,55 @@
+"""transforms.json: cameras of their own, other lenses, names."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pipelines.errors import FormatError
+from pipelines.frames.frames import find_frames
+from tests.frames.layouts import build
+
+
+@pytest.fixture
+def edit(tmp_path: Path) -> Callable[[Callable[[dict[str, Any]], None]], Path]:
+    """Change transforms.json of two frames; returns their folder."""
+
+    def change(how: Callable[[dict[str, Any]], None]) -> Path:
+        build.nerfstudio(tmp_path)
+        content = json.loads((tmp_path / "transforms.json").read_text())
+        how(content)
+        (tmp_path / "transforms.json").write_text(json.dumps(content))
+        return tmp_path
+
+    return change
+
+
+def test_a_frames_own_camera_wins(edit) -> None:
+    folder = edit(lambda content: content["frames"][1].update(fl_x=70.0))
+    assert [s.read().intrinsics.fx for s in find_frames(folder)] == [60.0, 70.0]
+
+
+def test_fisheye_lenses_are_refused(edit) -> None:
+    folder = edit(lambda content: content.update(camera_model="OPENCV_FISHEYE"))
+    with pytest.raises(FormatError, match=r"OPENCV_FISHEYE.*undistort"):
+        find_frames(folder)[0].read()
+
+
+def test_distortion_is_mentioned(edit) -> None:
+    folder = edit(lambda content: content.update(k1=0.1))
+    assert "distortion" in find_frames(folder)[0].read().notes[0]
+
+
+def test_frames_without_depth_are_left_out(edit) -> None:
+    folder = edit(lambda content: content["frames"][0].pop("depth_file_path"))
+    assert [source.name for source in find_frames(folder)] == ["1"]
+
+
+def test_images_of_one_name_have_names_of_their_own_below_the_folder(edit) -> None:
+    def elsewhere(content: dict[str, Any]) -> None:
+        content["frames"][0]["file_path"] = "../../left/1.png"
+
+    names = [source.name for source in find_frames(edit(elsewhere))]
+    assert names == ["left/1", "images/1"]

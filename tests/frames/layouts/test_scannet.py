@@ -1,0 +1,56 @@
+"""ScanNet: colour of another size through its own camera."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from pipelines.errors import FormatError
+from pipelines.frames.camera_files import CameraFile
+from pipelines.frames.frames import find_frames
+from pipelines.frames.layouts.scannet import seen_by
+from pipelines.geometry.camera import Intrinsics
+from tests.frames.layouts import build
+
+SCALE = 2.025  # 1296 / 640
+
+
+def smooth(width: int, height: int, fx: float, fy: float, cx: float, cy: float) -> np.ndarray:
+    """What a camera sees of a wall whose colour changes with direction."""
+    x, y, _one = np.moveaxis(Intrinsics(fx, fy, cx, cy, width, height).rays(), 2, 0)
+    return (120 + 100 * np.stack([x, y, x * y], 2)).astype(np.uint8)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    build.scannet(tmp_path)
+    fx, fy, cx, cy = (SCALE * value for value in build.FOUR)
+    full = np.eye(4)
+    full[0, 0], full[1, 1], full[:2, 2] = fx, fy, (cx, cy)
+    np.savetxt(tmp_path / "intrinsic/intrinsic_color.txt", full)
+    for image in (tmp_path / "color").iterdir():
+        cv2.imwrite(str(image), smooth(98, 73, fx, fy, cx, cy)[:, :, ::-1])
+    return tmp_path
+
+
+def test_colour_of_another_size_is_looked_up_through_both_cameras(folder: Path) -> None:
+    frame = find_frames(folder)[0].read()
+    expected = smooth(build.WIDTH, build.HEIGHT, *build.FOUR)
+    assert frame.color.shape == expected.shape
+    inside = (slice(0, -1), slice(0, -1))  # the last pixels may lie at the border of the colour
+    assert np.abs(frame.color[inside].astype(int) - expected[inside]).max() <= 2
+    assert "98x73 is looked up" in frame.notes[0]
+    assert frame.intrinsics.fx == build.FOUR[0]
+
+
+def test_without_its_camera_it_is_refused(folder: Path) -> None:
+    (folder / "intrinsic/intrinsic_color.txt").unlink()
+    with pytest.raises(FormatError, match="colour is 98x73, depth is 48x36"):
+        find_frames(folder)[0].read()
+
+
+def test_a_camera_that_looks_elsewhere_sees_black() -> None:
+    color = np.full((36, 48, 3), 200, np.uint8)
+    far = CameraFile(60.0, 60.0, 500.0, 500.0)
+    assert not seen_by(color, far, Intrinsics(*build.FOUR, 48, 36)).any()

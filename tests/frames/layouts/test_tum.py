@@ -1,0 +1,76 @@
+"""TUM sequences: association by time, published calibrations, broken indices."""
+
+from pathlib import Path
+
+import pytest
+
+from pipelines.errors import FormatError, SymgraspError
+from pipelines.frames.camera_files import CameraFile
+from pipelines.frames.frames import find_frames
+from pipelines.frames.layouts.tum import associate
+from tests.frames.layouts import build
+
+CAMERA = CameraFile(*build.FOUR)
+
+
+def at(*times: float) -> list[tuple[float, Path]]:
+    return [(time, Path(f"{time}")) for time in times]
+
+
+def test_images_are_paired_with_the_nearest_in_time_and_once() -> None:
+    pairs = associate(at(1.0, 1.015, 2.0), at(1.01, 1.04, 2.03))
+    assert [(str(color), str(depth)) for color, depth in pairs] == [("1.015", "1.01")]
+    assert associate(at(1.0), []) == []
+
+
+def test_many_images_are_paired_in_order() -> None:
+    times = [i / 30 for i in range(3000)]
+    pairs = associate(at(*times), at(*[time + 0.004 for time in reversed(times)]))
+    assert [color for color, _depth in pairs] == [Path(f"{time}") for time in times]
+
+
+def test_an_association_file_wins_in_either_order(tmp_path: Path) -> None:
+    build.tum(tmp_path)
+    colors, depths = (sorted((tmp_path / name).iterdir()) for name in ("rgb", "depth"))
+    lines = [f"1.0 depth/{depths[1].name} 1.0 rgb/{colors[0].name}"]
+    (tmp_path / "associations.txt").write_text("\n".join(lines))
+    (source,) = find_frames(tmp_path, intrinsics=CAMERA)
+    assert source.files == (colors[0], depths[1])
+
+
+def test_the_folders_name_says_the_published_calibration(tmp_path: Path) -> None:
+    folder = tmp_path / "rgbd_dataset_freiburg3_desk"
+    folder.mkdir()
+    build.tum(folder)
+    with pytest.raises(SymgraspError, match="calibration of freiburg3: describes 640x480"):
+        find_frames(folder)[0].read()
+
+
+def test_the_nearest_folders_name_says_the_calibration(tmp_path: Path) -> None:
+    folder = tmp_path / "freiburg1/rgbd_dataset_freiburg3_desk"
+    folder.mkdir(parents=True)
+    build.tum(folder)
+    with pytest.raises(SymgraspError, match="calibration of freiburg3"):
+        find_frames(folder)[0].read()
+
+
+def test_without_a_camera_it_is_asked_for(tmp_path: Path) -> None:
+    build.tum(tmp_path)
+    with pytest.raises(FormatError, match="--intrinsics"):
+        find_frames(tmp_path)[0].read()
+
+
+@pytest.mark.parametrize("line", ["1.0", "yesterday rgb/1.png", "1.0 a b c d"])
+def test_a_broken_index_is_one_sentence_and_stops_no_other_folder(
+    tmp_path: Path, line: str
+) -> None:
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+    build.tum(tmp_path / "a")
+    build.flat(tmp_path / "b")
+    (tmp_path / "a/rgb.txt").write_text(f"{line}\n")
+    broken, *others = find_frames(tmp_path)
+    assert broken.name == "a"
+    with pytest.raises(FormatError, match=r"rgb\.txt"):
+        broken.read()
+    assert [source.read().name for source in others] == ["b/0", "b/1"]

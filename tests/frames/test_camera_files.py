@@ -1,0 +1,125 @@
+"""Camera files of every known form."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+
+from pipelines.errors import FormatError, SymgraspError, ValueRangeError
+from pipelines.frames.camera_files import (
+    CameraFile,
+    find_camera_file,
+    parse_camera,
+    read_camera_file,
+)
+
+FOUR = (60.0, 61.0, 31.5, 23.5)
+K = [[60.0, 0.0, 31.5], [0.0, 61.0, 23.5], [0.0, 0.0, 1.0]]
+ROWS = [value for row in K for value in row]
+COLUMNS = [60.0, 0.0, 0.0, 0.0, 61.0, 0.0, 31.5, 23.5, 1.0]
+NAMED = {"fx": 60.0, "fy": 61.0, "cx": 31.5, "cy": 23.5}
+# File name, content, and the depth units per metre it states.
+FORMS = [
+    ("camera.json", NAMED, None),
+    ("camera.json", NAMED | {"width": 64, "height": 48, "depth_scale": 5000.0}, 5000.0),
+    ("camera.json", NAMED | {"depth_scale": 0.001}, 1000.0),
+    ("camera.json", {"cam_K": ROWS, "depth_scale": 0.1}, 10000.0),
+    ("camera_data.json", {"K": K, "resolution": [48, 64]}, None),
+    ("camera_intrinsic.json", {"intrinsic_matrix": COLUMNS, "width": 64, "height": 48}, None),
+    ("camera_params.json", {"fx": 60.0, "fy": 61.0, "x_offset": 31.5, "y_offset": 23.5}, None),
+    ("phoxi.intr", {"_fx": 60.0, "_fy": 61.0, "_cx": 31.5, "_cy": 23.5, "_width": 64}, None),
+    ("transforms.json", {"fl_x": 60, "fl_y": 61, "cx": 31.5, "cy": 23.5, "w": 64, "h": 48}, None),
+    ("camera_info.yaml", f"height: 48\nwidth: 64\nK: {ROWS}\nroi:\n  width: 0\n", None),
+    ("meta.yml", f"INTRINSICS: {ROWS}\n", None),
+    ("cam_K.txt", "60 0 31.5\n0 61 23.5\n0 0 1\n", None),
+    ("intrinsics.txt", "60, 61, 31.5, 23.5", None),
+    ("camera_intrinsics.txt", "60 0 31.5 0\n0 61 23.5 0\n0 0 1 0\n0 0 0 1", None),
+]
+
+
+@pytest.mark.parametrize(("name", "content", "units"), FORMS)
+def test_every_known_form_is_found_and_read(
+    tmp_path: Path, name: str, content: object, units: float | None
+) -> None:
+    text = content if isinstance(content, str) else json.dumps(content)
+    (tmp_path / name).write_text(text)
+    path = find_camera_file(tmp_path, "x")
+    assert path == tmp_path / name
+    camera = read_camera_file(path)
+    assert (camera.fx, camera.fy, camera.cx, camera.cy) == FOUR
+    assert camera.units_per_metre == units
+    assert camera.at(64, 48).matrix.tolist() == K
+
+
+def test_a_mat_and_an_npy_hold_the_matrix(tmp_path: Path) -> None:
+    scipy.io.savemat(
+        tmp_path / "meta.mat", {"intrinsic_matrix": np.array(K), "factor_depth": [[10000]]}
+    )
+    np.save(tmp_path / "camK.npy", np.array(K))
+    assert read_camera_file(tmp_path / "meta.mat").units_per_metre == 10000.0
+    assert read_camera_file(tmp_path / "camK.npy").cy == 23.5
+
+
+def test_a_bop_scene_has_a_camera_for_each_frame(tmp_path: Path) -> None:
+    path = tmp_path / "scene_camera.json"
+    path.write_text(json.dumps({"0": {"cam_K": ROWS}, "12": {"cam_K": ROWS, "depth_scale": 0.1}}))
+    assert read_camera_file(path, "000012").units_per_metre == 10000.0
+    with pytest.raises(FormatError, match="lacks"):
+        read_camera_file(path, "000013")
+
+
+def test_a_frames_own_camera_comes_before_the_folders(tmp_path: Path) -> None:
+    for name in ("camera.json", "x_camera.json"):
+        (tmp_path / name).write_text(json.dumps(NAMED))
+    assert find_camera_file(tmp_path, "x") == tmp_path / "x_camera.json"
+    assert find_camera_file(tmp_path, "y") == tmp_path / "camera.json"
+    assert find_camera_file(tmp_path / "none", "x") is None
+
+
+def test_the_option_takes_four_numbers_or_a_file(tmp_path: Path) -> None:
+    assert parse_camera("60, 61,31.5 23.5") == CameraFile(*FOUR)
+    (tmp_path / "c.json").write_text(json.dumps(NAMED))
+    assert parse_camera(str(tmp_path / "c.json")).fx == 60.0
+
+
+@pytest.mark.parametrize("text", ["60,61", "nothing.json", "camera.docx", "0,61,31.5,23.5"])
+def test_an_option_that_is_neither_is_one_sentence(text: str) -> None:
+    with pytest.raises(SymgraspError):
+        parse_camera(text)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.json", "{"),
+        ("a.json", "[1, 2]"),
+        ("a.json", '{"fx": "wide", "fy": 1, "cx": 1, "cy": 1}'),
+        ("a.json", '{"K": [1, 2, 3]}'),
+        ("a.txt", "1 2 3"),
+        ("a.txt", "camera"),
+        ("a.yaml", "name: x\n"),
+    ],
+)
+def test_damaged_files_are_one_sentence(tmp_path: Path, name: str, text: str) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(FormatError, match=name):
+        read_camera_file(tmp_path / name)
+
+
+def test_lengths_and_units_must_be_positive() -> None:
+    with pytest.raises(ValueRangeError, match="fx"):
+        CameraFile(float("nan"), 1.0, 1.0, 1.0)
+    with pytest.raises(ValueRangeError, match="scale"):
+        CameraFile(1.0, 1.0, 1.0, 1.0, units_per_metre=0.0)
+
+
+@pytest.mark.parametrize("lengths", [(1.93, 1.93), (0.001, 60.0), (60.0, 0.5)])
+def test_focal_lengths_that_are_no_pixels_are_refused(lengths: tuple[float, float]) -> None:
+    with pytest.raises(FormatError, match="give fx and fy in pixels, not in millimetres"):
+        CameraFile(*lengths, 320.0, 240.0).at(640, 480)
+
+
+def test_a_wide_lens_is_read() -> None:
+    assert CameraFile(20.0, 20.0, 320.0, 240.0).at(640, 480).fx == 20.0

@@ -1,0 +1,87 @@
+"""Instance masks: the user's files, and run lengths."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from numpy.testing import assert_array_equal
+from PIL import Image
+
+from pipelines.errors import FormatError, SymgraspError, ValueRangeError
+from pipelines.frames.masks import read_masks
+from pipelines.storage.masks_rle import box_of_mask, decode_mask, encode_mask
+
+masks = hnp.arrays(bool, st.tuples(st.integers(1, 9), st.integers(1, 9)))
+
+
+@settings(max_examples=25, deadline=None)
+@given(masks)
+def test_a_mask_survives_its_run_lengths(mask: np.ndarray) -> None:
+    counts = encode_mask(mask)
+    assert counts.sum() == mask.size
+    assert_array_equal(decode_mask(counts, mask.shape[1], mask.shape[0]), mask)
+
+
+def test_run_lengths_go_down_the_columns_zeros_first() -> None:
+    mask = np.array([[True, False, False], [True, True, False]])
+    assert encode_mask(mask).tolist() == [0, 2, 1, 1, 2]
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # pycocotools' own
+def test_run_lengths_are_cocos() -> None:
+    coco = pytest.importorskip("pycocotools.mask")
+    mask = np.random.default_rng(0).random((20, 30)) > 0.6
+    runs = coco.frPyObjects({"counts": encode_mask(mask).tolist(), "size": [20, 30]}, 20, 30)
+    assert_array_equal(coco.decode(runs).astype(bool), mask)
+
+
+def test_runs_that_do_not_fill_the_image_are_refused() -> None:
+    with pytest.raises(ValueRangeError, match="3x3"):
+        decode_mask(np.array([4, 4]), 3, 3)
+
+
+def test_the_box_ends_after_the_last_pixel() -> None:
+    mask = np.zeros((10, 12), bool)
+    mask[2:5, 3:9] = True
+    assert box_of_mask(mask).tolist() == [3, 2, 9, 5]
+    assert box_of_mask(np.zeros((4, 4), bool)).tolist() == [0, 0, 0, 0]
+
+
+@pytest.mark.parametrize("name", ["s/x_label.png", "s/x.png", "x_mask.png", "x.png"])
+def test_a_users_mask_is_found_by_its_names(tmp_path: Path, name: str) -> None:
+    ids = np.arange(12, dtype=np.uint16).reshape(3, 4) * 100
+    (tmp_path / "s").mkdir()
+    cv2.imwrite(str(tmp_path / name), ids)
+    assert_array_equal(read_masks(tmp_path, "s/x"), ids)
+
+
+def test_a_missing_mask_says_what_is_looked_for(tmp_path: Path) -> None:
+    with pytest.raises(SymgraspError, match=r"s/x_label\.png"):
+        read_masks(tmp_path, "s/x")
+
+
+def test_a_coloured_mask_is_refused(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "x.png"), np.arange(36, dtype=np.uint8).reshape(3, 4, 3))
+    with pytest.raises(FormatError, match="3 channels that differ"):
+        read_masks(tmp_path, "x")
+
+
+def test_three_equal_channels_are_one(tmp_path: Path) -> None:
+    ids = np.arange(12, dtype=np.uint8).reshape(3, 4)
+    cv2.imwrite(str(tmp_path / "x.png"), np.repeat(ids[:, :, None], 3, axis=2))
+    assert_array_equal(read_masks(tmp_path, "x"), ids)
+
+
+@pytest.mark.parametrize("bits", [2, 8])
+def test_of_a_palette_the_places_count_and_not_the_colours(tmp_path: Path, bits: int) -> None:
+    ids = np.array([[0, 1, 1, 0], [2, 2, 3, 0]], np.uint8)
+    if bits == 8:
+        ids[0, 3] = 255  # outlines, as PASCAL VOC's masks have them
+    picture = Image.fromarray(ids, mode="P")
+    picture.putpalette(np.random.default_rng(0).permutation(768).astype(np.uint8).tobytes())
+    picture.save(tmp_path / "x.png", bits=bits)
+    assert_array_equal(read_masks(tmp_path, "x"), np.where(ids == 255, 0, ids))

@@ -1,0 +1,113 @@
+"""Colour that lies beside the depth is noticed; registered frames are left in peace."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from pipelines.frames.frames import find_frames
+from pipelines.frames.registration import (
+    FARTHEST,
+    SURROUNDINGS,
+    _color_changes,
+    _match_at_offsets,
+    color_offset,
+    oddities,
+)
+from pipelines.frames.rgbd import Frame
+from pipelines.geometry.camera import Intrinsics
+
+CAMERA = Intrinsics(300.0, 300.0, 160.0, 120.0, 320, 240)
+BUNDLED = Path(__file__).resolve().parents[2] / "pipelines/weights/frames"
+
+
+def boxes(seed: int, dx: int = 0, dy: int = 0) -> Frame:
+    """Boxes of a colour each on a table; colour lies (dx, dy) pixels off."""
+    rng = np.random.default_rng(seed)
+    depth = np.full((240, 320), 0.9, np.float32)
+    color = np.full((240, 320, 3), 90, np.uint8)
+    for _ in range(8):
+        y, x = rng.integers(40, 160), rng.integers(40, 240)
+        depth[y : y + 30, x : x + 40] = rng.uniform(0.6, 0.8)
+        color[y : y + 30, x : x + 40] = rng.integers(0, 255, 3)
+    noise = rng.integers(-8, 8, color.shape)
+    color = np.clip(color.astype(int) + noise, 0, 255).astype(np.uint8)
+    return Frame("boxes", np.roll(color, (dy, dx), (0, 1)), depth, CAMERA)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10_000))
+def test_frames_that_lie_right_are_left_in_peace(seed: int) -> None:
+    assert color_offset(boxes(seed)) is None
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10_000), st.sampled_from([(12, 0), (-9, 4), (0, 14), (-16, -11)]))
+def test_an_offset_is_measured(seed: int, offset: tuple[int, int]) -> None:
+    found = color_offset(boxes(seed, *offset))
+    assert found is not None
+    assert max(abs(found[0] - offset[0]), abs(found[1] - offset[1])) <= 2
+
+
+def test_without_edges_nothing_is_said() -> None:
+    frame = boxes(0, 12)
+    assert color_offset(replace(frame, color=np.full_like(frame.color, 128))) is None
+    assert color_offset(replace(frame, depth=np.full_like(frame.depth, 0.7))) is None
+
+
+@pytest.mark.parametrize("shape", [(1, 640), (2, 640), (1, 1280), (5, 1280), (640, 1), (1, 1)])
+def test_of_a_strip_nothing_is_said(shape: tuple[int, int]) -> None:
+    rng = np.random.default_rng(0)
+    color = rng.integers(0, 255, (*shape, 3), dtype=np.uint8)
+    depth = rng.uniform(0.4, 1.5, shape).astype(np.float32)
+    assert oddities(Frame("strip", color, depth, CAMERA)) == ()
+
+
+def test_the_demos_frames_lie_right() -> None:
+    for source in find_frames(BUNDLED):
+        assert color_offset(source.read()) is None
+
+
+def test_real_frames_lie_right_and_are_noticed_when_they_do_not(shared: Path) -> None:
+    noticed = 0
+    sources = [s for s in find_frames(shared / "frames") if "native" not in s.name][::3]
+    for source in sources:
+        frame = source.read()
+        assert color_offset(frame) is None, source.name
+        moved = replace(frame, color=np.roll(frame.color, (10, -30), (0, 1)))
+        noticed += color_offset(moved) is not None
+    assert noticed >= len(sources) / 2
+
+
+@pytest.mark.parametrize("share", [0.2, 0.6])
+def test_sparse_depth_is_mentioned(share: float) -> None:
+    frame = boxes(0)
+    depth = frame.depth * (np.arange(240) < share * 240)[:, None]
+    sentences = oddities(replace(frame, depth=depth.astype(np.float32), notes=("from afar",)))
+    assert sentences[0] == "from afar"
+    assert any("third" in sentence for sentence in sentences) == (share < 1 / 3)
+
+
+def test_the_change_of_colour_is_the_length_of_its_slopes() -> None:
+    noise = np.random.default_rng(0).integers(0, 256, (240, 320), dtype=np.uint8)
+    noise[60:120, 80:160] = noise[60:120, 80:160] // 128 * 255  # the steepest slopes there are
+    dx, dy = (cv2.Sobel(noise, cv2.CV_32F, *axes) for axes in ((1, 0), (0, 1)))
+    lengths = np.log1p(np.hypot(dx, dy))
+    expected = lengths - cv2.blur(lengths, (SURROUNDINGS, SURROUNDINGS))
+    frame = replace(boxes(0), color=np.repeat(noise[:, :, None], 3, axis=2))
+    assert_array_equal(_color_changes(frame, 1), expected)
+
+
+def test_a_match_is_the_mean_over_the_jumps() -> None:
+    rng = np.random.default_rng(0)
+    changes = rng.random((60, 80)).astype(np.float32)
+    jumps = (rng.random((60, 80)) > 0.98).astype(np.float32)
+    padded = np.pad(changes, FARTHEST)
+    for y, x in ((0, 0), (FARTHEST, FARTHEST), (2 * FARTHEST, 3)):
+        there = padded[y : y + 60, x : x + 80][jumps > 0]
+        assert_allclose(_match_at_offsets(changes, jumps)[y, x], there.mean(), rtol=1e-5)

@@ -1,0 +1,51 @@
+"""What `--workspace` and `--approach-direction` may be."""
+
+import numpy as np
+import pytest
+
+from pipelines.errors import SymgraspError, ValueRangeError
+from pipelines.frames.workspace_files import (
+    Workspace,
+    parse_direction,
+    parse_workspace,
+    read_workspace_mask,
+)
+from pipelines.storage.files import write_image
+
+
+def test_six_numbers_are_a_box_a_file_is_a_mask_nothing_is_everywhere(tmp_path):
+    assert parse_workspace("-0.1,0,0.4, .1 0.2,1e0") == Workspace((-0.1, 0, 0.4, 0.1, 0.2, 1))
+    write_image(tmp_path / "m.png", np.zeros((4, 5), np.uint8))
+    assert parse_workspace(str(tmp_path / "m.png")) == Workspace(mask=tmp_path / "m.png")
+    assert parse_workspace(None) == Workspace()
+
+
+@pytest.mark.parametrize("text", ["", "no.png", "1,2,3", "1,2,3,4,5,6,7"])
+def test_anything_else_is_refused_with_both_forms(text):
+    with pytest.raises(ValueRangeError, match=r"x0,y0,z0,x1,y1,z1.*mask"):
+        parse_workspace(text)
+
+
+def test_a_direction_is_three_numbers():
+    assert parse_direction("0, -1,0.5") == (0, -1, 0.5)
+    for text in ("down", "1,2", "1,2,3,4"):
+        with pytest.raises(ValueRangeError, match="x,y,z"):
+            parse_direction(text)
+
+
+@pytest.mark.parametrize("channels", [None, 3])
+def test_what_is_not_black_is_inside(tmp_path, channels):
+    mask = np.zeros((4, 5), np.uint8)
+    mask[1:3, 2:4] = 1
+    stored = mask if channels is None else np.stack([0 * mask, mask, 0 * mask], -1)
+    write_image(tmp_path / "m.png", stored)
+    np.testing.assert_array_equal(read_workspace_mask(tmp_path / "m.png", (4, 5)), mask > 0)
+
+
+def test_a_mask_of_another_size_or_no_picture_is_refused(tmp_path):
+    write_image(tmp_path / "m.png", np.zeros((4, 5), np.uint8))
+    with pytest.raises(SymgraspError, match="5 x 4"):
+        read_workspace_mask(tmp_path / "m.png", (5, 4))
+    (tmp_path / "bad.png").write_bytes(b"no")
+    with pytest.raises(SymgraspError, match="bad"):
+        read_workspace_mask(tmp_path / "bad.png", (5, 4))

@@ -1,0 +1,31 @@
+"""Grasps as a table of text."""
+
+import csv
+
+import numpy as np
+
+from pipelines.grasp_files.exports import grasp_csv
+from tests.grasp_files.exports.gripper_toys import random_frame
+
+
+def test_awkward_names_and_messages_stay_in_their_line(tmp_path):
+    rng = np.random.default_rng(0)
+    full, header = random_frame(rng, 2, name='a "b", #1')
+    bare, _ = random_frame(rng, 0, name="c\nd")
+    grasp_csv.write(tmp_path / "x.csv", [full, bare], header)
+    with (tmp_path / "x.csv").open(newline="") as stream:
+        lines = stream.read().split("\n")
+    assert [line for line in lines if line.startswith("# no grasps")] == [
+        '# no grasps in "c\\nd" (empty): '
+    ]
+    rows = list(csv.DictReader(line for line in lines if line and not line.startswith("#")))
+    assert [row["frame"] for row in rows] == ['a "b", #1'] * 2
+    assert [row["grasp"] for row in rows] == ["100", "101"]
+
+
+def test_a_file_of_ours_is_known_by_its_first_line(tmp_path):
+    frame, header = random_frame(np.random.default_rng(0), 1)
+    grasp_csv.write(tmp_path / "x.csv", [frame], header)
+    (tmp_path / "y.csv").write_text("a,b\n1,2\n")
+    assert grasp_csv.is_ours(tmp_path / "x.csv")
+    assert not grasp_csv.is_ours(tmp_path / "y.csv")

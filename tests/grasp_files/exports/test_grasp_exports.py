@@ -1,0 +1,150 @@
+"""What all exporters share, and that each of them keeps the contacts."""
+
+import json
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from pipelines.errors import SymgraspError
+from pipelines.export import TO_FILE, TO_FOLDER
+from pipelines.grasp_files.exports.grasp_exports import Hand, HandGrasps, as_ranges, frame_path
+from pipelines.grasp_files.grasps_tables import GraspTable
+from tests.docs.test_formats_document import block, keys_of
+from tests.grasp_files.exports import export_readers
+from tests.grasp_files.exports.gripper_toys import random_frame, random_gripper, random_result
+
+FILES = {
+    "graspnet": ("a/b.npy", export_readers.graspnet),
+    "contact-graspnet": ("a/predictions_b.npz", export_readers.contact_graspnet),
+    "isaac": ("a/b.yaml", export_readers.isaac),
+    "ros-json": ("a/b.json", export_readers.ros_json),
+}
+WHOLE = {"json": export_readers.whole_json, "csv": export_readers.whole_csv}
+seeds = st.integers(0, 2**32 - 1)
+few = settings(max_examples=15, deadline=None)
+
+
+def exported(to: str, frame, header):
+    """The contacts that a reader of the format gets of `frame`."""
+    with tempfile.TemporaryDirectory() as folder:
+        if to in WHOLE:
+            path = Path(folder) / f"x.{to}"
+            TO_FILE[to](path, [frame], header)
+            return WHOLE[to](path, frame.result.name)
+        TO_FOLDER[to](Path(folder), frame, header)
+        name, read = FILES[to]
+        return read(Path(folder) / name, frame.hand.gripper)
+
+
+def test_every_format_has_a_reader_here():
+    assert {*FILES, *WHOLE} == {*TO_FOLDER, *TO_FILE}
+
+
+@pytest.mark.parametrize("to", [*FILES, *WHOLE])
+@few
+@given(seed=seeds, count=st.integers(0, 7))
+def test_contacts_come_back_from_every_format(to, seed, count):
+    frame, header = random_frame(np.random.default_rng(seed), count)
+    contacts = exported(to, frame, header)
+    assert contacts.shape == (count, 2, 3)
+    assert_allclose(contacts, frame.result.grasps.contacts, atol=1e-6)
+
+
+@few
+@given(seed=seeds)
+def test_rotations_are_exact_though_stored_in_single_precision(seed):
+    frame, _ = random_frame(np.random.default_rng(seed), 4)
+    R = frame.poses[:, :3, :3]
+    assert_allclose(R @ R.swapaxes(1, 2), np.eye(3)[None].repeat(4, 0), atol=1e-12)
+
+
+@few
+@given(seed=seeds)
+def test_what_is_too_wide_is_left_out_and_the_next_becomes_the_best(seed):
+    rng = np.random.default_rng(seed)
+    result, gripper = random_result(rng, 12), random_gripper(rng)
+    narrow = type(gripper)(**{**vars(gripper), "max_opening": 0.06})
+    frame = HandGrasps.of(result, 5, Hand(narrow, 0.1, "x"))
+    width = result.grasps.width
+    assert frame.rows.tolist() == (5 + np.flatnonzero(width <= narrow.max_width)).tolist()
+    assert sorted([*frame.rows, *frame.left_out]) == list(range(5, 17))
+    held = frame.result.grasps
+    assert_allclose(held.contacts, result.grasps.contacts[frame.rows - 5])
+    for region in np.unique(held.region):  # toys are sorted, best first
+        assert np.flatnonzero(held.is_best[held.region == region]).tolist() == [0]
+
+
+def test_numbers_that_are_not_finite_are_a_sentence():
+    result = random_result(np.random.default_rng(0), 3)
+    columns = {name: getattr(result.grasps, name).copy() for name in GraspTable.SPEC}
+    columns["translation"][1, 2] = np.nan
+    broken = type(result)(result.name, "ok", regions=result.regions, grasps=GraspTable(**columns))
+    hand = Hand(random_gripper(np.random.default_rng(0)), 0.1, "x")
+    with pytest.raises(SymgraspError, match="translation of a grasp is not finite"):
+        HandGrasps.of(broken, 0, hand)
+
+
+@pytest.mark.parametrize("name", ["../x", "/etc/x", "a/../../x", "..", "", "a\\..\\x"])
+def test_names_that_lead_out_of_the_folder_are_refused(name, tmp_path):
+    with pytest.raises(SymgraspError, match="rename it"):
+        frame_path(tmp_path, name, ".npy")
+
+
+def test_runs_of_places_are_said_as_ranges():
+    assert as_ranges(np.array([3, 5, 6, 7, 9])) == "3, 5-7, 9"
+    assert as_ranges(np.array([], int)) == ""
+
+
+def written(to: str, folder: Path, count: int = 4) -> Path:
+    frame, header = random_frame(np.random.default_rng(1), count)
+    if to in TO_FILE:
+        TO_FILE[to](folder / f"x.{to}", [frame], header)
+        return folder / f"x.{to}"
+    TO_FOLDER[to](folder, frame, header)
+    return folder / FILES[to][0]
+
+
+@pytest.mark.parametrize("to", [*FILES, *WHOLE])
+def test_the_same_grasps_give_the_same_bytes(to, tmp_path):
+    assert written(to, tmp_path / "1").read_bytes() == written(to, tmp_path / "2").read_bytes()
+
+
+def test_the_keys_of_json_exports_are_documented(tmp_path):
+    content = json.loads(written("json", tmp_path).read_text())
+    (frame,) = content["frames"]
+    lines = block("keys", "export json")
+    assert set(content) == keys_of(lines)
+    assert {*frame, *content["gripper"]} == keys_of(lines, depth=1)
+    assert set(frame["grasps"][0]) == keys_of(lines, depth=2)
+
+
+def test_the_columns_of_csv_exports_are_documented(tmp_path):
+    path = written("csv", tmp_path)
+    lines = block("keys", "export csv")
+    assert set(export_readers.csv_rows(path)[0]) == keys_of(lines, depth=1)
+    heads = {key for key in export_readers.csv_facts(path) if key != "SymGrasp grasps"}
+    assert heads == keys_of(lines) - {"columns"}
+
+
+def test_the_keys_of_ros_exports_are_documented(tmp_path):
+    content = json.loads(written("ros-json", tmp_path).read_text())
+    assert set(content) == keys_of(block("keys", "export ros-json"))
+
+
+def test_the_keys_of_isaac_exports_are_documented(tmp_path):
+    content = export_readers.yaml(written("isaac", tmp_path))
+    lines = block("keys", "export isaac")
+    assert set(content) == keys_of(lines)
+    joints = {"cspace_position", "pregrasp_cspace_position"}  # of hands whose joints are known
+    assert {*content["grasps"]["grasp_0"], *joints} == keys_of(lines, depth=1)
+
+
+def test_the_arrays_of_contact_graspnet_exports_are_documented(tmp_path):
+    with np.load(written("contact-graspnet", tmp_path), allow_pickle=False) as arrays:
+        names = {name.split("/")[0] for name in arrays.files}
+    assert names == keys_of(block("arrays", "export contact-graspnet"))

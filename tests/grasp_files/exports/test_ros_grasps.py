@@ -1,0 +1,31 @@
+"""JSON in the words of ROS."""
+
+import json
+
+import numpy as np
+import pytest
+
+from pipelines.grasp_files.exports import ros_grasps
+from tests.grasp_files.exports.gripper_toys import random_frame
+
+
+def test_the_pose_array_has_the_messages_fields(tmp_path):
+    typesys = pytest.importorskip("rosbags.typesys", reason="knows the messages of ROS")
+    frame, header = random_frame(np.random.default_rng(0), 3, name="x")
+    ros_grasps.write_frame(tmp_path, frame, header)
+    found = json.loads((tmp_path / "x.json").read_text())["pose_array"]
+    types = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE).types
+    pose, point = types["geometry_msgs/msg/Pose"], types["geometry_msgs/msg/Point"]
+    quaternion = types["geometry_msgs/msg/Quaternion"]
+    head, time = types["std_msgs/msg/Header"], types["builtin_interfaces/msg/Time"]
+    stamp = time(**found["header"].pop("stamp"))
+    message = types["geometry_msgs/msg/PoseArray"](
+        header=head(stamp=stamp, **found.pop("header")),
+        poses=[
+            pose(point(**each["position"]), quaternion(**each["orientation"]))
+            for each in found.pop("poses")
+        ],
+    )
+    assert found == {}
+    assert len(message.poses) == 3
+    assert message.header.frame_id == "camera_color_optical_frame"

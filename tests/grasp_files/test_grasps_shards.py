@@ -1,0 +1,131 @@
+"""Shards are joined as they lie; one that is not as it was written is refused as ever."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from pipelines.errors import FormatError, SymgraspError
+from pipelines.grasp_files import grasps_file, grasps_shards
+from pipelines.grasp_files.grasps_file import FrameResult, read_shard, tables_of
+from pipelines.grasp_files.grasps_shards import joined, shard_sizes, shard_tables
+from pipelines.grasp_files.grasps_stream import merge_shards
+from tests.grasp_files.test_grasps_file import CAMERA, STAMP, result
+
+FRAMES = [
+    result("s/ä", 2, 3),
+    FrameResult("b", "failed", "no depth"),
+    FrameResult("e", "empty", "nothing to grasp", CAMERA, np.nan),
+    result("d", 3, 7, seed=1),
+]
+
+
+@pytest.fixture
+def shard(tmp_path: Path) -> Path:
+    grasps_file.write_shard(tmp_path / "a.h5", FRAMES[3], STAMP)
+    return tmp_path / "a.h5"
+
+
+def assert_same_tables(found: grasps_shards.Tables, expected: grasps_shards.Tables) -> None:
+    assert {group: list(columns) for group, columns in found.items()} == {
+        group: list(columns) for group, columns in expected.items()
+    }
+    for group, columns in expected.items():
+        for name, column in columns.items():
+            assert_array_equal(found[group][name], column, f"{group}/{name}")
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_a_shard_gives_the_columns_of_its_frame(tmp_path: Path, frame: FrameResult) -> None:
+    path = tmp_path / "a.h5"
+    grasps_file.write_shard(path, frame, STAMP)
+    assert_same_tables(shard_tables(path), tables_of([frame]))
+    runs = len(frame.regions.mask_counts)
+    assert shard_sizes(path) == (len(frame.regions), len(frame.grasps), runs)
+
+
+def test_a_sound_shard_needs_no_tables(shard: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(grasps_shards, "read_shard", None)
+    assert_same_tables(shard_tables(shard), tables_of([FRAMES[3]]))
+
+
+@pytest.mark.parametrize("places", [[0], [1, 2], [0, 1, 2, 3], [3, 3, 0, 2]])
+def test_columns_joined_are_those_of_the_frames_together(places: list[int]) -> None:
+    frames = [FRAMES[place] for place in places]
+    assert_same_tables(joined([tables_of([frame]) for frame in frames]), tables_of(frames))
+
+
+def replaced(name: str, content: object) -> object:
+    def change(file: h5py.File) -> None:
+        del file[name]
+        file[name] = content
+
+    return change
+
+
+def value(name: str, place: object, content: object) -> object:
+    def change(file: h5py.File) -> None:
+        file[name][place] = content
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        value("grasps/region", 0, 3),
+        value("grasps/region", 6, -1),
+        value("frames/status", 0, "fine"),
+        value("frames/intrinsics", 0, np.nan),
+        value("regions/mask_start", 0, 1),
+        value("regions/mask_start", 3, 1),
+        replaced("grasps/width", np.zeros(6, np.float32)),
+        replaced("grasps/rotation", np.zeros((7, 9), np.float32)),
+        replaced("regions/source", [b"\xff"] * 3),
+        replaced("regions/mask_start", np.arange(3)),
+        replaced("frames/seconds", np.zeros(2, np.float32)),
+        replaced("frames/name", np.zeros(1)[:0]),
+        lambda file: file.pop("grasps/is_best"),
+        lambda file: file.pop("regions/frame"),
+        lambda file: file.pop("frames"),
+        lambda file: file.attrs.update(format_version=99),
+        lambda file: file.attrs.pop("format_version"),
+    ],
+)
+def test_a_shard_that_disagrees_is_refused_in_the_words_of_its_reader(
+    tmp_path: Path, shard: Path, change
+) -> None:
+    with h5py.File(shard, "r+") as file:
+        change(file)
+    with pytest.raises(SymgraspError) as expected:
+        read_shard(shard)
+    with pytest.raises(type(expected.value)) as found:
+        shard_tables(shard)
+    assert str(found.value) == str(expected.value)
+    with pytest.raises(SymgraspError):
+        merge_shards(tmp_path / "g.h5", [shard], STAMP)
+    assert not (tmp_path / "g.h5").exists()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        replaced("grasps/width", np.ones(7, np.float64)),
+        replaced("grasps/symmetry_slot", np.ones(7, np.int64)),
+        value("frames/size", 0, 0),
+    ],
+)
+def test_a_shard_of_other_types_is_taken_as_ever(shard: Path, change) -> None:
+    with h5py.File(shard, "r+") as file:
+        change(file)
+    assert_same_tables(shard_tables(shard), tables_of([read_shard(shard)]))
+
+
+def test_a_damaged_shard_is_a_sentence(tmp_path: Path, shard: Path) -> None:
+    data = shard.read_bytes()
+    for damaged in (data[:3000], data[:2000] + b"x" + data[2001:], b""):
+        shard.write_bytes(damaged)
+        with pytest.raises(FormatError, match=r"a\.h5"):
+            merge_shards(tmp_path / "g.h5", [shard], STAMP)

@@ -1,0 +1,111 @@
+"""Predicted symmetries, fitted to a rendered region and judged by it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from pipelines.configs import SelectionConfig
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.rendering import Scene, cast_view
+from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SymmetrySlots
+from pipelines.geometry.transforms import invert, make_pose, rotate_vectors, unit
+from pipelines.grasping.candidates.grounding import Evidence, ground_symmetries
+from pipelines.grasping.observation import RegionCloud, SceneCloud
+from pipelines.inference import models
+
+CAMERA = Intrinsics(460.0, 460.0, 159.5, 119.5, 320, 240)
+CONFIG = SelectionConfig()
+JUDGE = models.plane_judge(models.PLANE_WEIGHTS)
+
+
+def view_of(shape):
+    """A scene with `shape` standing on a table, seen from above at 45 degrees; its pose."""
+    table = trimesh.creation.box((1.0, 1.0, 0.01))
+    height = -float(shape.bounds[0, 2])
+    T_world_cam = np.eye(4)
+    T_world_cam[:3, :3] = np.array([[1, 0, 0], [0, -np.sqrt(0.5), np.sqrt(0.5)], [0, 0, 0]])
+    T_world_cam[2, :3] = [0, -np.sqrt(0.5), -np.sqrt(0.5)]
+    T_world_cam[:3, 3] = [0, -0.4, 0.4 + height]
+    meshes = [Mesh(shape.vertices, shape.faces), Mesh(table.vertices, table.faces)]
+    poses = [make_pose(np.eye(3), [0, 0, height]), make_pose(np.eye(3), [0, 0, -0.005])]
+    hits = cast_view(Scene(meshes, poses), CAMERA, T_world_cam)
+    T_cam_world = invert(T_world_cam)
+    up = rotate_vectors(T_cam_world, [0, 0, 1.0])
+    scene = SceneCloud(hits.depth, CAMERA, Plane(up, -float(up @ T_cam_world[:3, 3])))
+    return scene, RegionCloud.from_mask(hits.object_index == 0, scene), T_cam_world @ poses[0]
+
+
+def disturbed(symmetry, degrees, rng):
+    shift = rng.normal(0, 0.004, 3)
+    turned = unit(symmetry.direction + np.tan(np.radians(degrees)) * unit(rng.normal(size=3)))
+    field = "axis" if symmetry.kind == "rotation" else "normal"
+    return replace(symmetry, **{field: turned, "point": symmetry.point + shift})
+
+
+@pytest.fixture(scope="module")
+def can():
+    return view_of(trimesh.creation.cylinder(0.03, 0.1, sections=64))
+
+
+@pytest.fixture(scope="module")
+def box():
+    return view_of(
+        trimesh.creation.box((0.05, 0.09, 0.12)).apply_transform(
+            trimesh.transformations.rotation_matrix(0.6, [0, 0, 1])
+        )
+    )
+
+
+def uncertain(symmetries):
+    slots = SymmetrySlots.from_symmetries(symmetries)
+    full = [np.where(np.isnan(part), 0.5, part) for part in (slots.point, slots.direction)]
+    return SymmetrySlots(
+        np.full(5, 0.45), full[0] * [[0, 0, 1]], np.apply_along_axis(unit, 1, full[1])
+    )
+
+
+def test_the_axis_of_a_can_is_found_and_trusted(can):
+    scene, region, pose = can
+    truth = RotationSymmetry([0, 0, 1], [0, 0, 0]).transformed(pose)
+    slots = uncertain([disturbed(truth, 15, np.random.default_rng(0))])
+    slots.point[:] = truth.point
+    found = ground_symmetries(slots, region, scene, CONFIG, JUDGE)
+    assert found.existence[3] > 0.5
+    assert abs(float(found.direction[3] @ truth.axis)) > np.cos(np.radians(3))
+
+
+def test_a_box_has_planes_but_no_axis(box):
+    scene, region, pose = box
+    turned = pose @ make_pose(np.eye(3), [0, 0, 0])
+    angle = 0.6
+    across = ReflectionSymmetry([np.cos(angle), np.sin(angle), 0], [0, 0, 0]).transformed(turned)
+    slots = uncertain([disturbed(across, 8, np.random.default_rng(1))])
+    slots.point[:] = across.point
+    found = ground_symmetries(slots, region, scene, CONFIG, JUDGE)
+    assert found.existence[3] < 0.5
+    trusted = [k for k in range(3) if found.existence[k] > 0.5]
+    assert any(
+        abs(float(found.direction[k] @ across.normal)) > np.cos(np.radians(6)) for k in trusted
+    )
+
+
+def test_a_plane_that_throws_images_into_free_space_is_not_trusted(can):
+    scene, region, pose = can
+    beside = ReflectionSymmetry([1, 0, 0], [0.03, 0, 0]).transformed(pose)
+    slots = uncertain([beside])
+    slots.point[:] = beside.point
+    found = ground_symmetries(slots, region, scene, CONFIG, JUDGE)
+    for slot in range(3):
+        offset = abs(float((found.point[slot] - pose[:3, 3]) @ found.direction[slot]))
+        assert found.existence[slot] < 0.5 or offset < 0.012
+
+
+def test_more_support_and_fewer_floating_images_mean_more_trust():
+    axis = RotationSymmetry([0, 0, 1], [0, 0, 0])
+    good, floating = Evidence(axis, 0.5, 0.8, 1.0), Evidence(axis, 0.5, 0.8, 0.5)
+    assert good.confidence > Evidence(axis, 0.5, 0.3, 1.0).confidence
+    assert good.confidence > floating.confidence

@@ -1,0 +1,154 @@
+"""Boundary grasps: pairs are those that a loop over all pairs of boundary cells finds."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipelines.configs import SelectionConfig
+from pipelines.geometry.pointcloud import Plane
+from pipelines.grasp_files.gripper_files import load_gripper
+from pipelines.grasping.candidates import height_map, planar
+from pipelines.grasping.observation import RegionCloud, SceneCloud
+from pipelines.grasping.region_grasping import plan_planar
+from tests.geometry.tabletops import CAMERA, Box, Can, looking_at_table, render
+
+CONFIG = SelectionConfig()
+GRIPPER = load_gripper("rg2")
+seeds = st.integers(0, 2**31)
+
+
+def naive_pairs(view, depth, region, scene):
+    """Holding pairs of one slice, (first, second) contact on the plane and quality."""
+    inside = planar.cv2.medianBlur((view.depth <= depth).astype(np.uint8), 3)
+    boundary, outward = planar._boundary(inside)
+    steep = planar._wall_steepness(view.depth, depth, view.cell, boundary, outward)
+    ray = region.view_ray @ view.axes[:, 1:]
+    behind = view.points_at(boundary + 2.0 * outward, depth)
+    covered = planar._covered(behind, scene.depth, region.mask, scene.intrinsics.lens)
+    contact, found = boundary + 0.5 * outward, {}
+    for i in range(len(contact)):
+        for j in range(i + 1, len(contact)):
+            width = np.linalg.norm(contact[j] - contact[i])
+            if not CONFIG.min_width < width * view.cell < GRIPPER.max_width:
+                continue
+            line = (contact[j] - contact[i]) / width
+            holding = min(-line @ outward[i], line @ outward[j]) * min(steep[i], steep[j])
+            if holding > planar.MIN_HOLDING:
+                trusts = [
+                    (1.0 - planar.HIDDEN_PENALTY * max(outward[k] @ ray, 0.0))
+                    * (planar.COVERED if covered[k] else 1.0)
+                    for k in (i, j)
+                ]
+                found[tuple(contact[i]), tuple(contact[j])] = holding**2 * min(trusts)
+    return found
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.0002])
+def test_a_flat_top_seen_from_straight_above_can_be_held_at_sides_that_show_nowhere(noise):
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    pose[2, 3] = 0.7
+    depth, index = render([Box((0.05, 0.05, 0.03))], pose)
+    depth = depth + noise * np.random.default_rng(0).normal(size=depth.shape)
+    scene = SceneCloud(depth, CAMERA, Plane(pose[:3, 2], float(-pose[:3, 2] @ pose[:3, 3])))
+    found = plan_planar(RegionCloud.from_mask(index == 0, scene), scene, GRIPPER, CONFIG)
+    assert len(found)
+    np.testing.assert_allclose(found.grasps.width[0], 0.05, atol=0.006)
+    assert (found.grasps.translation[:, 2] + GRIPPER.tip_reach < 0.7).all()  # above the table
+
+
+@pytest.mark.parametrize("shape", [Box((0.06, 0.05, 0.1)), Can(0.03, 0.08)])
+def test_the_pairs_of_a_slice_are_those_of_a_loop(shape):
+    pose = looking_at_table()
+    depth, index = render([shape, Box((0.03, 0.03, 0.15), (0.0, -0.08, 0.0))], pose)
+    scene = SceneCloud(depth, CAMERA, Plane(pose[:3, 2], float(-pose[:3, 2] @ pose[:3, 3])))
+    region = RegionCloud.from_mask(index == 0, scene)
+    for approach in planar.approach_directions(region, scene):
+        view = height_map.HeightMap.of(region.points, approach)
+        for at, contact_depth in planar._slice_depths(view, scene, GRIPPER, CONFIG):
+            expected = naive_pairs(view, at, region, scene)
+            contacts, quality = planar._slice_pairs(
+                view, at, contact_depth, region, scene, GRIPPER, CONFIG
+            )
+            flat = (contacts @ view.axes)[..., 1:]
+            cells = (flat - view.low) / view.cell - 0.5
+            keys = np.array([np.ravel(pair) for pair in expected]).reshape(-1, 4)
+            values = np.array(list(expected.values()))
+            assert len(contacts) <= planar.MAX_PAIRS
+            assert (len(contacts) > 0) == (len(expected) > 0)
+            for pair, value in zip(cells.reshape(-1, 4), quality, strict=True):
+                away = np.abs(keys - pair).max(axis=1)
+                assert away.min() < 1e-6
+                assert values[away.argmin()] == pytest.approx(value)
+            if len(expected):
+                assert quality.max() == pytest.approx(values.max())
+
+
+@given(seeds, st.integers(1, 200))
+@settings(max_examples=25, deadline=None)
+def test_a_cell_holds_its_nearest_point(seed, count):
+    rng = np.random.default_rng(seed)
+    local = rng.uniform(-0.05, 0.05, (count, 3)) * rng.choice([0.05, 1.0])
+    low, cell, depth = height_map._nearest_in_cells(local)
+    np.testing.assert_array_equal(low, local[:, 1:].min(axis=0))
+    extent = np.ptp(local[:, 1:], axis=0)
+    assert cell == max(height_map.MIN_CELL, extent.max() / height_map.MAX_CELLS)
+    expected = np.full((extent[::-1] / cell).astype(int) + 1 + 2 * height_map.MARGIN, np.inf)
+    column, row = ((local[:, 1:] - low) / cell).astype(int).T + height_map.MARGIN
+    np.minimum.at(expected, (row, column), local[:, 0])
+    np.testing.assert_array_equal(depth, expected)
+
+
+@given(seeds)
+@settings(max_examples=25, deadline=None)
+def test_holes_are_as_near_as_what_is_about_them(seed):
+    rng = np.random.default_rng(seed)
+    depth = np.where(rng.uniform(size=(12, 9)) < 0.7, rng.uniform(size=(12, 9)), np.inf)
+    inside = (rng.uniform(size=(12, 9)) < 0.5).astype(np.uint8)
+    near = planar.cv2.erode(depth, np.ones((5, 5), np.uint8), borderValue=np.inf)
+    expected = np.where(np.isfinite(depth) | (inside == 0), depth, near)
+    np.testing.assert_array_equal(height_map._filled(depth, inside), expected)
+
+
+@given(seeds, st.integers(0, 20))
+@settings(max_examples=25, deadline=None)
+def test_slopes_and_steepness_are_those_of_arrays(seed, count):
+    rng = np.random.default_rng(seed)
+    smooth, cells = rng.uniform(size=(15, 20)), rng.integers(1, [19, 14], (count, 2))
+    column, row = cells.T
+    slopes = [planar.cv2.Sobel(smooth, planar.cv2.CV_64F, *axis) for axis in ((1, 0), (0, 1))]
+    expected = np.stack([slope[row, column] for slope in slopes], 1)
+    np.testing.assert_allclose(planar._slopes(smooth, cells), expected, atol=1e-12)
+
+    depth = np.where(rng.uniform(size=(15, 20)) < 0.5, smooth, np.inf)
+    outward = rng.normal(size=(count, 2))
+    u, v = np.clip(np.round(cells + 2.5 * outward), 0, [19, 14]).astype(int).T
+    fall = np.where(np.isfinite(depth[v, u]), np.maximum(depth[v, u] - 0.4, 0.0), 1.0)
+    expected = np.sin(np.arctan2(fall, 2.5 * 0.1))
+    found = planar._wall_steepness(depth, 0.4, 0.1, cells.astype(float), outward)
+    np.testing.assert_allclose(found, expected)
+
+
+@given(seeds, st.integers(0, 30))
+@settings(max_examples=25, deadline=None)
+def test_points_are_covered_by_what_is_nearer_and_not_the_region(seed, count):
+    rng = np.random.default_rng(seed)
+    depth = rng.uniform(0.45, 0.55, (240, 320)) * (rng.uniform(size=(240, 320)) < 0.8)
+    mask = rng.uniform(size=depth.shape) < 0.5
+    points = np.column_stack([rng.uniform(-0.4, 0.4, (count, 2)), rng.uniform(0.4, 0.6, count)])
+    u, v = np.clip(np.round(CAMERA.project(points)), 0, [319, 239]).astype(int).T
+    nearer = (depth[v, u] > 0) & (depth[v, u] < points[:, 2] - planar.OCCLUSION_STEP)
+    found = planar._covered(points, depth, mask, CAMERA.lens)
+    np.testing.assert_array_equal(found, nearer & ~mask[v, u])
+
+
+@given(seeds, st.integers(0, 200))
+@settings(max_examples=25, deadline=None)
+def test_of_pairs_about_one_place_the_first_is_taken(seed, count):
+    rng = np.random.default_rng(seed)
+    contact, pairs = rng.uniform(-20.0, 20.0, (40, 2)), rng.integers(40, size=(count, 2))
+    order = rng.permutation(count)
+    place = np.floor(contact[pairs[order]].mean(axis=1) / planar.PLACE)
+    _, first = np.unique(place, axis=0, return_index=True)
+    expected = order[np.sort(first)[: planar.MAX_PAIRS]]
+    np.testing.assert_array_equal(planar._spread(contact, pairs, order), expected)

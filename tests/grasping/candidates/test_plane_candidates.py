@@ -1,0 +1,149 @@
+"""Planes that a region may have: those of boxes and cans are among them, from any side."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SymmetrySlots
+from pipelines.geometry.transforms import make_pose, random_rotation, unit
+from pipelines.geometry.transforms import transform_points as moved
+from pipelines.grasping.candidates.plane_candidates import (
+    FACE_ANGLE,
+    FACE_TRIALS,
+    candidate_planes,
+    distinct,
+    face_directions,
+    half_between_ends,
+    halfway_up,
+    largest_face,
+    level_directions,
+)
+
+UPRIGHT = RotationSymmetry([0, 0, 1], [9, 9, 9])
+NOTHING = SymmetrySlots(np.zeros(5), np.full((5, 3), 9.0), np.tile(unit([1.0, 2.0, 3.0]), (5, 1)))
+
+
+def seen_box(size, toward, rng, n=3000):
+    """Points and normals of the faces of a box, centred on 0, that face the viewer."""
+    face, sign = rng.integers(3, size=n), rng.choice([-1.0, 1.0], n)
+    points = rng.uniform(-0.5, 0.5, (n, 3))
+    points[np.arange(n), face] = 0.5 * sign
+    normals = np.eye(3)[face] * sign[:, None]
+    front = normals @ unit(toward) > 0.1
+    noisy = points[front] * size + rng.normal(0, 0.0005, (front.sum(), 3))
+    return noisy, unit(normals[front] + rng.normal(0, 0.03, (front.sum(), 3)))
+
+
+def has_plane(planes, normal, point, degrees=4.0, offset=0.003):
+    return any(
+        abs(float(plane.normal @ normal)) > np.cos(np.radians(degrees))
+        and abs(float((plane.point - point) @ normal)) < offset
+        for plane in planes
+    )
+
+
+@settings(max_examples=25)
+@given(st.integers(0, 10_000))
+def test_all_planes_of_a_box_are_candidates_however_it_lies(seed):
+    rng = np.random.default_rng(seed)
+    size = rng.uniform(0.04, 0.12, 3)
+    toward = rng.choice([-1.0, 1.0], 3) * rng.uniform(0.3, 1.0, 3)  # three faces are seen
+    points, normals = seen_box(size, toward, rng)
+    pose = make_pose(random_rotation(rng), rng.normal(0, 0.3, 3))
+    rotation, centre = pose[:3, :3], pose[:3, 3]
+    axis = RotationSymmetry(unit(rng.normal(size=3)), [9, 9, 9])
+    found = candidate_planes(NOTHING, axis, moved(pose, points), normals @ rotation.T, None)
+    for axis in rotation.T:
+        assert has_plane(found, axis, centre)
+
+
+def test_two_seen_faces_of_a_standing_box_suffice_for_its_upright_planes():
+    rng = np.random.default_rng(0)
+    points, normals = seen_box(np.array([0.05, 0.08, 0.1]), [0.0, -0.7, 0.7], rng)
+    table = Plane(np.array([0, 0, 1.0]), 0.05)
+    found = candidate_planes(NOTHING, UPRIGHT, points, normals, table)
+    for axis in np.eye(3):
+        assert has_plane(found, axis, np.zeros(3))
+
+
+def test_the_axis_tells_where_the_middle_of_half_hidden_things_is():
+    points, normals = seen_box(
+        np.array([0.05, 0.08, 0.1]), [0.0, -0.7, 0.7], np.random.default_rng(2)
+    )
+    seen = points[:, 0] > 0.0
+    table = Plane(np.array([0, 0, 1.0]), 0.05)
+    for point, known in (([0, 0, 0], True), ([9, 9, 9], False)):
+        axis = RotationSymmetry([0, 0, 1], point)
+        found = candidate_planes(NOTHING, axis, points[seen], normals[seen], table)
+        assert has_plane(found, [1.0, 0.0, 0.0], np.zeros(3)) == known
+
+
+def test_what_stands_on_the_table_is_cut_at_half_its_height():
+    rng = np.random.default_rng(1)
+    points = rng.uniform(-1, 1, (500, 3)) * [0.03, 0.03, 0.0] + [0, 0, 0.12]
+    assert halfway_up(points, Plane(np.array([0, 0, 1.0]), 0.0))[2] == pytest.approx(0.06)
+
+
+def test_a_few_flying_pixels_do_not_move_the_middle():
+    points = np.zeros((1000, 3))
+    points[:, 0] = np.linspace(0.0, 0.1, 1000)
+    points[:5, 0] = -0.3
+    assert half_between_ends(points, np.array([[1.0, 0, 0]]))[0] == pytest.approx(0.05, abs=0.001)
+
+
+def test_level_directions_lie_in_the_table_and_face_directions_are_frames():
+    rng = np.random.default_rng(2)
+    points, normals = seen_box(np.array([0.05, 0.08, 0.1]), [0.5, -0.7, 0.7], rng)
+    table = Plane(unit([0.1, 0.2, 1.0]), 0.05)
+    for direction in level_directions(points, table):
+        assert abs(float(direction @ table.normal)) < 1e-9
+    face, *across = face_directions(points, normals)
+    for first, second in zip(across[::2], across[1::2], strict=True):
+        assert np.abs(np.stack([face, first, second]) @ np.stack([face, first, second]).T)[
+            ~np.eye(3, dtype=bool)
+        ].max() == pytest.approx(0.0, abs=1e-9)
+
+
+def test_of_planes_that_are_nearly_one_the_first_stays():
+    plane = ReflectionSymmetry([1, 0, 0], [0, 0, 0])
+    near = ReflectionSymmetry(unit([1, 0.1, 0]), [0.002, 0, 0])
+    aside = ReflectionSymmetry([1, 0, 0], [0.02, 0, 0])
+    across = ReflectionSymmetry([0, 1, 0], [0, 0, 0])
+    assert distinct([plane, near, aside, across], np.radians(8), 0.004) == [plane, aside, across]
+    assert distinct([near, plane, aside, across], np.radians(25)) == [near, across]
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.integers(0, 12),
+    st.floats(0.1, 1.5),
+    st.sampled_from([0.01, 0.1, np.inf]),
+    st.integers(0, 10_000),
+)
+def test_a_plane_is_kept_unless_one_that_is_kept_is_like_it(count, angle, offset, seed):
+    rng = np.random.default_rng(seed)
+    normals, points = unit(rng.normal(size=(count, 3))), rng.normal(0, 0.1, (count, 3))
+    planes = [ReflectionSymmetry(*each) for each in zip(normals, points, strict=True)]
+    kept = []
+    for plane in planes:
+        if not any(
+            abs(float(plane.normal @ before.normal)) > np.cos(angle)
+            and abs(float((plane.point - before.point) @ before.normal)) < offset
+            for before in kept
+        ):
+            kept.append(plane)
+    assert [id(plane) for plane in distinct(planes, angle, offset)] == [id(plane) for plane in kept]
+
+
+@pytest.mark.parametrize("count", [1, 39, 400])
+def test_the_largest_face_is_the_one_that_most_normals_are_close_to(count):
+    rng = np.random.default_rng(count)
+    normals = unit(rng.normal(size=(count, 3)) * [0.1, 0.3, 1.0])
+    trials = normals[:: max(1, count // FACE_TRIALS)]
+    cosine, narrow = np.abs(normals @ trials.T), np.cos(FACE_ANGLE)
+    best = trials[np.clip((cosine - narrow) / (1.0 - narrow), 0.0, 1.0).sum(axis=0).argmax()]
+    near = normals[np.abs(normals @ best) > narrow]
+    expected = unit((near * np.sign(near @ best)[:, None]).sum(axis=0))
+    np.testing.assert_allclose(largest_face(normals), expected, atol=1e-12)

@@ -1,0 +1,140 @@
+"""The evidence for mirror planes: each number says what it is called, and truth is trusted."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from pipelines.configs import SelectionConfig
+from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SymmetrySlots
+from pipelines.geometry.transforms import rotation_about, unit
+from pipelines.grasping.candidates.mirror_views import MirrorImages
+from pipelines.grasping.candidates.plane_candidates import candidate_planes
+from pipelines.grasping.candidates.plane_evidence import (
+    FEATURES,
+    RegionEvidence,
+    fitted_planes,
+    plane_features,
+    trust,
+    trusted_planes,
+)
+from pipelines.grasping.observation import SceneCloud
+from pipelines.inference import models
+from tests.grasping.candidates.test_grounding import view_of
+
+CONFIG = SelectionConfig()
+JUDGE = models.plane_judge(models.PLANE_WEIGHTS)
+UPRIGHT = RotationSymmetry([0, 0, 1], [9, 9, 9])
+SILENT = SymmetrySlots(np.zeros(5), np.full((5, 3), 9.0), np.tile(unit([1.0, 2.0, 3.0]), (5, 1)))
+
+
+@pytest.fixture(scope="module")
+def box():
+    turn = trimesh.transformations.rotation_matrix(0.6, [0, 0, 1])
+    return view_of(trimesh.creation.box((0.05, 0.09, 0.12)).apply_transform(turn))
+
+
+def evidence_of(view, slots=SILENT):
+    scene, region, pose = view
+    axis = RotationSymmetry([0, 0, 1], [0, 0, 0]).transformed(pose)
+    step = max(1, len(region) // 400)
+    seen = region.points[::step], region.normals[::step], region.mask
+    return RegionEvidence(slots, axis, *seen, scene)
+
+
+def box_planes(pose):
+    turn = trimesh.transformations.rotation_matrix(0.6, [0, 0, 1])[:3, :3]
+    return [ReflectionSymmetry(normal, [0, 0, 0]).transformed(pose) for normal in turn.T]
+
+
+def features(planes, known):
+    images = MirrorImages.of(planes, known.points, known.normals)
+    return plane_features(planes, images, known, CONFIG)
+
+
+def row(plane, known):
+    values = features([plane], known)[0]
+    return dict(zip(FEATURES, values, strict=True))
+
+
+def test_a_box_alone_shows_its_three_planes_without_a_network(box):
+    found = trusted_planes(evidence_of(box), CONFIG, JUDGE)
+    assert len(found) == 3
+    confidence = [trust for _, trust in found]
+    assert confidence == sorted(confidence, reverse=True)
+    for truth in box_planes(box[2]):
+        best = max(found, key=lambda pair: abs(float(pair[0].normal @ truth.normal)))
+        assert abs(float(best[0].normal @ truth.normal)) > np.cos(np.radians(5))
+        assert abs(float((best[0].point - truth.point) @ truth.normal)) < 0.004
+        assert best[1] > 0.3
+
+
+def test_true_planes_are_trusted_more_than_the_same_beside_the_middle(box):
+    known = evidence_of(box)
+    for truth in box_planes(box[2]):
+        aside = ReflectionSymmetry(truth.normal, truth.point + 0.02 * truth.normal)
+        right, wrong = trust([truth, aside], known, CONFIG, JUDGE)
+        assert right > 2 * wrong
+
+
+def test_of_oblique_planes_only_the_more_trusted_is_kept(box, monkeypatch):
+    across, _, level = box_planes(box[2])
+    up = level.normal
+    oblique = [
+        ReflectionSymmetry(rotation_about(up, np.radians(angle)) @ across.normal, across.point)
+        for angle in (0.0, 45.0, 60.0, 90.0)
+    ]
+    said = np.array([0.9, 0.8, 0.3, 0.2])
+    monkeypatch.setattr(
+        "pipelines.grasping.candidates.plane_evidence.fitted_planes", lambda _: oblique
+    )
+    monkeypatch.setattr("pipelines.grasping.candidates.plane_evidence.trust", lambda *_: said)
+    found = trusted_planes(evidence_of(box), CONFIG, JUDGE)
+    assert [trust for _, trust in found] == [0.9, 0.3]  # 90 degrees is within 30 of what is kept
+    assert found[0][0] is oblique[0]
+
+
+def test_numbers_are_what_they_are_called(box):
+    known, (across, along, level) = evidence_of(box), box_planes(box[2])
+    row_level = row(level, known)
+    assert row_level["tilt"] == pytest.approx(1.0, abs=1e-6)
+    assert row_level["level"] == 1.0
+    assert row_level["off_halfway"] < 0.03
+    raised = ReflectionSymmetry(level.normal, level.point + 0.03 * level.normal)
+    assert row(raised, known)["off_halfway"] == pytest.approx(0.25, abs=0.04)
+    assert row(across, known)["tilt"] < 0.02
+    assert row(across, known)["level"] == 0.0
+    assert row(along, known)["consistency"] > 0.97
+    aside = ReflectionSymmetry(along.normal, along.point + 0.03 * along.normal)
+    assert row(aside, known)["consistency"] < 0.8 or row(aside, known)["off_middle"] > 0.2
+
+
+def test_a_plane_that_the_network_names_is_a_candidate():
+    across = ReflectionSymmetry(unit([1.0, 0.4, 0.1]), [0.0, 0.0, 0.6])
+    rng = np.random.default_rng(0)
+    points = rng.normal([0.0, 0.0, 0.6], 0.02, (300, 3))  # without faces, outline or table
+    said = SymmetrySlots(SILENT.existence.copy(), SILENT.point.copy(), SILENT.direction.copy())
+    said.existence[1], said.point[1], said.direction[1] = 0.9, across.point, across.normal
+    for slots, named in ((said, True), (SILENT, False)):
+        found = candidate_planes(slots, UPRIGHT, points, unit(points), None)
+        near = [abs(float(plane.normal @ across.normal)) > 0.9999 for plane in found]
+        assert any(near) == named
+
+
+def test_without_a_table_nothing_is_level_and_planes_are_found(box):
+    scene, region, pose = box
+    known = evidence_of((SceneCloud(scene.depth, scene.intrinsics, None), region, pose))
+    values = features(fitted_planes(known), known)
+    assert (values[:, FEATURES.index("level")] == 0).all()
+    assert np.isfinite(values).all()
+    assert len(trusted_planes(known, CONFIG, JUDGE)) == 3
+
+
+def test_a_moved_table_moves_only_what_is_about_the_table(box):
+    scene, region, pose = box
+    lower = Plane(scene.plane.normal, scene.plane.offset + 0.02)
+    low = evidence_of((SceneCloud(scene.depth, scene.intrinsics, lower), region, pose))
+    level = box_planes(pose)[2]
+    here, there = row(level, evidence_of(box)), row(level, low)
+    changed = {name for name in FEATURES if here[name] != pytest.approx(there[name])}
+    assert changed == {"off_halfway"}

@@ -1,0 +1,144 @@
+"""Gripper bodies against points: the fast way equals the obvious one."""
+
+import numpy as np
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from pipelines.configs import SelectionConfig
+from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.transforms import (
+    make_pose,
+    random_rotation,
+    rotate_vectors,
+    transform_points,
+    unit,
+)
+from pipelines.grasp_files.gripper_files import load_gripper
+from pipelines.grasping.feasibility.collision import (
+    Obstacles,
+    clearance,
+    first_free,
+    lowest_height,
+    meets,
+    turned,
+)
+from pipelines.grasping.grasps import Grasps
+
+GRIPPER = load_gripper("rg2")
+ANGLES = np.array([0.0, 0.7, 2.9, -1.1, 6.0])
+seeds = st.integers(0, 2**31)
+
+
+def random_grasps(rng, count=5):
+    rotation = np.stack([random_rotation(rng) for _ in range(count)])
+    return Grasps(rotation, rng.normal(0, 0.02, (count, 3)), rng.uniform(0.01, 0.1, count))
+
+
+def random_scene(rng, count=400):
+    return Obstacles(rng.uniform(-0.12, 0.12, (count, 3)), rng.integers(1, 4, count))
+
+
+def boxes_of(grasps, index, margin):
+    boxes = GRIPPER.boxes(grasps.width[index : index + 1])[0]
+    return boxes[:, 0] - margin, boxes[:, 1] + margin
+
+
+def naive_inside(grasps, index, scene, margin):
+    local = (scene.points - grasps.translation[index]) @ grasps.rotation[index]
+    low, high = boxes_of(grasps, index, margin)
+    inside = [((local > lo) & (local < hi)).all(1) for lo, hi in zip(low, high, strict=True)]
+    return int(sum((hit * scene.count).sum() for hit in inside))
+
+
+def naive_enclosed(grasps, index, scene):
+    local = (scene.points - grasps.translation[index]) @ grasps.rotation[index]
+    low, high = boxes_of(grasps, index, 0.0)
+    between = (np.abs(local[:, 1]) < low[1, 1]) & (np.abs(local[:, 2]) < high[1, 2])
+    between &= (local[:, 0] < high[1, 0]) & (local[:, 0] > low[1, 0])
+    return (high[1, 0] - local[between, 0]).max(initial=0.0)
+
+
+@given(seeds, st.integers(0, 600), st.integers(0, 40))
+@example(420, 400, 2)  # points in the corners of the margin
+@settings(max_examples=40, deadline=None)
+def test_hands_meet_and_enclose_what_a_loop_finds(seed, count, allowed):
+    rng = np.random.default_rng(seed)
+    hands, scene = random_grasps(rng, 15), random_scene(rng, count)
+    met, enclosed = meets(hands, GRIPPER, scene, 0.001, allowed)
+    for index in range(len(hands)):
+        expected = naive_inside(hands, index, scene, 0.001) > allowed
+        assert met[index] == expected
+        height = 0.0 if expected else naive_enclosed(hands, index, scene)
+        np.testing.assert_allclose(enclosed[index], height, atol=1e-5)
+
+
+@given(seeds, st.sampled_from([0, 3, 40]), st.sampled_from([0.0, 0.5, 1.0]), st.integers(1, 20))
+@settings(max_examples=40, deadline=None)
+def test_the_first_free_hands_are_those_that_meet_nothing_and_enclose_something(
+    seed, count, share, most
+):
+    rng, config = np.random.default_rng(seed), SelectionConfig()
+    hands, scene = random_grasps(rng, 30)[np.arange(count) % 30], random_scene(rng, 20)
+    steady = np.sort(np.round(rng.random(count), 1))[::-1].copy()
+    met, enclosed = meets(hands, GRIPPER, scene, config.body_margin, config.max_points_inside)
+    expected = np.flatnonzero(~met & (enclosed >= config.min_enclosed))
+    expected = expected[steady[expected] >= share * steady[expected].max(initial=0.0)][:most]
+    found, height = first_free(hands, GRIPPER, scene, config, steady, share, most)
+    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(height, enclosed[expected])
+
+
+@given(seeds)
+@settings(max_examples=15, deadline=None)
+def test_moving_hand_and_scene_together_changes_nothing(seed):
+    rng = np.random.default_rng(seed)
+    grasps, scene = random_grasps(rng, 40), random_scene(rng)
+    T = make_pose(random_rotation(rng), rng.normal(size=3))
+    moved = Obstacles(transform_points(T, scene.points), scene.count)
+    here, _ = meets(grasps, GRIPPER, scene, 0.001, 4)
+    there, _ = meets(grasps.transformed(T), GRIPPER, moved, 0.001, 4)
+    assert (here == there).mean() > 0.9  # a point on a box's face may flip
+    found = clearance(grasps.transformed(T), GRIPPER, moved, 0.05)
+    np.testing.assert_allclose(found, clearance(grasps, GRIPPER, scene, 0.05), atol=1e-5)
+
+
+def test_the_hand_turns_about_its_contact_line():
+    rng = np.random.default_rng(2)
+    grasps = random_grasps(rng)
+    hands = turned(grasps, np.arange(5), ANGLES)
+    np.testing.assert_allclose(hands.contacts, grasps.contacts, atol=1e-12)
+    cosine = np.einsum("ni,ni->n", hands.approach, grasps.approach)
+    np.testing.assert_allclose(cosine, np.cos(ANGLES), atol=1e-12)
+
+
+@given(seeds, st.sampled_from([0, 1, 12, 500]))
+@settings(max_examples=30, deadline=None)
+def test_the_clearance_is_the_nearest_point_of_a_loop(seed, count):
+    rng = np.random.default_rng(seed)
+    grasps, scene = random_grasps(rng, 40), random_scene(rng, count)
+    found = clearance(grasps, GRIPPER, scene, 0.05)
+    for index in range(len(grasps)):
+        local = (scene.points - grasps.translation[index]) @ grasps.rotation[index]
+        low, high = boxes_of(grasps, index, 0.0)
+        gaps = [
+            np.linalg.norm(np.maximum(np.maximum(lo - local, local - hi), 0), axis=1)
+            for lo, hi in zip(low, high, strict=True)
+        ]
+        np.testing.assert_allclose(found[index], np.min(gaps, initial=0.05), atol=1e-5)
+
+
+@given(seeds)
+@settings(max_examples=15, deadline=None)
+def test_the_lowest_height_is_that_of_the_lowest_corner(seed):
+    rng = np.random.default_rng(seed)
+    grasps, plane = random_grasps(rng), Plane(unit(rng.normal(size=3)), float(rng.normal()))
+    found = lowest_height(grasps, GRIPPER, plane)
+    for index in range(len(grasps)):
+        low, high = boxes_of(grasps, index, 0.0)
+        corners = [
+            np.where([i & 1, i & 2, i & 4], hi, lo)
+            for lo, hi in zip(low, high, strict=True)
+            for i in range(8)
+        ]
+        placed = rotate_vectors(grasps.rotation[index], corners) + grasps.translation[index]
+        np.testing.assert_allclose(found[index], plane.height(placed).min(), atol=1e-12)

@@ -1,0 +1,111 @@
+"""What the picture cuts off goes on beyond: no finger where it ends."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipelines.configs import SelectionConfig
+from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.transforms import random_rotation
+from pipelines.grasp_files.gripper_files import load_gripper
+from pipelines.grasping.feasibility.image_border import BACK, PictureBorder, measured_sides
+from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.observation import RegionCloud, SceneCloud
+from pipelines.grasping.region_grasping import plan_planar
+from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
+
+CONFIG, GRIPPER = SelectionConfig(), load_gripper("rg2")
+BOX = Box((0.09, 0.05, 0.06))
+POSE = looking_at_table()
+SIDES = ["left", "right", "upper", "lower", "none"]
+
+
+def cut(depth, index, side, share=0.6):
+    """Return depth, region and camera of a picture that ends where `share` of the box is seen."""
+    rows, columns = np.nonzero(index == 0)
+    match side:
+        case "left":
+            some = slice(None), slice(int(np.quantile(columns, 1 - share)), None)
+        case "right":
+            some = slice(None), slice(0, int(np.quantile(columns, share)) + 1)
+        case "upper":
+            some = slice(int(np.quantile(rows, 1 - share)), None), slice(None)
+        case "lower":
+            some = slice(0, int(np.quantile(rows, share)) + 1), slice(None)
+        case _:
+            some = slice(None), slice(None)
+    first = [each.start or 0 for each in some]
+    camera = replace(CAMERA, cx=CAMERA.cx - first[1], cy=CAMERA.cy - first[0])
+    depth, mask = depth[some], (index == 0)[some]
+    return depth, mask, replace(camera, width=depth.shape[1], height=depth.shape[0])
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_a_region_is_cut_where_it_reaches_the_end_of_what_is_measured(side):
+    depth, mask, camera = cut(*render([BOX], POSE), side)
+    border = PictureBorder.of(mask, depth, measured_sides(depth), camera)
+    if side == "none":
+        assert border is None
+        return
+    ends = np.isfinite([border.low[0], border.high[0], border.low[1], border.high[1]])
+    np.testing.assert_array_equal(ends, np.array(SIDES[:4]) == side)
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_no_finger_closes_where_the_picture_cuts_a_thing_off(side):
+    whole, index = render([BOX], POSE)
+    depth, mask, camera = cut(whole, index, side)
+    scene = SceneCloud(depth, camera, Plane(POSE[:3, 2], float(-POSE[:3, 2] @ POSE[:3, 3])))
+    found = plan_planar(RegionCloud.from_mask(mask, scene), scene, GRIPPER, CONFIG)
+    assert len(found)
+    hands = found.grasps
+    points = CAMERA.backproject(whole)[index == 0]  # with those beyond the cut
+    for n in range(len(found)):
+        along, across, aside = ((points - hands.translation[n]) @ hands.rotation[n]).T
+        half = 0.5 * hands.width[n] + GRIPPER.clearance
+        finger = (np.abs(across) > half) & (np.abs(across) < half + GRIPPER.finger_thickness)
+        finger &= (along < GRIPPER.tip_reach) & (along > -GRIPPER.finger_length)
+        finger &= np.abs(aside) < 0.5 * GRIPPER.finger_height
+        assert np.count_nonzero(finger) <= CONFIG.max_points_inside
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 1000))
+def test_a_hand_is_kept_if_its_fingers_are_in_view(seed):
+    rng = np.random.default_rng(seed)
+    low = np.array([rng.uniform(0, 100), -np.inf])
+    high = np.array([np.inf, rng.uniform(140, 239)])
+    rotation = np.stack([random_rotation(rng) for _ in range(20)])
+    middle = np.column_stack([rng.uniform(-0.3, 0.3, (20, 2)), rng.uniform(0.02, 0.8, 20)])
+    hands = Grasps.unchecked(rotation, middle, rng.uniform(0.01, 0.09, 20))
+    kept = PictureBorder(CAMERA, low, high).is_kept(hands, GRIPPER)
+    for n in range(20):
+        out = 0.5 * hands.width[n] + GRIPPER.clearance + GRIPPER.finger_thickness
+        inside = True
+        for across in (-out, out):
+            for along in (GRIPPER.tip_reach, GRIPPER.tip_reach - BACK):
+                x, y, z = middle[n] + rotation[n] @ [along, across, 0.0]
+                if z <= 0:
+                    inside = False
+                    continue
+                u, v = CAMERA.fx * x / z + CAMERA.cx, CAMERA.fy * y / z + CAMERA.cy
+                inside &= bool(u >= low[0] and v <= high[1])
+        assert kept[n] == inside
+
+
+def test_a_side_that_a_camera_never_measures_is_the_pictures_end():
+    depth = np.full((240, 320), 0.7)
+    depth[:, :30] = 0.0
+    depth[5, 3] = 0.7  # noise
+    assert measured_sides(depth) == ((30, 319), (0, 239))
+    assert measured_sides(np.zeros((4, 6))) == ((0, 5), (0, 3))
+
+
+def test_where_all_but_a_thing_was_cut_away_its_ends_are_its_own():
+    depth, index = render([BOX], POSE)
+    alone = np.where(index == 0, depth, 0.0)
+    assert measured_sides(alone) == ((0, 319), (0, 239))
+    assert PictureBorder.of(index == 0, alone, measured_sides(alone), CAMERA) is None

@@ -1,0 +1,222 @@
+"""What a hand meets, as its judge sees it: each column says what it is called, on a known box."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import KDTree
+
+from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.symmetry import ReflectionSymmetry, SymmetrySlots
+from pipelines.geometry.transforms import random_rotation, transform_points, unit
+from pipelines.grasping.grasp_candidates import RankedGrasps
+from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.observation import RegionCloud, SceneCloud
+from pipelines.grasping.ranking import grasp_features
+from pipelines.grasping.ranking.grasp_features import (
+    HAND_FEATURES,
+    NUM_POINTS,
+    POINT_FEATURES,
+    HandViews,
+    hand_frame,
+)
+from pipelines.grasping.ranking.known_region import KnownRegion
+from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
+
+SIZE = (0.06, 0.09, 0.1)
+PLACE, BESIDE, NORMAL, KIND, HEIGHT = slice(0, 3), 3, slice(4, 7), slice(7, 10), 10
+WIDTH, UP, SLOT_TRUST, IS_PLANE, IS_PLANAR, TIP_HEIGHT = 0, slice(1, 4), 11, 12, 15, 16
+PATCHES = slice(19, 35)  # eight of the first contact, eight of the second
+
+
+def known_box():
+    pose = looking_at_table()
+    depth, index = render([Box(SIZE)], pose)
+    scene = SceneCloud(depth, CAMERA, Plane(pose[:3, 2], float(-pose[:3, 2] @ pose[:3, 3])))
+    region = RegionCloud.from_mask(index == 0, scene)
+    plane = ReflectionSymmetry(pose[:3, 1], transform_points(pose, [0, 0, 0.05]))
+    slots = SymmetrySlots.from_symmetries([plane])
+    foreign = transform_points(pose, [[0.0, 0.2, 0.0], [0.1, 0.2, 0.0]])
+    return pose, KnownRegion(region, scene, slots, plane.counterpart(region.points), foreign)
+
+
+POSE, KNOWN = known_box()
+
+
+def hands(count=1, slot=0, height=0.08):
+    """Hands from above, whose fingers close on the front and the hidden back of the box."""
+    contacts = transform_points(POSE, [[0.0, -0.045, height], [0.0, 0.045, height]])
+    grasps = Grasps.from_contacts([contacts] * count, np.tile(-POSE[:3, 2], (count, 1)))
+    ones = np.ones(count)
+    return RankedGrasps(
+        grasps,
+        0.8 * ones,
+        np.full(count, slot),
+        np.full(count, "network"),
+        0.05 * ones,
+        0.03 * ones,
+        0.0 * ones,
+    )
+
+
+def views(found, known=KNOWN):
+    return HandViews(found, np.ones(len(found)), np.ones(len(found)), known)
+
+
+def test_shapes_are_as_documented_for_any_number_of_hands():
+    for count in (0, 1, 3):
+        seen = views(hands(3)[np.arange(count)])
+        assert seen.point_rows().shape == (count, NUM_POINTS, POINT_FEATURES)
+        assert seen.hand_rows().shape == (count, HAND_FEATURES)
+        assert np.isfinite(seen.hand_rows()).all()
+
+
+def test_points_are_those_about_the_fingers_with_their_kind_and_height():
+    (rows,) = views(hands()).point_rows()
+    assert (np.abs(rows[:, BESIDE]) <= 2.5).all()
+    assert (rows[:, KIND].sum(axis=1) == 1).all()
+    assert rows[:, KIND].sum(axis=0)[0] > 5  # measured
+    assert rows[:, KIND].sum(axis=0)[1] > 5  # put there by the plane
+    assert rows[:, KIND].sum(axis=0)[2] == 0  # other things are farther away
+    measured = rows[:, KIND][:, 0] == 1
+    np.testing.assert_allclose(np.linalg.norm(rows[measured, NORMAL], axis=1), 1.0, atol=1e-3)
+    np.testing.assert_array_equal(rows[~measured, NORMAL], 0.0)
+    # The approach is straight down: what lies farther along it lies lower by as much.
+    np.testing.assert_allclose(rows[:, HEIGHT] / 10, 0.08 - rows[:, 0] / 20, atol=2e-3)
+    front = measured & (rows[:, NORMAL][:, 1] < -0.9)
+    np.testing.assert_allclose(rows[front, BESIDE], 0.0, atol=50 * 0.003)
+
+
+def test_numbers_tell_width_pose_symmetry_and_what_is_seen_at_each_contact():
+    (row,) = views(hands()).hand_rows()
+    assert abs(row[WIDTH] - 0.9) < 1e-6
+    np.testing.assert_allclose(row[UP], [-1.0, 0.0, 0.0], atol=1e-6)
+    assert row[SLOT_TRUST] == 1.0
+    assert (row[IS_PLANE], row[IS_PLANAR]) == (1.0, 0.0)
+    assert abs(row[TIP_HEIGHT] - 0.8) < 0.02
+    first, second = row[PATCHES].reshape(2, 8)
+    assert first[0] > 0.95  # the front faces its finger
+    assert first[6] < 30 * 0.006  # and is seen where the finger touches
+    assert second[6] > 30 * 0.006  # the back is not
+    (none,) = views(hands(slot=-1)).hand_rows()
+    assert (none[SLOT_TRUST], none[IS_PLANE], none[IS_PLANAR]) == (0.0, 0.0, 1.0)
+
+
+def test_the_hands_frame_leads_back_to_the_cameras():
+    grasps = hands(2).grasps
+    for index, local in enumerate(hand_frame(KNOWN.region.points, grasps)):
+        back = local.T @ grasps.rotation[index].T + grasps.translation[index]
+        np.testing.assert_allclose(back, KNOWN.region.points, atol=1e-6)
+
+
+@pytest.mark.parametrize("turn", [0.5, 2.0])
+def test_nothing_depends_on_where_the_camera_stands_about_the_vertical(turn):
+    """Only the direction of view, which is no number of points, may tell."""
+    spin = np.eye(4)
+    spin[:3, :3] = [[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]]
+    region = KNOWN.region
+    moved = RegionCloud(
+        transform_points(spin, region.points), region.normals @ spin[:3, :3].T, region.mask
+    )
+    plane = KNOWN.scene.plane
+    scene = replace(KNOWN.scene, plane=Plane(spin[:3, :3] @ plane.normal, plane.offset))
+    other = KnownRegion(
+        moved,
+        scene,
+        KNOWN.slots,
+        np.zeros((0, 3)),  # a point and its image would be equally near
+        transform_points(spin, KNOWN.foreign),
+    )
+    found = hands(2)
+    there = replace(found, grasps=found.grasps.transformed(spin))
+    bare = replace(KNOWN, hidden=np.zeros((0, 3)))
+    here, over = views(found, bare).point_rows(), views(there, other).point_rows()
+    for first, second in zip(here, over, strict=True):
+        away, _ = KDTree(second).query(first)
+        assert np.mean(away < 1e-3) > 0.5  # of a face's points, equally near, any may be left out
+
+
+def test_without_a_table_heights_are_zero_and_few_points_are_repeated():
+    scene = replace(KNOWN.scene, plane=None)
+    few = replace(KNOWN.region, points=KNOWN.region.points[:9], normals=KNOWN.region.normals[:9])
+    bare = KnownRegion(few, scene, SymmetrySlots.empty(), np.zeros((0, 3)), np.zeros((0, 3)))
+    seen = views(hands(slot=-1), bare)
+    (rows,) = seen.point_rows()
+    assert len(np.unique(rows, axis=0)) <= 9
+    np.testing.assert_array_equal(rows[:, HEIGHT], 0.0)
+    assert np.isfinite(seen.hand_rows()).all()
+
+
+@given(st.integers(0, 2**31), st.integers(0, 5), st.sampled_from([1, 40, 64, 65, 200]))
+@settings(max_examples=25, deadline=None)
+def test_rows_are_those_of_the_points_nearest_to_the_room(seed, count, size):
+    rng = np.random.default_rng(seed)
+    local = rng.normal(0.0, 0.05, (count, 3, size)).astype(np.float32)
+    half = rng.uniform(0.0, 0.05, count).astype(np.float32)
+    starts = np.sort(rng.integers(0, size + 1, 3))
+    away, between = grasp_features._room(local, half, starts)
+    along, across, third = local.swapaxes(0, 1)
+    beside = np.abs(across) - half[:, None]
+    expected = np.maximum(np.maximum(np.abs(along) / 1.5, np.abs(third)), beside)
+    np.testing.assert_allclose(away, expected, rtol=1e-6)
+    inside = (np.abs(third) < grasp_features.FINGER_BAND) & (beside < grasp_features.BESIDE)
+    inside &= (along < grasp_features.BEYOND) & (along > grasp_features.BEHIND)
+    for kind in range(2):
+        span = slice(starts[kind], starts[kind + 1])
+        np.testing.assert_array_equal(between[:, kind], inside[:, span].sum(axis=1))
+
+    away = np.round(away, 2)  # many are equally far away
+    rotation = np.stack([np.eye(3), *(random_rotation(rng) for _ in range(count))])[1:]
+    about = rng.normal(size=(size, 7)).astype(np.float32)
+    reach = np.sort(away, axis=1)[:, min(NUM_POINTS, size) - 1].copy()
+    rows = grasp_features._nearest_rows(
+        local, rotation.astype(np.float32), half, away, reach, about
+    )
+    assert rows.shape == (count, NUM_POINTS, POINT_FEATURES)
+    for k in range(count):
+        chosen = np.sort(np.argsort(away[k], kind="stable")[:NUM_POINTS])
+        chosen = np.resize(chosen, NUM_POINTS)
+        wanted = [
+            20.0 * np.clip(local[k][:, chosen].T, -0.15, 0.15),
+            50.0 * np.clip(beside[k, chosen], -0.05, 0.05)[:, None],
+            about[chosen, :3] @ rotation[k],
+            about[chosen, 3:],
+        ]
+        np.testing.assert_allclose(rows[k], np.concatenate(wanted, axis=1), rtol=1e-4, atol=1e-5)
+
+
+@given(st.integers(0, 2**31), st.integers(0, 6), st.integers(1, 300))
+@settings(max_examples=25, deadline=None)
+def test_what_is_seen_about_a_contact_is_what_arrays_say(seed, count, size):
+    rng = np.random.default_rng(seed)
+    points, normals = rng.uniform(-0.02, 0.02, (size, 3)), unit(rng.normal(size=(size, 3)))
+    contacts = rng.uniform(-0.04, 0.04, (2, 2, 3))[rng.integers(2, size=(count, 2)), [0, 1]]
+    closing = unit(contacts[:, 1] - contacts[:, 0])
+    found = grasp_features._patches(contacts, closing, np.ascontiguousarray(points.T), normals)
+    assert found.shape == (count, 16)
+    for k in range(count):
+        for finger, side in enumerate((-1.0, 1.0)):
+            away = np.linalg.norm(points - contacts[k, finger], axis=1)
+            facing = side * normals @ closing[k]
+            expected = []
+            for radius in grasp_features.PATCHES:
+                near = facing[away < radius]
+                few = len(near) if len(near) else 1
+                mean = near.sum() / few
+                spread = np.sqrt(np.square(near - mean).sum() / few)
+                expected += [mean, spread, min(len(near), 30) / 30.0]
+            nearest = away.argmin()
+            expected.append(30.0 * min(away[nearest], 0.03))
+            expected.append(facing[nearest] * (away[nearest] < grasp_features.CONTACT_REACH))
+            part = found[k, 8 * finger : 8 * finger + 8]
+            np.testing.assert_allclose(part, expected, atol=1e-12)
+
+
+def test_numbers_are_those_of_each_hand_whatever_stands_beside_it():
+    low, high = hands(height=0.05), hands(height=0.08)
+    parts = [low.grasps, low.grasps, high.grasps, low.grasps]
+    found = replace(hands(4), grasps=Grasps.concatenate(parts))
+    rows, alone = views(found).hand_rows(), [views(hand).hand_rows()[0] for hand in (low, high)]
+    np.testing.assert_allclose(rows, [alone[0], alone[0], alone[1], alone[0]], atol=1e-6)

@@ -1,0 +1,378 @@
+"""The engine on a small problem whose answer is known: resume, threads, limits, faults."""
+
+import contextlib
+import itertools
+import math
+import os
+import shutil
+import signal
+import tempfile
+import time
+from pathlib import Path
+
+import pytest
+import torch
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from torch import nn
+
+from pipelines.errors import SymgraspError, ValueRangeError
+from pipelines.learning.loop.draws import generator
+from pipelines.learning.loop.faults import read_fault
+from pipelines.learning.loop.loop import TrainingRun
+from pipelines.learning.loop.options import LoopOptions
+from pipelines.learning.loop.runs import (
+    Progress,
+    RunRequest,
+    checkpoint_path,
+    curves_path,
+    fault_path,
+    find_progress,
+)
+from pipelines.learning.speed.gradients import GradientWorkers
+from pipelines.learning.speed.processes import Processes
+from pipelines.learning.speed.shares import cut
+from pipelines.runtime.stopping import Reason, StopSignals, TrainingStopped
+from pipelines.storage.checkpoints import load_weights
+from pipelines.storage.provenance import make_stamp
+
+OPTIONS = LoopOptions(epochs=3, learning_rate=0.01, decay=0.5, decay_epochs=1.0, ema_decay=0.9)
+OPTIONS_OFTEN = LoopOptions(**{**vars(OPTIONS), "checkpoint_minutes": 0.0})
+STAMP = make_stamp("train", {"a": 1})
+
+
+class Line:
+    """Fit y = 2 x with a network that has batch norm, so that buffers matter."""
+
+    best_by, higher_is_better, parallel = "loss", False, True
+    micro_batch_size = 4
+
+    def __init__(self, faulty_item=None):
+        torch.manual_seed(0)
+        self.module = nn.Sequential(nn.Linear(1, 8), nn.BatchNorm1d(8), nn.ReLU(), nn.Linear(8, 1))
+        self.faulty_item, self.validated = faulty_item, 0
+
+    def epoch(self, number, rng):
+        return list(rng.permutation(80).reshape(10, 8))
+
+    def load(self, items, generators):
+        x = [
+            math.nan if item == self.faulty_item else rng.normal() + 0.01 * item
+            for item, rng in zip(items, generators, strict=True)
+        ]
+        return torch.tensor(x, dtype=torch.float32)[:, None]
+
+    def loss(self, module, micro_batch, generator):
+        noisy = micro_batch + 0.01 * torch.randn(micro_batch.shape, generator=generator)
+        return {"total": (module(noisy) - 2.0 * micro_batch).square().mean()}
+
+    def tensors(self, micro_batch):
+        return {"x": micro_batch}
+
+    def validate(self):
+        self.validated += 1
+        x = torch.linspace(-1.0, 1.0, 20)[:, None]
+        with torch.no_grad():
+            return {"loss": float((self.module(x) - 2.0 * x).square().mean())}
+
+
+class Restless(Line):
+    """Better in the middle of an epoch than at the end of any, and best at the end of the first."""
+
+    def validate(self):
+        super().validate()
+        steps = int(self.module[1].num_batches_tracked)
+        return {"loss": 3.0 + steps / 100 if steps % 10 == 0 else 1.0 - steps / 100}
+
+
+class Killed(BaseException):
+    """What a SIGKILL is to a test that wants to go on."""
+
+
+def trained(output, options=OPTIONS, resume=False, trainee=None):
+    run = TrainingRun(trainee or Line(), options, output, STAMP, {"model": "Line"})
+    if resume:
+        run.resume()
+    return run, run.run()
+
+
+def stop_after(run, steps):
+    """Let `run` believe that its time is over after `steps` steps."""
+    run._why_stop = lambda: Reason.TIME_LIMIT if run.progress.total_steps >= steps else Reason.NONE
+
+
+def assert_same(first, second):
+    """Hold the kept weights and all tensors of the checkpoints against each other, bit for bit."""
+    assert first.read_bytes() == second.read_bytes()
+    one, other = (load_weights(checkpoint_path(each))[0] for each in (first, second))
+    assert one.keys() == other.keys()
+    for name, tensor in one.items():
+        assert torch.equal(tensor, other[name]), name
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """What runs that never stopped give, by trainee."""
+    outputs = {}
+    for kind in (Line, Restless):
+        outputs[kind] = tmp_path_factory.mktemp("whole") / "line.safetensors"
+        trained(outputs[kind], trainee=kind())
+    return outputs
+
+
+@pytest.mark.parametrize("kind", [Line, Restless])
+@pytest.mark.parametrize("steps", [[4], [10], [3, 14, 17], [29]])
+def test_a_resumed_run_ends_with_the_same_bytes_as_one_that_never_stopped(
+    tmp_path, whole, kind, steps
+):
+    output = tmp_path / "line.safetensors"
+    for count in steps:
+        run = TrainingRun(kind(), OPTIONS, output, STAMP, {"model": "Line"})
+        if checkpoint_path(output).exists():
+            run.resume()
+        stop_after(run, count)
+        assert not run.run().finished
+        assert output.exists()  # what was learned so far is there for those who do not go on
+    _, progress = trained(output, resume=True, trainee=kind())
+    assert progress.finished
+    assert_same(output, whole[kind])
+
+
+def test_what_a_stop_leaves_may_be_better_than_any_end_of_an_epoch(tmp_path):
+    """The case that makes the test above worth something."""
+    run = TrainingRun(Restless(), OPTIONS, tmp_path / "x.safetensors", STAMP, {"model": "Line"})
+    stop_after(run, 14)
+    progress = run.run()
+    assert progress.kept["loss"] < progress.figures["loss"] == progress.best
+    assert "0.86" in load_weights(tmp_path / "x.safetensors")[1]["validation"]
+
+
+@settings(
+    max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(st.lists(st.integers(0, 45), max_size=3), st.sampled_from([Line, Restless]))
+@example(
+    [0, 5], Line
+)  # killed where a stop in an epoch's middle has judged the mean of the weights
+def test_a_run_killed_at_any_moment_and_resumed_gives_the_same_bytes(whole, moments, kind):
+    """Moments are counted in steps and in files written, a kill coming just before or after."""
+    with tempfile.TemporaryDirectory() as folder:
+        output = Path(folder) / "line.safetensors"
+        for number, moment in enumerate(moments):
+            run = TrainingRun(kind(), OPTIONS_OFTEN, output, STAMP, {"model": "Line"})
+            if checkpoint_path(output).exists():
+                run.resume()
+            if number == 1:
+                stop_after(run, run.progress.total_steps + moment // 3)
+            kill_at(run, moment)
+            with contextlib.suppress(Killed):
+                run.run()
+        run = TrainingRun(kind(), OPTIONS, output, STAMP, {"model": "Line"})
+        if find_progress(output, STAMP, RunRequest(resume=True)) is not None:
+            run.resume()
+        run.run()
+        assert_same(output, whole[kind])
+
+
+def kill_at(run, moment):
+    """Let `run` die at its `moment`-th event: a step, or before or after it writes a file."""
+    events = itertools.count()
+
+    def dying(function):
+        def wrapped(*arguments, **named):
+            if next(events) == moment:
+                raise Killed
+            result = function(*arguments, **named)
+            if next(events) == moment:
+                raise Killed
+            return result
+
+        return wrapped
+
+    run._step = dying(run._step)
+    run.keeper._write = dying(run.keeper._write)
+    run.keeper.save_checkpoint = dying(run.keeper.save_checkpoint)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_stops_after_the_step_with_a_checkpoint(tmp_path, whole, number):
+    output, trainee = tmp_path / "line.safetensors", Line()
+    load, calls = trainee.load, itertools.count()
+
+    def signalled(items, generators):
+        if next(calls) == 9:
+            os.kill(os.getpid(), number)
+        return load(items, generators)
+
+    trainee.load = signalled
+    before = signal.getsignal(number)
+    with pytest.raises(TrainingStopped, match=rf"{number.name} after \d+ steps.*--resume"):
+        trained(output, trainee=trainee)
+    assert signal.getsignal(number) is before
+    trained(output, resume=True)
+    assert_same(output, whole[Line])
+
+
+def test_weights_that_are_gone_are_written_again_from_the_checkpoint(tmp_path, whole):
+    output = tmp_path / "line.safetensors"
+    for path in whole[Line], checkpoint_path(whole[Line]):
+        shutil.copy(path, tmp_path)
+    output.unlink()
+    earlier = find_progress(output, STAMP, RunRequest())
+    assert earlier is not None
+    assert not earlier.finished
+    _, progress = trained(output, resume=True)
+    assert progress.finished
+    assert_same(output, whole[Line])
+    assert find_progress(output, STAMP, RunRequest()).finished
+
+
+def test_a_second_interrupt_does_not_wait():
+    signals = StopSignals()
+    with signals.heeded(patient=False):
+        os.kill(os.getpid(), signal.SIGINT)
+        assert signals.reason is Reason.SIGINT
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+    with signals.heeded(patient=True):
+        os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_the_number_of_threads_changes_nothing(tmp_path):
+    for threads in (1, 2):
+        options = LoopOptions(**{**vars(OPTIONS), "threads": threads})
+        trained(tmp_path / f"{threads}.safetensors", options)
+    one, two = (load_weights(tmp_path / f"{n}.safetensors")[0] for n in (1, 2))
+    assert all(torch.equal(one[name], two[name]) for name in one)
+
+
+def test_training_learns(tmp_path):
+    before = Line().validate()["loss"]
+    options = LoopOptions(**{**vars(OPTIONS), "epochs": 12, "decay": 1.0})
+    _, progress = trained(tmp_path / "line.safetensors", options)
+    assert progress.best < 0.3 * before
+
+
+def test_the_output_holds_the_best_weights_and_says_how_good_they_are(tmp_path):
+    run, progress = trained(tmp_path / "line.safetensors")
+    tensors, metadata = load_weights(tmp_path / "line.safetensors")
+    run.module.load_state_dict(tensors)
+    run.module.eval()
+    assert run.trainee.validate()["loss"] == pytest.approx(progress.best, rel=1e-5)
+    assert str(progress.best)[:6] in metadata["validation"]
+    assert metadata["model"] == "Line"
+
+
+def test_the_learning_rate_drops_on_its_schedule(tmp_path):
+    run, _ = trained(tmp_path / "line.safetensors")
+    assert run.optimizer.param_groups[0]["lr"] == pytest.approx(0.01 * 0.5**2)
+
+
+def test_a_time_limit_stops_cleanly_with_a_checkpoint(tmp_path):
+    options = LoopOptions(**{**vars(OPTIONS), "time_limit": 0.0})
+    _, progress = trained(tmp_path / "line.safetensors", options)
+    assert not progress.finished
+    assert checkpoint_path(tmp_path / "line.safetensors").exists()
+
+
+def test_a_loss_that_is_not_finite_stops_with_a_sentence_and_keeps_the_batch(tmp_path):
+    output, trainee = tmp_path / "line.safetensors", Line(faulty_item=33)
+    with pytest.raises(ValueRangeError, match=r"loss at epoch 1, step \d+ .* finite.*holds the"):
+        trained(output, trainee=trainee)
+    fault = read_fault(fault_path(output))
+    assert torch.isnan(fault.batch["x"]).sum() == 1
+    assert fault.settings == {"a": 1}
+    batches = Line().epoch(0, generator(0, 0))
+    step = next(i for i, batch in enumerate(batches) if 33 in batch)
+    number = list(batches[step]).index(33) // 4
+    assert fault.place == (0, 0, step, number)
+    # The same items, drawn anew at that place, are the kept ones.
+    items, first = batches[step][4 * number :][:4], 4 * number
+    again = Line(33).load(items, [generator(0, 0, step, first + i) for i in range(4)])
+    torch.testing.assert_close(again, fault.batch["x"], equal_nan=True)
+    # And the weights of that moment, untouched by it, are there to try it on.
+    trainee.module.load_state_dict(dict(fault.weights))
+    assert all(value.isfinite().all() for value in fault.weights.values())
+
+
+def test_a_gradient_that_is_not_finite_stops_too(tmp_path):
+    class Steep(Line):
+        def loss(self, module, micro_batch, generator):
+            terms = super().loss(module, micro_batch, generator)
+            flat = torch.zeros(1, requires_grad=True) + 0.0 * module[0].weight.sum()
+            return {"total": terms["total"] + flat.abs().sqrt().sum()}  # 0, with an infinite slope
+
+    with pytest.raises(ValueRangeError, match="gradient nan"):
+        trained(tmp_path / "line.safetensors", trainee=Steep())
+    assert fault_path(tmp_path / "line.safetensors").exists()
+
+
+@pytest.mark.parametrize("size", [1, 2, 8])
+def test_accumulated_gradients_are_those_of_the_whole_batch(size):
+    class Plain(Line):
+        micro_batch_size = size
+
+        def loss(self, module, micro_batch, generator):
+            module.eval()  # batch norm's statistics are the one thing that is of a micro-batch
+            return {"total": (module(micro_batch) - 2.0 * micro_batch).square().mean()}
+
+    trainee = Plain()
+    batch = trainee.epoch(0, generator(0, 0))[0]
+    loaded = [(p, p.load(trainee, 0, 0, 0)) for p in cut(batch, size, Processes())]
+    with GradientWorkers(trainee, 1) as workers:
+        losses, gradients = workers.gradients(loaded, (0, 0, 0))
+    (whole,) = cut(batch, 8, Processes())
+    terms = trainee.loss(trainee.module, whole.load(trainee, 0, 0, 0), None)
+    expected = torch.autograd.grad(terms["total"], list(trainee.module.parameters()))
+    assert losses["total"] == pytest.approx(float(terms["total"].detach()), rel=1e-5)
+    for ours, theirs in zip(gradients, expected, strict=True):
+        torch.testing.assert_close(ours, theirs, rtol=1e-4, atol=1e-6)
+
+
+def test_an_unfinished_run_asks_what_to_do(tmp_path):
+    output = tmp_path / "line.safetensors"
+    trained(output, LoopOptions(**{**vars(OPTIONS), "time_limit": 0.0}))
+    with pytest.raises(SymgraspError, match="--resume"):
+        find_progress(output, STAMP, RunRequest())
+    assert find_progress(output, STAMP, RunRequest(overwrite=True)) is None
+    assert isinstance(find_progress(output, STAMP, RunRequest(resume=True)), Progress)
+
+
+def test_a_run_of_other_settings_is_not_resumed(tmp_path):
+    trained(tmp_path / "line.safetensors")
+    with pytest.raises(SymgraspError, match="another config"):
+        find_progress(
+            tmp_path / "line.safetensors", make_stamp("train", {"a": 2}), RunRequest(resume=True)
+        )
+
+
+def test_scalars_are_kept_for_tensorboard(tmp_path):
+    trained(tmp_path / "line.safetensors")
+    assert list((tmp_path / "line.logs").glob("events*"))
+
+
+def test_a_training_that_starts_anew_is_the_only_one_in_its_curves(tmp_path):
+    output, tag = tmp_path / "line.safetensors", "val/loss"
+    for epochs in (3, 2):
+        trained(output, LoopOptions(**{**vars(OPTIONS), "epochs": epochs}))
+        time.sleep(1.1)  # TensorBoard's files are ordered by their names, which count seconds
+    read = EventAccumulator(str(tmp_path / "line.logs"))
+    read.Reload()
+    steps = [event.step for event in read.Scalars(tag)]
+    assert len(steps) == 2
+    assert steps == sorted(steps)
+
+
+def test_the_picture_of_a_resumed_run_is_that_of_a_whole_one(tmp_path, whole):
+    output = tmp_path / "line.safetensors"
+    run = TrainingRun(Line(), OPTIONS, output, STAMP, {"model": "Line"})
+    stop_after(run, 20)  # the end of an epoch
+    run.run()
+    trained(output, resume=True)
+    assert curves_path(output).read_bytes() == curves_path(whole[Line]).read_bytes()
+
+
+def test_places_draw_apart():
+    drawn = [generator(*each).random() for each in ((0, 1), (0, 1, 0), (1, 0), (0, 1, 0, 0))]
+    assert len(set(drawn)) == 4

@@ -1,0 +1,99 @@
+"""Trainings in processes of their own: two that share every batch, one that is killed."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+
+from pipelines import train
+from pipelines.errors import ValueRangeError
+from pipelines.learning.loop.runs import RunRequest, checkpoint_path
+from pipelines.learning.speed.processes import Processes, joined
+from pipelines.learning.speed.shares import check_shares, cut, micro_batch_size
+from pipelines.storage.checkpoints import load_weights
+from tests.learning.packed_toys import CONFIG, write_packed
+
+ROOT = Path(__file__).resolve().parents[3]
+TOYS = ("-m", "tests.learning.train_toys")
+TORCHRUN = ("-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2")
+
+
+@pytest.fixture(scope="module")
+def packed(tmp_path_factory):
+    return write_packed(tmp_path_factory.mktemp("packed"))
+
+
+@pytest.fixture(scope="module")
+def alone(packed, tmp_path_factory):
+    """The weights of one process that is let be."""
+    path = tmp_path_factory.mktemp("alone") / "network.safetensors"
+    train.run(packed, None, path, CONFIG, RunRequest(device="cpu", threads=1))
+    return path
+
+
+def run(*arguments):
+    environment = os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
+    return subprocess.run(
+        [sys.executable, *map(str, arguments)],
+        cwd=ROOT, env=environment, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+
+
+def test_two_processes_give_the_weights_of_one(packed, alone, tmp_path):
+    output = tmp_path / "network.safetensors"
+    ended = run(*TORCHRUN, *TOYS, packed, output)
+    assert ended.returncode == 0, ended.stderr
+    expected, found = load_weights(alone)[0], load_weights(output)[0]
+    for name, tensor in expected.items():
+        torch.testing.assert_close(found[name], tensor, rtol=1e-4, atol=1e-5)
+    logs = list((tmp_path / "network.logs").iterdir())
+    assert len(logs) == 1  # only the first process writes
+
+
+def test_a_run_killed_in_mid_step_and_resumed_gives_the_same_bytes(packed, alone, tmp_path):
+    output = tmp_path / "network.safetensors"
+    ended = run(*TOYS, packed, output, "--die-at", 6)
+    assert ended.returncode == -signal.SIGKILL
+    assert checkpoint_path(output).exists()
+    ended = run(*TOYS, packed, output, "--resume")
+    assert ended.returncode == 0, ended.stderr
+    assert output.read_bytes() == alone.read_bytes()
+
+
+def test_one_gpu_is_not_given_to_several_processes(monkeypatch):
+    for name, value in (("TORCHELASTIC_RUN_ID", "0"), ("LOCAL_WORLD_SIZE", "2")):
+        monkeypatch.setenv(name, value)
+    with pytest.raises(ValueRangeError, match="cuda:0; it must be cuda, which"), joined("cuda:0"):
+        pass
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_processes_share_a_batch_without_remainder(count):
+    shares = [cut(list(range(10)), 3, Processes(rank, count)) for rank in range(count)]
+    pieces = [piece for each in shares for piece in each if piece.share]
+    assert sorted(item for piece in pieces for item in piece.items) == list(range(10))
+    assert sum(piece.share for piece in pieces) == pytest.approx(1.0)
+    alone = {piece.number: piece.items for piece in cut(list(range(10)), 3, Processes())}
+    assert {piece.number: piece.items for piece in pieces} == alone
+
+
+def test_who_has_nothing_of_a_short_batch_adds_nothing():
+    (idle,) = cut([0, 1], 2, Processes(1, 2))
+    assert idle.share == 0.0
+
+
+def test_processes_that_cannot_share_evenly_are_refused():
+    with pytest.raises(ValueRangeError, match="6; it must be a multiple of the 4 processes"):
+        check_shares(36, 6, Processes(0, 4))
+    check_shares(36, 6, Processes(0, 3))
+
+
+def test_micro_batches_are_small_on_a_cpu_and_the_whole_share_on_a_gpu():
+    assert micro_batch_size(0, 36, 6, Processes(0, 2)) == 6
+    assert micro_batch_size(0, 36, 0, Processes(0, 2)) == 18
+    assert micro_batch_size(9, 36, 0, Processes(0, 2)) == 9
+    assert micro_batch_size(0, 4, 6, Processes()) == 4

@@ -1,0 +1,56 @@
+"""Distances to a sampled surface against closed forms."""
+
+import numpy as np
+import trimesh
+from numpy.testing import assert_allclose
+
+from pipelines.geometry.transforms import make_pose, random_rotation, transform_points
+from pipelines.mesh_symmetry.detection.surface import Surface, diameter
+from tests.geometry.symmetric_shapes import ball, box
+
+
+def test_the_distance_to_a_box_from_outside_is_that_to_its_clamped_point():
+    rng, half = np.random.default_rng(0), np.array([0.06, 0.04, 0.025])
+    points = rng.uniform(-0.15, 0.15, (400, 3))
+    points = points[(np.abs(points) > half).any(axis=1)]
+    surface = Surface.from_mesh(box(*(2 * half)), 20000, rng)
+    expected = np.linalg.norm(points - points.clip(-half, half), axis=1)
+    distance, _ = surface.distances(points)
+    assert_allclose(distance, expected, atol=2e-4)
+
+
+def test_normals_of_a_ball_look_away_from_its_centre():
+    surface = Surface.from_mesh(ball(), 20000, np.random.default_rng(0))
+    directions = surface.points / np.linalg.norm(surface.points, axis=1, keepdims=True)
+    assert np.einsum("ij,ij->i", directions, surface.normals).min() > 0.99
+
+
+def test_the_diameter_does_not_turn_with_the_mesh():
+    rng, corners = np.random.default_rng(0), box(0.3, 0.4, 1.2).vertices
+    T = make_pose(random_rotation(rng), rng.normal(size=3))
+    assert_allclose(diameter(corners), 1.3)
+    assert_allclose(diameter(transform_points(T, corners)), 1.3)
+
+
+def test_the_diameter_of_a_flat_sheet_is_its_diagonal():
+    sheet = np.array([[0, 0, 0], [3, 0, 0], [0, 4, 0], [3, 4, 0]], float)
+    assert_allclose(diameter(sheet), 5.0)
+
+
+def test_the_tip_of_a_cone_counts_among_thousands_of_corners():
+    cone = trimesh.creation.cone(0.03, 0.2, sections=2400)
+    assert_allclose(diameter(np.asarray(cone.vertices)), np.hypot(0.03, 0.2), rtol=1e-9)
+
+
+def test_the_diameter_of_a_fine_ball_and_of_a_tip_on_it_is_a_thousandth_short_at_most():
+    corners = np.asarray(trimesh.creation.icosphere(5, 1.0).vertices)
+    assert len(corners) > 10_000
+    assert_allclose(diameter(corners), 2.0, rtol=1e-3)
+    assert_allclose(diameter(np.vstack([corners, [[0.0, 0.0, 4.0]]])), 5.0, rtol=1e-3)
+
+
+def test_the_diameter_is_the_largest_of_all_distances():
+    for count in (1, 2, 5, 300):
+        points = np.random.default_rng(count).normal(size=(count, 3))
+        apart = np.linalg.norm(points[:, None] - points[None], axis=2)
+        assert_allclose(diameter(points), apart.max(), rtol=1e-9)

@@ -1,0 +1,53 @@
+"""GraspNet's box gripper against an object, beside the peer's verdicts on 6,000 grasps."""
+
+import numpy as np
+import pytest
+
+from pipelines.dataset.meshes import read_mesh
+from pipelines.grasping.grasps import from_graspnet
+from pipelines.metrics.graspnet import peer_collision
+from pipelines.metrics.graspnet.peer_collision import (
+    cloud_collision,
+    exact_collision,
+    meets_points,
+    voxel_means,
+)
+from pipelines.storage.files import read_npy, read_npz
+from tests.metrics.shapes import random_grasps
+
+
+@pytest.mark.parametrize("kind", ["antipodal", "label"])
+@pytest.mark.parametrize("shape", ["box", "cylinder", "sphere"])
+def test_the_cloud_agrees_with_the_peers_random_one(shared, shape, kind):
+    rows = read_npy(shared / "oracle" / f"{shape}_{kind}.npy")
+    peer = read_npz(shared / "oracle" / f"{shape}_{kind}.eval.npz")
+    mesh = read_mesh(shared / "oracle" / f"{shape}.obj")
+    collision, empty = cloud_collision(mesh, from_graspnet(rows), rows[:, 3])
+    assert (collision == peer["collision"]).mean() > 0.99
+    assert (empty == peer["empty"]).mean() > 0.99
+
+
+def test_triangles_find_what_the_cloud_finds_and_more(shared):
+    rows = read_npy(shared / "oracle" / "box_label.npy")[:300]
+    mesh = read_mesh(shared / "oracle" / "box.obj")
+    exact = exact_collision(mesh, from_graspnet(rows), rows[:, 3])[0]
+    cloud, empty = cloud_collision(mesh, from_graspnet(rows), rows[:, 3])
+    assert exact[cloud & ~empty].all()
+
+
+def test_how_many_pairs_are_looked_at_at_a_time_changes_nothing(monkeypatch):
+    rng = np.random.default_rng(0)
+    points, depth = rng.normal(size=(500, 3)) * 0.03, np.full(40, 0.02)
+    grasps = random_grasps(rng, 40, spread=0.08)
+    whole = meets_points(points, grasps, depth)
+    monkeypatch.setattr(peer_collision, "AT_A_TIME", 1700)  # three grasps
+    parts = meets_points(points, grasps, depth)
+    assert 0 < whole[0].sum() < 40
+    for ours, theirs in zip(whole, parts, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+
+
+def test_voxel_means_are_means():
+    points = np.array([[0.0, 0.0, 0.0], [0.001, 0.0, 0.0], [0.02, 0.0, 0.0]])
+    means = voxel_means(points, 0.008)
+    assert sorted(means[:, 0].round(6)) == [0.0005, 0.02]

@@ -1,0 +1,55 @@
+"""torchvision is imported without torch's compiler, which is there for who uses it."""
+
+import subprocess
+import sys
+
+import pytest
+
+LEFT_OUT = """
+import sys
+import pipelines.network.detection.detector
+assert "torchvision" in sys.modules
+assert not [name for name in sys.modules if name.startswith("torch._dynamo")]
+"""
+ASKED_BY_TORCHVISION = (
+    LEFT_OUT
+    + """
+asked = sys.modules["torchvision.ops.roi_align"].is_compile_supported("cpu")
+import torch._dynamo.utils
+assert torch._dynamo.utils.__file__.endswith("utils.py")
+assert asked == torch._dynamo.utils.is_compile_supported("cpu")
+"""
+)
+COMPILES = (
+    LEFT_OUT
+    + """
+import torch
+doubled = torch.compile(lambda x: 2 * x + 1, backend="eager")
+assert doubled(torch.ones(2)).tolist() == [3.0, 3.0]
+assert torch._dynamo.utils is sys.modules["torch._dynamo.utils"]
+"""
+)
+LOADED_BEFORE = """
+import sys
+import torch._dynamo.utils as before
+import pipelines.network.detection.detector
+assert sys.modules["torch._dynamo.utils"] is before
+assert sys.modules["torchvision.ops.roi_align"].is_compile_supported is before.is_compile_supported
+"""
+WANTED_MEANWHILE = """
+import sys
+from pipelines.network import torchvision_start as start
+stand_in = sys.modules[start.COMPILER] = start._StandIn(start.COMPILER)
+assert not hasattr(stand_in, "__file__") and sys.modules[start.COMPILER] is stand_in
+assert callable(stand_in.counters.clear)
+assert sys.modules[start.COMPILER].__file__.endswith("utils.py")
+"""
+
+
+@pytest.mark.parametrize(
+    "program", [LEFT_OUT, ASKED_BY_TORCHVISION, COMPILES, LOADED_BEFORE, WANTED_MEANWHILE]
+)
+def test_the_compiler_is_loaded_for_who_uses_it_alone(program):
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,183 @@
+"""The page in a real browser, where there is one: it draws, is turned, and answers clicks."""
+
+import base64
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from pipelines.configs import ViewConfig
+from pipelines.grasp_files.gripper_files import load_gripper
+from pipelines.pictures.grasp_page.page import HERE, SCRIPTS, frame_page
+from pipelines.pictures.grasp_page.scene import frame_scene
+from pipelines.storage.provenance import make_stamp
+from tests.geometry.tabletops import CAMERA
+from tests.pictures.grasp_page.toys import toy_frame, toy_result
+
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+NODE = shutil.which("node")
+FLAGS = (
+    "--headless", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader", "--enable-logging=stderr", "--window-size=900,600",
+    "--virtual-time-budget=20000",
+)  # fmt: skip
+FRAME, INDEX = toy_frame()
+GRIPPER = load_gripper("rg2")
+# What a person would do, and what is then on the page, as the text of an element.
+VISITOR = """
+const told = {errors: [], hits: [], facts: {}};
+addEventListener("error", (event) => told.errors.push(event.message));
+const by = (id) => document.getElementById(id), view = by("view");
+const key = (name) => document.dispatchEvent(new KeyboardEvent("keydown", {key: name}));
+const pointer = (kind, x, y, buttons) => view.dispatchEvent(
+  new PointerEvent(kind, {pointerId: 1, clientX: x, clientY: y, buttons, bubbles: true}));
+const facts = () => [...by("picked").querySelectorAll("dd")].map((each) => each.textContent);
+setTimeout(() => {
+  told.trouble = by("trouble").hidden ? "" : by("trouble").textContent;
+  told.regions = by("regions").children.length;
+  told.most = by("count").max;
+  const area = view.getBoundingClientRect(), hits = new Set();
+  for (let y = 5; y < area.height; y += 20) {
+    for (let x = 5; x < area.width; x += 20) {
+      pointer("pointerdown", area.left + x, area.top + y, 1);
+      pointer("pointerup", area.left + x, area.top + y, 0);
+      view.dispatchEvent(new MouseEvent("click", {clientX: area.left + x, clientY: area.top + y}));
+      if (!by("picked").hidden) hits.add(facts().join("|"));
+    }
+  }
+  told.hits = [...hits];
+  key("Escape");
+  told.hidden = by("picked").hidden;
+  for (const name of ["n", "t", "r", "+", "+", "h", "h", "s", "p", "ArrowLeft"]) key(name);
+  told.shown = by("count").value;
+  pointer("pointerdown", 500, 300, 1);
+  pointer("pointermove", 560, 320, 1);
+  pointer("pointerup", 560, 320, 0);
+  view.dispatchEvent(new WheelEvent("wheel", {deltaY: -200, cancelable: true}));
+  key("p");
+  key("s");
+  key("c");
+  requestAnimationFrame(() => {  // behind the page's own: what it has just drawn is still there
+    told.picture = view.toDataURL();
+    const made = document.createElement("pre");
+    made.id = "told";
+    made.textContent = JSON.stringify(told);
+    document.body.append(made);
+    made.hidden = true;
+  });
+}, 500);
+"""
+
+
+def page_for(folder: Path, grasps: int) -> Path:
+    result = toy_result(FRAME, INDEX, grasps)
+    scene = frame_scene(FRAME, result, GRIPPER, ViewConfig())
+    text = frame_page(scene, result, make_stamp("view", {}))
+    path = folder / "page.html"
+    path.write_text(text.replace("</body>", f"<script>{VISITOR}</script></body>"), encoding="utf-8")
+    return path
+
+
+def browse(page: Path, *flags: str) -> subprocess.CompletedProcess[str]:
+    if CHROMIUM is None:
+        pytest.skip("no Chromium is installed")
+    command = [
+        CHROMIUM,
+        *FLAGS,
+        f"--user-data-dir={page.parent / 'profile'}",
+        *flags,
+        page.as_uri(),
+    ]
+    return subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+
+
+def visited(page: Path) -> dict:
+    done = browse(page, "--dump-dom")
+    found = re.search(r'<pre id="told"[^>]*>(.*?)</pre>', done.stdout, re.DOTALL)
+    if found is None and "<html" not in done.stdout:
+        pytest.skip("Chromium does not start here")
+    assert found is not None, done.stderr
+    console = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+    return json.loads(found[1].replace("&gt;", ">").replace("&lt;", "<")) | {"console": console}
+
+
+def test_grasps_are_clicked_and_tell_their_figures(tmp_path):
+    told = visited(page_for(tmp_path, 5))
+    assert (told["errors"], told["console"], told["trouble"]) == ([], [], "")
+    assert (told["regions"], told["most"], told["shown"]) == (2, "3", "3")
+    assert told["hidden"]
+    best = toy_result(FRAME, INDEX).grasps
+    rows = np.flatnonzero(best.is_best)
+    facts = {text.split("|")[1][0]: text.split("|") for text in told["hits"]}
+    assert sorted(facts) == ["0", "1"]  # only the best of each region is shown, and can be hit
+    for row in rows:
+        score, region, source, symmetry, width, *_ = facts[str(best.region[row])]
+        assert score == f"{best.rank_score[row]:.4f}"
+        assert region.endswith("(best)")
+        assert source == best.source[row]
+        assert symmetry.startswith("rotation axis, confidence 0.80" if row == 0 else "none")
+        assert width == f"{1000 * best.width[row]:.1f} mm"
+
+
+def test_without_grasps_and_from_the_camera_the_page_shows_the_photograph(tmp_path):
+    told = visited(page_for(tmp_path, 0))
+    assert (told["errors"], told["console"], told["trouble"]) == ([], [], "")
+    assert (told["hits"], told["most"]) == ([], "0")
+    picture = np.frombuffer(base64.b64decode(told["picture"].partition(",")[2]), np.uint8)
+    seen = cv2.imdecode(picture, cv2.IMREAD_COLOR)[..., ::-1].astype(float)
+    high, wide = seen.shape[:2]
+    # The picture fills the canvas across or from top to bottom, the optical axis in the middle.
+    scale = min(wide / CAMERA.width, high / CAMERA.height)
+    rows, columns = np.nonzero(cv2.erode((FRAME.depth > 0).astype(np.uint8), np.ones((9, 9))))
+    x = wide / 2 + (columns - CAMERA.cx) * scale
+    y = high / 2 + (rows - CAMERA.cy) * scale
+    drawn = seen[np.round(y - 0.5).astype(int), np.round(x - 0.5).astype(int)]
+    off = np.abs(drawn - FRAME.color[rows, columns])
+    far = INDEX[rows, columns] < 0  # regions are tinted
+    assert np.percentile(off[far], 95) < 6  # the rest lies beneath symmetries
+    assert np.median(off[far]) <= 1
+
+
+@pytest.mark.skipif(NODE is None, reason="no node is installed")
+def test_hands_and_rays_of_the_scripts_are_those_of_python(tmp_path):
+    table = toy_result(FRAME, INDEX).grasps
+    grasp = {
+        "rotation": table.rotation[1].ravel().tolist(),
+        "translation": table.translation[1].tolist(),
+        "boxes": GRIPPER.boxes(table.width[1]).tolist(),
+    }
+    scripts = "\n".join((HERE / name).read_text(encoding="utf-8") for name in SCRIPTS[:3])
+    ask = f"""
+    const grasp = {json.dumps(grasp)}, into = {{solid: [], lines: [], sheets: []}};
+    hand(into, grasp, [1, 0, 0], 1);
+    const corners = [];
+    for (let i = 0; i < into.solid.length; i += VERTEX) corners.push(into.solid.slice(i, i + 3));
+    const eye = [0.3, -0.2, 0.1], place = [0.1, 0.2, 0.9];
+    const clip = product(perspective(0.8, 1.5, 0.01, 60), lookAt(eye, place, [0, -1, 0]));
+    console.log(JSON.stringify({{corners, clip: Array.from(clip),
+      box: meetsBox([0, 0, -2], [0, 0, 1], [-1, -1, 1], [1, 1, 3]),
+      miss: Number.isFinite(meetsBox([5, 0, -2], [0, 0, 1], [-1, -1, 1], [1, 1, 3])),
+      turned: turned([1, 0, 0], [0, 0, 1], Math.PI / 2)}}));
+    """
+    (tmp_path / "ask.js").write_text(f"{scripts}\n{ask}", encoding="utf-8")
+    command = [str(NODE), str(tmp_path / "ask.js")]
+    said = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    boxes = GRIPPER.boxes(table.width[1])
+    wanted = {
+        tuple(np.round(table.rotation[1] @ [x, y, z] + table.translation[1], 5))
+        for box in boxes for x in box[:, 0] for y in box[:, 1] for z in box[:, 2]
+    }  # fmt: skip
+    drawn = {tuple(np.round(corner, 5)) for corner in np.array(said["corners"])}
+    assert len(said["corners"]) == 3 * 36
+    distance = [min(np.abs(np.subtract(a, b)).max() for b in wanted) for a in drawn]
+    assert max(distance) < 2e-5
+    assert len(wanted) == 24
+    clip = np.array(said["clip"]).reshape(4, 4).T @ [0.1, 0.2, 0.9, 1.0]
+    assert np.abs(clip[:2] / clip[3]).max() < 1e-6  # what is looked at is in the middle
+    assert (said["box"], said["miss"]) == (3, False)
+    np.testing.assert_allclose(said["turned"], [0, 1, 0], atol=1e-12)

@@ -1,0 +1,103 @@
+"""Contact sheets and the pictures on them."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries, RegionLabel
+from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SphereSymmetry
+from pipelines.pictures import contact_sheet
+from pipelines.pictures.contact_sheet import COLUMNS, ROWS, Tile, write_sheets
+from pipelines.pictures.symmetry_pictures import PLANES, REGIONS, marks_of, object_views
+from pipelines.storage.files import read_image
+
+X, Y, Z = np.eye(3)
+ORIGIN = np.zeros(3)
+PLANE, AXIS = ReflectionSymmetry(X, ORIGIN, 0.01), RotationSymmetry(Z, ORIGIN, None, 0.02)
+
+
+@pytest.fixture
+def box():
+    shape = trimesh.creation.box((0.08, 0.05, 0.03))
+    return Mesh(np.asarray(shape.vertices), np.asarray(shape.faces))
+
+
+def tile(name, doubt, symmetries=()):
+    labels = ObjectSymmetries(name, tuple(symmetries), doubt=doubt)
+    return Tile(name, np.full((200, 400, 3), 255, np.uint8), labels, f"objects/{name}.png")
+
+
+def colored(picture, color, tolerance=40):
+    """How many pixels have nearly this hue: the same direction from grey."""
+    wanted = np.array(color, float) - np.mean(color)
+    there = picture - picture.mean(axis=2, keepdims=True)
+    length = np.linalg.norm(there, axis=2)
+    cosine = there @ wanted / np.maximum(length * np.linalg.norm(wanted), 1e-9)
+    return int(((cosine > 0.97) & (length > tolerance)).sum())
+
+
+def test_planes_axes_and_spheres_are_drawn_in_their_colours(box):
+    plain = object_views(box, ObjectSymmetries("a", ()))
+    assert plain.shape == (200, 400, 3)
+    planes = object_views(box, ObjectSymmetries("a", (PLANE, ReflectionSymmetry(Y, ORIGIN))))
+    for color in PLANES[:2]:
+        assert colored(planes, color) > 150 > colored(plain, color)
+    for symmetry in (AXIS, SphereSymmetry(ORIGIN)):
+        assert colored(object_views(box, ObjectSymmetries("a", (symmetry,))), (215, 20, 20)) > 150
+
+
+def test_a_plane_shows_where_the_object_does_not_hide_it(box):
+    """What is nearer than the sheet stays as it was; what lies behind it is tinted."""
+    plain = object_views(box, ObjectSymmetries("a", ()))
+    drawn = object_views(box, ObjectSymmetries("a", (PLANE,)))
+    assert drawn.shape == plain.shape
+    assert 0.02 < np.mean((drawn != object_views(box, ObjectSymmetries("a", ()))).any(2)) < 0.9
+
+
+def test_regions_have_colours_of_their_own(box):
+    halves = [RegionLabel(n, np.arange(6) + s, ()) for n, s in (("a", 0), ("b", 6))]
+    picture = object_views(box, ObjectSymmetries("a", (), tuple(halves)))
+    for color in REGIONS[:2]:
+        assert colored(picture, color, tolerance=15) > 300
+
+
+def test_a_part_that_is_all_of_an_object_without_symmetry_shows_its_own(box):
+    part = RegionLabel("part0", np.arange(12), (PLANE,))
+    only_rejected = ObjectSymmetries("a", (), (), rejected=(AXIS,))
+    marks = marks_of(box, ObjectSymmetries("a", (), (part,), rejected=(AXIS,)))
+    assert [mark.symmetry for mark in marks] == [PLANE]
+    assert [mark.dashed for mark in marks_of(box, only_rejected)] == [True]
+    whole = ObjectSymmetries("a", (PLANE,), (RegionLabel("whole", np.arange(12), (PLANE,)),))
+    assert len(marks_of(box, whole)) == 1
+
+
+def test_the_most_doubtful_come_first_and_the_unknown_before_all(tmp_path):
+    tiles = [tile("calm", 0.1), tile("unknown", None), tile("edge", 0.9)]
+    (page,) = write_sheets(tmp_path, tiles)
+    index = (tmp_path / "index.html").read_text()
+    assert index.index("unknown") < index.index("edge") < index.index("calm")
+    assert read_image(page).shape[1] == COLUMNS * 410 + 10
+
+
+def test_pages_hold_24_and_older_pages_go(tmp_path):
+    tiles = [tile(f"t{number:02d}", 0.5) for number in range(COLUMNS * ROWS + 1)]
+    assert [path.name for path in write_sheets(tmp_path, tiles)] == ["sheet_01.png", "sheet_02.png"]
+    write_sheets(tmp_path, tiles[:3])
+    assert [path.name for path in tmp_path.glob("sheet_*")] == ["sheet_01.png"]
+
+
+def test_names_cannot_break_the_page(tmp_path):
+    write_sheets(tmp_path, [tile("<b>&", 0.5)])
+    assert "<b>&" not in (tmp_path / "index.html").read_text().replace("<b>1.", "")
+
+
+def test_facts_are_words():
+    order = RotationSymmetry(Z, ORIGIN, 6, 0.001)
+    labels = ObjectSymmetries("nut", (PLANE, PLANE, order), rejected=(AXIS,))
+    assert contact_sheet.facts(labels) == "2 mirrors, axis x6, error 0.0100"
+    assert contact_sheet.remark(labels) == "nearest rejected: round axis, error 0.0200"
+    by_hand = ObjectSymmetries("nut", (PLANE,), sources=("hand",), found=())
+    assert contact_sheet.remark(by_hand) == "by hand"
+    parts = (RegionLabel("body", np.arange(3), (AXIS,)),)
+    assert contact_sheet.remark(ObjectSymmetries("mug", (), parts)) == "body: round axis"

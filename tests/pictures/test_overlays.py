@@ -1,0 +1,61 @@
+"""Pictures of frames say which run's grasps they show, and stay pictures to everybody else."""
+
+import zlib
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from pipelines.pictures.overlays import draw_overlay, is_drawn, write_overlay
+from pipelines.storage.files import read_image
+from pipelines.storage.provenance import make_stamp
+from tests.pictures.grasp_page.toys import toy_frame, toy_result
+
+FRAME, INDEX = toy_frame()
+RESULT = toy_result(FRAME, INDEX)
+STAMP = make_stamp("infer", {"gripper": "rg2"}, seed=3, inputs={"é": "sha256:1"})
+
+
+@pytest.fixture
+def picture(tmp_path):
+    write_overlay(tmp_path / "a.png", FRAME, RESULT, STAMP)
+    return tmp_path / "a.png"
+
+
+def chunks_of(data: bytes) -> list[tuple[bytes, bytes]]:
+    """The kinds and contents of a PNG's chunks, each agreeing with its check sum."""
+    place, found = 8, []
+    while place < len(data):
+        size = int.from_bytes(data[place : place + 4], "big")
+        kind, content = data[place + 4 : place + 8], data[place + 8 : place + 8 + size]
+        check = int.from_bytes(data[place + 8 + size : place + 12 + size], "big")
+        assert check == zlib.crc32(kind + content)
+        found.append((kind, content))
+        place += 12 + size
+    return found
+
+
+def test_the_picture_is_the_drawn_one_with_a_text_behind_its_header(picture):
+    np.testing.assert_array_equal(read_image(picture), draw_overlay(FRAME, RESULT))
+    chunks = chunks_of(picture.read_bytes())
+    assert [kind for kind, _ in chunks[:2]] == [b"IHDR", b"tEXt"]
+    assert chunks[1][1] == b"provenance\0" + STAMP.as_text().encode("latin-1")
+    assert chunks[-1][0] == b"IEND"
+
+
+def test_it_is_of_the_stamp_it_was_drawn_with_and_of_no_other(picture):
+    assert is_drawn(picture, STAMP)
+    for change in ({"seed": 4}, {"config": {"gripper": "franka"}}, {"inputs": {}}):
+        assert not is_drawn(picture, replace(STAMP, **change))
+
+
+def test_what_is_none_of_ours_is_not_taken_for_it(picture, tmp_path):
+    data = picture.read_bytes()
+    for size in (0, 20, 40, 60):
+        picture.write_bytes(data[:size])
+        assert not is_drawn(picture, STAMP)
+    cv2.imwrite(str(picture), FRAME.color)
+    assert not is_drawn(picture, STAMP)
+    assert not is_drawn(tmp_path, STAMP)
+    assert not is_drawn(tmp_path / "none.png", STAMP)

@@ -1,0 +1,86 @@
+"""What is handed to rerun, seen through a stand-in; and the sentence where there is no rerun."""
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from pipelines.errors import SymgraspError
+from pipelines.grasp_files.gripper_files import load_gripper
+from pipelines.pictures.rerun_recording import need_rerun, write_recording
+from pipelines.storage.provenance import make_stamp, read_stamp
+from tests.pictures.grasp_page.toys import toy_frame, toy_result
+
+STAMP = make_stamp("view", {})
+FRAME, INDEX = toy_frame("a")
+RESULT = toy_result(FRAME, INDEX)
+GRIPPER = load_gripper("rg2")
+
+
+class Stream:
+    logged: ClassVar[dict] = {}
+
+    def __init__(self, application_id, recording_id):
+        self.logged.clear()
+
+    def save(self, path):
+        Path(path).write_bytes(b"RRD")
+
+    def log(self, path, entity, static):
+        self.logged[path] = entity
+
+    def disconnect(self):
+        pass
+
+
+@pytest.fixture
+def logged(monkeypatch, tmp_path):
+    def made(*given, **named):
+        return SimpleNamespace(given=given, **named, compress=lambda: named)
+
+    names = ("Points3D", "Pinhole", "Image", "LineStrips3D", "Boxes3D")
+    stand_in = SimpleNamespace(
+        RecordingStream=Stream, ViewCoordinates=SimpleNamespace(RDF=0), **dict.fromkeys(names, made)
+    )
+    monkeypatch.setitem(sys.modules, "rerun", stand_in)
+    write_recording(tmp_path / "a.rrd", FRAME, RESULT, GRIPPER, STAMP)
+    assert read_stamp(tmp_path / "a.rrd") == STAMP.as_json()
+    return Stream.logged
+
+
+def rotated(quaternion, vector):
+    """A vector turned by a quaternion x, y, z, w."""
+    axis, w = quaternion[:3], quaternion[3]
+    return vector + 2 * np.cross(axis, np.cross(axis, vector) + w * vector)
+
+
+def test_the_hands_are_the_grippers_boxes(logged):
+    table, best = RESULT.grasps, logged["world/grasps/place_00"]
+    rows = np.flatnonzero(table.is_best)
+    assert len(best.centers) == 3 * len(rows)
+    for i, row in enumerate(rows):
+        for part, (low, high) in enumerate(GRIPPER.boxes(table.width[row])):
+            k = 3 * i + part
+            for corner, sign in ((low, -1), (high, 1)):
+                drawn = best.centers[k] + rotated(best.quaternions[k], sign * best.half_sizes[k])
+                wanted = table.rotation[row] @ corner + table.translation[row]
+                assert_allclose(drawn, wanted, atol=1e-6)
+
+
+def test_every_grasp_and_every_trusted_symmetry_is_there_once(logged):
+    places = [path for path in logged if path.count("/") == 2 and "grasps" in path]
+    assert sum(len(logged[path].centers) for path in places) == 3 * len(RESULT.grasps)
+    assert {path.split("symmetries/")[1] for path in logged if "symmetries" in path} == {
+        "region_0/plane_0", "region_0/axis_3", "region_0/sphere_4", "region_1/plane_2"
+    }  # fmt: skip
+    assert len(logged["world/points"].given[0]) == (FRAME.depth > 0).sum()
+
+
+def test_without_rerun_a_sentence_says_how_to_get_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(SymgraspError, match="pip install"):
+        need_rerun()

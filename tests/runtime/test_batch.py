@@ -1,0 +1,82 @@
+"""The batch runner: skip, collect, report."""
+
+import pytest
+
+from pipelines.errors import SymgraspError
+from pipelines.runtime import batch
+from pipelines.runtime.batch import BatchOptions, WorkItem, run_batch
+from pipelines.storage.files import write_json
+from pipelines.storage.provenance import make_stamp
+
+QUIET = BatchOptions(progress=False)
+
+
+def items(folder, names, setting=1):
+    stamp = make_stamp("toy", {"setting": setting})
+    return [WorkItem(name, folder / f"{name}.json", stamp) for name in names]
+
+
+def step(item):
+    if item.name == "bad":
+        raise SymgraspError("bad is bad; good would be right")
+    write_json(item.target, {"provenance": item.stamp.as_json()})
+    return "noted" if item.name == "b" else None
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_one_bad_item_fails_alone(tmp_path, workers):
+    options = BatchOptions(workers=workers, progress=False)
+    report = run_batch("toy", items(tmp_path, ["a", "bad", "b"]), step, options)
+    assert report.done == ["a", "b"]
+    assert report.failed == {"bad": "bad is bad; good would be right"}
+    assert report.notes == {"b": "noted"}
+    assert report.exit_code == 1
+
+
+def test_a_sentence_of_a_name_that_is_not_utf8_can_be_stored(tmp_path):
+    def refuse(_item):
+        raise SymgraspError("caf\udce9.png: this PNG is cut off")
+
+    report = run_batch("toy", items(tmp_path, ["a"]), refuse, QUIET)
+    assert report.failed == {"a": "caf%E9.png: this PNG is cut off"}
+
+
+@pytest.mark.parametrize(("names", "started"), [(["a", "b"], [2]), (["a"], [])])
+def test_no_more_workers_than_items_are_started(tmp_path, monkeypatch, names, started):
+    asked, workers_of = [], batch.workers_of
+    monkeypatch.setattr(
+        batch,
+        "workers_of",
+        lambda backend, count: asked.append(count) or workers_of(backend, count),
+    )
+    options = BatchOptions(workers=100, progress=False)
+    assert run_batch("toy", items(tmp_path, names), step, options).done == names
+    assert asked == started
+
+
+def test_a_second_run_skips_what_is_finished(tmp_path):
+    run_batch("toy", items(tmp_path, ["a"]), step, QUIET)
+    report = run_batch("toy", items(tmp_path, ["a", "b"]), step, QUIET)
+    assert (report.done, report.skipped, report.exit_code) == (["b"], ["a"], 0)
+
+
+def test_other_settings_refuse_instead_of_reusing(tmp_path):
+    run_batch("toy", items(tmp_path, ["a"]), step, QUIET)
+    report = run_batch("toy", items(tmp_path, ["a"], setting=2), step, QUIET)
+    assert "other settings" in report.failed["a"]
+    forced = BatchOptions(overwrite=True, progress=False)
+    assert run_batch("toy", items(tmp_path, ["a"], setting=2), step, forced).done == ["a"]
+
+
+def test_a_dry_run_writes_nothing(tmp_path):
+    report = run_batch("toy", items(tmp_path, ["a"]), step, BatchOptions(dry_run=True))
+    assert "would write" in report.notes["a"]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_bug_is_not_swallowed(tmp_path):
+    def broken(item):
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        run_batch("toy", items(tmp_path, ["a"]), broken, QUIET)

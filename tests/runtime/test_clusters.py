@@ -1,0 +1,244 @@
+"""Batches on clusters: the same work in other processes, the same bytes whatever their number."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from functools import partial
+
+import psutil
+import pytest
+
+from pipelines import infer
+from pipelines.configs import InferConfig
+from pipelines.errors import SymgraspError, UnknownNameError
+from pipelines.runtime.batch import BatchOptions, WorkItem, run_batch
+from pipelines.runtime.clusters import HUGE_PAGES, TUNABLES, end_workers
+from pipelines.storage.files import read_json, write_json
+from pipelines.storage.provenance import make_stamp
+
+QUIET = BatchOptions(progress=False)
+PLANAR = InferConfig(regions="geometric", method="planar")
+MODULES = {"dask": "distributed", "ray": "ray"}
+
+# What clusters warn of while they start and end is their own affair.
+pytestmark = pytest.mark.filterwarnings("default")
+
+
+def dask_of(workers):
+    pytest.importorskip("distributed", reason="the extra `dask` is not installed")
+    return replace(QUIET, workers=workers, backend="dask")
+
+
+def ray_of(workers):
+    pytest.importorskip("ray", reason="the extra `ray` is not installed")
+    return replace(QUIET, workers=workers, backend="ray")
+
+
+def items(folder, names):
+    return [WorkItem(name, folder / f"{name}.json", make_stamp("toy", {})) for name in names]
+
+
+def write_process(item):
+    if item.name == "bad":
+        raise SymgraspError("bad is bad; good would be right")
+    write_json(item.target, {"provenance": item.stamp.as_json(), "process": os.getpid()})
+
+
+@pytest.mark.parametrize("options_of", [dask_of, ray_of])
+def test_a_clusters_workers_are_other_processes_and_a_bad_item_fails_alone(tmp_path, options_of):
+    work = items(tmp_path, ["a", "bad", "b"])
+    report = run_batch("toy", work, write_process, options_of(2))
+    assert report.done == ["a", "b"]
+    assert report.failed == {"bad": "bad is bad; good would be right"}
+    assert os.getpid() not in {read_json(tmp_path / f"{name}.json")["process"] for name in "ab"}
+
+
+def test_workers_that_are_ended_are_gone_and_others_do_the_next_batch(tmp_path):
+    end_workers()  # those of tests before
+    for folder in ("first", "second"):
+        work = items(tmp_path / folder, ["a", "b"])
+        run_batch("toy", work, write_process, replace(QUIET, workers=2))
+        processes = {read_json(item.target)["process"] for item in work}
+        assert os.getpid() not in processes
+        end_workers()
+        assert not any(map(psutil.pid_exists, processes))
+
+
+def end_itself(item):
+    write_json(item.target, {"provenance": item.stamp.as_json()})
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no such signal")
+def test_a_worker_that_is_killed_is_one_sentence(tmp_path):
+    with pytest.raises(SymgraspError, match=r"a worker process was ended.*fewer --workers"):
+        run_batch("toy", items(tmp_path, ["a", "b"]), end_itself, replace(QUIET, workers=2))
+    work = items(tmp_path / "after", ["a", "b"])  # others do the next batch
+    assert run_batch("toy", work, write_process, replace(QUIET, workers=2)).done == ["a", "b"]
+    end_workers()
+
+
+def is_worker(process):
+    try:
+        return "LokyProcess" in " ".join(process.cmdline())
+    except psutil.NoSuchProcess:  # a short one, such as those that ask for the processor
+        return False
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no such signal")
+def test_workers_end_with_a_command_that_is_ended_before_they_have_begun(frames, tmp_path):
+    command = [sys.executable, "-c", "from symgrasp_cli.app import main; main()", "infer"]
+    options = ["--out", tmp_path / "g.h5", "--workers", "2", "--method", "planar"]
+    with subprocess.Popen([*command, frames, *options], stderr=subprocess.DEVNULL) as parent:
+        workers: list[psutil.Process] = []
+        while not any(is_worker(each) for each in workers):
+            assert parent.poll() is None
+            workers = psutil.Process(parent.pid).children(recursive=True)
+            time.sleep(0.02)
+        parent.send_signal(signal.SIGTERM)
+        assert parent.wait(60) == 128 + signal.SIGTERM
+    _, left = psutil.wait_procs(workers, timeout=30)
+    assert not left
+
+
+def write_tunables(item):
+    tunables = os.environ.get(TUNABLES)
+    write_json(item.target, {"provenance": item.stamp.as_json(), "tunables": tunables})
+
+
+@pytest.mark.parametrize("users", [None, "glibc.malloc.check=0"])
+def test_workers_are_told_of_huge_pages_unless_the_user_tells_them_something(
+    tmp_path, monkeypatch, users
+):
+    if users is None:
+        monkeypatch.delenv(TUNABLES, raising=False)
+    else:
+        monkeypatch.setenv(TUNABLES, users)
+    end_workers()
+    both = items(tmp_path, ["a", "b"])
+    run_batch("toy", both, write_tunables, replace(QUIET, workers=2))
+    end_workers()
+    for item in both:
+        assert read_json(item.target)["tunables"] == (users or HUGE_PAGES)
+    assert os.environ.get(TUNABLES) == users
+
+
+@pytest.fixture(scope="module")
+def frames(tmp_path_factory):
+    # Imported here, as workers import this module too and have no use for torch.
+    from tests.geometry.tabletops import Box, Can
+    from tests.stages.test_infer import write_frame
+
+    folder = tmp_path_factory.mktemp("frames")
+    for number in range(5):
+        write_frame(folder, f"f{number}", [Box((0.05 + 0.01 * number, 0.08, 0.1)), Can(0.03, 0.1)])
+    write_frame(folder, "torn", [Box((0.05, 0.05, 0.05))])
+    (folder / "torn_depth.png").write_bytes(b"\x89PNG")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def alone(frames):
+    """What this process writes of the frames, without a cluster."""
+    output = frames.parent / "alone.h5"
+    infer.run(infer.InferPaths(frames, output), PLANAR, QUIET)
+    return output.read_bytes()
+
+
+WITHOUT_SEMAPHORES = """
+import _multiprocessing
+import sys
+
+class SemLock:
+    SEM_VALUE_MAX = 1
+
+    def __init__(self, *arguments, **names):
+        raise OSError(38, "Function not implemented")
+
+_multiprocessing.SemLock = SemLock
+from symgrasp_cli.app import main
+
+sys.argv = ["symgrasp", *sys.argv[1:]]
+main()
+"""
+
+
+def test_a_command_does_all_itself_where_the_system_has_no_semaphores(frames, alone):
+    output = frames.parent / "without.h5"
+    command = [sys.executable, "-c", WITHOUT_SEMAPHORES, "infer", str(frames), "--out", str(output)]
+    options = ["--regions", "geometric", "--method", "planar", "--workers", "2"]
+    run = subprocess.run([*command, *options], capture_output=True, text=True, check=False)
+    assert "Traceback" not in run.stderr, run.stderr
+    assert run.returncode == 1
+    assert "torn_depth.png" in run.stderr
+    assert output.read_bytes() == alone
+
+
+@pytest.fixture(scope="module")
+def client():
+    distributed = pytest.importorskip("distributed", reason="the extra `dask` is not installed")
+    local = distributed.LocalCluster(n_workers=4, threads_per_worker=1, dashboard_address=None)
+    with local, distributed.Client(local, set_as_default=False) as client:
+        yield client
+
+
+def test_a_client_that_is_there_is_used(client, tmp_path):
+    processes = client.run(os.getpid).values()
+    with client.as_current():
+        run_batch("toy", items(tmp_path, ["a"]), write_process, dask_of(1))
+    assert read_json(tmp_path / "a.json")["process"] in processes
+
+
+def test_dask_writes_the_same_bytes_with_1_2_and_4_workers(client, frames, alone):
+    for workers in (4, 2, 1):
+        client.retire_workers(list(client.ncores())[workers:], close_workers=True)
+        assert len(client.ncores()) == workers
+        output = frames.parent / f"{workers}.h5"  # files say where their frames lie from there
+        with client.as_current():
+            report = infer.run(infer.InferPaths(frames, output), PLANAR, dask_of(workers))
+        assert len(report.done) == 5
+        assert list(report.failed) == ["torn"]
+        assert output.read_bytes() == alone
+
+
+def test_ray_writes_the_same_bytes(frames, alone):
+    output = frames.parent / "ray.h5"
+    infer.run(infer.InferPaths(frames, output), PLANAR, ray_of(2))
+    assert output.read_bytes() == alone
+
+
+def write_visible_gpus(item):
+    gpus = os.environ.get("CUDA_VISIBLE_DEVICES", "all")
+    write_json(item.target, {"provenance": item.stamp.as_json(), "gpus": gpus})
+
+
+def test_ray_hides_no_gpu_from_workers(tmp_path, monkeypatch):
+    options, ray = ray_of(2), pytest.importorskip("ray")
+    monkeypatch.setattr(ray, "init", partial(ray.init, num_gpus=1))
+    monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
+    run_batch("toy", items(tmp_path, ["b", "c"]), write_visible_gpus, options)
+    assert {read_json(tmp_path / f"{name}.json")["gpus"] for name in "bc"} == {"all"}
+
+
+@pytest.mark.parametrize("backend", ["dask", "ray"])
+def test_a_cluster_that_is_not_installed_is_one_sentence(tmp_path, monkeypatch, backend):
+    monkeypatch.setitem(sys.modules, MODULES[backend], None)
+    options = replace(QUIET, backend=backend)
+    with pytest.raises(SymgraspError, match=rf'pip install "symgrasp\[{backend}\]"'):
+        run_batch("toy", items(tmp_path, ["a"]), write_process, options)
+
+
+def test_a_scheduler_that_does_not_answer_is_one_sentence(tmp_path):
+    options, dask = dask_of(2), pytest.importorskip("dask")
+    nobody = {"scheduler-address": "tcp://127.0.0.1:9", "distributed.comm.timeouts.connect": "1s"}
+    with dask.config.set(nobody), pytest.raises(SymgraspError, match=r":9 does not answer"):
+        run_batch("toy", items(tmp_path, ["a"]), write_process, options)
+
+
+def test_an_unknown_backend_names_the_known_ones(tmp_path):
+    options = replace(QUIET, workers=2, backend="slurm")
+    with pytest.raises(UnknownNameError, match="loky, ray"):
+        run_batch("toy", items(tmp_path, ["a"]), write_process, options)

@@ -1,0 +1,156 @@
+"""Whole files or none."""
+
+import contextlib
+import json
+import os
+import zipfile
+
+import cv2
+import numpy as np
+import pytest
+
+from pipelines.errors import FormatError, SymgraspError
+from pipelines.storage import files
+
+
+@pytest.mark.parametrize("name", ["n" * 251 + ".txt", "漢" * 83 + ".txt", os.fsdecode(b"\xe9.txt")])
+def test_any_name_that_a_file_may_have_can_be_written(name, tmp_path):
+    files.write_text(tmp_path / name, "all")
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    with files.atomic_folder(tmp_path / f"{name[:-4]}.dir"):
+        pass
+    assert (tmp_path / f"{name[:-4]}.dir").is_dir()
+
+
+def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
+    path = tmp_path / "a.txt"
+    files.write_text(path, "old")
+
+    def fail():
+        with files.atomic_path(path) as temporary:
+            temporary.write_text("half")
+            raise RuntimeError("power cut")
+
+    with pytest.raises(RuntimeError, match="power cut"):
+        fail()
+    assert path.read_text() == "old"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_json_round_trips_and_bad_json_is_named(tmp_path):
+    path = tmp_path / "a.json"
+    files.write_json(path, {"a": [1, 2.5, None]})
+    assert files.read_json(path) == {"a": [1, 2.5, None]}
+    path.write_text(json.dumps({"a": 1})[:-1])
+    with pytest.raises(FormatError, match=r"a\.json.*not JSON"):
+        files.read_json(path)
+
+
+def test_a_missing_file_is_a_sentence(tmp_path):
+    with pytest.raises(SymgraspError, match="does not exist"):
+        files.read_npy(tmp_path / "none.npy")
+
+
+def test_arrays_round_trip_and_truncated_ones_are_refused(tmp_path):
+    path = tmp_path / "a.npz"
+    files.write_npz(path, x=np.arange(1000), y=np.eye(3))
+    assert files.read_npz(path, ["x"])["y"].shape == (3, 3)
+    path.write_bytes(path.read_bytes()[:-200])
+    with pytest.raises(FormatError, match=r"whole \.npz"):
+        files.read_npz(path)
+
+
+def test_a_missing_array_is_named(tmp_path):
+    path = tmp_path / "a.npz"
+    files.write_npz(path, x=np.arange(3))
+    with pytest.raises(FormatError, match=r"lacks the arrays scores.*holds x"):
+        files.read_npz(path, ["x", "scores"])
+
+
+def test_pickled_arrays_are_never_opened(tmp_path):
+    path = tmp_path / "a.npy"
+    np.save(path, np.array([{"evil": 1}], dtype=object), allow_pickle=True)
+    with pytest.raises(FormatError, match="pickles never"):
+        files.read_npy(path)
+
+
+def test_a_zip_bomb_is_refused_before_it_unpacks(tmp_path):
+    path = tmp_path / "bomb.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
+        archive.writestr("a.npy", b"x")
+    data = bytearray(path.read_bytes())
+    # Claim 3 GiB in the central directory; the data themselves stay one byte.
+    start = data.rfind(b"PK\x01\x02")
+    data[start + 24 : start + 28] = (3 * 2**30).to_bytes(4, "little")
+    path.write_bytes(data)
+    with pytest.raises(FormatError, match="unpacks"):
+        files.read_npz(path)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_images_round_trip(tmp_path, dtype):
+    grey = np.random.default_rng(0).integers(0, 250, (7, 9)).astype(dtype)
+    files.write_image(tmp_path / "a.png", grey)
+    np.testing.assert_array_equal(files.read_image(tmp_path / "a.png"), grey)
+
+
+def test_colour_is_rgb_on_both_sides(tmp_path):
+    red = np.zeros((4, 4, 3), np.uint8)
+    red[..., 0] = 255
+    files.write_image(tmp_path / "a.png", red)
+    np.testing.assert_array_equal(files.read_image(tmp_path / "a.png"), red)
+
+
+def test_a_truncated_png_is_refused(tmp_path):
+    path = tmp_path / "a.png"
+    files.write_image(path, np.random.default_rng(0).integers(0, 255, (50, 50)).astype(np.uint8))
+    path.write_bytes(path.read_bytes()[:1000])
+    with pytest.raises(FormatError, match="cut off"):
+        files.read_image(path)
+    path.write_bytes(b"hello")
+    with pytest.raises(FormatError, match="not a whole image"):
+        files.read_image(path)
+    path.write_bytes(b"")
+    with pytest.raises(FormatError, match="not a whole image"):
+        files.read_image(path)
+
+
+@pytest.mark.parametrize("channels", [1, 3, 4])
+@pytest.mark.parametrize(
+    ("suffix", "dtype"),
+    [(".png", np.uint8), (".png", np.uint16), (".tiff", np.float32), (".tiff", np.float64)],
+)
+def test_images_are_read_as_stored_red_first_and_without_alpha(tmp_path, channels, suffix, dtype):
+    image = np.random.default_rng(0).integers(0, 255, (5, 7, channels)).astype(dtype)
+    path = tmp_path / f"a{suffix}"
+    assert cv2.imwrite(str(path), image)
+    found = files.read_image(path)
+    expected = image[:, :, 0] if channels == 1 else image[:, :, 2::-1]
+    assert found.dtype == dtype
+    assert found.flags.c_contiguous
+    np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize("moment", range(3))
+def test_a_folder_is_replaced_whole_or_not_at_all(tmp_path, monkeypatch, moment):
+    """A kill between any two moves leaves the earlier folder, the new one, or none at all."""
+    target = tmp_path / "folder"
+    for text in ("first", "earlier"):
+        with files.atomic_folder(target) as folder:
+            (folder / "a").write_text(text)
+            (folder / "b").write_text(text)
+    moves = []
+
+    def dying(path, to):
+        if len(moves) == moment:
+            raise KeyboardInterrupt
+        moves.append(to)
+        path.rename(to)
+
+    monkeypatch.setattr(files.Path, "replace", dying)
+    with contextlib.suppress(KeyboardInterrupt), files.atomic_folder(target) as folder:
+        (folder / "a").write_text("new")
+        (folder / "b").write_text("new")
+    found = {path.read_text() for path in target.glob("*")}
+    assert found == [{"earlier"}, set(), {"new"}][moment]
+    assert target.is_dir() == bool(found)

@@ -1,0 +1,98 @@
+"""HDF5 files end with a check sum: damage of any kind is a sentence before HDF5 looks at it."""
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipelines.errors import FormatError
+from pipelines.storage.h5_columns import write_columns
+from pipelines.storage.h5_files import MARK, SEAL, new_h5, open_h5
+
+COLUMNS = {"name": ["a", "bb", "ü"], "value": np.arange(300.0).reshape(3, 100)}
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory):
+    path = tmp_path_factory.mktemp("h5") / "sound.h5"
+    with new_h5(path) as file:
+        file.attrs["provenance"] = "{}"
+        write_columns(file, COLUMNS)
+    return path
+
+
+def test_a_file_ends_with_its_check_sum_and_is_read_by_anyone(sound):
+    assert sound.read_bytes()[-SEAL.size :].startswith(MARK)
+    with open_h5(sound) as ours, h5py.File(sound) as anyone:
+        for file in (ours, anyone):
+            np.testing.assert_array_equal(file["value"][()], COLUMNS["value"])
+            assert list(file["name"].asstr()[()]) == COLUMNS["name"]
+
+
+@settings(max_examples=200, deadline=None)
+@given(data=st.data())
+def test_no_changed_byte_reaches_hdf5(sound, tmp_path_factory, data):
+    whole = sound.read_bytes()
+    content = bytearray(whole)
+    for _ in range(data.draw(st.integers(1, 4))):
+        place = data.draw(st.integers(0, len(whole) - SEAL.size - 1))
+        content[place] ^= data.draw(st.integers(1, 255))
+    if bytes(content) == whole:
+        return
+    damaged = tmp_path_factory.mktemp("damaged") / "x.h5"
+    damaged.write_bytes(content)
+    with pytest.raises(FormatError, match="check sum"):
+        open_h5(damaged)
+
+
+@settings(max_examples=50, deadline=None)
+@given(share=st.floats(0.0, 0.999))
+def test_a_cut_off_file_is_a_sentence(sound, tmp_path_factory, share):
+    whole = sound.read_bytes()
+    cut = tmp_path_factory.mktemp("cut") / "x.h5"
+    cut.write_bytes(whole[: int(share * (len(whole) - SEAL.size))])
+    with pytest.raises(FormatError, match="not a whole HDF5 file"):
+        open_h5(cut)
+
+
+def test_files_of_others_and_files_that_were_edited_are_opened(sound, tmp_path):
+    edited = tmp_path / "edited.h5"
+    edited.write_bytes(sound.read_bytes())
+    with h5py.File(edited, "r+") as file:
+        file["value"][0, 0] = 7.0  # no byte more or less
+    with open_h5(edited) as file:
+        assert file["value"][0, 0] == 7.0
+    with h5py.File(edited, "a") as file:
+        file.attrs["note"] = "mine"
+    with open_h5(edited) as file:
+        assert file.attrs["note"] == "mine"
+    other = tmp_path / "other.h5"
+    with h5py.File(other, "w") as file:
+        file["x"] = 1
+    with open_h5(other) as file:
+        assert file["x"][()] == 1
+
+
+def test_a_file_damaged_after_it_was_read_is_found_again(sound, tmp_path):
+    path = tmp_path / "x.h5"
+    content = bytearray(sound.read_bytes())
+    path.write_bytes(content)
+    open_h5(path).close()
+    content[len(content) // 2] ^= 1
+    path.unlink()
+    path.write_bytes(content)
+    with pytest.raises(FormatError, match="check sum"):
+        open_h5(path)
+    open_h5(path, checked=False).close()
+
+
+def test_nothing_is_left_of_a_file_whose_writing_failed(tmp_path):
+    def half(path):
+        with new_h5(path) as file:
+            file["x"] = 1
+            raise RuntimeError("half")
+
+    with pytest.raises(RuntimeError, match="half"):
+        half(tmp_path / "x.h5")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,116 @@
+"""A finished output is one that was made as this run would make it."""
+
+import h5py
+import numpy as np
+import pytest
+from safetensors.numpy import save_file
+
+from pipelines.configs import RefineGraspsConfig
+from pipelines.errors import StaleOutputError
+from pipelines.storage.files import write_json
+from pipelines.storage.provenance import (
+    digest,
+    digest_folder,
+    is_finished,
+    make_stamp,
+    page_stamp,
+    read_stamp,
+    write_sidecar,
+)
+
+STAMP = make_stamp("refine-grasps", RefineGraspsConfig(), seed=3, inputs={"a": "sha256:0"})
+
+
+def write_h5(path):
+    with h5py.File(path, "w") as file:
+        file.attrs["provenance"] = STAMP.as_text()
+
+
+def write_folder(path):
+    path.mkdir()
+    write_sidecar(path, STAMP)
+
+
+def write_plain(path):
+    path.write_bytes(b"x")
+    write_sidecar(path, STAMP)
+
+
+def write_page(path):
+    path.write_text(f"<!doctype html><html><head>{page_stamp(STAMP)}</head></html>")
+
+
+WRITERS = {
+    "a.h5": write_h5,
+    "a.html": write_page,
+    "a.json": lambda path: write_json(path, {"provenance": STAMP.as_json()}),
+    "a.safetensors": lambda path: save_file(
+        {"w": np.zeros(1)}, path, {"provenance": STAMP.as_text()}
+    ),
+    "folder": write_folder,
+    "a.npz": write_plain,
+}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_every_kind_of_output_carries_its_stamp(tmp_path, name):
+    target = tmp_path / name
+    assert not is_finished(target, STAMP)
+    WRITERS[name](target)
+    assert read_stamp(target) == STAMP.as_json()
+    assert is_finished(target, STAMP)
+    assert not is_finished(target, STAMP, overwrite=True)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_an_output_made_otherwise_is_refused(tmp_path, name):
+    target = tmp_path / name
+    WRITERS[name](target)
+    other = make_stamp("refine-grasps", RefineGraspsConfig(copies_per_turn=8), seed=3)
+    with pytest.raises(StaleOutputError, match="--overwrite"):
+        is_finished(target, other)
+
+
+@pytest.mark.parametrize("content", ["", "<html>", '<meta name="provenance" content="[1">', "\xff"])
+def test_a_page_of_somebody_else_has_no_stamp(tmp_path, content):
+    (tmp_path / "a.html").write_bytes(content.encode("latin1"))
+    assert read_stamp(tmp_path / "a.html") is None
+
+
+@pytest.mark.parametrize("stamp", ["me", 3, None, ["annotate-symmetry"]])
+def test_what_a_person_wrote_where_the_stamp_belongs_is_none(tmp_path, stamp):
+    write_json(tmp_path / "a.json", {"provenance": stamp})
+    assert read_stamp(tmp_path / "a.json") is None
+    with pytest.raises(StaleOutputError, match="--overwrite"):
+        is_finished(tmp_path / "a.json", STAMP)
+
+
+def test_the_digest_follows_the_content(tmp_path):
+    path = tmp_path / "a"
+    path.write_bytes(b"1")
+    first = digest(path)
+    path.write_bytes(b"2")
+    assert digest(path) != first
+
+
+def test_the_digest_of_a_folder_follows_names_and_contents(tmp_path):
+    (tmp_path / "a.h5").write_bytes(b"1")
+    first = digest_folder(tmp_path, "*.h5")
+    (tmp_path / "a.h5").write_bytes(b"2")
+    second = digest_folder(tmp_path, "*.h5")
+    (tmp_path / "a.h5").rename(tmp_path / "b.h5")
+    assert len({first, second, digest_folder(tmp_path, "*.h5")}) == 3
+
+
+def test_what_another_version_made_is_reused_and_named_once(tmp_path, caplog):
+    made = STAMP.as_json()
+    write_json(tmp_path / "new.json", {"provenance": made})
+    for name in ("a.json", "b.json"):
+        write_json(tmp_path / name, {"provenance": made | {"version": "0.0.7"}})
+    assert is_finished(tmp_path / "new.json", STAMP)
+    assert not caplog.messages
+    assert is_finished(tmp_path / "a.json", STAMP)
+    assert is_finished(tmp_path / "b.json", STAMP)
+    (said,) = caplog.messages
+    assert "made by symgrasp 0.0.7" in said
+    assert f"installed is {made['version']}" in said

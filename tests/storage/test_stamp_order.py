@@ -1,0 +1,59 @@
+"""A run killed between an output and its stamp leaves nothing that is taken for another."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipelines.errors import ValueRangeError
+from pipelines.grasp_files import grasp_rows
+from pipelines.grasp_files.grasp_rows import VERDICT_ARRAYS, read_verdicts, write_verdicts
+from pipelines.storage.provenance import (
+    is_finished,
+    make_stamp,
+    read_stamp,
+    refuse_other_suffix,
+    stamp_ahead,
+)
+
+OLD, NEW = make_stamp("stage", {"points": 8}), make_stamp("stage", {"points": 64})
+ARRAYS = {name: np.zeros(2) for name in VERDICT_ARRAYS}
+
+
+def test_an_earlier_output_is_gone_before_the_stamp_of_the_next_is_there(tmp_path: Path) -> None:
+    target = tmp_path / "new" / "a.npz"
+    stamp_ahead(target, OLD)
+    target.write_bytes(b"old")
+    assert is_finished(target, OLD)
+    stamp_ahead(target, NEW)
+    assert not is_finished(target, NEW)
+    assert not is_finished(target, OLD)
+    target.write_bytes(b"new")
+    assert read_stamp(target) == NEW.as_json()
+
+
+@pytest.mark.parametrize("function", ["stamp_ahead", "write_npz"])
+def test_verdicts_of_a_killed_run_are_made_again(
+    function: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def then_killed(*arguments: object, **named: object) -> None:
+        write(*arguments, **named)
+        raise KeyboardInterrupt
+
+    path, write = tmp_path / "verdicts.npz", getattr(grasp_rows, function)
+    monkeypatch.setattr(grasp_rows, function, then_killed)
+    with pytest.raises(KeyboardInterrupt):
+        write_verdicts(path, ARRAYS, OLD)
+    monkeypatch.undo()
+    assert is_finished(path, OLD) == (function == "write_npz")  # neither refused nor half there
+    write_verdicts(path, ARRAYS, OLD)
+    assert is_finished(path, OLD)
+    assert set(read_verdicts(path)) == set(VERDICT_ARRAYS)
+
+
+def test_another_suffix_than_the_one_that_says_where_the_stamp_lies_is_wrong_usage() -> None:
+    refuse_other_suffix(Path("folder.txt/a.json"), ".json")
+    for name in ("a", "a.txt", "a.JSON", "json"):
+        with pytest.raises(ValueRangeError, match=r"--out is .*ends in \.json") as refused:
+            refuse_other_suffix(Path(name), ".json")
+        assert refused.value.exit_code == 2

@@ -1,0 +1,137 @@
+"""Pieces of a depth image without a step between them, against a search pixel by pixel."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipelines.configs import RegionConfig
+from pipelines.tabletop.depth_segments import GAP, _too_large, connected, extent, inward_fold
+from pipelines.tabletop.organized import smooth_normals
+from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
+
+CONFIG = RegionConfig()
+SHAPE = (14, 17)
+
+
+def cloud(z):
+    return np.dstack([np.zeros_like(z), np.zeros_like(z), z])
+
+
+def neighbours(z, mask, pixel):
+    """Yield what hangs together with a pixel: the next along a row or column that has depth."""
+    for direction in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+        for span in range(1, GAP + 1):
+            other = tuple(np.add(pixel, np.multiply(direction, span)))
+            if not all(0 <= place < size for place, size in zip(other, z.shape, strict=True)):
+                break
+            first = min(pixel, other)  # whose depth says what a step is
+            step = CONFIG.depth_step * max(z[first], 0.5) * (1 + 0.25 * span)
+            if mask[other] and abs(z[pixel] - z[other]) < step:
+                yield other
+            if z[other] > 0:
+                break
+
+
+def flooded(z, mask):
+    """Return the pieces as sets of pixels."""
+    left, pieces = set(map(tuple, np.argwhere(mask).tolist())), set()
+    while left:
+        piece, todo = set(), [left.pop()]
+        while todo:
+            pixel = todo.pop()
+            piece.add(pixel)
+            found = [each for each in neighbours(z, mask, pixel) if each in left]
+            left.difference_update(found)
+            todo += found
+        pieces.add(frozenset(piece))
+    return pieces
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**31 - 1), st.floats(0.0, 0.7), st.floats(0.3, 1.0))
+def test_pieces_are_what_a_flood_from_pixel_to_pixel_reaches(seed, holes, share):
+    rng = np.random.default_rng(seed)
+    z = 0.4 + 0.3 * rng.random() + 0.004 * rng.standard_normal(SHAPE).cumsum(axis=1)
+    z[rng.random(SHAPE) < holes] = 0.0
+    mask = (z > 0) & (rng.random(SHAPE) < share)
+    labels = connected(cloud(np.where(z > 0, z, np.nan)), mask, CONFIG)
+    np.testing.assert_array_equal(labels > 0, mask)
+    found = {
+        frozenset(map(tuple, np.argwhere(labels == label).tolist()))
+        for label in np.unique(labels[labels > 0])
+    }
+    assert found == flooded(z, mask)
+
+
+def test_pieces_are_numbered_as_they_are_met():
+    rng = np.random.default_rng(0)
+    z = np.where(rng.random(SHAPE) < 0.5, 0.5, 0.8)
+    labels = connected(cloud(z), np.ones(SHAPE, bool), CONFIG)
+    _, first = np.unique(labels, return_index=True)
+    assert labels.min() == 1
+    assert (np.diff(first) > 0).all()
+
+
+def test_a_surface_is_followed_across_missing_pixels_but_not_across_others():
+    z = np.full((1, 9), 0.5)
+    mask = np.array([[1, 1, 0, 0, 0, 1, 0, 0, 1]], bool)
+    open_gap = np.where(mask, z, np.nan)
+    assert connected(cloud(open_gap), mask, CONFIG).max() == 1
+    measured = z.copy()
+    measured[0, 3] = 0.8  # something else lies between
+    measured[0, [2, 4, 6, 7]] = np.nan
+    assert connected(cloud(measured), mask, CONFIG).max() == 2
+
+
+def test_nothing_gives_no_pieces():
+    z = np.full(SHAPE, np.nan)
+    assert not connected(cloud(z), np.zeros(SHAPE, bool), CONFIG).any()
+
+
+def folds_pair_by_pair(xyz, mask):
+    """Return `inward_fold` of the radius 2 that `CAMERA` gives, a pixel at a time."""
+    normals = smooth_normals(xyz, mask, 2)
+    folds = np.zeros(mask.shape)
+    for row, column in np.argwhere(mask):
+        for down, right in ((0, 3), (3, 0), (3, 3), (3, -3)):
+            here, there = (row - down, column - right), (row + down, column + right)
+            if not all(0 <= r < mask.shape[0] and 0 <= c < mask.shape[1] for r, c in (here, there)):
+                continue
+            line = xyz[there] - xyz[here]
+            longest = CONFIG.crease_reach / CAMERA.fx * xyz[row, column, 2] * np.hypot(down, right)
+            fold = (normals[there] - normals[here]) @ line / np.linalg.norm(line)
+            if np.linalg.norm(line) < longest and fold < folds[row, column]:
+                folds[row, column] = fold
+    return folds
+
+
+def test_surfaces_fold_inward_as_their_pairs_of_normals_say():
+    depth, index = render([Box((0.18, 0.14, 0.05)), Box((0.06, 0.06, 0.1), (0, 0, 0.05), 0.4)])
+    rng = np.random.default_rng(0)
+    xyz = CAMERA.backproject(np.where(rng.random(depth.shape) < 0.02, 0.0, depth))
+    mask = (index >= 0) & (rng.random(depth.shape) < 0.98)
+    window = tuple(slice(each.min(), each.max() + 1) for each in np.nonzero(mask))
+    xyz, mask = xyz[window], mask[window]
+    found = inward_fold(xyz, mask, CAMERA.fx, CONFIG)
+    known = mask & np.isfinite(xyz[..., 2])
+    np.testing.assert_allclose(found[known], folds_pair_by_pair(xyz, known)[known], atol=1e-5)
+    assert not found[~mask].any()
+    assert found.min() < -CONFIG.crease_fold  # the upper box stands on the lower one
+
+
+def test_pieces_longer_than_an_object_are_too_large():
+    depth, _ = render([], looking_at_table())
+    xyz = CAMERA.backproject(depth)
+    labels = np.zeros(depth.shape, np.int32)
+    labels[60:200, 40:280] = 7  # labels have gaps
+    labels[:40, 100:130] = 2
+    labels[220:, 100:220] = 4
+    labels[~(depth > 0)] = 0
+    expected = [
+        label
+        for label in (2, 4, 7)
+        if np.count_nonzero(labels == label) >= CONFIG.min_pixels
+        and extent(xyz[labels == label]) > CONFIG.max_extent
+    ]
+    assert list(np.flatnonzero(_too_large(xyz, labels, CONFIG))) == expected
+    assert 7 in expected

@@ -1,0 +1,115 @@
+"""Say which objects of a report any hand could hold: `python tools/possible_grasps.py REPORT ROOT`.
+
+REPORT is what `symgrasp evaluate` wrote for grasps on ROOT. Antipodal pairs are drawn on the true
+meshes, each is tried at evenly spaced angles among the true objects and above the table, with the
+verdict of `evaluate`. That no hand was found is strong evidence and no proof: pairs are a sample.
+Prints each object that was not held, and per split how many could have been.
+"""
+
+import sys
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.configs import EvaluateConfig
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.evaluation.records import FrameRecord, read_records, records_folder
+from pipelines.evaluation.trial_records import OURS
+from pipelines.evaluation.truth import TruthReader
+from pipelines.geometry.meshes.mesh import Mesh, sample_surface
+from pipelines.geometry.rendering import first_hits
+from pipelines.grasp_files.gripper_files import load_gripper
+from pipelines.grasping.feasibility.collision import turned
+from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.gripper import Gripper
+from pipelines.metrics.grasp_verdicts import TrueScene, qualities
+from pipelines.storage.provenance import read_stamp
+
+POINTS = 12_000  # of a surface, each with what lies opposite
+PAIRS = 600
+ANGLES = 24
+AT_ONCE = 50  # pairs between looks at whether a hand that holds perfectly was found
+MIN_COSINE = 0.7  # of the far normal with the contact line: holds at friction 1, the largest asked
+INSIDE = 1e-5  # metres below the surface at which a ray starts
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class Tally:
+    """What is counted of one split, an entry a visible object."""
+
+    held: list[bool] = field(default_factory=list)
+    best: list[float] = field(default_factory=list)  # quality, 0 to 1, of the best hand found
+
+
+def antipodal_pairs(mesh: Mesh, gripper: Gripper, rng: np.random.Generator) -> Array:
+    """Return (n, 2, 3) up to `PAIRS` opposite points of `mesh`, as far apart as the hand opens."""
+    points, normals, _ = sample_surface(mesh, POINTS, rng)
+    distance, triangle = first_hits(mesh, points - INSIDE * normals, -normals)
+    met = np.isfinite(distance)
+    width = np.where(met, distance, 0.0) + INSIDE
+    cosine = np.einsum("ni,ni->n", mesh.face_normals[triangle], -normals)
+    fits = met & (cosine > MIN_COSINE) & (width > 10 * INSIDE) & (width <= gripper.max_width)
+    kept = rng.permutation(np.flatnonzero(fits))[:PAIRS]
+    far = points[kept] - width[kept, None] * normals[kept]
+    return np.stack([points[kept], far], 1)
+
+
+def best_quality(scene: TrueScene, object_id: int, gripper: Gripper) -> float:
+    """Return the quality of the best hand found at an object, 0 if none holds it; camera frame."""
+    rng = np.random.default_rng(object_id)
+    pairs = antipodal_pairs(scene.objects[object_id].mesh, gripper, rng)
+    best = 0.0
+    for start in range(0, len(pairs), AT_ONCE):
+        some = pairs[start : start + AT_ONCE]
+        upright = Grasps.from_contacts(some, np.broadcast_to([0.0, 0.0, 1.0], (len(some), 3)))
+        pair, angle = np.divmod(np.arange(len(some) * ANGLES), ANGLES)
+        hands = turned(upright, pair, angle * (2 * np.pi / ANGLES))
+        found = qualities(scene, object_id, hands.transformed(scene.poses[object_id]), gripper)
+        best = max(best, float(found.max()))
+        if best >= 1.0:
+            break
+    return best
+
+
+def frames_of(report: Path) -> Iterator[FrameRecord]:
+    """Yield the frames that `report` judged."""
+    files = sorted(records_folder(report).glob("*.json"))
+    if not files:
+        raise SystemExit(f"{records_folder(report)}: no records; run `symgrasp evaluate` first")
+    for path in files:
+        yield from read_records(path)
+
+
+def main(report: Path, root: GraspNetRoot) -> None:
+    """Print what could have been held."""
+    gripper = load_gripper(read_stamp(report)["config"]["gripper"])
+    truths = TruthReader(root, EvaluateConfig())
+    tallies: dict[str, Tally] = defaultdict(Tally)
+    for frame in frames_of(report):
+        scene = truths.read(root.frame(frame.name)).scene
+        for verdict in frame.rows[OURS].verdicts:
+            best = best_quality(scene, verdict.object_id, gripper)
+            held = verdict.reason == "held"
+            tallies[frame.split].held.append(held)
+            tallies[frame.split].best.append(max(best, verdict.quality))
+            if not held:
+                what = f"{frame.name} object {verdict.object_id:03d}: {verdict.reason}"
+                sys.stdout.write(f"{what}, the best hand found {best:.2f}\n")
+    for split, tally in tallies.items():
+        held, best = np.array(tally.held), np.array(tally.best)
+        sys.stdout.write(
+            f"{split}: {len(held)} objects, {held.sum()} held, {(~held & (best > 0)).sum()} more "
+            f"could be, {(best == 0).sum()} by no hand found; best quality {best.mean():.3f}\n"
+        )
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 3:
+        raise SystemExit(__doc__)
+    main(Path(sys.argv[1]), GraspNetRoot(Path(sys.argv[2])))

@@ -1,0 +1,122 @@
+"""Train the judge of hands, `pipelines/weights/hand_judge.safetensors` (D. 82, D. 86).
+
+    python tools/train_grasp_critic.py collect ROOT HANDS.npz [STRIDE [START]]
+    python tools/train_grasp_critic.py fit JUDGE.safetensors HELD.npz HANDS.npz ...
+
+`collect` runs `infer`'s own stages with the default weights on every STRIDE-th frame of ROOT, from
+START on, and writes how some of the feasible hands at each region look, and their verdict among the
+true meshes, opened as they would be if they were chosen (D. 92). `fit` trains the judge on what was
+collected of the training's objects, and makes qualities of what it says by HELD, collected of
+objects that no network was trained on (tools/calibrate_trust.py says how such a ROOT is made).
+"""
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import critic_training
+import numpy as np
+from calibrate_trust import EVALUATE, INFER, SeenRegion, seen_regions
+from critic_training import Rows
+
+from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot
+from pipelines.evaluation.truth import TruthReader
+from pipelines.grasp_files.gripper_files import load_gripper
+from pipelines.grasping.candidates.completion import completions
+from pipelines.grasping.candidates.grounding import ground_symmetries
+from pipelines.grasping.feasibility.opening_margin import with_spare_room
+from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.ranking import critic_files
+from pipelines.grasping.ranking.grasp_features import HandViews
+from pipelines.grasping.region_grasping import plan_region
+from pipelines.grasping.selection import surroundings
+from pipelines.inference import models
+from pipelines.metrics.grasp_verdicts import qualities
+
+GRIPPER = load_gripper(INFER.gripper)
+ANY = 64  # hands of a region that are judged, of each round of the selection
+# The point's and its normal's third coordinate: a hand is its own mirror image.
+TRAINING = critic_training.Training(
+    mirrored=(2, 6), points_a_step=48, jitter=0.01, rate=3e-3, epochs=8, choice=1.0
+)
+
+
+@dataclass
+class Recorder:
+    """A judge that expects anything, and remembers what it was asked."""
+
+    rng: np.random.Generator
+    asked: list[HandViews] = field(default_factory=list)
+
+    def expect(self, views: HandViews) -> np.ndarray:
+        """Return (k,) random numbers below what would keep planar hands away."""
+        self.asked.append(views)
+        return 0.5 * self.rng.random(len(views.found))
+
+
+def feasible_hands(
+    regions: list[SeenRegion], rng: np.random.Generator
+) -> Iterator[tuple[SeenRegion, HandViews, Grasps]]:
+    """Yield the feasible hands of each region and round, as the judge sees them, and as used."""
+    selection, planes = INFER.selection, models.plane_judge(models.PLANE_WEIGHTS)
+    slots = [ground_symmetries(r.slots, r.cloud, r.scene, selection, planes) for r in regions]
+    clouds, scene = [region.cloud for region in regions], regions[0].scene
+    unseen = completions(clouds, scene, slots, selection)
+    for region, symmetries, completion in zip(regions, slots, unseen, strict=True):
+        recorder, seen = Recorder(rng), (region.cloud, scene, symmetries, region.affordance)
+        plan_region(*seen, GRIPPER, selection, recorder, completion)
+        around = surroundings(region.cloud, scene, GRIPPER, selection)
+        around = around.with_unseen(completion.others).with_unseen(completion.own)
+        for views in recorder.asked:
+            opened = with_spare_room(views.found, scene, GRIPPER, selection, around)
+            yield region, views, opened.grasps
+
+
+def judged(views: HandViews, chosen: np.ndarray, quality: np.ndarray) -> Rows:
+    """Return how the hands `chosen` (k,) look, and `quality` (k,), theirs among the true meshes."""
+    evidence = views.hand_rows()[chosen]
+    return {
+        "points": views.point_rows()[chosen],
+        "wholes": evidence[:, :0],
+        "evidence": evidence,
+        "truth": quality.astype(np.float32),
+    }
+
+
+def collected(root: Path, stride: int = 1, start: int = 0) -> Iterator[Rows]:
+    """Yield, for each round of each region on an object, how some hands look and turn out."""
+    rng = np.random.default_rng(start)
+    reader = TruthReader(GraspNetRoot(root), EVALUATE)
+    frames = [files for scene in reader.root.scenes() for files in scene.frames()]
+    for files in frames[start::stride]:
+        yield from of_frame(reader, files, rng)
+
+
+def of_frame(reader: TruthReader, files: FrameFiles, rng: np.random.Generator) -> Iterator[Rows]:
+    """Yield the same of one frame."""
+    truth, regions = reader.read(files).scene, list(seen_regions(reader, files))
+    if not regions:
+        return
+    for region, views, hands in feasible_hands(regions, rng):
+        if region.object_id >= 0:
+            chosen = np.sort(rng.permutation(len(views.found))[:ANY])
+            yield judged(views, chosen, qualities(truth, region.object_id, hands[chosen], GRIPPER))
+
+
+def main() -> None:
+    """Collect or fit, as the command line says."""
+    command, *arguments = sys.argv[1:]
+    if command == "collect":
+        root, output, *which = arguments
+        rows = collected(Path(root), *(int(number) for number in which))
+        with models.one_thread_each():
+            count = critic_training.write(Path(output), rows)
+        sys.stdout.write(f"{count} hands\n")
+    else:
+        output, held, *hands = (Path(argument) for argument in arguments)
+        critic_training.fit(output, critic_files.HANDS, held, hands, TRAINING)
+
+
+if __name__ == "__main__":
+    main()

@@ -62,7 +62,7 @@ def infer(
         bool, typer.Option(help="Fit predicted symmetries to the surface that is seen.")
     ] = SelectionConfig.ground_symmetries,
     rank_by: Annotated[
-        str, typer.Option(help="judge, the quality to expect of each grasp, or eq8, as the paper.")
+        str, typer.Option(help="critic, the quality to expect of each grasp, or eq8, as the paper.")
     ] = SelectionConfig.rank_by,
     top: Annotated[
         int, typer.Option(min=1, help="Grasps a region at most, each different from the others.")

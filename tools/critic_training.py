@@ -1,4 +1,4 @@
-"""How a `PointJudge` is trained on rows that were collected: what planes and hands share.
+"""How a `PointCritic` is trained on rows that were collected: what planes and hands share.
 
 Rows are arrays of as many rows as candidates: `points` (k, n, p), `wholes` (k, w), `evidence`
 (k, e), `truth` (k,) 0 to 1, below 0 where it is not known, and in files `group` (k,): candidates
@@ -16,7 +16,7 @@ from calibrate_trust import logistic
 from torch import Tensor, nn
 from torch.nn import functional
 
-from pipelines.grasping.ranking.point_critic import PointJudge
+from pipelines.grasping.ranking.point_critic import PointCritic
 from pipelines.storage.checkpoints import save_weights
 from pipelines.storage.files import atomic_path
 
@@ -29,7 +29,7 @@ Rows = dict[str, np.ndarray]
 
 @dataclass(frozen=True)
 class Training:
-    """How a judge of one kind is trained.
+    """How a critic of one kind is trained.
 
     Attributes:
         mirrored: columns of points whose sign means nothing, all at once.
@@ -58,8 +58,8 @@ class Training:
         return chosen
 
 
-class TrainedJudge(nn.Module):
-    """`PointJudge` with gradients: `features` of a point, `shared` by all of a candidate's."""
+class TrainedCritic(nn.Module):
+    """`PointCritic` with gradients: `features` of a point, `shared` by all of a candidate's."""
 
     def __init__(self, features: int, shared: int, mean: Tensor, spread: Tensor) -> None:
         super().__init__()
@@ -145,36 +145,36 @@ def choice_loss(logits: Tensor, truth: Tensor, group: Tensor) -> Tensor:
     return (by_group(truth, "amax") - expected).mean()
 
 
-def trained(rows: Rows, training: Training, seed: int) -> TrainedJudge:
+def trained(rows: Rows, training: Training, seed: int) -> TrainedCritic:
     """Return the network after all passes over `rows`."""
     torch.manual_seed(seed)
     rng = np.random.default_rng(seed)
     evidence = torch.from_numpy(rows["evidence"])
     features, shared = rows["points"].shape[-1], rows["wholes"].shape[-1]
     spread = evidence.std(0).clamp(min=LEAST_SPREAD)
-    judge = TrainedJudge(features, shared, evidence.mean(0), spread)
-    optimizer = torch.optim.AdamW(judge.parameters(), training.rate, weight_decay=DECAY)
+    critic = TrainedCritic(features, shared, evidence.mean(0), spread)
+    optimizer = torch.optim.AdamW(critic.parameters(), training.rate, weight_decay=DECAY)
     passes = [batches(rows["group"], training.choice > 0, rng) for _ in range(training.epochs)]
     rate = torch.optim.lr_scheduler.OneCycleLR(optimizer, training.rate, sum(map(len, passes)))
     for epoch, steps in enumerate(passes):
         losses = []
         for chosen in steps:
-            loss = step_loss(judge, rows, chosen, training)
+            loss = step_loss(critic, rows, chosen, training)
             optimizer.zero_grad()
             loss.backward()
             optimizer.step()
             rate.step()
             losses.append(float(loss.detach()))
         sys.stdout.write(f"epoch {epoch + 1}: loss {np.mean(losses):.4f}\n")
-    return judge.eval()
+    return critic.eval()
 
 
-def step_loss(judge: TrainedJudge, rows: Rows, chosen: np.ndarray, training: Training) -> Tensor:
+def step_loss(critic: TrainedCritic, rows: Rows, chosen: np.ndarray, training: Training) -> Tensor:
     """Return the loss of the rows `chosen`."""
     points = torch.from_numpy(rows["points"][chosen].astype(np.float32))
     wholes, evidence = (torch.from_numpy(rows[name][chosen]) for name in ("wholes", "evidence"))
     truth = torch.from_numpy(rows["truth"][chosen]).float()
-    logits = judge(training.varied(points), wholes, evidence)
+    logits = critic(training.varied(points), wholes, evidence)
     loss = functional.binary_cross_entropy_with_logits(logits, truth)
     if training.choice > 0:
         group = torch.from_numpy(rows["group"][chosen])
@@ -184,9 +184,9 @@ def step_loss(judge: TrainedJudge, rows: Rows, chosen: np.ndarray, training: Tra
 
 def fit(output: Path, model: str, held: Path, evidence: list[Path], training: Training) -> None:
     """Train on `evidence`, make log odds of what comes out by `held`, write all of it."""
-    judge, other = trained(read(evidence), training, 0), read([held])
-    arrays = {name: tensor.numpy() for name, tensor in judge.state_dict().items()}
-    plain = PointJudge.of(arrays | {"calibration": np.float32([0.0, 1.0])})
+    critic, other = trained(read(evidence), training, 0), read([held])
+    arrays = {name: tensor.numpy() for name, tensor in critic.state_dict().items()}
+    plain = PointCritic.of(arrays | {"calibration": np.float32([0.0, 1.0])})
     logits = plain.logits(other["points"].astype(np.float32), other["wholes"], other["evidence"])
     truth = other["truth"].astype(np.float64)
     weights = logistic(np.stack([np.ones(len(logits)), logits], 1), truth)

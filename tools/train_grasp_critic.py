@@ -1,12 +1,12 @@
-"""Train the judge of hands, `pipelines/weights/hand_judge.safetensors` (D. 82, D. 86).
+"""Train the grasp critic, `pipelines/weights/grasp_critic.safetensors` (D. 82, D. 86).
 
     python tools/train_grasp_critic.py collect ROOT HANDS.npz [STRIDE [START]]
-    python tools/train_grasp_critic.py fit JUDGE.safetensors HELD.npz HANDS.npz ...
+    python tools/train_grasp_critic.py fit CRITIC.safetensors HELD.npz HANDS.npz ...
 
 `collect` runs `infer`'s own stages with the default weights on every STRIDE-th frame of ROOT, from
 START on, and writes how some of the feasible hands at each region look, and their verdict among the
-true meshes, opened as they would be if they were chosen (D. 92). `fit` trains the judge on what was
-collected of the training's objects, and makes qualities of what it says by HELD, collected of
+true meshes, opened as they would be if they were chosen (D. 92). `fit` trains the critic on what
+was collected of the training's objects, and makes qualities of what it says by HELD, collected of
 objects that no network was trained on (tools/calibrate_trust.py says how such a ROOT is made).
 """
 
@@ -25,10 +25,10 @@ from pipelines.evaluation.truth import TruthReader
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.candidates.completion import completions
 from pipelines.grasping.candidates.grounding import ground_symmetries
-from pipelines.grasping.feasibility.opening_margin import with_spare_room
+from pipelines.grasping.feasibility.opening_margin import with_opening_margin
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.ranking import critic_files
-from pipelines.grasping.ranking.grasp_features import HandViews
+from pipelines.grasping.ranking.grasp_features import GraspFeatures
 from pipelines.grasping.region_grasping import plan_region
 from pipelines.grasping.selection import surroundings
 from pipelines.inference import models
@@ -44,12 +44,12 @@ TRAINING = critic_training.Training(
 
 @dataclass
 class Recorder:
-    """A judge that expects anything, and remembers what it was asked."""
+    """A critic that expects anything, and remembers what it was asked."""
 
     rng: np.random.Generator
-    asked: list[HandViews] = field(default_factory=list)
+    asked: list[GraspFeatures] = field(default_factory=list)
 
-    def expect(self, views: HandViews) -> np.ndarray:
+    def expect(self, views: GraspFeatures) -> np.ndarray:
         """Return (k,) random numbers below what would keep planar hands away."""
         self.asked.append(views)
         return 0.5 * self.rng.random(len(views.found))
@@ -57,9 +57,9 @@ class Recorder:
 
 def feasible_hands(
     regions: list[SeenRegion], rng: np.random.Generator
-) -> Iterator[tuple[SeenRegion, HandViews, Grasps]]:
-    """Yield the feasible hands of each region and round, as the judge sees them, and as used."""
-    selection, planes = INFER.selection, models.plane_judge(models.PLANE_WEIGHTS)
+) -> Iterator[tuple[SeenRegion, GraspFeatures, Grasps]]:
+    """Yield the feasible hands of each region and round, as the critic sees them, and as used."""
+    selection, planes = INFER.selection, models.plane_critic(models.PLANE_CRITIC_WEIGHTS)
     slots = [ground_symmetries(r.slots, r.cloud, r.scene, selection, planes) for r in regions]
     clouds, scene = [region.cloud for region in regions], regions[0].scene
     unseen = completions(clouds, scene, slots, selection)
@@ -69,13 +69,13 @@ def feasible_hands(
         around = surroundings(region.cloud, scene, GRIPPER, selection)
         around = around.with_unseen(completion.others).with_unseen(completion.own)
         for views in recorder.asked:
-            opened = with_spare_room(views.found, scene, GRIPPER, selection, around)
+            opened = with_opening_margin(views.found, scene, GRIPPER, selection, around)
             yield region, views, opened.grasps
 
 
-def judged(views: HandViews, chosen: np.ndarray, quality: np.ndarray) -> Rows:
+def judged(views: GraspFeatures, chosen: np.ndarray, quality: np.ndarray) -> Rows:
     """Return how the hands `chosen` (k,) look, and `quality` (k,), theirs among the true meshes."""
-    evidence = views.hand_rows()[chosen]
+    evidence = views.grasp_rows()[chosen]
     return {
         "points": views.point_rows()[chosen],
         "wholes": evidence[:, :0],
@@ -115,7 +115,7 @@ def main() -> None:
         sys.stdout.write(f"{count} hands\n")
     else:
         output, held, *hands = (Path(argument) for argument in arguments)
-        critic_training.fit(output, critic_files.HANDS, held, hands, TRAINING)
+        critic_training.fit(output, critic_files.GRASPS, held, hands, TRAINING)
 
 
 if __name__ == "__main__":

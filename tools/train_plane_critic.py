@@ -1,10 +1,10 @@
-"""Train the judge of mirror planes, `pipelines/weights/plane_judge.safetensors` (D. 80).
+"""Train the plane critic, `pipelines/weights/plane_critic.safetensors` (D. 80).
 
     python tools/train_plane_critic.py collect ROOT EVIDENCE.npz [STRIDE]
-    python tools/train_plane_critic.py fit JUDGE.safetensors CALIBRATION.npz EVIDENCE.npz ...
+    python tools/train_plane_critic.py fit CRITIC.safetensors CALIBRATION.npz EVIDENCE.npz ...
 
 `collect` runs the default detector and network on every STRIDE-th frame of ROOT, and writes what
-each candidate plane makes of the region, and whether it is true. `fit` trains the judge on what
+each candidate plane makes of the region, and whether it is true. `fit` trains the critic on what
 was collected of the training's objects, and makes log odds of what it says by CALIBRATION,
 collected of objects that no network was trained on (tools/calibrate_trust.py says how such a
 ROOT is made).

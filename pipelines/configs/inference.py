@@ -34,10 +34,10 @@ class SelectionConfig:
     min_affordance: float = 0.5  # Sec. III-E
     weak_affordance: float = 0.1  # D. 27: below it no point of a region is worth a finger
     min_existence: float = 0.5  # D. 4
-    min_trust: float = 0.2  # D. 66: of a symmetry that is fitted to what is seen
-    doubted_trust: float = 0.03  # D. 88: the same, where little is expected of everything else
-    min_completion: float = 0.5  # D. 32: trust in a symmetry that may complete the unseen side
-    min_completion_beside: float = 0.3  # D. 85: the same of neighbours, for hands to keep off
+    min_confidence: float = 0.2  # D. 66: of a symmetry that is fitted to what is seen
+    min_doubtful_confidence: float = 0.03  # D. 88: where all else is poor
+    min_completion_confidence: float = 0.5  # D. 32: to complete the unseen side
+    min_neighbour_confidence: float = 0.3  # D. 85: of neighbours, to keep off
     ground_symmetries: bool = True  # D. 31: fit predictions to what is seen; the paper does not
     max_pairs: int = 256  # contact pairs a region that are tried
     pair_spacing: float = 0.006  # metres between the first contacts of pairs that are tried
@@ -62,23 +62,28 @@ class SelectionConfig:
     nms_angle: float = 0.5235987755982988  # radians, 30 degrees, likewise, D. 78
     body_margin: float = 0.001  # metres that the gripper's bodies are blown up by
     max_points_inside: int = 2  # measured points, as noise, that a body may hold
-    spare_room: tuple[float, ...] = (0.008, 0.006, 0.004, 0.002)  # metres, the most first, D. 92
-    spare_share: float = 0.25  # of the contacts' distance, that spare room is at most, D. 102
-    rank_by: str = "judge"  # D. 82: the quality to expect; or eq8, as the paper
-    steadiness: float = 0.85  # of the best candidate's, that a candidate needs for Eq. 8
+    opening_margins: tuple[float, ...] = (
+        0.008,
+        0.006,
+        0.004,
+        0.002,
+    )  # metres, the most first, D. 92
+    opening_margin_share: float = 0.25  # of the width, at most, D. 102
+    rank_by: str = "critic"  # D. 82: the quality to expect; or eq8, as the paper
+    min_stability: float = 0.85  # of the best candidate's, that a candidate needs for Eq. 8
     max_ranked: int = 96  # hands of a region and kind that are ranked, the steadiest
-    judged_steadiness: float = 0.6  # the same, to be judged
+    critic_min_stability: float = 0.6  # the same, to be judged
     planar_below: float = 0.6  # best expectation of symmetric grasps that others may beat
 
     @property
-    def judges_hands(self) -> bool:
+    def uses_grasp_critic(self) -> bool:
         """Whether grasps are ranked by the quality to expect, not by Eq. 8."""
-        return self.rank_by == "judge"
+        return self.rank_by == "critic"
 
     @property
-    def least_trust(self) -> float:
+    def least_confidence(self) -> float:
         """Existence above which grasps rest on a symmetry: fitted ones may be tried early."""
-        return self.min_trust if self.ground_symmetries else self.min_existence
+        return self.min_confidence if self.ground_symmetries else self.min_existence
 
 
 @dataclass(frozen=True)

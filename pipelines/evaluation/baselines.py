@@ -23,7 +23,7 @@ from pipelines.grasping.candidates.completion import completions
 from pipelines.grasping.grasp_candidates import RankedGrasps
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.observation import RegionCloud, SceneCloud
-from pipelines.grasping.ranking.ranking import Judge
+from pipelines.grasping.ranking.ranking import Critic
 from pipelines.grasping.region_grasping import plan_planar, plan_random, plan_region
 from pipelines.inference import models
 from pipelines.tabletop.regions_geometric import geometric_regions
@@ -38,18 +38,18 @@ NUM_POINTS = 1500  # of a region that carry affordance, as the network has
 class Planner:
     """The baselines with what they have in common: the hand and the settings of `infer`.
 
-    The oracle's hands are ranked by `judge`, as `infer` ranks its own; by Eq. 8 without one.
+    The oracle's hands are ranked by `critic`, as `infer` ranks its own; by Eq. 8 without one.
     """
 
     reader: TruthReader
     gripper: Gripper
     config: InferConfig
-    judge: Judge | None = None
+    critic: Critic | None = None
 
     @classmethod
     def of(cls, reader: TruthReader, gripper: Gripper) -> "Planner":
         """Return the baselines of `infer` as it is by default."""
-        return cls(reader, gripper, InferConfig(), models.hand_judge(models.HAND_WEIGHTS))
+        return cls(reader, gripper, InferConfig(), models.grasp_critic(models.GRASP_CRITIC_WEIGHTS))
 
     def rows(
         self,
@@ -99,7 +99,7 @@ class Planner:
             affordance = self._true_affordance(region.points, owner, truth)
             plans.append(
                 plan_region(
-                    region, scene, known, affordance, self.gripper, selection, self.judge, unseen
+                    region, scene, known, affordance, self.gripper, selection, self.critic, unseen
                 )
             )
         return plans

@@ -29,7 +29,9 @@ def truth_digests(
     }
     ids = {i for scene in scenes for i in annotated_ids(scene.camera_folder / "annotations")}
     if baselines:
-        found["hands"] = digest(models.existing_weights(models.HAND_WEIGHTS, models.HANDS_BY))
+        found["hands"] = digest(
+            models.existing_weights(models.GRASP_CRITIC_WEIGHTS, models.GRASP_CRITIC_BY)
+        )
     return found | {
         "meshes": digest_of_files(root.model_path(object_id) for object_id in sorted(ids)),
         "scenes": digest_text("".join(_digest_of_scene(scene) for scene in scenes)),

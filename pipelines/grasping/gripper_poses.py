@@ -19,7 +19,7 @@ CLOSING_ALONG_X = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 CLOSING_ALONG_Y = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
 
 
-def hand_poses(grasps: Grasps, base_to_contacts: float, axes: Array) -> Array:
+def gripper_poses(grasps: Grasps, base_to_contacts: float, axes: Array) -> Array:
     """Return (n, 4, 4) poses: base of the hand to the frame of `grasps`.
 
     Args:

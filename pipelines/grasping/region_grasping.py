@@ -15,8 +15,8 @@ from pipelines.grasping.grasp_candidates import Candidates, RankedGrasps
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.observation import RegionCloud, SceneCloud, Surroundings
 from pipelines.grasping.ranking.known_region import KnownRegion
-from pipelines.grasping.ranking.ranking import Judge, Ranking, by_eq8, by_judge
-from pipelines.grasping.ranking.suppression import different
+from pipelines.grasping.ranking.ranking import Critic, Ranking, by_critic, by_eq8
+from pipelines.grasping.ranking.suppression import non_maximum_suppression
 from pipelines.grasping.selection import select, surroundings
 
 Array = NDArray[np.float64]
@@ -33,12 +33,12 @@ def plan_region(
     affordance: Array,
     gripper: Gripper,
     config: SelectionConfig,
-    judge: Judge | None = None,
+    critic: Critic | None = None,
     completion: Completion | None = None,
 ) -> RankedGrasps:
     """Return symmetric grasps of `region`, or planar ones where none is feasible (Sec. III-F).
 
-    With a judge, planar ones join where it expects little of the symmetric ones (D. 82), and then
+    With a critic, planar ones join where it expects little of the symmetric ones (D. 82), and then
     those across symmetries that are doubted (D. 88). Where what lies unseen behind other regions
     leaves no grasp, it is not minded (D. 85).
 
@@ -49,7 +49,7 @@ def plan_region(
         affordance: (n,) of the region's points.
         gripper: the hand.
         config: thresholds.
-        judge: of hands; None to rank by Eq. 8.
+        critic: of hands; None to rank by Eq. 8.
         completion: what symmetries put where nothing is seen; None for the region's own alone.
     """
     if len(region) < MIN_POINTS:
@@ -57,8 +57,8 @@ def plan_region(
     if completion is None:
         completion = completions([region], scene, [slots], config)[0]
     around = surroundings(region, scene, gripper, config)
-    ranking = _ranking(region, scene, slots, completion.own, around, config, judge)
-    search = _Search(region, scene, slots, affordance, gripper, config, ranking, judge is not None)
+    ranking = _ranking(region, scene, slots, completion.own, around, config, critic)
+    search = _Search(region, scene, slots, affordance, gripper, config, ranking, critic is not None)
     pairs = search.across(slots, config)
     found = search.best(pairs, around.with_unseen(completion.others), completion.own)
     if len(found) or not len(completion.others):
@@ -77,7 +77,7 @@ class _Search:
     gripper: Gripper
     config: SelectionConfig
     ranking: Ranking
-    is_judged: bool
+    has_critic: bool
 
     def best(self, pairs: Candidates, around: Surroundings, own: Array) -> RankedGrasps:
         """Return grasps of symmetric `pairs`, and of others where these do not serve.
@@ -91,7 +91,7 @@ class _Search:
             return found
         flat = planar_candidates(self.region, self.scene, self.gripper, self.config)
         found = joined(found, self._feasible(flat, PLANAR_TURNS, around), self.config)
-        if self._serve(found) or not self.is_judged:
+        if self._serve(found) or not self.has_critic:
             return found
         others = self.across(*_doubted(self.slots, self.config))
         return joined(found, self._feasible(others, turns, whole), self.config)
@@ -105,7 +105,7 @@ class _Search:
     def _serve(self, found: RankedGrasps) -> bool:
         if not len(found):
             return False
-        return not self.is_judged or bool(found.rank_score[0] >= self.config.planar_below)
+        return not self.has_critic or bool(found.rank_score[0] >= self.config.planar_below)
 
     def _feasible(self, pairs: Candidates, turns: Array, around: Surroundings) -> RankedGrasps:
         return select(
@@ -130,13 +130,13 @@ def _ranking(
     completed: Array,
     around: Surroundings,
     config: SelectionConfig,
-    judge: Judge | None,
+    critic: Critic | None,
 ) -> Ranking:
-    """Return what ranks hands: the judge, who knows this, or Eq. 8."""
-    if judge is None:
+    """Return what ranks hands: the critic, who knows this, or Eq. 8."""
+    if critic is None:
         return by_eq8(config)
     known = KnownRegion(region, scene, slots, completed, around.others.points)
-    return by_judge(judge, known, config)
+    return by_critic(critic, known, config)
 
 
 def _symmetric_candidates(
@@ -156,8 +156,10 @@ def _doubted(
     slots: SymmetrySlots, config: SelectionConfig
 ) -> tuple[SymmetrySlots, SelectionConfig]:
     """Return the symmetries that are trusted too little to be asked first, and what admits them."""
-    existence = np.where(slots.existence < config.min_trust, slots.existence, 0.0)
-    return replace(slots, existence=existence), replace(config, min_trust=config.doubted_trust)
+    existence = np.where(slots.existence < config.min_confidence, slots.existence, 0.0)
+    return replace(slots, existence=existence), replace(
+        config, min_confidence=config.min_doubtful_confidence
+    )
 
 
 def joined(first: RankedGrasps, second: RankedGrasps, config: SelectionConfig) -> RankedGrasps:
@@ -166,7 +168,7 @@ def joined(first: RankedGrasps, second: RankedGrasps, config: SelectionConfig) -
         return first if len(first) else second
     both = RankedGrasps.concatenate([first, second])
     both = both[np.argsort(-both.rank_score, kind="stable")]
-    kept = different(
+    kept = non_maximum_suppression(
         both.grasps, config.nms_distance, config.nms_angle, lambda some: np.ones(len(some), bool)
     )
     return both[kept]
@@ -177,17 +179,17 @@ def plan_planar(
     scene: SceneCloud,
     gripper: Gripper,
     config: SelectionConfig,
-    judge: Judge | None = None,
+    critic: Critic | None = None,
 ) -> RankedGrasps:
     """Return feasible grasps from the boundary of `region`, best first (D. 8).
 
-    `judge`: of hands; None to rank by Eq. 8.
+    `critic`: of hands; None to rank by Eq. 8.
     """
     if len(region) < MIN_POINTS:
         return RankedGrasps.empty()
     around = surroundings(region, scene, gripper, config)
     nothing = SymmetrySlots.empty(), np.zeros((0, 3))
-    ranking = _ranking(region, scene, *nothing, around, config, judge)
+    ranking = _ranking(region, scene, *nothing, around, config, critic)
     candidates = planar_candidates(region, scene, gripper, config)
     return select(candidates, PLANAR_TURNS, region, scene, gripper, config, around, ranking)
 

@@ -11,16 +11,16 @@ from pipelines.configs import SelectionConfig
 from pipelines.geometry.numerics.quantiles import quantiles
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import unit
-from pipelines.grasping.feasibility.approach_path import keeps_off_table, way_is_free
+from pipelines.grasping.feasibility.approach_path import approach_is_free, keeps_off_table
 from pipelines.grasping.feasibility.collision import clearance, first_free, turned
-from pipelines.grasping.feasibility.opening_margin import with_spare_room
-from pipelines.grasping.feasibility.visibility import seen_share
+from pipelines.grasping.feasibility.opening_margin import with_opening_margin
+from pipelines.grasping.feasibility.visibility import visible_fraction
 from pipelines.grasping.grasp_candidates import Candidates, RankedGrasps
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.observation import RegionCloud, SceneCloud, Surroundings
 from pipelines.grasping.ranking.ranking import Ranking
-from pipelines.grasping.ranking.suppression import different
+from pipelines.grasping.ranking.suppression import non_maximum_suppression
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -28,7 +28,7 @@ Indices = NDArray[np.int64]
 MAX_ROUNDS = 4  # of `max_pairs` pairs each, before a region counts as out of reach
 ROUNDING = 1e-6  # metres
 MOST = 0.9  # of the region lies within the radius that a grasp is off its middle by
-OFF_CENTRE = 0.5  # steadiness lost by a grasp at the region's rim
+OFF_CENTRE = 0.5  # stability lost by a grasp at the region's rim
 
 
 def select(
@@ -47,8 +47,8 @@ def select(
     as long as they are worth ranking. `around` is what the hand must not meet (`surroundings`).
     """
     base = Grasps.from_contacts(candidates.contacts, candidates.approach)
-    steadiness = candidates.quality * _centredness(base, region)
-    order = np.argsort(-steadiness, kind="stable")
+    prior = candidates.quality * _centredness(base, region)
+    order = np.argsort(-prior, kind="stable")
     hands, row = _reachable(base[order], np.asarray(angles, np.float64), scene, gripper, config)
     if around.border is not None:
         in_view = around.border.is_kept(hands, gripper)
@@ -59,22 +59,30 @@ def select(
         tried = slice(*np.searchsorted(number, (start, start + config.max_pairs)))
         if tried.start == tried.stop:
             break
-        steady = steadiness[pair[tried]]
-        share, most = ranking.steadiness, ranking.count
-        free, enclosed = first_free(hands[tried], gripper, around.met, config, steady, share, most)
+        stability = prior[pair[tried]]
+        share, most = ranking.min_stability, ranking.count
+        free, enclosed = first_free(
+            hands[tried], gripper, around.met, config, stability, share, most
+        )
         if len(free):
-            grasps, steady = hands[tried][free], steady[free]
+            grasps, stability = hands[tried][free], stability[free]
             b = clearance(grasps, gripper, around.others, config.clearance_cap)
             h = np.minimum(enclosed, config.enclosed_height_cap)
             found = _found(candidates, pair[tried][free], grasps, b, h)
-            sight = seen_share(grasps, gripper, scene)
-            ranked = _in_order(found, ranking.score(found, steady, sight), steady)
-            way_in = partial(
-                way_is_free, gripper=gripper, near=around.met, scene=scene.coarse, config=config
+            visible = visible_fraction(grasps, gripper, scene)
+            ranked = _in_order(found, ranking.score(found, stability, visible), stability)
+            can_approach = partial(
+                approach_is_free,
+                gripper=gripper,
+                near=around.met,
+                scene=scene.coarse,
+                config=config,
             )
-            kept = different(ranked.grasps, config.nms_distance, config.nms_angle, way_in)
+            kept = non_maximum_suppression(
+                ranked.grasps, config.nms_distance, config.nms_angle, can_approach
+            )
             if len(kept):
-                return with_spare_room(ranked[kept], scene, gripper, config, around)
+                return with_opening_margin(ranked[kept], scene, gripper, config, around)
     return RankedGrasps.empty()
 
 
@@ -141,7 +149,7 @@ def _found(
     return RankedGrasps(grasps, affordance, slot, source, clearances, height, np.zeros(len(pair)))
 
 
-def _in_order(found: RankedGrasps, score: Array, steady: Array) -> RankedGrasps:
+def _in_order(found: RankedGrasps, score: Array, stability: Array) -> RankedGrasps:
     """Return `found` by `score` (n,), best first; the steadier first where these agree."""
     ranked = replace(found, rank_score=score)
-    return ranked[np.lexsort((-steady, -np.round(score, 6)))]
+    return ranked[np.lexsort((-stability, -np.round(score, 6)))]

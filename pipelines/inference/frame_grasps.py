@@ -22,8 +22,8 @@ from pipelines.grasping.feasibility.limits import Limits
 from pipelines.grasping.grasp_candidates import RankedGrasps
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.observation import RegionCloud, SceneCloud
-from pipelines.grasping.ranking.point_critic import PointJudge
-from pipelines.grasping.ranking.ranking import Judge
+from pipelines.grasping.ranking.point_critic import PointCritic
+from pipelines.grasping.ranking.ranking import Critic
 from pipelines.grasping.region_grasping import MIN_POINTS, plan_planar, plan_random, plan_region
 from pipelines.inference.empty_frames import why_empty
 from pipelines.inference.pieces import pieces_of
@@ -74,27 +74,25 @@ class Planner:
     """Everything that turns regions into grasps; without networks where these are None.
 
     Raises:
-        SymgraspError: symmetries are to be fitted to what is seen, without a judge of planes; or
-            hands are to be judged without a judge of them.
+        SymgraspError: symmetries are to be fitted to what is seen, without a plane critic; or
+            hands are to be judged without a critic of them.
     """
 
     config: InferConfig
     gripper: Gripper
     detector: Detector | None = None
     predictor: Predictor | None = None
-    plane_judge: PointJudge | None = None
-    hand_judge: Judge | None = None
+    plane_critic: PointCritic | None = None
+    grasp_critic: Critic | None = None
 
     def __post_init__(self) -> None:
         selection = self.config.selection
         if self.predictor is None:
             return
-        if selection.ground_symmetries and self.plane_judge is None:
-            raise SymgraspError(
-                "fitted symmetries need a judge of planes, or ground_symmetries=False"
-            )
-        if selection.judges_hands and self.hand_judge is None:
-            raise SymgraspError('judged hands need a judge of them, or rank_by="eq8"')
+        if selection.ground_symmetries and self.plane_critic is None:
+            raise SymgraspError("fitted symmetries need a plane critic, or ground_symmetries=False")
+        if selection.uses_grasp_critic and self.grasp_critic is None:
+            raise SymgraspError('judged hands need a critic of them, or rank_by="eq8"')
 
     def plan(
         self,
@@ -137,10 +135,10 @@ class Planner:
         )
 
     @property
-    def _judge(self) -> Judge | None:
+    def _critic(self) -> Critic | None:
         """What ranks hands of symmetric regions; None for Eq. 8."""
-        judges = self.predictor is not None and self.config.selection.judges_hands
-        return self.hand_judge if judges else None
+        critics = self.predictor is not None and self.config.selection.uses_grasp_critic
+        return self.grasp_critic if critics else None
 
     def _plans(
         self, clouds: list[RegionCloud], scene: SceneCloud, rng: np.random.Generator
@@ -161,17 +159,17 @@ class Planner:
         for index, each, known, unseen in zip(large, seen, slots, completed, strict=True):
             affordance = each.affordance
             ranked = plan_region(
-                each.cloud, scene, known, affordance, self.gripper, selection, self._judge, unseen
+                each.cloud, scene, known, affordance, self.gripper, selection, self._critic, unseen
             )
             plans[index] = Plan(ranked, known, float(affordance.mean()), float(affordance.max()))
         return plans
 
     def _symmetries(self, seen: "_Seen", scene: SceneCloud) -> SymmetrySlots:
         """Return what the network tells of a region's symmetries, fitted to what is seen of it."""
-        if self.plane_judge is None or not self.config.selection.ground_symmetries:
+        if self.plane_critic is None or not self.config.selection.ground_symmetries:
             return seen.slots
         return ground_symmetries(
-            seen.slots, seen.cloud, scene, self.config.selection, self.plane_judge
+            seen.slots, seen.cloud, scene, self.config.selection, self.plane_critic
         )
 
     def _taken_apart(
@@ -216,7 +214,7 @@ class Planner:
                 continue
             cloud = RegionCloud.from_mask(piece & mask, scene)
             selection = self.config.selection
-            ranked = plan_planar(cloud, scene, self.gripper, selection, self._judge)
+            ranked = plan_planar(cloud, scene, self.gripper, selection, self._critic)
             if len(ranked):
                 return replace(plan, grasps=ranked)
         return plan

@@ -1,4 +1,4 @@
-"""The networks and judges of `infer`, loaded once a process."""
+"""The networks and critics of `infer`, loaded once a process."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from threadpoolctl import ThreadpoolController
 
 from pipelines.errors import MissingInputError
 from pipelines.grasping.ranking import critic_files
-from pipelines.grasping.ranking.point_critic import PointJudge
-from pipelines.grasping.ranking.ranking import HandJudge
+from pipelines.grasping.ranking.point_critic import PointCritic
+from pipelines.grasping.ranking.ranking import GraspCritic
 
 if TYPE_CHECKING:
     from pipelines.network.detection.detector import RegionDetector
@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 WEIGHTS = Path(__file__).parent.parent / "weights"
 DETECTOR_WEIGHTS = WEIGHTS / "detector.safetensors"
 NETWORK_WEIGHTS = WEIGHTS / "network.safetensors"
-PLANE_WEIGHTS = WEIGHTS / "plane_judge.safetensors"
-HAND_WEIGHTS = WEIGHTS / "hand_judge.safetensors"
+PLANE_CRITIC_WEIGHTS = WEIGHTS / "plane_critic.safetensors"
+GRASP_CRITIC_WEIGHTS = WEIGHTS / "grasp_critic.safetensors"
 DRIVERS = ("/dev/nvidiactl", "/dev/kfd", "/dev/dxg")  # of NVIDIA, AMD, and WSL
-PLANES_BY, HANDS_BY = "tools/train_plane_critic.py", "tools/train_grasp_critic.py"
+PLANE_CRITIC_BY, GRASP_CRITIC_BY = "tools/train_plane_critic.py", "tools/train_grasp_critic.py"
 
 
 def existing_weights(path: Path, written_by: str) -> Path:
@@ -57,16 +57,16 @@ def predictor(path: Path, device: str, mirrored: bool = False) -> GraspPredictor
         return _predictor(path, device, mirrored)
 
 
-def plane_judge(path: Path) -> PointJudge:
-    """Return the judge of mirror planes of the weights `path`."""
+def plane_critic(path: Path) -> PointCritic:
+    """Return the plane critic of the weights `path`."""
     with _LOADING:
-        return _judge(path, critic_files.PLANES, PLANES_BY)
+        return _critic(path, critic_files.PLANES, PLANE_CRITIC_BY)
 
 
-def hand_judge(path: Path) -> HandJudge:
-    """Return the judge of hands of the weights `path`."""
+def grasp_critic(path: Path) -> GraspCritic:
+    """Return the grasp critic of the weights `path`."""
     with _LOADING:
-        return HandJudge(_judge(path, critic_files.HANDS, HANDS_BY))
+        return GraspCritic(_critic(path, critic_files.GRASPS, GRASP_CRITIC_BY))
 
 
 def uses_gpu(device: str) -> bool:
@@ -121,5 +121,5 @@ def _predictor(path: Path, device: str, mirrored: bool) -> GraspPredictor:
 
 
 @lru_cache(maxsize=4)
-def _judge(path: Path, model: str, written_by: str) -> PointJudge:
+def _critic(path: Path, model: str, written_by: str) -> PointCritic:
     return critic_files.read(existing_weights(path, written_by), model)

@@ -32,7 +32,7 @@ from pipelines.storage.provenance import Stamp, digest, digest_text, make_stamp,
 
 STAGE = "infer"
 METHODS = ("network", "planar", "random")
-RANKINGS = ("judge", "eq8")
+RANKINGS = ("critic", "eq8")
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,8 @@ class InferPaths:
         workspace: picture, black where nothing may be grasped.
         detector: weights of the region detector.
         network: weights of the grasp network.
-        planes: weights of the judge of mirror planes.
-        hands: weights of the judge of hands.
+        planes: weights of the plane critic.
+        hands: weights of the grasp critic.
     """
 
     frames: Path
@@ -58,8 +58,8 @@ class InferPaths:
     workspace: Path | None = None
     detector: Path = models.DETECTOR_WEIGHTS
     network: Path = models.NETWORK_WEIGHTS
-    planes: Path = models.PLANE_WEIGHTS
-    hands: Path = models.HAND_WEIGHTS
+    planes: Path = models.PLANE_CRITIC_WEIGHTS
+    hands: Path = models.GRASP_CRITIC_WEIGHTS
 
     def with_weights(self, detector: Path | None, network: Path | None) -> "InferPaths":
         """Return the same paths with other weights; None keeps what is there."""
@@ -87,14 +87,14 @@ class Settings:
         return self.config.method == "network"
 
     @property
-    def judges_planes(self) -> bool:
+    def uses_plane_critic(self) -> bool:
         """Whether symmetries are fitted to what is seen, and judged by it."""
         return self.uses_network and self.config.selection.ground_symmetries
 
     @property
-    def judges_hands(self) -> bool:
+    def uses_grasp_critic(self) -> bool:
         """Whether grasps are ranked by the quality to expect."""
-        return self.uses_network and self.config.selection.judges_hands
+        return self.uses_network and self.config.selection.uses_grasp_critic
 
     def weights(self) -> dict[str, str]:
         """Return the digests of the weights that are used."""
@@ -105,11 +105,11 @@ class Settings:
         if self.uses_network:
             path = models.existing_weights(self.paths.network, "symgrasp train")
             wanted["network"] = digest(path)
-        if self.judges_planes:
-            path = models.existing_weights(self.paths.planes, models.PLANES_BY)
+        if self.uses_plane_critic:
+            path = models.existing_weights(self.paths.planes, models.PLANE_CRITIC_BY)
             wanted["planes"] = digest(path)
-        if self.judges_hands:
-            path = models.existing_weights(self.paths.hands, models.HANDS_BY)
+        if self.uses_grasp_critic:
+            path = models.existing_weights(self.paths.hands, models.GRASP_CRITIC_BY)
             wanted["hands"] = digest(path)
         return wanted
 
@@ -136,8 +136,8 @@ class Settings:
             load_gripper(self.config.gripper),
             models.detector(paths.detector, device) if self.uses_detector else None,
             models.predictor(paths.network, device, mirrored) if self.uses_network else None,
-            models.plane_judge(self.paths.planes) if self.judges_planes else None,
-            models.hand_judge(self.paths.hands) if self.judges_hands else None,
+            models.plane_critic(self.paths.planes) if self.uses_plane_critic else None,
+            models.grasp_critic(self.paths.hands) if self.uses_grasp_critic else None,
         )
 
 

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 
 from pipelines.geometry.transforms import rotation_about
 from pipelines.grasping.grasps import from_graspnet, to_graspnet
-from pipelines.grasping.gripper_poses import CLOSING_ALONG_X, CLOSING_ALONG_Y, hand_poses
+from pipelines.grasping.gripper_poses import CLOSING_ALONG_X, CLOSING_ALONG_Y, gripper_poses
 from tests.grasping.test_grasps import random_grasps
 
 seeds = st.integers(0, 2**32 - 1)
@@ -19,7 +19,7 @@ few = settings(max_examples=25, deadline=None)
 def test_both_conventions_are_rotations_whose_z_is_the_approach(seed, behind):
     grasps = random_grasps(np.random.default_rng(seed))
     for axes, closing in ((CLOSING_ALONG_X, 0), (CLOSING_ALONG_Y, 1)):
-        poses = hand_poses(grasps, behind, axes)
+        poses = gripper_poses(grasps, behind, axes)
         assert_allclose(np.linalg.det(poses[:, :3, :3]), 1.0)
         assert_allclose(poses[:, :3, 2], grasps.approach)
         assert_allclose(poses[:, :3, closing], grasps.closing)
@@ -36,7 +36,7 @@ def test_the_conventions_are_a_quarter_turn_apart():
 def test_graspnets_rows_and_hands_give_the_same_contacts(seed):
     grasps = random_grasps(np.random.default_rng(seed))
     back = from_graspnet(to_graspnet(grasps, 1.0, tip_reach=0.004), tip_reach=0.004)
-    poses = hand_poses(back, 0.1034, CLOSING_ALONG_X)
+    poses = gripper_poses(back, 0.1034, CLOSING_ALONG_X)
     middle = poses[:, :3, 3] + 0.1034 * poses[:, :3, 2]
     half = 0.5 * back.width[:, None] * poses[:, :3, 0]
     assert_allclose(np.stack([middle - half, middle + half], 1), grasps.contacts, atol=1e-9)

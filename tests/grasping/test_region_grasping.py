@@ -46,7 +46,7 @@ def gripper_points(grasps, index, scene):
 def test_a_symmetric_box_is_held_across_its_planes():
     pose, scene, region = seen([Box((0.06, 0.09, 0.1))])
     slots = box_planes(pose, 0.1)
-    config = replace(CONFIG, spare_room=())
+    config = replace(CONFIG, opening_margins=())
     found = plan_region(region, scene, slots, np.ones(len(region)), GRIPPER, config)
     assert set(found.source) == {"network"}
     closing = np.abs(rotate_vectors(invert(pose), found.grasps.closing))
@@ -54,7 +54,7 @@ def test_a_symmetric_box_is_held_across_its_planes():
     np.testing.assert_allclose(found.grasps.width, width, atol=0.006)
     assert (closing[np.arange(len(found)), found.slot] > 0.99).all()
     roomy = plan_region(region, scene, slots, np.ones(len(region)), GRIPPER, CONFIG)
-    np.testing.assert_allclose(roomy.grasps.width - found.grasps.width, CONFIG.spare_room[0])
+    np.testing.assert_allclose(roomy.grasps.width - found.grasps.width, CONFIG.opening_margins[0])
 
 
 def test_without_a_symmetry_the_boundary_serves():
@@ -187,7 +187,7 @@ def test_a_false_symmetry_costs_nothing_but_the_fallback():
 
 
 class Expecting:
-    """A judge that expects the more, the nearer a hand's closing is to `direction`."""
+    """A critic that expects the more, the nearer a hand's closing is to `direction`."""
 
     def __init__(self, direction, most=1.0):
         self.direction, self.most = direction, most
@@ -196,8 +196,8 @@ class Expecting:
         return self.most * np.abs(views.found.grasps.closing @ self.direction)
 
 
-def judged(scene, region, slots, judge, config=CONFIG):
-    return plan_region(region, scene, slots, np.ones(len(region)), GRIPPER, config, judge)
+def judged(scene, region, slots, critic, config=CONFIG):
+    return plan_region(region, scene, slots, np.ones(len(region)), GRIPPER, config, critic)
 
 
 def test_a_judge_decides_which_plane_the_best_grasp_is_across():
@@ -225,14 +225,14 @@ def test_planar_grasps_join_where_little_is_expected_of_symmetric_ones():
 def test_doubted_planes_are_asked_where_little_is_expected_of_all_else():
     pose, scene, region = seen([Box((0.06, 0.09, 0.1))])
     slots = box_planes(pose, 0.1)
-    slots.existence[1] = CONFIG.min_trust / 2  # across the pose's y
+    slots.existence[1] = CONFIG.min_confidence / 2  # across the pose's y
     sure = judged(scene, region, slots, Expecting(pose[:3, 0]))
     assert len(sure)
     assert 1 not in sure.slot
     unsure = judged(scene, region, slots, Expecting(pose[:3, 1]))
     assert unsure.slot[0] == 1
     assert (np.diff(unsure.rank_score) <= 1e-6).all()
-    slots.existence[1] = CONFIG.doubted_trust / 2
+    slots.existence[1] = CONFIG.min_doubtful_confidence / 2
     assert 1 not in judged(scene, region, slots, Expecting(pose[:3, 1])).slot
 
 

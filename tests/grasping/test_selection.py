@@ -21,7 +21,7 @@ from pipelines.grasping.ranking.suppression import are_near
 from pipelines.grasping.selection import select, surroundings
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
 
-CONFIG = SelectionConfig(spare_room=())  # which has tests of its own
+CONFIG = SelectionConfig(opening_margins=())  # which has tests of its own
 GRIPPER = load_gripper("rg2")
 TURNS = np.radians(np.arange(0, 360, 30))
 metres = st.floats(0.0, 0.2)
@@ -141,9 +141,9 @@ def naive_choice(candidates, turns, region, scene):
     centre = np.median(region.points, axis=0)
     radius = np.percentile(np.linalg.norm(region.points - centre, axis=1), 90)
     off = np.linalg.norm(base.translation - centre, axis=1) / radius
-    steady = candidates.quality * (1.0 - 0.5 * np.minimum(off, 1.0))
+    stability = candidates.quality * (1.0 - 0.5 * np.minimum(off, 1.0))
     found = []
-    for pair in np.argsort(-steady, kind="stable"):
+    for pair in np.argsort(-stability, kind="stable"):
         for turn in turns:
             hand = turned(base, np.array([pair]), np.array([turn]))
             low, high = GRIPPER.boxes(hand.width[0]).transpose(1, 0, 2)
@@ -165,9 +165,9 @@ def naive_choice(candidates, turns, region, scene):
             between &= (local[:, 0] < high[1, 0]) & (local[:, 0] > low[1, 0])
             height = (high[1, 0] - local[between, 0]).max(initial=0.0)
             if inside <= CONFIG.max_points_inside and height >= CONFIG.min_enclosed:
-                found.append((steady[pair], hand.translation[0], hand.approach[0]))
+                found.append((stability[pair], hand.translation[0], hand.approach[0]))
     best = max((entry[0] for entry in found), default=0.0)
-    return [entry for entry in found if entry[0] >= CONFIG.steadiness * best][:96]
+    return [entry for entry in found if entry[0] >= CONFIG.min_stability * best][:96]
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -250,17 +250,17 @@ def test_what_ranks_decides_on_order_and_on_who_is_asked():
     pose, scene, region = seen([Box((0.06, 0.06, 0.12))])
     candidates, asked = across_box(pose, [0.1, 0.09, 0.08]), []
 
-    def lowest_first(found, steady, sight):
-        asked.append((len(found), steady.min() / steady.max(), sight.min(), sight.max()))
+    def lowest_first(found, stability, visible):
+        asked.append((len(found), stability.min() / stability.max(), visible.min(), visible.max()))
         return -scene.plane.height(found.grasps.translation)
 
     found = chosen(candidates, TURNS, region, scene, CONFIG, Ranking(lowest_first, 0.5, 40))
     heights = scene.plane.height(found.grasps.translation)
     np.testing.assert_allclose(found.rank_score, -heights)
     assert (np.diff(heights) >= -1e-6).all()
-    (count, steadiness, *shares) = asked[0]
+    (count, stability, *shares) = asked[0]
     assert 0 < count <= 40
-    assert steadiness >= 0.5
+    assert stability >= 0.5
     assert 0.0 <= shares[0] <= shares[1] <= 1.0
     chosen(candidates, TURNS, region, scene, CONFIG, Ranking(lowest_first, 0.95, 1))
     assert asked[-1][0] == 1

@@ -23,9 +23,9 @@ POSE = looking_at_table()
 DEPTH, INDEX = render([Box((0.06, 0.09, 0.1))], POSE)
 FRAME = Frame("f", np.full((240, 320, 3), 90, np.uint8), DEPTH.astype(np.float32), CAMERA)
 CONFIG = InferConfig(regions="geometric")
-JUDGES = {
-    "plane_judge": models.plane_judge(models.PLANE_WEIGHTS),
-    "hand_judge": models.hand_judge(models.HAND_WEIGHTS),
+CRITICS = {
+    "plane_critic": models.plane_critic(models.PLANE_CRITIC_WEIGHTS),
+    "grasp_critic": models.grasp_critic(models.GRASP_CRITIC_WEIGHTS),
 }
 
 
@@ -52,7 +52,7 @@ class Oracle:
 
 
 def plan(predictor):
-    planner = Planner(CONFIG, load_gripper("rg2"), predictor=predictor, **JUDGES)
+    planner = Planner(CONFIG, load_gripper("rg2"), predictor=predictor, **CRITICS)
     return planner.plan(FRAME, np.random.default_rng(0))
 
 
@@ -84,7 +84,7 @@ def thinned(kind):
 
 @pytest.mark.parametrize("kind", ["rows", "columns", "both", "random"])
 def test_a_frame_with_a_hole_beside_every_pixel_is_grasped(kind):
-    planner = Planner(CONFIG, load_gripper("rg2"), predictor=Oracle(), **JUDGES)
+    planner = Planner(CONFIG, load_gripper("rg2"), predictor=Oracle(), **CRITICS)
     result = planner.plan(thinned(kind), np.random.default_rng(0))
     assert result.status == "ok", result.message
     width, height = result.size
@@ -120,21 +120,21 @@ def test_the_overlay_of_an_empty_frame_is_the_picture_itself():
 
 
 def test_symmetries_are_not_left_unfitted_in_silence():
-    with pytest.raises(SymgraspError, match="judge of planes"):
+    with pytest.raises(SymgraspError, match="plane critic"):
         Planner(CONFIG, load_gripper("rg2"), predictor=Oracle())
 
 
 def test_hands_are_not_left_unjudged_in_silence():
-    planes = JUDGES["plane_judge"]
-    with pytest.raises(SymgraspError, match="judge of them"):
-        Planner(CONFIG, load_gripper("rg2"), predictor=Oracle(), plane_judge=planes)
+    planes = CRITICS["plane_critic"]
+    with pytest.raises(SymgraspError, match="critic of them"):
+        Planner(CONFIG, load_gripper("rg2"), predictor=Oracle(), plane_critic=planes)
     as_paper = replace(CONFIG, selection=replace(CONFIG.selection, rank_by="eq8"))
-    Planner(as_paper, load_gripper("rg2"), predictor=Oracle(), plane_judge=planes)
+    Planner(as_paper, load_gripper("rg2"), predictor=Oracle(), plane_critic=planes)
 
 
 def limited(workspace=None, **settings):
     config = replace(CONFIG, limits=LimitsConfig(**settings))
-    planner = Planner(config, load_gripper("rg2"), predictor=Oracle(), **JUDGES)
+    planner = Planner(config, load_gripper("rg2"), predictor=Oracle(), **CRITICS)
     return planner.plan(FRAME, np.random.default_rng(0), workspace=workspace)
 
 
@@ -227,6 +227,6 @@ def test_masked_objects_are_grasped_without_any_depth_beside_them():
     masks = (INDEX + 1).astype(np.int32)
     alone = replace(FRAME, depth=np.where(masks > 0, FRAME.depth, 0.0).astype(np.float32))
     for method in ("planar", "random"):
-        planner = Planner(replace(CONFIG, method=method), load_gripper("rg2"), **JUDGES)
+        planner = Planner(replace(CONFIG, method=method), load_gripper("rg2"), **CRITICS)
         result = planner.plan(alone, np.random.default_rng(0), masks)
         assert result.status == "ok", f"{method}: {result.message}"

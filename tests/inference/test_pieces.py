@@ -66,9 +66,13 @@ def planned(boxes, predictor, regions="auto", **planning):
     # Symmetries are not fitted: what the stand-in says of them is what counts.
     selection = replace(InferConfig().selection, ground_symmetries=False)
     config = InferConfig(regions=regions, selection=selection)
-    judge = models.hand_judge(models.HAND_WEIGHTS)
+    critic = models.grasp_critic(models.GRASP_CRITIC_WEIGHTS)
     planner = Planner(
-        config, load_gripper("rg2"), Detector([Detection(index >= 0)]), predictor, hand_judge=judge
+        config,
+        load_gripper("rg2"),
+        Detector([Detection(index >= 0)]),
+        predictor,
+        grasp_critic=critic,
     )
     return planner.plan(frame, np.random.default_rng(0), **planning), index
 

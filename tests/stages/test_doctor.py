@@ -40,7 +40,7 @@ def test_this_machine_is_fit_and_everything_is_named():
         *names
     }
     shipped_weights = sorted(path.stem for path in models.WEIGHTS.glob("*.safetensors"))
-    assert "plane_judge" in shipped_weights
+    assert "plane_critic" in shipped_weights
     last = ["manifest", *(f"weights {stem}" for stem in shipped_weights), "golden frame"]
     assert [name for name in names if "cuda" not in name][-len(last) :] == last
 

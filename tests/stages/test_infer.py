@@ -24,7 +24,7 @@ from pipelines.errors import (
 from pipelines.frames.frames import find_frames
 from pipelines.grasp_files import grasps_file
 from pipelines.inference import work
-from pipelines.inference.models import HAND_WEIGHTS
+from pipelines.inference.models import GRASP_CRITIC_WEIGHTS
 from pipelines.runtime.batch import BatchOptions
 from pipelines.storage import provenance
 from pipelines.storage.files import read_image, write_image, write_json
@@ -350,12 +350,12 @@ def test_a_missing_judge_of_hands_is_asked_for_only_where_it_ranks(frames, tmp_p
     as_paper = dataclasses.replace(config, selection=SelectionConfig(rank_by="eq8"))
     assert infer.run(paths, as_paper, OPTIONS).exit_code == 0
     with pytest.raises(StaleOutputError):
-        infer.run(dataclasses.replace(paths, hands=HAND_WEIGHTS), config, OPTIONS)
+        infer.run(dataclasses.replace(paths, hands=GRASP_CRITIC_WEIGHTS), config, OPTIONS)
 
 
 def test_scores_are_qualities_to_expect_unless_the_paper_ranks(frames, tmp_path):
     scores = {}
-    for ranks in ("judge", "eq8"):
+    for ranks in ("critic", "eq8"):
         config = InferConfig(regions="geometric", selection=SelectionConfig(rank_by=ranks))
         run(frames, tmp_path / f"{ranks}.h5", config=config)
         table = grasps_file.read(tmp_path / f"{ranks}.h5").grasps
@@ -364,7 +364,7 @@ def test_scores_are_qualities_to_expect_unless_the_paper_ranks(frames, tmp_path)
         for region in np.unique(table.region):
             mine = table.rank_score[table.region == region]
             assert mine.max() == mine[table.is_best[table.region == region]].max()
-    assert scores["judge"].tolist() != scores["eq8"].tolist()
+    assert scores["critic"].tolist() != scores["eq8"].tolist()
 
 
 WRONG_NAMES = (

@@ -80,19 +80,19 @@ def test_a_step_minds_each_candidate_and_the_choice_as_much_as_is_asked():
     rows, chosen = made_rows(), np.arange(100)
     columns = [torch.from_numpy(rows[name][chosen]) for name in ("points", "wholes", "evidence")]
     mean, spread = columns[2].mean(0), columns[2].std(0)
-    judge = training.TrainedJudge(11, 0, mean, spread).eval()
+    critic = training.TrainedCritic(11, 0, mean, spread).eval()
 
     def loss(choice):
         how = training.Training(
             mirrored=(2, 6), points_a_step=8, jitter=0.0, rate=1.0, choice=choice
         )
         torch.manual_seed(0)  # the same mirror images
-        return float(training.step_loss(judge, rows, chosen, how).detach())
+        return float(training.step_loss(critic, rows, chosen, how).detach())
 
     torch.manual_seed(0)
     how = training.Training(mirrored=(2, 6), points_a_step=8, jitter=0.0, rate=1.0)
     with torch.no_grad():
-        logits = judge(how.varied(columns[0]), *columns[1:])
+        logits = critic(how.varied(columns[0]), *columns[1:])
     truth, group = (torch.from_numpy(rows[name][chosen]) for name in ("truth", "group"))
     loses = float(training.choice_loss(logits, truth, group))
     assert loses > 0.1
@@ -104,9 +104,9 @@ def test_what_was_learned_chooses_well_among_rows_never_seen(choice):
     how = training.Training(
         mirrored=(2, 6), points_a_step=6, jitter=0.01, rate=3e-3, epochs=20, choice=choice
     )
-    judge, held = training.trained(made_rows(), how, 0), made_rows(seed=1)
+    critic, held = training.trained(made_rows(), how, 0), made_rows(seed=1)
     with torch.no_grad():
-        said = judge(*(torch.from_numpy(held[k]) for k in ("points", "wholes", "evidence")))
+        said = critic(*(torch.from_numpy(held[k]) for k in ("points", "wholes", "evidence")))
     truth, said = held["truth"].reshape(-1, 10), said.numpy().reshape(-1, 10)
     chosen = truth[np.arange(len(truth)), said.argmax(axis=1)]
     assert chosen.mean() > 0.5 * (truth.mean() + truth.max(axis=1).mean())

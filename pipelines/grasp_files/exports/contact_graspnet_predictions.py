@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from pipelines.grasp_files.exports.grasp_exports import ExportHeader, HandGrasps, frame_path
-from pipelines.grasping.gripper_poses import CLOSING_ALONG_X, hand_poses
+from pipelines.grasping.gripper_poses import CLOSING_ALONG_X, gripper_poses
 from pipelines.storage.files import write_npz
 
 # Metres from the origin of the Franka hand to the middle of its finger pads: where the contacts of
@@ -22,7 +22,7 @@ def write_frame(folder: Path, frame: HandGrasps, _header: ExportHeader) -> None:
     """Write `folder`/predictions_NAME.npz of a frame; without grasps it holds no segment."""
     hand, region = frame.hand, frame.result.grasps.region
     columns = {
-        "pred_grasps_cam": hand_poses(frame.grasps, hand.base_to_contacts, CLOSING_ALONG_X),
+        "pred_grasps_cam": gripper_poses(frame.grasps, hand.base_to_contacts, CLOSING_ALONG_X),
         "scores": frame.result.grasps.rank_score.astype(np.float64),
         "contact_pts": frame.grasps.contacts[:, 0],
         "gripper_openings": frame.opening,

@@ -15,7 +15,7 @@ from pipelines.geometry.transforms import matrix_to_quaternion
 from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
-from pipelines.grasping.gripper_poses import CLOSING_ALONG_Y, hand_poses
+from pipelines.grasping.gripper_poses import CLOSING_ALONG_Y, gripper_poses
 from pipelines.storage.files import LONGEST_NAME
 
 Array = NDArray[np.float64]
@@ -103,7 +103,7 @@ class HandGrasps:
     @property
     def poses(self) -> Array:
         """(g, 4, 4) base of the hand to camera; axes as `HAND_AXES` says."""
-        return hand_poses(self.grasps, self.hand.base_to_contacts, CLOSING_ALONG_Y)
+        return gripper_poses(self.grasps, self.hand.base_to_contacts, CLOSING_ALONG_Y)
 
     @property
     def quaternions(self) -> Array:

@@ -46,8 +46,8 @@ def completions(
     """
     own, beside = [], []
     for region, known in zip(regions, slots, strict=True):
-        sure = _trusted(known, config.min_completion, config)
-        likely = _trusted(known, config.min_completion_beside, config)
+        sure = _trusted(known, config.min_completion_confidence, config)
+        likely = _trusted(known, config.min_neighbour_confidence, config)
         beside.append(hidden_points(region, likely, scene, config))
         same = len(sure) == len(likely)  # one bound's symmetries are among the other's
         own.append(beside[-1] if same else hidden_points(region, sure, scene, config))
@@ -73,4 +73,4 @@ def hidden_points(
 
 
 def _trusted(slots: SymmetrySlots, bound: float, config: SelectionConfig) -> list[Symmetry]:
-    return slots.to_symmetries(max(bound, config.least_trust))
+    return slots.to_symmetries(max(bound, config.least_confidence))

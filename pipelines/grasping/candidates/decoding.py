@@ -142,7 +142,7 @@ def contact_pairs(
     (D. 5): mirroring turns a normal n into n - 2 (n.m) m, so that is the largest |n.m|, and the
     same for an axis or a centre with the direction across it.
     """
-    symmetries = slots.existing(config.least_trust)
+    symmetries = slots.existing(config.least_confidence)
     chosen = np.flatnonzero(graspable(affordance, config))
     if not symmetries or not len(chosen):
         return _no_pairs()

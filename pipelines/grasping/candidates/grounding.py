@@ -1,4 +1,4 @@
-"""Ground predicted symmetries in what the camera sees: fit them, and judge how far to trust them.
+"""Ground predicted symmetries in what the camera sees: fit them, and critic how far to trust them.
 
 The network tells roughly where a region's symmetries are; the measured points tell exactly, and
 whether they are there at all: a true symmetry maps the seen surface onto seen surface or behind
@@ -28,7 +28,7 @@ from pipelines.grasping.candidates.axis_candidates import candidate_axes
 from pipelines.grasping.candidates.decoding import in_observed_frustum
 from pipelines.grasping.candidates.plane_evidence import RegionEvidence, trusted_planes
 from pipelines.grasping.observation import RegionCloud, SceneCloud
-from pipelines.grasping.ranking.point_critic import PointJudge
+from pipelines.grasping.ranking.point_critic import PointCritic
 
 Array = NDArray[np.float64]
 
@@ -80,7 +80,7 @@ def ground_symmetries(
     region: RegionCloud,
     scene: SceneCloud,
     config: SelectionConfig,
-    judge: PointJudge,
+    critic: PointCritic,
 ) -> SymmetrySlots:
     """Return `slots` fitted to `region`; existence becomes the confidence in each."""
     step = max(1, len(region) // NUM_POINTS)
@@ -88,7 +88,7 @@ def ground_symmetries(
     axis = axis_evidence(slots, points, normals, scene, config)
     sphere = sphere_evidence(slots, points, normals, scene, config)
     known = RegionEvidence(slots, axis.symmetry, points, normals, region.mask, scene)
-    planes = trusted_planes(known, config, judge)
+    planes = trusted_planes(known, config, critic)
     chosen: list[tuple[int, Symmetry, float]] = [
         (slot, plane, trust) for slot, (plane, trust) in zip(REFLECTION_SLOTS, planes, strict=False)
     ]

@@ -1,4 +1,4 @@
-"""What a candidate plane makes of the seen points, point by point: what a plane judge looks at.
+"""What a candidate plane makes of the seen points, point by point: what a plane critic looks at.
 
 Each point is told in the plane's own axes (normal, up in the plane, across), with where its mirror
 image falls: on the seen surface or off it, behind what the camera saw or before it, above the

@@ -1,8 +1,8 @@
-"""Judge candidate mirror planes of a region by what the camera sees of it (D. 65).
+"""Critic candidate mirror planes of a region by what the camera sees of it (D. 65).
 
 A true plane maps the seen surface onto seen surface or behind it, never into observed free space;
 it lies in the middle. The evidence is a row of numbers, and the points as the plane sees them; a
-`PointJudge` makes a probability of them.
+`PointCritic` makes a probability of them.
 """
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ from pipelines.grasping.candidates.plane_candidates import (
     region_top,
 )
 from pipelines.grasping.observation import SceneCloud
-from pipelines.grasping.ranking.point_critic import PointJudge
+from pipelines.grasping.ranking.point_critic import PointCritic
 
 Array = NDArray[np.float64]
 
@@ -76,11 +76,11 @@ class RegionEvidence:
 
 
 def trusted_planes(
-    region: RegionEvidence, config: SelectionConfig, judge: PointJudge
+    region: RegionEvidence, config: SelectionConfig, critic: PointCritic
 ) -> list[tuple[ReflectionSymmetry, float]]:
     """Return at most three distinct planes with the confidence in each, most trusted first."""
     planes = fitted_planes(region)
-    confidence = trust(planes, region, config, judge)
+    confidence = trust(planes, region, config, critic)
     order = np.argsort(-confidence, kind="stable")
     chosen = distinct([planes[i] for i in order], RIVALS)[: len(REFLECTION_SLOTS)]
     known = {id(planes[i]): float(confidence[i]) for i in order}
@@ -100,11 +100,11 @@ def trust(
     planes: list[ReflectionSymmetry],
     region: RegionEvidence,
     config: SelectionConfig,
-    judge: PointJudge,
+    critic: PointCritic,
 ) -> Array:
     """Return the probability (k,) that `planes` are true."""
     mirrored = MirrorImages.of(planes, region.points, region.normals)
-    return judge.trust(
+    return critic.trust(
         point_rows(planes, mirrored, region.mask, region.scene),
         plane_rows(planes, region.points, region.scene),
         plane_features(planes, mirrored, region, config).astype(np.float32),

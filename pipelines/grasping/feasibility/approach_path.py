@@ -25,7 +25,7 @@ def keeps_off_table(
     return np.asarray(lowest_height(grasps, swept, table) >= config.min_table_distance)
 
 
-def way_is_free(
+def approach_is_free(
     grasps: Grasps,
     gripper: Gripper,
     near: Obstacles,

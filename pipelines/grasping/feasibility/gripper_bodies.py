@@ -72,20 +72,20 @@ def free_hands(
     margin: Single,
     allowed: int,
     cells: Cells,
-    steady: Array,
+    stability: Array,
     wanted: tuple[float, float, int],
 ) -> tuple[Counts, Singles]:
     """Return which hands (f,) are free and enclose enough, and what these enclose.
 
-    Hands come steadiest first, `steady` (k,). `wanted`: metres to enclose, the share of the first
-    free one's steadiness that others need, and how many: what comes then is not looked at. The
-    others are those of `points_met`.
+    The most stable come first, `stability` (k,). `wanted`: metres to enclose, the share of the
+    first free one's stability that others need, and how many at most. The other arguments are
+    those of `points_met`.
     """
     least, share, most = wanted
     found, enclosed = np.empty(len(frames), np.int64), np.empty(len(frames), np.float32)
     near, count = np.empty(len(cells[4]), np.bool_), 0
     for k in range(len(frames)):
-        if count == most or (count > 0 and steady[k] < share * steady[found[0]]):
+        if count == most or (count > 0 and stability[k] < share * stability[found[0]]):
             break
         frame = _frame(frames[k])
         if _is_blocked(frame, bounds[k], margin, allowed, cells, near):

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import SelectionConfig
-from pipelines.grasping.feasibility.approach_path import keeps_off_table, way_is_free
+from pipelines.grasping.feasibility.approach_path import approach_is_free, keeps_off_table
 from pipelines.grasping.feasibility.collision import clearance, meets
 from pipelines.grasping.grasp_candidates import RankedGrasps
 from pipelines.grasping.grasps import Grasps
@@ -22,7 +22,7 @@ from pipelines.grasping.observation import SceneCloud, Surroundings
 Mask = NDArray[np.bool_]
 
 
-def with_spare_room(
+def with_opening_margin(
     found: RankedGrasps,
     scene: SceneCloud,
     gripper: Gripper,
@@ -31,17 +31,17 @@ def with_spare_room(
 ) -> RankedGrasps:
     """Return feasible grasps, in their order, the symmetric ones with room at the second contact.
 
-    Each is widened by the most of `config.spare_room` metres at which it is still feasible; its
-    middle moves by half of that.
+    Each is widened by the largest of `config.opening_margins` (metres) at which it is still
+    feasible; its middle moves by half of that.
     """
     grasps, waiting = found.grasps, np.flatnonzero(found.slot >= 0)
     translation, width = grasps.translation.copy(), grasps.width.copy()
-    for room in config.spare_room:
+    for room in config.opening_margins:
         some = grasps[waiting]
         middle = some.translation + 0.5 * room * some.closing
         wider = Grasps.unchecked(some.rotation, middle, some.width + room)
         fits = is_feasible(wider, scene, gripper, config, around)
-        fits &= room <= config.spare_share * some.width
+        fits &= room <= config.opening_margin_share * some.width
         translation[waiting[fits]], width[waiting[fits]] = middle[fits], wider.width[fits]
         waiting = waiting[~fits]
     widened, free = np.flatnonzero(width > grasps.width), found.clearance.copy()
@@ -70,5 +70,5 @@ def is_feasible(
     met, _ = meets(hands[tried], gripper, around.met, config.body_margin, few)
     fits[tried[met]] = False
     tried = tried[~met]
-    fits[tried] = way_is_free(hands[tried], gripper, around.met, scene.coarse, config)
+    fits[tried] = approach_is_free(hands[tried], gripper, around.met, scene.coarse, config)
     return np.asarray(fits)

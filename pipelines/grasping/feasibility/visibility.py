@@ -15,7 +15,7 @@ TIP_LENGTH = 0.03  # metres of each finger, from its tip, that go where things m
 PLACES = np.array([0.1, 0.5, 0.9])  # along each edge of a finger tip
 
 
-def seen_share(grasps: Grasps, gripper: Gripper, scene: SceneCloud) -> Array:
+def visible_fraction(grasps: Grasps, gripper: Gripper, scene: SceneCloud) -> Array:
     """Return (n,) the share of the open finger tips' room that the camera looks through.
 
     What lies behind a surface, beside the picture or where nothing was measured is not seen.

@@ -1,4 +1,4 @@
-"""What a hand meets, point by point: what the judge of hands looks at (D. 82).
+"""What a hand meets, point by point: what the grasp critic looks at (D. 82).
 
 The points about a hand are told in its own frame (approach, closing, third): where they lie to the
 two contacts, how the surface faces there, and how they are known: measured on the region, put
@@ -33,29 +33,29 @@ REMOTE = 0.03  # metres, of distances to the nearest point of it
 FARTHEST, DEEPEST = 0.15, 0.05  # metres, of coordinates and of distances from a finger's face
 FINGER_BAND, BEHIND, BEYOND, BESIDE = 0.011, -0.04, 0.03, 0.01  # metres: the room between fingers
 POINT_FEATURES = 11
-HAND_FEATURES = 49
+GRASP_FEATURES = 49
 
 
 @dataclass(frozen=True)
-class HandViews:
+class GraspFeatures:
     """How k hands, feasible in the selection, stand to a region.
 
     Attributes:
         found: the hands, with clearance and enclosed height.
-        steady: (k,) of the selection.
-        sight: (k,) share of the finger tips' room that is seen to be free.
+        stability: (k,) of the selection.
+        visible: (k,) share of the finger tips' room that is seen to be free.
         known: the region.
     """
 
     found: RankedGrasps
-    steady: Array
-    sight: Array
+    stability: Array
+    visible: Array
     known: KnownRegion
 
     @cached_property
     def _local(self) -> Singles:
         """(k, 3, m) the region's pool of points in each hand's frame."""
-        return hand_frame(self.known.pool[0], self.found.grasps)
+        return grasp_frame(self.known.pool[0], self.found.grasps)
 
     @property
     def _half(self) -> Singles:
@@ -84,7 +84,7 @@ class HandViews:
         rotation = self.found.grasps.rotation.astype(np.float32)
         return _nearest_rows(self._local, rotation, self._half, away, reach, self.known.pool[1])
 
-    def hand_rows(self) -> Singles:
+    def grasp_rows(self) -> Singles:
         """Return (k, 49): numbers about each hand's pose, its contacts and its region."""
         found, known = self.found, self.known
         grasps, slot, existence = found.grasps, found.slot, known.slots.existence
@@ -92,8 +92,8 @@ class HandViews:
             10.0 * grasps.width,
             np.einsum("kia,i->ka", grasps.rotation, known.up),
             np.einsum("kia,ki->ka", grasps.rotation[..., :2], unit(grasps.translation)),
-            self.steady,
-            self.sight,
+            self.stability,
+            self.visible,
             20.0 * found.clearance,
             30.0 * found.enclosed_height,
             found.affordance,
@@ -111,7 +111,7 @@ class HandViews:
         return np.column_stack(columns).astype(np.float32)
 
 
-def hand_frame(points: Array, grasps: Grasps) -> Singles:
+def grasp_frame(points: Array, grasps: Grasps) -> Singles:
     """Return (k, 3, m) `points` (m, 3) in the frame of each of k hands."""
     middle = points.mean(axis=0)  # single precision is fine about it
     origin = np.einsum("ki,kia->ka", grasps.translation - middle, grasps.rotation)

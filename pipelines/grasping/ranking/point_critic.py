@@ -1,7 +1,7 @@
 """A small network over points that says how likely a candidate is a good one.
 
 Points as a candidate sees them go through shared layers, their maximum and mean through further
-ones, beside numbers about the candidate. One of these judges mirror planes (D. 80), another hands
+ones, beside numbers about the candidate. One of these critics mirror planes (D. 80), another hands
 (D. 82); they are trained by `tools/train_plane_critic.py` and `tools/train_grasp_critic.py`.
 """
 
@@ -22,7 +22,7 @@ CHUNK = 16  # candidates at a time: what the layers make of their points stays n
 
 
 @dataclass(frozen=True)
-class PointJudge:
+class PointCritic:
     """The network's weights.
 
     Attributes:
@@ -82,8 +82,8 @@ class PointJudge:
         return np.asarray(expit(bias + slope * self.logits(points, wholes, evidence)))
 
     @classmethod
-    def of(cls, arrays: Mapping[str, Rows]) -> "PointJudge":
-        """Return the judge whose `arrays` are named as in its file (FORMATS.md)."""
+    def of(cls, arrays: Mapping[str, Rows]) -> "PointCritic":
+        """Return the critic whose `arrays` are named as in its file (FORMATS.md)."""
 
         def layers(name: str, count: int) -> tuple[Layer, ...]:
             parts = ((f"{name}.{i}.weight", f"{name}.{i}.bias") for i in range(count))

@@ -1,4 +1,4 @@
-"""What feasible grasps are ranked by: Eq. 8, or the quality that a judge expects (D. 82)."""
+"""What feasible grasps are ranked by: Eq. 8, or the quality that a critic expects (D. 82)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,31 +9,31 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipelines.configs import SelectionConfig
 from pipelines.grasping.grasp_candidates import RankedGrasps
-from pipelines.grasping.ranking.grasp_features import HandViews
+from pipelines.grasping.ranking.grasp_features import GraspFeatures
 from pipelines.grasping.ranking.known_region import KnownRegion
-from pipelines.grasping.ranking.point_critic import PointJudge
+from pipelines.grasping.ranking.point_critic import PointCritic
 
 Array = NDArray[np.float64]
-# Of feasible grasps, their steadiness and the seen share of their tips' room.
+# Of feasible grasps, their stability and the seen share of their tips' room.
 Score = Callable[[RankedGrasps, Array, Array], Array]
 
 
-class Judge(Protocol):
+class Critic(Protocol):
     """What expects something of hands."""
 
-    def expect(self, views: HandViews) -> Array:
+    def expect(self, views: GraspFeatures) -> Array:
         """Return (k,) the quality to expect of each hand, 0 to 1."""
 
 
 @dataclass(frozen=True)
-class HandJudge:
+class GraspCritic:
     """The network that was trained on verdicts among true meshes, `tools/train_grasp_critic.py`."""
 
-    network: PointJudge
+    network: PointCritic
 
-    def expect(self, views: HandViews) -> Array:
+    def expect(self, views: GraspFeatures) -> Array:
         """Return (k,) the quality to expect of each hand, 0 to 1."""
-        rows = views.hand_rows()
+        rows = views.grasp_rows()
         return self.network.trust(views.point_rows(), rows[:, :0], rows)
 
 
@@ -43,12 +43,12 @@ class Ranking:
 
     Attributes:
         score: the higher, the better.
-        steadiness: of the steadiest candidate's, that a candidate needs.
+        min_stability: of the steadiest candidate's, that a candidate needs.
         count: candidates at most, the steadiest.
     """
 
     score: Score
-    steadiness: float
+    min_stability: float
     count: int
 
 
@@ -59,12 +59,12 @@ def by_eq8(config: SelectionConfig) -> Ranking:
     counts by the share of the finger tips' room that was seen to be free (D. 68).
     """
 
-    def score(found: RankedGrasps, steady: Array, sight: Array) -> Array:
-        del steady
+    def score(found: RankedGrasps, stability: Array, visible: Array) -> Array:
+        del stability
         s = rank_score(found.clearance, found.enclosed_height, config)
-        return np.asarray(s * (1.0 - config.weight_unseen * (1.0 - sight)))
+        return np.asarray(s * (1.0 - config.weight_unseen * (1.0 - visible)))
 
-    return Ranking(score, config.steadiness, config.max_ranked)
+    return Ranking(score, config.min_stability, config.max_ranked)
 
 
 def rank_score(clearance: ArrayLike, enclosed_height: ArrayLike, config: SelectionConfig) -> Array:
@@ -75,10 +75,10 @@ def rank_score(clearance: ArrayLike, enclosed_height: ArrayLike, config: Selecti
     return np.asarray(np.tanh(config.weight_clearance * b) * np.tanh(config.weight_height * h))
 
 
-def by_judge(judge: Judge, known: KnownRegion, config: SelectionConfig) -> Ranking:
+def by_critic(critic: Critic, known: KnownRegion, config: SelectionConfig) -> Ranking:
     """Return the ranking by the quality to expect of each hand at a region."""
 
-    def score(found: RankedGrasps, steady: Array, sight: Array) -> Array:
-        return judge.expect(HandViews(found, steady, sight, known))
+    def score(found: RankedGrasps, stability: Array, visible: Array) -> Array:
+        return critic.expect(GraspFeatures(found, stability, visible, known))
 
-    return Ranking(score, config.judged_steadiness, config.max_ranked)
+    return Ranking(score, config.critic_min_stability, config.max_ranked)

@@ -15,7 +15,7 @@ HALF_TURN = np.array([1.0, -1.0, -1.0])  # about the approach: the fingers chang
 ROUNDING = 1e-6  # radians; the angles that hands are turned by are no ties
 
 
-def different(
+def non_maximum_suppression(
     grasps: Grasps, distance: float, angle: float, sound: Callable[[Grasps], Mask]
 ) -> Indices:
     """Return the indices of `grasps`, best first, that are sound and differ from all better ones.

@@ -23,7 +23,7 @@ from pipelines.inference import models
 from tests.grasping.candidates.test_grounding import view_of
 
 CONFIG = SelectionConfig()
-JUDGE = models.plane_judge(models.PLANE_WEIGHTS)
+CRITIC = models.plane_critic(models.PLANE_CRITIC_WEIGHTS)
 UPRIGHT = RotationSymmetry([0, 0, 1], [9, 9, 9])
 SILENT = SymmetrySlots(np.zeros(5), np.full((5, 3), 9.0), np.tile(unit([1.0, 2.0, 3.0]), (5, 1)))
 
@@ -58,7 +58,7 @@ def row(plane, known):
 
 
 def test_a_box_alone_shows_its_three_planes_without_a_network(box):
-    found = trusted_planes(evidence_of(box), CONFIG, JUDGE)
+    found = trusted_planes(evidence_of(box), CONFIG, CRITIC)
     assert len(found) == 3
     confidence = [trust for _, trust in found]
     assert confidence == sorted(confidence, reverse=True)
@@ -73,7 +73,7 @@ def test_true_planes_are_trusted_more_than_the_same_beside_the_middle(box):
     known = evidence_of(box)
     for truth in box_planes(box[2]):
         aside = ReflectionSymmetry(truth.normal, truth.point + 0.02 * truth.normal)
-        right, wrong = trust([truth, aside], known, CONFIG, JUDGE)
+        right, wrong = trust([truth, aside], known, CONFIG, CRITIC)
         assert right > 2 * wrong
 
 
@@ -89,7 +89,7 @@ def test_of_oblique_planes_only_the_more_trusted_is_kept(box, monkeypatch):
         "pipelines.grasping.candidates.plane_evidence.fitted_planes", lambda _: oblique
     )
     monkeypatch.setattr("pipelines.grasping.candidates.plane_evidence.trust", lambda *_: said)
-    found = trusted_planes(evidence_of(box), CONFIG, JUDGE)
+    found = trusted_planes(evidence_of(box), CONFIG, CRITIC)
     assert [trust for _, trust in found] == [0.9, 0.3]  # 90 degrees is within 30 of what is kept
     assert found[0][0] is oblique[0]
 
@@ -127,7 +127,7 @@ def test_without_a_table_nothing_is_level_and_planes_are_found(box):
     values = features(fitted_planes(known), known)
     assert (values[:, FEATURES.index("level")] == 0).all()
     assert np.isfinite(values).all()
-    assert len(trusted_planes(known, CONFIG, JUDGE)) == 3
+    assert len(trusted_planes(known, CONFIG, CRITIC)) == 3
 
 
 def test_a_moved_table_moves_only_what_is_about_the_table(box):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pipelines.configs import SelectionConfig
 from pipelines.geometry.transforms import random_rotation
 from pipelines.grasp_files.gripper_files import load_gripper, preset_names
-from pipelines.grasping.feasibility.approach_path import way_is_free
+from pipelines.grasping.feasibility.approach_path import approach_is_free
 from pipelines.grasping.feasibility.collision import Obstacles, meets
 from pipelines.grasping.grasps import Grasps
 
@@ -24,7 +24,7 @@ def obstacle(*points):
 
 
 def free(hands, near, scene=NOTHING, gripper=None, config=CONFIG):
-    return way_is_free(hands, gripper or load_gripper("rg2"), near, scene, config)
+    return approach_is_free(hands, gripper or load_gripper("rg2"), near, scene, config)
 
 
 @given(st.integers(0, 2**31), st.sampled_from(sorted(preset_names())))

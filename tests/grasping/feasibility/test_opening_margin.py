@@ -10,7 +10,7 @@ from pipelines.configs import SelectionConfig
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import transform_points
 from pipelines.grasp_files.gripper_files import load_gripper
-from pipelines.grasping.feasibility.opening_margin import is_feasible, with_spare_room
+from pipelines.grasping.feasibility.opening_margin import is_feasible, with_opening_margin
 from pipelines.grasping.grasp_candidates import RankedGrasps
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.observation import RegionCloud, SceneCloud
@@ -41,7 +41,7 @@ def hand(width, slot=0):
 
 
 def widened(found, scene, around, config=CONFIG):
-    return with_spare_room(found, scene, GRIPPER, config, around)
+    return with_opening_margin(found, scene, GRIPPER, config, around)
 
 
 @pytest.mark.parametrize("width", [0.05, 0.06])  # the plane too near, and where it is
@@ -51,7 +51,7 @@ def test_the_second_contact_gets_room_and_the_first_stays(width):
     was, now = before.grasps.contacts[0], after.grasps.contacts[0]
     assert_allclose(now[0], was[0], atol=1e-12)
     along = before.grasps.closing[0]
-    assert_allclose(now[1] - was[1], CONFIG.spare_room[0] * along, atol=1e-12)
+    assert_allclose(now[1] - was[1], CONFIG.opening_margins[0] * along, atol=1e-12)
     assert after.clearance[0] <= CONFIG.clearance_cap  # measured anew: it was told as 1
     assert_allclose(after.grasps.rotation, before.grasps.rotation)
 
@@ -64,7 +64,7 @@ def test_close_contacts_get_less_wherever_there_is_room(monkeypatch, width, room
     )
     after = widened(hand(width), *seen())
     assert_allclose(after.grasps.width, width + room, atol=1e-12)
-    assert room <= CONFIG.spare_share * width
+    assert room <= CONFIG.opening_margin_share * width
 
 
 @pytest.mark.parametrize("gap", [0.0, 0.0035, 0.0055, 0.02])
@@ -74,8 +74,8 @@ def test_it_gets_the_most_room_that_a_neighbour_leaves(gap):
     found = widened(hand(0.06), scene, around)
     room = float(found.grasps.width[0] - 0.06)
     fitting = [0.0]
-    for step in CONFIG.spare_room:
-        wider = widened(hand(0.06), scene, around, replace(CONFIG, spare_room=(step,)))
+    for step in CONFIG.opening_margins:
+        wider = widened(hand(0.06), scene, around, replace(CONFIG, opening_margins=(step,)))
         fitting += [step] if wider.grasps.width[0] > 0.06 else []
     assert room == pytest.approx(max(fitting))
     assert room <= max(gap, 0.0) + 0.002
@@ -96,6 +96,6 @@ def test_the_hand_opens_no_wider_than_it_can():
 
 def test_without_room_to_spare_nothing_changes():
     scene, around = seen()
-    found = widened(hand(0.06), scene, around, replace(CONFIG, spare_room=()))
+    found = widened(hand(0.06), scene, around, replace(CONFIG, opening_margins=()))
     assert_allclose(found.grasps.width, 0.06)
     assert len(widened(RankedGrasps.empty(), scene, around)) == 0

@@ -8,7 +8,7 @@ import pytest
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.transforms import random_rotation
 from pipelines.grasp_files.gripper_files import load_gripper
-from pipelines.grasping.feasibility.visibility import PLACES, TIP_LENGTH, seen_share
+from pipelines.grasping.feasibility.visibility import PLACES, TIP_LENGTH, visible_fraction
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.observation import SceneCloud
 
@@ -41,11 +41,13 @@ def along_the_view(z, width=0.04):
     ],
 )
 def test_room_before_a_surface_is_seen_and_room_behind_it_is_not(scene, share):
-    assert seen_share(along_the_view(0.5), GRIPPER, scene)[0] == pytest.approx(share)
+    assert visible_fraction(along_the_view(0.5), GRIPPER, scene)[0] == pytest.approx(share)
 
 
 def test_a_tip_that_dips_into_the_wall_is_seen_in_part():
-    shares = [seen_share(along_the_view(z), GRIPPER, wall(0.5))[0] for z in (0.49, 0.515, 0.54)]
+    shares = [
+        visible_fraction(along_the_view(z), GRIPPER, wall(0.5))[0] for z in (0.49, 0.515, 0.54)
+    ]
     assert shares[0] == 1.0
     assert 0.2 < shares[1] < 0.8
     assert shares[2] == 0.0
@@ -55,9 +57,9 @@ def test_room_beside_the_picture_and_behind_the_camera_is_not_seen():
     grasp, metre = along_the_view(0.5), np.eye(3)
     beside = Grasps(grasp.rotation, grasp.translation + metre[:1], grasp.width)
     behind = Grasps(grasp.rotation, grasp.translation - metre[2:], grasp.width)
-    assert seen_share(beside, GRIPPER, wall(0.6))[0] == 0.0
-    assert seen_share(behind, GRIPPER, wall(0.6))[0] == 0.0
-    assert seen_share(Grasps.empty(), GRIPPER, wall(0.6)).shape == (0,)
+    assert visible_fraction(beside, GRIPPER, wall(0.6))[0] == 0.0
+    assert visible_fraction(behind, GRIPPER, wall(0.6))[0] == 0.0
+    assert visible_fraction(Grasps.empty(), GRIPPER, wall(0.6)).shape == (0,)
 
 
 def test_the_share_is_that_of_a_lattice_of_points():
@@ -77,4 +79,4 @@ def test_the_share_is_that_of_a_lattice_of_points():
                 (u, v), inside = (found[0] for found in CAMERA.pixels_of(point[None]))
                 free.append(inside and point[2] < depth[v, u])
         expected.append(np.mean(free))
-    np.testing.assert_allclose(seen_share(grasps, GRIPPER, scene), expected)
+    np.testing.assert_allclose(visible_fraction(grasps, GRIPPER, scene), expected)

@@ -1,4 +1,4 @@
-"""What a hand meets, as its judge sees it: each column says what it is called, on a known box."""
+"""What a hand meets, as its critic sees it: each column says what it is called, on a known box."""
 
 from dataclasses import replace
 
@@ -16,11 +16,11 @@ from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.observation import RegionCloud, SceneCloud
 from pipelines.grasping.ranking import grasp_features
 from pipelines.grasping.ranking.grasp_features import (
-    HAND_FEATURES,
+    GRASP_FEATURES,
     NUM_POINTS,
     POINT_FEATURES,
-    HandViews,
-    hand_frame,
+    GraspFeatures,
+    grasp_frame,
 )
 from pipelines.grasping.ranking.known_region import KnownRegion
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
@@ -62,15 +62,15 @@ def hands(count=1, slot=0, height=0.08):
 
 
 def views(found, known=KNOWN):
-    return HandViews(found, np.ones(len(found)), np.ones(len(found)), known)
+    return GraspFeatures(found, np.ones(len(found)), np.ones(len(found)), known)
 
 
 def test_shapes_are_as_documented_for_any_number_of_hands():
     for count in (0, 1, 3):
         seen = views(hands(3)[np.arange(count)])
         assert seen.point_rows().shape == (count, NUM_POINTS, POINT_FEATURES)
-        assert seen.hand_rows().shape == (count, HAND_FEATURES)
-        assert np.isfinite(seen.hand_rows()).all()
+        assert seen.grasp_rows().shape == (count, GRASP_FEATURES)
+        assert np.isfinite(seen.grasp_rows()).all()
 
 
 def test_points_are_those_about_the_fingers_with_their_kind_and_height():
@@ -90,7 +90,7 @@ def test_points_are_those_about_the_fingers_with_their_kind_and_height():
 
 
 def test_numbers_tell_width_pose_symmetry_and_what_is_seen_at_each_contact():
-    (row,) = views(hands()).hand_rows()
+    (row,) = views(hands()).grasp_rows()
     assert abs(row[WIDTH] - 0.9) < 1e-6
     np.testing.assert_allclose(row[UP], [-1.0, 0.0, 0.0], atol=1e-6)
     assert row[SLOT_TRUST] == 1.0
@@ -100,13 +100,13 @@ def test_numbers_tell_width_pose_symmetry_and_what_is_seen_at_each_contact():
     assert first[0] > 0.95  # the front faces its finger
     assert first[6] < 30 * 0.006  # and is seen where the finger touches
     assert second[6] > 30 * 0.006  # the back is not
-    (none,) = views(hands(slot=-1)).hand_rows()
+    (none,) = views(hands(slot=-1)).grasp_rows()
     assert (none[SLOT_TRUST], none[IS_PLANE], none[IS_PLANAR]) == (0.0, 0.0, 1.0)
 
 
 def test_the_hands_frame_leads_back_to_the_cameras():
     grasps = hands(2).grasps
-    for index, local in enumerate(hand_frame(KNOWN.region.points, grasps)):
+    for index, local in enumerate(grasp_frame(KNOWN.region.points, grasps)):
         back = local.T @ grasps.rotation[index].T + grasps.translation[index]
         np.testing.assert_allclose(back, KNOWN.region.points, atol=1e-6)
 
@@ -146,7 +146,7 @@ def test_without_a_table_heights_are_zero_and_few_points_are_repeated():
     (rows,) = seen.point_rows()
     assert len(np.unique(rows, axis=0)) <= 9
     np.testing.assert_array_equal(rows[:, HEIGHT], 0.0)
-    assert np.isfinite(seen.hand_rows()).all()
+    assert np.isfinite(seen.grasp_rows()).all()
 
 
 @given(st.integers(0, 2**31), st.integers(0, 5), st.sampled_from([1, 40, 64, 65, 200]))
@@ -218,5 +218,5 @@ def test_numbers_are_those_of_each_hand_whatever_stands_beside_it():
     low, high = hands(height=0.05), hands(height=0.08)
     parts = [low.grasps, low.grasps, high.grasps, low.grasps]
     found = replace(hands(4), grasps=Grasps.concatenate(parts))
-    rows, alone = views(found).hand_rows(), [views(hand).hand_rows()[0] for hand in (low, high)]
+    rows, alone = views(found).grasp_rows(), [views(hand).grasp_rows()[0] for hand in (low, high)]
     np.testing.assert_allclose(rows, [alone[0], alone[0], alone[1], alone[0]], atol=1e-6)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from pipelines.configs import SelectionConfig
 from pipelines.geometry.transforms import random_rotation, rotation_about
 from pipelines.grasping.grasps import Grasps
-from pipelines.grasping.ranking.suppression import are_near, different
+from pipelines.grasping.ranking.suppression import are_near, non_maximum_suppression
 
 CONFIG = SelectionConfig()
 DISTANCE, ANGLE = CONFIG.nms_distance, CONFIG.nms_angle
@@ -67,13 +67,20 @@ def test_what_stays_is_what_a_loop_over_all_sound_grasps_keeps(seed, count):
         asked.extend(places)
         return sound[places]
 
-    assert different(grasps, DISTANCE, ANGLE, is_sound).tolist() == naive_different(grasps, sound)
+    assert non_maximum_suppression(grasps, DISTANCE, ANGLE, is_sound).tolist() == naive_different(
+        grasps, sound
+    )
     assert len(asked) == len(set(asked))  # nobody is asked about twice
 
 
 def test_of_nothing_nothing_stays():
     assert (
-        len(different(Grasps.empty(), DISTANCE, ANGLE, lambda some: np.ones(len(some), bool))) == 0
+        len(
+            non_maximum_suppression(
+                Grasps.empty(), DISTANCE, ANGLE, lambda some: np.ones(len(some), bool)
+            )
+        )
+        == 0
     )
 
 
@@ -85,7 +92,7 @@ def test_few_are_asked_about():
         asked.append(len(some))
         return np.ones(len(some), bool)
 
-    assert different(grasps, DISTANCE, ANGLE, is_sound).tolist() == [0]
+    assert non_maximum_suppression(grasps, DISTANCE, ANGLE, is_sound).tolist() == [0]
     assert asked == [1]
 
 

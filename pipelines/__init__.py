@@ -14,7 +14,7 @@ pack                 ROOT frames, symmetry, affordance           PACKED/scene_XX
 export_coco          ROOT frames, symmetry                       a COCO instance dataset
 finetune_detector    ROOT or COCO frames, symmetry               detector.safetensors
 train                PACKED, or ROOT models and labels             network.safetensors
-inspect              RGB-D frames of any layout                  nothing; says what they are
+inspect_frames       RGB-D frames of any layout                  nothing; says what they are
 convert_frames       RGB-D frames of any layout                  RGB-D frames as flat pairs
 infer                RGB-D frames, both weights                  grasps.h5, overlay pictures
 infer_watch          RGB-D frames as they come, weights          a file a frame, grasps.h5
@@ -27,7 +27,32 @@ evaluate_dump        grasp dumps of any detector, ROOT           report.json, re
 compare              several report.json                         compare.json, compare.html
 ===================  ==========================================  ===============================
 
-Libraries, from the ground up: `errors`, `configs`, `geometry` and `network`, `grasping`,
-`formats` and `metrics`, `synthesis`, `evaluation` and `health`, `simulation`, `clusters`,
-`learning` and `batch`, `annotation` and `refinement`. Imports run down only.
+Packages, from the ground up; imports run down only (drawn by `tools/draw_map.py`):
+
+=====  =============  ==============================================================================
+level  package        subject
+=====  =============  ==============================================================================
+1      errors         Errors a user can mend: each message says what, where, and what would be right
+2      configs        Every number of the paper and of our choices: one frozen dataclass a stage
+3      geometry       Geometry on arrays: transforms, cameras, clouds, symmetries; metres, radians
+3      storage        Files: atomic writes, HDF5, safetensors, provenance, digests
+4      tabletop       Frames of tabletop scenes: support plane, segments, regions, filled depth
+4      mesh_symmetry  Symmetries of meshes: detection, verification, symmetric parts, doubt
+4      runtime        Running many items: batches, worker processes, stop signals
+5      frames         RGB-D frames in any layout: finding, reading, cameras, masks, workspaces
+5      grasping       Grasps on arrays: the grasp frame, grippers, symmetrizing, decoding, selection
+5      network        The networks, in torch: PointNet++ with PIFT, and the region detector
+6      dataset        A dataset root in GraspNet-1Billion's layout: meshes, labels, symmetries
+6      metrics        Grasp and symmetry metrics on arrays
+7      synthesis      Procedural objects, scenes, sensors and grasp labels with known truth
+7      grasp_files    `grasps.h5`, its shards and tables, and gripper files
+7      refinement     Symmetric copies of annotated grasps, with contacts found anew
+8      pictures       Pictures and pages of frames, grasps and symmetries
+9      inference      From a frame to its grasps: models, regions, and many frames at once
+9      learning       Training of the region detector and of the grasp network
+10     evaluation     Evaluation of grasps: ground truth, predictions, baselines, figures, tables
+11     annotation     Annotation of an object: symmetries found, given, corrected by a person
+11     health         Checks of `doctor`: packages, torch and GPU, the machine, the default weights
+11     simulation     Trials of grasps in physics: a table with objects, a gripper, and their record
+=====  =============  ==============================================================================
 """

@@ -1,1 +1,1 @@
-"""Annotating one object: what is found, what is given, what a person corrects, and its picture."""
+"""Annotation of an object: symmetries found, given, corrected by a person."""

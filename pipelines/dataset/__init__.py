@@ -1,1 +1,1 @@
-"""A dataset root in GraspNet-1Billion's layout: meshes, labels, symmetries, training data."""
+"""A dataset root in GraspNet-1Billion's layout: meshes, labels, symmetries."""

@@ -1,1 +1,1 @@
-"""What `evaluate` is made of: ground truth, predictions, baselines, records, figures, tables."""
+"""Evaluation of grasps: ground truth, predictions, baselines, figures, tables."""

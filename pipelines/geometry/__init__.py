@@ -1,1 +1,1 @@
-"""Pure geometry on arrays: transforms, cameras, clouds, meshes, symmetries. Metres, radians."""
+"""Geometry on arrays: transforms, cameras, clouds, symmetries; metres, radians."""

@@ -1,1 +1,1 @@
-"""What `doctor` looks at: packages, torch and GPU, the machine, the default weights."""
+"""Checks of `doctor`: packages, torch and GPU, the machine, the default weights."""

@@ -1,1 +1,1 @@
-"""What `infer` does with one frame: models, regions, grasps."""
+"""From a frame to its grasps: models, regions, and many frames at once."""

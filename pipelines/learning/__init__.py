@@ -1,1 +1,1 @@
-"""What both trainings share: batches, the loop, checkpoints."""
+"""Training of the region detector and of the grasp network."""

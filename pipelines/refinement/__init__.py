@@ -1,1 +1,1 @@
-"""What `refine-grasps` is made of: contacts found anew, and symmetric copies that hold."""
+"""Symmetric copies of annotated grasps, with contacts found anew."""

@@ -1,1 +1,1 @@
-"""What `simulate` is made of: a table with objects, a hand, trials and their record."""
+"""Trials of grasps in physics: a table with objects, a gripper, and their record."""

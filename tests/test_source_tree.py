@@ -1,0 +1,76 @@
+"""The source tree: small folders, docstrings that name their subject, one definition a name."""
+
+import ast
+from collections import Counter, defaultdict
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+TOPS = ("symgrasp_cli", "pipelines", "symgrasp", "tools", "benchmarks")
+LARGEST_FOLDER = 12  # modules of a folder without folders of its own
+QUESTIONS = ("What", "Where", "How", "Who", "Of")
+# One role, one name: callers name the module with it, as in `symmetry_labels.read`.
+ROLES = {
+    "FORMAT_VERSION",
+    "STAGE",
+    "UNITS",
+    "log",
+    "main",
+    "measure",
+    "read",
+    "run",
+    "write",
+}
+
+# Names and docstrings that are still to be mended; nothing may be added.
+TWICE = set((ROOT / "tests/names_defined_twice.txt").read_text().split())
+QUESTIONING = set((ROOT / "tests/questioning_docstrings.txt").read_text().split())
+PILES = {"pipelines/synthesis/objects"}
+
+
+def sources() -> dict[str, ast.Module]:
+    """The parsed modules, by path from the root."""
+    files = (file for top in TOPS for file in sorted((ROOT / top).rglob("*.py")))
+    return {
+        file.relative_to(ROOT).as_posix(): ast.parse(file.read_text(encoding="utf-8"))
+        for file in files
+    }
+
+
+def public_names(module: ast.Module) -> set[str]:
+    """Classes, functions and constants of a module, those with an underscore in front left out."""
+    found = set()
+    for node in module.body:
+        match node:
+            case ast.ClassDef(name=name) | ast.FunctionDef(name=name):
+                found.add(name)
+            case ast.Assign(targets=targets):
+                found |= {target.id for target in targets if isinstance(target, ast.Name)}
+            case ast.AnnAssign(target=ast.Name(id=name)):
+                found.add(name)
+    return {name for name in found if not name.startswith("_")}
+
+
+def test_no_folder_of_the_package_holds_more_modules_than_a_reader_takes_in():
+    modules = [file for file in (ROOT / "pipelines").rglob("*.py") if file.stem != "__init__"]
+    counts = Counter(file.parent for file in modules)
+    piles = {
+        str(folder.relative_to(ROOT)): count
+        for folder, count in counts.items()
+        if count > LARGEST_FOLDER and not list(folder.glob("*/__init__.py"))
+    }
+    assert piles.keys() <= PILES
+
+
+def test_no_docstring_of_a_module_begins_with_a_question():
+    first = {file: (ast.get_docstring(module) or "").split() for file, module in sources().items()}
+    asking = {file for file, words in first.items() if words[0] in QUESTIONS}
+    assert asking <= QUESTIONING
+
+
+def test_a_public_name_is_defined_in_one_module_only():
+    homes = defaultdict(list)
+    for file, module in sources().items():
+        for name in public_names(module) - ROLES:
+            homes[name].append(file)
+    twice = {name: files for name, files in sorted(homes.items()) if len(files) > 1}
+    assert twice.keys() <= TWICE

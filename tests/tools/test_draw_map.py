@@ -1,0 +1,19 @@
+"""The map in `pipelines/__init__.py` is the import contract of pyproject.toml."""
+
+import re
+
+import pipelines
+from tests import tool_scripts
+
+draw_map = tool_scripts.load("draw_map")
+
+
+def test_the_map_of_packages_is_what_the_import_contract_says():
+    drawn = pipelines.__doc__.partition(draw_map.TITLE)[2].strip()
+    assert drawn == draw_map.draw_map().strip(), "run `python tools/draw_map.py`"
+
+
+def test_every_stage_has_a_row_in_the_table_of_stages():
+    table = pipelines.__doc__.partition(draw_map.TITLE)[0]
+    rows = re.findall(r"^([a-z_]+)  +\S", table, re.MULTILINE)
+    assert sorted(rows) == sorted(["stage", *draw_map.layers()[0]])

@@ -1,0 +1,55 @@
+"""Draw the map of packages in `pipelines/__init__.py`: `python tools/draw_map.py`.
+
+The levels are the layers of the import contract in pyproject.toml; a package's subject is the first
+line of its docstring.
+"""
+
+import ast
+import tomllib
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "pipelines" / "__init__.py"
+TITLE = "Packages, from the ground up; imports run down only (drawn by `tools/draw_map.py`):"
+    "Packages, from the ground up; imports run down only (`tools/draw_map.py` draws this table):"
+)
+HEADER = ("level", "package", "subject")
+
+
+def layers() -> list[list[str]]:
+    """Return the modules of each layer, the stages first, the errors last."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    contracts = settings["tool"]["importlinter"]["contracts"]
+    (contract,) = (each for each in contracts if each.get("containers") == ["pipelines"])
+    return [layer.split(" | ") for layer in contract["layers"]]
+
+
+def subject(name: str) -> str:
+    """Return the first line of the docstring of a module or package, without its full stop."""
+    folder = PAGE.parent / name
+    file = folder / "__init__.py" if folder.is_dir() else folder.with_suffix(".py")
+    docstring = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
+    return docstring.partition("\n")[0].removesuffix(".")
+
+
+def draw_map() -> str:
+    """Return the table of levels, packages and subjects, ground first."""
+    packages = enumerate(reversed(layers()[1:]), start=1)
+    rows = [(str(level), name, subject(name)) for level, names in packages for name in names]
+    widths = [max(map(len, column)) for column in zip(HEADER, *rows, strict=True)]
+    rule = tuple("=" * width for width in widths)
+    lines = (
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in (rule, HEADER, rule, *rows, rule)
+    )
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Write the map to the end of the docstring of `pipelines/__init__.py`."""
+    before, _, _ = PAGE.read_text(encoding="utf-8").partition(TITLE)
+    PAGE.write_text(f'{before}{TITLE}\n\n{draw_map()}"""\n', encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -11,8 +11,6 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "pipelines" / "__init__.py"
 TITLE = "Packages, from the ground up; imports run down only (drawn by `tools/draw_map.py`):"
-    "Packages, from the ground up; imports run down only (`tools/draw_map.py` draws this table):"
-)
 HEADER = ("level", "package", "subject")
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.errors import FormatError, SymgraspError, ValueRangeError
-from pipelines.frames.encodings.flat_yaml import read_flat_yaml
+from pipelines.frames.encodings.yaml_files import read_yaml
 from pipelines.frames.graspnet_scene import read_meta
 from pipelines.geometry.camera import Intrinsics
 from pipelines.storage.files import existing, is_file, read_json, read_npy
@@ -177,7 +177,7 @@ def read_camera_file(path: Path, frame: str = "") -> CameraFile:
                 content = _camera_of(path, content, frame)
             return camera_from_mapping(path, content)
         case ".yml" | ".yaml":
-            return camera_from_mapping(path, read_flat_yaml(path))
+            return camera_from_mapping(path, read_yaml(path))
         case ".txt":
             return _from_numbers(path)
         case ".npy":

@@ -8,7 +8,7 @@ import json
 from pathlib import Path
 
 import numpy as np
-import pytest
+import yaml
 from scipy.spatial.transform import Rotation
 
 from pipelines.grasping.gripper import Gripper
@@ -51,13 +51,12 @@ def contact_graspnet(path: Path, _gripper: Gripper):
     return np.concatenate(parts)
 
 
-def yaml(path: Path):
-    ruamel = pytest.importorskip("ruamel.yaml", reason="reads isaac_grasp files")
-    return ruamel.YAML(typ="safe").load(path.read_text(encoding="utf-8"))
+def yaml_content(path: Path):
+    return yaml.safe_load(path.read_text(encoding="utf-8"))
 
 
 def isaac(path: Path, _gripper: Gripper):
-    content = yaml(path)
+    content = yaml_content(path)
     assert content["format"] == "isaac_grasp"
     assert content["format_version"] == 1.0
     found = list(content["grasps"].values())

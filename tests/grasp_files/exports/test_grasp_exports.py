@@ -137,7 +137,7 @@ def test_the_keys_of_ros_exports_are_documented(tmp_path):
 
 
 def test_the_keys_of_isaac_exports_are_documented(tmp_path):
-    content = export_readers.yaml(written("isaac", tmp_path))
+    content = export_readers.yaml_content(written("isaac", tmp_path))
     lines = block("keys", "export isaac")
     assert set(content) == keys_of(lines)
     joints = {"cspace_position", "pregrasp_cspace_position"}  # of hands whose joints are known

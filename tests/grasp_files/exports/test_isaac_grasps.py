@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from pipelines.grasp_files.exports import isaac_grasps
 from pipelines.grasp_files.exports.grasp_exports import Hand, HandGrasps
 from pipelines.grasp_files.gripper_files import load_gripper
-from tests.grasp_files.exports.export_readers import yaml
+from tests.grasp_files.exports.export_readers import yaml_content
 from tests.grasp_files.exports.gripper_toys import random_frame, random_result
 
 
@@ -18,7 +18,7 @@ def test_frankas_finger_joint_is_half_the_distance(tmp_path):
     hand = Hand(gripper, gripper.base_to_contacts, "franka")
     frame = HandGrasps.of(random_result(np.random.default_rng(0), 9, "x"), 0, hand)
     isaac_grasps.write_frame(tmp_path, frame, replace(header, hand=hand))
-    found = yaml(tmp_path / "x.yaml")["grasps"]
+    found = yaml_content(tmp_path / "x.yaml")["grasps"]
     assert len(found) == len(frame) > 2
     for grasp, width in zip(found.values(), frame.grasps.width, strict=True):
         joint = "panda_finger_joint1"
@@ -31,7 +31,7 @@ def test_frankas_finger_joint_is_half_the_distance(tmp_path):
 def test_a_frame_without_grasps_is_an_empty_mapping(tmp_path):
     frame, header = random_frame(np.random.default_rng(0), 0, name="x")
     isaac_grasps.write_frame(tmp_path, frame, header)
-    assert yaml(tmp_path / "x.yaml")["grasps"] == {}
+    assert yaml_content(tmp_path / "x.yaml")["grasps"] == {}
 
 
 def test_small_numbers_are_numbers(tmp_path):

@@ -1,0 +1,121 @@
+"""The small YAML files that hold cameras: ROS, camera_calibration, OpenCV, and those typed by hand.
+
+Read by PyYAML's plainest loader, which makes texts, lists and dictionaries and nothing else. What
+looks like numbers becomes numbers here, since YAML 1.1 takes 0600 for 384, 1e3 for a text and
+1:30 for 90.
+"""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import yaml
+from yaml.composer import ComposerError
+
+from pipelines.errors import FormatError
+from pipelines.storage.files import existing
+
+Value = float | str | list["Value"] | dict[str, "Value"] | None
+
+EXPECTED = "a YAML file of a camera is expected"
+LARGEST = 2**20  # bytes; cameras have some thousand
+DEEPEST = 20  # levels; cameras have three
+NULLS = ("", "~", "null", "Null", "NULL")
+UNPRINTABLE = yaml.reader.Reader.NON_PRINTABLE
+LENIENT = (
+    (re.compile(r"^%.*$", re.M), ""),  # OpenCV's %YAML:1.0, and directives without a --- below
+    (re.compile(r"^(\s*[\w.]+):(?=[^\s:])", re.M), r"\1: "),  # fx:600, which OpenCV reads
+    (re.compile(r"\](\s+)\["), r"],\1["),  # rows as numpy prints them
+)
+
+
+class _PlainLoader(yaml.BaseLoader):
+    """Texts, lists and dictionaries of bounded depth, whatever their tags; no aliases.
+
+    Of a key that a mapping has twice, the first value counts.
+    """
+
+    depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        """Return the next node, unless it is an alias, by which a small file grows without end."""
+        if self.check_event(yaml.AliasEvent):
+            raise ComposerError(problem="an alias", problem_mark=self.get_mark())
+        if self.depth == DEEPEST:
+            problem = f"more than {DEEPEST} levels, one in another"
+            raise ComposerError(problem=problem, problem_mark=self.get_mark())
+        self.depth += 1
+        node = super().compose_node(parent, index)
+        self.depth -= 1
+        if isinstance(node, yaml.MappingNode):
+            node.value.reverse()  # PyYAML keeps the last of equal keys
+        return node
+
+
+def read_yaml(path: Path) -> dict[str, Value]:
+    """Return the top-level values of a YAML file; of several documents the first that has each.
+
+    A document that adds no key is the last to be read, so that a long recording of one camera
+    costs no more than its first message; damage below the first document is passed over.
+
+    Raises:
+        FormatError: damaged, too large, too deep, or with aliases.
+    """
+    content: dict[str, Value] = {}
+    for document in _documents(path):
+        known = len(content)
+        content = document | content
+        if len(content) == known:
+            break
+    return content
+
+
+def _documents(path: Path) -> Iterator[dict[str, Value]]:
+    """Yield the mappings among the documents of `path`, up to the first damaged one."""
+    loader = _PlainLoader(_text(path))
+    is_first = True
+    try:
+        while loader.check_data():  # type: ignore[no-untyped-call]
+            if isinstance(found := loader.get_data(), dict):
+                yield {key: _value(each) for key, each in found.items()}
+                is_first = False
+    except (yaml.YAMLError, ValueError, OverflowError) as error:  # the last two: of \\U escapes
+        if is_first:
+            raise FormatError(path, _sentence(error), EXPECTED) from error
+
+
+def _text(path: Path) -> str:
+    """Return what PyYAML takes of the file: whole documents, at most `LARGEST` bytes of them."""
+    with existing(path).open("rb") as stream:
+        data = stream.read(LARGEST + 1)
+    if len(data) > LARGEST:
+        data, _mark, _rest = data.rpartition(b"\n---")
+        if not data:
+            raise FormatError(path, f"a document of more than {LARGEST} bytes", EXPECTED)
+    text = UNPRINTABLE.sub("\ufffd", data.decode("utf-8-sig", errors="replace")).expandtabs()
+    for pattern, replacement in LENIENT:
+        text = pattern.sub(replacement, text)
+    return text
+
+
+def _value(stored: object) -> Value:
+    """Return numbers for texts that are numbers, a list of them where there are several."""
+    match stored:
+        case dict():
+            return {key: _value(each) for key, each in stored.items()}
+        case list():
+            return [_value(each) for each in stored]
+    text = str(stored).strip()
+    if text in NULLS:
+        return None
+    try:
+        numbers = [float(part) for part in re.split(r"[\s,]+", text)]
+    except ValueError:
+        return text
+    return numbers[0] if len(numbers) == 1 else list(numbers)
+
+
+def _sentence(error: Exception) -> str:
+    if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark:
+        return f"line {error.problem_mark.line + 1} cannot be read ({error.problem})"
+    return f"this is no YAML ({' '.join(str(error).split())})"

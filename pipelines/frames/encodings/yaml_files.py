@@ -17,9 +17,9 @@ from pipelines.storage.files import existing
 
 Value = float | str | list["Value"] | dict[str, "Value"] | None
 
-EXPECTED = "a YAML file of a camera is expected"
-LARGEST = 2**20  # bytes; cameras have some thousand
-DEEPEST = 20  # levels; cameras have three
+CAMERA_EXPECTED = "a YAML file of a camera is expected"
+MAX_FILE_BYTES = 2**20  # bytes; cameras have some thousand
+MAX_LEVELS = 20  # levels; cameras have three
 NULLS = ("", "~", "null", "Null", "NULL")
 UNPRINTABLE = yaml.reader.Reader.NON_PRINTABLE
 LENIENT = (
@@ -41,8 +41,8 @@ class _PlainLoader(yaml.BaseLoader):
         """Return the next node, unless it is an alias, by which a small file grows without end."""
         if self.check_event(yaml.AliasEvent):
             raise ComposerError(problem="an alias", problem_mark=self.get_mark())
-        if self.depth == DEEPEST:
-            problem = f"more than {DEEPEST} levels, one in another"
+        if self.depth == MAX_LEVELS:
+            problem = f"more than {MAX_LEVELS} levels, one in another"
             raise ComposerError(problem=problem, problem_mark=self.get_mark())
         self.depth += 1
         node = super().compose_node(parent, index)
@@ -81,17 +81,17 @@ def _documents(path: Path) -> Iterator[dict[str, Value]]:
                 is_first = False
     except (yaml.YAMLError, ValueError, OverflowError) as error:  # the last two: of \\U escapes
         if is_first:
-            raise FormatError(path, _sentence(error), EXPECTED) from error
+            raise FormatError(path, _sentence(error), CAMERA_EXPECTED) from error
 
 
 def _text(path: Path) -> str:
-    """Return what PyYAML takes of the file: whole documents, at most `LARGEST` bytes of them."""
+    """Return what PyYAML takes of the file: whole documents, at most `MAX_FILE_BYTES` bytes of them."""
     with existing(path).open("rb") as stream:
-        data = stream.read(LARGEST + 1)
-    if len(data) > LARGEST:
+        data = stream.read(MAX_FILE_BYTES + 1)
+    if len(data) > MAX_FILE_BYTES:
         data, _mark, _rest = data.rpartition(b"\n---")
         if not data:
-            raise FormatError(path, f"a document of more than {LARGEST} bytes", EXPECTED)
+            raise FormatError(path, f"a document of more than {MAX_FILE_BYTES} bytes", CAMERA_EXPECTED)
     text = UNPRINTABLE.sub("\ufffd", data.decode("utf-8-sig", errors="replace")).expandtabs()
     for pattern, replacement in LENIENT:
         text = pattern.sub(replacement, text)

@@ -18,7 +18,7 @@ from pipelines.storage.files import existing
 Value = float | str | list["Value"] | dict[str, "Value"] | None
 
 CAMERA_EXPECTED = "a YAML file of a camera is expected"
-MAX_FILE_BYTES = 2**20  # bytes; cameras have some thousand
+MAX_YAML_BYTES = 2**20  # bytes; cameras have some thousand
 MAX_LEVELS = 20  # levels; cameras have three
 NULLS = ("", "~", "null", "Null", "NULL")
 UNPRINTABLE = yaml.reader.Reader.NON_PRINTABLE
@@ -85,13 +85,14 @@ def _documents(path: Path) -> Iterator[dict[str, Value]]:
 
 
 def _text(path: Path) -> str:
-    """Return what PyYAML takes of the file: whole documents, at most `MAX_FILE_BYTES` bytes of them."""
+    """Return whole documents of the file, at most `MAX_YAML_BYTES`, as PyYAML takes them."""
     with existing(path).open("rb") as stream:
-        data = stream.read(MAX_FILE_BYTES + 1)
-    if len(data) > MAX_FILE_BYTES:
+        data = stream.read(MAX_YAML_BYTES + 1)
+    if len(data) > MAX_YAML_BYTES:
         data, _mark, _rest = data.rpartition(b"\n---")
         if not data:
-            raise FormatError(path, f"a document of more than {MAX_FILE_BYTES} bytes", CAMERA_EXPECTED)
+            found = f"a document of more than {MAX_YAML_BYTES} bytes"
+            raise FormatError(path, found, CAMERA_EXPECTED)
     text = UNPRINTABLE.sub("\ufffd", data.decode("utf-8-sig", errors="replace")).expandtabs()
     for pattern, replacement in LENIENT:
         text = pattern.sub(replacement, text)

@@ -2,7 +2,6 @@
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
 from benchmarks.timing import Measurement, cpu_seconds_of, seconds_of
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
@@ -18,8 +17,6 @@ from pipelines.metrics.graspnet.graspnet_frames import GridObject, PeerScene, ju
 from pipelines.metrics.graspnet.grid_contacts import close_fingers_on_grid
 from pipelines.metrics.graspnet.peer_collision import NUM_SAMPLES, VOXEL, voxel_means
 from pipelines.metrics.mesh_collision import MeshCollider
-
-Array = NDArray[np.float64]
 
 NUM_GRASPS = 4000
 NUM_COLLIDED = 500

@@ -32,6 +32,7 @@ Packages, from the ground up; imports run down only (drawn by `tools/draw_map.py
 =====  =============  ==============================================================================
 level  package        subject
 =====  =============  ==============================================================================
+1      array_types    Types of arrays, by what they hold
 1      errors         Errors a user can mend: each message says what, where, and what would be right
 2      configs        Every number of the paper and of our choices: one frozen dataclass a stage
 3      geometry       Geometry on arrays: transforms, cameras, clouds, symmetries; metres, radians

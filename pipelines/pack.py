@@ -36,8 +36,6 @@ from pipelines.tabletop.levelling import table_row
 from pipelines.tabletop.mask_noise import MaskNoise
 from pipelines.tabletop.tabletop import find_tabletop
 
-Array = NDArray[np.float64]
-
 STAGE = "pack"
 
 

@@ -17,8 +17,8 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.configs import RefineGraspsConfig
 from pipelines.dataset.graspnet.graspnet import (
     GraspLabel,
@@ -41,8 +41,6 @@ from pipelines.mesh_symmetry.detection.surface import Surface
 from pipelines.refinement.copies import PLACE_SHARE, Copier, contact_pairs
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.storage.provenance import digest_if_there, make_stamp
-
-Array = NDArray[np.float64]
 
 STAGE = "refine-grasps"
 NUM_SURFACE_SAMPLES = 30000

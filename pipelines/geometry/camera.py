@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pipelines.array_types import Array
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.numerics.compiled import compiled
 
-Array = NDArray[np.float64]
 Lens = tuple[float, float, float, float]  # fx, fy, cx, cy
 
 

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pipelines.array_types import Array
 from pipelines.geometry.numerics.point_cells import cell_keys, first_of_each
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

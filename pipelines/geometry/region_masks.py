@@ -10,14 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pipelines.array_types import Array, Mask
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.geometry.rendering import first_hits
 from pipelines.geometry.symmetry import Symmetry
 from pipelines.geometry.transforms import invert, rotate_vectors, transform_points
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 NUM_VISIBILITY_SAMPLES = 500
 

@@ -13,13 +13,11 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import ArrayLike, NDArray
 
+from pipelines.array_types import Array, Indices
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import invert, rotate_vectors, transform_points, unit
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pipelines.array_types import Array
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.transforms import rotate_vectors, rotation_about, transform_points
-
-Array = NDArray[np.float64]
 
 NUM_SLOTS = 5  # M of Eq. 7: three reflections, one rotation, one sphere
 REFLECTION_SLOTS = (0, 1, 2)

@@ -8,8 +8,8 @@ axis sign, and a plane or axis that is right at the object and wrong elsewhere c
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.symmetry import (
     ReflectionSymmetry,
@@ -20,8 +20,6 @@ from pipelines.geometry.symmetry import (
 
 HALF_TURN = (np.pi,)
 TURNS = tuple(np.pi * k / 8 for k in range(1, 16))
-
-Array = NDArray[np.float64]
 
 
 def reflection_error(

@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.geometry.numerics.fitting_sums import (
     SCALES,
     Sums,
@@ -24,8 +24,6 @@ from pipelines.geometry.numerics.fitting_sums import (
 from pipelines.geometry.numerics.nearest import Neighbours
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry
 from pipelines.geometry.transforms import basis_from_direction, cross, unit
-
-Array = NDArray[np.float64]
 
 STEPS = 5  # more lead nowhere better; a plane's cost most, its images look for their neighbours
 EVERY = 4  # so many-th point is mirrored, onto all

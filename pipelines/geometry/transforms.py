@@ -7,11 +7,10 @@ y down, z forward. An array that could be in two frames carries a suffix: `point
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pipelines.array_types import Array
 from pipelines.geometry.numerics.compiled import compiled
-
-Array = NDArray[np.float64]
 
 
 def make_pose(rotation: ArrayLike, translation: ArrayLike) -> Array:

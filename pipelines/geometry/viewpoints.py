@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.symmetry import (
@@ -15,8 +15,6 @@ from pipelines.geometry.symmetry import (
     Symmetry,
 )
 from pipelines.geometry.transforms import make_pose, unit
-
-Array = NDArray[np.float64]
 
 NUM_DIRECTIONS = 240
 FIELD = np.radians(9.0)  # of the camera; long lenses keep parallels parallel

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.symmetry import (
@@ -27,8 +27,6 @@ from pipelines.mesh_symmetry.detection.canonical_pose import CanonicalPose
 from pipelines.mesh_symmetry.detection.symmetry_refinement import fit_sphere
 from pipelines.mesh_symmetry.detection.symmetry_search import Shape, fit_of_plane, fit_of_turn
 from pipelines.mesh_symmetry.symmetry_verification import VERIFICATION_ANGLES, Fit
-
-Array = NDArray[np.float64]
 
 NUM_SURFACE, NUM_SAMPLES = 10_000, 800
 SPHERE_ANGLES = VERIFICATION_ANGLES[::3]

@@ -15,16 +15,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Indices, Mask
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.geometry.transforms import rotation_about
 from pipelines.mesh_symmetry.detection.surface import AGREEING_COSINE, Surface
 from pipelines.mesh_symmetry.parts.open_boundary import cut_off, linked
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 # Worst of these decides whether a rotation is continuous; no n-gon up to 12 has all of them.
 VERIFICATION_ANGLES = tuple(np.radians([25.0, 47.0, 77.0, 104.0, 131.0, 155.0, 180.0]))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.configs import RefineGraspsConfig
 from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries
 from pipelines.geometry.meshes.mesh import Mesh
@@ -17,8 +18,6 @@ from pipelines.grasping.symmetrize import copies_under, image, symmetry_group
 from pipelines.mesh_symmetry.detection.surface import Surface
 from pipelines.metrics.contacts import close_fingers
 from pipelines.metrics.force_closure import min_friction, on_grid
-
-Array = NDArray[np.float64]
 
 SAMPLE_SPACINGS = 6.0  # no place of the surface is so far from its samples
 PLACE_SHARE = 0.5  # of the contact radius: the best grasp at each such place stands for all there

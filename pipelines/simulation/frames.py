@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pipelines.array_types import Array
 from pipelines.configs import EvaluateConfig, SimulateConfig
 from pipelines.dataset import convex_pieces
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
@@ -25,7 +26,7 @@ from pipelines.grasp_files.grasps_file import FrameResult
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
 from pipelines.simulation.trial import Trial
-from pipelines.simulation.world import Array, Pieces, at_rest
+from pipelines.simulation.world import Pieces, at_rest
 
 
 @dataclass

@@ -9,15 +9,12 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Indices
 from pipelines.geometry.transforms import matrix_to_quaternion
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
 from pipelines.simulation.world import HAND, HARD, STIFF, WORLD
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 PALM_MASS, FINGER_MASS = 1.0, 0.1  # kg
 ARM_STIFFNESS, ARM_DAMPING = 2.0e4, 400.0  # N / m, N s / m: critical for the palm

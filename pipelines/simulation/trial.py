@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.configs import SimulateConfig
 from pipelines.evaluation.trial_records import HELD, Outcome
 from pipelines.grasping.grasps import Grasps
@@ -14,8 +14,6 @@ from pipelines.grasping.gripper import Gripper
 from pipelines.simulation.gripper_model import Hand, add_hand, stroke
 from pipelines.simulation.world import TIME_STEP, Pieces, add_object, empty_world
 from pipelines.synthesis.scenes.settling import compiled
-
-Array = NDArray[np.float64]
 
 # What can become of a trial, in the order in which it can happen.
 REASONS = (

@@ -4,13 +4,12 @@ from collections.abc import Mapping, Sequence
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, matrix_to_quaternion, quaternion_to_matrix
 from pipelines.synthesis.scenes.settling import compiled
 
-Array = NDArray[np.float64]
 Pieces = Sequence[Mesh]
 
 TIME_STEP = 0.001  # seconds

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Mask
 from pipelines.configs import EndlessConfig
 from pipelines.dataset import convex_pieces as convex_file
 from pipelines.dataset import object_list
@@ -47,9 +47,6 @@ from pipelines.synthesis.scenes.tables import (
 )
 from pipelines.tabletop.levelling import table_row
 from pipelines.tabletop.mask_noise import MaskFaults, MaskNoise
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 ENDLESS = 1_000_033  # sets these draws apart from those of datasets and trainings of the same seed
 UNSEEN_POOLS = ("similar", "novel")

@@ -10,15 +10,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Singles
 from pipelines.configs import RegionConfig
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.geometry.pointcloud import Plane
 from pipelines.tabletop.organized import image_normals
 from pipelines.tabletop.tabletop import find_tabletop
-
-Array = NDArray[np.float64]
-Image = NDArray[np.float32]
 
 CHANNELS = ("normal_x", "normal_y", "upright", "height", "step", "missing")
 NORMAL_RADIUS = 2  # pixels about a pixel that its normal is fitted to
@@ -38,13 +36,13 @@ class SmallFrame:
     """
 
     color: NDArray[np.uint8]
-    depth: Image
+    depth: Singles
     intrinsics: Intrinsics
 
 
 def shrink(
     color: NDArray[np.uint8] | None,
-    depth: Image,
+    depth: Singles,
     intrinsics: Intrinsics,
     min_size: int,
     max_size: int,
@@ -86,7 +84,7 @@ def find_plane(frame: SmallFrame) -> Plane:
     return Plane(np.array([0.0, 0.0, -1.0]), far)
 
 
-def depth_channels(depth: Image, intrinsics: Intrinsics, plane: Plane) -> Image:
+def depth_channels(depth: Singles, intrinsics: Intrinsics, plane: Plane) -> Singles:
     """Return (6, h, w) float32 channels, named by `CHANNELS`, each about one unit large.
 
     Missing depth takes the value of the nearest pixel that has one, and is marked in `missing`.
@@ -106,7 +104,7 @@ def depth_channels(depth: Image, intrinsics: Intrinsics, plane: Plane) -> Image:
     return np.moveaxis(_channels(filled, blurred, missing, normals, rays, place), -1, 0)
 
 
-def fill_missing(depth: Image) -> Image:
+def fill_missing(depth: Singles) -> Singles:
     """Return `depth` (h, w) with zeros replaced by the value of the nearest pixel that has one."""
     missing = ~(depth > 0)
     if not missing.any() or missing.all():
@@ -118,7 +116,7 @@ def fill_missing(depth: Image) -> Image:
 
 
 @compiled
-def _nearest(depth: Image, label: NDArray[np.int32]) -> Image:
+def _nearest(depth: Singles, label: NDArray[np.int32]) -> Singles:
     """Return (h, w) the one depth over 0 among the pixels with the same `label` (h, w)."""
     value = np.zeros(depth.size + 1, np.float32)
     filled = np.empty_like(depth)
@@ -134,13 +132,13 @@ def _nearest(depth: Image, label: NDArray[np.int32]) -> Image:
 
 @compiled
 def _channels(
-    depth: Image,
-    blurred: Image,
+    depth: Singles,
+    blurred: Singles,
     missing: NDArray[np.bool_],
     normals: Array,
     rays: tuple[Array, Array],
     plane: tuple[float, float, float, float],
-) -> Image:
+) -> Singles:
     """Return (h, w, 6) the channels of what is known of each pixel.
 
     `rays`: (w,), (h,) where columns and rows lie at depth 1. `plane`: normal and offset.

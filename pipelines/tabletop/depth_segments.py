@@ -11,17 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from pipelines.array_types import Array, Indices, Mask, Singles
 from pipelines.configs import RegionConfig
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.geometry.numerics.quantiles import quantiles
 from pipelines.tabletop.organized import smooth_normals
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Labels = NDArray[np.int32]
-Indices = NDArray[np.int64]
-Image = NDArray[np.float32]
-Axes = tuple[Image, Image, Image]
+Axes = tuple[Singles, Singles, Singles]
 
 USUAL_FOCAL = 525.0  # pixels; a coarser image is smoothed over fewer
 GAP = 4  # pixels without depth that a surface is followed across
@@ -75,7 +72,7 @@ def _segment(
     return labels, whole
 
 
-def _cut(xyz: Array, mask: Mask, whole: Labels, fold: Image, config: RegionConfig) -> Labels:
+def _cut(xyz: Array, mask: Mask, whole: Labels, fold: Singles, config: RegionConfig) -> Labels:
     parts = connected(xyz, mask & (fold > -config.crease_fold), config)
     names = np.arange(parts.max(initial=0) + 1, dtype=np.int32)
     names[np.bincount(parts.ravel()) < config.min_pixels] = 0
@@ -100,7 +97,7 @@ def extent(points: Array) -> float:
     return float(np.linalg.norm(high - low))
 
 
-def inward_fold(xyz: Array, mask: Mask, focal: float, config: RegionConfig) -> Image:
+def inward_fold(xyz: Array, mask: Mask, focal: float, config: RegionConfig) -> Singles:
     """Return (H, W) how far the surface of `mask` folds: -2 sin(angle / 2) inward, 0 elsewhere.
 
     Normals on both sides of a convex edge point apart, of a concave one toward each other
@@ -147,7 +144,7 @@ def _attach(xyz: Array, cores: Labels, whole: Labels, foreground: Mask) -> Label
 
 
 @compiled
-def _folds(xyz: Array, normals: Array, mask: Mask, steps: Indices, longest: Image) -> Image:
+def _folds(xyz: Array, normals: Array, mask: Mask, steps: Indices, longest: Singles) -> Singles:
     """Return (H, W) the most negative of folds between the ends of chords about each pixel.
 
     `steps`: (k, 2) rows and columns from a chord's middle to its end. `longest`: (k,) lengths
@@ -196,7 +193,11 @@ def _row(axes: Axes, first: int, width: int) -> Axes:
 
 @compiled
 def _lower(
-    folds: Image, z: Image, points: tuple[Axes, Axes], normals: tuple[Axes, Axes], longest: float
+    folds: Singles,
+    z: Singles,
+    points: tuple[Axes, Axes],
+    normals: tuple[Axes, Axes],
+    longest: float,
 ) -> None:
     """Lower `folds` (W,) to those between two rows of points that are not too far apart."""
     # All pixels, masked or not, without a branch: many are computed at a time. nan is not lower.
@@ -211,7 +212,7 @@ def _lower(
 
 
 @compiled
-def _joined(z: Image, mask: Mask, steps: Image) -> Labels:
+def _joined(z: Singles, mask: Mask, steps: Singles) -> Labels:
     """Return the pieces of `connected`; pixels `n` apart show no step of `steps[n]`, (GAP + 1,)."""
     height, width = mask.shape
     depth, inside = z.ravel(), mask.ravel()
@@ -242,7 +243,7 @@ def _joined(z: Image, mask: Mask, steps: Image) -> Labels:
 
 
 @compiled
-def _before(z: Image, inside: Mask, steps: Image, at: tuple[int, int], along: int) -> int:
+def _before(z: Singles, inside: Mask, steps: Singles, at: tuple[int, int], along: int) -> int:
     """Return the pixel before one that hangs together with it; -1 if none does.
 
     `at`: the pixel, and how many are before it, each `along` from the next.

@@ -6,11 +6,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Mask
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import basis_from_direction
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 CELL = 0.01  # metres, of the grid on the plane that its extent is drawn into
 

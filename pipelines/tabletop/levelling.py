@@ -5,12 +5,11 @@ is. Right, forward, up; forward is where the camera looks, along the table.
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pipelines.array_types import Array
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import cross, unit
-
-Array = NDArray[np.float64]
 
 UNKNOWN_UP = unit(np.array([0.0, -1.0, -1.0]))  # of a camera that looks down by 45 degrees
 IMAGE_UP = np.array([0.0, -1.0, 0.0])

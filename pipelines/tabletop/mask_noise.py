@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Mask = NDArray[np.bool_]
+from pipelines.array_types import Mask
 
 
 @dataclass(frozen=True)

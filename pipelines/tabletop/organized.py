@@ -3,12 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Mask
 from pipelines.geometry.numerics.compiled import compiled
 
-Array = NDArray[np.float64]
 Floats = NDArray[np.floating]
 Bytes = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 
 Pair = tuple[float, float]
 Three = tuple[float, float, float]

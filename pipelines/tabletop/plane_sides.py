@@ -1,12 +1,9 @@
 """What hangs down from a plane without a step: the sides of the thing whose lid the plane is."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Mask
 from pipelines.geometry.numerics.compiled import compiled
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @compiled

@@ -6,18 +6,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Indices, Mask
 from pipelines.configs import RegionConfig
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.geometry.numerics.quantiles import median, quantiles
 from pipelines.geometry.pointcloud import Plane
-from pipelines.tabletop.depth_segments import extent, segment
+from pipelines.tabletop.depth_segments import Labels, extent, segment
 from pipelines.tabletop.tabletop import Tabletop, find_tabletop
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Labels = NDArray[np.int32]
-Indices = NDArray[np.int64]
 Box = tuple[slice, slice]
 
 WORKING_WIDTH = 640  # pixels; larger images are thinned to about this

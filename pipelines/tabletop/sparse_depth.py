@@ -6,22 +6,20 @@ missing, everything would count as stray. So what lies between measured pixels i
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Depth = NDArray[np.float32]
-Mask = NDArray[np.bool_]
+from pipelines.array_types import Mask, Singles
 
 GAP = 5  # pixels: the window that closes holes between measured pixels, not shadows
 DENSE = 0.7  # share of the closed surface that is measured, from which depth is left as it is
 
 
-def measured_share(depth: Depth) -> float:
+def measured_share(depth: Singles) -> float:
     """Return which share of the surface that `depth` (H, W) shows is measured; 1 without any."""
     measured = depth > 0.0
     return _share(measured, _closed(measured))
 
 
-def filled(depth: Depth) -> Depth:
+def filled(depth: Singles) -> Singles:
     """Return `depth` (H, W) metres, 0 where missing, with holes as far as the nearest measured one.
 
     The same array where it is dense enough; holes wider than `GAP` are never filled.

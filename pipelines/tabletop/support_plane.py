@@ -8,8 +8,8 @@ nearly constant noise there, so planes are fitted and judged in inverse depth, a
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Indices, Mask, Singles
 from pipelines.configs import RegionConfig
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.numerics.compiled import compiled
@@ -17,10 +17,6 @@ from pipelines.geometry.numerics.quantiles import quantiles
 from pipelines.geometry.pointcloud import Plane
 from pipelines.tabletop.footprint import Footprint
 
-Array = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Mask = NDArray[np.bool_]
-Indices = NDArray[np.int64]
 Affine = tuple[float, float, float]  # a, b and c of 1/z = a u + b v + c
 
 MAX_PLANES = 4  # candidates that are drawn one after the other

@@ -1,12 +1,10 @@
 """The table's frame: what a user means by "above the table" when only a camera is known."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import invert, make_pose, unit
-
-Array = NDArray[np.float64]
 
 LEVEL_ENOUGH = 0.2  # sine of the angle to the table's normal from which an axis says where x is
 

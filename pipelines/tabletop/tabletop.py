@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pipelines.array_types import Array, Indices, Mask
 from pipelines.configs import RegionConfig
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.numerics.compiled import compiled
@@ -14,10 +15,6 @@ from pipelines.geometry.pointcloud import Plane
 from pipelines.tabletop.footprint import Footprint
 from pipelines.tabletop.plane_sides import pixels_of_sides
 from pipelines.tabletop.support_plane import Affine, Support, find_support
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Indices = NDArray[np.int64]
 
 WARP_WINDOW = 81  # pixels over which a sensor bends a flat table
 CLEARLY = 1.6  # heights that stand out from noise which a thing does not share with its neighbour

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.dataset.meshes import size_warning
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.geometry.meshes.mesh import Mesh
@@ -29,8 +29,6 @@ from pipelines.mesh_symmetry.detection.rotation_group import (
 )
 from pipelines.mesh_symmetry.detection.surface import diameter
 from pipelines.storage.files import read_json, write_json
-
-Array = NDArray[np.float64]
 
 MILLIMETRES = 1000.0  # a metre
 NUMBERED = re.compile(r"(?:obj_)?(\d+)")

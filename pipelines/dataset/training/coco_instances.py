@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pycocotools import mask as coco_mask
 
+from pipelines.array_types import Mask
 from pipelines.dataset.graspnet.graspnet import CAMERAS, FrameFiles
 from pipelines.dataset.symmetry.symmetry_labels import symmetry_to_json
 from pipelines.errors import FormatError
@@ -27,7 +27,6 @@ from pipelines.geometry.symmetry import RotationSymmetry, Symmetry
 from pipelines.storage.files import read_json, write_json
 from pipelines.storage.provenance import Stamp, version
 
-Mask = NDArray[np.bool_]
 Entry = dict[str, Any]
 
 SPLITS = ("train", "val")

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot, SceneFiles
 from pipelines.dataset.symmetry.regioned_objects import read_regioned_object
 from pipelines.errors import FormatError
 from pipelines.frames.rgbd import Frame
 from pipelines.geometry.region_masks import RegionInstance, visible_regions
-
-Array = NDArray[np.float64]
 
 MOST_REGIONS = 255  # of one frame; the rest, the smallest, are left out
 

@@ -8,13 +8,9 @@ looked at one by one, and all are compared many at a time.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Indices, Singles
 from pipelines.geometry.numerics.compiled import compiled
-
-Array = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Indices = NDArray[np.intp]
 
 ABREAST = 16  # distances that are looked through at once
 

@@ -7,13 +7,9 @@ centre than its radius touches none of them.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Indices, Singles
 from pipelines.geometry.numerics.compiled import compiled
-
-Array = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Indices = NDArray[np.int64]
 
 ROUNDING = 1e-6  # metres by which a ball is widened, for what single precision rounds off
 SPREAD = 0x9E3779B97F4A7C15  # 2^64 over the golden ratio: its multiples' high bits are even

@@ -6,9 +6,9 @@ Sorting so few takes a fifth to a tenth of what `np.percentile` and `np.median` 
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from pipelines.array_types import Array
 
 
 def quantiles(values: ArrayLike, shares: float | Sequence[float]) -> Array:

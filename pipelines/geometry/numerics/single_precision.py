@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Singles
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.meshes.signed_distance import (
     NODES,
@@ -18,9 +19,6 @@ from pipelines.geometry.meshes.signed_distance import (
     signed_distance_grid,
 )
 from pipelines.geometry.transforms import unit
-
-Single = NDArray[np.float32]
-Array = NDArray[np.float64]
 
 IN_PLANE = 1e-30  # metres, instead of a height of zero
 TOUCHING = 1e-3  # spacings; a node nearer than this counts as on the surface
@@ -51,7 +49,7 @@ def single_precision_grid(mesh: Mesh, nodes: int = NODES) -> SignedDistanceGrid:
     return replace(grid, values=np.where(near, values, grid.values).astype(np.float64))
 
 
-def _heights(points: Single, triangles: Single) -> Array:
+def _heights(points: Singles, triangles: Singles) -> Array:
     """Return (n,) the height of points above their triangles' planes, exactly, metres.
 
     A ray along (1, 1, 1) from a point in the plane itself counts the triangle as met: the point
@@ -64,7 +62,7 @@ def _heights(points: Single, triangles: Single) -> Array:
     return np.asarray(np.where(height == 0.0, -IN_PLANE * leaving, height))
 
 
-def _settle_signs(sign: Array, node: NDArray[np.int64], gap: Single, height: Array) -> None:
+def _settle_signs(sign: Array, node: NDArray[np.int64], gap: Singles, height: Array) -> None:
     """Set the sign of nodes that lie within rounding of the surface by their nearest triangle.
 
     On which side of a face a rounded node lies is known exactly; a ray's parity is not, there.
@@ -76,9 +74,9 @@ def _settle_signs(sign: Array, node: NDArray[np.int64], gap: Single, height: Arr
 
 
 def distances(
-    points: Single,  # (n, 3)
-    triangles: Single,  # (n, 3, 3)
-) -> Single:
+    points: Singles,  # (n, 3)
+    triangles: Singles,  # (n, 3, 3)
+) -> Singles:
     """Return (n,) the distance of each point to its triangle.
 
     The region of the triangle's plane that the point projects to is read from signed areas.
@@ -109,6 +107,6 @@ def distances(
     return np.asarray(np.sqrt((gap[:, 0] + gap[:, 1]) + gap[:, 2]))
 
 
-def _dot(a: Single, b: Single) -> Single:
+def _dot(a: Singles, b: Singles) -> Singles:
     product = a * b
     return np.asarray((product[:, 0] + product[:, 2]) + product[:, 1])  # as SSE adds lanes

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.symmetry import (
     ReflectionSymmetry,
@@ -17,8 +18,6 @@ from pipelines.geometry.symmetry import (
     SphereSymmetry,
     Symmetry,
 )
-
-Array = NDArray[np.float64]
 
 CELLS_PER_RADIUS = 8.0  # triangles are sorted by cells of space: neighbours stay neighbours
 

@@ -12,10 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Mask
 from pipelines.geometry.transforms import basis_from_direction
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 NUM_PATCHES = 32
 PATCH_RADII = (0.08, 0.16, 0.32, 2.0)  # of the diameter; the last is all of the surface

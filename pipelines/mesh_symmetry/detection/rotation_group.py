@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.geometry.symmetry import (
     ReflectionSymmetry,
     RotationSymmetry,
@@ -13,8 +13,6 @@ from pipelines.geometry.symmetry import (
     Symmetry,
 )
 from pipelines.geometry.transforms import basis_from_direction, make_pose, rotation_about
-
-Array = NDArray[np.float64]
 
 MAX_ELEMENTS = 120  # of a finite group of turns and mirrors of a solid: the icosahedron's
 MAX_ORDER = 12

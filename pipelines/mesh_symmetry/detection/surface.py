@@ -3,18 +3,15 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, KDTree, QhullError
 from scipy.spatial.distance import cdist
 from trimesh.triangles import closest_point
 
+from pipelines.array_types import Array, Indices
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.geometry.transforms import basis_from_direction, unit
 from pipelines.mesh_symmetry.detection.symmetry_candidates import fibonacci_directions
 from pipelines.mesh_symmetry.parts.open_boundary import OpenBoundary
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 MAX_EXACT, CHUNK = 8000, 500  # points of which all pairs are measured, and rows at a time
 NUM_SUPPORTS = 2000  # directions 2.5 degrees apart

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from pipelines.array_types import Array
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.geometry.transforms import rotation_about
 
-Array = NDArray[np.float64]
 Grid = NDArray[np.float32]
 
 GENERIC_ANGLES = tuple(np.radians([47.0, 90.0, 151.0]))  # no small n-fold symmetry has all of them

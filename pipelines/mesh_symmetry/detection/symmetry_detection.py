@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.symmetry import (
@@ -40,7 +40,6 @@ from pipelines.mesh_symmetry.detection.symmetry_search import (
 from pipelines.mesh_symmetry.detection.symmetry_spheres import sphere_of
 from pipelines.mesh_symmetry.symmetry_verification import Fit
 
-Array = NDArray[np.float64]
 Accepted = tuple[Array, Fit]  # a plane (nx, ny, nz, d) and how well it fits
 
 ACROSS_COSINE = float(np.cos(np.radians(5.0)))

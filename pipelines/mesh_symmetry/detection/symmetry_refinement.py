@@ -8,12 +8,10 @@ Normalised coordinates: origin at the surface's centroid, unit diameter.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.geometry.transforms import basis_from_direction, rotation_about, unit
 from pipelines.mesh_symmetry.detection.surface import Surface
-
-Array = NDArray[np.float64]
 
 _DAMPING = 1e-6
 _MAX_TILT = 0.15  # radians a step

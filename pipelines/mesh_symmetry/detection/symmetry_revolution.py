@@ -10,12 +10,10 @@ Normalised coordinates: origin at the surface's centroid, unit diameter. Axes ar
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.geometry.transforms import unit
 from pipelines.mesh_symmetry.detection.symmetry_candidates import distinct, principal_axes
-
-Array = NDArray[np.float64]
 
 SET_SIZE = 8  # an axis has four degrees of freedom; normals of scans are rough
 NUM_STARTS = 24  # of the sets, the best by votes

@@ -10,8 +10,8 @@ from functools import partial
 from operator import attrgetter
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.meshes.mesh import Mesh
@@ -33,8 +33,6 @@ from pipelines.mesh_symmetry.symmetry_verification import (
     mirrored,
     turned,
 )
-
-Array = NDArray[np.float64]
 
 COARSE_SCALES = (0.05, 0.04, 0.03, 0.025)  # Tukey scales, shares of the diameter
 FINE_SCALES = (0.03, 0.02, 0.015, 0.012, 0.012)

@@ -5,8 +5,8 @@ that pass through where they meet.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.geometry.symmetry import SphereSymmetry
 from pipelines.geometry.transforms import unit
@@ -18,8 +18,6 @@ from pipelines.mesh_symmetry.symmetry_verification import (
     is_sphere,
     surrounds,
 )
-
-Array = NDArray[np.float64]
 
 
 def sphere_of(shape: Shape, config: AnnotateSymmetryConfig) -> SphereSymmetry | None:

@@ -1,14 +1,11 @@
 """Cut what has no symmetry into nearly convex parts, by coacd: limbs, heads, grips."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, KDTree, QhullError
 
+from pipelines.array_types import Array, Indices
 from pipelines.geometry.meshes.convex_decomposition import convex_pieces
 from pipelines.geometry.meshes.mesh import Mesh
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 # coacd's own settings take half a minute an object; these find the same few large pieces.
 COARSE_SEARCH = {

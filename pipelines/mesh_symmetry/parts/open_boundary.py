@@ -9,17 +9,13 @@ another sheet at the same place, a rim has nothing.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
+from pipelines.array_types import Array, Indices, Mask
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import unit
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 WELD = 1e-5  # of the bounding box's diagonal: nearer corners are one
 SPACING = 0.004  # of the diagonal, between the points that stand for a rim

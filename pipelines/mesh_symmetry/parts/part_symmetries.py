@@ -3,8 +3,8 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Mask
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.symmetry import (
@@ -22,10 +22,6 @@ from pipelines.mesh_symmetry.detection.symmetry_detection import (
 from pipelines.mesh_symmetry.parts.revolved_bodies import Body
 from pipelines.mesh_symmetry.parts.sampled_parts import SampledParts
 from pipelines.mesh_symmetry.symmetry_verification import SUPPORT_COSINE, SUPPORT_DISTANCE
-
-Array = NDArray[np.float64]
-Faces = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 PIECE_SAMPLES = 12000
 SAME_PLANE = float(np.cos(np.radians(10.0)))

@@ -9,8 +9,8 @@ body ends at an edge: the middle of a banana is round as well, but nobody sees w
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Mask
 from pipelines.mesh_symmetry.detection.revolution import (
     Axis,
     candidate_axes,
@@ -20,9 +20,6 @@ from pipelines.mesh_symmetry.detection.revolution import (
 )
 from pipelines.mesh_symmetry.detection.surface import diameter
 from pipelines.mesh_symmetry.parts.sampled_parts import SampledParts
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 MAX_BODIES = 4
 FLAT = float(np.sin(np.radians(15.0)))  # between normal and axis

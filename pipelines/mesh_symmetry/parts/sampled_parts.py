@@ -8,16 +8,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 
+from pipelines.array_types import Indices, Mask
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.mesh_symmetry.detection.surface import Surface
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 LINK = 3.0  # of the spacing of the samples: some 28 neighbours
 NO_EDGE = float(np.cos(np.radians(25.0)))  # between the normals of linked samples

@@ -10,8 +10,8 @@ most of it, and into nearly convex pieces.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Indices, Mask
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.symmetry import Symmetry
@@ -21,9 +21,6 @@ from pipelines.mesh_symmetry.parts.convex_parts import convex_owner
 from pipelines.mesh_symmetry.parts.part_symmetries import PartSymmetries, turns
 from pipelines.mesh_symmetry.parts.revolved_bodies import MAX_SMOOTH_BORDER, revolved_bodies
 from pipelines.mesh_symmetry.parts.sampled_parts import NO_PART, SampledParts
-
-Faces = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 WHOLE = "whole"
 NUM_SAMPLES = 8000
@@ -39,7 +36,7 @@ class SymmetricRegion:
     """Triangles of a mesh and the symmetries they have; `triangles`: (k,) sorted indices."""
 
     name: str
-    triangles: Faces
+    triangles: Indices
     symmetries: list[Symmetry]
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pipelines.array_types import Array, Indices, Mask, Singles
 from pipelines.configs import LabelConfig
 from pipelines.dataset.graspnet.graspnet_labels import GRID, GraspLabel, label_offsets
 from pipelines.dataset.graspnet.graspnet_views import DEPTHS, generate_views, view_rotations
@@ -24,11 +25,6 @@ from pipelines.geometry.transforms import invert, transform_points
 from pipelines.metrics.force_closure import on_grid
 from pipelines.synthesis.labels.graspnet_gripper import hits_plane, hits_surface
 from pipelines.synthesis.objects.openings import openings
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Singles = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
 INFEASIBLE = -1.0  # GraspNet's word for a candidate that holds at no friction
 NUM_BOUNDS = 60  # planes around the mesh, outside of which a line's middle has no contacts

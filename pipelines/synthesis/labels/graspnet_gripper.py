@@ -10,13 +10,10 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Mask, Singles
 from pipelines.dataset.graspnet.graspnet_labels import GRID
 from pipelines.dataset.graspnet.graspnet_views import ANGLES, DEPTHS, view_rotations
 from pipelines.geometry.meshes.surface_patches import SurfacePatches, meet_boxes
-
-Array = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
 HALF_HEIGHT = 0.01  # metres to each side along approach x closing
 FINGER = 0.01  # metres that a finger is thick along closing

@@ -9,12 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.dataset.graspnet.graspnet_labels import RECT_COLUMNS, GraspLabel
 from pipelines.dataset.graspnet.graspnet_views import generate_views, view_rotations
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.transforms import rotate_vectors, transform_points
-
-Array = NDArray[np.float64]
 
 MIN_ALONG_VIEW = 0.99  # cosine between approach and view axis: 8 degrees
 BASE = 0.02  # metres behind the grasp's origin where the rectangle is drawn

@@ -4,7 +4,7 @@ Almost all have one mirror plane, y = 0, or none.
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pipelines.geometry.transforms import rotation_about
 from pipelines.synthesis.objects.lathed import smooth, turned, vessel
@@ -20,7 +20,6 @@ from pipelines.synthesis.objects.solids import (
     rounded_box,
 )
 
-Array = NDArray[np.float64]
 Rng = np.random.Generator
 Z_TO_X = rotation_about([0.0, 1.0, 0.0], np.pi / 2)  # z axis to +x, x axis to -z
 Z_TO_Y = rotation_about([1.0, 0.0, 0.0], -np.pi / 2)  # z axis to +y

@@ -1,14 +1,14 @@
 """Families of objects turned on a lathe: continuous rotation symmetry about z, or a ball."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
+from pipelines.array_types import Array
 from pipelines.synthesis.objects.revolved import SEGMENTS, hollow_lathe, lathe, pipe, torus
 from pipelines.synthesis.objects.shape import Shape, revolution, sphere
 from pipelines.synthesis.objects.solids import Solid, ball, lump, rounded_polyline
 
-Array = NDArray[np.float64]
 Rng = np.random.Generator
 
 

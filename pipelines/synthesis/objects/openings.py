@@ -8,12 +8,10 @@ surface that the line leaves outward is thus the farther contact of at most one 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.geometry.meshes.line_crossings import Crossings
 from pipelines.metrics.force_closure import friction_of_cosine
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

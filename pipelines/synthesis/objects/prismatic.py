@@ -1,12 +1,11 @@
 """Families of objects with flat faces: boxes, prisms, brackets, stars."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.synthesis.objects.shape import Shape, mirror, mirror_axes, turns
 from pipelines.synthesis.objects.solids import bent_tube, box, hull, prism, rounded_box
 
-Array = NDArray[np.float64]
 Rng = np.random.Generator
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pipelines.array_types import Array
 from pipelines.synthesis.objects.solids import (
     Solid,
     layered,
@@ -10,8 +11,6 @@ from pipelines.synthesis.objects.solids import (
     rounded_polyline,
     solid_of,
 )
-
-Array = NDArray[np.float64]
 
 SEGMENTS = 72  # around a lathe: facets of 4 cm radius stay within 0.04 mm of the round surface
 SECTORS = 12  # convex pieces around a hollow lathe

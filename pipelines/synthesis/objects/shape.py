@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pipelines.geometry.symmetry import (
     ReflectionSymmetry,
@@ -14,7 +14,6 @@ from pipelines.geometry.symmetry import (
 from pipelines.geometry.transforms import make_pose
 from pipelines.synthesis.objects.solids import Solid
 
-Array = NDArray[np.float64]
 ORIGIN = np.zeros(3)
 
 

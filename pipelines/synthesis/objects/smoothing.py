@@ -7,14 +7,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.rendering import Hits
 from pipelines.geometry.transforms import invert, rotate_vectors, transform_points, unit
-
-Array = NDArray[np.float64]
 
 CREASE = np.radians(35.0)  # a corner whose neighbourhood bends more than this stays an edge
 

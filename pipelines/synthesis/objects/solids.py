@@ -12,10 +12,9 @@ import numpy as np
 from manifold3d import CrossSection, Manifold, Mesh64
 from numpy.typing import ArrayLike, NDArray
 
+from pipelines.array_types import Array
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, transform_points, unit
-
-Array = NDArray[np.float64]
 
 IDENTITY = np.eye(3)
 FLAT_FACES = 3000  # triangles that an object of flat faces gets

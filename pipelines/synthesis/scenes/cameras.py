@@ -1,13 +1,12 @@
 """Where the cameras stand around a table, and what lens they have."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pipelines.array_types import Array
 from pipelines.errors import UnknownNameError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.transforms import make_pose, rotation_about, unit
-
-Array = NDArray[np.float64]
 
 # GraspNet-1Billion's cameras at 1280 x 720: fx, fy, cx, cy in pixels.
 LENSES = {

@@ -9,15 +9,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Mask
 from pipelines.errors import UnknownNameError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.rendering import Hits, Scene
 from pipelines.geometry.transforms import transform_points
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.rendering import Hits, Scene
 from pipelines.geometry.transforms import invert, rotate_vectors, transform_points, unit
 
-Array = NDArray[np.float64]
 Texture = Callable[[Array], Array]  # points (n, 3) metres, object frame -> colours (n, 3) 0..1
 
 SHADOW_OFFSET = 5e-4  # metres off the surface, so that it does not shade itself

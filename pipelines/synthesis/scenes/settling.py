@@ -7,11 +7,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.errors import SymgraspError
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, quaternion_to_matrix
-
-Array = NDArray[np.float64]
 
 TABLE_RADIUS = 0.30  # metres from the middle; what rolls farther is taken away
 DROP_RADIUS = (0.05, 0.15)  # metres, drawn for each scene: a pile or things apart

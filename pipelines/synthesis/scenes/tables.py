@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.errors import SymgraspError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh
@@ -16,8 +17,6 @@ from pipelines.synthesis.objects.smoothing import corner_normals, with_smooth_no
 from pipelines.synthesis.scenes.depth_sensors import measured_depth
 from pipelines.synthesis.scenes.lamplight import drawn_lighting, drawn_texture, shade, table_texture
 from pipelines.synthesis.scenes.settling import drop_objects, middles_of
-
-Array = NDArray[np.float64]
 
 TABLE_SIZE = (0.7, 0.5)  # metres, half extents
 FLOOR_SIZE = 6.0

@@ -1,0 +1,10 @@
+"""Types of arrays, by what they hold."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Indices = NDArray[np.int64]
+Counts = NDArray[np.int64]
+Mask = NDArray[np.bool_]

@@ -12,7 +12,7 @@ EVAL_SET := --splits seen,similar,novel --scenes-per-split 6 --views 4 --objects
 WEIGHTS := $(wildcard pipelines/weights/*.safetensors)
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test check eval ablations bench golden clean
+.PHONY: help install demo test check docs eval ablations bench golden clean
 
 help: ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -31,11 +31,14 @@ demo: install ## grasps on the bundled frames, pictures in build/demo
 test: install ## all tests
 	$(BIN)/python -m pytest -q
 
-check: install ## format, lint, types, import layers
+check: install docs ## format, lint, types, import layers, documentation
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+docs: install ## the documentation as a site in build/site, without a warning
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
 eval: install $(EVAL)/report.json ## tables I, II, III, symmetry and mask AP in three splits, and build/eval/report.html
 	$(SYMGRASP) evaluate $(EVAL_ARGUMENTS)

@@ -46,7 +46,8 @@ Resume = Annotated[bool, typer.Option("--resume", help="Go on with an unfinished
 FrameFolder = Annotated[
     Path,
     typer.Argument(
-        exists=True, help="Folder of RGB-D frames in any layout of FORMATS.md, or a frame's file."
+        exists=True,
+        help="Folder of RGB-D frames in any layout that the docs list, or one frame's file.",
     ),
 ]
 IntrinsicsText = Annotated[

@@ -1,4 +1,4 @@
-"""`grasps.h5`: what `infer` found in a batch of frames, one columnar file (FORMATS.md).
+"""`grasps.h5`: what `infer` found in a batch of frames, one columnar file (formats.md).
 
 While a run goes on, each frame lies in a file of its own, a shard of the same layout, under
 `<grasps.h5>.parts/`; a run that was killed reads these and does only what is missing.

@@ -1,4 +1,4 @@
-"""FORMATS.md says what is really in the files: names, ranks, types, units."""
+"""docs/reference/formats.md says what is really in the files: names, ranks, types, units."""
 
 import json
 import re
@@ -37,7 +37,7 @@ from pipelines.storage.weights_manifest import manifest_path
 from tests.pictures.grasp_page.toys import toy_frame, toy_result
 from tests.stages.test_compare import write_run
 
-DOCUMENT = Path(__file__).resolve().parents[2] / "FORMATS.md"
+DOCUMENT = Path(__file__).resolve().parents[2] / "docs/reference/formats.md"
 STAMP = make_stamp("test", {})
 TYPES = {"f4": "<f4", "f8": "<f8", "i4": "<i4", "i8": "<i8", "u4": "<u4", "bool": "|b1"}
 LINE = re.compile(r"^( *)\* ((?:`\w+`(?:, )?)+)(?: \(([^)]*)\))?(?: (\w+))?(?: \[(\w+)\])?")
@@ -45,7 +45,7 @@ Fact = tuple[int, str, str]  # rank, type, unit
 
 
 def block(kind: str, name: str) -> str:
-    """The lines of FORMATS.md between `<!-- kind: name -->` and `<!-- end -->`."""
+    """The lines of docs/reference/formats.md between `<!-- kind: name -->` and `<!-- end -->`."""
     match = re.search(rf"<!-- {kind}: {re.escape(name)} -->\n(.*?)<!-- end -->", text(), re.DOTALL)
     assert match is not None
     return match[1]

@@ -16,7 +16,7 @@ class Layout:
     """One way to lay RGB-D frames on disk.
 
     Attributes:
-        name: as `symgrasp inspect` and FORMATS.md say it.
+        name: as `symgrasp inspect` and formats.md say it.
         looks_like: what the folder holds, for the sentence that nothing was found.
         find: called with a folder, the prefix of its frames' names, and what the user stated;
             returns its frames, none if the folder is not of this layout. It may raise a

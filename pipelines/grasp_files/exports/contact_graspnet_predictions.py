@@ -1,7 +1,7 @@
 """Predictions as Contact-GraspNet saves them, without its pickles.
 
 OUT/predictions_NAME.npz holds a plain array per key and segment, `pred_grasps_cam/3`, where
-Contact-GraspNet has a pickled dict per key (D. 70, FORMATS.md says how to make these of it).
+Contact-GraspNet has a pickled dict per key (D. 70, formats.md says how to make these of it).
 Segments are regions, counted from 1: 0 is its background.
 """
 

@@ -83,7 +83,7 @@ class PointCritic:
 
     @classmethod
     def of(cls, arrays: Mapping[str, Rows]) -> "PointCritic":
-        """Return the critic whose `arrays` are named as in its file (FORMATS.md)."""
+        """Return the critic whose `arrays` are named as in its file (formats.md)."""
 
         def layers(name: str, count: int) -> tuple[Layer, ...]:
             parts = ((f"{name}.{i}.weight", f"{name}.{i}.bias") for i in range(count))

@@ -43,7 +43,8 @@ def test_every_registered_layout_is_tried_above() -> None:
 
 
 def test_every_layout_is_in_the_document() -> None:
-    document = (Path(__file__).resolve().parents[3] / "FORMATS.md").read_text(encoding="utf-8")
+    page = Path(__file__).resolve().parents[3] / "docs" / "reference" / "formats.md"
+    document = page.read_text(encoding="utf-8")
     for layout in (*LAYOUTS, LAST_RESORT):
         assert f"\n| {layout.name}" in document
 

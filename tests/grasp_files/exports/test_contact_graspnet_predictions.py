@@ -11,7 +11,7 @@ from pipelines.grasp_files.exports import contact_graspnet_predictions as predic
 from pipelines.storage.files import read_npz
 from tests.grasp_files.exports.gripper_toys import random_frame
 
-DOCUMENT = Path(__file__).resolve().parents[3] / "FORMATS.md"
+DOCUMENT = Path(__file__).resolve().parents[3] / "docs/reference/formats.md"
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def test_axes_are_closing_their_product_and_approach(frame):
 def test_the_documented_lines_give_contact_graspnets_own_dicts(frame):
     section = DOCUMENT.read_text(encoding="utf-8").split("## Contact-GraspNet predictions")[1]
     code = re.search(r"```python\n(.*?)```", section, re.DOTALL)[1]
-    exec(compile(code, "FORMATS.md", "exec"), {})  # the project's own text
+    exec(compile(code, "formats.md", "exec"), {})  # the project's own text
     # What the tool's own programs do; the pickle was made three lines ago.
     with np.load("predictions_x.pickled.npz", allow_pickle=True) as found:
         poses, scores = found["pred_grasps_cam"].item(), found["scores"].item()

@@ -1,0 +1,123 @@
+"""Reference made from code, as Markdown: commands, settings, Python API."""
+
+import importlib
+import inspect
+import re
+from collections.abc import Iterator
+from dataclasses import Field, fields, is_dataclass
+from typing import Any
+
+from typer.main import get_command
+
+from pipelines import configs
+from symgrasp_cli.app import COMMANDS, app
+
+NAMES = [function.__name__.replace("_", "-") for function in COMMANDS]
+
+
+def commands() -> str:
+    """Return all commands with their options, in workflow order."""
+    lines: list[str] = []
+    group = get_command(app)
+    for name in NAMES:
+        command = group.commands[name]
+        arguments = [each for each in command.params if not each.opts[0].startswith("-")]
+        usage = [f"{each.name.upper()}{' ...' * (each.nargs == -1)}" for each in arguments]
+        lines += [f"## {name}", "", inspect.cleandoc(command.help), ""]
+        lines += ["```", " ".join(["symgrasp", name, *usage, "[OPTIONS]"]), "```", ""]
+        lines += ["| option | default | meaning |", "|---|---|---|"]
+        lines += [_option(each) for each in command.params if each.name != "help"]
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _option(parameter: Any) -> str:  # noqa: ANN401 - typer's own
+    names = [*parameter.opts, *parameter.secondary_opts]
+    if not names[0].startswith("-"):
+        names = [parameter.name.upper()]
+    default = "required" if parameter.required else _shown(parameter.default)
+    return f"| {', '.join(f'`{name}`' for name in names)} | {default} | {_cell(parameter.help)} |"
+
+
+def settings() -> str:
+    """Return all settings of all stages, in workflow order."""
+    lines: list[str] = []
+    for name in NAMES:
+        config = getattr(configs, config_name(name))
+        lines += [f"## {name}", "", inspect.cleandoc(config.__doc__), ""]
+        lines += ["| setting | default | unit | meaning | origin |", "|---|---|---|---|---|"]
+        for path, each, value in settings_of(config()):
+            cells = [each.metadata.get(key) or "" for key in ("unit", "meaning", "origin")]
+            lines.append(f"| `{path}` | {_shown(value)} | {' | '.join(map(_cell, cells))} |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def config_name(command: str) -> str:
+    """Return the name of the settings' class of `command`, such as `InferConfig` of `infer`."""
+    return "".join(part.title() for part in command.split("-")) + "Config"
+
+
+def settings_of(config: Any, prefix: str = "") -> Iterator[tuple[str, Field[Any], Any]]:  # noqa: ANN401
+    """Yield path, field and value of each setting of `config`, nested ones as `a.b`."""
+    for each in fields(config):
+        value = getattr(config, each.name)
+        if is_dataclass(value):
+            yield from settings_of(value, f"{prefix}{each.name}.")
+        else:
+            yield prefix + each.name, each, value
+
+
+def api() -> str:
+    """Return the public Python names of `symgrasp`, with signatures and docstrings."""
+    package = importlib.import_module("symgrasp")
+    lines = [_docstring(package), ""]
+    for name in package.__all__:
+        value = getattr(package, name)
+        if not callable(value):
+            continue
+        lines += [f"## {name}", "", _code(name + _signature(value)), _docstring(value), ""]
+        for member, function in _public(value) if inspect.isclass(value) else ():
+            lines += [f"### {name}.{member}", ""]
+            lines += [_code(member + _signature(function)), _docstring(function), ""]
+    return "\n".join(lines)
+
+
+def _public(kind: type) -> Iterator[tuple[str, Any]]:
+    """Yield name and function of the methods and properties of `kind` that users call."""
+    for name, member in vars(kind).items():
+        function = member.fget if isinstance(member, property) else member
+        function = getattr(function, "__func__", function)  # of a class method
+        if inspect.isfunction(function) and (name == "__call__" or not name.startswith("_")):
+            yield name, function
+
+
+def _code(text: str) -> str:
+    return f"```python\n{text}\n```\n"
+
+
+def _signature(value: Any) -> str:  # noqa: ANN401
+    text = str(inspect.signature(value))
+    return re.sub(r"\b(?:pipelines|symgrasp|numpy|pathlib)\.(?:\w+\.)*", "", text)
+
+
+def _docstring(value: Any) -> str:  # noqa: ANN401
+    """Return a docstring in Google's style as Markdown: sections in bold, entries as lists."""
+    lines, inside = [], False
+    for line in (inspect.getdoc(value) or "").splitlines():
+        if head := re.fullmatch(r"(Args|Attributes|Raises|Returns|Yields):", line):
+            lines, inside = [*lines, f"**{head[1]}**", ""], True
+        elif inside and (entry := re.fullmatch(r"    (\*{0,2}\w+): (.*)", line)):
+            lines.append(f"* `{entry[1]}`: {entry[2]}")
+        else:
+            lines.append(line[4:] if inside else line)
+    return "\n".join(lines)
+
+
+def _shown(value: Any) -> str:  # noqa: ANN401
+    text = _cell(f"{value:.6g}" if isinstance(value, float) else str(value))
+    return f"`{text}`" if text and value is not None else ""
+
+
+def _cell(text: str | None) -> str:
+    return " ".join((text or "").split()).replace("|", "\\|").replace("<", "&lt;")

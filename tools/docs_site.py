@@ -1,0 +1,58 @@
+"""Hooks of the documentation's build: text made from code, and links to decision records.
+
+`mkdocs.yml` names this file. A page with `<!-- made from code: commands -->` gets the text that
+describes the commands at that place, so pages and code cannot drift; nothing of it is stored.
+"""
+
+import re
+import sys
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "tools")]
+
+from docs_records import cited_in, read_records, records_tables  # noqa: E402
+from docs_reference import api, commands, settings  # noqa: E402
+
+MARK = re.compile(r"<!-- made from code: (\w+) -->")
+MADE = {
+    "api": api,
+    "changelog": lambda: (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"),
+    "commands": commands,
+    "contributing": lambda: (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"),
+    "records": lambda: records_tables(_records().values()),
+    "settings": settings,
+}
+LITERAL = re.compile(r"(```.*?```|`[^`\n]*`|\[[^\]]*\]\([^)]*\))", re.DOTALL)
+CITATION = re.compile(r"\bD\. (\d+)\b")
+
+
+def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:  # noqa: ANN401
+    """Return the page with its parts from code, and with citations `D. 82` as links."""
+    del config, files
+    uri = page.file.src_uri
+    text = MARK.sub(lambda match: MADE[match[1]](), markdown)
+    parts = LITERAL.split(text)
+    parts[::2] = [CITATION.sub(lambda match: _link(match, uri), part) for part in parts[::2]]
+    return "".join(parts) + _cited_in(uri)
+
+
+@cache
+def _records() -> dict[int, Any]:
+    return {record.number: record for record in read_records(ROOT)}
+
+
+def _link(match: re.Match[str], uri: str) -> str:
+    name = _records()[int(match[1])].path.name
+    if uri.endswith(f"/{name}"):
+        return match[0]
+    return f"[{match[0]}]({'../' * uri.count('/')}decisions/{name})"
+
+
+def _cited_in(uri: str) -> str:
+    """Return a list of the files that cite the record of page `uri`; no text for other pages."""
+    match = re.fullmatch(r"decisions/(\d+)-.*\.md", uri)
+    places = cited_in(ROOT, int(match[1])) if match else []
+    return "\n\n## Cited in\n\n" + "".join(f"* `{path}`\n" for path in places) if places else ""

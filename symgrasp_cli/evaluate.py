@@ -68,7 +68,7 @@ def evaluate(
     overwrite: Overwrite = False,
     dry_run: DryRun = False,
 ) -> None:
-    """Critic grasps, symmetries and masks against a dataset: report, tables, baselines."""
+    """Score grasps, symmetries and masks against a dataset: report, tables, baselines."""
     from pipelines.storage.provenance import refuse_other_suffix
 
     refuse_other_suffix(out, ".json")

@@ -45,8 +45,9 @@ def _records() -> dict[int, Any]:
 
 
 def _link(match: re.Match[str], uri: str) -> str:
-    name = _records()[int(match[1])].path.name
-    if uri.endswith(f"/{name}"):
+    number = int(match[1])
+    name = _records()[number].path.name if number in _records() else ""
+    if not name or uri.endswith(f"/{name}"):
         return match[0]
     return f"[{match[0]}]({'../' * uri.count('/')}decisions/{name})"
 

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
-from threading import Lock
-from typing import TYPE_CHECKING
+from threading import Lock, get_ident
+from typing import TYPE_CHECKING, Any
 
 import cv2
-from threadpoolctl import ThreadpoolController
+from threadpoolctl import OpenBLASController, ThreadpoolController
 
 from pipelines.errors import MissingInputError
 from pipelines.grasping.ranking import critic_files
@@ -84,20 +85,60 @@ def uses_gpu(device: str) -> bool:
 def one_thread_each() -> Iterator[None]:
     """Let each call of a network, of OpenCV or of numpy's matrix products use one core.
 
-    Frames are worked on side by side instead. What several threads add up differs in the last
-    bits, and they wait for each other longer than they work.
+    Frames are worked on side by side instead, each thread within a `one_thread_each` of its own.
+    What several threads add up differs in the last bits, and they wait for each other longer than
+    they work.
     """
-    import torch  # noqa: PLC0415 - slow to load
-
-    before, images_before = torch.get_num_threads(), cv2.getNumThreads()
-    torch.set_num_threads(1)
-    cv2.setNumThreads(1)
+    _LIMIT.enter(get_ident())
     try:
-        with _matrix_products().limit(limits=1, user_api="blas"):
-            yield
+        yield
     finally:
-        torch.set_num_threads(before)
-        cv2.setNumThreads(images_before)
+        _LIMIT.leave(get_ident())
+
+
+class _OneThreadEach:
+    """The threads within `one_thread_each`, and the numbers that the last to leave gives back.
+
+    Torch keeps a number for each thread, the others one for the process, which threadpoolctl lets
+    one thread alone change; so control is taken from whoever has it.
+    """
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._depth: Counter[int] = Counter()  # of each thread that is within
+        self._torch, self._images = 1, 1  # numbers of threads before
+        self._products: Any = None  # what limits matrix products
+
+    def enter(self, thread: int) -> None:
+        import torch  # noqa: PLC0415 - slow to load
+
+        own = torch.get_num_threads()  # when first asked, torch gives a thread a number
+        torch.set_num_threads(1)
+        with self._lock:
+            if not self._depth:
+                self._torch, self._images = own, cv2.getNumThreads()
+                cv2.setNumThreads(1)
+                OpenBLASController.clear_controlling_thread(force=True)
+                self._products = _matrix_products().limit(limits=1, user_api="blas")
+            self._depth[thread] += 1
+
+    def leave(self, thread: int) -> None:
+        import torch  # noqa: PLC0415 - slow to load
+
+        with self._lock:
+            self._depth[thread] -= 1
+            if self._depth[thread]:
+                return
+            del self._depth[thread]
+            if not self._depth:
+                cv2.setNumThreads(self._images)
+                OpenBLASController.clear_controlling_thread(force=True)
+                self._products.restore_original_limits()
+                OpenBLASController.clear_controlling_thread()
+            torch.set_num_threads(self._torch)  # last: restoring sets OpenMP's too
+
+
+_LIMIT = _OneThreadEach()
 
 
 @lru_cache(maxsize=1)

@@ -1,5 +1,7 @@
 """Networks, OpenCV and numpy keep to one core while frames are worked on; where networks run."""
 
+from threading import Event, Thread
+
 import cv2
 import numpy as np
 import torch
@@ -26,6 +28,38 @@ def test_everything_uses_one_core_within_and_what_it_used_before_after():
             assert threads() == (1, 1, 1)
         assert threads() == before
         assert before[2] == 2
+
+
+def test_threads_that_leave_one_core_after_each_other_keep_it_until_the_last_has_left():
+    before = threads()
+    inside, others_left = Event(), Event()
+    seen = []
+
+    def late():
+        with one_thread_each():
+            inside.set()
+            others_left.wait()
+            seen.append(threads())
+        seen.append(threads())
+
+    with threadpool_limits(limits=2, user_api="blas"):
+        cv2.setNumThreads(2)
+        torch.set_num_threads(3)
+        try:
+            thread = Thread(target=late)
+            with one_thread_each():
+                thread.start()
+                inside.wait()
+            here = torch.get_num_threads()
+            others_left.set()
+            thread.join()
+            after = threads()
+        finally:
+            torch.set_num_threads(before[0])
+            cv2.setNumThreads(before[1])
+    assert seen == [(1, 1, 1), (3, 2, 2)]
+    assert here == 3
+    assert after == (3, 2, 2)
 
 
 def test_a_gpu_is_used_if_asked_for_or_if_torch_finds_one(monkeypatch, tmp_path):

@@ -44,6 +44,12 @@ def test_the_picture_is_the_drawn_one_with_a_text_behind_its_header(picture):
     assert chunks[-1][0] == b"IEND"
 
 
+def test_the_same_result_gives_the_same_bytes(picture):
+    again = picture.with_name("b.png")
+    write_overlay(again, FRAME, RESULT, STAMP)
+    assert again.read_bytes() == picture.read_bytes()
+
+
 def test_it_is_of_the_stamp_it_was_drawn_with_and_of_no_other(picture):
     assert is_drawn(picture, STAMP)
     for change in ({"seed": 4}, {"config": {"gripper": "franka"}}, {"inputs": {}}):

@@ -22,13 +22,13 @@ from pipelines.errors import SymgraspError
 from pipelines.frames.frames import FrameSource, find_frames
 from pipelines.frames.rgbd import Frame
 from pipelines.grasp_files.gripper_files import load_gripper
-from pipelines.inference import frame_grasps, models, regions
+from pipelines.inference import frame_grasps, models, observation
 from pipelines.inference.frame_grasps import Planner
 from pipelines.runtime.batch import BatchOptions
 
 FRAMES = Path(pipelines.__file__).parent / "weights" / "frames"
 STEPS = {
-    "regions by depth": (regions, "geometric_regions"),
+    "regions by depth": (observation, "geometric_regions"),
     "fit of symmetries": (frame_grasps, "ground_symmetries"),
     "unseen sides": (frame_grasps, "completions"),
     "selection": (frame_grasps, "plan_region"),

@@ -22,7 +22,7 @@ from pathlib import Path
 from pipelines.configs import EvaluateConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot, SceneFiles
 from pipelines.evaluation import reports
-from pipelines.evaluation.baselines import Planner, rows_of
+from pipelines.evaluation.baselines import Baselines, rows_of
 from pipelines.evaluation.judging import assign_regions, judge_frame
 from pipelines.evaluation.predictions import FramePredictions
 from pipelines.evaluation.records import (
@@ -92,14 +92,14 @@ def tables(output: Path) -> list[Table]:
 
 
 def evaluate_frame(
-    result: FrameResult, reader: TruthReader, planner: Planner | None, seed: int
+    result: FrameResult, reader: TruthReader, baselines: Baselines | None, seed: int
 ) -> FrameRecord:
-    """Return what is right and wrong about one frame; `planner` adds the baselines."""
+    """Return the record of one frame, with those of `baselines` where these are wanted."""
     files = reader.root.frame(result.name)
     truth = reader.read(files)
     predictions = FramePredictions.from_result(result)
     owners = assign_regions(predictions.masks, truth, reader.config)
-    rows = rows_of(predictions, owners, files, truth, planner, seed)
+    rows = rows_of(predictions, owners, files, truth, baselines, seed)
     gripper = load_gripper(reader.config.gripper)
     return judge_frame(predictions, owners, rows, truth, gripper, reader.config)
 
@@ -108,9 +108,9 @@ def _evaluate_scene(
     dataset: Path, config: EvaluateConfig, baselines: bool, item: WorkItem
 ) -> str | None:
     reader = TruthReader(GraspNetRoot(dataset), config)
-    planner = Planner.of(reader, load_gripper(config.gripper)) if baselines else None
+    others = Baselines.of(reader, load_gripper(config.gripper)) if baselines else None
     results = read_dataset_frames(*item.arguments)
-    records = [evaluate_frame(result, reader, planner, item.stamp.seed) for result in results]
+    records = [evaluate_frame(result, reader, others, item.stamp.seed) for result in results]
     write_records(item.target, records, item.stamp)
     return None
 

@@ -28,10 +28,10 @@ from pipelines.geometry.symmetry import (
     SymmetrySlots,
 )
 from pipelines.grasping.candidates import grounding
-from pipelines.grasping.candidates.decoding import average_symmetries
 from pipelines.grasping.observation import RegionCloud, SceneCloud
 from pipelines.inference import models
-from pipelines.inference.regions import find_regions
+from pipelines.inference.observation import observe
+from pipelines.inference.predicted_regions import predicted_regions
 from pipelines.metrics.symmetry_matching import TrueRegion
 
 INFER, EVALUATE = InferConfig(), EvaluateConfig()
@@ -87,20 +87,14 @@ def seen_regions(reader: TruthReader, files: FrameFiles) -> Iterator[SeenRegion]
     frame, truth = reader.root.read_frame(files), reader.read(files)
     detector = models.detector(models.DETECTOR_WEIGHTS, "cpu")
     predictor = models.predictor(models.NETWORK_WEIGHTS, "cpu")
-    found = find_regions(frame, INFER, np.random.default_rng(0), detector)
-    scene = SceneCloud(frame.depth.astype(np.float64), frame.intrinsics, found.geometric.plane)
-    masks = [region.mask for region in found.regions]
-    owners = assign_regions(masks, truth, EVALUATE)
-    clouds = [RegionCloud.from_mask(mask, scene) for mask in masks]
-    large = [i for i, cloud in enumerate(clouds) if len(cloud) >= MIN_POINTS]
-    predictions = predictor.predict([clouds[i].points for i in large], scene.plane)
-    for i, said in zip(large, predictions, strict=True):
-        affordance = np.asarray(said.affordance, np.float64)
-        told = said.existence, said.center, said.direction
-        slots = average_symmetries(*told, affordance[said.telling])
-        owner, cloud = owners.instance[i], clouds[i][said.index]
+    seen = observe(frame, INFER, np.random.default_rng(0), detector=detector)
+    owners = assign_regions([region.mask for region in seen.regions], truth, EVALUATE)
+    large = [i for i, cloud in enumerate(seen.clouds) if len(cloud) >= MIN_POINTS]
+    predicted = predicted_regions([seen.clouds[i] for i in large], seen.scene.plane, predictor)
+    for i, each in zip(large, predicted, strict=True):
+        owner, seen_by = owners.instance[i], (each.cloud, seen.scene)
         region = truth.regions[owner] if owner >= 0 else TrueRegion(np.zeros((0, 3)), ())
-        yield SeenRegion(slots, affordance, owners.object_id[i], cloud, scene, region)
+        yield SeenRegion(each.slots, each.affordance, owners.object_id[i], *seen_by, region)
 
 
 def frame_rows(reader: TruthReader, files: FrameFiles) -> Iterator[tuple[str, list[float], bool]]:

@@ -1,8 +1,8 @@
-"""What other methods do on the same regions: ground truth, the boundary, chance.
+"""Baselines on the regions of `infer`: the true symmetries, the boundary, chance.
 
-All go through the selection that `infer` uses, on the same depth image and the same masks. The
-oracle row takes the true symmetries and the true affordance of the object that a region lies on:
-what the rest of the chain reaches with a perfect network.
+All plan from the observation that `infer` plans from, with the same selection of grasps. The oracle
+takes the true symmetries and the true affordance of the object that a region lies on: its figures
+are those of the method with a perfect network.
 """
 
 from dataclasses import dataclass, replace
@@ -16,7 +16,6 @@ from pipelines.dataset.graspnet.graspnet import FrameFiles
 from pipelines.evaluation.judging import RegionOwners
 from pipelines.evaluation.predictions import FramePredictions, RowPredictions
 from pipelines.evaluation.truth import FrameTruth, TruthReader
-from pipelines.frames.rgbd import Frame
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.geometry.transforms import invert, transform_points
 from pipelines.grasping.candidates.completion import completions
@@ -26,7 +25,7 @@ from pipelines.grasping.observation import RegionCloud, SceneCloud
 from pipelines.grasping.ranking.ranking import Critic
 from pipelines.grasping.region_grasping import plan_planar, plan_random, plan_region
 from pipelines.inference import models
-from pipelines.tabletop.regions_geometric import geometric_regions
+from pipelines.inference.observation import observe
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -35,10 +34,14 @@ NUM_POINTS = 1500  # of a region that carry affordance, as the network has
 
 
 @dataclass(frozen=True)
-class Planner:
-    """The baselines with what they have in common: the hand and the settings of `infer`.
+class Baselines:
+    """The baselines, with the settings of `infer`.
 
-    The oracle's hands are ranked by `critic`, as `infer` ranks its own; by Eq. 8 without one.
+    Attributes:
+        reader: of the ground truth.
+        gripper: as for `infer`.
+        config: as for `infer`.
+        critic: ranks the oracle's grasps, as `infer` ranks its own; None for Eq. 8.
     """
 
     reader: TruthReader
@@ -47,7 +50,7 @@ class Planner:
     critic: Critic | None = None
 
     @classmethod
-    def of(cls, reader: TruthReader, gripper: Gripper) -> "Planner":
+    def of(cls, reader: TruthReader, gripper: Gripper) -> "Baselines":
         """Return the baselines of `infer` as it is by default."""
         return cls(reader, gripper, InferConfig(), models.grasp_critic(models.GRASP_CRITIC_WEIGHTS))
 
@@ -63,8 +66,9 @@ class Planner:
         if not masks:
             nothing = RowPredictions([], [])
             return {"oracle": replace(nothing, slots=[]), "planar": nothing, "random": nothing}
-        scene = self.observe(self.reader.root.read_frame(files), rng)
-        regions = [RegionCloud.from_mask(mask, scene) for mask in masks]
+        frame = self.reader.root.read_frame(files)
+        seen = observe(frame, self.config, rng, regions=masks)
+        scene, regions = seen.scene, seen.clouds
         selection, gripper = self.config.selection, self.gripper
         slots = [true_slots(instance, truth) for instance in owners.instance]
         oracle = self._plans_with_truth(
@@ -77,11 +81,6 @@ class Planner:
             "planar": RowPredictions.from_ranked(planar),
             "random": RowPredictions.from_ranked(drawn),
         }
-
-    def observe(self, frame: Frame, rng: np.random.Generator) -> SceneCloud:
-        """Return the frame as `infer` sees it: depth, and the support plane found in it."""
-        found = geometric_regions(frame.depth, frame.intrinsics, self.config.region, rng)
-        return SceneCloud(frame.depth.astype(np.float64), frame.intrinsics, found.plane)
 
     def _plans_with_truth(
         self,
@@ -119,14 +118,14 @@ def rows_of(
     owners: RegionOwners,
     files: FrameFiles,
     truth: FrameTruth,
-    planner: Planner | None,
+    baselines: Baselines | None,
     seed: int,
 ) -> dict[str, RowPredictions]:
-    """Return our row and, with a `planner`, the baselines'; one `seed` gives the same grasps."""
+    """Return our row and, where wanted, those of `baselines`; one `seed` gives the same grasps."""
     rows = {"ours": predictions.row}
-    if planner is not None:
+    if baselines is not None:
         rng = np.random.default_rng([seed, files.scene_id, files.frame_id])
-        rows |= planner.rows(predictions.masks, owners, files, truth, rng)
+        rows |= baselines.rows(predictions.masks, owners, files, truth, rng)
     return rows
 
 

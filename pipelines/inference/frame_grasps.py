@@ -1,10 +1,7 @@
 """One frame in, its regions and ranked grasps out."""
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import compress
-from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +9,10 @@ from numpy.typing import NDArray
 from pipelines.configs import InferConfig
 from pipelines.errors import SymgraspError
 from pipelines.frames.rgbd import Frame
-from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.grasp_files.grasps_file import FrameResult
 from pipelines.grasping.candidates.completion import completions
-from pipelines.grasping.candidates.decoding import average_symmetries
 from pipelines.grasping.candidates.grounding import ground_symmetries
-from pipelines.grasping.feasibility.limits import Limits
 from pipelines.grasping.grasp_candidates import RankedGrasps
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.observation import RegionCloud, SceneCloud
@@ -26,47 +20,11 @@ from pipelines.grasping.ranking.point_critic import PointCritic
 from pipelines.grasping.ranking.ranking import Critic
 from pipelines.grasping.region_grasping import MIN_POINTS, plan_planar, plan_random, plan_region
 from pipelines.inference.empty_frames import why_empty
+from pipelines.inference.observation import Observation, observe
 from pipelines.inference.pieces import pieces_of
 from pipelines.inference.plans import Plan, grasp_table, region_table
-from pipelines.inference.regions import Detector, FrameRegions, Region, find_regions
-from pipelines.tabletop.sparse_depth import filled
-
-Array = NDArray[np.float64]
-
-
-class RegionPrediction(Protocol):
-    """What the network says of n of one region's points, m of which tell symmetries."""
-
-    @property
-    def index(self) -> NDArray[Any]:
-        """(n,) which points of the region."""
-
-    @property
-    def affordance(self) -> NDArray[Any]:
-        """(n,) 0 to 1."""
-
-    @property
-    def telling(self) -> NDArray[Any]:
-        """(m,) which of the n tell symmetries."""
-
-    @property
-    def existence(self) -> NDArray[Any]:
-        """(m, 5) probabilities."""
-
-    @property
-    def center(self) -> NDArray[Any]:
-        """(m, 5, 3) metres, camera frame."""
-
-    @property
-    def direction(self) -> NDArray[Any]:
-        """(m, 5, 3) unit, camera frame."""
-
-
-class Predictor(Protocol):
-    """What predicts affordance and symmetries of region clouds."""
-
-    def predict(self, clouds: Sequence[Array], table: Plane | None) -> Sequence[RegionPrediction]:
-        """Return one prediction for each cloud (n, 3) on `table`, camera frame."""
+from pipelines.inference.predicted_regions import PredictedRegion, Predictor, predicted_regions
+from pipelines.inference.regions import Detector, Region
 
 
 @dataclass(frozen=True)
@@ -107,18 +65,15 @@ class Planner:
         grasps; None for found regions and for everywhere.
         """
         started = time.monotonic()
-        frame = replace(frame, depth=filled(frame.depth))
-        found = find_regions(frame, self.config, rng, self.detector, masks)
-        plane, lens = found.geometric.plane, frame.intrinsics
-        limits = Limits.of(self.config.limits, workspace, plane, lens)
-        scene = SceneCloud(frame.depth.astype(np.float64), lens, plane, limits)
-        every = [RegionCloud.from_mask(region.mask, scene) for region in found.regions]
-        regions, clouds = _within(found.regions, every, limits)
-        plans = self._plans(clouds, scene, rng)
+        seen = observe(
+            frame, self.config, rng, detector=self.detector, masks=masks, workspace=workspace
+        )
+        regions, clouds = seen.in_workspace()
+        plans = self._plans(clouds, seen.scene, rng)
         if self.config.method != "random":
-            regions, plans = self._taken_apart(regions, plans, found, scene, rng)
+            regions, plans = self._taken_apart(regions, plans, seen, rng)
             plans = [
-                plan if len(plan.grasps) else self._piecewise(plan, region.mask, found, scene)
+                plan if len(plan.grasps) else self._piecewise(plan, region.mask, seen)
                 for plan, region in zip(plans, regions, strict=True)
             ]
         grasps = [plan.grasps for plan in plans]
@@ -127,7 +82,7 @@ class Planner:
         return FrameResult(
             name=frame.name,
             status="ok" if count else "empty",
-            message="" if count else why_empty(found, every, len(regions), limits, least),
+            message="" if count else why_empty(seen, least),
             intrinsics=frame.intrinsics,
             seconds=time.monotonic() - started,
             regions=region_table(regions, plans),
@@ -151,8 +106,7 @@ class Planner:
         if self.predictor is None:
             return [Plan(plan_planar(c, scene, self.gripper, selection)) for c in clouds]
         large = [index for index, cloud in enumerate(clouds) if len(cloud) >= MIN_POINTS]
-        predictions = self.predictor.predict([clouds[i].points for i in large], scene.plane)
-        seen = [_Seen.of(clouds[i], told) for i, told in zip(large, predictions, strict=True)]
+        seen = predicted_regions([clouds[i] for i in large], scene.plane, self.predictor)
         slots = [self._symmetries(each, scene) for each in seen]
         completed = completions([each.cloud for each in seen], scene, slots, selection)
         plans = [Plan(RankedGrasps.empty()) for _ in clouds]
@@ -164,8 +118,8 @@ class Planner:
             plans[index] = Plan(ranked, known, float(affordance.mean()), float(affordance.max()))
         return plans
 
-    def _symmetries(self, seen: "_Seen", scene: SceneCloud) -> SymmetrySlots:
-        """Return what the network tells of a region's symmetries, fitted to what is seen of it."""
+    def _symmetries(self, seen: PredictedRegion, scene: SceneCloud) -> SymmetrySlots:
+        """Return the predicted symmetries of a region, fitted to what is seen of it."""
         if self.plane_critic is None or not self.config.selection.ground_symmetries:
             return seen.slots
         return ground_symmetries(
@@ -176,8 +130,7 @@ class Planner:
         self,
         regions: list[Region],
         plans: list[Plan],
-        found: FrameRegions,
-        scene: SceneCloud,
+        seen: Observation,
         rng: np.random.Generator,
     ) -> tuple[list[Region], list[Plan]]:
         """Return regions and plans; detections without a symmetric grasp by pieces (D. 97).
@@ -185,7 +138,7 @@ class Planner:
         Such a region's symmetries and grasps are those of its largest piece, if that has grasps;
         other pieces that have some become regions of their own.
         """
-        config, labels = self.config, found.geometric.labels
+        config, scene, labels = self.config, seen.scene, seen.segments.labels
         if self.predictor is None or config.regions != "auto":
             return regions, plans
         parts = [
@@ -204,12 +157,10 @@ class Planner:
                 plans.append(plan)
         return regions, plans
 
-    def _piecewise(
-        self, plan: Plan, mask: NDArray[np.bool_], found: FrameRegions, scene: SceneCloud
-    ) -> Plan:
+    def _piecewise(self, plan: Plan, mask: NDArray[np.bool_], seen: Observation) -> Plan:
         """Return planar grasps of the geometric pieces of a region that has none as a whole."""
-        inside = self.config.min_piece_inside
-        for piece in found.geometric.masks:
+        inside, scene = self.config.min_piece_inside, seen.scene
+        for piece in seen.segments.masks:
             if np.count_nonzero(piece & mask) < inside * np.count_nonzero(piece):
                 continue
             cloud = RegionCloud.from_mask(piece & mask, scene)
@@ -218,29 +169,3 @@ class Planner:
             if len(ranked):
                 return replace(plan, grasps=ranked)
         return plan
-
-
-@dataclass(frozen=True)
-class _Seen:
-    """A region as the network sees and understands it: n points, their affordance, symmetries."""
-
-    cloud: RegionCloud
-    affordance: Array
-    slots: SymmetrySlots
-
-    @classmethod
-    def of(cls, cloud: RegionCloud, prediction: RegionPrediction) -> "_Seen":
-        affordance = np.asarray(prediction.affordance, np.float64)
-        told = prediction.existence, prediction.center, prediction.direction
-        slots = average_symmetries(*told, affordance[prediction.telling])
-        return cls(cloud[prediction.index], affordance, slots)
-
-
-def _within(
-    regions: list[Region], clouds: list[RegionCloud], limits: Limits | None
-) -> tuple[list[Region], list[RegionCloud]]:
-    """Return the regions of which something lies in the workspace, and their points."""
-    if limits is None:
-        return regions, clouds
-    some = [bool(limits.contain(cloud.points).any()) for cloud in clouds]
-    return list(compress(regions, some)), list(compress(clouds, some))

@@ -8,18 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import InferConfig
-from pipelines.frames.rgbd import Frame
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.pointcloud import Plane
-from pipelines.tabletop.regions_geometric import GeometricRegions, geometric_regions
+from pipelines.tabletop.regions_geometric import GeometricRegions
 
+Depth = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 SOURCES = ("auto", "detector", "geometric")
 
 
 class Detection(Protocol):
-    """One region that a detector found."""
+    """A region that a detector found."""
 
     @property
     def mask(self) -> Mask:
@@ -31,79 +31,83 @@ class Detection(Protocol):
 
 
 class Detector(Protocol):
-    """What finds regions in a frame, most confident first."""
+    """A network that finds regions in a frame."""
 
     def detect(
         self,
         color: NDArray[np.uint8],
-        depth: NDArray[np.float32],
+        depth: Depth,
         intrinsics: Intrinsics,
         plane: Plane | None,
     ) -> Sequence[Detection]:
-        """Return the regions of a frame; `depth` (H, W) in metres, 0 = missing.
+        """Return the regions of a frame, most confident first.
 
-        `plane`: that things stand on, where it is known.
+        Args:
+            color: (H, W, 3) RGB.
+            depth: (H, W) metres, 0 = missing.
+            intrinsics: of both.
+            plane: the support plane, where it is known.
         """
 
 
 @dataclass(frozen=True)
 class Region:
-    """A region to grasp: pixels (H, W), confidence 0 to 1, `detector`, `geometric` or `masks`."""
+    """A region to grasp.
+
+    Attributes:
+        mask: (H, W) its pixels.
+        confidence: 0 to 1, of the detector.
+        source: `detector`, `geometric` or `masks`.
+    """
 
     mask: Mask
     confidence: float
     source: str
 
 
-@dataclass(frozen=True)
-class FrameRegions:
-    """The regions of a frame, and what the depth alone says of the table.
-
-    `too_small`: how many more there would be with fewer than `min_region_pixels`.
-    """
-
-    regions: list[Region]
-    geometric: GeometricRegions
-    too_small: int = 0
-
-
 def find_regions(
-    frame: Frame,
+    color: NDArray[np.uint8],
+    depth: Depth,
+    intrinsics: Intrinsics,
+    segments: GeometricRegions,
     config: InferConfig,
-    rng: np.random.Generator,
     detector: Detector | None = None,
     masks: NDArray[np.int32] | None = None,
-) -> FrameRegions:
-    """Return the regions of `frame`; `masks` (H, W) are the user's instance ids, 0 = background.
+) -> tuple[list[Region], int]:
+    """Return the regions of a frame, and how many more are below `min_region_pixels`.
 
-    What the masks show is no support: without depth beside it no plane is known.
+    Args:
+        color: (H, W, 3) RGB.
+        depth: (H, W) metres, 0 = missing.
+        intrinsics: of both.
+        segments: the pieces that the depth alone shows.
+        config: thresholds.
+        detector: None for none.
+        masks: (H, W) the user's instance ids, 0 = background; with these nothing else is found.
     """
-    ground = None if masks is None else masks == 0
-    geometric = geometric_regions(frame.depth, frame.intrinsics, config.region, rng, ground)
     if masks is not None:
         regions = [Region(masks == i, 1.0, "masks") for i in np.unique(masks[masks > 0])]
     else:
-        regions = _detected(frame, geometric, config, detector)
+        regions = []
+        if detector is not None:
+            found = detector.detect(color, depth, intrinsics, segments.plane)
+            regions = _standing(found, depth > 0, segments, config)
         if config.regions != "detector":
-            regions = _completed(regions, geometric, config)
+            regions = _completed(regions, segments, config)
     large = [r for r in regions if np.count_nonzero(r.mask) >= config.min_region_pixels]
-    return FrameRegions(large, geometric, len(regions) - len(large))
+    return large, len(regions) - len(large)
 
 
-def _detected(
-    frame: Frame, geometric: GeometricRegions, config: InferConfig, detector: Detector | None
+def _standing(
+    detections: Sequence[Detection], measured: Mask, segments: GeometricRegions, config: InferConfig
 ) -> list[Region]:
-    """Return the detector's regions, disjoint, without those of table and background."""
-    if detector is None:
-        return []
-    free = np.ones(frame.depth.shape, bool)
-    measured = frame.depth > 0
-    standing = measured & geometric.foreground
+    """Return the detections, disjoint, without those of table and background."""
+    free = np.ones(measured.shape, bool)
+    standing = measured & segments.foreground
     # The network's masks are coarse; what lies on the table is known to the pixel.
-    known = geometric.foreground | (frame.depth <= 0)
+    known = segments.foreground | ~measured
     regions = []
-    found = detector.detect(frame.color, frame.depth, frame.intrinsics, geometric.plane)
-    for detection in sorted(found, key=lambda d: -d.confidence):
+    for detection in sorted(detections, key=lambda d: -d.confidence):
         mask = detection.mask & free
         seen = int(np.count_nonzero(mask & measured))
         if np.count_nonzero(mask & standing) < config.min_foreground * max(1, seen):
@@ -115,14 +119,14 @@ def _detected(
 
 
 def _completed(
-    regions: list[Region], geometric: GeometricRegions, config: InferConfig
+    regions: list[Region], segments: GeometricRegions, config: InferConfig
 ) -> list[Region]:
-    """Add the geometric regions that the others leave mostly uncovered."""
-    covered = np.zeros(geometric.labels.shape, bool)
+    """Return `regions` and those `segments` that they leave mostly uncovered."""
+    covered = np.zeros(segments.labels.shape, bool)
     for region in regions:
         covered |= region.mask
     result = list(regions)
-    for mask in geometric.masks:
+    for mask in segments.masks:
         rest = mask & ~covered
         if np.count_nonzero(rest) > config.min_uncovered * np.count_nonzero(mask):
             result.append(Region(rest, config.geometric_confidence, "geometric"))

@@ -1,4 +1,4 @@
-"""The trials of a frame: the same grasps that `evaluate` judges, tried in the true scene."""
+"""The trials of a frame: the grasps that `evaluate` scores, tried in the true scene."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,7 +11,7 @@ from pipelines.configs import EvaluateConfig, SimulateConfig
 from pipelines.dataset import convex_pieces
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.training.coco_instances import kind_of
-from pipelines.evaluation.baselines import Planner, rows_of
+from pipelines.evaluation.baselines import Baselines, rows_of
 from pipelines.evaluation.judging import RegionOwners, assign_regions, best_region
 from pipelines.evaluation.predictions import FramePredictions, Mask, RowPredictions
 from pipelines.evaluation.trial_records import (
@@ -72,15 +72,15 @@ class RestedScene:
 
 @dataclass
 class FrameSimulator:
-    """Tries the grasps of frames; what it reads of objects is kept.
+    """Simulated trials of frames; each object is read once.
 
     Attributes:
         root: the dataset.
         pieces: convex pieces of its models.
-        gripper: the hand.
+        gripper: that closes.
         config: the trial.
         baselines: try those of `evaluation.baselines` too.
-        seed: of what the baselines draw; `evaluate` with the same one judges the same grasps.
+        seed: of the baselines; `evaluate` with the same one scores the same grasps.
     """
 
     root: GraspNetRoot
@@ -96,15 +96,15 @@ class FrameSimulator:
             min_region_share=self.config.min_region_share,
         )
         self._reader = TruthReader(self.root, self._rules)
-        self._planner = Planner.of(self._reader, self.gripper) if self.baselines else None
+        self._baselines = Baselines.of(self._reader, self.gripper) if self.baselines else None
 
     def run(self, result: FrameResult) -> FrameTrials:
-        """Return what becomes of the best grasp on every visible object of a frame."""
+        """Return the trials of the best grasp on every visible object of a frame."""
         files = self.root.frame(result.name)
         truth = self._reader.read(files)
         predictions = FramePredictions.from_result(result)
         owners = assign_regions(predictions.masks, truth, self._rules)
-        rows = rows_of(predictions, owners, files, truth, self._planner, self.seed)
+        rows = rows_of(predictions, owners, files, truth, self._baselines, self.seed)
         scene, shift = self._rested(truth)
         trials = {
             name: self._try_row(row, predictions.masks, owners, truth, scene)

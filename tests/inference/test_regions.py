@@ -1,4 +1,4 @@
-"""Where a frame's regions come from."""
+"""Regions of a frame: of the detector, of the depth, of the user's masks."""
 
 from dataclasses import replace
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from pipelines.configs import InferConfig
 from pipelines.frames.rgbd import Frame
-from pipelines.inference.regions import find_regions
+from pipelines.inference.observation import observe
 from tests.geometry.tabletops import CAMERA, Box, Can, render
 from tests.inference.stand_ins import Detection, Detector
 
@@ -17,7 +17,7 @@ FRAME = Frame("f", np.zeros((240, 320, 3), np.uint8), DEPTH.astype(np.float32), 
 
 def regions(detector, **settings):
     config = replace(InferConfig(), **settings)
-    return find_regions(FRAME, config, np.random.default_rng(0), detector).regions
+    return observe(FRAME, config, np.random.default_rng(0), detector=detector).regions
 
 
 def test_auto_completes_the_detector_with_what_it_left_uncovered():
@@ -28,9 +28,9 @@ def test_auto_completes_the_detector_with_what_it_left_uncovered():
 
 def test_the_table_is_found_once_for_all():
     detector = Detector([])
-    found = find_regions(FRAME, InferConfig(), np.random.default_rng(0), detector)
-    assert found.geometric.plane is not None
-    assert detector.planes == [found.geometric.plane]
+    seen = observe(FRAME, InferConfig(), np.random.default_rng(0), detector=detector)
+    assert seen.scene.plane is not None
+    assert detector.planes == [seen.scene.plane]
 
 
 def test_the_detector_alone_is_not_completed():
@@ -60,17 +60,17 @@ def test_small_detections_are_dropped():
 
 def masked(depth, masks):
     frame = replace(FRAME, depth=depth.astype(np.float32))
-    return find_regions(frame, InferConfig(), np.random.default_rng(0), None, masks)
+    return observe(frame, InferConfig(), np.random.default_rng(0), masks=masks)
 
 
 def test_a_lid_in_the_masks_is_not_taken_for_the_table():
     masks = (INDEX + 1).astype(np.int32)
     whole, cut = masked(DEPTH, masks), masked(np.where(masks > 0, DEPTH, 0.0), masks)
     assert len(whole.regions) == len(cut.regions) == len(SHAPES)
-    plane = find_regions(FRAME, InferConfig(), np.random.default_rng(0)).geometric.plane
-    np.testing.assert_allclose(whole.geometric.plane.normal, plane.normal, atol=1e-3)
-    np.testing.assert_allclose(whole.geometric.plane.offset, plane.offset, atol=1e-3)
-    assert cut.geometric.plane is None
+    plane = observe(FRAME, InferConfig(), np.random.default_rng(0)).scene.plane
+    np.testing.assert_allclose(whole.scene.plane.normal, plane.normal, atol=1e-3)
+    np.testing.assert_allclose(whole.scene.plane.offset, plane.offset, atol=1e-3)
+    assert cut.scene.plane is None
 
 
 def test_a_little_table_beside_the_masks_is_enough():
@@ -79,9 +79,5 @@ def test_a_little_table_beside_the_masks_is_enough():
     table[60:180:2, 40:280:2] = True
     found = masked(np.where((masks > 0) | table, DEPTH, 0.0), masks)
     whole = masked(DEPTH, masks)
-    np.testing.assert_allclose(
-        found.geometric.plane.normal, whole.geometric.plane.normal, atol=0.01
-    )
-    np.testing.assert_allclose(
-        found.geometric.plane.offset, whole.geometric.plane.offset, atol=0.01
-    )
+    np.testing.assert_allclose(found.scene.plane.normal, whole.scene.plane.normal, atol=0.01)
+    np.testing.assert_allclose(found.scene.plane.offset, whole.scene.plane.offset, atol=0.01)

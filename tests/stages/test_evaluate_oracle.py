@@ -10,7 +10,7 @@ from pipelines import evaluate
 from pipelines.configs import EvaluateConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.evaluation import reports
-from pipelines.evaluation.baselines import Planner
+from pipelines.evaluation.baselines import Baselines
 from pipelines.evaluation.judging import assign_regions
 from pipelines.evaluation.predictions import FramePredictions
 from pipelines.evaluation.truth import TruthReader
@@ -31,8 +31,8 @@ def planned_by_the_oracle(root: GraspNetRoot, name: str) -> FrameResult:
     truth, predictions = reader.read(files), FramePredictions.from_result(result)
     owners = assign_regions(predictions.masks, truth, CONFIG)
     rng = np.random.default_rng([SEED, files.scene_id, files.frame_id])
-    planner = Planner.of(reader, load_gripper("rg2"))
-    row = planner.rows(predictions.masks, owners, files, truth, rng)["oracle"]
+    baselines = Baselines.of(reader, load_gripper("rg2"))
+    row = baselines.rows(predictions.masks, owners, files, truth, rng)["oracle"]
     regions = np.flatnonzero([len(best) for best in row.best])
     table = grasp_table(Grasps.concatenate([row.best[region] for region in regions]))
     scores = np.array(row.rank_score)[regions]

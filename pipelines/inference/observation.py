@@ -1,0 +1,86 @@
+"""The observation of one frame, from which every method plans its grasps.
+
+Sparse depth is filled, the support plane and the regions are found, and each region becomes points:
+once and in one way. So `infer`, the baselines it is compared with and the training of its critics
+see the same points of the same regions, and differ only in what they make of these.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import compress
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.configs import InferConfig
+from pipelines.frames.rgbd import Frame
+from pipelines.grasping.feasibility.limits import Limits
+from pipelines.grasping.observation import RegionCloud, SceneCloud
+from pipelines.inference.regions import Detector, Mask, Region, find_regions
+from pipelines.tabletop.regions_geometric import GeometricRegions, geometric_regions
+from pipelines.tabletop.sparse_depth import filled
+
+
+@dataclass(frozen=True)
+class Observation:
+    """One frame, observed. Camera frame, metres.
+
+    Attributes:
+        scene: depth without the holes of sparse sensors, support plane, limits of grasps.
+        segments: the pieces that the depth alone shows.
+        regions: in the order in which they were found.
+        clouds: the points of each of `regions`.
+        too_small: how many more regions there are with fewer than `min_region_pixels`.
+    """
+
+    scene: SceneCloud
+    segments: GeometricRegions
+    regions: list[Region]
+    clouds: list[RegionCloud]
+    too_small: int = 0
+
+    def in_workspace(self) -> tuple[list[Region], list[RegionCloud]]:
+        """Return the regions of which a point lies in the workspace, and their points."""
+        limits = self.scene.limits
+        if limits is None:
+            return self.regions, self.clouds
+        inside = [bool(limits.contain(cloud.points).any()) for cloud in self.clouds]
+        return list(compress(self.regions, inside)), list(compress(self.clouds, inside))
+
+
+def observe(
+    frame: Frame,
+    config: InferConfig,
+    rng: np.random.Generator,
+    *,
+    detector: Detector | None = None,
+    masks: NDArray[np.int32] | None = None,
+    workspace: Mask | None = None,
+    regions: Sequence[Mask] | None = None,
+) -> Observation:
+    """Return the support plane, the regions and the points of `frame`.
+
+    Args:
+        frame: colour and depth, 0 where missing.
+        config: how regions are found, and what grasps must keep to.
+        rng: for the search of the support plane.
+        detector: of regions; None for those that the depth alone shows.
+        masks: (H, W) instance ids of the user, 0 = background, instead of found regions.
+        workspace: (H, W) pixels where grasps are allowed; None for everywhere.
+        regions: (H, W) each, where another run found them: none are looked for.
+
+    Raises:
+        ValueRangeError: `config.limits` are in the frame of a table that is not seen.
+    """
+    depth, lens = filled(frame.depth), frame.intrinsics
+    # An instance of the user's is no support: without depth beside all of them no plane is known.
+    ground = None if masks is None else masks == 0
+    segments = geometric_regions(depth, lens, config.region, rng, ground)
+    limits = Limits.of(config.limits, workspace, segments.plane, lens)
+    scene = SceneCloud(depth.astype(np.float64), lens, segments.plane, limits)
+    if regions is not None:
+        found, too_small = [Region(mask, 1.0, "masks") for mask in regions], 0
+    else:
+        found, too_small = find_regions(frame.color, depth, lens, segments, config, detector, masks)
+    clouds = [RegionCloud.from_mask(region.mask, scene) for region in found]
+    return Observation(scene, segments, found, clouds, too_small)

@@ -17,8 +17,8 @@ from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Singles
 from pipelines.configs import LabelConfig, LabelGraspsConfig
 from pipelines.dataset import object_list
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
@@ -271,9 +271,7 @@ def _part_items(model: Path, target: Path, stamp: Stamp, num_points: int) -> lis
 
 
 @lru_cache(maxsize=1)
-def _prepared(
-    model: Path, _digest: str, num_points: int, seed: int
-) -> tuple[LabelTarget, NDArray[np.float32]]:
+def _prepared(model: Path, _digest: str, num_points: int, seed: int) -> tuple[LabelTarget, Singles]:
     """Return a model ready for labelling, and its grasp points: the same in every worker."""
     mesh = read_solid_mesh(model)
     points = sample_surface(mesh, num_points, np.random.default_rng([seed, TAG_POINTS]))[0]

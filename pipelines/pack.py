@@ -16,8 +16,8 @@ from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Mask
 from pipelines.configs import PackConfig, RegionConfig
 from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot, SceneFiles
 from pipelines.dataset.scene_digests import inputs_of_scenes
@@ -92,7 +92,7 @@ def pack_frame(
     noise = MaskNoise(config.mask_noise_share, config.mask_edge, config.mask_blot)
     shown = visible_regions(label, intrinsics, list(poses.items()), objects)
 
-    def mask_of(instance: RegionInstance) -> NDArray[np.bool_]:
+    def mask_of(instance: RegionInstance) -> Mask:
         return noise.applied(instance.mask, rng) if config.mask_noise else instance.mask
 
     def surface_of(object_id: int) -> LabelledSurface:

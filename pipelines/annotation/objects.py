@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Indices
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.dataset.meshes import clean_mesh
 from pipelines.dataset.symmetry import regions as manual_regions
@@ -211,9 +211,7 @@ def _labels_of(regions: Sequence[SymmetricRegion]) -> tuple[RegionLabel, ...]:
     return tuple(RegionLabel(r.name, r.triangles, tuple(r.symmetries)) for r in regions)
 
 
-def _in_file(
-    mesh: Mesh, kept: NDArray[np.int64], triangles: NDArray[np.int64]
-) -> NDArray[np.int64]:
+def _in_file(mesh: Mesh, kept: Indices, triangles: Indices) -> Indices:
     """Return the indices in `mesh` of `triangles` of its cleaned copy, with their repetitions."""
     if len(triangles) == len(kept):
         return np.arange(len(mesh.faces))

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Indices
 from pipelines.errors import FormatError, SymgraspError, UnknownNameError, ValueRangeError
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.meshes.winding import turned_outward
@@ -81,7 +81,7 @@ def _tell_once(path: Path, sentence: str) -> None:
     log.warning("%s: %s", path, sentence)
 
 
-def read_vertices(path: Path) -> NDArray[np.float64]:
+def read_vertices(path: Path) -> Array:
     """Read the points of a mesh or a cloud (n, 3), as they are in the file: none are merged."""
     try:
         loaded: Any = trimesh.load(existing(path), process=False)  # a mesh, or a cloud
@@ -134,7 +134,7 @@ def size_warning(mesh: Mesh, path: Path) -> str | None:
     )
 
 
-def clean_mesh(mesh: Mesh) -> tuple[Mesh, NDArray[np.int64], str]:
+def clean_mesh(mesh: Mesh) -> tuple[Mesh, Indices, str]:
     """Drop triangles without area, and all but the first of those with the same three corners.
 
     Returns:

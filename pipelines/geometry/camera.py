@@ -3,9 +3,9 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from pipelines.array_types import Array
+from pipelines.array_types import Array, Indices, Mask
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.numerics.compiled import compiled
 
@@ -48,12 +48,12 @@ class Intrinsics:
 
     @property
     def lens(self) -> Lens:
-        """fx, fy, cx and cy, as compiled loops take them."""
+        """Focal lengths and principal point (fx, fy, cx, cy), as compiled loops take them."""
         return float(self.fx), float(self.fy), float(self.cx), float(self.cy)
 
     @property
     def image_plane(self) -> tuple[Array, Array]:
-        """X (W,) of the columns and y (H,) of the rows on the plane at depth 1, camera frame."""
+        """Coordinates x (W,) of the columns and y (H,) of the rows at depth 1, camera frame."""
         u, v = np.arange(self.width, dtype=np.float64), np.arange(self.height, dtype=np.float64)
         return (u - self.cx) / self.fx, (v - self.cy) / self.fy
 
@@ -62,21 +62,21 @@ class Intrinsics:
         x, y, z = np.moveaxis(np.asarray(points, np.float64), -1, 0)
         return np.stack([self.fx * x / z + self.cx, self.fy * y / z + self.cy], -1)
 
-    def pixels_of(self, points: Array) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Return the pixels (n, 2) as (u, v) that `points` (n, 3) fall on, camera frame.
+    def pixels_of(self, points: Array) -> tuple[Indices, Mask]:
+        """Return the nearest pixels (n, 2) as (u, v) of `points` (n, 3), camera frame.
 
-        And which of them (n,) fall into the image; the pixel of a point behind the camera is -1.
+        The mask (n,) is true inside the image; the pixel of a point behind the camera is -1.
         """
         rows = np.ascontiguousarray(points, np.float64)
         return _pixels(rows, self.lens, int(self.width), int(self.height))
 
     def rays(self) -> Array:
-        """Return (H, W, 3) points on each pixel's ray at depth 1, camera frame."""
+        """Return the points (H, W, 3) at depth 1 on the rays of the pixels, camera frame."""
         x, y = np.meshgrid(*self.image_plane)
         return np.stack([x, y, np.ones_like(x)], -1)
 
     def backproject(self, depth: ArrayLike) -> Array:
-        """Return (H, W, 3) points, camera frame, of `depth` (H, W) in metres; nan where missing."""
+        """Return the points (H, W, 3) of `depth` (H, W), metres, camera frame; nan where 0."""
         depth = np.asarray(depth, np.float64)
         if depth.shape != (self.height, self.width):
             raise ValueRangeError("depth size", depth.shape, f"{(self.height, self.width)}")
@@ -98,9 +98,7 @@ class Intrinsics:
 
 
 @compiled
-def _pixels(
-    points: Array, lens: Lens, width: int, height: int
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def _pixels(points: Array, lens: Lens, width: int, height: int) -> tuple[Indices, Mask]:
     fx, fy, cx, cy = lens
     pixels, inside = np.empty((len(points), 2), np.int64), np.empty(len(points), np.bool_)
     for n in range(len(points)):
@@ -115,7 +113,7 @@ def _pixels(
 
 @compiled
 def _points(depth: Array, x: Array, y: Array) -> Array:
-    """Return (h, w, 3) `depth` (h, w) times where columns `x` and rows `y` lie at depth 1."""
+    """Return the points (h, w, 3) of `depth` (h, w); `x` (w,) and `y` (h,): the image plane."""
     points = np.empty((len(y), len(x), 3))
     for row in range(len(y)):
         for column in range(len(x)):

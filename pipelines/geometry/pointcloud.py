@@ -1,11 +1,11 @@
-"""Point clouds: planes and thinning. Metres, any frame."""
+"""Planes of point clouds, and thinning of clouds; metres, any frame."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from pipelines.array_types import Array
+from pipelines.array_types import Array, Indices
 from pipelines.geometry.numerics.point_cells import cell_keys, first_of_each
 
 
@@ -25,6 +25,6 @@ class Plane:
         return self if self.height(viewpoint) >= 0 else Plane(-self.normal, -self.offset)
 
 
-def voxel_downsample(points: ArrayLike, size: float) -> NDArray[np.int64]:
-    """Return the indices of one point a cube of edge `size` metres, in ascending order."""
+def voxel_downsample(points: ArrayLike, size: float) -> Indices:
+    """Return the index of one point in each cube of edge `size` metres, in ascending order."""
     return first_of_each(cell_keys(np.asarray(points, np.float64), size))

@@ -1,7 +1,7 @@
-"""Where the symmetric regions of posed objects are in an image (Sec. III-D).
+"""Masks of the symmetric regions of posed objects in an image (Sec. III-D).
 
-The instance label says which pixels show an object; rays against its posed mesh say which of its
-triangles, and so which of its regions, each of these pixels shows. So masks are visible parts.
+The instance label gives the pixels of an object; rays against its posed mesh give the triangle, and
+with it the region, that each of these pixels shows. The masks hold visible parts only.
 """
 
 from collections.abc import Mapping, Sequence
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipelines.array_types import Array, Mask
+from pipelines.array_types import Array, Indices, Mask
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.geometry.rendering import first_hits
@@ -25,7 +25,7 @@ class ObjectRegion:
     """A region of an object: its triangles (k,) and symmetries, object frame."""
 
     name: str
-    triangles: NDArray[np.int64]
+    triangles: Indices
     symmetries: tuple[Symmetry, ...]
 
 
@@ -37,8 +37,8 @@ class RegionedObject:
     regions: tuple[ObjectRegion, ...]
 
     @property
-    def region_of_triangle(self) -> NDArray[np.int64]:
-        """(f,) the index of each triangle's region; -1 for triangles of no region."""
+    def region_of_triangle(self) -> Indices:
+        """Index (f,) of the region of each triangle; -1 for triangles of no region."""
         owner = np.full(len(self.mesh.faces), -1, dtype=np.int64)
         for index, region in enumerate(self.regions):
             owner[region.triangles] = index
@@ -47,14 +47,14 @@ class RegionedObject:
 
 @dataclass(frozen=True)
 class RegionInstance:
-    """One region of one object as a frame shows it.
+    """One region of one object in a frame.
 
     Attributes:
-        object_id: of the dataset.
-        name: of the region.
-        mask: (H, W) the pixels that show it.
+        object_id: number of the object in the dataset.
+        name: name of the region.
+        mask: (H, W) pixels that show the region.
         visible: share of the region's surface toward the camera that the mask holds, 0 to 1.
-        symmetries: camera frame, metres.
+        symmetries: symmetries of the region, camera frame, metres.
     """
 
     object_id: int
@@ -70,13 +70,13 @@ def visible_regions(
     poses: Sequence[tuple[int, ArrayLike]],
     objects: Mapping[int, RegionedObject],
 ) -> list[RegionInstance]:
-    """Return every region that shows in at least one pixel, in the order of `poses`.
+    """Return the regions that at least one pixel shows, in the order of `poses`.
 
     Args:
-        label: (H, W) object id + 1, 0 = background, as GraspNet has it.
-        intrinsics: of the label image.
+        label: (H, W) object id + 1, 0 = background, as in GraspNet.
+        intrinsics: intrinsics of the label image.
         poses: (object id, T_cam_obj (4, 4)) of each object of the scene.
-        objects: by object id; objects that are not here have no regions.
+        objects: objects by id; an object that is missing here has no regions.
     """
     instances = []
     for object_id, pose in poses:
@@ -105,8 +105,8 @@ def _object_instances(
 
 def _region_image(
     posed: RegionedObject, shown: Mask, intrinsics: Intrinsics, T_cam_obj: Array
-) -> NDArray[np.int64]:
-    """Return (H, W) the index of the region that each pixel of `shown` shows; -1 elsewhere."""
+) -> Indices:
+    """Return the index (H, W) of the region at each pixel of `shown`; -1 elsewhere."""
     image = np.full(shown.shape, -1, dtype=np.int64)
     only_whole = len(posed.regions) == 1 and len(posed.regions[0].triangles) == len(
         posed.mesh.faces
@@ -122,7 +122,7 @@ def _region_image(
     )
     origins = np.broadcast_to(T_obj_cam[:3, 3], rays.shape)
     triangle = first_hits(posed.mesh, origins, rotate_vectors(T_obj_cam, rays))[1]
-    # Labels and poses agree to a pixel or so: a ray of the outline that misses shows no region.
+    # Labels and poses agree to about a pixel: rays at the outline may miss the mesh.
     image[v, u] = np.where(triangle >= 0, posed.region_of_triangle[triangle], -1)
     return image
 
@@ -130,7 +130,7 @@ def _region_image(
 def _visible_share(
     mesh: Mesh, region: ObjectRegion, mask: Mask, intrinsics: Intrinsics, T_cam_obj: Array
 ) -> float:
-    """Return which share of the samples that face the camera project into `mask`."""
+    """Return the share of the surface samples facing the camera that project into `mask`."""
     part = mesh.submesh(region.triangles)
     points, normals, _ = sample_surface(part, NUM_VISIBILITY_SAMPLES, np.random.default_rng(0))
     points, normals = transform_points(T_cam_obj, points), rotate_vectors(T_cam_obj, normals)

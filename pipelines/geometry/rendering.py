@@ -1,7 +1,8 @@
-"""Rays against meshes: what a camera sees of posed objects, and where fingers touch.
+"""Ray casting against posed meshes: views of a camera, and contacts of fingers.
 
-The search runs in single precision (Embree); the distance is then computed again in double
-precision from the plane of the triangle that was hit.
+Embree finds the triangle in single precision; the distance is then computed in double precision
+from pipelines.array_types import Mask
+from the plane of that triangle.
 """
 
 from collections.abc import Sequence
@@ -11,9 +12,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from pipelines.array_types import Array, Indices
+from pipelines.array_types import Array, Indices, Mask
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh
@@ -22,7 +23,7 @@ from pipelines.geometry.transforms import invert, rotate_vectors, transform_poin
 
 @dataclass(frozen=True)
 class Hits:
-    """What each pixel of a view sees; all arrays have the image's height and width.
+    """First hits of the rays through the pixels of a view.
 
     Attributes:
         depth: (H, W) metres along z, 0 where nothing is hit.
@@ -38,9 +39,9 @@ class Hits:
 
 
 class Scene:
-    """Posed meshes, ready for rays.
+    """Search structure for rays against posed meshes; built once, used by many casts.
 
-    `meshes` in their own frames, `poses` (4, 4) each, object to world; built once, cast often.
+    `meshes` are in their own frames, `poses` (4, 4) map each to the world frame.
     """
 
     def __init__(self, meshes: Sequence[Mesh], poses: Sequence[ArrayLike]) -> None:
@@ -62,7 +63,7 @@ class Scene:
         self._mesh = TriangleMesh(self._embree, (self._triangles - self._centre).astype(np.float32))
 
     def cast(self, origins: ArrayLike, directions: ArrayLike) -> tuple[Array, Indices]:
-        """Return distance (n,) and triangle (n,) of each ray's first hit; inf and -1 for none.
+        """Return distance (n,) and triangle (n,) of each ray's first hit; inf and -1 if it misses.
 
         `origins` (n, 3) metres and `directions` (n, 3) of any length, world frame; triangles are
         numbered through all objects.
@@ -80,14 +81,14 @@ class Scene:
         normal, corner = self._normals[triangle[hit]], self._triangles[triangle[hit], 0]
         slope = np.einsum("ij,ij->i", d[hit], normal)
         ahead = np.einsum("ij,ij->i", corner - o[hit], normal)
-        # A ray within the triangle's plane has no crossing with it: there the search's own word.
+        # A ray within the triangle's plane does not cross it: there Embree's distance stays.
         with np.errstate(divide="ignore", invalid="ignore"):
             exact = ahead / slope
         rough = found["tfar"][hit].astype(np.float64)
         distance[hit] = np.where(np.abs(exact - rough) < 1e-3 * (1.0 + rough), exact, rough)
         return distance, triangle
 
-    def occluded(self, origins: ArrayLike, directions: ArrayLike) -> NDArray[np.bool_]:
+    def occluded(self, origins: ArrayLike, directions: ArrayLike) -> Mask:
         """Return whether each ray hits anything; `origins`, `directions` (n, 3), world frame."""
         o = np.asarray(origins, np.float64).reshape(-1, 3)
         found = self._embree.run(
@@ -112,7 +113,7 @@ class Scene:
 
 
 def cast_view(scene: Scene, intrinsics: Intrinsics, T_world_cam: ArrayLike) -> Hits:
-    """Return what a camera at `T_world_cam` (4, 4) sees of `scene`."""
+    """Cast the rays of a camera at `T_world_cam` (4, 4) into `scene`."""
     pose = np.asarray(T_world_cam, np.float64)
     rays = intrinsics.rays().reshape(-1, 3)
     directions = rotate_vectors(pose, rays)
@@ -134,10 +135,10 @@ _SCENES: WeakKeyDictionary[Mesh, Scene] = WeakKeyDictionary()
 
 
 def first_hits(mesh: Mesh, origins: ArrayLike, directions: ArrayLike) -> tuple[Array, Indices]:
-    """Return distance (n,) and triangle (n,) where rays first meet `mesh`; inf and -1 for none.
+    """Return distance (n,) and triangle (n,) of each ray's first hit; inf and -1 if it misses.
 
-    `origins` (n, 3) metres and `directions` (n, 3), the mesh's frame. The search structure is
-    built at the first call and kept as long as the mesh.
+    `origins` (n, 3) metres and `directions` (n, 3), frame of `mesh`. The search structure is
+    built at the first call and lives as long as the mesh.
     """
     if mesh not in _SCENES:
         _SCENES[mesh] = Scene([mesh], [np.eye(4)])

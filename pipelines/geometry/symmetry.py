@@ -19,7 +19,7 @@ SPHERE_SLOT = 4
 
 def _checked_direction(name: str, vector: ArrayLike) -> Array:
     v = np.asarray(vector, np.float64)
-    # Never of nan or infinity. Numbers one by one: symmetries are made by the hundred a frame.
+    # Plain floats: a frame has hundreds of symmetries, and arrays of three cost more.
     length = math.hypot(*v.tolist()) if v.shape == (3,) else 0.0
     if not 0.5 < length < 2.0:
         raise ValueRangeError(name, v.tolist(), "a unit vector of 3 finite numbers")
@@ -93,7 +93,7 @@ class RotationSymmetry:
         return self.axis
 
     def counterpart(self, points: ArrayLike) -> Array:
-        """Return the farthest points (..., 3) of the orbits of `points`: across the axis."""
+        """Return the points (..., 3) of the orbits of `points` farthest away: across the axis."""
         foot = np.asarray(points, np.float64) - self.point
         across = foot - (foot @ self.axis)[..., None] * self.axis
         return np.asarray(points, np.float64) - 2.0 * across
@@ -128,7 +128,7 @@ class SphereSymmetry:
         return np.full(3, np.nan)
 
     def counterpart(self, points: ArrayLike) -> Array:
-        """Return the farthest points (..., 3) of the orbits of `points`: through the centre."""
+        """Return the points (..., 3) opposite to `points` (..., 3) through the centre."""
         return 2.0 * self.point - np.asarray(points, np.float64)
 
     def transformed(self, T: ArrayLike) -> "SphereSymmetry":
@@ -141,7 +141,7 @@ Symmetry = ReflectionSymmetry | RotationSymmetry | SphereSymmetry
 
 @dataclass(frozen=True)
 class SymmetrySlots:
-    """Symmetries in the network's five slots: 0-2 reflection, 3 rotation, 4 sphere.
+    """Symmetries as the network's five slots: 0-2 reflection, 3 rotation, 4 sphere.
 
     Attributes:
         existence: (5,) probability that the slot's symmetry exists, 0 or 1 for ground truth.

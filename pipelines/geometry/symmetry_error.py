@@ -1,8 +1,7 @@
-"""Dense symmetry error: how far one symmetry's map is from another's (design 5.11).
+"""Dense symmetry error: mean distance of the images of points under two symmetries.
 
-The error is measured on points: where the predicted symmetry sends them against where the true
-one does, as a fraction of the longest true displacement. It needs no choice of plane origin or
-axis sign, and a plane or axis that is right at the object and wrong elsewhere costs nothing.
+The distance is relative to the longest displacement under the true symmetry. The error needs no
+choice of plane origin or axis sign, and counts only the deviation at the object itself.
 """
 
 from collections.abc import Sequence
@@ -38,10 +37,10 @@ def rotation_error(
     truth: RotationSymmetry,
     angles: Sequence[float] = TURNS,
 ) -> float:
-    """Return the same ratio for turns about the axes, averaged over `angles` (radians).
+    """Return the error of `reflection_error` for turns, averaged over `angles` (radians).
 
     `HALF_TURN` gives the variant of SymmetryNet's released evaluation. An axis has no sign: the
-    predicted one is taken in the direction that is closer to the true one.
+    predicted axis is taken in the direction closer to the true axis.
     `points`: (n, 3) metres, any frame that both symmetries share, n >= 1.
     """
     sign = 1.0 if float(predicted.axis @ truth.axis) >= 0.0 else -1.0
@@ -76,6 +75,6 @@ def symmetry_error(
 def _displacement_ratio(points: Array, predicted: Array, truth: Array) -> float:
     reach = float(np.linalg.norm(truth - points, axis=1).max())
     miss = float(np.linalg.norm(predicted - truth, axis=1).mean())
-    if reach == 0.0:  # every point lies on the true plane or axis: only a perfect map is right
+    if reach == 0.0:  # every point lies on the true plane or axis: only equal images are right
         return 0.0 if miss == 0.0 else float("inf")
     return miss / reach

@@ -1,9 +1,9 @@
-"""Fit a predicted symmetry to the points that one view shows.
+"""Fits of predicted symmetries to the points of one view.
 
-A network sees a symmetry roughly; the measured surface says it exactly. A rotation axis meets the
-normal line of every point of the surface that it turns. A mirror image must lie on the surface
-where that is seen. Both are fitted by a few robust Gauss-Newton steps from the prediction, which
-stays as a prior: what one view cannot show must not run away.
+The network's prediction is rough, the measured surface exact. A rotation axis meets the normal line
+of every surface point that it turns; a mirror image lies on the surface where the surface is seen.
+A few robust Gauss-Newton steps start from the prediction and keep it as a prior, which holds the
+unknowns that one view does not determine.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,7 +17,7 @@ from pipelines.geometry.numerics.fitting_sums import (
     Sums,
     axis_sums,
     fitted_sphere,
-    mirrored,
+    mirror_images,
     plane_sums,
     stepped,
 )
@@ -25,33 +25,35 @@ from pipelines.geometry.numerics.nearest import Neighbours
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry
 from pipelines.geometry.transforms import basis_from_direction, cross, unit
 
-STEPS = 5  # more lead nowhere better; a plane's cost most, its images look for their neighbours
-EVERY = 4  # so many-th point is mirrored, onto all
-NOISE = 0.003  # metres, standard deviation of a residual that fits
+GAUSS_NEWTON_STEPS = 5  # more change nothing; nearest neighbours of images cost most
+IMAGE_STRIDE = 4  # every fourth point is mirrored, onto all points
+NOISE = 0.003  # metres, standard deviation of the residuals of a good fit
 PRIOR_ANGLE = np.radians(20.0)  # standard deviation of a prediction
 PRIOR_OFFSET = 0.015  # metres
 PRECISION = np.array([PRIOR_ANGLE, PRIOR_ANGLE, PRIOR_OFFSET, PRIOR_OFFSET]) ** -2.0
-STEP_SCALES = np.geomspace(*SCALES, STEPS)
-# Neighbouring points err together: a region of any size says as much as this many points.
+STEP_SCALES = np.geomspace(*SCALES, GAUSS_NEWTON_STEPS)
+# Errors of neighbouring points are correlated: a region of any size weighs like this many points.
 EFFECTIVE_POINTS = 60
-MIN_OVERLAP = 0.25  # share of mirrored points that must meet seen surface, else nothing is known
+MIN_OVERLAP = 0.25  # share of mirrored points on seen surface; with less, the plane stays as it is
 
 
 @dataclass(frozen=True)
-class Fit:
-    """A fitted direction and point, and how well they explain the surface: 0 not, 1 all of it."""
+class SymmetryFit:
+    """A fitted direction (3,) and point (3,), and their support: share of the surface explained."""
 
     direction: Array
     point: Array
     support: float
 
 
-# Of k directions, points and bases (k, 3, 2), and a scale in metres.
+# Arguments: directions (k, 3), points (k, 3), bases (k, 3, 2), scale in metres.
 Linearised = Callable[[Array, Array, Array, float], Sums]
 
 
-def fit_rotations(starts: Sequence[RotationSymmetry], points: Array, normals: Array) -> list[Fit]:
-    """Fit each of some axes to `points` and `normals` (n, 3) of a surface, metres, any frame."""
+def fit_rotations(
+    starts: Sequence[RotationSymmetry], points: Array, normals: Array
+) -> list[SymmetryFit]:
+    """Fit each axis to `points` and `normals` (n, 3) of a surface, metres, any frame."""
     rows = np.concatenate([cross(points, normals), normals], axis=1)
     squares = (rows[:, :, None] * rows[:, None, :]).reshape(-1, 36)
 
@@ -65,34 +67,34 @@ def fit_rotations(starts: Sequence[RotationSymmetry], points: Array, normals: Ar
 
 def fit_reflections(
     starts: Sequence[ReflectionSymmetry], points: Array, normals: Array
-) -> list[Fit]:
-    """Fit each of some planes to `points` and `normals` (n, 3) of a surface, metres, any frame.
+) -> list[SymmetryFit]:
+    """Fit each plane to `points` and `normals` (n, 3) of a surface, metres, any frame.
 
-    One whose images hardly meet the surface stays as it is.
+    A plane with support below `MIN_OVERLAP` stays as it is.
     """
-    moved, seen = points[::EVERY].copy(), Neighbours.of(points)
+    moved, seen = points[::IMAGE_STRIDE].copy(), Neighbours.of(points)
 
     def linearised(normal: Array, point: Array, basis: Array, scale: float) -> Sums:
-        images = mirrored(moved, normal, point)
+        images = mirror_images(moved, normal, point)
         met = images, *seen.nearest(images)
-        return plane_sums(points, normals, EVERY, *met, normal, point, basis, scale)
+        return plane_sums(points, normals, IMAGE_STRIDE, *met, normal, point, basis, scale)
 
     directions = np.array([start.normal for start in starts])
     origins = np.array([start.point for start in starts])
     fits = _fitted(directions, origins, len(moved), linearised, along=True)
     return [
-        fit if fit.support >= MIN_OVERLAP else Fit(start.normal, start.point, fit.support)
+        fit if fit.support >= MIN_OVERLAP else SymmetryFit(start.normal, start.point, fit.support)
         for fit, start in zip(fits, starts, strict=True)
     ]
 
 
 def _fitted(
     directions: Array, points: Array, count: int, linearised: Linearised, *, along: bool = False
-) -> list[Fit]:
-    """Gauss-Newton with annealed Tukey weights from `directions` and `points`, the priors.
+) -> list[SymmetryFit]:
+    """Gauss-Newton with annealed Tukey weights from the priors `directions` and `points` (k, 3).
 
-    Four unknowns each: two turns of the direction, then either two offsets across it (an axis) or,
-    `along`, one offset along it (a plane) and one that is not used. `count` residuals each.
+    Four unknowns each: two turns of the direction, then either two offsets across the direction (an
+    axis) or, with `along`, one offset along it (a plane) and an unused one. `count` residuals each.
     """
     start = unit(directions)
     basis = basis_from_direction(start)[..., 1:].copy()
@@ -105,14 +107,14 @@ def _fitted(
         weight, starts = sums[2], (start, points, basis)
         total, direction, point = stepped(starts, offsets, total, sums, share, PRECISION)
     support = (weight / max(count, 1)).tolist()
-    return [Fit(*each) for each in zip(direction, point, support, strict=True)]
+    return [SymmetryFit(*each) for each in zip(direction, point, support, strict=True)]
 
 
-def fit_sphere(point: Array, points: Array, normals: Array) -> Fit:
-    """Fit a centre, from `point` (3,), to `points` and `normals` (n, 3) of a surface, metres.
+def fit_sphere(point: Array, points: Array, normals: Array) -> SymmetryFit:
+    """Fit the centre of a sphere, from `point` (3,), to `points` and `normals` (n, 3), metres.
 
-    Each normal's line passes through the centre; the support counts points at the radius, too.
+    The line of each normal passes through the centre; the support counts points at the radius.
     """
     share = EFFECTIVE_POINTS / max(len(points), 1) / NOISE**2
     centre, weight = fitted_sphere(points, normals, point, STEP_SCALES, share, PRIOR_OFFSET**-2.0)
-    return Fit(np.full(3, np.nan), centre, weight / max(len(points), 1))
+    return SymmetryFit(np.full(3, np.nan), centre, weight / max(len(points), 1))

@@ -1,4 +1,4 @@
-"""Rigid transforms, and the conventions of the whole toolkit.
+"""Rigid transforms, and the conventions of the toolkit.
 
 Metres, radians, float64. A transform is a (4, 4) matrix; `T_cam_obj` maps object coordinates to
 camera coordinates, so `T_world_obj = T_world_cam @ T_cam_obj`. The camera has OpenCV axes: x right,
@@ -48,7 +48,7 @@ def unit(vectors: ArrayLike) -> Array:
 def cross(first: Array, second: Array) -> Array:
     """Return the cross products (..., 3) of vectors (..., 3).
 
-    As `np.cross`, whose handling of other dimensions takes most of its time for few vectors.
+    Equal to `np.cross`, and much faster for few vectors.
     """
     x, y, z = first[..., 0], first[..., 1], first[..., 2]
     u, v, w = second[..., 0], second[..., 1], second[..., 2]
@@ -77,7 +77,7 @@ def random_rotation(rng: np.random.Generator) -> Array:
 def nearest_orthogonal(matrices: ArrayLike) -> Array:
     """Return the orthogonal matrices (..., 3, 3) nearest to finite `matrices` (..., 3, 3).
 
-    They are rotations where these are near one; those of mirrored ones have determinant -1.
+    The determinant of the result has the sign of the matrix's: -1 for mirrored frames.
     """
     u, _, v = np.linalg.svd(np.asarray(matrices, np.float64))
     return np.asarray(u @ v)
@@ -112,7 +112,7 @@ def matrix_to_quaternion(rotation: ArrayLike) -> Array:
 
 @compiled
 def _units(vectors: Array) -> Array:
-    """Return `vectors` (n, d) scaled to length one: mostly few, or one."""
+    """Return `vectors` (n, d) scaled to length one; zero vectors stay zero."""
     units = np.empty_like(vectors)
     for n in range(len(vectors)):
         total = 0.0

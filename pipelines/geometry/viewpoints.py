@@ -1,4 +1,4 @@
-"""From where to look at an object so that its symmetries can be judged by eye."""
+"""Viewpoints from which a person sees whether an object's symmetries are right."""
 
 from collections.abc import Sequence
 from itertools import combinations
@@ -16,13 +16,13 @@ from pipelines.geometry.symmetry import (
 )
 from pipelines.geometry.transforms import make_pose, unit
 
-NUM_DIRECTIONS = 240
-FIELD = np.radians(9.0)  # of the camera; long lenses keep parallels parallel
-MARGIN = 1.22  # of the picture over the object
+NUM_CANDIDATES = 240  # directions that are compared
+FIELD = np.radians(9.0)  # field of view; a long lens keeps parallels parallel
+PICTURE_MARGIN = 1.22  # width of the picture over that of the object
 OBLIQUE_COSINE = 0.5  # between the view and a plane's normal or an axis: neither hidden nor flat
-AREA_WEIGHT, TOP_WEIGHT = 0.6, 0.2
-SQUARE_COSINE = 0.05
-PARALLEL_COSINE = float(np.cos(np.radians(3.0)))
+AREA_WEIGHT, TOP_WEIGHT = 0.6, 0.2  # of shown area and of height, beside obliqueness
+SQUARE_COSINE = 0.05  # between a view and a normal: the plane is seen edge on
+SAME_NORMAL_COSINE = float(np.cos(np.radians(3.0)))
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -32,25 +32,25 @@ def camera(size: int) -> Intrinsics:
     return Intrinsics(focal, focal, 0.5 * (size - 1), 0.5 * (size - 1), size, size)
 
 
-def look_at(mesh: Mesh, direction: Array, up: Array) -> Array:
+def view_along(mesh: Mesh, direction: Array, up: Array) -> Array:
     """Return `T_mesh_cam` (4, 4) of a camera that sees all of `mesh` along `direction` (3,)."""
     forward = unit(direction)
     right = np.cross(forward, up)
-    if np.linalg.norm(right) < 1e-3:  # up is along the view: any other will do
+    if np.linalg.norm(right) < 1e-3:  # `up` is along the view: any other direction will do
         right = np.cross(forward, np.eye(3)[np.abs(forward).argmin()])
     right = unit(right)
     axes = np.stack([right, np.cross(forward, right), forward], axis=1)
     seen = mesh.vertices[np.unique(mesh.faces)] @ axes
     middle = 0.5 * (seen.min(axis=0) + seen.max(axis=0))
-    # The nearest place on the view's axis from which every vertex is inside the picture.
+    # The nearest point of the view's axis from which every vertex is inside the picture.
     across = np.abs(seen[:, :2] - middle[:2]).max(axis=1)
-    distance = (MARGIN * across / np.tan(0.5 * FIELD) + middle[2] - seen[:, 2]).max()
+    distance = (PICTURE_MARGIN * across / np.tan(0.5 * FIELD) + middle[2] - seen[:, 2]).max()
     eye = np.array([middle[0], middle[1], middle[2] - distance])
     return make_pose(axes, axes @ eye)
 
 
 def oblique_view(mesh: Mesh, symmetries: Sequence[Symmetry]) -> Array:
-    """Return `T_mesh_cam` of a view along no plane and no axis, that shows much of the object."""
+    """Return `T_mesh_cam` (4, 4) of a view oblique to all planes and axes, large and from above."""
     towards = -_sphere_directions()
     special = [s.direction for s in symmetries if not isinstance(s, SphereSymmetry)]
     axes = np.stack(special) if special else _principal_axes(mesh)
@@ -58,40 +58,40 @@ def oblique_view(mesh: Mesh, symmetries: Sequence[Symmetry]) -> Array:
     slant = 1.0 - (np.abs(cosine - OBLIQUE_COSINE) / OBLIQUE_COSINE).max(axis=1)
     area = np.abs(towards @ mesh.face_normals.T) @ mesh.face_areas
     score = slant + AREA_WEIGHT * area / area.max() - TOP_WEIGHT * towards[:, 2]
-    return look_at(mesh, towards[int(score.argmax())], UP)
+    return view_along(mesh, towards[int(score.argmax())], UP)
 
 
-def telling_view(mesh: Mesh, symmetries: Sequence[Symmetry]) -> Array:
-    """Return `T_mesh_cam` of the view in which the symmetries show best.
+def symmetry_view(mesh: Mesh, symmetries: Sequence[Symmetry]) -> Array:
+    """Return `T_mesh_cam` (4, 4) of the view in which an eye checks the symmetries best.
 
-    Along the axis, where what is round must look round; along the planes, where left must
-    be the mirror image of right; from behind the oblique view where there are neither.
+    Along the axis, where a round object looks round; else along the planes, where left is the
+    mirror image of right; else opposite to the oblique view.
     """
     normals = _distinct([s.normal for s in symmetries if isinstance(s, ReflectionSymmetry)])
     axes = [s for s in symmetries if isinstance(s, RotationSymmetry)]
     turning = [s.axis for s in axes if s.order != 2]
     if turning:
         up = normals[0] if normals and abs(normals[0] @ turning[0]) < 0.7 else UP
-        return look_at(mesh, -turning[0] if turning[0][2] > 0 else turning[0], up)
+        return view_along(mesh, -turning[0] if turning[0][2] > 0 else turning[0], up)
     if len(normals) > 1:
         crossings = [unit(np.cross(a, b)) for a, b in combinations(normals, 2)]
         along = crossings + [n for n in normals if _is_square(n, normals)]
         best = max(along, key=lambda direction: _shown_area(mesh, direction))
         up = max((np.cross(best, n) for n in normals), key=lambda v: float(v @ v))
-        return look_at(mesh, -best if best[2] > 0 else best, up)
+        return view_along(mesh, -best if best[2] > 0 else best, up)
     if normals:
         return _along_plane(mesh, normals[0])
     if axes:
-        return look_at(mesh, -axes[0].axis if axes[0].axis[2] > 0 else axes[0].axis, UP)
+        return view_along(mesh, -axes[0].axis if axes[0].axis[2] > 0 else axes[0].axis, UP)
     oblique = oblique_view(mesh, symmetries)
-    return look_at(mesh, -oblique[:3, 2], UP)
+    return view_along(mesh, -oblique[:3, 2], UP)
 
 
 def _distinct(normals: Sequence[Array]) -> list[Array]:
-    """Return the normals of planes that are not parallel: parts of an object may share a plane."""
+    """Return one normal of each set of parallel planes: parts of an object may share a plane."""
     kept: list[Array] = []
     for normal in normals:
-        if all(abs(normal @ other) < PARALLEL_COSINE for other in kept):
+        if all(abs(normal @ other) < SAME_NORMAL_COSINE for other in kept):
             kept.append(normal)
     return kept
 
@@ -106,19 +106,19 @@ def _shown_area(mesh: Mesh, direction: Array) -> float:
 
 
 def _along_plane(mesh: Mesh, normal: Array) -> Array:
-    """Return the view along the plane with this `normal` that shows most of the object."""
+    """Return the view along the plane of `normal` (3,) that shows most of the object."""
     towards = _sphere_directions()
     towards = unit(towards - (towards @ normal)[:, None] * normal)
     area = np.abs(towards @ mesh.face_normals.T) @ mesh.face_areas
     best = towards[int((area / area.max() - TOP_WEIGHT * towards[:, 2]).argmax())]
     up = np.cross(normal, best)
-    return look_at(mesh, best, up if up[2] >= 0 else -up)
+    return view_along(mesh, best, up if up[2] >= 0 else -up)
 
 
 def _sphere_directions() -> Array:
-    """Return (n, 3) evenly spread unit vectors."""
-    index = np.arange(NUM_DIRECTIONS) + 0.5
-    z = 1.0 - 2.0 * index / NUM_DIRECTIONS
+    """Return unit vectors (n, 3), spread evenly over the sphere (golden spiral)."""
+    index = np.arange(NUM_CANDIDATES) + 0.5
+    z = 1.0 - 2.0 * index / NUM_CANDIDATES
     turn = np.pi * (1.0 + np.sqrt(5.0)) * index
     ring = np.sqrt(1.0 - z**2)
     return np.stack([ring * np.cos(turn), ring * np.sin(turn), z], axis=1)

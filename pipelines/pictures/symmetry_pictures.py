@@ -24,7 +24,7 @@ from pipelines.geometry.symmetry import (
     Symmetry,
 )
 from pipelines.geometry.transforms import invert, transform_points
-from pipelines.geometry.viewpoints import camera, oblique_view, telling_view
+from pipelines.geometry.viewpoints import camera, oblique_view, symmetry_view
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -81,7 +81,7 @@ def object_views(mesh: Mesh, labels: ObjectSymmetries, size: int = VIEW) -> Pict
     scene = Scene([mesh], [np.eye(4)])
     views = [
         _draw_view(scene, mesh, pose, marks, colors, size)
-        for pose in (oblique_view(mesh, drawn), telling_view(mesh, drawn))
+        for pose in (oblique_view(mesh, drawn), symmetry_view(mesh, drawn))
     ]
     return np.concatenate(views, axis=1)
 

@@ -4,9 +4,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipelines.array_types import Array
+from pipelines.array_types import Array, Indices, Mask
 from pipelines.configs import RefineGraspsConfig
 from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries
 from pipelines.geometry.meshes.mesh import Mesh
@@ -82,7 +81,7 @@ class Copier:
             places.add(self._held(RatedGrasps(image(rated.grasps, T), rated.quality)))
         return places.result()
 
-    def _regions(self) -> Iterator[tuple[NDArray[np.bool_], list[Symmetry]]]:
+    def _regions(self) -> Iterator[tuple[Mask, list[Symmetry]]]:
         """Yield which surface samples lie on a region, and symmetries that it has of its own."""
         listed = self.symmetries.symmetries
         for region in self.symmetries.regions:
@@ -90,7 +89,7 @@ class Copier:
             if own:
                 yield np.isin(self.surface.faces, region.triangles), own
 
-    def _touches(self, rated: RatedGrasps, inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def _touches(self, rated: RatedGrasps, inside: Mask) -> Mask:
         """Return which grasps have both contacts on what the surface samples `inside` lie on."""
         return np.asarray(inside[self.surface.nearest(rated.grasps.contacts)].all(axis=1))
 
@@ -145,7 +144,7 @@ def _is_listed(symmetry: Symmetry, listed: Sequence[Symmetry]) -> bool:
     )
 
 
-def contact_pairs(mesh: Mesh, opened: Grasps) -> tuple[Array, NDArray[np.int64], Array]:
+def contact_pairs(mesh: Mesh, opened: Grasps) -> tuple[Array, Indices, Array]:
     """Return the contacts (m, 2, 3) of those of `opened` that have both, their indices, friction.
 
     The width of `opened` is the opening that the fingers close from.

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.array_types import Array, Singles
+from pipelines.array_types import Array, Mask, Singles
 from pipelines.configs import RegionConfig
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.numerics.compiled import compiled
@@ -134,7 +134,7 @@ def _nearest(depth: Singles, label: NDArray[np.int32]) -> Singles:
 def _channels(
     depth: Singles,
     blurred: Singles,
-    missing: NDArray[np.bool_],
+    missing: Mask,
     normals: Array,
     rays: tuple[Array, Array],
     plane: tuple[float, float, float, float],

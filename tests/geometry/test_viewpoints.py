@@ -15,7 +15,7 @@ from pipelines.geometry.transforms import (
     rotate_vectors,
     transform_points,
 )
-from pipelines.geometry.viewpoints import camera, look_at, oblique_view, telling_view
+from pipelines.geometry.viewpoints import camera, oblique_view, symmetry_view, view_along
 
 X, Y, Z = np.eye(3)
 ORIGIN = np.zeros(3)
@@ -33,7 +33,7 @@ def test_the_whole_object_is_in_the_picture_and_fills_it(seed):
     rng = np.random.default_rng(seed)
     mesh = box(make_pose(random_rotation(rng), rng.uniform(-1, 1, 3)))
     direction, up = random_rotation(rng)[:2]
-    pose = look_at(mesh, direction, up)
+    pose = view_along(mesh, direction, up)
     assert np.linalg.det(pose[:3, :3]) == pytest.approx(1.0)
     assert np.allclose(pose[:3, 2], direction)
     pixels = camera(100).project(transform_points(invert(pose), mesh.vertices))
@@ -52,27 +52,27 @@ def test_the_oblique_view_shows_no_plane_flat_or_edge_on():
 
 def test_planes_are_seen_edge_on_and_one_of_them_upright():
     planes = [ReflectionSymmetry(normal, ORIGIN) for normal in (X, Y)]
-    pose = telling_view(box(), planes)
+    pose = symmetry_view(box(), planes)
     seen = np.abs(rotate_vectors(invert(pose), np.stack([X, Y])))
     assert (seen[:, 2] < 1e-6).any()
     assert (seen[:, 0] > 0.999).any() or (seen[:, 1] > 0.999).any()
 
 
 def test_one_plane_is_an_upright_line():
-    pose = telling_view(box(), [ReflectionSymmetry(X, ORIGIN)])
+    pose = symmetry_view(box(), [ReflectionSymmetry(X, ORIGIN)])
     assert np.allclose(np.abs(rotate_vectors(invert(pose), X)), X, atol=1e-6)
 
 
 def test_parts_that_share_a_plane_are_seen_along_it():
     planes = [ReflectionSymmetry(X, ORIGIN), ReflectionSymmetry(-X, ORIGIN)]
-    pose = telling_view(box(), planes)
+    pose = symmetry_view(box(), planes)
     assert np.allclose(np.abs(rotate_vectors(invert(pose), X)), X, atol=1e-6)
 
 
 def test_a_round_axis_is_looked_along():
-    assert abs(telling_view(box(), [RotationSymmetry(Y, ORIGIN)])[:3, 2] @ Y) > 0.999
+    assert abs(symmetry_view(box(), [RotationSymmetry(Y, ORIGIN)])[:3, 2] @ Y) > 0.999
 
 
 def test_without_symmetry_the_other_side_is_seen():
-    first, second = oblique_view(box(), []), telling_view(box(), [])
+    first, second = oblique_view(box(), []), symmetry_view(box(), [])
     assert first[:3, 2] @ second[:3, 2] == pytest.approx(-1.0)

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Singles
 from pipelines.dataset.graspnet.graspnet_labels import (
     GraspLabel,
     LabelledGrasps,
@@ -197,7 +198,7 @@ class GraspNetRoot:
             raise FormatError(path, found, "8 bit in one channel is expected")
         return label
 
-    def read_depth(self, frame: FrameFiles) -> tuple[NDArray[np.float32], Intrinsics]:
+    def read_depth(self, frame: FrameFiles) -> tuple[Singles, Intrinsics]:
         """Read a frame's depth (H, W), metres, 0 = missing, with the camera of `camK.npy`."""
         depth = read_depth(frame.path("depth"), DepthUnits(MILLIMETRES, MILLIMETRES))
         camera = read_camera_file(frame.camera_folder / "camK.npy", frame.path("depth").stem)

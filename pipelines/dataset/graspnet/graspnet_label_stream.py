@@ -19,6 +19,7 @@ import numpy as np
 from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
+from pipelines.array_types import Singles
 from pipelines.dataset.graspnet.graspnet_labels import GRID, LABEL_ARRAYS, GraspLabel
 from pipelines.errors import FormatError
 from pipelines.storage.files import existing
@@ -80,7 +81,7 @@ def grasp_label_pieces(path: Path, num_points: int) -> Iterator[GraspLabel]:
             yield _label(path, piece, arrays)
 
 
-def _label(path: Path, points: NDArray[np.float32], arrays: dict[str, NDArray[Any]]) -> GraspLabel:
+def _label(path: Path, points: Singles, arrays: dict[str, NDArray[Any]]) -> GraspLabel:
     scores = arrays["scores"].astype(np.float32, copy=False)
     offsets = arrays["offsets"].astype(np.float32, copy=False)
     if not np.isfinite(offsets[scores > 0]).all():

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Indices, Mask, Singles
 from pipelines.dataset.graspnet.graspnet_views import (
     ANGLES,
     DEPTHS,
@@ -35,29 +36,29 @@ RECT_COLUMNS = 7  # center_x, center_y, open_x, open_y, height, score, object id
 class GraspLabel:
     """The label arrays of one object; see the module's first lines for their meaning."""
 
-    points: NDArray[np.float32]  # (P, 3) metres, object frame
-    offsets: NDArray[np.float32]  # (P, 300, 12, 4, 3) angle, depth, width
-    collision: NDArray[np.bool_]  # (P, 300, 12, 4)
-    min_friction: NDArray[np.float32]  # (P, 300, 12, 4); `scores` in the file, -1 = never holds
+    points: Singles  # (P, 3) metres, object frame
+    offsets: Singles  # (P, 300, 12, 4, 3) angle, depth, width
+    collision: Mask  # (P, 300, 12, 4)
+    min_friction: Singles  # (P, 300, 12, 4); `scores` in the file, -1 = never holds
 
 
 @dataclass(frozen=True)
 class LabelledGrasps:
     """The labelled grasps that hold, one row each, object frame, metres."""
 
-    index: NDArray[np.int64]  # (n, 4) point, view, angle, depth
-    rotation: NDArray[np.float32]  # (n, 3, 3) columns approach, closing, approach x closing
-    origin: NDArray[np.float32]  # (n, 3) GraspNet's origin, `depth` behind the finger tips
-    depth: NDArray[np.float32]  # (n,) 0.01 .. 0.04
-    opening: NDArray[np.float32]  # (n,) the label's width: the opening, not the contact distance
-    min_friction: NDArray[np.float32]  # (n,) 0.1 .. 1.0, lower is better
+    index: Indices  # (n, 4) point, view, angle, depth
+    rotation: Singles  # (n, 3, 3) columns approach, closing, approach x closing
+    origin: Singles  # (n, 3) GraspNet's origin, `depth` behind the finger tips
+    depth: Singles  # (n,) 0.01 .. 0.04
+    opening: Singles  # (n,) the label's width: the opening, not the contact distance
+    min_friction: Singles  # (n,) 0.1 .. 1.0, lower is better
 
     def __len__(self) -> int:
         """Return the number of grasps."""
         return len(self.index)
 
 
-def label_offsets(width: NDArray[np.floating]) -> NDArray[np.float32]:
+def label_offsets(width: NDArray[np.floating]) -> Singles:
     """Return `offsets` (P, 300, 12, 4, 3) for openings `width` (P, 300, 12, 4) in metres."""
     offsets = np.zeros((*width.shape, 3), dtype=np.float32)
     offsets[..., 0] = ANGLES[:, None]
@@ -122,13 +123,13 @@ def holding_grasps(label: GraspLabel, max_friction: float = 1.0) -> LabelledGras
     )
 
 
-def write_collision_labels(path: Path, collisions: Sequence[NDArray[np.bool_]]) -> None:
+def write_collision_labels(path: Path, collisions: Sequence[Mask]) -> None:
     """Write a scene's `collision_labels.npz`: arr_i (P_i, 300, 12, 4) of its i-th object."""
     arrays = {f"arr_{i}": array.astype(bool) for i, array in enumerate(collisions)}
     write_npz(path, compress=True, **arrays)
 
 
-def read_collision_labels(path: Path) -> list[NDArray[np.bool_]]:
+def read_collision_labels(path: Path) -> list[Mask]:
     """Read arr_0, arr_1, ... in order; True = the grasp collides with the scene."""
     arrays = read_npz(path, ())
     names = [f"arr_{i}" for i in range(len(arrays))]
@@ -153,7 +154,7 @@ def write_rect(path: Path, rows: NDArray[np.floating]) -> None:
     write_npy(path, rows.astype(np.float32))
 
 
-def read_rect(path: Path) -> NDArray[np.float32]:
+def read_rect(path: Path) -> Singles:
     """Read `rect/NNNN.npy`: (N, 7) float32 planar grasps, pixels."""
     rows = read_npy(path)
     if rows.ndim != 2 or rows.shape[1] != RECT_COLUMNS:

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames.graspnet_scene import read_object_ids, read_pose_array
 from pipelines.geometry.camera import Intrinsics
@@ -75,16 +75,16 @@ class SceneFiles:
         return sorted(int(file.stem) for file in files if file.stem.isdigit())
 
     @property
-    def camera_poses(self) -> NDArray[np.float64]:
+    def camera_poses(self) -> Array:
         """(n, 4, 4): camera i to camera 0 coordinates, metres."""
         return read_pose_array(self.camera_folder / "camera_poses.npy", ndim=3)
 
     @property
-    def cam0_wrt_table(self) -> NDArray[np.float64]:
+    def cam0_wrt_table(self) -> Array:
         """(4, 4): camera 0 to table coordinates; the table's top is z = 0, z up."""
         return read_pose_array(self.camera_folder / "cam0_wrt_table.npy", ndim=2)
 
-    def table_from_camera(self, frame_id: int) -> NDArray[np.float64]:
+    def table_from_camera(self, frame_id: int) -> Array:
         """Return (4, 4): coordinates of the frame's camera to table coordinates."""
         poses = self.camera_poses
         if frame_id >= len(poses):

@@ -7,6 +7,8 @@ same lines give float64 and entries that differ by up to 8e-5. Here float32 is e
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Singles
+
 NUM_VIEWS = 300
 NUM_ANGLES = 12  # in-plane rotations, k * pi / 12
 NUM_DEPTHS = 4  # 0.01 .. 0.04 m
@@ -16,7 +18,7 @@ DEPTHS = 0.01 * np.arange(1, NUM_DEPTHS + 1)
 GOLDEN_RATIO = np.float32((np.sqrt(5.0) - 1.0) / 2.0)
 
 
-def generate_views(count: int = NUM_VIEWS) -> NDArray[np.float32]:
+def generate_views(count: int = NUM_VIEWS) -> Singles:
     """Return the Fibonacci-lattice view directions, (count, 3) float32 unit vectors.
 
     A view points from the object to the camera: a grasp of view v approaches along -v.
@@ -29,7 +31,7 @@ def generate_views(count: int = NUM_VIEWS) -> NDArray[np.float32]:
     return np.stack([radius * np.cos(turn), radius * np.sin(turn), z], axis=1)
 
 
-def view_rotation(view: NDArray[np.floating], angle: float) -> NDArray[np.float32]:
+def view_rotation(view: NDArray[np.floating], angle: float) -> Singles:
     """Return the grasp rotation (3, 3) of one view direction (3,) and in-plane angle (radians)."""
     rotations = view_rotations(np.asarray(view)[None], np.asarray([angle]))
     return np.asarray(rotations[0, 0], dtype=np.float32)
@@ -37,7 +39,7 @@ def view_rotation(view: NDArray[np.floating], angle: float) -> NDArray[np.float3
 
 def view_rotations(
     views: NDArray[np.floating] | None = None, angles: NDArray[np.floating] | None = None
-) -> NDArray[np.float32]:
+) -> Singles:
     """Return the grasp rotations of every view at every angle.
 
     Args:

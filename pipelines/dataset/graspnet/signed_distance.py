@@ -7,8 +7,8 @@ x fastest; metres, object frame, negative inside. Node (i, j, k) lies at origin 
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.errors import FormatError
 from pipelines.geometry.meshes.signed_distance import SignedDistanceGrid
 from pipelines.storage.files import atomic_path, existing
@@ -36,7 +36,7 @@ def as_stored(grid: SignedDistanceGrid) -> SignedDistanceGrid:
     return SignedDistanceGrid(_rounded(grid.values), _rounded(grid.origin), spacing)
 
 
-def _rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _rounded(values: Array) -> Array:
     """Return `values` as their text would be read, bit for bit."""
     size = np.abs(np.where(values == 0.0, 1.0, values))
     shift = DIGITS - 1 - np.floor(np.log10(size))

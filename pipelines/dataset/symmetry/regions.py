@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Indices
 from pipelines.dataset.symmetry.symmetry_labels import symmetries_from_json, triangles_from_json
 from pipelines.errors import FormatError
 from pipelines.geometry.meshes.mesh import Mesh
@@ -29,7 +29,7 @@ class ManualRegion:
     """A region given by hand; `symmetries` is None where they are to be found."""
 
     name: str
-    triangles: NDArray[np.int64]  # (k,)
+    triangles: Indices  # (k,)
     symmetries: tuple[Symmetry, ...] | None = None
 
 
@@ -49,9 +49,7 @@ def read(path: Path, mesh: Mesh) -> list[ManualRegion]:
     return regions
 
 
-def check_triangles(
-    path: Path, regions: Iterable[tuple[str, NDArray[np.int64]]], mesh: Mesh
-) -> None:
+def check_triangles(path: Path, regions: Iterable[tuple[str, Indices]], mesh: Mesh) -> None:
     """Refuse regions (name, triangles) of the file `path` that `mesh` cannot have.
 
     Raises:
@@ -97,7 +95,7 @@ def _region(path: Path, mesh: Mesh, entry: Any) -> ManualRegion:  # noqa: ANN401
     )
 
 
-def _in_box(path: Path, mesh: Mesh, entry: Mapping[str, Any]) -> NDArray[np.int64]:
+def _in_box(path: Path, mesh: Mesh, entry: Mapping[str, Any]) -> Indices:
     try:
         low, high = np.asarray(entry["box"], dtype=np.float64).reshape(2, 3)
     except (TypeError, ValueError) as error:

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Indices
 from pipelines.errors import FormatError, SymgraspError, UnknownNameError, ValueRangeError
 from pipelines.geometry.symmetry import (
     ReflectionSymmetry,
@@ -28,7 +28,7 @@ class RegionLabel:
     """One symmetric region of an object's surface."""
 
     name: str
-    triangles: NDArray[np.int64]  # (k,) indices into the mesh's triangles, in file order
+    triangles: Indices  # (k,) indices into the mesh's triangles, in file order
     symmetries: tuple[Symmetry, ...]  # canonical object frame
 
 
@@ -147,7 +147,7 @@ def region_to_json(region: RegionLabel) -> dict[str, Any]:
     }
 
 
-def triangles_from_json(path: Path, content: Any) -> NDArray[np.int64]:  # noqa: ANN401 - JSON
+def triangles_from_json(path: Path, content: Any) -> Indices:  # noqa: ANN401 - JSON
     """Return triangle indices (k,) of a JSON list of whole numbers."""
     whole = isinstance(content, list) and all(
         isinstance(i, int) and not isinstance(i, bool) and i >= 0 for i in content

@@ -12,6 +12,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Singles
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.pointcloud import Plane
 from pipelines.storage.h5_columns import check_version
@@ -80,6 +81,6 @@ def _images(file: h5py.File, name: str, images: list[NDArray[Any]]) -> None:
     )
 
 
-def _packed_depth(depth: NDArray[np.float32]) -> NDArray[np.uint16]:
+def _packed_depth(depth: Singles) -> NDArray[np.uint16]:
     known = np.where((depth > 0) & (depth < FARTHEST), depth, 0.0)
     return np.asarray(np.round(known * DEPTH_UNITS), np.uint16)

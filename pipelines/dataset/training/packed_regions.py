@@ -15,6 +15,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Singles
 from pipelines.errors import FormatError, MissingInputError
 from pipelines.geometry.symmetry import NUM_SLOTS
 from pipelines.storage.h5_columns import (
@@ -73,12 +74,12 @@ class PackedScene:
 class PackedRegion:
     """One packed region; the fields of `PackedScene` without their first axis."""
 
-    points: NDArray[np.float32]  # (P, 3)
-    affordance: NDArray[np.float32]  # (P,)
-    existence: NDArray[np.float32]  # (5,)
-    point: NDArray[np.float32]  # (5, 3)
-    direction: NDArray[np.float32]  # (5, 3)
-    table: NDArray[np.float32]  # (4,)
+    points: Singles  # (P, 3)
+    affordance: Singles  # (P,)
+    existence: Singles  # (5,)
+    point: Singles  # (5, 3)
+    direction: Singles  # (5, 3)
+    table: Singles  # (4,)
     object_id: int
     frame_id: int
     name: str

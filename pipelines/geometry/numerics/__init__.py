@@ -1,1 +1,1 @@
-"""Numerical building blocks: compiled loops, sums, quantiles, nearest points."""
+"""Numerical building blocks: compiled loops, sums of fits, quantiles, nearest points."""

@@ -1,10 +1,10 @@
-"""Loops over points that are compiled when first called (numba): what arrays cannot say cheaply.
+"""Compilation of inner loops by numba, at their first call.
 
-A loop leaves off as soon as it knows, and keeps nothing in between. It is compiled once a machine
-and kept beside this package, or where the user's caches lie; what is kept knows of changes in its
-own file alone, so compiled functions call none of another file and read no constant of one. It is
-compiled for each kind of argument it meets: arrays come in C order. Sums are taken in the order
-that is written, so all machines find the same.
+A loop is used where it can stop early, or needs no arrays for intermediate results. It is compiled
+once on a machine and cached beside this package, or in the user's cache folder. The cache notices
+changes of the loop's own file only, so a compiled function calls no function and reads no constant
+of another file. Each type of argument is compiled separately, so arrays come in C order. Sums are
+taken in the written order: all machines give the same result.
 """
 
 import logging
@@ -15,26 +15,26 @@ import numba
 from numba.core import event
 
 log = logging.getLogger(__name__)
-COMPILING = "numba:compile"  # what numba calls it; what is kept is loaded without
+COMPILING = "numba:compile"  # numba's event; loading from the cache does not raise it
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
 def compiled(function: Function) -> Function:
-    """Return `function` compiled for the types that it is called with."""
+    """Compile `function` for the types of its arguments, when it is first called."""
     try:
         made = numba.njit(function, cache=True, nogil=True, error_model="numpy")
-    except RuntimeError:  # nowhere to keep it: each process compiles for itself
+    except RuntimeError:  # no folder for the cache: each process compiles for itself
         made = numba.njit(function, nogil=True, error_model="numpy")
     return cast(Function, made)
 
 
-class SayOnce(event.Listener):
-    """Says once a process that loops are being compiled: nothing else is heard of it for long."""
+class CompilationNotice(event.Listener):
+    """Log once a process that loops are being compiled, since that takes long and is silent."""
 
     def on_start(self, started: event.Event) -> None:
-        """Say it of the first loop of this package."""
-        module = started.data["dispatcher"].py_func.__module__ or ""  # none of what has no file
+        """Log the notice at the first loop of this package."""
+        module = started.data["dispatcher"].py_func.__module__ or ""  # None without a file
         if module.startswith("pipelines."):
             event.unregister(COMPILING, self)  # type: ignore[no-untyped-call]
             log.warning(
@@ -42,7 +42,7 @@ class SayOnce(event.Listener):
             )
 
     def on_end(self, ended: event.Event) -> None:
-        """Say no more."""
+        """Do nothing."""
 
 
-event.register(COMPILING, SayOnce())  # type: ignore[no-untyped-call]
+event.register(COMPILING, CompilationNotice())  # type: ignore[no-untyped-call]

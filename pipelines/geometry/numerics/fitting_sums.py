@@ -1,4 +1,4 @@
-"""What the surface says of candidate symmetries, summed over its points: the loops of a fit.
+"""Normal equations of symmetry fits: sums over the points of a surface, as compiled loops.
 
 Each residual r, in metres, has a weight w (Tukey's biweight at a scale) and derivatives J by the
 four unknowns of `symmetry_fitting`: two turns of a direction along its basis (3, 2), two offsets.
@@ -11,17 +11,17 @@ from pipelines.geometry.numerics.compiled import compiled
 
 Vector = tuple[float, float, float]
 Derivatives = tuple[float, float, float, float]
-Sums = tuple[Array, Array, Array]  # of w J J^T (k, 4, 4), w J r (k, 4) and w (k,), for each start
+Sums = tuple[Array, Array, Array]  # of w J J^T (k, 4, 4), w J r (k, 4) and w (k,), for k starts
 
 SCALES = (0.020, 0.004)  # metres, Tukey's biweight at the first and at the last step
-REACH = SCALES[0] / 2 + SCALES[0]  # metres from an image to what it may meet
-MIN_SLOPE = 0.2  # sine between normal and axis; flatter ends say little about the axis
-MATCH_NORMAL = np.cos(np.radians(40.0))
+REACH = SCALES[0] / 2 + SCALES[0]  # metres from a mirror image to the point it is compared with
+MIN_SLOPE = 0.2  # sine between normal and axis; flat ends of a body hardly determine its axis
+MATCH_NORMAL = np.cos(np.radians(40.0))  # between the normals of an image and of that point
 
 
 @compiled
 def _row(rows: Array, n: int) -> Vector:
-    """Return a row (3,) as numbers: views of rows would cost more than what is done with them."""
+    """Return a row (3,) as three floats, which cost less than a view of the array."""
     return rows[n, 0], rows[n, 1], rows[n, 2]
 
 
@@ -55,7 +55,7 @@ def _biweight(residual: float, scale: float) -> float:
 
 @compiled
 def _solved(matrix: Array, right: Array) -> Array:
-    """Return x (m,) of `matrix` (m, m) x = `right` (m,), symmetric and positive; both are used."""
+    """Solve `matrix` (m, m) x = `right` (m,), symmetric and positive; both are overwritten."""
     size = len(right)
     for i in range(size):
         for j in range(i + 1, size):
@@ -73,19 +73,19 @@ def _solved(matrix: Array, right: Array) -> Array:
 def axis_sums(
     rows: Array, squares: Array, axis: Array, centre: Array, basis: Array, scale: float
 ) -> Sums:
-    """Return the sums for k axes: how far the lines of n normals pass by each, over their sine.
+    """Return the sums of k axes; a residual is the distance of a normal's line from the axis.
 
     Args:
         rows: (n, 6) points x normals, and normals, metres.
-        squares: (n, 36) each row times itself.
-        axis: (k, 3) unit.
-        centre: (k, 3) a point of each, metres.
-        basis: (k, 3, 2) across the axes that were started from.
-        scale: metres.
+        squares: (n, 36) outer products of the rows with themselves.
+        axis: (k, 3) unit vectors.
+        centre: (k, 3) a point of each axis, metres.
+        basis: (k, 3, 2) directions across the start axes.
+        scale: Tukey's scale, metres.
     """
     forms = _axis_forms(axis, centre, basis)
     weight, total = _axis_weights(forms[:, 0] @ rows.T, axis @ rows[:, 3:].T, scale)
-    # Residuals and derivatives are linear in the rows, so their sums are in the rows' squares.
+    # Residuals and derivatives are linear in the rows, so their sums are linear in the squares.
     moment = (weight @ squares).reshape(-1, 6, 6)
     sums = forms @ moment @ forms.swapaxes(1, 2)
     return sums[:, 1:, 1:].copy(), sums[:, 1:, 0].copy(), total
@@ -93,7 +93,7 @@ def axis_sums(
 
 @compiled
 def _axis_forms(axis: Array, centre: Array, basis: Array) -> Array:
-    """Return (k, 5, 6) what times a row gives the residual and its derivatives, each times sine."""
+    """Return forms (k, 5, 6) that map a row to sine times residual, and to its derivatives."""
     forms = np.zeros((len(axis), 5, 6))
     for k in range(len(axis)):
         along, c = _row(axis, k), _row(centre, k)
@@ -112,9 +112,9 @@ def _axis_forms(axis: Array, centre: Array, basis: Array) -> Array:
 
 @compiled
 def _axis_weights(passing: Array, along: Array, scale: float) -> tuple[Array, Array]:
-    """Return (k, n) the weights over sines squared, and (k,) the sums of the weights.
+    """Return the weights over squared sines (k, n), and the sums of the weights (k,).
 
-    `passing`: (k, n) metres between normals' lines and axes, times the sine; `along`: the cosine.
+    `passing`: (k, n) sine times distance of a normal's line from the axis, metres; `along`: cosine.
     """
     weight, total = np.empty(passing.shape), np.zeros(len(passing))
     for k in range(len(passing)):
@@ -128,7 +128,7 @@ def _axis_weights(passing: Array, along: Array, scale: float) -> tuple[Array, Ar
 
 @compiled
 def _add(sums: Sums, k: int, row: Derivatives, residual: float, weight: float) -> None:
-    """Add a residual with derivatives `row` to what is known of the k-th start."""
+    """Add a residual with derivatives `row` to the sums of the k-th start."""
     for i in range(4):
         sums[1][k, i] += weight * row[i] * residual
         for j in range(4):
@@ -137,7 +137,7 @@ def _add(sums: Sums, k: int, row: Derivatives, residual: float, weight: float) -
 
 
 @compiled
-def mirrored(points: Array, normal: Array, point: Array) -> Array:
+def mirror_images(points: Array, normal: Array, point: Array) -> Array:
     """Return the images (k, n, 3) of `points` (n, 3) in planes of `normal` and `point` (k, 3)."""
     images = np.empty((len(normal), len(points), 3))
     for k in range(len(normal)):
@@ -153,7 +153,7 @@ def mirrored(points: Array, normal: Array, point: Array) -> Array:
 def plane_sums(
     points: Array,
     normals: Array,
-    every: int,
+    stride: int,
     images: Array,
     away: Array,
     nearest: Indices,
@@ -162,19 +162,19 @@ def plane_sums(
     basis: Array,
     scale: float,
 ) -> Sums:
-    """Return the sums for k planes: how far images lie off the surface, along its normals.
+    """Return the sums of k planes; a residual is the distance of a mirror image from the surface.
 
     Args:
-        points: (m, 3) of the surface, metres.
-        normals: (m, 3).
-        every: so many-th of them is mirrored, n in all.
-        images: (k, n, 3) of these.
-        away: (k, n) metres from the images to the nearest points of the surface.
-        nearest: (k, n) which these are.
-        normal: (k, 3) of the planes.
-        point: (k, 3) on them.
-        basis: (k, 3, 2) across the normals that were started from.
-        scale: metres.
+        points: (m, 3) surface points, metres.
+        normals: (m, 3) their normals.
+        stride: every `stride`-th point is mirrored, n points in all.
+        images: (k, n, 3) mirror images of these points.
+        away: (k, n) metres from each image to the nearest surface point.
+        nearest: (k, n) index of that surface point.
+        normal: (k, 3) unit normals of the planes.
+        point: (k, 3) a point of each plane.
+        basis: (k, 3, 2) directions across the start normals.
+        scale: Tukey's scale, metres.
     """
     size = len(normal)
     sums = np.zeros((size, 4, 4)), np.zeros((size, 4)), np.zeros(size)
@@ -182,16 +182,16 @@ def plane_sums(
         m, first, second = _row(normal, k), _column(basis, k, 0), _column(basis, k, 1)
         for n in range(images.shape[1]):
             image = images[k, n, 0], images[k, n, 1], images[k, n, 2]
-            v, own = _row(normals, nearest[k, n]), _row(normals, n * every)
+            v, own = _row(normals, nearest[k, n]), _row(normals, n * stride)
             along = _dot(m, v)
             residual = _dot(v, _minus(image, _row(points, nearest[k, n])))
             weight = _biweight(residual, scale)
-            # An image beside the seen surface meets its border: that says nothing of the plane,
-            # whether it is farther off or misses the surface by more than a scale.
+            # The nearest point of an image beside the seen surface is on the border of that
+            # surface: it tells nothing about the plane.
             beside = away[k, n] > REACH or away[k, n] - abs(residual) > SCALES[0] / 2
             alike = _dot(own, v) - 2.0 * _dot(m, own) * along > MATCH_NORMAL
             if weight > 0.0 and alike and not beside:
-                foot = _minus(_row(points, n * every), _row(point, k))
+                foot = _minus(_row(points, n * stride), _row(point, k))
                 height = _dot(m, foot)
                 row = (
                     -2.0 * (_dot(foot, first) * along + height * _dot(v, first)),
@@ -212,15 +212,15 @@ def stepped(
     share: float,
     precision: Array,
 ) -> tuple[Array, Array, Array]:
-    """Return the unknowns (k, 4) after a step of Gauss-Newton, and what these make of the starts.
+    """Return unknowns (k, 4), directions (k, 3) and points (k, 3) after a Gauss-Newton step.
 
     Args:
         starts: unit directions (k, 3), points (k, 3) and bases (k, 3, 2) across the directions.
-        offsets: (k, 3, 2) along which the points are moved.
-        total: (k, 4) the unknowns before.
-        sums: of the residuals.
-        share: what these are multiplied by.
-        precision: (4,) of the unknowns' priors, which are zero.
+        offsets: (k, 3, 2) directions along which the points move.
+        total: (k, 4) unknowns before the step.
+        sums: sums over the residuals.
+        share: factor of the sums.
+        precision: (4,) precisions of the unknowns' priors, whose means are zero.
     """
     directions, points, basis = starts
     found, point, direction = np.empty_like(total), np.empty_like(points), np.empty_like(points)
@@ -246,17 +246,17 @@ def stepped(
 def fitted_sphere(
     points: Array, normals: Array, start: Array, scales: Array, share: float, precision: float
 ) -> tuple[Array, float]:
-    """Return the centre (3,) that the lines of n normals pass nearest by, and its weight.
+    """Return the centre (3,) nearest to the lines of n normals, and the sum of weights.
 
-    A point that lies farther than a scale off the median radius has none.
+    A point farther than a scale from the median radius has weight 0.
 
     Args:
-        points: (n, 3) metres.
-        normals: (n, 3).
-        start: (3,) the prior's centre.
-        scales: (s,) metres, one a step.
-        share: what the sums over the points are multiplied by.
-        precision: of the prior.
+        points: (n, 3) surface points, metres.
+        normals: (n, 3) their normals.
+        start: (3,) centre of the prior.
+        scales: (s,) Tukey's scale of each step, metres.
+        share: factor of the sums over the points.
+        precision: precision of the prior.
     """
     centre, distance, total = start.copy(), np.empty(len(points)), 0.0
     for scale in scales:

@@ -1,8 +1,7 @@
-"""Nearest neighbours among few points: comparing with all of them is faster than a tree.
+"""Nearest neighbours among a few hundred points, by comparing with all of them.
 
-A tree is worth its while from a thousand points on; a region that is fitted has some hundred. Nor
-does it pay to put them in order and to leave out those that are far along an axis: they would be
-looked at one by one, and all are compared many at a time.
+A k-d tree is faster only from about a thousand points on. Sorting the points along an axis does not
+pay either: the comparisons run many at a time, which a search along the axis would prevent.
 """
 
 from dataclasses import dataclass
@@ -12,17 +11,17 @@ import numpy as np
 from pipelines.array_types import Array, Indices, Singles
 from pipelines.geometry.numerics.compiled import compiled
 
-ABREAST = 16  # distances that are looked through at once
+ABREAST = 16  # distances that are compared at once
 
 
 @dataclass(frozen=True)
 class Neighbours:
-    """The n points among which nearest ones are looked for, any frame, metres.
+    """Points to search for nearest neighbours, any frame, metres.
 
     Attributes:
         points: (n, 3).
-        middle: (3,) of them.
-        about: (3, n) them about it, in single precision.
+        middle: (3,) mean of the points.
+        about: (3, n) the points relative to `middle`, in single precision.
     """
 
     points: Array
@@ -31,32 +30,32 @@ class Neighbours:
 
     @classmethod
     def of(cls, points: Array) -> "Neighbours":
-        """Return `points` (n, 3) as what is looked among."""
+        """Return the search structure of `points` (n, 3)."""
         middle = points.mean(axis=0)
         return cls(points, middle, np.ascontiguousarray((points - middle).T, np.float32))
 
     def nearest(self, queries: Array) -> tuple[Array, Indices]:
-        """Return the distance (...) of `queries` (..., 3) to the nearest point, and which.
+        """Return distance (...) and index (...) of the point nearest to each of `queries` (..., 3).
 
-        Of points that are equally near to a micrometre, either is returned.
+        Among points equally near to within a micrometre, any may be returned.
         """
-        asked = np.ascontiguousarray(queries).reshape(-1, 3)
-        away, nearest = _nearest(self.points, self.about, self.middle, asked)
+        rows = np.ascontiguousarray(queries).reshape(-1, 3)
+        away, nearest = _nearest(self.points, self.about, self.middle, rows)
         return away.reshape(queries.shape[:-1]), nearest.reshape(queries.shape[:-1])
 
 
 def nearest_of(points: Array, queries: Array) -> tuple[Array, Indices]:
-    """Return how far `queries` (..., 3) are from the nearest of `points` (n, 3), and which."""
+    """Return distance and index (...) of the nearest of `points` (n, 3) to `queries` (..., 3)."""
     return Neighbours.of(points).nearest(queries)
 
 
 @compiled
 def _nearest(points: Array, about: Singles, middle: Array, queries: Array) -> tuple[Array, Indices]:
-    """Return (q,) distances and indices; `about`: (3, n) the points about their `middle` (3,)."""
+    """Return distances and indices (q,); `about`: (3, n) points relative to `middle` (3,)."""
     away, nearest = np.empty(len(queries)), np.empty(len(queries), np.intp)
     squared = np.empty(about.shape[1], np.float32)
-    # Floats that are not negative are ordered as the whole numbers with the same bits are, whose
-    # minimum is found many at a time.
+    # Floats that are not negative are ordered like the integers with the same bits, and the
+    # minimum of integers is vectorised.
     bits = squared.view(np.int32)
     for q in range(len(queries)):
         x = np.float32(queries[q, 0] - middle[0])

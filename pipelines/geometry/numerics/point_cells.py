@@ -1,7 +1,7 @@
-"""Points sorted into cubes, so that what lies far from a body is ruled out a cube at a time.
+"""Points sorted into cubes, to rule out a whole cube of points in a collision check.
 
-A cube's points lie in a ball about the middle of their own box; a body farther from the ball's
-centre than its radius touches none of them.
+The points of a cube lie in a ball about the middle of their bounding box; a body that is farther
+from the ball's centre than its radius touches none of them.
 """
 
 from dataclasses import dataclass
@@ -11,8 +11,8 @@ import numpy as np
 from pipelines.array_types import Array, Indices, Singles
 from pipelines.geometry.numerics.compiled import compiled
 
-ROUNDING = 1e-6  # metres by which a ball is widened, for what single precision rounds off
-SPREAD = 0x9E3779B97F4A7C15  # 2^64 over the golden ratio: its multiples' high bits are even
+BALL_MARGIN = 1e-6  # metres added to a ball's radius, for the rounding of single precision
+SPREAD = 0x9E3779B97F4A7C15  # 2^64 over the golden ratio: the high bits of its multiples spread
 WORD = 64  # bits
 
 
@@ -21,11 +21,11 @@ class PointCells:
     """n points in c cubes, any frame, metres.
 
     Attributes:
-        index: (n,) the points' places in the array they came from, cube by cube.
-        points: (3, n) them, cube by cube, a coordinate in one piece.
-        start: (c + 1,) where each cube's points start and end in `index` and `points`.
-        centre: (3, c) of balls around the points of each cube.
-        radius: (c,) of these balls.
+        index: (n,) index of each point in the original array, cube by cube.
+        points: (3, n) points, cube by cube.
+        start: (c + 1,) first index of each cube in `index` and `points`, and n.
+        centre: (3, c) centres of balls around the points of each cube.
+        radius: (c,) radii of these balls.
     """
 
     index: Indices
@@ -45,7 +45,7 @@ class PointCells:
 
 
 def cell_keys(points: Array, size: float) -> Indices:
-    """Return (n,) a number for the cube of edge `size` each of `points` (n, 3) lies in.
+    """Return the number (n,) of the cube of edge `size` metres that each of `points` (n, 3) is in.
 
     Cubes start at the lowest coordinates; numbers ascend by x, then y, then z.
     """
@@ -53,7 +53,7 @@ def cell_keys(points: Array, size: float) -> Indices:
 
 
 def first_of_each(key: Indices) -> Indices:
-    """Return where each value of `key` (n,) comes first, in ascending order of these places."""
+    """Return the first index of each value of `key` (n,), in ascending order."""
     return _places(key)[1]
 
 
@@ -77,9 +77,9 @@ def _keys(points: Array, size: float) -> Indices:
 
 @compiled
 def _places(key: Indices) -> tuple[Indices, Indices, Indices]:
-    """Return (n,) which of c values each of `key` has, (c,) where it comes first and how often.
+    """Return the number (n,) of each key's value, and first index and count (c,) of each value.
 
-    Values are numbered as they come, by a table that is searched from each one's own place on.
+    Values are numbered as they first occur, by a hash table with linear probing.
     """
     bits = 4
     while 1 << bits < 2 * len(key):
@@ -106,7 +106,7 @@ def _places(key: Indices) -> tuple[Indices, Indices, Indices]:
 def _gathered(
     points: Array, place: Indices, count: Indices
 ) -> tuple[Indices, Singles, Indices, Singles, Singles]:
-    """Return the fields of `PointCells`: each of `points` has a `place` (n,), `count` (c,) each."""
+    """Return the fields of `PointCells`; `place`: (n,) cube of each point, `count`: (c,) points."""
     start = np.zeros(len(count) + 1, np.int64)
     start[1:] = np.cumsum(count)
     free, index = start[:-1].copy(), np.empty(len(place), np.int64)
@@ -121,6 +121,6 @@ def _gathered(
             high[axis, c] = max(high[axis, c], points[n, axis])
         free[c] += 1
     edge = high - low
-    radius = 0.5 * np.sqrt(edge[0] ** 2 + edge[1] ** 2 + edge[2] ** 2) + ROUNDING
+    radius = 0.5 * np.sqrt(edge[0] ** 2 + edge[1] ** 2 + edge[2] ** 2) + BALL_MARGIN
     centre = (0.5 * (low + high)).astype(np.float32)
     return index, ordered, start, centre, radius.astype(np.float32)

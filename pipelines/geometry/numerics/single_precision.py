@@ -1,16 +1,15 @@
-"""Distances to triangles computed in single precision, bit for bit as ray-tracing kernels do.
+"""Distances to triangles in single precision, bit for bit as in ray-tracing kernels.
 
-GraspNet's evaluator rejects a contact where the distance is linear along the finger's way up to
-1e-10, which on flat faces is decided by the last bits of a float. To give its verdicts, these
-bits must be had: the order of every sum here is part of the result.
+GraspNet's evaluator rejects a contact where the distance along the finger's path is linear up to
+1e-10, which on flat faces depends on the last bits of a float. Its verdicts need the same bits, so
+the order of every sum here is part of the result.
 """
 
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipelines.array_types import Array, Singles
+from pipelines.array_types import Array, Indices, Singles
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.meshes.signed_distance import (
     NODES,
@@ -22,14 +21,13 @@ from pipelines.geometry.transforms import unit
 
 IN_PLANE = 1e-30  # metres, instead of a height of zero
 TOUCHING = 1e-3  # spacings; a node nearer than this counts as on the surface
-BAND = 2.5  # spacings: what contacts and normals are read from lies within 2.3
+BAND = 2.5  # spacings; contacts and normals are read from nodes within 2.3
 
 
 def single_precision_grid(mesh: Mesh, nodes: int = NODES) -> SignedDistanceGrid:
-    """Return `signed_distance_grid` with the values near the surface in single precision.
+    """Return `signed_distance_grid` with the values within `BAND` in single precision.
 
-    The values that contacts hang on, those within `BAND` spacings, are floats; the others are
-    only used to tell that the surface is far.
+    Contacts depend on these values only; the others merely say that the surface is far.
     """
     grid = signed_distance_grid(mesh, nodes)
     shape = grid.values.shape
@@ -40,7 +38,7 @@ def single_precision_grid(mesh: Mesh, nodes: int = NODES) -> SignedDistanceGrid:
         places = (grid.origin + grid.spacing * node).astype(np.float32)
         flat = np.ravel_multi_index((node[:, 0], node[:, 1], node[:, 2]), shape)
         gap = distances(places, corners[triangle])
-        np.fmin.at(best, flat, gap)  # a triangle without area has no distance, nan
+        np.fmin.at(best, flat, gap)  # the distance of a triangle without area is nan
         touching = gap < TOUCHING * grid.spacing
         height = _heights(places[touching], corners[triangle[touching]])
         _settle_signs(sign, flat[touching], gap[touching], height)
@@ -50,10 +48,10 @@ def single_precision_grid(mesh: Mesh, nodes: int = NODES) -> SignedDistanceGrid:
 
 
 def _heights(points: Singles, triangles: Singles) -> Array:
-    """Return (n,) the height of points above their triangles' planes, exactly, metres.
+    """Return the exact height (n,) of points above their triangles' planes, metres.
 
-    A ray along (1, 1, 1) from a point in the plane itself counts the triangle as met: the point
-    then is inside where the ray leaves there, outside where it enters.
+    A ray along (1, 1, 1) from a point in the plane itself counts as crossing the triangle: the
+    point is inside if the ray leaves the body there, outside if it enters.
     """
     corner = triangles.astype(np.float64)
     normal = unit(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]))
@@ -62,10 +60,10 @@ def _heights(points: Singles, triangles: Singles) -> Array:
     return np.asarray(np.where(height == 0.0, -IN_PLANE * leaving, height))
 
 
-def _settle_signs(sign: Array, node: NDArray[np.int64], gap: Singles, height: Array) -> None:
-    """Set the sign of nodes that lie within rounding of the surface by their nearest triangle.
+def _settle_signs(sign: Array, node: Indices, gap: Singles, height: Array) -> None:
+    """Set the sign of nodes within rounding of the surface by their nearest triangle.
 
-    On which side of a face a rounded node lies is known exactly; a ray's parity is not, there.
+    There the side of the face is known exactly, and the parity of a ray's crossings is not.
     """
     order = np.lexsort((height, -np.abs(height), gap, node))
     settled, first = np.unique(node[order], return_index=True)
@@ -77,9 +75,9 @@ def distances(
     points: Singles,  # (n, 3)
     triangles: Singles,  # (n, 3, 3)
 ) -> Singles:
-    """Return (n,) the distance of each point to its triangle.
+    """Return the distance (n,) of each point to its triangle.
 
-    The region of the triangle's plane that the point projects to is read from signed areas.
+    Signed areas decide whether the nearest point is a corner, on an edge or inside.
     """
     a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
     ab, ac = b - a, c - a
@@ -87,7 +85,7 @@ def distances(
     d3, d4 = _dot(ab, points - b), _dot(ac, points - b)
     d5, d6 = _dot(ab, points - c), _dot(ac, points - c)
     area_c, area_b, area_a = d1 * d4 - d3 * d2, d5 * d2 - d1 * d6, d3 * d6 - d5 * d4
-    with np.errstate(divide="ignore", invalid="ignore"):  # shares of cases that are not taken
+    with np.errstate(divide="ignore", invalid="ignore"):  # in cases that are not selected
         share = np.float32(1.0) / (area_a + area_b + area_c)
         inside = (a + (area_b * share)[:, None] * ab) + (area_c * share)[:, None] * ac
         on_bc = b + ((d4 - d3) / ((d4 - d3) + (d5 - d6)))[:, None] * (c - b)
@@ -109,4 +107,4 @@ def distances(
 
 def _dot(a: Singles, b: Singles) -> Singles:
     product = a * b
-    return np.asarray((product[:, 0] + product[:, 2]) + product[:, 1])  # as SSE adds lanes
+    return np.asarray((product[:, 0] + product[:, 2]) + product[:, 1])  # SSE's order of lanes

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.geometry.numerics.compiled import compiled
-from pipelines.geometry.numerics.fitting_sums import mirrored
+from pipelines.geometry.numerics.fitting_sums import mirror_images
 from pipelines.geometry.numerics.nearest import nearest_of
 from pipelines.geometry.numerics.quantiles import quantiles
 from pipelines.geometry.symmetry import ReflectionSymmetry
@@ -66,7 +66,7 @@ class MirrorImages:
         moved = np.linspace(0, len(points) - 1, NUM_POINTS).round().astype(np.int64)
         normal = np.array([plane.normal for plane in planes])
         point = np.array([plane.point for plane in planes])
-        images = mirrored(points[moved], normal, point)
+        images = mirror_images(points[moved], normal, point)
         distance, nearest = nearest_of(points, images)
         met = _meetings(images, nearest, points, normals, moved, normal)
         offset = np.einsum("ki,ki->k", normal, point)

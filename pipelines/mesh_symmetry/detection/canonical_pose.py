@@ -8,9 +8,8 @@ its symmetries come out the same however it lies, whatever its unit, and whereve
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipelines.array_types import Array
+from pipelines.array_types import Array, Indices
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.symmetry import (
     ReflectionSymmetry,
@@ -87,7 +86,7 @@ def _without_doubles(mesh: Mesh) -> Mesh:
     return mesh if len(kept) == len(mesh.faces) else mesh.submesh(np.sort(kept))
 
 
-def _in_order(vertices: Array, faces: NDArray[np.int64]) -> NDArray[np.int64]:
+def _in_order(vertices: Array, faces: Indices) -> Indices:
     """Return `faces` (f, 3) sorted by where they lie, each from the corner off its longest edge.
 
     All look away from the centroid: which side a file calls outside says nothing here.

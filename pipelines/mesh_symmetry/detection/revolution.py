@@ -10,9 +10,8 @@ Normalised coordinates: origin at the surface's centroid, unit diameter.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipelines.array_types import Array, Mask
+from pipelines.array_types import Array, Indices, Mask
 from pipelines.geometry.transforms import basis_from_direction
 
 NUM_PATCHES = 32
@@ -132,7 +131,7 @@ def support(p: Profile) -> Mask:
     return held
 
 
-def _numbered(*columns: Array) -> NDArray[np.int64]:
+def _numbered(*columns: Array) -> Indices:
     """Return numbers (n,) from 0 for the different rows of whole-numbered `columns` (n,)."""
     key = np.zeros(len(columns[0]), dtype=np.int64)
     for column in columns:
@@ -141,7 +140,7 @@ def _numbered(*columns: Array) -> NDArray[np.int64]:
     return np.unique(key, return_inverse=True)[1].reshape(-1)
 
 
-def _round_circles(number: NDArray[np.int64], angle: Array, lean: Array) -> Mask:
+def _round_circles(number: Indices, angle: Array, lean: Array) -> Mask:
     """Return which cells (c,) have normals that lean without a regular pattern.
 
     Those of an n-gon's sides, or of an ellipse (n = 2), lean to and fro n times around, those of
@@ -160,7 +159,7 @@ def _round_circles(number: NDArray[np.int64], angle: Array, lean: Array) -> Mask
     return np.asarray(worst < MAX_HARMONIC + 2.0 * spread * np.sqrt(2.0 / count))
 
 
-def _full_circles(number: NDArray[np.int64], angle: Array) -> Mask:
+def _full_circles(number: Indices, angle: Array) -> Mask:
     """Return which cells (c,) hold a full circle; `number` (n,) is each sample's cell."""
     count = int(number.max(initial=-1)) + 1
     bins = np.minimum(((angle + np.pi) / (2.0 * np.pi) * BINS).astype(np.int64), BINS - 1)
@@ -171,7 +170,7 @@ def _full_circles(number: NDArray[np.int64], angle: Array) -> Mask:
     return np.asarray((coverage >= MIN_COVERAGE) & (total >= MIN_COUNT))
 
 
-def _filled(bins: NDArray[np.int64]) -> Array:
+def _filled(bins: Indices) -> Array:
     """Return the share (c,) of each row of `bins` (c, k) that is as full as those not empty."""
     ranked = np.sort(bins, axis=1)
     empty = (bins == 0).sum(axis=1)

@@ -9,14 +9,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from pipelines.array_types import Array
+from pipelines.array_types import Array, Indices, Singles
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.geometry.transforms import rotation_about
 
-Grid = NDArray[np.float32]
+Grid = Singles
 
 GENERIC_ANGLES = tuple(np.radians([47.0, 90.0, 151.0]))  # no small n-fold symmetry has all of them
 _MARGIN = 0.15  # of the diameter, around the surface
@@ -120,7 +119,7 @@ def axis_candidates(
 
 def distinct(
     directions: Array, offsets: Array, limit: int, *, min_angle: float, min_offset: float
-) -> NDArray[np.int64]:
+) -> Indices:
     """Return the indices of at most `limit` entries that differ from all better ones.
 
     Entries come best first. Two are the same when their lines are within `min_angle` radians and

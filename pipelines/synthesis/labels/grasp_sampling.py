@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pipelines.array_types import Array, Indices, Mask, Singles
 from pipelines.configs import LabelConfig
@@ -65,9 +65,7 @@ def sample_grasp_label(mesh: Mesh, config: LabelConfig, rng: np.random.Generator
     return label_points(LabelTarget.from_mesh(mesh), points, config)
 
 
-def label_points(
-    target: LabelTarget, points: NDArray[np.float32], config: LabelConfig
-) -> GraspLabel:
+def label_points(target: LabelTarget, points: Singles, config: LabelConfig) -> GraspLabel:
     """Return the grasp label of `points` (p, 3) on the surface of `target`, object frame, metres.
 
     `collision` is the gripper against the object itself; it is True wherever the friction is

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.array_types import Array, Mask, Singles
+from pipelines.array_types import Array, Indices, Mask, Singles
 from pipelines.dataset.graspnet.graspnet_labels import GRID
 from pipelines.dataset.graspnet.graspnet_views import ANGLES, DEPTHS, view_rotations
 from pipelines.geometry.meshes.surface_patches import SurfacePatches, meet_boxes
@@ -63,8 +63,8 @@ def hits_surface(
 def _patches_meet(
     surface: SurfacePatches,
     origin: Array,
-    index: NDArray[np.int64],
-    patch: NDArray[np.int64],
+    index: Indices,
+    patch: Indices,
     width: NDArray[np.floating],
 ) -> Mask:
     """Return (m,) whether a triangle of `patch` (m,) meets the gripper of candidates (3, m)."""
@@ -101,7 +101,7 @@ def gripper_boxes(half: Array, tips: Array) -> list[tuple[Array, Array]]:
 
 def _held(
     points: Array, origin: Array, candidates: Mask, half: Singles, grow: float
-) -> Iterator[tuple[NDArray[np.int64], int, NDArray[np.int64], NDArray[np.int64], Mask]]:
+) -> Iterator[tuple[Indices, int, Indices, Indices, Mask]]:
     """Yield, angle by angle, which points lie in which candidates' boxes grown by `grow` metres.
 
     Yields view (k,), angle, depth (k,), point (k,) and whether it lies in the boxes as they are.
@@ -125,8 +125,8 @@ def _held(
 
 
 def _near_gripper(
-    around: Array, views: NDArray[np.int64], half: Singles, candidates: Mask, grow: float
-) -> tuple[NDArray[np.int64], NDArray[np.int64], Singles]:
+    around: Array, views: Indices, half: Singles, candidates: Mask, grow: float
+) -> tuple[Indices, Indices, Singles]:
     """Return view (k,), index (k,) and coordinates (3, k) at angle 0 of points near some box."""
     # Per view, whatever the angle: how near the approach fingers come, and how far boxes reach.
     inner = np.where(candidates, half, np.inf).min(axis=(1, 2))[views, None] - grow

@@ -7,9 +7,8 @@ the rectangle's centre, the middle of one short side, its height, and the grasp'
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipelines.array_types import Array
+from pipelines.array_types import Array, Indices, Mask
 from pipelines.dataset.graspnet.graspnet_labels import RECT_COLUMNS, GraspLabel
 from pipelines.dataset.graspnet.graspnet_views import generate_views, view_rotations
 from pipelines.geometry.camera import Intrinsics
@@ -26,14 +25,14 @@ class FreeGrasps:
     """The grasps of one object of a scene that hold and meet nothing, object frame, metres."""
 
     object_id: int
-    view: NDArray[np.int64]  # (n,) index into the template of views
+    view: Indices  # (n,) index into the template of views
     rotation: Array  # (n, 3, 3) columns approach, closing, approach x closing
     origin: Array  # (n, 3) GraspNet's origin
     opening: Array  # (n,)
     min_friction: Array  # (n,)
 
 
-def free_grasps(object_id: int, label: GraspLabel, collision: NDArray[np.bool_]) -> FreeGrasps:
+def free_grasps(object_id: int, label: GraspLabel, collision: Mask) -> FreeGrasps:
     """Select the grasps of `label` that hold and, by `collision` (P, 300, 12, 4), are free."""
     point, view, angle, depth = np.nonzero((label.min_friction > 0) & ~collision)
     return FreeGrasps(

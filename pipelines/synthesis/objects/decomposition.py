@@ -2,9 +2,9 @@
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 from scipy.spatial import QhullError
 
+from pipelines.array_types import Array
 from pipelines.errors import SymgraspError
 from pipelines.geometry.meshes import convex_decomposition
 from pipelines.geometry.meshes.mesh import Mesh
@@ -17,7 +17,7 @@ MAX_PIECES = 12
 MANIFOLD_CELLS = 30
 
 
-def hull_of_points(points: NDArray[np.float64]) -> Mesh:
+def hull_of_points(points: Array) -> Mesh:
     """Return the convex hull of `points` (n, 3).
 
     Raises:

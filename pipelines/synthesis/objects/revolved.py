@@ -1,9 +1,9 @@
 """Solids of revolution about the z axis: lathes, vessels, pipes, rings. Metres."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from pipelines.array_types import Array
+from pipelines.array_types import Array, Indices
 from pipelines.synthesis.objects.solids import (
     Solid,
     layered,
@@ -70,7 +70,7 @@ def _rings(profile: Array, segments: int) -> Array:
     return np.stack([x, y, np.broadcast_to(profile[:, 1:], x.shape)], -1)
 
 
-def _revolved(profile: Array, segments: int) -> tuple[Array, NDArray[np.int64]]:
+def _revolved(profile: Array, segments: int) -> tuple[Array, Indices]:
     """Return vertices and triangles of a profile whose first and last point are on the axis."""
     inner = profile[1:-1]
     vertices = np.concatenate(

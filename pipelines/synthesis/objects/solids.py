@@ -10,9 +10,9 @@ from itertools import pairwise
 
 import numpy as np
 from manifold3d import CrossSection, Manifold, Mesh64
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from pipelines.array_types import Array
+from pipelines.array_types import Array, Indices
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, transform_points, unit
 
@@ -72,7 +72,7 @@ class Solid:
         return Mesh(vertices, np.asarray(stored.tri_verts).astype(np.int64))
 
 
-def solid_of(vertices: Array, faces: NDArray[np.int64], pieces: Sequence[Array]) -> Solid:
+def solid_of(vertices: Array, faces: Indices, pieces: Sequence[Array]) -> Solid:
     """Return the solid bounded by a watertight surface, whichever way its faces turn."""
     a, b, c = vertices[faces].swapaxes(0, 1)
     outward = np.einsum("ij,ij->", a, np.cross(b, c)) > 0
@@ -216,7 +216,7 @@ def rounded_polyline(points: ArrayLike, radius: float, steps: int = 4) -> Array:
     return np.concatenate([*result, p[-1:]])
 
 
-def ring_faces(count: int, sides: int, closed: bool) -> NDArray[np.int64]:
+def ring_faces(count: int, sides: int, closed: bool) -> Indices:
     """Return triangles that join `count` rings of `sides` vertices each."""
     steps = count if closed else count - 1
     ring, turn = np.meshgrid(np.arange(steps), np.arange(sides), indexing="ij")

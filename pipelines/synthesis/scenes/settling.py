@@ -5,9 +5,8 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-from pipelines.array_types import Array
+from pipelines.array_types import Array, Indices
 from pipelines.errors import SymgraspError
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, quaternion_to_matrix
@@ -29,7 +28,7 @@ class SettledScene:
         poses: (k, 4, 4) object to table.
     """
 
-    index: NDArray[np.int64]
+    index: Indices
     poses: Array
 
 

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.array_types import Array
+from pipelines.array_types import Array, Indices
 from pipelines.errors import SymgraspError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh
@@ -57,7 +57,7 @@ class View:
 
     color: NDArray[np.uint8]
     depth: Array
-    object_index: NDArray[np.int64]
+    object_index: Indices
     T_world_cam: Array
 
 

@@ -11,7 +11,7 @@ from pipelines.geometry.numerics.fitting_sums import (
     SCALES,
     axis_sums,
     fitted_sphere,
-    mirrored,
+    mirror_images,
     plane_sums,
     stepped,
 )
@@ -69,7 +69,7 @@ def test_axes_are_judged_by_how_far_lines_of_normals_pass_by(case):
 
 def test_images_are_those_of_the_planes(case):
     points, _, normals, at = case
-    images = mirrored(points, normals, at)
+    images = mirror_images(points, normals, at)
     assert images.shape == (len(normals), len(points), 3)
     for k, plane in enumerate(zip(normals, at, strict=True)):
         assert_allclose(images[k], ReflectionSymmetry(*plane).counterpart(points), atol=1e-12)
@@ -81,7 +81,7 @@ def test_planes_are_judged_by_how_far_images_lie_off_the_surface(case):
         return  # nothing to meet
     basis = sides_of(planes)
     moved, facing = points[::EVERY].copy(), normals[::EVERY]
-    images = mirrored(moved, planes, at)
+    images = mirror_images(moved, planes, at)
     away, nearest = nearest_of(points, images)
     surface = points, normals, EVERY, images, away, nearest
     found = plane_sums(*surface, planes, at, basis, SCALE)

@@ -11,6 +11,7 @@ QUESTIONS = ("What", "Where", "How", "Who", "Of")
 # One role, one name: callers name the module with it, as in `symmetry_labels.read`.
 ROLES = {
     "FORMAT_VERSION",
+    "ROOT",
     "STAGE",
     "UNITS",
     "log",

@@ -11,7 +11,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "pipelines" / "__init__.py"
 TITLE = "Packages, from the ground up; imports run down only (drawn by `tools/draw_map.py`):"
-HEADER = ("level", "package", "subject")
+TITLES = ("level", "package", "subject")
 
 
 def layers() -> list[list[str]]:
@@ -34,11 +34,11 @@ def draw_map() -> str:
     """Return the table of levels, packages and subjects, ground first."""
     packages = enumerate(reversed(layers()[1:]), start=1)
     rows = [(str(level), name, subject(name)) for level, names in packages for name in names]
-    widths = [max(map(len, column)) for column in zip(HEADER, *rows, strict=True)]
+    widths = [max(map(len, column)) for column in zip(TITLES, *rows, strict=True)]
     rule = tuple("=" * width for width in widths)
     lines = (
         "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-        for row in (rule, HEADER, rule, *rows, rule)
+        for row in (rule, TITLES, rule, *rows, rule)
     )
     return "\n".join(lines) + "\n"
 

@@ -21,13 +21,14 @@ from pipelines.configs import CompareConfig
 from pipelines.dataset.graspnet.graspnet import frame_key
 from pipelines.errors import SymgraspError, UnknownNameError
 from pipelines.evaluation.figures import TEST_SPLITS
-from pipelines.evaluation.pages.report_page import html_table, note_list, whole_page
+from pipelines.evaluation.pages.report_page import TEMPLATES
 from pipelines.evaluation.paired_runs import Run, paired_frames
 from pipelines.evaluation.run_readers import DEFAULT_ROW, compared_folders, friction_of, read_run
 from pipelines.evaluation.tables import Table
 from pipelines.evaluation.tallies import ALL
 from pipelines.metrics.paired_bootstrap import FEWEST_UNITS, Difference, differences
 from pipelines.storage.files import write_json, write_text
+from pipelines.storage.pages import rendered
 from pipelines.storage.provenance import (
     Stamp,
     digest,
@@ -237,8 +238,10 @@ def _digests(reports: Sequence[Path]) -> dict[str, str]:
 
 def _write(output: Path, found: Comparison, reports: Sequence[Path], stamp: Stamp) -> None:
     if output.suffix == ".html":
-        body = note_list(found.notes) + "".join(map(html_table, tables(found)))
-        write_text(output, whole_page(f"SymGrasp: {' and '.join(found.runs)}", body))
+        title = f"SymGrasp: {' and '.join(found.runs)}"
+        template = TEMPLATES / "comparison.html"
+        page = rendered(template, title=title, notes=found.notes, tables=tables(found))
+        write_text(output, page)
         write_sidecar(output, stamp)
         return
     figures: dict[str, dict[str, Any]] = {}

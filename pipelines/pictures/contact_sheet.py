@@ -4,7 +4,6 @@ Writes  DIR/sheet_NN.png   24 objects a page, as a person looks through them
         DIR/index.html     the same as one page, with each object's facts in words
 """
 
-import html
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from pipelines.dataset.symmetry.symmetry_labels import FOUND, ObjectSymmetries
 from pipelines.geometry.symmetry import RotationSymmetry, Symmetry
 from pipelines.storage.files import write_image, write_text
+from pipelines.storage.pages import rendered
 
 Picture = NDArray[np.uint8]
 Color = tuple[int, int, int]
@@ -32,11 +32,7 @@ LEGEND = (
     "pink, blue, amber sheets: mirrors 0, 1, 2   red: axes, spheres   "
     "coloured surface: regions   dashed grey: nearest rejected"
 )
-STYLE = (
-    "body{font:14px sans-serif;margin:16px;background:#fafafa}"
-    "figure{display:inline-block;margin:6px;padding:6px;background:#fff;border:1px solid #ddd;"
-    "width:400px;vertical-align:top}figcaption b{font-size:15px}"
-)
+TEMPLATE = Path(__file__).with_suffix(".html")
 
 
 @dataclass(frozen=True)
@@ -171,22 +167,14 @@ def _doubt_color(doubt: float) -> Color:
 
 
 def _index(ranked: Sequence[Tile]) -> str:
-    figures = "\n".join(_figure(rank, tile) for rank, tile in enumerate(ranked, start=1))
-    return (
-        f'<!doctype html><meta charset="utf-8"><title>Symmetries</title><style>{STYLE}</style>\n'
-        f"<h1>{len(ranked)} objects, most doubtful first</h1><p>{html.escape(LEGEND)}</p>\n"
-        f"{figures}\n"
-    )
-
-
-def _figure(rank: int, tile: Tile) -> str:
-    name, source = html.escape(tile.name), html.escape(tile.picture, quote=True)
-    doubt = "?" if tile.labels.doubt is None else f"{tile.doubt:.2f}"
-    words = [facts(tile.labels), remark(tile.labels)]
-    lines = "<br>".join(html.escape(word) for word in words if word)
-    r, g, b = _doubt_color(tile.doubt)
-    return (
-        f'<figure><img src="{source}" alt="{name}" width="400"><figcaption><b>{rank}. {name}</b> '
-        f'<span style="color:rgb({r},{g},{b})">doubt {doubt}</span><br>{lines}'
-        "</figcaption></figure>"
-    )
+    objects = [
+        {
+            "name": tile.name,
+            "picture": tile.picture,
+            "doubt": "?" if tile.labels.doubt is None else f"{tile.doubt:.2f}",
+            "color": _doubt_color(tile.doubt),
+            "lines": [words for words in (facts(tile.labels), remark(tile.labels)) if words],
+        }
+        for tile in ranked
+    ]
+    return rendered(TEMPLATE, objects=objects, legend=LEGEND)

@@ -158,11 +158,6 @@ def read_stamp(target: Path) -> dict[str, Any] | None:
             return dict(read_json(sidecar)) if sidecar.exists() else None
 
 
-def page_stamp(stamp: Stamp) -> str:
-    """Return the element that holds the stamp of an HTML page; it belongs into the head, first."""
-    return f'<meta name="provenance" content="{html.escape(stamp.as_text())}">'
-
-
 def _read_page_stamp(target: Path) -> dict[str, Any] | None:
     with target.open(encoding="utf-8", errors="replace") as stream:
         found = PAGE_STAMP.search(stream.read(PAGE_HEAD))

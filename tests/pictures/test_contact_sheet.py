@@ -11,6 +11,7 @@ from pipelines.pictures import contact_sheet
 from pipelines.pictures.contact_sheet import COLUMNS, ROWS, Tile, write_sheets
 from pipelines.pictures.symmetry_pictures import PLANES, REGIONS, marks_of, object_views
 from pipelines.storage.files import read_image
+from tests.evaluation.page_reader import Reader
 
 X, Y, Z = np.eye(3)
 ORIGIN = np.zeros(3)
@@ -88,8 +89,12 @@ def test_pages_hold_24_and_older_pages_go(tmp_path):
 
 
 def test_names_cannot_break_the_page(tmp_path):
-    write_sheets(tmp_path, [tile("<b>&", 0.5)])
-    assert "<b>&" not in (tmp_path / "index.html").read_text().replace("<b>1.", "")
+    write_sheets(tmp_path, [tile('<script>&"', 0.5, [PLANE])])
+    reader = Reader((tmp_path / "index.html").read_text())
+    assert "script" not in [tag for tag, _ in reader.found]
+    assert '1. <script>&"' in reader.text
+    (picture,) = [attrs for tag, attrs in reader.found if tag == "img"]
+    assert (picture["src"], picture["alt"]) == ('objects/<script>&".png', '<script>&"')
 
 
 def test_facts_are_words():

@@ -208,11 +208,13 @@ def test_the_written_comparison_is_the_same_each_time_and_never_replaced_unasked
 
 
 def test_the_page_needs_no_network_and_the_file_is_plain_json(tmp_path):
-    paths = [write_run(tmp_path / "a"), write_run(tmp_path / "b", better=0.1)]
+    paths = [write_run(tmp_path / "a"), write_run(tmp_path / "<b>", better=0.1)]
     compare.run(paths, CONFIG, tmp_path / "c.html")
     page = (tmp_path / "c.html").read_text()
     assert "+0.100" in page
     assert "http" not in page
+    assert "&lt;b&gt;" in page
+    assert "<b>" not in page
     compare.run(paths, CONFIG, tmp_path / "c.json")
     content = json.loads((tmp_path / "c.json").read_text())
     found = content["figures"]["all"]["grasp_quality"]["differences"][0]

@@ -7,13 +7,13 @@ from safetensors.numpy import save_file
 
 from pipelines.configs import RefineGraspsConfig
 from pipelines.errors import StaleOutputError
+from pipelines.pictures.grasp_page.page import index_page
 from pipelines.storage.files import write_json
 from pipelines.storage.provenance import (
     digest,
     digest_folder,
     is_finished,
     make_stamp,
-    page_stamp,
     read_stamp,
     write_sidecar,
 )
@@ -37,7 +37,7 @@ def write_plain(path):
 
 
 def write_page(path):
-    path.write_text(f"<!doctype html><html><head>{page_stamp(STAMP)}</head></html>")
+    path.write_text(index_page("frames", [], STAMP))
 
 
 WRITERS = {

@@ -4,6 +4,7 @@ A scene's views are much alike, so a scene gives at most its best and its worst 
 good as the mean quality of our grasps on its visible objects.
 """
 
+from base64 import b64encode
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -44,6 +45,13 @@ class Tag:
     place: tuple[float, float]
     verdict: Verdict
 
+    @property
+    def words(self) -> str:
+        """The object and what became of our grasp on it."""
+        if self.verdict.reason == "held":
+            return f"{self.name}: held, quality {self.verdict.quality:.2f}"
+        return f"{self.name}: {self.verdict.reason}"
+
 
 @dataclass(frozen=True)
 class Picture:
@@ -55,6 +63,11 @@ class Picture:
     jpeg: bytes
     size: tuple[int, int]
     tags: list[Tag]
+
+    @property
+    def source(self) -> str:
+        """The JPEG as the source of an image within a page."""
+        return f"data:image/jpeg;base64,{b64encode(self.jpeg).decode('ascii')}"
 
 
 @dataclass(frozen=True)

@@ -73,10 +73,11 @@ def test_a_scene_has_its_own_figures_and_splits_without_frames_no_curve():
 
 
 def test_the_page_shows_every_scene_curve_and_fault_and_needs_no_other_file():
-    page = dump_page(report(tally()), "my <dump>", {"scene_0100_kinect": "0001.npy is missing"})
-    read = Reader(page)
+    faults = {"scene_0100_kinect": "<script>0001.npy</script> is missing"}
+    read = Reader(dump_page(report(tally()), "my <dump>", faults))
     assert "my <dump>" in read.text
-    assert "0001.npy is missing" in read.text
+    assert "<script>0001.npy</script> is missing" in read.text
+    assert not {"dump", "script"} & {tag for tag, _ in read.found}
     for scene in tally().scenes:
         assert scene in read.text
     lines = [attributes["points"] for tag, attributes in read.found if tag == "polyline"]

@@ -1,5 +1,7 @@
 """The page of a report, parsed as a browser would."""
 
+from dataclasses import replace
+
 from pipelines.evaluation.figures import report_curves, report_rows
 from pipelines.evaluation.pages.gallery import Gallery, Picture, Tag
 from pipelines.evaluation.pages.report_page import report_page
@@ -41,10 +43,18 @@ def test_the_page_is_well_formed_and_fetches_nothing():
     assert [source[:23] for source in sources] == ["data:image/jpeg;base64,"]
 
 
-def test_what_it_is_given_is_escaped():
-    page = report_page(report(), gallery())
-    assert "<x>" not in page
-    assert "mug &lt;0&gt;" in page
+def test_names_of_frames_objects_splits_and_inputs_are_text_and_not_elements():
+    (picture,) = gallery().best
+    script = "<script>alert('x')</script>"
+    tags = [replace(tag, name=script) for tag in picture.tags]
+    named = replace(picture, name=f"{script}1", split=f"{script}2", tags=tags)
+    made = report()
+    made["provenance"]["inputs"] = {script: "<x>"}
+    made["provenance"]["config"] = {"gripper": f'"{script}'}
+    reader = Reader(report_page(made, Gallery([named], [named])))
+    assert not {"script", "x"} & {tag for tag, _ in reader.found}
+    for text in (f"{script}1, {script}2: mean", f"{script}: held, quality", "<x>", f'"{script}'):
+        assert text in reader.text
 
 
 def test_every_object_of_a_picture_has_its_reason_in_words():

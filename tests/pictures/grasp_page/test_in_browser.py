@@ -13,7 +13,7 @@ import pytest
 
 from pipelines.configs import ViewConfig
 from pipelines.grasp_files.gripper_files import load_gripper
-from pipelines.pictures.grasp_page.page import HERE, SCRIPTS, frame_page
+from pipelines.pictures.grasp_page.page import HERE, frame_page
 from pipelines.pictures.grasp_page.scene import frame_scene
 from pipelines.storage.provenance import make_stamp
 from tests.geometry.tabletops import CAMERA
@@ -21,6 +21,7 @@ from tests.pictures.grasp_page.toys import toy_frame, toy_result
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 NODE = shutil.which("node")
+SCRIPTS = ("vectors.js", "drawing.js", "content.js")
 FLAGS = (
     "--headless", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader", "--enable-logging=stderr", "--window-size=900,600",
@@ -151,7 +152,7 @@ def test_hands_and_rays_of_the_scripts_are_those_of_python(tmp_path):
         "translation": table.translation[1].tolist(),
         "boxes": GRIPPER.boxes(table.width[1]).tolist(),
     }
-    scripts = "\n".join((HERE / name).read_text(encoding="utf-8") for name in SCRIPTS[:3])
+    scripts = "\n".join((HERE / name).read_text(encoding="utf-8") for name in SCRIPTS)
     ask = f"""
     const grasp = {json.dumps(grasp)}, into = {{solid: [], lines: [], sheets: []}};
     hand(into, grasp, [1, 0, 0], 1);

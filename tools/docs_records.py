@@ -7,7 +7,8 @@ from functools import cache
 from pathlib import Path
 
 FOLDERS = ("pipelines", "symgrasp", "symgrasp_cli", "tools", "benchmarks")
-HEADER = re.compile(r"^\* (\w+): (.+)$", re.MULTILINE)
+CITATION = re.compile(r"\bD\.\s+(\d+)\b")
+ENTRY = re.compile(r"^\* (\w+): ((?:.+\n)(?:  .+\n)*)", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,8 @@ def _read(path: Path) -> Record:
     head = re.match(r"# (\d+)\. (.+)\n", text)
     if head is None:
         raise ValueError(f"{path}: first line is no title such as '# 82. Title'")
-    return Record(int(head[1]), head[2], path, dict(HEADER.findall(text)), text)
+    header = {name: " ".join(value.split()) for name, value in ENTRY.findall(text)}
+    return Record(int(head[1]), head[2], path, header, text)
 
 
 def records_tables(records: Iterable[Record]) -> str:
@@ -72,6 +74,6 @@ def _citations(root: Path) -> dict[int, list[str]]:
     found: dict[int, list[str]] = {}
     for path in source_files(root):
         text = path.read_text(encoding="utf-8")
-        for number in sorted({int(each) for each in re.findall(r"\bD\. (\d+)", text)}):
+        for number in sorted({int(each) for each in CITATION.findall(text)}):
             found.setdefault(number, []).append(path.relative_to(root).as_posix())
     return found

@@ -13,7 +13,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tools")]
 
-from docs_records import cited_in, read_records, records_tables  # noqa: E402
+from docs_records import CITATION, cited_in, read_records, records_tables  # noqa: E402
 from docs_reference import api, commands, settings  # noqa: E402
 
 MARK = re.compile(r"<!-- made from code: (\w+) -->")
@@ -26,7 +26,6 @@ MADE = {
     "settings": settings,
 }
 LITERAL = re.compile(r"(```.*?```|`[^`\n]*`|\[[^\]]*\]\([^)]*\))", re.DOTALL)
-CITATION = re.compile(r"\bD\. (\d+)\b")
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:  # noqa: ANN401
@@ -45,9 +44,8 @@ def _records() -> dict[int, Any]:
 
 
 def _link(match: re.Match[str], uri: str) -> str:
-    number = int(match[1])
-    name = _records()[number].path.name if number in _records() else ""
-    if not name or uri.endswith(f"/{name}"):
+    name = _records()[int(match[1])].path.name
+    if uri.endswith(f"/{name}"):
         return match[0]
     return f"[{match[0]}]({'../' * uri.count('/')}decisions/{name})"
 

@@ -1,6 +1,6 @@
 """Every number of the paper and of our choices: one frozen dataclass a stage.
 
-`Sec.` cites the paper, `D.` a numbered choice of DECISIONS.md.
+`Sec.` cites the paper, `D.` a record of docs/decisions.
 """
 
 from pipelines.configs.dataset import (

@@ -1,0 +1,96 @@
+"""Decision records: form, status, length, settings and citations."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pipelines import configs
+from tests.tool_scripts import load
+
+ROOT = Path(__file__).resolve().parents[2]
+docs_records = load("docs_records")
+RECORDS = docs_records.read_records(ROOT)
+BY_NUMBER = {record.number: record for record in RECORDS}
+each_record = pytest.mark.parametrize("record", RECORDS, ids=lambda record: record.path.stem)
+MAX_WORDS = 150
+MEASURED = re.compile(r"\b0\.\d{3}\b|±")
+
+
+def setting(name: str) -> Any:
+    """Return the default of a setting as records name it, `stage: path.of.field`."""
+    stage, path = name.split(": ")
+    value = getattr(configs, "".join(part.title() for part in stage.split("-")) + "Config")()
+    for step in path.split("."):
+        value = getattr(value, step)
+    return value
+
+
+def settings_of(record: Any) -> list[str]:
+    return re.findall(r"`([\w-]+: [\w.]+)`", record.header.get("Settings", ""))
+
+
+def spellings(value: float) -> set[str]:
+    """Return how a text may write a setting's number: as it is, in percent, mm, cm."""
+    numbers = (value, value * 100, value * 1000)
+    return {f"{number:.6g}" for number in numbers if number not in {0, 1, 2, 3}}
+
+
+def numbers_in(record: Any) -> set[str]:
+    body = record.text.split("\n\n", 2)[-1]
+    body = re.sub(r"\b(?:D\.|Sec\.|Eqs?\.|Fig\.|Table)\s+[\dIVX, to]+|`[^`]*`", "", body)
+    return {match.rstrip(".") for match in re.findall(r"\d[\d.]*", body)}
+
+
+def cited_files() -> Iterator[Path]:
+    yield from docs_records.source_files(ROOT)
+    yield from (ROOT / "docs").rglob("*.md")
+    yield from ROOT.glob("*.md")
+    yield from (ROOT / "tests").rglob("*.py")
+
+
+@each_record
+def test_a_record_has_status_context_decision_and_consequence(record):
+    status = record.header["Status"]
+    assert re.fullmatch(r"accepted|withdrawn|superseded by D\. \d+", status)
+    parts = re.findall(r"^\*\*(\w+)\.\*\*", record.text, re.MULTILINE)
+    assert parts == ["Context", "Decision", "Consequence"]
+    assert record.header["Subject"]
+    assert record.path.name.startswith(f"{record.number:04d}-")
+
+
+@each_record
+def test_a_record_has_at_most_150_words(record):
+    assert len(record.text.split()) <= MAX_WORDS
+
+
+@each_record
+def test_a_record_names_settings_that_exist_and_repeats_none_of_their_numbers(record):
+    held: set[str] = set()
+    for name in settings_of(record):
+        value = setting(name)
+        values = value if isinstance(value, tuple) else (value,)
+        numbers = [v for v in values if isinstance(v, int | float) and not isinstance(v, bool)]
+        held |= set().union(*map(spellings, numbers))
+    assert not held & numbers_in(record)
+
+
+@each_record
+def test_a_record_holds_no_measured_figures(record):
+    assert not MEASURED.search(record.text)
+
+
+def test_every_citation_resolves():
+    unknown = {
+        (path.relative_to(ROOT).as_posix(), number)
+        for path in cited_files()
+        for number in docs_records.CITATION.findall(path.read_text(encoding="utf-8"))
+        if int(number) not in BY_NUMBER
+    }
+    assert not unknown
+
+
+def test_numbers_of_records_are_unique():
+    assert len(BY_NUMBER) == len(RECORDS) >= 115

@@ -1,7 +1,7 @@
-"""What a depth image shows of geometry, as channels that a convolutional network takes.
+"""Geometry of a depth image as input channels of a convolutional network.
 
 Surface orientation and height over the table look the same in rendered and in measured frames,
-which colours do not: a detector trained on them carries over from one to the other.
+unlike colours: a detector trained on rendered geometry also works on measured frames.
 """
 
 from dataclasses import dataclass
@@ -18,21 +18,21 @@ from pipelines.geometry.pointcloud import Plane
 from pipelines.tabletop.organized import image_normals
 from pipelines.tabletop.tabletop import find_tabletop
 
-CHANNELS = ("normal_x", "normal_y", "upright", "height", "step", "missing")
-NORMAL_RADIUS = 2  # pixels about a pixel that its normal is fitted to
-HEIGHT_UNIT = 0.08  # metres over the table that make one unit of the channel
-STEP_UNIT = 0.01  # metres that depth changes by to a neighbouring pixel, one unit
-LIMIT = 3.0  # channels are cut off beyond
+CHANNEL_NAMES = ("normal_x", "normal_y", "upright", "height", "step", "missing")
+FIT_RADIUS = 2  # pixels around a pixel to which its normal is fitted
+HEIGHT_UNIT = 0.08  # metres over the table per unit of the channel `height`
+STEP_UNIT = 0.01  # metres of depth between neighbouring pixels per unit of the channel `step`
+LIMIT = 3.0  # channels are clipped to +-LIMIT
 
 
 @dataclass(frozen=True)
 class SmallFrame:
-    """A frame at the size the detector works at.
+    """A frame at the working size of the detector.
 
     Attributes:
-        color: (h, w, 3) uint8 RGB; zeros where nothing looks at it.
+        color: (h, w, 3) uint8 RGB; zeros if the detector does not use colour.
         depth: (h, w) float32 metres, 0 = missing.
-        intrinsics: of both.
+        intrinsics: intrinsics of both images.
     """
 
     color: NDArray[np.uint8]
@@ -49,8 +49,8 @@ def shrink(
 ) -> SmallFrame:
     """Return the frame resized so that its sides fit `min_size` and `max_size`, both pixels.
 
-    Colour is averaged, depth is picked: an average across an edge would float between surfaces.
-    `color`: None where nothing looks at it.
+    Colour is averaged; depth takes the nearest pixel, since an average across an edge would lie
+    between the surfaces. `color`: None if the detector does not use it.
     """
     width, height = small_size(intrinsics, min_size, max_size)
     small = intrinsics.resized(width, height)
@@ -71,9 +71,9 @@ def small_size(intrinsics: Intrinsics, min_size: int, max_size: int) -> tuple[in
 
 
 def find_plane(frame: SmallFrame) -> Plane:
-    """Return the plane that things stand on; without one, the plane the camera looks straight at.
+    """Return the support plane; if there is none, a plane that faces the camera.
 
-    The latter lies at the farthest tenth of the depths, so that heights are what stands out.
+    The latter lies at the 90th percentile of depth, so that heights are distances before it.
     """
     xyz = frame.intrinsics.backproject(frame.depth)
     plane = find_tabletop(xyz, frame.intrinsics, RegionConfig(), np.random.default_rng(0)).plane
@@ -85,27 +85,27 @@ def find_plane(frame: SmallFrame) -> Plane:
 
 
 def depth_channels(depth: Singles, intrinsics: Intrinsics, plane: Plane) -> Singles:
-    """Return (6, h, w) float32 channels, named by `CHANNELS`, each about one unit large.
+    """Return the channels (6, h, w) float32 of `CHANNEL_NAMES`, each about one unit large.
 
-    Missing depth takes the value of the nearest pixel that has one, and is marked in `missing`.
-    A frame without any depth gives zeros, all marked missing.
+    Missing depth takes the value of the nearest measured pixel and is marked in `missing`. A frame
+    without any depth gives zeros, all marked missing.
     """
     missing = ~(depth > 0)
     if missing.all():
-        channels = np.zeros((len(CHANNELS), *depth.shape), np.float32)
+        channels = np.zeros((len(CHANNEL_NAMES), *depth.shape), np.float32)
         channels[-1] = 1.0
         return channels
     smooth = np.asarray(cv2.medianBlur(depth.astype(np.float32), 3), np.float32)
     filled = fill_missing(np.where(missing, np.float32(0.0), smooth))
     rays = intrinsics.image_plane
-    normals = image_normals(filled, *rays, NORMAL_RADIUS)
+    normals = image_normals(filled, *rays, FIT_RADIUS)
     blurred = np.asarray(cv2.blur(filled, (5, 5)), np.float32)
     place = (*plane.normal.tolist(), float(plane.offset))
     return np.moveaxis(_channels(filled, blurred, missing, normals, rays, place), -1, 0)
 
 
 def fill_missing(depth: Singles) -> Singles:
-    """Return `depth` (h, w) with zeros replaced by the value of the nearest pixel that has one."""
+    """Return `depth` (h, w) with zeros replaced by the value of the nearest measured pixel."""
     missing = ~(depth > 0)
     if not missing.any() or missing.all():
         return depth
@@ -117,7 +117,7 @@ def fill_missing(depth: Singles) -> Singles:
 
 @compiled
 def _nearest(depth: Singles, label: NDArray[np.int32]) -> Singles:
-    """Return (h, w) the one depth over 0 among the pixels with the same `label` (h, w)."""
+    """Return the one depth over 0 among the pixels with the same `label` (h, w), as (h, w)."""
     value = np.zeros(depth.size + 1, np.float32)
     filled = np.empty_like(depth)
     for row in range(depth.shape[0]):
@@ -139,9 +139,9 @@ def _channels(
     rays: tuple[Array, Array],
     plane: tuple[float, float, float, float],
 ) -> Singles:
-    """Return (h, w, 6) the channels of what is known of each pixel.
+    """Return the channels (h, w, 6); `missing` (h, w) marks the pixels without measured depth.
 
-    `rays`: (w,), (h,) where columns and rows lie at depth 1. `plane`: normal and offset.
+    `rays`: x (w,) of columns and y (h,) of rows at depth 1. `plane`: normal and offset.
     """
     height, width = depth.shape
     channels = np.empty((height, width, 6), np.float32)
@@ -156,7 +156,7 @@ def _channels(
             channels[row, column, 2] = plane[0] * nx + plane[1] * ny + plane[2] * nz
             ray = plane[0] * rays[0][column] + plane[1] * rays[1][row] + plane[2]
             above = min(max((ray * z + plane[3]) / HEIGHT_UNIT, -LIMIT), LIMIT)
-            # Stretched near the table, where thin things must stand out from it.
+            # The root stretches heights near the table, so that thin objects stand out.
             channels[row, column, 3] = np.copysign(np.sqrt(abs(above)), above)
             step = (depth[row, column] - blurred[row, column]) / np.float32(STEP_UNIT)
             channels[row, column, 4] = min(max(step, np.float32(-LIMIT)), np.float32(LIMIT))

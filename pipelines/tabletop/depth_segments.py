@@ -1,7 +1,7 @@
-"""Cutting a foreground where its depth has a step or its surface folds inward.
+"""Segmentation of a foreground at depth steps and concave creases.
 
-The objects of a household are mostly convex, so where one ends and another begins the surface
-folds inward: a concave crease. Pixels of a crease go to the nearest piece afterwards.
+Household objects are mostly convex: where one ends and another begins, the surface folds inward.
+The pixels of such a crease go to the nearest piece afterwards.
 """
 
 from dataclasses import replace
@@ -20,9 +20,9 @@ from pipelines.tabletop.organized import smooth_normals
 Labels = NDArray[np.int32]
 Axes = tuple[Singles, Singles, Singles]
 
-USUAL_FOCAL = 525.0  # pixels; a coarser image is smoothed over fewer
-GAP = 4  # pixels without depth that a surface is followed across
-FINER = 0.5  # share of fold and step that too large a piece is cut at again
+USUAL_FOCAL = 525.0  # pixels; normals of a coarser image are fitted to fewer pixels
+GAP = 4  # pixels without depth across which a surface continues
+FINER = 0.5  # factor of the thresholds of fold and step when too large a piece is cut again
 
 
 def segment(
@@ -34,13 +34,13 @@ def segment(
 
     Args:
         xyz: (H, W, 3) metres, camera frame, nan where missing.
-        foreground: (H, W) what to cut.
-        clear: (H, W) the part of it that pieces may hang together by.
-        focal: pixels, focal length of the image.
+        foreground: (H, W) pixels to cut.
+        clear: (H, W) foreground pixels that may connect a piece.
+        focal: focal length of the image, pixels.
         config: thresholds.
 
     Returns:
-        The pieces (H, W), and (H, W) what hangs together without a step in depth.
+        The pieces (H, W), and the pieces (H, W) by depth steps alone.
     """
     pieces, whole = np.zeros((2, *foreground.shape), np.int32)
     rows, columns = (np.flatnonzero(foreground.any(axis=axis)) for axis in (1, 0))
@@ -81,9 +81,9 @@ def _cut(xyz: Array, mask: Mask, whole: Labels, fold: Singles, config: RegionCon
 
 
 def _too_large(xyz: Array, labels: Labels, config: RegionConfig) -> Mask:
-    """Return (labels + 1,) which pieces are longer than an object; 0, which is none, is not."""
+    """Return a mask (labels + 1,) of the pieces longer than an object; label 0 is no piece."""
     size, diagonal = _sizes(np.ascontiguousarray(xyz), labels, int(labels.max(initial=0)))
-    # The diagonal is quicker than the extent, and never less.
+    # The diagonal is a cheap upper bound of the extent.
     large = (size >= config.min_pixels) & (diagonal > config.max_extent)
     large[0] = False
     for label in np.flatnonzero(large):
@@ -92,40 +92,40 @@ def _too_large(xyz: Array, labels: Labels, config: RegionConfig) -> Mask:
 
 
 def extent(points: Array) -> float:
-    """Return the diagonal in metres of the box around `points` (n, 3), outliers left out."""
+    """Return the diagonal of the box around `points` (n, 3) without outliers, metres."""
     low, high = quantiles(points.T, (0.02, 0.98)).T
     return float(np.linalg.norm(high - low))
 
 
 def inward_fold(xyz: Array, mask: Mask, focal: float, config: RegionConfig) -> Singles:
-    """Return (H, W) how far the surface of `mask` folds: -2 sin(angle / 2) inward, 0 elsewhere.
+    """Return the inward fold (H, W) of the surface of `mask`: -2 sin(angle / 2), 0 where convex.
 
-    Normals on both sides of a convex edge point apart, of a concave one toward each other
-    (Stein et al., LCCP): (n_2 - n_1) . (p_2 - p_1) / |p_2 - p_1| is then negative.
+    The normals on both sides of a convex edge point apart, those of a concave edge toward each
+    other (Stein et al., LCCP): (n_2 - n_1) . (p_2 - p_1) / |p_2 - p_1| is then negative.
     """
     radius = max(2, round(config.normal_radius * min(1.0, focal / USUAL_FOCAL)))
     reach = radius + 1
     steps = np.array([(0, reach), (reach, 0), (reach, reach), (reach, -reach)])
-    # The longest chords of a pixel at one metre.
+    # Longest chords of a surface without a step, at a depth of one metre.
     longest = np.hypot(*steps.T).astype(np.float32) * np.float32(config.crease_reach / focal)
     xyz, mask = np.ascontiguousarray(xyz), np.ascontiguousarray(mask)
     return _folds(xyz, smooth_normals(xyz, mask, radius), mask, steps, longest)
 
 
 def connected(xyz: Array, mask: Mask, config: RegionConfig) -> Labels:
-    """Label the pieces of `mask` (H, W), all measured, whose depth has no step; 0 elsewhere.
+    """Label the pieces of `mask` (H, W), all measured, without a step in depth; 0 elsewhere.
 
-    A surface is followed along rows and columns, and across gaps without depth no wider than
-    `GAP`. Pieces are numbered as they are met row by row.
+    A surface continues along rows and columns, and across gaps without depth up to `GAP` pixels.
+    Pieces are numbered row by row.
     """
     steps = config.depth_step * (1.0 + 0.25 * np.arange(GAP + 1, dtype=np.float32))
     return _joined(xyz[..., 2].astype(np.float32), np.ascontiguousarray(mask), steps)
 
 
 def _attach(xyz: Array, cores: Labels, whole: Labels, foreground: Mask) -> Labels:
-    """Give the foreground outside `cores` to the nearest core of the same whole piece.
+    """Label the foreground outside `cores` by the nearest core of the same piece of `whole`.
 
-    A whole piece without a core (small or thin) becomes a region of its own.
+    A piece of `whole` without a core (small or thin) becomes a region of its own.
     """
     labels = cores.copy()
     rest = foreground & (cores == 0)
@@ -145,7 +145,7 @@ def _attach(xyz: Array, cores: Labels, whole: Labels, foreground: Mask) -> Label
 
 @compiled
 def _folds(xyz: Array, normals: Array, mask: Mask, steps: Indices, longest: Singles) -> Singles:
-    """Return (H, W) the most negative of folds between the ends of chords about each pixel.
+    """Return the most negative fold (H, W) between the ends of k chords through each pixel.
 
     `steps`: (k, 2) rows and columns from a chord's middle to its end. `longest`: (k,) lengths
     at a depth of one metre beyond which a chord crosses a step.
@@ -170,7 +170,7 @@ def _folds(xyz: Array, normals: Array, mask: Mask, steps: Indices, longest: Sing
 
 @compiled
 def _padded(image: Array, mask: Mask, margin: int) -> Axes:
-    """Return x, y and z of `image` (H, W, 3) row by row, nan outside `mask` and in a margin."""
+    """Return flat x, y and z of `image` (H, W, 3), with a margin; nan there and outside `mask`."""
     height, width = mask.shape
     stride = width + 2 * margin
     x = np.full((height + 2 * margin) * stride, np.nan, np.float32)
@@ -199,8 +199,8 @@ def _lower(
     normals: tuple[Axes, Axes],
     longest: float,
 ) -> None:
-    """Lower `folds` (W,) to those between two rows of points that are not too far apart."""
-    # All pixels, masked or not, without a branch: many are computed at a time. nan is not lower.
+    """Lower `folds` (W,) to the folds between two rows of points, unless the chord is too long."""
+    # Without branches the loop is vectorised; nan never compares as lower.
     (x0, y0, z0), (x1, y1, z1) = points
     (u0, v0, w0), (u1, v1, w1) = normals
     for n in range(len(folds)):
@@ -213,12 +213,12 @@ def _lower(
 
 @compiled
 def _joined(z: Singles, mask: Mask, steps: Singles) -> Labels:
-    """Return the pieces of `connected`; pixels `n` apart show no step of `steps[n]`, (GAP + 1,)."""
+    """Return the pieces of `connected`; `steps`: (GAP + 1,) least depth step of pixels n apart."""
     height, width = mask.shape
     depth, inside = z.ravel(), mask.ravel()
-    # Numbers of runs along rows; an earlier run of the same piece, or itself, of each.
+    # Union-find: the number of each run along a row, and an earlier run of the same piece.
     run, earlier, count = np.zeros(mask.size, np.int64), np.zeros(mask.size + 1, np.int64), 0
-    apart = np.array([1, width])  # places between neighbours along a row and along a column
+    apart = np.array([1, width])  # flat distance of neighbours along a row and along a column
     for row in range(height):
         for column in range(width):
             pixel = row * width + column
@@ -244,9 +244,9 @@ def _joined(z: Singles, mask: Mask, steps: Singles) -> Labels:
 
 @compiled
 def _before(z: Singles, inside: Mask, steps: Singles, at: tuple[int, int], along: int) -> int:
-    """Return the pixel before one that hangs together with it; -1 if none does.
+    """Return the previous pixel on the same surface, -1 if there is none.
 
-    `at`: the pixel, and how many are before it, each `along` from the next.
+    `at`: the flat pixel, and the number of pixels before it, `along` apart.
     """
     pixel, room = at
     for span in range(1, min(len(steps), room + 1)):
@@ -261,7 +261,7 @@ def _before(z: Singles, inside: Mask, steps: Singles, at: tuple[int, int], along
 
 @compiled
 def _first(earlier: Indices, run: int) -> int:
-    """Return the first of the runs that are joined with one."""
+    """Return the first of the runs that are joined with `run`."""
     while earlier[run] != run:
         earlier[run] = earlier[earlier[run]]
         run = int(earlier[run])
@@ -270,7 +270,7 @@ def _first(earlier: Indices, run: int) -> int:
 
 @compiled
 def _sizes(xyz: Array, labels: Labels, count: int) -> tuple[Indices, Array]:
-    """Return how many pixels each of `count` labels and 0 has, and its box's diagonal, metres."""
+    """Return pixel count and diagonal of the bounding box, metres, of labels 0 to `count`."""
     size, diagonal = np.zeros(count + 1, np.int64), np.zeros(count + 1)
     low, high = np.full((count + 1, 3), np.inf), np.full((count + 1, 3), -np.inf)
     for row in range(labels.shape[0]):

@@ -1,7 +1,7 @@
-"""The axes in which the network sees a region: up from the table, forward from the camera (D. 69).
+"""Level axes (right, forward, up) of a region, the frame of the network's input (D. 69).
 
-Objects stand on tables: seen so, most planes and axes are upright or level, wherever the camera
-is. Right, forward, up; forward is where the camera looks, along the table.
+Objects stand on tables: in these axes most planes and axes of symmetry are upright or level,
+wherever the camera is. Up is the table's normal, forward the viewing direction along the table.
 """
 
 import numpy as np
@@ -11,9 +11,9 @@ from pipelines.array_types import Array
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import cross, unit
 
-UNKNOWN_UP = unit(np.array([0.0, -1.0, -1.0]))  # of a camera that looks down by 45 degrees
+UNKNOWN_UP = unit(np.array([0.0, -1.0, -1.0]))  # as for a camera that looks down by 45 degrees
 IMAGE_UP = np.array([0.0, -1.0, 0.0])
-STEEPEST = 0.05  # of a view straight down no part is left along the table
+STEEPEST = 0.05  # sine between view and normal; below it the image's top gives the direction
 
 
 def level_axes(center: ArrayLike, table: Plane | None) -> Array:
@@ -31,11 +31,11 @@ def level_axes(center: ArrayLike, table: Plane | None) -> Array:
 
 
 def table_row(plane: Plane | None) -> Array:
-    """Return a plane as (4,): its normal and offset, nan where there is none."""
+    """Return a plane as (4,): normal and offset; nan if there is no plane."""
     return np.full(4, np.nan) if plane is None else np.array([*plane.normal, plane.offset])
 
 
 def table_of_row(row: ArrayLike) -> Plane | None:
-    """Return what `table_row` gave."""
+    """Return the plane of a `table_row`; None for nan."""
     values = np.asarray(row, np.float64)
     return Plane(values[:3], float(values[3])) if np.isfinite(values).all() else None

@@ -1,4 +1,4 @@
-"""Masks as a detector makes them from masks as they are: edges moved, parts leaked or lost."""
+"""Errors of a detector, added to true masks for training: moved edges, leaks, lost parts."""
 
 from dataclasses import dataclass
 
@@ -11,12 +11,12 @@ from pipelines.array_types import Mask
 
 @dataclass(frozen=True)
 class MaskNoise:
-    """How much masks are changed; lengths are shares of the root of the mask's area.
+    """Small errors of masks; lengths are in units of the square root of the mask's area.
 
     Attributes:
-        share: of the masks that are changed at all.
-        edge: the largest erosion or dilation.
-        blot: the largest radius of a disc at the outline that leaks or is lost.
+        share: share of the masks that are changed.
+        edge: largest erosion or dilation.
+        blot: largest radius of a disc at the outline that is added or removed.
     """
 
     share: float
@@ -24,7 +24,7 @@ class MaskNoise:
     blot: float
 
     def applied(self, mask: Mask, rng: np.random.Generator) -> Mask:
-        """Return `mask` (H, W) changed at random; never empty where `mask` was not."""
+        """Return `mask` (H, W) changed at random; never empty unless `mask` is."""
         if not mask.any() or rng.uniform() >= self.share:
             return mask
         size = float(np.sqrt(mask.sum()))
@@ -60,7 +60,7 @@ def _moved_edge(
 
 
 def _blotted(mask: NDArray[np.uint8], reach: float, rng: np.random.Generator) -> NDArray[np.uint8]:
-    """Return `mask` with a disc at its outline filled or cleared, or, as often, neither."""
+    """Return `mask` with a disc at its outline filled or cleared, in half of the cases."""
     inner = cv2.erode(mask, np.ones((3, 3), np.uint8))
     rows, columns = np.nonzero(mask != inner)
     fill, pick = int(rng.integers(4)), rng.uniform()
@@ -75,13 +75,13 @@ def _blotted(mask: NDArray[np.uint8], reach: float, rng: np.random.Generator) ->
 
 @dataclass(frozen=True)
 class MaskFaults:
-    """Worse errors, as where a detector takes two things for one, or half a thing for all of it.
+    """Large errors of masks: two objects detected as one, or half an object as the whole.
 
     Attributes:
-        leak: share of the masks that take in a part of a neighbour they touch.
-        cut: share of the masks that lose what lies beyond a line across them.
-        reach: largest radius of a leak, of the root of the mask's area.
-        loss: largest share of its pixels that a cut takes from a mask.
+        leak: share of the masks that gain a part of a neighbour they touch.
+        cut: share of the masks that lose the pixels beyond a line across them.
+        reach: largest radius of a leak, in units of the square root of the mask's area.
+        loss: largest share of its pixels that a mask loses by a cut.
     """
 
     leak: float
@@ -90,19 +90,19 @@ class MaskFaults:
     loss: float = 0.5
 
     def applied(self, mask: Mask, others: Mask, rng: np.random.Generator) -> Mask:
-        """Return `mask` (H, W) changed at random; `others` are the pixels of all its neighbours."""
+        """Return `mask` (H, W) changed at random; `others`: (H, W) pixels of all neighbours."""
         drawn = rng.uniform(size=2)
         if drawn[0] < self.leak:
             mask = leaked(mask, others & ~mask, self.reach * rng.uniform(0.3, 1.0), rng)
         if drawn[1] < self.cut:
-            mask = cut(mask, rng.uniform(0.1, self.loss), rng)
+            mask = truncated(mask, rng.uniform(0.1, self.loss), rng)
         return mask
 
 
 def leaked(mask: Mask, others: Mask, reach: float, rng: np.random.Generator) -> Mask:
-    """Return `mask` with the pixels of `others` within a disc around a place where they touch.
+    """Return `mask` with the pixels of `others` in a disc around a pixel where both touch.
 
-    `reach`: the disc's radius, of the root of the mask's area.
+    `reach`: radius of the disc, in units of the square root of the mask's area.
     """
     rim = cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
     rows, columns = np.nonzero(rim & others)
@@ -114,7 +114,7 @@ def leaked(mask: Mask, others: Mask, reach: float, rng: np.random.Generator) -> 
     return mask | (others & (disc > 0))
 
 
-def cut(mask: Mask, share: float, rng: np.random.Generator) -> Mask:
+def truncated(mask: Mask, share: float, rng: np.random.Generator) -> Mask:
     """Return `mask` without the `share` of its pixels farthest along a random direction."""
     rows, columns = np.nonzero(mask)
     if len(rows) < 2:

@@ -1,4 +1,4 @@
-"""Organised clouds: normals of a depth image's pixels from planes in inverse depth."""
+"""Normals of organised clouds, from planes fitted in inverse depth."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,14 +12,14 @@ Bytes = NDArray[np.uint8]
 Pair = tuple[float, float]
 Three = tuple[float, float, float]
 
-FEWEST = 6  # pixels that a plane is fitted to
+FEWEST = 6  # pixels to which a plane is fitted
 
 
 def smooth_normals(xyz: Array, mask: Mask, radius: int) -> Array:
-    """Return (H, W, 3) unit normals toward the camera from planes fitted in inverse depth.
+    """Return unit normals (H, W, 3) toward the camera, from planes fitted in inverse depth.
 
-    The plane at a pixel is fitted to the pixels of `mask` in the square of `radius` about it;
-    nan outside `mask` and where fewer than six pixels, or only those of one line, are there.
+    The plane at a pixel is fitted to the pixels of `mask` within `radius` along rows and columns.
+    nan outside `mask`, and where the square holds fewer than six pixels or those of one line only.
     `xyz`: (H, W, 3) metres, of a pinhole camera or a part of its image; nan where missing.
     """
     whole = np.ascontiguousarray(xyz), np.ascontiguousarray(mask)
@@ -27,21 +27,21 @@ def smooth_normals(xyz: Array, mask: Mask, radius: int) -> Array:
 
 
 def image_normals(depth: Floats, x: Array, y: Array, radius: int) -> Array:
-    """Return the `smooth_normals` of `depth` (H, W), metres, known everywhere.
+    """Return the `smooth_normals` of `depth` (H, W), metres, measured everywhere.
 
-    `x`, `y`: (W,), (H,) where the columns and rows lie on the image plane at depth 1.
+    `x`, `y`: coordinates (W,) of the columns and (H,) of the rows at depth 1.
     """
-    with np.errstate(divide="ignore"):  # without any depth there are no normals
+    with np.errstate(divide="ignore"):  # depth of 0 gives nan
         inverse = 1.0 / depth.astype(np.float64)
     return _normals(inverse, np.ones(depth.shape, np.uint8), x, y, radius)
 
 
 @compiled
 def _inverse(xyz: Array, mask: Mask) -> tuple[Array, Bytes, Array, Array]:
-    """Return what `_normals` takes of the pixels of `mask` (H, W) that were measured."""
+    """Return the arguments `inverse`, `known`, `x` and `y` of `_normals`."""
     height, width = mask.shape
     inverse, known = np.zeros((height, width)), np.zeros((height, width), np.uint8)
-    left, right, top, bottom = width, -1, height, -1  # outermost columns and rows, where they lie
+    left, right, top, bottom = width, -1, height, -1  # outermost measured columns and rows
     x0, x1, y0, y1 = 0.0, 0.0, 0.0, 0.0
     for row in range(height):
         for column in range(width):
@@ -57,7 +57,7 @@ def _inverse(xyz: Array, mask: Mask) -> tuple[Array, Bytes, Array, Array]:
             if row < top:
                 top, y0 = row, xyz[row, column, 1] / z
             bottom, y1 = row, xyz[row, column, 1] / z
-    # Without two columns and two rows there is no plane, and no telling how far they are apart.
+    # Two columns and two rows are needed for a plane, and for the spacing of the pixels.
     x = x0 + (np.arange(width) - left) * ((x1 - x0) / max(right - left, 1))
     y = y0 + (np.arange(height) - top) * ((y1 - y0) / max(bottom - top, 1))
     return inverse, known, x, y
@@ -65,9 +65,9 @@ def _inverse(xyz: Array, mask: Mask) -> tuple[Array, Bytes, Array, Array]:
 
 @compiled
 def _normals(inverse: Array, known: Bytes, x: Array, y: Array, radius: int) -> Array:
-    """Return (H, W, 3) the normals at pixels that are `known` (H, W), nan elsewhere.
+    """Return the normals (H, W, 3) at the `known` (H, W) pixels, nan elsewhere.
 
-    `inverse`: (H, W) 1 / depth there, 0 elsewhere. `x`, `y`: as in `image_normals`.
+    `inverse`: (H, W) 1 / depth at known pixels, 0 elsewhere. `x`, `y`: as in `image_normals`.
     """
     height, width = known.shape
     normals = np.empty((height, width, 3))
@@ -98,10 +98,10 @@ def _normals(inverse: Array, known: Bytes, x: Array, y: Array, radius: int) -> A
 
 @compiled
 def _sum_down(inverse: Array, known: Bytes, row: int, radius: int, down: Array) -> None:
-    """Set `down` (5, W + 2 radius) to sums over the columns of the windows about one row.
+    """Set `down` (5, W + 2 radius) to sums over the columns of the windows around one row.
 
-    Of what is known 1, v, v^2 and of inverse depths 1, v, for rows v from the middle; 0 in the
-    margins.
+    With v the row from the window's middle: sums of 1, v, v^2 over known pixels, and of d, v d over
+    inverse depths d; 0 in the margins.
     """
     height, width = known.shape
     down[:] = 0.0
@@ -120,9 +120,9 @@ def _sum_down(inverse: Array, known: Bytes, row: int, radius: int, down: Array) 
 
 @compiled
 def _sum_across(down: Array, radius: int, sums: Array) -> None:
-    """Set `sums` (4, W) to sums over whole windows: how many are known; of inverse depths 1, u, v.
+    """Set `sums` (4, W) to sums over windows: known pixels, and d, u d, v d of inverse depths d.
 
-    `down`: as `_sum_down` sets it.
+    `down`: sums of `_sum_down`.
     """
     width = sums.shape[1]
     sums[:] = 0.0
@@ -139,12 +139,12 @@ def _sum_across(down: Array, radius: int, sums: Array) -> None:
 
 @compiled
 def _fit_whole(sums: Array, slopes: Pair, x: Array, y: float, radius: int, fitted: Array) -> None:
-    """Set `fitted` (3, W) to the normals of planes fitted to windows that are known throughout.
+    """Set `fitted` (3, W) to the normals of planes fitted to windows without missing pixels.
 
-    `sums`: as `_sum_across` sets it. `slopes`: what turns slopes by pixels into those by x, y.
+    `sums`: sums of `_sum_across`. `slopes`: factors from slopes per pixel to slopes by x and y.
     """
     size = (2 * radius + 1) ** 2
-    # The places beside the middle are then without correlation, their mean 0.
+    # In such a window u and v are uncorrelated with mean 0, so each slope has its own quotient.
     spread = size * radius * (radius + 1) / 3.0
     across, down, mean = slopes[0] / spread, slopes[1] / spread, 1.0 / size
     s, us, vs = sums[1], sums[2], sums[3]
@@ -156,7 +156,7 @@ def _fit_whole(sums: Array, slopes: Pair, x: Array, y: float, radius: int, fitte
 
 @compiled
 def _unit(a: float, b: float, middle: float, place: Pair) -> Three:
-    """Return the normal of the plane whose inverse depth is `middle` at `place` x, y."""
+    """Return the normal of the plane with inverse depth `middle` at `place` (x, y)."""
     # d = a x + b y + c with x, y on the image plane at depth 1: the normal is (a, b, c).
     c = middle - a * place[0] - b * place[1]
     scale = -1.0 / np.sqrt(a * a + b * b + c * c)
@@ -165,9 +165,9 @@ def _unit(a: float, b: float, middle: float, place: Pair) -> Three:
 
 @compiled
 def _fitted_in_part(down: Array, sums: Array, at: int, radius: int) -> Three:
-    """Return a plane's slope by column and by row and its value, of a window that is not whole.
+    """Return slope by column, slope by row and value of the plane in a window with missing pixels.
 
-    nan where there is no plane. The window is about column `at`; `down`, `sums`: of its row.
+    nan if no plane is determined. `at`: column of the window; `down`, `sums`: sums of its row.
     """
     n, s, us, vs = sums[0, at], sums[1, at], sums[2, at], sums[3, at]
     u, v, squares_u, squares_v, products = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -179,7 +179,7 @@ def _fitted_in_part(down: Array, sums: Array, at: int, radius: int) -> Three:
         squares_v += down[2, at + k]
         products += step * down[1, at + k]
     uu, vv, uv = n * squares_u - u * u, n * squares_v - v * v, n * products - u * v
-    determinant = uu * vv - uv * uv  # of whole numbers: exactly 0 where all are on one line
+    determinant = uu * vv - uv * uv  # integers, so exactly 0 for pixels on one line
     if n < FEWEST or determinant == 0.0:
         return np.nan, np.nan, np.nan
     us, vs = n * us - u * s, n * vs - v * s

@@ -1,4 +1,4 @@
-"""What hangs down from a plane without a step: the sides of the thing whose lid the plane is."""
+"""Pixels below a plane that join it without a step: the sides of an object under its lid."""
 
 import numpy as np
 
@@ -10,15 +10,15 @@ from pipelines.geometry.numerics.compiled import compiled
 def pixels_of_sides(
     z: Array, near: Mask, inliers: Mask, over: Array, tolerance: float, step: float
 ) -> int:
-    """Return how many pixels lie beneath a plane and join it from pixel to pixel.
+    """Return the number of pixels that lie below a plane and join it from pixel to pixel.
 
     Args:
-        z: (H, W) metres, nan where missing.
-        near: (H, W) pixels to go over.
+        z: (H, W) depth in metres, nan where missing.
+        near: (H, W) pixels to search.
         inliers: (H, W) pixels of the plane.
-        over: (H, W) inverse depth over the plane's.
-        tolerance: inverse depth by which a pixel is beneath.
-        step: share of the depth that neighbours of one surface differ by at most.
+        over: (H, W) inverse depth minus that of the plane.
+        tolerance: inverse depth from which a pixel counts as below.
+        step: largest difference of neighbours on one surface, as a share of their depth.
     """
     height, width = z.shape
     seen = inliers.copy()

@@ -1,4 +1,4 @@
-"""Regions without a network: pieces of what stands on the table that may be objects."""
+"""Regions without a network: pieces of the foreground that may be objects on the table."""
 
 from dataclasses import dataclass
 
@@ -17,13 +17,13 @@ from pipelines.tabletop.tabletop import Tabletop, find_tabletop
 
 Box = tuple[slice, slice]
 
-WORKING_WIDTH = 640  # pixels; larger images are thinned to about this
-FOOT = 6  # pixels below and above a piece where something nearer may hide its foot
-FEET = 500  # points of a piece whose feet are looked for
-KNOWN_FEET = 0.5  # of them must lie where depth is measured
-TABLE_BENEATH = 0.25  # of these may show the table
-TALL = 1.7  # heights that stand out from noise which an object's highest part must reach
-MIN_BORDER = 20  # pixels on the picture's border that say a thing goes on outside
+WORKING_WIDTH = 640  # pixels; larger images are thinned to about this width
+FOOT = 6  # pixels below and above a piece where a nearer piece may hide its foot
+FEET = 500  # points of a piece whose feet on the table are checked
+KNOWN_FEET = 0.5  # least share of these feet with measured depth
+TABLE_BENEATH = 0.25  # largest share of these feet that show the table
+TALL = 1.7  # least height of an object, over the height that stands out from noise
+MIN_BORDER = 20  # pixels on the image border from which an object continues outside
 
 
 @dataclass(frozen=True)
@@ -32,8 +32,8 @@ class GeometricRegions:
 
     Attributes:
         labels: (H, W) 1, 2, ... for regions, 0 elsewhere.
-        plane: the support plane, camera frame, normal to the camera's side; None without one.
-        foreground: (H, W) what is above the plane, in a region or not.
+        plane: support plane, camera frame, normal to the camera's side; None without one.
+        foreground: (H, W) pixels above the plane, in a region or not.
     """
 
     labels: Labels
@@ -55,7 +55,7 @@ def geometric_regions(
 ) -> GeometricRegions:
     """Find the regions of `depth` (H, W) metres, 0 where missing.
 
-    `ground`: (H, W) the pixels that may show the support, where that is known.
+    `ground`: (H, W) pixels that may show the support, if known.
     """
     step = max(1, round(max(depth.shape) / WORKING_WIDTH))
     small = depth[::step, ::step]
@@ -112,7 +112,7 @@ def _sound_regions(
 
 @dataclass(frozen=True)
 class _Piece:
-    """What has one label: its pixels (n,) row by row, their points (n, 3), its box in the image."""
+    """A labelled piece: flat pixels (n,), their points (n, 3), bounding box in the image."""
 
     label: int
     pixels: Indices
@@ -121,7 +121,7 @@ class _Piece:
 
 
 def _pieces(labels: Labels, xyz: Array, min_pixels: int) -> list[_Piece]:
-    """Return the pieces of `labels` (H, W) that have so many pixels, by ascending label."""
+    """Return the pieces of `labels` (H, W) with at least `min_pixels`, by ascending label."""
     order, end = _by_label(labels.ravel(), int(labels.max(initial=0)))
     found = []
     for label in np.flatnonzero(np.diff(end) >= min_pixels) + 1:
@@ -134,9 +134,9 @@ def _pieces(labels: Labels, xyz: Array, min_pixels: int) -> list[_Piece]:
 
 @compiled
 def _by_label(labels: Labels, count: int) -> tuple[Indices, Indices]:
-    """Return the places of what has labels 1 to `count`, in this order, and (count + 1,) the ends.
+    """Return the indices of labels 1 to `count`, label by label, and the ends (count + 1,).
 
-    `labels`: (n,). The places of one label ascend; label 0 has none and ends at 0.
+    `labels`: (n,). The indices of a label ascend; label 0 is left out and ends at 0.
     """
     end = np.zeros(count + 1, np.int64)
     for n in range(len(labels)):
@@ -152,7 +152,7 @@ def _by_label(labels: Labels, count: int) -> tuple[Indices, Indices]:
 
 
 def _without_holes(mask: Mask) -> Mask:
-    """Return `mask` (h, w) and what no way along rows and columns leads out of."""
+    """Return `mask` (h, w) with its holes filled (4-connected)."""
     outside = np.pad(mask.astype(np.uint8), 1)
     cv2.floodFill(outside, None, (0, 0), 1)
     return np.asarray((outside[1:-1, 1:-1] == 0) | mask)
@@ -161,10 +161,10 @@ def _without_holes(mask: Mask) -> Mask:
 def _standing(
     xyz: Array, whole: Labels, top: Tabletop, camera: Intrinsics, config: RegionConfig
 ) -> Mask:
-    """Return (pieces + 1,) which connected pieces come down to the table.
+    """Return a mask (pieces + 1,) of the connected pieces that may reach down to the table.
 
-    One whose foot is hidden behind a nearer piece may, or beneath itself, as seen from above; an
-    arm that hangs into the picture or what is seen beyond the table does not.
+    The foot may be hidden by a nearer piece, or by the piece itself in a view from above. An arm
+    that hangs into the image, or an object beyond the table, does not reach the table.
     """
     result = np.ones(int(whole.max(initial=0)) + 1, bool)
     if top.plane is None:
@@ -188,9 +188,9 @@ def _standing(
 def _hides_its_foot(
     piece: _Piece, xyz: Array, plane: Plane, camera: Intrinsics, config: RegionConfig
 ) -> bool:
-    """Return whether no table is seen where upright walls beneath a piece's outline would end.
+    """Return whether no table is seen where vertical walls under a piece's outline would end.
 
-    What reaches in from the picture's border may be an arm, and is not asked.
+    False for a piece at the image border, which may be an arm.
     """
     rows, columns = piece.box
     cut = rows.start == 0 or columns.start == 0
@@ -205,7 +205,7 @@ def _hides_its_foot(
 
 
 def _border_pixels(mask: Mask, rows: slice, columns: slice, shape: tuple[int, ...]) -> int:
-    """Return how many pixels of `mask`, a cut-out of an image, lie on the image's border."""
+    """Return the number of pixels of `mask`, a cut-out of an image, on the image's border."""
     sides = (
         (rows.start == 0, mask[0]),
         (rows.stop == shape[0], mask[-1]),
@@ -216,15 +216,15 @@ def _border_pixels(mask: Mask, rows: slice, columns: slice, shape: tuple[int, ..
 
 
 def _may_be_object(points: Array, border_pixels: int, top: Tabletop, config: RegionConfig) -> bool:
-    """Return whether the region of `points` (n, 3) is of an object's size and place."""
+    """Return whether the region of `points` (n, 3) has the size and place of an object."""
     greatest = config.max_extent
     if border_pixels > MIN_BORDER:
         greatest = min(greatest, config.max_cut_extent)
-    # The diagonal is quicker than the extent, and never less.
+    # The diagonal is a cheap upper bound of the extent.
     diagonal = np.linalg.norm(np.ptp(np.ascontiguousarray(points.T), axis=1))
     if diagonal > greatest and extent(points) > greatest:
         return False
-    # A strip along the picture's border, or a big thing that reaches in from outside.
+    # A strip along the image border, or a large object that reaches in from outside.
     if border_pixels**2 > config.max_border * len(points):
         return False
     if top.plane is None:

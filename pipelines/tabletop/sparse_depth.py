@@ -1,7 +1,7 @@
-"""Depth with a hole beside almost every pixel, as registering it to a larger picture leaves it.
+"""Filling of sparse depth, as registration to a larger colour image leaves it.
 
-Neighbours tell a stray pixel from a surface, and noise from an edge: where most of them are
-missing, everything would count as stray. So what lies between measured pixels is filled first.
+Later filters compare a pixel with its neighbours; where most neighbours are missing, they would
+reject every pixel as stray. So the holes between measured pixels are filled first.
 """
 
 import cv2
@@ -9,20 +9,20 @@ import numpy as np
 
 from pipelines.array_types import Mask, Singles
 
-GAP = 5  # pixels: the window that closes holes between measured pixels, not shadows
-DENSE = 0.7  # share of the closed surface that is measured, from which depth is left as it is
+HOLE_WINDOW = 5  # pixels: closes holes between measured pixels, but not shadows
+DENSE = 0.7  # measured share of the closed surface from which depth stays as it is
 
 
 def measured_share(depth: Singles) -> float:
-    """Return which share of the surface that `depth` (H, W) shows is measured; 1 without any."""
+    """Return the measured share of the surface in `depth` (H, W), holes closed; 1 without depth."""
     measured = depth > 0.0
     return _share(measured, _closed(measured))
 
 
 def filled(depth: Singles) -> Singles:
-    """Return `depth` (H, W) metres, 0 where missing, with holes as far as the nearest measured one.
+    """Return `depth` (H, W) metres, 0 where missing, with small holes set to the nearest pixel.
 
-    The same array where it is dense enough; holes wider than `GAP` are never filled.
+    Dense depth is returned as is; holes wider than `HOLE_WINDOW` are never filled.
     """
     measured = depth > 0.0
     surface = _closed(measured)
@@ -42,6 +42,6 @@ def _share(measured: Mask, surface: Mask) -> float:
 
 
 def _closed(measured: Mask) -> Mask:
-    kernel = np.ones((GAP, GAP), np.uint8)
+    kernel = np.ones((HOLE_WINDOW, HOLE_WINDOW), np.uint8)
     closed = cv2.morphologyEx(measured.astype(np.uint8), cv2.MORPH_CLOSE, kernel)
     return np.asarray(closed, np.uint8) > 0

@@ -1,8 +1,8 @@
-"""The plane that things stand on, fitted in inverse depth to the pixels of a frame.
+"""The support plane of a frame, fitted in inverse depth.
 
-A plane is affine in inverse depth: 1/z = a u + b v + c. Stereo and structured light measure with
-nearly constant noise there, so planes are fitted and judged in inverse depth, and a tolerance of
-`t` metres at one metre means t z^2 metres at depth z.
+A plane is affine in inverse depth: 1/z = a u + b v + c. Stereo and structured light have nearly
+constant noise there, so planes are fitted and compared in inverse depth, and a tolerance of `t`
+metres at one metre means t z^2 metres at depth z.
 """
 
 from dataclasses import dataclass
@@ -19,19 +19,19 @@ from pipelines.tabletop.footprint import Footprint
 
 Affine = tuple[float, float, float]  # a, b and c of 1/z = a u + b v + c
 
-MAX_PLANES = 4  # candidates that are drawn one after the other
-MAX_FINGERS = 4  # planes that are too small, between them
-ITERATIONS = 300  # hypotheses a candidate
-FITTED = 20000  # pixels, about, that planes are fitted to, evenly spread
-SAMPLE = 4000  # of them that hypotheses are counted on
-MIN_PIXELS = 200  # fewer show no plane
-MAX_FITS = 20  # of a plane to the pixels near it, until these are the same
-STRAY = 0.05  # share of pixels, the nearest, that count no more than the next
+MAX_PLANES = 4  # candidates, found one after the other
+MAX_SMALL_PLANES = 4  # planes on the way that are too small for a table
+ITERATIONS = 300  # hypotheses per candidate
+FITTED = 20000  # pixels, about, to which planes are fitted, evenly spread
+CONSENSUS_SAMPLE = 4000  # of these pixels, on which hypotheses are compared
+MIN_PIXELS = 200  # fewer pixels determine no plane
+MAX_FITS = 20  # least-squares fits of a plane to its inliers, until these stay the same
+CLOSEST_SHARE = 0.05  # the nearest pixels weigh no more than the pixel at this quantile
 
 
 @dataclass(frozen=True)
 class Support:
-    """A plane over an image and in space."""
+    """A plane in inverse depth and in space, camera frame."""
 
     affine: Affine
     plane: Plane
@@ -40,34 +40,34 @@ class Support:
 @dataclass(frozen=True)
 class _Candidate:
     support: Support
-    evidence: Array  # (n,) of each pixel, for the plane or against it
+    evidence: Array  # (n,) of each pixel: positive for the plane, negative against it
 
 
 @dataclass(frozen=True)
 class _Seen:
-    """Some n pixels: (n,) columns, rows and inverse depths, and (3, n) where they lie."""
+    """A sample of n pixels."""
 
-    u: Array
-    v: Array
-    disparity: Array
-    points: Array
-    area: Array  # (n,) square metres that each stands for
-    weight: Array  # (n,) what each counts
+    u: Array  # (n,) columns
+    v: Array  # (n,) rows
+    disparity: Array  # (n,) inverse depths
+    points: Array  # (3, n) metres, camera frame
+    area: Array  # (n,) square metres that a pixel represents
+    weight: Array  # (n,)
 
     def value(self, candidate: _Candidate) -> float:
-        """Return what all pixels together say for a candidate."""
+        """Return the weighted evidence of all pixels for a candidate."""
         return float(self.weight @ candidate.evidence)
 
 
 def find_support(
     xyz: Array, near: Mask, intrinsics: Intrinsics, config: RegionConfig, rng: np.random.Generator
 ) -> Support | None:
-    """Return the best of `MAX_PLANES` candidates; None where none is big enough.
+    """Return the best of up to `MAX_PLANES` candidates; None if none is large enough.
 
-    Candidates are drawn in turn from what earlier ones left. The best has most pixels, near ones
-    counting more; what is seen beneath a plane's own extent speaks against it, because things
-    stand on a table and nothing is seen through it. Planes of a few square centimetres are a
-    hand's fingers before the lens: they are no candidates and do not count (D. 106).
+    Each candidate is found among the pixels that earlier ones left. The best has most pixels, with
+    more weight on near ones; pixels seen through its extent count against it, because a table is
+    opaque. Planes of a few square centimetres are a person's fingers before the lens: they are no
+    candidates and have no weight (D. 106).
     """
     at = np.flatnonzero(near)
     if len(at) < MIN_PIXELS:
@@ -78,15 +78,15 @@ def find_support(
     points = np.ascontiguousarray(xyz.reshape(-1, 3).take(at, axis=0).T)
     disparity = 1.0 / points[2]
     # A few stray pixels at the lens would outweigh a table by their inverse depth (D. 102).
-    weight = np.minimum(disparity, quantiles(disparity, 1.0 - STRAY)) ** 2
-    area = step * points[2] ** 2 / (intrinsics.fx * intrinsics.fy)  # at least
+    weight = np.minimum(disparity, quantiles(disparity, 1.0 - CLOSEST_SHARE)) ** 2
+    area = step * points[2] ** 2 / (intrinsics.fx * intrinsics.fy)  # of a surface facing the camera
     seen = _Seen(u, v, disparity, points, area, weight)
     found = _candidates(seen, intrinsics, config, rng)
     best = max(found, key=seen.value, default=None)
     if best is None:
         return None
-    # What is nearer than the plane is on it or before it, and counts no more than the plane does.
-    most = float(quantiles(weight[best.evidence > 0], 1.0 - STRAY))
+    # Pixels nearer than the plane weigh no more than those of the plane.
+    most = float(quantiles(weight[best.evidence > 0], 1.0 - CLOSEST_SHARE))
     share = seen.value(best) / float(np.minimum(weight, most).sum())
     return best.support if share > config.min_plane_share else None
 
@@ -94,17 +94,17 @@ def find_support(
 def _candidates(
     seen: _Seen, intrinsics: Intrinsics, config: RegionConfig, rng: np.random.Generator
 ) -> list[_Candidate]:
-    """Return up to `MAX_PLANES` candidates; the `weight` of planes that are too small becomes 0."""
+    """Return up to `MAX_PLANES` candidates; set the `weight` of pixels of small planes to 0."""
     found: list[_Candidate] = []
     left = np.ones(len(seen.u), np.bool_)
-    for _ in range(MAX_PLANES + MAX_FINGERS):
+    for _ in range(MAX_PLANES + MAX_SMALL_PLANES):
         rest = np.flatnonzero(left)
         best = max(map(seen.value, found), default=0.0)
         if len(rest) < MIN_PIXELS or seen.weight @ left <= best or len(found) == MAX_PLANES:
-            break  # none can be better
+            break  # no further plane can be better
         drawn = seen.u.take(rest), seen.v.take(rest), seen.disparity.take(rest)
         affine = _ransac(*drawn, config.plane_tolerance, rng)
-        if affine is None:  # pixels of one row or column
+        if affine is None:  # all pixels lie on one line
             break
         residual = seen.disparity - (affine[0] * seen.u + affine[1] * seen.v + affine[2])
         inliers = np.abs(residual) < config.plane_tolerance
@@ -123,20 +123,20 @@ def _candidates(
 
 
 def _seen_through(points: Array, behind: Mask, plane: Plane, inliers: Mask) -> Mask:
-    """Return which of `points` (3, n) that are `behind` the plane are seen through its extent."""
+    """Return a mask (n,) of `points` (3, n) `behind` the plane that are seen through its extent."""
     places = np.flatnonzero(behind)
     crossing = points.take(places, axis=1)
     along = plane.normal @ crossing
     crossing *= -plane.offset / np.where(along < 0, along, -1e-9)
     result = behind.copy()
-    extent = points.take(np.flatnonzero(inliers)[:SAMPLE], axis=1)
+    extent = points.take(np.flatnonzero(inliers)[:CONSENSUS_SAMPLE], axis=1)
     result[places] = Footprint.around(extent.T, plane, 0.0).contains(crossing.T)
     return result
 
 
 def _facing_weight(plane: Plane) -> float:
-    # A wall faces the viewer level with the image; a table is seen from above, so its normal
-    # leans to the image's top. An overhead or an upside-down camera is rarer, not impossible.
+    # The normal of a table seen from above leans to the image's top, that of a wall does not.
+    # Cameras overhead or upside down are possible, so other planes only weigh less.
     return 1.0 if plane.normal[1] < 0.3 else 0.6
 
 
@@ -145,7 +145,7 @@ def _ransac(
 ) -> Affine | None:
     """Return (a, b, c) of the plane 1/z = a u + b v + c with most pixels within `tolerance`.
 
-    None where no three pixels drawn are corners of a triangle.
+    None if every drawn triple of pixels lies on a line.
     """
     triples = rng.integers(0, len(u), (ITERATIONS, 3))
     matrices = np.stack([u[triples], v[triples], np.ones(triples.shape)], axis=-1)
@@ -153,15 +153,15 @@ def _ransac(
     if not sound.any():
         return None
     hypotheses = np.linalg.solve(matrices[sound], disparity[triples][sound][..., None])[..., 0]
-    sample = np.stack([u[:SAMPLE], v[:SAMPLE], disparity[:SAMPLE]]).astype(np.float32)
+    sample = np.stack([u, v, disparity])[:, :CONSENSUS_SAMPLE].astype(np.float32)
     most = np.argmax(_counts(hypotheses.astype(np.float32), sample, tolerance))
     a, b, c = hypotheses[most].tolist()
     fitted = 0.0
     for _ in range(MAX_FITS):
-        # Three unknowns of thousands of pixels: their normal equations are as good, and quick.
+        # Normal equations: accurate enough for three unknowns, and fast for thousands of pixels.
         squares, products = _moments(u, v, disparity, (a, b, c), tolerance)
         a, b, c = np.linalg.lstsq(squares, products, rcond=None)[0].tolist()
-        if squares[2, 2] == fitted:  # as many pixels: it has settled (D. 102)
+        if squares[2, 2] == fitted:  # the same number of inliers: converged (D. 102)
             break
         fitted = squares[2, 2]
     return a, b, c
@@ -178,7 +178,7 @@ def _plane_of(affine: Affine, intrinsics: Intrinsics) -> Plane:
 
 @compiled
 def _counts(hypotheses: Singles, sample: Singles, tolerance: float) -> Indices:
-    """Return (m,) how many pixels' inverse depths are within `tolerance` of each hypothesis.
+    """Return the number (m,) of pixels within `tolerance` of each hypothesis, in inverse depth.
 
     `hypotheses`: (m, 3) a, b and c. `sample`: (3, n) column, row and inverse depth.
     """
@@ -197,7 +197,7 @@ def _counts(hypotheses: Singles, sample: Singles, tolerance: float) -> Indices:
 def _moments(
     u: Array, v: Array, disparity: Array, affine: Affine, tolerance: float
 ) -> tuple[Array, Array]:
-    """Return the normal equations, (3, 3) and (3,), of the pixels within `tolerance` of a plane."""
+    """Return the normal equations (3, 3) and (3,) of the pixels within `tolerance` of a plane."""
     a, b, c = affine
     uu, uv, vv, su, sv, n, du, dv, d = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(len(u)):

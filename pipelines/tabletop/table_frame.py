@@ -1,4 +1,4 @@
-"""The table's frame: what a user means by "above the table" when only a camera is known."""
+"""The table frame: for users who know a camera only, and mean heights above the table."""
 
 import numpy as np
 
@@ -6,15 +6,15 @@ from pipelines.array_types import Array
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import invert, make_pose, unit
 
-LEVEL_ENOUGH = 0.2  # sine of the angle to the table's normal from which an axis says where x is
+LEVEL_ENOUGH = 0.2  # least sine between the table's normal and the camera axis that gives x
 
 
 def table_from_camera(plane: Plane) -> Array:
-    """Return `T_table_cam` (4, 4): camera to table coordinates of a support `plane`.
+    """Return `T_table_cam` (4, 4): camera to table coordinates of a support `plane`, metres.
 
-    The origin is the table's point nearest to the camera, z the plane's normal, x to the camera's
-    right, so that y leads away from the camera; x is the camera's down where its right is no
-    level direction. Metres.
+    The origin is the point of the table nearest to the camera, z the plane's normal, x the camera's
+    right along the table, so y leads away from the camera. If the camera's right is nearly along
+    the normal, x is the camera's down.
     """
     z = plane.normal
     right, down = (axis - (axis @ z) * z for axis in np.eye(3)[:2])

@@ -1,4 +1,4 @@
-"""The support plane of a tabletop frame, and the foreground that stands on it."""
+"""Support plane and foreground of a tabletop frame."""
 
 from dataclasses import dataclass, replace
 
@@ -17,22 +17,22 @@ from pipelines.tabletop.plane_sides import pixels_of_sides
 from pipelines.tabletop.support_plane import Affine, Support, find_support
 
 WARP_WINDOW = 81  # pixels over which a sensor bends a flat table
-CLEARLY = 1.6  # heights that stand out from noise which a thing does not share with its neighbour
-FAR = 10.0  # metres, from where on noise grows no more
-NOISE_FACTOR = 4.0  # standard deviations that foreground stands out by
-MOST_SIDES = 0.25  # pixels that hang down from a table, a pixel of it; from lids it is more
-THIN = 2  # every so many-th row and column tells of a table's noise and extent
+CLEARLY = 1.6  # over the threshold of foreground: pixels that may connect two pieces
+NOISE_LIMIT = 10.0  # metres of depth beyond which noise does not grow
+NOISE_FACTOR = 4.0  # standard deviations by which foreground stands out
+MOST_SIDES = 0.25  # side pixels below a table per pixel of it; a lid has more
+STRIDE = 2  # rows and columns from which a table's noise and extent are measured
 
 
 @dataclass(frozen=True)
 class Tabletop:
-    """What a frame shows: the plane that things stand on, and the pixels of these things.
+    """The support plane of a frame, and the pixels of what stands on it.
 
     Attributes:
-        plane: camera frame, normal to the camera's side; None where there is none.
-        foreground: (H, W) pixels above the plane (all near pixels where there is no plane).
-        clear: (H, W) the foreground that stands out well; bridges of noise between things do not.
-        noise: metres, standard deviation of the depth at one metre; grows with z^2.
+        plane: camera frame, normal to the camera's side; None if there is none.
+        foreground: (H, W) pixels above the plane; all near pixels if there is no plane.
+        clear: (H, W) foreground that clearly stands out, without bridges of noise between objects.
+        noise: standard deviation of the depth at one metre, metres; grows with z^2.
     """
 
     plane: Plane | None
@@ -41,14 +41,15 @@ class Tabletop:
     noise: float
 
     @property
-    def doubt(self) -> float:
-        """Height over the plane that noise makes up, in metres a metre of depth."""
+    def height_noise(self) -> float:
+        """Height over the plane that noise may reach, metres per metre of depth."""
         # Depth errs by noise z^2 along the ray, whose cosine to the normal is offset / z.
         return 0.0 if self.plane is None else NOISE_FACTOR * self.noise * float(self.plane.offset)
 
     def threshold(self, z: ArrayLike, config: RegionConfig) -> Array:
-        """Return (...) the height over the plane that stands out from noise at depth `z` (...)."""
-        return np.asarray(np.maximum(config.min_height, np.minimum(z, FAR) * self.doubt))
+        """Return the least height (...) over the plane of foreground at depth `z` (...), metres."""
+        noise = np.minimum(z, NOISE_LIMIT) * self.height_noise
+        return np.asarray(np.maximum(config.min_height, noise))
 
 
 def find_tabletop(
@@ -60,8 +61,8 @@ def find_tabletop(
 ) -> Tabletop:
     """Find the support plane and the foreground of the organised cloud `xyz` (H, W, 3).
 
-    `xyz`: metres, camera frame, nan where the depth is missing. `ground`: (H, W) the pixels that
-    may show the support, where that is known: without them an object's lid may be taken for it.
+    `xyz`: metres, camera frame, nan where the depth is missing. `ground`: (H, W) pixels that may
+    show the support, if known; without it an object's lid may be mistaken for the support.
     """
     z = np.ascontiguousarray(xyz[..., 2])
     near = near_pixels(z, config)
@@ -74,7 +75,7 @@ def find_tabletop(
     some = _spread(inliers)
     noise = 1.4826 * float(median(np.abs(residual.take(some) - warp.take(some))))
     top = Tabletop(support.plane, near, near, noise)
-    limits = config.min_height, top.doubt, config.max_height
+    limits = config.min_height, top.height_noise, config.max_height
     above, clear = _above(z, near, warp, support.affine, float(support.plane.offset), limits)
     above = np.asarray(cv2.medianBlur(above.view(np.uint8), 3)).view(np.bool_) & near
     points = xyz.reshape(-1, 3)
@@ -88,10 +89,10 @@ def find_tabletop(
 
 
 def _is_lid(z: Array, near: Mask, inliers: Mask, support: Support, config: RegionConfig) -> bool:
-    """Return whether a plane on which nothing stands is a face of a thing instead of a table.
+    """Return whether a plane on which nothing stands is an object's lid instead of a table.
 
-    Where no depth is measured beside an object, its lid is the largest plane; its sides hang down
-    from it. Beyond the edge of a table the depth jumps.
+    If no depth is measured beside an object, its lid is the largest plane. The sides of the object
+    join its lid; beyond the edge of a table the depth jumps.
     """
     rows, columns = (np.arange(count, dtype=np.float64) for count in z.shape)
     a, b, c = support.affine
@@ -101,15 +102,15 @@ def _is_lid(z: Array, near: Mask, inliers: Mask, support: Support, config: Regio
 
 
 def _spread(mask: Mask) -> Indices:
-    """Return (n,) places, counted row by row, of some pixels of `mask` (H, W), evenly spread."""
-    some = _places(mask, THIN)
+    """Return the flat indices (n,) of evenly spread pixels of `mask` (H, W)."""
+    some = _places(mask, STRIDE)
     return some if len(some) else _places(mask, 1)
 
 
 def _smooth(values: Array, mask: Mask) -> Array:
-    """Return (H, W) the mean of `values`, 0 outside `mask`, over its pixels in a wide window.
+    """Return the mean (H, W) of `values` over the pixels of `mask` in a wide window.
 
-    0 where the mask covers no more than a tenth of the window.
+    `values` are 0 outside `mask`; the mean is 0 if the mask covers a tenth of the window or less.
     """
     size = (WARP_WINDOW, WARP_WINDOW)
     share = np.asarray(cv2.boxFilter(mask.view(np.uint8), cv2.CV_64F, size), np.float64)
@@ -120,7 +121,7 @@ def _smooth(values: Array, mask: Mask) -> Array:
 
 
 def near_pixels(z: Array, config: RegionConfig) -> Mask:
-    """Return the (H, W) pixels that are measured and within reach; `z` (H, W), nan if missing."""
+    """Return a mask (H, W) of measured pixels in range; `z`: (H, W) metres, nan where missing."""
     measured = z > 0
     if not measured.any():
         return np.asarray(measured)
@@ -129,7 +130,7 @@ def near_pixels(z: Array, config: RegionConfig) -> Mask:
 
 
 def _large_parts(mask: Mask) -> Mask:
-    # Objects in front cut a table into parts; closing joins what only their shadows part.
+    # Objects in front cut a table into parts; closing joins parts that only shadows separate.
     closed = cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_CLOSE, np.ones((9, 9), np.uint8))
     count, labels = cv2.connectedComponents(closed, connectivity=8)
     if count < 2:
@@ -139,7 +140,7 @@ def _large_parts(mask: Mask) -> Mask:
 
 @compiled
 def _places(mask: Mask, step: int) -> Indices:
-    """Return (n,) where pixels of `mask` (H, W) in every so many-th row and column are."""
+    """Return the flat indices (n,) of the pixels of `mask` in every `step`-th row and column."""
     height, width = mask.shape
     places = np.empty(((height + step - 1) // step) * ((width + step - 1) // step), np.int64)
     count = 0
@@ -153,16 +154,16 @@ def _places(mask: Mask, step: int) -> Indices:
 
 @compiled
 def _in_large(labels: NDArray[np.int32], count: int, mask: Mask) -> Mask:
-    """Return (H, W) the pixels of `mask` in parts of over a tenth of the largest's area."""
+    """Return the pixels (H, W) of `mask` in parts with over a tenth of the largest part's area."""
     area, last, run = np.zeros(count, np.int64), np.int32(0), 0
     for row in range(mask.shape[0]):
-        for column in range(mask.shape[1]):  # added once a run: a third of the time
+        for column in range(mask.shape[1]):  # one addition a run takes a third of the time
             if labels[row, column] != last:
                 area[last] += run
                 last, run = labels[row, column], 0
             run += 1
     area[last] += run
-    area[0] = 0  # what is no part
+    area[0] = 0  # the background
     large = area > 0.1 * area.max()
     result = np.empty_like(mask)
     for row in range(mask.shape[0]):
@@ -173,7 +174,7 @@ def _in_large(labels: NDArray[np.int32], count: int, mask: Mask) -> Mask:
 
 @compiled
 def _near_plane(z: Array, near: Mask, affine: Affine, tolerance: float) -> tuple[Array, Mask]:
-    """Return (H, W) inverse depth over the plane's where it is within `tolerance`; and where."""
+    """Return inverse depth minus the plane's (H, W), 0 beyond `tolerance`, and the inliers."""
     a, b, c = affine
     residual, inliers = np.zeros(z.shape), np.zeros(z.shape, np.bool_)
     for row in range(z.shape[0]):
@@ -189,13 +190,13 @@ def _near_plane(z: Array, near: Mask, affine: Affine, tolerance: float) -> tuple
 def _above(
     z: Array, near: Mask, warp: Array, affine: Affine, offset: float, limits: Affine
 ) -> tuple[Mask, Mask]:
-    """Return (H, W) which pixels are above the table, and which of them clearly.
+    """Return masks (H, W) of the pixels above the table, and of those clearly above it.
 
-    `warp`: (H, W) inverse depth that the sensor adds to the table's. `offset`: of its plane.
-    `limits`: least height, height that noise makes up a metre of depth, greatest height.
+    `warp`: (H, W) inverse depth that the sensor adds at the table. `offset`: of the plane.
+    `limits`: least height, height of noise per metre of depth, greatest height.
     """
     a, b, c = affine
-    least, doubt, greatest = limits
+    least, noise, greatest = limits
     above, clear = np.zeros(z.shape, np.bool_), np.zeros(z.shape, np.bool_)
     for row in range(z.shape[0]):
         for column in range(z.shape[1]):
@@ -205,7 +206,7 @@ def _above(
             # At depth z' the height is offset z' r for a residual r; z' = 1 / (1 / z - warp).
             over = 1.0 / depth - (a * column + b * row + c) - bent
             height = over * depth * offset / (1.0 - bent * depth)
-            threshold = max(least, min(depth, FAR) * doubt)
+            threshold = max(least, min(depth, NOISE_LIMIT) * noise)
             above[row, column] = threshold < height < greatest
             clear[row, column] = height > CLEARLY * threshold
     return above, clear

@@ -6,10 +6,10 @@ import numpy as np
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.pointcloud import Plane
 from pipelines.tabletop.depth_channels import (
-    CHANNELS,
+    CHANNEL_NAMES,
+    FIT_RADIUS,
     HEIGHT_UNIT,
     LIMIT,
-    NORMAL_RADIUS,
     STEP_UNIT,
     SmallFrame,
     depth_channels,
@@ -32,9 +32,9 @@ def table_with_slab():
     return depth.astype(np.float32), slab
 
 
-def test_channels_say_height_over_the_table_and_how_upright_surfaces_are():
+def test_channels_hold_the_height_over_the_table_and_how_upright_surfaces_are():
     depth, slab = table_with_slab()
-    channels = dict(zip(CHANNELS, depth_channels(depth, CAMERA, TABLE), strict=True))
+    channels = dict(zip(CHANNEL_NAMES, depth_channels(depth, CAMERA, TABLE), strict=True))
     inner = np.zeros_like(slab)
     inner[56:84, 66:104] = True
     np.testing.assert_allclose(channels["height"][inner], 1.0, atol=0.02)
@@ -60,7 +60,7 @@ def test_channels_are_what_arrays_make_of_points_and_normals():
     missing = depth == 0
     filled = fill_missing(np.where(missing, np.float32(0.0), cv2.medianBlur(depth, 3)))
     xyz = CAMERA.backproject(filled)
-    normals = np.nan_to_num(smooth_normals(xyz, ~np.zeros_like(missing), NORMAL_RADIUS))
+    normals = np.nan_to_num(smooth_normals(xyz, ~np.zeros_like(missing), FIT_RADIUS))
     height = np.clip(TABLE.height(xyz) / HEIGHT_UNIT, -LIMIT, LIMIT)
     step = np.clip((filled - cv2.blur(filled, (5, 5))) / STEP_UNIT, -LIMIT, LIMIT)
     stretched = np.copysign(np.sqrt(np.abs(height)), height)
@@ -104,7 +104,7 @@ def test_shrinking_keeps_where_points_are():
     assert abs(np.median(heights)) < 0.003
 
 
-def test_a_frame_that_nothing_looks_at_the_colours_of_is_as_small():
+def test_a_frame_without_colour_shrinks_to_the_same_size():
     depth = np.random.default_rng(0).uniform(0.5, 0.9, (144, 192)).astype(np.float32)
     color = np.full((144, 192, 3), 7, np.uint8)
     seen, unseen = (shrink(each, depth, CAMERA, 72, 128) for each in (color, None))

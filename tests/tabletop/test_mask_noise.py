@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from pipelines.tabletop.mask_noise import MaskFaults, MaskNoise, cut, leaked
+from pipelines.tabletop.mask_noise import MaskFaults, MaskNoise, leaked, truncated
 
 seeds = st.integers(0, 2**32 - 1)
 NOISE = MaskNoise(share=1.0, edge=0.05, blot=0.15)
@@ -62,9 +62,9 @@ def test_masks_that_touch_nothing_do_not_leak():
 
 @settings(max_examples=25, deadline=None)
 @given(seeds, st.floats(0.1, 0.5))
-def test_a_cut_takes_the_share_it_is_told_on_one_side_of_a_line(seed, share):
+def test_a_truncated_mask_loses_the_given_share_on_one_side_of_a_line(seed, share):
     mask = disc()
-    left = cut(mask, share, np.random.default_rng(seed))
+    left = truncated(mask, share, np.random.default_rng(seed))
     assert not (left & ~mask).any()
     assert abs(1.0 - left.sum() / mask.sum() - share) < 0.03
     lost, kept = (np.stack(np.nonzero(each), 1).mean(0) for each in (mask & ~left, left))
@@ -74,7 +74,7 @@ def test_a_cut_takes_the_share_it_is_told_on_one_side_of_a_line(seed, share):
     assert side[was_lost].mean() > side[~was_lost].mean()
 
 
-def test_faults_come_as_often_as_they_are_asked_for():
+def test_faults_are_as_frequent_as_configured():
     mask, other = disc(20, (60, 60)), disc(20, (60, 98))
     faults = MaskFaults(leak=0.3, cut=0.2)
     results = [faults.applied(mask, other, np.random.default_rng(i)) for i in range(300)]

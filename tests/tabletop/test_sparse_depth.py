@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipelines.tabletop.sparse_depth import DENSE, GAP, filled, measured_share
+from pipelines.tabletop.sparse_depth import DENSE, HOLE_WINDOW, filled, measured_share
 from tests.geometry.tabletops import Box, render
 
 DEPTH = render([Box((0.06, 0.06, 0.1))])[0].astype(np.float32)
@@ -34,7 +34,7 @@ def test_a_hole_is_as_far_as_the_nearest_pixel_and_what_is_measured_stays(seed, 
         gaps = np.hypot(*(places - [row, column]).T)
         nearest = depth[tuple(places[gaps <= gaps.min() * 1.05 + 1e-6].T)]
         assert result[row, column] in nearest
-        assert gaps.min() < GAP
+        assert gaps.min() < HOLE_WINDOW
 
 
 def test_a_shadow_is_not_filled():

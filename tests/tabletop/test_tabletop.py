@@ -10,7 +10,7 @@ from pipelines.configs import RegionConfig
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import unit
-from pipelines.tabletop.footprint import CELL, Footprint
+from pipelines.tabletop.footprint import GRID_CELL, Footprint
 from pipelines.tabletop.organized import smooth_normals
 from pipelines.tabletop.regions_geometric import _sound_regions, geometric_regions
 from pipelines.tabletop.tabletop import (
@@ -79,7 +79,7 @@ def fingers(depth, share, along):
 
 @pytest.mark.parametrize("along", [(0.12, 0.12), (0.10, 0.18)])
 @pytest.mark.parametrize("share", [0.06, 0.15, 0.25])
-def test_the_hands_own_fingers_before_the_lens_do_not_hide_the_table(share, along):
+def test_fingers_of_a_hand_before_the_lens_do_not_hide_the_table(share, along):
     depth, index = render([Box((0.06, 0.06, 0.1))], looking_at_table(0.8, 0.8))
     alone = find_tabletop(CAMERA.backproject(depth), CAMERA, CONFIG, np.random.default_rng(0))
     seen = fingers(depth, share, along)
@@ -140,7 +140,7 @@ def test_convex_edges_do_not_part_an_object():
     assert best_overlap(regions, index == 0) > 0.9
 
 
-def test_what_is_too_large_for_the_hand_is_no_region():
+def test_what_is_too_large_for_the_gripper_is_no_region():
     depth, _ = render([Box((0.8, 0.05, 0.4), (0, 0.25, 0))])
     assert all(np.ptp(np.nonzero(mask)[1]) < 300 for mask in regions_of(depth).masks)
 
@@ -215,7 +215,7 @@ def test_a_footprint_is_the_hull_of_all_points_widened(seed, count, margin):
     plane = Plane(unit(rng.normal(size=3)), 0.0)
     points = rng.normal(0, 0.1, (count, 3))
     found = Footprint.around(points, plane, margin)
-    cells = ((points @ found.axes - found.low) / CELL).astype(np.int32)
+    cells = ((points @ found.axes - found.low) / GRID_CELL).astype(np.int32)
     expected = np.zeros_like(found.cells)
     cv2.fillConvexPoly(expected, cv2.convexHull(cells), 1)
     if margin:
@@ -292,7 +292,7 @@ def test_a_footprint_contains_what_lies_over_its_cells(seed, margin):
     points = rng.normal(0, 0.2, (200, 3))
     found = table.contains(points)
     for point, inside in zip(points, found, strict=True):
-        column, row = np.floor((point @ table.axes - table.low) / CELL).astype(int)
+        column, row = np.floor((point @ table.axes - table.low) / GRID_CELL).astype(int)
         height, width = table.cells.shape
         over = 0 <= column < width and 0 <= row < height and table.cells[row, column] > 0
         assert inside == over

@@ -243,7 +243,7 @@ def test_what_is_above_is_high_over_the_plane_of_the_table_made_flat(share):
     top = Tabletop(PLANE, near, near, 0.01)
     height = PLANE.height(CAMERA.backproject(1.0 / (1.0 / z - warp)))
     threshold = top.threshold(z, CONFIG)
-    limits = CONFIG.min_height, top.doubt, CONFIG.max_height
+    limits = CONFIG.min_height, top.height_noise, CONFIG.max_height
     above, clear = _above(z, near, warp, affine(PLANE), PLANE.offset, limits)
     expected = near & (height > threshold) & (height < CONFIG.max_height)
     np.testing.assert_array_equal(above, expected)

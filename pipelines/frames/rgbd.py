@@ -66,6 +66,7 @@ class DepthUnits:
 
     integers: float = 1000.0
     floats: float = 1.0  # depth stored as floats is metres, as a rule
+    option: str = "--depth-units-per-metre"  # by which a user says otherwise
 
 
 def read_depth(path: Path, units: DepthUnits) -> NDArray[np.float32]:
@@ -166,7 +167,7 @@ def _metres(
     values[~valid] = 0.0
     unit = units.floats if is_float else units.integers
     depth = values / np.float32(unit)
-    _check_plausible(path, values, depth)
+    _check_plausible(path, values, depth, units.option)
     return depth, unit
 
 
@@ -184,7 +185,7 @@ def stored_depth(path: Path) -> NDArray[Any]:
             return read_image(path)
 
 
-def _check_plausible(path: Path, values: NDArray[Any], depth: NDArray[Any]) -> None:
+def _check_plausible(path: Path, values: NDArray[Any], depth: NDArray[Any], option: str) -> None:
     valid = values > 0
     if not valid.any():
         raise FormatError(path, "every pixel is missing (0, NaN or 65535)", "measure again")
@@ -197,7 +198,7 @@ def _check_plausible(path: Path, values: NDArray[Any], depth: NDArray[Any]) -> N
         path,
         f"the nearest depths are about {_nearest_median(depth[valid]):.4g} m, "
         f"outside {near:g} to {far:g} m",
-        f"give the units per metre with --depth-units-per-metre: they would be {options}",
+        f"give the units per metre with {option}: they would be {options}",
     )
 
 

@@ -1,0 +1,112 @@
+"""Grasps of frames that lie in memory, with models that are loaded once."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pipelines.configs import InferConfig
+from pipelines.grasp_files.gripper_files import load_gripper
+from pipelines.grasping.gripper import Gripper
+from pipelines.inference import models, work
+from symgrasp.frame_input import IntrinsicsLike, frame_of, instance_masks, workspace_of
+from symgrasp.grasps import Grasps
+
+
+class GraspDetector:
+    """Finds grasps in RGB-D frames; the models are loaded when it is made.
+
+    The same frame gives the same grasps, those that `symgrasp infer` writes. One detector may be
+    called from several threads at a time. While a frame is worked on, torch, OpenCV and numpy's
+    matrix products keep to one core.
+    """
+
+    def __init__(
+        self,
+        gripper: str | Path | Gripper | None = None,
+        *,
+        device: str = "auto",
+        settings: InferConfig | None = None,
+        detector: Path | str | None = None,
+        network: Path | str | None = None,
+        plane_critic: Path | str | None = None,
+        grasp_critic: Path | str | None = None,
+        seed: int = 0,
+    ) -> None:
+        """Load the models.
+
+        Args:
+            gripper: preset (`rg2`, `franka`, `robotiq_2f85`), TOML file or `Gripper`; None for
+                that of `settings`.
+            device: `cpu`, `cuda`, `cuda:N`, or `auto`: a GPU if there is one.
+            settings: of the stage `infer`.
+            detector: weights of the region detector; as all weights None for those that come with
+                symgrasp.
+            network: weights of the grasp network.
+            plane_critic: weights of the plane critic.
+            grasp_critic: weights of the grasp critic.
+            seed: of what is drawn at random, in each frame anew.
+
+        Raises:
+            SymgraspError: a gripper, device or setting is not known, or weights are missing.
+        """
+        config = settings or InferConfig()
+        if isinstance(gripper, Gripper):
+            self.gripper, name = gripper, InferConfig.gripper
+        else:
+            name = str(gripper or config.gripper)
+            self.gripper = load_gripper(name)
+        self.settings = replace(config, gripper=name)
+        work.check_names(self.settings)
+        paths = work.InferPaths(
+            Path(),
+            Path(),
+            detector=Path(detector or models.DETECTOR_WEIGHTS),
+            network=Path(network or models.NETWORK_WEIGHTS),
+            planes=Path(plane_critic or models.PLANE_CRITIC_WEIGHTS),
+            hands=Path(grasp_critic or models.GRASP_CRITIC_WEIGHTS),
+        )
+        self._work = work.Settings(paths, self.settings, seed, device, timings=False)
+        self._planner = replace(self._work.planner(), gripper=self.gripper)
+
+    def __call__(
+        self,
+        color: ArrayLike,
+        depth: ArrayLike,
+        intrinsics: IntrinsicsLike,
+        *,
+        masks: ArrayLike | None = None,
+        workspace: ArrayLike | None = None,
+        depth_units_per_metre: float | None = None,
+    ) -> Grasps:
+        """Return the grasps of a frame, best first.
+
+        Args:
+            color: (H, W, 3) uint8 RGB, registered to the depth.
+            depth: (H, W) floats, metres along the optical axis, or whole numbers, millimetres;
+                0, nan, infinity and 65535 are missing.
+            intrinsics: of the depth: fx, fy, cx, cy in pixels, a (3, 3) camera matrix, or a
+                mapping, as camera files have it.
+            masks: the objects to grasp instead of found regions: (H, W) ids, 0 = background, or
+                (n, H, W) bool. A pixel of several masks belongs to the first.
+            workspace: where grasps may be: (H, W) bool, or a box x0, y0, z0, x1, y1, z1 in metres,
+                in the frame that the setting `limits.box_frame` names.
+            depth_units_per_metre: what `depth` is divided by to give metres, if not 1 for floats
+                and 1000 for whole numbers.
+
+        Raises:
+            SymgraspError: an argument is not what it must be; the message says which and why.
+        """
+        frame = frame_of(color, depth, intrinsics, depth_units_per_metre)
+        instances = instance_masks(masks, frame.depth.shape)
+        mask, box = workspace_of(workspace, frame.depth.shape)
+        planner = self._planner
+        if box:
+            limits = replace(self.settings.limits, box=box)
+            planner = replace(planner, config=replace(self.settings, limits=limits))
+        rng = np.random.default_rng(self._work.seed)
+        with self._work.one_core():
+            labels = None if instances is None else instances.labels
+            result = planner.plan(frame, rng, labels, mask)
+        return Grasps.of(result, self.gripper, None if instances is None else instances.ids)

@@ -1,0 +1,127 @@
+"""Regions of a frame and the symmetries that were found in them."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.array_types import Mask
+from pipelines.geometry.symmetry import NUM_SLOTS, ROTATION_SLOT, SPHERE_SLOT
+from pipelines.grasp_files.grasps_file import RegionTable, decode_mask
+
+Kind = Literal["reflection", "rotation", "sphere"]
+
+
+@dataclass(frozen=True, eq=False)
+class FoundSymmetry:
+    """One symmetry of a region, camera frame (Sec. III-E).
+
+    Attributes:
+        region: place of its region in `Grasps.regions`.
+        slot: of the network's five: 0 to 2 mirror planes, 3 rotation axis, 4 sphere.
+        kind: `reflection`, `rotation` or `sphere`.
+        confidence: 0 to 1.
+        point: (3,) float32 metres, on the plane or the axis, or the sphere's centre.
+        direction: (3,) float32 unit, the plane's normal or the axis; nan of a sphere.
+    """
+
+    region: int
+    slot: int
+    kind: Kind
+    confidence: float
+    point: NDArray[np.float32]
+    direction: NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class FoundRegion:
+    """One region of a frame: an object, or a part of one.
+
+    Attributes:
+        box: (4,) float32 pixels x0, y0, x1, y1 of the mask; x1 and y1 are exclusive.
+        confidence: 0 to 1.
+        source: who found it: `detector`, `geometric` or `masks`.
+        symmetries: those found, most confident first.
+        affordance_mean: predicted affordance over the region's points, 0 to 1; nan without network.
+        affordance_max: its largest.
+        instance: of the masks given to the detector, the id, or the place in a stack of masks.
+    """
+
+    box: NDArray[np.float32]
+    confidence: float
+    source: str
+    symmetries: tuple[FoundSymmetry, ...]
+    affordance_mean: float
+    affordance_max: float
+    instance: int | None
+    _runs: NDArray[np.uint32]
+    _size: tuple[int, int]
+
+    @cached_property
+    def mask(self) -> Mask:
+        """(H, W) the region's pixels."""
+        mask = decode_mask(self._runs, *self._size)
+        mask.flags.writeable = False
+        return mask
+
+    def __repr__(self) -> str:
+        found = ", ".join(f"{s.kind} {s.confidence:.2f}" for s in self.symmetries)
+        return f"FoundRegion({self.source}, box {self.box.tolist()}, {found or 'no symmetry'})"
+
+
+def regions_of(
+    table: RegionTable, size: tuple[int, int], ids: NDArray[np.int32] | None = None
+) -> tuple[FoundRegion, ...]:
+    """Return the regions of a frame.
+
+    Args:
+        table: of one frame.
+        size: width and height of the frame.
+        ids: (H, W) of the masks that the regions were made of; None if they were found.
+    """
+    return tuple(_region(table, place, size, ids) for place in range(len(table)))
+
+
+def _region(
+    table: RegionTable, place: int, size: tuple[int, int], ids: NDArray[np.int32] | None
+) -> FoundRegion:
+    start, end = table.mask_start[place : place + 2]
+    runs = table.mask_counts[start:end]
+    return FoundRegion(
+        box=table.box[place],
+        confidence=float(table.confidence[place]),
+        source=str(table.source[place]),
+        symmetries=_symmetries(table, place),
+        affordance_mean=float(table.affordance_mean[place]),
+        affordance_max=float(table.affordance_max[place]),
+        # Runs go down the columns, and the first is of pixels outside.
+        instance=None if ids is None else int(ids.ravel(order="F")[runs[0]]),
+        _runs=runs,
+        _size=size,
+    )
+
+
+def _symmetries(table: RegionTable, place: int) -> tuple[FoundSymmetry, ...]:
+    """Return the symmetries of a region that have a place, most confident first."""
+    confidence, point = table.existence[place], table.symmetry_point[place]
+    slots = [slot for slot in range(NUM_SLOTS) if np.isfinite(point[slot]).all()]
+    return tuple(
+        FoundSymmetry(
+            place,
+            slot,
+            slot_kind(slot),
+            float(confidence[slot]),
+            point[slot],
+            table.symmetry_direction[place, slot],
+        )
+        for slot in sorted(slots, key=lambda slot: -confidence[slot])
+    )
+
+
+def slot_kind(slot: int) -> Kind:
+    """Return what the slot of a symmetry stands for."""
+    if slot == ROTATION_SLOT:
+        return "rotation"
+    return "sphere" if slot == SPHERE_SLOT else "reflection"

@@ -1,0 +1,204 @@
+"""The grasps of one frame, best first over all its regions."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from typing import Any, Literal, Self, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.array_types import Array, Mask, Singles
+from pipelines.errors import SymgraspError, UnknownNameError
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.transforms import nearest_orthogonal
+from pipelines.grasp_files.grasps_file import FrameResult, GraspTable
+from pipelines.grasping import grasps as double_precision
+from pipelines.grasping.gripper import Gripper
+from pipelines.grasping.gripper_poses import CLOSING_ALONG_X, CLOSING_ALONG_Y, gripper_poses
+from symgrasp.found import FoundRegion, FoundSymmetry, regions_of
+
+Convention = Literal["closing_y", "closing_x"]
+GRASP_COLUMNS = tuple(name for name in GraspTable.SPEC if name != "frame")
+BASE_AXES = {"closing_y": CLOSING_ALONG_Y, "closing_x": CLOSING_ALONG_X}
+
+
+@dataclass(frozen=True, eq=False)
+class Grasp:
+    """One grasp, camera frame (OpenCV axes), metres; attributes as `Grasps` has them."""
+
+    region: int
+    rotation: Singles
+    translation: Singles
+    width: float
+    contacts: Singles
+    affordance: float
+    symmetry_slot: int
+    source: str
+    clearance: float
+    enclosed_height: float
+    rank_score: float
+    is_best: bool
+    symmetry: FoundSymmetry | None
+    opening: float
+    gripper: Gripper
+
+    def pose(self, convention: Convention = "closing_y") -> Array:
+        """Return the (4, 4) pose of the gripper's base; see `Grasps.poses`."""
+        one = self.rotation[None], self.translation[None]
+        (pose,) = _base_poses(*one, self.gripper, convention)
+        return np.asarray(pose)
+
+
+@dataclass(frozen=True, eq=False)
+class Grasps:
+    """The n grasps of one frame, best first over all its regions; read-only.
+
+    Indexing with a number gives a `Grasp`, with a slice or an array of places or truths `Grasps`.
+    Camera frame (OpenCV axes: x right, y down, z forward), metres.
+
+    Attributes:
+        region: (n,) int32 places in `regions`.
+        rotation: (n, 3, 3) float32, columns approach, closing, approach x closing.
+        translation: (n, 3) float32, midpoint of the two contacts.
+        width: (n,) float32, distance of the contacts.
+        contacts: (n, 2, 3) float32, the two contacts.
+        affordance: (n,) float32 predicted at the first contact, 0 to 1.
+        symmetry_slot: (n,) int32 slot of the symmetry that gave the second contact; -1 without.
+        source: (n,) str `network`, `planar`, or `random` of that baseline.
+        clearance: (n,) float32, b of Eq. 8, from the gripper to other things, capped.
+        enclosed_height: (n,) float32, h of Eq. 8, of what is between the fingers, capped.
+        rank_score: (n,) float32, 0 to 1, the order of the grasps: the quality that the grasp
+            critic expects, or s of Eq. 8.
+        is_best: (n,) bool, the one to try first of its region.
+        regions: all regions of the frame, those without grasps too.
+        gripper: the gripper of `poses` and `opening`.
+        name: of the frame, in a file.
+        status: `ok`, `empty` (nothing to grasp), or in a file `failed`.
+        message: why there are no grasps; empty where there are some.
+        intrinsics: of the depth image; None where a frame could not be read.
+    """
+
+    region: NDArray[np.int32]
+    rotation: Singles
+    translation: Singles
+    width: Singles
+    contacts: Singles
+    affordance: Singles
+    symmetry_slot: NDArray[np.int32]
+    source: NDArray[np.object_]
+    clearance: Singles
+    enclosed_height: Singles
+    rank_score: Singles
+    is_best: Mask
+    regions: tuple[FoundRegion, ...]
+    gripper: Gripper
+    name: str = ""
+    status: str = "ok"
+    message: str = ""
+    intrinsics: Intrinsics | None = None
+
+    @classmethod
+    def of(
+        cls, result: FrameResult, gripper: Gripper, ids: NDArray[np.int32] | None = None
+    ) -> Self:
+        """Return the grasps of a frame in order of `rank_score`; grasps that tie stay in order.
+
+        Args:
+            result: what was planned, region by region.
+            gripper: that it was planned for.
+            ids: (H, W) of the masks that the regions were made of, if they were.
+        """
+        order = np.argsort(-result.grasps.rank_score, kind="stable")
+        columns = {name: getattr(result.grasps, name)[order] for name in GRASP_COLUMNS}
+        for column in columns.values():
+            column.flags.writeable = False
+        return cls(
+            **columns,
+            regions=regions_of(result.regions, result.size, ids),
+            gripper=gripper,
+            name=result.name,
+            status=result.status,
+            message=result.message,
+            intrinsics=result.intrinsics,
+        )
+
+    def __len__(self) -> int:
+        return len(self.width)
+
+    def __iter__(self) -> Iterator[Grasp]:
+        return (self[place] for place in range(len(self)))
+
+    @overload
+    def __getitem__(self, index: int | np.integer) -> Grasp: ...
+
+    @overload
+    def __getitem__(self, index: slice | Mask | NDArray[np.integer] | list[int]) -> "Grasps": ...
+
+    def __getitem__(
+        self, index: int | np.integer | slice | Mask | NDArray[np.integer] | list[int]
+    ) -> "Grasp | Grasps":
+        rows = {name: getattr(self, name)[index] for name in GRASP_COLUMNS}
+        if isinstance(index, int | np.integer):
+            return self._grasp(rows)
+        rest = {each.name: getattr(self, each.name) for each in fields(self)}
+        return Grasps(**{**rest, **rows})
+
+    def _grasp(self, row: dict[str, Any]) -> Grasp:
+        values = {k: v.item() if isinstance(v, np.generic) else v for k, v in row.items()}
+        found = self.regions[row["region"]].symmetries
+        return Grasp(
+            **values,
+            symmetry=next((s for s in found if s.slot == row["symmetry_slot"]), None),
+            opening=float(self.gripper.opening(row["width"])),
+            gripper=self.gripper,
+        )
+
+    @property
+    def best(self) -> Grasp:
+        """The grasp to try first.
+
+        Raises:
+            SymgraspError: there is none; the message says why.
+        """
+        if not len(self):
+            raise SymgraspError(f"there is no grasp: {self.message or 'all were left out'}")
+        return self[0]
+
+    @property
+    def symmetries(self) -> tuple[FoundSymmetry, ...]:
+        """The symmetries of all regions."""
+        return tuple(symmetry for region in self.regions for symmetry in region.symmetries)
+
+    @property
+    def opening(self) -> Array:
+        """(n,) metres between the open fingers: width and the gripper's clearance on each side."""
+        return self.gripper.opening(self.width)
+
+    def poses(self, convention: Convention = "closing_y") -> Array:
+        """Return (n, 4, 4) poses of the gripper's base in the camera frame, float64.
+
+        The base is the mounting face; z is the approach.
+
+        Args:
+            convention: `closing_y`, fingers close along y, as of `panda_hand` in MoveIt, ROS and
+                Isaac; or `closing_x`, as in Contact-GraspNet and ACRONYM.
+
+        Raises:
+            UnknownNameError: another convention.
+        """
+        return _base_poses(self.rotation, self.translation, self.gripper, convention)
+
+    def __repr__(self) -> str:
+        best = f", best rank_score {self.rank_score[0]:.2f}" if len(self) else f": {self.message}"
+        return f"Grasps({len(self)} in {len(self.regions)} regions{best})"
+
+
+def _base_poses(
+    rotation: Singles, translation: Singles, gripper: Gripper, convention: Convention
+) -> Array:
+    if convention not in BASE_AXES:
+        raise UnknownNameError("convention", convention, BASE_AXES)
+    exact = double_precision.Grasps.unchecked(
+        nearest_orthogonal(rotation), translation.astype(np.float64), np.zeros(len(rotation))
+    )
+    return gripper_poses(exact, gripper.base_to_contacts, BASE_AXES[convention])

@@ -1,0 +1,160 @@
+"""`GraspDetector`: arrays in, the grasps of `symgrasp infer` out."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import fields, replace
+from threading import Barrier
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from pipelines.configs import InferConfig, LimitsConfig
+from pipelines.errors import MissingInputError, SymgraspError, UnknownNameError
+from pipelines.grasp_files.gripper_files import load_gripper
+from pipelines.inference.models import WEIGHTS
+from symgrasp import GraspDetector, Grasps, bundled_frame, read_grasps
+from symgrasp_cli.app import app
+from tests.geometry.tabletops import CAMERA, Box, Can, render
+
+LIGHT = InferConfig(regions="geometric", method="planar")
+DEPTH, INDEX = render([Can(0.035, 0.12), Box((0.05, 0.05, 0.05), (0.15, 0, 0))])
+COLOR = np.full((*DEPTH.shape, 3), 90, np.uint8)
+
+
+@pytest.fixture(scope="module")
+def detector():
+    return GraspDetector(device="cpu")
+
+
+@pytest.fixture(scope="module")
+def light():
+    return GraspDetector(settings=LIGHT)
+
+
+def assert_same(one: Grasps, other: Grasps):
+    for field in fields(Grasps):
+        a, b = getattr(one, field.name), getattr(other, field.name)
+        if isinstance(a, np.ndarray):
+            assert a.dtype == b.dtype
+            np.testing.assert_array_equal(a, b)
+        elif field.name not in ("name", "regions"):
+            assert a == b
+    for a, b in zip(one.regions, other.regions, strict=True):
+        np.testing.assert_array_equal(a.mask, b.mask)
+        assert (a.source, a.confidence) == (b.source, b.confidence)
+        for s, t in zip(a.symmetries, b.symmetries, strict=True):
+            assert (s.slot, s.kind, s.confidence) == (t.slot, t.kind, t.confidence)
+            np.testing.assert_array_equal(s.point, t.point)
+            np.testing.assert_array_equal(s.direction, t.direction)
+
+
+def test_the_grasps_of_a_bundled_frame_are_those_of_the_command_bit_for_bit(detector, tmp_path):
+    out = tmp_path / "grasps.h5"
+    command = [
+        "infer",
+        str(WEIGHTS / "frames" / "table_1_depth.png"),
+        "--out",
+        str(out),
+        "--device",
+        "cpu",
+    ]
+    assert CliRunner().invoke(app, command).exit_code == 0
+    ((name, written),) = read_grasps(out).items()
+    assert name == "table_1"
+    found = detector(*bundled_frame("table_1"))
+    assert len(found) > 10
+    assert_same(found, written)
+
+
+def test_two_threads_find_the_grasps_that_one_finds(detector):
+    frames = [bundled_frame("table_1"), bundled_frame("table_2")]
+    expected = [detector(*frame) for frame in frames]
+    together = Barrier(2)
+
+    def work(frame):
+        together.wait()
+        return [detector(*frame) for _ in range(2)]
+
+    with ThreadPoolExecutor(2) as pool:
+        for found, alone in zip(pool.map(work, frames), expected, strict=True):
+            for each in found:
+                assert_same(each, alone)
+
+
+def test_the_same_frame_gives_the_same_grasps_each_time(light):
+    lens = CAMERA.lens
+    assert_same(light(COLOR, DEPTH, lens), light(COLOR, DEPTH, lens))
+
+
+def test_the_users_masks_are_the_regions_and_say_which_they_are(light):
+    ids = np.select([INDEX == 0, INDEX == 1], [9, 4])
+    by_id = light(COLOR, DEPTH, CAMERA, masks=ids)
+    assert [(r.source, r.instance) for r in by_id.regions] == [("masks", 4), ("masks", 9)]
+    np.testing.assert_array_equal(by_id.regions[1].mask, INDEX == 0)
+    stacked = light(COLOR, DEPTH, CAMERA, masks=[INDEX == 1, INDEX == 0])
+    assert [r.instance for r in stacked.regions] == [0, 1]
+    assert_same(stacked, by_id)
+
+
+def test_grasps_keep_to_the_workspace(light):
+    everywhere = light(COLOR, DEPTH, CAMERA)
+    assert set(everywhere.region) == {0, 1}
+    box = (0.08, -1.0, 0.0, 1.0, 1.0, 2.0)
+    right = light(COLOR, DEPTH, CAMERA, workspace=box)
+    assert len(right)
+    assert (right.translation[:, 0] > 0.08).all()
+    by_setting = GraspDetector(settings=replace(LIGHT, limits=LimitsConfig(box=box)))
+    assert_same(by_setting(COLOR, DEPTH, CAMERA), right)
+    none = light(COLOR, DEPTH, CAMERA, workspace=np.zeros(DEPTH.shape, bool))
+    assert (none.status, len(none)) == ("empty", 0)
+    assert "workspace" in none.message
+
+
+def test_a_gripper_is_a_name_a_file_or_made(tmp_path):
+    narrow = replace(load_gripper("rg2"), name="narrow", max_opening=0.06)
+    lines = [f"{f.name} = {getattr(narrow, f.name)!r}" for f in fields(narrow)]
+    path = tmp_path / "narrow.toml"
+    path.write_text("\n".join(lines).replace("'", '"'))
+    by_file = GraspDetector(path, settings=LIGHT)
+    made = GraspDetector(narrow, settings=LIGHT)
+    assert by_file.gripper == made.gripper == narrow
+    assert_same(by_file(COLOR, DEPTH, CAMERA), made(COLOR, DEPTH, CAMERA))
+    assert made(COLOR, DEPTH, CAMERA).opening.max() <= 0.06 + 1e-6
+    assert GraspDetector("franka", settings=LIGHT).gripper.name == "franka"
+    by_setting = GraspDetector(settings=replace(LIGHT, gripper="franka"))
+    assert by_setting.gripper.name == "franka"
+
+
+def test_nothing_is_written_and_no_picture_kept(light, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    color, depth = COLOR.copy(), DEPTH.copy()
+    found = light(color, depth, CAMERA)
+    width = found.width.copy()
+    color[:], depth[:] = 0, 0
+    np.testing.assert_array_equal(found.width, width)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("options", "kind", "sentence"),
+    [
+        ({"gripper": "panda"}, UnknownNameError, "'panda' is not known; .*franka"),
+        ({"device": "gpu"}, UnknownNameError, "device 'gpu' is not known"),
+        ({"network": "none.safetensors"}, MissingInputError, "none.safetensors does not exist"),
+        ({"detector": "none.safetensors"}, MissingInputError, "none.safetensors does not exist"),
+        ({"plane_critic": "none.safetensors"}, MissingInputError, "none.safetensors does not"),
+        ({"grasp_critic": "none.safetensors"}, MissingInputError, "none.safetensors does not"),
+    ],
+)
+def test_what_cannot_be_loaded_is_said_when_the_detector_is_made(options, kind, sentence):
+    with pytest.raises(kind, match=sentence):
+        GraspDetector(**options)
+
+
+def test_a_frame_that_is_none_is_refused_in_a_sentence(light):
+    with pytest.raises(SymgraspError, match="color is an array"):
+        light(COLOR / 255, DEPTH, CAMERA)
+    with pytest.raises(SymgraspError, match="masks is an array"):
+        light(COLOR, DEPTH, CAMERA, masks=np.ones((2, 2), bool))
+    with pytest.raises(SymgraspError, match="workspace is"):
+        light(COLOR, DEPTH, CAMERA, workspace=(1, 2, 3))

@@ -1,0 +1,81 @@
+"""`read_grasps`: a file of grasps by the names of its frames."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipelines.errors import FormatError, SymgraspError
+from pipelines.grasp_files import grasps_file
+from pipelines.grasp_files.grasps_file import FrameResult
+from pipelines.grasp_files.gripper_files import gripper_digest, load_gripper
+from pipelines.storage.provenance import make_stamp
+from symgrasp import Grasps, read_grasps
+from tests.grasp_files.exports.gripper_toys import random_result
+
+RNG = np.random.default_rng(1)
+RESULTS = [
+    random_result(RNG, 5, "s/a"),
+    FrameResult("b", "failed", "b_depth.png: depth has 8 bits"),
+    random_result(RNG, 0, "c"),
+]
+
+
+def written(path, gripper="franka", digest=None):
+    inputs = {} if digest is None else {"gripper": digest}
+    grasps_file.write(path, RESULTS, make_stamp("infer", {"gripper": gripper}, inputs=inputs))
+    return path
+
+
+def test_frames_are_read_by_name_in_the_order_of_the_file(tmp_path):
+    frames = read_grasps(str(written(tmp_path / "g.h5")))
+    assert list(frames) == ["s/a", "b", "c"]
+    assert len(frames) == 3
+    assert "c" in frames
+    assert "d" not in frames
+    assert [grasps.status for grasps in frames.values()] == ["ok", "failed", "empty"]
+    expected = Grasps.of(RESULTS[0], load_gripper("franka"))
+    for column in ("rotation", "width", "rank_score", "region"):
+        np.testing.assert_array_equal(getattr(frames["s/a"], column), getattr(expected, column))
+    assert frames["s/a"].name == "s/a"
+    np.testing.assert_array_equal(frames["s/a"].regions[1].mask, expected.regions[1].mask)
+
+
+def test_a_frame_that_failed_has_no_grasps_and_says_why(tmp_path):
+    frame = read_grasps(written(tmp_path / "g.h5"))["b"]
+    assert (len(frame), frame.regions, frame.intrinsics) == (0, (), None)
+    with pytest.raises(SymgraspError, match="depth has 8 bits"):
+        _ = frame.best
+
+
+def test_a_frame_that_is_not_there_is_a_key_error_in_a_sentence(tmp_path):
+    frames = read_grasps(written(tmp_path / "g.h5"))
+    with pytest.raises(SymgraspError, match=r"frame of .*g.h5 'a' is not known; known are b, c"):
+        frames["a"]
+    assert frames.get("a") is None
+
+
+def test_poses_are_of_the_gripper_that_the_grasps_were_found_for_or_of_another(tmp_path):
+    path = written(tmp_path / "g.h5")
+    assert read_grasps(path).gripper == load_gripper("franka")
+    assert read_grasps(path, "rg2").gripper == load_gripper("rg2")
+    own = replace(load_gripper("rg2"), flange_to_tip=0.3)
+    assert read_grasps(path, own)["s/a"].gripper is own
+
+
+def test_a_gripper_that_is_gone_or_has_changed_must_be_named(tmp_path):
+    gone = written(tmp_path / "gone.h5", str(tmp_path / "mine.toml"))
+    with pytest.raises(SymgraspError, match=r"mine.toml.* is not there any more"):
+        read_grasps(gone)
+    changed = written(tmp_path / "changed.h5", "franka", gripper_digest("rg2"))
+    with pytest.raises(SymgraspError, match="has other measures now"):
+        read_grasps(changed)
+    assert len(read_grasps(gone, "rg2")["s/a"].poses()) == 5
+
+
+def test_what_is_no_file_of_grasps_is_refused_in_a_sentence(tmp_path):
+    (tmp_path / "g.h5").write_text("grasps")
+    with pytest.raises(FormatError, match=r"g\.h5"):
+        read_grasps(tmp_path / "g.h5")
+    with pytest.raises(SymgraspError, match=r"none\.h5"):
+        read_grasps(tmp_path / "none.h5")

@@ -107,8 +107,8 @@ def _by_step(sources: Sequence[FrameSource], device: str) -> tuple[dict[str, flo
         load_gripper(config.gripper),
         TimedDetector(clock.timed("detector", detect)),
         TimedPredictor(clock.timed("network", predict)),
-        models.plane_critic(models.PLANE_CRITIC_WEIGHTS),
-        models.grasp_critic(models.GRASP_CRITIC_WEIGHTS),
+        models.symmetry_critics(),
+        models.grasp_critic(),
     )
     with ExitStack() as patches:
         for step, (module, name) in STEPS.items():

@@ -96,6 +96,18 @@ def infer(
         Path | None,
         typer.Option(exists=True, help="Weights of the grasp network, if not the default."),
     ] = None,
+    axis_critic: Annotated[
+        Path | None,
+        typer.Option(exists=True, help="Weights of the axis critic, if not the default."),
+    ] = None,
+    plane_critic: Annotated[
+        Path | None,
+        typer.Option(exists=True, help="Weights of the plane critic, if not the default."),
+    ] = None,
+    grasp_critic: Annotated[
+        Path | None,
+        typer.Option(exists=True, help="Weights of the grasp critic, if not the default."),
+    ] = None,
     timings: Annotated[
         bool,
         typer.Option("--timings", help="Write each frame's seconds; files then differ by run."),
@@ -135,7 +147,13 @@ def infer(
         raise typer.BadParameter("--workspace-frame goes with a box of --workspace")
     room, direction = parse_workspace(workspace), parse_direction(approach_direction)
     paths = stage.InferPaths(frames, out, overlays, masks, room.mask)
-    paths = paths.with_weights(detector, network)
+    paths = paths.with_weights(
+        detector=detector,
+        network=network,
+        axis_critic=axis_critic,
+        plane_critic=plane_critic,
+        grasp_critic=grasp_critic,
+    )
     config = InferConfig(
         regions=regions,
         method=method,

@@ -52,7 +52,7 @@ class Baselines:
     @classmethod
     def of(cls, reader: TruthReader, gripper: Gripper) -> "Baselines":
         """Return the baselines of `infer` as it is by default."""
-        return cls(reader, gripper, InferConfig(), models.grasp_critic(models.GRASP_CRITIC_WEIGHTS))
+        return cls(reader, gripper, InferConfig(), models.grasp_critic())
 
     def rows(
         self,

@@ -65,8 +65,8 @@ def golden_result(frame_name: str, device: str = "cpu", folder: Path = FRAMES) -
             load_gripper(config.gripper),
             models.detector(models.DETECTOR_WEIGHTS, device),
             models.predictor(models.NETWORK_WEIGHTS, device),
-            models.plane_critic(models.PLANE_CRITIC_WEIGHTS),
-            models.grasp_critic(models.GRASP_CRITIC_WEIGHTS),
+            models.symmetry_critics(),
+            models.grasp_critic(),
         )
         return planner.plan(found[0].read(), np.random.default_rng(0))
 

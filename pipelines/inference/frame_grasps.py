@@ -12,11 +12,10 @@ from pipelines.frames.rgbd import Frame
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.grasp_files.grasps_file import FrameResult
 from pipelines.grasping.candidates.completion import completions
-from pipelines.grasping.candidates.grounding import ground_symmetries
+from pipelines.grasping.candidates.grounding import SymmetryCritics, ground_symmetries
 from pipelines.grasping.grasp_candidates import RankedGrasps
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.observation import RegionCloud, SceneCloud
-from pipelines.grasping.ranking.point_critic import PointCritic
 from pipelines.grasping.ranking.ranking import Critic
 from pipelines.grasping.region_grasping import MIN_POINTS, plan_planar, plan_random, plan_region
 from pipelines.inference.empty_frames import why_empty
@@ -32,25 +31,25 @@ class Planner:
     """Everything that turns regions into grasps; without networks where these are None.
 
     Raises:
-        SymgraspError: symmetries are to be fitted to what is seen, without a plane critic; or
-            hands are to be judged without a critic of them.
+        SymgraspError: symmetries are to be fitted without critics of them, or grasps to be ranked
+            by a critic that is not given.
     """
 
     config: InferConfig
     gripper: Gripper
     detector: Detector | None = None
     predictor: Predictor | None = None
-    plane_critic: PointCritic | None = None
+    symmetry_critics: SymmetryCritics | None = None
     grasp_critic: Critic | None = None
 
     def __post_init__(self) -> None:
         selection = self.config.selection
         if self.predictor is None:
             return
-        if selection.ground_symmetries and self.plane_critic is None:
-            raise SymgraspError("fitted symmetries need a plane critic, or ground_symmetries=False")
+        if selection.ground_symmetries and self.symmetry_critics is None:
+            raise SymgraspError("fitted symmetries need critics, or ground_symmetries=False")
         if selection.uses_grasp_critic and self.grasp_critic is None:
-            raise SymgraspError('judged hands need a critic of them, or rank_by="eq8"')
+            raise SymgraspError('ranked grasps need a grasp critic, or rank_by="eq8"')
 
     def plan(
         self,
@@ -120,10 +119,10 @@ class Planner:
 
     def _symmetries(self, seen: PredictedRegion, scene: SceneCloud) -> SymmetrySlots:
         """Return the predicted symmetries of a region, fitted to what is seen of it."""
-        if self.plane_critic is None or not self.config.selection.ground_symmetries:
+        if self.symmetry_critics is None or not self.config.selection.ground_symmetries:
             return seen.slots
         return ground_symmetries(
-            seen.slots, seen.cloud, scene, self.config.selection, self.plane_critic
+            seen.slots, seen.cloud, scene, self.config.selection, self.symmetry_critics
         )
 
     def _taken_apart(

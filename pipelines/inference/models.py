@@ -1,4 +1,4 @@
-"""The networks and critics of `infer`, loaded once a process."""
+"""The networks and critics of `infer`, each loaded once a process."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ import cv2
 from threadpoolctl import OpenBLASController, ThreadpoolController
 
 from pipelines.errors import MissingInputError
+from pipelines.grasping.candidates.axis_critic import AxisCritic
+from pipelines.grasping.candidates.grounding import SymmetryCritics
 from pipelines.grasping.ranking import critic_files
 from pipelines.grasping.ranking.point_critic import PointCritic
 from pipelines.grasping.ranking.ranking import GraspCritic
@@ -26,10 +28,16 @@ if TYPE_CHECKING:
 WEIGHTS = Path(__file__).parent.parent / "weights"
 DETECTOR_WEIGHTS = WEIGHTS / "detector.safetensors"
 NETWORK_WEIGHTS = WEIGHTS / "network.safetensors"
+AXIS_CRITIC_WEIGHTS = WEIGHTS / "axis_critic.safetensors"
 PLANE_CRITIC_WEIGHTS = WEIGHTS / "plane_critic.safetensors"
 GRASP_CRITIC_WEIGHTS = WEIGHTS / "grasp_critic.safetensors"
 DRIVERS = ("/dev/nvidiactl", "/dev/kfd", "/dev/dxg")  # of NVIDIA, AMD, and WSL
-PLANE_CRITIC_BY, GRASP_CRITIC_BY = "tools/train_plane_critic.py", "tools/train_grasp_critic.py"
+
+# The commands that write the weights.
+DETECTOR_BY, NETWORK_BY = "symgrasp finetune-detector", "symgrasp train"
+AXIS_CRITIC_BY = critic_files.COMMANDS[critic_files.AXES]
+PLANE_CRITIC_BY = critic_files.COMMANDS[critic_files.PLANES]
+GRASP_CRITIC_BY = critic_files.COMMANDS[critic_files.GRASPS]
 
 
 def existing_weights(path: Path, written_by: str) -> Path:
@@ -43,7 +51,7 @@ def existing_weights(path: Path, written_by: str) -> Path:
     return path
 
 
-_LOADING = Lock()  # several frames may ask at a time
+_LOADING = Lock()  # several threads may work on frames
 
 
 def detector(path: Path, device: str) -> RegionDetector:
@@ -53,21 +61,26 @@ def detector(path: Path, device: str) -> RegionDetector:
 
 
 def predictor(path: Path, device: str, mirrored: bool = False) -> GraspPredictor:
-    """Return the grasp network of the weights `path`; `mirrored`: regions' mirror images too."""
+    """Return the grasp network of the weights `path`.
+
+    `mirrored`: it sees each region and its mirror image (D. 101).
+    """
     with _LOADING:
         return _predictor(path, device, mirrored)
 
 
-def plane_critic(path: Path) -> PointCritic:
-    """Return the plane critic of the weights `path`."""
+def symmetry_critics(
+    axes: Path = AXIS_CRITIC_WEIGHTS, planes: Path = PLANE_CRITIC_WEIGHTS
+) -> SymmetryCritics:
+    """Return the critics of the weights `axes` and `planes`."""
     with _LOADING:
-        return _critic(path, critic_files.PLANES, PLANE_CRITIC_BY)
+        return SymmetryCritics(_axis_critic(axes), _critic(planes, critic_files.PLANES))
 
 
-def grasp_critic(path: Path) -> GraspCritic:
+def grasp_critic(path: Path = GRASP_CRITIC_WEIGHTS) -> GraspCritic:
     """Return the grasp critic of the weights `path`."""
     with _LOADING:
-        return GraspCritic(_critic(path, critic_files.GRASPS, GRASP_CRITIC_BY))
+        return GraspCritic(_critic(path, critic_files.GRASPS))
 
 
 def uses_gpu(device: str) -> bool:
@@ -151,16 +164,22 @@ def _matrix_products() -> ThreadpoolController:
 def _detector(path: Path, device: str) -> RegionDetector:
     from pipelines.network.detection.detector import RegionDetector  # noqa: PLC0415 - torch is slow to load
 
-    return RegionDetector.load(existing_weights(path, "symgrasp finetune-detector"), device)
+    return RegionDetector.load(existing_weights(path, DETECTOR_BY), device)
 
 
 @lru_cache(maxsize=2)
 def _predictor(path: Path, device: str, mirrored: bool) -> GraspPredictor:
     from pipelines.network.predictor import GraspPredictor  # noqa: PLC0415 - torch is slow to load
 
-    return GraspPredictor.load(existing_weights(path, "symgrasp train"), device, mirrored)
+    return GraspPredictor.load(existing_weights(path, NETWORK_BY), device, mirrored)
 
 
 @lru_cache(maxsize=4)
-def _critic(path: Path, model: str, written_by: str) -> PointCritic:
-    return critic_files.read(existing_weights(path, written_by), model)
+def _critic(path: Path, model: str) -> PointCritic:
+    weights = existing_weights(path, critic_files.COMMANDS[model])
+    return critic_files.read_point_critic(weights, model)
+
+
+@lru_cache(maxsize=2)
+def _axis_critic(path: Path) -> AxisCritic:
+    return critic_files.read_axis_critic(existing_weights(path, AXIS_CRITIC_BY))

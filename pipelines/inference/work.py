@@ -58,12 +58,13 @@ class InferPaths:
     workspace: Path | None = None
     detector: Path = models.DETECTOR_WEIGHTS
     network: Path = models.NETWORK_WEIGHTS
-    planes: Path = models.PLANE_CRITIC_WEIGHTS
-    hands: Path = models.GRASP_CRITIC_WEIGHTS
+    axis_critic: Path = models.AXIS_CRITIC_WEIGHTS
+    plane_critic: Path = models.PLANE_CRITIC_WEIGHTS
+    grasp_critic: Path = models.GRASP_CRITIC_WEIGHTS
 
-    def with_weights(self, detector: Path | None, network: Path | None) -> "InferPaths":
-        """Return the same paths with other weights; None keeps what is there."""
-        return replace(self, detector=detector or self.detector, network=network or self.network)
+    def with_weights(self, **weights: Path | None) -> "InferPaths":
+        """Return the same paths with other weights, by field; None keeps what is there."""
+        return replace(self, **{name: path for name, path in weights.items() if path is not None})
 
 
 @dataclass(frozen=True)
@@ -87,8 +88,8 @@ class Settings:
         return self.config.method == "network"
 
     @property
-    def uses_plane_critic(self) -> bool:
-        """Whether symmetries are fitted to what is seen, and judged by it."""
+    def uses_symmetry_critics(self) -> bool:
+        """Whether symmetries are fitted to the seen surface."""
         return self.uses_network and self.config.selection.ground_symmetries
 
     @property
@@ -100,17 +101,19 @@ class Settings:
         """Return the digests of the weights that are used."""
         wanted = {}
         if self.uses_detector:
-            path = models.existing_weights(self.paths.detector, "symgrasp finetune-detector")
+            path = models.existing_weights(self.paths.detector, models.DETECTOR_BY)
             wanted["detector"] = digest(path)
         if self.uses_network:
-            path = models.existing_weights(self.paths.network, "symgrasp train")
+            path = models.existing_weights(self.paths.network, models.NETWORK_BY)
             wanted["network"] = digest(path)
-        if self.uses_plane_critic:
-            path = models.existing_weights(self.paths.planes, models.PLANE_CRITIC_BY)
-            wanted["planes"] = digest(path)
+        if self.uses_symmetry_critics:
+            path = models.existing_weights(self.paths.axis_critic, models.AXIS_CRITIC_BY)
+            wanted["axis_critic"] = digest(path)
+            path = models.existing_weights(self.paths.plane_critic, models.PLANE_CRITIC_BY)
+            wanted["plane_critic"] = digest(path)
         if self.uses_grasp_critic:
-            path = models.existing_weights(self.paths.hands, models.GRASP_CRITIC_BY)
-            wanted["hands"] = digest(path)
+            path = models.existing_weights(self.paths.grasp_critic, models.GRASP_CRITIC_BY)
+            wanted["grasp_critic"] = digest(path)
         return wanted
 
     def other_inputs(self) -> dict[str, str]:
@@ -136,8 +139,10 @@ class Settings:
             load_gripper(self.config.gripper),
             models.detector(paths.detector, device) if self.uses_detector else None,
             models.predictor(paths.network, device, mirrored) if self.uses_network else None,
-            models.plane_critic(self.paths.planes) if self.uses_plane_critic else None,
-            models.grasp_critic(self.paths.hands) if self.uses_grasp_critic else None,
+            models.symmetry_critics(paths.axis_critic, paths.plane_critic)
+            if self.uses_symmetry_critics
+            else None,
+            models.grasp_critic(paths.grasp_critic) if self.uses_grasp_critic else None,
         )
 
 

@@ -24,8 +24,8 @@ DEPTH, INDEX = render([Box((0.06, 0.09, 0.1))], POSE)
 FRAME = Frame("f", np.full((240, 320, 3), 90, np.uint8), DEPTH.astype(np.float32), CAMERA)
 CONFIG = InferConfig(regions="geometric")
 CRITICS = {
-    "plane_critic": models.plane_critic(models.PLANE_CRITIC_WEIGHTS),
-    "grasp_critic": models.grasp_critic(models.GRASP_CRITIC_WEIGHTS),
+    "symmetry_critics": models.symmetry_critics(),
+    "grasp_critic": models.grasp_critic(),
 }
 
 
@@ -120,16 +120,16 @@ def test_the_overlay_of_an_empty_frame_is_the_picture_itself():
 
 
 def test_symmetries_are_not_left_unfitted_in_silence():
-    with pytest.raises(SymgraspError, match="plane critic"):
+    with pytest.raises(SymgraspError, match="need critics"):
         Planner(CONFIG, load_gripper("rg2"), predictor=Oracle())
 
 
-def test_hands_are_not_left_unjudged_in_silence():
-    planes = CRITICS["plane_critic"]
-    with pytest.raises(SymgraspError, match="critic of them"):
-        Planner(CONFIG, load_gripper("rg2"), predictor=Oracle(), plane_critic=planes)
+def test_grasps_are_not_left_without_a_critic_in_silence():
+    critics = CRITICS["symmetry_critics"]
+    with pytest.raises(SymgraspError, match="need a grasp critic"):
+        Planner(CONFIG, load_gripper("rg2"), predictor=Oracle(), symmetry_critics=critics)
     as_paper = replace(CONFIG, selection=replace(CONFIG.selection, rank_by="eq8"))
-    Planner(as_paper, load_gripper("rg2"), predictor=Oracle(), plane_critic=planes)
+    Planner(as_paper, load_gripper("rg2"), predictor=Oracle(), symmetry_critics=critics)
 
 
 def limited(workspace=None, **settings):

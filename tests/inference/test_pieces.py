@@ -66,7 +66,7 @@ def planned(boxes, predictor, regions="auto", **planning):
     # Symmetries are not fitted: what the stand-in says of them is what counts.
     selection = replace(InferConfig().selection, ground_symmetries=False)
     config = InferConfig(regions=regions, selection=selection)
-    critic = models.grasp_critic(models.GRASP_CRITIC_WEIGHTS)
+    critic = models.grasp_critic()
     planner = Planner(
         config,
         load_gripper("rg2"),

@@ -342,15 +342,29 @@ def test_missing_weights_name_the_command_that_makes_them(frames, tmp_path):
         infer.run(paths, InferConfig(regions="geometric"), OPTIONS)
 
 
-def test_a_missing_judge_of_hands_is_asked_for_only_where_it_ranks(frames, tmp_path):
-    paths = infer.InferPaths(frames, tmp_path / "g.h5", hands=tmp_path / "none.safetensors")
+@pytest.mark.parametrize("kind", ["axis", "plane"])
+def test_a_missing_critic_of_symmetries_is_asked_for_only_where_they_are_fitted(
+    frames, tmp_path, kind
+):
+    missing = {f"{kind}_critic": tmp_path / "none.safetensors"}
+    paths = infer.InferPaths(frames, tmp_path / "g.h5", **missing)
     config = InferConfig(regions="geometric")
-    with pytest.raises(MissingInputError, match="train_grasp_critic"):
+    command = {"axis": "axes", "plane": "planes"}[kind]
+    with pytest.raises(MissingInputError, match=f"symgrasp train-critic {command}"):
+        infer.run(paths, config, OPTIONS)
+    unfitted = dataclasses.replace(config, selection=SelectionConfig(ground_symmetries=False))
+    assert infer.run(paths, unfitted, OPTIONS).exit_code == 0
+
+
+def test_a_missing_grasp_critic_is_asked_for_only_where_it_ranks(frames, tmp_path):
+    paths = infer.InferPaths(frames, tmp_path / "g.h5", grasp_critic=tmp_path / "none.safetensors")
+    config = InferConfig(regions="geometric")
+    with pytest.raises(MissingInputError, match="symgrasp train-critic grasps"):
         infer.run(paths, config, OPTIONS)
     as_paper = dataclasses.replace(config, selection=SelectionConfig(rank_by="eq8"))
     assert infer.run(paths, as_paper, OPTIONS).exit_code == 0
     with pytest.raises(StaleOutputError):
-        infer.run(dataclasses.replace(paths, hands=GRASP_CRITIC_WEIGHTS), config, OPTIONS)
+        infer.run(dataclasses.replace(paths, grasp_critic=GRASP_CRITIC_WEIGHTS), config, OPTIONS)
 
 
 def test_scores_are_qualities_to_expect_unless_the_paper_ranks(frames, tmp_path):

@@ -1,8 +1,8 @@
-"""Ground predicted symmetries in what the camera sees: fit them, and critic how far to trust them.
+"""Predicted symmetries fitted to the seen surface, with the confidence in each (D. 31).
 
-The network tells roughly where a region's symmetries are; the measured points tell exactly, and
-whether they are there at all: a true symmetry maps the seen surface onto seen surface or behind
-it, never into observed free space (D. 31).
+The network says roughly where a region's symmetries are; the measured points say exactly, and
+whether they exist at all: a true symmetry maps the seen surface onto seen surface or behind it,
+never into observed free space.
 """
 
 from dataclasses import dataclass
@@ -10,7 +10,6 @@ from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit
 
 from pipelines.configs import SelectionConfig
 from pipelines.geometry.symmetry import (
@@ -25,54 +24,47 @@ from pipelines.geometry.symmetry import (
 from pipelines.geometry.symmetry_fitting import fit_rotations, fit_sphere
 from pipelines.geometry.transforms import rotation_about
 from pipelines.grasping.candidates.axis_candidates import candidate_axes
+from pipelines.grasping.candidates.axis_critic import AxisCritic
 from pipelines.grasping.candidates.decoding import in_observed_frustum
-from pipelines.grasping.candidates.plane_evidence import RegionEvidence, trusted_planes
+from pipelines.grasping.candidates.plane_evidence import RegionEvidence, likely_planes
 from pipelines.grasping.observation import RegionCloud, SceneCloud
 from pipelines.grasping.ranking.point_critic import PointCritic
 
 Array = NDArray[np.float64]
 
-NUM_POINTS = 400  # of the region that are fitted
-EVERY = 4  # so many-th of them is turned about each axis
+NUM_POINTS = 400  # of the region that are fitted; chosen by eye, as the next two
+STRIDE = 4  # of these, between the points that are turned about each axis
 TURNS = np.radians([60.0, 120.0, 180.0, 240.0, 300.0])
 
-# Logistic regression of truth on (1, existence, support, consistency), `tools/calibrate_trust.py`.
-WEIGHTS = {
-    "rotation": (-24.5, 5.6, 3.0, 20.4),
-    "sphere": (-13.6, 7.6, 18.3, 4.8),
-}
-
-
-Turned = TypeVar("Turned", RotationSymmetry, SphereSymmetry)
+Fitted = TypeVar("Fitted", RotationSymmetry, SphereSymmetry)
 
 
 @dataclass(frozen=True)
-class Evidence(Generic[Turned]):
-    """One fitted axis or centre and what speaks for it, each 0 to 1.
+class SymmetryCritics:
+    """The critics of fitted symmetries: of axes and spheres, and of mirror planes."""
+
+    axes: AxisCritic
+    planes: PointCritic
+
+
+@dataclass(frozen=True)
+class Evidence(Generic[Fitted]):
+    """k fitted axes or spheres of a region, and the evidence for each.
 
     Attributes:
-        symmetry: camera frame.
-        existence: what the network says.
-        support: share of the seen surface that the fit explains.
-        consistency: share of images that lie on or behind the observed surface.
+        symmetries: k of one kind, camera frame.
+        rows: (k, 3), 0 to 1: the network's existence; the share of the seen surface that the fit
+            explains; the share of images that lie on or behind the observed surface.
     """
 
-    symmetry: Turned
-    existence: float
-    support: float
-    consistency: float
+    symmetries: list[Fitted]
+    rows: Array
 
-    @property
-    def confidence(self) -> float:
-        """Probability that the symmetry is true."""
-        known = self.existence, self.support, self.consistency
-        return float(expit(log_odds(self.symmetry.kind, *known)))
-
-
-def log_odds(kind: str, existence: float, support: float, consistency: float) -> float:
-    """Return the log odds that a symmetry of some `kind` is true; the rest as in `Evidence`."""
-    constant, *slopes = WEIGHTS[kind]
-    return constant + slopes[0] * existence + slopes[1] * support + slopes[2] * consistency
+    def best(self, critic: AxisCritic) -> tuple[Fitted, float]:
+        """Return the most likely symmetry and the confidence in it."""
+        kind = self.symmetries[0].kind
+        chosen = int(critic.log_odds(kind, self.rows).argmax())
+        return self.symmetries[chosen], float(critic.probability(kind, self.rows[chosen]))
 
 
 def ground_symmetries(
@@ -80,20 +72,21 @@ def ground_symmetries(
     region: RegionCloud,
     scene: SceneCloud,
     config: SelectionConfig,
-    critic: PointCritic,
+    critics: SymmetryCritics,
 ) -> SymmetrySlots:
     """Return `slots` fitted to `region`; existence becomes the confidence in each."""
-    step = max(1, len(region) // NUM_POINTS)
-    points, normals = region.points[::step].copy(), region.normals[::step].copy()
-    axis = axis_evidence(slots, points, normals, scene, config)
-    sphere = sphere_evidence(slots, points, normals, scene, config)
-    known = RegionEvidence(slots, axis.symmetry, points, normals, region.mask, scene)
-    planes = trusted_planes(known, config, critic)
+    points, normals = fitted_points(region)
+    axis, axis_confidence = axis_evidence(slots, points, normals, scene, config).best(critics.axes)
+    sphere, sphere_confidence = sphere_evidence(slots, points, normals, scene, config).best(
+        critics.axes
+    )
+    known = RegionEvidence(slots, axis, points, normals, region.mask, scene)
+    planes = likely_planes(known, config, critics.planes)
     chosen: list[tuple[int, Symmetry, float]] = [
-        (slot, plane, trust) for slot, (plane, trust) in zip(REFLECTION_SLOTS, planes, strict=False)
+        (slot, *plane) for slot, plane in zip(REFLECTION_SLOTS, planes, strict=False)
     ]
-    chosen.append((ROTATION_SLOT, axis.symmetry, axis.confidence))
-    chosen.append((SPHERE_SLOT, sphere.symmetry, sphere.confidence))
+    chosen.append((ROTATION_SLOT, axis, axis_confidence))
+    chosen.append((SPHERE_SLOT, sphere, sphere_confidence))
     found = SymmetrySlots.empty()
     for slot, symmetry, confidence in chosen:
         found.existence[slot] = confidence
@@ -101,22 +94,25 @@ def ground_symmetries(
     return found
 
 
+def fitted_points(region: RegionCloud) -> tuple[Array, Array]:
+    """Return the points (n, 3) of `region` that symmetries are fitted to, and their normals."""
+    step = max(1, len(region) // NUM_POINTS)
+    return region.points[::step].copy(), region.normals[::step].copy()
+
+
 def axis_evidence(
     slots: SymmetrySlots, points: Array, normals: Array, scene: SceneCloud, config: SelectionConfig
 ) -> Evidence[RotationSymmetry]:
-    """Return the axis, of all candidates fitted, that is trusted most."""
+    """Return all candidate axes, fitted to `points` (n, 3) with `normals` (n, 3)."""
     starts = candidate_axes(slots, points, normals, scene.plane)
     fits = fit_rotations(starts, points, normals)
     axes, feet = np.array([fit.direction for fit in fits]), np.array([fit.point for fit in fits])
-    images = _turned(points[::EVERY], axes, feet)
+    images = _turned(points[::STRIDE], axes, feet)
     free = in_observed_frustum(images.reshape(-1, 3), scene, config).reshape(images.shape[:-1])
-    shares = free.mean(axis=(0, 2))
-    existence = float(slots.existence[ROTATION_SLOT])
-    known = [
-        (existence, fit.support, float(share)) for fit, share in zip(fits, shares, strict=True)
-    ]
-    best = max(range(len(fits)), key=lambda index: log_odds("rotation", *known[index]))
-    return Evidence(RotationSymmetry(axes[best], feet[best]), *known[best])
+    existence = np.full(len(fits), slots.existence[ROTATION_SLOT])
+    support = np.array([fit.support for fit in fits])
+    rows = np.stack([existence, support, free.mean(axis=(0, 2))], axis=1)
+    return Evidence([RotationSymmetry(*each) for each in zip(axes, feet, strict=True)], rows)
 
 
 def _turned(points: Array, axes: Array, feet: Array) -> Array:
@@ -129,9 +125,9 @@ def _turned(points: Array, axes: Array, feet: Array) -> Array:
 def sphere_evidence(
     slots: SymmetrySlots, points: Array, normals: Array, scene: SceneCloud, config: SelectionConfig
 ) -> Evidence[SphereSymmetry]:
-    """Return the network's sphere, fitted."""
+    """Return the network's sphere, fitted to `points` (n, 3) with `normals` (n, 3)."""
     fit = fit_sphere(slots.point[SPHERE_SLOT], points, normals)
     sphere = SphereSymmetry(fit.point)
     free = in_observed_frustum(sphere.counterpart(points), scene, config)
     existence = float(slots.existence[SPHERE_SLOT])
-    return Evidence(sphere, existence, fit.support, float(free.mean()))
+    return Evidence([sphere], np.array([[existence, fit.support, free.mean()]]))

@@ -1,11 +1,12 @@
-"""What a candidate plane makes of the seen points, point by point: what a plane critic looks at.
+"""Features of mirror planes for the plane critic: seen points and their mirror images.
 
-Each point is told in the plane's own axes (normal, up in the plane, across), with where its mirror
-image falls: on the seen surface or off it, behind what the camera saw or before it, above the
-table or beneath. Nothing depends on which way the plane's normal points.
+Each point is given in the plane's own axes (normal, up in the plane, across), with the place of its
+mirror image: on the seen surface or off it, behind or before what the camera measured, above the
+table or beneath. Nothing depends on the sign of the plane's normal.
 """
 
 from dataclasses import dataclass
+from enum import IntEnum, auto
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,31 +25,56 @@ Array = NDArray[np.float64]
 Rows = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.int64]
-Pictured = tuple[Indices, Mask, Array, Mask]
+Projected = tuple[Indices, Mask, Array, Mask]
 
+# All chosen by eye; the shipped weights were trained with them.
 NUM_POINTS = 128  # of a region that are mirrored
-FARTHEST = 0.03  # metres from an image to the seen surface; beyond, it is far
-DEEPEST = 0.05  # metres behind or before what is seen
-HEIGHTS = (-0.1, 0.5)  # metres above the table
-LEVEL = 0.3  # of a plane this level, up says nothing: forward takes its place
-POINT_FEATURES = 14
-PLANE_FEATURES = 3
+FARTHEST = 0.03  # metres, cap of the distance from an image to the seen surface
+FARTHEST_GAP = 0.02  # metres, cap of that distance along the normal
+DEEPEST = 0.05  # metres, cap of the depth behind or before the measured surface
+HEIGHTS = (-0.1, 0.5)  # metres above the table, caps
+LEVEL = 0.3  # length of up in the plane below which the viewing direction takes its place
+
+
+class PointFeature(IntEnum):
+    """Columns of the features of a point and its mirror image."""
+
+    ALONG_NORMAL = 0  # decimetres, as the next two
+    ALONG_UP = auto()
+    ALONG_ACROSS = auto()
+    NORMAL_NORMAL = auto()  # the surface normal in the plane's axes
+    NORMAL_UP = auto()
+    NORMAL_ACROSS = auto()
+    IMAGE_DISTANCE = auto()  # to the nearest seen point of the region, of `FARTHEST`
+    IMAGE_GAP = auto()  # the same along that point's normal, of `FARTHEST_GAP`
+    IMAGE_AGREEMENT = auto()  # cosine of that normal and the mirrored one
+    IMAGE_BEHIND = auto()  # what the camera measured at its pixel, half decimetres
+    IMAGE_IS_MEASURED = auto()  # whether anything was measured at its pixel
+    IMAGE_IS_OWN = auto()  # whether its pixel is the region's
+    HEIGHT = auto()  # above the table, 2 decimetres
+    IMAGE_HEIGHT = auto()
+
+
+POINT_FEATURES = tuple(each.name.lower() for each in PointFeature)
+POINT_COLUMNS = len(PointFeature)
+# Cosines of: the plane's normal and up, the normal and the view, the view and up.
+PLANE_FEATURES = ("normal_up", "normal_view", "view_up")
 
 
 @dataclass(frozen=True)
 class MirrorImages:
-    """Points of a region, and the images of m of them in each of k planes.
+    """Points of a region, and the images of m of them in each of k planes. Camera frame, metres.
 
     Attributes:
-        points: (n, 3) metres, camera frame.
-        normals: (n, 3).
-        moved: (m,) which points are mirrored, evenly taken; some twice where there are fewer.
+        points: (n, 3).
+        normals: (n, 3) unit.
+        moved: (m,) indices of the mirrored points, evenly taken; some twice where there are fewer.
         images: (k, m, 3).
-        distance: (k, m) metres from an image to the nearest seen point of the region.
-        gap: (k, m) metres along that one's normal.
-        agreement: (k, m) cosine between that normal and the mirrored one.
-        sides: (k, 3) metres from each plane to the ends of the points, along its normal, and
-            between them to the median.
+        distance: (k, m) from an image to the nearest seen point of the region.
+        gap: (k, m) the same along that point's normal.
+        agreement: (k, m) cosine of that normal and the mirrored one.
+        sides: (k, 3) from each plane, along its normal, to the lower end of the points, to their
+            median and to their upper end.
     """
 
     points: Array
@@ -74,11 +100,8 @@ class MirrorImages:
         return cls(points, normals, moved, images, distance, *met, sides)
 
 
-def plane_rows(planes: list[ReflectionSymmetry], region: Array, scene: SceneCloud) -> Rows:
-    """Return (k, 3): how each plane stands to the table and the view.
-
-    `region`: its points (n, 3), metres, camera frame.
-    """
+def plane_features(planes: list[ReflectionSymmetry], region: Array, scene: SceneCloud) -> Rows:
+    """Return (k, 3) the `PLANE_FEATURES` of planes of a region with points (n, 3)."""
     ray = unit(region.mean(axis=0))
     up = np.zeros(3) if scene.plane is None else scene.plane.normal
     normal = np.array([plane.normal for plane in planes])
@@ -86,27 +109,24 @@ def plane_rows(planes: list[ReflectionSymmetry], region: Array, scene: SceneClou
     return np.stack(columns, axis=1).astype(np.float32)
 
 
-def point_rows(
+def point_features(
     planes: list[ReflectionSymmetry],
     mirrored: MirrorImages,
     mask: Mask,
     scene: SceneCloud,
 ) -> Rows:
-    """Return (k, 128, 14): what each plane makes of some of the points.
+    """Return (k, 128, 14) the `POINT_FEATURES` of points under each plane.
 
-    In order: the point (3, decimetres) and its normal (3) in the plane's axes; the image's distance
-    to the nearest seen point, its gap along that one's normal, whether the normals agree; how far
-    behind the depth image it lies, whether anything was measured there, whether that is the region
-    (`mask`, (H, W)); the heights of point and image above the table.
+    `mask`: (H, W) the region's pixels.
     """
     axes, foot = _plane_axes(planes, mirrored, scene)
     flat, table = mirrored.images.reshape(-1, 3), np.zeros(4)
     if scene.plane is not None:
         table[:3], table[3] = scene.plane.normal, scene.plane.offset
     seen = mirrored.points[mirrored.moved], mirrored.normals[mirrored.moved]
-    told = mirrored.images, mirrored.distance, mirrored.gap, mirrored.agreement
-    pictured = *scene.intrinsics.pixels_of(flat), scene.depth, mask
-    return _rows(axes, foot, seen, told, pictured, table)
+    met = mirrored.images, mirrored.distance, mirrored.gap, mirrored.agreement
+    projected = *scene.intrinsics.pixels_of(flat), scene.depth, mask
+    return _rows(axes, foot, seen, met, projected, table)
 
 
 def _plane_axes(
@@ -138,9 +158,9 @@ def _meetings(
     moved: Indices,
     planes: Array,
 ) -> tuple[Array, Array]:
-    """Return (k, m) how far images lie from the `nearest` of `points` (n, 3), along its normal.
+    """Return (k, m) distances of images from the `nearest` of `points` (n, 3), along its normal.
 
-    And the cosine between that normal and the image's, mirrored in planes with normals (k, 3).
+    And the cosines of that normal and the image's, mirrored in planes with normals (k, 3).
     """
     gap, agreement = np.empty(nearest.shape), np.empty(nearest.shape)
     for k in range(len(images)):
@@ -161,23 +181,23 @@ def _rows(
     axes: Array,
     foot: Array,
     seen: tuple[Array, Array],
-    told: tuple[Array, Array, Array, Array],
-    pictured: Pictured,
+    met: tuple[Array, Array, Array, Array],
+    projected: Projected,
     table: Array,
 ) -> Rows:
-    """Return what `point_rows` says.
+    """Return what `point_features` does.
 
     Args:
         axes: (k, 3, 3) of the planes.
         foot: (k, 3) on them.
         seen: points and normals (m, 3).
-        told: of their images (k, m, 3) the distance, the gap and the agreement (k, m).
-        pictured: the images' pixels (k m, 2), which lie in the picture, its depth (H, W) and mask.
+        met: images (k, m, 3), their distance, gap and agreement (k, m).
+        projected: pixels (k m, 2) of the images, which lie in the picture, its depth (H, W), mask.
         table: (4,) normal and offset; zeros for none.
     """
-    (points, normals), (images, distance, gap, agreement) = seen, told
-    pixels, inside, depth, mask = pictured
-    rows = np.zeros((len(axes), len(points), POINT_FEATURES), np.float32)
+    (points, normals), (images, distance, gap, agreement) = seen, met
+    pixels, inside, depth, mask = projected
+    rows = np.zeros((len(axes), len(points), POINT_COLUMNS), np.float32)
     for k in range(len(axes)):
         for m in range(len(points)):
             height, image_height = table[3], table[3]
@@ -186,20 +206,25 @@ def _rows(
                 for i in range(3):
                     along += axes[k, a, i] * (points[m, i] - foot[k, i])
                     facing += axes[k, a, i] * normals[m, i]
-                rows[k, m, a], rows[k, m, 3 + a] = 10.0 * along, facing
+                rows[k, m, PointFeature.ALONG_NORMAL + a] = 10.0 * along
+                rows[k, m, PointFeature.NORMAL_NORMAL + a] = facing
                 height += table[a] * points[m, a]
                 image_height += table[a] * images[k, m, a]
-            rows[k, m, 6] = min(distance[k, m], FARTHEST) / FARTHEST * 0.9
-            rows[k, m, 7] = min(max(gap[k, m], -0.02), 0.02) * 50.0
-            rows[k, m, 8] = agreement[k, m]
+            far = min(distance[k, m], FARTHEST) / FARTHEST * 0.9
+            off = min(max(gap[k, m], -FARTHEST_GAP), FARTHEST_GAP)
+            rows[k, m, PointFeature.IMAGE_DISTANCE] = far
+            rows[k, m, PointFeature.IMAGE_GAP] = off * 50.0
+            rows[k, m, PointFeature.IMAGE_AGREEMENT] = agreement[k, m]
             at = k * len(points) + m
             if inside[at]:
                 column, row = pixels[at, 0], pixels[at, 1]
                 if depth[row, column] > 0:
-                    behind = images[k, m, 2] - depth[row, column]
-                    rows[k, m, 9] = 20.0 * min(max(behind, -DEEPEST), DEEPEST)
-                    rows[k, m, 10] = 1.0
-                rows[k, m, 11] = mask[row, column]
-            rows[k, m, 12] = 5.0 * min(max(height, HEIGHTS[0]), HEIGHTS[1])
-            rows[k, m, 13] = 5.0 * min(max(image_height, HEIGHTS[0]), HEIGHTS[1])
+                    behind = min(max(images[k, m, 2] - depth[row, column], -DEEPEST), DEEPEST)
+                    rows[k, m, PointFeature.IMAGE_BEHIND] = 20.0 * behind
+                    rows[k, m, PointFeature.IMAGE_IS_MEASURED] = 1.0
+                rows[k, m, PointFeature.IMAGE_IS_OWN] = mask[row, column]
+            height = min(max(height, HEIGHTS[0]), HEIGHTS[1])
+            image_height = min(max(image_height, HEIGHTS[0]), HEIGHTS[1])
+            rows[k, m, PointFeature.HEIGHT] = 5.0 * height
+            rows[k, m, PointFeature.IMAGE_HEIGHT] = 5.0 * image_height
     return rows

@@ -1,8 +1,7 @@
-"""Critic candidate mirror planes of a region by what the camera sees of it (D. 65).
+"""Mirror planes of a region: candidates fitted to the seen surface, the best by a critic (D. 65).
 
-A true plane maps the seen surface onto seen surface or behind it, never into observed free space;
-it lies in the middle. The evidence is a row of numbers, and the points as the plane sees them; a
-`PointCritic` makes a probability of them.
+A true plane maps the seen surface onto seen surface or behind it, never into observed free space,
+and lies in the middle. The plane critic, a `PointCritic`, makes a probability of that evidence.
 """
 
 from dataclasses import dataclass
@@ -20,7 +19,11 @@ from pipelines.geometry.symmetry import (
 )
 from pipelines.geometry.symmetry_fitting import MIN_OVERLAP, fit_reflections
 from pipelines.grasping.candidates.decoding import in_observed_frustum
-from pipelines.grasping.candidates.mirror_views import MirrorImages, plane_rows, point_rows
+from pipelines.grasping.candidates.mirror_views import (
+    MirrorImages,
+    plane_features,
+    point_features,
+)
 from pipelines.grasping.candidates.plane_candidates import (
     candidate_planes,
     distinct,
@@ -30,41 +33,43 @@ from pipelines.grasping.observation import SceneCloud
 from pipelines.grasping.ranking.point_critic import PointCritic
 
 Array = NDArray[np.float64]
+Rows = NDArray[np.float32]
 
-BESIDE = 0.008  # metres between an image and the nearest seen point: it is beside the surface
-ON_SURFACE = 0.003  # metres along the normal: it lies on the surface
+# All chosen by eye, but for RIVALS (D. 65); the shipped weights were trained with them.
+BESIDE = 0.008  # metres from an image to the nearest seen point: it lies beside the surface
+ON_SURFACE = 0.003  # metres along that point's normal: it lies on the surface
 FACING = np.cos(np.radians(20.0))
 LEVEL = np.cos(np.radians(25.0))
-UNKNOWN_TILT = 0.7  # for a plane's cosine with the table's normal, where no table is known
+UNKNOWN_TILT = 0.7  # stands for the cosine with the table's normal where no table is known
 SAME_FIT = np.radians(2.0), 0.001  # radians, metres
-# Of planes nearer than this one is wrong, or follows from the other: no two of a bounded body's are
-# parallel, and those that are listed stand at right angles, or at 60 degrees in a prism.
+# Of two planes at a smaller angle one is wrong, or follows from the other: no two planes of a
+# bounded body are parallel, and listed ones stand at right angles, or at 60 degrees in a prism.
 RIVALS = np.radians(50.0)
 
 FEATURES = (
-    "on_surface",
-    "beside_surface",
-    "consistency",
-    "off_middle",
-    "facing",
-    "tilt",
-    "level",
-    "off_halfway",
-    "size",
+    "on_surface",  # share of the mirror images that lie on the seen surface
+    "beside_surface",  # share that lies next to it, but not on it
+    "consistency",  # share that is not in observed free space
+    "off_middle",  # distance to the middle of the seen points, in extents along the normal
+    "facing",  # share of the surface that faces along the normal
+    "tilt",  # cosine with the table's normal
+    "level",  # whether the plane is parallel to the table
+    "off_halfway",  # distance of level planes to half the region's height, in heights
+    "size",  # of the region, metres
 )
 
 
 @dataclass(frozen=True)
 class RegionEvidence:
-    """What is known of a region before its planes are judged.
+    """Everything that the planes of a region are fitted to and evaluated on. Camera frame, metres.
 
     Attributes:
         slots: the network's symmetries.
-        axis: the best axis of rotation.
+        axis: the region's most likely rotation axis.
         points: (n, 3) of the region.
-        normals: (n, 3).
-        mask: (H, W) its pixels.
-        scene: what the camera saw.
+        normals: (n, 3) unit.
+        mask: (H, W) pixels of the region.
+        scene: measured points and table.
     """
 
     slots: SymmetrySlots
@@ -75,12 +80,12 @@ class RegionEvidence:
     scene: SceneCloud
 
 
-def trusted_planes(
+def likely_planes(
     region: RegionEvidence, config: SelectionConfig, critic: PointCritic
 ) -> list[tuple[ReflectionSymmetry, float]]:
-    """Return at most three distinct planes with the confidence in each, most trusted first."""
+    """Return at most three distinct planes with the confidence in each, the most likely first."""
     planes = fitted_planes(region)
-    confidence = trust(planes, region, config, critic)
+    confidence = critic.probability(*critic_inputs(planes, region, config))
     order = np.argsort(-confidence, kind="stable")
     chosen = distinct([planes[i] for i in order], RIVALS)[: len(REFLECTION_SLOTS)]
     known = {id(planes[i]): float(confidence[i]) for i in order}
@@ -88,7 +93,7 @@ def trusted_planes(
 
 
 def fitted_planes(region: RegionEvidence) -> list[ReflectionSymmetry]:
-    """Return all candidates, and those that the seen surface fits better beside them."""
+    """Return all candidate planes, and beside them their fits to the seen surface."""
     points, normals, table = region.points, region.normals, region.scene.plane
     starts = candidate_planes(region.slots, region.axis, points, normals, table)
     fits = fit_reflections(starts, points, normals)
@@ -96,53 +101,48 @@ def fitted_planes(region: RegionEvidence) -> list[ReflectionSymmetry]:
     return distinct([*starts, *better], *SAME_FIT)
 
 
-def trust(
-    planes: list[ReflectionSymmetry],
-    region: RegionEvidence,
-    config: SelectionConfig,
-    critic: PointCritic,
-) -> Array:
-    """Return the probability (k,) that `planes` are true."""
+def critic_inputs(
+    planes: list[ReflectionSymmetry], region: RegionEvidence, config: SelectionConfig
+) -> tuple[Rows, Rows, Rows]:
+    """Return the plane critic's features of k planes: (k, 128, 14), (k, 3) and (k, 9)."""
     mirrored = MirrorImages.of(planes, region.points, region.normals)
-    return critic.trust(
-        point_rows(planes, mirrored, region.mask, region.scene),
-        plane_rows(planes, region.points, region.scene),
-        plane_features(planes, mirrored, region, config).astype(np.float32),
+    columns = _evidence(planes, mirrored, region, config)
+    return (
+        point_features(planes, mirrored, region.mask, region.scene),
+        plane_features(planes, region.points, region.scene),
+        np.stack([columns[name] for name in FEATURES], axis=1).astype(np.float32),
     )
 
 
-def plane_features(
+def _evidence(
     planes: list[ReflectionSymmetry],
     mirrored: MirrorImages,
     region: RegionEvidence,
     config: SelectionConfig,
-) -> Array:
-    """Return (k, f) the evidence for each plane, in the order of `FEATURES`.
-
-    on_surface, beside_surface: shares of the mirror images that lie on the seen surface, and that
-    lie next to it but not on it. consistency: share that is not in observed free space.
-    off_middle: distance to the middle of what is seen, in extents along the normal. facing: share
-    of the surface that faces along the normal. tilt, level: cosine with the table's normal, and
-    whether they are one. off_halfway: of level planes, distance to half the height, in heights.
-    size: metres.
-    """
+) -> dict[str, Array]:
+    """Return the `FEATURES` (k,) of k planes by name."""
     points, scene = region.points, region.scene
     normal = np.array([plane.normal for plane in planes])
     images = mirrored.images
     free = in_observed_frustum(images.reshape(-1, 3), scene, config).reshape(images.shape[:2])
     on_surface, beside = _meetings(mirrored)
     low, _, high = mirrored.sides.T
-    off_middle = np.minimum(np.abs(low + high) / np.maximum(high - low, 1e-3), 1.0)
-    facing = (np.abs(region.normals @ normal.T) > FACING).mean(axis=0)
     tilt, off_halfway = _against_table(planes, normal, region)
-    size = np.full(len(planes), np.linalg.norm(points.max(axis=0) - points.min(axis=0)))
-    columns = [on_surface, beside, free.mean(axis=1), off_middle, facing]
-    columns += [tilt, tilt > LEVEL, off_halfway, size]
-    return np.stack(columns, axis=1).astype(np.float64)
+    return {
+        "on_surface": on_surface,
+        "beside_surface": beside,
+        "consistency": free.mean(axis=1),
+        "off_middle": np.minimum(np.abs(low + high) / np.maximum(high - low, 1e-3), 1.0),
+        "facing": (np.abs(region.normals @ normal.T) > FACING).mean(axis=0),
+        "tilt": tilt,
+        "level": tilt > LEVEL,
+        "off_halfway": off_halfway,
+        "size": np.full(len(planes), np.linalg.norm(points.max(axis=0) - points.min(axis=0))),
+    }
 
 
 def _meetings(mirrored: MirrorImages) -> tuple[Array, Array]:
-    """Return (k,) the shares of images on the seen surface, and beside it."""
+    """Return shares (k,) of the images on the seen surface, and beside it."""
     meets = (np.abs(mirrored.gap) < ON_SURFACE) & (mirrored.agreement > MATCH_NORMAL)
     near = mirrored.distance < BESIDE
     return (near & meets).mean(axis=1), (near & ~meets).mean(axis=1)
@@ -151,7 +151,7 @@ def _meetings(mirrored: MirrorImages) -> tuple[Array, Array]:
 def _against_table(
     planes: list[ReflectionSymmetry], normal: Array, region: RegionEvidence
 ) -> tuple[Array, Array]:
-    """Return (k,) the cosine with the table's normal, and how far off half the height."""
+    """Return (k,) the cosine with the table's normal, and the distance to half the height."""
     table = region.scene.plane
     if table is None:
         return np.full(len(planes), UNKNOWN_TILT), np.zeros(len(planes))

@@ -1,46 +1,89 @@
-"""Weights of critics, `plane_critic.safetensors` and `grasp_critic.safetensors` (D. 80, D. 82)."""
+"""Weights files of the critics (D. 31, D. 80, D. 82): safetensors that name every feature."""
 
+import json
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from pipelines.errors import FormatError
-from pipelines.grasping.candidates import mirror_views, plane_evidence
+from pipelines.grasping.candidates import axis_critic, mirror_views, plane_evidence
+from pipelines.grasping.candidates.axis_critic import AxisCritic
 from pipelines.grasping.ranking import grasp_features
-from pipelines.grasping.ranking.point_critic import PointCritic
+from pipelines.grasping.ranking.point_critic import FeatureNames, PointCritic
 from pipelines.storage.checkpoints import load_arrays
 
-PLANES, GRASPS = "PlaneCritic", "GraspCritic"  # what the files say they hold
-WIDTHS = {
-    PLANES: (
-        mirror_views.POINT_FEATURES + mirror_views.PLANE_FEATURES,
-        len(plane_evidence.FEATURES),
+AXES, PLANES, GRASPS = "AxisCritic", "PlaneCritic", "GraspCritic"  # `model` of the metadata
+FEATURES = {
+    AXES: FeatureNames((), (), axis_critic.FEATURES),
+    PLANES: FeatureNames(
+        mirror_views.POINT_FEATURES, mirror_views.PLANE_FEATURES, plane_evidence.FEATURES
     ),
-    GRASPS: (grasp_features.POINT_FEATURES, grasp_features.GRASP_FEATURES),
+    GRASPS: FeatureNames(grasp_features.POINT_FEATURES, (), grasp_features.CANDIDATE_FEATURES),
+}
+COMMANDS = {  # that write the files
+    AXES: "symgrasp train-critic axes",
+    PLANES: "symgrasp train-critic planes",
+    GRASPS: "symgrasp train-critic grasps",
 }
 
 
-def read(path: Path, model: str) -> PointCritic:
-    """Read what `tools/train_plane_critic.py` or `tools/train_grasp_critic.py` wrote.
+def metadata_of(model: str) -> dict[str, str]:
+    """Return the metadata of a weights file of `model`: its name and the names of its features."""
+    return {"model": model, "features": FEATURES[model].as_text()}
 
-    Args:
-        path: of the weights.
-        model: `PLANES` or `GRASPS`.
+
+def read_point_critic(path: Path, model: str) -> PointCritic:
+    """Read the weights of `model`, `PLANES` or `GRASPS`.
 
     Raises:
-        FormatError: the file holds no weights of such a critic.
+        FormatError: the file holds no weights of such a critic, or of one with other features.
     """
+    return PointCritic(FEATURES[model], _read(path, model, FEATURES[model].weight_shapes()))
+
+
+def read_axis_critic(path: Path) -> AxisCritic:
+    """Read the weights of the critic of axes and spheres.
+
+    Raises:
+        FormatError: the file holds no weights of such a critic, or of one with other features.
+    """
+    size = (1 + len(axis_critic.FEATURES),)
+    return AxisCritic(**_read(path, AXES, dict.fromkeys(axis_critic.KINDS, size)))
+
+
+def _read(
+    path: Path, model: str, shapes: Mapping[str, tuple[int, ...]]
+) -> dict[str, np.ndarray[Any, Any]]:
+    """Read the tensors named in `shapes`, and check what the file says of itself."""
     arrays, metadata = load_arrays(path)
     found = metadata.get("model", "no network that is known")
     if found != model:
         raise FormatError(path, f"holds {found}", f"weights of {model} are expected")
+    _check_features(path, model, metadata.get("features", "{}"))
+    for name, shape in shapes.items():
+        if name not in arrays or arrays[name].shape != shape:
+            there = arrays[name].shape if name in arrays else "not there"
+            raise FormatError(path, f"{name} is {there}", f"of shape {shape} it is expected")
+    return {name: arrays[name] for name in shapes}
+
+
+def _check_features(path: Path, model: str, text: str) -> None:
+    """Raise FormatError unless the metadata's `text` names the features that are computed."""
+    cure = f"make the file again with `{COMMANDS[model]}`"
     try:
-        critic = PointCritic.of(arrays)
-    except KeyError as error:
-        raise FormatError(
-            path, f"has no {error.args[0]}", "give weights of this version"
-        ) from error
-    if critic.widths != WIDTHS[model]:
-        takes, gets = "{} numbers of a point and {}".format(*critic.widths), WIDTHS[model]
-        raise FormatError(
-            path, f"takes {takes}, not {gets[0]} and {gets[1]}", "give weights of this version"
-        )
-    return critic
+        found = dict(json.loads(text))
+    except (TypeError, ValueError) as error:
+        raise FormatError(path, "its `features` are no JSON object", cure) from error
+    for group, names in vars(FEATURES[model]).items():
+        stored = found.get(group)
+        if stored is None:
+            raise FormatError(path, f"does not name its {group} features", cure)
+        if len(stored) != len(names):
+            counts = f"takes {len(stored)} {group} features, not {len(names)}"
+            raise FormatError(path, counts, cure)
+        for place, (there, here) in enumerate(zip(stored, names, strict=True), 1):
+            if there != here:
+                what = f"takes {there} as {group} feature {place}, where {here} is computed"
+                raise FormatError(path, what, cure)

@@ -1,49 +1,67 @@
-"""What a hand meets, point by point: what the grasp critic looks at (D. 82).
+"""Features of grasps for the grasp critic: points about the gripper, and numbers (D. 82).
 
-The points about a hand are told in its own frame (approach, closing, third): where they lie to the
-two contacts, how the surface faces there, and how they are known: measured on the region, put
-there by its symmetries, or measured on something else. Beside them stand numbers about the pose
-and the surface at each contact.
+Points about a grasp are given in its frame (approach, closing, binormal): their place relative to
+the two contacts, the direction that the surface faces there, and their kind: measured on the
+region, put there by its symmetries, or measured on something else. The numbers are of the pose and
+of the surface at each contact.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from enum import IntEnum, auto
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.geometry.numerics.compiled import compiled
-from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT
+from pipelines.geometry.symmetry import NUM_SLOTS, ROTATION_SLOT, SPHERE_SLOT
 from pipelines.geometry.transforms import unit
 from pipelines.grasping.grasp_candidates import RankedGrasps
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.observation import RegionCloud
-from pipelines.grasping.ranking.known_region import KnownRegion, thinned
+from pipelines.grasping.ranking.contact_patches import PATCH_FEATURES, contact_patches
+from pipelines.grasping.ranking.known_region import KnownRegion
 
 Array = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Indices = NDArray[np.int64]
 
-NUM_POINTS = 64  # about a hand that are looked at
-ALONG = 1.5  # how much farther points may lie along the approach than across
-PATCHES = (0.006, 0.012)  # metres about a contact
-PATCHED = 1500  # of the region's points that tell of it
-CONTACT_REACH = 0.015  # metres within which the seen surface tells of a contact
-REMOTE = 0.03  # metres, of distances to the nearest point of it
-FARTHEST, DEEPEST = 0.15, 0.05  # metres, of coordinates and of distances from a finger's face
-FINGER_BAND, BEHIND, BEYOND, BESIDE = 0.011, -0.04, 0.03, 0.01  # metres: the room between fingers
-POINT_FEATURES = 11
-GRASP_FEATURES = 49
+# All chosen by eye; the shipped weights were trained with them.
+NUM_POINTS = 64  # of those about a grasp
+APPROACH_STRETCH = 1.5  # points may lie this much farther off along the approach than across it
+FARTHEST, DEEPEST = 0.15, 0.05  # metres, caps of coordinates, and of distances beyond a contact
+FINGER_BAND, BEHIND, BEYOND, BESIDE = 0.011, -0.04, 0.03, 0.01  # metres, space between the fingers
+
+
+class PointFeature(IntEnum):
+    """Columns of the features of a point."""
+
+    ALONG_APPROACH = 0  # half decimetres, as the next two
+    ALONG_CLOSING = auto()
+    ALONG_BINORMAL = auto()
+    BEYOND_CONTACT = auto()  # 2 centimetres along closing, positive outside of the fingers
+    NORMAL_APPROACH = auto()
+    NORMAL_CLOSING = auto()
+    NORMAL_BINORMAL = auto()
+    IS_MEASURED = auto()
+    IS_HIDDEN = auto()
+    IS_FOREIGN = auto()
+    HEIGHT = auto()  # decimetres above the table
+
+
+POINT_FEATURES = tuple(each.name.lower() for each in PointFeature)
+POINT_COLUMNS = len(PointFeature)
 
 
 @dataclass(frozen=True)
 class GraspFeatures:
-    """How k hands, feasible in the selection, stand to a region.
+    """Features of k feasible grasps at a region.
 
     Attributes:
-        found: the hands, with clearance and enclosed height.
-        stability: (k,) of the selection.
-        visible: (k,) share of the finger tips' room that is seen to be free.
+        found: the grasps, with clearance and enclosed height.
+        stability: (k,) stability prior.
+        visible: (k,) visible fraction of the space around the finger tips.
         known: the region.
     """
 
@@ -54,65 +72,93 @@ class GraspFeatures:
 
     @cached_property
     def _local(self) -> Singles:
-        """(k, 3, m) the region's pool of points in each hand's frame."""
+        """(k, 3, m) the region's pool of points in the frame of each grasp."""
         return grasp_frame(self.known.pool[0], self.found.grasps)
 
     @property
     def _half(self) -> Singles:
-        """(k,) metres from the middle to a contact."""
+        """(k,) metres from the midpoint of the contacts to a contact."""
         return (0.5 * self.found.grasps.width).astype(np.float32)
 
     @cached_property
-    def _room(self) -> tuple[Singles, Singles]:
-        """(k, m) how far the pool is from the room that each hand closes in; (k, 2) what is in it.
+    def _between_fingers(self) -> tuple[Singles, Singles]:
+        """(k, m) metres of the pool's points from the space between the fingers.
 
-        The room's points are counted, measured and hidden.
+        And (k, 2) the number of measured and of hidden points in that space.
         """
         starts = np.concatenate([[0], np.cumsum(self.known.pool[1][:, 3:5].sum(axis=0))])
-        return _room(self._local, self._half, starts.astype(np.int64))
+        return _between_fingers(self._local, self._half, starts.astype(np.int64))
 
-    def point_rows(self) -> Singles:
-        """Return (k, 64, 11): the points nearest to the room that each hand closes in.
+    @property
+    def _slot_existence(self) -> Array:
+        """(k,) confidence in the symmetry that a grasp rests on; 0 without one."""
+        slot = self.found.slot
+        return np.where(slot >= 0, self.known.slots.existence[np.maximum(slot, 0)], 0.0)
 
-        In order: the point in the hand's frame (3, half decimetres), how far outside a contact it
-        lies along closing, its normal in the hand's frame (3, zeros where it is not known), whether
-        it is measured, hidden or foreign (3), its height above the table.
-        """
-        away = self._room[0]
+    def points(self) -> Singles:
+        """Return (k, 64, 11) the `POINT_FEATURES` of the points nearest to each closing gripper."""
+        away = self._between_fingers[0]
         last = min(NUM_POINTS, away.shape[1]) - 1
         reach = np.ascontiguousarray(np.partition(away, last, axis=1)[:, last])
         rotation = self.found.grasps.rotation.astype(np.float32)
         return _nearest_rows(self._local, rotation, self._half, away, reach, self.known.pool[1])
 
-    def grasp_rows(self) -> Singles:
-        """Return (k, 49): numbers about each hand's pose, its contacts and its region."""
-        found, known = self.found, self.known
-        grasps, slot, existence = found.grasps, found.slot, known.slots.existence
-        columns = [
-            10.0 * grasps.width,
-            np.einsum("kia,i->ka", grasps.rotation, known.up),
-            np.einsum("kia,ki->ka", grasps.rotation[..., :2], unit(grasps.translation)),
-            self.stability,
-            self.visible,
-            20.0 * found.clearance,
-            30.0 * found.enclosed_height,
-            found.affordance,
-            np.where(slot >= 0, existence[np.maximum(slot, 0)], 0.0),
-            (slot >= 0) & (slot < ROTATION_SLOT),
-            slot == ROTATION_SLOT,
-            slot == SPHERE_SLOT,
-            slot < 0,
-            10.0 * known.heights(grasps.translation),
-            self._room[1] / 50.0,
-            _contact_patches(grasps, known.region),
-            *_extent(grasps, known.region),
-            np.broadcast_to(existence, (len(found), len(existence))),
-        ]
+    def candidates(self) -> Singles:
+        """Return (k, 49) the `CANDIDATE_FEATURES` of the grasps."""
+        columns = [block.values(self) for block in CANDIDATE_BLOCKS]
         return np.column_stack(columns).astype(np.float32)
 
 
+@dataclass(frozen=True)
+class Block:
+    """Features of grasps that are worked out together: their names and their columns (k, names)."""
+
+    names: tuple[str, ...]
+    values: Callable[[GraspFeatures], Array | Singles | NDArray[np.bool_]]
+
+
+def _along_axes(name: str, axes: int = 3) -> tuple[str, ...]:
+    return tuple(f"{name}_{axis}" for axis in ("approach", "closing", "binormal")[:axes])
+
+
+CANDIDATE_BLOCKS = (
+    Block(("width",), lambda of: 10.0 * of.found.grasps.width),
+    Block(
+        _along_axes("up"), lambda of: np.einsum("kia,i->ka", of.found.grasps.rotation, of.known.up)
+    ),
+    Block(
+        _along_axes("view", 2),
+        lambda of: np.einsum(
+            "kia,ki->ka", of.found.grasps.rotation[..., :2], unit(of.found.grasps.translation)
+        ),
+    ),
+    Block(("stability",), lambda of: of.stability),
+    Block(("visible_fraction",), lambda of: of.visible),
+    Block(("scene_clearance",), lambda of: 20.0 * of.found.clearance),
+    Block(("enclosed_height",), lambda of: 30.0 * of.found.enclosed_height),
+    Block(("affordance",), lambda of: of.found.affordance),
+    Block(("confidence",), lambda of: of._slot_existence),
+    Block(("is_reflection",), lambda of: (of.found.slot >= 0) & (of.found.slot < ROTATION_SLOT)),
+    Block(("is_rotation",), lambda of: of.found.slot == ROTATION_SLOT),
+    Block(("is_sphere",), lambda of: of.found.slot == SPHERE_SLOT),
+    Block(("is_planar",), lambda of: of.found.slot < 0),
+    Block(("height",), lambda of: 10.0 * of.known.heights(of.found.grasps.translation)),
+    Block(("measured_between", "hidden_between"), lambda of: of._between_fingers[1] / 50.0),
+    Block(PATCH_FEATURES, lambda of: contact_patches(of.found.grasps, of.known.region)),
+    Block(
+        (*_along_axes("mean"), *_along_axes("spread"), *_along_axes("middle")),
+        lambda of: _extent(of.found.grasps, of.known.region),
+    ),
+    Block(
+        tuple(f"confidence_{slot}" for slot in range(NUM_SLOTS)),
+        lambda of: np.broadcast_to(of.known.slots.existence, (len(of.found), NUM_SLOTS)),
+    ),
+)
+CANDIDATE_FEATURES = tuple(name for block in CANDIDATE_BLOCKS for name in block.names)
+
+
 def grasp_frame(points: Array, grasps: Grasps) -> Singles:
-    """Return (k, 3, m) `points` (m, 3) in the frame of each of k hands."""
+    """Return (k, 3, m) `points` (m, 3) in the frame of each of k grasps."""
     middle = points.mean(axis=0)  # single precision is fine about it
     origin = np.einsum("ki,kia->ka", grasps.translation - middle, grasps.rotation)
     about = np.ascontiguousarray((points - middle).T, np.float32)
@@ -133,26 +179,32 @@ def _turned(points: Singles, rotation: Singles, origin: Singles) -> Singles:
 
 
 @compiled
-def _room(local: Singles, half: Singles, starts: Indices) -> tuple[Singles, Singles]:
-    """Return how far points `local` (k, 3, m) are from the room between contacts, `half` (k,) off.
+def _between_fingers(local: Singles, half: Singles, starts: Indices) -> tuple[Singles, Singles]:
+    """Return distances (k, m) of points from the space between the contacts, and counts (k, 2).
 
-    (k, m) metres, fewer along the approach; and (k, 2) how many of two kinds, which start and end
-    at `starts` (3,), lie between the fingers.
+    Metres, shrunk along the approach; the counts are of the points of two kinds between the
+    fingers.
+
+    Args:
+        local: (k, 3, m) the points in the frame of each grasp.
+        half: (k,) metres from the midpoint of the contacts to a contact.
+        starts: (3,) first point of either kind, and of the next one.
     """
     away = np.empty((len(local), local.shape[2]), np.float32)
     between = np.zeros((len(local), 2), np.float32)
-    shrink, band = np.float32(ALONG), np.float32(FINGER_BAND)
+    shrink, band = np.float32(APPROACH_STRETCH), np.float32(FINGER_BAND)
     behind, beyond = np.float32(BEHIND), np.float32(BEYOND)
     for k in range(len(local)):
         side = half[k] + np.float32(BESIDE)
         for m in range(local.shape[2]):
-            along, across, third = abs(local[k, 0, m]), abs(local[k, 1, m]), abs(local[k, 2, m])
-            away[k, m] = max(along / shrink, third, across - half[k])
+            along, across = abs(local[k, 0, m]), abs(local[k, 1, m])
+            aside = abs(local[k, 2, m])
+            away[k, m] = max(along / shrink, aside, across - half[k])
         for kind in range(2):
             count = 0
             for m in range(starts[kind], starts[kind + 1]):
-                along, across, third = local[k, 0, m], abs(local[k, 1, m]), abs(local[k, 2, m])
-                count += (third < band) & (along < beyond) & (along > behind) & (across < side)
+                along, across, aside = local[k, 0, m], abs(local[k, 1, m]), abs(local[k, 2, m])
+                count += (aside < band) & (along < beyond) & (along > behind) & (across < side)
             between[k, kind] = count
     return away, between
 
@@ -161,16 +213,22 @@ def _room(local: Singles, half: Singles, starts: Indices) -> tuple[Singles, Sing
 def _nearest_rows(
     local: Singles, rotation: Singles, half: Singles, away: Singles, reach: Singles, about: Singles
 ) -> Singles:
-    """Return (k, 64, 11) the rows of the 64 points least `away` (k, m), as `point_rows` tells.
+    """Return (k, 64, 11) the features of the 64 points least `away` (k, m), in their own order.
 
-    In their own order; fewer are repeated. `local`: (k, 3, m). `rotation`: (k, 3, 3) of the hands.
-    `half`: (k,) metres from the middle to a contact. `reach`: (k,) how far away the last is.
-    `about`: (m, 7) normal, kind, height.
+    Fewer points are repeated.
+
+    Args:
+        local: (k, 3, m) the points in the frame of each grasp.
+        rotation: (k, 3, 3) of the grasps.
+        half: (k,) metres from the midpoint of the contacts to a contact.
+        away: (k, m) metres from the space between the contacts.
+        reach: (k,) the distance of the last point that is taken.
+        about: (m, 7) normal, kind (3) and scaled height of the points.
     """
     far, deep = np.float32(FARTHEST), np.float32(DEEPEST)
-    rows = np.empty((len(reach), NUM_POINTS, POINT_FEATURES), np.float32)
+    rows = np.empty((len(reach), NUM_POINTS, POINT_COLUMNS), np.float32)
     for k in range(len(reach)):
-        left = NUM_POINTS  # for points as far away as the last one, of which some may go
+        left = NUM_POINTS  # for the points at `reach`, of which some may be left out
         for m in range(len(about)):
             left -= away[k, m] < reach[k]
         count = 0
@@ -180,92 +238,32 @@ def _nearest_rows(
             left -= away[k, m] == reach[k]
             for axis in range(3):
                 place = min(max(local[k, axis, m], -far), far)
-                rows[k, count, axis] = np.float32(20.0) * place
-                rows[k, count, 4 + axis] = (
+                rows[k, count, PointFeature.ALONG_APPROACH + axis] = np.float32(20.0) * place
+                rows[k, count, PointFeature.NORMAL_APPROACH + axis] = (
                     about[m, 0] * rotation[k, 0, axis]
                     + about[m, 1] * rotation[k, 1, axis]
                     + about[m, 2] * rotation[k, 2, axis]
                 )
-            beside = abs(local[k, 1, m]) - half[k]
-            rows[k, count, 3] = np.float32(50.0) * min(max(beside, -deep), deep)
-            for column in range(7, POINT_FEATURES):
-                rows[k, count, column] = about[m, column - 4]
+            beyond = min(max(abs(local[k, 1, m]) - half[k], -deep), deep)
+            rows[k, count, PointFeature.BEYOND_CONTACT] = np.float32(50.0) * beyond
+            for column in range(3, 7):
+                rows[k, count, PointFeature.IS_MEASURED + column - 3] = about[m, column]
             count += 1
         for n in range(count, NUM_POINTS):
-            for column in range(POINT_FEATURES):
+            for column in range(POINT_COLUMNS):
                 rows[k, n, column] = rows[k, n - count, column]
     return rows
 
 
-def _contact_patches(grasps: Grasps, region: RegionCloud) -> Array:
-    """Return (k, 16) what is seen about each contact, eight numbers each.
+def _extent(grasps: Grasps, region: RegionCloud) -> Array:
+    """Return (k, 9), half decimetres, grasp frame: the region's mean, its spread, its middle.
 
-    How far it faces the finger, how evenly, how much is seen, within each of `PATCHES`; how far
-    away the nearest point is, and how far that faces the finger.
+    The mean is relative to the middle, the middle relative to the midpoint of the contacts.
     """
-    points, normals = thinned(region.points, PATCHED), thinned(region.normals, PATCHED)
-    contacts, pair = grasps.contacts, np.ones(len(grasps), bool)
-    pair[1:] = (contacts[1:] != contacts[:-1]).any(axis=(1, 2))  # its hands come in turn
-    about = np.ascontiguousarray(points.T)
-    columns = _patches(contacts[pair], grasps.closing[pair], about, np.ascontiguousarray(normals))
-    return np.asarray(columns[np.cumsum(pair) - 1])
-
-
-@compiled
-def _patches(contacts: Array, closing: Array, points: Array, normals: Array) -> Array:
-    """Return what `_contact_patches` does, of pairs. `contacts`: (k, 2, 3). `points`: (3, n)."""
-    columns = np.empty((len(contacts), 16))
-    # The squared distances to all points; of those nearby, in front, and how these face.
-    squared, facing = np.empty(points.shape[1]), np.empty(points.shape[1])
-    for k in range(len(contacts)):
-        for finger in range(2):
-            start = 8 * finger
-            x, y, z = contacts[k, finger, 0], contacts[k, finger, 1], contacts[k, finger, 2]
-            for n in range(len(squared)):
-                a, b, c = points[0, n] - x, points[1, n] - y, points[2, n] - z
-                squared[n] = a * a + b * b + c * c
-            side = 2.0 * finger - 1.0
-            x, y, z = side * closing[k, 0], side * closing[k, 1], side * closing[k, 2]
-            least, opposed, count = REMOTE**2, 0.0, 0
-            for n in range(len(squared)):
-                away = squared[n]
-                if away < CONTACT_REACH**2:
-                    cosine = x * normals[n, 0] + y * normals[n, 1] + z * normals[n, 2]
-                    opposed = cosine if away < least else opposed
-                    squared[count], facing[count] = away, cosine
-                    count += 1
-                if away < REMOTE**2:
-                    least = min(least, away)
-            for radius in PATCHES:
-                mean, spread, seen = _patch(facing, squared, count, radius)
-                columns[k, start], columns[k, start + 1], columns[k, start + 2] = mean, spread, seen
-                start += 3
-            columns[k, start] = 30.0 * np.sqrt(least)
-            columns[k, start + 1] = opposed
-    return columns
-
-
-@compiled
-def _patch(facing: Array, squared: Array, count: int, radius: float) -> tuple[float, float, float]:
-    """Return mean and spread of the first `count` of `facing` (n,) within `radius`; how many."""
-    seen, total, scatter = 0, 0.0, 0.0
-    for n in range(count):
-        if squared[n] < radius * radius:
-            seen += 1
-            total += facing[n]
-    mean = total / max(seen, 1)
-    for n in range(count):
-        if squared[n] < radius * radius:
-            scatter += (facing[n] - mean) ** 2
-    return mean, np.sqrt(scatter / max(seen, 1)), min(seen, 30) / 30.0
-
-
-def _extent(grasps: Grasps, region: RegionCloud) -> list[Array]:
-    """Return (k, 3) thrice, in half decimetres: mean about the middle, spread, the middle."""
     about = region.points - region.middle
     mean = about.mean(axis=0)
     off = about - mean
     R = grasps.rotation
     spread = np.sqrt(np.maximum((R * (off.T @ off / len(off) @ R)).sum(axis=1), 0.0))
     offset = np.einsum("kia,ki->ka", R, region.middle - grasps.translation)
-    return [20.0 * np.einsum("kia,i->ka", R, mean), 20.0 * spread, 20.0 * offset]
+    return np.column_stack([20.0 * np.einsum("kia,i->ka", R, mean), 20.0 * spread, 20.0 * offset])

@@ -1,12 +1,19 @@
-"""A small network over points that says how likely a candidate is a good one.
+"""Network over the points that a candidate sees: the probability that the candidate is right.
 
-Points as a candidate sees them go through shared layers, their maximum and mean through further
-ones, beside numbers about the candidate. One of these critics mirror planes (D. 80), another hands
-(D. 82); they are trained by `tools/train_plane_critic.py` and `tools/train_grasp_critic.py`.
+One such network is the critic of mirror planes (D. 80), another the critic of grasps (D. 82). Each
+point goes through shared layers; the maximum and the mean over the points go through further
+layers, beside numbers of the candidate itself. `symgrasp train-critic` learns the weights.
+
+`PointCritic.logits` defines the network once, for arrays of numpy and for tensors of torch.
+`PointCritic.fast_logits` is the same for inference: compiled, without a copy of what points share.
 """
 
-from collections.abc import Mapping
+import json
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
+from types import ModuleType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,90 +22,128 @@ from scipy.special import expit
 from pipelines.geometry.numerics.compiled import compiled
 
 Rows = NDArray[np.float32]
-Layer = tuple[Rows, Rows]  # weight (out, in), bias (out,)
+Numbers = Any  # an array of numpy or a tensor of torch; all of one call are of one kind
 
-POINT_LAYERS, LAST_LAYERS = 3, 3
-CHUNK = 16  # candidates at a time: what the layers make of their points stays near the processor
+POINT_WIDTHS, LAST_WIDTHS = (64, 64, 96), (64, 32, 1)  # chosen by eye
+CHUNK = 16  # candidates at a time: the hidden rows of their points stay near the processor
+
+
+@dataclass(frozen=True)
+class FeatureNames:
+    """Names of a critic's inputs, in the order of their columns.
+
+    Attributes:
+        point: of each point that a candidate sees.
+        shared: of the candidate, given to each of its points and to the last layers.
+        candidate: of the candidate, given to the last layers alone, standardised.
+    """
+
+    point: tuple[str, ...]
+    shared: tuple[str, ...]
+    candidate: tuple[str, ...]
+
+    def as_text(self) -> str:
+        """Return the names as JSON, for the metadata of a weights file."""
+        return json.dumps(vars(self))
+
+    def weight_shapes(self) -> dict[str, tuple[int, ...]]:
+        """Return the shape of each of the network's weights by name."""
+        point, shared, candidate = len(self.point), len(self.shared), len(self.candidate)
+        last_input = 2 * POINT_WIDTHS[-1] + candidate + shared
+        shapes: dict[str, tuple[int, ...]] = {}
+        for name, widths in (
+            ("point", (point + shared, *POINT_WIDTHS)),
+            ("last", (last_input, *LAST_WIDTHS)),
+        ):
+            for index, (wide, narrow) in enumerate(pairwise(widths)):
+                shapes[f"{name}.{index}.weight"] = narrow, wide
+                shapes[f"{name}.{index}.bias"] = (narrow,)
+        return shapes | {"mean": (candidate,), "spread": (candidate,), "calibration": (2,)}
 
 
 @dataclass(frozen=True)
 class PointCritic:
-    """The network's weights.
+    """The network: names of its inputs, and its weights.
 
     Attributes:
-        point_layers: for each point, ReLU between them.
-        last_layers: for what all points give, ReLU between them; one number out.
-        mean: (e,) of the evidence.
-        spread: (e,) of the same.
-        calibration: (2,) a, b: of logits l, a + b l are the log odds on objects never seen.
+        features: names of the inputs.
+        weights: by the names of `FeatureNames.weight_shapes`. `point.N` and `last.N` are linear
+            layers with ReLU between them; `mean` and `spread` (c,) standardise the candidate's
+            features; `calibration` (a, b): a + b l are the log odds of logits l on new objects.
     """
 
-    point_layers: tuple[Layer, ...]
-    last_layers: tuple[Layer, ...]
-    mean: Rows
-    spread: Rows
-    calibration: Rows
-
-    @property
-    def widths(self) -> tuple[int, int]:
-        """How many numbers it takes of a point, with what all points share, and as evidence."""
-        return self.point_layers[0][0].shape[1], len(self.mean)
+    features: FeatureNames
+    weights: Mapping[str, Numbers]
 
     def logits(
         self,
-        points: Rows,  # (k, n, p)
-        wholes: Rows,  # (k, w) what every point of a candidate shares; w may be 0
-        evidence: Rows,  # (k, e)
-    ) -> Rows:
-        """Return the network's logits (k,)."""
-        parts = [slice(start, start + CHUNK) for start in range(0, max(1, len(points)), CHUNK)]
-        pooled = [self._pooled(points[part], wholes[part]) for part in parts]
-        known = (evidence - self.mean) / self.spread
-        joined = np.concatenate([np.concatenate(pooled), known, wholes], axis=1)
-        for index, (weight, bias) in enumerate(self.last_layers):
-            joined = (np.maximum(joined, 0.0) if index else joined) @ weight.T + bias
-        return np.asarray(joined[:, 0], np.float32)
+        points: Numbers,  # (k, n, p)
+        shared: Numbers,  # (k, s); s may be 0
+        candidates: Numbers,  # (k, c)
+        xp: ModuleType = np,
+        dropout: Callable[[Numbers], Numbers] | None = None,
+    ) -> Numbers:
+        """Return logits (k,) by `xp`, the module numpy or torch that the arguments are of.
 
-    def _pooled(self, points: Rows, wholes: Rows) -> Rows:
-        """Return (k, 2 c) the largest and the mean of what the first layers make of each point."""
-        # The first layer's product is a sum: what a whole candidate shares is multiplied once.
-        weight, bias = self.point_layers[0]
-        split = points.shape[-1]
-        hidden = points.reshape(-1, split) @ weight[:, :split].T
-        offset = wholes @ weight[:, split:].T + bias
-        for weight, bias in self.point_layers[1:]:
-            _rectify(hidden.reshape(*points.shape[:2], offset.shape[1]), offset)
-            hidden, offset = hidden @ weight.T, bias[None]
-        return _largest_and_mean(hidden.reshape(*points.shape[:2], offset.shape[1]), offset[0])
+        `dropout`: applied to the output of the first of the last layers, in training.
+        """
+        spread = xp.zeros_like(points[..., :1]) + shared[:, None]  # (k, n, s)
+        hidden = xp.concatenate([points, spread], -1)
+        for index in range(len(POINT_WIDTHS)):
+            hidden = self._layer(f"point.{index}", hidden.clip(0.0, None) if index else hidden)
+        standard = (candidates - self.weights["mean"]) / self.weights["spread"]
+        joined = xp.concatenate([xp.amax(hidden, 1), hidden.mean(1), standard, shared], -1)
+        for index in range(len(LAST_WIDTHS)):
+            joined = self._layer(f"last.{index}", joined.clip(0.0, None) if index else joined)
+            if index == 0 and dropout is not None:
+                joined = dropout(joined)
+        return joined[:, 0]
 
-    def trust(
+    def _layer(self, name: str, rows: Numbers) -> Numbers:
+        return rows @ self.weights[f"{name}.weight"].T + self.weights[f"{name}.bias"]
+
+    def probability(
         self,
         points: Rows,  # (k, n, p)
-        wholes: Rows,  # (k, w)
-        evidence: Rows,  # (k, e)
+        shared: Rows,  # (k, s)
+        candidates: Rows,  # (k, c)
     ) -> NDArray[np.float64]:
-        """Return the probability (k,) that candidates are good, or the quality to expect."""
-        bias, slope = self.calibration.astype(np.float64)
-        return np.asarray(expit(bias + slope * self.logits(points, wholes, evidence)))
+        """Return the probability (k,) that candidates are right, or the quality to expect."""
+        bias, slope = self.weights["calibration"].astype(np.float64)
+        return np.asarray(expit(bias + slope * self.fast_logits(points, shared, candidates)))
 
-    @classmethod
-    def of(cls, arrays: Mapping[str, Rows]) -> "PointCritic":
-        """Return the critic whose `arrays` are named as in its file (formats.md)."""
+    def fast_logits(
+        self,
+        points: Rows,  # (k, n, p)
+        shared: Rows,  # (k, s)
+        candidates: Rows,  # (k, c)
+    ) -> Rows:
+        """Return what `logits` does, up to rounding, in less time."""
+        parts = [slice(start, start + CHUNK) for start in range(0, max(1, len(points)), CHUNK)]
+        pooled = [self._pooled(points[part], shared[part]) for part in parts]
+        standard = (candidates - self.weights["mean"]) / self.weights["spread"]
+        joined = np.concatenate([np.concatenate(pooled), standard, shared], axis=1)
+        for index in range(len(LAST_WIDTHS)):
+            joined = self._layer(f"last.{index}", np.maximum(joined, 0.0) if index else joined)
+        return np.asarray(joined[:, 0], np.float32)
 
-        def layers(name: str, count: int) -> tuple[Layer, ...]:
-            parts = ((f"{name}.{i}.weight", f"{name}.{i}.bias") for i in range(count))
-            return tuple((arrays[weight], arrays[bias]) for weight, bias in parts)
-
-        return cls(
-            layers("point", POINT_LAYERS),
-            layers("last", LAST_LAYERS),
-            *(arrays[name] for name in ("mean", "spread", "calibration")),
-        )
+    def _pooled(self, points: Rows, shared: Rows) -> Rows:
+        """Return (k, 2 c) the maximum and the mean of the last hidden rows of the points."""
+        # The first layer is a sum: the part of what points share is worked out once a candidate.
+        weight, bias = self.weights["point.0.weight"], self.weights["point.0.bias"]
+        split = points.shape[-1]
+        hidden = points.reshape(-1, split) @ weight[:, :split].T
+        offset = shared @ weight[:, split:].T + bias
+        for index in range(1, len(POINT_WIDTHS)):
+            _rectify(hidden.reshape(*points.shape[:2], offset.shape[1]), offset)
+            hidden = hidden @ self.weights[f"point.{index}.weight"].T
+            offset = self.weights[f"point.{index}.bias"][None]
+        return _largest_and_mean(hidden.reshape(*points.shape[:2], offset.shape[1]), offset[0])
 
 
 @compiled
 def _rectify(rows: Rows, offset: Rows) -> None:
-    """Add `offset` (k or 1, c) to `rows` (k, n, c), and cut off what is below zero."""
+    """Add `offset` (k or 1, c) to `rows` (k, n, c) and clip them at zero."""
     for k in range(rows.shape[0]):
         which = min(k, len(offset) - 1)
         for n in range(rows.shape[1]):
@@ -108,7 +153,7 @@ def _rectify(rows: Rows, offset: Rows) -> None:
 
 @compiled
 def _largest_and_mean(rows: Rows, offset: Rows) -> Rows:
-    """Return (k, 2 c) the largest and the mean of n `rows` (k, n, c) plus `offset` (c,)."""
+    """Return (k, 2 c) the maximum and the mean of n `rows` (k, n, c) plus `offset` (c,)."""
     pooled = np.empty((rows.shape[0], 2 * rows.shape[2]), np.float32)
     largest, mean = pooled[:, : rows.shape[2]], pooled[:, rows.shape[2] :]
     largest[:], mean[:] = -np.inf, 0.0

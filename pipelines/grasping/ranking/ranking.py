@@ -27,14 +27,14 @@ class Critic(Protocol):
 
 @dataclass(frozen=True)
 class GraspCritic:
-    """The network that was trained on verdicts among true meshes, `tools/train_grasp_critic.py`."""
+    """The network that `symgrasp train-critic grasps` trains on verdicts among true meshes."""
 
     network: PointCritic
 
     def expect(self, views: GraspFeatures) -> Array:
         """Return (k,) the quality to expect of each hand, 0 to 1."""
-        rows = views.grasp_rows()
-        return self.network.trust(views.point_rows(), rows[:, :0], rows)
+        candidates = views.candidates()
+        return self.network.probability(views.points(), candidates[:, :0], candidates)
 
 
 @dataclass(frozen=True)

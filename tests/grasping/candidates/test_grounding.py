@@ -1,4 +1,4 @@
-"""Predicted symmetries, fitted to a rendered region and judged by it."""
+"""Predicted symmetries are fitted to a rendered region, with a confidence that fits it."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ from pipelines.inference import models
 
 CAMERA = Intrinsics(460.0, 460.0, 159.5, 119.5, 320, 240)
 CONFIG = SelectionConfig()
-CRITIC = models.plane_critic(models.PLANE_CRITIC_WEIGHTS)
+CRITICS = models.symmetry_critics()
 
 
 def view_of(shape):
@@ -73,7 +73,7 @@ def test_the_axis_of_a_can_is_found_and_trusted(can):
     truth = RotationSymmetry([0, 0, 1], [0, 0, 0]).transformed(pose)
     slots = uncertain([disturbed(truth, 15, np.random.default_rng(0))])
     slots.point[:] = truth.point
-    found = ground_symmetries(slots, region, scene, CONFIG, CRITIC)
+    found = ground_symmetries(slots, region, scene, CONFIG, CRITICS)
     assert found.existence[3] > 0.5
     assert abs(float(found.direction[3] @ truth.axis)) > np.cos(np.radians(3))
 
@@ -85,7 +85,7 @@ def test_a_box_has_planes_but_no_axis(box):
     across = ReflectionSymmetry([np.cos(angle), np.sin(angle), 0], [0, 0, 0]).transformed(turned)
     slots = uncertain([disturbed(across, 8, np.random.default_rng(1))])
     slots.point[:] = across.point
-    found = ground_symmetries(slots, region, scene, CONFIG, CRITIC)
+    found = ground_symmetries(slots, region, scene, CONFIG, CRITICS)
     assert found.existence[3] < 0.5
     trusted = [k for k in range(3) if found.existence[k] > 0.5]
     assert any(
@@ -98,14 +98,17 @@ def test_a_plane_that_throws_images_into_free_space_is_not_trusted(can):
     beside = ReflectionSymmetry([1, 0, 0], [0.03, 0, 0]).transformed(pose)
     slots = uncertain([beside])
     slots.point[:] = beside.point
-    found = ground_symmetries(slots, region, scene, CONFIG, CRITIC)
+    found = ground_symmetries(slots, region, scene, CONFIG, CRITICS)
     for slot in range(3):
         offset = abs(float((found.point[slot] - pose[:3, 3]) @ found.direction[slot]))
         assert found.existence[slot] < 0.5 or offset < 0.012
 
 
-def test_more_support_and_fewer_floating_images_mean_more_trust():
+def test_more_support_and_fewer_floating_images_mean_more_confidence():
     axis = RotationSymmetry([0, 0, 1], [0, 0, 0])
-    good, floating = Evidence(axis, 0.5, 0.8, 1.0), Evidence(axis, 0.5, 0.8, 0.5)
-    assert good.confidence > Evidence(axis, 0.5, 0.3, 1.0).confidence
-    assert good.confidence > floating.confidence
+    good, loose, floating = ([0.5, 0.8, 1.0], [0.5, 0.3, 1.0], [0.5, 0.8, 0.5])
+    other = RotationSymmetry([1, 0, 0], [0, 0, 0])
+    for worse in (loose, floating):
+        best, confidence = Evidence([other, axis], np.array([worse, good])).best(CRITICS.axes)
+        assert best is axis
+        assert confidence > Evidence([other], np.array([worse])).best(CRITICS.axes)[1]

@@ -1,4 +1,4 @@
-"""What a plane makes of the seen points: each column says what it is called, on a known box."""
+"""Features of points and their mirror images hold what their names say, on a box that is known."""
 
 import numpy as np
 import pytest
@@ -12,14 +12,18 @@ from pipelines.grasping.candidates.mirror_views import (
     PLANE_FEATURES,
     POINT_FEATURES,
     MirrorImages,
-    plane_rows,
-    point_rows,
+    PointFeature,
+    plane_features,
+    point_features,
 )
 from pipelines.grasping.observation import SceneCloud
 from tests.grasping.candidates.test_grounding import view_of
 
-POINT, NORMAL = slice(0, 3), slice(3, 6)
-DISTANCE, GAP, AGREE, BEHIND, MEASURED, OWN, HEIGHT, IMAGE_HEIGHT = range(6, 14)
+NORMAL = slice(PointFeature.NORMAL_NORMAL, PointFeature.NORMAL_ACROSS + 1)
+DISTANCE, GAP = PointFeature.IMAGE_DISTANCE, PointFeature.IMAGE_GAP
+AGREE, BEHIND = PointFeature.IMAGE_AGREEMENT, PointFeature.IMAGE_BEHIND
+MEASURED, OWN = PointFeature.IMAGE_IS_MEASURED, PointFeature.IMAGE_IS_OWN
+HEIGHT, IMAGE_HEIGHT = PointFeature.HEIGHT, PointFeature.IMAGE_HEIGHT
 
 
 @pytest.fixture(scope="module")
@@ -38,20 +42,20 @@ def rows_of(planes, view, scene=None):
     shuffled = np.random.default_rng(0).permutation(len(region))[:400]
     points, normals = region.points[shuffled], region.normals[shuffled]
     images = MirrorImages.of(planes, points, normals)
-    return point_rows(planes, images, region.mask, scene or seen)
+    return point_features(planes, images, region.mask, scene or seen)
 
 
 def test_shapes_are_as_documented(box):
     planes = planes_of(box[2])
-    assert rows_of(planes, box).shape == (3, NUM_POINTS, POINT_FEATURES)
-    assert plane_rows(planes, box[1].points, box[0]).shape == (3, PLANE_FEATURES)
+    assert rows_of(planes, box).shape == (3, NUM_POINTS, len(POINT_FEATURES))
+    assert plane_features(planes, box[1].points, box[0]).shape == (3, len(PLANE_FEATURES))
 
 
 def test_nothing_depends_on_the_normals_sign(box):
     planes = planes_of(box[2])
     turned = [ReflectionSymmetry(-plane.normal, plane.point) for plane in planes]
     np.testing.assert_allclose(rows_of(turned, box), rows_of(planes, box), atol=1e-5)
-    both = [plane_rows(each, box[1].points, box[0]) for each in (planes, turned)]
+    both = [plane_features(each, box[1].points, box[0]) for each in (planes, turned)]
     np.testing.assert_allclose(*both, atol=1e-6)
 
 
@@ -75,7 +79,7 @@ def test_points_and_images_have_their_heights_above_the_table(box):
     assert np.median(rows[:, 0]) > 0  # most of the surface is on the normal's side
 
 
-def test_the_point_is_told_in_decimetres_from_the_plane(box):
+def test_the_point_is_given_in_decimetres_from_the_plane(box):
     across = planes_of(box[2])[0]
     rows = rows_of([across], box)[0]
     assert np.abs(rows[:, 0]).max() == pytest.approx(0.25, abs=0.03)  # half of 5 cm
@@ -109,7 +113,7 @@ def test_rows_are_what_arrays_say_of_each_plane(box, far):
     planes = [*planes_of(pose), ReflectionSymmetry(unit([1.0, 2.0, 0.5]), [0.9 * far, 0.0, 0.7])]
     points, normals = region.points[:600:3].copy(), region.normals[:600:3].copy()
     seen = MirrorImages.of(planes, points, normals)
-    rows = point_rows(planes, seen, region.mask, scene)
+    rows = point_features(planes, seen, region.mask, scene)
     some = np.linspace(0, len(points) - 1, NUM_POINTS).round().astype(int)
     for plane, row, gap, sides in zip(planes, rows, seen.gap, seen.sides, strict=True):
         side = (points - plane.point) @ plane.normal

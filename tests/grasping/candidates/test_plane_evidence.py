@@ -1,4 +1,4 @@
-"""The evidence for mirror planes: each number says what it is called, and truth is trusted."""
+"""The evidence for mirror planes holds what its names say, and true planes are likely."""
 
 import numpy as np
 import pytest
@@ -8,22 +8,20 @@ from pipelines.configs import SelectionConfig
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SymmetrySlots
 from pipelines.geometry.transforms import rotation_about, unit
-from pipelines.grasping.candidates.mirror_views import MirrorImages
 from pipelines.grasping.candidates.plane_candidates import candidate_planes
 from pipelines.grasping.candidates.plane_evidence import (
     FEATURES,
     RegionEvidence,
+    critic_inputs,
     fitted_planes,
-    plane_features,
-    trust,
-    trusted_planes,
+    likely_planes,
 )
 from pipelines.grasping.observation import SceneCloud
 from pipelines.inference import models
 from tests.grasping.candidates.test_grounding import view_of
 
 CONFIG = SelectionConfig()
-CRITIC = models.plane_critic(models.PLANE_CRITIC_WEIGHTS)
+CRITIC = models.symmetry_critics().planes
 UPRIGHT = RotationSymmetry([0, 0, 1], [9, 9, 9])
 SILENT = SymmetrySlots(np.zeros(5), np.full((5, 3), 9.0), np.tile(unit([1.0, 2.0, 3.0]), (5, 1)))
 
@@ -48,8 +46,7 @@ def box_planes(pose):
 
 
 def features(planes, known):
-    images = MirrorImages.of(planes, known.points, known.normals)
-    return plane_features(planes, images, known, CONFIG)
+    return critic_inputs(planes, known, CONFIG)[2]
 
 
 def row(plane, known):
@@ -58,9 +55,9 @@ def row(plane, known):
 
 
 def test_a_box_alone_shows_its_three_planes_without_a_network(box):
-    found = trusted_planes(evidence_of(box), CONFIG, CRITIC)
+    found = likely_planes(evidence_of(box), CONFIG, CRITIC)
     assert len(found) == 3
-    confidence = [trust for _, trust in found]
+    confidence = [each for _, each in found]
     assert confidence == sorted(confidence, reverse=True)
     for truth in box_planes(box[2]):
         best = max(found, key=lambda pair: abs(float(pair[0].normal @ truth.normal)))
@@ -69,15 +66,15 @@ def test_a_box_alone_shows_its_three_planes_without_a_network(box):
         assert best[1] > 0.3
 
 
-def test_true_planes_are_trusted_more_than_the_same_beside_the_middle(box):
+def test_true_planes_are_more_likely_than_the_same_beside_the_middle(box):
     known = evidence_of(box)
     for truth in box_planes(box[2]):
         aside = ReflectionSymmetry(truth.normal, truth.point + 0.02 * truth.normal)
-        right, wrong = trust([truth, aside], known, CONFIG, CRITIC)
+        right, wrong = CRITIC.probability(*critic_inputs([truth, aside], known, CONFIG))
         assert right > 2 * wrong
 
 
-def test_of_oblique_planes_only_the_more_trusted_is_kept(box, monkeypatch):
+def test_of_oblique_planes_only_the_more_likely_is_kept(box, monkeypatch):
     across, _, level = box_planes(box[2])
     up = level.normal
     oblique = [
@@ -88,9 +85,9 @@ def test_of_oblique_planes_only_the_more_trusted_is_kept(box, monkeypatch):
     monkeypatch.setattr(
         "pipelines.grasping.candidates.plane_evidence.fitted_planes", lambda _: oblique
     )
-    monkeypatch.setattr("pipelines.grasping.candidates.plane_evidence.trust", lambda *_: said)
-    found = trusted_planes(evidence_of(box), CONFIG, CRITIC)
-    assert [trust for _, trust in found] == [0.9, 0.3]  # 90 degrees is within 30 of what is kept
+    monkeypatch.setattr(type(CRITIC), "probability", lambda *_: said)
+    found = likely_planes(evidence_of(box), CONFIG, CRITIC)
+    assert [each for _, each in found] == [0.9, 0.3]  # 90 degrees is within 30 of what is kept
     assert found[0][0] is oblique[0]
 
 
@@ -127,7 +124,7 @@ def test_without_a_table_nothing_is_level_and_planes_are_found(box):
     values = features(fitted_planes(known), known)
     assert (values[:, FEATURES.index("level")] == 0).all()
     assert np.isfinite(values).all()
-    assert len(trusted_planes(known, CONFIG, CRITIC)) == 3
+    assert len(likely_planes(known, CONFIG, CRITIC)) == 3
 
 
 def test_a_moved_table_moves_only_what_is_about_the_table(box):

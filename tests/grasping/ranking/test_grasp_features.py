@@ -1,4 +1,4 @@
-"""What a hand meets, as its critic sees it: each column says what it is called, on a known box."""
+"""Features of grasps hold what their names say, on a box that is known."""
 
 from dataclasses import replace
 
@@ -14,21 +14,22 @@ from pipelines.geometry.transforms import random_rotation, transform_points, uni
 from pipelines.grasping.grasp_candidates import RankedGrasps
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.observation import RegionCloud, SceneCloud
-from pipelines.grasping.ranking import grasp_features
+from pipelines.grasping.ranking import contact_patches, grasp_features
 from pipelines.grasping.ranking.grasp_features import (
-    GRASP_FEATURES,
+    CANDIDATE_FEATURES,
     NUM_POINTS,
     POINT_FEATURES,
     GraspFeatures,
+    PointFeature,
     grasp_frame,
 )
 from pipelines.grasping.ranking.known_region import KnownRegion
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
 
 SIZE = (0.06, 0.09, 0.1)
-PLACE, BESIDE, NORMAL, KIND, HEIGHT = slice(0, 3), 3, slice(4, 7), slice(7, 10), 10
-WIDTH, UP, SLOT_TRUST, IS_PLANE, IS_PLANAR, TIP_HEIGHT = 0, slice(1, 4), 11, 12, 15, 16
-PATCHES = slice(19, 35)  # eight of the first contact, eight of the second
+NORMAL = slice(PointFeature.NORMAL_APPROACH, PointFeature.NORMAL_BINORMAL + 1)
+KIND = slice(PointFeature.IS_MEASURED, PointFeature.IS_FOREIGN + 1)
+BESIDE, HEIGHT = PointFeature.BEYOND_CONTACT, PointFeature.HEIGHT
 
 
 def known_box():
@@ -68,13 +69,20 @@ def views(found, known=KNOWN):
 def test_shapes_are_as_documented_for_any_number_of_hands():
     for count in (0, 1, 3):
         seen = views(hands(3)[np.arange(count)])
-        assert seen.point_rows().shape == (count, NUM_POINTS, POINT_FEATURES)
-        assert seen.grasp_rows().shape == (count, GRASP_FEATURES)
-        assert np.isfinite(seen.grasp_rows()).all()
+        assert seen.points().shape == (count, NUM_POINTS, len(POINT_FEATURES))
+        assert seen.candidates().shape == (count, len(CANDIDATE_FEATURES))
+        assert np.isfinite(seen.candidates()).all()
+
+
+def test_each_block_of_features_has_as_many_columns_as_names_and_no_name_is_given_twice():
+    seen = views(hands(3))
+    for block in grasp_features.CANDIDATE_BLOCKS:
+        assert np.column_stack([block.values(seen)]).shape == (3, len(block.names)), block.names
+    assert len(set(CANDIDATE_FEATURES)) == len(CANDIDATE_FEATURES)
 
 
 def test_points_are_those_about_the_fingers_with_their_kind_and_height():
-    (rows,) = views(hands()).point_rows()
+    (rows,) = views(hands()).points()
     assert (np.abs(rows[:, BESIDE]) <= 2.5).all()
     assert (rows[:, KIND].sum(axis=1) == 1).all()
     assert rows[:, KIND].sum(axis=0)[0] > 5  # measured
@@ -90,18 +98,24 @@ def test_points_are_those_about_the_fingers_with_their_kind_and_height():
 
 
 def test_numbers_tell_width_pose_symmetry_and_what_is_seen_at_each_contact():
-    (row,) = views(hands()).grasp_rows()
-    assert abs(row[WIDTH] - 0.9) < 1e-6
-    np.testing.assert_allclose(row[UP], [-1.0, 0.0, 0.0], atol=1e-6)
-    assert row[SLOT_TRUST] == 1.0
-    assert (row[IS_PLANE], row[IS_PLANAR]) == (1.0, 0.0)
-    assert abs(row[TIP_HEIGHT] - 0.8) < 0.02
-    first, second = row[PATCHES].reshape(2, 8)
-    assert first[0] > 0.95  # the front faces its finger
-    assert first[6] < 30 * 0.006  # and is seen where the finger touches
-    assert second[6] > 30 * 0.006  # the back is not
-    (none,) = views(hands(slot=-1)).grasp_rows()
-    assert (none[SLOT_TRUST], none[IS_PLANE], none[IS_PLANAR]) == (0.0, 0.0, 1.0)
+    of = named(hands())
+    assert abs(of["width"] - 0.9) < 1e-6
+    up = [of[f"up_{axis}"] for axis in ("approach", "closing", "binormal")]
+    np.testing.assert_allclose(up, [-1.0, 0.0, 0.0], atol=1e-6)
+    assert of["confidence"] == of["confidence_0"] == 1.0
+    assert (of["is_reflection"], of["is_planar"]) == (1.0, 0.0)
+    assert abs(of["height"] - 0.8) < 0.02
+    assert of["first_alignment_6mm"] > 0.95  # the front faces its finger
+    assert of["first_distance"] < 30 * 0.006  # and is seen where the finger touches
+    assert of["second_distance"] > 30 * 0.006  # the back is not
+    none = named(hands(slot=-1))
+    assert (none["confidence"], none["is_reflection"], none["is_planar"]) == (0.0, 0.0, 1.0)
+
+
+def named(found):
+    """The features of one grasp by name."""
+    (row,) = views(found).candidates()
+    return dict(zip(CANDIDATE_FEATURES, row, strict=True))
 
 
 def test_the_hands_frame_leads_back_to_the_cameras():
@@ -132,7 +146,7 @@ def test_nothing_depends_on_where_the_camera_stands_about_the_vertical(turn):
     found = hands(2)
     there = replace(found, grasps=found.grasps.transformed(spin))
     bare = replace(KNOWN, hidden=np.zeros((0, 3)))
-    here, over = views(found, bare).point_rows(), views(there, other).point_rows()
+    here, over = views(found, bare).points(), views(there, other).points()
     for first, second in zip(here, over, strict=True):
         away, _ = KDTree(second).query(first)
         assert np.mean(away < 1e-3) > 0.5  # of a face's points, equally near, any may be left out
@@ -143,10 +157,10 @@ def test_without_a_table_heights_are_zero_and_few_points_are_repeated():
     few = replace(KNOWN.region, points=KNOWN.region.points[:9], normals=KNOWN.region.normals[:9])
     bare = KnownRegion(few, scene, SymmetrySlots.empty(), np.zeros((0, 3)), np.zeros((0, 3)))
     seen = views(hands(slot=-1), bare)
-    (rows,) = seen.point_rows()
+    (rows,) = seen.points()
     assert len(np.unique(rows, axis=0)) <= 9
     np.testing.assert_array_equal(rows[:, HEIGHT], 0.0)
-    assert np.isfinite(seen.grasp_rows()).all()
+    assert np.isfinite(seen.candidates()).all()
 
 
 @given(st.integers(0, 2**31), st.integers(0, 5), st.sampled_from([1, 40, 64, 65, 200]))
@@ -156,7 +170,7 @@ def test_rows_are_those_of_the_points_nearest_to_the_room(seed, count, size):
     local = rng.normal(0.0, 0.05, (count, 3, size)).astype(np.float32)
     half = rng.uniform(0.0, 0.05, count).astype(np.float32)
     starts = np.sort(rng.integers(0, size + 1, 3))
-    away, between = grasp_features._room(local, half, starts)
+    away, between = grasp_features._between_fingers(local, half, starts)
     along, across, third = local.swapaxes(0, 1)
     beside = np.abs(across) - half[:, None]
     expected = np.maximum(np.maximum(np.abs(along) / 1.5, np.abs(third)), beside)
@@ -174,7 +188,7 @@ def test_rows_are_those_of_the_points_nearest_to_the_room(seed, count, size):
     rows = grasp_features._nearest_rows(
         local, rotation.astype(np.float32), half, away, reach, about
     )
-    assert rows.shape == (count, NUM_POINTS, POINT_FEATURES)
+    assert rows.shape == (count, NUM_POINTS, len(POINT_FEATURES))
     for k in range(count):
         chosen = np.sort(np.argsort(away[k], kind="stable")[:NUM_POINTS])
         chosen = np.resize(chosen, NUM_POINTS)
@@ -194,14 +208,14 @@ def test_what_is_seen_about_a_contact_is_what_arrays_say(seed, count, size):
     points, normals = rng.uniform(-0.02, 0.02, (size, 3)), unit(rng.normal(size=(size, 3)))
     contacts = rng.uniform(-0.04, 0.04, (2, 2, 3))[rng.integers(2, size=(count, 2)), [0, 1]]
     closing = unit(contacts[:, 1] - contacts[:, 0])
-    found = grasp_features._patches(contacts, closing, np.ascontiguousarray(points.T), normals)
+    found = contact_patches._patches(contacts, closing, np.ascontiguousarray(points.T), normals)
     assert found.shape == (count, 16)
     for k in range(count):
         for finger, side in enumerate((-1.0, 1.0)):
             away = np.linalg.norm(points - contacts[k, finger], axis=1)
             facing = side * normals @ closing[k]
             expected = []
-            for radius in grasp_features.PATCHES:
+            for radius in contact_patches.RADII:
                 near = facing[away < radius]
                 few = len(near) if len(near) else 1
                 mean = near.sum() / few
@@ -209,7 +223,7 @@ def test_what_is_seen_about_a_contact_is_what_arrays_say(seed, count, size):
                 expected += [mean, spread, min(len(near), 30) / 30.0]
             nearest = away.argmin()
             expected.append(30.0 * min(away[nearest], 0.03))
-            expected.append(facing[nearest] * (away[nearest] < grasp_features.CONTACT_REACH))
+            expected.append(facing[nearest] * (away[nearest] < contact_patches.CONTACT_REACH))
             part = found[k, 8 * finger : 8 * finger + 8]
             np.testing.assert_allclose(part, expected, atol=1e-12)
 
@@ -218,5 +232,5 @@ def test_numbers_are_those_of_each_hand_whatever_stands_beside_it():
     low, high = hands(height=0.05), hands(height=0.08)
     parts = [low.grasps, low.grasps, high.grasps, low.grasps]
     found = replace(hands(4), grasps=Grasps.concatenate(parts))
-    rows, alone = views(found).grasp_rows(), [views(hand).grasp_rows()[0] for hand in (low, high)]
+    rows, alone = views(found).candidates(), [views(hand).candidates()[0] for hand in (low, high)]
     np.testing.assert_allclose(rows, [alone[0], alone[0], alone[1], alone[0]], atol=1e-6)

@@ -1,100 +1,84 @@
-"""The critics in numpy say what the same layers say in torch, and give probabilities."""
+"""The network of the critics is one in numpy, in torch and compiled, and gives probabilities."""
 
 import numpy as np
 import pytest
 import torch
 
-from pipelines.errors import FormatError
-from pipelines.grasping.candidates import mirror_views
-from pipelines.grasping.candidates.plane_evidence import FEATURES
-from pipelines.grasping.ranking import critic_files, grasp_features
-from pipelines.inference.models import GRASP_CRITIC_WEIGHTS, PLANE_CRITIC_WEIGHTS
-from pipelines.storage.checkpoints import load_weights, save_weights
+from pipelines.grasping.ranking.point_critic import FeatureNames, PointCritic
 
-CRITICS = {  # weights, what they are of, and widths of points, wholes and evidence
-    "planes": (
-        PLANE_CRITIC_WEIGHTS,
-        critic_files.PLANES,
-        (mirror_views.POINT_FEATURES, mirror_views.PLANE_FEATURES, len(FEATURES)),
-    ),
-    "hands": (
-        GRASP_CRITIC_WEIGHTS,
-        critic_files.GRASPS,
-        (grasp_features.POINT_FEATURES, 0, grasp_features.GRASP_FEATURES),
-    ),
+NAMES = {
+    "shared features": FeatureNames(("a", "b", "c"), ("d", "e"), ("f", "g", "h", "i")),
+    "none": FeatureNames(("a", "b", "c"), (), ("d",)),
 }
 
 
-def inputs(widths, count=5, points=16):
-    rng = np.random.default_rng(0)
-    shapes = ((count, points, widths[0]), (count, widths[1]), (count, widths[2]))
+@pytest.fixture(params=NAMES)
+def critic(request):
+    names, rng = NAMES[request.param], np.random.default_rng(0)
+    shapes = names.weight_shapes()
+    weights = {
+        name: rng.normal(scale=shape[-1] ** -0.5, size=shape).astype(np.float32)
+        for name, shape in shapes.items()
+    }
+    weights["spread"] = np.abs(weights["spread"]) + np.float32(0.1)
+    weights["calibration"] = np.float32([-0.5, 2.0])
+    return PointCritic(names, weights)
+
+
+def inputs(critic, count=40, points=16):
+    rng, names = np.random.default_rng(1), critic.features
+    shapes = (
+        (count, points, len(names.point)),
+        (count, len(names.shared)),
+        (count, len(names.candidate)),
+    )
     return [rng.normal(size=shape).astype(np.float32) for shape in shapes]
 
 
-def through(tensors, name, features):
-    for index in range(3):
-        features = torch.relu(features) if index else features
-        weight, bias = (tensors[f"{name}.{index}.{part}"] for part in ("weight", "bias"))
-        features = torch.nn.functional.linear(features, weight, bias)
-    return features
+def written_out(critic, points, shared, candidate):
+    """The logit of one candidate, a point at a time."""
+
+    def through(name, x):
+        for index in range(3):
+            x = np.maximum(x, 0) if index else x
+            x = critic.weights[f"{name}.{index}.weight"] @ x
+            x = x + critic.weights[f"{name}.{index}.bias"]
+        return x
+
+    hidden = np.stack([through("point", np.concatenate([point, shared])) for point in points])
+    standard = (candidate - critic.weights["mean"]) / critic.weights["spread"]
+    return through("last", np.concatenate([hidden.max(0), hidden.mean(0), standard, shared]))[0]
 
 
-@pytest.fixture(params=CRITICS)
-def critic(request):
-    path, model, widths = CRITICS[request.param]
-    return path, critic_files.read(path, model), widths
+def test_logits_are_what_the_layers_give_written_out(critic):
+    given = inputs(critic, 5)
+    expected = [written_out(critic, *each) for each in zip(*given, strict=True)]
+    np.testing.assert_allclose(critic.logits(*given), expected, rtol=1e-4, atol=1e-5)
 
 
-def test_the_default_judges_are_what_their_layers_are_in_torch(critic):
-    path, network, widths = critic
-    tensors, _ = load_weights(path)
-    points, wholes, evidence = (torch.from_numpy(each) for each in inputs(widths))
-    around = wholes[:, None].expand(-1, points.shape[1], -1)
-    hidden = through(tensors, "point", torch.cat([points, around], -1))
-    known = (evidence - tensors["mean"]) / tensors["spread"]
-    joined = torch.cat([hidden.amax(1), hidden.mean(1), known, wholes], -1)
-    expected = through(tensors, "last", joined)[:, 0]
-    found = network.logits(*inputs(widths))
-    np.testing.assert_allclose(found, expected.numpy(), rtol=1e-4, atol=1e-4)
+def test_torch_and_the_compiled_network_give_the_same_logits(critic):
+    expected = critic.logits(*inputs(critic))
+    assert np.ptp(expected) > 0.1
+    np.testing.assert_allclose(critic.fast_logits(*inputs(critic)), expected, rtol=1e-4, atol=1e-5)
+    tensors = PointCritic(
+        critic.features, {name: torch.from_numpy(each) for name, each in critic.weights.items()}
+    )
+    found = tensors.logits(*map(torch.from_numpy, inputs(critic)), torch)
+    np.testing.assert_allclose(found.numpy(), expected, rtol=1e-4, atol=1e-5)
 
 
 def test_the_order_of_points_says_nothing(critic):
-    _, network, widths = critic
-    points, wholes, evidence = inputs(widths)
+    points, *rest = inputs(critic)
     mixed = points[:, np.random.default_rng(1).permutation(points.shape[1])]
-    here, there = (network.logits(each, wholes, evidence) for each in (points, mixed))
-    np.testing.assert_allclose(here, there, rtol=1e-4, atol=1e-4)
+    here, there = (critic.fast_logits(each, *rest) for each in (points, mixed))
+    np.testing.assert_allclose(here, there, rtol=1e-4, atol=1e-5)
 
 
-def test_trust_is_a_probability_in_the_order_of_the_logits(critic):
-    _, network, widths = critic
-    logits, trust = network.logits(*inputs(widths, 40)), network.trust(*inputs(widths, 40))
-    assert ((trust >= 0) & (trust <= 1)).all()
-    assert (np.diff(trust[np.argsort(logits)]) >= 0).all()
-    assert trust.max() > trust.min()
+def test_probabilities_are_calibrated_logits(critic):
+    logits, found = critic.fast_logits(*inputs(critic)), critic.probability(*inputs(critic))
+    np.testing.assert_allclose(found, 1 / (1 + np.exp(0.5 - 2.0 * logits)), rtol=1e-4)
 
 
 def test_nothing_is_said_of_no_candidates(critic):
-    _, network, widths = critic
-    assert network.trust(*inputs(widths, 0)).shape == (0,)
-
-
-def test_other_weights_are_refused_by_name(tmp_path):
-    path = tmp_path / "other.safetensors"
-    save_weights(path, {"a": torch.zeros(1)}, {"model": "SymmetryGraspNet"})
-    with pytest.raises(FormatError, match="holds SymmetryGraspNet"):
-        critic_files.read(path, critic_files.PLANES)
-    with pytest.raises(FormatError, match="holds PlaneCritic; weights of GraspCritic"):
-        critic_files.read(PLANE_CRITIC_WEIGHTS, critic_files.GRASPS)
-    save_weights(path, {"a": torch.zeros(1)}, {"model": critic_files.PLANES})
-    with pytest.raises(FormatError, match=r"has no point\.0\.weight"):
-        critic_files.read(path, critic_files.PLANES)
-
-
-def test_weights_for_other_numbers_are_refused_with_how_many(tmp_path):
-    path = tmp_path / "other.safetensors"
-    tensors, _ = load_weights(PLANE_CRITIC_WEIGHTS)
-    tensors["mean"] = tensors["mean"][:-1].clone()
-    save_weights(path, tensors, {"model": critic_files.PLANES})
-    with pytest.raises(FormatError, match="takes 17 numbers of a point and 8, not 17 and 9"):
-        critic_files.read(path, critic_files.PLANES)
+    assert critic.probability(*inputs(critic, 0)).shape == (0,)
+    assert critic.logits(*inputs(critic, 0)).shape == (0,)

@@ -27,7 +27,7 @@ from pipelines.geometry.symmetry import (
     Symmetry,
 )
 from pipelines.mesh_symmetry.detection.symmetry_detection import (
-    Detection,
+    MeshSymmetries,
     analyse,
     detect_symmetries,
 )
@@ -80,12 +80,12 @@ def annotate(
     gauge = Gauge.of(cleaned, config, rng.spawn(1)[0])
     detection = analyse(cleaned, config, rng)
     said = _with_given(detection.symmetries, given, gauge)
-    judgement = gauge.judge(said.symmetries, detection.partial)
+    assessment = gauge.assess(said.symmetries, detection.partial)
     labels = ObjectSymmetries(
         name,
         said.symmetries,
-        doubt=judgement.doubt,
-        rejected=judgement.rejected,
+        doubt=assessment.doubt,
+        rejected=assessment.rejected,
         sources=said.sources,
     )
     notes = (*filter(None, [dropped]), *said.notes)
@@ -182,7 +182,7 @@ def _measured(
 
 
 def _found_regions(
-    mesh: Mesh, detection: Detection, config: AnnotateSymmetryConfig, rng: np.random.Generator
+    mesh: Mesh, detection: MeshSymmetries, config: AnnotateSymmetryConfig, rng: np.random.Generator
 ) -> list[SymmetricRegion]:
     """Return the parts of a clean `mesh`; uncut, the whole if it is symmetric, else none."""
     if config.cut_objects:

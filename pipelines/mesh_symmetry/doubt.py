@@ -1,10 +1,9 @@
-"""How near an annotator's decisions were to falling the other way.
+"""Doubt of an annotation: how near its decisions were to the opposite ones (D. 42).
 
-Every symmetry that was accepted, and every candidate that was rejected, is measured again on
-samples of its own. Its strain is the factor by which the annotator's limits would have to be
-wider, or could be tighter, for it to just hold: 1 is the line. An accepted symmetry is as doubtful
-as it is strained, a rejected candidate as one over its strain; an object is as doubtful as its
-most doubtful decision, D. 42.
+Every accepted symmetry and every rejected candidate is measured again on new samples. Its strain is
+the factor on the annotator's limits with which the symmetry would just hold: up to 1 it holds. The
+doubt of an accepted symmetry is its strain, that of a rejected candidate 1 / strain; the doubt of
+an object is that of its most doubtful decision.
 """
 
 from bisect import bisect_left
@@ -24,28 +23,32 @@ from pipelines.geometry.symmetry import (
     Symmetry,
 )
 from pipelines.mesh_symmetry.detection.canonical_pose import CanonicalPose
-from pipelines.mesh_symmetry.detection.symmetry_refinement import fit_sphere
-from pipelines.mesh_symmetry.detection.symmetry_search import Shape, fit_of_plane, fit_of_turn
-from pipelines.mesh_symmetry.symmetry_verification import VERIFICATION_ANGLES, Fit
+from pipelines.mesh_symmetry.detection.symmetry_refinement import robust_sphere
+from pipelines.mesh_symmetry.detection.symmetry_search import (
+    UnitSurface,
+    fit_of_plane,
+    fit_of_turn,
+)
+from pipelines.mesh_symmetry.symmetry_verification import VERIFICATION_ANGLES, SurfaceFit
 
 NUM_SURFACE, NUM_SAMPLES = 10_000, 800
 SPHERE_ANGLES = VERIFICATION_ANGLES[::3]
 SAME_COSINE = float(np.cos(np.radians(7.0)))
 SAME_OFFSET = 0.03  # of the diameter
 STRAINS = np.geomspace(1 / 32, 32, 513).tolist()  # steps of 1.4 %
-NUM_JUDGED, NUM_REJECTED = 5, 3  # rejected candidates that are measured, and that are told
-LIKELY = 0.5  # nearness from which a sphere, which is not searched for, is told as a candidate
+NUM_MEASURED, NUM_REPORTED = 5, 3  # rejected candidates
+LIKELY = 0.5  # nearness from which a sphere, for which there is no search, is reported
 
 
 @dataclass(frozen=True)
 class Measure:
-    """How well one symmetry fits a mesh.
+    """The fit of one symmetry to a mesh.
 
     Attributes:
-        strain: the factor that limits would need for it to just hold; up to 1 it does hold.
+        strain: factor on the limits with which the symmetry would just hold; up to 1 it holds.
         error: dense symmetry error of the surface against its image, the worst of its images.
-        roundness: the smallest miss over the largest of a continuous axis's turns: near 0 for
-            a polygon, which fits at some angles and not at others; 1 for all else.
+        roundness: smallest over largest misfit of the turns about a continuous axis: near 0 for a
+            polygon, which fits at some angles only; 1 for other symmetries.
     """
 
     strain: float
@@ -54,7 +57,7 @@ class Measure:
 
 
 @dataclass(frozen=True)
-class Judgement:
+class Assessment:
     """The doubt of an object, 0 to 1, and its rejected candidates, the nearest to holding first."""
 
     doubt: float
@@ -63,25 +66,25 @@ class Judgement:
 
 @dataclass(frozen=True)
 class Gauge:
-    """A mesh's surface and samples of it in its canonical pose, to measure symmetries on."""
+    """A mesh's surface in its canonical pose, with samples to measure symmetries on."""
 
     pose: CanonicalPose
-    shape: Shape
+    shape: UnitSurface
     config: AnnotateSymmetryConfig
 
     @classmethod
     def of(cls, mesh: Mesh, config: AnnotateSymmetryConfig, rng: np.random.Generator) -> "Gauge":
-        """Sample `mesh`; the samples are not those that its symmetries were found on."""
+        """Sample `mesh` independently of the samples on which its symmetries were found."""
         coarser = replace(
             config,
             num_samples=min(NUM_SURFACE, config.num_samples),
             num_verification_samples=min(NUM_SAMPLES, config.num_verification_samples),
         )
         pose = CanonicalPose.of(mesh)
-        return cls(pose, Shape.from_mesh(pose.mesh, coarser, rng), config)
+        return cls(pose, UnitSurface.from_mesh(pose.mesh, coarser, rng), config)
 
     def measure(self, symmetry: Symmetry) -> Measure:
-        """Return how well `symmetry`, mesh frame, metres, fits."""
+        """Measure the fit of `symmetry`, mesh frame, metres."""
         shape, posed = self.shape, self.pose.posed(symmetry)
         point = (posed.point - shape.center) / shape.size
         match posed:
@@ -106,31 +109,32 @@ class Gauge:
                 ]
                 return self._measure(fits, self.config.max_axis_mean)
 
-    def judge(self, accepted: Sequence[Symmetry], rejected: Sequence[Symmetry]) -> Judgement:
-        """Return the doubt of having `accepted` these and `rejected` those.
+    def assess(self, accepted: Sequence[Symmetry], rejected: Sequence[Symmetry]) -> Assessment:
+        """Return the doubt of the decision between `accepted` and `rejected` symmetries.
 
-        Candidates that say what an accepted symmetry says already are passed over.
+        Rejected candidates that follow from an accepted symmetry are left out.
         """
         doubts = [min(self.measure(symmetry).strain, 1.0) for symmetry in accepted]
         others = [each for each in rejected if not self._is_known(each, accepted)]
-        others = sorted(others, key=lambda each: each.error)[:NUM_JUDGED]
+        others = sorted(others, key=lambda each: each.error)[:NUM_MEASURED]
         if not any(isinstance(symmetry, SphereSymmetry) for symmetry in accepted):
-            center, _ = fit_sphere(self.shape.samples.points)
+            center, _ = robust_sphere(self.shape.samples.points)
             others.append(self.pose.given(SphereSymmetry(self.shape.to_mesh(center))))
         measures = [self.measure(symmetry) for symmetry in others]
         near = [_nearness(measure) for measure in measures]
-        told = [
+        reported = [
             replace(others[index], error=measures[index].error)
             for index in np.argsort(near)[::-1].tolist()
             if near[index] > LIKELY or not isinstance(others[index], SphereSymmetry)
         ]
-        return Judgement(round(max([*doubts, *near], default=0.0), 4), tuple(told[:NUM_REJECTED]))
+        doubt = round(max([*doubts, *near], default=0.0), 4)
+        return Assessment(doubt, tuple(reported[:NUM_REPORTED]))
 
-    def _turns(self, axis: Array, point: Array, angles: Sequence[float]) -> list[Fit]:
+    def _turns(self, axis: Array, point: Array, angles: Sequence[float]) -> list[SurfaceFit]:
         line = np.concatenate([axis, point])
         return [fit_of_turn(self.shape, line, angle, self.shape.samples) for angle in angles]
 
-    def _measure(self, fits: Sequence[Fit], max_mean: float) -> Measure:
+    def _measure(self, fits: Sequence[SurfaceFit], max_mean: float) -> Measure:
         strain = max(_strain(fit, self.config, max_mean) for fit in fits)
         return Measure(strain, max(fit.error for fit in fits))
 
@@ -138,7 +142,7 @@ class Gauge:
         return any(self._implies(known, candidate) for known in accepted)
 
     def _implies(self, known: Symmetry, candidate: Symmetry) -> bool:
-        """Return whether `candidate` is nearly `known`, or one of the family it stands for."""
+        """Return whether `candidate` is nearly `known`, or follows from it."""
         between = candidate.point - known.point
         reach = SAME_OFFSET * self.shape.size * self.pose.size
         match known, candidate:
@@ -158,12 +162,12 @@ class Gauge:
 
 
 def _nearness(measure: Measure) -> float:
-    """Return how near a rejected candidate is to holding, 0 to 1."""
+    """Return the nearness of a rejected candidate to holding, 0 to 1."""
     return min(1.0 / max(measure.strain, 1.0), measure.roundness)
 
 
-def _strain(fit: Fit, config: AnnotateSymmetryConfig, max_mean: float) -> float:
-    """Return the factor by which all limits must be widened for `fit` to just hold."""
+def _strain(fit: SurfaceFit, config: AnnotateSymmetryConfig, max_mean: float) -> float:
+    """Return the factor on all limits with which `fit` would just hold."""
     if not fit.holds(_widened(config, STRAINS[-1]), max_mean * STRAINS[-1]):
         return float(STRAINS[-1])
     place = bisect_left(

@@ -1,4 +1,4 @@
-"""Region masks: which pixels show which region of a posed object."""
+"""Masks of the regions of posed objects."""
 
 import numpy as np
 from numpy.testing import assert_allclose

@@ -1,4 +1,4 @@
-"""Views from which symmetries can be judged."""
+"""Views from which a person sees whether symmetries are right."""
 
 import numpy as np
 import pytest

@@ -37,7 +37,7 @@ def tilted(degrees):
 def test_an_exact_symmetry_is_in_no_doubt(box):
     planes = [ReflectionSymmetry(normal, ORIGIN) for normal in (X, Y, Z)]
     assert max(box.measure(plane).strain for plane in planes) < 0.2
-    assert box.judge([*planes, RotationSymmetry(X, ORIGIN, 2)], []).doubt < 0.3
+    assert box.assess([*planes, RotationSymmetry(X, ORIGIN, 2)], []).doubt < 0.3
 
 
 def test_strain_grows_with_the_tilt_and_passes_1_where_the_symmetry_ends(box):
@@ -49,38 +49,38 @@ def test_strain_grows_with_the_tilt_and_passes_1_where_the_symmetry_ends(box):
 def test_an_accepted_plane_at_the_limit_is_as_doubtful_as_a_rejected_one(box):
     near = next(plane for plane in map(tilted, np.arange(0, 9, 0.25))
                 if box.measure(plane).strain > 0.9)  # fmt: skip
-    assert box.judge([near], []).doubt > 0.9
-    assert box.judge([], [near]).doubt > 0.7
-    assert box.judge([], [tilted(40)]).doubt < 0.4
+    assert box.assess([near], []).doubt > 0.9
+    assert box.assess([], [near]).doubt > 0.7
+    assert box.assess([], [tilted(40)]).doubt < 0.4
 
 
 def test_a_candidate_that_says_what_is_known_is_passed_over(box):
     plane = ReflectionSymmetry(X, ORIGIN)
-    assert box.judge([plane], [tilted(2)]).rejected == ()
-    assert len(box.judge([plane], [tilted(30)]).rejected) == 1
+    assert box.assess([plane], [tilted(2)]).rejected == ()
+    assert len(box.assess([plane], [tilted(30)]).rejected) == 1
 
 
 def test_a_polygon_is_no_near_miss_of_a_round_axis(hexagon):
     round_axis = RotationSymmetry(Z, ORIGIN)
     measure = hexagon.measure(round_axis)
     assert measure.roundness < 0.5
-    assert hexagon.judge([RotationSymmetry(Z, ORIGIN, 6)], [round_axis]).doubt < 0.5
+    assert hexagon.assess([RotationSymmetry(Z, ORIGIN, 6)], [round_axis]).doubt < 0.5
 
 
 def test_planes_through_a_round_axis_are_known():
     can = gauge_of(trimesh.creation.cylinder(0.03, 0.1, sections=64))
     axis, plane = RotationSymmetry(Z, ORIGIN), ReflectionSymmetry(Z, ORIGIN)
-    judgement = can.judge([plane, axis], [ReflectionSymmetry(X, ORIGIN)])
-    assert judgement.rejected == ()
-    assert judgement.doubt < 0.5
+    assessment = can.assess([plane, axis], [ReflectionSymmetry(X, ORIGIN)])
+    assert assessment.rejected == ()
+    assert assessment.doubt < 0.5
 
 
-def test_a_sphere_nobody_accepted_is_told_and_doubtful():
+def test_a_sphere_that_was_not_accepted_is_reported_and_doubtful():
     ball = gauge_of(trimesh.creation.icosphere(4, 0.03))
-    missed = ball.judge([], [])
+    missed = ball.assess([], [])
     assert missed.doubt > 0.9
     assert isinstance(missed.rejected[0], SphereSymmetry)
-    assert ball.judge([SphereSymmetry(ORIGIN)], []).doubt < 0.3
+    assert ball.assess([SphereSymmetry(ORIGIN)], []).doubt < 0.3
 
 
 def test_the_error_does_not_change_with_the_unit(box):

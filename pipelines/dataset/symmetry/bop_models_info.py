@@ -23,7 +23,7 @@ from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.symmetry import RotationSymmetry, SphereSymmetry, Symmetry
 from pipelines.mesh_symmetry.detection.rotation_group import (
     PARALLEL_COSINE,
-    SAME_ANGLE,
+    SAME_ROTATION,
     implied_rotations,
     turn_of,
 )
@@ -121,7 +121,7 @@ def symmetries_of(info: ModelInfo, mesh: Mesh) -> list[Symmetry]:
         return [RotationSymmetry(axis, scale * offset)]
     turns = [turn_of(transform) for transform in info.discrete]
     # Files that list a whole group have the identity in it, which turns about no axis.
-    turns = [(axis, angle, point) for axis, angle, point in turns if angle > SAME_ANGLE]
+    turns = [(axis, angle, point) for axis, angle, point in turns if angle > SAME_ROTATION]
     best: RotationSymmetry | None = None
     for axis, _, point in turns:
         angles = [angle for other, angle, _ in turns if abs(other @ axis) > PARALLEL_COSINE]

@@ -1,1 +1,1 @@
-"""Detection of planes, axes and spheres of symmetry of a mesh."""
+"""DetectedSymmetries of planes, axes and spheres of symmetry of a mesh."""

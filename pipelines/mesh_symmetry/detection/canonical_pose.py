@@ -1,8 +1,8 @@
-"""A mesh in a pose, size and order of its own, so that how it was given does not matter.
+"""Canonical pose, size and triangle order of a mesh, for results independent of its file.
 
-Samples, search directions and grids are laid out in the mesh's frame. In a frame that turns with
-the surface, with triangles in an order that does too, the same surface gives the same samples, and
-its symmetries come out the same however it lies, whatever its unit, and wherever its file starts.
+Samples, search directions and grids are laid out in the mesh's frame. In a frame fixed to the
+surface, with triangles in an order fixed to it, the same surface gives the same samples and the
+same symmetries, in any pose, unit and order of triangles.
 """
 
 from dataclasses import dataclass
@@ -18,23 +18,23 @@ from pipelines.geometry.symmetry import (
     Symmetry,
 )
 
-CELLS_PER_RADIUS = 8.0  # triangles are sorted by cells of space: neighbours stay neighbours
+CELLS_PER_RADIUS = 8.0  # triangles are sorted by cells of space, so that neighbours stay together
 
 
 @dataclass(frozen=True)
 class CanonicalPose:
-    """`mesh` = the given one as `x = rotation (x_given - center) / size`."""
+    """A mesh moved to its canonical frame, x = rotation (x_given - center) / size."""
 
-    mesh: Mesh
+    mesh: Mesh  # in the canonical frame
     rotation: Array  # (3, 3)
     center: Array  # (3,) metres, frame of the given mesh
     size: float  # metres
 
     @classmethod
     def of(cls, given: Mesh) -> "CanonicalPose":
-        """Return `given` about its surface's centroid, along its principal axes, unit radius.
+        """Return `given` with the centroid as origin, along its principal axes, at unit radius.
 
-        Of triangles on the same three points one is kept. A mesh without area is left as it is.
+        Duplicate triangles are removed. A mesh without area stays as it is.
         """
         mesh = _without_doubles(given)
         area = mesh.face_areas
@@ -50,25 +50,25 @@ class CanonicalPose:
         moment /= 12.0 * area.sum()
         rotation = np.linalg.eigh(moment)[1].T[::-1].copy()
         lean = np.average(((middle - center) @ rotation.T) ** 3, axis=0, weights=area)
-        rotation[lean < 0.0] *= -1.0  # the longer tail is ahead
+        rotation[lean < 0.0] *= -1.0  # the longer tail is on the positive side
         rotation[2] = np.cross(rotation[0], rotation[1])
         size = float(np.sqrt(np.trace(moment)))
         vertices = (mesh.vertices - center) @ rotation.T / size
         return cls(Mesh(vertices, _in_order(vertices, mesh.faces)), rotation, center, size)
 
     def posed(self, symmetry: Symmetry) -> Symmetry:
-        """Return `symmetry` of the given mesh in the frame of the canonical one."""
+        """Return `symmetry` of the given mesh in the canonical frame."""
         point = self.rotation @ (symmetry.point - self.center) / self.size
         return _moved(symmetry, self.rotation, point)
 
     def given(self, symmetry: Symmetry) -> Symmetry:
-        """Return `symmetry` of the canonical mesh in the frame of the given one."""
+        """Return `symmetry` of the canonical mesh in the frame of the given mesh."""
         point = self.center + self.size * symmetry.point @ self.rotation
         return _moved(symmetry, self.rotation.T, point)
 
 
 def _moved(symmetry: Symmetry, rotation: Array, point: Array) -> Symmetry:
-    """Return `symmetry` turned by `rotation` (3, 3), through `point` (3,)."""
+    """Return `symmetry` turned by `rotation` (3, 3) and moved to `point` (3,)."""
     match symmetry:
         case ReflectionSymmetry():
             return ReflectionSymmetry(rotation @ symmetry.normal, point, symmetry.error)
@@ -87,9 +87,9 @@ def _without_doubles(mesh: Mesh) -> Mesh:
 
 
 def _in_order(vertices: Array, faces: Indices) -> Indices:
-    """Return `faces` (f, 3) sorted by where they lie, each from the corner off its longest edge.
+    """Return `faces` (f, 3) sorted by position, each starting opposite to its longest edge.
 
-    All look away from the centroid: which side a file calls outside says nothing here.
+    All are turned to face away from the centroid, since files disagree on the outside.
     """
     corners = vertices[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

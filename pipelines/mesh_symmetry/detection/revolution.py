@@ -1,9 +1,9 @@
-"""Axes that parts of a surface revolve about, and which samples of it they explain.
+"""Axes of revolution of parts of a surface, and the samples that each axis explains.
 
-On a surface of revolution every normal's line meets the axis: the normal has no lean sideways.
-That is linear in the axis' line coordinates, so a patch of the surface gives its axis by one
-eigenvalue problem. A patch proves little; what counts is that the surface goes all the way
-round: a sample is supported when samples of its height, radius and slope fill its circle.
+On a surface of revolution the line of every normal meets the axis: the normal does not lean
+sideways. That is linear in the Pluecker coordinates of the axis, so a patch of the surface gives an
+axis by one eigenvalue problem. A sample supports the axis only if the surface goes all the way
+round: if samples of its height, radius and slope fill its circle.
 Normalised coordinates: origin at the surface's centroid, unit diameter.
 """
 
@@ -15,22 +15,22 @@ from pipelines.array_types import Array, Indices, Mask
 from pipelines.geometry.transforms import basis_from_direction
 
 NUM_PATCHES = 32
-PATCH_RADII = (0.08, 0.16, 0.32, 2.0)  # of the diameter; the last is all of the surface
+PATCH_RADII = (0.08, 0.16, 0.32, 2.0)  # of the diameter; the last covers the whole surface
 PATCH_SAMPLES = 1300
 KEPT_AXES = 5
 SAME_ANGLE, SAME_OFFSET = float(np.radians(6.0)), 0.03
-STEPS = (0.5, 0.35, 0.25)  # sideways lean of the normals that a step of the fit is based on
+LEAN_SCALES = (0.5, 0.35, 0.25)  # Tukey scales of the normals' sideways lean, one a step of the fit
 
 MAX_LEAN = float(np.sin(np.radians(20.0)))  # a hexagon's sides lean by up to 30 degrees
-NEAR_AXIS = 0.012  # of the diameter; so near to the axis a lean says nothing
-CELL = 0.025  # of the diameter, of height and radius of a circle
-SECTORS = 6  # of the slope of a circle's surface
+NEAR_AXIS = 0.012  # of the diameter; nearer to the axis the lean of a normal is meaningless
+CIRCLE_CELL = 0.025  # of the diameter; cell of height and radius of a circle
+SLOPE_SECTORS = 6  # cells of the slope of a circle's surface
 BINS = 24  # of the angle around the axis
-MIN_COVERAGE = 0.5  # of the circle, as scattered samples show it: some 0.8 for all, 0.4 for a half
-MIN_COUNT = 12  # fewer samples do not say whether a circle is full
-MANY = 72  # from so many on, every bin counts; of fewer, every pair of bins
+MIN_COVERAGE = 0.5  # of a circle's bins; scattered samples fill 0.8 of a full circle, 0.4 of half
+MIN_COUNT = 12  # fewer samples do not show whether a circle is full
+MANY = 72  # samples from which single bins are counted; with fewer, pairs of bins
 MAX_HARMONIC = 0.1  # radians; a regular n-gon leans by 2 / n, an ellipse by 1 - its flattening
-MAX_ORDER = 12  # of the harmonics that are looked for
+HIGHEST_HARMONIC = 12
 
 
 @dataclass(frozen=True)
@@ -43,18 +43,18 @@ class Axis:
 
 @dataclass(frozen=True)
 class Profile:
-    """Samples in cylinder coordinates about an axis, all (n,): the normal's parts too."""
+    """Samples and their normals in cylinder coordinates about an axis, all (n,)."""
 
     height: Array
     radius: Array
     angle: Array  # radians
     lean: Array  # sine between the outward normal and the plane through axis and sample
     slope: Array  # radians, direction of the normal in that plane, the same for both signs
-    lateral: Array  # sine between normal and axis: 0 for what lies flat across it
+    lateral: Array  # sine between normal and axis: 0 for a flat across the axis
 
 
-def candidate_axes(points: Array, normals: Array) -> list[Axis]:
-    """Return axes that patches of the surface revolve about, the best explaining first.
+def revolution_axes(points: Array, normals: Array) -> list[Axis]:
+    """Return the axes about which patches of the surface revolve, by falling support.
 
     `points`, `normals`: (n, 3) samples, evenly spread.
     """
@@ -64,7 +64,7 @@ def candidate_axes(points: Array, normals: Array) -> list[Axis]:
     distance = np.linalg.norm(centers[:, None] - p[None], axis=2)
     members = np.concatenate([distance < radius for radius in PATCH_RADII])
     directions, feet = _fitted(p, n, members.astype(np.float64))
-    for limit in STEPS:
+    for limit in LEAN_SCALES:
         lean = _leans(p, n, directions, feet) / limit
         directions, feet = _fitted(p, n, np.where(np.abs(lean) < 1.0, (1.0 - lean**2) ** 2, 0.0))
     lateral = np.linalg.norm(np.cross(n[None], directions[:, None]), axis=2)
@@ -79,7 +79,7 @@ def candidate_axes(points: Array, normals: Array) -> list[Axis]:
 
 
 def refined(axis: Axis, points: Array, normals: Array, steps: int = 3) -> tuple[Axis, Mask]:
-    """Return `axis` fitted to the samples that it supports, and which (n,) these are."""
+    """Return `axis` fitted to the samples that support it, and the mask (n,) of these samples."""
     held = support(profile(axis, points, normals))
     for _ in range(steps):
         if held.sum() < MIN_COUNT:
@@ -97,7 +97,7 @@ def profile(axis: Axis, points: Array, normals: Array) -> Profile:
     across = arm - height[:, None] * axis.direction
     radius = np.linalg.norm(across, axis=1)
     outward = across / np.maximum(radius, 1e-12)[:, None]
-    # The first sample says where angles start, so that they turn with the surface.
+    # Angles start at the first sample, so that they turn with the surface.
     start = outward[0] if radius[0] > 1e-9 else basis_from_direction(axis.direction)[:, 1]
     side = np.cross(axis.direction, start)
     along, away = normals @ axis.direction, np.einsum("nd,nd->n", normals, outward)
@@ -106,23 +106,23 @@ def profile(axis: Axis, points: Array, normals: Array) -> Profile:
         height=height - height[0],
         radius=radius,
         angle=np.arctan2(across @ side, across @ start),
-        lean=np.where(away < 0.0, -lean, lean),  # some meshes have triangles turned inside out
+        lean=np.where(away < 0.0, -lean, lean),  # in some meshes triangles are turned inside out
         slope=np.arctan2(along, away) % np.pi,
         lateral=np.sqrt(np.clip(1.0 - along**2, 0.0, 1.0)),
     )
 
 
 def support(p: Profile) -> Mask:
-    """Return which samples (n,) lie on circles that the surface fills, and that are round."""
+    """Return the mask (n,) of the samples on full, round circles of the surface."""
     upright = (np.abs(p.lean) < MAX_LEAN) | (p.radius < NEAR_AXIS)
     held = np.zeros(len(p.height), dtype=np.bool_)
-    sector = np.pi / SECTORS
+    sector = np.pi / SLOPE_SECTORS
     index = np.flatnonzero(upright)
-    for shift in (0.0, 0.5):  # a cell's border must not cut a circle
+    for shift in (0.0, 0.5):  # so that no circle is missed because a cell's border cuts it
         number = _numbered(
-            np.floor(p.height[index] / CELL + shift),
-            np.floor(p.radius[index] / CELL + shift),
-            np.floor(p.slope[index] / sector + shift) % SECTORS,
+            np.floor(p.height[index] / CIRCLE_CELL + shift),
+            np.floor(p.radius[index] / CIRCLE_CELL + shift),
+            np.floor(p.slope[index] / sector + shift) % SLOPE_SECTORS,
         )
         good = _full_circles(number, p.angle[index]) & _round_circles(
             number, p.angle[index], p.lean[index]
@@ -132,7 +132,7 @@ def support(p: Profile) -> Mask:
 
 
 def _numbered(*columns: Array) -> Indices:
-    """Return numbers (n,) from 0 for the different rows of whole-numbered `columns` (n,)."""
+    """Return numbers (n,) from 0 for the distinct rows of integer `columns` (n,)."""
     key = np.zeros(len(columns[0]), dtype=np.int64)
     for column in columns:
         whole = column.astype(np.int64) - int(column.min(initial=0.0))
@@ -141,26 +141,26 @@ def _numbered(*columns: Array) -> Indices:
 
 
 def _round_circles(number: Indices, angle: Array, lean: Array) -> Mask:
-    """Return which cells (c,) have normals that lean without a regular pattern.
+    """Return the mask (c,) of the cells whose normals lean without a regular pattern.
 
-    Those of an n-gon's sides, or of an ellipse (n = 2), lean to and fro n times around, those of
-    a circle beside the axis once: there a tube bends away.
+    The normals of an n-gon, or of an ellipse (n = 2), lean to and fro n times around the axis,
+    those of a circle beside the axis, as of a bent tube, once.
     """
     count = np.maximum(np.bincount(number), 1)
     spread = np.sqrt(np.bincount(number, weights=lean**2) / count)
     worst = np.zeros(len(count))
     turn = np.exp(1j * angle)
     wave = lean.astype(np.complex128)
-    for _ in range(MAX_ORDER):
+    for _ in range(HIGHEST_HARMONIC):
         wave = wave * turn
         parts = (np.bincount(number, weights=part) for part in (wave.real, wave.imag))
         worst = np.maximum(worst, 2.0 * np.hypot(*parts) / count)
-    # What scattered normals show by chance is no pattern.
+    # The second term is the amplitude that scattered normals reach by chance.
     return np.asarray(worst < MAX_HARMONIC + 2.0 * spread * np.sqrt(2.0 / count))
 
 
 def _full_circles(number: Indices, angle: Array) -> Mask:
-    """Return which cells (c,) hold a full circle; `number` (n,) is each sample's cell."""
+    """Return the mask (c,) of the cells with a full circle; `number`: (n,) cell of each sample."""
     count = int(number.max(initial=-1)) + 1
     bins = np.minimum(((angle + np.pi) / (2.0 * np.pi) * BINS).astype(np.int64), BINS - 1)
     fine = np.bincount(number * BINS + bins, minlength=count * BINS).reshape(count, BINS)
@@ -171,7 +171,7 @@ def _full_circles(number: Indices, angle: Array) -> Mask:
 
 
 def _filled(bins: Indices) -> Array:
-    """Return the share (c,) of each row of `bins` (c, k) that is as full as those not empty."""
+    """Return the share (c,) of bins in each row of `bins` (c, k) as full as the non-empty ones."""
     ranked = np.sort(bins, axis=1)
     empty = (bins == 0).sum(axis=1)
     middle = np.minimum(empty + (bins.shape[1] - empty) // 2, bins.shape[1] - 1)
@@ -182,9 +182,9 @@ def _filled(bins: Indices) -> Array:
 def _fitted(points: Array, normals: Array, weights: Array) -> tuple[Array, Array]:
     """Return direction (k, 3) and point (k, 3) of the best axis for each row of `weights` (k, n).
 
-    A turn w about a point moves x by v + w cross x; on a surface of revolution that is along the
-    surface: n.v + w.(x cross n) = 0. The smallest eigenvector for unit w is the axis; what v has
-    along w is the pitch of a screw, which a cylinder cannot tell from a turn.
+    A turn w about a point moves x by v + w cross x; on a surface of revolution this motion is
+    tangential: n.v + w.(x cross n) = 0. The smallest eigenvector for unit w is the axis; the part
+    of v along w is the pitch of a screw, which a cylinder does not determine.
     """
     rows = np.concatenate([np.cross(points, normals), normals], axis=1)
     moment = (weights @ (rows[:, :, None] * rows[:, None, :]).reshape(len(rows), 36)).reshape(
@@ -199,14 +199,14 @@ def _fitted(points: Array, normals: Array, weights: Array) -> tuple[Array, Array
 
 
 def _leans(points: Array, normals: Array, directions: Array, feet: Array) -> Array:
-    """Return the sine (k, n) between each normal and the plane through each axis and sample."""
+    """Return the sines (k, n) between each normal and the plane through axis and sample."""
     sideways = np.cross(directions[:, None], points[None] - feet[:, None])
     radius = np.linalg.norm(sideways, axis=2)
     return np.asarray(np.einsum("nd,knd->kn", normals, sideways) / np.maximum(radius, 1e-9))
 
 
 def same_line(first: Axis, second: Axis) -> bool:
-    """Return whether two axes are nearly one."""
+    """Return whether two axes are nearly the same line."""
     if abs(first.direction @ second.direction) < np.cos(SAME_ANGLE):
         return False
     between = np.cross(first.point - second.point, second.direction)

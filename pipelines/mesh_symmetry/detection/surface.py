@@ -1,4 +1,4 @@
-"""The surface of a mesh as something to measure distances to."""
+"""Surfaces of meshes for distance queries: samples, normals, noise, diameter."""
 
 from dataclasses import dataclass, replace
 
@@ -13,42 +13,38 @@ from pipelines.geometry.transforms import basis_from_direction, unit
 from pipelines.mesh_symmetry.detection.symmetry_candidates import fibonacci_directions
 from pipelines.mesh_symmetry.parts.open_boundary import OpenBoundary
 
-MAX_EXACT, CHUNK = 8000, 500  # points of which all pairs are measured, and rows at a time
+MAX_EXACT, PAIR_ROWS = 8000, 500  # points of which all pairs are measured, and rows at a time
 NUM_SUPPORTS = 2000  # directions 2.5 degrees apart
 MAX_PRODUCTS = 4_000_000  # numbers held at a time
-NUM_SMOOTHED = 16  # samples that a normal is averaged over
-SAME_SIDE_COSINE = 0.3  # the other faces of an edge and of a thin wall do not count
+NUM_SMOOTHED = 16  # samples over which a normal is averaged
+SAME_SIDE_COSINE = 0.3  # between normals; excludes the other faces of an edge and of a thin wall
 ROUGH_PASSES = 3  # of averaging, where noise has tilted the triangles
-ROUGH_SLOPE = 0.03  # noise over the distance of the neighbours it is measured among
+ROUGH_SLOPE = 0.03  # noise over the distance of the neighbours among which it is measured
 NUM_PROBES, NUM_NEIGHBOURS = 500, 40  # places where noise is measured, and samples around each
-FAR_NEIGHBOURS = 24  # from here on neighbours are not averaged into the same normals
+FAR_NEIGHBOURS = 24  # neighbours from this one on do not share averaged normals
 AGREEING_COSINE = 0.85  # of two normals: 32 degrees
 
 
 @dataclass(frozen=True)
 class Surface:
-    """A triangle mesh with evenly spread surface samples and a tree over them.
+    """A triangle mesh with evenly spread surface samples and a k-d tree of them.
 
-    The normals are averaged over neighbours of the same side, for scans whose triangles are rough.
-
-    `triangles`: (f, 3, 3), `points` and `normals`: (m, 3), `faces`: (m,) the triangle that each
-    sample lies on; unit of the mesh, frame of the mesh. `rim` is where the surface ends.
-    Samples rather than vertices are the base of every search, so the tessellation
-    does not matter.
+    Every search uses samples instead of vertices, so the tessellation does not matter. Unit and
+    frame of the mesh.
     """
 
-    triangles: Array
-    points: Array
-    normals: Array
-    faces: Indices
+    triangles: Array  # (f, 3, 3)
+    points: Array  # (m, 3) samples
+    normals: Array  # (m, 3) averaged over neighbours of the same side, for rough scans
+    faces: Indices  # (m,) triangle of each sample
     tree: KDTree
-    rim: OpenBoundary
-    noise: float  # of samples about a smooth surface through their neighbours, one sigma
-    steadiness: float  # share of neighbouring samples whose normals agree
+    rim: OpenBoundary  # where the surface ends
+    noise: float  # standard deviation of samples from a smooth surface through their neighbours
+    agreement: float  # share of neighbouring samples whose normals agree
 
     @classmethod
     def from_mesh(cls, mesh: Mesh, num_samples: int, rng: np.random.Generator) -> "Surface":
-        """Sample `mesh` at `num_samples` points, uniform by area."""
+        """Sample `mesh` at `num_samples` points, uniformly by area."""
         points, normals, faces = sample_surface(mesh, num_samples, rng)
         tree = _tree(points)
         data = np.arange(0, num_samples, max(1, num_samples // NUM_PROBES))
@@ -65,7 +61,7 @@ class Surface:
             tree=tree,
             rim=OpenBoundary.of(mesh),
             noise=noise,
-            steadiness=_agreement(normals[index[:, FAR_NEIGHBOURS:]], normals[data]),
+            agreement=_agreement(normals[index[:, FAR_NEIGHBOURS:]], normals[data]),
         )
 
     def normalised(self, center: Array, size: float) -> "Surface":
@@ -79,13 +75,14 @@ class Surface:
             tree=_tree(points),
             rim=self.rim.moved(center, size),
             noise=self.noise / size,
-            steadiness=self.steadiness,
+            agreement=self.agreement,
         )
 
     def with_walls(self, reach: float) -> "Surface":
-        """Return the surface with the samples within `reach` of its rim on it, looking out of it.
+        """Return the surface with the normals of samples within `reach` of its rim turned outward.
 
-        As if the rim had thickness: normals of a flat sheet do not say where in its plane it ends.
+        The samples move onto the rim, as if it had thickness: the normals of a flat sheet do not
+        determine where in its plane it ends.
         """
         if self.rim.tree is None:
             return self
@@ -100,19 +97,19 @@ class Surface:
 
     @property
     def spacing(self) -> float:
-        """How far samples lie apart: the root of the area that each stands for."""
+        """Spacing of the samples: the square root of the area per sample."""
         edges = np.diff(self.triangles, axis=1)
         area = 0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1).sum()
         return float(np.sqrt(area / len(self.points)))
 
     def nearest(self, points: Array) -> Indices:
-        """Return the index of the sample nearest to each of `points`: (..., 3) -> (...)."""
+        """Return the index (...) of the sample nearest to each of `points` (..., 3)."""
         return np.asarray(self.tree.query(points)[1])
 
     def within(self, points: Array, reach: float) -> tuple[Array, Indices]:
-        """Return distance and index (...) of the nearest sample, of any that is within `reach`.
+        """Return distance and index (...) of the sample nearest to `points` (..., 3) in `reach`.
 
-        Elsewhere the distance is inf and the index 0. Far points cost next to nothing.
+        Without one the distance is inf and the index 0; such points cost next to nothing.
         """
         distance, index = self.tree.query(points, distance_upper_bound=reach)
         found = np.isfinite(distance)
@@ -121,12 +118,11 @@ class Surface:
     def distances(
         self, points: Array, num_nearest: int = 3, reach: float = np.inf
     ) -> tuple[Array, Array]:
-        """Return the distance to the surface (n,) and its unit normal there (n, 3).
+        """Return the distance (n,) of `points` (n, 3) to the surface, and its unit normal (n, 3).
 
-        The triangles of the `num_nearest` nearest samples are tried, so the distance is exact
-        where the nearest triangle is among them, and too long by far less than the sample
-        spacing elsewhere. Points without a sample within `reach` are `reach` away, with any
-        normal; they cost next to nothing. `points`: (n, 3).
+        The triangles of the `num_nearest` nearest samples are tried: the distance is exact if the
+        nearest triangle is among them, otherwise too long by far less than the sample spacing.
+        Points without a sample within `reach` get the distance `reach` and an arbitrary normal.
         """
         found = self.tree.query(points, k=num_nearest, distance_upper_bound=reach)[1]
         candidates = np.asarray(found).reshape(len(points), num_nearest)
@@ -144,8 +140,7 @@ class Surface:
 
 
 def _tree(points: Array) -> KDTree:
-    # Many short searches of a cloud that fits the cache: tight boxes about nodes cost more time
-    # than they save, half of it and more.
+    # For many short searches of a small cloud, tight boxes around nodes cost more than they save.
     return KDTree(points, leafsize=24, compact_nodes=False, balanced_tree=False)
 
 
@@ -159,11 +154,11 @@ def _smoothed(tree: KDTree, normals: Array, passes: int) -> Array:
 
 
 def _noise(near: Array, normals: Array, distance: Array) -> tuple[float, float]:
-    """Return the noise of samples, in their unit, and as a slope: over their neighbours' reach.
+    """Return the noise of samples, in their unit, and its ratio to the neighbours' distance.
 
-    The median, over many places, of what is left when a quadratic surface is fitted to the
-    samples around: shape bends, so it is fitted; edges are few, so they do not count. `near`,
-    `normals`: (p, k, 3) neighbours seen from each place, nearest first; `distance`: (p, k).
+    The median, over p places, of the residual of a quadratic surface fitted to the k neighbours:
+    the fit removes curvature, the median removes edges. `near`, `normals`: (p, k, 3) neighbours
+    relative to each place, nearest first; `distance`: (p, k).
     """
     alike = np.einsum("pkd,pd->pk", normals, normals[:, 0]) > 0.0
     frame = basis_from_direction(np.einsum("pkd,pk->pd", normals, alike.astype(np.float64)))
@@ -187,28 +182,28 @@ def _agreement(neighbours: Array, normals: Array) -> float:
 
 
 def diameter(points: Array) -> float:
-    """Return the largest distance between two of `points` (n, 3); it does not turn with them.
+    """Return the largest distance between two of `points` (n, 3), in any rotation the same.
 
-    Exact, but for thousands of points that all lie as far out as any, a finely tessellated ball:
-    there it may be a thousandth short.
+    Exact, except for thousands of points at the same distance from the middle, as of a finely
+    tessellated ball: there up to a thousandth too short.
     """
     try:
         corners = points[ConvexHull(points, qhull_options="QJ").vertices]
-    except QhullError:  # fewer than four points, or not a number of them
+    except QhullError:  # fewer than four points, or all in one plane
         corners = points
     middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
     out = np.linalg.norm(corners - middle, axis=1)
-    # What is nearer to the middle than this belongs to no pair farther apart than one known.
+    # A point nearer to the middle than this cannot be part of a longer pair.
     known = _far_apart(corners, corners[out.argmax()])
     far = corners[out + out.max() >= (1.0 - 1e-9) * known]
     if len(far) > MAX_EXACT:
         far = _outermost(far)
-    rows = (cdist(far[i : i + CHUNK], far[i:]).max() for i in range(0, len(far), CHUNK))
+    rows = (cdist(far[i : i + PAIR_ROWS], far[i:]).max() for i in range(0, len(far), PAIR_ROWS))
     return float(max(rows))
 
 
 def _far_apart(points: Array, start: Array) -> float:
-    """Return the distance of a far pair: that of going to the farthest again and again."""
+    """Return the distance of a far pair, by going to the farthest point repeatedly."""
     longest = 0.0
     while True:
         apart = np.linalg.norm(points - start, axis=1)
@@ -219,9 +214,9 @@ def _far_apart(points: Array, start: Array) -> float:
 
 
 def _outermost(points: Array) -> Array:
-    """Return those of `points` (n, 3) that lie outermost along any of many directions.
+    """Return those of `points` (n, 3) that are extreme along any of many directions.
 
-    A lone tip is outermost over a wide angle, so unlike in every n-th point it stays.
+    A lone tip is extreme over a wide angle, so it is kept, unlike by taking every n-th point.
     """
     directions = fibonacci_directions(NUM_SUPPORTS)
     found: list[Indices] = []

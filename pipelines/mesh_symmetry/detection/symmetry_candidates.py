@@ -1,8 +1,8 @@
-"""Coarse search for the planes and axes that a surface might be symmetric about.
+"""Coarse search for candidate planes and axes of symmetry of a surface.
 
-Everything here is in normalised coordinates: origin at the surface's centroid, unit diameter.
-Directions are tried on a Fibonacci half-sphere and along the principal axes; what a reflection
-or a turn does to the surface is read from a distance grid, so thousands of tries are cheap.
+Candidate directions are those of a Fibonacci half-sphere and the principal axes; a distance grid
+gives the misfit of a reflection or turn, so thousands of candidates are cheap.
+Normalised coordinates: origin at the surface's centroid, unit diameter.
 """
 
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ from pipelines.geometry.transforms import rotation_about
 
 Grid = Singles
 
-GENERIC_ANGLES = tuple(np.radians([47.0, 90.0, 151.0]))  # no small n-fold symmetry has all of them
+GENERIC_ANGLES = tuple(np.radians([47.0, 90.0, 151.0]))  # no n-fold axis of small n fits them all
 _MARGIN = 0.15  # of the diameter, around the surface
 
 
@@ -31,7 +31,7 @@ class DistanceGrid:
 
     @classmethod
     def around(cls, points: Array, resolution: int, cap: float) -> "DistanceGrid":
-        """Build the grid around dense surface samples `points` (n, 3)."""
+        """Build the grid of dense surface samples `points` (n, 3)."""
         low, high = points.min(axis=0) - _MARGIN, points.max(axis=0) + _MARGIN
         cell = float((high - low).max()) / resolution
         empty = np.ones((resolution,) * 3, dtype=bool)
@@ -41,7 +41,7 @@ class DistanceGrid:
         return cls(np.minimum(distance, cap), low, cell)
 
     def lookup(self, points: Array) -> Grid:
-        """Return the capped distances at `points`: (..., 3) -> (...)."""
+        """Return the capped distances (...) at `points` (..., 3)."""
         last = self.values.shape[0] - 1
         index = np.clip((points - self.origin) / self.cell, 0, last).astype(np.int32)
         found: Grid = self.values[index[..., 0], index[..., 1], index[..., 2]]
@@ -49,7 +49,7 @@ class DistanceGrid:
 
 
 def fibonacci_directions(count: int) -> Array:
-    """Return `count` unit vectors spread evenly over the half-sphere z >= 0: (count, 3)."""
+    """Return unit vectors (count, 3) spread evenly over the half-sphere z >= 0."""
     index = np.arange(count)
     z = (index + 0.5) / count
     turn = index * np.pi * (3.0 - np.sqrt(5.0))
@@ -57,8 +57,8 @@ def fibonacci_directions(count: int) -> Array:
     return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), z])
 
 
-def principal_axes(points: Array) -> Array:
-    """Return the principal directions of `points` (n, 3) as rows, longest first: (3, 3)."""
+def principal_axis_rows(points: Array) -> Array:
+    """Return the principal directions (3, 3) of `points` (n, 3) as rows, longest first."""
     centred = points - points.mean(axis=0)
     axes: Array = np.linalg.eigh(centred.T @ centred)[1].T[::-1]
     return axes
@@ -69,8 +69,8 @@ def plane_candidates(
 ) -> tuple[Array, Array]:
     """Return the normals (c, 3) and offsets (c,) of the best planes n.x = d, best first.
 
-    `points`: (n, 3) surface samples. A plane of symmetry passes through the centroid; offsets
-    are tried as well because a missing part moves the centroid away from it.
+    `points`: (n, 3) surface samples. Besides planes through the centroid, shifted ones are tried,
+    because a missing part of the object moves the centroid.
     """
     normals = _directions(points, config.plane_directions)
     offsets = np.asarray(config.plane_offsets)
@@ -81,7 +81,7 @@ def plane_candidates(
         score[:, column] = grid.lookup(points[None] - step).mean(axis=1)
     order = np.argsort(score, axis=None, kind="stable")
     rows, columns = np.unravel_index(order, score.shape)
-    keep = distinct(
+    keep = distinct_candidates(
         normals[rows],
         offsets[columns],
         config.plane_candidates,
@@ -99,7 +99,7 @@ def axis_candidates(
 ) -> Array:
     """Return the best axis directions (c, 3) through the centroid, best first.
 
-    The worst of `angles` (radians) counts: a square column passes at 90 degrees only.
+    The worst of `angles` (radians) counts: a square column fits at 90 degrees only.
     """
     axes = _directions(points, config.axis_directions)
     scores = []
@@ -107,7 +107,7 @@ def axis_candidates(
         turned = points[None] @ rotation_about(axes, angle).swapaxes(1, 2)
         scores.append(grid.lookup(turned).mean(axis=1))
     order = np.argsort(np.max(scores, axis=0), kind="stable")
-    keep = distinct(
+    keep = distinct_candidates(
         axes[order],
         np.zeros(len(order)),
         config.axis_candidates,
@@ -117,13 +117,13 @@ def axis_candidates(
     return axes[order[keep]]
 
 
-def distinct(
+def distinct_candidates(
     directions: Array, offsets: Array, limit: int, *, min_angle: float, min_offset: float
 ) -> Indices:
-    """Return the indices of at most `limit` entries that differ from all better ones.
+    """Return the indices of at most `limit` candidates that differ from all better ones.
 
-    Entries come best first. Two are the same when their lines are within `min_angle` radians and
-    their offsets along the common direction within `min_offset`.
+    Candidates come best first. Two are the same if their directions are within `min_angle` radians
+    and their offsets along the common direction within `min_offset`.
     """
     kept: list[int] = []
     alive = np.ones(len(directions), dtype=bool)
@@ -139,5 +139,5 @@ def distinct(
 
 
 def _directions(points: Array, count: int) -> Array:
-    frame = principal_axes(points)
+    frame = principal_axis_rows(points)
     return np.concatenate([frame, fibonacci_directions(count) @ frame])

@@ -1,7 +1,7 @@
-"""Find the symmetries of a mesh: up to three planes, one axis, one sphere (Sec. III-G).
+"""Detection of the symmetries of a mesh: up to three planes, one axis, one sphere (Sec. III-G).
 
-Candidates are searched coarsely, refined until they fit, and accepted by their distance to the
-surface. A sphere stands for every symmetry it has, a continuous axis for the planes through it.
+Candidates are searched coarsely, refined, and accepted by the distance of the mesh's image from its
+surface. A sphere implies all its planes and axes, a continuous axis all planes through it.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ from pipelines.mesh_symmetry.detection.symmetry_search import (
     FINE_SAMPLES,
     FINE_SCALES,
     REFINEMENT_ANGLES,
-    Shape,
+    UnitSurface,
     continuous_fit,
     fit_of_plane,
     fit_of_turn,
@@ -38,18 +38,18 @@ from pipelines.mesh_symmetry.detection.symmetry_search import (
     search_planes,
 )
 from pipelines.mesh_symmetry.detection.symmetry_spheres import sphere_of
-from pipelines.mesh_symmetry.symmetry_verification import Fit
+from pipelines.mesh_symmetry.symmetry_verification import SurfaceFit
 
-Accepted = tuple[Array, Fit]  # a plane (nx, ny, nz, d) and how well it fits
+Accepted = tuple[Array, SurfaceFit]  # a plane (nx, ny, nz, d) and its fit
 
 ACROSS_COSINE = float(np.cos(np.radians(5.0)))
 SAME_COSINE = float(np.cos(np.radians(13.0)))
 PAIR_TOLERANCE = float(np.radians(2.0))
-FACING_POWER = 8  # sharpness of "this face looks along the plane's normal"
+FACING_POWER = 8  # exponent of the cosine between a face's normal and the plane's
 
 
 @dataclass(frozen=True)
-class Detection:
+class MeshSymmetries:
     """The symmetries of the whole mesh, and the candidates that fit only a part of it."""
 
     symmetries: list[Symmetry]
@@ -63,11 +63,11 @@ def detect_symmetries(
     return analyse(mesh, config, rng).symmetries
 
 
-def analyse(mesh: Mesh, config: AnnotateSymmetryConfig, rng: np.random.Generator) -> Detection:
+def analyse(mesh: Mesh, config: AnnotateSymmetryConfig, rng: np.random.Generator) -> MeshSymmetries:
     """Return the symmetries of `mesh` and its rejected candidates (best first), mesh frame."""
     pose = CanonicalPose.of(mesh)
-    found = _analyse(Shape.from_mesh(pose.mesh, config, rng), config)
-    return Detection(
+    found = _analyse(UnitSurface.from_mesh(pose.mesh, config, rng), config)
+    return MeshSymmetries(
         [pose.given(each) for each in found.symmetries],
         [pose.given(each) for each in found.partial],
     )
@@ -83,12 +83,13 @@ def analyse_body(
 ) -> list[Symmetry]:
     """Return the symmetries of a body of revolution about `guess`, mesh frame.
 
-    A sphere; or the plane across, if it is one, and the axis: refined where all of the surface
-    turns about it, as guessed where holes or noise hide that. A body that is not cut out of
-    anything, `is_cut` False, has no holes by cutting: if it does not turn it has no symmetries.
+    Either a sphere, or the axis and, if it is one of symmetry, the plane across it. The axis is
+    refined if it is continuous for the whole surface, and left as guessed if holes or noise hide
+    that. A whole object (`is_cut` False) has no holes by cutting: without a continuous axis it has
+    no symmetries.
     """
     pose = CanonicalPose.of(mesh)
-    shape = Shape.from_mesh(pose.mesh, config, rng)
+    shape = UnitSurface.from_mesh(pose.mesh, config, rng)
     sphere = sphere_of(shape, config)
     if sphere is not None:
         return [pose.given(sphere)]
@@ -115,11 +116,11 @@ def holding(
     config: AnnotateSymmetryConfig,
     rng: np.random.Generator,
 ) -> list[ReflectionSymmetry]:
-    """Return those of `planes` that hold on `mesh`, mesh frame, with the error they have there."""
+    """Return those of `planes` that hold on `mesh`, mesh frame, with their errors on `mesh`."""
     if not planes:
         return []
     pose = CanonicalPose.of(mesh)
-    shape = Shape.from_mesh(pose.mesh, config, rng)
+    shape = UnitSurface.from_mesh(pose.mesh, config, rng)
     held = []
     for plane in planes:
         known = pose.posed(plane)
@@ -130,10 +131,10 @@ def holding(
     return held
 
 
-def _analyse(shape: Shape, config: AnnotateSymmetryConfig) -> Detection:
+def _analyse(shape: UnitSurface, config: AnnotateSymmetryConfig) -> MeshSymmetries:
     sphere = sphere_of(shape, config)
     if sphere is not None:
-        return Detection([sphere], [])
+        return MeshSymmetries([sphere], [])
     grid = DistanceGrid.around(shape.surface.points, config.grid_resolution, config.distance_cap)
     axes, axis_fits = search_axes(shape, config)
     planes, plane_fits = search_planes(shape, grid, config)
@@ -162,24 +163,26 @@ def _analyse(shape: Shape, config: AnnotateSymmetryConfig) -> Detection:
     symmetries: list[Symmetry] = [
         _reflection(shape, plane, fit) for plane, fit in _best_planes(shape, accepted, config)
     ]
-    return Detection(symmetries + ([rotation] if rotation is not None else []), partial)
+    return MeshSymmetries(symmetries + ([rotation] if rotation is not None else []), partial)
 
 
-def _reflection(shape: Shape, plane: Array, fit: Fit) -> ReflectionSymmetry:
-    # The point of the plane that is nearest to the centroid: the origin moved onto the plane.
+def _reflection(shape: UnitSurface, plane: Array, fit: SurfaceFit) -> ReflectionSymmetry:
+    # The point of the plane nearest to the centroid.
     return ReflectionSymmetry(plane[:3], shape.to_mesh(plane[3] * plane[:3]), fit.error)
 
 
-def _rotation(shape: Shape, axis: Array, order: int | None, fit: Fit) -> RotationSymmetry:
+def _rotation(
+    shape: UnitSurface, axis: Array, order: int | None, fit: SurfaceFit
+) -> RotationSymmetry:
     foot = axis[3:] - (axis[3:] @ axis[:3]) * axis[:3]
     return RotationSymmetry(axis[:3], shape.to_mesh(foot), order, fit.error)
 
 
 def _not_parallel(planes: Sequence[Accepted]) -> list[Accepted]:
-    """Return the planes without those nearly parallel to a better one.
+    """Return the planes without those nearly parallel to a better plane.
 
-    Two parallel mirrors make a translation, which no bounded object survives; two that meet at
-    less than 15 degrees a rotation of more than twelve-fold symmetry, or one plane found twice.
+    Two parallel mirrors imply a translation, which no bounded object has; two that meet at less
+    than 15 degrees imply a rotation of more than 12-fold symmetry, or are one plane found twice.
     """
     kept: list[Accepted] = []
     for plane, fit in planes:
@@ -189,16 +192,19 @@ def _not_parallel(planes: Sequence[Accepted]) -> list[Accepted]:
 
 
 def _across(
-    shape: Shape, axis: Array, accepted: Sequence[Accepted], config: AnnotateSymmetryConfig
+    shape: UnitSurface,
+    axis: Array,
+    accepted: Sequence[Accepted],
+    config: AnnotateSymmetryConfig,
 ) -> list[Accepted]:
     """Return the plane perpendicular to the continuous axis, if it is one of symmetry.
 
-    Planes through the axis are one family that the axis stands for; no other can be right.
+    The planes through the axis follow from the axis, and no other plane is possible.
     """
     for plane, fit in accepted:
         if abs(plane[:3] @ axis[:3]) > ACROSS_COSINE:
             return [(plane, fit)]
-    # Halfway between the ends: where a lid is missing, the centroid is not in the plane.
+    # Halfway between the ends: if a lid is missing, the plane does not pass through the centroid.
     height = shape.samples.points @ axis[:3]
     for offset in (0.0, (height.min() + height.max()) / 2.0):
         start = np.append(axis[:3], offset)[None]
@@ -210,7 +216,10 @@ def _across(
 
 
 def _discrete_rotation(
-    shape: Shape, grid: DistanceGrid, planes: Sequence[Array], config: AnnotateSymmetryConfig
+    shape: UnitSurface,
+    grid: DistanceGrid,
+    planes: Sequence[Array],
+    config: AnnotateSymmetryConfig,
 ) -> RotationSymmetry | None:
     """Return the n-fold rotation of highest order: from pairs of planes, else by search."""
     guesses: list[tuple[int, Array]] = []
@@ -219,11 +228,11 @@ def _discrete_rotation(
         order = int(np.clip(np.round(np.pi / max(float(between), 1e-3)), 2, config.max_order))
         if abs(between - np.pi / order) < PAIR_TOLERANCE:
             guesses.append((order, _common_line(first, second)))
-    # Of a box's three half turns, the one about its longest side.
+    # Among a box's three half turns, the one about its longest side.
     spread = [float(np.ptp(shape.samples.points @ axis[:3]).round(2)) for _, axis in guesses]
     ranked = sorted(range(len(guesses)), key=lambda i: (-guesses[i][0], -spread[i]))
     guesses = [guesses[i] for i in ranked]
-    if not guesses:  # a shape with a turn but no mirror, such as a propeller
+    if not guesses:  # an object with a turn but no mirror, such as a propeller
         guesses = _searched_turns(shape, grid, config)
     for order, axis in guesses:
         angle = 2.0 * np.pi / order
@@ -245,7 +254,7 @@ def _common_line(first: Array, second: Array) -> Array:
 
 
 def _searched_turns(
-    shape: Shape, grid: DistanceGrid, config: AnnotateSymmetryConfig
+    shape: UnitSurface, grid: DistanceGrid, config: AnnotateSymmetryConfig
 ) -> list[tuple[int, Array]]:
     guesses = []
     for order in range(config.max_order, 1, -1):
@@ -256,12 +265,12 @@ def _searched_turns(
 
 
 def _best_planes(
-    shape: Shape, accepted: Sequence[Accepted], config: AnnotateSymmetryConfig
+    shape: UnitSurface, accepted: Sequence[Accepted], config: AnnotateSymmetryConfig
 ) -> list[Accepted]:
-    """Return at most `max_planes` planes: the most orthogonal ones that faces look along.
+    """Return at most `max_planes` planes: the most orthogonal ones, with faces along their normals.
 
-    A cube has nine planes and the network three slots. Among equally orthogonal triples the one
-    parallel to faces is taken, because there mirrored points face each other and can be gripped.
+    A cube has nine planes, the network three slots. Among equally orthogonal triples, the one
+    parallel to faces is best: its mirrored points face each other and can be grasped.
     """
     if len(accepted) <= config.max_planes:
         return list(accepted)

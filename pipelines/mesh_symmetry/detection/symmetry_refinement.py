@@ -1,7 +1,7 @@
-"""Refine candidate planes and axes until they fit a surface (robust point-to-plane Gauss-Newton).
+"""Refinement of candidate planes and axes by robust point-to-plane Gauss-Newton.
 
-All candidates take their steps together. Tukey's weight lets only the part of the surface that
-comes near its image decide, so a body's axis is found in spite of a handle.
+All candidates take their steps together. With Tukey's weight only the part of the surface near its
+image counts, so the axis of a body is found in spite of a handle.
 Normalised coordinates: origin at the surface's centroid, unit diameter.
 """
 
@@ -23,8 +23,8 @@ def refine_planes(
 ) -> tuple[Array, Array]:
     """Return refined normals (c, 3) and offsets (c,) of the planes n.x = d.
 
-    `points`, `normals` of the samples come from `surface`; one step is taken for each Tukey
-    scale of `scales` (fractions of the diameter, falling).
+    `points`: (n, 3) samples of `surface`; one step is taken for each Tukey scale of `scales`
+    (shares of the diameter, falling).
     """
     for scale in scales:
         reach = points @ normals.T  # (n, c)
@@ -74,11 +74,11 @@ def refine_axes(
     return axes, centers
 
 
-def fit_sphere(points: Array, iterations: int = 5) -> tuple[Array, float]:
+def robust_sphere(points: Array, iterations: int = 5) -> tuple[Array, float]:
     """Return centre (3,) and radius of the sphere that fits most of `points` (n, 3)."""
     weight = np.ones(len(points))
     for _ in range(iterations):
-        # |x|^2 = 2 c.x + (r^2 - |c|^2) is linear in the centre and the bracket.
+        # |x|^2 = 2 c.x + (r^2 - |c|^2) is linear in the centre c and in r^2 - |c|^2.
         system = np.column_stack([2.0 * points, np.ones(len(points))]) * weight[:, None]
         solution = np.linalg.lstsq(system, (points**2).sum(axis=1) * weight, rcond=None)[0]
         center = solution[:3]
@@ -97,7 +97,7 @@ def _turn_equations(
     angle: float,
     scale: float,
 ) -> tuple[Array, Array, Array]:
-    """Return jacobian (c, n, 4), residual (c, n) and weight (c, n) of turning by one angle."""
+    """Return jacobian (c, n, 4), residual (c, n) and weight (c, n) of a turn by `angle`."""
     turn = rotation_about(axes, angle)  # (c, 3, 3)
     arm = points[None] - centers[:, None]
     turned = arm @ turn.swapaxes(1, 2)
@@ -114,18 +114,18 @@ def _turn_equations(
 
 
 def _compare(surface: Surface, image: Array, scale: float) -> tuple[Array, Array, Array]:
-    """Return residual (c, n), the normals met (c, n, 3) and Tukey weights (c, n) of `image`."""
+    """Return residual (c, n), surface normals (c, n, 3) and Tukey weights (c, n) of `image`."""
     distance, index = surface.within(image, 2.0 * scale)  # beyond, the weight is zero
     met = surface.normals[index]
     residual = np.where(np.isfinite(distance), _dot(image - surface.points[index], met), 0.0)
-    # Samples lie apart, so only the part of the gap along the normal says that the image misses.
+    # Samples are sparse, so only the part of the gap along the normal is a residual.
     far = np.maximum(np.abs(residual), distance - scale)
     weight = np.square(np.clip(1.0 - np.square(far / scale), 0.0, None))
     return residual, met, weight
 
 
 def _solve(jacobian: Array, residual: Array, weight: Array) -> Array:
-    """Return the weighted least-squares step (c, k) that lowers the residuals."""
+    """Return the weighted least-squares steps (c, k)."""
     weighted = jacobian * weight[..., None]
     normal = np.einsum("cni,cnj->cij", weighted, jacobian)
     right = -np.einsum("cni,cn->ci", weighted, residual)

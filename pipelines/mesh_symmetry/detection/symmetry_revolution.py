@@ -1,10 +1,10 @@
-"""Candidate axes of revolution, read from the normals of a surface.
+"""Candidate axes of revolution from the normals of a surface.
 
 The normal line of every point of a surface of revolution meets the axis. For an axis with unit
-direction u through c that says n . (u x (p - c)) = 0, which is linear in u and m = c x u; so a few
-points give an axis without any search. Small random sets propose, all points vote, and the best
-are fitted to the points that agree: a body's axis is found in spite of a handle, and wherever a
-missing piece has moved the centroid.
+direction u through c this is n . (u x (p - c)) = 0, which is linear in u and m = c x u; so a few
+points give an axis without a search. As in RANSAC, small random sets propose axes, all points vote,
+and the best axes are fitted to the points that agree: the axis of a body is found in spite of a
+handle, and in spite of a missing piece that moves the centroid.
 Normalised coordinates: origin at the surface's centroid, unit diameter. Axes are rows
 (ux, uy, uz, px, py, pz).
 """
@@ -13,14 +13,17 @@ import numpy as np
 
 from pipelines.array_types import Array
 from pipelines.geometry.transforms import unit
-from pipelines.mesh_symmetry.detection.symmetry_candidates import distinct, principal_axes
+from pipelines.mesh_symmetry.detection.symmetry_candidates import (
+    distinct_candidates,
+    principal_axis_rows,
+)
 
 SET_SIZE = 8  # an axis has four degrees of freedom; normals of scans are rough
-NUM_STARTS = 24  # of the sets, the best by votes
+NUM_STARTS = 24  # sets with most votes, whose axes are fitted
 NUM_FITTED = 600  # points that vote
-TOLERANCE = 0.04  # diameters a radian: the speed across the surface of a point that disagrees
-STEPS = 6  # of reweighting
-PRIOR = 1e-3  # weight of the centroid where the normals do not say where the axis is
+TOLERANCE = 0.04  # diameters per radian: speed across the surface from which a point disagrees
+NUM_REWEIGHTINGS = 6
+PRIOR = 1e-3  # weight of the centroid, if the normals do not determine the position of the axis
 
 
 def revolution_candidates(points: Array, normals: Array, limit: int, min_angle: float) -> Array:
@@ -34,18 +37,20 @@ def revolution_candidates(points: Array, normals: Array, limit: int, min_angle: 
     voters = lines[:NUM_FITTED]
     proposed = _fitted(np.einsum("ski,skj->sij", sets, sets) / SET_SIZE)
     order = np.argsort(-_votes(voters, proposed).sum(axis=1), kind="stable")[:NUM_STARTS]
-    frame = principal_axes(points)
+    frame = principal_axis_rows(points)
     known = np.concatenate([frame, np.zeros((3, 3))], axis=1)
     axes = np.concatenate(
         [known, _fitted((voters.T @ voters)[None] / len(voters)), proposed[order]]
     )
-    for _ in range(STEPS):
+    for _ in range(NUM_REWEIGHTINGS):
         weight = _votes(voters, axes)
         system = np.einsum("av,vi,vj->aij", weight, voters, voters, optimize=True)
         axes = _fitted(system / weight.sum(axis=1)[:, None, None])
     ranked = np.argsort(-_votes(voters, axes).sum(axis=1), kind="stable")
     axes = axes[ranked]
-    keep = distinct(axes[:, :3], np.zeros(len(axes)), limit, min_angle=min_angle, min_offset=np.inf)
+    keep = distinct_candidates(
+        axes[:, :3], np.zeros(len(axes)), limit, min_angle=min_angle, min_offset=np.inf
+    )
     found = axes[keep]
     centers = np.cross(found[:, :3], found[:, 3:])
     return np.concatenate([found[:, :3], centers], axis=1)
@@ -58,11 +63,11 @@ def _fitted(system: Array) -> Array:
     reduced = system[:, :3, :3] - cross @ inverse @ cross.swapaxes(1, 2)
     direction = np.linalg.eigh(reduced)[1][:, :, 0]
     moment = -np.einsum("aij,akj,ak->ai", inverse, cross, direction)
-    along = np.einsum("ai,ai->a", moment, direction)  # a screw's pitch, which an axis has not
+    along = np.einsum("ai,ai->a", moment, direction)  # the pitch of a screw, which is removed
     return np.concatenate([unit(direction), moment - along[:, None] * direction], axis=1)
 
 
 def _votes(lines: Array, axes: Array) -> Array:
-    """Return how far (a, n) each of the `lines` (n, 6) agrees with each axis, 0 to 1."""
+    """Return the agreement (a, n) of each of the `lines` (n, 6) with each axis, 0 to 1."""
     speed = axes @ lines.T
     return np.asarray(1.0 / (1.0 + np.square(speed / TOLERANCE)))

@@ -1,4 +1,4 @@
-"""From a mesh to its best candidate planes and axes, refined and measured.
+"""Search for the candidate planes and axes of a mesh, refined and measured.
 
 Normalised coordinates: origin at the surface's centroid, unit diameter. Planes are rows
 (nx, ny, nz, d) of n.x = d, axes rows (ux, uy, uz, px, py, pz), best first.
@@ -18,20 +18,20 @@ from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.mesh_symmetry.detection.surface import Surface, diameter
 from pipelines.mesh_symmetry.detection.symmetry_candidates import (
     DistanceGrid,
-    distinct,
+    distinct_candidates,
     plane_candidates,
-    principal_axes,
+    principal_axis_rows,
 )
 from pipelines.mesh_symmetry.detection.symmetry_refinement import refine_axes, refine_planes
 from pipelines.mesh_symmetry.detection.symmetry_revolution import revolution_candidates
 from pipelines.mesh_symmetry.symmetry_verification import (
     VERIFICATION_ANGLES,
-    Fit,
     Samples,
+    SurfaceFit,
     are_round,
     fit_of,
-    mirrored,
-    turned,
+    mirror_samples,
+    turn_samples,
 )
 
 COARSE_SCALES = (0.05, 0.04, 0.03, 0.025)  # Tukey scales, shares of the diameter
@@ -41,28 +41,28 @@ REFINEMENT_ANGLES = VERIFICATION_ANGLES[1::2]
 COARSE_SAMPLES, FINE_SAMPLES, FINAL_SAMPLES = 200, 600, 2000
 FEW_SAMPLES = 400
 KEPT_PLANES = 14
-FLAT_SHEET = 0.01  # of the diameter; a surface with open rims that is no thicker
-WALL_REACH = 0.05  # of the diameter, as candidates err by; nearer samples stand for a sheet's rim
-MIN_AREA = 1e-9  # of the squared diameter; a mesh of less is points or a line
-MISS_CAP = 0.05  # of the diameter; a larger miss is no worse
+FLAT_SHEET = 0.01  # of the diameter; largest thickness of a sheet with open rims
+WALL_REACH = 0.05  # of the diameter, the error of candidates; nearer samples represent the rim
+MIN_AREA = 1e-9  # of the squared diameter; a mesh of less area is points or a line
+MISS_CAP = 0.05  # of the diameter; larger misses count as this
 MAX_MISS = 0.5 * MISS_CAP
-SAME_ANGLE, SAME_OFFSET = float(np.radians(3.0)), 0.015
+SAME_ANGLE, SAME_OFFSET = float(np.radians(3.0)), 0.015  # radians, share of the diameter
 
 
 @dataclass(frozen=True)
-class Shape:
-    """A mesh's surface in normalised coordinates, `x = (x_mesh - center) / size`, with samples."""
+class UnitSurface:
+    """A mesh's surface in normalised coordinates, x = (x_mesh - center) / size, with samples."""
 
     center: Array  # (3,) metres, mesh frame
     size: float  # metres
     surface: Surface
     samples: Samples
-    few: Samples  # the first of them, to see what is hopeless
+    few: Samples  # the first of the samples, to reject hopeless candidates
 
     @classmethod
     def from_mesh(
         cls, mesh: Mesh, config: AnnotateSymmetryConfig, rng: np.random.Generator
-    ) -> "Shape":
+    ) -> "UnitSurface":
         """Sample `mesh` and bring it to its centroid and unit diameter.
 
         Raises:
@@ -75,11 +75,11 @@ class Shape:
         center = raw.points.mean(axis=0)
         surface = raw.normalised(center, size)
         is_sheet = bool(len(surface.rim.points)) and _thickness(surface) < FLAT_SHEET
-        if is_sheet:  # all that says where it is, is its rim
+        if is_sheet:  # only the rim determines its position in its plane
             surface = surface.with_walls(WALL_REACH)
         draw = rng.choice(len(raw.points), config.num_verification_samples, replace=False)
-        # A card turned in its plane lands beyond its rim, which is what tells it from a disc: of a
-        # sheet there is no more beyond the rim, of anything else there may be.
+        # A card turned in its plane lands beyond its rim, which distinguishes it from a disc. A
+        # sheet is complete at its rim; the surface of any other object may continue there unseen.
         make = Samples.with_links if len(surface.rim.points) and not is_sheet else Samples
         samples, few = (
             make(surface.points[some], surface.normals[some]) for some in (draw, draw[:FEW_SAMPLES])
@@ -87,7 +87,7 @@ class Shape:
         return cls(center, size, surface, samples, few)
 
     def points(self, count: int) -> Array:
-        """Return the first `count` of the samples' points: (count, 3)."""
+        """Return the points (count, 3) of the first `count` samples."""
         return self.samples.points[:count]
 
     def to_mesh(self, point: Array) -> Array:
@@ -96,14 +96,14 @@ class Shape:
 
 
 def _thickness(surface: Surface) -> float:
-    """Return the extent of `surface` across the plane that it lies in most, without strays."""
-    height = surface.points @ principal_axes(surface.points)[-1]
+    """Return the extent of `surface` across its best plane, without outliers."""
+    height = surface.points @ principal_axis_rows(surface.points)[-1]
     return float(np.ptp(np.percentile(height, [1.0, 99.0])))
 
 
 def search_planes(
-    shape: Shape, grid: DistanceGrid, config: AnnotateSymmetryConfig
-) -> tuple[Array, list[Fit]]:
+    shape: UnitSurface, grid: DistanceGrid, config: AnnotateSymmetryConfig
+) -> tuple[Array, list[SurfaceFit]]:
     """Return distinct refined planes (c, 4) and their fits."""
     normals, offsets = plane_candidates(grid, shape.points(COARSE_SAMPLES), config)
     planes = np.column_stack([normals, offsets])
@@ -117,38 +117,42 @@ def search_planes(
     return planes[order], [fits[index] for index in order]
 
 
-def refined_planes(shape: Shape, planes: Array, scales: Sequence[float], count: int) -> Array:
-    """Return `planes` (c, 4) after a Gauss-Newton step a scale on `count` samples."""
+def refined_planes(shape: UnitSurface, planes: Array, scales: Sequence[float], count: int) -> Array:
+    """Return `planes` (c, 4) after one Gauss-Newton step for each scale, on `count` samples."""
     points = shape.points(count)
     normals, offsets = refine_planes(shape.surface, points, planes[:, :3], planes[:, 3], scales)
     return np.column_stack([normals, offsets])
 
 
 def staged_fit(
-    shape: Shape, config: AnnotateSymmetryConfig, measure: Callable[[Samples], Fit]
-) -> Fit:
-    """Return what `measure` finds on all samples, or on few if these say it is hopeless."""
+    shape: UnitSurface,
+    config: AnnotateSymmetryConfig,
+    measure: Callable[[Samples], SurfaceFit],
+) -> SurfaceFit:
+    """Return the fit that `measure` finds on all samples, or on few if it is hopeless."""
     fit = measure(shape.few)
     return fit if fit.is_hopeless(config) else measure(shape.samples)
 
 
-def fit_of_plane(shape: Shape, plane: Array, samples: Samples) -> Fit:
+def fit_of_plane(shape: UnitSurface, plane: Array, samples: Samples) -> SurfaceFit:
     """Measure the plane (4,) on `samples` of the shape."""
-    return fit_of(shape.surface, samples, mirrored(samples, plane[:3], float(plane[3])))
+    return fit_of(shape.surface, samples, mirror_samples(samples, plane[:3], float(plane[3])))
 
 
-def fit_of_turn(shape: Shape, axis: Array, angle: float, samples: Samples) -> Fit:
+def fit_of_turn(shape: UnitSurface, axis: Array, angle: float, samples: Samples) -> SurfaceFit:
     """Measure a turn by `angle` radians about the axis (6,) on `samples` of the shape."""
-    image = turned(samples, axis[:3], axis[3:], angle)
+    image = turn_samples(samples, axis[:3], axis[3:], angle)
     return fit_of(shape.surface, samples, image, angle)
 
 
-def continuous_fit(shape: Shape, axis: Array, config: AnnotateSymmetryConfig) -> tuple[Fit, bool]:
-    """Return the worst fit of the axis (6,) over generic angles, and if it is continuous.
+def continuous_fit(
+    shape: UnitSurface, axis: Array, config: AnnotateSymmetryConfig
+) -> tuple[SurfaceFit, bool]:
+    """Return the worst fit of the axis (6,) over generic angles, and whether it is continuous.
 
-    Stops at the first angle that does not hold.
+    Stops at the first angle at which the symmetry does not hold.
     """
-    fits: list[Fit] = []
+    fits: list[SurfaceFit] = []
     for angle in VERIFICATION_ANGLES:
         fits.append(staged_fit(shape, config, partial(fit_of_turn, shape, axis, angle)))
         if fits[-1].ovalness > 1.0 or not fits[-1].holds(config, config.max_axis_mean):
@@ -157,9 +161,9 @@ def continuous_fit(shape: Shape, axis: Array, config: AnnotateSymmetryConfig) ->
 
 
 def search_axes(
-    shape: Shape, config: AnnotateSymmetryConfig
-) -> tuple[Array, list[tuple[Fit, bool]]]:
-    """Return distinct refined axes (c, 6), and (worst fit, is it continuous) of each."""
+    shape: UnitSurface, config: AnnotateSymmetryConfig
+) -> tuple[Array, list[tuple[SurfaceFit, bool]]]:
+    """Return distinct refined axes (c, 6), and the (worst fit, is continuous) of each."""
     axes = revolution_candidates(
         shape.samples.points,
         shape.samples.normals,
@@ -173,29 +177,33 @@ def search_axes(
 
 
 def refined_axes(
-    shape: Shape, axes: Array, angles: Sequence[float], scales: Sequence[float], count: int
+    shape: UnitSurface,
+    axes: Array,
+    angles: Sequence[float],
+    scales: Sequence[float],
+    count: int,
 ) -> Array:
-    """Return `axes` (c, 6) after a Gauss-Newton step a scale, turning by `angles` radians."""
+    """Return `axes` (c, 6) after one Gauss-Newton step for each scale; `angles` in radians."""
     points = shape.points(count)
     parts = refine_axes(shape.surface, points, axes[:, :3], axes[:, 3:], angles, scales)
     return np.column_stack(parts)
 
 
-def _distinct_planes(shape: Shape, planes: Array) -> Array:
+def _distinct_planes(shape: UnitSurface, planes: Array) -> Array:
     before = Samples(shape.points(COARSE_SAMPLES), shape.samples.normals[:COARSE_SAMPLES])
-    images = [mirrored(before, plane[:3], float(plane[3])).points for plane in planes]
+    images = [mirror_samples(before, plane[:3], float(plane[3])).points for plane in planes]
     misses = _misses(shape, np.stack(images))
     order = np.argsort(misses, kind="stable")
-    # A plane that misses with half of the surface is none of a region either.
+    # A plane that fits less than half of the surface is no plane of a region either.
     ranked = planes[order[: max(1, int(np.sum(misses < MAX_MISS)))]]
     return ranked[
-        distinct(
+        distinct_candidates(
             ranked[:, :3], ranked[:, 3], KEPT_PLANES, min_angle=SAME_ANGLE, min_offset=SAME_OFFSET
         )
     ]
 
 
-def _misses(shape: Shape, images: Array) -> Array:
+def _misses(shape: UnitSurface, images: Array) -> Array:
     """Return the mean capped distance (c,) of `images` (c, n, 3) to the nearest samples."""
     distance = shape.surface.within(images, MISS_CAP)[0]
     return np.asarray(np.minimum(distance, MISS_CAP).mean(axis=-1))

@@ -1,7 +1,7 @@
-"""Spheres: a ball by its radius, a hollow ball by its turns.
+"""DetectedSymmetries of spheres: a ball by its radius, a hollow ball by its axes.
 
-The two skins of a hollow ball have no common radius, but what turns about two axes turns about all
-that pass through where they meet.
+The two skins of a hollow ball have no common radius; but an object that is symmetric about two
+continuous axes is symmetric about every axis through their intersection.
 """
 
 import numpy as np
@@ -10,8 +10,8 @@ from pipelines.array_types import Array
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.geometry.symmetry import SphereSymmetry
 from pipelines.geometry.transforms import unit
-from pipelines.mesh_symmetry.detection.symmetry_refinement import fit_sphere
-from pipelines.mesh_symmetry.detection.symmetry_search import Shape, continuous_fit
+from pipelines.mesh_symmetry.detection.symmetry_refinement import robust_sphere
+from pipelines.mesh_symmetry.detection.symmetry_search import UnitSurface, continuous_fit
 from pipelines.mesh_symmetry.symmetry_verification import (
     SUPPORT_COSINE,
     Samples,
@@ -20,21 +20,21 @@ from pipelines.mesh_symmetry.symmetry_verification import (
 )
 
 
-def sphere_of(shape: Shape, config: AnnotateSymmetryConfig) -> SphereSymmetry | None:
-    """Return the sphere that `shape` is, mesh frame, metres, if it is one."""
+def sphere_of(shape: UnitSurface, config: AnnotateSymmetryConfig) -> SphereSymmetry | None:
+    """Return the symmetry of `shape` if it is a sphere, mesh frame, metres."""
     return _ball(shape) or _hollow_ball(shape, config)
 
 
-def _ball(shape: Shape) -> SphereSymmetry | None:
+def _ball(shape: UnitSurface) -> SphereSymmetry | None:
     points = shape.samples.points
-    center, radius = fit_sphere(points)
+    center, radius = robust_sphere(points)
     if not is_sphere(points, center, radius):
         return None
     gap = np.abs(np.linalg.norm(points - center, axis=1) - radius)
     return SphereSymmetry(shape.to_mesh(center), float(gap.mean() / (2.0 * radius)))
 
 
-def _hollow_ball(shape: Shape, config: AnnotateSymmetryConfig) -> SphereSymmetry | None:
+def _hollow_ball(shape: UnitSurface, config: AnnotateSymmetryConfig) -> SphereSymmetry | None:
     center = _common_point(shape.samples)
     if not _looks_radial(shape, center, config):
         return None
@@ -48,17 +48,17 @@ def _hollow_ball(shape: Shape, config: AnnotateSymmetryConfig) -> SphereSymmetry
 
 
 def _common_point(samples: Samples) -> Array:
-    """Return the point (3,) that the normals' lines pass nearest to."""
+    """Return the point (3,) nearest to the lines of the normals."""
     across = np.eye(3) - samples.normals[:, :, None] * samples.normals[:, None, :]
     system = across.sum(axis=0) + 1e-9 * len(across) * np.eye(3)
     right = np.einsum("nij,nj->i", across, samples.points)
     return np.asarray(np.linalg.solve(system, right))
 
 
-def _looks_radial(shape: Shape, center: Array, config: AnnotateSymmetryConfig) -> bool:
-    """Return whether `shape` lies all around `center` (3,), and its normals point from or to it."""
+def _looks_radial(shape: UnitSurface, center: Array, config: AnnotateSymmetryConfig) -> bool:
+    """Return whether `shape` surrounds `center` (3,) and its normals point away from or to it."""
     samples = shape.samples
     radial = np.einsum("nd,nd->n", samples.normals, unit(samples.points - center))
     share = float(np.mean(np.abs(radial) > SUPPORT_COSINE))
-    enough = config.min_agreement * shape.surface.steadiness
+    enough = config.min_agreement * shape.surface.agreement
     return share >= enough and surrounds(samples.points, center)

@@ -1,4 +1,4 @@
-"""Cut what has no symmetry into nearly convex parts, by coacd: limbs, heads, grips."""
+"""Nearly convex parts (limbs, heads, handles) of an object without symmetry, by coacd."""
 
 import numpy as np
 from scipy.spatial import ConvexHull, KDTree, QhullError
@@ -7,7 +7,7 @@ from pipelines.array_types import Array, Indices
 from pipelines.geometry.meshes.convex_decomposition import convex_pieces
 from pipelines.geometry.meshes.mesh import Mesh
 
-# coacd's own settings take half a minute an object; these find the same few large pieces.
+# coacd's defaults take half a minute per object; these settings find the same large pieces.
 COARSE_SEARCH = {
     "threshold": 0.15,
     "max_convex_hull": 6,
@@ -21,9 +21,9 @@ COARSE_SEARCH = {
 
 
 def convex_owner(mesh: Mesh, points: Array) -> Indices:
-    """Return which nearly convex piece of `mesh` each of `points` (n, 3) belongs to: (n,).
+    """Return the index (n,) of the nearly convex piece of `mesh` around each of `points` (n, 3).
 
-    All to piece 0 if coacd finds none.
+    All 0 if coacd finds no pieces.
     """
     used, index = np.unique(mesh.faces, return_inverse=True)
     hulls = convex_pieces(Mesh(mesh.vertices[used], index.reshape(-1, 3)), COARSE_SEARCH)
@@ -34,7 +34,7 @@ def convex_owner(mesh: Mesh, points: Array) -> Indices:
 
 
 def _outside(corners: Array, points: Array) -> Array:
-    """Return how far `points` (n, 3) lie outside the hull of `corners`; negative inside."""
+    """Return the distance (n,) of `points` (n, 3) from the hull of `corners`; negative inside."""
     try:
         equations = ConvexHull(corners, qhull_options="QJ").equations
     except QhullError:

@@ -1,4 +1,4 @@
-"""The symmetries of an object's parts: their own, and the planes of the whole they share."""
+"""Symmetries of an object's parts: their own, and planes shared with the whole object."""
 
 from dataclasses import dataclass, replace
 
@@ -14,7 +14,7 @@ from pipelines.geometry.symmetry import (
     Symmetry,
 )
 from pipelines.mesh_symmetry.detection.symmetry_detection import (
-    Detection,
+    MeshSymmetries,
     analyse,
     analyse_body,
     holding,
@@ -30,18 +30,18 @@ NUM_PARTIAL = 6  # rejected candidates that are tried on parts
 
 @dataclass(frozen=True)
 class PartSymmetries:
-    """What is known of an object's symmetries, to find those of its parts."""
+    """Search for the symmetries of parts, given those detected on the whole object."""
 
     parts: SampledParts
-    detection: Detection
+    detection: MeshSymmetries
     config: AnnotateSymmetryConfig
     rng: np.random.Generator
     size: float  # diameter of the object, metres
 
     def body(self, body: Body) -> list[Symmetry]:
-        """Return the symmetries of a body of revolution: its axis at least, or a sphere.
+        """Return the symmetries of a body of revolution: at least its axis, or a sphere.
 
-        None if it stands alone and does not turn about any: an oval column's circles look round.
+        Empty for a whole object without a continuous axis, as an oval column that looks round.
         """
         axis = RotationSymmetry(body.axis.direction, body.axis.point)
         mesh = self.parts.submesh(body.members)
@@ -49,9 +49,9 @@ class PartSymmetries:
         return analyse_body(mesh, axis, self._coarser, self.rng, is_cut=is_cut)
 
     def part(self, members: Mask) -> list[Symmetry]:
-        """Return the symmetries of the part `members` (m,), and the whole's planes it shares."""
+        """Return the symmetries of the part `members` (m,), its own and shared planes."""
         found = self._analysed(members)
-        if any(turns(symmetry) for symmetry in found):
+        if any(is_round(symmetry) for symmetry in found):
             return found
         planes = [symmetry for symmetry in found if isinstance(symmetry, ReflectionSymmetry)]
         others = [symmetry for symmetry in found if not isinstance(symmetry, ReflectionSymmetry)]
@@ -59,9 +59,9 @@ class PartSymmetries:
         return [*planes, *others]
 
     def still_held(self, symmetries: list[Symmetry], members: Mask) -> list[Symmetry] | None:
-        """Return `symmetries` with the errors that their planes have on the samples `members` (m,).
+        """Return `symmetries` with the errors of their planes on the samples `members` (m,).
 
-        None if a plane does not hold there.
+        None if a plane does not hold on them.
         """
         planes = [symmetry for symmetry in symmetries if isinstance(symmetry, ReflectionSymmetry)]
         others = [each for each in symmetries if not isinstance(each, ReflectionSymmetry)]
@@ -71,8 +71,8 @@ class PartSymmetries:
     def largest_mirrored(self, members: Mask) -> Mask | None:
         """Return the largest connected part of `members` that a plane of the object explains.
 
-        None if that is less than `min_region_support` of it: the cut would be where the plane
-        ceases to hold, which no one sees.
+        None if it is less than `min_region_support` of `members`: the cut would then be at an
+        invisible border, where the plane ceases to hold.
         """
         for plane in self._planes():
             held = members.copy()
@@ -90,7 +90,7 @@ class PartSymmetries:
     def _with_shared(
         self, planes: list[ReflectionSymmetry], members: Mask
     ) -> list[ReflectionSymmetry]:
-        """Return `planes` and as many more of the object's as there is room for and hold here."""
+        """Return `planes`, and further planes of the object that hold on `members`, up to three."""
         room = self.config.max_planes - len(planes)
         others = [
             plane
@@ -106,16 +106,16 @@ class PartSymmetries:
         return [*planes, *shared]
 
     def _held(self, planes: list[ReflectionSymmetry], mesh: Mesh) -> list[ReflectionSymmetry]:
-        # Samples of their own, so that other parts' do not depend on whether any are drawn here.
+        # A generator of its own, so that samples of other parts do not depend on this call.
         return holding(planes, mesh, self._coarser, self.rng.spawn(1)[0])
 
     def _keeps(self, plane: ReflectionSymmetry, members: Mask) -> bool:
-        """Return whether `plane` maps most of the part `members` to itself: is it worth a fit?"""
+        """Return whether `plane` maps most of the part `members` to itself."""
         held = self._supported(plane, members)
         return bool(held.mean() >= self.config.min_agreement)
 
     def _supported(self, plane: ReflectionSymmetry, members: Mask) -> Mask:
-        """Return which of `members` (k,) have their image on the surface of `members`."""
+        """Return the mask (k,) of `members` whose image is on the surface of `members`."""
         surface = self.parts.surface
         image = plane.counterpart(surface.points[members])
         normals = plane.mirror_vectors(surface.normals[members])
@@ -132,7 +132,7 @@ class PartSymmetries:
 
     @property
     def _coarser(self) -> AnnotateSymmetryConfig:
-        """The configuration for parts: they are smaller than their object."""
+        """The configuration for parts, with fewer samples than for the object."""
         return replace(self.config, num_samples=min(PIECE_SAMPLES, self.config.num_samples))
 
 
@@ -140,7 +140,7 @@ def _is_among(plane: ReflectionSymmetry, others: list[ReflectionSymmetry]) -> bo
     return any(abs(plane.normal @ other.normal) > SAME_PLANE for other in others)
 
 
-def turns(symmetry: Symmetry) -> bool:
+def is_round(symmetry: Symmetry) -> bool:
     """Return whether `symmetry` is a continuous rotation or a sphere."""
     continuous = isinstance(symmetry, RotationSymmetry) and symmetry.order is None
     return continuous or isinstance(symmetry, SphereSymmetry)

@@ -1,9 +1,9 @@
-"""Bodies of revolution among the parts of a surface: a mug's wall, a pan, a hammer's grip.
+"""Bodies of revolution among the parts of a surface: a mug's wall, a pan, a hammer's handle.
 
-An axis is proposed by patches (`revolution.py`) and grows to the connected samples on full, round
-circles about it. Flat samples look the same about every axis across them, so they belong to
-a body only where it bounds them, as a mug bounds its bottom; the flats of a nut stay out. And a
-body ends at an edge: the middle of a banana is round as well, but nobody sees where it ends.
+Patches propose an axis (`revolution.py`); the body is the connected set of samples on full, round
+circles about it. Flat samples fit every axis across them, so they belong to a body only if it
+bounds them, as a mug bounds its bottom; the flats of a nut stay out. A body must end at an edge:
+the middle of a banana is round, but has no visible end.
 """
 
 from dataclasses import dataclass, replace
@@ -13,29 +13,29 @@ import numpy as np
 from pipelines.array_types import Array, Mask
 from pipelines.mesh_symmetry.detection.revolution import (
     Axis,
-    candidate_axes,
     profile,
     refined,
+    revolution_axes,
     same_line,
 )
 from pipelines.mesh_symmetry.detection.surface import diameter
 from pipelines.mesh_symmetry.parts.sampled_parts import SampledParts
 
 MAX_BODIES = 4
-FLAT = float(np.sin(np.radians(15.0)))  # between normal and axis
+FLAT_SINE = float(np.sin(np.radians(15.0)))  # between normal and axis
 SAME_FLAT = 0.9  # cosine; the two sides of a plate are two flats
-MIN_BOUNDED = 2.0 / 3.0  # share of the links around a flat that lead to its body
-MAX_SMOOTH_BORDER = 0.8  # share of a body's border where the surface just goes on
-MAX_STRAYS = 0.02  # of a body, samples in its midst that belong to it
-MIN_LATERAL = 0.15  # share of a body that is not flat, or it is a disc drawn on a plate
+MIN_BOUNDED = 2.0 / 3.0  # least share of the links around a flat that lead to its body
+MAX_SMOOTH_BORDER = 0.8  # largest share of a body's border without an edge
+MAX_STRAYS = 0.02  # of a body: samples inside it that were missed by chance
+MIN_LATERAL = 0.15  # least share of a body that is not flat; below it is a disc drawn on a plate
 
 
 @dataclass(frozen=True)
 class Body:
-    """The samples (m,) of a body of revolution, its axis, and how much it is of what curves.
+    """A body of revolution: axis, frame and unit of the mesh, and its samples `members` (m,).
 
-    `axis` in the frame and unit of the mesh. `lateral` weighs samples by the sine between normal
-    and axis: the share of the surface that fingers close on across the axis, 0 to 1.
+    `lateral` is its share of the surface, 0 to 1, with samples weighted by the sine between normal
+    and axis: the part on which fingers close across the axis.
     """
 
     axis: Axis
@@ -46,7 +46,7 @@ class Body:
 def revolved_bodies(parts: SampledParts, among: Mask, min_lateral: float) -> list[Body]:
     """Return the bodies of revolution of at least `min_lateral`, the largest first.
 
-    They are sought `among` (m,) the samples, the next one among those that are left over.
+    They are searched `among` (m,) the samples, each among those that earlier bodies left over.
     """
     center = parts.surface.points.mean(axis=0)
     size = diameter(parts.surface.points)
@@ -69,7 +69,7 @@ def _largest_body(
     """Return the largest body among `left` (n,), of at least `min_lateral`."""
     bodies: list[Body] = []
     fits: list[Axis] = []
-    for axis in candidate_axes(points[left], normals[left]):
+    for axis in revolution_axes(points[left], normals[left]):
         if any(same_line(axis, known) for known in fits):
             continue
         fitted, held_left = refined(axis, points[left], normals[left])
@@ -106,9 +106,9 @@ def _grown(
 
 
 def _with_strays(parts: SampledParts, members: Mask) -> Mask:
-    """Return `members` (n,) and the few samples in their midst that were missed by chance.
+    """Return `members` (n,) with the few samples inside them that were missed by chance.
 
-    Left out they would be all that borders on a body that stands alone, and no edge lies between.
+    Without them a body that is a whole object would border on them alone, without an edge.
     """
     filled = members.copy()
     for stray in parts.clusters(~members):
@@ -120,8 +120,8 @@ def _with_strays(parts: SampledParts, members: Mask) -> Mask:
 
 
 def _without_loose_flats(parts: SampledParts, held: Mask, lateral: Array) -> Mask:
-    """Return `held` without the flats that are bounded by something else."""
-    flat = held & (lateral < FLAT)
+    """Return `held` without the flats that other parts bound."""
+    flat = held & (lateral < FLAT_SINE)
     kept = held.copy()
     for members in parts.clusters(flat, SAME_FLAT):
         inside = parts.touching(members, held & ~members)

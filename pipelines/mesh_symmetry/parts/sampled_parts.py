@@ -1,7 +1,7 @@
-"""Parts of a surface as sets of its samples: who is beside whom, and whose a triangle is.
+"""Parts of a surface as sets of its samples: neighbours, clusters, triangles of a part.
 
-Samples are linked by nearness and not by the mesh's edges, so cracks, patches that only touch and
-double walls do not fall apart, and the tessellation does not matter.
+Samples are linked by distance instead of by the mesh's edges, so that cracks, touching patches and
+double walls do not separate them, and the tessellation does not matter.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from pipelines.array_types import Indices, Mask
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.mesh_symmetry.detection.surface import Surface
 
-LINK = 3.0  # of the spacing of the samples: some 28 neighbours
+LINK = 3.0  # of the spacing of the samples: about 28 neighbours
 NO_EDGE = float(np.cos(np.radians(25.0)))  # between the normals of linked samples
 NO_PART = -1
 
@@ -34,7 +34,7 @@ class SampledParts:
 
     @cached_property
     def beside(self) -> csr_matrix:
-        """The graph (m, m) of samples that lie beside each other; most objects never ask."""
+        """Graph (m, m) of neighbouring samples, built when it is first used."""
         count = len(self.surface.points)
         reach = LINK * float(np.sqrt(self.mesh.area / count))
         first, second = self.surface.tree.query_pairs(reach, output_type="ndarray").T
@@ -43,7 +43,7 @@ class SampledParts:
         return coo_matrix((links, (rows, columns)), shape=(count, count)).tocsr()
 
     def share(self, members: Mask) -> float:
-        """Return which share of the area the samples `members` (m,) stand for."""
+        """Return the share of the area that the samples `members` (m,) represent."""
         return float(members.mean())
 
     def clusters(self, members: Mask, same_side: float | None = None) -> list[Mask]:
@@ -66,7 +66,7 @@ class SampledParts:
         return list(masks)
 
     def smoothed(self, members: Mask) -> Mask:
-        """Return `members` (m,) as the majority of each sample's neighbourhood sees it."""
+        """Return `members` (m,) by majority vote among each sample's neighbours."""
         degree = np.asarray(self.beside.sum(axis=1)).reshape(-1)
         agreeing = self.beside @ members.astype(np.float64)
         return np.asarray(agreeing + members > 0.5 * (degree + 1))
@@ -76,7 +76,7 @@ class SampledParts:
         return float((self.beside[members] @ other.astype(np.float64)).sum())
 
     def smooth_border(self, members: Mask) -> float:
-        """Return the share of the links out of `members` (m,) that cross no edge; 0 for none."""
+        """Return the share of the links out of `members` (m,) without an edge; 0 without links."""
         links = self.beside[members].tocoo()
         inside, outside = np.flatnonzero(members)[links.row], links.col
         inside, outside = inside[~members[outside]], outside[~members[outside]]
@@ -87,9 +87,9 @@ class SampledParts:
         return float(np.mean(cosine > NO_EDGE))
 
     def owner_of_faces(self, owner: Indices) -> Indices:
-        """Return the part (f,) of each triangle from that of its samples, `owner` (m,).
+        """Return the part (f,) of each triangle, given the part `owner` (m,) of each sample.
 
-        The part with most of its samples; a triangle too small for a sample takes the nearest's.
+        The part with most of its samples; a triangle without samples takes that of the nearest one.
         """
         parts = int(owner.max(initial=NO_PART)) + 2
         votes = np.zeros((len(self.mesh.faces), parts), dtype=np.int64)
@@ -99,11 +99,11 @@ class SampledParts:
         return np.where(votes.sum(axis=1) > 0, voted, nearest)
 
     def on_triangles(self, members: Mask) -> Mask:
-        """Return the samples (m,) on the triangles that the samples `members` (m,) stand for."""
+        """Return the samples (m,) on the triangles that the samples `members` (m,) represent."""
         return np.asarray(self._triangles_of(members)[self.surface.faces])
 
     def submesh(self, members: Mask) -> Mesh:
-        """Return the triangles that the samples `members` (m,) stand for, as a mesh."""
+        """Return the mesh of the triangles that the samples `members` (m,) represent."""
         return self.mesh.submesh(self._triangles_of(members))
 
     def _triangles_of(self, members: Mask) -> Mask:

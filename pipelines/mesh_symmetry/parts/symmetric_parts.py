@@ -1,10 +1,10 @@
-"""Cut an object into regions that have a symmetry of their own (Sec. III-D; D. 36).
+"""Segmentation of an object into regions with symmetries of their own (Sec. III-D; D. 36).
 
-A sphere or a body of revolution stays whole. Anything else is searched for bodies of revolution:
-where one holds enough of what fingers close on, as a mug's wall does, it becomes a region, and so
-does every graspable part that is left. An object of mirror planes without such a body, a box,
-stays whole too. What has no symmetry at all is cut further: by the mirror plane that explains
-most of it, and into nearly convex pieces.
+A sphere or a body of revolution stays whole. Other objects are searched for bodies of revolution: a
+body with enough lateral surface, such as a mug's wall, becomes a region, and so does every
+graspable part left over. An object with mirror planes and no such body, such as a box, stays whole.
+An object without symmetry is cut further: by the mirror plane that explains most of it, and into
+nearly convex pieces.
 """
 
 from dataclasses import dataclass, replace
@@ -16,24 +16,24 @@ from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.symmetry import Symmetry
 from pipelines.mesh_symmetry.detection.surface import diameter
-from pipelines.mesh_symmetry.detection.symmetry_detection import Detection
+from pipelines.mesh_symmetry.detection.symmetry_detection import MeshSymmetries
 from pipelines.mesh_symmetry.parts.convex_parts import convex_owner
-from pipelines.mesh_symmetry.parts.part_symmetries import PartSymmetries, turns
+from pipelines.mesh_symmetry.parts.part_symmetries import PartSymmetries, is_round
 from pipelines.mesh_symmetry.parts.revolved_bodies import MAX_SMOOTH_BORDER, revolved_bodies
 from pipelines.mesh_symmetry.parts.sampled_parts import NO_PART, SampledParts
 
 WHOLE = "whole"
 NUM_SAMPLES = 8000
-MAX_MEAN_NORMAL = 0.6  # 0 for a closed surface, 0.5 for a bowl, 1 for a sheet: no grip across it
-SMALL_OBJECT = 0.5  # of its object's diameter: so large a part is what there is to grasp
-MAX_LOOSE_SHARE = 0.2  # a body with more beside it that cannot be gripped is a peach, not a mug
-MIN_DETAIL = 0.1  # of what has no symmetry, a symmetric part of less is not worth a cut
+MAX_MEAN_NORMAL = 0.6  # length: 0 for a closed surface, 0.5 for a bowl, 1 for an ungraspable sheet
+SMALL_OBJECT = 0.5  # of its object's diameter; a part as large as this is graspable in any size
+MAX_LOOSE_SHARE = 0.2  # largest share beside bodies that is ungraspable: a mug, but not a peach
+MIN_DETAIL = 0.1  # least share of a symmetric part that is cut out of an object without symmetry
 MIN_CUT_SHARE = 0.2  # smaller parts are not cut into convex pieces
 
 
 @dataclass(frozen=True)
 class SymmetricRegion:
-    """Triangles of a mesh and the symmetries they have; `triangles`: (k,) sorted indices."""
+    """A region of a mesh: sorted indices of its `triangles` (k,), and its symmetries."""
 
     name: str
     triangles: Indices
@@ -49,7 +49,7 @@ class _Piece:
 
 @dataclass(frozen=True)
 class _Cutting:
-    """An object while it is cut."""
+    """The object that is being cut."""
 
     parts: SampledParts
     symmetries_of: PartSymmetries
@@ -58,15 +58,18 @@ class _Cutting:
 
 
 def symmetric_regions(
-    mesh: Mesh, detection: Detection, config: AnnotateSymmetryConfig, rng: np.random.Generator
+    mesh: Mesh,
+    detection: MeshSymmetries,
+    config: AnnotateSymmetryConfig,
+    rng: np.random.Generator,
 ) -> list[SymmetricRegion]:
-    """Return the symmetric regions of `mesh`, of which `detection` was made, mesh frame.
+    """Return the symmetric regions of `mesh`, mesh frame, given the `detection` of the whole.
 
-    No triangle is in two regions. An object in which nothing symmetric is found is one region,
-    the whole, without symmetries.
+    No triangle is in two regions. An object without any symmetric part is one region, the whole,
+    without symmetries.
     """
     whole = SymmetricRegion(WHOLE, np.arange(len(mesh.faces)), detection.symmetries)
-    if any(turns(symmetry) for symmetry in detection.symmetries):
+    if any(is_round(symmetry) for symmetry in detection.symmetries):
         return [whole]
     parts = SampledParts.of(mesh, NUM_SAMPLES, rng)
     size = diameter(parts.surface.points)
@@ -80,15 +83,15 @@ def symmetric_regions(
 
 
 def has_slot(symmetries: list[Symmetry]) -> bool:
-    """Return whether any symmetry is one the network predicts: discrete rotations are not."""
+    """Return whether the network predicts any of `symmetries`: not the discrete rotations."""
     return any(getattr(symmetry, "order", None) is None for symmetry in symmetries)
 
 
 def _mirrored_pieces(cutting: _Cutting) -> list[_Piece]:
-    """Return bodies of revolution and the parts beside them; none if the planes say it better."""
+    """Return bodies of revolution and the parts beside them; none if the object stays whole."""
     everything = np.ones(NUM_SAMPLES, dtype=np.bool_)
     pieces = _bodies(cutting, everything, cutting.config.min_body_share)
-    # A body that is all of the object would say otherwise than the whole does: many-sided columns.
+    # A body equal to the whole object would contradict its detection, as for many-sided columns.
     if not pieces or pieces[0].members.all():
         return []
     loose: list[Mask] = []
@@ -103,7 +106,7 @@ def _mirrored_pieces(cutting: _Cutting) -> list[_Piece]:
 
 
 def _asymmetric_pieces(cutting: _Cutting) -> list[_Piece]:
-    """Return the symmetric parts of an object that has no symmetry, and what is left of it."""
+    """Return the symmetric parts of an object without symmetry, and the rest of it."""
     everything = np.ones(NUM_SAMPLES, dtype=np.bool_)
     pieces = _bodies(cutting, everything, cutting.config.min_body_share)
     mirrored = cutting.symmetries_of.largest_mirrored(_left(pieces, everything))
@@ -131,7 +134,7 @@ def _bodies(cutting: _Cutting, among: Mask, min_lateral: float) -> list[_Piece]:
 
 
 def _cut_further(cutting: _Cutting, members: Mask) -> list[_Piece]:
-    """Return the symmetric pieces of `members`: all of it, bodies in it, nearly convex parts."""
+    """Return the symmetric pieces of `members`: all of it, bodies in it, or nearly convex parts."""
     if not _is_graspable(cutting, members):
         return []
     found = cutting.symmetries_of.part(members)
@@ -145,7 +148,7 @@ def _cut_further(cutting: _Cutting, members: Mask) -> list[_Piece]:
 
 
 def _convex_pieces(cutting: _Cutting, members: Mask) -> list[_Piece]:
-    """Return those nearly convex parts of `members` that are symmetric."""
+    """Return the symmetric ones of the nearly convex parts of `members`."""
     pieces = []
     owner = np.full(NUM_SAMPLES, NO_PART, dtype=np.int64)
     mesh = cutting.parts.submesh(members)
@@ -153,7 +156,7 @@ def _convex_pieces(cutting: _Cutting, members: Mask) -> list[_Piece]:
     for index in np.unique(owner[members]):
         piece = cutting.parts.clusters(owner == index)[0]
         seen = cutting.parts.smooth_border(piece) <= MAX_SMOOTH_BORDER
-        # What a region is are its triangles: of large ones a piece may get hardly any.
+        # A region consists of triangles: if these are large, a piece may get hardly any.
         stands_for = cutting.parts.on_triangles(piece)
         if not seen or not all(_is_graspable(cutting, part) for part in (piece, stands_for)):
             continue
@@ -164,7 +167,7 @@ def _convex_pieces(cutting: _Cutting, members: Mask) -> list[_Piece]:
 
 
 def _is_graspable(cutting: _Cutting, members: Mask) -> bool:
-    """Return whether a part is large enough, and no sheet that fingers cannot close on."""
+    """Return whether a part is large enough, and not a sheet across which fingers cannot close."""
     surface, config = cutting.parts.surface, cutting.config
     if cutting.parts.share(members) < config.min_part_share or members.sum() < 5:
         return False
@@ -182,7 +185,7 @@ def _left(pieces: list[_Piece], members: Mask) -> Mask:
 
 
 def _joined(cutting: _Cutting, pieces: list[_Piece], loose: list[Mask]) -> list[_Piece]:
-    """Return `pieces` with each of `loose` joined to the one it touches most, if it may."""
+    """Return `pieces`, each of `loose` joined to the one it touches most if its planes hold."""
     scraps: list[list[Mask]] = [[] for _ in pieces]
     for scrap in loose:
         links = [cutting.parts.touching(scrap, piece.members) for piece in pieces]
@@ -192,11 +195,11 @@ def _joined(cutting: _Cutting, pieces: list[_Piece], loose: list[Mask]) -> list[
 
 
 def _with_scraps(cutting: _Cutting, piece: _Piece, scraps: list[Mask]) -> _Piece:
-    """Return `piece` with as many of `scraps`, the small ones first, as its planes hold with."""
+    """Return `piece` with `scraps`, the small ones first, as long as its planes hold."""
     left = sorted(scraps, key=np.count_nonzero)
     while left:
         members = np.any([piece.members, *left], axis=0)
-        if piece.is_body:  # which other things than its circles may touch
+        if piece.is_body:  # other parts may touch a body; its axis holds anyway
             return replace(piece, members=members)
         symmetries = cutting.symmetries_of.still_held(piece.symmetries, members)
         if symmetries is not None:

@@ -1,4 +1,4 @@
-"""Which way triangles look, on closed and open meshes, seen from what rays see."""
+"""Orientation of triangles of closed and open meshes, from rays."""
 
 from dataclasses import replace
 

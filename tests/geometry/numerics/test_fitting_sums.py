@@ -1,4 +1,4 @@
-"""The loops of a fit sum what arrays say of each candidate and point."""
+"""Sums of the compiled loops of a fit against plain arrays."""
 
 import numpy as np
 import pytest
@@ -49,7 +49,7 @@ def biweight(residual, scale):
     return np.where(np.abs(residual) < scale, (1.0 - (residual / scale) ** 2) ** 2, 0.0)
 
 
-def test_axes_are_judged_by_how_far_lines_of_normals_pass_by(case):
+def test_residuals_of_axes_are_distances_of_the_lines_of_normals(case):
     points, normals, axes, centres = case
     rows = np.concatenate([np.cross(points, normals), normals], axis=1)
     squares = (rows[:, :, None] * rows[:, None, :]).reshape(-1, 36)
@@ -75,7 +75,7 @@ def test_images_are_those_of_the_planes(case):
         assert_allclose(images[k], ReflectionSymmetry(*plane).counterpart(points), atol=1e-12)
 
 
-def test_planes_are_judged_by_how_far_images_lie_off_the_surface(case):
+def test_residuals_of_planes_are_distances_of_images_from_the_surface(case):
     points, normals, planes, at = case
     if not len(points):
         return  # nothing to meet

@@ -1,4 +1,4 @@
-"""Balls, hollow ones among them, and what is none."""
+"""Detection of balls, hollow balls, and shapes that are neither."""
 
 import numpy as np
 import pytest

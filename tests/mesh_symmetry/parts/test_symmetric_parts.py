@@ -126,7 +126,7 @@ def test_triangles_turned_inside_out_change_nothing(mug, regions_of_mug):
 
 
 @pytest.mark.parametrize("mesh", [pronged_column(), finned_box()], ids=["column", "box"])
-def test_the_planes_of_a_part_hold_on_all_of_it_with_the_error_told(mesh):
+def test_the_planes_of_a_part_hold_on_all_of_it_with_their_stated_error(mesh):
     regions = [region for region in regions_of(mesh)[1] if region.name != "whole"]
     assert any("reflection" in kinds(region) for region in regions)
     for region in regions:

@@ -1,0 +1,74 @@
+"""Grasps of a camera, frame after frame: prints the grasp to try first of each.
+
+    pip install symgrasp pyrealsense2
+    python camera_loop.py --gripper franka
+
+`realsense_frames` is one source of frames. Any other iterator of `CameraFrame` takes its place.
+"""
+
+import argparse
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symgrasp import GraspDetector, Grasps, SymgraspError
+
+
+class CameraFrame(NamedTuple):
+    """One frame; depth is registered to colour."""
+
+    color: NDArray[np.uint8]  # (H, W, 3) RGB
+    depth: NDArray[Any]  # (H, W) metres, 0 or nan = missing
+    intrinsics: tuple[float, float, float, float]  # fx, fy, cx, cy of both, pixels
+
+
+def realsense_frames(width: int = 848, height: int = 480, rate: int = 30) -> Iterator[CameraFrame]:
+    """Yield the frames of the first RealSense camera, depth aligned to colour."""
+    import pyrealsense2 as rs  # noqa: PLC0415 - other cameras do without
+
+    pipeline, config = rs.pipeline(), rs.config()
+    config.enable_stream(rs.stream.color, width, height, rs.format.rgb8, rate)
+    config.enable_stream(rs.stream.depth, width, height, rs.format.z16, rate)
+    device = pipeline.start(config).get_device()
+    metres = device.first_depth_sensor().get_depth_scale()  # of one unit of depth
+    align = rs.align(rs.stream.color)
+    try:
+        while True:
+            frames = align.process(pipeline.wait_for_frames())
+            color, depth = frames.get_color_frame(), frames.get_depth_frame()
+            lens = color.profile.as_video_stream_profile().get_intrinsics()
+            yield CameraFrame(
+                np.array(color.get_data()),
+                np.asarray(depth.get_data()) * metres,
+                (lens.fx, lens.fy, lens.ppx, lens.ppy),
+            )
+    finally:
+        pipeline.stop()
+
+
+def found(frames: Iterable[CameraFrame], detector: GraspDetector) -> Iterator[Grasps]:
+    """Yield the grasps of each frame; frames that cannot be used are said and passed over."""
+    for frame in frames:
+        try:
+            yield detector(*frame)
+        except SymgraspError as error:
+            print(f"passed over: {error}")
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Print the best grasp of each frame until Ctrl-C."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--gripper", default="rg2")
+    detector = GraspDetector(parser.parse_args(arguments).gripper)
+    for grasps in found(realsense_frames(), detector):
+        if not grasps:
+            print(grasps.message)
+            continue
+        x, y, z = grasps.best.pose()[:3, 3]
+        print(f"{len(grasps)} grasps; best: base at {x:.3f} {y:.3f} {z:.3f} m")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,62 @@
+"""Grasps of all frames of a folder, models loaded once: OUT/NAME.json, gripper poses and openings.
+
+    python folder_loop.py my_frames --out grasps --gripper franka
+
+The folder holds `NAME_color.png`, `NAME_depth.png` (16 bit) and `NAME_camera.json` (`fx`, `fy`,
+`cx`, `cy`, `depth_scale`). `symgrasp infer` reads many other layouts, and resumes when killed; a
+loop of your own is for frames that need something else done in between.
+"""
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from symgrasp import GraspDetector, Grasps, SymgraspError
+
+
+def grasps_in(color_path: Path, detector: GraspDetector) -> Grasps:
+    """Return the grasps of the frame whose colour image is `color_path`."""
+    stem = str(color_path).removesuffix("_color.png")
+    color = np.asarray(Image.open(color_path).convert("RGB"))
+    depth = np.asarray(Image.open(f"{stem}_depth.png"))
+    camera = json.loads(Path(f"{stem}_camera.json").read_text(encoding="utf-8"))
+    return detector(color, depth, camera)
+
+
+def as_json(grasps: Grasps) -> str:
+    """Return the poses of the gripper's base in the camera frame, metres, best first."""
+    return json.dumps(
+        {
+            "gripper": grasps.gripper.name,
+            "poses": grasps.poses().round(6).tolist(),
+            "openings": grasps.opening.round(6).tolist(),
+            "rank_scores": grasps.rank_score.tolist(),
+        }
+    )
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Write a file for each frame."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("frames", type=Path)
+    parser.add_argument("--out", type=Path, default=Path("grasps"))
+    parser.add_argument("--gripper", default="rg2")
+    options = parser.parse_args(arguments)
+    options.out.mkdir(parents=True, exist_ok=True)
+    detector = GraspDetector(options.gripper)
+    for color_path in sorted(options.frames.glob("*_color.png")):
+        name = color_path.name.removesuffix("_color.png")
+        try:
+            grasps = grasps_in(color_path, detector)
+        except (SymgraspError, OSError, ValueError) as error:
+            print(f"{name}: {error}")
+            continue
+        (options.out / f"{name}.json").write_text(as_json(grasps), encoding="utf-8")
+        print(f"{name}: {len(grasps)} grasps {grasps.message}".rstrip())
+
+
+if __name__ == "__main__":
+    main()

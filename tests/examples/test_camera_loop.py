@@ -1,0 +1,92 @@
+"""The camera loop: any frames, and those of a RealSense."""
+
+import sys
+from dataclasses import dataclass
+from itertools import islice
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+
+from examples import camera_loop
+from tests.examples.tabletop_frame import COLOR, DEPTH, LENS, light_detector
+
+FRAME = camera_loop.CameraFrame(COLOR, DEPTH, LENS)
+
+
+def test_every_frame_gives_grasps_and_one_that_is_none_is_passed_over(capsys):
+    broken = FRAME._replace(depth=np.zeros_like(DEPTH))
+    whole, again = camera_loop.found([FRAME, broken, FRAME], light_detector())
+    assert len(whole) == len(again) > 0
+    assert "every pixel is missing" in capsys.readouterr().out
+
+
+@dataclass
+class Pipeline:
+    """A RealSense pipeline whose frames are the same each time."""
+
+    stopped: bool = False
+
+    def start(self, config):
+        assert {stream for stream, *_ in config.streams} == {"color", "depth"}
+        sensor = SimpleNamespace(get_depth_scale=lambda: 0.001)
+        device = SimpleNamespace(first_depth_sensor=lambda: sensor)
+        return SimpleNamespace(get_device=lambda: device)
+
+    def wait_for_frames(self):
+        fx, fy, cx, cy = LENS
+        lens = SimpleNamespace(fx=fx, fy=fy, ppx=cx, ppy=cy)
+        profile = SimpleNamespace(get_intrinsics=lambda: lens)
+        depth = np.round(DEPTH * 1000).astype(np.uint16)
+        color = SimpleNamespace(
+            get_data=lambda: COLOR,
+            profile=SimpleNamespace(as_video_stream_profile=lambda: profile),
+        )
+        return SimpleNamespace(
+            get_color_frame=lambda: color,
+            get_depth_frame=lambda: SimpleNamespace(get_data=lambda: depth),
+        )
+
+    def stop(self):
+        self.stopped = True
+
+
+class Streams:
+    """What a RealSense is asked for."""
+
+    def __init__(self):
+        self.streams = []
+
+    def enable_stream(self, *stream):
+        self.streams.append(stream)
+
+
+@pytest.fixture
+def pipeline(monkeypatch):
+    made, module = Pipeline(), ModuleType("pyrealsense2")
+    module.pipeline, module.config = lambda: made, Streams
+    module.stream = SimpleNamespace(color="color", depth="depth")
+    module.format = SimpleNamespace(rgb8="rgb8", z16="z16")
+    module.align = lambda to: SimpleNamespace(process=lambda frames: frames if to == "color" else 0)
+    monkeypatch.setitem(sys.modules, "pyrealsense2", module)
+    return made
+
+
+def test_a_realsense_is_read_in_metres_and_stopped_at_the_end(pipeline):
+    frames = camera_loop.realsense_frames()
+    first, second = islice(frames, 2)
+    np.testing.assert_array_equal(first.color, COLOR)
+    np.testing.assert_allclose(second.depth, DEPTH, atol=0.0006)
+    assert first.intrinsics == LENS
+    frames.close()
+    assert pipeline.stopped
+
+
+def test_the_loop_prints_the_best_grasp_of_each_frame(monkeypatch, capsys):
+    bare = FRAME._replace(depth=np.full_like(DEPTH, 0.8))
+    monkeypatch.setattr(camera_loop, "realsense_frames", lambda: iter([FRAME, bare]))
+    monkeypatch.setattr(camera_loop, "GraspDetector", light_detector)
+    camera_loop.main(["--gripper", "franka"])
+    first, second = capsys.readouterr().out.splitlines()
+    assert " grasps; best: base at " in first
+    assert "nothing stands out" in second

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from pipelines.configs import InferConfig
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.gripper import Gripper
-from pipelines.inference import models, work
+from pipelines.inference import work
 from symgrasp.frame_input import IntrinsicsLike, frame_of, instance_masks, workspace_of
 from symgrasp.grasps import Grasps
 
@@ -30,6 +30,7 @@ class GraspDetector:
         settings: InferConfig | None = None,
         detector: Path | str | None = None,
         network: Path | str | None = None,
+        axis_critic: Path | str | None = None,
         plane_critic: Path | str | None = None,
         grasp_critic: Path | str | None = None,
         seed: int = 0,
@@ -44,6 +45,7 @@ class GraspDetector:
             detector: weights of the region detector; as all weights None for those that come with
                 symgrasp.
             network: weights of the grasp network.
+            axis_critic: weights of the critic of axes and spheres.
             plane_critic: weights of the plane critic.
             grasp_critic: weights of the grasp critic.
             seed: of what is drawn at random, in each frame anew.
@@ -59,13 +61,15 @@ class GraspDetector:
             self.gripper = load_gripper(name)
         self.settings = replace(config, gripper=name)
         work.check_names(self.settings)
-        paths = work.InferPaths(
-            Path(),
-            Path(),
-            detector=Path(detector or models.DETECTOR_WEIGHTS),
-            network=Path(network or models.NETWORK_WEIGHTS),
-            planes=Path(plane_critic or models.PLANE_CRITIC_WEIGHTS),
-            hands=Path(grasp_critic or models.GRASP_CRITIC_WEIGHTS),
+        weights = {
+            "detector": detector,
+            "network": network,
+            "axis_critic": axis_critic,
+            "plane_critic": plane_critic,
+            "grasp_critic": grasp_critic,
+        }
+        paths = work.InferPaths(Path(), Path()).with_weights(
+            **{name: None if path is None else Path(path) for name, path in weights.items()}
         )
         self._work = work.Settings(paths, self.settings, seed, device, timings=False)
         self._planner = replace(self._work.planner(), gripper=self.gripper)

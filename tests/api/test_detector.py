@@ -142,6 +142,7 @@ def test_nothing_is_written_and_no_picture_kept(light, tmp_path, monkeypatch):
         ({"device": "gpu"}, UnknownNameError, "device 'gpu' is not known"),
         ({"network": "none.safetensors"}, MissingInputError, "none.safetensors does not exist"),
         ({"detector": "none.safetensors"}, MissingInputError, "none.safetensors does not exist"),
+        ({"axis_critic": "none.safetensors"}, MissingInputError, "none.safetensors does not"),
         ({"plane_critic": "none.safetensors"}, MissingInputError, "none.safetensors does not"),
         ({"grasp_critic": "none.safetensors"}, MissingInputError, "none.safetensors does not"),
     ],

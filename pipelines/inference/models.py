@@ -35,9 +35,9 @@ DRIVERS = ("/dev/nvidiactl", "/dev/kfd", "/dev/dxg")  # of NVIDIA, AMD, and WSL
 
 # The commands that write the weights.
 DETECTOR_BY, NETWORK_BY = "symgrasp finetune-detector", "symgrasp train"
-AXIS_CRITIC_BY = critic_files.COMMANDS[critic_files.AXES]
-PLANE_CRITIC_BY = critic_files.COMMANDS[critic_files.PLANES]
-GRASP_CRITIC_BY = critic_files.COMMANDS[critic_files.GRASPS]
+AXIS_CRITIC_BY = critic_files.WRITTEN_BY[critic_files.AXES]
+PLANE_CRITIC_BY = critic_files.WRITTEN_BY[critic_files.PLANES]
+GRASP_CRITIC_BY = critic_files.WRITTEN_BY[critic_files.GRASPS]
 
 
 def existing_weights(path: Path, written_by: str) -> Path:
@@ -176,7 +176,7 @@ def _predictor(path: Path, device: str, mirrored: bool) -> GraspPredictor:
 
 @lru_cache(maxsize=4)
 def _critic(path: Path, model: str) -> PointCritic:
-    weights = existing_weights(path, critic_files.COMMANDS[model])
+    weights = existing_weights(path, critic_files.WRITTEN_BY[model])
     return critic_files.read_point_critic(weights, model)
 
 

@@ -36,7 +36,7 @@ HEIGHTS = (-0.1, 0.5)  # metres above the table, caps
 LEVEL = 0.3  # length of up in the plane below which the viewing direction takes its place
 
 
-class PointFeature(IntEnum):
+class PlanePointFeature(IntEnum):
     """Columns of the features of a point and its mirror image."""
 
     ALONG_NORMAL = 0  # decimetres, as the next two
@@ -55,8 +55,8 @@ class PointFeature(IntEnum):
     IMAGE_HEIGHT = auto()
 
 
-POINT_FEATURES = tuple(each.name.lower() for each in PointFeature)
-POINT_COLUMNS = len(PointFeature)
+POINT_FEATURES = tuple(each.name.lower() for each in PlanePointFeature)
+POINT_COLUMNS = len(PlanePointFeature)
 # Cosines of: the plane's normal and up, the normal and the view, the view and up.
 PLANE_FEATURES = ("normal_up", "normal_view", "view_up")
 
@@ -206,25 +206,25 @@ def _rows(
                 for i in range(3):
                     along += axes[k, a, i] * (points[m, i] - foot[k, i])
                     facing += axes[k, a, i] * normals[m, i]
-                rows[k, m, PointFeature.ALONG_NORMAL + a] = 10.0 * along
-                rows[k, m, PointFeature.NORMAL_NORMAL + a] = facing
+                rows[k, m, PlanePointFeature.ALONG_NORMAL + a] = 10.0 * along
+                rows[k, m, PlanePointFeature.NORMAL_NORMAL + a] = facing
                 height += table[a] * points[m, a]
                 image_height += table[a] * images[k, m, a]
             far = min(distance[k, m], FARTHEST) / FARTHEST * 0.9
             off = min(max(gap[k, m], -FARTHEST_GAP), FARTHEST_GAP)
-            rows[k, m, PointFeature.IMAGE_DISTANCE] = far
-            rows[k, m, PointFeature.IMAGE_GAP] = off * 50.0
-            rows[k, m, PointFeature.IMAGE_AGREEMENT] = agreement[k, m]
+            rows[k, m, PlanePointFeature.IMAGE_DISTANCE] = far
+            rows[k, m, PlanePointFeature.IMAGE_GAP] = off * 50.0
+            rows[k, m, PlanePointFeature.IMAGE_AGREEMENT] = agreement[k, m]
             at = k * len(points) + m
             if inside[at]:
                 column, row = pixels[at, 0], pixels[at, 1]
                 if depth[row, column] > 0:
                     behind = min(max(images[k, m, 2] - depth[row, column], -DEEPEST), DEEPEST)
-                    rows[k, m, PointFeature.IMAGE_BEHIND] = 20.0 * behind
-                    rows[k, m, PointFeature.IMAGE_IS_MEASURED] = 1.0
-                rows[k, m, PointFeature.IMAGE_IS_OWN] = mask[row, column]
+                    rows[k, m, PlanePointFeature.IMAGE_BEHIND] = 20.0 * behind
+                    rows[k, m, PlanePointFeature.IMAGE_IS_MEASURED] = 1.0
+                rows[k, m, PlanePointFeature.IMAGE_IS_OWN] = mask[row, column]
             height = min(max(height, HEIGHTS[0]), HEIGHTS[1])
             image_height = min(max(image_height, HEIGHTS[0]), HEIGHTS[1])
-            rows[k, m, PointFeature.HEIGHT] = 5.0 * height
-            rows[k, m, PointFeature.IMAGE_HEIGHT] = 5.0 * image_height
+            rows[k, m, PlanePointFeature.HEIGHT] = 5.0 * height
+            rows[k, m, PlanePointFeature.IMAGE_HEIGHT] = 5.0 * image_height
     return rows

@@ -22,7 +22,7 @@ FEATURES = {
     ),
     GRASPS: FeatureNames(grasp_features.POINT_FEATURES, (), grasp_features.CANDIDATE_FEATURES),
 }
-COMMANDS = {  # that write the files
+WRITTEN_BY = {  # that write the files
     AXES: "symgrasp train-critic axes",
     PLANES: "symgrasp train-critic planes",
     GRASPS: "symgrasp train-critic grasps",
@@ -71,7 +71,7 @@ def _read(
 
 def _check_features(path: Path, model: str, text: str) -> None:
     """Raise FormatError unless the metadata's `text` names the features that are computed."""
-    cure = f"make the file again with `{COMMANDS[model]}`"
+    cure = f"make the file again with `{WRITTEN_BY[model]}`"
     try:
         found = dict(json.loads(text))
     except (TypeError, ValueError) as error:

@@ -34,7 +34,7 @@ FARTHEST, DEEPEST = 0.15, 0.05  # metres, caps of coordinates, and of distances 
 FINGER_BAND, BEHIND, BEYOND, BESIDE = 0.011, -0.04, 0.03, 0.01  # metres, space between the fingers
 
 
-class PointFeature(IntEnum):
+class GraspPointFeature(IntEnum):
     """Columns of the features of a point."""
 
     ALONG_APPROACH = 0  # half decimetres, as the next two
@@ -50,8 +50,8 @@ class PointFeature(IntEnum):
     HEIGHT = auto()  # decimetres above the table
 
 
-POINT_FEATURES = tuple(each.name.lower() for each in PointFeature)
-POINT_COLUMNS = len(PointFeature)
+POINT_FEATURES = tuple(each.name.lower() for each in GraspPointFeature)
+POINT_COLUMNS = len(GraspPointFeature)
 
 
 @dataclass(frozen=True)
@@ -238,16 +238,16 @@ def _nearest_rows(
             left -= away[k, m] == reach[k]
             for axis in range(3):
                 place = min(max(local[k, axis, m], -far), far)
-                rows[k, count, PointFeature.ALONG_APPROACH + axis] = np.float32(20.0) * place
-                rows[k, count, PointFeature.NORMAL_APPROACH + axis] = (
+                rows[k, count, GraspPointFeature.ALONG_APPROACH + axis] = np.float32(20.0) * place
+                rows[k, count, GraspPointFeature.NORMAL_APPROACH + axis] = (
                     about[m, 0] * rotation[k, 0, axis]
                     + about[m, 1] * rotation[k, 1, axis]
                     + about[m, 2] * rotation[k, 2, axis]
                 )
             beyond = min(max(abs(local[k, 1, m]) - half[k], -deep), deep)
-            rows[k, count, PointFeature.BEYOND_CONTACT] = np.float32(50.0) * beyond
+            rows[k, count, GraspPointFeature.BEYOND_CONTACT] = np.float32(50.0) * beyond
             for column in range(3, 7):
-                rows[k, count, PointFeature.IS_MEASURED + column - 3] = about[m, column]
+                rows[k, count, GraspPointFeature.IS_MEASURED + column - 3] = about[m, column]
             count += 1
         for n in range(count, NUM_POINTS):
             for column in range(POINT_COLUMNS):

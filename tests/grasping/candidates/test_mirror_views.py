@@ -12,18 +12,18 @@ from pipelines.grasping.candidates.mirror_views import (
     PLANE_FEATURES,
     POINT_FEATURES,
     MirrorImages,
-    PointFeature,
+    PlanePointFeature,
     plane_features,
     point_features,
 )
 from pipelines.grasping.observation import SceneCloud
 from tests.grasping.candidates.test_grounding import view_of
 
-NORMAL = slice(PointFeature.NORMAL_NORMAL, PointFeature.NORMAL_ACROSS + 1)
-DISTANCE, GAP = PointFeature.IMAGE_DISTANCE, PointFeature.IMAGE_GAP
-AGREE, BEHIND = PointFeature.IMAGE_AGREEMENT, PointFeature.IMAGE_BEHIND
-MEASURED, OWN = PointFeature.IMAGE_IS_MEASURED, PointFeature.IMAGE_IS_OWN
-HEIGHT, IMAGE_HEIGHT = PointFeature.HEIGHT, PointFeature.IMAGE_HEIGHT
+NORMAL = slice(PlanePointFeature.NORMAL_NORMAL, PlanePointFeature.NORMAL_ACROSS + 1)
+DISTANCE, GAP = PlanePointFeature.IMAGE_DISTANCE, PlanePointFeature.IMAGE_GAP
+AGREE, BEHIND = PlanePointFeature.IMAGE_AGREEMENT, PlanePointFeature.IMAGE_BEHIND
+MEASURED, OWN = PlanePointFeature.IMAGE_IS_MEASURED, PlanePointFeature.IMAGE_IS_OWN
+HEIGHT, IMAGE_HEIGHT = PlanePointFeature.HEIGHT, PlanePointFeature.IMAGE_HEIGHT
 
 
 @pytest.fixture(scope="module")

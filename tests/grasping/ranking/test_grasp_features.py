@@ -20,16 +20,16 @@ from pipelines.grasping.ranking.grasp_features import (
     NUM_POINTS,
     POINT_FEATURES,
     GraspFeatures,
-    PointFeature,
+    GraspPointFeature,
     grasp_frame,
 )
 from pipelines.grasping.ranking.known_region import KnownRegion
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
 
 SIZE = (0.06, 0.09, 0.1)
-NORMAL = slice(PointFeature.NORMAL_APPROACH, PointFeature.NORMAL_BINORMAL + 1)
-KIND = slice(PointFeature.IS_MEASURED, PointFeature.IS_FOREIGN + 1)
-BESIDE, HEIGHT = PointFeature.BEYOND_CONTACT, PointFeature.HEIGHT
+NORMAL = slice(GraspPointFeature.NORMAL_APPROACH, GraspPointFeature.NORMAL_BINORMAL + 1)
+KIND = slice(GraspPointFeature.IS_MEASURED, GraspPointFeature.IS_FOREIGN + 1)
+BESIDE, HEIGHT = GraspPointFeature.BEYOND_CONTACT, GraspPointFeature.HEIGHT
 
 
 def known_box():

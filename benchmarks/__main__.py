@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from benchmarks import (
     bench_annotate,
+    bench_api,
     bench_dataset,
     bench_evaluate,
     bench_infer,
@@ -20,6 +21,7 @@ from benchmarks.timing import markdown
 BENCHES = {
     "machine": bench_machine,
     "infer": bench_infer,
+    "api": bench_api,
     "many-frames": bench_many_frames,
     "network": bench_network,
     "annotate": bench_annotate,

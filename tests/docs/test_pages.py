@@ -1,0 +1,137 @@
+"""Pages of the documentation: line lengths, links, and code blocks that match the code."""
+
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from markdown.extensions.toc import slugify
+from typer.main import get_command
+
+from pipelines import infer
+from pipelines.configs import InferConfig
+from pipelines.runtime.batch import BatchOptions
+from symgrasp_cli.app import app
+
+ROOT = Path(__file__).resolve().parents[2]
+FRAMES = ROOT / "pipelines" / "weights" / "frames"
+PAGES = sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "README.md"])
+COMMANDS = get_command(app).commands
+OTHERS_OPTIONS = {"--nproc-per-node", "--no-python", "--force-reinstall"}  # torchrun, pip
+RUN_ELSEWHERE = {"formats.md"}  # by the test of the file that the block reads
+MAX_LINE = 120
+
+each_page = pytest.mark.parametrize(
+    "page", PAGES, ids=lambda path: path.relative_to(ROOT).as_posix()
+)
+
+
+def text_of(page: Path) -> str:
+    return page.read_text(encoding="utf-8")
+
+
+def prose_of(page: Path) -> str:
+    """Return the page without its code blocks."""
+    return re.sub(r"^```.*?^```$", "", text_of(page), flags=re.MULTILINE | re.DOTALL)
+
+
+def blocks_of(page: Path, language: str) -> list[str]:
+    blocks = re.findall(r"^```(\w*)\n(.*?)^```$", text_of(page), re.MULTILINE | re.DOTALL)
+    return [code for kind, code in blocks if kind == language]
+
+
+def shell_lines(page: Path) -> Iterator[list[str]]:
+    """Yield the words of each command of the page's shell blocks."""
+    for block in [*blocks_of(page, ""), *blocks_of(page, "bash")]:
+        for line in block.replace("\\\n", " ").splitlines():
+            if re.match(r"\s*(symgrasp|make|python) ", line):
+                yield shlex.split(line, comments=True)
+
+
+def options_of(command: str) -> set[str]:
+    each = COMMANDS[command]
+    return {name for p in each.params for name in [*p.opts, *p.secondary_opts]} | {"--help"}
+
+
+def anchors_of(page: Path) -> set[str]:
+    headings = re.findall(r"^#+ (.+)$", prose_of(page), re.MULTILINE)
+    return {slugify(re.sub(r"[`*]", "", heading), "-") for heading in headings}
+
+
+@each_page
+def test_prose_lines_have_at_most_120_characters(page):
+    lines = prose_of(page).splitlines()
+    assert not [line for line in lines if len(line) > MAX_LINE and not line.startswith("|")]
+
+
+@each_page
+def test_links_lead_to_files_and_headings_that_exist(page):
+    for target, anchor in re.findall(r"\]\(([^)#\s]*)(?:#([^)\s]+))?\)", prose_of(page)):
+        if target.startswith("http"):
+            continue
+        path = (page.parent / target).resolve() if target else page
+        assert path.exists(), target
+        made = "made from code" in (text_of(path) if path.suffix == ".md" else "")
+        assert not anchor or made or anchor in anchors_of(path), f"{target}#{anchor}"
+
+
+@each_page
+def test_commands_in_shell_blocks_exist_with_their_options(page):
+    for words in shell_lines(page):
+        if words[0] == "make":
+            targets = re.findall(r"^([a-z-]+):", text_of(ROOT / "Makefile"), re.MULTILINE)
+            assert words[1] in targets
+        elif words[0] == "python":
+            assert words[1] in {"-m", "-c"} or (ROOT / words[1]).is_file(), words
+        else:
+            assert words[1] in COMMANDS, words
+            used = {word for word in words[2:] if re.match(r"--?[a-z]", word)}
+            assert used <= options_of(words[1]), f"{words[1]}: {used - options_of(words[1])}"
+
+
+@each_page
+def test_options_in_the_text_exist(page):
+    known = set().union(*map(options_of, COMMANDS), OTHERS_OPTIONS)
+    spans = re.findall(r"`([^`\n]+)`", prose_of(page))
+    used = {name for span in spans for name in re.findall(r"(?<![\w-])--[a-z][\w-]+", span)}
+    assert used <= known, used - known
+
+
+@each_page
+def test_python_blocks_compile(page):
+    for code in blocks_of(page, "python"):
+        compile(code, page.name, "exec")
+
+
+@pytest.fixture(scope="module")
+def folder_with_grasps(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("docs")
+    paths = infer.InferPaths(FRAMES, folder / "grasps.h5")
+    config = InferConfig(regions="geometric", method="planar")
+    assert infer.run(paths, config, BatchOptions(progress=False)).failed == {}
+    return folder
+
+
+@pytest.mark.parametrize(
+    "page",
+    [page for page in PAGES if blocks_of(page, "python") and page.name not in RUN_ELSEWHERE],
+    ids=lambda path: path.relative_to(ROOT).as_posix(),
+)
+def test_python_blocks_run(page, folder_with_grasps, monkeypatch):
+    monkeypatch.chdir(folder_with_grasps)
+    for code in blocks_of(page, "python"):
+        exec(compile(code, page.name, "exec"), {})  # the project's own text
+
+
+def test_every_command_has_a_place_in_the_guides():
+    guides = [ROOT / "docs" / "index.md", *(ROOT / "docs" / "how-to").glob("*.md")]
+    shown = {words[1] for page in guides for words in shell_lines(page) if words[0] == "symgrasp"}
+    assert shown >= set(COMMANDS)
+
+
+def test_every_page_is_in_the_navigation_or_a_record():
+    listed = text_of(ROOT / "mkdocs.yml")
+    for page in (ROOT / "docs").rglob("*.md"):
+        uri = page.relative_to(ROOT / "docs").as_posix()
+        assert uri in listed or re.match(r"decisions/\d", uri), uri

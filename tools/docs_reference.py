@@ -71,16 +71,34 @@ def settings_of(config: Any, prefix: str = "") -> Iterator[tuple[str, Field[Any]
 def api() -> str:
     """Return the public Python names of `symgrasp`, with signatures and docstrings."""
     package = importlib.import_module("symgrasp")
-    lines = [_docstring(package), ""]
-    for name in package.__all__:
+    lines: list[str] = []
+    for name in sorted(package.__all__, key=lambda name: _rank(getattr(package, name))):
         value = getattr(package, name)
         if not callable(value):
             continue
-        lines += [f"## {name}", "", _code(name + _signature(value)), _docstring(value), ""]
-        for member, function in _public(value) if inspect.isclass(value) else ():
+        is_class = inspect.isclass(value)
+        lines += [f"## {name}", ""]
+        if not is_class or _is_made_by_users(value):
+            lines += [_code(name + _signature(value))]
+        lines += [_docstring(value), ""]
+        if is_class and _is_made_by_users(value):
+            lines += [_docstring(value.__init__), ""]
+        for member, function in _public(value) if is_class else ():
             lines += [f"### {name}.{member}", ""]
             lines += [_code(member + _signature(function)), _docstring(function), ""]
     return "\n".join(lines)
+
+
+def _rank(value: Any) -> int:  # noqa: ANN401
+    """Return the place of a name: what users call first, then results, then errors."""
+    if not inspect.isclass(value):
+        return 1
+    return 0 if _is_made_by_users(value) else 2 if is_dataclass(value) else 3
+
+
+def _is_made_by_users(kind: type) -> bool:
+    """Return whether users call the class; results and errors are made for them."""
+    return "__init__" in vars(kind) and not is_dataclass(kind)
 
 
 def _public(kind: type) -> Iterator[tuple[str, Any]]:
@@ -97,8 +115,15 @@ def _code(text: str) -> str:
 
 
 def _signature(value: Any) -> str:  # noqa: ANN401
-    text = str(inspect.signature(value))
-    return re.sub(r"\b(?:pipelines|symgrasp|numpy|pathlib)\.(?:\w+\.)*", "", text)
+    """Return names and defaults of the arguments; their types are in the docstring."""
+    signature = inspect.signature(value)
+    shown = [
+        each.replace(annotation=inspect.Parameter.empty)
+        for each in signature.parameters.values()
+        if each.name != "self"
+    ]
+    empty = inspect.Signature.empty
+    return str(signature.replace(parameters=shown, return_annotation=empty))
 
 
 def _docstring(value: Any) -> str:  # noqa: ANN401
@@ -115,6 +140,8 @@ def _docstring(value: Any) -> str:  # noqa: ANN401
 
 
 def _shown(value: Any) -> str:  # noqa: ANN401
+    if isinstance(value, bool):
+        return "on" if value else "off"
     text = _cell(f"{value:.6g}" if isinstance(value, float) else str(value))
     return f"`{text}`" if text and value is not None else ""
 

@@ -19,9 +19,9 @@ from docs_reference import api, commands, settings  # noqa: E402
 MARK = re.compile(r"<!-- made from code: (\w+) -->")
 MADE = {
     "api": api,
-    "changelog": lambda: (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"),
+    "changelog": lambda: _from_root("CHANGELOG.md"),
     "commands": commands,
-    "contributing": lambda: (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"),
+    "contributing": lambda: _from_root("CONTRIBUTING.md"),
     "records": lambda: records_tables(_records().values()),
     "settings": settings,
 }
@@ -36,6 +36,12 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str: 
     parts = LITERAL.split(text)
     parts[::2] = [CITATION.sub(lambda match: _link(match, uri), part) for part in parts[::2]]
     return "".join(parts) + _cited_in(uri)
+
+
+def _from_root(name: str) -> str:
+    """Return a document of the repository's root, with the links that the site has."""
+    text = (ROOT / name).read_text(encoding="utf-8")
+    return text.replace("](docs/", "](").replace("](CHANGELOG.md)", "](changelog.md)")
 
 
 @cache

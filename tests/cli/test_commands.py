@@ -42,8 +42,7 @@ def test_every_command_and_every_option_has_help_that_ends_with_a_full_stop(name
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_command_is_in_the_readme_and_has_its_five_places(name):
-    assert f"symgrasp {name}" in (ROOT / "README.md").read_text(encoding="utf-8")
+def test_every_command_has_its_five_places(name):
     stem = COMMANDS[NAMES.index(name)].__module__.removeprefix("symgrasp_cli.")
     assert (ROOT / "symgrasp_cli" / f"{stem}.py").is_file()
     assert (ROOT / "pipelines" / f"{stem}.py").is_file()

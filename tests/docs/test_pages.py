@@ -16,10 +16,10 @@ from symgrasp_cli.app import app
 
 ROOT = Path(__file__).resolve().parents[2]
 FRAMES = ROOT / "pipelines" / "weights" / "frames"
-PAGES = sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "README.md"])
+PAGES = sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
 COMMANDS = get_command(app).commands
 OTHERS_OPTIONS = {"--nproc-per-node", "--no-python", "--force-reinstall"}  # torchrun, pip
-RUN_ELSEWHERE = {"formats.md"}  # by the test of the file that the block reads
+RUN_ELSEWHERE = {"README.md", "api.md", "formats.md"}  # by tests that look at the result
 MAX_LINE = 120
 
 each_page = pytest.mark.parametrize(

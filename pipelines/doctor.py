@@ -1,4 +1,4 @@
-"""Stage `doctor`: is this machine fit to find grasps?
+"""Stage `doctor`: checks of this machine, whether it is fit to find grasps.
 
 Reads   what is installed, this machine, the default weights and their manifest
 Writes  nothing
@@ -25,7 +25,7 @@ def run(config: DoctorConfig, *, folder: Path | None = None) -> Iterator[Check]:
         config: how much room is enough, and how close grasps must be to those expected.
         folder: where results would go, for the room on its disk; the working folder if None.
     """
-    needed = packages.requirements()
+    needed = packages.required()
     yield packages.python_check()
     yield packages.project_check()
     failed = []
@@ -36,6 +36,7 @@ def run(config: DoctorConfig, *, folder: Path | None = None) -> Iterator[Check]:
         yield check
     yield from packages.extra_checks([each for each in needed if each.extra])
     yield looked_at("cores", machine.cores_check)
+    yield looked_at("rays", machine.rays_check)
     yield looked_at("memory", partial(machine.memory_check, config.min_free_memory))
     disk = partial(machine.disk_check, folder or Path.cwd(), config.min_free_disk)
     yield looked_at("disk", disk)

@@ -1,8 +1,7 @@
 """Ray casting against posed meshes: views of a camera, and contacts of fingers.
 
-Embree finds the triangle in single precision; the distance is then computed in double precision
-from pipelines.array_types import Mask
-from the plane of that triangle.
+The search finds the triangle, in single precision if it is Embree's; the distance is then computed
+in double precision from the plane of that triangle.
 """
 
 from collections.abc import Sequence
@@ -10,14 +9,13 @@ from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import ArrayLike
 
 from pipelines.array_types import Array, Indices, Mask
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.geometry.meshes.ray_search import ray_search
 from pipelines.geometry.transforms import invert, rotate_vectors, transform_points, unit
 
 
@@ -58,9 +56,7 @@ class Scene:
         self._centre = 0.5 * (self._triangles.min(axis=(0, 1)) + self._triangles.max(axis=(0, 1)))
         a, b, c = self._triangles.swapaxes(0, 1)
         self._normals = unit(np.cross(b - a, c - a))
-        self._embree = EmbreeScene()
-        # Embree refers to the mesh's buffers, so they live as long as the scene.
-        self._mesh = TriangleMesh(self._embree, (self._triangles - self._centre).astype(np.float32))
+        self._search = ray_search(self._triangles - self._centre)
 
     def cast(self, origins: ArrayLike, directions: ArrayLike) -> tuple[Array, Indices]:
         """Return distance (n,) and triangle (n,) of each ray's first hit; inf and -1 if it misses.
@@ -72,31 +68,23 @@ class Scene:
         d = unit(np.asarray(directions, np.float64).reshape(-1, 3))
         if not len(o):
             return np.zeros(0), np.zeros(0, np.int64)
-        found = self._embree.run(
-            (o - self._centre).astype(np.float32), d.astype(np.float32), output=1
-        )
-        triangle = np.where(found["geomID"] >= 0, found["primID"], -1).astype(np.int64)
+        triangle, searched = self._search.first(o - self._centre, d)
         hit = triangle >= 0
         distance = np.full(len(o), np.inf)
         normal, corner = self._normals[triangle[hit]], self._triangles[triangle[hit], 0]
         slope = np.einsum("ij,ij->i", d[hit], normal)
         ahead = np.einsum("ij,ij->i", corner - o[hit], normal)
-        # A ray within the triangle's plane does not cross it: there Embree's distance stays.
+        # A ray within the triangle's plane does not cross it: there the search's distance stays.
         with np.errstate(divide="ignore", invalid="ignore"):
             exact = ahead / slope
-        rough = found["tfar"][hit].astype(np.float64)
+        rough = searched[hit]
         distance[hit] = np.where(np.abs(exact - rough) < 1e-3 * (1.0 + rough), exact, rough)
         return distance, triangle
 
     def occluded(self, origins: ArrayLike, directions: ArrayLike) -> Mask:
         """Return whether each ray hits anything; `origins`, `directions` (n, 3), world frame."""
         o = np.asarray(origins, np.float64).reshape(-1, 3)
-        found = self._embree.run(
-            (o - self._centre).astype(np.float32),
-            np.asarray(directions, np.float32).reshape(-1, 3),
-            query="OCCLUDED",
-        )
-        return np.asarray(found >= 0)
+        return self._search.any(o - self._centre, np.asarray(directions).reshape(-1, 3))
 
     def owner(self, triangle: Indices) -> tuple[Indices, Indices]:
         """Return object index and index within that object's mesh of `triangle`; -1 stays -1."""

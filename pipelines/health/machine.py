@@ -21,6 +21,14 @@ def cores_check() -> Check:
     return Check("cores", Status.OK, text + (f"; OMP_NUM_THREADS={threads}" if threads else ""))
 
 
+def rays_check() -> Check:
+    """Say by which search rays are cast."""
+    from pipelines.geometry.meshes.ray_search import has_embree  # noqa: PLC0415 - may be broken
+
+    slower = "by a tree of our own, without embreex: two to five times slower, the same hits"
+    return Check("rays", Status.OK, "by Embree" if has_embree() else slower)
+
+
 def memory_check(least: float) -> Check:
     """Say how much memory is free; less than `least` bytes is worth knowing."""
     free = free_memory()

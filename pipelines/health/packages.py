@@ -1,4 +1,4 @@
-"""Which packages are there, whether they are new enough, and whether they load."""
+"""Packages that the project needs: whether they are there, new enough, and load."""
 
 import platform
 import re
@@ -9,14 +9,14 @@ from importlib import import_module, metadata
 from itertools import groupby
 from pathlib import Path
 
+from packaging import requirements
+from packaging.version import Version
+
 from pipelines.health.checks import Check, Status
 
 PROJECT = "symgrasp"
 DEVELOPMENT = "dev"  # the extra that only the project itself needs
-REQUIREMENT = re.compile(
-    r"(?P<name>[\w.-]+)(?:\[.*?\])?\s*(?:>=\s*(?P<least>[\w.]+))?"
-    r"(?:\s*;\s*extra\s*==\s*[\"'](?P<extra>\w+)[\"'])?"
-)
+EXTRA = re.compile(r"extra == \"(?P<name>[\w-]+)\"")  # of a marker
 # What torchvision raises where its operators were built for another torch.
 FOREIGN_OPERATORS = re.compile(r"operator torchvision::\w+ does not exist|torchvision has CUDA")
 
@@ -30,22 +30,28 @@ class Requirement:
     extra: str
 
     @classmethod
-    def parse(cls, text: str) -> "Requirement":
-        """Read a line of the project's metadata, `h5py>=3.10` or `ray>=2.30; extra == "ray"`."""
-        match = REQUIREMENT.match(text)
-        if match is None:
-            raise ValueError(f"{text!r} is no requirement with a lower bound")
-        return cls(match["name"], match["least"] or "0", match["extra"] or "")
+    def parse(cls, text: str) -> "Requirement | None":
+        """Read a line of the project's metadata, `h5py>=3.10` or `ray>=2.30; extra == "ray"`.
+
+        None if it is not for this machine, as `embreex>=2; platform_machine != "aarch64"`.
+        """
+        line = requirements.Requirement(text)
+        found = EXTRA.search(str(line.marker))
+        extra = found["name"] if found else ""
+        if line.marker and not line.marker.evaluate({"extra": extra}):
+            return None
+        least = next((each.version for each in line.specifier if each.operator == ">="), "0")
+        return cls(line.name, least, extra)
 
 
-def requirements() -> list[Requirement]:
+def required() -> list[Requirement]:
     """Return what the installed project says it needs, the tools of its developers left out."""
     try:
         texts = metadata.requires(PROJECT) or []
     except metadata.PackageNotFoundError:  # `project_check` says so
         texts = []
-    found = [Requirement.parse(text) for text in texts]
-    return [each for each in found if each.extra != DEVELOPMENT]
+    found = map(Requirement.parse, texts)
+    return [each for each in found if each is not None and each.extra != DEVELOPMENT]
 
 
 def python_check() -> Check:
@@ -74,7 +80,7 @@ def package_check(needed: Requirement) -> Check:
     version = _version(needed.name)
     if version is None:
         return Check(needed.name, Status.FAIL, f"not installed; {install}")
-    if _numbers(version) < _numbers(needed.least):
+    if Version(version) < Version(needed.least):
         old = f"{version} is older than {needed.least}; {install}"
         return Check(needed.name, Status.FAIL, old)
     for module in _modules(needed.name):
@@ -101,12 +107,6 @@ def _version(name: str) -> str | None:
         return metadata.version(name)
     except metadata.PackageNotFoundError:
         return None
-
-
-def _numbers(version: str) -> tuple[int, ...]:
-    """Return the release of a version, `(2, 13, 0)` of `2.13.0+cpu`."""
-    release = re.match(r"\d+(?:\.\d+)*", version)
-    return tuple(int(number) for number in release[0].split(".")) if release else ()
 
 
 @cache

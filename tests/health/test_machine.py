@@ -1,5 +1,8 @@
 """Room on this machine, and in a container on it."""
 
+import pytest
+
+from pipelines.geometry.meshes import ray_search
 from pipelines.health import machine
 from pipelines.health.checks import Status
 
@@ -29,3 +32,9 @@ def test_cores_are_counted(monkeypatch):
     check = machine.cores_check()
     assert int(check.text.split()[0]) >= 1
     assert "OMP_NUM_THREADS=3" in check.text
+
+
+@pytest.mark.parametrize(("there", "words"), [(True, "by Embree"), (False, "without embreex")])
+def test_the_search_that_casts_rays_is_named(monkeypatch, there, words):
+    monkeypatch.setattr(ray_search, "has_embree", lambda: there)
+    assert words in machine.rays_check().text

@@ -8,6 +8,7 @@ from importlib import metadata, util
 from pathlib import Path
 
 import pytest
+from packaging import requirements
 
 from pipelines.health import packages
 from pipelines.health.checks import Status
@@ -18,9 +19,9 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def test_the_packages_that_pyproject_names_are_looked_at():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    needed = {Requirement.parse(text) for text in project["dependencies"]}
-    assert needed <= set(packages.requirements())
-    assert {each.extra for each in packages.requirements()} == {
+    needed = {Requirement.parse(text) for text in project["dependencies"]} - {None}
+    assert needed <= set(packages.required())
+    assert {each.extra for each in packages.required()} == {
         "",
         *project["optional-dependencies"],
     } - {"dev"}
@@ -33,6 +34,9 @@ def test_the_packages_that_pyproject_names_are_looked_at():
         ('dask[distributed]>=2024.5; extra == "dask"', Requirement("dask", "2024.5", "dask")),
         ("python-fcl>=0.7.0.6", Requirement("python-fcl", "0.7.0.6", "")),
         ("typer", Requirement("typer", "0", "")),
+        ('a>=1; platform_machine != "of none"', Requirement("a", "1", "")),
+        ('a>=1; platform_machine == "of none"', None),
+        ('a>=1; python_version > "3" and extra == "ray"', Requirement("a", "1", "ray")),
     ],
 )
 def test_requirements_are_read_as_metadata_writes_them(text, requirement):
@@ -78,9 +82,18 @@ def test_extras_are_a_line_each_and_never_a_failure():
     assert check.text == f"numpy {metadata.version('numpy')}"
 
 
+def test_embree_is_needed_where_it_has_a_wheel():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    (line,) = [text for text in project["dependencies"] if text.startswith("embreex")]
+    marker = requirements.Requirement(line).marker
+    machines = {"x86_64": True, "AMD64": True, "arm64": True, "aarch64": False, "ARM64": False}
+    for machine, needed in machines.items():
+        assert marker.evaluate({"platform_machine": machine}) is needed
+
+
 def test_a_project_that_is_not_installed_is_one_sentence(monkeypatch):
     monkeypatch.setattr(packages, "PROJECT", "no-such-project")
-    assert packages.requirements() == []
+    assert packages.required() == []
     check = packages.project_check()
     assert check.status is Status.FAIL
     assert "is not installed" in check.text

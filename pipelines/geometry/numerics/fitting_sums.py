@@ -53,23 +53,6 @@ def _biweight(residual: float, scale: float) -> float:
     return (1.0 - (residual / scale) ** 2) ** 2 if abs(residual) < scale else 0.0
 
 
-@compiled
-def _solved(matrix: Array, right: Array) -> Array:
-    """Solve `matrix` (m, m) x = `right` (m,), symmetric and positive; both are overwritten."""
-    size = len(right)
-    for i in range(size):
-        for j in range(i + 1, size):
-            factor = matrix[j, i] / matrix[i, i]
-            for k in range(i, size):
-                matrix[j, k] -= factor * matrix[i, k]
-            right[j] -= factor * right[i]
-    for i in range(size - 1, -1, -1):
-        for j in range(i + 1, size):
-            right[i] -= matrix[i, j] * right[j]
-        right[i] /= matrix[i, i]
-    return right
-
-
 def axis_sums(
     rows: Array, squares: Array, axis: Array, centre: Array, basis: Array, scale: float
 ) -> Sums:
@@ -229,7 +212,7 @@ def stepped(
         for i in range(4):
             right[i] = share * sums[1][k, i] + precision[i] * total[k, i]
             matrix[i, i] += precision[i]
-        step, length = _solved(matrix, right), 0.0
+        step, length = np.linalg.solve(matrix, right), 0.0
         for i in range(4):
             found[k, i] = total[k, i] - step[i]
         for i in range(3):
@@ -278,5 +261,5 @@ def fitted_sphere(
                     spread[i, i] += share * weight
                     for j in range(3):
                         spread[i, j] -= share * weight * normal[i] * normal[j]
-        centre = centre + _solved(spread, pull)
+        centre = centre + np.linalg.solve(spread, pull)
     return centre, total

@@ -16,7 +16,14 @@ from symgrasp_cli.app import app
 
 ROOT = Path(__file__).resolve().parents[2]
 FRAMES = ROOT / "pipelines" / "weights" / "frames"
-PAGES = sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
+PAGES = sorted(
+    [
+        *(ROOT / "docs").rglob("*.md"),
+        ROOT / "README.md",
+        ROOT / "CONTRIBUTING.md",
+        ROOT / "pipelines" / "weights" / "README.md",
+    ]
+)
 COMMANDS = get_command(app).commands
 OTHERS_OPTIONS = {"--nproc-per-node", "--no-python", "--force-reinstall"}  # torchrun, pip
 RUN_ELSEWHERE = {"README.md", "api.md", "formats.md"}  # by tests that look at the result

@@ -16,7 +16,7 @@ from pipelines.configs import (
 )
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_label_stream import grasp_label_pieces
-from pipelines.dataset.graspnet.graspnet_labels import GRID
+from pipelines.dataset.graspnet.graspnet_labels import LABEL_GRID
 from pipelines.dataset.meshes import read_mesh
 from pipelines.dataset.training.packed_regions import PackedReader
 from pipelines.runtime.batch import BatchOptions
@@ -76,7 +76,7 @@ def _candidates(root: GraspNetRoot) -> float:
     def stream() -> None:
         refine_grasps.exact_grasps(mesh, grasp_label_pieces(path, NUM_PIECE_POINTS), config)
 
-    return SMALL.labels.num_points * float(np.prod(GRID)) / seconds_of(stream)
+    return SMALL.labels.num_points * float(np.prod(LABEL_GRID)) / seconds_of(stream)
 
 
 def _packed_reads(root: GraspNetRoot, folder: Path) -> Measurement:

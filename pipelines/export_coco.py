@@ -101,7 +101,7 @@ def _splits(
     """
     held_out = held_out_scenes([_scene_name(i) for i in items], config.val_fraction, seed)
     splits = []
-    for split in coco_instances.SPLITS:
+    for split in coco_instances.COCO_SPLITS:
         mine = tuple(i for i in items if (_scene_name(i) in held_out) == (split == "val"))
         inputs = {item.name: item.stamp.as_digest() for item in mine}
         stamp = make_stamp(STAGE, config, seed=seed, inputs=inputs)

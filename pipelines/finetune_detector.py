@@ -21,7 +21,7 @@ from typing import Any
 
 from pipelines.configs import FinetuneDetectorConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot, SceneFiles
-from pipelines.dataset.scene_digests import digest_of_pictures, inputs_of_scenes
+from pipelines.dataset.scene_digests import digest_of_images, inputs_of_scenes
 from pipelines.dataset.training import coco_instances, detector_frames
 from pipelines.dataset.training.coco_instances import CocoFrame
 from pipelines.dataset.training.region_frames import held_out_scenes
@@ -165,7 +165,7 @@ def _given_split(root: Path) -> set[str] | None:
     """Return the scenes that a COCO dataset sets apart to validate on; None for other roots."""
     if not coco_instances.is_coco(root):
         return None
-    return {frame.scene[:SCENE] for frame in coco_instances.read_frames(root, "val")}
+    return {frame.scene[:SCENE] for frame in coco_instances.read_coco_frames(root, "val")}
 
 
 def frames_folder(output: Path, root: Path) -> Path:
@@ -207,13 +207,13 @@ def scene_items(
 def _coco_items(root: Path, folder: Path, config: FinetuneDetectorConfig) -> list[WorkItem]:
     """Return the scenes of a COCO instance dataset that has depth and cameras beside it."""
     scenes: dict[str, list[CocoFrame]] = {}
-    for split in coco_instances.SPLITS:
-        for frame in coco_instances.read_frames(root, split):
+    for split in coco_instances.COCO_SPLITS:
+        for frame in coco_instances.read_coco_frames(root, split):
             scenes.setdefault(frame.scene, []).append(frame)
     items = []
     for name, frames in sorted(scenes.items()):
         shown = json.dumps([frame.annotations for frame in frames], sort_keys=True)
-        pictures = digest_of_pictures(
+        pictures = digest_of_images(
             frame.files.path(kind) for frame in frames for kind in ("rgb", "depth")
         )
         inputs = {"annotations": digest_text(shown), "frames": pictures}

@@ -27,7 +27,7 @@ from pipelines.dataset.graspnet.graspnet import (
     holding_grasps,
 )
 from pipelines.dataset.graspnet.graspnet_label_stream import grasp_label_pieces
-from pipelines.dataset.graspnet.graspnet_labels import GRID
+from pipelines.dataset.graspnet.graspnet_labels import LABEL_GRID
 from pipelines.dataset.meshes import read_solid_mesh
 from pipelines.dataset.symmetry import symmetry_labels
 from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries
@@ -65,7 +65,7 @@ def refine_file(item: WorkItem, root: GraspNetRoot, config: RefineGraspsConfig, 
     (object_id,) = item.arguments
     symmetry = _existing(root.symmetry_path(object_id), "symgrasp annotate-symmetry")
     label = _existing(root.grasp_label_path(object_id), "symgrasp label-grasps")
-    pieces = grasp_label_pieces(label, max(1, config.chunk // int(np.prod(GRID))))
+    pieces = grasp_label_pieces(label, max(1, config.chunk // int(np.prod(LABEL_GRID))))
     mesh = read_solid_mesh(root.model_path(object_id))
     labels = refine(mesh, pieces, symmetry_labels.read(symmetry), config, seed)
     if labels.counts.num_labelled and not labels.counts.num_distinct:

@@ -12,7 +12,7 @@ ARRAYS = ("vertices", "faces", "vertex_start", "face_start")
 
 
 def write(path: Path, pieces: Sequence[Mesh]) -> None:
-    """Write `pieces`: all vertices and faces behind each other, and where each piece starts."""
+    """Write `pieces`: vertices and faces concatenated, with the start of each piece."""
     write_npz(
         path,
         vertices=np.concatenate([piece.vertices for piece in pieces]),

@@ -1,8 +1,8 @@
-"""Read and write triangle meshes: ply, obj, stl, off and glb in, binary ply and obj out.
+"""Files of triangle meshes: reads ply, obj, stl, off and glb, writes binary ply and obj.
 
-Vertices are metres in the object frame. Triangles keep the order they have in the file, so that
-triangle indices (symmetric regions) mean the same thing to every reader; `clean_mesh` drops the
-bad ones, for those who write a mesh of their own, and says which are left.
+Vertices are in metres, object frame. Triangles keep the order of the file, so that triangle indices
+of symmetric regions mean the same to every reader. `clean_mesh` drops degenerate triangles, for
+stages that write a mesh.
 """
 
 import logging
@@ -22,9 +22,9 @@ from pipelines.storage.files import existing, write_bytes
 log = logging.getLogger(__name__)
 
 MESH_SUFFIXES = (".glb", ".obj", ".off", ".ply", ".stl")
-LARGEST_LIKELY_DIAGONAL = 2.0  # m; what a gripper may hold is smaller, a file in mm is larger
-SMALLEST_DIAGONAL = 0.005  # m; smaller ones no gripper holds, no depth camera sees
-THINNEST_TRIANGLE = 1e-10  # height over longest edge; a thinner one has no normal to speak of
+LARGEST_LIKELY_DIAGONAL = 2.0  # metres; graspable objects are smaller, files in mm are larger
+SMALLEST_DIAGONAL = 0.005  # metres; no gripper holds and no depth camera sees a smaller object
+THINNEST_TRIANGLE = 1e-10  # height over longest edge; a thinner triangle has no reliable normal
 
 PLY_HEADER = """ply
 format binary_little_endian 1.0
@@ -41,8 +41,8 @@ end_header
 def read_mesh(path: Path, scale: float = 1.0) -> Mesh:
     """Read one mesh: metres, object frame, equal vertices merged, triangles in file order.
 
-    `scale`: metres per unit of the file, 0.001 for millimetres. A mesh too large to be in metres
-    is warned of on the log.
+    `scale`: metres per unit of the file, 0.001 for millimetres. A warning is logged for a mesh too
+    large to be in metres.
 
     Raises:
         FormatError: unreadable, without triangles, or with vertices that are not finite.
@@ -66,29 +66,29 @@ def read_mesh(path: Path, scale: float = 1.0) -> Mesh:
 
 
 def read_solid_mesh(path: Path, scale: float = 1.0) -> Mesh:
-    """Read a mesh whose normals count: as `read_mesh`, all triangles looking outward.
+    """Read a mesh as `read_mesh` does, with all triangles turned to face outward.
 
-    Those that did not are turned, which is said on the log.
+    The number of turned triangles is logged.
     """
     mesh, turned = turned_outward(read_mesh(path, scale))
     if turned:
-        _tell_once(path, turned)
+        _warn_once(path, turned)
     return mesh
 
 
 @lru_cache  # a dataset's model is read for each scene
-def _tell_once(path: Path, sentence: str) -> None:
+def _warn_once(path: Path, sentence: str) -> None:
     log.warning("%s: %s", path, sentence)
 
 
 def read_vertices(path: Path) -> Array:
-    """Read the points of a mesh or a cloud (n, 3), as they are in the file: none are merged."""
+    """Read the points (n, 3) of a mesh or a cloud as in the file, without merging any."""
     try:
         loaded: Any = trimesh.load(existing(path), process=False)  # a mesh, or a cloud
         points = np.asarray(loaded.vertices, dtype=np.float64)
     except SymgraspError:
         raise
-    except Exception as error:  # trimesh's parsers raise whatever they stumble over
+    except Exception as error:  # trimesh's parsers raise errors of many types
         what = f"not readable as {path.suffix} ({type(error).__name__}: {error})"
         raise FormatError(path, what, "export the mesh again") from error
     if len(points) == 0 or not np.isfinite(points).all():
@@ -99,20 +99,20 @@ def read_vertices(path: Path) -> Array:
 
 
 def refuse_too_large(mesh: Mesh, path: Path, scale: float | None) -> None:
-    """Raise SymgraspError if `mesh` is too large to be in metres and no `scale` was stated."""
+    """Raise SymgraspError if `mesh` is too large to be in metres and no `scale` was given."""
     too_large = size_warning(mesh, path) if scale is None else None
     if too_large:
         raise SymgraspError(f"{too_large}; if it is in metres, say so: --mesh-scale 1")
 
 
 def refuse_too_small(mesh: Mesh, path: Path) -> None:
-    """Raise SymgraspError if `mesh` is smaller than what physics and cameras can work with."""
+    """Raise SymgraspError if `mesh` is too small for physics and cameras."""
     if too_small := smallness_warning(mesh, path):
         raise SymgraspError(too_small)
 
 
 def smallness_warning(mesh: Mesh, path: Path) -> str | None:
-    """Return the sentence on a mesh too small to be held: its size, and what to pass."""
+    """Return a warning about a mesh too small to be grasped, with the option to pass; or None."""
     size = mesh.diagonal
     if size >= SMALLEST_DIAGONAL:
         return None
@@ -124,7 +124,7 @@ def smallness_warning(mesh: Mesh, path: Path) -> str | None:
 
 
 def size_warning(mesh: Mesh, path: Path) -> str | None:
-    """Return the sentence on a mesh too large to be in metres: its size, and what to pass."""
+    """Return a warning about a mesh too large to be in metres, with the option to pass; or None."""
     size = mesh.diagonal
     if size <= LARGEST_LIKELY_DIAGONAL:
         return None
@@ -138,8 +138,8 @@ def clean_mesh(mesh: Mesh) -> tuple[Mesh, Indices, str]:
     """Drop triangles without area, and all but the first of those with the same three corners.
 
     Returns:
-        the mesh that is left, the indices of its triangles in `mesh`, and a sentence on what was
-        dropped, empty if nothing was.
+        The remaining mesh, the indices of its triangles in `mesh`, and a note on dropped triangles,
+        empty if there are none.
 
     Raises:
         ValueRangeError: no triangle is left.
@@ -172,7 +172,7 @@ def write_mesh(path: Path, mesh: Mesh) -> None:
 
 
 def find_meshes(source: Path) -> list[Path]:
-    """List the mesh files directly in the folder `source`, sorted by name, or that one mesh.
+    """List the mesh files in the folder `source`, sorted by name; or `source` if it is a mesh.
 
     Raises:
         SymgraspError: there is no such folder or file, or no mesh in it.
@@ -192,7 +192,7 @@ def find_meshes(source: Path) -> list[Path]:
 def _load(path: Path) -> trimesh.Trimesh:
     try:
         loaded = trimesh.load_mesh(path, process=False)
-    except Exception as error:  # trimesh's parsers raise whatever they stumble over
+    except Exception as error:  # trimesh's parsers raise errors of many types
         what = f"not readable as {path.suffix} ({type(error).__name__}: {error})"
         raise FormatError(path, what, "export the mesh again") from error
     if not isinstance(loaded, trimesh.Trimesh):
@@ -216,7 +216,7 @@ def _ply_bytes(mesh: Mesh) -> bytes:
 
 
 def _obj_text(mesh: Mesh) -> str:
-    # Nine significant digits name each float32 uniquely: ply and obj hold the same mesh.
+    # Nine significant digits identify a float32, so ply and obj hold the same mesh.
     vertices = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.vertices.astype(np.float32)]
     faces = [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
     return "\n".join([*vertices, *faces]) + "\n"

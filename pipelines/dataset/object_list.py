@@ -1,4 +1,4 @@
-"""`objects.json` of a synthesized dataset: what each object is, and its symmetries as built."""
+"""`objects.json` of a synthesized dataset: families and exact symmetries of its objects."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,10 +20,10 @@ class ObjectRecord:
 
     object_id: int
     name: str
-    family: str  # what kind of object, e.g. "bottle"; the mesh file's name for the user's own
+    family: str  # such as "bottle"; the name of the mesh file for a user's own mesh
     pool: str = ""  # seen, similar or novel
     symmetries: tuple[Symmetry, ...] = ()  # exact, by construction; canonical frame, metres
-    details: Mapping[str, Any] = field(default_factory=dict)  # JSON, e.g. the shape's parameters
+    details: Mapping[str, Any] = field(default_factory=dict)  # JSON, such as its parameters
 
 
 def write(path: Path, objects: Sequence[ObjectRecord], stamp: Stamp) -> None:

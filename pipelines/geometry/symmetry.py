@@ -11,6 +11,7 @@ from pipelines.array_types import Array
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.transforms import rotate_vectors, rotation_about, transform_points
 
+SYMMETRY_KINDS = ("reflection", "rotation", "sphere")
 NUM_SLOTS = 5  # M of Eq. 7: three reflections, one rotation, one sphere
 REFLECTION_SLOTS = (0, 1, 2)
 ROTATION_SLOT = 3

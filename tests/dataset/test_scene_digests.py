@@ -1,4 +1,4 @@
-"""What tells that a scene's frames are other ones: pictures by their sizes, poses by content."""
+"""Digests of a scene's frames: images by their sizes, poses by content."""
 
 import shutil
 

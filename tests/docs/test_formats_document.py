@@ -13,7 +13,7 @@ from pipelines import compare
 from pipelines.configs import CompareConfig, ViewConfig
 from pipelines.dataset.graspnet.graspnet import FrameFiles
 from pipelines.dataset.graspnet.graspnet_labels import (
-    GRID,
+    LABEL_GRID,
     GraspLabel,
     label_offsets,
     write_grasp_label,
@@ -126,7 +126,7 @@ def test_the_columns_of_packed_scenes_are_documented(tmp_path: Path) -> None:
 
 
 def test_the_arrays_of_grasp_labels_are_documented(tmp_path: Path) -> None:
-    zeros = np.zeros((1, *GRID))
+    zeros = np.zeros((1, *LABEL_GRID))
     label = GraspLabel(np.zeros((1, 3)), label_offsets(zeros), zeros > 0, zeros)
     write_grasp_label(tmp_path / "x.npz", label)
     facts = documented(block("arrays", "grasp_label"))

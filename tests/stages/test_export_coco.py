@@ -63,9 +63,9 @@ def test_torchvision_opens_images_with_their_targets(exported):
 
 @pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")
 def test_masks_areas_and_boxes_are_those_of_the_frame(root, exported):
-    for split in coco_instances.SPLITS:
+    for split in coco_instances.COCO_SPLITS:
         api = coco(exported, split)
-        for frame in coco_instances.read_frames(exported, split):
+        for frame in coco_instances.read_coco_frames(exported, split):
             files = root.frame(f"{frame.files.name}")
             regions = read_region_frame(root, files, CONFIG.min_pixels).regions
             assert len(regions) == len(frame.annotations) == 3
@@ -244,7 +244,7 @@ def test_a_dataset_of_another_maker_is_one_sentence(tmp_path):
     path.parent.mkdir()
     path.write_text(json.dumps({"images": [{"id": 1, "file_name": "a.png"}], "annotations": []}))
     with pytest.raises(FormatError, match="scene_id"):
-        coco_instances.read_frames(tmp_path, "train")
+        coco_instances.read_coco_frames(tmp_path, "train")
 
 
 def test_a_region_goes_by_its_strongest_symmetry():

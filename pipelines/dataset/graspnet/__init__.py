@@ -1,1 +1,1 @@
-"""GraspNet-1Billion's own files: layout, scenes' annotations, grasp labels, `.sdf`."""
+"""Files of GraspNet-1Billion: layout, annotations of scenes, grasp labels, `.sdf`."""

@@ -1,4 +1,4 @@
-"""A dataset root in GraspNet-1Billion's layout: where its files are, and reading its frames.
+"""A dataset root in GraspNet-1Billion's layout: paths of its files, frames and annotations.
 
     ROOT/models/NNN/{nontextured.ply,textured.obj,textured.sdf}
     ROOT/grasp_label/NNN_labels.npz
@@ -8,7 +8,7 @@
     ROOT/scenes/scene_NNNN/{kinect,realsense}/{camK,camera_poses,cam0_wrt_table}.npy
 
 and, written by our own stages, ROOT/{symmetry,regions}/NNN.json and ROOT/affordance/NNN.h5.
-A root with only some cameras, splits or frames is fine: what is there is listed.
+A root may have only some of the cameras, splits and frames; those that are present are listed.
 """
 
 import re
@@ -95,13 +95,13 @@ __all__ = [
     "write_rect",
 ]
 
-MILLIMETRES = 1000.0  # depth units per metre of the layout
+DEPTH_SCALE = 1000.0  # depth units per metre
 LARGEST_DEPTH = 65534  # 65535 reads as missing
 
 
 @dataclass(frozen=True)
 class GraspNetRoot:
-    """A dataset root; see the module's first lines for what lies where."""
+    """A dataset root; the module's docstring lists its files."""
 
     root: Path
 
@@ -110,7 +110,7 @@ class GraspNetRoot:
         return _numbers(self.root / "models", r"(\d{3})")
 
     def scene_ids(self, split: str | None = None) -> list[int]:
-        """List the ids of `scenes/`, ascending; of one of SPLITS, if given."""
+        """List the ids of `scenes/`, ascending; only those of `split`, one of SPLITS, if given."""
         scenes = _numbers(self.root / "scenes", r"scene_(\d{4})")
         if split is None:
             return scenes
@@ -119,11 +119,11 @@ class GraspNetRoot:
         return [scene for scene in scenes if scene in SPLITS[split]]
 
     def cameras(self, scene_id: int) -> list[str]:
-        """List the cameras that a scene was seen by."""
+        """List the cameras of a scene."""
         return [name for name in CAMERAS if (self.scene_folder(scene_id) / name).is_dir()]
 
     def scene(self, scene_id: int, camera: str | None = None) -> SceneFiles:
-        """Return one scene seen by `camera`, by the first that is there if None."""
+        """Return the scene as seen by `camera`; by its first camera if None."""
         present = self.cameras(scene_id)
         if not present:
             raise MissingInputError(self.scene_folder(scene_id), "symgrasp synthesize")
@@ -133,7 +133,7 @@ class GraspNetRoot:
         return SceneFiles(self.scene_folder(scene_id), scene_id, camera)
 
     def scenes(self, camera: str | None = None, split: str | None = None) -> list[SceneFiles]:
-        """Return every scene that `camera` saw; every scene by every camera if None."""
+        """Return the scenes as seen by `camera`; by each of their cameras if None."""
         return [
             self.scene(scene_id, name)
             for scene_id in self.scene_ids(split)
@@ -184,13 +184,12 @@ class GraspNetRoot:
     def read_annotation(self, frame: FrameFiles) -> list[ObjectPose]:
         """Read the poses of a frame's objects, camera frame, in the order of the object list.
 
-        The XML is read by its tags and has four decimals; where `meta/NNNN.mat` holds the same
-        poses, its digits are taken.
+        The XML has four decimals; if `meta/NNNN.mat` holds the same poses, its digits are used.
         """
         return read_poses(frame.path("annotations"), frame.path("meta"))
 
     def read_label(self, frame: FrameFiles) -> NDArray[np.uint8]:
-        """Read (H, W) uint8: object id + 1, 0 = background."""
+        """Read the label image (H, W) uint8: object id + 1, 0 = background."""
         path = frame.path("label")
         label = read_image(path)
         if label.ndim != 2 or label.dtype != np.uint8:
@@ -200,14 +199,14 @@ class GraspNetRoot:
 
     def read_depth(self, frame: FrameFiles) -> tuple[Singles, Intrinsics]:
         """Read a frame's depth (H, W), metres, 0 = missing, with the camera of `camK.npy`."""
-        depth = read_depth(frame.path("depth"), DepthUnits(MILLIMETRES, MILLIMETRES))
+        depth = read_depth(frame.path("depth"), DepthUnits(DEPTH_SCALE, DEPTH_SCALE))
         camera = read_camera_file(frame.camera_folder / "camK.npy", frame.path("depth").stem)
         return depth, camera.at(depth.shape[1], depth.shape[0])
 
     def read_frame(self, frame: FrameFiles) -> Frame:
         """Read a frame's images, with the camera of `camK.npy`."""
         camera_file = frame.camera_folder / "camK.npy"
-        options = FrameOptions(depth_units_per_metre=MILLIMETRES)
+        options = FrameOptions(depth_units_per_metre=DEPTH_SCALE)
         color, depth = frame.path("rgb"), frame.path("depth")
         return read_with_camera(frame.name, color, depth, camera_file, options)
 
@@ -219,7 +218,7 @@ def write_color(path: Path, color: NDArray[np.uint8]) -> None:
 
 def write_depth(path: Path, depth: NDArray[np.floating]) -> None:
     """Write `depth/NNNN.png` from metres (H, W), 0 or nan = missing: uint16 millimetres."""
-    millimetres = np.rint(np.nan_to_num(depth, nan=0.0, posinf=0.0, neginf=0.0) * MILLIMETRES)
+    millimetres = np.rint(np.nan_to_num(depth, nan=0.0, posinf=0.0, neginf=0.0) * DEPTH_SCALE)
     measured = (millimetres > 0) & (millimetres <= LARGEST_DEPTH)
     write_image(path, np.where(measured, millimetres, 0).astype(np.uint16))
 

@@ -1,7 +1,7 @@
-"""Grasp labels in parts: a label of gigabytes is made some points at a time, then joined.
+"""Grasp labels in parts: a label of gigabytes is made for some points at a time, then joined.
 
-A part is a label file of its own, of a run of the points. Joining copies one array of one part at a
-time, so the memory it takes is a part's, however large the label.
+A part is a label file of consecutive points. Joining copies one array of one part at a time, so its
+memory is that of a part, however large the label.
 """
 
 import zipfile
@@ -19,12 +19,12 @@ from pipelines.storage.files import Array, atomic_path, existing
 def join_grasp_labels(path: Path, parts: Sequence[Path], *, compress: bool = False) -> None:
     """Write `grasp_label/NNN_labels.npz` from its `parts`, in their order.
 
-    Uncompressed, as the original is published; `compress` makes it some fifteen times smaller.
+    Uncompressed, as the original is published; `compress` makes it about fifteen times smaller.
     """
     method = zipfile.ZIP_DEFLATED if compress else zipfile.ZIP_STORED
     with atomic_path(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
         for name in LABEL_ARRAYS:
-            # The date of a member is fixed: the same label has the same bytes.
+            # `ZipInfo` has a fixed date, so that the same label has the same bytes.
             member = zipfile.ZipInfo(f"{name}.npy")
             member.compress_type = method
             with archive.open(member, "w", force_zip64=True) as stream:
@@ -32,7 +32,7 @@ def join_grasp_labels(path: Path, parts: Sequence[Path], *, compress: bool = Fal
 
 
 def part_arrays(parts: Sequence[Path], name: str) -> Iterator[Array]:
-    """Yield the array `name` of each of `parts`; only that array is read.
+    """Yield the array `name` of each of `parts`, reading no other array.
 
     Raises:
         FormatError: a part is no whole label file.

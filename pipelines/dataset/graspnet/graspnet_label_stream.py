@@ -1,9 +1,9 @@
-"""`grasp_label/NNN_labels.npz` read a few grasp points at a time.
+"""Reader of `grasp_label/NNN_labels.npz`, a few grasp points at a time.
 
 An object of GraspNet-1Billion has up to 3,500 points with 14,400 candidates each, 0.85 GB. The
 members of the archive, stored or deflated, are unpacked in step, so that memory holds one piece.
-What a member is to hold follows from the shape of `points`; an archive that declares anything else
-is refused before it is unpacked. Pickled objects are never read.
+The size of each member follows from the shape of `points`; an archive that declares another size is
+refused before it is unpacked. Pickled objects are never read.
 """
 
 import math
@@ -20,13 +20,13 @@ from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
 from pipelines.array_types import Singles
-from pipelines.dataset.graspnet.graspnet_labels import GRID, LABEL_ARRAYS, GraspLabel
+from pipelines.dataset.graspnet.graspnet_labels import LABEL_ARRAYS, LABEL_GRID, GraspLabel
 from pipelines.errors import FormatError
 from pipelines.storage.files import existing
 
 MAX_POINTS = 100_000  # of an object; GraspNet's have up to 3,500
-MAX_DEFLATE_RATIO = 1040  # deflate cannot pack more than 1032 bytes into one
-READ_BYTES = 2**18  # at a time: a zip member is unpacked in linear time only in small reads
+MAX_DEFLATE_RATIO = 1040  # deflate packs at most 1032 bytes into one
+READ_BYTES = 2**18  # per read: only small reads unpack a zip member in linear time
 KINDS = {"points": "f", "offsets": "f", "collision": "bui", "scores": "f"}  # numpy's dtype kinds
 HEADERS = {(1, 0): npy_format.read_array_header_1_0, (2, 0): npy_format.read_array_header_2_0}
 DAMAGE = (zipfile.BadZipFile, zlib.error, EOFError, ValueError, OSError, RuntimeError)
@@ -34,7 +34,7 @@ DAMAGE = (zipfile.BadZipFile, zlib.error, EOFError, ValueError, OSError, Runtime
 
 @dataclass(frozen=True)
 class _Member:
-    """An array of the archive, its stream at the first number."""
+    """An array of the archive, with its stream at the first number."""
 
     name: str
     stream: IO[bytes]
@@ -58,8 +58,8 @@ def grasp_label_pieces(path: Path, num_points: int) -> Iterator[GraspLabel]:
     """Yield the label of `path` by `num_points` grasp points at a time, in file order.
 
     Raises:
-        FormatError: truncated, pickled, arrays missing or of other shapes, a zip bomb. Damage in
-            the middle is found when it is reached.
+        FormatError: truncated, pickled, a zip bomb, or arrays that are missing or of another shape.
+            Damage in the middle is found when it is reached.
     """
     with ExitStack() as stack:
         try:
@@ -106,7 +106,7 @@ def _opened(path: Path, archive: zipfile.ZipFile, stack: ExitStack) -> dict[str,
         members[name] = _member(path, name, stream, info.file_size)
         if name == "points":
             _check_points(path, members[name].shape)  # before any other member is opened
-    shape = (*members["points"].shape[:1], *GRID)
+    shape = (*members["points"].shape[:1], *LABEL_GRID)
     for name, expected in (("offsets", (*shape, 3)), ("collision", shape), ("scores", shape)):
         if members[name].shape != expected:
             raise FormatError(

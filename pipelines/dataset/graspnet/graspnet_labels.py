@@ -1,10 +1,10 @@
-"""GraspNet-1Billion's grasp labels: `grasp_label/NNN_labels.npz` and `collision_labels.npz`.
+"""Grasp labels of GraspNet-1Billion: `grasp_label/NNN_labels.npz` and `collision_labels.npz`.
 
-A label has four arrays over (point, view, angle, depth), shape (P, 300, 12, 4): `scores` is the
-smallest friction coefficient under which the grasp holds (0.1..1.0, lower is better, -1 = never),
-`collision` is the gripper against the object itself, `offsets` = [angle rad, depth m, width m].
-`points` (P, 3) are metres in the object frame and are the grasps' origins: the finger tips reach
-`depth` past the point along the approach.
+A label has arrays over (point, view, angle, depth), shape (P, 300, 12, 4): `scores` is the smallest
+friction coefficient with which the grasp holds (0.1..1.0, lower is better, -1 = never), `collision`
+is true if the gripper collides with the object, `offsets` = [angle rad, depth m, width m].
+`points` (P, 3), metres, object frame, are the origins of the grasps: the finger tips reach `depth`
+past the point along the approach.
 """
 
 from collections.abc import Sequence
@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from pipelines.array_types import Indices, Mask, Singles
 from pipelines.dataset.graspnet.graspnet_views import (
-    ANGLES,
-    DEPTHS,
+    GRASP_DEPTHS,
+    IN_PLANE_ANGLES,
     NUM_ANGLES,
     NUM_DEPTHS,
     NUM_VIEWS,
@@ -27,14 +27,14 @@ from pipelines.dataset.graspnet.graspnet_views import (
 from pipelines.errors import FormatError
 from pipelines.storage.files import read_npy, read_npz, write_npy, write_npz
 
-GRID = (NUM_VIEWS, NUM_ANGLES, NUM_DEPTHS)
+LABEL_GRID = (NUM_VIEWS, NUM_ANGLES, NUM_DEPTHS)
 LABEL_ARRAYS = ("points", "offsets", "collision", "scores")
 RECT_COLUMNS = 7  # center_x, center_y, open_x, open_y, height, score, object id; pixels
 
 
 @dataclass(frozen=True)
 class GraspLabel:
-    """The label arrays of one object; see the module's first lines for their meaning."""
+    """The label arrays of one object; the module's docstring explains them."""
 
     points: Singles  # (P, 3) metres, object frame
     offsets: Singles  # (P, 300, 12, 4, 3) angle, depth, width
@@ -44,13 +44,13 @@ class GraspLabel:
 
 @dataclass(frozen=True)
 class LabelledGrasps:
-    """The labelled grasps that hold, one row each, object frame, metres."""
+    """Labelled grasps that hold, one a row, object frame, metres."""
 
     index: Indices  # (n, 4) point, view, angle, depth
     rotation: Singles  # (n, 3, 3) columns approach, closing, approach x closing
     origin: Singles  # (n, 3) GraspNet's origin, `depth` behind the finger tips
     depth: Singles  # (n,) 0.01 .. 0.04
-    opening: Singles  # (n,) the label's width: the opening, not the contact distance
+    opening: Singles  # (n,) `width` of the label: the opening, not the contact distance
     min_friction: Singles  # (n,) 0.1 .. 1.0, lower is better
 
     def __len__(self) -> int:
@@ -61,15 +61,15 @@ class LabelledGrasps:
 def label_offsets(width: NDArray[np.floating]) -> Singles:
     """Return `offsets` (P, 300, 12, 4, 3) for openings `width` (P, 300, 12, 4) in metres."""
     offsets = np.zeros((*width.shape, 3), dtype=np.float32)
-    offsets[..., 0] = ANGLES[:, None]
-    offsets[..., 1] = DEPTHS
+    offsets[..., 0] = IN_PLANE_ANGLES[:, None]
+    offsets[..., 1] = GRASP_DEPTHS
     offsets[..., 2] = width
     return offsets
 
 
 def write_grasp_label(path: Path, label: GraspLabel, *, compress: bool = True) -> None:
     """Write `grasp_label/NNN_labels.npz` with the original's names and types."""
-    shape = (len(label.points), *GRID)
+    shape = (len(label.points), *LABEL_GRID)
     for name, array, expected in (
         ("offsets", label.offsets, (*shape, 3)),
         ("collision", label.collision, shape),
@@ -102,14 +102,14 @@ def read_grasp_label(path: Path) -> GraspLabel:
 def read_labelled_grasps(path: Path, max_friction: float = 1.0) -> LabelledGrasps:
     """Read the grasps that hold at `max_friction` without self-collision, in label order.
 
-    A real label has some fifty million candidates; this never builds their poses.
+    A label of GraspNet has some fifty million candidates; their poses are never built.
     """
     return holding_grasps(read_grasp_label(path), max_friction)
 
 
 def holding_grasps(label: GraspLabel, max_friction: float = 1.0) -> LabelledGrasps:
     """Select the grasps of `label` that hold at `max_friction` without self-collision."""
-    # Labels are float32: 0.4 is stored a hair above 0.4.
+    # The nearest float32 to 0.4 is larger than 0.4.
     holds = (label.min_friction > 0) & (label.min_friction <= max_friction + 1e-4)
     point, view, angle, depth = np.nonzero(holds & ~label.collision)
     offsets = label.offsets[point, view, angle, depth]
@@ -140,9 +140,9 @@ def read_collision_labels(path: Path) -> list[Mask]:
             "arr_0, arr_1, ... without a gap are expected",
         )
     for name in names:
-        if arrays[name].ndim != 4 or arrays[name].shape[1:] != GRID:
+        if arrays[name].ndim != 4 or arrays[name].shape[1:] != LABEL_GRID:
             raise FormatError(
-                path, f"{name} has shape {arrays[name].shape}", f"(P, *{GRID}) is expected"
+                path, f"{name} has shape {arrays[name].shape}", f"(P, *{LABEL_GRID}) is expected"
             )
     return [arrays[name].astype(bool, copy=False) for name in names]
 
@@ -166,7 +166,7 @@ def _check_label(path: Path, arrays: dict[str, NDArray[Any]]) -> None:
     points = arrays["points"]
     if points.ndim != 2 or points.shape[1] != 3:
         raise FormatError(path, f"points of shape {points.shape}", "(P, 3) is expected")
-    shape = (len(points), *GRID)
+    shape = (len(points), *LABEL_GRID)
     for name, expected in (("offsets", (*shape, 3)), ("collision", shape), ("scores", shape)):
         if arrays[name].shape != expected:
             raise FormatError(

@@ -1,4 +1,4 @@
-"""Where the files of a GraspNet-1Billion scene are: splits, cameras, scenes, frames."""
+"""Layout of GraspNet-1Billion's scenes: splits, cameras, scenes, frames."""
 
 import re
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ SPLITS = {
 
 @dataclass(frozen=True)
 class FrameFiles:
-    """The paths of one frame of one camera."""
+    """Paths of one frame of one camera."""
 
     camera_folder: Path
     scene_id: int
@@ -32,7 +32,7 @@ class FrameFiles:
 
     @property
     def name(self) -> str:
-        """The frame's name relative to the root, as in grasps.h5 of `infer ROOT`."""
+        """Name of the frame relative to the root, as in the grasps.h5 of `infer ROOT`."""
         return f"scenes/scene_{self.scene_id:04d}/{self.camera}/{self.frame_id:04d}"
 
     def path(self, kind: str) -> Path:
@@ -51,7 +51,7 @@ class SceneFiles:
 
     @property
     def name(self) -> str:
-        """scene_NNNN_CAMERA, as results about it are called."""
+        """scene_NNNN_CAMERA, the name of results of the scene."""
         return f"scene_{self.scene_id:04d}_{self.camera}"
 
     @property
@@ -61,31 +61,31 @@ class SceneFiles:
 
     @property
     def object_ids(self) -> list[int]:
-        """The scene's object ids, in the order of its poses and collision labels."""
+        """Object ids of the scene, in the order of its poses and collision labels."""
         return read_object_ids(self.folder / "object_id_list.txt")
 
     @property
     def frame_ids(self) -> list[int]:
-        """The ids of the frames that are there, ascending: those with a depth image."""
+        """Ids of the frames with a depth image, ascending."""
         return self.ids_of("depth")
 
     def ids_of(self, kind: str) -> list[int]:
-        """Return the ids of the frames that have a file of `kind`, as `FrameFiles.path` has it."""
+        """Return the ids of the frames with a file of `kind`, one of those of `FrameFiles.path`."""
         files = (self.camera_folder / kind).glob("*" + self.frame(0).path(kind).suffix)
         return sorted(int(file.stem) for file in files if file.stem.isdigit())
 
     @property
     def camera_poses(self) -> Array:
-        """(n, 4, 4): camera i to camera 0 coordinates, metres."""
+        """Transforms (n, 4, 4) from camera i to camera 0, metres."""
         return read_pose_array(self.camera_folder / "camera_poses.npy", ndim=3)
 
     @property
     def cam0_wrt_table(self) -> Array:
-        """(4, 4): camera 0 to table coordinates; the table's top is z = 0, z up."""
+        """Transform (4, 4) from camera 0 to the table; the table's top is z = 0, z up, metres."""
         return read_pose_array(self.camera_folder / "cam0_wrt_table.npy", ndim=2)
 
     def table_from_camera(self, frame_id: int) -> Array:
-        """Return (4, 4): coordinates of the frame's camera to table coordinates."""
+        """Return the transform (4, 4) from the frame's camera to the table, metres."""
         poses = self.camera_poses
         if frame_id >= len(poses):
             path = self.camera_folder / "camera_poses.npy"
@@ -94,7 +94,7 @@ class SceneFiles:
 
     @property
     def intrinsics(self) -> Intrinsics:
-        """The camera of `camK.npy`, with the size of the scene's first depth image."""
+        """Intrinsics of `camK.npy`, with the size of the scene's first depth image."""
         path = self.camera_folder / "camK.npy"
         K = read_npy(path).astype(np.float64)
         if K.shape != (3, 3):
@@ -110,7 +110,7 @@ class SceneFiles:
         return FrameFiles(self.camera_folder, self.scene_id, self.camera, frame_id)
 
     def frames(self) -> list[FrameFiles]:
-        """Return the files of every frame that is there."""
+        """Return the files of every frame with a depth image."""
         return [self.frame(frame_id) for frame_id in self.frame_ids]
 
 
@@ -121,7 +121,7 @@ def frame_key(name: str) -> tuple[int, str, int] | None:
 
 
 def split_of_scene(scene_id: int) -> str:
-    """Return which of SPLITS holds the scene."""
+    """Return the name in SPLITS of the split of a scene."""
     split = next((name for name, scenes in SPLITS.items() if scene_id in scenes), None)
     if split is None:
         raise SymgraspError(f"scene {scene_id} is in no split; scenes are numbered 0 to 189")

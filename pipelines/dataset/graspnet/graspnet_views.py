@@ -1,7 +1,7 @@
-"""The view template of GraspNet-1Billion labels, and the rotation of a (view, in-plane angle).
+"""The view template of GraspNet-1Billion's labels, and rotations of views and in-plane angles.
 
-The original computes both in NumPy 1, where a float32 array stays float32; under NumPy 2 the
-same lines give float64 and entries that differ by up to 8e-5. Here float32 is explicit.
+The original computes both in NumPy 1, where float32 arrays stay float32; under NumPy 2 the same
+code gives float64, with differences up to 8e-5. Here float32 is explicit.
 """
 
 import numpy as np
@@ -12,21 +12,21 @@ from pipelines.array_types import Singles
 NUM_VIEWS = 300
 NUM_ANGLES = 12  # in-plane rotations, k * pi / 12
 NUM_DEPTHS = 4  # 0.01 .. 0.04 m
-ANGLES = np.arange(NUM_ANGLES) * (np.pi / NUM_ANGLES)
-DEPTHS = 0.01 * np.arange(1, NUM_DEPTHS + 1)
+IN_PLANE_ANGLES = np.arange(NUM_ANGLES) * (np.pi / NUM_ANGLES)
+GRASP_DEPTHS = 0.01 * np.arange(1, NUM_DEPTHS + 1)
 
 GOLDEN_RATIO = np.float32((np.sqrt(5.0) - 1.0) / 2.0)
 
 
 def generate_views(count: int = NUM_VIEWS) -> Singles:
-    """Return the Fibonacci-lattice view directions, (count, 3) float32 unit vectors.
+    """Return the view directions (count, 3) of a Fibonacci lattice, float32 unit vectors.
 
     A view points from the object to the camera: a grasp of view v approaches along -v.
     """
     index = np.arange(count, dtype=np.float32)
     z = (np.float32(2) * index + np.float32(1)) / np.float32(count) - np.float32(1)
     radius = np.sqrt(np.float32(1) - z**2)
-    # The order of the products is the original's: in float32 it decides the last digits.
+    # The order of the products is that of the original: in float32 it decides the last digits.
     turn = np.float32(2) * index * np.float32(np.pi) * GOLDEN_RATIO
     return np.stack([radius * np.cos(turn), radius * np.sin(turn), z], axis=1)
 
@@ -50,7 +50,7 @@ def view_rotations(
         (V, A, 3, 3) float32, columns approach, closing, approach x closing, object frame.
     """
     views = generate_views() if views is None else views
-    angles = ANGLES if angles is None else angles
+    angles = IN_PLANE_ANGLES if angles is None else angles
     frames = _untwisted_frames(-views)  # (V, 3, 3)
     cosine, sine = np.cos(angles), np.sin(angles)
     twist = np.zeros((len(angles), 3, 3))
@@ -61,7 +61,7 @@ def view_rotations(
 
 
 def _untwisted_frames(approach: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Return frames (V, 3, 3) whose first column is `approach` and whose second is level."""
+    """Return frames (V, 3, 3) with `approach` as first column and a level second column."""
     closing = np.stack([-approach[:, 1], approach[:, 0], np.zeros_like(approach[:, 0])], axis=1)
     length = np.linalg.norm(closing, axis=1, keepdims=True)
     upright = length[:, 0] == 0.0

@@ -31,13 +31,13 @@ def write_sdf(path: Path, grid: SignedDistanceGrid) -> None:
 
 
 def as_stored(grid: SignedDistanceGrid) -> SignedDistanceGrid:
-    """Return the grid that `write_sdf` and `read_sdf` make of `grid`, without writing it."""
+    """Return `grid` as it would be after `write_sdf` and `read_sdf`."""
     spacing = float(_rounded(np.array([grid.spacing]))[0])
     return SignedDistanceGrid(_rounded(grid.values), _rounded(grid.origin), spacing)
 
 
 def _rounded(values: Array) -> Array:
-    """Return `values` as their text would be read, bit for bit."""
+    """Return `values` rounded to `DIGITS` digits, bit for bit as read from their text."""
     size = np.abs(np.where(values == 0.0, 1.0, values))
     shift = DIGITS - 1 - np.floor(np.log10(size))
     scale = 10.0**shift

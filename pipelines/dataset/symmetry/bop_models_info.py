@@ -4,8 +4,8 @@
            "symmetries_discrete": [[16 numbers: a rigid (4, 4) transform, row by row], ...],
            "symmetries_continuous": [{"axis": [3], "offset": [3]}, ...]}}
 
-BOP knows rotations only: reflections are not written, and none is read from it. A sphere is three
-axes through its centre.
+BOP has rotations only, so reflections are not written. A sphere is written as three axes through
+its centre.
 """
 
 import re
@@ -30,15 +30,15 @@ from pipelines.mesh_symmetry.detection.rotation_group import (
 from pipelines.mesh_symmetry.detection.surface import diameter
 from pipelines.storage.files import read_json, write_json
 
-MILLIMETRES = 1000.0  # a metre
+MILLIMETRES = 1000.0  # per metre
 NUMBERED = re.compile(r"(?:obj_)?(\d+)")
 SAME_SIZE = 0.02  # relative difference of diameters of one mesh
-NOT_A_TURN = 1e-3  # how far a matrix may be from a rotation
+RIGID_TOLERANCE = 1e-3  # of the entries of R R^T and of the determinant
 
 
 @dataclass(frozen=True)
 class ModelInfo:
-    """One object of the file, as read: lengths in millimetres, rigid transforms (4, 4)."""
+    """One object of the file: lengths in millimetres, rigid transforms (4, 4)."""
 
     diameter: float | None
     discrete: tuple[Array, ...]
@@ -46,13 +46,13 @@ class ModelInfo:
 
 
 def object_key(name: str) -> str | None:
-    """Return the file's key of an object named `obj_000005` or `005`: `5`; None for others."""
+    """Return the key in the file of an object named `obj_000005` or `005`: `5`; else None."""
     match = NUMBERED.fullmatch(name)
     return None if match is None else str(int(match[1]))
 
 
 def keys_of(names: Sequence[str]) -> dict[str, str]:
-    """Return each name's key: its number, or its place from 1 if any name has none."""
+    """Return the key of each name: its number, or its position from 1 if any name has no number."""
     keys = [object_key(name) for name in names]
     if None in keys or len(set(keys)) < len(keys):
         keys = [str(place) for place in range(1, len(names) + 1)]
@@ -60,7 +60,7 @@ def keys_of(names: Sequence[str]) -> dict[str, str]:
 
 
 def write(path: Path, objects: Mapping[str, tuple[Mesh, Sequence[Symmetry]]]) -> None:
-    """Write every named object's size and the rotations that its symmetries imply."""
+    """Write the size of each named object, and the rotations implied by its symmetries."""
     keys = keys_of(list(objects))
     content = {
         keys[name]: entry_of(mesh, symmetries) | {"name": name}
@@ -70,7 +70,7 @@ def write(path: Path, objects: Mapping[str, tuple[Mesh, Sequence[Symmetry]]]) ->
 
 
 def entry_of(mesh: Mesh, symmetries: Sequence[Symmetry]) -> dict[str, Any]:
-    """Return one object's entry; a mesh that is plainly in millimetres keeps its numbers."""
+    """Return the entry of one object; a mesh too large to be in metres is in millimetres."""
     low, high = mesh.bounds
     scale = 1.0 if size_warning(mesh, Path()) else MILLIMETRES
     size = scale * diameter(mesh.vertices[np.unique(mesh.faces)])
@@ -91,10 +91,10 @@ def entry_of(mesh: Mesh, symmetries: Sequence[Symmetry]) -> dict[str, Any]:
 
 
 def read(path: Path) -> dict[str, ModelInfo]:
-    """Read the file: by key, and by `name` where an entry has one.
+    """Read the objects of the file, by key, and by `name` if an entry has one.
 
     Raises:
-        FormatError: not such a file; the sentence names the entry.
+        FormatError: not such a file; the message names the entry.
     """
     content = read_json(path)
     if not isinstance(content, dict) or not all(isinstance(e, dict) for e in content.values()):
@@ -105,13 +105,13 @@ def read(path: Path) -> dict[str, ModelInfo]:
 
 
 def symmetries_of(info: ModelInfo, mesh: Mesh) -> list[Symmetry]:
-    """Return the one rotation or sphere that stands for `info`, in the frame and unit of `mesh`.
+    """Return the rotation or sphere of `info`, in the frame and unit of `mesh`; at most one.
 
-    Several axes that turn freely are a sphere; of several n-fold axes the one with the highest n
-    is taken, the first listed among equals.
+    Several continuous axes are a sphere; of several n-fold axes the one with the highest n is
+    returned, the first listed among equals.
 
     Raises:
-        SymgraspError: the mesh has another size than the file says, in metres and in millimetres.
+        SymgraspError: the size of the mesh, in metres or millimetres, differs from the file's.
     """
     scale = _unit_of(info, mesh)
     if info.continuous:
@@ -120,7 +120,7 @@ def symmetries_of(info: ModelInfo, mesh: Mesh) -> list[Symmetry]:
             return [SphereSymmetry(scale * _meeting_point(info.continuous))]
         return [RotationSymmetry(axis, scale * offset)]
     turns = [turn_of(transform) for transform in info.discrete]
-    # Files that list a whole group have the identity in it, which turns about no axis.
+    # Files that list a whole group include the identity, which has no axis.
     turns = [(axis, angle, point) for axis, angle, point in turns if angle > SAME_ROTATION]
     best: RotationSymmetry | None = None
     for axis, _, point in turns:
@@ -132,7 +132,7 @@ def symmetries_of(info: ModelInfo, mesh: Mesh) -> list[Symmetry]:
 
 
 def _unit_of(info: ModelInfo, mesh: Mesh) -> float:
-    """Return what a millimetre is in the mesh's unit: 0.001, or 1 where it is in millimetres."""
+    """Return the mesh's units per millimetre: 0.001, or 1 if the mesh is in millimetres."""
     if info.diameter is None:
         return 1.0 / MILLIMETRES
     size = diameter(mesh.vertices[np.unique(mesh.faces)])
@@ -171,7 +171,7 @@ def _info(path: Path, key: str, entry: Mapping[str, Any]) -> ModelInfo:
 def _rigid(values: Any) -> Array:  # noqa: ANN401 - JSON
     T = np.asarray(values, np.float64).reshape(4, 4)
     R = T[:3, :3]
-    if not np.isfinite(T).all() or np.abs(R @ R.T - np.eye(3)).max() > NOT_A_TURN:
+    if not np.isfinite(T).all() or np.abs(R @ R.T - np.eye(3)).max() > RIGID_TOLERANCE:
         raise ValueError("a discrete symmetry is no rigid transform")
     if np.linalg.det(R) < 0:
         raise ValueError("a discrete symmetry is a reflection, which no rigid motion is")

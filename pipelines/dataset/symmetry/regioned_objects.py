@@ -1,4 +1,4 @@
-"""The objects of a dataset with their symmetric regions: a mesh and `symmetry/NNN.json`."""
+"""Objects of a dataset with their symmetric regions: a mesh and `symmetry/NNN.json`."""
 
 from functools import lru_cache
 from pathlib import Path
@@ -13,12 +13,12 @@ from pipelines.storage.provenance import digest, read_stamp
 
 
 def read_regioned_object(root: Path, object_id: int) -> RegionedObject:
-    """Read an object of the dataset `root`; kept until one of its files changes.
+    """Read an object of the dataset `root`; cached until one of its files changes.
 
     Raises:
         MissingInputError: `annotate-symmetry` has not been run.
-        FormatError: a region has triangles that the mesh lacks, or that another region has; or
-            the mesh is not the one that was annotated.
+        FormatError: a region has triangles that are not in the mesh or in another region too; or
+            another mesh was annotated.
     """
     files = GraspNetRoot(root)
     mesh, labels = files.model_path(object_id), files.symmetry_path(object_id)
@@ -29,7 +29,7 @@ def read_regioned_object(root: Path, object_id: int) -> RegionedObject:
 
 def _version(path: Path) -> tuple[int, int]:
     if not path.is_file():
-        return 0, 0  # reading it says what is missing
+        return 0, 0  # reading the file raises the error
     status = path.stat()
     return status.st_mtime_ns, status.st_size
 
@@ -50,9 +50,9 @@ def _read(
 
 
 def _check_mesh(mesh: Path, labels: Path) -> None:
-    """Refuse labels of another mesh: their regions count its triangles, which are others here.
+    """Refuse labels of another mesh, since their triangle indices mean other triangles here.
 
-    Labels written by hand need not say what they were made of.
+    Labels written by hand need not have a stamp.
     """
     inputs = (read_stamp(labels) or {}).get("inputs")
     made_of = inputs.get("mesh") if isinstance(inputs, dict) else None

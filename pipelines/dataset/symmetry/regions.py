@@ -1,12 +1,12 @@
-"""`regions/NNN.json`: symmetric regions given by hand; they override what is found (D. 10).
+"""`regions/NNN.json`: symmetric regions given by hand, which override those found (D. 10).
 
     {"regions": [{"name": "handle",
                   "box": [[x0, y0, z0], [x1, y1, z1]],    metres, object frame, or
                   "triangles": [0, 1, ...],               indices into the mesh
                   "symmetries": [...]}]}                  as in symmetry/NNN.json, optional
 
-A box takes the triangles whose centroid lies in it. Without `symmetries` they are searched for.
-A triangle is in one region at most; triangles in none are never shown by a region's mask.
+A box holds the triangles whose centroid lies in it. Without `symmetries` they are detected.
+A triangle is in at most one region; triangles in no region belong to no mask.
 """
 
 from collections.abc import Iterable, Mapping
@@ -26,7 +26,7 @@ from pipelines.storage.files import read_json
 
 @dataclass(frozen=True)
 class ManualRegion:
-    """A region given by hand; `symmetries` is None where they are to be found."""
+    """A region given by hand; `symmetries` is None if they are to be detected."""
 
     name: str
     triangles: Indices  # (k,)
@@ -37,7 +37,7 @@ def read(path: Path, mesh: Mesh) -> list[ManualRegion]:
     """Read the hand-written regions of `mesh`, object frame, metres.
 
     Raises:
-        FormatError: not such a file, a region without triangles of the mesh, two that share some.
+        FormatError: not such a file, a region without triangles, or two regions that share some.
     """
     content = read_json(path)
     if not isinstance(content, dict) or not isinstance(content.get("regions"), list):
@@ -50,7 +50,7 @@ def read(path: Path, mesh: Mesh) -> list[ManualRegion]:
 
 
 def check_triangles(path: Path, regions: Iterable[tuple[str, Indices]], mesh: Mesh) -> None:
-    """Refuse regions (name, triangles) of the file `path` that `mesh` cannot have.
+    """Refuse regions (name, triangles) of the file `path` that do not fit `mesh`.
 
     Raises:
         FormatError: triangles beyond the mesh, twice in a region, or in two regions.

@@ -5,9 +5,9 @@
              {"add": {"kind": "reflection", "normal": [1, 0, 0], "point": [0, 0, 0]}},
              {"accept": {"index": 0}}]}
 
-Indices count what was found, each kind from 0, as the pictures number it; they do not move when
-another entry drops something. `accept` takes one of the object's `rejected` candidates. An empty
-list says that a person looked and agrees.
+Indices count the symmetries found, each kind from 0, as numbered in the pictures; they do not
+change when another entry drops a symmetry. `accept` takes one of the object's `rejected`
+candidates. An empty list says that a person checked the object and agrees.
 """
 
 import json
@@ -18,22 +18,21 @@ from typing import Any
 
 from pipelines.dataset.symmetry.symmetry_labels import (
     BY_HAND,
-    KINDS,
     symmetries_from_json,
     symmetry_to_json,
 )
 from pipelines.errors import FormatError, SymgraspError
-from pipelines.geometry.symmetry import Symmetry
+from pipelines.geometry.symmetry import SYMMETRY_KINDS, Symmetry
 from pipelines.storage.files import read_json
 from pipelines.storage.provenance import digest_text
 
 ACTIONS = ("accept", "add", "drop", "fix")
-MOST = {"reflection": 3, "rotation": 1, "sphere": 1}
+MAX_OF_KIND = {"reflection": 3, "rotation": 1, "sphere": 1}
 
 
 @dataclass(frozen=True)
 class ObjectEdits:
-    """The corrections of one object, as its entry of the file has them."""
+    """The corrections of one object, as in its entry of the file."""
 
     path: Path
     name: str
@@ -41,7 +40,7 @@ class ObjectEdits:
 
     @property
     def digest(self) -> str:
-        """A digest of these corrections alone: those of other objects do not change it."""
+        """Digest of the corrections of this object."""
         return digest_text(json.dumps(self.entries, sort_keys=True))
 
 
@@ -79,12 +78,13 @@ def apply(
     sources: Sequence[str],
     rejected: Sequence[Symmetry],
 ) -> tuple[list[Symmetry], list[str]]:
-    """Return the corrected symmetries of an object and who says so of each: planes first.
+    """Return the corrected symmetries of an object, planes first, and the source of each.
 
-    `sources` are those of `found`.
+    `sources`: those of `found`.
 
     Raises:
-        SymgraspError: an index or kind that the object has not; the sentence lists what there is.
+        SymgraspError: an index or kind that the object does not have; the message lists those it
+            has.
     """
     kept = dict(enumerate(zip(found, sources, strict=True)))
     added: list[tuple[Symmetry, str]] = []
@@ -101,7 +101,7 @@ def apply(
             case _:
                 added.append((rejected[_candidate(edits, content, rejected)], BY_HAND))
     pairs = [kept[place] for place in sorted(kept)] + added
-    pairs.sort(key=lambda pair: KINDS.index(pair[0].kind))
+    pairs.sort(key=lambda pair: SYMMETRY_KINDS.index(pair[0].kind))
     _refuse_too_many(edits, [symmetry for symmetry, _ in pairs])
     return [symmetry for symmetry, _ in pairs], [source for _, source in pairs]
 
@@ -117,11 +117,11 @@ def _fixed(edits: ObjectEdits, content: Mapping[str, Any], old: Symmetry) -> Sym
 
 
 def _place(edits: ObjectEdits, content: Mapping[str, Any], found: Sequence[Symmetry]) -> int:
-    """Return where in `found` the symmetry is that `kind` and `index` name."""
+    """Return the position in `found` of the symmetry that `kind` and `index` name."""
     kind, index = content.get("kind"), content.get("index")
-    if kind not in KINDS:
+    if kind not in SYMMETRY_KINDS:
         sentence = f"{kind!r} is no kind of symmetry of {edits.name}"
-        raise FormatError(edits.path, sentence, _one_of(KINDS))
+        raise FormatError(edits.path, sentence, _one_of(SYMMETRY_KINDS))
     places = [place for place, symmetry in enumerate(found) if symmetry.kind == kind]
     if not isinstance(index, int) or not 0 <= index < len(places):
         raise SymgraspError(
@@ -145,12 +145,12 @@ def _one_of(names: Iterable[str]) -> str:
 
 def _listed(found: Sequence[Symmetry]) -> str:
     kinds = [symmetry.kind for symmetry in found]
-    listed = [f"{kind} {i}" for kind in KINDS for i in range(kinds.count(kind))]
+    listed = [f"{kind} {i}" for kind in SYMMETRY_KINDS for i in range(kinds.count(kind))]
     return ", ".join(listed) or "no symmetry"
 
 
 def _refuse_too_many(edits: ObjectEdits, symmetries: Sequence[Symmetry]) -> None:
-    for kind, most in MOST.items():
+    for kind, most in MAX_OF_KIND.items():
         count = sum(symmetry.kind == kind for symmetry in symmetries)
         if count > most:
             raise SymgraspError(

@@ -10,6 +10,7 @@ import numpy as np
 from pipelines.array_types import Indices
 from pipelines.errors import FormatError, SymgraspError, UnknownNameError, ValueRangeError
 from pipelines.geometry.symmetry import (
+    SYMMETRY_KINDS,
     ReflectionSymmetry,
     RotationSymmetry,
     SphereSymmetry,
@@ -19,8 +20,7 @@ from pipelines.storage.files import read_json, write_json
 from pipelines.storage.provenance import Stamp
 
 FORMAT_VERSION = 1
-KINDS = ("reflection", "rotation", "sphere")
-FOUND, BY_HAND, FROM_BOP = "found", "hand", "bop"  # who says that a symmetry is one
+FOUND, BY_HAND, FROM_BOP = "found", "hand", "bop"  # sources of a symmetry
 
 
 @dataclass(frozen=True)
@@ -34,17 +34,17 @@ class RegionLabel:
 
 @dataclass(frozen=True)
 class ObjectSymmetries:
-    """The symmetries of a whole object, and its regions with theirs.
+    """The symmetries of a whole object, and its regions with their symmetries.
 
     Attributes:
-        name: of the object.
-        symmetries: of the whole object.
-        regions: its symmetric parts; one of them the whole, where that is symmetric.
-        doubt: how near a decision was to falling the other way, 0 to 1; None: not known.
-        rejected: the candidates that came nearest to holding, nearest first.
-        sources: who says so of each of `symmetries`: FOUND, BY_HAND or FROM_BOP; empty: found.
-        found: what `symmetries` were before corrections by hand; None: there were none.
-        found_sources: who said so of each of `found`.
+        name: name of the object.
+        symmetries: symmetries of the whole object.
+        regions: symmetric parts; a single region, the whole, if the object is symmetric.
+        doubt: how near a decision was to the opposite one, 0 to 1; None if unknown.
+        rejected: candidates that came nearest to holding, nearest first.
+        sources: source of each of `symmetries`: FOUND, BY_HAND or FROM_BOP; empty: all FOUND.
+        found: `symmetries` before corrections by hand; None without corrections.
+        found_sources: source of each of `found`.
     """
 
     name: str
@@ -58,7 +58,7 @@ class ObjectSymmetries:
 
     @property
     def all_sources(self) -> tuple[str, ...]:
-        """Who says so, of each symmetry."""
+        """Source of each symmetry."""
         return self.sources or (FOUND,) * len(self.symmetries)
 
 
@@ -83,7 +83,7 @@ def read(path: Path) -> ObjectSymmetries:
     """Read a symmetry file, from this toolkit or written by hand.
 
     Raises:
-        FormatError: not such a file; the sentence names the entry.
+        FormatError: not such a file; the message names the entry.
     """
     content = read_json(path)
     if not isinstance(content, dict) or "symmetries" not in content:
@@ -148,7 +148,7 @@ def region_to_json(region: RegionLabel) -> dict[str, Any]:
 
 
 def triangles_from_json(path: Path, content: Any) -> Indices:  # noqa: ANN401 - JSON
-    """Return triangle indices (k,) of a JSON list of whole numbers."""
+    """Return triangle indices (k,) of a JSON list of integers."""
     whole = isinstance(content, list) and all(
         isinstance(i, int) and not isinstance(i, bool) and i >= 0 for i in content
     )
@@ -168,11 +168,11 @@ def _symmetry(entry: Mapping[str, Any]) -> Symmetry:
         case "sphere":
             return SphereSymmetry(entry["point"], error)
         case other:
-            raise UnknownNameError("kind of symmetry", str(other), KINDS)
+            raise UnknownNameError("kind of symmetry", str(other), SYMMETRY_KINDS)
 
 
 def _order(content: Any) -> int | None:  # noqa: ANN401 - JSON
-    """Return an order; 4.0, as some programs write 4, is whole too."""
+    """Return an order; 4.0, as some programs write 4, counts as 4."""
     is_whole = (isinstance(content, int) and not isinstance(content, bool)) or (
         isinstance(content, float) and content.is_integer()
     )

@@ -1,1 +1,1 @@
-"""Training data made of a dataset: affordance, packed regions, detector frames, COCO."""
+"""Training data made from a dataset: affordance, packed regions, detector frames, COCO."""

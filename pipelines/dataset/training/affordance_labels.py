@@ -1,6 +1,6 @@
 """`affordance/NNN.h5`: an object's symmetric contact pairs and the affordance of its surface.
 
-All in the object's canonical frame, metres. Attributes `num_*` count what became of the grasps.
+All in the object's canonical frame, metres. Attributes `num_*` are those of `RefinementCounts`.
 """
 
 from dataclasses import asdict, dataclass, fields
@@ -36,20 +36,20 @@ SURFACE_COLUMNS: ColumnSpec = {
 
 @dataclass(frozen=True)
 class RefinementCounts:
-    """What `refine-grasps` found and made of one object's label."""
+    """Counts of `refine-grasps` for one object."""
 
     num_labelled: int = 0  # candidates that hold, without collision with the object
-    num_distinct: int = 0  # contact pairs of these on the mesh, merged
-    num_originals: int = 0  # of those, kept: the first rows
-    num_copies: int = 0  # the rows after them: images under symmetries
-    num_dropped: int = 0  # copies that missed the surface, or did not hold on it
+    num_distinct: int = 0  # distinct contact pairs of these candidates on the mesh
+    num_originals: int = 0  # pairs kept of these, the first rows
+    num_copies: int = 0  # rows after them: images of originals under symmetries
+    num_dropped: int = 0  # images that missed the surface or do not hold
     num_points_before: int = 0  # surface points with an affordance from the originals alone
-    num_points_after: int = 0  # from all
+    num_points_after: int = 0  # surface points with an affordance from all rows
 
 
 @dataclass(frozen=True)
 class AffordanceLabels:
-    """Refined grasps as contact pairs, and the affordance they give the surface (D. 9)."""
+    """Refined grasps as contact pairs, and the affordance of the surface (D. 9)."""
 
     contacts: NDArray[Any]  # f4 (m, 2, 3) metres
     approach: NDArray[Any]  # f4 (m, 3) unit
@@ -80,14 +80,14 @@ def read(path: Path) -> AffordanceLabels:
     with open_h5(path) as file:
         check_version(path, file.attrs.get("format_version"), FORMAT_VERSION)
         columns: dict[str, Any] = read_columns(path, file, (*PAIR_COLUMNS, *SURFACE_COLUMNS))
-        # Files of before there were counts have none.
+        # Older files have no counts.
         names = [field.name for field in fields(RefinementCounts)]
         counts = RefinementCounts(**{name: int(file.attrs.get(name, 0)) for name in names})
     return AffordanceLabels(**columns, counts=counts)
 
 
 def read_surface(path: Path) -> dict[str, NDArray[Any]]:
-    """Read the surface's `points`, `normals` and `affordance` alone: the pairs are far more."""
+    """Read only `points`, `normals` and `affordance` of the surface, without the many pairs."""
     with open_h5(path) as file:
         check_version(path, file.attrs.get("format_version"), FORMAT_VERSION)
         return read_columns(path, file, SURFACE_COLUMNS)

@@ -1,12 +1,12 @@
-"""Regions of frames as a COCO instance dataset, with depth and cameras beside the pictures.
+"""Regions of frames as a COCO instance dataset, with depth and cameras beside the images.
 
     DIR/annotations/instances_{train,val}.json   COCO's; masks are compressed run lengths
     DIR/images/scene_NNNN/CAMERA/rgb/NNNN.png    `file_name` is relative to DIR/images
     DIR/images/scene_NNNN/CAMERA/depth/NNNN.png  as in the dataset, with camK.npy
     DIR/scenes/scene_NNNN_CAMERA.json            images and annotations of one scene
 
-`pycocotools.coco.COCO` and torchvision's `CocoDetection` read it; what COCO has no name for stands
-in further entries: `object_id`, `region`, `visible`, `symmetries` (camera frame, metres).
+`pycocotools.coco.COCO` and torchvision's `CocoDetection` read it. Fields beyond COCO's are
+`object_id`, `region`, `visible` and `symmetries` (camera frame, metres).
 """
 
 import warnings
@@ -23,37 +23,37 @@ from pipelines.dataset.graspnet.graspnet import CAMERAS, FrameFiles
 from pipelines.dataset.symmetry.symmetry_labels import symmetry_to_json
 from pipelines.errors import FormatError
 from pipelines.geometry.region_masks import RegionInstance
-from pipelines.geometry.symmetry import RotationSymmetry, Symmetry
+from pipelines.geometry.symmetry import SYMMETRY_KINDS, RotationSymmetry, Symmetry
 from pipelines.storage.files import read_json, write_json
 from pipelines.storage.provenance import Stamp, version
 
 Entry = dict[str, Any]
 
-SPLITS = ("train", "val")
-KINDS = ("reflection", "rotation", "sphere", "none")  # categories 1 to 4
+COCO_SPLITS = ("train", "val")
+REGION_KINDS = (*SYMMETRY_KINDS, "none")  # categories 1 to 4
 CATEGORIES = ("kind", "object", "region")
 FRAMES_A_CAMERA, REGIONS_A_FRAME = 10_000, 256
 
 
 @dataclass(frozen=True)
 class CocoFrame:
-    """One image of the dataset: where its files are, and its masks in order of annotation."""
+    """One image of the dataset: its files, and its masks in order of annotation."""
 
     files: FrameFiles
     annotations: tuple[Entry, ...]
 
     @property
     def scene(self) -> str:
-        """The name of its scene and camera."""
+        """Name of scene and camera."""
         return f"scene_{self.files.scene_id:04d}_{self.files.camera}"
 
     def masks(self) -> list[Mask]:
-        """Return the masks (H, W) of its annotations."""
-        return [decode(annotation) for annotation in self.annotations]
+        """Return the masks (H, W) of the annotations."""
+        return [annotation_mask(annotation) for annotation in self.annotations]
 
 
 def annotations_path(folder: Path, split: str) -> Path:
-    """Return where the annotations of `split`, train or val, lie."""
+    """Return the path of the annotations of `split`, train or val."""
     return folder / "annotations" / f"instances_{split}.json"
 
 
@@ -63,7 +63,7 @@ def is_coco(folder: Path) -> bool:
 
 
 def image_entry(files: FrameFiles, width: int, height: int) -> Entry:
-    """Return COCO's entry of an image; its id says scene, camera and frame."""
+    """Return COCO's entry of an image; its id encodes scene, camera and frame."""
     place = 2 * files.scene_id + CAMERAS.index(files.camera)
     return {
         "id": place * FRAMES_A_CAMERA + files.frame_id + 1,
@@ -94,10 +94,10 @@ def annotation_entry(image: Entry, number: int, region: RegionInstance, category
     }
 
 
-def decode(annotation: Mapping[str, Any]) -> Mask:
+def annotation_mask(annotation: Mapping[str, Any]) -> Mask:
     """Return the mask (H, W) of an annotation."""
     runs = annotation["segmentation"]
-    with warnings.catch_warnings():  # pycocotools' own array has not learnt NumPy 2's keywords
+    with warnings.catch_warnings():  # pycocotools' array class does not know NumPy 2's keywords
         warnings.simplefilter("ignore", DeprecationWarning)
         mask = coco_mask.decode({"size": runs["size"], "counts": runs["counts"]})
     return np.asarray(mask, np.bool_)
@@ -108,7 +108,7 @@ def _as_text(counts: str | bytes) -> str:
 
 
 def kind_of(symmetries: Iterable[Symmetry]) -> str:
-    """Return the one kind that a region goes by: a sphere before a round axis before a mirror."""
+    """Return the kind of a region by precedence: sphere, continuous rotation, reflection, none."""
     kinds = {
         symmetry.kind
         for symmetry in symmetries
@@ -118,16 +118,16 @@ def kind_of(symmetries: Iterable[Symmetry]) -> str:
 
 
 def category_of(region: RegionInstance, by: str) -> int:
-    """Return the category of a region, one of `CATEGORIES` deciding by what."""
+    """Return the category of a region by kind, object or region, one of `CATEGORIES`."""
     if by == "kind":
-        return KINDS.index(kind_of(region.symmetries)) + 1
+        return REGION_KINDS.index(kind_of(region.symmetries)) + 1
     return region.object_id + 1 if by == "object" else 1
 
 
 def category_entries(by: str, object_ids: Iterable[int]) -> list[Entry]:
     """Return COCO's entries of all categories."""
     if by == "kind":
-        names = list(enumerate(KINDS, start=1))
+        names = list(enumerate(REGION_KINDS, start=1))
     elif by == "object":
         names = [(object_id + 1, f"{object_id:03d}") for object_id in sorted(object_ids)]
     else:
@@ -166,8 +166,8 @@ def read_entries(path: Path) -> tuple[list[Entry], list[Entry]]:
     return content["images"], content["annotations"]
 
 
-def read_frames(folder: Path, split: str) -> list[CocoFrame]:
-    """Read the frames of `split`, with what they show.
+def read_coco_frames(folder: Path, split: str) -> list[CocoFrame]:
+    """Read the frames of `split`, with their annotations.
 
     Raises:
         FormatError: not such a dataset, or one without scenes, cameras and frames.

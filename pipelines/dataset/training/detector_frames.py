@@ -1,7 +1,7 @@
-"""Frames ready for training the detector: small images with their regions, one file a scene.
+"""Cache of the detector's training: small frames with their regions, one file a scene.
 
-`finetune-detector` renders region masks once and trains on them many times; this is what it keeps
-in between. Camera frame (OpenCV axes).
+`finetune-detector` renders region masks once and trains on them many times. Camera frame (OpenCV
+axes).
 """
 
 from dataclasses import dataclass
@@ -22,12 +22,12 @@ from pipelines.tabletop.depth_channels import SmallFrame
 
 FORMAT_VERSION = 1
 DEPTH_UNITS = 10_000.0  # per metre: tenths of a millimetre
-FARTHEST = 6.5  # metres; farther is stored as missing
+MAX_DEPTH = 6.5  # metres; larger depths are stored as missing
 
 
 @dataclass(frozen=True)
 class DetectorFrame:
-    """A small frame, the plane that things stand on, and (h, w) uint8 regions, 0 = none."""
+    """A small frame, its support plane, and its regions (h, w) uint8, 0 = none."""
 
     frame: SmallFrame
     plane: Plane
@@ -82,5 +82,5 @@ def _images(file: h5py.File, name: str, images: list[NDArray[Any]]) -> None:
 
 
 def _packed_depth(depth: Singles) -> NDArray[np.uint16]:
-    known = np.where((depth > 0) & (depth < FARTHEST), depth, 0.0)
+    known = np.where((depth > 0) & (depth < MAX_DEPTH), depth, 0.0)
     return np.asarray(np.round(known * DEPTH_UNITS), np.uint16)

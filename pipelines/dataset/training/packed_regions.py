@@ -30,9 +30,9 @@ from pipelines.storage.provenance import Stamp
 
 FORMAT_VERSION = 2
 UNITS = {"points": "m", "point": "m"}
-MOST_OPEN = 200  # files at a time; systems allow a process some 1,024
-# What makes up nearly all of a region: a row a chunk, and not packed, so that training reads it
-# in any order at the speed of the disk. All else of a scene is small and kept in memory.
+MOST_OPEN = 200  # open files; systems allow a process about 1,024
+# The large arrays: one row a chunk and uncompressed, so that training reads rows in any order at
+# the speed of the disk. The other columns are small and kept in memory.
 BY_ROW = ("points", "affordance")
 
 
@@ -107,14 +107,14 @@ def read(path: Path) -> PackedScene:
 
 @dataclass(frozen=True)
 class _OpenScene:
-    """An open file: the datasets that are read row by row, and the columns kept in memory."""
+    """An open file: datasets to read row by row, and columns in memory."""
 
     rows: dict[str, h5py.Dataset]
     columns: dict[str, NDArray[Any]]
 
     @classmethod
     def of(cls, path: Path) -> "_OpenScene":
-        file = open_h5(path, cache_bytes=0, checked=False)  # no chunk is read twice in a row
+        file = open_h5(path, cache_bytes=0, checked=False)  # rows come in random order
         small = [name for name in COLUMNS if name not in BY_ROW]
         columns, rows = read_columns(path, file, small), {name: file.get(name) for name in BY_ROW}
         for name, dataset in rows.items():
@@ -130,10 +130,10 @@ class _OpenScene:
 
 
 class PackedReader:
-    """Random access to the regions of every `*.h5` under a folder, files opened when first needed.
+    """Random access to the regions of every `*.h5` under a folder, opened when first needed.
 
-    Pickles without its open files, and opens them anew in a forked process, so that it may be
-    handed to the workers of a data loader. Hidden files are what an interrupted `pack` left.
+    A reader may be passed to the workers of a data loader: it pickles without its open files and
+    reopens them in a forked process. Hidden files, left by an interrupted `pack`, are ignored.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -145,7 +145,7 @@ class PackedReader:
             raise MissingInputError(folder / "*.h5", "symgrasp pack")
         self.counts = tuple(_count(path) for path in self.paths)
         self._ends = list(itertools.accumulate(self.counts))
-        self._scenes: dict[int, _OpenScene] = {}  # those used last at the end
+        self._scenes: dict[int, _OpenScene] = {}  # in order of last use
         self._process = os.getpid()
 
     def __len__(self) -> int:
@@ -153,7 +153,7 @@ class PackedReader:
         return self._ends[-1]
 
     def __getitem__(self, index: int) -> PackedRegion:
-        """Return region `index`, counted through the files in the order of their names."""
+        """Return region `index`, counted through the files in order of their names."""
         scene, row = self.locate(index)
         opened = self._open(scene)
         try:
@@ -172,11 +172,11 @@ class PackedReader:
         return scene, index - (self._ends[scene] - self.counts[scene])
 
     def _open(self, scene: int) -> _OpenScene:
-        if self._process != os.getpid():  # handles must not be shared with the parent
+        if self._process != os.getpid():  # open files must not be shared with the parent process
             self._scenes, self._process = {}, os.getpid()
         opened = self._scenes.pop(scene, None) or _OpenScene.of(self.paths[scene])
         while len(self._scenes) >= MOST_OPEN:
-            del self._scenes[next(iter(self._scenes))]  # h5py closes what nobody holds
+            del self._scenes[next(iter(self._scenes))]  # h5py closes unreferenced files
         self._scenes[scene] = opened
         return opened
 
@@ -185,7 +185,7 @@ class PackedReader:
 
 
 def _count(path: Path) -> int:
-    with open_h5(path, checked=False) as file:  # all of them before the first step
+    with open_h5(path, checked=False) as file:  # unchecked: all files are opened before training
         check_version(path, file.attrs.get("format_version"), FORMAT_VERSION)
         if "points" not in file:
             raise FormatError(path, "has no dataset /points", "pack the scene again")

@@ -1,4 +1,4 @@
-"""A dataset's frames with the symmetric regions that they show, checked as every stage needs."""
+"""Frames of a dataset with their visible symmetric regions, checked for consistency."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,32 +13,32 @@ from pipelines.errors import FormatError
 from pipelines.frames.rgbd import Frame
 from pipelines.geometry.region_masks import RegionInstance, visible_regions
 
-MOST_REGIONS = 255  # of one frame; the rest, the smallest, are left out
+MAX_REGIONS = 255  # of one frame; the smallest are left out
 
 
 @dataclass(frozen=True)
 class RegionFrame:
-    """A frame at its full size and its regions, the largest first."""
+    """A frame at full size and its regions, the largest first."""
 
     frame: Frame
     regions: tuple[RegionInstance, ...]
 
 
 def read_region_frame(root: GraspNetRoot, files: FrameFiles, min_pixels: int) -> RegionFrame:
-    """Read a frame and find the regions that show in at least `min_pixels` of it."""
+    """Read a frame and its regions with at least `min_pixels` visible pixels."""
     frame = root.read_frame(files)
     label, poses = read_posed_label(root, files, frame.depth.shape)
     objects = {object_id: read_regioned_object(root.root, object_id) for object_id in poses}
     shown = visible_regions(label, frame.intrinsics, list(poses.items()), objects)
     shown = [each for each in shown if each.mask.sum() >= min_pixels]
-    shown = sorted(shown, key=lambda each: -int(each.mask.sum()))[:MOST_REGIONS]
+    shown = sorted(shown, key=lambda each: -int(each.mask.sum()))[:MAX_REGIONS]
     return RegionFrame(frame, tuple(shown))
 
 
 def strided_frames(scene: SceneFiles, stride: int) -> list[FrameFiles]:
     """Return every `stride`-th frame of a scene.
 
-    A frame that has poses but no depth is a fault, told when it is read, not a frame less.
+    A frame with poses but without depth is included, so that reading it raises an error.
     """
     frame_ids = sorted({*scene.frame_ids, *scene.ids_of("annotations")})
     return [scene.frame(frame_id) for frame_id in frame_ids[::stride]]
@@ -47,19 +47,19 @@ def strided_frames(scene: SceneFiles, stride: int) -> list[FrameFiles]:
 def read_posed_label(
     root: GraspNetRoot, files: FrameFiles, shape: tuple[int, ...]
 ) -> tuple[NDArray[np.uint8], dict[int, Array]]:
-    """Read which object each pixel of a frame shows, and where the objects are.
+    """Read the label image of a frame and the poses of its objects.
 
     Args:
         root: the dataset.
-        files: of the frame.
+        files: files of the frame.
         shape: (H, W) of its depth image.
 
     Returns:
         The label (H, W), object id + 1, 0 = background; T_cam_obj (4, 4) by object id.
 
     Raises:
-        FormatError: the label has another size, or shows an object without a pose; or the scene
-            lists an object without one.
+        FormatError: the label has another size, or an object of the label or of the scene's list
+            has no pose.
     """
     label, poses = root.read_label(files), _poses(root, files)
     if label.shape != shape:
@@ -77,7 +77,7 @@ def read_posed_label(
 
 
 def _poses(root: GraspNetRoot, files: FrameFiles) -> dict[int, Array]:
-    """Return the pose of each object that the frame lists, by its id."""
+    """Return the pose of each listed object, by object id."""
     poses = {pose.object_id: pose.T_cam_obj for pose in root.read_annotation(files)}
     missing = [i for i in root.scene(files.scene_id, files.camera).object_ids if i not in poses]
     if missing:
@@ -90,10 +90,7 @@ def _poses(root: GraspNetRoot, files: FrameFiles) -> dict[int, Array]:
 
 
 def held_out_scenes(scenes: Sequence[str], fraction: float, seed: int) -> set[str]:
-    """Return the scenes to validate on: `fraction` of them, at least one, never all of them.
-
-    Of a `fraction` of 0 there are none.
-    """
+    """Return the validation scenes: `fraction` of all, at least one and not all; none for 0."""
     if fraction <= 0.0:
         return set()
     names = sorted(set(scenes))

@@ -9,7 +9,7 @@ from pipelines.configs import FinetuneDetectorConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot, SceneFiles
 from pipelines.dataset.training.coco_instances import CocoFrame
 from pipelines.dataset.training.detector_frames import DetectorFrame
-from pipelines.dataset.training.region_frames import MOST_REGIONS, read_region_frame, strided_frames
+from pipelines.dataset.training.region_frames import MAX_REGIONS, read_region_frame, strided_frames
 from pipelines.errors import FormatError
 from pipelines.frames.rgbd import Frame
 from pipelines.tabletop.depth_channels import find_plane, shrink
@@ -44,7 +44,7 @@ def frames_of_coco(
                 found = f"its annotations have a mask of {mask.shape[1]}x{mask.shape[0]}"
                 raise FormatError(each.files.path("rgb"), found, f"the image is {width}x{height}")
         masks = [mask for mask in masks if mask.sum() >= config.min_pixels]
-        frames.append(prepare_frame(frame, masks[:MOST_REGIONS], config))
+        frames.append(prepare_frame(frame, masks[:MAX_REGIONS], config))
     return frames
 
 

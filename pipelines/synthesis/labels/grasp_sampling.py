@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 
 from pipelines.array_types import Array, Indices, Mask, Singles
 from pipelines.configs import LabelConfig
-from pipelines.dataset.graspnet.graspnet_labels import GRID, GraspLabel, label_offsets
-from pipelines.dataset.graspnet.graspnet_views import DEPTHS, generate_views, view_rotations
+from pipelines.dataset.graspnet.graspnet_labels import LABEL_GRID, GraspLabel, label_offsets
+from pipelines.dataset.graspnet.graspnet_views import GRASP_DEPTHS, generate_views, view_rotations
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.meshes.line_crossings import Crossings, line_crossings
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
@@ -73,7 +73,7 @@ def label_points(target: LabelTarget, points: Singles, config: LabelConfig) -> G
     of `config.width_margin` on each side, and is 0 where no opening has two contacts.
     """
     _check_grid(config)
-    shape = (len(points), *GRID)
+    shape = (len(points), *LABEL_GRID)
     friction, width = np.full(shape, INFEASIBLE, np.float32), np.zeros(shape, np.float32)
     collision = np.ones(shape, np.bool_)
     # As written to the file: friction and collision are those of the rounded points.
@@ -84,9 +84,9 @@ def label_points(target: LabelTarget, points: Singles, config: LabelConfig) -> G
 
 def _check_grid(config: LabelConfig) -> None:
     grid = (config.num_views, config.num_angles, len(config.depths))
-    if grid != GRID or not np.allclose(config.depths, DEPTHS):
+    if grid != LABEL_GRID or not np.allclose(config.depths, GRASP_DEPTHS):
         found = f"{grid} with depths {config.depths}"
-        expected = f"{GRID} with depths {tuple(DEPTHS.tolist())}, GraspNet's"
+        expected = f"{LABEL_GRID} with depths {tuple(GRASP_DEPTHS.tolist())}, GraspNet's"
         raise ValueRangeError("views, angles and depths of grasp labels", found, expected)
 
 
@@ -94,8 +94,8 @@ def _label_point(
     target: LabelTarget, point: Array, config: LabelConfig
 ) -> tuple[Singles, Singles, Mask]:
     """Return friction on the grid, opening and collision (300, 12, 4) of a point's candidates."""
-    friction, width = np.full(GRID, INFEASIBLE, np.float32), np.zeros(GRID, np.float32)
-    collision = np.ones(GRID, np.bool_)
+    friction, width = np.full(LABEL_GRID, INFEASIBLE, np.float32), np.zeros(LABEL_GRID, np.float32)
+    collision = np.ones(LABEL_GRID, np.bool_)
     for index, below, above in _lines(target, point, config):
         found = openings(below, above, config.width_margin / 2.0, config.max_width / 2.0)
         smallest = found.half.min(axis=1, initial=np.inf)
@@ -107,7 +107,7 @@ def _label_point(
             if not open_.any():
                 break
             at = tuple(index[:, open_])
-            trial = np.zeros(GRID, np.float32)
+            trial = np.zeros(LABEL_GRID, np.float32)
             trial[at] = 2.0 * holding.half[open_, column]
             hit = hits_surface(target.surface, point, trial > 0.0, trial)
             taken = ~hit[at] if column else np.ones(len(at[0]), np.bool_)
@@ -126,8 +126,8 @@ def _lines(
     first those with one surface on each side, then the others.
     """
     rotation = view_rotations().astype(np.float64)
-    tips = point + DEPTHS[:, None] * rotation[:, 0, None, :, 0]  # (300, 4, 3)
-    enclosed = np.broadcast_to(target.may_enclose(tips)[:, None], GRID)
+    tips = point + GRASP_DEPTHS[:, None] * rotation[:, 0, None, :, 0]  # (300, 4, 3)
+    enclosed = np.broadcast_to(target.may_enclose(tips)[:, None], LABEL_GRID)
     index = np.stack(np.nonzero(enclosed))
     sides: list[Crossings] = []
     for direction in (-1.0, 1.0):

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.array_types import Array, Indices, Mask, Singles
-from pipelines.dataset.graspnet.graspnet_labels import GRID
-from pipelines.dataset.graspnet.graspnet_views import ANGLES, DEPTHS, view_rotations
+from pipelines.dataset.graspnet.graspnet_labels import LABEL_GRID
+from pipelines.dataset.graspnet.graspnet_views import GRASP_DEPTHS, IN_PLANE_ANGLES, view_rotations
 from pipelines.geometry.meshes.surface_patches import SurfacePatches, meet_boxes
 
 HALF_HEIGHT = 0.01  # metres to each side along approach x closing
@@ -35,7 +35,7 @@ def hits_surface(
         candidates: (300, 12, 4) the views, angles and depths to test; the others are False.
         width: (300, 12, 4) metres, openings.
     """
-    hit = np.zeros(GRID, np.bool_)
+    hit = np.zeros(LABEL_GRID, np.bool_)
     half = (0.5 * np.asarray(width)).astype(np.float32)
     scouts = surface.centers[::SCOUT_STRIDE]  # a few points find most of what collides
     for view, angle, depth, _, held in _held(scouts, origin, candidates, half, 0.0):
@@ -69,7 +69,7 @@ def _patches_meet(
 ) -> Mask:
     """Return (m,) whether a triangle of `patch` (m,) meets the gripper of candidates (3, m)."""
     frames = view_rotations().astype(np.float64)[index[0], index[1]]
-    half, tips = 0.5 * np.asarray(width, np.float64)[tuple(index)], DEPTHS[index[2]]
+    half, tips = 0.5 * np.asarray(width, np.float64)[tuple(index)], GRASP_DEPTHS[index[2]]
     centers = np.einsum("mi,mij->mj", surface.centers[patch] - origin, frames)
     met = np.zeros(len(patch), np.bool_)
     for low, high in gripper_boxes(half, tips):
@@ -132,10 +132,10 @@ def _near_gripper(
     inner = np.where(candidates, half, np.inf).min(axis=(1, 2))[views, None] - grow
     outer = np.where(candidates, half, 0.0).max(axis=(1, 2))[views, None] + FINGER + grow
     outer_squared = (outer**2 + (HALF_HEIGHT + grow) ** 2).astype(np.float32)
-    tips = np.where(candidates, DEPTHS, 0.0).max(axis=(1, 2))[views, None].astype(np.float32)
+    tips = np.where(candidates, GRASP_DEPTHS, 0.0).max(axis=(1, 2))[views, None].astype(np.float32)
     points = around.astype(np.float32)
     square = np.einsum("ni,ni->n", points, points)
-    farthest = max(DEPTHS.max(), -SLAB_BACK) + grow
+    farthest = max(GRASP_DEPTHS.max(), -SLAB_BACK) + grow
     near = np.flatnonzero(square < outer_squared.max() + farthest**2)
     points, square = points[near], square[near]
     frames = view_rotations(angles=np.zeros(1))[views, 0]
@@ -150,14 +150,13 @@ def _near_gripper(
 
 
 def _turns() -> list[tuple[np.float32, np.float32]]:
-    return list(
-        zip(np.cos(ANGLES).astype(np.float32), np.sin(ANGLES).astype(np.float32), strict=True)
-    )
+    cosines, sines = (f(IN_PLANE_ANGLES).astype(np.float32) for f in (np.cos, np.sin))
+    return list(zip(cosines, sines, strict=True))
 
 
 def _inside(along: Singles, side: Singles, half: Singles, grow: float) -> Mask:
     """Return (k, 4) whether points at `along`, `side` (k, 1) lie in boxes of half openings."""
-    back, front = np.float32(FINGER_BACK + grow), (DEPTHS + grow).astype(np.float32)
+    back, front = np.float32(FINGER_BACK + grow), (GRASP_DEPTHS + grow).astype(np.float32)
     finger = (along > FINGER_BACK - grow) & (along < front) & (side > half - np.float32(grow))
     slab = (along > np.float32(SLAB_BACK - grow)) & (along < back)
     return (finger | slab) & (side < half + np.float32(FINGER + grow))
@@ -175,6 +174,6 @@ def hits_plane(width: NDArray[np.floating], normal: Array, height: Array) -> Mas
     # the lowest corner of the one box around them.
     up = np.einsum("i,vaij->jva", normal, view_rotations())[..., None]  # (3, 300, 12, 1)
     outer = 0.5 * width + FINGER
-    lowest = np.minimum(SLAB_BACK * up[0], DEPTHS * up[0]) - HALF_HEIGHT * np.abs(up[2])
+    lowest = np.minimum(SLAB_BACK * up[0], GRASP_DEPTHS * up[0]) - HALF_HEIGHT * np.abs(up[2])
     lowest = lowest - outer * np.abs(up[1])
     return np.asarray(height[:, None, None, None] + lowest < 0.0)

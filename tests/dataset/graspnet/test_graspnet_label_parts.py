@@ -8,8 +8,8 @@ import pytest
 
 from pipelines.dataset.graspnet.graspnet_label_parts import join_grasp_labels, part_arrays
 from pipelines.dataset.graspnet.graspnet_labels import (
-    GRID,
     LABEL_ARRAYS,
+    LABEL_GRID,
     GraspLabel,
     label_offsets,
     read_grasp_label,
@@ -20,7 +20,7 @@ from pipelines.errors import FormatError
 
 def some_label(seed: int, count: int) -> GraspLabel:
     rng = np.random.default_rng(seed)
-    width = rng.uniform(0.0, 0.1, (count, *GRID))
+    width = rng.uniform(0.0, 0.1, (count, *LABEL_GRID))
     friction = rng.integers(1, 11, width.shape).astype(np.float32) / 10
     points = rng.normal(size=(count, 3)).astype(np.float32)
     return GraspLabel(points, label_offsets(width), width > 0.05, friction)

@@ -13,7 +13,7 @@ from numpy.testing import assert_array_equal
 
 from pipelines.dataset.graspnet import graspnet_label_stream as stream
 from pipelines.dataset.graspnet.graspnet_label_stream import grasp_label_pieces
-from pipelines.dataset.graspnet.graspnet_labels import GRID, GraspLabel, read_grasp_label
+from pipelines.dataset.graspnet.graspnet_labels import LABEL_GRID, GraspLabel, read_grasp_label
 from pipelines.errors import FormatError
 
 NUM_POINTS = 5
@@ -21,7 +21,7 @@ NUM_POINTS = 5
 
 def arrays(count: int = NUM_POINTS) -> dict[str, np.ndarray]:
     rng = np.random.default_rng(0)
-    shape = (count, *GRID)
+    shape = (count, *LABEL_GRID)
     return {
         "points": rng.random((count, 3), np.float32),
         "offsets": rng.random((*shape, 3), np.float32),
@@ -63,7 +63,7 @@ def test_memory_holds_one_piece(saved: dict[str, Path]) -> None:
             assert len(piece.points) == 1
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
-        assert peak < 4 * 17 * np.prod(GRID) + 2 * 2**20  # the whole label is 20 times a piece
+        assert peak < 4 * 17 * np.prod(LABEL_GRID) + 2 * 2**20  # a piece is a 20th of the label
 
 
 def test_other_widths_of_numbers_are_read(tmp_path: Path) -> None:
@@ -86,13 +86,16 @@ def test_an_object_without_grasp_points_has_no_pieces(tmp_path: Path) -> None:
     [
         ({"scores": None, "collision": None}, "lacks the arrays collision, scores"),
         ({"points": np.zeros((2, 4), np.float32)}, r"points of shape \(2, 4\)"),
-        ({"offsets": np.zeros((2, *GRID), np.float32)}, "offsets of shape"),
-        ({"scores": np.zeros((1, *GRID), np.float32)}, "scores of shape"),
+        ({"offsets": np.zeros((2, *LABEL_GRID), np.float32)}, "offsets of shape"),
+        ({"scores": np.zeros((1, *LABEL_GRID), np.float32)}, "scores of shape"),
         ({"points": np.full((2, 3), np.nan, np.float32)}, "points are not all finite"),
-        ({"offsets": np.full((2, *GRID, 3), np.nan, np.float32)}, "offsets of grasps that hold"),
-        ({"scores": np.zeros((2, *GRID), np.int16)}, "scores is of type int16"),
-        ({"collision": np.zeros((2, *GRID), np.float32)}, "collision is of type float32"),
-        ({"scores": np.asfortranarray(np.zeros((2, *GRID), np.float32))}, "Fortran"),
+        (
+            {"offsets": np.full((2, *LABEL_GRID, 3), np.nan, np.float32)},
+            "offsets of grasps that hold",
+        ),
+        ({"scores": np.zeros((2, *LABEL_GRID), np.int16)}, "scores is of type int16"),
+        ({"collision": np.zeros((2, *LABEL_GRID), np.float32)}, "collision is of type float32"),
+        ({"scores": np.asfortranarray(np.zeros((2, *LABEL_GRID), np.float32))}, "Fortran"),
         ({"points": np.array([[None] * 3] * 2, object)}, "pickles are never read"),
         ({"points": np.zeros((stream.MAX_POINTS + 1, 3), np.float32)}, "at most 100000"),
     ],
@@ -148,20 +151,20 @@ def with_scores(path: Path, data: bytes, compression: int = zipfile.ZIP_DEFLATED
 
 
 def test_a_member_that_unpacks_to_more_than_its_shape_is_refused(tmp_path: Path) -> None:
-    with_scores(tmp_path / "x.npz", header((2, *GRID)) + bytes(40_000_000))
+    with_scores(tmp_path / "x.npz", header((2, *LABEL_GRID)) + bytes(40_000_000))
     with pytest.raises(FormatError, match=r"scores unpacks to 40000128 bytes"):
         list(grasp_label_pieces(tmp_path / "x.npz", 1))
 
 
 def test_a_member_that_claims_a_huge_shape_is_refused(tmp_path: Path) -> None:
-    with_scores(tmp_path / "x.npz", header((10**9, *GRID)))
+    with_scores(tmp_path / "x.npz", header((10**9, *LABEL_GRID)))
     with pytest.raises(FormatError, match="takes"):
         list(grasp_label_pieces(tmp_path / "x.npz", 1))
 
 
 def test_a_size_that_no_deflation_gives_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "x.npz"
-    with_scores(path, header((2, *GRID)) + bytes(4 * 2 * int(np.prod(GRID))))
+    with_scores(path, header((2, *LABEL_GRID)) + bytes(4 * 2 * int(np.prod(LABEL_GRID))))
     data = path.read_bytes()
     with zipfile.ZipFile(path) as archive:
         packed = archive.getinfo("scores.npy").file_size
@@ -173,7 +176,7 @@ def test_a_size_that_no_deflation_gives_is_refused(tmp_path: Path) -> None:
 
 
 def test_other_ways_of_packing_are_refused(tmp_path: Path) -> None:
-    scores = header((2, *GRID)) + bytes(4 * 2 * int(np.prod(GRID)))
+    scores = header((2, *LABEL_GRID)) + bytes(4 * 2 * int(np.prod(LABEL_GRID)))
     with_scores(tmp_path / "x.npz", scores, zipfile.ZIP_LZMA)
     with pytest.raises(FormatError, match="stored or deflated"):
         list(grasp_label_pieces(tmp_path / "x.npz", 1))

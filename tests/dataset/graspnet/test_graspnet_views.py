@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from pipelines.dataset.graspnet.graspnet_views import (
-    ANGLES,
+    IN_PLANE_ANGLES,
     generate_views,
     view_rotation,
     view_rotations,
@@ -52,7 +52,7 @@ def test_all_rotations_agree_with_the_definition() -> None:
     assert rotations.shape == (300, 12, 3, 3)
     for view in (0, 17, 299):
         for angle in (0, 5, 11):
-            expected = naive_rotation(views[view], ANGLES[angle])
+            expected = naive_rotation(views[view], IN_PLANE_ANGLES[angle])
             assert_allclose(rotations[view, angle], expected, atol=1e-6)
 
 

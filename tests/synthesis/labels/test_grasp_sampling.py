@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pipelines.configs import LabelConfig
 from pipelines.dataset.graspnet.graspnet_labels import GraspLabel
-from pipelines.dataset.graspnet.graspnet_views import DEPTHS, view_rotations
+from pipelines.dataset.graspnet.graspnet_views import GRASP_DEPTHS, view_rotations
 from pipelines.dataset.meshes import read_mesh
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.meshes.mesh import Mesh
@@ -208,7 +208,7 @@ def test_the_table_meets_a_grasp_exactly_if_a_corner_is_below_it(label: GraspLab
         half = label.offsets[(*candidate, 2)] / 2 + 0.01
         corners = [
             label.points[point] + R[view, angle] @ (along, side, level)
-            for along in (-0.03, DEPTHS[depth])
+            for along in (-0.03, GRASP_DEPTHS[depth])
             for side in (-half, half)
             for level in (-0.01, 0.01)
         ]

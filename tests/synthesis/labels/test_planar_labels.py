@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from pipelines.dataset.graspnet.graspnet_labels import GRID, GraspLabel, label_offsets
+from pipelines.dataset.graspnet.graspnet_labels import LABEL_GRID, GraspLabel, label_offsets
 from pipelines.dataset.graspnet.graspnet_views import generate_views, view_rotations
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.transforms import make_pose
@@ -16,7 +16,7 @@ WIDTH, FRICTION = 0.06, 0.3
 
 
 def label_with(candidates):
-    shape = (1, *GRID)
+    shape = (1, *LABEL_GRID)
     friction, width = np.full(shape, -1.0, np.float32), np.zeros(shape, np.float32)
     for candidate in candidates:
         friction[(0, *candidate)], width[(0, *candidate)] = FRICTION, WIDTH

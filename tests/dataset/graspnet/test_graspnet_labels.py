@@ -14,7 +14,7 @@ from pipelines.errors import FormatError
 @pytest.fixture(scope="module")
 def label() -> labels.GraspLabel:
     rng = np.random.default_rng(0)
-    friction = np.full((2, *labels.GRID), -1.0, np.float32)
+    friction = np.full((2, *labels.LABEL_GRID), -1.0, np.float32)
     friction[0, 5, 3, 1], friction[1, 250, 11, 3], friction[1, 7, 0, 0] = 0.3, 1.0, 0.4
     collision = np.zeros(friction.shape, bool)
     collision[1, 7, 0, 0] = True
@@ -61,7 +61,7 @@ def test_a_friction_limit_leaves_only_better_grasps(label: labels.GraspLabel) ->
 
 def test_collision_labels_keep_their_order(tmp_path: Path) -> None:
     # Eleven objects: arr_10 sorts before arr_2 as text.
-    arrays = [np.full((i % 2 + 1, *labels.GRID), i % 3 == 0) for i in range(11)]
+    arrays = [np.full((i % 2 + 1, *labels.LABEL_GRID), i % 3 == 0) for i in range(11)]
     labels.write_collision_labels(tmp_path / "collision_labels.npz", arrays)
     again = labels.read_collision_labels(tmp_path / "collision_labels.npz")
     assert len(again) == 11

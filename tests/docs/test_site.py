@@ -1,0 +1,57 @@
+"""Text that the documentation's build makes from code."""
+
+import re
+from types import SimpleNamespace
+
+import pytest
+
+import symgrasp
+from pipelines import configs
+from tests.tool_scripts import load
+
+docs_reference = load("docs_reference")
+docs_site = load("docs_site")
+
+
+def made(uri: str, markdown: str) -> str:
+    page = SimpleNamespace(file=SimpleNamespace(src_uri=uri))
+    return docs_site.on_page_markdown(markdown, page, None, None)
+
+
+def test_every_command_and_option_is_on_the_page_of_commands():
+    sections = f"\n{docs_reference.commands()}".split("\n## ")[1:]
+    texts = dict(section.split("\n", 1) for section in sections)
+    assert list(texts) == docs_reference.NAMES
+    for name, command in docs_reference.get_command(docs_reference.app).commands.items():
+        options = [opt for p in command.params if p.name != "help" for opt in p.opts]
+        assert all(f"`{opt}`" in texts[name] for opt in options if opt.startswith("--"))
+
+
+def test_every_setting_is_on_the_page_of_settings():
+    text = docs_reference.settings()
+    for name in ("InferConfig", "TrainConfig", "SelectionConfig"):
+        for field in vars(getattr(configs, name)()):
+            assert field in text
+
+
+def test_every_public_name_is_on_the_page_of_the_api():
+    text = docs_reference.api()
+    for name in symgrasp.__all__:
+        assert f"\n## {name}\n" in f"\n{text}" or name.startswith("__")
+
+
+@pytest.mark.parametrize(
+    ("uri", "link"),
+    [
+        ("index.md", "[D. 82](decisions/0082-grasp-critic.md)"),
+        ("method/selection.md", "[D. 82](../decisions/0082-grasp-critic.md)"),
+    ],
+)
+def test_citations_become_links_relative_to_the_page(uri, link):
+    assert made(uri, "See D. 82.\n\n```\nD. 82\n```") == f"See {link}.\n\n```\nD. 82\n```"
+
+
+def test_a_record_lists_the_code_that_cites_it_and_does_not_link_to_itself():
+    text = made("decisions/0082-grasp-critic.md", "# 82. The title of D. 82")
+    assert "[D. 82]" not in text
+    assert "* `pipelines/grasping/" in text

@@ -1,6 +1,5 @@
 """Text that the documentation's build makes from code."""
 
-import re
 from types import SimpleNamespace
 
 import pytest

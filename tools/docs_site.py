@@ -25,6 +25,7 @@ MADE = {
     "records": lambda: records_tables(_records().values()),
     "settings": settings,
 }
+FENCE = re.compile(r"(^```.*?^```$)", re.DOTALL | re.MULTILINE)
 LITERAL = re.compile(r"(```.*?```|`[^`\n]*`|\[[^\]]*\]\([^)]*\))", re.DOTALL)
 
 
@@ -33,9 +34,15 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str: 
     del config, files
     uri = page.file.src_uri
     text = MARK.sub(lambda match: MADE[match[1]](), markdown)
+    text = "".join(part if part.startswith("```") else _nested(part) for part in FENCE.split(text))
     parts = LITERAL.split(text)
     parts[::2] = [CITATION.sub(lambda match: _link(match, uri), part) for part in parts[::2]]
     return "".join(parts) + _cited_in(uri)
+
+
+def _nested(text: str) -> str:
+    """Return `text` with four spaces for two: Python-Markdown nests lists by four."""
+    return re.sub(r"^(?: {2})+", lambda match: 2 * match[0], text, flags=re.MULTILINE)
 
 
 def _from_root(name: str) -> str:

@@ -54,3 +54,8 @@ def test_a_record_lists_the_code_that_cites_it_and_does_not_link_to_itself():
     text = made("decisions/0082-grasp-critic.md", "# 82. The title of D. 82")
     assert "[D. 82]" not in text
     assert "* `pipelines/grasping/" in text
+
+
+def test_lists_nest_as_python_markdown_asks():
+    text = "* a\n  * b\n    more\n\n```\n  code\n```"
+    assert made("index.md", text) == "* a\n    * b\n        more\n\n```\n  code\n```"

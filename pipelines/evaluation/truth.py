@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.configs import EvaluateConfig
 from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot, SceneFiles, split_of_scene
 from pipelines.dataset.meshes import read_solid_mesh
@@ -20,9 +21,6 @@ from pipelines.geometry.transforms import rotate_vectors, transform_points
 from pipelines.metrics.grasp_verdicts import TrueObject, TrueScene
 from pipelines.metrics.mesh_collision import MeshCollider
 from pipelines.metrics.symmetry_matching import TrueRegion
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 SURFACE_POINTS = 20000  # a point every 2 mm on an object of the size of a hand
 ERROR_POINTS = 500  # of a region, that the dense symmetry error is averaged over

@@ -9,16 +9,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.dataset.graspnet.graspnet_labels import RECT_COLUMNS
 from pipelines.errors import FormatError
 from pipelines.geometry.transforms import nearest_orthogonal
 from pipelines.storage.files import read_npy, read_npz, write_npz
 from pipelines.storage.provenance import Stamp, stamp_ahead
 
-Array = NDArray[np.float64]
-
 COLUMNS = 17
-
 SAME = 1e-5  # entries of a rotation this near to an exact one are left as they are
 MAX_SKEW = 1e-3  # of a rotation as float16 rounds it; beyond this it is none
 LENGTHS = (3, 13, 14, 15)  # columns; widths are cut anyway and heights ignored

@@ -6,14 +6,11 @@ grasp and 0 for a useless one.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Mask
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
 from pipelines.metrics.contacts import Contacts
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 LAYER_DEPTH = 0.005  # metres of surface, from the outermost point inwards, that a finger feels
 MIN_REGION_POINTS = 10

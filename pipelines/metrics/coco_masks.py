@@ -15,8 +15,7 @@ from pycocotools import mask as run_lengths
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from pipelines.array_types import Mask
 
 IOU_THRESHOLDS = tuple(round(0.5 + 0.05 * step, 2) for step in range(10))
 ANY_AREA = [0.0, 1e10]

@@ -8,15 +8,13 @@ the object, or reaches the midpoint without touching anything, has no contact.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pipelines.array_types import Array, Mask
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.rendering import first_hits
 from pipelines.geometry.transforms import unit
 from pipelines.grasping.grasps import Grasps
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 TRAVEL_SLACK = 1e-9  # metres; a surface exactly at the midpoint is still reached
 

@@ -9,12 +9,10 @@ friction in closed form, `mu* = max(tan a_1, tan a_2)`; the sweep of Sec. IV is 
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pipelines.array_types import Array, Mask
 from pipelines.metrics.contacts import Contacts
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 MAX_FRICTION = 1.0  # Sec. IV: friction is swept over (0, 1]
 FRICTION_GRID = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  # of GraspNet's labels

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import invert, transform_points
 from pipelines.grasping.grasps import Grasps
@@ -14,8 +15,6 @@ from pipelines.metrics.antipodal import closing_region_score, contact_pair_score
 from pipelines.metrics.contacts import Contacts, close_fingers
 from pipelines.metrics.force_closure import MAX_FRICTION, min_friction, quality
 from pipelines.metrics.mesh_collision import MeshCollider, hits_table
-
-Array = NDArray[np.float64]
 
 # Why an object scored what it did, in the order in which a grasp can fail.
 REASONS = ("no region", "no grasp", "too wide", "collision", "no contact", "friction", "held")

@@ -5,8 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from pipelines.array_types import Array, Mask
 
 
 def mask_iou(masks: Sequence[Mask], others: Sequence[Mask]) -> Array:

@@ -2,16 +2,13 @@
 
 import fcl
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Mask
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.rendering import first_hits
 from pipelines.geometry.transforms import transform_points
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 class MeshCollider:

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from pipelines.array_types import Array
 from pipelines.metrics.average_precision import last_equals
-
-Array = NDArray[np.float64]
 
 COCO_RECALLS = np.linspace(0.0, 1.0, 101)
 FEWEST_UNITS = 6  # that can all differ alike with a chance below 5 %

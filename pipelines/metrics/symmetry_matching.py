@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.geometry.symmetry import (
     ReflectionSymmetry,
     RotationSymmetry,
@@ -27,8 +28,6 @@ CORRECT, WRONG, IGNORED = 1, 0, -1
 # Planes are one up to so much: what follows from a listed one may be listed itself.
 SAME_COSINE = float(np.cos(np.radians(5.0)))
 SAME_OFFSET = 0.004  # metres, at the axis
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

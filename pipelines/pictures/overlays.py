@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
+from pipelines.array_types import Array
 from pipelines.frames.rgbd import Frame
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT, Symmetry, SymmetrySlots
@@ -25,7 +26,6 @@ from pipelines.grasp_files.grasps_file import FrameResult
 from pipelines.storage.files import write_bytes
 from pipelines.storage.provenance import COMPARED, Stamp
 
-Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 Color = tuple[int, int, int]
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.errors import SymgraspError
 from pipelines.frames.rgbd import Frame
 from pipelines.geometry.transforms import basis_from_direction, matrix_to_quaternion
@@ -19,8 +19,6 @@ from pipelines.grasping.gripper import Gripper
 from pipelines.pictures.grasp_page.scene import places_in_region, region_color, region_symmetries
 from pipelines.storage.files import atomic_path
 from pipelines.storage.provenance import Stamp, write_sidecar
-
-Array = NDArray[np.float64]
 
 MIN_CONFIDENCE = 0.5  # of symmetries that are recorded
 LOW, HIGH = np.array([215, 68, 62]), np.array([47, 174, 107])  # RGB of the lowest, highest score

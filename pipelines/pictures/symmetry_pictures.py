@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh
@@ -26,7 +27,6 @@ from pipelines.geometry.symmetry import (
 from pipelines.geometry.transforms import invert, transform_points
 from pipelines.geometry.viewpoints import camera, oblique_view, symmetry_view
 
-Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 Color = tuple[int, int, int]
 

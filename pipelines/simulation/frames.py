@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from pipelines.array_types import Array
+from pipelines.array_types import Array, Mask
 from pipelines.configs import EvaluateConfig, SimulateConfig
 from pipelines.dataset import convex_pieces
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.training.coco_instances import kind_of
 from pipelines.evaluation.baselines import Baselines, rows_of
 from pipelines.evaluation.judging import RegionOwners, assign_regions, best_region
-from pipelines.evaluation.predictions import FramePredictions, Mask, RowPredictions
+from pipelines.evaluation.predictions import FramePredictions, RowPredictions
 from pipelines.evaluation.trial_records import (
     OURS,
     FrameTrials,

@@ -20,8 +20,6 @@ from numpy.typing import NDArray
 
 from pipelines.errors import FormatError, SymgraspError
 
-Array = NDArray[Any]
-
 # A zip member that claims to unpack to more than this many times its size is a zip bomb.
 MAX_UNPACK_RATIO = 2000
 TO_RGB = {3: cv2.COLOR_BGR2RGB, 4: cv2.COLOR_BGRA2RGB}  # by the number of channels
@@ -145,13 +143,13 @@ def existing(path: Path) -> Path:
     return path
 
 
-def write_npy(path: Path, array: Array) -> None:
+def write_npy(path: Path, array: NDArray[Any]) -> None:
     """Write `array` as .npy atomically."""
     with atomic_path(path) as temporary, temporary.open("wb") as stream:
         np.save(stream, array, allow_pickle=False)
 
 
-def read_npy(path: Path) -> Array:
+def read_npy(path: Path) -> NDArray[Any]:
     """Read a plain .npy array.
 
     Raises:
@@ -179,7 +177,7 @@ def _old_headers_unmentioned() -> Iterator[None]:
         yield
 
 
-def write_npz(path: Path, *, compress: bool = True, **arrays: Array) -> None:
+def write_npz(path: Path, *, compress: bool = True, **arrays: NDArray[Any]) -> None:
     """Write named `arrays` as .npz atomically."""
     with atomic_path(path) as temporary, temporary.open("wb") as stream:
         if compress:
@@ -188,7 +186,7 @@ def write_npz(path: Path, *, compress: bool = True, **arrays: Array) -> None:
             np.savez(stream, **arrays)  # type: ignore[arg-type]
 
 
-def read_npz(path: Path, required: Sequence[str] = ()) -> dict[str, Array]:
+def read_npz(path: Path, required: Sequence[str] = ()) -> dict[str, NDArray[Any]]:
     """Read all arrays of an .npz file.
 
     Raises:
@@ -225,7 +223,7 @@ def _refuse_bomb(path: Path, members: Sequence[zipfile.ZipInfo]) -> None:
         )
 
 
-def read_image(path: Path) -> Array:
+def read_image(path: Path) -> NDArray[Any]:
     """Read an image as stored: (H, W) or (H, W, 3) RGB, 8 or 16 bit.
 
     Raises:
@@ -242,7 +240,7 @@ def read_image(path: Path) -> Array:
     return _as_rgb(image) if image.ndim == 3 else image
 
 
-def _as_rgb(image: Array) -> Array:
+def _as_rgb(image: NDArray[Any]) -> NDArray[Any]:
     """Return an image (H, W, 3 or more) as OpenCV reads it, BGR and perhaps alpha, as RGB."""
     code = TO_RGB.get(image.shape[2])
     if code is not None and image.dtype in COLOR_TYPES:
@@ -260,7 +258,7 @@ def _refuse_truncated(path: Path, data: bytes) -> None:
         raise FormatError(path, "this JPEG is cut off", "copy the whole file again")
 
 
-def write_image(path: Path, image: Array) -> None:
+def write_image(path: Path, image: NDArray[Any]) -> None:
     """Write `image`, (H, W) or (H, W, 3) RGB, 8 or 16 bit, atomically; the suffix says the kind."""
     try:
         data = encode_image(image, path.suffix)
@@ -269,7 +267,7 @@ def write_image(path: Path, image: Array) -> None:
     write_bytes(path, data)
 
 
-def encode_image(image: Array, suffix: str, jpeg_quality: int = 95) -> bytes:
+def encode_image(image: NDArray[Any], suffix: str, jpeg_quality: int = 95) -> bytes:
     """Return `image`, (H, W) or (H, W, 3) RGB, as the bytes of a file with that suffix."""
     stored = image[:, :, ::-1] if image.ndim == 3 else image
     options = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality] if suffix == ".jpg" else []

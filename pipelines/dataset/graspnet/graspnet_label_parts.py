@@ -7,13 +7,14 @@ memory is that of a part, however large the label.
 import zipfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipelines.dataset.graspnet.graspnet_labels import LABEL_ARRAYS
 from pipelines.errors import FormatError
-from pipelines.storage.files import Array, atomic_path, existing
+from pipelines.storage.files import atomic_path, existing
 
 
 def join_grasp_labels(path: Path, parts: Sequence[Path], *, compress: bool = False) -> None:
@@ -31,7 +32,7 @@ def join_grasp_labels(path: Path, parts: Sequence[Path], *, compress: bool = Fal
                 _write_joined(stream, parts, name)
 
 
-def part_arrays(parts: Sequence[Path], name: str) -> Iterator[Array]:
+def part_arrays(parts: Sequence[Path], name: str) -> Iterator[NDArray[Any]]:
     """Yield the array `name` of each of `parts`, reading no other array.
 
     Raises:

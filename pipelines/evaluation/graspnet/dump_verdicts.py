@@ -10,11 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.storage.files import read_npz, write_npz
 from pipelines.storage.provenance import Stamp, write_sidecar
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 STATUSES = ("ok", "missing", "unreadable")
 NONE = np.zeros(0)

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.dataset.graspnet.graspnet import SPLITS
 from pipelines.evaluation.graspnet.dump_verdicts import STATUSES
 from pipelines.evaluation.tables import Table
 from pipelines.metrics.graspnet.graspnet_ap import FRICTIONS, RANKS
 from pipelines.metrics.graspnet.graspnet_frames import REASONS
 
-Array = NDArray[np.float64]
 Figures = dict[str, Any]
 
 ALL, TRAIN = "all", "train"

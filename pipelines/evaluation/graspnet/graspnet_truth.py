@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot, ObjectPose, SceneFiles
 from pipelines.dataset.graspnet.signed_distance import as_stored, read_sdf
 from pipelines.dataset.meshes import read_mesh, read_solid_mesh, read_vertices
@@ -22,8 +22,6 @@ from pipelines.metrics.graspnet.graspnet_frames import (
 )
 from pipelines.metrics.graspnet.peer_collision import NUM_SAMPLES, VOXEL, voxel_means
 from pipelines.metrics.mesh_collision import MeshCollider
-
-Array = NDArray[np.float64]
 
 KEPT_OBJECTS = 28  # in memory, a grid of 8 MB each; GraspNet-1Billion's splits have no more
 

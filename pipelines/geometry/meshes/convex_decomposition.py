@@ -16,13 +16,12 @@ import sys
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.geometry.meshes.mesh import Mesh
 
 log = logging.getLogger(__name__)
 
-Array = NDArray[np.float64]
 CPU_LIMIT = 600  # seconds; coacd takes one to a hundred
 TIME_LIMIT = 7200.0  # seconds on the clock, for a child that hangs
 

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.rendering import first_hits
-
-Array = NDArray[np.float64]
 
 STEP_PAST = 1e-6  # metres behind a crossing that the search goes on
 MAX_CROSSINGS = 64  # of one line; what a gripper may hold has far fewer

@@ -6,11 +6,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pipelines.array_types import Array, Indices
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.transforms import transform_points, unit
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,12 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from pipelines.array_types import Array, Indices, Mask
 from pipelines.geometry.meshes.line_crossings import line_crossings
 from pipelines.geometry.meshes.mesh import Mesh
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 NODES = 100  # along each edge of the grid
 MARGIN = 5  # nodes free on each side of the mesh's longest extent

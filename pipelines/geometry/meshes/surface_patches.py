@@ -8,14 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pipelines.array_types import Array, Indices, Mask
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import transform_points
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 AHEAD = ((1, 2), (2, 0), (0, 1))  # the two axes that follow each axis
 PATCH_SIZE = 0.004  # metres, edge of the cells whose triangles are one patch

@@ -8,17 +8,13 @@ both sides, and the side from which far fewer of them get away is the inside.
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
+from pipelines.array_types import Array, Indices, Mask
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.geometry.rendering import first_hits
 from pipelines.geometry.transforms import unit
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 NUM_SAMPLES = 2000  # points of the whole surface that rays leave from
 SAMPLES_A_SHEET = 8  # at least, of each

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.errors import SymgraspError
 from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT
 from pipelines.geometry.transforms import matrix_to_quaternion
@@ -17,8 +18,6 @@ from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.gripper_poses import CLOSING_ALONG_Y, gripper_poses
 from pipelines.storage.files import LONGEST_NAME
-
-Array = NDArray[np.float64]
 
 LONGEST_PREFIX, LONGEST_SUFFIX = "predictions_", ".yaml"  # that any format puts to a frame's name
 SLACK = 1e-6  # metres; widths are stored in single precision

@@ -8,11 +8,9 @@ graspnetAPI, whose sorts are unstable, it is anyone's guess.
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+from pipelines.array_types import Array, Indices, Mask
 
 FRICTIONS = (0.2, 0.4, 0.6, 0.8, 1.0, 1.2)
 RANKS = 50  # grasps of a frame that count

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from pipelines.array_types import Array, Indices, Mask
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.meshes.signed_distance import SignedDistanceGrid
 from pipelines.geometry.transforms import invert, transform_points
@@ -29,10 +30,6 @@ from pipelines.metrics.graspnet.peer_collision import (
     table_cloud,
 )
 from pipelines.metrics.mesh_collision import MeshCollider
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 # What becomes of a ranked grasp, in the order in which it can fail.
 REASONS = ("collision", "empty", "no contact", "friction", "held")

@@ -7,16 +7,13 @@ of it: where the distance is exactly linear, as on flat faces, there is no parab
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pipelines.array_types import Array, Mask
 from pipelines.geometry.meshes.signed_distance import SignedDistanceGrid
 from pipelines.geometry.transforms import unit
 from pipelines.grasping.grasps import Grasps
 from pipelines.metrics.contacts import Contacts
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 NEAR = float(np.sqrt(2.0) / 2.0)  # spacings within which a sample is on the surface
 SEARCHED = 1.6  # spacings: no node is nearer to a sample on the surface and farther from it

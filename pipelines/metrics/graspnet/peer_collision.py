@@ -7,13 +7,11 @@ the bottom is a slab of 1 cm behind them. `depth` is how far the tips lie past t
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Mask
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
 from pipelines.metrics.mesh_collision import MeshCollider, hits_table
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 FINGER = 0.01  # metres: thickness of a finger and of the bottom, half a finger's height
 BEHIND = 0.02  # metres from the origin back to the bottom

@@ -10,11 +10,10 @@ from math import ceil, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.frames.rgbd import Frame
 from pipelines.geometry.camera import Intrinsics
 from pipelines.grasp_files.grasps_file import FrameResult
-
-Array = NDArray[np.float64]
 
 FINEST_STEP = 1e-4  # metres; finer than any sensor
 STEPS = 65535  # of 16 bits

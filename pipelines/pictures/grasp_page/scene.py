@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.configs import RegionConfig, ViewConfig
 from pipelines.frames.rgbd import Frame
 from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT
@@ -18,8 +19,6 @@ from pipelines.grasping.gripper import Gripper
 from pipelines.pictures.grasp_page.cloud import PixelCloud
 from pipelines.tabletop.sparse_depth import filled
 from pipelines.tabletop.tabletop import find_tabletop
-
-Array = NDArray[np.float64]
 
 # By region, round and round; apart from each other and from the greens and reds of scores.
 REGION_COLORS = (

@@ -14,7 +14,7 @@ from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.mesh_symmetry.detection.symmetry_detection import analyse
 from pipelines.mesh_symmetry.parts.symmetric_parts import symmetric_regions
-from pipelines.synthesis.objects import catalogue
+from pipelines.synthesis.objects.families import catalogue
 
 FAMILIES = tuple(catalogue.FAMILIES)[::3]  # every third, so that none is chosen
 NUM_FACES, MOST_FACES = 10000, 12000

@@ -50,8 +50,8 @@ from pipelines.storage.provenance import (
     stamp_ahead,
     write_sidecar,
 )
+from pipelines.synthesis.labels.collision_notes import collision_note
 from pipelines.synthesis.labels.grasp_sampling import LabelTarget, label_points
-from pipelines.synthesis.scenes.collision_notes import collision_note
 
 STAGE = "label-grasps"
 MAX_OBJECTS = 1000  # ids have three digits

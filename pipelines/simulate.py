@@ -45,7 +45,7 @@ from pipelines.storage.provenance import (
     refuse_other_suffix,
     stamp_ahead,
 )
-from pipelines.synthesis.objects.decomposition import convex_pieces, is_nearly_convex
+from pipelines.synthesis.objects.decomposition import is_nearly_convex, physics_pieces
 
 LARGE_SHIFT = 0.01  # metres, more than rounded poses make
 
@@ -132,7 +132,7 @@ def _model_items(
 def _cut_model(config: SimulateConfig, item: WorkItem) -> str | None:
     (model,) = item.arguments
     mesh = read_solid_mesh(model)
-    pieces = convex_pieces(
+    pieces = physics_pieces(
         mesh,
         convex_enough=config.convex_enough,
         concavity=config.concavity,

@@ -13,7 +13,7 @@ from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
 from pipelines.simulation.gripper_model import Hand, add_hand, stroke
 from pipelines.simulation.world import TIME_STEP, Pieces, add_object, empty_world
-from pipelines.synthesis.scenes.settling import compiled
+from pipelines.synthesis.scenes.settling import compiled_world
 
 # What can become of a trial, in the order in which it can happen.
 REASONS = (
@@ -79,7 +79,7 @@ class Trial:
         add_hand(spec, grasp, gripper)
         for object_id, pose in poses.items():
             add_object(spec, str(object_id), objects[object_id], pose)
-        data = mujoco.MjData(model := compiled(spec))
+        data = mujoco.MjData(model := compiled_world(spec))
         hand = Hand.of(model, data)
         body = model.body(str(target)).id
         return cls(model, data, hand, body, stroke(grasp, gripper), config)

@@ -8,7 +8,7 @@ import numpy as np
 from pipelines.array_types import Array
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, matrix_to_quaternion, quaternion_to_matrix
-from pipelines.synthesis.scenes.settling import compiled
+from pipelines.synthesis.scenes.settling import compiled_world
 
 Pieces = Sequence[Mesh]
 
@@ -79,7 +79,7 @@ def at_rest(objects: Mapping[int, Pieces], poses: Mapping[int, Array]) -> dict[i
     spec = empty_world()
     for object_id, pose in poses.items():
         add_object(spec, str(object_id), objects[object_id], pose)
-    data = mujoco.MjData(model := compiled(spec))
+    data = mujoco.MjData(model := compiled_world(spec))
     for step in range(int(REST_SECONDS / TIME_STEP)):
         mujoco.mj_step(model, data)
         data.qvel *= REST_DAMPING

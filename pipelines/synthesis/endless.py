@@ -1,8 +1,8 @@
-"""Regions without end: fresh scenes of labelled objects, fresh views, sensors and mask errors.
+"""Endless training regions: new scenes, views, sensor noise and mask errors of labelled objects.
 
-The labels of objects are made once, by `annotate-symmetry` and `refine-grasps`; a scene of them
-takes a fraction of a second, so none need be seen twice. Objects of the pools that evaluations
-keep unseen are left out.
+The labels of objects are made once, by `annotate-symmetry` and `refine-grasps`; a scene takes a
+fraction of a second, so none is used twice. Objects of the pools that evaluations keep unseen are
+left out.
 """
 
 from collections.abc import Sequence
@@ -34,7 +34,7 @@ from pipelines.geometry.transforms import (
 from pipelines.grasping.labelled_regions import LabelledCloud, LabelledSurface, labelled_clouds
 from pipelines.grasping.observation import SceneCloud
 from pipelines.synthesis.objects.decomposition import hull_of_points
-from pipelines.synthesis.scenes.cameras import LENSES, drawn_viewpoints, intrinsics_of
+from pipelines.synthesis.scenes.cameras import LENSES, drawn_viewpoints, sensor_intrinsics
 from pipelines.synthesis.scenes.depth_sensors import measured_depth
 from pipelines.synthesis.scenes.tables import (
     FLOOR_HEIGHTS,
@@ -48,16 +48,16 @@ from pipelines.synthesis.scenes.tables import (
 from pipelines.tabletop.levelling import table_row
 from pipelines.tabletop.mask_noise import MaskFaults, MaskNoise
 
-ENDLESS = 1_000_033  # sets these draws apart from those of datasets and trainings of the same seed
+ENDLESS = 1_000_033  # separates these draws from those of datasets and trainings with equal seed
 UNSEEN_POOLS = ("similar", "novel")
 ATTEMPTS = 8
-MARGIN = 24  # pixels around the objects that are rendered too: masks leak there
-OCCLUDER_REACH = (0.35, 0.75)  # of the way from the camera to an object
+MARGIN = 24  # pixels rendered around the objects, into which masks may leak
+OCCLUDER_REACH = (0.35, 0.75)  # of the distance from the camera to an object
 
 
 @dataclass(frozen=True)
 class LabelledObject:
-    """An object with all that a scene and its labels need."""
+    """An object with its mesh, regions, affordance and convex pieces."""
 
     scene: SceneObject
     regioned: RegionedObject
@@ -65,18 +65,18 @@ class LabelledObject:
 
 
 def scene_generator(seed: int, scene: int) -> np.random.Generator:
-    """Return what scene number `scene` of a training with `seed` is drawn from."""
-    # Datasets seed with lists; a spawn key never gives what a list gives.
+    """Return the generator of scene number `scene` of a training with `seed`."""
+    # Datasets seed with lists; a spawn key gives other numbers than any list.
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(ENDLESS, scene)))
 
 
 def trainable_objects(root: GraspNetRoot) -> list[int]:
     """Return the ids of the objects that no evaluation keeps unseen.
 
-    By `objects.json`, or, where there is none, those that scenes of the train split show.
+    Taken from `objects.json` or, without that file, from the scenes of the train split.
 
     Raises:
-        SymgraspError: there are none.
+        SymgraspError: there are no such objects.
     """
     listed = root.root / "objects.json"
     if listed.is_file():
@@ -113,7 +113,7 @@ def read_object(root: GraspNetRoot, object_id: int) -> LabelledObject:
 
 
 class EndlessScenes:
-    """Draws scenes of the labelled objects of a dataset, and cuts them into regions."""
+    """Draw scenes of the labelled objects of a dataset, and cut them into regions."""
 
     def __init__(self, root: Path, config: EndlessConfig, seed: int) -> None:
         files = GraspNetRoot(root)
@@ -122,10 +122,10 @@ class EndlessScenes:
         self.config, self.seed = config, seed
 
     def regions(self, scene: int) -> list[PackedRegion]:
-        """Return `regions_per_scene` regions of scene number `scene`, always the same ones.
+        """Return `regions_per_scene` regions of scene number `scene`, the same in every call.
 
         Raises:
-            SymgraspError: nothing that is drawn shows a region.
+            SymgraspError: none of `ATTEMPTS` drawn scenes shows a region.
         """
         rng, clouds, wanted = scene_generator(self.seed, scene), [], self.config.regions_per_scene
         for _ in range(ATTEMPTS):
@@ -145,10 +145,10 @@ class EndlessScenes:
         drawn = rng.choice(list(self.objects), count, replace=False).tolist()
         try:
             layout = settle([self.objects[i].scene for i in drawn], rng)
-        except SymgraspError:  # these do not come to rest together; others will
+        except SymgraspError:  # these objects do not come to rest together; draw others
             return []
         sensor = str(rng.choice(list(LENSES)))
-        lens = intrinsics_of(sensor, config.width, config.height)
+        lens = sensor_intrinsics(sensor, config.width, config.height)
         meshes, poses = _with_ground(layout, rng)
         scene = Scene(meshes, poses)
         clouds: list[LabelledCloud] = []
@@ -200,7 +200,7 @@ class EndlessScenes:
     def _occluder(
         self, layout: SceneLayout, T_world_cam: Array, rng: np.random.Generator
     ) -> tuple[Mesh, Array]:
-        """Return an object and its pose somewhere between the camera and one of the others."""
+        """Return an object and its pose between the camera and one of the other objects."""
         eye, hidden = T_world_cam[:3, 3], layout.middles[rng.integers(len(layout.poses))]
         place = eye + rng.uniform(*OCCLUDER_REACH) * (hidden - eye) + rng.normal(0.0, 0.02, 3)
         drawn = self.objects[int(rng.choice(list(self.objects)))].scene
@@ -216,7 +216,7 @@ def _with_ground(layout: SceneLayout, rng: np.random.Generator) -> tuple[list[Me
 
 
 def window_of(lens: Intrinsics, meshes: Sequence[Mesh], T_cam_obj: Array) -> Intrinsics:
-    """Return the camera of the part of the image that shows the posed meshes, and a margin."""
+    """Return the camera of the image section around the posed meshes, with a margin."""
     corners = [
         transform_points(pose, mesh.vertices) for mesh, pose in zip(meshes, T_cam_obj, strict=True)
     ]

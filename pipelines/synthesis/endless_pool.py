@@ -1,4 +1,4 @@
-"""Processes that render scenes ahead of a training that asks for their regions."""
+"""Worker processes that render scenes ahead of a training."""
 
 import os
 import signal
@@ -18,24 +18,24 @@ from pipelines.dataset.training.packed_regions import PackedRegion
 from pipelines.errors import SymgraspError
 from pipelines.synthesis.endless import EndlessScenes
 
-GRACE = 20.0  # seconds that a training has for its step and its checkpoint
-POLL = 2.0  # seconds between looks whether the training still lives
+GRACE = 20.0  # seconds for the training to end its step and write its checkpoint
+POLL = 2.0  # seconds between checks whether the training is still running
 
-# Of a process that renders: its scenes, or why it has none.
+# Of a worker process: its scenes, or the error that prevents them.
 _OWN: list[EndlessScenes | SymgraspError] = []
 
 
 class EndlessPool:
-    """The regions of scenes by number, rendered ahead in order, in groups of `scenes_together`.
+    """Regions of scenes by number, rendered ahead in groups of `scenes_together` scenes.
 
-    A group and the next are kept; scenes may be asked for in any order within a group, and groups
-    in ascending order. Which process renders a scene changes nothing of it.
+    A group and the next are kept: scenes may be requested in any order within a group, groups in
+    ascending order. A scene does not depend on the process that renders it.
     """
 
     def __init__(self, root: Path, config: EndlessConfig, seed: int, workers: int) -> None:
         self.together = config.scenes_together
         self._futures: dict[int, Future[list[PackedRegion]]] = {}
-        # Forking a process whose threads hold locks may never end.
+        # A forked process may wait forever for a lock that a thread of its parent held.
         self._pool = ProcessPoolExecutor(
             workers,
             mp_context=get_context("spawn"),
@@ -76,13 +76,13 @@ class EndlessPool:
 
 
 def _start(root: Path, config: EndlessConfig, seed: int, parent: int) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the training's to answer
-    signal.signal(signal.SIGTERM, _end_soon)  # torchrun sends it to all: the step needs its scenes
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the training handles Ctrl-C
+    signal.signal(signal.SIGTERM, _end_soon)  # torchrun sends it to all; the step needs its scenes
     cv2.setNumThreads(1)
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     try:
         _OWN.append(EndlessScenes(root, config, seed))
-    except SymgraspError as error:  # told to whoever asks for a scene
+    except SymgraspError as error:  # raised when a scene is requested
         _OWN.append(error)
 
 
@@ -93,7 +93,7 @@ def _end_soon(_number: int, _frame: object) -> None:
 
 
 def _end_with(parent: int) -> None:
-    """End this process once its parent was killed: nobody else would tell it."""
+    """End this process when its parent was killed."""
     while os.getppid() == parent:
         time.sleep(POLL)
     os._exit(1)

@@ -152,7 +152,7 @@ def test_a_palm_that_lands_on_the_object_is_a_collision():
 
 
 @pytest.mark.parametrize(("away", "reason"), [(0.0, "collision"), (0.2, "held")])
-def test_a_way_in_that_starts_inside_a_neighbour_is_a_collision_however_light_it_is(away, reason):
+def test_an_approach_path_that_starts_inside_a_light_neighbour_is_a_collision(away, reason):
     # A small box that the palm, 10 cm and its fingers' 4.5 cm behind the can, would push aside.
     poses = {0: make_pose(np.eye(3), [0, 0, 0.04]), 1: make_pose(np.eye(3), [-0.15, away, 0.02])}
     grasp = Grasps(LEVEL, np.array([0.0, 0.0, 0.04]), np.array(0.05))
@@ -161,7 +161,7 @@ def test_a_way_in_that_starts_inside_a_neighbour_is_a_collision_however_light_it
     assert trial.run(0.5).reason == reason
 
 
-def test_tugs_pull_out_what_lifting_alone_leaves_in_the_hand():
+def test_tugs_pull_out_what_lifting_alone_leaves_in_the_gripper():
     mesh, height, width, above = SHAPES["ball"]
     grasp = Grasps(DOWN, np.array([0.0, 0.0, height + above]), np.array(width))
     pose = make_pose(np.eye(3), [0.0, 0.0, height])

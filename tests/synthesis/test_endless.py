@@ -21,7 +21,7 @@ from pipelines.synthesis.endless import (
     trainable_objects,
     window_of,
 )
-from pipelines.synthesis.scenes.cameras import intrinsics_of, look_at
+from pipelines.synthesis.scenes.cameras import look_at, sensor_intrinsics
 from tests.stages.toy_root import SHAPES, STAMP, write_root
 
 CONFIG = EndlessConfig(
@@ -117,7 +117,7 @@ def test_what_is_held_before_the_objects_hides_some_of_them(root):
 
 def test_the_window_shows_what_the_whole_image_shows_there(root):
     mesh = read_object(root, 0).scene.mesh
-    lens = intrinsics_of("kinect", 320, 240)
+    lens = sensor_intrinsics("kinect", 320, 240)
     T_world_cam = look_at([0.3, 0.2, 0.5], [0.0, 0.0, 0.0])
     pose = make_pose(np.eye(3), [0.02, 0.0, 0.05])
     window = window_of(lens, [mesh], (invert(T_world_cam) @ pose)[None])

@@ -1,1 +1,1 @@
-"""Grasp labels of synthetic objects, as GraspNet-1Billion has them."""
+"""Grasp labels of meshes and scenes, in GraspNet-1Billion's form."""

@@ -1,10 +1,10 @@
-"""Grasp labels of a mesh by sample-and-validate, on GraspNet-1Billion's grid.
+"""Grasp labels of a mesh by sampling and validation, on GraspNet-1Billion's grid.
 
-Points are drawn from the surface. Each is tried from 300 views, at 12 angles about the approach
-and at 4 depths of the finger tips. The fingers close on the line through their tips; a candidate
-holds if both touch the object from outside, on their own side of the line's middle, and the
-closed form of force closure asks for a friction of at most 1. Its opening is the smallest at which
-it holds without hitting the object (D. 38).
+Points are drawn from the surface. Candidates of a point are 300 views, 12 angles about the approach
+and 4 depths of the finger tips. The fingers close on the line through their tips; a candidate holds
+if both fingers touch the object from outside, on their own side of the line's middle, and the
+closed form of force closure gives a friction of at most 1. Its opening is the smallest with which
+it holds without collision (D. 38).
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,20 +24,21 @@ from pipelines.geometry.meshes.surface_patches import SurfacePatches
 from pipelines.geometry.transforms import invert, transform_points
 from pipelines.metrics.force_closure import on_grid
 from pipelines.synthesis.labels.graspnet_gripper import hits_plane, hits_surface
-from pipelines.synthesis.objects.openings import openings
+from pipelines.synthesis.labels.openings import openings
 
-INFEASIBLE = -1.0  # GraspNet's word for a candidate that holds at no friction
-NUM_BOUNDS = 60  # planes around the mesh, outside of which a line's middle has no contacts
+INFEASIBLE = -1.0  # GraspNet's value for a candidate that holds at no friction
+NUM_BOUNDS = 60  # planes around the mesh; beyond them the middle of a line has no contacts
 
 
 @dataclass(frozen=True)
 class LabelTarget:
-    """A mesh made ready for labelling.
+    """A mesh prepared for labelling.
 
     Attributes:
         mesh: object frame, metres.
-        surface: its patches.
-        bounds: (2, k) lowest and highest coordinate of the mesh along `directions` (k, 3).
+        surface: patches of the mesh.
+        directions: (k, 3) unit vectors.
+        bounds: (2, k) lowest and highest coordinate of the mesh along `directions`.
     """
 
     mesh: Mesh
@@ -54,7 +55,7 @@ class LabelTarget:
         return cls(mesh, SurfacePatches.from_mesh(mesh), directions, bounds)
 
     def may_enclose(self, points: Array) -> Mask:
-        """Return (...) whether `points` (..., 3) might lie between two points of the mesh."""
+        """Return a mask (...) of `points` (..., 3) that may lie between two points of the mesh."""
         along = points @ self.directions.T
         return np.asarray(((along >= self.bounds[0]) & (along <= self.bounds[1])).all(axis=-1))
 
@@ -68,15 +69,15 @@ def sample_grasp_label(mesh: Mesh, config: LabelConfig, rng: np.random.Generator
 def label_points(target: LabelTarget, points: Singles, config: LabelConfig) -> GraspLabel:
     """Return the grasp label of `points` (p, 3) on the surface of `target`, object frame, metres.
 
-    `collision` is the gripper against the object itself; it is True wherever the friction is
-    infeasible, and there untested. A width is the opening: it clears the farther contact by half
-    of `config.width_margin` on each side, and is 0 where no opening has two contacts.
+    `collision` is that of the gripper with the object itself; infeasible candidates are not tested
+    and count as in collision. A width is the opening: it clears the farther contact by half of
+    `config.width_margin` on each side, and is 0 if no opening has two contacts.
     """
     _check_grid(config)
     shape = (len(points), *LABEL_GRID)
     friction, width = np.full(shape, INFEASIBLE, np.float32), np.zeros(shape, np.float32)
     collision = np.ones(shape, np.bool_)
-    # As written to the file: friction and collision are those of the rounded points.
+    # Friction and collision belong to the rounded points, as written to the file.
     for i, point in enumerate(points.astype(np.float64)):
         friction[i], width[i], collision[i] = _label_point(target, point, config)
     return GraspLabel(points, label_offsets(width), collision, friction)
@@ -102,7 +103,7 @@ def _label_point(
         width[tuple(index)] = np.where(np.isfinite(smallest), 2.0 * smallest, 0.0)
         holding = found.limited(max(config.friction_grid))
         for column in range(holding.half.shape[1]):
-            # The smallest opening is the answer, unless it hits the object and a wider one is free.
+            # The smallest opening, unless it collides with the object and a wider one does not.
             open_ = np.isfinite(holding.half[:, column]) & collision[tuple(index)]
             if not open_.any():
                 break
@@ -122,8 +123,8 @@ def _lines(
 ) -> Iterator[tuple[Indices, Crossings, Crossings]]:
     """Yield the lines of a point's candidates that leave the object on both sides of their middle.
 
-    Yields candidates (3, n), and what their lines cross towards -closing and towards +closing;
-    first those with one surface on each side, then the others.
+    Yields candidates (3, n), and the crossings of their lines towards -closing and +closing; first
+    lines with one surface on each side, then the others.
     """
     rotation = view_rotations().astype(np.float64)
     tips = point + GRASP_DEPTHS[:, None] * rotation[:, 0, None, :, 0]  # (300, 4, 3)
@@ -152,13 +153,13 @@ def scene_collisions(
 ) -> list[Mask]:
     """Return a scene's collision labels, (P_i, 300, 12, 4) for each object.
 
-    True where the gripper meets another object or the table, and wherever the object's own label
-    is infeasible or in collision with the object itself.
+    True if the gripper collides with another object or the table, or if the object's label is
+    infeasible or in collision with the object itself.
 
     Args:
-        labels: of the objects, their own frames.
-        meshes: of the objects, their own frames.
-        poses_world: (4, 4) each, object to world, whose z points up.
+        labels: labels of the objects, object frames.
+        meshes: meshes of the objects, object frames.
+        poses_world: (4, 4) each, object to world; z of the world points up.
         table_height: z of the table's top in the world, metres.
     """
     poses = [np.asarray(pose, np.float64) for pose in poses_world]
@@ -174,7 +175,7 @@ def scene_collisions(
 
 
 def _collides(label: GraspLabel, pose: Array, others: SurfacePatches, table_height: float) -> Mask:
-    """Return (P, 300, 12, 4) which grasps of `label` meet `others`, object frame, or the table."""
+    """Return the mask (P, 300, 12, 4) of grasps in collision with `others` or the table."""
     width = label.offsets[..., 2]
     height = transform_points(pose, label.points)[:, 2] - table_height
     hit = label.collision | (label.min_friction <= 0) | hits_plane(width, pose[2, :3], height)

@@ -1,8 +1,8 @@
-"""GraspNet's gripper against surfaces and a table: collision of grasp labels.
+"""Collision of GraspNet's gripper with surfaces and a table, for grasp labels.
 
-The gripper is the one of GraspNet-1Billion's evaluation: two fingers and a slab behind them, in
-the grasp frame about GraspNet's origin. A label's candidates share their origin by the thousand
-and their approach by the dozen, so points are turned once a view and spun for the angles.
+The gripper is that of GraspNet-1Billion's evaluation: two fingers and a slab behind them, in the
+grasp frame about GraspNet's origin. Thousands of candidates share an origin, dozens an approach, so
+surface points are rotated once per view and then about the approach for the angles.
 """
 
 from collections.abc import Iterator
@@ -16,28 +16,28 @@ from pipelines.dataset.graspnet.graspnet_views import GRASP_DEPTHS, IN_PLANE_ANG
 from pipelines.geometry.meshes.surface_patches import SurfacePatches, meet_boxes
 
 HALF_HEIGHT = 0.01  # metres to each side along approach x closing
-FINGER = 0.01  # metres that a finger is thick along closing
+FINGER_THICKNESS = 0.01  # metres along closing
 FINGER_BACK = -0.02  # metres along approach, where fingers begin and the slab ends
 SLAB_BACK = -0.03  # metres along approach, where the slab begins
-SCOUT_STRIDE = 3  # every how many-th patch is tried before all of them are
+SCOUT_STRIDE = 3  # every third patch is tried before the others
 
 
 def hits_surface(
     surface: SurfacePatches, origin: Array, candidates: Mask, width: NDArray[np.floating]
 ) -> Mask:
-    """Return which candidates of one grasp point have a part of a surface in the gripper's boxes.
+    """Return the mask (300, 12, 4) of one grasp point's candidates whose gripper meets a surface.
 
-    Exact: where no centre of a patch is in a box, the triangles of the patches near it are tried.
+    Exact: if no patch centre is in a box, the triangles of nearby patches are tried.
 
     Args:
         surface: object frame, metres.
         origin: (3,) metres, the grasp point, object frame.
-        candidates: (300, 12, 4) the views, angles and depths to test; the others are False.
+        candidates: (300, 12, 4) views, angles and depths to test; the others give False.
         width: (300, 12, 4) metres, openings.
     """
     hit = np.zeros(LABEL_GRID, np.bool_)
     half = (0.5 * np.asarray(width)).astype(np.float32)
-    scouts = surface.centers[::SCOUT_STRIDE]  # a few points find most of what collides
+    scouts = surface.centers[::SCOUT_STRIDE]  # a few points find most collisions
     for view, angle, depth, _, held in _held(scouts, origin, candidates, half, 0.0):
         hit[view[held], angle, depth[held]] = True
     grow = float(surface.radius.max(initial=0.0))
@@ -67,7 +67,7 @@ def _patches_meet(
     patch: Indices,
     width: NDArray[np.floating],
 ) -> Mask:
-    """Return (m,) whether a triangle of `patch` (m,) meets the gripper of candidates (3, m)."""
+    """Return the mask (m,) of candidates `index` (3, m) whose gripper meets `patch` (m,)."""
     frames = view_rotations().astype(np.float64)[index[0], index[1]]
     half, tips = 0.5 * np.asarray(width, np.float64)[tuple(index)], GRASP_DEPTHS[index[2]]
     centers = np.einsum("mi,mij->mj", surface.centers[patch] - origin, frames)
@@ -83,11 +83,12 @@ def _patches_meet(
 
 
 def gripper_boxes(half: Array, tips: Array) -> list[tuple[Array, Array]]:
-    """Return lowest and highest corners (n, 3) of the fingers' and the slab's boxes, grasp frame.
+    """Return lowest and highest corners (n, 3) of the boxes of fingers and slab, grasp frame.
 
-    `half` (n,): metres of half the opening; `tips` (n,): metres that the fingers reach forward.
+    `half`: (n,) half openings, metres; `tips`: (n,) reach of the fingers along approach, metres.
     """
-    sides = [(-half - FINGER, -half), (half, half + FINGER), (-half - FINGER, half + FINGER)]
+    outer = half + FINGER_THICKNESS
+    sides = [(-outer, -half), (half, outer), (-outer, outer)]
     ends = [(FINGER_BACK, tips), (FINGER_BACK, tips), (SLAB_BACK, np.full_like(tips, FINGER_BACK))]
     level = np.full_like(half, HALF_HEIGHT)
     return [
@@ -102,9 +103,9 @@ def gripper_boxes(half: Array, tips: Array) -> list[tuple[Array, Array]]:
 def _held(
     points: Array, origin: Array, candidates: Mask, half: Singles, grow: float
 ) -> Iterator[tuple[Indices, int, Indices, Indices, Mask]]:
-    """Yield, angle by angle, which points lie in which candidates' boxes grown by `grow` metres.
+    """Yield, angle by angle, the points in the candidates' boxes grown by `grow` metres.
 
-    Yields view (k,), angle, depth (k,), point (k,) and whether it lies in the boxes as they are.
+    Yields view (k,), angle, depth (k,), point (k,) and the mask (k,) of points in the exact boxes.
     """
     views = np.flatnonzero(candidates.any(axis=(1, 2)))
     if not len(views) or not len(points):
@@ -127,10 +128,10 @@ def _held(
 def _near_gripper(
     around: Array, views: Indices, half: Singles, candidates: Mask, grow: float
 ) -> tuple[Indices, Indices, Singles]:
-    """Return view (k,), index (k,) and coordinates (3, k) at angle 0 of points near some box."""
-    # Per view, whatever the angle: how near the approach fingers come, and how far boxes reach.
+    """Return view (k,), index (k,) and coordinates (3, k) at angle 0 of points near any box."""
+    # Bounds per view for all angles: distances from the approach line, and reach along it.
     inner = np.where(candidates, half, np.inf).min(axis=(1, 2))[views, None] - grow
-    outer = np.where(candidates, half, 0.0).max(axis=(1, 2))[views, None] + FINGER + grow
+    outer = np.where(candidates, half, 0.0).max(axis=(1, 2))[views, None] + FINGER_THICKNESS + grow
     outer_squared = (outer**2 + (HALF_HEIGHT + grow) ** 2).astype(np.float32)
     tips = np.where(candidates, GRASP_DEPTHS, 0.0).max(axis=(1, 2))[views, None].astype(np.float32)
     points = around.astype(np.float32)
@@ -140,7 +141,7 @@ def _near_gripper(
     points, square = points[near], square[near]
     frames = view_rotations(angles=np.zeros(1))[views, 0]
     along = frames[:, :, 0] @ points.T  # (v, n)
-    away = square - along**2  # from the line of approach, squared
+    away = square - along**2  # squared distance from the approach line
     reached = (along > SLAB_BACK - grow) & (along < tips + grow) & (away < outer_squared)
     inner_squared = np.maximum(inner, 0.0).astype(np.float32) ** 2
     reached &= (along < FINGER_BACK + grow) | (away > 0.999 * inner_squared)
@@ -155,25 +156,25 @@ def _turns() -> list[tuple[np.float32, np.float32]]:
 
 
 def _inside(along: Singles, side: Singles, half: Singles, grow: float) -> Mask:
-    """Return (k, 4) whether points at `along`, `side` (k, 1) lie in boxes of half openings."""
+    """Return the mask (k, 4) of points `along`, `side` (k, 1) in the boxes of half openings."""
     back, front = np.float32(FINGER_BACK + grow), (GRASP_DEPTHS + grow).astype(np.float32)
     finger = (along > FINGER_BACK - grow) & (along < front) & (side > half - np.float32(grow))
     slab = (along > np.float32(SLAB_BACK - grow)) & (along < back)
-    return (finger | slab) & (side < half + np.float32(FINGER + grow))
+    return (finger | slab) & (side < half + np.float32(FINGER_THICKNESS + grow))
 
 
 def hits_plane(width: NDArray[np.floating], normal: Array, height: Array) -> Mask:
-    """Return (p, 300, 12, 4) whether the gripper reaches below a plane.
+    """Return the mask (p, 300, 12, 4) of candidates whose gripper reaches below a plane.
 
     Args:
         width: (p, 300, 12, 4) metres, openings.
-        normal: (3,) unit, out of the table, object frame.
-        height: (p,) metres of the grasp points above the plane.
+        normal: (3,) unit normal of the table, object frame.
+        height: (p,) height of the grasp points above the plane, metres.
     """
-    # Slab and fingers all reach the same distance sideways, so the lowest corner of the boxes is
-    # the lowest corner of the one box around them.
+    # Slab and fingers have the same half height, so their lowest corner is that of the box around
+    # them.
     up = np.einsum("i,vaij->jva", normal, view_rotations())[..., None]  # (3, 300, 12, 1)
-    outer = 0.5 * width + FINGER
+    outer = 0.5 * width + FINGER_THICKNESS
     lowest = np.minimum(SLAB_BACK * up[0], GRASP_DEPTHS * up[0]) - HALF_HEIGHT * np.abs(up[2])
     lowest = lowest - outer * np.abs(up[1])
     return np.asarray(height[:, None, None, None] + lowest < 0.0)

@@ -1,7 +1,7 @@
-"""Planar grasp labels, `rect/NNNN.npy`: the grasps of labels that approach along the view axis.
+"""Planar grasp labels, `rect/NNNN.npy`: labelled grasps that approach along the view axis.
 
-GraspNet-1Billion's conversion: a row is seven pixels (see `formats.graspnet_labels.RECT_COLUMNS`),
-the rectangle's centre, the middle of one short side, its height, and the grasp's worth.
+GraspNet-1Billion's conversion: a row (see `graspnet_labels.RECT_COLUMNS`) holds the rectangle's
+centre, the middle of one short side and its height, in pixels, then the score and the object id.
 """
 
 from dataclasses import dataclass
@@ -13,16 +13,16 @@ from pipelines.dataset.graspnet.graspnet_labels import RECT_COLUMNS, GraspLabel
 from pipelines.dataset.graspnet.graspnet_views import generate_views, view_rotations
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.transforms import rotate_vectors, transform_points
+from pipelines.synthesis.labels.graspnet_gripper import HALF_HEIGHT
 
 MIN_ALONG_VIEW = 0.99  # cosine between approach and view axis: 8 degrees
-BASE = 0.02  # metres behind the grasp's origin where the rectangle is drawn
-HALF_HEIGHT = 0.01  # metres, of the gripper
-WORTH_OF_NO_FRICTION = 1.1  # a row holds 1.1 - friction, higher is better
+BASE = 0.02  # metres behind the grasp's origin at which the rectangle is drawn
+SCORE_WITHOUT_FRICTION = 1.1  # the score is 1.1 - friction, higher is better
 
 
 @dataclass(frozen=True)
 class FreeGrasps:
-    """The grasps of one object of a scene that hold and meet nothing, object frame, metres."""
+    """Grasps of one object of a scene that hold without collision, object frame, metres."""
 
     object_id: int
     view: Indices  # (n,) index into the template of views
@@ -33,7 +33,7 @@ class FreeGrasps:
 
 
 def free_grasps(object_id: int, label: GraspLabel, collision: Mask) -> FreeGrasps:
-    """Select the grasps of `label` that hold and, by `collision` (P, 300, 12, 4), are free."""
+    """Select the grasps of `label` that hold and are not in `collision` (P, 300, 12, 4)."""
     point, view, angle, depth = np.nonzero((label.min_friction > 0) & ~collision)
     return FreeGrasps(
         object_id,
@@ -62,7 +62,7 @@ def planar_rows(grasps: FreeGrasps, T_cam_obj: Array, intrinsics: Intrinsics) ->
             centre,
             opened,
             np.linalg.norm(high - low, axis=1),
-            WORTH_OF_NO_FRICTION - grasps.min_friction[level],
+            SCORE_WITHOUT_FRICTION - grasps.min_friction[level],
             np.full(len(level), grasps.object_id),
         ]
     )

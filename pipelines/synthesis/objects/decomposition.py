@@ -1,4 +1,4 @@
-"""Convex pieces of any mesh, for physics."""
+"""Convex pieces of meshes, for physics."""
 
 import numpy as np
 import trimesh
@@ -9,11 +9,11 @@ from pipelines.errors import SymgraspError
 from pipelines.geometry.meshes import convex_decomposition
 from pipelines.geometry.meshes.mesh import Mesh
 
-CONVEX_ENOUGH = 0.95  # share of its convex hull's volume that a mesh fills
-CONCAVITY = 0.08  # enough for things to fall and lie as they would
+CONVEX_ENOUGH = 0.95  # least share of its convex hull's volume that a mesh fills
+CONCAVITY = 0.08  # coacd's measure; fine enough for objects to fall and come to rest realistically
 MAX_PIECES = 12
-# Where coacd has to make a mesh manifold it samples it on twice as many cells along its largest
-# side. Its own 50 give 100,000 triangles and minutes; a skin of half a cell is added either way.
+# To make a mesh manifold, coacd samples it on twice as many cells along its largest side. Its
+# default of 50 gives 100,000 triangles and takes minutes.
 MANIFOLD_CELLS = 30
 
 
@@ -21,10 +21,10 @@ def hull_of_points(points: Array) -> Mesh:
     """Return the convex hull of `points` (n, 3).
 
     Raises:
-        SymgraspError: they span none, as those of a single triangle.
+        SymgraspError: the points lie in a plane, as those of a single triangle.
     """
     try:
-        # Of flat points it divides by a volume of 0 for a centre that nobody asks for.
+        # For flat points trimesh divides by a volume of 0 to find a centre, which is not used here.
         with np.errstate(divide="ignore", invalid="ignore"):
             hull = trimesh.convex.convex_hull(points)
     except QhullError as error:
@@ -36,12 +36,12 @@ def hull_of_points(points: Array) -> Mesh:
 
 
 def is_nearly_convex(mesh: Mesh, convex_enough: float = CONVEX_ENOUGH) -> bool:
-    """Return whether a mesh fills its hull; one with holes fills nothing that is known."""
+    """Return whether a mesh fills its hull; False with holes, where its volume is unknown."""
     hull = hull_of_points(mesh.vertices)
     return mesh.is_watertight and mesh.volume > convex_enough * hull.volume
 
 
-def convex_pieces(
+def physics_pieces(
     mesh: Mesh,
     *,
     convex_enough: float = CONVEX_ENOUGH,
@@ -49,9 +49,9 @@ def convex_pieces(
     max_pieces: int = MAX_PIECES,
     seed: int = 0,
 ) -> tuple[Mesh, ...]:
-    """Return convex meshes that together fill `mesh`: its hull if that is close enough.
+    """Return convex meshes that together fill `mesh`: only its hull if that is close enough.
 
-    `concavity`: how far from convex a piece may be, as coacd measures it.
+    `concavity`: largest concavity of a piece, by coacd's measure.
     """
     hull = hull_of_points(mesh.vertices)
     if is_nearly_convex(mesh, convex_enough):

@@ -1,4 +1,4 @@
-"""Which objects a synthesized root has: `objects.json`, kept up over runs on other splits."""
+"""Updates of `objects.json`, the list of a synthesized root's objects, over several runs."""
 
 from collections.abc import Sequence
 
@@ -11,9 +11,9 @@ from pipelines.storage.provenance import make_stamp
 def add_to_object_list(
     root: GraspNetRoot, records: Sequence[ObjectRecord], *, count: int, seed: int
 ) -> None:
-    """Write ROOT/objects.json: `records`, and what it held of other objects that have models.
+    """Write ROOT/objects.json: `records`, and earlier records of other objects with models.
 
-    `count`: objects a pool, `seed`: of the run; for the stamp.
+    `count`: objects per pool and `seed`: of the run, both for the stamp.
     """
     path = root.root / "objects.json"
     earlier = object_list.read(path) if path.is_file() else []

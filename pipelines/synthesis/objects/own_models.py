@@ -1,4 +1,4 @@
-"""The meshes that scenes are made of instead of procedural objects, and how large they are."""
+"""A user's meshes, from which scenes are made instead of procedural objects, and their scale."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,19 +12,19 @@ from pipelines.dataset.meshes import (
 )
 from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.geometry.meshes.mesh import Mesh
-from pipelines.synthesis.objects.decomposition import convex_pieces
+from pipelines.synthesis.objects.decomposition import physics_pieces
 from pipelines.synthesis.objects.pools import SyntheticObject
 from pipelines.synthesis.scenes.settling import refuse_bodiless
 
 
 @dataclass(frozen=True)
 class OwnModel:
-    """One mesh of a user's.
+    """One mesh of a user.
 
     Attributes:
-        name: of the object.
-        path: of its file.
-        scale: metres a unit of the file; None is 1, and refuses what is too large for that.
+        name: name of the object.
+        path: path of its file.
+        scale: metres per unit of the file; None means 1 and refuses implausibly large meshes.
     """
 
     name: str
@@ -32,10 +32,10 @@ class OwnModel:
     scale: float | None
 
     def read(self) -> Mesh:
-        """Return the mesh in metres, looking outward.
+        """Return the mesh in metres, its triangles facing outward.
 
         Raises:
-            SymgraspError: it cannot be read, seems to be in millimetres, or is tiny.
+            SymgraspError: the mesh cannot be read, seems to be in millimetres, or is tiny.
         """
         mesh = read_solid_mesh(self.path, self.scale or 1.0)
         refuse_too_large(mesh, self.path, self.scale)
@@ -43,14 +43,14 @@ class OwnModel:
         return mesh
 
     def as_object(self, seed: int) -> SyntheticObject:
-        """Return the object that scenes are made of, cut into convex pieces with `seed`.
+        """Return the object for scenes, cut into convex pieces with `seed`.
 
         Raises:
-            SymgraspError: as `read`, or physics cannot take it as a body, as a sheet.
+            SymgraspError: as in `read`, or the mesh is no body for physics, such as a sheet.
         """
         mesh = self.read()
         try:
-            pieces = convex_pieces(mesh, seed=seed)
+            pieces = physics_pieces(mesh, seed=seed)
             refuse_bodiless(pieces)
         except SymgraspError as error:
             raise SymgraspError(f"{self.path}: {error}") from error
@@ -58,9 +58,9 @@ class OwnModel:
 
 
 def refuse_own_output(source: Path, output: Path) -> None:
-    """Raise ValueRangeError if meshes are to be taken from where the dataset `output` is written.
+    """Raise ValueRangeError if the meshes of `source` lie in the dataset `output` to be written.
 
-    Its models would be numbered anew, and their labels be made over.
+    The models of that dataset would be renumbered, and their labels be replaced.
     """
     here, there = source.resolve(), output.resolve()
     if here == there or here.is_relative_to(there / "models"):
@@ -75,7 +75,7 @@ def own_models(source: Path, scale: float | None) -> list[OwnModel]:
     """List the meshes of `source`: one mesh, a folder of meshes, a dataset root or its models/.
 
     Raises:
-        SymgraspError: there are none.
+        SymgraspError: there are no meshes.
     """
     root = GraspNetRoot(source if (source / "models").is_dir() else source.parent)
     of_root = source in (root.root, root.root / "models") and (root.root / "models").is_dir()

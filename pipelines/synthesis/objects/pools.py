@@ -1,4 +1,4 @@
-"""Pools of procedural objects: seen, similar (new instances of seen families), novel families."""
+"""Pools of procedural objects: seen, similar (new instances of seen families), novel (families)."""
 
 from dataclasses import dataclass
 from itertools import cycle, islice
@@ -8,22 +8,22 @@ import numpy as np
 from pipelines.errors import UnknownNameError
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.symmetry import Symmetry
-from pipelines.synthesis.objects.catalogue import NOVEL, SEEN, make_shape
 from pipelines.synthesis.objects.decomposition import hull_of_points
+from pipelines.synthesis.objects.families.catalogue import NOVEL, SEEN, make_shape
 
 FAMILIES_OF_POOL = {"seen": tuple(SEEN), "similar": tuple(SEEN), "novel": tuple(NOVEL)}
 
 
 @dataclass(frozen=True, eq=False)
 class SyntheticObject:
-    """An object with what is known of it.
+    """An object with exact symmetries.
 
     Attributes:
-        name: unique in its pool.
-        family: what kind of object.
-        mesh: closed, metres, centred on its bounding box.
-        symmetries: true by construction.
-        pieces: convex meshes that together are about the object, for physics.
+        name: name, unique in its pool.
+        family: family, such as "bottle".
+        mesh: closed mesh, metres, origin in the centre of its bounding box.
+        symmetries: exact by construction.
+        pieces: convex meshes that together approximate the object, for physics.
     """
 
     name: str
@@ -36,7 +36,7 @@ class SyntheticObject:
 def make_pool(pool: str, count: int, seed: int) -> list[SyntheticObject]:
     """Return the first `count` objects of `pool`; the same for the same seed, none in two pools.
 
-    Families take turns, so every family is there once `count` reaches their number.
+    Families alternate, so all families occur if `count` is at least their number.
 
     Raises:
         UnknownNameError: there is no such pool.

@@ -12,7 +12,7 @@ from pipelines.synthesis.objects.solids import (
     solid_of,
 )
 
-SEGMENTS = 72  # around a lathe: facets of 4 cm radius stay within 0.04 mm of the round surface
+SEGMENTS = 72  # around the axis: at 4 cm radius, facets deviate by up to 0.04 mm from the circle
 SECTORS = 12  # convex pieces around a hollow lathe
 
 # The five neighbours in a ring of 4 * SECTORS points that a piece spans.
@@ -22,7 +22,7 @@ SPANS = (4 * np.arange(SECTORS)[:, None] + np.arange(5)) % (4 * SECTORS)
 def lathe(profile: ArrayLike, segments: int = SEGMENTS, slabs: int = 4) -> Solid:
     """Return the solid of revolution of `profile` (k, 2): radius and height from axis to axis.
 
-    The first and last point lie on the axis. Pieces: hulls of `slabs` layers; right for solids
+    The first and last point lie on the axis. The pieces are hulls of `slabs` layers, for solids
     without a cavity (see `hollow_lathe`).
     """
     p = np.asarray(profile, np.float64)
@@ -32,7 +32,7 @@ def lathe(profile: ArrayLike, segments: int = SEGMENTS, slabs: int = 4) -> Solid
 
 
 def hollow_lathe(outer: ArrayLike, inner: ArrayLike, segments: int = SEGMENTS) -> Solid:
-    """Return a vessel: `outer` (k, 2) from the axis to the rim, `inner` (m, 2) rim to axis."""
+    """Return a vessel: profile `outer` (k, 2) from axis to rim, `inner` (m, 2) from rim to axis."""
     outside, inside = np.asarray(outer, np.float64), np.asarray(inner, np.float64)
     vertices, faces = _revolved(np.concatenate([outside, inside]), segments)
     level = inside[-1, 1]
@@ -64,14 +64,14 @@ def torus(radius: float, section: Array) -> Solid:
 
 
 def _rings(profile: Array, segments: int) -> Array:
-    """Return (k, segments, 3): each profile point turned about the z axis."""
+    """Return the points (k, segments, 3) of each profile point turned about the z axis."""
     angle = np.linspace(0.0, 2.0 * np.pi, segments, endpoint=False)
     x, y = profile[:, :1] * np.cos(angle), profile[:, :1] * np.sin(angle)
     return np.stack([x, y, np.broadcast_to(profile[:, 1:], x.shape)], -1)
 
 
 def _revolved(profile: Array, segments: int) -> tuple[Array, Indices]:
-    """Return vertices and triangles of a profile whose first and last point are on the axis."""
+    """Return vertices and triangles for a profile whose first and last point are on the axis."""
     inner = profile[1:-1]
     vertices = np.concatenate(
         [_rings(inner, segments).reshape(-1, 3), [[0, 0, profile[0, 1]], [0, 0, profile[-1, 1]]]]
@@ -87,7 +87,7 @@ def _revolved(profile: Array, segments: int) -> tuple[Array, Indices]:
 
 
 def _wall_pieces(outside: Array, inside: Array, bands: int = 3) -> list[Array]:
-    """Return convex pieces between an outer and an inner profile, around the axis, above floor."""
+    """Return convex pieces of the wall between an outer and an inner profile, above the floor."""
     heights = np.linspace(inside[:, 1].min() + 1e-6, inside[:, 1].max(), 3 * bands + 1)
     walls = [np.interp(heights, p[:, 1], p[:, 0]) for p in (outside, inside[::-1])]
     rings = np.stack([_rings(np.column_stack([r, heights]), 4 * SECTORS) for r in walls])
@@ -96,6 +96,6 @@ def _wall_pieces(outside: Array, inside: Array, bands: int = 3) -> list[Array]:
 
 
 def _resampled(profile: Array, share: Array) -> Array:
-    """Return the points of a profile at shares of its length."""
+    """Return the points of a profile at the given shares of its length."""
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(profile, axis=0), axis=1))])
     return np.column_stack([np.interp(share * length[-1], length, profile[:, i]) for i in (0, 1)])

@@ -1,4 +1,4 @@
-"""A shape: a solid with the symmetries it has by construction."""
+"""Shapes: solids with symmetries that are exact by construction."""
 
 from dataclasses import dataclass
 
@@ -13,6 +13,8 @@ from pipelines.geometry.symmetry import (
 )
 from pipelines.geometry.transforms import make_pose
 from pipelines.synthesis.objects.solids import Solid
+
+Rng = np.random.Generator
 
 ORIGIN = np.zeros(3)
 
@@ -33,14 +35,14 @@ class Shape:
         return Shape(self.solid.moved(translation=shift), moved)
 
 
-def mirror(*normals: ArrayLike) -> tuple[Symmetry, ...]:
+def mirror_planes(*normals: ArrayLike) -> tuple[Symmetry, ...]:
     """Return mirror symmetries in planes through the origin."""
     return tuple(ReflectionSymmetry(np.asarray(normal, float), ORIGIN) for normal in normals)
 
 
 def mirror_axes(names: str) -> tuple[Symmetry, ...]:
     """Return mirror symmetries across the axes in `names`, e.g. "xy"."""
-    return mirror(*(np.eye(3)["xyz".index(name)] for name in names))
+    return mirror_planes(*(np.eye(3)["xyz".index(name)] for name in names))
 
 
 def revolution(level: bool = False) -> tuple[Symmetry, ...]:
@@ -49,10 +51,10 @@ def revolution(level: bool = False) -> tuple[Symmetry, ...]:
     return axis + (mirror_axes("z") if level else ())
 
 
-def turns(order: int, level: bool = False) -> tuple[Symmetry, ...]:
+def polygon_symmetries(order: int, level: bool = False) -> tuple[Symmetry, ...]:
     """Return the symmetries of a regular n-gon whose first corner is at +x, extruded along z."""
     angles = np.arange(order) * np.pi / order + np.pi / 2.0
-    planes = mirror(*np.column_stack([np.cos(angles), np.sin(angles), np.zeros(order)]))
+    planes = mirror_planes(*np.column_stack([np.cos(angles), np.sin(angles), np.zeros(order)]))
     axis: tuple[Symmetry, ...] = (RotationSymmetry(np.array([0.0, 0.0, 1.0]), ORIGIN, order),)
     return planes + axis + (mirror_axes("z") if level else ())
 

@@ -1,7 +1,7 @@
 """Closed solids as building blocks of objects: hulls, prisms, bent tubes, lumps, unions.
 
-A `Solid` is exact (its union and difference are again watertight) and knows convex pieces of
-itself for physics. Metres; lathes and prisms stand on the z axis.
+Unions and differences of a `Solid` are watertight again; its convex pieces serve physics. Metres;
+solids of revolution and prisms are along the z axis.
 """
 
 from collections.abc import Sequence
@@ -17,8 +17,8 @@ from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, transform_points, unit
 
 IDENTITY = np.eye(3)
-FLAT_FACES = 3000  # triangles that an object of flat faces gets
-MAX_FACES = 8000  # fewer, larger ones where round parts have many already
+FLAT_FACES = 3000  # triangles of an object of flat faces, after splitting
+MAX_FACES = 8000  # about; an object with more is split less
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,8 +26,8 @@ class Solid:
     """A closed solid.
 
     Attributes:
-        body: its surface.
-        pieces: (k, 3) points each; the hulls of these together are about the solid.
+        body: surface.
+        pieces: (k, 3) points each; the union of their hulls approximates the solid.
     """
 
     body: Manifold
@@ -37,11 +37,11 @@ class Solid:
         return Solid(self.body + other.body, self.pieces + other.pieces)
 
     def __sub__(self, other: "Solid") -> "Solid":
-        """Cut `other` away; the pieces stay, so cut only what physics may overlook."""
+        """Cut `other` away; the pieces stay, so the cut must be negligible for physics."""
         return Solid(self.body - other.body, self.pieces)
 
     def moved(self, rotation: ArrayLike = IDENTITY, translation: ArrayLike = (0, 0, 0)) -> "Solid":
-        """Return the solid rotated by (3, 3), also a mirroring, then moved by (3,) metres."""
+        """Return the solid turned by `rotation` (3, 3), which may mirror, then moved, metres."""
         T = make_pose(rotation, translation)
         body = self.body.transform(np.ascontiguousarray(T[:3]))
         return Solid(body, tuple(transform_points(T, piece) for piece in self.pieces))
@@ -58,9 +58,9 @@ class Solid:
         return self.moved(translation=-box.mean(axis=0))
 
     def mesh(self) -> Mesh:
-        """Return the surface with long edges split, at most about MAX_FACES triangles.
+        """Return the surface with long edges split, up to about MAX_FACES triangles.
 
-        Peers read a model's vertices as its point cloud, so flat faces need vertices too.
+        Other toolkits read a model's vertices as its point cloud, so flat faces need vertices.
         """
         edge = float(np.sqrt(self.body.surface_area() / (0.3 * FLAT_FACES)))
         refined = self.body.refine_to_length(edge)
@@ -73,7 +73,7 @@ class Solid:
 
 
 def solid_of(vertices: Array, faces: Indices, pieces: Sequence[Array]) -> Solid:
-    """Return the solid bounded by a watertight surface, whichever way its faces turn."""
+    """Return the solid bounded by a watertight surface of either orientation."""
     a, b, c = vertices[faces].swapaxes(0, 1)
     outward = np.einsum("ij,ij->", a, np.cross(b, c)) > 0
     turned = faces if outward else faces[:, ::-1]
@@ -82,12 +82,12 @@ def solid_of(vertices: Array, faces: Indices, pieces: Sequence[Array]) -> Solid:
 
 
 def hull(points: Array) -> Solid:
-    """Return the convex hull of (n, 3) points."""
+    """Return the convex hull of `points` (n, 3)."""
     return Solid(Manifold.hull_points(np.ascontiguousarray(points)), (points,))
 
 
 def box(size: ArrayLike, bevel: float = 0.0) -> Solid:
-    """Return a box of `size` (3,) about the origin, its edges cut off by `bevel` metres."""
+    """Return a box of `size` (3,) about the origin with edges bevelled by `bevel` metres."""
     half = np.asarray(size, np.float64) / 2.0
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)
     if bevel <= 0.0:
@@ -105,7 +105,7 @@ def rounded_box(size: ArrayLike, radius: float) -> Solid:
 
 
 def _ball_directions(steps: int) -> Array:
-    """Return unit vectors that are symmetric in every coordinate plane."""
+    """Return unit vectors, symmetric in every coordinate plane."""
     grid = np.linspace(-1.0, 1.0, steps)
     x, y, z = np.meshgrid(grid, grid, grid)
     shell = np.stack([x, y, z], -1).reshape(-1, 3)
@@ -122,7 +122,7 @@ def ball(radius: float, segments: int = 96) -> Solid:
 def prism(outline: ArrayLike, height: float, pieces: Sequence[ArrayLike] | None = None) -> Solid:
     """Return the extrusion of `outline` (k, 2), counter-clockwise, centred on z = 0.
 
-    `pieces`: convex outlines that make up a concave one.
+    `pieces`: convex outlines whose union is a concave `outline`.
     """
     o = np.asarray(outline, np.float64)
     body = Manifold.extrude(CrossSection([o]), height).translate((0.0, 0.0, -height / 2.0))
@@ -138,8 +138,8 @@ def _between(outline: Array, height: float) -> Array:
 def bent_tube(path: Array, radii: ArrayLike, sides: int = 32, up: ArrayLike = (0, 0, 1)) -> Solid:
     """Return a tube along `path` (k, 3) with elliptic sections and pointed or blunt ends.
 
-    `radii`: (k,) or (k, 2), metres: along the curve's side (up x tangent) and along `up`, a
-    direction that the path never takes.
+    `radii`: (k,) or (k, 2), metres, along up x tangent and along `up`, a direction to which the
+    path is never parallel.
     """
     r = np.broadcast_to(np.asarray(radii, np.float64).reshape(len(path), -1), (len(path), 2))
     tangent = unit(np.gradient(path, axis=0))
@@ -184,14 +184,14 @@ def lump(
 
 
 def layered(solid: Solid, axis: int, count: int) -> Solid:
-    """Return `solid` with its one piece cut into layers, unless it is about convex."""
+    """Return `solid` with its single piece cut into layers, unless it is nearly convex."""
     if solid.body.hull().volume() < 1.03 * solid.body.volume():
         return solid
-    return Solid(solid.body, tuple(layers(solid.pieces[0], axis, count)))
+    return Solid(solid.body, tuple(cut_layers(solid.pieces[0], axis, count)))
 
 
-def layers(points: Array, axis: int, count: int) -> list[Array]:
-    """Cut (n, 3) points into `count` overlapping layers along `axis`, each spanning a volume."""
+def cut_layers(points: Array, axis: int, count: int) -> list[Array]:
+    """Cut `points` (n, 3) into `count` overlapping layers along `axis`, each spanning a volume."""
     low, high = points[:, axis].min(), points[:, axis].max()
     cuts = np.linspace(low, high, count + 1)
     slack = 0.12 * (high - low) / count
@@ -203,7 +203,7 @@ def layers(points: Array, axis: int, count: int) -> list[Array]:
 
 
 def rounded_polyline(points: ArrayLike, radius: float, steps: int = 4) -> Array:
-    """Return (k, 2) `points` with every inner corner replaced by an arc, ends kept."""
+    """Return `points` (k, 2) with every inner corner replaced by an arc; the ends stay."""
     p = np.asarray(points, np.float64)
     result = [p[:1]]
     for before, corner, after in zip(p, p[1:], p[2:], strict=False):
@@ -211,7 +211,7 @@ def rounded_polyline(points: ArrayLike, radius: float, steps: int = 4) -> Array:
         cut = min(radius, 0.45 * lengths.min())
         start, end = corner + cut * unit(before - corner), corner + cut * unit(after - corner)
         s = np.linspace(0.0, 1.0, steps)[:, None]
-        # A quadratic Bezier: near enough to an arc, and it never overshoots.
+        # A quadratic Bezier curve approximates an arc and never overshoots.
         result.append((1 - s) ** 2 * start + 2 * s * (1 - s) * corner + s**2 * end)
     return np.concatenate([*result, p[-1:]])
 

@@ -1,4 +1,4 @@
-"""Where the cameras stand around a table, and what lens they have."""
+"""Viewpoints of cameras around a table, and their lenses."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,14 +20,14 @@ MAX_ROLL = np.radians(8.0)
 
 
 def camera_folder(sensor: str) -> str:
-    """Return GraspNet's folder for `sensor`: kinect, else realsense."""
+    """Return the name of GraspNet's camera folder for `sensor`: kinect, else realsense."""
     if sensor not in {*LENSES, "perfect"}:
         raise UnknownNameError("sensor", sensor, [*LENSES, "perfect"])
     return "kinect" if sensor == "kinect" else "realsense"
 
 
-def intrinsics_of(sensor: str, width: int, height: int) -> Intrinsics:
-    """Return the lens of `sensor` at another image size: same width of view, square pixels."""
+def sensor_intrinsics(sensor: str, width: int, height: int) -> Intrinsics:
+    """Return the lens of `sensor` at another image size, with the same horizontal field of view."""
     fx, fy, cx, cy = LENSES[camera_folder(sensor)]
     scale = width / 1280
     return Intrinsics(
@@ -36,7 +36,7 @@ def intrinsics_of(sensor: str, width: int, height: int) -> Intrinsics:
 
 
 def look_at(eye: ArrayLike, target: ArrayLike, roll: float = 0.0) -> Array:
-    """Return T_world_cam (4, 4) of a camera at `eye` (3,) that looks at `target` (3,), z up."""
+    """Return `T_world_cam` (4, 4) of a camera at `eye` (3,) looking at `target` (3,), z up."""
     forward = unit(np.asarray(target, np.float64) - np.asarray(eye, np.float64))
     right = unit(np.cross(forward, [0.0, 0.0, 1.0]))
     rotation = np.stack([right, np.cross(forward, right), forward], -1)
@@ -46,8 +46,8 @@ def look_at(eye: ArrayLike, target: ArrayLike, roll: float = 0.0) -> Array:
 def drawn_viewpoints(
     centre: ArrayLike, count: int, lens: Intrinsics, rng: np.random.Generator
 ) -> Array:
-    """Return `count` poses T_table_cam (count, 4, 4) spread around `centre` (3,), all above it."""
-    # A long lens stands farther away, so that about as much of the table is seen.
+    """Return poses T_table_cam (count, 4, 4) spread around `centre` (3,), all above it."""
+    # A camera with a long lens is farther away, so that it sees as much of the table.
     near, far = np.array(DISTANCES) * np.clip(lens.fx / lens.width / 0.7, 0.7, 1.3)
     azimuths = rng.uniform(0, 2 * np.pi) + 2 * np.pi * (np.arange(count) + 0.5) / count
     poses = []

@@ -1,8 +1,8 @@
-"""What a depth sensor makes of true depth: noise, jitter at edges, holes, quantisation.
+"""Models of depth sensors: noise, jitter at edges, holes, quantisation.
 
-`kinect`: structured light; axial noise grows with the square of the distance, and what the
-projector beside the camera cannot light has no depth. `realsense`: stereo; smooth bumps, foreground
-grown over its edges, holes at random. `perfect`: the truth.
+`kinect`: structured light; axial noise grows with the square of the distance, and surfaces that the
+projector beside the camera does not light have no depth. `realsense`: stereo; smooth bumps,
+foreground grown over its edges, random holes. `perfect`: true depth.
 """
 
 from dataclasses import dataclass
@@ -19,17 +19,17 @@ from pipelines.geometry.transforms import transform_points
 
 @dataclass(frozen=True)
 class DepthSensor:
-    """One kind of depth camera; lengths in metres, at one metre where they grow with distance.
+    """Parameters of a depth camera; lengths in metres, for noise at one metre.
 
     Attributes:
-        baseline: between camera and projector, or between the stereo pair.
+        baseline: distance of camera and projector, or of the stereo pair.
         axial: constant and quadratic part of the axial noise's standard deviation.
-        smoothness: pixels over which the axial noise is alike.
-        jitter: pixels, standard deviation of the lateral noise.
-        subpixel: steps of a pixel of disparity that the sensor resolves.
+        smoothness: correlation length of the axial noise, pixels.
+        jitter: standard deviation of the lateral noise, pixels.
+        subpixel: resolved steps of disparity per pixel.
         edge_loss: share of pixels lost at depth edges.
-        grazing: cosine of the angle to the surface below which light does not return.
-        holes: holes a frame, on average.
+        grazing: cosine between ray and normal below which light does not return.
+        holes: average number of holes per frame.
         fattening: pixels by which near surfaces grow over far ones.
     """
 
@@ -48,8 +48,8 @@ SENSORS = {
     "kinect": DepthSensor(0.075, (0.0012, 0.0019), 0.0, 0.6, 8.0, 0.6, 0.17, 1.0, 0),
     "realsense": DepthSensor(0.050, (0.0006, 0.0016), 2.5, 0.4, 32.0, 0.3, 0.12, 3.0, 1),
 }
-DEPTH_EDGE = 0.02  # metres between neighbours that make an edge
-NOTHING = 1e3  # metres; stands for no surface at all
+DEPTH_EDGE = 0.02  # metres between neighbouring pixels at an edge
+NOTHING = 1e3  # metres; depth of pixels without a surface
 
 
 def measured_depth(
@@ -60,7 +60,7 @@ def measured_depth(
     T_world_cam: Array,
     rng: np.random.Generator,
 ) -> Array:
-    """Return the depth (H, W) in metres that sensor `name` reports, 0 where it reports none."""
+    """Return the depth (H, W) that sensor `name` measures, metres, 0 = missing."""
     if name == "perfect":
         return hits.depth
     if name not in SENSORS:
@@ -71,7 +71,7 @@ def measured_depth(
         depth = _grown_foreground(depth, sensor.fattening, rng)
     edges = _edges(depth)
     depth = _jittered(depth, sensor.jitter, rng)
-    lost = depth <= 0  # beside a surface, where there is none
+    lost = depth <= 0  # no surface
     depth = depth + _axial_noise(depth, sensor, rng)
     lost |= unlit | (_cosine(hits, intrinsics) < sensor.grazing) | _holes(depth.shape, sensor, rng)
     lost |= edges & (rng.uniform(size=depth.shape) < sensor.edge_loss)
@@ -81,11 +81,11 @@ def measured_depth(
 def _unlit(
     scene: Scene, hits: Hits, intrinsics: Intrinsics, T_world_cam: Array, sensor: DepthSensor
 ) -> Mask:
-    """Return where the projector's, or the second camera's, view is blocked."""
+    """Return the mask (H, W) of pixels hidden from the projector or the second camera."""
     points = transform_points(T_world_cam, intrinsics.rays() * hits.depth[..., None]).reshape(-1, 3)
     eye = T_world_cam[:3, 3] + sensor.baseline * T_world_cam[:3, 0]
     toward = eye - points
-    # Start a millimetre along the way, off the surface itself.
+    # Rays start a millimetre off the surface.
     start = points + toward * (1e-3 / np.linalg.norm(toward, axis=1, keepdims=True))
     blocked = np.zeros(len(points), bool)
     seen = hits.depth.ravel() > 0
@@ -94,7 +94,7 @@ def _unlit(
 
 
 def _grown_foreground(depth: Array, pixels: int, rng: np.random.Generator) -> Array:
-    """Let near surfaces cover their far neighbours by up to `pixels`, unevenly."""
+    """Return `depth` with near surfaces grown over far neighbours by up to `pixels`, unevenly."""
     far = np.where(depth > 0, depth, NOTHING)
     kernel = np.ones((2 * pixels + 1, 2 * pixels + 1), np.uint8)
     near = np.minimum(cv2.erode(far, kernel), far)
@@ -104,20 +104,20 @@ def _grown_foreground(depth: Array, pixels: int, rng: np.random.Generator) -> Ar
 
 
 def _edges(depth: Array) -> Mask:
-    """Return the pixels within one of a jump in depth."""
+    """Return the mask (H, W) of pixels within one pixel of a jump in depth."""
     kernel = np.ones((3, 3), np.uint8)
     span = cv2.dilate(depth, kernel) - cv2.erode(depth, kernel)
     return np.asarray(span > DEPTH_EDGE * np.maximum(depth, 0.5))
 
 
 def _jittered(depth: Array, sigma: float, rng: np.random.Generator) -> Array:
-    """Return the depth of a pixel drawn near each pixel."""
+    """Return, at each edge pixel, the depth of a random pixel near it."""
     rows, columns = np.indices(depth.shape)
     shift = np.rint(rng.normal(0.0, sigma, (2, *depth.shape))).astype(int)
     rows = np.clip(rows + shift[0], 0, depth.shape[0] - 1)
     columns = np.clip(columns + shift[1], 0, depth.shape[1] - 1)
     moved = depth[rows, columns]
-    # Only across edges does it matter which pixel was read; elsewhere the slope is real.
+    # Only pixels across an edge are changed; elsewhere the difference is the slope of the surface.
     return np.where(np.abs(moved - depth) > DEPTH_EDGE / 2, moved, depth)
 
 
@@ -138,7 +138,7 @@ def _cosine(hits: Hits, intrinsics: Intrinsics) -> Array:
 
 
 def _holes(shape: tuple[int, ...], sensor: DepthSensor, rng: np.random.Generator) -> Mask:
-    """Return a few blots without depth."""
+    """Return the mask (H, W) of a few random holes."""
     blots = np.zeros(shape, np.uint8)
     for _ in range(rng.poisson(sensor.holes)):
         centre = (int(rng.integers(shape[1])), int(rng.integers(shape[0])))
@@ -148,7 +148,7 @@ def _holes(shape: tuple[int, ...], sensor: DepthSensor, rng: np.random.Generator
 
 
 def _quantised(depth: Array, intrinsics: Intrinsics, sensor: DepthSensor) -> Array:
-    """Return the depth of the nearest step of disparity."""
+    """Return `depth` rounded to steps of disparity."""
     scale = intrinsics.fx * sensor.baseline * sensor.subpixel
     with np.errstate(divide="ignore", invalid="ignore"):
         steps = np.rint(scale / depth)

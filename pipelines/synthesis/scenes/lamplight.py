@@ -1,4 +1,4 @@
-"""The colour image: procedural textures under one lamp with cast shadows."""
+"""Colour images: procedural textures under one lamp with cast shadows."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from pipelines.geometry.transforms import invert, rotate_vectors, transform_poin
 
 Texture = Callable[[Array], Array]  # points (n, 3) metres, object frame -> colours (n, 3) 0..1
 
-SHADOW_OFFSET = 5e-4  # metres off the surface, so that it does not shade itself
+SHADOW_OFFSET = 5e-4  # metres off the surface, so that the surface does not shade itself
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Lighting:
 
 
 def drawn_lighting(rng: np.random.Generator) -> Lighting:
-    """Return a lamp somewhere above the table."""
+    """Return a random lamp above the table."""
     azimuth, elevation = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(35, 85))
     direction = [
         np.cos(elevation) * np.cos(azimuth),
@@ -40,7 +40,7 @@ def drawn_lighting(rng: np.random.Generator) -> Lighting:
 
 
 def drawn_color(rng: np.random.Generator, *, saturated: bool = True) -> Array:
-    """Return a colour (3,) 0..1."""
+    """Return a random colour (3,) 0..1."""
     grey = rng.uniform(0.15, 0.95)
     tint = rng.uniform(0, 1, 3)
     tint = (tint - tint.mean()) * (0.9 if saturated else 0.15)
@@ -48,7 +48,7 @@ def drawn_color(rng: np.random.Generator, *, saturated: bool = True) -> Array:
 
 
 def drawn_texture(rng: np.random.Generator) -> Texture:
-    """Return a texture for an object: plain, stripes, checks, a label band, or mottled."""
+    """Return a random texture for an object: plain, striped, checked, banded or mottled."""
     first, second = drawn_color(rng), drawn_color(rng)
     axis = unit(rng.normal(size=3)) if rng.uniform() < 0.5 else np.array([0.0, 0.0, 1.0])
     pitch, phase = rng.uniform(0.008, 0.04), rng.uniform(0, 1)
@@ -73,7 +73,7 @@ def drawn_texture(rng: np.random.Generator) -> Texture:
 
 
 def table_texture(rng: np.random.Generator) -> Texture:
-    """Return a texture for the table or the floor: wood, cloth or plain."""
+    """Return a random texture for the table or the floor: wood, cloth or plain."""
     first = drawn_color(rng, saturated=False)
     contrast = rng.uniform(0.03, 0.25)
     waves, phases = rng.normal(0, 25.0, (5, 3)), rng.uniform(0, 2 * np.pi, 5)
@@ -105,7 +105,7 @@ def shade(
     T_world_cam: Array,
     rng: np.random.Generator,
 ) -> NDArray[np.uint8]:
-    """Return the (H, W, 3) colour image of `hits`.
+    """Return the colour image (H, W, 3) of `hits`.
 
     `poses` (k, 4, 4) object to world and one texture for each of the scene's k objects.
     """
@@ -128,7 +128,7 @@ def shade(
 
 
 def _light(scene: Scene, points: Array, normals: Array, lighting: Lighting) -> Array:
-    """Return (n, 3): ambient and, where the lamp is seen, diffuse light."""
+    """Return the light (n, 3): ambient, and diffuse outside of shadows."""
     toward = np.maximum(normals @ lighting.direction, 0.0)
     shaded = scene.occluded(
         points + SHADOW_OFFSET * normals, np.broadcast_to(lighting.direction, points.shape)
@@ -138,7 +138,7 @@ def _light(scene: Scene, points: Array, normals: Array, lighting: Lighting) -> A
 
 
 def _highlight(points: Array, normals: Array, lighting: Lighting, T_world_cam: Array) -> Array:
-    """Return (n,) the lamp's reflection, Blinn's halfway rule."""
+    """Return the reflection (n,) of the lamp (Blinn-Phong)."""
     halfway = unit(unit(T_world_cam[:3, 3] - points) + lighting.direction)
     shine = np.maximum(np.einsum("ij,ij->i", normals, halfway), 0.0) ** 40
     return np.asarray(lighting.gloss * shine)

@@ -1,4 +1,4 @@
-"""One scene of a dataset, drawn, recorded and written in GraspNet-1Billion's layout."""
+"""Writer of one synthetic scene in GraspNet-1Billion's layout."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -34,11 +34,16 @@ from pipelines.storage.files import atomic_folder
 from pipelines.storage.provenance import Stamp, stamp_ahead, write_sidecar
 from pipelines.synthesis.labels.grasp_sampling import scene_collisions
 from pipelines.synthesis.labels.planar_labels import FreeGrasps, free_grasps, planar_rows
-from pipelines.synthesis.scenes.cameras import MIXED, camera_folder, drawn_viewpoints, intrinsics_of
+from pipelines.synthesis.scenes.cameras import (
+    MIXED,
+    camera_folder,
+    drawn_viewpoints,
+    sensor_intrinsics,
+)
 from pipelines.synthesis.scenes.depth_sensors import SENSORS
 from pipelines.synthesis.scenes.tables import SceneLayout, SceneObject, View, record, settle
 
-TAG_SCENE, TAG_SENSOR = 2, 4  # what a child seed is for
+TAG_SCENE, TAG_SENSOR = 2, 4  # purposes of child seeds
 
 
 def write_scene(
@@ -48,11 +53,11 @@ def write_scene(
     config: SynthesizeConfig,
     stamp: Stamp,
 ) -> str:
-    """Draw scene `scene_id` from the objects `members` and write it whole; return a note."""
+    """Draw scene `scene_id` of the objects `members` and write all its files; return a note."""
     rng = np.random.default_rng([stamp.seed, TAG_SCENE, scene_id])
     layout = _draw_layout(root, config, members, rng)
     sensor = _sensor_of(config, scene_id, stamp.seed)
-    intrinsics = intrinsics_of(sensor, config.width, config.height)
+    intrinsics = sensor_intrinsics(sensor, config.width, config.height)
     viewpoints = drawn_viewpoints(layout.centre, config.views, intrinsics, rng)
     labelled = config.collision_labels and config.labels.num_points > 0
     free = _write_collisions(root, scene_id, layout, stamp) if labelled else []

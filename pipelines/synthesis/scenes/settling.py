@@ -11,20 +11,20 @@ from pipelines.errors import SymgraspError
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, quaternion_to_matrix
 
-TABLE_RADIUS = 0.30  # metres from the middle; what rolls farther is taken away
-DROP_RADIUS = (0.05, 0.15)  # metres, drawn for each scene: a pile or things apart
+TABLE_RADIUS = 0.30  # metres from the middle; objects that roll farther are removed
+DROP_RADIUS = (0.05, 0.15)  # metres, drawn for each scene: from piled to scattered objects
 SETTLE_SECONDS = 3.0
-TIME_STEP = 0.003
+SETTLE_STEP = 0.003  # seconds
 DENSITY = 400.0  # kg / m^3, a half-full household object
-MAX_SPEED = 0.15  # metres or radians a second; what still moves faster has not settled
+MAX_SPEED = 0.15  # metres or radians per second of a settled object
 
 
 @dataclass(frozen=True)
 class SettledScene:
-    """Where dropped objects came to rest.
+    """Poses at which dropped objects came to rest.
 
     Attributes:
-        index: (k,) which of the dropped objects stayed on the table, ascending.
+        index: (k,) indices of the dropped objects that stayed on the table, ascending.
         poses: (k, 4, 4) object to table.
     """
 
@@ -37,8 +37,8 @@ def drop_objects(
 ) -> SettledScene:
     """Drop objects, each given as convex `pieces` in its own frame, one above the other.
 
-    `centres`: (k, 3) metres, the middle of each object in its own frame; None is their origins.
-    Objects are placed, and kept or taken away, by it: an origin may lie far from its object.
+    `centres`: (k, 3) metres, middle of each object in its own frame, by which objects are placed
+    and removed, since an origin may be far from its object; None: the origins.
 
     Raises:
         SymgraspError: MuJoCo cannot make bodies of the pieces.
@@ -55,7 +55,7 @@ def drop_objects(
         turn = _drawn_orientation(rng)
         origin = np.array(place) - quaternion_to_matrix(turn) @ middles[body]
         data.qpos[7 * body : 7 * body + 7] = [*origin, *turn]
-    for _ in range(int(SETTLE_SECONDS / TIME_STEP)):
+    for _ in range(int(SETTLE_SECONDS / SETTLE_STEP)):
         mujoco.mj_step(model, data)
     places = data.qpos.reshape(-1, 7)
     poses = make_pose(quaternion_to_matrix(places[:, 3:]), places[:, :3])
@@ -71,18 +71,18 @@ def drop_objects(
 
 
 def middles_of(poses: Array, centres: Array) -> Array:
-    """Return where `centres` (k, 3), object frames, lie under `poses` (k, 4, 4): (k, 3) metres."""
+    """Return `centres` (k, 3), object frames, moved by `poses` (k, 4, 4): (k, 3) metres."""
     turned = np.einsum("kij,kj->ki", poses[:, :3, :3], centres)
     return np.asarray(poses[:, :3, 3] + turned)
 
 
 def refuse_bodiless(pieces: Sequence[Mesh]) -> None:
-    """Raise SymgraspError if physics cannot take the convex `pieces` of an object as a body."""
+    """Raise SymgraspError if MuJoCo cannot make a body of the convex `pieces` of an object."""
     _model_of([pieces])
 
 
-def compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """Return the model of a world.
+def compiled_world(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """Return the compiled model of a world.
 
     Raises:
         SymgraspError: MuJoCo cannot make bodies of the objects' pieces.
@@ -97,7 +97,7 @@ def compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
 
 
 def _drawn_orientation(rng: np.random.Generator) -> Array:
-    """Return a quaternion, w first: upright half of the time, as people put things down."""
+    """Return a random quaternion, w first: upright half of the time, as people place objects."""
     if rng.uniform() < 0.5:
         half = rng.uniform(0, np.pi)
         return np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
@@ -106,13 +106,13 @@ def _drawn_orientation(rng: np.random.Generator) -> Array:
 
 def _model_of(pieces: Sequence[Sequence[Mesh]]) -> mujoco.MjModel:
     spec = mujoco.MjSpec()
-    spec.option.timestep = TIME_STEP
+    spec.option.timestep = SETTLE_STEP
     spec.worldbody.add_geom(
         type=mujoco.mjtGeom.mjGEOM_PLANE, size=[2, 2, 0.1], friction=[0.9, 0.02, 0.005], condim=6
     )
     for number, parts in enumerate(pieces):
         body = spec.worldbody.add_body(name=f"object{number}")
-        # Damping by the air stands for what stiff contacts lack: balls come to rest.
+        # Damping instead of the rolling friction that stiff contacts lack: balls come to rest.
         body.add_freejoint()
         for part_number, part in enumerate(parts):
             name = f"mesh{number}_{part_number}"
@@ -128,6 +128,6 @@ def _model_of(pieces: Sequence[Sequence[Mesh]]) -> mujoco.MjModel:
                 friction=[0.9, 0.02, 0.005],
                 condim=6,
             )
-    model = compiled(spec)
+    model = compiled_world(spec)
     model.dof_damping[:] = 2e-4
     return model

@@ -1,4 +1,4 @@
-"""A scene: objects settled on a table, seen by cameras. World frame = table frame, z up."""
+"""Scenes of objects settled on a table, and views of them; world frame = table frame, z up."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -13,21 +13,21 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.rendering import Scene, cast_view
 from pipelines.geometry.transforms import invert, make_pose
-from pipelines.synthesis.objects.smoothing import corner_normals, with_smooth_normals
 from pipelines.synthesis.scenes.depth_sensors import measured_depth
 from pipelines.synthesis.scenes.lamplight import drawn_lighting, drawn_texture, shade, table_texture
 from pipelines.synthesis.scenes.settling import drop_objects, middles_of
+from pipelines.synthesis.scenes.smoothing import corner_normals, with_smooth_normals
 
 TABLE_SIZE = (0.7, 0.5)  # metres, half extents
 FLOOR_SIZE = 6.0
 FLOOR_HEIGHTS = (-0.9, -0.5)
 DROP_ATTEMPTS = 5
-CENTRED = 1e-6  # metres; what is nearer to its origin is rounding
+CENTRED = 1e-6  # metres; a smaller offset of a mesh from its origin is rounding
 
 
 @dataclass(frozen=True)
 class SceneObject:
-    """One object as a scene needs it: its number in the dataset, its shape, its physics."""
+    """One object of a scene: number in the dataset, mesh, and convex pieces for physics."""
 
     object_id: int
     name: str
@@ -36,9 +36,9 @@ class SceneObject:
 
     @cached_property
     def centre(self) -> Array:
-        """(3,) metres, object frame: the middle of the bounding box; of a centred mesh exactly 0.
+        """Middle (3,) of the bounding box, metres, object frame; exactly 0 for a centred mesh.
 
-        The origin of somebody's mesh may lie at its foot, or metres away.
+        The origin of a user's mesh may be at its foot, or metres away.
         """
         middle = np.asarray(self.mesh.bounds.mean(axis=0))
         return middle if np.linalg.norm(middle) > CENTRED else np.zeros(3)
@@ -46,11 +46,11 @@ class SceneObject:
 
 @dataclass(frozen=True)
 class View:
-    """What one camera records.
+    """The images of one camera.
 
     Attributes:
         color: (H, W, 3) uint8.
-        depth: (H, W) metres as the sensor measures it, 0 = missing.
+        depth: (H, W) metres as measured by the sensor, 0 = missing.
         object_index: (H, W) index among the scene's objects, -1 for table, floor, nothing.
         T_world_cam: (4, 4).
     """
@@ -63,19 +63,19 @@ class View:
 
 @dataclass(frozen=True)
 class SceneLayout:
-    """Objects where they came to rest; `poses` (k, 4, 4) object to table."""
+    """Objects at rest; `poses`: (k, 4, 4) object to table."""
 
     objects: tuple[SceneObject, ...]
     poses: Array
 
     @property
     def middles(self) -> Array:
-        """(k, 3) metres, the middle of each object, in the table frame."""
+        """Middles (k, 3) of the objects, metres, table frame."""
         return middles_of(self.poses, np.stack([item.centre for item in self.objects]))
 
     @property
     def centre(self) -> Array:
-        """(3,) metres, the middle of the objects, in the table frame."""
+        """Mean (3,) of the objects' middles, metres, table frame."""
         return np.asarray(self.middles.mean(axis=0))
 
 
@@ -83,7 +83,7 @@ def settle(objects: Sequence[SceneObject], rng: np.random.Generator) -> SceneLay
     """Drop `objects` until at least half of them stay on the table.
 
     Raises:
-        SymgraspError: they never do.
+        SymgraspError: they do not in `DROP_ATTEMPTS` attempts.
     """
     centres = np.stack([item.centre for item in objects])
     for _ in range(DROP_ATTEMPTS):
@@ -110,7 +110,7 @@ def record(
     sensor: str,
     rng: np.random.Generator,
 ) -> Iterator[View]:
-    """Yield what cameras at `viewpoints` (n, 4, 4), T_world_cam, record of `layout`."""
+    """Yield the views of `layout` by cameras at `viewpoints` (n, 4, 4), T_world_cam."""
     floor = make_pose(np.eye(3), [0, 0, rng.uniform(*FLOOR_HEIGHTS)])
     poses = np.concatenate([layout.poses, np.eye(4)[None], floor[None]])
     ground = [rectangle(*TABLE_SIZE), rectangle(FLOOR_SIZE, FLOOR_SIZE)]

@@ -11,7 +11,7 @@ from pipelines.geometry.transforms import make_pose, random_rotation
 from pipelines.mesh_symmetry.detection.symmetry_detection import analyse, holding
 from pipelines.mesh_symmetry.doubt import Gauge
 from pipelines.mesh_symmetry.parts.symmetric_parts import symmetric_regions
-from pipelines.synthesis.objects.catalogue import make_shape
+from pipelines.synthesis.objects.families.catalogue import make_shape
 from tests.geometry.symmetric_shapes import (
     ball_beside_box,
     box,

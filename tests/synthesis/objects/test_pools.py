@@ -16,7 +16,7 @@ from pipelines.geometry.symmetry import (
     SymmetrySlots,
 )
 from pipelines.geometry.transforms import unit
-from pipelines.synthesis.objects.catalogue import FAMILIES, make_shape
+from pipelines.synthesis.objects.families.catalogue import FAMILIES, make_shape
 from pipelines.synthesis.objects.pools import FAMILIES_OF_POOL, make_pool
 
 ASYMMETRIC = ("lumpy", "sculpture", "stone")

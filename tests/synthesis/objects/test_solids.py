@@ -13,7 +13,7 @@ from pipelines.synthesis.objects.solids import (
     ball,
     bent_tube,
     box,
-    layers,
+    cut_layers,
     lump,
     prism,
     rounded_box,
@@ -108,7 +108,7 @@ def test_bevels_and_roundings_take_away_a_little_and_keep_the_extent():
 
 def test_layers_overlap_and_leave_nothing_out():
     points = np.random.default_rng(0).uniform(size=(2000, 3))
-    parts = layers(points, 2, 4)
+    parts = cut_layers(points, 2, 4)
     assert len(parts) == 4
     assert {tuple(p) for p in points} == {tuple(p) for part in parts for p in part}
     assert sum(len(part) for part in parts) > 2000

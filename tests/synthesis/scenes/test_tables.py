@@ -10,7 +10,7 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.rendering import Scene, cast_view
 from pipelines.geometry.transforms import make_pose, transform_points
-from pipelines.synthesis.scenes.cameras import drawn_viewpoints, intrinsics_of, look_at
+from pipelines.synthesis.scenes.cameras import drawn_viewpoints, look_at, sensor_intrinsics
 from pipelines.synthesis.scenes.depth_sensors import measured_depth
 from pipelines.synthesis.scenes.settling import drop_objects
 from pipelines.synthesis.scenes.tables import SceneLayout, SceneObject, record, rectangle, settle
@@ -45,7 +45,7 @@ def test_the_same_seed_settles_the_same_scene():
 
 
 def test_cameras_look_at_the_scene_from_above():
-    lens = intrinsics_of("realsense", 640, 480)
+    lens = sensor_intrinsics("realsense", 640, 480)
     for pose in drawn_viewpoints([0.05, 0, 0.04], 6, lens, np.random.default_rng(1)):
         assert pose[2, 3] > 0.2
         pixel = lens.project((np.array([0.05, 0, 0.04]) - pose[:3, 3]) @ pose[:3, :3])
@@ -60,10 +60,10 @@ def test_look_at_keeps_the_world_upright_in_the_image():
 
 
 def test_graspnets_lenses_come_at_their_own_size():
-    assert_allclose(intrinsics_of("kinect", 1280, 720).fx, 631.54864502)
-    assert_allclose(intrinsics_of("realsense", 1280, 720).cy, 349.62133789)
+    assert_allclose(sensor_intrinsics("kinect", 1280, 720).fx, 631.54864502)
+    assert_allclose(sensor_intrinsics("realsense", 1280, 720).cy, 349.62133789)
     with pytest.raises(UnknownNameError, match="lidar"):
-        intrinsics_of("lidar", 640, 480)
+        sensor_intrinsics("lidar", 640, 480)
 
 
 def test_a_recorded_view_has_labels_where_the_objects_are():

@@ -1,8 +1,8 @@
-"""At which openings a gripper's fingers, closing on one line, hold what is between them (D. 38).
+"""Openings at which the fingers of a gripper, closing on one line, hold the object (D. 38).
 
-Each finger stands half the opening from the middle of the line, with free line behind its contact:
-a clearance, or less at the widest opening alone. It closes on the first surface it meets. Every
-surface that the line leaves outward is thus the farther contact of at most one opening.
+Each finger starts half the opening from the middle of the line, a clearance outside of its contact
+(less only at the widest opening), and closes on the first surface it meets. So each surface that
+the line leaves outward is the farther contact of at most one opening.
 """
 
 from dataclasses import dataclass
@@ -16,26 +16,26 @@ from pipelines.metrics.force_closure import friction_of_cosine
 
 @dataclass(frozen=True)
 class Openings:
-    """The openings of n candidates at which both fingers have a contact, the smallest first.
+    """Openings of n candidates at which both fingers have a contact, in ascending order.
 
     Attributes:
-        half: (n, j) metres from the middle to each finger; inf where there is no more.
-        friction: (n, j) smallest coefficient of friction that holds; inf where there is no more.
+        half: (n, j) metres from the middle to each finger; padded with inf.
+        friction: (n, j) smallest friction coefficient that holds; padded with inf.
     """
 
     half: Array
     friction: Array
 
     def limited(self, max_friction: float) -> "Openings":
-        """Return only the openings that hold at `max_friction`."""
+        """Return the openings that hold at `max_friction`."""
         return _ordered(np.where(self.friction <= max_friction, self.half, np.inf), self.friction)
 
 
 def openings(below: Crossings, above: Crossings, clearance: float, max_half: float) -> Openings:
-    """Return the openings of lines that cross `below` and `above` their middle.
+    """Return the openings of lines with crossings `below` and `above` their middle.
 
-    `clearance`: free metres between a contact and the finger before it closes; `max_half`: metres
-    from the middle to each finger of the open gripper.
+    `clearance`: metres between a contact and its finger before closing; `max_half`: metres from
+    the middle to each finger of the open gripper.
     """
     farther = np.concatenate(
         [np.where(side.leave, side.distance, np.inf) for side in (below, above)], axis=1
@@ -52,9 +52,10 @@ def openings(below: Crossings, above: Crossings, clearance: float, max_half: flo
 
 
 def _contacts(side: Crossings, half: Array) -> tuple[Array, Array]:
-    """Return distance and cosine (n, j) of what a finger at `half` (n, j) meets; nan for none.
+    """Return distance and cosine (n, j) of the surface that a finger at `half` (n, j) meets.
 
-    It is the last surface before the finger; a negative cosine means that the finger is inside.
+    The last surface before the finger; a negative cosine means that the finger is inside the
+    object, nan that there is no surface.
     """
     last = (side.distance[:, None, :] <= half[:, :, None]).sum(axis=2) - 1
     at = np.maximum(last, 0)

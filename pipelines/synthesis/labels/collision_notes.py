@@ -1,4 +1,4 @@
-"""What new grasp labels of objects mean for the collision labels of scenes: they do not fit."""
+"""Collision labels of scenes that new grasp labels of objects make stale."""
 
 from collections.abc import Iterable
 
@@ -7,9 +7,9 @@ from pipelines.errors import SymgraspError
 
 
 def collision_note(root: GraspNetRoot, relabelled: Iterable[int]) -> str:
-    """Return a sentence on scenes of `root` whose collision labels are of earlier grasp labels.
+    """Return a note on scenes of `root` whose collision labels belong to earlier grasp labels.
 
-    `relabelled`: ids of the objects whose labels are new. Empty if no such scene shows them.
+    `relabelled`: ids of objects with new labels. Empty if no scene with collision labels has them.
     """
     if not (root.root / "scenes").is_dir():
         return ""
@@ -24,10 +24,10 @@ def collision_note(root: GraspNetRoot, relabelled: Iterable[int]) -> str:
 
 
 def _objects_with_collisions(root: GraspNetRoot, scene_id: int) -> set[int]:
-    """Return which objects a scene's collision labels are of; none if it has none."""
+    """Return the objects of a scene's collision labels; empty without such labels."""
     if not root.collision_label_path(scene_id).is_file() or not root.cameras(scene_id):
         return set()
     try:
         return set(root.scene(scene_id).object_ids)
-    except SymgraspError:  # a torn scene is for those to name who read it
+    except SymgraspError:  # the stage that reads a broken scene reports it
         return set()

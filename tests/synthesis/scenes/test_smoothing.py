@@ -10,7 +10,7 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.rendering import Scene, cast_view
 from pipelines.geometry.transforms import make_pose, unit
-from pipelines.synthesis.objects.smoothing import barycentric, corner_normals, with_smooth_normals
+from pipelines.synthesis.scenes.smoothing import barycentric, corner_normals, with_smooth_normals
 
 CAMERA = Intrinsics(300.0, 300.0, 79.5, 59.5, 160, 120)
 POSES = make_pose(np.eye(3), [0.0, 0.0, 0.6])[None]

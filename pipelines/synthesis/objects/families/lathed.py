@@ -6,16 +6,14 @@ from scipy.interpolate import PchipInterpolator
 
 from pipelines.array_types import Array
 from pipelines.synthesis.objects.revolved import SEGMENTS, hollow_lathe, lathe, pipe, torus
-from pipelines.synthesis.objects.shape import Shape, revolution, sphere
+from pipelines.synthesis.objects.shape import Rng, Shape, revolution, sphere
 from pipelines.synthesis.objects.solids import Solid, ball, lump, rounded_polyline
 
-Rng = np.random.Generator
 
-
-def turned(
+def rounded_lathe(
     points: ArrayLike, radius: float = 0.003, slabs: int = 4, segments: int = SEGMENTS
 ) -> Solid:
-    """Return the lathe of a polyline (radius, height) with its corners rounded."""
+    """Return the solid of revolution of a polyline (radius, height) with rounded corners."""
     return lathe(rounded_polyline(points, radius), segments, slabs)
 
 
@@ -35,7 +33,7 @@ def can(rng: Rng) -> Shape:
         lip, dip = 0.003, 0.002
         half = [(0, dip), (r - lip, dip), (r - lip, 0), (r, 0), (r, lip), (r - 0.001, 2 * lip)]
         corners = [*half, *((x, h - z) for x, z in reversed(half))]
-    return Shape(turned(np.array(corners) - [0, h / 2], 0.0015), revolution(level=True))
+    return Shape(rounded_lathe(np.array(corners) - [0, h / 2], 0.0015), revolution(level=True))
 
 
 def bottle(rng: Rng) -> Shape:
@@ -47,17 +45,19 @@ def bottle(rng: Rng) -> Shape:
         [0, 0.06 * h, 0.3 * h, shoulder, shoulder + 0.15 * h, h],
         [0.92 * r, r, waist, r, 1.05 * neck, neck],
     )
-    lid = turned([(0, h - 0.002), (1.2 * neck, h - 0.002), (1.2 * neck, h + cap), (0, h + cap)])
+    lid = rounded_lathe(
+        [(0, h - 0.002), (1.2 * neck, h - 0.002), (1.2 * neck, h + cap), (0, h + cap)]
+    )
     return Shape(lathe(body, slabs=6) | lid, revolution())
 
 
 def jar(rng: Rng) -> Shape:
-    """Jars: a wide body under a lid that is a little wider or narrower."""
+    """Jars: a wide body under a slightly wider or narrower lid."""
     r, h, lid = rng.uniform(0.022, 0.045), rng.uniform(0.04, 0.12), rng.uniform(0.01, 0.025)
     lid_radius, neck = r * rng.uniform(0.75, 1.06), h * 0.86
     corners = [(0, 0), (r, 0), (r, neck), (0.8 * lid_radius, h), (lid_radius, h + 0.001)]
     corners += [(lid_radius, h + lid), (0, h + lid)]
-    return Shape(turned(corners, 0.004), revolution())
+    return Shape(rounded_lathe(corners, 0.004), revolution())
 
 
 def bowl(rng: Rng) -> Shape:
@@ -72,7 +72,7 @@ def bowl(rng: Rng) -> Shape:
 
 
 def vessel(radius: float, height: float, taper: float, wall: float) -> Solid:
-    """Return an open cup: `taper` is the foot's share of the rim's radius."""
+    """Return an open cup; `taper`: radius of the foot over radius of the rim."""
     foot, floor = radius * taper, 1.5 * wall
     outer = rounded_polyline([(0, 0), (foot, 0), (radius, height)], 0.005)
     slope = (radius - foot) / height
@@ -123,7 +123,7 @@ def marker(rng: Rng) -> Shape:
     r, h = rng.uniform(0.006, 0.014), rng.uniform(0.09, 0.16)
     cap, tip = h * rng.uniform(0.25, 0.4), r * rng.uniform(0.4, 0.9)
     corners = [(0, 0), (0.9 * r, 0), (0.9 * r, h - cap), (r, h - cap), (r, h - 0.01), (tip, h)]
-    return Shape(turned([*corners, (0, h)], 0.001), revolution())
+    return Shape(rounded_lathe([*corners, (0, h)], 0.001), revolution())
 
 
 def capsule(rng: Rng) -> Shape:
@@ -141,7 +141,9 @@ def dumbbell(rng: Rng) -> Shape:
     bar, disc = r * rng.uniform(0.3, 0.6), h * rng.uniform(0.15, 0.3)
     half = [(0, 0), (r, 0), (r, disc), (bar, disc + 0.003)]
     corners = [*half, *((x, h - z) for x, z in reversed(half))]
-    return Shape(turned(np.array(corners) - [0, h / 2], 0.004, slabs=5), revolution(level=True))
+    return Shape(
+        rounded_lathe(np.array(corners) - [0, h / 2], 0.004, slabs=5), revolution(level=True)
+    )
 
 
 def tube(rng: Rng) -> Shape:
@@ -164,7 +166,7 @@ def cone(rng: Rng) -> Shape:
     """Cones and frustums."""
     r, h = rng.uniform(0.025, 0.045), rng.uniform(0.05, 0.12)
     top = r * rng.uniform(0.15, 0.6)
-    return Shape(turned([(0, 0), (r, 0), (top, h), (0, h)], 0.003), revolution())
+    return Shape(rounded_lathe([(0, 0), (r, 0), (top, h), (0, h)], 0.003), revolution())
 
 
 def goblet(rng: Rng) -> Shape:

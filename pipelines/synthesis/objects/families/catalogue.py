@@ -1,16 +1,16 @@
-"""The families of procedural objects: those of training, and those kept apart from it."""
+"""Families of procedural objects: seen in training, and novel."""
 
 from collections.abc import Callable
 
 import numpy as np
 
 from pipelines.errors import UnknownNameError
-from pipelines.synthesis.objects import compound, lathed, prismatic
+from pipelines.synthesis.objects.families import compound, lathed, prismatic
 from pipelines.synthesis.objects.shape import Shape
 
 Family = Callable[[np.random.Generator], Shape]
 
-# The splits `seen` and `similar` have objects of these families, training too.
+# Families of training and of the splits `seen` and `similar`.
 SEEN: dict[str, Family] = {
     "can": lathed.can,
     "carton": prismatic.carton,
@@ -38,7 +38,7 @@ SEEN: dict[str, Family] = {
     "bracket": prismatic.bracket,
 }
 
-# Only the split `novel` has objects of these families.
+# Families of the split `novel` only.
 NOVEL: dict[str, Family] = {
     "spray_bottle": compound.spray_bottle,
     "cube": prismatic.cube,
@@ -51,7 +51,7 @@ NOVEL: dict[str, Family] = {
     "star": prismatic.star,
     "pawn": lathed.pawn,
     "pitcher": compound.pitcher,
-    "cross": prismatic.cross,
+    "cross": prismatic.cross_connector,
     "ring": lathed.ring,
     "figure": compound.figure,
     "elbow": prismatic.elbow,

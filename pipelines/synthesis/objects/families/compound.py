@@ -1,4 +1,4 @@
-"""Families of objects of several parts: tools, toys, vessels with a handle, bent and lumpy ones.
+"""Families of objects of several parts: tools, toys, vessels with a handle, bent and lumpy objects.
 
 Almost all have one mirror plane, y = 0, or none.
 """
@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipelines.geometry.transforms import rotation_about
-from pipelines.synthesis.objects.lathed import smooth, turned, vessel
+from pipelines.synthesis.objects.families.lathed import rounded_lathe, smooth, vessel
 from pipelines.synthesis.objects.revolved import lathe
-from pipelines.synthesis.objects.shape import Shape, mirror_axes
+from pipelines.synthesis.objects.shape import Rng, Shape, mirror_axes
 from pipelines.synthesis.objects.solids import (
     Solid,
     ball,
@@ -20,15 +20,14 @@ from pipelines.synthesis.objects.solids import (
     rounded_box,
 )
 
-Rng = np.random.Generator
 Z_TO_X = rotation_about([0.0, 1.0, 0.0], np.pi / 2)  # z axis to +x, x axis to -z
 Z_TO_Y = rotation_about([1.0, 0.0, 0.0], -np.pi / 2)  # z axis to +y
 
 
 def cylinder(radius: float, height: float) -> Solid:
-    """Return a cylinder about the z axis, its centre at the origin, edges rounded a little."""
+    """Return a cylinder about the z axis with slightly rounded edges, its centre at the origin."""
     h = height / 2
-    return turned(
+    return rounded_lathe(
         [(0, -h), (radius, -h), (radius, h), (0, h)], min(0.0015, 0.2 * radius), segments=36
     )
 
@@ -39,7 +38,7 @@ def ellipsoid(radii: ArrayLike) -> Solid:
 
 
 def _handle(rim: float, low: float, high: float, reach: float, thick: float) -> Solid:
-    """Return a bow in the xz plane, from the wall at x = `rim` out by `reach` and back."""
+    """Return a handle in the xz plane, from the wall at x = `rim` out by `reach` and back."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, 22)
     x = rim + reach * np.cos(angle)
     z = (low + high) / 2 + (high - low) / 2 * np.sin(angle)
@@ -51,7 +50,7 @@ def mug(rng: Rng) -> Shape:
     """Mugs: a cup with a handle."""
     r, h, wall = rng.uniform(0.033, 0.043), rng.uniform(0.07, 0.105), rng.uniform(0.003, 0.005)
     taper, thick = rng.uniform(0.85, 1.0), rng.uniform(0.004, 0.006)
-    # The bow's ends stay inside the wall: nothing may stick out into the hollow.
+    # The ends of the handle stay inside the wall.
     rim = r * (taper + (1 - taper) * 0.5) - 0.5 * wall
     bow = _handle(rim, 0.2 * h, 0.8 * h, rng.uniform(0.022, 0.032), thick)
     cavity = vessel_cavity(r, h, taper, wall)
@@ -59,7 +58,7 @@ def mug(rng: Rng) -> Shape:
 
 
 def vessel_cavity(radius: float, height: float, taper: float, wall: float) -> Solid:
-    """Return the hollow of `vessel`, to cut away what reaches into it."""
+    """Return the cavity of `vessel`, to cut away parts that reach into it."""
     floor, slope = 1.5 * wall, radius * (1 - taper) / height
     foot, top = radius * taper + slope * floor - wall, radius - wall
     above = top + slope * 0.01
@@ -75,7 +74,7 @@ def vessel_cavity(radius: float, height: float, taper: float, wall: float) -> So
 
 
 def pitcher(rng: Rng) -> Shape:
-    """Jugs: a belly with a handle on one side and a beak on the other."""
+    """Jugs: a belly with a handle on one side and a spout on the other."""
     r, h = rng.uniform(0.03, 0.042), rng.uniform(0.1, 0.16)
     neck = r * rng.uniform(0.5, 0.75)
     belly = lathe(
@@ -102,7 +101,7 @@ def hammer(rng: Rng) -> Shape:
 
 
 def mallet(rng: Rng) -> Shape:
-    """Mallets: both faces of the head alike."""
+    """Mallets: both faces of the head are equal."""
     length, r, head = rng.uniform(0.13, 0.2), rng.uniform(0.008, 0.013), rng.uniform(0.05, 0.09)
     grip = cylinder(r, length).moved(translation=(0, 0, length / 2))
     block = cylinder(rng.uniform(0.018, 0.028), head).moved(Z_TO_X, (0, 0, length))
@@ -212,7 +211,7 @@ def animal(rng: Rng) -> Shape:
 
 
 def figure(rng: Rng) -> Shape:
-    """Toy figures: trunk, head, arms held out, legs; alike left and right."""
+    """Toy figures: trunk, head, arms held out, legs; symmetric left and right."""
     high, wide = rng.uniform(0.035, 0.05), rng.uniform(0.024, 0.034)
     solid = rounded_box((0.5 * wide, wide, high), 0.006)
     solid = solid | ball(0.42 * wide, 48).moved(translation=(0, 0, high / 2 + 0.3 * wide))
@@ -241,7 +240,7 @@ def mouse(rng: Rng) -> Shape:
 def plug(rng: Rng) -> Shape:
     """Plugs and adapters: a block with two pins and a cable boot."""
     r, h = rng.uniform(0.018, 0.024), rng.uniform(0.025, 0.04)
-    solid = turned([(0, 0), (r, 0), (0.8 * r, h), (0, h)], 0.004)
+    solid = rounded_lathe([(0, 0), (r, 0), (0.8 * r, h), (0, h)], 0.004)
     for y in (-0.0095, 0.0095):
         solid = solid | cylinder(0.0024, 0.024).moved(translation=(0, y, -0.01))
     boot = cylinder(0.006, 0.03).moved(translation=(0, 0, h + 0.01))
@@ -249,7 +248,7 @@ def plug(rng: Rng) -> Shape:
 
 
 def lumpy(rng: Rng) -> Shape:
-    """Potatoes, clay, soft toys: round and without any symmetry."""
+    """Potatoes, clay, soft toys: round, without symmetry."""
     waves = [
         (rng.normal(size=3) * rng.uniform(1.5, 3.0), rng.uniform(0.04, 0.09), rng.uniform(0, 6.28))
         for _ in range(4)
@@ -259,7 +258,7 @@ def lumpy(rng: Rng) -> Shape:
 
 
 def sculpture(rng: Rng) -> Shape:
-    """Odd blocks put together at odd angles: no symmetry."""
+    """Blocks joined at odd angles, without symmetry."""
     solid = rounded_box(rng.uniform(0.025, 0.05, 3), 0.004)
     for _ in range(int(rng.integers(2, 4))):
         turn = rotation_about(rng.normal(size=3), rng.uniform(0.4, 1.4))

@@ -1,6 +1,6 @@
-"""Curved surfaces from flat triangles: normals interpolated between a triangle's corners.
+"""Smooth shading: normals interpolated between a triangle's corners.
 
-Only for the colour image; depth and grasps know the triangles as they are.
+For the colour image only; depth and grasps use the flat triangles.
 """
 
 from collections.abc import Sequence
@@ -14,11 +14,11 @@ from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.rendering import Hits
 from pipelines.geometry.transforms import invert, rotate_vectors, transform_points, unit
 
-CREASE = np.radians(35.0)  # a corner whose neighbourhood bends more than this stays an edge
+CREASE = np.radians(35.0)  # between faces; a sharper bend stays an edge
 
 
 def corner_normals(mesh: Mesh) -> Array:
-    """Return (f, 3, 3) unit normals of each triangle's corners, the mesh's frame."""
+    """Return unit normals (f, 3, 3) at each triangle's corners, frame of the mesh."""
     sums = np.zeros_like(mesh.vertices)
     weighted = mesh.face_normals * mesh.face_areas[:, None]
     for corner in range(3):
@@ -35,9 +35,9 @@ def with_smooth_normals(
     T_cam_obj: Array,
     intrinsics: Intrinsics,
 ) -> Hits:
-    """Return `hits` with the normals of the first objects interpolated.
+    """Return `hits` with interpolated normals on the first k objects of the scene.
 
-    `corners`: `corner_normals` of each of the meshes; `T_cam_obj`: (k, 4, 4) their poses.
+    `corners`: `corner_normals` of each of `meshes`; `T_cam_obj`: (k, 4, 4) their poses.
     """
     normal = hits.normal.copy()
     rays = intrinsics.rays()
@@ -50,16 +50,16 @@ def with_smooth_normals(
         weights = barycentric(mesh.triangles[triangle], points)
         own = np.einsum("nk,nki->ni", weights, corners[index][triangle])
         smooth = unit(rotate_vectors(T_cam_obj[index], own))
-        # Near a silhouette the interpolated normal may turn away from the camera.
+        # Near a silhouette an interpolated normal may point away from the camera.
         facing = np.einsum("ni,ni->n", smooth, ray) < 0.0
         normal[seen] = np.where(facing[:, None], smooth, normal[seen])
     return replace(hits, normal=normal)
 
 
 def barycentric(triangles: Array, points: Array) -> Array:
-    """Return (n, 3) shares of the corners of `triangles` (n, 3, 3) that make up `points` (n, 3).
+    """Return the barycentric coordinates (n, 3) of `points` (n, 3) in `triangles` (n, 3, 3).
 
-    Points outside their triangle get the shares of a point on its border.
+    A point outside its triangle gets those of a point on the border.
     """
     a, b, c = triangles.swapaxes(0, 1)
     u, v, w = b - a, c - a, points - a

@@ -3,16 +3,20 @@
 import numpy as np
 
 from pipelines.array_types import Array
-from pipelines.synthesis.objects.shape import Shape, mirror, mirror_axes, turns
+from pipelines.synthesis.objects.shape import (
+    Rng,
+    Shape,
+    mirror_axes,
+    mirror_planes,
+    polygon_symmetries,
+)
 from pipelines.synthesis.objects.solids import bent_tube, box, hull, prism, rounded_box
-
-Rng = np.random.Generator
 
 
 def carton(rng: Rng) -> Shape:
     """Cartons: boxes with three different edges."""
     size = np.sort(rng.uniform([0.02, 0.04, 0.06], [0.065, 0.1, 0.19]))
-    size += [0.0, 0.006, 0.012]  # no accidental squares: they would have more symmetries
+    size += [0.0, 0.006, 0.012]  # avoids squares, which have more symmetries
     return Shape(box(size[rng.permutation(3)], rng.uniform(0.0005, 0.002)), mirror_axes("xyz"))
 
 
@@ -29,10 +33,10 @@ def soap(rng: Rng) -> Shape:
 
 
 def cube(rng: Rng) -> Shape:
-    """Dice and building blocks: all edges equal."""
+    """Dice and building blocks, with equal edges."""
     edge = rng.uniform(0.025, 0.065)
     diagonals = [(1, 1, 0), (1, -1, 0), (1, 0, 1), (1, 0, -1), (0, 1, 1), (0, 1, -1)]
-    planes = mirror_axes("xyz") + mirror(*(np.array(d) / np.sqrt(2.0) for d in diagonals))
+    planes = mirror_axes("xyz") + mirror_planes(*(np.array(d) / np.sqrt(2.0) for d in diagonals))
     return Shape(rounded_box((edge, edge, edge), edge * rng.uniform(0.06, 0.15)), planes)
 
 
@@ -46,7 +50,7 @@ def polygon_prism(rng: Rng) -> Shape:
     """Prisms over a regular polygon: packs, nuts, pencils."""
     sides = int(rng.choice([3, 5, 6, 8]))
     r, h = rng.uniform(0.018, 0.045), rng.uniform(0.025, 0.16)
-    return Shape(prism(regular_polygon(sides, r), h), turns(sides, level=True))
+    return Shape(prism(regular_polygon(sides, r), h), polygon_symmetries(sides, level=True))
 
 
 def star(rng: Rng) -> Shape:
@@ -58,7 +62,7 @@ def star(rng: Rng) -> Shape:
     inner = regular_polygon(points, r * rng.uniform(0.45, 0.7)) @ np.array([[c, s], [-s, c]])
     outline = np.stack([outer, inner], 1).reshape(-1, 2)
     arms = [np.array([(0, 0), inner[i - 1], outer[i], inner[i]]) for i in range(points)]
-    return Shape(prism(outline, h, arms), turns(points, level=True))
+    return Shape(prism(outline, h, arms), polygon_symmetries(points, level=True))
 
 
 def bracket(rng: Rng) -> Shape:
@@ -70,7 +74,7 @@ def bracket(rng: Rng) -> Shape:
     return Shape(long | short, mirror_axes("z"))
 
 
-def cross(rng: Rng) -> Shape:
+def cross_connector(rng: Rng) -> Shape:
     """T- and plus-shaped connectors."""
     a, b, t = rng.uniform(0.07, 0.12), rng.uniform(0.03, 0.06), rng.uniform(0.016, 0.03)
     bar = box((a, t, t), 0.001)
@@ -90,7 +94,7 @@ def elbow(rng: Rng) -> Shape:
     path = np.concatenate([start, arc, end]) - [bend, 0.0, 0.0]
     return Shape(
         bent_tube(path, np.full(len(path), r)),
-        mirror_axes("z") + mirror(np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)),
+        mirror_axes("z") + mirror_planes(np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)),
     )
 
 
@@ -101,7 +105,7 @@ def wedge(rng: Rng) -> Shape:
 
 
 def stone(rng: Rng) -> Shape:
-    """Stones: the hull of a few random points, without any symmetry."""
+    """Stones: the hull of a few random points, without symmetry."""
     size = rng.uniform([0.022, 0.016, 0.013], [0.045, 0.03, 0.024])
     points = rng.normal(size=(int(rng.integers(10, 18)), 3))
     return Shape(hull(size * points / np.linalg.norm(points, axis=1, keepdims=True)))

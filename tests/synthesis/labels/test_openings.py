@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from pipelines.geometry.meshes.line_crossings import Crossings
-from pipelines.synthesis.objects.openings import openings
+from pipelines.synthesis.labels.openings import openings
 from tests.synthesis import naive_labels
 
 

@@ -11,15 +11,15 @@ from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.gripper import Gripper
 from pipelines.inference import work
 from symgrasp.frame_input import IntrinsicsLike, frame_of, instance_masks, workspace_of
-from symgrasp.grasps import Grasps
+from symgrasp.grasps import Grasps, ordered_grasps
 
 
 class GraspDetector:
-    """Finds grasps in RGB-D frames; the models are loaded when it is made.
+    """Finds grasps in RGB-D frames, with models that are loaded once.
 
-    The same frame gives the same grasps, those that `symgrasp infer` writes. One detector may be
-    called from several threads at a time. While a frame is worked on, torch, OpenCV and numpy's
-    matrix products keep to one core.
+    A frame always gives the same grasps: those that `symgrasp infer` writes. Several threads may
+    call one detector at the same time. Each call uses one core: torch, OpenCV and numpy's matrix
+    products are limited to it while any call runs.
     """
 
     def __init__(
@@ -41,14 +41,14 @@ class GraspDetector:
             gripper: preset (`rg2`, `franka`, `robotiq_2f85`), TOML file or `Gripper`; None for
                 that of `settings`.
             device: `cpu`, `cuda`, `cuda:N`, or `auto`: a GPU if there is one.
-            settings: of the stage `infer`.
+            settings: settings of `symgrasp infer`.
             detector: weights of the region detector; as all weights None for those that come with
                 symgrasp.
             network: weights of the grasp network.
             axis_critic: weights of the critic of axes and spheres.
             plane_critic: weights of the plane critic.
             grasp_critic: weights of the grasp critic.
-            seed: of what is drawn at random, in each frame anew.
+            seed: of the random numbers, which start anew with each frame.
 
         Raises:
             SymgraspError: a gripper, device or setting is not known, or weights are missing.
@@ -113,4 +113,4 @@ class GraspDetector:
         with self._work.one_core():
             labels = None if instances is None else instances.labels
             result = planner.plan(frame, rng, labels, mask)
-        return Grasps.of(result, self.gripper, None if instances is None else instances.ids)
+        return ordered_grasps(result, self.gripper, None if instances is None else instances.ids)

@@ -19,8 +19,8 @@ class FoundSymmetry:
     """One symmetry of a region, camera frame (Sec. III-E).
 
     Attributes:
-        region: place of its region in `Grasps.regions`.
-        slot: of the network's five: 0 to 2 mirror planes, 3 rotation axis, 4 sphere.
+        region: index of its region in `Grasps.regions`.
+        slot: one of the network's five: 0 to 2 mirror planes, 3 rotation axis, 4 sphere.
         kind: `reflection`, `rotation` or `sphere`.
         confidence: 0 to 1.
         point: (3,) float32 metres, on the plane or the axis, or the sphere's centre.
@@ -41,12 +41,12 @@ class FoundRegion:
 
     Attributes:
         box: (4,) float32 pixels x0, y0, x1, y1 of the mask; x1 and y1 are exclusive.
-        confidence: 0 to 1.
+        confidence: 0 to 1, the detector's.
         source: who found it: `detector`, `geometric` or `masks`.
         symmetries: those found, most confident first.
         affordance_mean: predicted affordance over the region's points, 0 to 1; nan without network.
         affordance_max: its largest.
-        instance: of the masks given to the detector, the id, or the place in a stack of masks.
+        instance: id of the caller's mask, or its index in a stack of masks; None without masks.
     """
 
     box: NDArray[np.float32]

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
-from typing import Any, Literal, Self, overload
+from typing import Any, Literal, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,15 @@ BASE_AXES = {"closing_y": CLOSING_ALONG_Y, "closing_x": CLOSING_ALONG_X}
 
 @dataclass(frozen=True, eq=False)
 class Grasp:
-    """One grasp, camera frame (OpenCV axes), metres; attributes as `Grasps` has them."""
+    """One grasp, camera frame (OpenCV axes), metres.
+
+    Attributes:
+        symmetry: the symmetry that gave the second contact; None without.
+        opening: metres between the open fingers.
+        gripper: the gripper of `pose` and `opening`.
+
+    All others are one row of the attributes of `Grasps`.
+    """
 
     region: int
     rotation: Singles
@@ -53,11 +61,11 @@ class Grasp:
 class Grasps:
     """The n grasps of one frame, best first over all its regions; read-only.
 
-    Indexing with a number gives a `Grasp`, with a slice or an array of places or truths `Grasps`.
+    An index gives a `Grasp`; a slice, or an array of indices or booleans, gives `Grasps`.
     Camera frame (OpenCV axes: x right, y down, z forward), metres.
 
     Attributes:
-        region: (n,) int32 places in `regions`.
+        region: (n,) int32 indices into `regions`.
         rotation: (n, 3, 3) float32, columns approach, closing, approach x closing.
         translation: (n, 3) float32, midpoint of the two contacts.
         width: (n,) float32, distance of the contacts.
@@ -96,31 +104,6 @@ class Grasps:
     status: str = "ok"
     message: str = ""
     intrinsics: Intrinsics | None = None
-
-    @classmethod
-    def of(
-        cls, result: FrameResult, gripper: Gripper, ids: NDArray[np.int32] | None = None
-    ) -> Self:
-        """Return the grasps of a frame in order of `rank_score`; grasps that tie stay in order.
-
-        Args:
-            result: what was planned, region by region.
-            gripper: that it was planned for.
-            ids: (H, W) of the masks that the regions were made of, if they were.
-        """
-        order = np.argsort(-result.grasps.rank_score, kind="stable")
-        columns = {name: getattr(result.grasps, name)[order] for name in GRASP_COLUMNS}
-        for column in columns.values():
-            column.flags.writeable = False
-        return cls(
-            **columns,
-            regions=regions_of(result.regions, result.size, ids),
-            gripper=gripper,
-            name=result.name,
-            status=result.status,
-            message=result.message,
-            intrinsics=result.intrinsics,
-        )
 
     def __len__(self) -> int:
         return len(self.width)
@@ -191,6 +174,31 @@ class Grasps:
     def __repr__(self) -> str:
         best = f", best rank_score {self.rank_score[0]:.2f}" if len(self) else f": {self.message}"
         return f"Grasps({len(self)} in {len(self.regions)} regions{best})"
+
+
+def ordered_grasps(
+    result: FrameResult, gripper: Gripper, ids: NDArray[np.int32] | None = None
+) -> Grasps:
+    """Return the grasps of a frame in order of `rank_score`; grasps that tie stay in order.
+
+    Args:
+        result: what was planned, region by region.
+        gripper: that it was planned for.
+        ids: (H, W) of the masks that the regions were made of, if they were.
+    """
+    order = np.argsort(-result.grasps.rank_score, kind="stable")
+    columns = {name: getattr(result.grasps, name)[order] for name in GRASP_COLUMNS}
+    for column in columns.values():
+        column.flags.writeable = False
+    return Grasps(
+        **columns,
+        regions=regions_of(result.regions, result.size, ids),
+        gripper=gripper,
+        name=result.name,
+        status=result.status,
+        message=result.message,
+        intrinsics=result.intrinsics,
+    )
 
 
 def _base_poses(

@@ -9,7 +9,7 @@ from pipelines.errors import UnknownNameError
 from pipelines.grasp_files.grasps_stream import read_frames, read_index
 from pipelines.grasp_files.gripper_files import gripper_to_use, load_gripper
 from pipelines.grasping.gripper import Gripper
-from symgrasp.grasps import Grasps
+from symgrasp.grasps import Grasps, ordered_grasps
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class FileGrasps(Mapping[str, Grasps]):
         if name not in self._places:
             raise UnknownFrameError(f"frame of {self.path}", name, self.names)
         (result,) = read_frames(self.path, [self._places[name]])
-        return Grasps.of(result, self.gripper)
+        return ordered_grasps(result, self.gripper)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.names)

@@ -5,6 +5,7 @@ import inspect
 import re
 from collections.abc import Iterator
 from dataclasses import Field, fields, is_dataclass
+from functools import cached_property
 from typing import Any
 
 from typer.main import get_command
@@ -85,7 +86,9 @@ def api() -> str:
             lines += [_docstring(value.__init__), ""]
         for member, function in _public(value) if is_class else ():
             lines += [f"### {name}.{member}", ""]
-            lines += [_code(member + _signature(function)), _docstring(function), ""]
+            if inspect.isfunction(vars(value)[member]):  # a property has no arguments
+                lines += [_code(member + _signature(function))]
+            lines += [_docstring(function), ""]
     return "\n".join(lines)
 
 
@@ -105,6 +108,7 @@ def _public(kind: type) -> Iterator[tuple[str, Any]]:
     """Yield name and function of the methods and properties of `kind` that users call."""
     for name, member in vars(kind).items():
         function = member.fget if isinstance(member, property) else member
+        function = member.func if isinstance(member, cached_property) else function
         function = getattr(function, "__func__", function)  # of a class method
         if inspect.isfunction(function) and (name == "__call__" or not name.startswith("_")):
             yield name, function

@@ -9,6 +9,7 @@ from pipelines.errors import SymgraspError, UnknownNameError
 from pipelines.grasp_files.exports.grasp_exports import Hand, HandGrasps
 from pipelines.grasp_files.grasps_file import FrameResult, GraspTable, RegionTable
 from symgrasp import Grasps
+from symgrasp.grasps import ordered_grasps
 from tests.grasp_files.exports.gripper_toys import CAMERA, random_gripper, random_result
 
 RNG = np.random.default_rng(5)
@@ -17,7 +18,7 @@ RESULT = random_result(RNG, 12)
 SHUFFLED = replace(
     RESULT, grasps=replace(RESULT.grasps, rank_score=RNG.permutation(RESULT.grasps.rank_score))
 )
-GRASPS = Grasps.of(SHUFFLED, GRIPPER)
+GRASPS = ordered_grasps(SHUFFLED, GRIPPER)
 
 
 def test_every_column_of_the_file_but_the_frame_is_an_attribute():
@@ -37,7 +38,7 @@ def test_the_best_of_all_regions_comes_first():
 
 def test_grasps_that_tie_stay_in_the_order_of_the_file():
     tied = replace(RESULT, grasps=replace(RESULT.grasps, rank_score=np.ones(12)))
-    np.testing.assert_array_equal(Grasps.of(tied, GRIPPER).width, RESULT.grasps.width)
+    np.testing.assert_array_equal(ordered_grasps(tied, GRIPPER).width, RESULT.grasps.width)
 
 
 def test_a_number_gives_one_grasp_and_a_slice_or_array_gives_grasps():
@@ -84,7 +85,7 @@ def test_both_conventions_have_the_approach_along_z_and_close_along_their_axis()
 
 
 def test_no_grasps_are_said_with_the_reason():
-    empty = Grasps.of(FrameResult("f", "empty", "nothing stands out", CAMERA), GRIPPER)
+    empty = ordered_grasps(FrameResult("f", "empty", "nothing stands out", CAMERA), GRIPPER)
     assert (len(empty), list(empty), empty.poses().shape) == (0, [], (0, 4, 4))
     with pytest.raises(SymgraspError, match="there is no grasp: nothing stands out"):
         _ = empty.best
@@ -106,7 +107,7 @@ def frame_with_symmetries():
     )
     table = random_result(RNG, 3, regions=1).grasps
     slots = replace(table, region=np.array([0, 0, 1]), symmetry_slot=np.array([3, -1, 4]))
-    return Grasps.of(FrameResult("f", "ok", "", CAMERA, 0.0, regions, slots), GRIPPER)
+    return ordered_grasps(FrameResult("f", "ok", "", CAMERA, 0.0, regions, slots), GRIPPER)
 
 
 def test_regions_have_their_symmetries_most_confident_first():
@@ -149,7 +150,7 @@ def test_regions_of_masks_have_the_masks_numbers():
             if name not in ("frame", "box")
         },
     )
-    grasps = Grasps.of(FrameResult("f", "empty", "", CAMERA, 0.0, regions), GRIPPER, ids)
+    grasps = ordered_grasps(FrameResult("f", "empty", "", CAMERA, 0.0, regions), GRIPPER, ids)
     assert [region.instance for region in grasps.regions] == [7, 0]
 
 

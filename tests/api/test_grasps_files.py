@@ -10,7 +10,8 @@ from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_file import FrameResult
 from pipelines.grasp_files.gripper_files import gripper_digest, load_gripper
 from pipelines.storage.provenance import make_stamp
-from symgrasp import Grasps, read_grasps
+from symgrasp import read_grasps
+from symgrasp.grasps import ordered_grasps
 from tests.grasp_files.exports.gripper_toys import random_result
 
 RNG = np.random.default_rng(1)
@@ -34,7 +35,7 @@ def test_frames_are_read_by_name_in_the_order_of_the_file(tmp_path):
     assert "c" in frames
     assert "d" not in frames
     assert [grasps.status for grasps in frames.values()] == ["ok", "failed", "empty"]
-    expected = Grasps.of(RESULTS[0], load_gripper("franka"))
+    expected = ordered_grasps(RESULTS[0], load_gripper("franka"))
     for column in ("rotation", "width", "rank_score", "region"):
         np.testing.assert_array_equal(getattr(frames["s/a"], column), getattr(expected, column))
     assert frames["s/a"].name == "s/a"

@@ -12,8 +12,8 @@ from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.grasps import Grasps, to_graspnet
 from pipelines.metrics.contacts import close_fingers
 from pipelines.metrics.force_closure import min_friction, on_grid
-from pipelines.metrics.graspnet.graspnet_ap import FRICTIONS
-from pipelines.metrics.graspnet.graspnet_frames import GridObject, PeerScene, judge_rows
+from pipelines.metrics.graspnet.graspnet_ap import AP_FRICTIONS
+from pipelines.metrics.graspnet.graspnet_frames import GridObject, PeerScene, score_rows
 from pipelines.metrics.graspnet.grid_contacts import close_fingers_on_grid
 from pipelines.metrics.graspnet.peer_collision import NUM_SAMPLES, VOXEL, voxel_means
 from pipelines.metrics.mesh_collision import MeshCollider
@@ -62,11 +62,13 @@ def _scoring(meshes: dict[str, Mesh], rng: np.random.Generator) -> list[Measurem
         mesh, grid = meshes[name], single_precision_grid(meshes[name])
         grasps = _grasps(mesh, kind, rng)
         exact[name, kind] = NUM_GRASPS / cpu_seconds_of(
-            lambda m=mesh, g=grasps: on_grid(min_friction(close_fingers(m, g, g.width)), FRICTIONS)
+            lambda m=mesh, g=grasps: on_grid(
+                min_friction(close_fingers(m, g, g.width)), AP_FRICTIONS
+            )
         )
         compatible[name, kind] = NUM_GRASPS / cpu_seconds_of(
             lambda d=grid, g=grasps: on_grid(
-                min_friction(close_fingers_on_grid(d, g, g.width)), FRICTIONS
+                min_friction(close_fingers_on_grid(d, g, g.width)), AP_FRICTIONS
             )
         )
     return [_beside_peer("", exact), _beside_peer(", compatible", compatible)]
@@ -95,7 +97,7 @@ def _frames(meshes: dict[str, Mesh], rng: np.random.Generator) -> Measurement:
         grasps = _grasps(mesh, "antipodal", rng)[: NUM_ROWS // len(objects)].transformed(pose)
         rows.append(to_graspnet(grasps, rng.random(len(grasps)), tip_reach=0.0))
     scene, every = PeerScene(objects, poses, np.eye(4)), np.concatenate(rows)
-    rate = 1.0 / cpu_seconds_of(lambda: judge_rows(every, scene))
+    rate = 1.0 / cpu_seconds_of(lambda: score_rows(every, scene))
     note = f"{rate / PEER_FRAMES:.0f} times graspnetAPI; {len(every)} grasps, nine objects"
     return Measurement("frames of GraspNet's AP", rate, "1/CPU s", note)
 

@@ -22,7 +22,7 @@ from pipelines.dataset.graspnet.graspnet import frame_key
 from pipelines.errors import SymgraspError, UnknownNameError
 from pipelines.evaluation.figures import TEST_SPLITS
 from pipelines.evaluation.pages.report_page import TEMPLATES
-from pipelines.evaluation.paired_runs import Run, paired_frames
+from pipelines.evaluation.paired_runs import EvaluatedRun, paired_frames
 from pipelines.evaluation.run_readers import DEFAULT_ROW, compared_folders, friction_of, read_run
 from pipelines.evaluation.tables import Table
 from pipelines.evaluation.tallies import ALL
@@ -39,8 +39,8 @@ from pipelines.storage.provenance import (
 )
 
 FORMAT_VERSION = 1
-# Nothing of these concerns our own row.
-FOR_BASELINES = ("baselines", "seed", "affordance", "hands")
+# Nothing of these concerns our own row; `hands` is what 0.1 called the grasp critic's digest.
+FOR_BASELINES = ("baselines", "seed", "affordance", "grasp_critic", "hands")
 SEEDED = ("simulate",)  # stages of which the seed concerns all rows: it cuts models into pieces
 UNITS = ("frame", "scene")
 VIEWS_NOTE = "Views of one scene are much alike: over scenes, intervals are wider and more honest."
@@ -106,7 +106,7 @@ def run(
     return found
 
 
-def compare(runs: Sequence[Run], config: CompareConfig, seed: int) -> Comparison:
+def compare(runs: Sequence[EvaluatedRun], config: CompareConfig, seed: int) -> Comparison:
     """Return how `runs` differ on the frames that all of them have."""
     paired = set(paired_frames(runs))
     notes = [*_frame_notes(runs, len(paired)), *_setting_notes(runs, config.row)]
@@ -124,7 +124,7 @@ def compare(runs: Sequence[Run], config: CompareConfig, seed: int) -> Comparison
     return Comparison([run.name for run in runs], notes, figures, config)
 
 
-def _shared_metrics(runs: Sequence[Run]) -> list[str]:
+def _shared_metrics(runs: Sequence[EvaluatedRun]) -> list[str]:
     """Return the names of what all runs have, in the order in which they are read."""
     shared = set.intersection(*(run.metrics for run in runs))
     simulated = shared - set(METRIC_NAMES)
@@ -180,7 +180,7 @@ def _groups(names: Sequence[str], unit: str) -> NDArray[np.int64]:
     return np.unique(scenes, return_inverse=True)[1].astype(np.int64)
 
 
-def _frame_notes(runs: Sequence[Run], paired: int) -> list[str]:
+def _frame_notes(runs: Sequence[EvaluatedRun], paired: int) -> list[str]:
     notes = [f"{paired} frames are in all {len(runs)} runs and are compared."]
     return notes + [
         f"{len(run.frames) - paired} of the {len(run.frames)} frames of {run.name} are not in "
@@ -190,7 +190,7 @@ def _frame_notes(runs: Sequence[Run], paired: int) -> list[str]:
     ]
 
 
-def _setting_notes(runs: Sequence[Run], row: str) -> list[str]:
+def _setting_notes(runs: Sequence[EvaluatedRun], row: str) -> list[str]:
     """Return a sentence for whatever differs between the first run and another."""
     settings, labels = zip(*(_provenance(run, row) for run in runs), strict=True)
     notes = []
@@ -200,18 +200,18 @@ def _setting_notes(runs: Sequence[Run], row: str) -> list[str]:
             for name in _differing(settings[0], settings[place])
         ]
         if changed:
-            notes.append(f"{run.name} was judged with other settings: {', '.join(changed)}.")
+            notes.append(f"{run.name} was evaluated with other settings: {', '.join(changed)}.")
         other = _differing(labels[0], labels[place])
         if "grasps" not in other:
-            notes.append(f"{run.name} judges the same grasps as {runs[0].name}.")
+            notes.append(f"{run.name} is of the same grasps as {runs[0].name}.")
         if "gripper" in other:
-            notes.append(f"{run.name} was judged with a hand of other measures.")
+            notes.append(f"{run.name} was evaluated with another gripper.")
         if other := [name for name in other if name not in ("grasps", "gripper")]:
-            notes.append(f"{run.name} was judged against other labels: {', '.join(other)}.")
+            notes.append(f"{run.name} was evaluated on other labels: {', '.join(other)}.")
     return notes
 
 
-def _provenance(run: Run, row: str) -> tuple[dict[str, Any], dict[str, Any]]:
+def _provenance(run: EvaluatedRun, row: str) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return settings and digests of inputs that `row` of a report was made with."""
     stamp = run.report.get("provenance") or {}
     unused = set(FOR_BASELINES if row == DEFAULT_ROW else ())

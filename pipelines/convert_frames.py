@@ -65,7 +65,7 @@ def run(
     with atomic_folder(output) as folder:
         for source in sources:
             try:
-                write_frame(folder, source.read())
+                write_flat_pair(folder, source.read())
             except (SymgraspError, OSError) as error:
                 report.failed[source.name] = str(error)
                 continue
@@ -77,7 +77,7 @@ def run(
     return report
 
 
-def write_frame(folder: Path, frame: Frame) -> None:
+def write_flat_pair(folder: Path, frame: Frame) -> None:
     """Write one frame as a flat pair; read again, it is the same to the last bit."""
     units = frame.units_per_metre or 1.0
     stored = np.round(frame.depth.astype(np.float64) * units)

@@ -1,4 +1,4 @@
-"""Stage `evaluate`: judge the grasps, symmetries and masks of a `grasps.h5` (Sec. IV).
+"""Stage `evaluate`: score the grasps, symmetries and masks of a `grasps.h5` (Sec. IV).
 
 Reads   grasps.h5            of `infer`, run on a dataset in GraspNet-1Billion's layout
         ROOT/scenes, models  poses, labels, cameras, meshes
@@ -10,8 +10,8 @@ Writes  report.json          figures by row (ours, oracle, planar, random) and s
         report.frames/       what was found frame by frame, one file a scene
 
 Every visible object of a frame gets one grasp: the best of all regions that lie on it. An object
-without a grasp has quality 0. Scenes that are finished are not judged again. No more than a frame
-is in memory at a time, and of each prediction a few bytes for the figures.
+without a grasp has quality 0. Finished scenes are not evaluated again. No more than a frame is in
+memory at a time, and of each prediction a few bytes for the figures.
 """
 
 import functools
@@ -23,20 +23,20 @@ from pipelines.configs import EvaluateConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot, SceneFiles
 from pipelines.evaluation import reports
 from pipelines.evaluation.baselines import Baselines, rows_of
-from pipelines.evaluation.judging import assign_regions, judge_frame
+from pipelines.evaluation.frame_scores import assign_regions, score_frame
 from pipelines.evaluation.predictions import FramePredictions
 from pipelines.evaluation.records import (
     FrameRecord,
-    read_records,
+    read_frame_records,
     records_folder,
-    write_records,
+    write_frame_records,
 )
-from pipelines.evaluation.report_files import Judged, write_report_files
+from pipelines.evaluation.report_files import EvaluatedGrasps, write_report_files
 from pipelines.evaluation.tables import Table, report_tables
 from pipelines.evaluation.truth import TruthReader
 from pipelines.evaluation.truth_inputs import truth_digests
 from pipelines.grasp_files.grasps_file import FrameResult
-from pipelines.grasp_files.grasps_stream import read_dataset_frames, read_index, scenes_of
+from pipelines.grasp_files.grasps_stream import places_by_scene, read_dataset_frames, read_index
 from pipelines.grasp_files.gripper_files import gripper_digest, gripper_to_use, load_gripper
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
 from pipelines.storage.provenance import Stamp, digest, is_finished, make_stamp
@@ -62,7 +62,7 @@ def run(
         config: thresholds.
         options: how the batch is run.
         baselines: also plan with ground truth, from the boundary, and at random.
-        success: `success.json` that `simulate` made of the same grasps, hand and dataset.
+        success: `success.json` that `simulate` made of the same grasps, gripper and dataset.
         seed: of the baselines' random draws.
     """
     root, found = GraspNetRoot(dataset), read_index(grasps)
@@ -70,7 +70,7 @@ def run(
     config = replace(config, gripper=gripper)
     settings = {**asdict(config), "baselines": baselines}
     inputs = {"grasps": digest(grasps), "gripper": gripper_digest(gripper)}
-    scenes = scenes_of(grasps, found, root)
+    scenes = places_by_scene(grasps, found, root)
     inputs |= truth_digests(root, scenes, baselines=baselines)
     stamp = make_stamp("evaluate", settings, seed=seed, inputs=inputs)
     is_finished(output, stamp, overwrite=options.overwrite)  # refuses to replace another report
@@ -79,9 +79,9 @@ def run(
     step = functools.partial(_evaluate_scene, dataset, config, baselines)
     report = run_batch("evaluate", items, step, options)
     if not options.dry_run:
-        judged = Judged(grasps, found, root, config, stamp)
+        evaluated = EvaluatedGrasps(grasps, found, root, config, stamp)
         report.notes |= write_report_files(
-            output, _finished(items), judged, simulated, report.failed
+            output, _finished(items), evaluated, simulated, report.failed
         )
     return report
 
@@ -101,7 +101,7 @@ def evaluate_frame(
     owners = assign_regions(predictions.masks, truth, reader.config)
     rows = rows_of(predictions, owners, files, truth, baselines, seed)
     gripper = load_gripper(reader.config.gripper)
-    return judge_frame(predictions, owners, rows, truth, gripper, reader.config)
+    return score_frame(predictions, owners, rows, truth, gripper, reader.config)
 
 
 def _evaluate_scene(
@@ -111,7 +111,7 @@ def _evaluate_scene(
     others = Baselines.of(reader, load_gripper(config.gripper)) if baselines else None
     results = read_dataset_frames(*item.arguments)
     records = [evaluate_frame(result, reader, others, item.stamp.seed) for result in results]
-    write_records(item.target, records, item.stamp)
+    write_frame_records(item.target, records, item.stamp)
     return None
 
 
@@ -134,4 +134,4 @@ def _scene_items(
 
 def _finished(items: Sequence[WorkItem]) -> Iterator[list[FrameRecord]]:
     """Yield the records of each finished scene."""
-    return (read_records(item.target) for item in items if item.target.exists())
+    return (read_frame_records(item.target) for item in items if item.target.exists())

@@ -7,7 +7,7 @@ Writes  report.json                       AP, AP_0.4, AP_0.8 by camera and split
         report.scenes/                    accuracy (frames, 50, 6) and verdicts, a file a scene
 
 A frame without a file, or with one that holds no grasp rows, is named and counts as one without
-grasps. Scenes that are finished are not judged again.
+grasps. Scenes that are finished are not evaluated again.
 """
 
 import functools
@@ -19,7 +19,7 @@ from pipelines.configs import EvaluateDumpConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.evaluation import reports
 from pipelines.evaluation.graspnet.dump_verdicts import (
-    STATUSES,
+    DUMP_STATUSES,
     read_dump_verdicts,
     scenes_folder,
     write_dump_verdicts,
@@ -27,7 +27,7 @@ from pipelines.evaluation.graspnet.dump_verdicts import (
 from pipelines.evaluation.graspnet.graspnet_figures import DumpTally, dump_tables
 from pipelines.evaluation.graspnet.graspnet_inputs import InputDigests
 from pipelines.evaluation.graspnet.graspnet_page import dump_page
-from pipelines.evaluation.graspnet.graspnet_scenes import judge_scene
+from pipelines.evaluation.graspnet.graspnet_scenes import score_scene
 from pipelines.evaluation.tables import Table
 from pipelines.grasp_files.exports.graspnet_dump import DumpedScene, dumped_scenes
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
@@ -86,7 +86,7 @@ def tables(output: Path) -> list[Table]:
 
 def _evaluate_scene(root: GraspNetRoot, config: EvaluateDumpConfig, item: WorkItem) -> str | None:
     (dumped,) = item.arguments
-    frames = judge_scene(root, dumped, config)
+    frames = score_scene(root, dumped, config)
     write_dump_verdicts(item.target, frames, item.stamp)
     unknown = set(dumped.frame_ids) - {frame.frame_id for frame in frames}
     if unknown:
@@ -119,7 +119,7 @@ def _tally(items: Sequence[WorkItem], report: StageReport) -> DumpTally:
         tally.add(item.name, scene.camera, scene.scene_id, verdicts)
         faults = verdicts["message"][verdicts["message"] != ""].tolist()
         if faults:
-            absent = int((verdicts["status"] != STATUSES.index("ok")).sum())
+            absent = int((verdicts["status"] != DUMP_STATUSES.index("ok")).sum())
             report.failed[item.name] = _sentence(faults, absent, len(verdicts["status"]))
     return tally
 
@@ -130,5 +130,5 @@ def _sentence(faults: Sequence[str], absent: int, frames: int) -> str:
         (len(faults) - absent, f"{len(faults) - absent} of {frames} have rows that are no grasps"),
     ]
     more = f"; and {len(faults) - NAMED} more" if len(faults) > NAMED else ""
-    told = ", ".join(sentence for count, sentence in counts if count)
-    return f"{told}: {'; '.join(faults[:NAMED])}{more}"
+    found = ", ".join(sentence for count, sentence in counts if count)
+    return f"{found}: {'; '.join(faults[:NAMED])}{more}"

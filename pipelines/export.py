@@ -44,7 +44,7 @@ from pipelines.grasp_files.exports.grasp_exports import (
     folds_case,
     frame_path,
 )
-from pipelines.grasp_files.grasps_stream import GraspsIndex, read_frames, read_index
+from pipelines.grasp_files.grasps_stream import GraspsIndex, read_index, read_results
 from pipelines.grasp_files.gripper_files import gripper_digest, gripper_to_use, load_gripper
 from pipelines.grasping.grasps import GRASPNET_DEPTH
 from pipelines.runtime.batch import StageReport
@@ -174,7 +174,7 @@ def _held(
 ) -> Iterator[HandGrasps]:
     """Yield what the hand holds of each frame, one in memory at a time; name the others."""
     first = 0
-    for result in read_frames(grasps, range(len(index.names))):
+    for result in read_results(grasps, range(len(index.names))):
         if result.status == "failed":
             report.failed[result.name] = f"infer failed on it ({result.message}); it has no grasps"
         try:

@@ -18,7 +18,7 @@ from functools import partial
 from pipelines.configs import InferConfig
 from pipelines.frames.camera_files import CameraFile
 from pipelines.grasp_files import grasps_file
-from pipelines.grasp_files.grasps_stream import read_frames
+from pipelines.grasp_files.grasps_stream import read_results
 from pipelines.inference.earlier import refuse_others_work
 from pipelines.inference.pictures import draw_missing, of_output
 from pipelines.inference.side_by_side import load, side_by_side
@@ -106,7 +106,7 @@ def _make(work: Work, items: Sequence[WorkItem], options: BatchOptions) -> Stage
 def _finished_report(paths: InferPaths, count: int) -> StageReport:
     """Return what the finished output says of its `count` frames."""
     report = StageReport(STAGE)
-    for result in read_frames(paths.output, range(count)):
+    for result in read_results(paths.output, range(count)):
         if result.status == "failed":
             report.failed[result.name] = result.message
             continue

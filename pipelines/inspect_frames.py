@@ -29,7 +29,7 @@ RANGE = (1, 99)  # percentiles of the measured depth: a few pixels are always fa
 
 
 @dataclass(frozen=True)
-class Look:
+class FrameFacts:
     """What one frame showed."""
 
     layout: str
@@ -52,7 +52,7 @@ class Findings:
     """
 
     found: Counter[str]
-    groups: list[list[Look]]
+    groups: list[list[FrameFacts]]
     report: StageReport
 
 
@@ -76,7 +76,7 @@ def run(
     """
     started, report = time.monotonic(), StageReport(STAGE)
     sources = find_frames(frames, intrinsics=camera, depth_units_per_metre=depth_units_per_metre)
-    groups: dict[object, list[Look]] = {}
+    groups: dict[object, list[FrameFacts]] = {}
     for source in _spread(sources, config.max_frames):
         try:
             look = _look(source, source.read())
@@ -91,7 +91,7 @@ def run(
     return Findings(found, list(groups.values()), report)
 
 
-def summary(findings: Findings) -> list[str]:
+def findings_lines(findings: Findings) -> list[str]:
     """Return what was found, line by line."""
     read = len(findings.report.done) + len(findings.report.failed)
     lines = [f"{count} frames as {layout}" for layout, count in findings.found.items()]
@@ -108,11 +108,11 @@ def _spread(sources: Sequence[FrameSource], most: int) -> list[FrameSource]:
     return [sources[round(i)] for i in np.linspace(0, len(sources) - 1, most)]
 
 
-def _look(source: FrameSource, frame: Frame) -> Look:
+def _look(source: FrameSource, frame: Frame) -> FrameFacts:
     measured = frame.depth[frame.depth > 0]
     near, far = (float(value) for value in np.percentile(measured, RANGE))
     share = measured.size / frame.depth.size
-    return Look(
+    return FrameFacts(
         source.layout,
         source.name,
         frame.intrinsics,
@@ -123,7 +123,7 @@ def _look(source: FrameSource, frame: Frame) -> Look:
     )
 
 
-def _told(group: Sequence[Look]) -> list[str]:
+def _told(group: Sequence[FrameFacts]) -> list[str]:
     first, camera = group[0], group[0].intrinsics
     names = first.name if len(group) == 1 else f"{first.name} ... {group[-1].name}"
     near = min(look.depth_range[0] for look in group)

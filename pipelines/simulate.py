@@ -30,7 +30,7 @@ from pipelines.evaluation.trial_records import (
     write_trials,
 )
 from pipelines.evaluation.truth_inputs import truth_digests
-from pipelines.grasp_files.grasps_stream import read_dataset_frames, read_index, scenes_of
+from pipelines.grasp_files.grasps_stream import places_by_scene, read_dataset_frames, read_index
 from pipelines.grasp_files.gripper_files import gripper_digest, gripper_to_use, load_gripper
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
 from pipelines.simulation.frames import FrameSimulator, PiecesReader
@@ -78,7 +78,7 @@ def run(
     root, found = GraspNetRoot(dataset), read_index(grasps)
     gripper = gripper_to_use(config.gripper, found.gripper, found.stamp)
     config = replace(config, gripper=gripper)
-    scenes = scenes_of(grasps, found, root)
+    scenes = places_by_scene(grasps, found, root)
     inputs = {"grasps": digest(grasps), "gripper": gripper_digest(gripper)}
     inputs |= truth_digests(root, scenes, baselines=baselines)
     inputs["pieces"] = _digest_of_pieces(scenes, root, output)

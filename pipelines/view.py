@@ -26,10 +26,10 @@ from pipelines.frames.frames import FrameSource
 from pipelines.frames.frames_record import FramesRecord
 from pipelines.frames.rgbd import Frame
 from pipelines.grasp_files.grasps_file import FrameResult
-from pipelines.grasp_files.grasps_stream import read_frames, read_index
+from pipelines.grasp_files.grasps_stream import read_index, read_results
 from pipelines.grasp_files.grasps_tables import result_digest
 from pipelines.grasp_files.gripper_files import gripper_digest, gripper_to_use, load_gripper
-from pipelines.pictures.grasp_page.page import IndexEntry, frame_page, in_words, index_page
+from pipelines.pictures.grasp_page.page import IndexEntry, frame_page, index_page, result_words
 from pipelines.pictures.grasp_page.scene import frame_scene
 from pipelines.pictures.overlays import draw_overlay
 from pipelines.pictures.rerun_recording import need_rerun, write_recording
@@ -38,7 +38,7 @@ from pipelines.storage.files import LONGEST_NAME, write_image, write_text
 from pipelines.storage.provenance import Stamp, digest, is_finished, make_stamp, read_stamp
 
 STAGE = "view"
-Step = Callable[[WorkItem], str | None]
+PageStep = Callable[[WorkItem], str | None]
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ def make_page(item: WorkItem, paths: ViewPaths, config: ViewConfig) -> str | Non
     scene = frame_scene(frame, result, load_gripper(config.gripper), config)
     page = frame_page(scene, result, item.stamp)
     write_text(item.target, page)
-    return f"{len(page) / 1e6:.1f} MB, {in_words(result)}"
+    return f"{len(page) / 1e6:.1f} MB, {result_words(result)}"
 
 
 def make_recording(item: WorkItem, paths: ViewPaths, config: ViewConfig) -> str | None:
@@ -130,7 +130,7 @@ def make_recording(item: WorkItem, paths: ViewPaths, config: ViewConfig) -> str 
 def _frame_of(item: WorkItem, paths: ViewPaths) -> tuple[Frame, FrameResult]:
     """Return a frame with the camera that its grasps were found with, and these."""
     source, place = item.arguments
-    result = next(read_frames(paths.grasps, [place]))
+    result = next(read_results(paths.grasps, [place]))
     frame = source.read()
     height, width = frame.depth.shape
     if (width, height) != result.size:
@@ -215,9 +215,9 @@ def _entries(paths: ViewPaths, report: StageReport) -> Iterator[IndexEntry]:
             paths.of_frame(result.name, suffix).relative_to(paths.output).as_posix()
             for suffix in (".html", ".jpg")
         )
-        yield IndexEntry(result.name, page, picture, in_words(result))
+        yield IndexEntry(result.name, page, picture, result_words(result))
 
 
 def _results(paths: ViewPaths) -> Iterator[FrameResult]:
     """Yield what was found, a frame at a time."""
-    return read_frames(paths.grasps, range(len(read_index(paths.grasps).names)))
+    return read_results(paths.grasps, range(len(read_index(paths.grasps).names)))

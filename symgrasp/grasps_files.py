@@ -6,7 +6,7 @@ from functools import cached_property
 from pathlib import Path
 
 from pipelines.errors import UnknownNameError
-from pipelines.grasp_files.grasps_stream import read_frames, read_index
+from pipelines.grasp_files.grasps_stream import read_index, read_results
 from pipelines.grasp_files.gripper_files import gripper_to_use, load_gripper
 from pipelines.grasping.gripper import Gripper
 from symgrasp.grasps import Grasps, ordered_grasps
@@ -29,7 +29,7 @@ class FileGrasps(Mapping[str, Grasps]):
     def __getitem__(self, name: str) -> Grasps:
         if name not in self._places:
             raise UnknownFrameError(f"frame of {self.path}", name, self.names)
-        (result,) = read_frames(self.path, [self._places[name]])
+        (result,) = read_results(self.path, [self._places[name]])
         return ordered_grasps(result, self.gripper)
 
     def __iter__(self) -> Iterator[str]:

@@ -28,6 +28,6 @@ def inspect(
         camera=None if intrinsics is None else parse_camera(intrinsics),
         depth_units_per_metre=depth_units_per_metre,
     )
-    for line in stage.summary(findings):
+    for line in stage.findings_lines(findings):
         typer.echo(line)
     conclude(findings.report)

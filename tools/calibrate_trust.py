@@ -19,7 +19,7 @@ import numpy as np
 
 from pipelines.configs import EvaluateConfig, InferConfig
 from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot
-from pipelines.evaluation.judging import assign_regions
+from pipelines.evaluation.frame_scores import assign_regions
 from pipelines.evaluation.truth import TruthReader
 from pipelines.geometry.symmetry import (
     RotationSymmetry,

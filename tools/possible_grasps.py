@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from pipelines.configs import EvaluateConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
-from pipelines.evaluation.records import FrameRecord, read_records, records_folder
+from pipelines.evaluation.records import FrameRecord, read_frame_records, records_folder
 from pipelines.evaluation.trial_records import OURS
 from pipelines.evaluation.truth import TruthReader
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
@@ -83,7 +83,7 @@ def frames_of(report: Path) -> Iterator[FrameRecord]:
     if not files:
         raise SystemExit(f"{records_folder(report)}: no records; run `symgrasp evaluate` first")
     for path in files:
-        yield from read_records(path)
+        yield from read_frame_records(path)
 
 
 def main(report: Path, root: GraspNetRoot) -> None:

@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 
 from pipelines.configs import InferConfig
 from pipelines.dataset.graspnet.graspnet import FrameFiles
-from pipelines.evaluation.judging import RegionOwners
+from pipelines.evaluation.frame_scores import RegionOwners
 from pipelines.evaluation.predictions import FramePredictions, RowPredictions
 from pipelines.evaluation.truth import FrameTruth, TruthReader
 from pipelines.geometry.symmetry import SymmetrySlots

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipelines.evaluation.records import threshold_key
-from pipelines.evaluation.tallies import ALL, JudgedTally, ReportTally, RowTally
+from pipelines.evaluation.tallies import ALL, PredictionTally, ReportTally, RowTally
+from pipelines.geometry.symmetry import SYMMETRY_KINDS
 from pipelines.metrics.average_precision import average_precision, interpolated_precision
 from pipelines.metrics.coco_masks import IOU_THRESHOLDS, coco_average_precision
 from pipelines.metrics.grasp_verdicts import REASONS
-from pipelines.metrics.symmetry_matching import KINDS
 
 ROWS = ("ours", "oracle", "planar", "random")
 TEST_SPLITS = ("seen", "similar", "novel")
@@ -39,7 +39,7 @@ def report_rows(
         row: {
             split: split_figures(
                 tally.rows[row].get(split, RowTally()),
-                tally.masks.get(split, JudgedTally()),
+                tally.masks.get(split, PredictionTally()),
                 thresholds,
                 sphere_threshold,
             )
@@ -51,7 +51,7 @@ def report_rows(
 
 
 def split_figures(
-    row: RowTally, masks: JudgedTally, thresholds: Sequence[float], sphere_threshold: float
+    row: RowTally, masks: PredictionTally, thresholds: Sequence[float], sphere_threshold: float
 ) -> Figures:
     """Return FIGURES of one row in one split; what has no truth to find is None."""
     reported, *stricter = thresholds
@@ -80,7 +80,9 @@ def report_curves(
     """
     rows = {row: tally.rows[row][ALL] for row in ROWS if row in tally.rows}
     symmetry = {
-        row: {kind: _curves_of(found, kind, thresholds, sphere_threshold) for kind in KINDS}
+        row: {
+            kind: _curves_of(found, kind, thresholds, sphere_threshold) for kind in SYMMETRY_KINDS
+        }
         for row, found in rows.items()
     }
     return {
@@ -117,27 +119,29 @@ def _symmetry_ap(
     """Return all-point AP by kind; None where no truth, or where a method predicts none."""
     return {
         kind: _defined(
-            average_precision(*_judged(row, kind).pooled(_key(kind, threshold, sphere_threshold)))
+            average_precision(
+                *_predictions_of(row, kind).pooled(_key(kind, threshold, sphere_threshold))
+            )
         )
-        for kind in KINDS
+        for kind in SYMMETRY_KINDS
     }
 
 
 def _curves_of(
     row: RowTally, kind: str, thresholds: Sequence[float], sphere_threshold: float
 ) -> dict[str, list[float]]:
-    judged = _judged(row, kind)
+    scored = _predictions_of(row, kind)
     keys = dict.fromkeys(_key(kind, threshold, sphere_threshold) for threshold in thresholds)
-    if not judged.num_truth:
+    if not scored.num_truth:
         return {}
     return {
-        key: interpolated_precision(*judged.pooled(key), CURVE_RECALLS).round(4).tolist()
+        key: interpolated_precision(*scored.pooled(key), CURVE_RECALLS).round(4).tolist()
         for key in keys
     }
 
 
-def _judged(row: RowTally, kind: str) -> JudgedTally:
-    return row.symmetries.get(kind, JudgedTally())
+def _predictions_of(row: RowTally, kind: str) -> PredictionTally:
+    return row.symmetries.get(kind, PredictionTally())
 
 
 def _held_share(row: RowTally) -> list[float]:
@@ -146,7 +150,7 @@ def _held_share(row: RowTally) -> list[float]:
     return [float(share) for share in held / len(friction)]
 
 
-def _mask_ap(masks: JudgedTally) -> dict[str, float | None]:
+def _mask_ap(masks: PredictionTally) -> dict[str, float | None]:
     """Return COCO's AP at IoU 0.5, at 0.75, and the mean over 0.5 to 0.95."""
     pooled = [masks.pooled(threshold_key(threshold)) for threshold in IOU_THRESHOLDS]
     confidence = pooled[0][0]

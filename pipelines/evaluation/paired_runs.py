@@ -1,6 +1,6 @@
 """Several runs frame by frame, and which of their frames can be paired.
 
-Frames are paired by name. Two runs were judged against the same truth if a frame has the same
+Frames are paired by name. Two runs were evaluated on the same truth if a frame has the same
 visible objects and as many masks and symmetries to find in both; runs of which this is not so
 cannot be paired at all.
 """
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.errors import SymgraspError
-from pipelines.evaluation.records import JudgedPredictions
+from pipelines.evaluation.records import ScoredPredictions
 from pipelines.evaluation.tallies import ALL
 from pipelines.metrics.paired_bootstrap import FrameFigure, FrameMeans, FramePrecision
 from pipelines.metrics.symmetry_matching import CORRECT, IGNORED
@@ -25,7 +25,7 @@ Truth = tuple[tuple[int, ...], int, tuple[int, ...]]  # visible objects, masks, 
 
 
 @dataclass
-class Judged:
+class RunPredictions:
     """Predictions of one kind in the frames of a run, in the order of the frames."""
 
     confidence: "array[float]" = field(default_factory=lambda: array("d"))
@@ -33,9 +33,9 @@ class Judged:
     frame: "array[int]" = field(default_factory=lambda: array("q"))
     num_truth: "array[float]" = field(default_factory=lambda: array("d"))
 
-    def add(self, frame: int, judged: JudgedPredictions | None, key: str) -> None:
+    def add(self, frame: int, scored: ScoredPredictions | None, key: str) -> None:
         """Add one frame's; None where the method predicts none of the kind."""
-        found = judged or JudgedPredictions(0)
+        found = scored or ScoredPredictions(0)
         self.num_truth.append(found.num_truth)
         for confidence, verdict in zip(
             found.confidence, found.verdicts.get(key, []), strict=bool(found.verdicts)
@@ -61,7 +61,7 @@ class Judged:
 
 
 @dataclass
-class Run:
+class EvaluatedRun:
     """One row of one report, frame by frame.
 
     Attributes:
@@ -71,7 +71,7 @@ class Run:
         splits, truth: of each frame.
         counts: how many objects (or whatever means are over) each frame has.
         sums: by metric that is a mean, of each frame the sum over its objects.
-        judged: by metric that is an average precision over all frames.
+        predictions: by metric that is an average precision over all frames.
     """
 
     name: str
@@ -81,12 +81,12 @@ class Run:
     truth: list[Truth] = field(default_factory=list)
     counts: "array[float]" = field(default_factory=lambda: array("d"))
     sums: dict[str, "array[float]"] = field(default_factory=dict)
-    judged: dict[str, Judged] = field(default_factory=dict)
+    predictions: dict[str, RunPredictions] = field(default_factory=dict)
 
     @property
     def metrics(self) -> set[str]:
         """What this run can be compared by."""
-        return {*self.sums, *self.judged}
+        return {*self.sums, *self.predictions}
 
     def add(
         self, name: str, split: str, truth: Truth, count: int, sums: Mapping[str, float]
@@ -102,23 +102,25 @@ class Run:
             self.sums.setdefault(metric, array("d")).append(value)
         return place
 
-    def judge(self, place: int, metric: str, judged: JudgedPredictions | None, key: str) -> None:
-        """Add the predictions of one frame that `metric` ranks, judged at the threshold `key`."""
-        self.judged.setdefault(metric, Judged()).add(place, judged, key)
+    def add_predictions(
+        self, place: int, metric: str, scored: ScoredPredictions | None, key: str
+    ) -> None:
+        """Add the predictions of one frame that `metric` ranks, right or wrong at `key`."""
+        self.predictions.setdefault(metric, RunPredictions()).add(place, scored, key)
 
     def figure(self, metric: str, names: Sequence[str]) -> FrameFigure:
         """Return `metric` over the frames called `names`, in that order."""
         places = np.array([self.frames[name] for name in names], np.int64)
         if metric in self.sums:
             return FrameMeans(np.array(self.sums[metric])[places], np.array(self.counts)[places])
-        return self.judged[metric].at(places, coco=metric == MASKS)
+        return self.predictions[metric].at(places, coco=metric == MASKS)
 
     def names_in(self, split: str) -> list[str]:
         """Return the names of the frames of a split, sorted."""
         return sorted(n for n, place in self.frames.items() if split in (ALL, self.splits[place]))
 
 
-def paired_frames(runs: Sequence[Run]) -> list[str]:
+def paired_frames(runs: Sequence[EvaluatedRun]) -> list[str]:
     """Return the names of the frames that all runs have, sorted.
 
     Raises:
@@ -145,12 +147,12 @@ def paired_frames(runs: Sequence[Run]) -> list[str]:
     return sorted(shared)
 
 
-def _check_truth(name: str, first: Run, other: Run) -> None:
+def _check_truth(name: str, first: EvaluatedRun, other: EvaluatedRun) -> None:
     one, two = first.truth[first.frames[name]], other.truth[other.frames[name]]
     if one == two:
         return
     what = "visible objects" if one[0] != two[0] else "masks or symmetries to find"
     raise SymgraspError(
-        f"{name} has other {what} in {other.name} than in {first.name}: judged on another dataset, "
-        "with other labels or other settings, these runs cannot be paired"
+        f"{name} has other {what} in {other.name} than in {first.name}: evaluated on another "
+        "dataset, with other labels or other settings, these runs cannot be paired"
     )

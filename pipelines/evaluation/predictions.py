@@ -1,4 +1,4 @@
-"""What is judged: the regions of a frame, and one method's best grasp and symmetries on each."""
+"""Predictions for one frame: its regions, and a method's best grasp and symmetries on each."""
 
 from dataclasses import dataclass
 

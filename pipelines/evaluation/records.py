@@ -1,4 +1,4 @@
-"""What evaluation found out about one frame, as JSON: enough to compute every figure again.
+"""Records of evaluated frames as JSON: enough to compute every figure again.
 
 Records are written scene by scene, so that an interrupted run loses nothing and figures of any
 subset of frames can be formed later (splits, confidence intervals).
@@ -19,7 +19,7 @@ FORMAT_VERSION = 1
 
 
 @dataclass(frozen=True)
-class JudgedPredictions:
+class ScoredPredictions:
     """Predictions of one kind in one frame.
 
     Attributes:
@@ -43,20 +43,20 @@ class RowRecord:
     """
 
     verdicts: list[Verdict]
-    symmetries: dict[str, JudgedPredictions] = field(default_factory=dict)
+    symmetries: dict[str, ScoredPredictions] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class FrameRecord:
     """All methods on one frame; the regions, and so their masks, are the same for all.
 
-    `seconds` that `infer` took; nan where it was not asked to say (`infer --timings`).
+    `seconds` that `infer` took; nan without `infer --timings`.
     """
 
     name: str
     split: str
     seconds: float
-    masks: JudgedPredictions
+    masks: ScoredPredictions
     rows: dict[str, RowRecord]
 
 
@@ -70,7 +70,7 @@ def threshold_key(threshold: float) -> str:
     return f"{threshold:g}"
 
 
-def write_records(path: Path, records: Sequence[FrameRecord], stamp: Stamp) -> None:
+def write_frame_records(path: Path, records: Sequence[FrameRecord], stamp: Stamp) -> None:
     """Write the records of one scene."""
     content = {
         "format_version": FORMAT_VERSION,
@@ -80,11 +80,11 @@ def write_records(path: Path, records: Sequence[FrameRecord], stamp: Stamp) -> N
     write_json(path, content)
 
 
-def read_records(path: Path) -> list[FrameRecord]:
+def read_frame_records(path: Path) -> list[FrameRecord]:
     """Read the records of one scene.
 
     Raises:
-        FormatError: not written by `write_records`.
+        FormatError: not written by `write_frame_records`.
     """
     content = read_json(path)
     try:
@@ -106,7 +106,7 @@ def _finite(value: Any) -> Any:  # noqa: ANN401 - JSON is any of many types
 
 def _record(entry: Mapping[str, Any]) -> FrameRecord:
     rows = {name: _row(row) for name, row in entry["rows"].items()}
-    masks = JudgedPredictions(**entry["masks"])
+    masks = ScoredPredictions(**entry["masks"])
     seconds = math.nan if entry["seconds"] is None else entry["seconds"]
     return FrameRecord(entry["name"], entry["split"], seconds, masks, rows)
 
@@ -116,8 +116,8 @@ def _row(entry: Mapping[str, Any]) -> RowRecord:
         Verdict(**{**verdict, "min_friction": _infinite(verdict["min_friction"])})
         for verdict in entry["verdicts"]
     ]
-    judged = {kind: JudgedPredictions(**found) for kind, found in entry["symmetries"].items()}
-    return RowRecord(verdicts, judged)
+    scored = {kind: ScoredPredictions(**found) for kind, found in entry["symmetries"].items()}
+    return RowRecord(verdicts, scored)
 
 
 def _infinite(friction: float | None) -> float:

@@ -22,13 +22,13 @@ from pipelines.storage.provenance import Stamp
 
 
 @dataclass(frozen=True)
-class Judged:
+class EvaluatedGrasps:
     """What a report is about.
 
     Attributes:
-        grasps: the file that was judged.
+        grasps: the file that was evaluated.
         index: its frames and attributes.
-        root: the dataset it was judged against.
+        root: the dataset it was evaluated against.
         config: thresholds.
         stamp: how the records were made.
     """
@@ -43,13 +43,13 @@ class Judged:
 def write_report_files(
     output: Path,
     scenes: Iterable[list[FrameRecord]],
-    judged: Judged,
+    evaluated: EvaluatedGrasps,
     success: Mapping[str, Any] | None = None,
     failed: Mapping[str, str] | None = None,
 ) -> dict[str, str]:
     """Write `output` and the page beside it from the records of scenes, one scene in memory.
 
-    `failed`: scenes that could not be judged and are left out, to why.
+    `failed`: scenes that could not be evaluated and are left out, to why.
 
     Returns:
         What could not be drawn: frame to sentence.
@@ -59,7 +59,7 @@ def write_report_files(
         choice.add(records)
         for record in records:
             tally.add(record)
-    thresholds, sphere = judged.config.symmetry_thresholds, judged.config.sphere_threshold
+    thresholds, sphere = evaluated.config.symmetry_thresholds, evaluated.config.sphere_threshold
     rows = report_rows(tally, thresholds, sphere)
     more: dict[str, Any] = {
         "failed": dict(failed or {}),
@@ -68,8 +68,8 @@ def write_report_files(
     if success is not None:
         more |= _add_success(rows, success)
     seconds = float(np.mean(tally.seconds)) if tally.seconds else None
-    reports.write_report(output, rows, judged.stamp, seconds_per_frame=seconds, **more)
-    gallery, faults = draw_gallery(choice, judged.grasps, judged.index, judged.root)
+    reports.write_report(output, rows, evaluated.stamp, seconds_per_frame=seconds, **more)
+    gallery, faults = draw_gallery(choice, evaluated.grasps, evaluated.index, evaluated.root)
     write_text(output.with_suffix(".html"), report_page(reports.read_report(output), gallery))
     return faults
 

@@ -1,4 +1,4 @@
-"""Reading what lies beside a report or a `success.json`, scene by scene, into a `Run`."""
+"""Reading what lies beside a report or a `success.json`, scene by scene, into a `EvaluatedRun`."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -11,22 +11,22 @@ from pipelines.dataset.graspnet.graspnet import split_of_scene
 from pipelines.errors import FormatError, MissingInputError, UnknownNameError
 from pipelines.evaluation import reports
 from pipelines.evaluation.graspnet.dump_verdicts import read_dump_verdicts, scenes_folder
-from pipelines.evaluation.paired_runs import MASKS, Run
+from pipelines.evaluation.paired_runs import MASKS, EvaluatedRun
 from pipelines.evaluation.records import (
     FrameRecord,
     RowRecord,
-    read_records,
+    read_frame_records,
     records_folder,
     threshold_key,
 )
 from pipelines.evaluation.trial_records import HELD, OURS, friction_key, read_trials, trials_folder
+from pipelines.geometry.symmetry import SYMMETRY_KINDS
 from pipelines.metrics.coco_masks import IOU_THRESHOLDS
-from pipelines.metrics.graspnet.graspnet_ap import FRICTIONS
-from pipelines.metrics.symmetry_matching import KINDS
+from pipelines.metrics.graspnet.graspnet_ap import AP_FRICTIONS
 from pipelines.storage.provenance import COMPARED, read_stamp
 
-PRECISIONS = (*(f"symmetry_ap {kind}" for kind in KINDS), MASKS)
-DUMP_FRICTIONS = {"ap": FRICTIONS, "ap_0.8": (0.8,), "ap_0.4": (0.4,)}
+PRECISIONS = (*(f"symmetry_ap {kind}" for kind in SYMMETRY_KINDS), MASKS)
+DUMP_FRICTIONS = {"ap": AP_FRICTIONS, "ap_0.8": (0.8,), "ap_0.4": (0.4,)}
 DEFAULT_ROW = OURS
 SUCCESS = "success"
 
@@ -37,7 +37,7 @@ def compared_folders(report: Path) -> list[Path]:
     return [folder for folder in folders if folder.is_dir()]
 
 
-def read_run(path: Path, name: str, row: str) -> Run:
+def read_run(path: Path, name: str, row: str) -> EvaluatedRun:
     """Read the records beside the report `path`, a scene at a time.
 
     Args:
@@ -59,7 +59,7 @@ def read_run(path: Path, name: str, row: str) -> Run:
         raise UnknownNameError(f"row of {path}", row, report["rows"])
     folder = scenes_folder(path) if is_dump else records_folder(path)
     scenes = _scenes(folder, "npz" if is_dump else "json", "evaluate")
-    run = Run(name, report)
+    run = EvaluatedRun(name, report)
     if is_dump:
         _read_dump(run, path, scenes, "" if row == DEFAULT_ROW else row)
     else:
@@ -84,13 +84,13 @@ def _scenes(folder: Path, suffix: str, command: str) -> list[Path]:
     return scenes
 
 
-def _read_success(path: Path, name: str, row: str) -> Run:
+def _read_success(path: Path, name: str, row: str) -> EvaluatedRun:
     """Read the trials beside a `success.json`; of each frame, how many held at each friction."""
     report = reports.read_success(path)
     rows = [OURS, *report.get("baselines", {})]
     if row not in rows:
         raise UnknownNameError(f"row of {path}", row, rows)
-    run, stamp = Run(name, report), report.get("provenance") or {}
+    run, stamp = EvaluatedRun(name, report), report.get("provenance") or {}
     metrics = [success_metric(friction_key(friction)) for friction in report["frictions"]]
     for scene in _scenes(trials_folder(path), "json", "simulate"):
         _check_stamp(scene, path, stamp, COMPARED)
@@ -108,22 +108,24 @@ def _read_success(path: Path, name: str, row: str) -> Run:
     return run
 
 
-def _read_records(run: Run, path: Path, scenes: list[Path], row: str) -> None:
+def _read_records(run: EvaluatedRun, path: Path, scenes: list[Path], row: str) -> None:
     stamp = run.report.get("provenance") or {}
     keys = _threshold_keys(path, stamp)
     for scene in scenes:
         _check_stamp(scene, path, stamp, COMPARED)
-        for record in read_records(scene):
+        for record in read_frame_records(scene):
             if row in record.rows:
                 _add_record(run, record, record.rows[row], keys)
 
 
-def _add_record(run: Run, record: FrameRecord, row: RowRecord, keys: Mapping[str, str]) -> None:
-    symmetries = [row.symmetries.get(kind) for kind in KINDS]
+def _add_record(
+    run: EvaluatedRun, record: FrameRecord, row: RowRecord, keys: Mapping[str, str]
+) -> None:
+    symmetries = [row.symmetries.get(kind) for kind in SYMMETRY_KINDS]
     truth = (
         tuple(sorted(verdict.object_id for verdict in row.verdicts)),
         record.masks.num_truth,
-        tuple(judged.num_truth if judged else 0 for judged in symmetries),
+        tuple(scored.num_truth if scored else 0 for scored in symmetries),
     )
     values = {
         "grasp_quality": [verdict.quality for verdict in row.verdicts],
@@ -133,11 +135,11 @@ def _add_record(run: Run, record: FrameRecord, row: RowRecord, keys: Mapping[str
     }
     sums = {name: float(np.sum(each)) for name, each in values.items()}
     place = run.add(record.name, record.split, truth, len(row.verdicts), sums)
-    for metric, judged in zip(PRECISIONS, (*symmetries, record.masks), strict=True):
-        run.judge(place, metric, judged, keys[metric])
+    for metric, scored in zip(PRECISIONS, (*symmetries, record.masks), strict=True):
+        run.add_predictions(place, metric, scored, keys[metric])
 
 
-def _read_dump(run: Run, path: Path, scenes: list[Path], camera: str) -> None:
+def _read_dump(run: EvaluatedRun, path: Path, scenes: list[Path], camera: str) -> None:
     """Add the frames of a dump that `camera` saw, of all cameras if empty."""
     stamp = run.report.get("provenance") or {}
     for path_of_scene in scenes:
@@ -149,7 +151,7 @@ def _read_dump(run: Run, path: Path, scenes: list[Path], camera: str) -> None:
         by_friction = np.asarray(found["accuracy"], np.float64).mean(axis=1)
         for frame_id, accuracy in zip(found["frame_id"].tolist(), by_friction, strict=True):
             sums = {
-                metric: float(np.mean([accuracy[FRICTIONS.index(mu)] for mu in frictions]))
+                metric: float(np.mean([accuracy[AP_FRICTIONS.index(mu)] for mu in frictions]))
                 for metric, frictions in DUMP_FRICTIONS.items()
             }
             name = f"scenes/{scene}/{seen_by}/{frame_id:04d}"
@@ -171,5 +173,5 @@ def _threshold_keys(path: Path, stamp: Mapping[str, Any]) -> dict[str, str]:
     except (KeyError, IndexError, TypeError) as error:
         expected = "a report of `symgrasp evaluate` is expected"
         raise FormatError(path, "does not say its thresholds", expected) from error
-    keys = [sphere if kind == "sphere" else dense for kind in KINDS]
+    keys = [sphere if kind == "sphere" else dense for kind in SYMMETRY_KINDS]
     return dict(zip(PRECISIONS, (*keys, threshold_key(IOU_THRESHOLDS[0])), strict=True))

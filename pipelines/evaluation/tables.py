@@ -12,16 +12,16 @@ from pipelines.evaluation import published
 from pipelines.evaluation.figures import TEST_SPLITS, Figures
 from pipelines.evaluation.published import PublishedRow
 from pipelines.evaluation.tallies import ALL
+from pipelines.geometry.symmetry import SYMMETRY_KINDS
 from pipelines.metrics.grasp_verdicts import REASONS
-from pipelines.metrics.symmetry_matching import KINDS
 
 ReportRows = Mapping[str, Mapping[str, Figures]]
 
-METHODS = {"ours": "SymGrasp", "oracle": "oracle", "planar": "planar", "random": "random"}
+METHOD_NAMES = {"ours": "SymGrasp", "oracle": "oracle", "planar": "planar", "random": "random"}
 METHODS_NOTE = (
     "SymGrasp is ours, on the dataset evaluated here; oracle: true symmetries and affordance "
     "through the same selection; planar: from the boundary of the region; random: any grasp the "
-    "hand can do."
+    "gripper can do."
 )
 UNSEEN = ("similar", "novel")
 SUCCESS_KINDS = ("reflection", "rotation", "sphere", "none", ALL)
@@ -75,7 +75,9 @@ def _left_out(report: Mapping[str, Any]) -> str:
     if not failed:
         return ""
     scene, why = next(iter(failed.items()))
-    return f" Scenes that could not be judged and are left out: {len(failed)}, as {scene}: {why}."
+    return (
+        f" Scenes that could not be evaluated and are left out: {len(failed)}, as {scene}: {why}."
+    )
 
 
 def split_table(rows: ReportRows, figure: str, paper: Sequence[PublishedRow], title: str) -> Table:
@@ -84,7 +86,7 @@ def split_table(rows: ReportRows, figure: str, paper: Sequence[PublishedRow], ti
     blank = ("",) * (len(splits) - 2)
     body = [(row.method, *map(_number, row.figures), *blank) for row in paper]
     for row, figures in rows.items():
-        body.append((METHODS[row], *(_number(_mean(figures, figure, s)) for s in splits)))
+        body.append((METHOD_NAMES[row], *(_number(_mean(figures, figure, s)) for s in splits)))
         if row == "ours":
             found = (_number(_mean(figures, f"{figure}_predicted", s)) for s in splits)
             body.append(("SymGrasp, if grasped", *found))
@@ -107,7 +109,7 @@ def success_table(report: Mapping[str, Any]) -> Table:
             *((split, TABLE_FRICTION) for split in TEST_SPLITS if split in by_split),
         ]:
             rates = (_rate(by_split[split].get(kind, {}).get(key)) for kind in SUCCESS_KINDS)
-            body.append((METHODS[row], key, split, *rates))
+            body.append((METHOD_NAMES[row], key, split, *rates))
     ours = report.get("success_by_friction", {}).get(ALL, {})
     note = f"First rows: {published.SOURCE_ROBOT}. {_success_note(ours)}."
     title = "Table III. Success rate by symmetry of what is grasped, percent"
@@ -149,7 +151,7 @@ def trial_table(report: Mapping[str, Any]) -> Table | None:
     names.sort(key="held".__eq__)  # last, as in the other tables
     body = tuple(
         (
-            METHODS[row],
+            METHOD_NAMES[row],
             key,
             *(f"{100 * counts.get(n, 0) / sum(counts.values()):.0f}" for n in names),
         )
@@ -164,15 +166,21 @@ def symmetry_table(rows: ReportRows) -> Table:
     body = [(row.method, "test set", *map(_number, row.figures)) for row in published.SYMMETRY_AP]
     for row, split, figures in _cells(rows):
         if any(value is not None for value in figures["symmetry_ap"].values()):
-            body.append((METHODS[row], split, *(_number(figures["symmetry_ap"][k]) for k in KINDS)))
+            body.append(
+                (
+                    METHOD_NAMES[row],
+                    split,
+                    *(_number(figures["symmetry_ap"][k]) for k in SYMMETRY_KINDS),
+                )
+            )
     for threshold, ap in rows.get("ours", {}).get(ALL, {}).get("symmetry_ap_strict", {}).items():
-        cells = (_number(ap[kind]) if kind != "sphere" else "" for kind in KINDS)
-        body.append((METHODS["ours"], f"all, error < {threshold}", *cells))
+        cells = (_number(ap[kind]) if kind != "sphere" else "" for kind in SYMMETRY_KINDS)
+        body.append((METHOD_NAMES["ours"], f"all, error < {threshold}", *cells))
     note = (
         f"First rows: {published.SOURCE}. Right is a dense error below 0.25, or a "
         "sphere's centre within 5 cm; the last rows at stricter errors."
     )
-    header = ("method", "split", *KINDS)
+    header = ("method", "split", *SYMMETRY_KINDS)
     title = "Symmetry, average precision"
     return Table(title, header, tuple(body), note, len(published.SYMMETRY_AP), names=2)
 
@@ -187,7 +195,7 @@ def mask_table(rows: ReportRows) -> Table:
     ]
     body += [
         (
-            METHODS["ours"],
+            METHOD_NAMES["ours"],
             split,
             *(_number(found[k]) for k in ("mask_ap50", "mask_ap75", "mask_ap")),
         )
@@ -204,7 +212,7 @@ def reason_table(rows: ReportRows) -> Table:
     cells = [cell for cell in _cells(rows) if cell[2]["objects"]]
     reasons = [r for r in REASONS if any(figures["reasons"].get(r) for _, _, figures in cells)]
     body = tuple(
-        (METHODS[row], split, str(figures["objects"]),
+        (METHOD_NAMES[row], split, str(figures["objects"]),
          *(_percent(figures, reason) for reason in reasons))
         for row, split, figures in cells
     )  # fmt: skip

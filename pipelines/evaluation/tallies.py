@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.evaluation.records import FrameRecord, JudgedPredictions, RowRecord
+from pipelines.evaluation.records import FrameRecord, RowRecord, ScoredPredictions
 from pipelines.metrics.grasp_verdicts import Verdict
 from pipelines.metrics.symmetry_matching import CORRECT, IGNORED
 
@@ -24,24 +24,24 @@ def _floats() -> "array[float]":
 
 
 @dataclass
-class JudgedTally:
+class PredictionTally:
     """Predictions of one kind, of many frames.
 
     Attributes:
         num_truth: how many there were to find.
         confidence: of each prediction.
-        verdicts: of each prediction by threshold, as in `JudgedPredictions`.
+        verdicts: of each prediction by threshold, as in `ScoredPredictions`.
     """
 
     num_truth: int = 0
     confidence: "array[float]" = field(default_factory=_floats)
     verdicts: dict[str, "array[int]"] = field(default_factory=dict)
 
-    def add(self, judged: JudgedPredictions) -> None:
+    def add(self, scored: ScoredPredictions) -> None:
         """Add one frame's."""
-        self.num_truth += judged.num_truth
-        self.confidence.extend(judged.confidence)
-        for key, verdicts in judged.verdicts.items():
+        self.num_truth += scored.num_truth
+        self.confidence.extend(scored.confidence)
+        for key, verdicts in scored.verdicts.items():
             self.verdicts.setdefault(key, array("b")).extend(verdicts)
 
     def pooled(self, key: str) -> tuple[NDArray[np.float64], NDArray[np.bool_], int]:
@@ -60,7 +60,7 @@ class RowTally:
         frames: how many.
         quality, antipodal, antipodal_region: of the verdicts.
         held_friction: smallest friction that holds; inf where the grasp fails for any reason.
-        predicted: 1 where there was a grasp to judge.
+        predicted: 1 where there was a grasp to evaluate.
         reasons: how often each.
         symmetries: by kind.
     """
@@ -72,8 +72,8 @@ class RowTally:
     held_friction: "array[float]" = field(default_factory=_floats)
     predicted: "array[int]" = field(default_factory=lambda: array("b"))
     reasons: Counter[str] = field(default_factory=Counter)
-    symmetries: defaultdict[str, JudgedTally] = field(
-        default_factory=lambda: defaultdict(JudgedTally)
+    symmetries: defaultdict[str, PredictionTally] = field(
+        default_factory=lambda: defaultdict(PredictionTally)
     )
 
     def add(self, row: RowRecord) -> None:
@@ -81,8 +81,8 @@ class RowTally:
         self.frames += 1
         for verdict in row.verdicts:
             self._add_verdict(verdict)
-        for kind, judged in row.symmetries.items():
-            self.symmetries[kind].add(judged)
+        for kind, scored in row.symmetries.items():
+            self.symmetries[kind].add(scored)
 
     def _add_verdict(self, verdict: Verdict) -> None:
         self.quality.append(verdict.quality)
@@ -107,7 +107,9 @@ class ReportTally:
 
     frames: int = 0
     seconds: "array[float]" = field(default_factory=_floats)
-    masks: defaultdict[str, JudgedTally] = field(default_factory=lambda: defaultdict(JudgedTally))
+    masks: defaultdict[str, PredictionTally] = field(
+        default_factory=lambda: defaultdict(PredictionTally)
+    )
     rows: dict[str, defaultdict[str, RowTally]] = field(default_factory=dict)
 
     @classmethod

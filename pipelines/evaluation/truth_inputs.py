@@ -1,4 +1,4 @@
-"""Digests of what decides what is true of the frames of a report: labels, poses, meshes."""
+"""Digests of the ground truth of a report's frames: labels, poses, meshes."""
 
 from collections.abc import Iterable
 
@@ -9,8 +9,8 @@ from pipelines.inference import models
 from pipelines.storage.provenance import digest, digest_folder, digest_text
 
 LABELS = {"symmetry": "*.json", "regions": "*.json"}
-# Images of colour and depth are what was judged, not what is true; of a dataset they are gigabytes.
-KINDS = {**POSES, "label": "*.png"}
+# Colour and depth images are the input of `infer`, no ground truth; they are gigabytes.
+SCENE_FOLDERS = {**POSES, "label": "*.png"}
 
 
 def truth_digests(
@@ -18,7 +18,7 @@ def truth_digests(
 ) -> dict[str, str]:
     """Return digests by kind.
 
-    With `baselines`, of `affordance/` and the judge of hands too, which their oracle reads.
+    With `baselines`, of `affordance/` and the weights of the grasp critic too: the oracle's.
     """
     scenes = list(scenes)
     labels = LABELS | ({"affordance": "*.h5"} if baselines else {})
@@ -29,7 +29,7 @@ def truth_digests(
     }
     ids = {i for scene in scenes for i in annotated_ids(scene.camera_folder / "annotations")}
     if baselines:
-        found["hands"] = digest(
+        found["grasp_critic"] = digest(
             models.existing_weights(models.GRASP_CRITIC_WEIGHTS, models.GRASP_CRITIC_BY)
         )
     return found | {
@@ -40,5 +40,5 @@ def truth_digests(
 
 def _digest_of_scene(scene: SceneFiles) -> str:
     folder = scene.camera_folder
-    kinds = [digest_folder(folder / kind, pattern) for kind, pattern in KINDS.items()]
+    kinds = [digest_folder(folder / kind, pattern) for kind, pattern in SCENE_FOLDERS.items()]
     return "".join([*kinds, digest_of_files(folder / name for name in CAMERA_FILES)])

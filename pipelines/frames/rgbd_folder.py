@@ -20,7 +20,7 @@ NO_CAMERA = (
     "(*_camera.json, intrinsics.json, cam_K.txt, ...) beside it"
 )
 
-Candidates = dict[str, list[Path]]  # by what is left of the name; the file to take is the first
+ImageFiles = dict[str, list[Path]]  # by what is left of the name; the file to take is the first
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def flat_pairs(folder: Path) -> list[ImagePair]:
     return _paired(colors, depths)
 
 
-def _paired(colors: Candidates, depths: Candidates) -> list[ImagePair]:
+def _paired(colors: ImageFiles, depths: ImageFiles) -> list[ImagePair]:
     pairs = []
     for stem in sorted(colors.keys() | depths.keys()):
         color, depth = colors.get(stem, []), depths.get(stem, [])
@@ -129,12 +129,12 @@ def _rivals(candidates: Sequence[Path]) -> list[Path]:
 
 def _by_stem(
     files: Iterable[Path], suffixes: tuple[str, ...], words: tuple[str, ...] | None = None
-) -> Candidates:
+) -> ImageFiles:
     """Map what is left of a file's name without its word to such files, best suffix first.
 
     With `words` None the whole name counts, whatever the word.
     """
-    found: Candidates = {}
+    found: ImageFiles = {}
     ordered = [path for path in files if path.suffix.lower() in suffixes]
     ordered.sort(key=lambda path: (suffixes.index(path.suffix.lower()), path.name))
     for path in ordered:

@@ -78,7 +78,7 @@ class GraspsFile:
 
     def intrinsics(self, frame: int) -> Intrinsics | None:
         """Return the camera of a frame, None where it could not be read."""
-        return intrinsics_of(self.frames.size[frame], self.frames.intrinsics[frame])
+        return stored_intrinsics(self.frames.size[frame], self.frames.intrinsics[frame])
 
     def results(self) -> list[FrameResult]:
         """Return the file frame by frame, indices local to each frame."""
@@ -204,7 +204,7 @@ def file_attributes(file: h5py.File) -> dict[str, Any]:
     return attrs | {name: json.loads(attrs.get(name, "{}")) for name in ("config", "weights")}
 
 
-def intrinsics_of(size: NDArray[Any], intrinsics: NDArray[Any]) -> Intrinsics | None:
+def stored_intrinsics(size: NDArray[Any], intrinsics: NDArray[Any]) -> Intrinsics | None:
     """Return the camera of a row of `/frames`; None where it could not be read."""
     width, height = size.tolist()
     if width == 0:

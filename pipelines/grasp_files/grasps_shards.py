@@ -18,9 +18,9 @@ from pipelines.errors import ValueRangeError
 from pipelines.grasp_files.grasps_file import (
     FORMAT_VERSION,
     file_attributes,
-    intrinsics_of,
     opened,
     read_shard,
+    stored_intrinsics,
     tables_of,
 )
 from pipelines.grasp_files.grasps_tables import STATUSES
@@ -101,12 +101,12 @@ def _is_of_one_frame(tables: Mapping[str, Mapping[str, NDArray[Any]]]) -> bool:
 
 def _is_camera(size: NDArray[Any], intrinsics: NDArray[Any]) -> bool:
     try:
-        return intrinsics_of(size, intrinsics) is not None
+        return stored_intrinsics(size, intrinsics) is not None
     except ValueRangeError:
         return False
 
 
-def joined(tables: Sequence[Tables]) -> Tables:
+def joined_shards(tables: Sequence[Tables]) -> Tables:
     """Return the columns of frames in order; indices count from the first of them."""
     num_regions = [len(table["regions"]["frame"]) for table in tables]
     num_grasps = [len(table["grasps"]["frame"]) for table in tables]

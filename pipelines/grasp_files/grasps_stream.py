@@ -24,12 +24,18 @@ from pipelines.grasp_files.grasps_file import (
     SCHEMA,
     UNITS,
     file_attributes,
-    intrinsics_of,
     opened,
+    stored_intrinsics,
     tables_of,
     write_attributes,
 )
-from pipelines.grasp_files.grasps_shards import NO_FRAMES, Tables, joined, shard_sizes, shard_tables
+from pipelines.grasp_files.grasps_shards import (
+    NO_FRAMES,
+    Tables,
+    joined_shards,
+    shard_sizes,
+    shard_tables,
+)
 from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable, RegionTable
 from pipelines.storage.files import DAMAGED
 from pipelines.storage.h5_columns import make_column, read_columns
@@ -85,7 +91,7 @@ def read_index(path: Path) -> GraspsIndex:
         return GraspsIndex(names, statuses, attrs, stamp)
 
 
-def read_frames(path: Path, frames: Iterable[int]) -> Iterator[FrameResult]:
+def read_results(path: Path, frames: Iterable[int]) -> Iterator[FrameResult]:
     """Yield the frames with the given places in the file, one in memory at a time.
 
     Raises:
@@ -102,14 +108,16 @@ def read_frames(path: Path, frames: Iterable[int]) -> Iterator[FrameResult]:
 
 
 def read_dataset_frames(path: Path, frames: Iterable[int]) -> Iterator[FrameResult]:
-    """Yield frames as `read_frames`, named as `GraspsIndex.dataset_names`."""
+    """Yield frames as `read_results`, named as `GraspsIndex.dataset_names`."""
     frames = list(frames)
     names = read_index(path).dataset_names(path)
-    for place, result in zip(frames, read_frames(path, frames), strict=True):
+    for place, result in zip(frames, read_results(path, frames), strict=True):
         yield replace(result, name=names[place])
 
 
-def scenes_of(path: Path, index: GraspsIndex, root: GraspNetRoot) -> dict[SceneFiles, list[int]]:
+def places_by_scene(
+    path: Path, index: GraspsIndex, root: GraspNetRoot
+) -> dict[SceneFiles, list[int]]:
     """Return the places of the frames of each scene and camera, in the order of their names.
 
     What `infer` failed on and the dataset does not know, a stray picture, is left out.
@@ -150,7 +158,7 @@ def merge_shards(
         done = _Sizes(0, 0, 0, 0)
         for start in range(0, len(parts), BATCH):
             done = _fill(
-                file, joined([_tables(part) for part in parts[start : start + BATCH]]), done
+                file, joined_shards([_tables(part) for part in parts[start : start + BATCH]]), done
             )
 
 
@@ -239,7 +247,7 @@ def _read_frame(file: h5py.File, frame: int) -> FrameResult:
         name=table["name"].asstr()[frame],
         status=table["status"].asstr()[frame],
         message=table["message"].asstr()[frame],
-        intrinsics=intrinsics_of(table["size"][frame], table["intrinsics"][frame]),
+        intrinsics=stored_intrinsics(table["size"][frame], table["intrinsics"][frame]),
         seconds=float(table["seconds"][frame]),
         regions=replace(RegionTable(**regions), frame=np.zeros(last - first)),
         grasps=replace(local, frame=np.zeros(end - start), region=local.region - first),

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pipelines.grasp_files.grasps_stream import read_frames, read_index
+from pipelines.grasp_files.grasps_stream import read_index, read_results
 from pipelines.inference.work import STAGE, Settings, overlay_path, writing
 from pipelines.pictures.overlays import is_drawn, write_overlay
 from pipelines.runtime.batch import BatchOptions, WorkItem, run_batch
@@ -66,7 +66,7 @@ def draw_missing(
 
 def _draw(item: WorkItem) -> None:
     source, results, place = item.arguments
-    (result,) = read_frames(results, [place])
+    (result,) = read_results(results, [place])
     frame = source.read()
     with writing(item.target):
         write_overlay(item.target, frame, result, item.stamp)

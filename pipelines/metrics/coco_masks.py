@@ -32,12 +32,12 @@ def match_masks(
         return np.zeros((len(IOU_THRESHOLDS), len(masks)), np.bool_)
     known, found = _image(truth, [1.0] * len(truth)), _image(masks, confidence)
     with contextlib.redirect_stdout(io.StringIO()):  # pycocotools talks
-        judge = COCOeval(known, found, "segm")
-        judge.params.maxDets = [len(masks)]
-        judge.params.areaRng = [ANY_AREA]
-        judge.params.areaRngLbl = ["all"]
-        judge.evaluate()
-    entry = judge.evalImgs[0]
+        matching = COCOeval(known, found, "segm")
+        matching.params.maxDets = [len(masks)]
+        matching.params.areaRng = [ANY_AREA]
+        matching.params.areaRngLbl = ["all"]
+        matching.evaluate()
+    entry = matching.evalImgs[0]
     right = np.zeros((len(IOU_THRESHOLDS), len(masks)), np.bool_)
     right[:, np.array(entry["dtIds"]) - 1] = np.asarray(entry["dtMatches"]) > 0
     return right
@@ -58,13 +58,13 @@ def coco_average_precision(
         return np.full(len(right), np.nan)
     scores = np.asarray(confidence, np.float64)
     with contextlib.redirect_stdout(io.StringIO()):
-        judge: Any = COCOeval(iouType="segm")
-        judge.params.imgIds, judge.params.catIds = [0], [1]
-        judge.params.iouThrs = np.arange(len(right), dtype=np.float64)
-        judge.params.maxDets = [max(len(scores), 1)]
-        judge.params.areaRng, judge.params.areaRngLbl = [ANY_AREA], ["all"]
-        judge._paramsEval = judge.params
-        judge.evalImgs = [
+        curves: Any = COCOeval(iouType="segm")
+        curves.params.imgIds, curves.params.catIds = [0], [1]
+        curves.params.iouThrs = np.arange(len(right), dtype=np.float64)
+        curves.params.maxDets = [max(len(scores), 1)]
+        curves.params.areaRng, curves.params.areaRngLbl = [ANY_AREA], ["all"]
+        curves._paramsEval = curves.params
+        curves.evalImgs = [
             {
                 "dtScores": scores.tolist(),
                 "dtMatches": right.astype(np.float64),
@@ -72,8 +72,8 @@ def coco_average_precision(
                 "gtIgnore": np.zeros(num_truth, np.bool_),
             }
         ]
-        judge.accumulate()
-    return np.asarray(judge.eval["precision"][:, :, 0, 0, 0].mean(axis=1))
+        curves.accumulate()
+    return np.asarray(curves.eval["precision"][:, :, 0, 0, 0].mean(axis=1))
 
 
 def _image(masks: Sequence[Mask], confidence: Sequence[float]) -> Any:  # noqa: ANN401 - a COCO, whose type says too little

@@ -59,10 +59,10 @@ class Verdict:
     antipodal_region: float = 0.0
 
 
-def judge_grasp(scene: TrueScene, object_id: int, grasp: Grasps, gripper: Gripper) -> Verdict:
+def grasp_verdict(scene: TrueScene, object_id: int, grasp: Grasps, gripper: Gripper) -> Verdict:
     """Return the verdict on one `grasp`, camera frame, that is meant for `object_id`.
 
-    A grasp in collision or too wide has quality 0 and region score 0; its contacts are judged
+    A grasp in collision or too wide has quality 0 and region score 0; its contacts are scored
     nevertheless.
     """
     target = scene.objects[object_id]
@@ -84,7 +84,7 @@ def judge_grasp(scene: TrueScene, object_id: int, grasp: Grasps, gripper: Grippe
 
 
 def qualities(scene: TrueScene, object_id: int, grasps: Grasps, gripper: Gripper) -> Array:
-    """Return (n,) the quality of `judge_grasp` of n `grasps`, camera frame, all at once."""
+    """Return (n,) the quality of `grasp_verdict` of n `grasps`, camera frame, all at once."""
     return _outcomes(scene, object_id, grasps, gripper).quality
 
 

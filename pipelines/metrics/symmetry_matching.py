@@ -23,7 +23,6 @@ from pipelines.geometry.symmetry_error import symmetry_error
 from pipelines.geometry.transforms import rotation_about, unit
 from pipelines.metrics.average_precision import match_greedy
 
-KINDS = ("reflection", "rotation", "sphere")
 CORRECT, WRONG, IGNORED = 1, 0, -1
 # Planes are one up to so much: what follows from a listed one may be listed itself.
 SAME_COSINE = float(np.cos(np.radians(5.0)))
@@ -56,7 +55,7 @@ def scored_symmetries(region: TrueRegion, kind: str) -> list[Symmetry]:
     ]
 
 
-def judge_symmetries(
+def symmetry_verdicts(
     predictions: Sequence[PredictedSymmetry], regions: Sequence[TrueRegion], threshold: float
 ) -> NDArray[np.int64]:
     """Return (p,) CORRECT, WRONG or IGNORED for predictions of one kind in one frame.

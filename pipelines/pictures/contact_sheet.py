@@ -20,12 +20,12 @@ from pipelines.storage.pages import rendered
 Picture = NDArray[np.uint8]
 Color = tuple[int, int, int]
 
-COLUMNS, ROWS = 4, 6
+SHEET_COLUMNS, SHEET_ROWS = 4, 6
 CAPTION, GAP, TITLE = 62, 10, 44  # pixels
 FINE = 2  # text is drawn this many times as large, then averaged
 INK: Color = (30, 30, 30)
 GREY: Color = (115, 115, 115)
-HAND: Color = (20, 120, 60)
+CORRECTED: Color = (20, 120, 60)
 CALM, ALARM = np.array([70, 160, 90]), np.array([205, 40, 30])  # of doubt 0 and 1
 BAR = 64  # pixels, the width of doubt 1
 LEGEND = (
@@ -53,7 +53,7 @@ class Tile:
 def write_sheets(folder: Path, tiles: Sequence[Tile]) -> list[Path]:
     """Write the pages and the index of `tiles`; return the pages, the most doubtful first."""
     ranked = sorted(tiles, key=lambda tile: (-tile.doubt, tile.name))
-    size = COLUMNS * ROWS
+    size = SHEET_COLUMNS * SHEET_ROWS
     pages = [ranked[start : start + size] for start in range(0, len(ranked), size)]
     paths = [folder / f"sheet_{number:02d}.png" for number in range(1, len(pages) + 1)]
     for old in set(folder.glob("sheet_[0-9][0-9].png")) - set(paths):
@@ -66,22 +66,22 @@ def write_sheets(folder: Path, tiles: Sequence[Tile]) -> list[Path]:
 
 
 def draw_sheet(tiles: Sequence[Tile], title: str, first_rank: int = 1) -> Picture:
-    """Return one page (H, W, 3) RGB of at most COLUMNS x ROWS `tiles`."""
+    """Return one page (H, W, 3) RGB of at most SHEET_COLUMNS x SHEET_ROWS `tiles`."""
     height, width = tiles[0].views.shape[:2]
     step_x, step_y = width + GAP, height + CAPTION + GAP
-    rows = -(-len(tiles) // COLUMNS)
-    page = np.full((TITLE + rows * step_y, COLUMNS * step_x + GAP, 3), 235, np.uint8)
+    rows = -(-len(tiles) // SHEET_COLUMNS)
+    page = np.full((TITLE + rows * step_y, SHEET_COLUMNS * step_x + GAP, 3), 235, np.uint8)
     page[:TITLE] = _title(title, page.shape[1])
     for index, tile in enumerate(tiles):
-        y = TITLE + (index // COLUMNS) * step_y
-        x = GAP + (index % COLUMNS) * step_x
+        y = TITLE + (index // SHEET_COLUMNS) * step_y
+        x = GAP + (index % SHEET_COLUMNS) * step_x
         page[y : y + height, x : x + width] = tile.views
         caption = _caption(tile, first_rank + index, width)
         page[y + height : y + height + CAPTION, x : x + width] = caption
     return page
 
 
-def in_words(symmetries: Iterable[Symmetry]) -> str:
+def symmetry_words(symmetries: Iterable[Symmetry]) -> str:
     """Return `symmetries` as a few words: `2 mirrors, axis x2`."""
     words: dict[str, int] = {}
     for symmetry in symmetries:
@@ -100,17 +100,19 @@ def remark(labels: ObjectSymmetries) -> str:
     if labels.found is not None and not said:
         parts.append("by hand")
     if len(labels.regions) > 1 or any(region.name != "whole" for region in labels.regions):
-        parts += [f"{region.name}: {in_words(region.symmetries)}" for region in labels.regions]
+        parts += [
+            f"{region.name}: {symmetry_words(region.symmetries)}" for region in labels.regions
+        ]
     elif labels.rejected:
         near = labels.rejected[0]
-        parts.append(f"nearest rejected: {in_words([near])}, error {near.error:.4f}")
+        parts.append(f"nearest rejected: {symmetry_words([near])}, error {near.error:.4f}")
     return "; ".join(parts)
 
 
 def facts(labels: ObjectSymmetries) -> str:
     """Return the object's symmetries and their largest error in words."""
     worst = max((symmetry.error for symmetry in labels.symmetries), default=None)
-    return in_words(labels.symmetries) + ("" if worst is None else f", error {worst:.4f}")
+    return symmetry_words(labels.symmetries) + ("" if worst is None else f", error {worst:.4f}")
 
 
 def _caption(tile: Tile, rank: int, width: int) -> Picture:
@@ -125,7 +127,7 @@ def _caption(tile: Tile, rank: int, width: int) -> Picture:
     strip[24 * FINE : 29 * FINE, left * FINE : (left + BAR) * FINE] = 225
     strip[24 * FINE : 29 * FINE, left * FINE : (left + filled) * FINE] = color
     _write(strip, facts(tile.labels), (6, 36), 0.42, INK, room=room)
-    ink = HAND if tile.labels.found is not None else GREY
+    ink = CORRECTED if tile.labels.found is not None else GREY
     _write(strip, remark(tile.labels), (6, 54), 0.36, ink, room=width - 12)
     return _averaged(strip)
 

@@ -12,7 +12,7 @@ from pipelines.dataset import convex_pieces
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.training.coco_instances import kind_of
 from pipelines.evaluation.baselines import Baselines, rows_of
-from pipelines.evaluation.judging import RegionOwners, assign_regions, best_region
+from pipelines.evaluation.frame_scores import RegionOwners, assign_regions, best_region
 from pipelines.evaluation.predictions import FramePredictions, RowPredictions
 from pipelines.evaluation.trial_records import (
     OURS,

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.dataset.graspnet.graspnet import SPLITS
-from pipelines.evaluation.tables import METHODS, METHODS_NOTE, Table
+from pipelines.evaluation.tables import METHOD_NAMES, METHODS_NOTE, Table
 from pipelines.evaluation.trial_records import (
     FORMAT_VERSION,
     HELD,
@@ -119,7 +119,7 @@ def _row_table(content: Mapping[str, Any], frictions: Sequence[str]) -> Table:
     """Return the rates of all methods by split, whatever the symmetry."""
     rows = {OURS: content, **content["baselines"]}
     body = tuple(
-        (METHODS[row], split, *(_cell(kinds["all"][f]) for f in frictions))
+        (METHOD_NAMES[row], split, *(_cell(kinds["all"][f]) for f in frictions))
         for row, found in rows.items()
         for split, kinds in found["success"].items()
         if kinds["all"][frictions[0]]["trials"]

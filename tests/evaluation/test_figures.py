@@ -6,22 +6,22 @@ import numpy as np
 import pytest
 
 from pipelines.evaluation.figures import report_curves, report_rows
-from pipelines.evaluation.records import FrameRecord, JudgedPredictions, RowRecord
+from pipelines.evaluation.records import FrameRecord, RowRecord, ScoredPredictions
 from pipelines.evaluation.tallies import ReportTally
 from pipelines.metrics.coco_masks import IOU_THRESHOLDS
 from pipelines.metrics.grasp_verdicts import Verdict
 
 THRESHOLDS = (0.25, 0.134)
 SPHERE = 0.05
-NO_MASKS = JudgedPredictions(0)
+NO_MASKS = ScoredPredictions(0)
 
 
-def judged(verdicts: list[int], num_truth: int, key: str = "0.25") -> JudgedPredictions:
+def judged(verdicts: list[int], num_truth: int, key: str = "0.25") -> ScoredPredictions:
     confidence = [0.9 - 0.1 * i for i in range(len(verdicts))]
-    return JudgedPredictions(num_truth, confidence, {key: verdicts, "0.134": verdicts})
+    return ScoredPredictions(num_truth, confidence, {key: verdicts, "0.134": verdicts})
 
 
-def frame(split: str, row: RowRecord, masks: JudgedPredictions = NO_MASKS) -> FrameRecord:
+def frame(split: str, row: RowRecord, masks: ScoredPredictions = NO_MASKS) -> FrameRecord:
     return FrameRecord("f", split, 0.1, masks, {"ours": row})
 
 
@@ -70,7 +70,7 @@ def test_what_has_no_truth_is_none():
 
 
 def test_masks_that_are_all_found_have_average_precision_one():
-    masks = JudgedPredictions(2, [0.9, 0.8], {f"{iou:g}": [1, 1] for iou in IOU_THRESHOLDS})
+    masks = ScoredPredictions(2, [0.9, 0.8], {f"{iou:g}": [1, 1] for iou in IOU_THRESHOLDS})
     found = figures(frame("seen", RowRecord([]), masks))
     assert [found[name] for name in ("mask_ap50", "mask_ap75", "mask_ap")] == [1.0, 1.0, 1.0]
 

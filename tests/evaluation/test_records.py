@@ -5,11 +5,11 @@ import pytest
 from pipelines.errors import FormatError
 from pipelines.evaluation.records import (
     FrameRecord,
-    JudgedPredictions,
     RowRecord,
-    read_records,
+    ScoredPredictions,
+    read_frame_records,
     threshold_key,
-    write_records,
+    write_frame_records,
 )
 from pipelines.metrics.grasp_verdicts import Verdict
 from pipelines.storage.files import write_json
@@ -20,30 +20,30 @@ RECORD = FrameRecord(
     "scenes/scene_0100/kinect/0000",
     "seen",
     0.25,
-    JudgedPredictions(2, [0.9], {"0.5": [1]}),
+    ScoredPredictions(2, [0.9], {"0.5": [1]}),
     {
         "ours": RowRecord(
             [Verdict(3, "held", 0.7, 0.3, 0.9, 0.8), Verdict(4, "no contact")],
-            {"sphere": JudgedPredictions(1, [0.5], {"0.05": [0]})},
+            {"sphere": ScoredPredictions(1, [0.5], {"0.05": [0]})},
         )
     },
 )
 
 
 def test_records_read_as_they_were_written(tmp_path):
-    write_records(tmp_path / "scene.json", [RECORD], STAMP)
-    assert read_records(tmp_path / "scene.json") == [RECORD]
+    write_frame_records(tmp_path / "scene.json", [RECORD], STAMP)
+    assert read_frame_records(tmp_path / "scene.json") == [RECORD]
 
 
 def test_written_records_are_finished_for_their_stamp(tmp_path):
-    write_records(tmp_path / "scene.json", [RECORD], STAMP)
+    write_frame_records(tmp_path / "scene.json", [RECORD], STAMP)
     assert is_finished(tmp_path / "scene.json", STAMP)
 
 
 def test_another_json_file_is_refused(tmp_path):
     write_json(tmp_path / "scene.json", {"rows": []})
     with pytest.raises(FormatError, match="not the records"):
-        read_records(tmp_path / "scene.json")
+        read_frame_records(tmp_path / "scene.json")
 
 
 def test_thresholds_are_named_as_they_are_written_down():

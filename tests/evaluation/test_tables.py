@@ -3,7 +3,7 @@
 import pytest
 
 from pipelines.evaluation.figures import report_rows
-from pipelines.evaluation.records import FrameRecord, JudgedPredictions, RowRecord
+from pipelines.evaluation.records import FrameRecord, RowRecord, ScoredPredictions
 from pipelines.evaluation.tables import Table, report_tables
 from pipelines.evaluation.tallies import ReportTally
 from pipelines.metrics.grasp_verdicts import Verdict
@@ -12,7 +12,7 @@ from pipelines.metrics.grasp_verdicts import Verdict
 def record(split: str, qualities: list[float]) -> FrameRecord:
     held = [Verdict(i, "held", q, 1 - q, 0.8, 0.7) for i, q in enumerate(qualities)]
     rows = {"ours": RowRecord([*held, Verdict(9, "no grasp")])}
-    return FrameRecord("f", split, 0.1, JudgedPredictions(1, [0.9], {"0.5": [1]}), rows)
+    return FrameRecord("f", split, 0.1, ScoredPredictions(1, [0.9], {"0.5": [1]}), rows)
 
 
 def report(*records: FrameRecord, **more) -> dict:

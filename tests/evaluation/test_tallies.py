@@ -5,8 +5,8 @@ import weakref
 
 import numpy as np
 
-from pipelines.evaluation.records import FrameRecord, JudgedPredictions, RowRecord
-from pipelines.evaluation.tallies import JudgedTally, ReportTally
+from pipelines.evaluation.records import FrameRecord, RowRecord, ScoredPredictions
+from pipelines.evaluation.tallies import PredictionTally, ReportTally
 from pipelines.metrics.coco_masks import IOU_THRESHOLDS
 from pipelines.metrics.grasp_verdicts import Verdict
 
@@ -16,8 +16,8 @@ def record(index: int, objects: int = 8) -> FrameRecord:
     verdicts = [Verdict(i, "held", 0.5, 0.5, 0.9, 0.8) for i in range(objects)]
     confidence = [float(x) for x in np.random.default_rng(index).random(3 * objects)]
     right = [1] * len(confidence)
-    planes = JudgedPredictions(objects, confidence, {k: right for k in ("0.25", "0.134", "0.067")})
-    masks = JudgedPredictions(
+    planes = ScoredPredictions(objects, confidence, {k: right for k in ("0.25", "0.134", "0.067")})
+    masks = ScoredPredictions(
         objects, confidence[:objects], {f"{i:g}": [1] * objects for i in IOU_THRESHOLDS}
     )
     row = RowRecord(verdicts, {"reflection": planes, "rotation": planes})
@@ -49,9 +49,9 @@ def test_a_frame_costs_a_few_kilobytes():
 
 
 def test_ignored_predictions_are_not_pooled():
-    tally = JudgedTally()
-    tally.add(JudgedPredictions(2, [0.9, 0.8, 0.7], {"a": [1, -1, 0]}))
-    tally.add(JudgedPredictions(1))
+    tally = PredictionTally()
+    tally.add(ScoredPredictions(2, [0.9, 0.8, 0.7], {"a": [1, -1, 0]}))
+    tally.add(ScoredPredictions(1))
     confidence, correct, num_truth = tally.pooled("a")
     assert confidence.tolist() == [0.9, 0.7]
     assert correct.tolist() == [True, False]

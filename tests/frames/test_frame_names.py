@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from pipelines.convert_frames import write_frame
+from pipelines.convert_frames import write_flat_pair
 from pipelines.frames.frames import find_frames
 from pipelines.frames.rgbd import Frame
 from pipelines.frames.rgbd_folder import flat_pairs
@@ -36,7 +36,7 @@ def test_frames_of_any_names_are_read_again(names: list[str]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         written = {name: frame(name, i) for i, name in enumerate(names)}
         for each in written.values():
-            write_frame(Path(folder), each)
+            write_flat_pair(Path(folder), each)
         # One called `image` gives image_color.png, which is the folder's frame without a name.
         found = [source.read() for source in find_frames(Path(folder))]
         back = {"image" if each.name == Path(folder).name else each.name: each for each in found}

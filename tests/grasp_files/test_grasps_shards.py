@@ -1,4 +1,4 @@
-"""Shards are joined as they lie; one that is not as it was written is refused as ever."""
+"""Shards are joined_shards as they lie; one that is not as it was written is refused as ever."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.grasp_files import grasps_file, grasps_shards
 from pipelines.grasp_files.grasps_file import FrameResult, read_shard, tables_of
-from pipelines.grasp_files.grasps_shards import joined, shard_sizes, shard_tables
+from pipelines.grasp_files.grasps_shards import joined_shards, shard_sizes, shard_tables
 from pipelines.grasp_files.grasps_stream import merge_shards
 from tests.grasp_files.test_grasps_file import CAMERA, STAMP, result
 
@@ -54,7 +54,7 @@ def test_a_sound_shard_needs_no_tables(shard: Path, monkeypatch: pytest.MonkeyPa
 @pytest.mark.parametrize("places", [[0], [1, 2], [0, 1, 2, 3], [3, 3, 0, 2]])
 def test_columns_joined_are_those_of_the_frames_together(places: list[int]) -> None:
     frames = [FRAMES[place] for place in places]
-    assert_same_tables(joined([tables_of([frame]) for frame in frames]), tables_of(frames))
+    assert_same_tables(joined_shards([tables_of([frame]) for frame in frames]), tables_of(frames))
 
 
 def replaced(name: str, content: object) -> object:

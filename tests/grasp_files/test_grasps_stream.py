@@ -11,7 +11,7 @@ from numpy.testing import assert_array_equal
 from pipelines.errors import FormatError
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_file import FrameResult
-from pipelines.grasp_files.grasps_stream import merge_shards, read_frames, read_index
+from pipelines.grasp_files.grasps_stream import merge_shards, read_index, read_results
 from tests.grasp_files.test_grasps_file import STAMP, result
 
 
@@ -34,7 +34,7 @@ def assert_same(one: FrameResult, other: FrameResult) -> None:
 def test_frames_read_one_by_one_are_those_of_the_whole_file(path):
     whole = grasps_file.read(path).results()
     for order in ([0, 1, 2, 3], [3, 1]):
-        for place, found in zip(order, read_frames(path, order), strict=True):
+        for place, found in zip(order, read_results(path, order), strict=True):
             assert_same(found, whole[place])
 
 
@@ -105,7 +105,7 @@ def test_a_frame_whose_rows_make_no_sense_is_named(path):
     with h5py.File(path, "a") as file:
         file["grasps/region"][...] = 99
     with pytest.raises(FormatError, match="frame 3"):
-        list(read_frames(path, [3]))
+        list(read_results(path, [3]))
 
 
 @pytest.mark.parametrize("block", [b"TREE", b"SNOD", b"HEAP"])
@@ -115,7 +115,7 @@ def test_a_damaged_block_anywhere_is_a_sentence(path, block):
         damaged = data.replace(block, b"XXXX", count)
         path.write_bytes(damaged)
         for reads in (
-            lambda: list(read_frames(path, range(4))),
+            lambda: list(read_results(path, range(4))),
             lambda: read_index(path),
             lambda: grasps_file.read(path),
         ):
@@ -128,4 +128,4 @@ def test_a_grasp_of_no_region_is_a_sentence(path, region):
     with h5py.File(path, "r+") as file:
         file["grasps/region"][0] = region
     with pytest.raises(FormatError, match="region of a grasp"):
-        next(read_frames(path, [0]))
+        next(read_results(path, [0]))

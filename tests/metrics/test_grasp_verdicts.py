@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, random_rotation
 from pipelines.grasping.grasps import Grasps
-from pipelines.metrics.grasp_verdicts import TrueObject, TrueScene, judge_grasp, qualities
+from pipelines.metrics.grasp_verdicts import TrueObject, TrueScene, grasp_verdict, qualities
 from pipelines.metrics.mesh_collision import MeshCollider
 from tests.metrics.shapes import ball, box, gripper, surface
 
@@ -38,32 +38,32 @@ FREE = (0.3, 0.3, 0.03)
 
 
 def test_a_good_grasp_holds_with_quality_one():
-    verdict = judge_grasp(scene(FREE), 0, AT_BOX, gripper())
+    verdict = grasp_verdict(scene(FREE), 0, AT_BOX, gripper())
     assert verdict.reason == "held"
     assert (verdict.quality, verdict.antipodal) == pytest.approx((1.0, 1.0))
     assert 0.5 < verdict.antipodal_region < 1.0  # the box's top lies between the fingers too
 
 
 def test_a_neighbour_in_a_fingers_way_is_a_collision():
-    verdict = judge_grasp(scene((0.0, 0.06, 0.08)), 0, AT_BOX, gripper())
+    verdict = grasp_verdict(scene((0.0, 0.06, 0.08)), 0, AT_BOX, gripper())
     assert (verdict.reason, verdict.quality, verdict.antipodal_region) == ("collision", 0.0, 0.0)
     assert verdict.antipodal == pytest.approx(1.0)  # the contacts themselves are fine
 
 
 def test_the_table_in_a_fingers_way_is_a_collision():
     low = Grasps(DOWN, np.array([0.0, 0.0, 0.003]), np.array(0.04))
-    assert judge_grasp(scene(FREE), 0, low, gripper()).reason == "collision"
+    assert grasp_verdict(scene(FREE), 0, low, gripper()).reason == "collision"
 
 
 def test_a_grasp_that_the_hand_cannot_open_for_is_too_wide():
     wide = Grasps(DOWN, np.array([0.0, 0.0, 0.08]), np.array(0.11))  # and 1 cm on each side
-    verdict = judge_grasp(scene(FREE), 0, wide, gripper())
+    verdict = grasp_verdict(scene(FREE), 0, wide, gripper())
     assert (verdict.reason, verdict.quality) == ("too wide", 0.0)
 
 
 def test_a_grasp_of_air_has_no_contact():
     air = Grasps(DOWN, np.array([0.2, 0.0, 0.2]), np.array(0.04))
-    verdict = judge_grasp(scene(FREE), 0, air, gripper())
+    verdict = grasp_verdict(scene(FREE), 0, air, gripper())
     assert (verdict.reason, verdict.quality, verdict.min_friction) == ("no contact", 0.0, np.inf)
 
 
@@ -76,14 +76,14 @@ def test_many_grasps_have_the_qualities_that_each_has_alone():
     middles = np.array([(0.02 if z == 0.03 else 0.0, 0.0, z) for z in heights])
     hands = Grasps(np.repeat(DOWN[None], 5, axis=0), middles, np.array(widths)).transformed(move)
     found = qualities(among, 0, hands, gripper())
-    alone = [judge_grasp(among, 0, hands[i : i + 1], gripper()) for i in range(5)]
+    alone = [grasp_verdict(among, 0, hands[i : i + 1], gripper()) for i in range(5)]
     assert len({verdict.reason for verdict in alone}) > 2
     np.testing.assert_array_equal(found, [verdict.quality for verdict in alone])
 
 
 def test_a_slanted_grasp_of_a_ball_fails_by_friction():
     above = Grasps(DOWN, np.array([0.3, 0.3, 0.055]), np.array(0.04))
-    verdict = judge_grasp(scene(FREE), 1, above, gripper())
+    verdict = grasp_verdict(scene(FREE), 1, above, gripper())
     assert (verdict.reason, verdict.quality) == ("friction", 0.0)
     assert np.isfinite(verdict.min_friction)
 
@@ -95,8 +95,8 @@ def test_moving_the_whole_scene_changes_no_metric(seed):
     T = make_pose(random_rotation(rng), rng.normal(size=3))
     turn = random_rotation(rng) if seed % 2 else DOWN
     grasp = Grasps(turn, np.array([0.003, 0.002, 0.08]), np.array(0.04))
-    here = judge_grasp(scene(FREE), 0, grasp, gripper())
-    there = judge_grasp(scene(FREE, T), 0, grasp.transformed(T), gripper())
+    here = grasp_verdict(scene(FREE), 0, grasp, gripper())
+    there = grasp_verdict(scene(FREE, T), 0, grasp.transformed(T), gripper())
     assert there.reason == here.reason
     assert there.quality == pytest.approx(here.quality, abs=1e-6)
     assert there.antipodal == pytest.approx(here.antipodal, abs=1e-6)

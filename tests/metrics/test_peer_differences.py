@@ -21,7 +21,7 @@ from pipelines.geometry.numerics.single_precision import single_precision_grid
 from pipelines.grasping.grasps import Grasps, from_graspnet
 from pipelines.metrics.contacts import Contacts, close_fingers
 from pipelines.metrics.force_closure import min_friction, on_grid
-from pipelines.metrics.graspnet.grid_contacts import NEAR, PROBE_RADIUS, PROBES, interpolated
+from pipelines.metrics.graspnet.grid_contacts import NEAR, PROBE_RADIUS, PROBES, trilinear_distance
 from pipelines.storage.files import read_npy, read_npz
 
 Array = NDArray[np.float64]
@@ -151,7 +151,7 @@ def least_bend(grid: SignedDistanceGrid, grasp: Grasps) -> float:
     bends = []
     for way in (grasp.closing, -grasp.closing):
         line = grasp.translation + steps * way
-        distance = interpolated(grid, (line - grid.origin) / grid.spacing)
+        distance = trilinear_distance(grid, (line - grid.origin) / grid.spacing)
         near = np.abs(distance[1:-1]) < NEAR * grid.spacing
         bends.append(np.abs(np.diff(distance, 2))[near].min(initial=np.inf))
     return float(min(bends))

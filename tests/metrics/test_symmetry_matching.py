@@ -5,19 +5,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SphereSymmetry
+from pipelines.geometry.symmetry import (
+    SYMMETRY_KINDS,
+    ReflectionSymmetry,
+    RotationSymmetry,
+    SphereSymmetry,
+)
 from pipelines.geometry.transforms import make_pose, random_rotation, unit
 from pipelines.metrics.average_precision import average_precision
 from pipelines.metrics.symmetry_matching import (
     CORRECT,
     IGNORED,
-    KINDS,
     WRONG,
     PredictedSymmetry,
     TrueRegion,
     implied_symmetries,
-    judge_symmetries,
     scored_symmetries,
+    symmetry_verdicts,
 )
 
 few = settings(max_examples=25, deadline=None)
@@ -34,7 +38,7 @@ def region(*symmetries):
 
 def judged(predicted, regions, threshold=0.25, index=0):
     predictions = [PredictedSymmetry(s, 0.9 - 0.1 * i, index) for i, s in enumerate(predicted)]
-    return judge_symmetries(predictions, regions, threshold).tolist()
+    return symmetry_verdicts(predictions, regions, threshold).tolist()
 
 
 def test_the_truth_predicted_has_average_precision_one():
@@ -44,10 +48,10 @@ def test_the_truth_predicted_has_average_precision_one():
         region(SphereSymmetry(ORIGIN)),
         region(),
     ]
-    for kind in KINDS:
+    for kind in SYMMETRY_KINDS:
         listed = [(i, s) for i, r in enumerate(truths) for s in scored_symmetries(r, kind)]
         predictions = [PredictedSymmetry(s, 0.5 + 0.01 * i, i) for i, s in listed]
-        verdicts = judge_symmetries(predictions, truths, THRESHOLDS[kind])
+        verdicts = symmetry_verdicts(predictions, truths, THRESHOLDS[kind])
         confidence = [p.confidence for p in predictions]
         assert average_precision(confidence, verdicts == CORRECT, len(listed)) == 1.0
 
@@ -136,6 +140,6 @@ def test_verdicts_do_not_depend_on_the_frame(seed):
     )
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", SYMMETRY_KINDS)
 def test_no_predictions_give_no_verdicts(kind):
-    assert judge_symmetries([], [region()], THRESHOLDS[kind]).shape == (0,)
+    assert symmetry_verdicts([], [region()], THRESHOLDS[kind]).shape == (0,)

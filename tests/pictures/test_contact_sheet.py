@@ -8,7 +8,7 @@ from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries, RegionL
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SphereSymmetry
 from pipelines.pictures import contact_sheet
-from pipelines.pictures.contact_sheet import COLUMNS, ROWS, Tile, write_sheets
+from pipelines.pictures.contact_sheet import SHEET_COLUMNS, SHEET_ROWS, Tile, write_sheets
 from pipelines.pictures.symmetry_pictures import PLANES, REGIONS, marks_of, object_views
 from pipelines.storage.files import read_image
 from tests.evaluation.page_reader import Reader
@@ -78,11 +78,11 @@ def test_the_most_doubtful_come_first_and_the_unknown_before_all(tmp_path):
     (page,) = write_sheets(tmp_path, tiles)
     index = (tmp_path / "index.html").read_text()
     assert index.index("unknown") < index.index("edge") < index.index("calm")
-    assert read_image(page).shape[1] == COLUMNS * 410 + 10
+    assert read_image(page).shape[1] == SHEET_COLUMNS * 410 + 10
 
 
 def test_pages_hold_24_and_older_pages_go(tmp_path):
-    tiles = [tile(f"t{number:02d}", 0.5) for number in range(COLUMNS * ROWS + 1)]
+    tiles = [tile(f"t{number:02d}", 0.5) for number in range(SHEET_COLUMNS * SHEET_ROWS + 1)]
     assert [path.name for path in write_sheets(tmp_path, tiles)] == ["sheet_01.png", "sheet_02.png"]
     write_sheets(tmp_path, tiles[:3])
     assert [path.name for path in tmp_path.glob("sheet_*")] == ["sheet_01.png"]

@@ -28,10 +28,10 @@ from pipelines.evaluation.graspnet.dump_verdicts import (
 from pipelines.evaluation.graspnet.graspnet_figures import DumpTotals
 from pipelines.evaluation.records import (
     FrameRecord,
-    JudgedPredictions,
     RowRecord,
+    ScoredPredictions,
     records_folder,
-    write_records,
+    write_frame_records,
 )
 from pipelines.evaluation.reports import write_report
 from pipelines.evaluation.tallies import ReportTally
@@ -45,7 +45,7 @@ from pipelines.evaluation.trial_records import (
 )
 from pipelines.metrics.coco_masks import IOU_THRESHOLDS
 from pipelines.metrics.grasp_verdicts import Verdict
-from pipelines.metrics.graspnet.graspnet_ap import FRICTIONS, RANKS
+from pipelines.metrics.graspnet.graspnet_ap import AP_FRICTIONS, RANKS
 from pipelines.simulation.success import write_success
 from pipelines.storage.provenance import make_stamp
 from symgrasp_cli.app import app
@@ -54,9 +54,9 @@ CONFIG = CompareConfig(resamples=200)
 SCENES = {"scene_0100_kinect": "seen", "scene_0160_kinect": "novel"}
 
 
-def judged(rng: np.random.Generator, keys: list[str], num_truth: int) -> JudgedPredictions:
+def judged(rng: np.random.Generator, keys: list[str], num_truth: int) -> ScoredPredictions:
     verdicts = {key: rng.choice([-1, 0, 1], 4, p=[0.2, 0.3, 0.5]).tolist() for key in keys}
-    return JudgedPredictions(num_truth, rng.random(4).round(1).tolist(), verdicts)
+    return ScoredPredictions(num_truth, rng.random(4).round(1).tolist(), verdicts)
 
 
 def frame(name: str, split: str, better: float, seed: int, objects: int = 3) -> FrameRecord:
@@ -70,7 +70,7 @@ def frame(name: str, split: str, better: float, seed: int, objects: int = 3) -> 
     }
     kinds["sphere"] = judged(rng, ["0.05"], 1)
     masks = judged(rng, [f"{iou:g}" for iou in IOU_THRESHOLDS], 3)
-    masks = JudgedPredictions(
+    masks = ScoredPredictions(
         3, masks.confidence, {key: [max(v, 0) for v in vs] for key, vs in masks.verdicts.items()}
     )
     return FrameRecord(name, split, 0.1, masks, {"ours": RowRecord(verdicts, kinds)})
@@ -87,7 +87,7 @@ def write_run(folder: Path, better: float = 0.0, seed: int = 0, frames: int = 5,
         scene_number = scene.split("_")[1]
         names = [f"scenes/scene_{scene_number}/kinect/{i:04d}" for i in range(frames)]
         found = [frame(n, split, better, seed, options.get("objects", 3)) for n in names]
-        write_records(records_folder(path) / f"{scene}.json", found, stamp)
+        write_frame_records(records_folder(path) / f"{scene}.json", found, stamp)
         records += found
     tally = ReportTally.of(records)
     write_report(path, report_rows(tally, (0.25, 0.134, 0.067), 0.05), stamp)
@@ -244,7 +244,7 @@ def write_dump_run(folder: Path, better: float = 0.0) -> Path:
     path, config = folder / "report.json", EvaluateDumpConfig()
     for camera in ("kinect", "realsense"):
         rng = np.random.default_rng(len(camera))
-        accuracy = [rng.uniform(0.1, 0.5, (RANKS, len(FRICTIONS))) + better for _ in range(6)]
+        accuracy = [rng.uniform(0.1, 0.5, (RANKS, len(AP_FRICTIONS))) + better for _ in range(6)]
         frames = [FrameVerdicts(i, "ok", "", 9, 0, 0, each) for i, each in enumerate(accuracy)]
         stamp = make_stamp("evaluate --protocol graspnet", config, inputs={"dump": camera})
         target = scenes_folder(path) / f"scene_0100_{camera}.npz"

@@ -18,10 +18,10 @@ from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.meshes import read_mesh, write_mesh
 from pipelines.errors import FormatError, StaleOutputError
 from pipelines.evaluation import reports
-from pipelines.evaluation.records import read_records, records_folder
+from pipelines.evaluation.records import read_frame_records, records_folder
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_file import FrameResult
-from pipelines.grasp_files.grasps_stream import read_dataset_frames, read_frames, read_index
+from pipelines.grasp_files.grasps_stream import read_dataset_frames, read_index, read_results
 from pipelines.grasp_files.gripper_files import PRESETS
 from pipelines.runtime.batch import BatchOptions, StageReport
 from pipelines.storage.files import read_json, write_json
@@ -101,7 +101,7 @@ def test_frames_of_a_part_of_a_dataset_are_judged_as_those_of_the_whole(
     whole = read_index(truth_file).names
     results = [
         replace(found, name=found.name.removeprefix(f"{below}/"))
-        for found in read_frames(truth_file, range(len(whole)))
+        for found in read_results(truth_file, range(len(whole)))
         if found.name.startswith(f"{below}/")
     ]
     folder = os.path.relpath(root.root / below, tmp_path.resolve())
@@ -113,7 +113,7 @@ def test_frames_of_a_part_of_a_dataset_are_judged_as_those_of_the_whole(
     assert figures(tmp_path / "report.json", split="seen") == expected
     scene = "scene_0100_realsense.json"
     part, all_of_it = (
-        read_records(records_folder(output) / scene)
+        read_frame_records(records_folder(output) / scene)
         for output in (tmp_path / "report.json", truth_report)
     )
     assert [record.name for record in part] == [record.name for record in all_of_it]
@@ -393,7 +393,7 @@ def test_a_dry_run_writes_nothing(root, truth_file, tmp_path):
 
 def test_records_read_as_they_were_written(truth_report):
     folder = records_folder(truth_report)
-    frames = [record for path in sorted(folder.iterdir()) for record in read_records(path)]
+    frames = [record for path in sorted(folder.iterdir()) for record in read_frame_records(path)]
     assert [frame.name for frame in frames] == frame_names()
     assert {row for frame in frames for row in frame.rows} == {
         "ours", "oracle", "planar", "random",

@@ -11,7 +11,7 @@ from pipelines.configs import EvaluateConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.evaluation import reports
 from pipelines.evaluation.baselines import Baselines
-from pipelines.evaluation.judging import assign_regions
+from pipelines.evaluation.frame_scores import assign_regions
 from pipelines.evaluation.predictions import FramePredictions
 from pipelines.evaluation.truth import TruthReader
 from pipelines.grasp_files.grasps_file import FrameResult

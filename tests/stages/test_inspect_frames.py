@@ -28,7 +28,7 @@ def test_frames_that_are_alike_are_told_together(two_layouts: Path) -> None:
     findings = inspect_frames.run(two_layouts, CONFIG)
     assert findings.found == {"BOP scene": 2, "flat pairs": 2}
     assert [len(group) for group in findings.groups] == [2, 2]
-    text = "\n".join(inspect_frames.summary(findings))
+    text = "\n".join(inspect_frames.findings_lines(findings))
     assert "frames      2: bop_scene/000000 ... bop_scene/000001" in text
     assert "size        48x36" in text
     assert "intrinsics  fx 60, fy 61, cx 23.5, cy 17.5" in text
@@ -48,7 +48,7 @@ def test_what_is_odd_is_said(tmp_path: Path) -> None:
     build.flat(tmp_path)
     twice = np.repeat(np.repeat(build.color(0), 2, axis=0), 2, axis=1)
     build.image(tmp_path / "0_color.png", twice)
-    text = "\n".join(inspect_frames.summary(inspect_frames.run(tmp_path, CONFIG)))
+    text = "\n".join(inspect_frames.findings_lines(inspect_frames.run(tmp_path, CONFIG)))
     assert "colour of 96x72 is resampled to the depth (1x)" in text
 
 
@@ -58,7 +58,7 @@ def test_of_many_frames_some_are_read(tmp_path: Path) -> None:
     (tmp_path / "intrinsics.txt").write_text("60 61 23.5 17.5")
     findings = inspect_frames.run(tmp_path, InspectConfig(max_frames=3))
     assert findings.report.done == ["0", "4", "8"]
-    assert inspect_frames.summary(findings)[:2] == [
+    assert inspect_frames.findings_lines(findings)[:2] == [
         "9 frames as flat pairs",
         "3 of them were read, evenly spread",
     ]

@@ -14,7 +14,7 @@ from pipelines.array_types import Array
 from pipelines.storage.files import read_npz, write_npz
 from pipelines.storage.provenance import Stamp, write_sidecar
 
-STATUSES = ("ok", "missing", "unreadable")
+DUMP_STATUSES = ("ok", "missing", "unreadable")
 NONE = np.zeros(0)
 
 ARRAYS = (
@@ -39,7 +39,7 @@ class FrameVerdicts:
 
     Attributes:
         frame_id: of the dataset.
-        status: one of `STATUSES`.
+        status: one of `DUMP_STATUSES`.
         message: what is wrong with the frame's file, or with its rows; empty if nothing is.
         rows: number in the file.
         left_out: of these, that are no grasps.
@@ -73,7 +73,7 @@ def write_dump_verdicts(path: Path, frames: Sequence[FrameVerdicts], stamp: Stam
     """Write the verdicts on a scene's frames, and the stamp beside them."""
     arrays: dict[str, NDArray[np.generic]] = {
         "frame_id": np.array([f.frame_id for f in frames], np.int32),
-        "status": np.array([STATUSES.index(f.status) for f in frames], np.int8),
+        "status": np.array([DUMP_STATUSES.index(f.status) for f in frames], np.int8),
         "message": np.array([f.message for f in frames], np.str_),
         "rows": np.array([f.rows for f in frames], np.int32),
         "left_out": np.array([f.left_out for f in frames], np.int32),

@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 
 from pipelines.array_types import Array
 from pipelines.dataset.graspnet.graspnet import SPLITS
-from pipelines.evaluation.graspnet.dump_verdicts import STATUSES
+from pipelines.evaluation.graspnet.dump_verdicts import DUMP_STATUSES
 from pipelines.evaluation.tables import Table
-from pipelines.metrics.graspnet.graspnet_ap import FRICTIONS, RANKS
-from pipelines.metrics.graspnet.graspnet_frames import REASONS
+from pipelines.metrics.graspnet.graspnet_ap import AP_FRICTIONS, RANKS
+from pipelines.metrics.graspnet.graspnet_frames import DUMP_REASONS
 
-Figures = dict[str, Any]
+DumpFigures = dict[str, Any]
 
 ALL, TRAIN = "all", "train"
-SHOWN = {"ap_0.8": FRICTIONS.index(0.8), "ap_0.4": FRICTIONS.index(0.4)}
+SHOWN = {"ap_0.8": AP_FRICTIONS.index(0.8), "ap_0.4": AP_FRICTIONS.index(0.4)}
 
 
 @dataclass
@@ -34,25 +34,27 @@ class DumpTotals:
     rows: int = 0
     left_out: int = 0
     straightened: int = 0
-    accuracy: Array = field(default_factory=lambda: np.zeros((RANKS, len(FRICTIONS))))
-    reasons: NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(REASONS), np.int64))
+    accuracy: Array = field(default_factory=lambda: np.zeros((RANKS, len(AP_FRICTIONS))))
+    reasons: NDArray[np.int64] = field(
+        default_factory=lambda: np.zeros(len(DUMP_REASONS), np.int64)
+    )
     reachable: Array = field(default_factory=lambda: np.zeros(RANKS))  # if all grasps held
 
     def add(self, verdicts: Mapping[str, NDArray[Any]]) -> None:
         """Add the verdicts on one scene, as `formats.dump_verdicts` reads them."""
         self.scenes += 1
         self.frames += len(verdicts["frame_id"])
-        self.absent += int((verdicts["status"] != STATUSES.index("ok")).sum())
+        self.absent += int((verdicts["status"] != DUMP_STATUSES.index("ok")).sum())
         self.rows += int(verdicts["rows"].sum())
         self.left_out += int(verdicts["left_out"].sum())
         self.straightened += int(verdicts["straightened"].sum())
         self.accuracy += verdicts["accuracy"].sum(axis=0)
         count = (verdicts["reason"] >= 0).sum(axis=1)[:, None]
         self.reachable += np.minimum(count / np.arange(1, RANKS + 1), 1.0).sum(axis=0)
-        judged = verdicts["reason"][verdicts["reason"] >= 0]
-        self.reasons += np.bincount(judged, minlength=len(REASONS))
+        scored = verdicts["reason"][verdicts["reason"] >= 0]
+        self.reasons += np.bincount(scored, minlength=len(DUMP_REASONS))
 
-    def figures(self) -> Figures:
+    def figures(self) -> DumpFigures:
         """Return FIGURES; None where there are no frames."""
         by_friction = self._mean(self.frames)
         present = self._mean(self.frames - self.absent)
@@ -62,21 +64,21 @@ class DumpTotals:
             "ap_present": _mean_or_none(present),
             "ap_by_friction": None
             if by_friction is None
-            else {f"{mu:g}": ap for mu, ap in zip(FRICTIONS, by_friction, strict=True)},
+            else {f"{mu:g}": ap for mu, ap in zip(AP_FRICTIONS, by_friction, strict=True)},
             "scenes": self.scenes,
             "frames": self.frames,
             "frames_absent": self.absent,
             "rows": self.rows,
             "rows_left_out": self.left_out,
             "rows_straightened": self.straightened,
-            "reasons": {r: int(n) for r, n in zip(REASONS, self.reasons, strict=True) if n},
+            "reasons": {r: int(n) for r, n in zip(DUMP_REASONS, self.reasons, strict=True) if n},
         }
 
-    def by_rank(self) -> Figures:
+    def by_rank(self) -> DumpFigures:
         """Return the mean accuracy at k = 1 to 50: at each friction, over them, and reachable."""
         accuracy = self.accuracy / max(self.frames, 1)
         held = {
-            f"{mu:g}": column.tolist() for mu, column in zip(FRICTIONS, accuracy.T, strict=True)
+            f"{mu:g}": column.tolist() for mu, column in zip(AP_FRICTIONS, accuracy.T, strict=True)
         }
         reachable = (self.reachable / max(self.frames, 1)).tolist()
         return {"held": held, "mean": accuracy.mean(axis=1).tolist(), "reachable": reachable}
@@ -91,7 +93,7 @@ class DumpTally:
     """Totals by camera and split, and the figures of each scene."""
 
     totals: dict[str, dict[str, DumpTotals]] = field(default_factory=dict)
-    scenes: dict[str, Figures] = field(default_factory=dict)
+    scenes: dict[str, DumpFigures] = field(default_factory=dict)
 
     def add(
         self, name: str, camera: str, scene_id: int, verdicts: Mapping[str, NDArray[Any]]
@@ -104,14 +106,14 @@ class DumpTally:
             each.add(verdicts)
         self.scenes[name] = {"split": own[0] if own else "", **total.figures()}
 
-    def rows(self) -> dict[str, dict[str, Figures]]:
+    def rows(self) -> dict[str, dict[str, DumpFigures]]:
         """Return FIGURES by camera and split; of the split train where it was dumped."""
         return {
             camera: {name: t.figures() for name, t in splits.items() if name != TRAIN or t.frames}
             for camera, splits in sorted(self.totals.items())
         }
 
-    def accuracy(self) -> dict[str, dict[str, Figures]]:
+    def accuracy(self) -> dict[str, dict[str, DumpFigures]]:
         """Return accuracy by rank, by camera and split, of splits with frames and of all."""
         return {
             camera: {n: t.by_rank() for n, t in splits.items() if n == ALL or t.frames}
@@ -119,11 +121,21 @@ class DumpTally:
         }
 
 
-def scene_table(scenes: Mapping[str, Figures]) -> Table:
+def scene_table(scenes: Mapping[str, DumpFigures]) -> Table:
     """Return a row a scene."""
     return Table(
         "Average precision and what became of the ranked grasps, percent",
-        ("scene", "split", "AP", "AP 0.8", "AP 0.4", *REASONS, "grasps", "frames", "absent"),
+        (
+            "scene",
+            "split",
+            "AP",
+            "AP 0.8",
+            "AP 0.4",
+            *DUMP_REASONS,
+            "grasps",
+            "frames",
+            "absent",
+        ),
         tuple(
             (
                 *(name, f["split"], *(percent(f[key]) for key in ("ap", *SHOWN))),
@@ -135,7 +147,7 @@ def scene_table(scenes: Mapping[str, Figures]) -> Table:
     )
 
 
-def dump_tables(rows: Mapping[str, Mapping[str, Figures]]) -> list[Table]:
+def dump_tables(rows: Mapping[str, Mapping[str, DumpFigures]]) -> list[Table]:
     """Return the tables of a report on a dump."""
     cells = [(row, split, f) for row, splits in rows.items() for split, f in splits.items()]
     cells = [cell for cell in cells if cell[2]["frames"]]
@@ -156,7 +168,7 @@ def dump_tables(rows: Mapping[str, Mapping[str, Figures]]) -> list[Table]:
     )
     fates = Table(
         "What became of the ranked grasps, percent",
-        ("camera", "split", *REASONS, "grasps"),
+        ("camera", "split", *DUMP_REASONS, "grasps"),
         tuple((row, split, *_shares(f["reasons"])) for row, split, f in cells),
         names=2,
     )
@@ -165,7 +177,7 @@ def dump_tables(rows: Mapping[str, Mapping[str, Figures]]) -> list[Table]:
 
 def _shares(reasons: Mapping[str, int]) -> list[str]:
     total = sum(reasons.values())
-    shares = [percent(reasons.get(r, 0) / total if total else None) for r in REASONS]
+    shares = [percent(reasons.get(r, 0) / total if total else None) for r in DUMP_REASONS]
     return [*shares, str(total)]
 
 

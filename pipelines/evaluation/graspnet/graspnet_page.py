@@ -1,4 +1,4 @@
-"""`report.html` of a dump judged by GraspNet's protocol: tables, curves, what became of grasps."""
+"""`report.html` of a dump scored by GraspNet's protocol: tables, curves, what became of grasps."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -7,14 +7,14 @@ from pipelines.evaluation.graspnet.graspnet_figures import dump_tables, percent,
 from pipelines.evaluation.pages.charts import LineChart, Series
 from pipelines.evaluation.pages.report_page import REASON_COLORS, TEMPLATES, provenance_table
 from pipelines.metrics.graspnet.graspnet_ap import RANKS
-from pipelines.metrics.graspnet.graspnet_frames import REASONS
+from pipelines.metrics.graspnet.graspnet_frames import DUMP_REASONS
 from pipelines.storage.pages import rendered
 
 ALL = "all"
 CHART_SPLITS = {"seen": "#1668b8", "similar": "#e08a00", "novel": "#2a9d58", "train": "#8e5bb5"}
 FRICTION_COLORS = ("#0b3c6f", "#1668b8", "#5a9bd8", "#e6a817", "#e08a00", "#d0492f")
 REACHABLE = "if all its grasps held"
-COLORS = {reason: REASON_COLORS.get(reason, REASON_COLORS["no grasp"]) for reason in REASONS}
+COLORS = {reason: REASON_COLORS.get(reason, REASON_COLORS["no grasp"]) for reason in DUMP_REASONS}
 WORDS = {
     "collision": "the open gripper touches an object or the table",
     "empty": "hardly anything of the object is between its fingers",

@@ -10,12 +10,12 @@ from pipelines.evaluation.graspnet.graspnet_truth import SceneTruth
 from pipelines.grasp_files.exports.graspnet_dump import DumpedScene
 from pipelines.grasp_files.grasp_rows import GraspRows, read_grasp_rows
 from pipelines.metrics.graspnet.graspnet_ap import accuracy
-from pipelines.metrics.graspnet.graspnet_frames import judge_rows
+from pipelines.metrics.graspnet.graspnet_frames import score_rows
 
 MAX_SKEW = 0.1  # of a rotation's entries; what is farther off was not meant as one
 
 
-def judge_scene(
+def score_scene(
     root: GraspNetRoot, dumped: DumpedScene, config: EvaluateDumpConfig
 ) -> list[FrameVerdicts]:
     """Return the verdicts on every frame that the dataset has of a scene, in order.
@@ -25,11 +25,11 @@ def judge_scene(
     """
     files = root.scene(dumped.scene_id, dumped.camera)
     truth = SceneTruth.read(root, files, config.exact)
-    return [_judge_frame(truth, dumped, i, config) for i in frames_of(files)]
+    return [_score_frame(truth, dumped, i, config) for i in posed_frames(files)]
 
 
-def frames_of(files: SceneFiles) -> list[int]:
-    """Return the ids of the frames that can be judged: those with poses."""
+def posed_frames(files: SceneFiles) -> list[int]:
+    """Return the ids of the frames that can be scored: those with poses."""
     found = files.ids_of("annotations")
     if not found:
         raise SymgraspError(
@@ -38,7 +38,7 @@ def frames_of(files: SceneFiles) -> list[int]:
     return found
 
 
-def _judge_frame(
+def _score_frame(
     truth: SceneTruth, dumped: DumpedScene, frame_id: int, config: EvaluateDumpConfig
 ) -> FrameVerdicts:
     path = dumped.path(frame_id)
@@ -50,7 +50,7 @@ def _judge_frame(
         return _without_grasps(frame_id, "unreadable", str(error))
     ids, scene = truth.frame(frame_id)
     kept = np.setdiff1d(np.arange(len(given.rows)), list(given.faults))
-    judged = judge_rows(given.rows[kept], scene)
+    scored = score_rows(given.rows[kept], scene)
     return FrameVerdicts(
         frame_id,
         "ok",
@@ -58,12 +58,12 @@ def _judge_frame(
         len(given.rows),
         len(given.faults),
         int(given.straightened.sum()),
-        accuracy(judged.friction),
-        row=kept[judged.index],
-        object_id=np.array(ids, np.int64)[judged.owner],
-        confidence=given.rows[kept][judged.index, 0],
-        friction=judged.friction,
-        reason=judged.reason,
+        accuracy(scored.friction),
+        row=kept[scored.index],
+        object_id=np.array(ids, np.int64)[scored.owner],
+        confidence=given.rows[kept][scored.index, 0],
+        friction=scored.friction,
+        reason=scored.reason,
     )
 
 

@@ -16,7 +16,7 @@ from pipelines.dataset import object_list
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.errors import SymgraspError
 from pipelines.evaluation.records import FrameRecord
-from pipelines.grasp_files.grasps_stream import GraspsIndex, read_frames
+from pipelines.grasp_files.grasps_stream import GraspsIndex, read_results
 from pipelines.metrics.grasp_verdicts import Verdict
 from pipelines.pictures.overlays import draw_overlay
 from pipelines.storage.files import encode_image
@@ -87,10 +87,10 @@ class FrameChoice:
 
     def add(self, records: list[FrameRecord]) -> None:
         """Add the frames of one scene."""
-        judged = [record for record in records if ROW in record.rows and record.rows[ROW].verdicts]
-        if judged:
-            self.best.append(min(judged, key=_best_first))
-            self.worst.append(min(judged, key=_worst_first))
+        scored = [record for record in records if ROW in record.rows and record.rows[ROW].verdicts]
+        if scored:
+            self.best.append(min(scored, key=_best_first))
+            self.worst.append(min(scored, key=_worst_first))
 
     def chosen(self, count: int = NUM_FRAMES) -> tuple[list[FrameRecord], list[FrameRecord]]:
         """Return the `count` best and the `count` worst frames, no frame twice."""
@@ -134,7 +134,7 @@ def _draw(
 ) -> Picture:
     files = root.frame(record.name)
     place = index.dataset_names(grasps).index(record.name)
-    result = next(read_frames(grasps, [place]))
+    result = next(read_results(grasps, [place]))
     label = root.read_label(files)
     masks = [label == verdict.object_id + 1 for verdict in record.rows[ROW].verdicts]
     left, top, right, bottom = window = _window(np.any(masks, axis=0))

@@ -6,10 +6,10 @@ from typing import Any
 
 from pipelines.evaluation.pages.charts import LineChart, Series
 from pipelines.evaluation.pages.gallery import Gallery
-from pipelines.evaluation.tables import METHODS, Table, report_tables
+from pipelines.evaluation.tables import METHOD_NAMES, Table, report_tables
 from pipelines.evaluation.tallies import ALL
+from pipelines.geometry.symmetry import SYMMETRY_KINDS
 from pipelines.metrics.grasp_verdicts import REASONS
-from pipelines.metrics.symmetry_matching import KINDS
 from pipelines.storage.pages import rendered
 
 TEMPLATES = Path(__file__).parents[1] / "templates"
@@ -45,7 +45,9 @@ def report_page(report: Mapping[str, Any], gallery: Gallery) -> str:
         symmetries=symmetries,
         symmetry_charts=list(_symmetry_charts(report)),
         masks=masks,
-        bars=[(METHODS[row], splits[ALL]["reasons"]) for row, splits in report["rows"].items()],
+        bars=[
+            (METHOD_NAMES[row], splits[ALL]["reasons"]) for row, splits in report["rows"].items()
+        ],
         reasons=reasons,
         colors=REASON_COLORS,
         words=REASON_WORDS,
@@ -95,7 +97,7 @@ def _held_charts(report: Mapping[str, Any]) -> Iterator[LineChart]:
     """Yield the share of objects held by friction, if that was evaluated."""
     curves = report.get("curves", {})
     lines = [
-        Series(METHODS[row], curves["friction"], share, ROW_COLORS[row])
+        Series(METHOD_NAMES[row], curves["friction"], share, ROW_COLORS[row])
         for row, share in curves.get("held", {}).items()
     ]
     title = "Share of objects held at a friction, all splits"
@@ -108,7 +110,7 @@ def _symmetry_charts(report: Mapping[str, Any]) -> Iterator[LineChart]:
     curves = report.get("curves", {})
     found = curves.get("symmetry", {}).get("ours", {})
     blue = ROW_COLORS["ours"]
-    for kind in KINDS:
+    for kind in SYMMETRY_KINDS:
         measure = "centre within {} m" if kind == "sphere" else "error below {}"
         lines = [
             Series(measure.format(key), *_reached(curves["recall"], precision), blue, dashes)

@@ -35,7 +35,7 @@ HEADER_BYTES = 256  # of a .npy; its type stands in the first hundred
 PICKLES = (".npy", ".pkl", ".pickle")
 
 
-def find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
+def _find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
     """List the `.npz` files of `folder` that hold a frame.
 
     With them, so that they are named, the damaged ones, and pickles that have no such twin.
@@ -171,5 +171,5 @@ def _camera(path: Path, arrays: dict[str, NDArray[Any]]) -> CameraFile:
     return CameraFile.from_matrix(path, arrays[key])
 
 
-LAYOUT = Layout(NAME, "*.npz with the arrays depth, K and rgb", find)
+LAYOUT = Layout(NAME, "*.npz with the arrays depth, K and rgb", _find)
 PICKLED = Layout(PICKLED_NAME, "their pickled *.npy", find_pickled)

@@ -20,7 +20,7 @@ CAMERA_KEYS = ("fl_x", "fl_y", "cx", "cy", "w", "h")
 DISTORTION_KEYS = ("k1", "k2", "k3", "k4", "p1", "p2")
 
 
-def find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
+def _find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
     """List the frames that have a depth image, in the order of the file.
 
     Raises:
@@ -72,4 +72,4 @@ def _read(
     return read_pair(name, color, depth, stated.at, options.depth_units(), notes)
 
 
-LAYOUT = Layout(NAME, "transforms.json that names depth images", find)
+LAYOUT = Layout(NAME, "transforms.json that names depth images", _find)

@@ -23,7 +23,7 @@ LARGEST_MISFIT = 0.5  # pixels between a point's projection and its place in the
 FEWEST_POINTS = 100
 
 
-def find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
+def _find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
     """List the `.pcd` files of `folder`, each one frame."""
     sources = []
     for path in sorted(folder.glob("*.pcd")):
@@ -89,4 +89,4 @@ def _unpacked(path: Path, packed: NDArray[Any]) -> NDArray[np.uint8]:
     return np.stack([bits >> shift & 255 for shift in (16, 8, 0)], axis=2).astype(np.uint8)
 
 
-LAYOUT = Layout(NAME, "organised *.pcd", find)
+LAYOUT = Layout(NAME, "organised *.pcd", _find)

@@ -25,7 +25,7 @@ NAME = "ROS bag"
 ROS_2_FILES = ("*.db3", "*.mcap")
 
 
-def find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
+def _find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
     """List the frames of the bags in `folder`, named after the time of their colour image.
 
     Of several cameras in one bag each has its own folder in the names.
@@ -111,4 +111,4 @@ def _refuse(error: SymgraspError) -> Frame:
     raise error
 
 
-LAYOUT = Layout(NAME, "ROS bags (*.bag, or metadata.yaml with *.db3 or *.mcap)", find)
+LAYOUT = Layout(NAME, "ROS bags (*.bag, or metadata.yaml with *.db3 or *.mcap)", _find)

@@ -28,7 +28,7 @@ NAME = "ScanNet"
 DEPTH_CAMERA, COLOR_CAMERA = "intrinsic/intrinsic_depth.txt", "intrinsic/intrinsic_color.txt"
 
 
-def find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
+def _find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
     """List the frames of a scene."""
     cameras = (folder / DEPTH_CAMERA, folder / COLOR_CAMERA)
     if not cameras[0].is_file():
@@ -64,4 +64,4 @@ def _read(name: str, pair: ImagePair, cameras: tuple[Path, Path], options: Frame
     return make_frame(name, *images, camera.at, options.depth_units(), notes)
 
 
-LAYOUT = Layout(NAME, f"color/ beside depth/ with {DEPTH_CAMERA}", find)
+LAYOUT = Layout(NAME, f"color/ beside depth/ with {DEPTH_CAMERA}", _find)

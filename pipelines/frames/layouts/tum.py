@@ -23,10 +23,10 @@ CALIBRATIONS = {
     "freiburg3": (535.4, 539.2, 320.1, 247.6),
 }
 Stamped = list[tuple[float, Path]]
-Item = TypeVar("Item")  # such as a path: tells the image, can be put in order
+Timed = TypeVar("Timed")  # an image, such as its path; can be put in order
 
 
-def find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
+def _find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
     """List the frames of a sequence, by the time of their colour image.
 
     Raises:
@@ -53,10 +53,10 @@ def find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
 
 
 def associate(
-    colors: list[tuple[float, Item]], depths: list[tuple[float, Item]]
-) -> list[tuple[Item, Item]]:
+    colors: list[tuple[float, Timed]], depths: list[tuple[float, Timed]]
+) -> list[tuple[Timed, Timed]]:
     """Pair images whose times are nearest, each used once and at most 0.02 s apart."""
-    near: list[tuple[float, tuple[float, Item], tuple[float, Item]]] = []
+    near: list[tuple[float, tuple[float, Timed], tuple[float, Timed]]] = []
     depths, first = sorted(depths), 0
     for color in sorted(colors):
         while first < len(depths) and depths[first][0] < color[0] - LARGEST_GAP:
@@ -65,8 +65,8 @@ def associate(
             if depth[0] > color[0] + LARGEST_GAP:
                 break
             near.append((abs(depth[0] - color[0]), color, depth))
-    used_colors: set[tuple[float, Item]] = set()
-    used_depths: set[tuple[float, Item]] = set()
+    used_colors: set[tuple[float, Timed]] = set()
+    used_depths: set[tuple[float, Timed]] = set()
     pairs = []
     for _gap, color, depth in sorted(near):
         if color not in used_colors and depth not in used_depths:
@@ -119,4 +119,4 @@ def _present(*paths: Path | None) -> tuple[Path, ...]:
     return tuple(path for path in paths if path is not None and is_file(path))
 
 
-LAYOUT = Layout(NAME, "TUM's rgb.txt and depth.txt", find)
+LAYOUT = Layout(NAME, "TUM's rgb.txt and depth.txt", _find)

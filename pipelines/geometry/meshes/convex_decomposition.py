@@ -26,7 +26,7 @@ CPU_LIMIT = 600  # seconds; coacd takes one to a hundred
 TIME_LIMIT = 7200.0  # seconds on the clock, for a child that hangs
 
 
-def convex_pieces(mesh: Mesh, settings: Mapping[str, float]) -> list[Array]:
+def decomposed(mesh: Mesh, settings: Mapping[str, float]) -> list[Array]:
     """Return the corners (k, 3) of nearly convex pieces of `mesh`; none if coacd cannot say.
 
     `settings` are the keyword arguments of `coacd.run_coacd`.

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, KDTree, QhullError
 
 from pipelines.array_types import Array, Indices
-from pipelines.geometry.meshes.convex_decomposition import convex_pieces
+from pipelines.geometry.meshes.convex_decomposition import decomposed
 from pipelines.geometry.meshes.mesh import Mesh
 
 # coacd's defaults take half a minute per object; these settings find the same large pieces.
@@ -26,7 +26,7 @@ def convex_owner(mesh: Mesh, points: Array) -> Indices:
     All 0 if coacd finds no pieces.
     """
     used, index = np.unique(mesh.faces, return_inverse=True)
-    hulls = convex_pieces(Mesh(mesh.vertices[used], index.reshape(-1, 3)), COARSE_SEARCH)
+    hulls = decomposed(Mesh(mesh.vertices[used], index.reshape(-1, 3)), COARSE_SEARCH)
     if not hulls:
         return np.zeros(len(points), dtype=np.int64)
     depth = np.stack([_outside(corners, points) for corners in hulls])

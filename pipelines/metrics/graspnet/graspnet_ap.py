@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from pipelines.array_types import Array, Indices, Mask
 
-FRICTIONS = (0.2, 0.4, 0.6, 0.8, 1.0, 1.2)
+AP_FRICTIONS = (0.2, 0.4, 0.6, 0.8, 1.0, 1.2)
 RANKS = 50  # grasps of a frame that count
 PER_OBJECT = 10
 NMS_DISTANCE = 0.03  # metres
@@ -58,7 +58,7 @@ def _near(rotation: Array, translation: Array, these: Indices, those: Indices) -
 
 
 def ranked(confidence: Array, owner: Indices) -> Indices:
-    """Return the indices (k,) of the grasps that are judged, most confident first.
+    """Return the indices (k,) of the grasps that count, most confident first.
 
     Args:
         confidence: (n,), in descending order.
@@ -72,12 +72,12 @@ def ranked(confidence: Array, owner: Indices) -> Indices:
 
 
 def accuracy(friction: ArrayLike) -> Array:
-    """Return (50, 6) the share of the first k grasps that hold, by rank and by `FRICTIONS`.
+    """Return (50, 6) the share of the first k grasps that hold, by rank and by `AP_FRICTIONS`.
 
-    `friction`: (n,) the smallest of `FRICTIONS` at which each ranked grasp holds, `FAILED` if none.
+    `friction`: (n,) the smallest at which each ranked grasp holds, `FAILED` if none does.
     """
     found = np.full(RANKS, FAILED)
     first = np.asarray(friction, np.float64)[:RANKS]
     found[: len(first)] = first
-    holds = (found[:, None] > 0.0) & (found[:, None] <= np.asarray(FRICTIONS))
+    holds = (found[:, None] > 0.0) & (found[:, None] <= np.asarray(AP_FRICTIONS))
     return np.asarray(np.cumsum(holds, axis=0) / np.arange(1, RANKS + 1)[:, None])

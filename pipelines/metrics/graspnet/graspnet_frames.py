@@ -1,4 +1,4 @@
-"""The grasps of a frame among its objects, as graspnetAPI judges them or exactly.
+"""The grasps of a frame among its objects, as graspnetAPI scores them or exactly.
 
 Both give a ranked grasp the smallest friction of the protocol at which it holds. The peer's way:
 contacts on signed-distance grids, collision of clouds of 8 mm voxels, poses in single precision.
@@ -20,7 +20,7 @@ from pipelines.geometry.transforms import invert, transform_points
 from pipelines.grasping.grasps import Grasps, from_graspnet
 from pipelines.metrics.contacts import Contacts, close_fingers
 from pipelines.metrics.force_closure import min_friction, on_grid
-from pipelines.metrics.graspnet.graspnet_ap import FAILED, FRICTIONS, ranked, suppress
+from pipelines.metrics.graspnet.graspnet_ap import AP_FRICTIONS, FAILED, ranked, suppress
 from pipelines.metrics.graspnet.grid_contacts import close_fingers_on_grid
 from pipelines.metrics.graspnet.peer_collision import (
     MIN_INNER,
@@ -32,7 +32,7 @@ from pipelines.metrics.graspnet.peer_collision import (
 from pipelines.metrics.mesh_collision import MeshCollider
 
 # What becomes of a ranked grasp, in the order in which it can fail.
-REASONS = ("collision", "empty", "no contact", "friction", "held")
+DUMP_REASONS = ("collision", "empty", "no contact", "friction", "held")
 OUTLIER = 0.05  # metres around an object's box within which its surroundings are looked at
 TABLE = table_cloud()
 
@@ -55,14 +55,14 @@ class SolidObject:
 
 
 @dataclass(frozen=True)
-class RankedGrasps:
-    """The grasps of a frame that are judged, most confident first; one entry a grasp.
+class ScoredRows:
+    """The grasps of a frame that count, most confident first; one entry a grasp.
 
     Attributes:
         index: (k,) rows of the dump.
         owner: (k,) indices of the scene's objects.
-        friction: (k,) the smallest of `FRICTIONS` that holds; `FAILED` if none.
-        reason: (k,) indices of `REASONS`.
+        friction: (k,) the smallest of `AP_FRICTIONS` that holds; `FAILED` if none.
+        reason: (k,) indices of `DUMP_REASONS`.
     """
 
     index: Indices
@@ -71,8 +71,8 @@ class RankedGrasps:
     reason: Indices
 
 
-class Scene(Protocol):
-    """What judging wants to know of a frame; camera frame, metres."""
+class FrameScene(Protocol):
+    """The objects, table and collisions of a frame; camera frame, metres."""
 
     def clouds(self) -> list[Array]:
         """Return the points (m, 3) of each object, that say whose a grasp is."""
@@ -150,13 +150,13 @@ class ExactScene:
         return close_fingers(self.objects[which].mesh, local, grasps.width)
 
 
-def judge_rows(rows: Array, scene: Scene) -> RankedGrasps:
+def score_rows(rows: Array, scene: FrameScene) -> ScoredRows:
     """Return what becomes of graspnetAPI's `rows` (n, 17), camera frame, metres."""
     kept = suppress(rows[:, 0], rows[:, 4:13].reshape(-1, 3, 3), rows[:, 13:16])
     clouds = scene.clouds()
     if not len(kept) or not clouds:
         none = np.zeros(0, np.int64)
-        return RankedGrasps(none, none, np.zeros(0), none)
+        return ScoredRows(none, none, np.zeros(0), none)
     owner = _nearest(rows[kept, 13:16], clouds)
     first = ranked(rows[kept, 0], owner)
     index, owner = kept[first], owner[first]
@@ -166,11 +166,11 @@ def judge_rows(rows: Array, scene: Scene) -> RankedGrasps:
     for which in np.unique(owner):
         free = np.flatnonzero((owner == which) & ~hit & ~empty)
         contacts = scene.contacts(int(which), grasps[free])
-        friction[free] = on_grid(min_friction(contacts), FRICTIONS)
+        friction[free] = on_grid(min_friction(contacts), AP_FRICTIONS)
         touching[free] = contacts.found
     failures = [hit, empty, ~touching, np.isinf(friction)]
     reason = np.select(failures, range(len(failures)), len(failures))
-    return RankedGrasps(index, owner, np.where(np.isinf(friction), FAILED, friction), reason)
+    return ScoredRows(index, owner, np.where(np.isinf(friction), FAILED, friction), reason)
 
 
 def _nearest(points: Array, clouds: Sequence[Array]) -> Indices:

@@ -80,7 +80,7 @@ def _first_contact(
 def _distances_near(grid: SignedDistanceGrid, line: Array) -> Array:
     """Return distances (n, m) at `line` (n, m, 3), spacings; inf at two samples from the surface.
 
-    Most of a finger's way is through the air: only what may be near is interpolated.
+    Most of a finger's way is through the air: only what may be near is trilinear_distance.
     """
     last = np.array(grid.values.shape) - 1
     node = np.clip(np.rint(line), 0, last).astype(np.int64)
@@ -91,11 +91,11 @@ def _distances_near(grid: SignedDistanceGrid, line: Array) -> Array:
         wanted[:, shift:] |= near[:, :-shift]
         wanted[:, :-shift] |= near[:, shift:]
     distance = np.full(wanted.shape, np.inf)
-    distance[wanted] = interpolated(grid, line[wanted])
+    distance[wanted] = trilinear_distance(grid, line[wanted])
     return distance
 
 
-def interpolated(grid: SignedDistanceGrid, points: Array) -> Array:
+def trilinear_distance(grid: SignedDistanceGrid, points: Array) -> Array:
     """Return the trilinear distance (...) at `points` (..., 3), in spacings from the origin."""
     last = np.array(grid.values.shape) - 1
     inside = np.clip(points, 0.0, last)
@@ -148,7 +148,7 @@ def _normals(grid: SignedDistanceGrid, where: Array, way: Array) -> Array:
     A plane is fitted to those probes around the contact that are on the surface.
     """
     probes = where[:, None] + PROBES
-    kept = np.abs(interpolated(grid, probes)) < NEAR * grid.spacing
+    kept = np.abs(trilinear_distance(grid, probes)) < NEAR * grid.spacing
     weight = kept / np.maximum(kept.sum(axis=1, keepdims=True), 1)
     arm = probes - np.einsum("nk,nki->ni", weight, probes)[:, None]
     scatter = np.einsum("nk,nki,nkj->nij", weight, arm, arm)

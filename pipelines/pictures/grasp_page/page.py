@@ -38,7 +38,7 @@ def frame_page(scene: Mapping[str, Any], result: FrameResult, stamp: Stamp) -> s
         title=f"{result.name}: grasps",
         stamp=stamp.as_text(),
         name=result.name,
-        words=in_words(result),
+        words=result_words(result),
         up="../" * (result.name.count("/") + 1),
         scene=scene,
     )
@@ -49,7 +49,7 @@ def index_page(title: str, entries: Iterable[IndexEntry], stamp: Stamp) -> str:
     return rendered(HERE / "index.html", title=title, entries=entries, stamp=stamp.as_text())
 
 
-def in_words(result: FrameResult) -> str:
+def result_words(result: FrameResult) -> str:
     """Return what was found in a frame."""
     if result.status != "ok":
         return f"{result.status}: {result.message}"

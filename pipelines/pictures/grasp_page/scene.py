@@ -27,7 +27,7 @@ REGION_COLORS = (
 )  # fmt: skip
 DETAIL = ("width", "affordance", "clearance", "enclosed_height", "rank_score")
 FAR = 90  # percent of points lie within what is called their radius
-HAND = 0.1  # metres from a grasp to the end of the hand, about
+GRIPPER_LENGTH = 0.1  # metres from a grasp to the end of the hand, about
 SMALLEST = 0.15  # metres, radius of what is looked at first
 
 
@@ -169,7 +169,7 @@ def _focus(grasps: GraspTable, points: Array) -> dict[str, Any]:
     middle, radius = np.array([0.0, 0.0, 1.0]), 0.0
     if len(best):
         middle, radius = _middle(best)
-        radius += HAND
+        radius += GRIPPER_LENGTH
     elif len(points):
         middle, radius = _middle(points)
     return {"place": _numbers(middle), "radius": max(radius, SMALLEST)}

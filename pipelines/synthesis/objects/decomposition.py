@@ -62,5 +62,5 @@ def physics_pieces(
         "preprocess_resolution": MANIFOLD_CELLS,
         "seed": seed,
     }
-    pieces = convex_decomposition.convex_pieces(mesh, settings)
+    pieces = convex_decomposition.decomposed(mesh, settings)
     return tuple(hull_of_points(corners) for corners in pieces) or (hull,)

@@ -6,10 +6,10 @@ import pytest
 from pipelines.evaluation.graspnet.graspnet_figures import DumpTally
 from pipelines.evaluation.graspnet.graspnet_page import dump_page
 from pipelines.metrics.graspnet.graspnet_ap import RANKS, accuracy
-from pipelines.metrics.graspnet.graspnet_frames import REASONS
+from pipelines.metrics.graspnet.graspnet_frames import DUMP_REASONS
 from tests.evaluation.page_reader import Reader
 
-HELD = REASONS.index("held")
+HELD = DUMP_REASONS.index("held")
 
 
 def verdicts(frictions: list[list[float]]) -> dict:

@@ -3,13 +3,13 @@
 import numpy as np
 
 from pipelines.evaluation.pages.gallery import FrameChoice, _middle, _spread, _window
-from pipelines.evaluation.records import FrameRecord, JudgedPredictions, RowRecord
+from pipelines.evaluation.records import FrameRecord, RowRecord, ScoredPredictions
 from pipelines.metrics.grasp_verdicts import Verdict
 
 
 def record(name: str, *qualities: float) -> FrameRecord:
     verdicts = [Verdict(i, "held", quality, 1 - quality) for i, quality in enumerate(qualities)]
-    return FrameRecord(name, "seen", 0.1, JudgedPredictions(0), {"ours": RowRecord(verdicts)})
+    return FrameRecord(name, "seen", 0.1, ScoredPredictions(0), {"ours": RowRecord(verdicts)})
 
 
 def choice(*scenes: list[FrameRecord]) -> FrameChoice:

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pipelines.evaluation.figures import report_curves, report_rows
 from pipelines.evaluation.pages.gallery import Gallery, Picture, Tag
 from pipelines.evaluation.pages.report_page import report_page
-from pipelines.evaluation.records import FrameRecord, JudgedPredictions, RowRecord
+from pipelines.evaluation.records import FrameRecord, RowRecord, ScoredPredictions
 from pipelines.evaluation.tallies import ReportTally
 from pipelines.metrics.grasp_verdicts import REASONS, Verdict
 from tests.evaluation.page_reader import Reader
@@ -13,9 +13,9 @@ from tests.evaluation.page_reader import Reader
 
 def report() -> dict:
     verdicts = [Verdict(i, reason, min_friction=0.3) for i, reason in enumerate(REASONS)]
-    planes = {"reflection": JudgedPredictions(2, [0.9, 0.8], {"0.25": [1, 0], "0.134": [1, 0]})}
+    planes = {"reflection": ScoredPredictions(2, [0.9, 0.8], {"0.25": [1, 0], "0.134": [1, 0]})}
     row = RowRecord(verdicts, planes)
-    record = FrameRecord("f", "seen", 0.1, JudgedPredictions(0), {"ours": row, "planar": row})
+    record = FrameRecord("f", "seen", 0.1, ScoredPredictions(0), {"ours": row, "planar": row})
     tally = ReportTally.of([record])
     thresholds = ((0.25, 0.134), 0.05)
     return {
@@ -75,7 +75,7 @@ def test_curves_have_axes_with_labels_and_a_line_a_threshold():
 
 
 def test_a_report_of_nothing_is_a_page_too():
-    tally = ReportTally.of([FrameRecord("f", "seen", 0.1, JudgedPredictions(0), {})])
+    tally = ReportTally.of([FrameRecord("f", "seen", 0.1, ScoredPredictions(0), {})])
     empty = {
         "rows": report_rows(tally, (0.25,), 0.05),
         "curves": report_curves(tally, (0.25,), 0.05),

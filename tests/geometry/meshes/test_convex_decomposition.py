@@ -20,7 +20,7 @@ def tray() -> Mesh:
 
 def test_pieces_fill_the_mesh_and_not_its_hollow():
     mesh = tray()
-    pieces = convex_decomposition.convex_pieces(mesh, SETTINGS)
+    pieces = convex_decomposition.decomposed(mesh, SETTINGS)
     volumes = [trimesh.convex.convex_hull(corners).volume for corners in pieces]
     assert len(pieces) >= 5  # a floor and four walls
     assert sum(volumes) == pytest.approx(mesh.volume, rel=0.05)
@@ -30,6 +30,6 @@ def test_a_child_that_dies_or_takes_too_much_cpu_time_finds_no_pieces(monkeypatc
     monkeypatch.setattr(convex_decomposition, "CPU_LIMIT", 1)
     many = trimesh.creation.torus(0.05, 0.01, major_sections=200, minor_sections=100)
     mesh = Mesh(np.asarray(many.vertices), np.asarray(many.faces))
-    assert convex_decomposition.convex_pieces(mesh, SETTINGS) == []
+    assert convex_decomposition.decomposed(mesh, SETTINGS) == []
     monkeypatch.setattr(convex_decomposition.sys, "executable", "/bin/false")
-    assert convex_decomposition.convex_pieces(tray(), SETTINGS) == []
+    assert convex_decomposition.decomposed(tray(), SETTINGS) == []

@@ -13,7 +13,13 @@ from pipelines.geometry.transforms import (
     transform_points,
 )
 from pipelines.metrics.graspnet import graspnet_ap
-from pipelines.metrics.graspnet.graspnet_ap import FRICTIONS, RANKS, accuracy, ranked, suppress
+from pipelines.metrics.graspnet.graspnet_ap import (
+    AP_FRICTIONS,
+    RANKS,
+    accuracy,
+    ranked,
+    suppress,
+)
 
 few = settings(max_examples=20, deadline=None)
 seeds = st.integers(0, 2**32 - 1)
@@ -100,7 +106,7 @@ def test_grasps_below_the_fiftieth_are_not_judged_but_ties_with_it_are():
 def test_no_grasps_no_ranking():
     assert len(suppress([], np.zeros((0, 3, 3)), np.zeros((0, 3)))) == 0
     assert len(ranked(np.zeros(0), np.zeros(0, np.int64))) == 0
-    assert accuracy([]).tolist() == np.zeros((RANKS, len(FRICTIONS))).tolist()
+    assert accuracy([]).tolist() == np.zeros((RANKS, len(AP_FRICTIONS))).tolist()
 
 
 def test_the_accuracy_of_a_known_ranking():
@@ -118,7 +124,7 @@ def test_perfect_grasps_of_many_objects_have_ap_one():
 @few
 def test_frictions_nest_and_better_grasps_never_lower_ap(seed):
     rng = np.random.default_rng(seed)
-    friction = rng.choice([*FRICTIONS, -1.0], rng.integers(0, 60))
+    friction = rng.choice([*AP_FRICTIONS, -1.0], rng.integers(0, 60))
     found = accuracy(friction)
     assert (np.diff(found, axis=1) >= 0.0).all()
     better = np.where(rng.random(len(friction)) < 0.3, 0.2, friction)

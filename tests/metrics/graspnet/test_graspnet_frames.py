@@ -11,13 +11,13 @@ from pipelines.geometry.transforms import make_pose, random_rotation
 from pipelines.grasping.grasps import Grasps, to_graspnet
 from pipelines.metrics.graspnet.graspnet_ap import FAILED
 from pipelines.metrics.graspnet.graspnet_frames import (
-    REASONS,
+    DUMP_REASONS,
     ExactScene,
     GridObject,
     PeerScene,
-    RankedGrasps,
+    ScoredRows,
     SolidObject,
-    judge_rows,
+    score_rows,
 )
 from pipelines.metrics.graspnet.peer_collision import voxel_means
 from pipelines.metrics.mesh_collision import MeshCollider
@@ -52,15 +52,15 @@ def grasps_at(*places, width=0.07) -> Grasps:
     return Grasps(np.tile(DOWN, (count, 1, 1)), np.array(places), np.full(count, width))
 
 
-def words(judged: RankedGrasps) -> list[str]:
-    return [REASONS[reason] for reason in judged.reason]
+def words(judged: ScoredRows) -> list[str]:
+    return [DUMP_REASONS[reason] for reason in judged.reason]
 
 
 @pytest.mark.parametrize("scene", [exact(), peer()], ids=["exact", "peer"])
 def test_each_way_to_fail_has_its_name(scene):
     # In the ball's middle, deep in the box, over the box, beside the ball by 24 mm.
     places = [(0.2, 0, 0.03), (0, 0.025, 0.08), (0, 0, 0.2), (0.224, 0.0, 0.05)]
-    judged = judge_rows(rows_of(grasps_at(*places)), scene)
+    judged = score_rows(rows_of(grasps_at(*places)), scene)
     assert words(judged)[:2] == ["held", "collision"]
     assert judged.owner.tolist() == [1, 0, 0, 1]
     assert words(judged)[2] == ("no contact" if isinstance(scene, ExactScene) else "empty")
@@ -71,15 +71,15 @@ def test_each_way_to_fail_has_its_name(scene):
 @pytest.mark.parametrize("scene", [exact(), peer()], ids=["exact", "peer"])
 def test_the_table_stops_a_grasp_that_reaches_into_it(scene):
     low, high = grasps_at((0.2, 0, -0.004)), grasps_at((0.2, 0, 0.025))
-    assert words(judge_rows(rows_of(low), scene)) == ["collision"]
-    assert words(judge_rows(rows_of(high), scene))[0] != "collision"
+    assert words(score_rows(rows_of(low), scene)) == ["collision"]
+    assert words(score_rows(rows_of(high), scene))[0] != "collision"
 
 
 @pytest.mark.parametrize("scene", [exact(), peer()], ids=["exact", "peer"])
 def test_no_rows_and_no_objects_have_no_verdicts(scene):
-    assert len(judge_rows(np.zeros((0, 17)), scene).index) == 0
+    assert len(score_rows(np.zeros((0, 17)), scene).index) == 0
     empty = type(scene)([], [], np.eye(4))
-    assert len(judge_rows(rows_of(grasps_at((0, 0, 0))), empty).index) == 0
+    assert len(score_rows(rows_of(grasps_at((0, 0, 0))), empty).index) == 0
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -90,8 +90,8 @@ def test_moving_grasps_and_scene_together_changes_no_verdict(seed):
     spread = random_grasps(rng, 40, 0.04).transformed(PLACES[rng.integers(2)])
     grasps = Grasps(spread.rotation, spread.translation, np.full(40, 0.09))
     confidence = rng.random(40)
-    here = judge_rows(rows_of(grasps, confidence), exact())
-    there = judge_rows(rows_of(grasps.transformed(T), confidence), exact(T))
+    here = score_rows(rows_of(grasps, confidence), exact())
+    there = score_rows(rows_of(grasps.transformed(T), confidence), exact(T))
     assert_array_equal(there.index, here.index)
     assert_array_equal(there.owner, here.owner)
     assert (there.friction == here.friction).mean() >= 0.95  # a touch within rounding may differ
@@ -104,15 +104,15 @@ def test_the_peer_looks_five_centimetres_around_the_grasped_object_and_no_farthe
     rows = to_graspnet(grasp, [0.5], tip_reach=0.0, depth=0.04)
     single = [pose.astype(np.float32) for pose in above]
     blind = PeerScene(peer().objects, single, np.eye(4))
-    assert words(judge_rows(rows, ExactScene(SOLIDS, above, np.eye(4)))) == ["collision"]
-    assert words(judge_rows(rows, blind)) != ["collision"]
+    assert words(score_rows(rows, ExactScene(SOLIDS, above, np.eye(4)))) == ["collision"]
+    assert words(score_rows(rows, blind)) != ["collision"]
 
 
 @pytest.mark.parametrize(("count", "empty"), [(9, True), (10, False)])
 def test_fewer_than_ten_points_between_the_fingers_are_none_for_the_peer(count, empty):
     points = np.stack([np.zeros(count), np.linspace(-0.02, 0.02, count), np.zeros(count)], 1)
     scene = PeerScene([GridObject(points, GRIDS[1])], [PLACES[1].astype(np.float32)], np.eye(4))
-    judged = judge_rows(rows_of(grasps_at((0.2, 0.0, 0.025))), scene)
+    judged = score_rows(rows_of(grasps_at((0.2, 0.0, 0.025))), scene)
     assert (words(judged) == ["empty"]) is empty
 
 

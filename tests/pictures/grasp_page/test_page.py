@@ -11,7 +11,7 @@ from pipelines.frames.rgbd import Frame
 from pipelines.geometry.camera import Intrinsics
 from pipelines.grasp_files.grasps_file import FrameResult
 from pipelines.grasp_files.gripper_files import load_gripper
-from pipelines.pictures.grasp_page.page import IndexEntry, frame_page, in_words, index_page
+from pipelines.pictures.grasp_page.page import IndexEntry, frame_page, index_page, result_words
 from pipelines.pictures.grasp_page.scene import frame_scene
 from pipelines.storage.provenance import make_stamp
 from tests.evaluation.page_reader import Reader
@@ -106,5 +106,5 @@ def test_every_control_that_the_scripts_ask_for_is_there():
 
 
 def test_a_frame_is_put_into_words():
-    assert in_words(RESULT) == "5 grasps on 2 of 2 regions"
-    assert in_words(toy_result(FRAME, INDEX, 0)) == "empty: nothing stands out"
+    assert result_words(RESULT) == "5 grasps on 2 of 2 regions"
+    assert result_words(toy_result(FRAME, INDEX, 0)) == "empty: nothing stands out"

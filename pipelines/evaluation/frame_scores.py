@@ -1,4 +1,4 @@
-"""From predictions and ground truth of one frame to its record."""
+"""Scores of one frame: its predictions against its ground truth."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,23 +10,22 @@ from pipelines.configs import EvaluateConfig
 from pipelines.evaluation.predictions import FramePredictions, RowPredictions
 from pipelines.evaluation.records import (
     FrameRecord,
-    JudgedPredictions,
     RowRecord,
+    ScoredPredictions,
     threshold_key,
 )
 from pipelines.evaluation.truth import FrameTruth
-from pipelines.geometry.symmetry import SymmetrySlots
+from pipelines.geometry.symmetry import SYMMETRY_KINDS, SymmetrySlots
 from pipelines.grasping.gripper import Gripper
 from pipelines.metrics.coco_masks import IOU_THRESHOLDS, match_masks
-from pipelines.metrics.grasp_verdicts import Verdict, judge_grasp
+from pipelines.metrics.grasp_verdicts import Verdict, grasp_verdict
 from pipelines.metrics.mask_overlap import mask_iou, owner_of
 from pipelines.metrics.symmetry_matching import (
     CORRECT,
-    KINDS,
     WRONG,
     PredictedSymmetry,
-    judge_symmetries,
     scored_symmetries,
+    symmetry_verdicts,
 )
 
 
@@ -61,7 +60,7 @@ def best_region(object_id: int, row: RowPredictions, owners: RegionOwners) -> in
     return max(regions, key=lambda i: row.rank_score[i], default=None)
 
 
-def judge_frame(
+def score_frame(
     predictions: FramePredictions,
     owners: RegionOwners,
     rows: dict[str, RowPredictions],
@@ -74,22 +73,22 @@ def judge_frame(
         predictions.name,
         truth.split,
         predictions.seconds,
-        _judge_masks(predictions, truth),
-        {name: _judge_row(row, owners, truth, gripper, config) for name, row in rows.items()},
+        _scored_masks(predictions, truth),
+        {name: _scored_row(row, owners, truth, gripper, config) for name, row in rows.items()},
     )
 
 
-def _judge_masks(predictions: FramePredictions, truth: FrameTruth) -> JudgedPredictions:
+def _scored_masks(predictions: FramePredictions, truth: FrameTruth) -> ScoredPredictions:
     true_masks = [instance.mask for instance in truth.instances]
     right = match_masks(predictions.masks, predictions.confidence, true_masks)
     found = {
         threshold_key(iou): np.where(verdicts, CORRECT, WRONG).tolist()
         for iou, verdicts in zip(IOU_THRESHOLDS, right, strict=True)
     }
-    return JudgedPredictions(len(true_masks), list(predictions.confidence), found)
+    return ScoredPredictions(len(true_masks), list(predictions.confidence), found)
 
 
-def _judge_row(
+def _scored_row(
     row: RowPredictions,
     owners: RegionOwners,
     truth: FrameTruth,
@@ -97,14 +96,14 @@ def _judge_row(
     config: EvaluateConfig,
 ) -> RowRecord:
     verdicts = [
-        _judge_object(object_id, row, owners, truth, gripper) for object_id in truth.visible
+        _object_verdict(object_id, row, owners, truth, gripper) for object_id in truth.visible
     ]
     if row.slots is None:
         return RowRecord(verdicts)
-    return RowRecord(verdicts, _judge_slots(row.slots, owners, truth, config))
+    return RowRecord(verdicts, _scored_slots(row.slots, owners, truth, config))
 
 
-def _judge_object(
+def _object_verdict(
     object_id: int, row: RowPredictions, owners: RegionOwners, truth: FrameTruth, gripper: Gripper
 ) -> Verdict:
     """Return the verdict on the best grasp of all regions of one object."""
@@ -113,15 +112,15 @@ def _judge_object(
         return Verdict(object_id, "no region")
     if not len(row.best[chosen]):
         return Verdict(object_id, "no grasp")
-    return judge_grasp(truth.scene, object_id, row.best[chosen], gripper)
+    return grasp_verdict(truth.scene, object_id, row.best[chosen], gripper)
 
 
-def _judge_slots(
+def _scored_slots(
     slots: Sequence[SymmetrySlots],
     owners: RegionOwners,
     truth: FrameTruth,
     config: EvaluateConfig,
-) -> dict[str, JudgedPredictions]:
+) -> dict[str, ScoredPredictions]:
     """Return the verdicts on every slot of every region, whatever its existence: AP ranks them."""
     predicted = [
         PredictedSymmetry(symmetry, float(region.existence[slot]), owner)
@@ -129,21 +128,21 @@ def _judge_slots(
         for slot, symmetry in region.existing(threshold=0.0)
     ]
     return {
-        kind: _judge_kind([p for p in predicted if p.symmetry.kind == kind], kind, truth, config)
-        for kind in KINDS
+        kind: _scored_kind([p for p in predicted if p.symmetry.kind == kind], kind, truth, config)
+        for kind in SYMMETRY_KINDS
     }
 
 
-def _judge_kind(
+def _scored_kind(
     predicted: Sequence[PredictedSymmetry], kind: str, truth: FrameTruth, config: EvaluateConfig
-) -> JudgedPredictions:
+) -> ScoredPredictions:
     sphere = kind == "sphere"
     thresholds = (config.sphere_threshold,) if sphere else config.symmetry_thresholds
-    return JudgedPredictions(
+    return ScoredPredictions(
         sum(len(scored_symmetries(region, kind)) for region in truth.regions),
         [prediction.confidence for prediction in predicted],
         {
-            threshold_key(t): judge_symmetries(predicted, truth.regions, t).tolist()
+            threshold_key(t): symmetry_verdicts(predicted, truth.regions, t).tolist()
             for t in thresholds
         },
     )

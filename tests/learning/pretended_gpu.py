@@ -12,7 +12,6 @@ import pytest
 import torch
 from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
-from torch.utils._pytree import tree_leaves
 
 GPU, CPU = torch.device("cuda", 0), torch.device("cpu")
 MOVES = {"copy_", "_to_copy", "_foreach_copy_"}
@@ -23,7 +22,16 @@ BESIDE = {torch.Tensor.__deepcopy__, torch.Tensor.new_tensor}  # made without an
 
 
 def tensors_of(*trees):
-    return [leaf for leaf in tree_leaves(trees) if isinstance(leaf, torch.Tensor)]
+    """The tensors in lists, tuples and dictionaries; torch's own walk takes three times as long."""
+    found = []
+    for tree in trees:
+        if isinstance(tree, torch.Tensor):
+            found.append(tree)
+        elif isinstance(tree, list | tuple):
+            found += tensors_of(*tree)
+        elif isinstance(tree, dict):
+            found += tensors_of(*tree.values())
+    return found
 
 
 class Memory:

@@ -8,14 +8,24 @@ import torch
 
 from pipelines import finetune_detector, train
 from pipelines.configs import DetectorConfig, FinetuneDetectorConfig
+from pipelines.dataset.training.packed_regions import PackedReader
 from pipelines.errors import SymgraspError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.pointcloud import Plane
 from pipelines.health import torch_checks
 from pipelines.health.checks import Status
 from pipelines.inference.models import DETECTOR_WEIGHTS, NETWORK_WEIGHTS
+from pipelines.learning.detector.detector_start import starting_detector
+from pipelines.learning.detector.detector_training import DetectorTraining
+from pipelines.learning.grasp_network.grasp_training import GraspTraining
+from pipelines.learning.grasp_network.region_sources import RegionSet, TrainingRegions, packed_items
 from pipelines.learning.loop.runs import RunRequest, fault_path
+from pipelines.learning.speed.acceleration import Acceleration
+from pipelines.learning.speed.gradients import GradientWorkers
+from pipelines.learning.speed.processes import Processes
+from pipelines.learning.speed.shares import cut
 from pipelines.network.detection.detector import RegionDetector
+from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.predictor import GraspPredictor
 from pipelines.runtime.batch import BatchOptions
 from tests.learning.packed_toys import CONFIG, write_packed
@@ -60,47 +70,82 @@ def test_what_a_gpu_takes_is_taken():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("precision", ["float32", "bf16"])
-def test_a_network_is_trained_judged_kept_and_resumed(tmp_path, precision):
+def test_a_network_is_trained_judged_kept_and_resumed(tmp_path):
     packed, path = write_packed(tmp_path, 2, 8), tmp_path / "network.safetensors"
-    request = replace(REQUEST, precision=precision)
     with pretended_gpu():
         with stopped_after(1):
-            train.run(packed, None, path, SMALL, request)
-        report = train.run(packed, None, path, SMALL, replace(request, resume=True))
+            train.run(packed, None, path, SMALL, REQUEST)
+        report = train.run(packed, None, path, SMALL, replace(REQUEST, resume=True))
     assert report.notes[path.name].startswith("2 steps")
     assert "plane_angle_deg" in report.notes[path.name]
 
 
+def test_a_step_of_the_network_in_bf16_stays_on_the_gpu(tmp_path):
+    reader = PackedReader(write_packed(tmp_path, 1, 4))
+    regions = RegionSet(reader, np.arange(len(reader)))
+    with pretended_gpu():
+        source, network = TrainingRegions(regions, None, SMALL), SymmetryGraspNet(SMALL.network)
+        trainee = GraspTraining(network, source, regions, SMALL, torch.device("cuda"))
+        assert_gradients_are_there(trainee, packed_items(np.arange(2)), "bf16")
+
+
 @pytest.mark.slow
 def test_a_network_that_runs_away_keeps_its_batch(tmp_path):
-    packed, path = write_packed(tmp_path, 2, 8), tmp_path / "network.safetensors"
-    wild = replace(SMALL, learning_rate=1e30)
+    packed, path = write_packed(tmp_path, 2, 4), tmp_path / "network.safetensors"
+    wild = replace(SMALL, batch_size=2, learning_rate=1e30)
     with pretended_gpu(), pytest.raises(SymgraspError, match="holds the batch"):
         train.run(packed, None, path, wild, REQUEST)
     assert not np.isfinite(train.replay(fault_path(path))["total"])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("variant", "precision"), [("light", "float32"), ("light", "bf16"), ("resnet50", "float32")]
-)
-def test_a_detector_is_trained_judged_kept_and_resumed(tmp_path, variant, precision):
-    root, path = write_root(tmp_path / "root"), tmp_path / "detector.safetensors"
+def assert_gradients_are_there(trainee, items, precision):
+    """Take the losses of one batch and their gradients on the pretended GPU."""
+    (piece,) = cut(items, len(items), Processes())
+    trainee.module.train()
+    loaded = [(piece, piece.load(trainee, 0, 0, 0))]
+    with GradientWorkers(trainee, 1, acceleration=Acceleration(precision)) as workers:
+        losses, gradients = workers.gradients(loaded, (0, 0, 0))
+    assert np.isfinite(losses["total"])
+    assert {each.device.type for each in gradients} == {"cuda"}
+
+
+def detector_config(variant):
     small = DetectorConfig(min_size=96, max_size=128, min_confidence=0.0, variant=variant)
-    config = FinetuneDetectorConfig(
+    return FinetuneDetectorConfig(
         detector=small, epochs=2, batch_size=2, micro_batch_size=1, min_pixels=50
     )
-    request, quiet = replace(REQUEST, precision=precision), BatchOptions(progress=False)
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory):
+    return write_root(tmp_path_factory.mktemp("root")).root
+
+
+@pytest.mark.slow
+def test_a_detector_is_trained_judged_kept_and_resumed(root, tmp_path):
+    path, config = tmp_path / "detector.safetensors", detector_config("light")
+    quiet = BatchOptions(progress=False)
     with pretended_gpu():
         with stopped_after(1):
-            finetune_detector.run([root.root], path, config, request, split=None, options=quiet)
-        resumed = replace(request, resume=True)
-        report = finetune_detector.run(
-            [root.root], path, config, resumed, split=None, options=quiet
-        )
+            finetune_detector.run([root], path, config, REQUEST, split=None, options=quiet)
+        resumed = replace(REQUEST, resume=True)
+        report = finetune_detector.run([root], path, config, resumed, split=None, options=quiet)
     assert report.notes[path.name].startswith("2 steps")
     assert "mask_ap50" in report.notes[path.name]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("variant", "precision"), [("light", "bf16"), ("resnet50", "float32")])
+def test_a_step_of_the_detector_stays_on_the_gpu(root, tmp_path, variant, precision):
+    path, config = tmp_path / "detector.safetensors", detector_config(variant)
+    items = finetune_detector.scene_items(root, path, config)
+    finetune_detector.prepare(root, items, config, BatchOptions(progress=False))
+    files = sorted(finetune_detector.frames_folder(path, root).glob("*.h5"))
+    frames = finetune_detector.split_frames(files, config, 0)
+    with pretended_gpu():
+        detector = starting_detector(config, 0)
+        trainee = DetectorTraining(detector, frames, config, torch.device("cuda"))
+        assert_gradients_are_there(trainee, np.arange(1), precision)
 
 
 def test_the_predictor_tells_the_same_of_regions_and_of_their_mirror_images():

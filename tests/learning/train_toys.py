@@ -1,7 +1,7 @@
 """`python -m tests.learning.train_toys PACKED OUTPUT`: a toy training in a process of its own.
 
 Run by torchrun it trains in several processes; it fails if threads of their group outlive it.
-`--resume` goes on; with `--die-at N` it is killed in step N.
+With `--die-at N` it is killed in step N.
 """
 
 import os
@@ -19,8 +19,7 @@ def main(arguments: list[str]) -> None:
     packed, output = map(Path, arguments[:2])
     if "--die-at" in arguments:
         die_at(int(arguments[-1]))
-    request = RunRequest(device="cpu", threads=1, resume="--resume" in arguments)
-    train.run(packed, None, output, CONFIG, request)
+    train.run(packed, None, output, CONFIG, RunRequest(device="cpu", threads=1))
     if left := group_threads():
         sys.exit(f"threads of the process group live on after the training: {left}")
 

@@ -7,7 +7,7 @@ EVAL_ROOT := $(EVAL)/root
 EVAL_ARGUMENTS := $(EVAL)/grasps.h5 --dataset $(EVAL_ROOT) --out $(EVAL)/report.json \
 	--success $(EVAL)/success.json --baselines
 # The seed of the training set: its seen objects are the trained ones, its scenes never are.
-EVAL_SET := --splits seen,similar,novel --scenes-per-split 6 --views 4 --objects 24 \
+EVAL_SET := --split seen,similar,novel --scenes-per-split 6 --views 4 --objects 24 \
 	--size 640x480 --grasp-points 48 --seed 0
 WEIGHTS := $(wildcard pipelines/weights/*.safetensors)
 

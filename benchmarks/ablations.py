@@ -115,7 +115,7 @@ class Ablations:
     def _labels(self) -> Iterator[Step]:
         budget, workers = self.budget, ("--workers", self.budget.workers)
         root = self.out / REFINED
-        kind = ("--splits", "train", "--sensor", "mixed", "--no-collision-labels")
+        kind = ("--split", "train", "--sensor", "mixed", "--no-collision-labels")
         scenes = ("--scenes-per-split", budget.scenes, "--views", budget.views)
         objects = ("--objects", budget.objects, "--size", "640x480", "--grasp-points", 48)
         # Of the benchmark's own seed, so that its split `seen` is of trained objects.

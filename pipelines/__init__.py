@@ -34,7 +34,7 @@ level  package        subject
 =====  =============  ==============================================================================
 1      array_types    Types of arrays, by what they hold
 1      errors         Errors a user can mend: each message says what, where, and what would be right
-2      configs        Every number of the paper and of our choices: one frozen dataclass a stage
+2      configs        Settings of all stages: a frozen dataclass each, with unit, meaning and origin
 3      geometry       Geometry on arrays: transforms, cameras, clouds, symmetries; metres, radians
 3      storage        Files: atomic writes, HDF5, safetensors, provenance, digests
 4      tabletop       Frames of tabletop scenes: support plane, segments, regions, filled depth

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.configs import CompareConfig
+from pipelines.configs import CompareConfig, check_settings
 from pipelines.dataset.graspnet.graspnet import frame_key
-from pipelines.errors import SymgraspError, UnknownNameError
+from pipelines.errors import SymgraspError
 from pipelines.evaluation.figures import TEST_SPLITS
 from pipelines.evaluation.pages.report_page import TEMPLATES
 from pipelines.evaluation.paired_runs import EvaluatedRun, paired_frames
@@ -42,7 +42,6 @@ FORMAT_VERSION = 1
 # Nothing of these concerns our own row; `hands` is what 0.1 called the grasp critic's digest.
 FOR_BASELINES = ("baselines", "seed", "affordance", "grasp_critic", "hands")
 SEEDED = ("simulate",)  # stages of which the seed concerns all rows: it cuts models into pieces
-UNITS = ("frame", "scene")
 VIEWS_NOTE = "Views of one scene are much alike: over scenes, intervals are wider and more honest."
 METRIC_NAMES = {
     "grasp_quality": "grasp quality",
@@ -93,8 +92,7 @@ def run(
     Raises:
         SymgraspError: runs that cannot be paired.
     """
-    if config.unit not in UNITS:
-        raise UnknownNameError("unit", config.unit, UNITS)
+    check_settings(config)
     stamp = make_stamp("compare", config, seed=seed, inputs=_digests(reports))
     if output is not None:
         is_finished(output, stamp, overwrite=overwrite)  # refuses to replace another comparison

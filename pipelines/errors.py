@@ -1,5 +1,6 @@
 """Errors a user can mend: each message says what, where, and what would be right."""
 
+import difflib
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -59,12 +60,18 @@ class UnknownNameError(SymgraspError):
 
     exit_code: int = 2
 
-    def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
+    def __init__(
+        self, kind: str, name: str, known: Iterable[str], nearest: str | None = None
+    ) -> None:
         known = sorted(known)
-        super().__init__(f"{kind} {name!r} is not known; known are {', '.join(known)}")
-        self.arguments = (kind, name, known)
+        nearest = nearest or next(iter(difflib.get_close_matches(name, known, 1)), None)
+        hint = "" if nearest is None else f", the nearest is {nearest!r}"
+        super().__init__(f"{kind} {name!r} is not known{hint}; known are {', '.join(known)}")
+        self.arguments = (kind, name, known, nearest)
 
-    def __reduce__(self) -> tuple[type["UnknownNameError"], tuple[str, str, list[str]]]:
+    def __reduce__(
+        self,
+    ) -> tuple[type["UnknownNameError"], tuple[str, str, list[str], str | None]]:
         return type(self), self.arguments
 
 
@@ -92,3 +99,11 @@ class ValueRangeError(SymgraspError):
 
     def __reduce__(self) -> tuple[type["ValueRangeError"], tuple[str, object, str]]:
         return type(self), self.arguments
+
+
+class SettingError(ValueRangeError):
+    """A setting of a file or a command line has a value that it cannot have: wrong usage."""
+
+    def __init__(self, name: str, found: object, expected: str) -> None:
+        super().__init__(name, found, expected)
+        self.exit_code = 2

@@ -23,8 +23,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.configs import ExportConfig
-from pipelines.errors import SymgraspError, UnknownNameError
+from pipelines.configs import ExportConfig, check_settings
+from pipelines.errors import SymgraspError
 from pipelines.grasp_files.exports import (
     contact_graspnet_predictions,
     grasp_csv,
@@ -94,6 +94,7 @@ def run(
             somebody else's or was made otherwise, or none of the frames can be written.
     """
     started, report = time.monotonic(), StageReport(STAGE)
+    check_settings(config)
     _check_kind(output, config.to)
     index = read_index(grasps)
     gripper = gripper_to_use(config.gripper, index.gripper, index.stamp)
@@ -127,9 +128,6 @@ def run(
 
 
 def _check_kind(output: Path, to: str) -> None:
-    known = {**TO_FOLDER, **TO_FILE}
-    if to not in known:
-        raise UnknownNameError("format", to, known)
     if to in TO_FILE and (output.suffix != f".{to}" or output.is_dir()):
         raise SymgraspError(f"{output} is to be one file; let --out end in .{to}")
     if to in TO_FOLDER and output.is_file():

@@ -14,7 +14,7 @@ from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
-from pipelines.configs import ExportCocoConfig
+from pipelines.configs import ExportCocoConfig, check_settings
 from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot, SceneFiles
 from pipelines.dataset.scene_digests import inputs_of_scenes
 from pipelines.dataset.training import coco_instances
@@ -23,7 +23,7 @@ from pipelines.dataset.training.region_frames import (
     read_region_frame,
     strided_frames,
 )
-from pipelines.errors import SymgraspError, UnknownNameError
+from pipelines.errors import SymgraspError
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.storage.files import atomic_path
 from pipelines.storage.provenance import is_finished, make_stamp
@@ -43,8 +43,7 @@ def run(
 ) -> StageReport:
     """Export every scene of `split` (None: all), then join those of training and validation."""
     options = options or BatchOptions()
-    if config.categories not in coco_instances.CATEGORIES:
-        raise UnknownNameError("categories", config.categories, coco_instances.CATEGORIES)
+    check_settings(config)
     root = GraspNetRoot(source)
     scenes = root.scenes(camera, split)
     if not scenes:

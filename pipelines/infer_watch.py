@@ -171,7 +171,7 @@ class _Follower:
 
     def is_timed_out(self) -> bool:
         """Return whether no frame came or changed for as long as the user would wait."""
-        if self.watch.timeout is None or self.watcher.is_waiting():
+        if self.watcher.is_waiting():
             return False
         active = max(self.active, self.watcher.last_change() or self.active)
         return self.clock.now() - active >= self.watch.timeout

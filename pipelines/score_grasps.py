@@ -91,7 +91,7 @@ def score(
     intersections and collision that of triangles.
     """
     clipped = rows.copy()
-    clipped[:, 1] = np.clip(rows[:, 1], 0.0, config.max_width)
+    clipped[:, 1] = np.clip(rows[:, 1], 0.0, config.clip_width)
     grasps = from_graspnet(clipped)  # translation lies between the finger tips
     if config.compatible:
         contacts = close_fingers_on_grid(grid or single_precision_grid(mesh), grasps, grasps.width)

@@ -109,7 +109,7 @@ def _check(config: SynthesizeConfig, models: Path | None, output: Path) -> None:
             )
         if models and POOL_OF_SPLIT[split] != "seen":
             raise ValueRangeError(
-                "--splits", split, "train or seen with --models, which is one pool"
+                "--split", split, "train or seen with --models, which is one pool"
             )
     if len(POOLS) * config.objects_per_pool > MAX_OBJECTS:
         raise ValueRangeError(

@@ -9,16 +9,21 @@ from pipelines.configs import AnnotateSymmetryConfig
 from symgrasp_cli.options import (
     Backend,
     DryRun,
-    MeshScale,
     Overwrite,
     Seed,
     Workers,
     batch_options,
 )
 from symgrasp_cli.report import conclude
+from symgrasp_cli.settings import with_settings
 
 
+@with_settings(
+    "annotate-symmetry",
+    {"--cut/--no-cut": "cut_objects", "--mesh-scale": "mesh_scale"},
+)
 def annotate_symmetry(
+    config: AnnotateSymmetryConfig,
     source: Annotated[
         Path,
         typer.Argument(
@@ -49,14 +54,6 @@ def annotate_symmetry(
         Path | None,
         typer.Option(help="BOP's models_info.json to write: sizes and rotations."),
     ] = None,
-    cut: Annotated[
-        bool,
-        typer.Option(
-            help="Cut objects into symmetric regions; without, objects symmetric as a whole are "
-            "one region and others have none (ablation).",
-        ),
-    ] = AnnotateSymmetryConfig.cut_objects,
-    mesh_scale: MeshScale = AnnotateSymmetryConfig.mesh_scale,
     workers: Workers = 1,
     backend: Backend = "loky",
     seed: Seed = 0,
@@ -68,6 +65,5 @@ def annotate_symmetry(
     from pipelines.annotation.extras import AnnotationExtras
 
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
-    config = AnnotateSymmetryConfig(mesh_scale=mesh_scale, cut_objects=cut)
     extras = AnnotationExtras(edit, bop_symmetries, bop, pictures)
     conclude(stage.run(source, out, config, extras=extras, seed=seed, options=options))

@@ -8,9 +8,15 @@ import typer
 from pipelines.configs import CompareConfig
 from symgrasp_cli.options import Overwrite, Seed
 from symgrasp_cli.report import show_table
+from symgrasp_cli.settings import with_settings
 
 
+@with_settings(
+    "compare",
+    {"--row": "row", "--unit": "unit", "--resamples": "resamples"},
+)
 def compare(
+    config: CompareConfig,
     reports: Annotated[
         list[Path],
         typer.Argument(
@@ -24,17 +30,6 @@ def compare(
     out: Annotated[
         Path | None, typer.Option(help="Comparison to write, .json or .html; none by default.")
     ] = None,
-    row: Annotated[
-        str,
-        typer.Option(help="Row of the reports: ours, oracle, planar, random; of a dump a camera."),
-    ] = CompareConfig.row,
-    unit: Annotated[
-        str,
-        typer.Option(help="What the bootstrap draws: frame, or scene, whose views are alike."),
-    ] = CompareConfig.unit,
-    resamples: Annotated[
-        int, typer.Option(min=1, help="Draws of the bootstrap.")
-    ] = CompareConfig.resamples,
     seed: Seed = 0,
     overwrite: Overwrite = False,
 ) -> None:
@@ -45,7 +40,6 @@ def compare(
         raise typer.BadParameter(f"{out} is neither .json nor .html; name one of these")
     from pipelines import compare as stage
 
-    config = CompareConfig(row=row, unit=unit, resamples=resamples)
     found = stage.run(reports, config, out, seed=seed, overwrite=overwrite)
     for table in stage.tables(found):
         show_table(table)

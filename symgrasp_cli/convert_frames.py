@@ -8,16 +8,18 @@ import typer
 from pipelines.configs import ConvertFramesConfig
 from symgrasp_cli.options import DepthUnitsPerMetre, FrameFolder, IntrinsicsText, Overwrite
 from symgrasp_cli.report import conclude
+from symgrasp_cli.settings import with_settings
 
 
+@with_settings(
+    "convert-frames",
+    {"--trust-pickle": "trust_pickle"},
+)
 def convert_frames(
+    config: ConvertFramesConfig,
     frames: FrameFolder,
     *,
     out: Annotated[Path, typer.Option(help="Folder to write.")],
-    trust_pickle: Annotated[
-        bool,
-        typer.Option("--trust-pickle", help="Take arrays out of pickles too; nothing else is."),
-    ] = ConvertFramesConfig.trust_pickle,
     intrinsics: IntrinsicsText = None,
     depth_units_per_metre: DepthUnitsPerMetre = None,
     overwrite: Overwrite = False,
@@ -29,7 +31,7 @@ def convert_frames(
     report = stage.run(
         frames,
         out,
-        ConvertFramesConfig(trust_pickle=trust_pickle),
+        config,
         camera=None if intrinsics is None else parse_camera(intrinsics),
         depth_units_per_metre=depth_units_per_metre,
         overwrite=overwrite,

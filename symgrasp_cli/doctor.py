@@ -4,10 +4,15 @@ from typing import Annotated
 
 import typer
 
+from pipelines.configs import DoctorConfig
+from symgrasp_cli.settings import with_settings
+
 WIDTH = 24  # of the names; longer than any of ours
 
 
+@with_settings("doctor", {})
 def doctor(
+    config: DoctorConfig,
     *,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object instead of lines.")
@@ -17,10 +22,9 @@ def doctor(
     import json
 
     from pipelines import doctor as stage
-    from pipelines.configs import DoctorConfig
 
     checks = []
-    for check in stage.run(DoctorConfig()):
+    for check in stage.run(config):
         checks.append(check)
         if not as_json:
             typer.echo(f"{check.name:<{WIDTH}}{check.status:<6}{check.text}")

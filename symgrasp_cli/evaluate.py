@@ -5,24 +5,33 @@ from typing import Annotated
 
 import typer
 
-from pipelines.configs import EvaluateConfig, EvaluateDumpConfig
+from pipelines.configs import EvaluateConfig
+from pipelines.configs.stages import EvaluateSettings, part
 from symgrasp_cli.options import (
     Backend,
     DatasetRoot,
     DryRun,
-    GripperUsed,
-    MinVisiblePixels,
     Overwrite,
     Seed,
     Workers,
     batch_options,
 )
 from symgrasp_cli.report import conclude, show_table
+from symgrasp_cli.settings import with_settings
 
 PROTOCOLS = ("symgrasp", "graspnet")
 
 
+@with_settings(
+    "evaluate",
+    {
+        "--exact": "graspnet.exact",
+        "--gripper": "gripper",
+        "--min-visible-pixels": "min_visible_pixels",
+    },
+)
 def evaluate(
+    config: EvaluateSettings,
     grasps: Annotated[
         Path,
         typer.Argument(
@@ -43,12 +52,6 @@ def evaluate(
             "graspnetAPI's AP of a dump, its faults included."
         ),
     ] = "symgrasp",
-    exact: Annotated[
-        bool,
-        typer.Option(
-            "--exact", help="With --protocol graspnet: contacts and collision without the faults."
-        ),
-    ] = False,
     baselines: Annotated[
         bool,
         typer.Option(
@@ -60,8 +63,6 @@ def evaluate(
         Path | None,
         typer.Option(exists=True, dir_okay=False, help="success.json of `simulate`: Table III."),
     ] = None,
-    gripper: GripperUsed = EvaluateConfig.gripper,
-    min_visible_pixels: MinVisiblePixels = EvaluateConfig.min_visible_pixels,
     workers: Workers = 1,
     backend: Backend = "loky",
     seed: Seed = 0,
@@ -73,19 +74,25 @@ def evaluate(
 
     refuse_other_suffix(out, ".json")
     needs_grasps = baselines or success is not None
-    _refuse_mixtures(grasps, protocol, exact=exact, needs_grasps=needs_grasps)
+    _refuse_mixtures(grasps, protocol, exact=config.graspnet.exact, needs_grasps=needs_grasps)
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
     if protocol == "graspnet":
         from pipelines import evaluate_dump
 
-        report = evaluate_dump.run(grasps, dataset, out, EvaluateDumpConfig(exact=exact), options)
+        report = evaluate_dump.run(grasps, dataset, out, config.graspnet, options)
         tables = [] if dry_run else evaluate_dump.tables(out)
     else:
         from pipelines import evaluate as stage
 
-        config = EvaluateConfig(gripper=gripper, min_visible_pixels=min_visible_pixels)
         report = stage.run(
-            grasps, dataset, out, config, options, baselines=baselines, success=success, seed=seed
+            grasps,
+            dataset,
+            out,
+            part(EvaluateConfig, config),
+            options,
+            baselines=baselines,
+            success=success,
+            seed=seed,
         )
         tables = [] if dry_run else stage.tables(out)
     for table in tables:

@@ -11,7 +11,6 @@ from symgrasp_cli.options import (
     CameraName,
     DatasetSplit,
     DryRun,
-    FrameStride,
     Overwrite,
     Seed,
     Workers,
@@ -19,9 +18,21 @@ from symgrasp_cli.options import (
     scenes_of,
 )
 from symgrasp_cli.report import conclude
+from symgrasp_cli.settings import with_settings
 
 
+@with_settings(
+    "export-coco",
+    {
+        "--categories": "categories",
+        "--min-pixels": "min_pixels",
+        "--frame-stride": "frame_stride",
+        "--val-fraction": "val_fraction",
+        "--link": "link",
+    },
+)
 def export_coco(
+    config: ExportCocoConfig,
     root: Annotated[
         Path, typer.Argument(exists=True, help="Dataset root with scenes/ and symmetry/.")
     ],
@@ -29,19 +40,6 @@ def export_coco(
     out: Annotated[Path, typer.Option(help="Folder for annotations/, images/ and scenes/.")],
     split: DatasetSplit = "train",
     camera: CameraName = None,
-    categories: Annotated[
-        str, typer.Option(help="By what regions are told apart: kind, object, or region for one.")
-    ] = ExportCocoConfig.categories,
-    min_pixels: Annotated[
-        int, typer.Option(min=1, help="Regions that show in fewer pixels are left out.")
-    ] = ExportCocoConfig.min_pixels,
-    frame_stride: FrameStride = ExportCocoConfig.frame_stride,
-    val_fraction: Annotated[
-        float, typer.Option(min=0.0, max=1.0, help="Share of the scenes to validate on; 0: none.")
-    ] = ExportCocoConfig.val_fraction,
-    link: Annotated[
-        bool, typer.Option("--link", help="Link to the dataset's images instead of copying them.")
-    ] = ExportCocoConfig.link,
     workers: Workers = 1,
     backend: Backend = "loky",
     seed: Seed = 0,
@@ -52,7 +50,6 @@ def export_coco(
     from pipelines import export_coco as stage
 
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
-    config = ExportCocoConfig(categories, min_pixels, frame_stride, val_fraction, link)
     report = stage.run(
         root, out, config, split=scenes_of(split), camera=camera, seed=seed, options=options
     )

@@ -5,12 +5,13 @@ from typing import Annotated
 
 import typer
 
-from pipelines.configs import DetectorConfig, FinetuneDetectorConfig
+from pipelines.configs import FinetuneDetectorConfig
 from symgrasp_cli.options import (
     Backend,
+    CameraName,
     Compile,
+    DatasetSplit,
     Device,
-    MicroBatch,
     Overwrite,
     Precision,
     Resume,
@@ -19,12 +20,27 @@ from symgrasp_cli.options import (
     TimeLimit,
     Workers,
     batch_options,
+    scenes_of,
     show_training,
 )
 from symgrasp_cli.report import conclude
+from symgrasp_cli.settings import with_settings
 
 
+@with_settings(
+    "finetune-detector",
+    {
+        "--variant": "detector.variant",
+        "--input": "detector.input",
+        "--epochs": "epochs",
+        "--batch-size": "batch_size",
+        "--learning-rate": "learning_rate",
+        "--decay-epochs": "decay_epochs",
+        "--micro-batch": "micro_batch_size",
+    },
+)
 def finetune_detector(
+    config: FinetuneDetectorConfig,
     roots: Annotated[
         list[Path],
         typer.Argument(
@@ -32,18 +48,8 @@ def finetune_detector(
         ),
     ],
     out: Annotated[Path, typer.Option(help="Weights to write, NAME.safetensors.")],
-    split: Annotated[
-        str, typer.Option(help="Scenes to use: train, seen, similar, novel or all.")
-    ] = ("train"),
-    camera: Annotated[
-        str | None, typer.Option(help="kinect or realsense; by default all that are there.")
-    ] = None,
-    variant: Annotated[
-        str, typer.Option(help="light, or resnet50 as in the paper.")
-    ] = DetectorConfig.variant,
-    input_kind: Annotated[
-        str, typer.Option("--input", help="What it is shown: geometry, color or both.")
-    ] = DetectorConfig.input,
+    split: DatasetSplit = "train",
+    camera: CameraName = None,
     coco_weights: Annotated[
         str | None,
         typer.Option(help="Start of resnet50: a file of torchvision's weights, or download."),
@@ -51,19 +57,6 @@ def finetune_detector(
     init: Annotated[
         Path | None, typer.Option(exists=True, help="Weights of an earlier training to start from.")
     ] = None,
-    epochs: Annotated[
-        int, typer.Option(min=1, help="Passes over the frames.")
-    ] = FinetuneDetectorConfig.epochs,
-    batch_size: Annotated[
-        int, typer.Option(min=1, help="Frames a step.")
-    ] = FinetuneDetectorConfig.batch_size,
-    learning_rate: Annotated[
-        float, typer.Option(min=0.0, help="Of Adam, at first.")
-    ] = FinetuneDetectorConfig.learning_rate,
-    decay_epochs: Annotated[
-        float, typer.Option(min=0.01, help="Epochs after which the rate drops by a tenth.")
-    ] = FinetuneDetectorConfig.decay_epochs,
-    micro_batch: MicroBatch = 0,
     time_limit: TimeLimit = None,
     threads: Threads = 2,
     device: Device = "auto",
@@ -79,14 +72,6 @@ def finetune_detector(
     from pipelines import finetune_detector as stage
     from pipelines.learning.loop.runs import RunRequest
 
-    config = FinetuneDetectorConfig(
-        detector=DetectorConfig(variant=variant, input=input_kind),
-        epochs=epochs,
-        batch_size=batch_size,
-        micro_batch_size=micro_batch,
-        learning_rate=learning_rate,
-        decay_epochs=decay_epochs,
-    )
     bar = show_training()
     request = RunRequest(
         seed, device, threads, time_limit, resume, overwrite, bar, precision, compiled
@@ -97,7 +82,7 @@ def finetune_detector(
         out,
         config,
         request,
-        split=None if split == "all" else split,
+        split=scenes_of(split),
         camera=camera,
         coco_weights=coco_weights,
         init=init,

@@ -1,20 +1,21 @@
 """`symgrasp inspect`."""
 
-from typing import Annotated
-
 import typer
 
 from pipelines.configs import InspectConfig
 from symgrasp_cli.options import DepthUnitsPerMetre, FrameFolder, IntrinsicsText
 from symgrasp_cli.report import conclude
+from symgrasp_cli.settings import with_settings
 
 
+@with_settings(
+    "inspect",
+    {"--max-frames": "max_frames"},
+)
 def inspect(
+    config: InspectConfig,
     frames: FrameFolder,
     *,
-    max_frames: Annotated[
-        int, typer.Option(min=1, help="Frames to read, evenly spread where there are more.")
-    ] = InspectConfig.max_frames,
     intrinsics: IntrinsicsText = None,
     depth_units_per_metre: DepthUnitsPerMetre = None,
 ) -> None:
@@ -24,7 +25,7 @@ def inspect(
 
     findings = stage.run(
         frames,
-        InspectConfig(max_frames=max_frames),
+        config,
         camera=None if intrinsics is None else parse_camera(intrinsics),
         depth_units_per_metre=depth_units_per_metre,
     )

@@ -5,12 +5,19 @@ from typing import Annotated
 
 import typer
 
-from pipelines.configs import LabelConfig, LabelGraspsConfig
+from pipelines.configs import LabelGraspsConfig
 from symgrasp_cli.options import Backend, DryRun, Overwrite, Seed, Workers, batch_options
 from symgrasp_cli.report import conclude
+from symgrasp_cli.settings import with_settings
 
 
+@with_settings(
+    "label-grasps",
+    {"--grasp-points": "labels.num_points", "--max-width": "labels.max_width"},
+    hidden={"--points": "labels.num_points"},
+)
 def label_grasps(
+    config: LabelGraspsConfig,
     meshes: Annotated[
         Path,
         typer.Argument(
@@ -18,12 +25,6 @@ def label_grasps(
         ),
     ],
     out: Annotated[Path, typer.Option(help="Dataset root to write; may be the root that is read.")],
-    points: Annotated[
-        int, typer.Option(min=0, help="Grasp points an object; 0 takes one every 32 mm2.")
-    ] = 0,
-    max_width: Annotated[
-        float, typer.Option(min=0.0, help="Widest opening of the gripper, metres.")
-    ] = LabelConfig.max_width,
     mesh_scale: Annotated[
         float | None,
         typer.Option(min=1e-6, help="Metres per unit of the meshes: 0.001 for millimetres."),
@@ -44,11 +45,10 @@ def label_grasps(
     from pipelines import label_grasps as stage
 
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
-    labels = LabelConfig(num_points=points, max_width=max_width)
     report = stage.run(
         meshes,
         out,
-        LabelGraspsConfig(labels=labels),
+        config,
         seed=seed,
         mesh_scale=mesh_scale,
         sdf=sdf,

@@ -28,19 +28,9 @@ DatasetSplit = Annotated[
 CameraName = Annotated[
     str | None, typer.Option(help="kinect or realsense; every camera if not given.")
 ]
-FrameStride = Annotated[int, typer.Option(min=1, help="Take every n-th frame of a scene.")]
-MeshScale = Annotated[
-    float, typer.Option(min=1e-6, help="Metres a unit of the mesh's file; 0.001 for millimetres.")
-]
 DatasetRoot = Annotated[
     Path,
     typer.Option(exists=True, file_okay=False, help="Root of the dataset, GraspNet's layout."),
-]
-GripperUsed = Annotated[
-    str, typer.Option(help="Gripper preset or TOML file; by default the one of the grasps.")
-]
-MinVisiblePixels = Annotated[
-    int, typer.Option(min=1, help="Objects with fewer visible pixels do not count.")
 ]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on with an unfinished training.")]
 FrameFolder = Annotated[
@@ -60,14 +50,6 @@ Threads = Annotated[int, typer.Option(min=1, help="CPU cores to train on.")]
 TimeLimit = Annotated[
     float | None,
     typer.Option(min=0.0, help="Minutes after which to stop cleanly; --resume goes on."),
-]
-
-MicroBatch = Annotated[
-    int,
-    typer.Option(
-        min=0,
-        help="Items of a batch worked on together, gradients summed; 0 suits the device.",
-    ),
 ]
 
 Precision = Annotated[

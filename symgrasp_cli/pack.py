@@ -11,7 +11,6 @@ from symgrasp_cli.options import (
     CameraName,
     DatasetSplit,
     DryRun,
-    FrameStride,
     Overwrite,
     Seed,
     Workers,
@@ -19,9 +18,15 @@ from symgrasp_cli.options import (
     scenes_of,
 )
 from symgrasp_cli.report import conclude
+from symgrasp_cli.settings import with_settings
 
 
+@with_settings(
+    "pack",
+    {"--frame-stride": "frame_stride", "--mask-noise/--exact-masks": "mask_noise"},
+)
 def pack(
+    config: PackConfig,
     root: Annotated[
         Path,
         typer.Argument(exists=True, help="Dataset root with scenes/, symmetry/ and affordance/."),
@@ -30,14 +35,6 @@ def pack(
     out: Annotated[Path, typer.Option(help="Folder for scene_NNNN_CAMERA.h5.")],
     split: DatasetSplit = "train",
     camera: CameraName = None,
-    frame_stride: FrameStride = PackConfig.frame_stride,
-    mask_noise: Annotated[
-        bool,
-        typer.Option(
-            "--mask-noise/--exact-masks",
-            help="Disturb the masks as a detector would, or take them as labelled.",
-        ),
-    ] = PackConfig.mask_noise,
     workers: Workers = 1,
     backend: Backend = "loky",
     seed: Seed = 0,
@@ -48,7 +45,6 @@ def pack(
     from pipelines import pack as stage
 
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
-    config = PackConfig(frame_stride=frame_stride, mask_noise=mask_noise)
     report = stage.run(
         root, out, config, split=scenes_of(split), camera=camera, seed=seed, options=options
     )

@@ -6,11 +6,18 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import ScoreGraspsConfig
-from symgrasp_cli.options import MeshScale, Overwrite
+from symgrasp_cli.options import Overwrite
 from symgrasp_cli.report import conclude
+from symgrasp_cli.settings import with_settings
 
 
+@with_settings(
+    "score-grasps",
+    {"--compatible": "compatible", "--mesh-scale": "mesh_scale", "--clip-width": "clip_width"},
+    hidden={"--max-width": "clip_width"},
+)
 def score_grasps(
+    config: ScoreGraspsConfig,
     mesh: Annotated[Path, typer.Argument(exists=True, help="Mesh, metres.")],
     grasps: Annotated[
         Path,
@@ -20,21 +27,9 @@ def score_grasps(
     ],
     *,
     out: Annotated[Path, typer.Option(help="Verdicts to write, .npz, one row a grasp.")],
-    compatible: Annotated[
-        bool,
-        typer.Option(
-            "--compatible", help="Verdicts of graspnetAPI, its faults on flat faces included."
-        ),
-    ] = False,
-    mesh_scale: MeshScale = ScoreGraspsConfig.mesh_scale,
-    max_width: Annotated[
-        float,
-        typer.Option(min=0.001, max=1.0, help="Widest opening in metres; wider ones are cut."),
-    ] = ScoreGraspsConfig.max_width,
     overwrite: Overwrite = False,
 ) -> None:
     """Score any grasps on any mesh: contacts, smallest friction, antipodal score, collision."""
     from pipelines import score_grasps as stage
 
-    config = ScoreGraspsConfig(compatible=compatible, mesh_scale=mesh_scale, max_width=max_width)
     conclude(stage.run(mesh, grasps, out, config, overwrite=overwrite))

@@ -9,15 +9,20 @@ from pipelines.configs import ViewConfig
 from symgrasp_cli.options import (
     Backend,
     DryRun,
-    GripperUsed,
     Overwrite,
     Workers,
     batch_options,
 )
 from symgrasp_cli.report import conclude
+from symgrasp_cli.settings import with_settings
 
 
+@with_settings(
+    "view",
+    {"--gripper": "gripper", "--max-pixels": "max_pixels"},
+)
 def view(
+    config: ViewConfig,
     grasps: Annotated[
         Path, typer.Argument(exists=True, dir_okay=False, help="grasps.h5 of `infer`.")
     ],
@@ -29,11 +34,6 @@ def view(
             exists=True, help="Folder of the RGB-D frames, if they are not where infer read them."
         ),
     ] = None,
-    gripper: GripperUsed = ViewConfig.gripper,
-    max_pixels: Annotated[
-        int,
-        typer.Option(min=1000, max=700_000, help="Points of a page; larger frames are thinned."),
-    ] = ViewConfig.max_pixels,
     rerun: Annotated[
         bool, typer.Option("--rerun", help="Also write NAME.rrd for rerun's viewer (extra: viz).")
     ] = False,
@@ -47,7 +47,7 @@ def view(
 
     report = stage.run(
         stage.ViewPaths(grasps, out, frames),
-        ViewConfig(gripper=gripper, max_pixels=max_pixels),
+        config,
         batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run),
         rerun=rerun,
     )

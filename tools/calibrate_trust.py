@@ -5,7 +5,7 @@ the regions that the default detector finds on all frames of ROOT, with the axes
 the default network names there. ROOT must hold objects that neither network was trained on, and
 none of the benchmark's:
 
-    symgrasp synthesize ROOT --splits similar --scenes-per-split 24 --views 4 --objects 48 \
+    symgrasp synthesize ROOT --split similar --scenes-per-split 24 --views 4 --objects 48 \
         --size 640x480 --grasp-points 48 --seed 7 --no-collision-labels --workers 2
     symgrasp annotate-symmetry ROOT --workers 2
 """

@@ -4,13 +4,15 @@ import importlib
 import inspect
 import re
 from collections.abc import Iterator
-from dataclasses import Field, fields, is_dataclass
+from dataclasses import is_dataclass
 from functools import cached_property
 from typing import Any
 
 from typer.main import get_command
 
-from pipelines import configs
+from pipelines.configs.settings import settings_of
+from pipelines.configs.stages import STAGE_SETTINGS, default_settings
+from pipelines.configs.toml_files import toml_value
 from symgrasp_cli.app import COMMANDS, app
 
 NAMES = [function.__name__.replace("_", "-") for function in COMMANDS]
@@ -27,7 +29,8 @@ def commands() -> str:
         lines += [f"## {name}", "", inspect.cleandoc(command.help), ""]
         lines += ["```", " ".join(["symgrasp", name, *usage, "[OPTIONS]"]), "```", ""]
         lines += ["| option | default | meaning |", "|---|---|---|"]
-        lines += [_option(each) for each in command.params if each.name != "help"]
+        shown = (each for each in command.params if not getattr(each, "hidden", False))
+        lines += [_option(each) for each in shown if each.name != "help"]
         lines.append("")
     return "\n".join(lines)
 
@@ -43,30 +46,16 @@ def _option(parameter: Any) -> str:  # noqa: ANN401 - typer's own
 def settings() -> str:
     """Return all settings of all stages, in workflow order."""
     lines: list[str] = []
-    for name in NAMES:
-        config = getattr(configs, config_name(name))
+    for name in STAGE_SETTINGS:
+        config = default_settings(name)
         lines += [f"## {name}", "", inspect.cleandoc(config.__doc__), ""]
-        lines += ["| setting | default | unit | meaning | origin |", "|---|---|---|---|---|"]
-        for path, each, value in settings_of(config()):
-            cells = [each.metadata.get(key) or "" for key in ("unit", "meaning", "origin")]
-            lines.append(f"| `{path}` | {_shown(value)} | {' | '.join(map(_cell, cells))} |")
+        lines += ["| setting | default | accepts | meaning | origin |", "|---|---|---|---|---|"]
+        for each in settings_of(config):
+            words = [each.expected, each.declaration.meaning, each.declaration.origin]
+            default = toml_value(each.default).strip('"')
+            lines.append(f"| `{each.name}` | {_shown(default)} | {' | '.join(map(_cell, words))} |")
         lines.append("")
     return "\n".join(lines)
-
-
-def config_name(command: str) -> str:
-    """Return the name of the settings' class of `command`, such as `InferConfig` of `infer`."""
-    return "".join(part.title() for part in command.split("-")) + "Config"
-
-
-def settings_of(config: Any, prefix: str = "") -> Iterator[tuple[str, Field[Any], Any]]:  # noqa: ANN401
-    """Yield path, field and value of each setting of `config`, nested ones as `a.b`."""
-    for each in fields(config):
-        value = getattr(config, each.name)
-        if is_dataclass(value):
-            yield from settings_of(value, f"{prefix}{each.name}.")
-        else:
-            yield prefix + each.name, each, value
 
 
 def api() -> str:

@@ -1,6 +1,6 @@
-"""Every number of the paper and of our choices: one frozen dataclass a stage.
+"""Settings of all stages: a frozen dataclass each, with unit, meaning and origin.
 
-`Sec.` cites the paper, `D.` a record of docs/decisions.
+`Sec.` and `Eq.` cite the paper, `D.` a record of docs/decisions.
 """
 
 from pipelines.configs.dataset import (
@@ -25,9 +25,6 @@ from pipelines.configs.inference import (
     ExportConfig,
     InferConfig,
     InspectConfig,
-    LimitsConfig,
-    RegionConfig,
-    SelectionConfig,
     ViewConfig,
     WatchConfig,
 )
@@ -39,7 +36,8 @@ from pipelines.configs.learning import (
     NetworkConfig,
     TrainConfig,
 )
-from pipelines.configs.settings import from_settings
+from pipelines.configs.planning import LimitsConfig, RegionConfig, SelectionConfig
+from pipelines.configs.settings import check_settings, from_settings
 
 __all__ = [
     "AnnotateSymmetryConfig",
@@ -70,5 +68,6 @@ __all__ = [
     "TrainConfig",
     "ViewConfig",
     "WatchConfig",
+    "check_settings",
     "from_settings",
 ]

@@ -1,19 +1,41 @@
-"""The dataset side: objects, labels, symmetries, packed regions."""
+"""Settings of the stages that make datasets: objects, labels, symmetries, packed regions."""
 
 from dataclasses import dataclass, field
+from typing import Literal
+
+from pipelines.configs.declaration import BY_EYE, choice, setting
+
+Split = Literal["train", "seen", "similar", "novel"]
+Sensor = Literal["perfect", "kinect", "realsense", "mixed"]
+RegionCategory = Literal["kind", "object", "region"]
+
+GRASPNET = "GraspNet-1Billion"
+MESH_SCALE = "Metres by unit of the mesh's file; 0.001 for millimetres."
+FRAME_STRIDE = "Take every n-th frame of a scene."
 
 
 @dataclass(frozen=True)
 class LabelConfig:
     """Grasp labels by sample-and-validate, on GraspNet's grid."""
 
-    num_points: int = 64  # grasp points an object
-    num_views: int = 300
-    num_angles: int = 12
-    depths: tuple[float, ...] = (0.01, 0.02, 0.03, 0.04)
-    friction_grid: tuple[float, ...] = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
-    max_width: float = 0.12  # metres
-    width_margin: float = 0.01  # metres, opening beyond the distance of the contacts
+    num_points: int = setting(
+        64, "count", "Grasp points of an object; 0 for none (label-grasps: by area).", BY_EYE
+    )
+    num_views: int = setting(300, "count", "Approach directions of a point.", GRASPNET, low=1)
+    num_angles: int = setting(12, "count", "Turns about each approach.", GRASPNET, low=1)
+    depths: tuple[float, ...] = setting(
+        (0.01, 0.02, 0.03, 0.04), "m", "Depths of the finger tips behind a point.", GRASPNET
+    )
+    friction_grid: tuple[float, ...] = setting(
+        (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0),
+        "factor",
+        "Friction coefficients to try.",
+        GRASPNET,
+    )
+    max_width: float = setting(0.12, "m", "Widest opening of a labelled grasp.", BY_EYE)
+    width_margin: float = setting(
+        0.01, "m", "Opening beyond the distance of the contacts.", "D. 38"
+    )
 
 
 @dataclass(frozen=True)
@@ -21,98 +43,180 @@ class LabelGraspsConfig:
     """Grasp labels of the user's own meshes."""
 
     labels: LabelConfig = field(default_factory=lambda: LabelConfig(num_points=0))  # 0: by area
-    point_area: float = 32e-6  # square metres a grasp point, GraspNet's density, D. 39
-    min_points: int = 64
-    max_points: int = 3500  # as GraspNet's largest label
+    point_area: float = setting(32e-6, "m2", "Surface of one grasp point.", "D. 39", low=1e-9)
+    min_points: int = setting(64, "count", "Fewest grasp points of an object.", "D. 39", low=1)
+    max_points: int = setting(3500, "count", "Most grasp points of an object.", "D. 39", low=1)
 
 
 @dataclass(frozen=True)
 class SynthesizeConfig:
     """Procedural scenes in GraspNet-1Billion's layout."""
 
-    splits: tuple[str, ...] = ("train", "seen", "similar", "novel")
-    scenes_per_split: int = 10
-    views: int = 16
-    objects_per_pool: int = 40
-    min_objects: int = 4
-    max_objects: int = 9
-    sensor: str = "realsense"
-    width: int = 1280  # as GraspNet
-    height: int = 720
-    collision_labels: bool = True
+    splits: tuple[Split, ...] = choice(
+        ("train", "seen", "similar", "novel"), "Splits to make, with commas.", GRASPNET
+    )
+    scenes_per_split: int = setting(10, "count", "Scenes of each split.", BY_EYE, low=1)
+    views: int = setting(16, "count", "Viewpoints of a scene; GraspNet has 256.", BY_EYE, low=1)
+    objects_per_pool: int = setting(
+        40, "count", "Objects of each pool: seen, similar, novel.", BY_EYE, low=1
+    )
+    min_objects: int = setting(4, "count", "Fewest objects of a scene.", BY_EYE, low=1)
+    max_objects: int = setting(9, "count", "Most objects of a scene.", BY_EYE, low=1)
+    sensor: Sensor = choice("realsense", "Depth sensor; mixed draws one for each scene.", BY_EYE)
+    width: int = setting(1280, "px", "Width of the images.", GRASPNET, low=1)
+    height: int = setting(720, "px", "Height of the images.", GRASPNET, low=1)
+    collision_labels: bool = choice(True, "Test the labels' grasps against each scene.", GRASPNET)
     labels: LabelConfig = field(default_factory=LabelConfig)
 
 
 @dataclass(frozen=True)
 class AnnotateSymmetryConfig:
-    """Symmetries of meshes (Sec. III-G); lengths are shares of the object's diameter."""
+    """Symmetries of meshes (Sec. III-G)."""
 
-    mesh_scale: float = 1.0  # metres a unit of the mesh's file
-    num_samples: int = 30000  # dense surface samples that distances are measured to
-    num_verification_samples: int = 2000
-    grid_resolution: int = 56
-    distance_cap: float = 0.06  # a larger miss is no worse than this one
-    plane_directions: int = 1000
-    plane_offsets: tuple[float, ...] = (0.0, -0.04, 0.04, -0.08, 0.08)
-    plane_candidates: int = 40
-    plane_separation_deg: float = 7.0
-    plane_offset_separation: float = 0.03
-    axis_directions: int = 600
-    axis_candidates: int = 3
-    axis_separation_deg: float = 10.0
-    max_mean: float = 0.006  # of the distance from the image to the surface
-    max_axis_mean: float = 0.01  # a turn moves more of the surface than a mirror does
-    max_p95: float = 0.025
-    max_p99: float = 0.05
-    max_error: float = 0.03  # mean distance over the largest displacement: thin things count too
-    min_agreement: float = 0.65  # of normals, as a share of that of the surface with itself nearby
-    max_unseen: float = 0.4  # share of samples whose image may land beyond an open rim
-    max_planes: int = 3  # Sec. III-E: at most 3 reflections, 1 rotation, 1 sphere
-    max_order: int = 8  # of a discrete rotation
-    min_region_extent: float = 0.01  # metres, smaller regions cannot be grasped
-    min_region_support: float = 0.8  # share of a region's surface its symmetry must explain
-    min_body_share: float = 0.25  # of what curves about it, or mirror planes stay whole, D. 36
-    min_part_share: float = 0.03  # of the area; smaller parts join the one they touch
-    cut_objects: bool = True  # Table IV, "No symmetric region segmentation" is False, D. 67
+    mesh_scale: float = setting(1.0, "factor", MESH_SCALE, "user's mesh", low=1e-6)
+    num_samples: int = setting(
+        30000, "count", "Dense surface samples that distances are measured to.", BY_EYE, low=100
+    )
+    num_verification_samples: int = setting(
+        2000, "count", "Surface samples that a symmetry is verified on.", "D. 55", low=100
+    )
+    grid_resolution: int = setting(
+        56, "count", "Cells of the distance grid along a side.", BY_EYE, low=4
+    )
+    distance_cap: float = setting(
+        0.06, "diameters", "Distance beyond which a miss is no worse.", BY_EYE
+    )
+    plane_directions: int = setting(
+        1000, "count", "Directions of planes that are searched.", BY_EYE, low=1
+    )
+    plane_offsets: tuple[float, ...] = setting(
+        (0.0, -0.04, 0.04, -0.08, 0.08), "diameters", "Offsets from the centroid.", BY_EYE, low=-1.0
+    )
+    plane_candidates: int = setting(40, "count", "Planes that are refined.", BY_EYE, low=1)
+    plane_separation_deg: float = setting(
+        7.0, "deg", "Angle below which two candidates are one plane.", BY_EYE
+    )
+    plane_offset_separation: float = setting(
+        0.03, "diameters", "Distance below which parallel candidates are one plane.", BY_EYE
+    )
+    axis_directions: int = setting(
+        600, "count", "Directions of axes that are searched.", BY_EYE, low=1
+    )
+    axis_candidates: int = setting(3, "count", "Axes that are refined.", BY_EYE, low=1)
+    axis_separation_deg: float = setting(
+        10.0, "deg", "Angle below which two candidates are one axis.", BY_EYE
+    )
+    max_mean: float = setting(
+        0.006, "diameters", "Mean distance from a plane's image to the surface.", BY_EYE
+    )
+    max_axis_mean: float = setting(
+        0.01, "diameters", "The same of an axis: a turn moves more of the surface.", BY_EYE
+    )
+    max_p95: float = setting(0.025, "diameters", "Largest of 95 % of these distances.", BY_EYE)
+    max_p99: float = setting(0.05, "diameters", "Largest of 99 % of these distances.", BY_EYE)
+    max_error: float = setting(
+        0.03, "share", "Mean distance, of the largest displacement: thin things count too.", BY_EYE
+    )
+    min_agreement: float = setting(
+        0.65, "share", "Agreement of normals, of the surface's with itself nearby.", "D. 34"
+    )
+    max_unseen: float = setting(
+        0.4, "share", "Share of samples whose image may land beyond an open rim.", "D. 35"
+    )
+    max_planes: int = setting(3, "count", "Most planes of a region.", "Sec. III-E", high=3)
+    max_order: int = setting(8, "count", "Highest order of a discrete rotation.", BY_EYE, low=2)
+    min_region_extent: float = setting(0.01, "m", "Size that fingers can close on.", BY_EYE)
+    min_region_support: float = setting(
+        0.8, "share", "Share of a region's surface that its symmetry explains.", "D. 36"
+    )
+    min_body_share: float = setting(
+        0.25,
+        "share",
+        "Share of the curved surface that bodies of revolution hold to be cut.",
+        "D. 36",
+    )
+    min_part_share: float = setting(
+        0.03, "share", "Area below which a part joins the one that it touches.", "D. 36"
+    )
+    cut_objects: bool = choice(
+        True,
+        "Cut objects into symmetric regions; without, objects symmetric as a whole are one region "
+        "and others have none (Table IV).",
+        "D. 67",
+    )
 
 
 @dataclass(frozen=True)
 class RefineGraspsConfig:
     """Symmetric copies of grasp annotations (Sec. III-G, Fig. 6)."""
 
-    use_symmetry: bool = True  # Table IV, "No dataset enhancement" is False
-    max_friction: float = 1.0  # labelled grasps that hold at this friction are taken
-    copies_per_turn: int = 36  # D. 3
-    merge_distance: float = 0.001  # metres; closer contact pairs are one grasp, D. 2
-    max_grasps: int = 200_000  # contact pairs of an object's label; of more, an even sample, D. 40
-    max_copies: int = 200_000  # of these, under an object's symmetries and under each region's
-    max_surface_gap: float = 0.003  # metres; a copy whose contact lies farther off is dropped
-    validate_copies: bool = False  # close the fingers of each copy anew, measure its friction anew
-    contact_radius: float = 0.004  # metres from a contact that its quality spreads to, D. 9
-    num_surface_points: int = 4096
-    chunk: int = 500_000  # candidates of a label that are read at a time
+    use_symmetry: bool = choice(
+        True, "Copy grasps across symmetries; without, the labels as they are.", "Table IV"
+    )
+    max_friction: float = setting(1.0, "factor", "Friction that a grasp must hold at.", "D. 15")
+    copies_per_turn: int = setting(
+        36, "count", "Equal angles about a continuous axis.", "D. 3", low=1, high=72
+    )
+    merge_distance: float = setting(
+        0.001, "m", "Distance of contacts below which two grasps are one.", "D. 2", low=1e-5
+    )
+    max_grasps: int = setting(
+        200_000, "count", "Contact pairs of a label; of more an even sample.", "D. 40", low=1
+    )
+    max_copies: int = setting(
+        200_000,
+        "count",
+        "Copies under an object's symmetries, and under each region's.",
+        "D. 40",
+        low=1,
+    )
+    max_surface_gap: float = setting(
+        0.003, "m", "Distance from the surface beyond which a copy is dropped.", "D. 3"
+    )
+    validate_copies: bool = choice(
+        False, "Close the fingers of each copy on the mesh anew and measure its friction.", "D. 3"
+    )
+    contact_radius: float = setting(
+        0.004, "m", "Distance from a contact that its quality spreads to.", "D. 9"
+    )
+    num_surface_points: int = setting(
+        4096, "count", "Points of a mesh that have an affordance.", BY_EYE, low=1
+    )
+    chunk: int = setting(
+        500_000, "count", "Candidates of a label that are read at a time.", BY_EYE, low=1
+    )
 
 
 @dataclass(frozen=True)
 class PackConfig:
-    """Region clouds with labels, camera frame."""
+    """Clouds of regions with labels, camera frame."""
 
-    num_points: int = 2048  # stored; training draws 1,500 of them
-    min_pixels: int = 300
-    label_radius: float = 0.01  # metres from a point to the surface that labels it
-    frame_stride: int = 1  # every n-th frame of a scene
-    mask_noise: bool = True  # erode, dilate, leak: what a detector's masks are like
-    mask_noise_share: float = 0.7  # of the masks; the others stay as they are
-    mask_edge: float = 0.04  # largest erosion or dilation, of the root of the mask's area
-    mask_blot: float = 0.15  # largest leak or gap, likewise
+    num_points: int = setting(
+        2048, "count", "Points that are stored; training draws 1,500 of them.", BY_EYE, low=1
+    )
+    min_pixels: int = setting(300, "px", "Pixels below which a region is left out.", BY_EYE, low=1)
+    label_radius: float = setting(
+        0.01, "m", "Distance from a point to the surface that labels it.", BY_EYE
+    )
+    frame_stride: int = setting(1, "count", FRAME_STRIDE, BY_EYE, low=1)
+    mask_noise: bool = choice(
+        True, "Disturb the masks as a detector would, or take them as labelled.", BY_EYE
+    )
+    mask_noise_share: float = setting(0.7, "share", "Share of the masks disturbed.", BY_EYE)
+    mask_edge: float = setting(
+        0.04, "share", "Largest erosion or dilation, of the root of the mask's area.", BY_EYE
+    )
+    mask_blot: float = setting(0.15, "share", "Largest leak or gap, likewise.", BY_EYE)
 
 
 @dataclass(frozen=True)
 class ExportCocoConfig:
     """Region masks as a COCO instance dataset (Sec. III-D)."""
 
-    categories: str = "kind"  # or object, region
-    min_pixels: int = 200  # smaller region masks are left out, as in training
-    frame_stride: int = 1  # every n-th frame of a scene
-    val_fraction: float = 0.1  # of the scenes
-    link: bool = False  # link to the dataset's images, or copy them
+    categories: RegionCategory = choice(
+        "kind", "Categories: by kind of symmetry, by object, or region for one.", BY_EYE
+    )
+    min_pixels: int = setting(200, "px", "Pixels below which a region is left out.", BY_EYE, low=1)
+    frame_stride: int = setting(1, "count", FRAME_STRIDE, BY_EYE, low=1)
+    val_fraction: float = setting(0.1, "share", "Share of the scenes to validate on.", BY_EYE)
+    link: bool = choice(False, "Link to the dataset's images instead of copying them.", BY_EYE)

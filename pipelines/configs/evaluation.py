@@ -1,65 +1,102 @@
-"""Grasps judged, tried and compared."""
+"""Settings of the stages that score, simulate and compare grasps."""
 
 from dataclasses import dataclass
+from typing import Literal
+
+from pipelines.configs.dataset import MESH_SCALE
+from pipelines.configs.declaration import BY_EYE, choice, setting
+from pipelines.configs.inference import GRIPPER_USED
+
+BootstrapUnit = Literal["frame", "scene"]
+
+CLIP_WIDTH = "Widest opening of graspnetAPI's gripper; wider ones are cut to it."
+MIN_VISIBLE_PIXELS = "Visible pixels below which an object does not count."
+MIN_REGION_SHARE = "Share of a region's pixels on an object for it to be that object's."
 
 
 @dataclass(frozen=True)
 class ScoreGraspsConfig:
-    """Anybody's grasps on anybody's mesh, in graspnetAPI's rows."""
+    """Any grasps on any mesh, in graspnetAPI's rows."""
 
-    compatible: bool = False  # graspnetAPI's verdicts, its faults included
-    mesh_scale: float = 1.0  # to metres
-    max_width: float = 0.1  # metres, the peer's; wider openings are cut to it
-    friction_grid: tuple[float, ...] = (0.2, 0.4, 0.6, 0.8, 1.0, 1.2)  # the peer's
+    compatible: bool = choice(
+        False, "Verdicts of graspnetAPI, its faults on flat faces included.", "D. 44"
+    )
+    mesh_scale: float = setting(1.0, "factor", MESH_SCALE, "user's mesh", low=1e-6)
+    clip_width: float = setting(0.1, "m", CLIP_WIDTH, "graspnetAPI", low=0.001, high=1.0)
+    friction_grid: tuple[float, ...] = setting(
+        (0.2, 0.4, 0.6, 0.8, 1.0, 1.2), "factor", "Friction coefficients to try.", "graspnetAPI"
+    )
 
 
 @dataclass(frozen=True)
 class EvaluateConfig:
     """Metrics (Sec. IV)."""
 
-    min_visible_pixels: int = 300  # objects less visible do not count
-    symmetry_thresholds: tuple[float, ...] = (0.25, 0.134, 0.067)  # dense error, D. 11
-    sphere_threshold: float = 0.05  # metres, Sec. IV-E
-    min_region_share: float = 0.3  # of a region's pixels on the object whose region it is
-    min_region_iou: float = 0.25  # with the true region whose symmetries it is asked for
-    gripper: str = ""  # the one that `infer` used
+    min_visible_pixels: int = setting(300, "px", MIN_VISIBLE_PIXELS, BY_EYE, low=1)
+    symmetry_thresholds: tuple[float, ...] = setting(
+        (0.25, 0.134, 0.067), "share", "Dense errors up to which a symmetry is found.", "D. 11"
+    )
+    sphere_threshold: float = setting(
+        0.05, "m", "Distance of centres up to which a sphere is found.", "Sec. IV-E"
+    )
+    min_region_share: float = setting(0.3, "share", MIN_REGION_SHARE, "D. 22")
+    min_region_iou: float = setting(
+        0.25, "share", "Overlap with a true region for its symmetries to be expected.", "D. 22"
+    )
+    gripper: str = choice("", GRIPPER_USED, "D. 71")
 
 
 @dataclass(frozen=True)
 class EvaluateDumpConfig:
     """GraspNet-1Billion's protocol on dumps of any detector; the rest of it has no choices."""
 
-    exact: bool = False  # exact contacts and collision instead of graspnetAPI's
-    max_width: float = 0.1  # metres, the peer's; wider openings are cut to it
+    exact: bool = choice(False, "Exact contacts and collisions in place of graspnetAPI's.", "D. 47")
+    clip_width: float = setting(0.1, "m", CLIP_WIDTH, "graspnetAPI", low=0.001, high=1.0)
 
 
 @dataclass(frozen=True)
 class CompareConfig:
     """Runs side by side: a paired bootstrap over frames or scenes."""
 
-    row: str = "ours"  # of the reports
-    unit: str = "frame"  # or scene: what is drawn
-    resamples: int = 2000
-    level: float = 0.95
+    row: str = choice(
+        "ours", "Row of the reports: ours, oracle, planar, random; of a dump a camera.", "D. 51"
+    )
+    unit: BootstrapUnit = choice(
+        "frame", "Unit that the bootstrap draws: frame, or scene, whose views are alike.", "D. 51"
+    )
+    resamples: int = setting(2000, "count", "Draws of the bootstrap.", BY_EYE, low=1)
+    level: float = setting(0.95, "share", "Level of the intervals.", BY_EYE)
 
 
 @dataclass(frozen=True)
 class SimulateConfig:
-    """Success in physics (Sec. IV-A, Table III); D. 48, D. 49."""
+    """Success in physics (Sec. IV-A, Table III)."""
 
-    frictions: tuple[float, ...] = (0.3, 0.5, 0.8)  # between fingers and objects
-    approach: float = 0.10  # metres, along the approach axis
-    lift: float = 0.15  # metres
-    tug: float = 5.0  # m / s^2, of each of five tugs, on top of gravity
-    max_slip: float = 0.05  # metres in the hand, from closing to the end
-    max_turn: float = 15.0  # degrees, likewise
-    grip_force: float = 8.0  # of a finger, in weights of the object: 20 N on a quarter of a kg
-    max_force: float = 40.0  # newtons of a finger, an RG2's largest
-    arm_force: float = 60.0  # newtons that the arm pushes with at most
-    stop_force: float = 30.0  # newtons on the way in at which a careful arm stops
-    convex_enough: float = 0.98  # share of its hull's volume that a model fills to be one piece
-    concavity: float = 0.03  # of pieces, coacd's: a bowl's wall comes out some millimetres thick
-    max_pieces: int = 32  # of a model
-    min_visible_pixels: int = 300  # objects less visible do not count
-    min_region_share: float = 0.3  # of a region's pixels on the object whose region it is
-    gripper: str = ""  # the one that `infer` used
+    frictions: tuple[float, ...] = setting(
+        (0.3, 0.5, 0.8),
+        "factor",
+        "Friction of fingers and objects, each one a trial.",
+        "D. 49",
+        low=1e-3,
+    )
+    approach: float = setting(0.10, "m", "Way along the approach axis.", "D. 48")
+    lift: float = setting(0.15, "m", "Height that the object is lifted.", BY_EYE)
+    tug: float = setting(5.0, "m/s2", "Acceleration of each of five tugs, beside gravity.", "D. 48")
+    max_slip: float = setting(0.05, "m", "Slip in the gripper, from closing to the end.", BY_EYE)
+    max_turn: float = setting(15.0, "deg", "Turn in the gripper, likewise.", BY_EYE)
+    grip_force: float = setting(8.0, "object weights", "Force of a finger.", "D. 49")
+    max_force: float = setting(40.0, "N", "Largest force of a finger, an RG2's.", "D. 49")
+    arm_force: float = setting(60.0, "N", "Largest force that the arm pushes with.", BY_EYE)
+    stop_force: float = setting(
+        30.0, "N", "Force on the approach path at which the arm stops.", "D. 48"
+    )
+    convex_enough: float = setting(
+        0.98, "share", "Share of its hull's volume that makes a model one convex piece.", BY_EYE
+    )
+    concavity: float = setting(
+        0.03, "factor", "Concavity of coacd's pieces.", BY_EYE, low=0.01, high=1.0
+    )
+    max_pieces: int = setting(32, "count", "Most convex pieces of a model.", BY_EYE, low=1)
+    min_visible_pixels: int = setting(300, "px", MIN_VISIBLE_PIXELS, BY_EYE, low=1)
+    min_region_share: float = setting(0.3, "share", MIN_REGION_SHARE, "D. 22")
+    gripper: str = choice("", GRIPPER_USED, "D. 71")

@@ -1,24 +1,49 @@
-"""The two networks and their trainings."""
+"""Settings of the two networks and their trainings."""
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 from pipelines.configs.dataset import PackConfig
+from pipelines.configs.declaration import BY_EYE, choice, setting
+from pipelines.configs.planning import ReferenceFrame
+
+DetectorVariant = Literal["light", "resnet50"]
+DetectorInput = Literal["geometry", "color", "both"]
+
+MICRO_BATCH = "Items of a batch worked on together, gradients summed; 0 suits the device."
+DECAY = "Factor of the learning rate every `decay_epochs` epochs."
+EMA_DECAY = "Share of the running mean of the weights that a step keeps; 0 for no mean."
+VAL_FRACTION = "Share of the scenes to validate on."
 
 
 @dataclass(frozen=True)
 class DetectorConfig:
     """Mask R-CNN with an FPN (Sec. III-D)."""
 
-    variant: str = "light"  # or resnet50
-    input: str = "geometry"  # or color, both
-    min_size: int = 288  # pixels, shorter side at the network's input while it is trained
-    max_size: int = 512  # and the longer one
-    enlarged: float = 1.33  # times that size in use: training looks closer too; D. 84
-    max_detections: int = 40
-    candidate_confidence: float = 0.05  # below, regions are not even drawn for figures
-    min_confidence: float = 0.5
-    mask_threshold: float = 0.5
-    nms_threshold: float = 0.5
+    variant: DetectorVariant = choice(
+        "light", "Backbone: light, or resnet50 as the paper.", "D. 19"
+    )
+    input: DetectorInput = choice(
+        "geometry", "Channels: geometry (normals and height), color, or both.", "D. 19"
+    )
+    min_size: int = setting(
+        288, "px", "Shorter side of the images that it is trained on.", "D. 84", low=32
+    )
+    max_size: int = setting(512, "px", "Longer side of these images.", "D. 84", low=32)
+    enlarged: float = setting(
+        1.33, "factor", "Size of images in use, by that in training.", "D. 84", low=0.1, high=10.0
+    )
+    max_detections: int = setting(40, "count", "Most detections of a frame.", BY_EYE, low=1)
+    candidate_confidence: float = setting(
+        0.05, "share", "Confidence below which regions are not even drawn.", BY_EYE
+    )
+    min_confidence: float = setting(0.5, "share", "Least confidence of a detection.", "D. 84")
+    mask_threshold: float = setting(
+        0.5, "share", "Least probability of a mask's pixel.", "torchvision"
+    )
+    nms_threshold: float = setting(
+        0.5, "share", "Overlap of boxes beyond which the weaker is dropped.", "torchvision"
+    )
 
 
 @dataclass(frozen=True)
@@ -26,62 +51,86 @@ class FinetuneDetectorConfig:
     """Training of the region detector."""
 
     detector: DetectorConfig = field(default_factory=DetectorConfig)
-    epochs: int = 12
-    batch_size: int = 4
-    micro_batch_size: int = 0  # gradients are accumulated to `batch_size`; 0: by device, D. 58
-    learning_rate: float = 0.001
-    decay: float = 0.9  # every `decay_epochs` epochs
-    decay_epochs: float = 0.5
-    ema_decay: float = 0.998  # of the running mean of the weights that is kept
-    min_pixels: int = 200  # smaller region masks are not trained on
-    frame_stride: int = 1  # every how many-th frame of a scene is used
-    max_val_frames: int = 120  # that one validation looks at
-    val_fraction: float = 0.1  # of the scenes
+    epochs: int = setting(12, "count", "Passes over the frames.", BY_EYE, low=1)
+    batch_size: int = setting(4, "count", "Frames in a step.", BY_EYE, low=1)
+    micro_batch_size: int = setting(0, "count", MICRO_BATCH, "D. 58")
+    learning_rate: float = setting(0.001, "factor", "Learning rate of Adam, at first.", BY_EYE)
+    decay: float = setting(0.9, "share", DECAY, BY_EYE)
+    decay_epochs: float = setting(
+        0.5, "count", "Epochs after which the learning rate drops by a tenth.", BY_EYE, low=0.01
+    )
+    ema_decay: float = setting(0.998, "share", EMA_DECAY, BY_EYE)
+    min_pixels: int = setting(200, "px", "Pixels below which a region is left out.", BY_EYE, low=1)
+    frame_stride: int = setting(1, "count", "Take every n-th frame of a scene.", BY_EYE, low=1)
+    max_val_frames: int = setting(120, "count", "Most frames of a validation.", BY_EYE, low=1)
+    val_fraction: float = setting(0.1, "share", VAL_FRACTION, BY_EYE)
 
 
 @dataclass(frozen=True)
 class NetworkConfig:
     """PointNet++ with PIFT (Sec. III-E, III-G)."""
 
-    input_frame: str = "table"  # or camera; D. 69
-    num_points: int = 1500
-    feature_dim: int = 128
-    set_points: tuple[int, int, int, int] = (384, 128, 32, 8)
-    set_neighbors: tuple[int, int, int, int] = (16, 16, 16, 32)  # the last: all of its level
-    set_strides: tuple[int, int, int, int] = (3, 1, 1, 1)  # every how many-th point is a neighbour
-    use_pift: bool = True  # Table IV, "No PIFT" is False
-    canonical_frame: bool = True  # points are seen, symmetries told, in PIFT's; D. 83, D. 95
+    input_frame: ReferenceFrame = choice("table", "Axes that it sees a region in.", "D. 69")
+    num_points: int = setting(1500, "count", "Points of a region.", "Sec. III-G", low=1)
+    feature_dim: int = setting(128, "count", "Features of a point.", BY_EYE, low=1)
+    set_points: tuple[int, int, int, int] = setting(
+        (384, 128, 32, 8), "count", "Points of each set abstraction level.", BY_EYE, low=1
+    )
+    set_neighbors: tuple[int, int, int, int] = setting(
+        (16, 16, 16, 32), "count", "Neighbours of each level; at the last all.", "D. 25", low=1
+    )
+    set_strides: tuple[int, int, int, int] = setting(
+        (3, 1, 1, 1), "count", "Each level seeks neighbours among every n-th point.", "D. 25", low=1
+    )
+    use_pift: bool = choice(True, "Deform points before aggregation (Eq. 3).", "Sec. III-E")
+    canonical_frame: bool = choice(
+        True, "See points, and predict symmetries, in PIFT's frame.", "D. 83, D. 95"
+    )
 
 
 @dataclass(frozen=True)
 class AugmentationConfig:
     """Random views of a region's cloud while training (Sec. III-E)."""
 
-    turn_deg: float = 25.0  # standard deviation, about the third axis: up, or the view
-    tilt_deg: float = 3.0  # standard deviation, about each axis across it
-    lost_table: float = 0.1  # of the regions that are seen as if no table were known
-    scale: float = 0.15  # uniform scaling by at most this share
-    jitter: float = 0.0005  # metres, standard deviation a coordinate
-    principal_scale: float = 1.4  # of the Siamese copy: at most this factor, or its inverse
+    turn_deg: float = setting(
+        25.0, "deg", "Standard deviation of turns about the axis that is up, or the view.", BY_EYE
+    )
+    tilt_deg: float = setting(3.0, "deg", "Standard deviation of turns about the others.", BY_EYE)
+    lost_table: float = setting(
+        0.1, "share", "Share of the regions that are seen as if no table were known.", "D. 69"
+    )
+    scale: float = setting(0.15, "share", "Largest uniform scaling.", BY_EYE)
+    jitter: float = setting(0.0005, "m", "Standard deviation of each coordinate's noise.", BY_EYE)
+    principal_scale: float = setting(
+        1.4, "factor", "Largest scaling, or its inverse, of the Siamese copy.", BY_EYE, low=1.0
+    )
 
 
 @dataclass(frozen=True)
 class EndlessConfig:
-    """Regions rendered while training; D. 59."""
+    """Regions rendered while training."""
 
-    share: float = 0.0  # of each batch; the others are packed ones
-    epoch_regions: int = 20_000  # that make an epoch where none are packed
-    views: int = 4  # of a scene
-    regions_per_scene: int = 20  # drawn from what its views show
-    scenes_together: int = 16  # whose regions are shuffled among each other
-    min_objects: int = 4
-    max_objects: int = 9
-    width: int = 640
-    height: int = 480
-    perfect_share: float = 0.1  # of the views without sensor noise
-    occluders: float = 0.25  # of the views with an object held before the others
-    mask_leaks: float = 0.15  # of the masks that take in a part of a neighbour
-    mask_cuts: float = 0.1  # of the masks that are cut off
+    share: float = setting(0.0, "share", "Share of a batch that is rendered.", "D. 59")
+    epoch_regions: int = setting(
+        20_000, "count", "Regions that make an epoch where all are rendered.", BY_EYE, low=1
+    )
+    views: int = setting(4, "count", "Views of a scene.", "D. 59", low=1)
+    regions_per_scene: int = setting(20, "count", "Regions drawn of a scene.", BY_EYE, low=1)
+    scenes_together: int = setting(
+        16, "count", "Scenes whose regions are shuffled among each other.", BY_EYE, low=1
+    )
+    min_objects: int = setting(4, "count", "Fewest objects of a scene.", BY_EYE, low=1)
+    max_objects: int = setting(9, "count", "Most objects of a scene.", BY_EYE, low=1)
+    width: int = setting(640, "px", "Width of the images.", BY_EYE, low=1)
+    height: int = setting(480, "px", "Height of the images.", BY_EYE, low=1)
+    perfect_share: float = setting(0.1, "share", "Share of the views without sensor noise.", BY_EYE)
+    occluders: float = setting(
+        0.25, "share", "Share of the views with an object held before the others.", "D. 59"
+    )
+    mask_leaks: float = setting(
+        0.15, "share", "Share of the masks that take in a part of a neighbour.", BY_EYE
+    )
+    mask_cuts: float = setting(0.1, "share", "Share of the masks that are cut off.", BY_EYE)
     pack: PackConfig = field(default_factory=PackConfig)
 
 
@@ -90,20 +139,34 @@ class TrainConfig:
     """Training of the grasp network (Sec. III-G)."""
 
     network: NetworkConfig = field(default_factory=NetworkConfig)
-    batch_size: int = 36
-    learning_rate: float = 0.001
-    decay: float = 0.9  # every `decay_epochs` epochs
-    decay_epochs: float = 2.0
-    epochs: int = 40
-    weight_feature: float = 8.0  # w^f; the paper has 1, for another L^f: D. 96
-    weight_affordance: float = 1.0  # w^a
-    weight_symmetry: float = 5.0  # w^s
-    weight_existence: float = 1.0  # w^c
-    weight_parameters: float = 5.0  # w^r
-    use_siamese: bool = True  # Table IV, "No Siamese Training" is False
-    num_loss_points: int = 384  # of a region's 1,500; a random share of them costs less a step
-    micro_batch_size: int = 0  # gradients are accumulated to `batch_size`; 0: by device, D. 58
-    ema_decay: float = 0.998  # of the running mean of the weights that is kept; 0 for none
+    batch_size: int = setting(36, "count", "Regions in a step.", "Sec. III-G", low=1)
+    learning_rate: float = setting(
+        0.001, "factor", "Learning rate of Adam, at first.", "Sec. III-G"
+    )
+    decay: float = setting(0.9, "share", DECAY, "Sec. III-G")
+    decay_epochs: float = setting(
+        2.0,
+        "count",
+        "Epochs after which the learning rate drops by a tenth.",
+        "Sec. III-G",
+        low=0.01,
+    )
+    epochs: int = setting(40, "count", "Passes over the regions.", BY_EYE, low=1)
+    weight_feature: float = setting(
+        8.0, "weight", "w^f; the paper has 1, for another L^f.", "D. 96"
+    )
+    weight_affordance: float = setting(1.0, "weight", "w^a.", "Sec. III-G")
+    weight_symmetry: float = setting(5.0, "weight", "w^s.", "Sec. III-G")
+    weight_existence: float = setting(1.0, "weight", "w^c.", "Sec. III-G")
+    weight_parameters: float = setting(5.0, "weight", "w^r.", "Sec. III-G")
+    use_siamese: bool = choice(
+        True, "Ask for the same features in a scaled copy (Fig. 3).", "Sec. III-E"
+    )
+    num_loss_points: int = setting(
+        384, "count", "Points of a region that the loss is taken at.", "D. 113", low=1
+    )
+    micro_batch_size: int = setting(0, "count", MICRO_BATCH, "D. 58")
+    ema_decay: float = setting(0.998, "share", EMA_DECAY, "D. 113")
     augmentation: AugmentationConfig = field(default_factory=AugmentationConfig)
     endless: EndlessConfig = field(default_factory=EndlessConfig)
-    val_fraction: float = 0.1  # of the scenes
+    val_fraction: float = setting(0.1, "share", VAL_FRACTION, BY_EYE)

@@ -1,20 +1,188 @@
-"""Configs from what a file says of them."""
+"""Settings of a config by dotted name: listed, changed, and read from what a file says of them."""
 
-from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
+import difflib
+import logging
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, TypeVar, get_type_hints
 
+from pipelines.configs.declaration import DECLARATION, Declaration
+from pipelines.configs.renamed import REMOVED, RENAMED, RENAMED_VALUES
+from pipelines.configs.values import choices_of, expectation, fitted, read_text_value
+from pipelines.errors import SettingError, UnknownNameError
+
+log = logging.getLogger(__name__)
+
 Config = TypeVar("Config")
+MAX_DEPTH = 8  # tables within tables; configs have three
+UNDECLARED = Declaration("", "", "", float("-inf"), float("inf"))
 
 
-def from_settings(kind: type[Config], settings: Mapping[str, Any]) -> Config:
-    """Return the config that a stamp holds as JSON, without the names that `kind` lacks."""
-    types, chosen = get_type_hints(kind), {}
-    for each in fields(kind):  # type: ignore[arg-type]  # a dataclass
-        if each.name not in settings:
+@dataclass(frozen=True)
+class Setting:
+    """One setting of a config.
+
+    Attributes:
+        name: dotted, as `selection.max_pairs`.
+        value: the config's.
+        default: the value if nobody changes it.
+        declared: its type.
+        declaration: unit, meaning, origin and range.
+    """
+
+    name: str
+    value: Any
+    default: Any
+    declared: Any
+    declaration: Declaration
+
+    @property
+    def choices(self) -> tuple[str, ...]:
+        """Names it may have; empty if it is no choice of names."""
+        return choices_of(self.declared)
+
+    @property
+    def expected(self) -> str:
+        """What it takes, in words."""
+        return expectation(self.declared, self.declaration)
+
+
+def settings_of(config: Any) -> tuple[Setting, ...]:  # noqa: ANN401 - any config
+    """Return all settings of `config`, those of its tables behind its own."""
+    return tuple(_listed(config, type(config)(), ""))
+
+
+def from_settings(kind: type[Config], settings: Mapping[str, Any], where: str = "") -> Config:
+    """Return the config that a file holds as tables; what the file leaves out has its default.
+
+    Raises:
+        UnknownNameError, SettingError: see `changed`.
+    """
+    return changed(kind(), settings, where)
+
+
+def changed(
+    config: Config, settings: Mapping[str, Any], where: str = "", option: str | None = None
+) -> Config:
+    """Return `config` with other values, given as tables or by dotted names.
+
+    Names of earlier versions are taken for those of now.
+
+    Args:
+        config: what the values are put into.
+        settings: the values.
+        where: what errors begin with: the file that the values are from.
+        option: what errors call the setting; by default by its name.
+
+    Raises:
+        UnknownNameError: there is no such setting, or no such choice.
+        SettingError: a value of another type, or outside of the setting's range.
+    """
+    for name, value in _flat(settings):
+        if name in _before(REMOVED, config):
+            why = _before(REMOVED, config)[name]
+            log.warning("%ssetting %s is left out: %s", where, name, why)
             continue
-        value, inner = settings[each.name], types[each.name]
-        if is_dataclass(inner) and isinstance(inner, type):
-            value = from_settings(inner, value)
-        chosen[each.name] = tuple(value) if isinstance(value, list) else value
-    return kind(**chosen)
+        now = _before(RENAMED, config).get(name, name)
+        replaced = _before(RENAMED_VALUES, config).get(now, {})
+        config = _Change(config, now, where, option or f"{where}{now}").made(
+            replaced.get(value, value) if isinstance(value, str) else value
+        )
+    return config
+
+
+def changed_by_text(
+    config: Config, name: str, text: str, where: str = "", option: str | None = None
+) -> Config:
+    """Return `config` with the setting `name` as a command line writes it; see `changed`."""
+    now = _before(RENAMED, config).get(name, name)
+    declared = {each.name: each.declared for each in settings_of(config)}
+    value = read_text_value(text, declared[now]) if now in declared else text
+    return changed(config, {name: value}, where, option)
+
+
+def check_settings(config: Any) -> None:  # noqa: ANN401 - any config
+    """Raise UnknownNameError or SettingError if a value is not what its setting declares."""
+    for each in settings_of(config):
+        fitted(each.value, each.declared, each.name, each.declaration)
+
+
+def types_of(kind: Any) -> dict[str, Any]:  # noqa: ANN401 - a dataclass
+    """Return the types of a dataclass's fields by name."""
+    hints = get_type_hints(kind)
+    return {each.name: hints[each.name] for each in fields(kind)}
+
+
+def _listed(config: Any, default: Any, prefix: str) -> Iterator[Setting]:  # noqa: ANN401 - configs
+    tables, types = [], types_of(type(config))
+    for field in fields(config):
+        value, usual = getattr(config, field.name), getattr(default, field.name)
+        if is_dataclass(value):
+            tables.append(_listed(value, usual, f"{prefix}{field.name}."))
+            continue
+        declaration = field.metadata.get(DECLARATION, UNDECLARED)
+        yield Setting(prefix + field.name, value, usual, types[field.name], declaration)
+    for table in tables:
+        yield from table
+
+
+def _flat(settings: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Yield the dotted name and value of everything in `settings`, in its order."""
+    todo = [(str(name), value, 1) for name, value in reversed(list(settings.items()))]
+    while todo:
+        name, value, depth = todo.pop()
+        if not isinstance(value, Mapping) or not value:
+            yield name, value
+            continue
+        if depth >= MAX_DEPTH:
+            shown = f"{name[:40]}..."
+            raise SettingError(shown, "nested too deep", f"at most {MAX_DEPTH} tables deep")
+        todo += [
+            (f"{name}.{key}", inner, depth + 1) for key, inner in reversed(list(value.items()))
+        ]
+
+
+def _before(table: Mapping[str, Mapping[str, Any]], config: object) -> Mapping[str, Any]:
+    """Return what `table` says of the class of `config`, or of the config it extends."""
+    kinds = [kind.__name__ for kind in type(config).__mro__]
+    return next((table[kind] for kind in kinds if kind in table), {})
+
+
+@dataclass(frozen=True)
+class _Change:
+    """Change of the setting `name` of `root`; `shown` is what errors call it, after `where`."""
+
+    root: Any
+    name: str
+    where: str
+    shown: str
+
+    def made(self, value: object) -> Any:  # noqa: ANN401 - a config
+        return self._within(self.root, self.name.split("."), value)
+
+    def _within(self, table: Any, path: list[str], value: object) -> Any:  # noqa: ANN401 - configs
+        head, *rest = path
+        types, inner = types_of(type(table)), getattr(table, head, None)
+        if head not in types or (rest and not is_dataclass(inner)):
+            raise self._unknown(table)
+        if rest:
+            return replace(table, **{head: self._within(inner, rest, value)})
+        if is_dataclass(inner):
+            if value == {}:
+                return table
+            names = ", ".join(f"{self.name}.{name}" for name in types_of(type(inner)))
+            raise SettingError(self.shown, value, f"a table; its settings are {names}")
+        field = next(each for each in fields(table) if each.name == head)
+        declaration = field.metadata.get(DECLARATION, UNDECLARED)
+        return replace(table, **{head: fitted(value, types[head], self.shown, declaration)})
+
+    def _unknown(self, table: Any) -> UnknownNameError:  # noqa: ANN401 - a config
+        """Return the error of a setting that `table` lacks, with the nearest name of all `root`."""
+        everywhere = [each.name for each in settings_of(self.root)]
+        last = self.name.rsplit(".", maxsplit=1)[-1]
+        nearest = [name for name in everywhere if name.rsplit(".", maxsplit=1)[-1] == last]
+        nearest = nearest or difflib.get_close_matches(self.name, everywhere, 1)
+        nearest = nearest or difflib.get_close_matches(last, everywhere, 1, cutoff=0.4)
+        return UnknownNameError(
+            f"{self.where}setting", self.name, types_of(type(table)), *nearest[:1]
+        )

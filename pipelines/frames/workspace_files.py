@@ -46,21 +46,6 @@ def numbers_of(text: str) -> tuple[float, ...]:
     return tuple(float(part) for part in re.split(r"[,\s]+", text.strip()))
 
 
-def parse_direction(text: str) -> tuple[float, ...]:
-    """Return the three numbers of `--approach-direction`.
-
-    Raises:
-        ValueRangeError: there are others.
-    """
-    try:
-        direction = numbers_of(text)
-    except ValueError:
-        direction = ()
-    if len(direction) != 3:
-        raise ValueRangeError("--approach-direction", text, "three numbers x,y,z")
-    return direction
-
-
 def read_workspace_mask(path: Path, shape: tuple[int, ...]) -> NDArray[np.bool_]:
     """Return (H, W) which pixels of a mask picture are not black; `shape` is the depth's.
 

@@ -15,8 +15,6 @@ from pipelines.tabletop.regions_geometric import GeometricRegions
 Depth = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-SOURCES = ("auto", "detector", "geometric")
-
 
 class Detection(Protocol):
     """A region that a detector found."""

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pipelines.configs import InferConfig
-from pipelines.errors import UnknownNameError, ValueRangeError, WriteError
+from pipelines.configs import InferConfig, check_settings
+from pipelines.errors import ValueRangeError, WriteError
 from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.frames import FrameSource, find_frames, read_masks
 from pipelines.frames.frames_record import FramesRecord
@@ -25,14 +25,11 @@ from pipelines.grasp_files.gripper_files import gripper_digest, load_gripper
 from pipelines.grasping.feasibility.limits import check_limits
 from pipelines.inference import models
 from pipelines.inference.frame_grasps import Planner
-from pipelines.inference.regions import SOURCES
 from pipelines.pictures.overlays import write_overlay
 from pipelines.runtime.batch import WorkItem
 from pipelines.storage.provenance import Stamp, digest, digest_text, make_stamp, read_stamp
 
 STAGE = "infer"
-METHODS = ("network", "planar", "random")
-RANKINGS = ("critic", "eq8")
 
 
 @dataclass(frozen=True)
@@ -269,14 +266,8 @@ def overlay_path(folder: Path, frame_name: str) -> Path:
 
 
 def check_names(config: InferConfig) -> None:
-    """Raise SymgraspError unless all names in `config` are known, and its limits can be meant."""
-    for kind, name, known in (
-        ("regions", config.regions, SOURCES),
-        ("method", config.method, METHODS),
-        ("rank-by", config.selection.rank_by, RANKINGS),
-    ):
-        if name not in known:
-            raise UnknownNameError(kind, name, known)
+    """Raise SymgraspError unless all values in `config` are known, and its limits can be meant."""
+    check_settings(config)
     check_limits(config.limits)
     load_gripper(config.gripper)
 

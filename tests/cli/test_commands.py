@@ -23,6 +23,8 @@ def interface_of(name: str) -> str:
     command = GROUP if name == "symgrasp" else GROUP.commands[name]
     lines = [name, command.help.strip(), ""]
     for parameter in command.params:
+        if getattr(parameter, "hidden", False):
+            continue
         names = ", ".join([*parameter.opts, *parameter.secondary_opts])
         default = "required" if parameter.required else f"default {parameter.default!r}"
         lines.append(f"{names} ({default}): {parameter.help}")
@@ -115,7 +117,7 @@ def test_wrong_usage_exits_with_2():
         "refine-grasps none",
         "label-grasps none --out out",
         "score-grasps none {file} --out out",
-        "synthesize out --splits train --models none",
+        "synthesize out --split train --models none",
     ],
 )
 def test_what_is_read_and_does_not_exist_is_wrong_usage(command, tmp_path, monkeypatch):

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from pipelines import configs
+from pipelines.configs.stages import default_settings
 from tests.tool_scripts import load
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -22,7 +22,7 @@ MEASURED = re.compile(r"\b0\.\d{3}\b|±")
 def setting(name: str) -> Any:
     """Return the default of a setting as records name it, `stage: path.of.field`."""
     stage, path = name.split(": ")
-    value = getattr(configs, "".join(part.title() for part in stage.split("-")) + "Config")()
+    value = default_settings(stage)
     for step in path.split("."):
         value = getattr(value, step)
     return value

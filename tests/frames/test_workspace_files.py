@@ -6,7 +6,6 @@ import pytest
 from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.frames.workspace_files import (
     Workspace,
-    parse_direction,
     parse_workspace,
     read_workspace_mask,
 )
@@ -24,13 +23,6 @@ def test_six_numbers_are_a_box_a_file_is_a_mask_nothing_is_everywhere(tmp_path):
 def test_anything_else_is_refused_with_both_forms(text):
     with pytest.raises(ValueRangeError, match=r"x0,y0,z0,x1,y1,z1.*mask"):
         parse_workspace(text)
-
-
-def test_a_direction_is_three_numbers():
-    assert parse_direction("0, -1,0.5") == (0, -1, 0.5)
-    for text in ("down", "1,2", "1,2,3,4"):
-        with pytest.raises(ValueRangeError, match="x,y,z"):
-            parse_direction(text)
 
 
 @pytest.mark.parametrize("channels", [None, 3])

@@ -2,6 +2,7 @@
 
 import dataclasses
 import errno
+import math
 import os
 import signal
 import subprocess
@@ -260,7 +261,7 @@ def test_a_signal_ends_it_with_all_frames_so_far(cell, number):
     cell.write("a")
     cell.at(1.0, signal.raise_signal, number)
     cell.at(2.0, cell.write, "b")
-    report = cell.follow(timeout=None)
+    report = cell.follow(timeout=math.inf)
     assert (report.done, report.exit_code) == (["a"], 0)
     assert cell.statuses() == {"a": "ok"}
     assert signal.getsignal(number) == before

@@ -97,7 +97,7 @@ def test_a_root_is_not_made_of_itself(meshes, tmp_path, inside):
     with pytest.raises(ValueRangeError, match="name another folder as OUT") as refused:
         make(root, OVER, models=root / inside)
     assert refused.value.exit_code == 2
-    command = ["synthesize", str(root), "--models", str(root / inside), "--splits", "train"]
+    command = ["synthesize", str(root), "--models", str(root / inside), "--split", "train"]
     result = CliRunner().invoke(app, command)
     assert result.exit_code == 2
     assert result.stderr.startswith("error: --models is ")

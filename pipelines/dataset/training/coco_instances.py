@@ -31,7 +31,6 @@ Entry = dict[str, Any]
 
 COCO_SPLITS = ("train", "val")
 REGION_KINDS = (*SYMMETRY_KINDS, "none")  # categories 1 to 4
-CATEGORIES = ("kind", "object", "region")
 FRAMES_A_CAMERA, REGIONS_A_FRAME = 10_000, 256
 
 
@@ -118,7 +117,7 @@ def kind_of(symmetries: Iterable[Symmetry]) -> str:
 
 
 def category_of(region: RegionInstance, by: str) -> int:
-    """Return the category of a region by kind, object or region, one of `CATEGORIES`."""
+    """Return the category of a region by kind, object or region."""
     if by == "kind":
         return REGION_KINDS.index(kind_of(region.symmetries)) + 1
     return region.object_id + 1 if by == "object" else 1

@@ -45,7 +45,7 @@ def _score_frame(
     if not path.is_file():
         return _without_grasps(frame_id, "missing", f"{path} is missing")
     try:
-        given = read_grasp_rows(path, max_width=config.max_width, max_skew=MAX_SKEW)
+        given = read_grasp_rows(path, max_width=config.clip_width, max_skew=MAX_SKEW)
     except SymgraspError as error:
         return _without_grasps(frame_id, "unreadable", str(error))
     ids, scene = truth.frame(frame_id)

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.configs import LimitsConfig
-from pipelines.errors import UnknownNameError, ValueRangeError
+from pipelines.configs import LimitsConfig, check_settings
+from pipelines.errors import ValueRangeError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import rotate_vectors, transform_points, unit
@@ -16,7 +16,6 @@ from pipelines.tabletop.table_frame import table_from_camera
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-FRAMES = ("camera", "table")
 ANY_DIRECTION = 180.0  # degrees
 ROUNDING = 1e-9  # of a cosine
 
@@ -87,12 +86,7 @@ class Limits:
 
 def check_limits(config: LimitsConfig) -> None:
     """Raise ValueRangeError or UnknownNameError if `config` cannot be meant."""
-    for kind, name in (
-        ("workspace frame", config.box_frame),
-        ("approach frame", config.approach_frame),
-    ):
-        if name not in FRAMES:
-            raise UnknownNameError(kind, name, FRAMES)
+    check_settings(config)
     box = np.asarray(config.box, np.float64)
     if len(box) and not (len(box) == 6 and np.isfinite(box).all() and (box[:3] < box[3:]).all()):
         raise ValueRangeError(

@@ -1,0 +1,78 @@
+"""Declaration of a setting: its default, unit, meaning, origin and range, beside its name and type.
+
+    min_affordance: float = setting(0.5, "share", "Least affordance of a contact.", "Sec. III-E")
+    rank_by: Ranking = choice("critic", "What orders grasps.", "D. 82")
+
+The option of a command, the settings file, `--set` and the reference all read this declaration.
+"""
+
+from dataclasses import dataclass, field
+from math import inf, pi
+from typing import TypeVar
+
+Default = TypeVar("Default")
+
+# The origin of a number that no paper, record or data sheet gives.
+BY_EYE = "chosen by eye"
+DECLARATION = "declaration"
+# Each unit with the largest value that it allows; the smallest is 0 unless a setting has another.
+UNITS = {
+    "": inf,  # no number
+    "share": 1.0,
+    "count": inf,
+    "factor": inf,
+    "weight": inf,
+    "diameters": 1.0,  # of the object
+    "m": inf,
+    "m2": inf,
+    "1/m": inf,
+    "px": inf,
+    "px2/px": inf,
+    "rad": pi,
+    "deg": 180.0,
+    "s": inf,
+    "N": inf,
+    "object weights": inf,
+    "m/s2": inf,
+    "bytes": inf,
+    "direction": inf,  # a vector whose length does not matter
+}
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """Meaning and range of one setting; the dataclass that it is a field of has name and type.
+
+    Attributes:
+        unit: one of `UNITS`; empty for names and switches.
+        meaning: a sentence for users.
+        origin: a section of the paper, a decision record (`D. 82`), a sensor, or `BY_EYE`.
+        low: smallest number that is accepted.
+        high: largest number that is accepted.
+    """
+
+    unit: str
+    meaning: str
+    origin: str
+    low: float
+    high: float
+
+
+def setting(
+    default: Default,
+    unit: str,
+    meaning: str,
+    origin: str,
+    *,
+    low: float = 0.0,
+    high: float | None = None,
+) -> Default:
+    """Declare a number, or a tuple of numbers, as a field of a config."""
+    largest = UNITS[unit] if high is None else high
+    declared = Declaration(unit, meaning, origin, low, largest)
+    return field(default=default, metadata={DECLARATION: declared})
+
+
+def choice(default: Default, meaning: str, origin: str) -> Default:
+    """Declare a switch, a name, or one of the names that a `Literal` lists."""
+    return setting(default, "", meaning, origin)

@@ -1,0 +1,83 @@
+"""Settings files: TOML that is read within bounds, and written with unit, meaning and origin."""
+
+import json
+import textwrap
+import tomllib
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+from pipelines.configs.settings import Setting, settings_of
+from pipelines.errors import FormatError, MissingInputError
+
+MAX_BYTES = 2**20
+WIDTH = 100  # characters of a line of comment
+AS_TOML = "settings as `symgrasp config STAGE` prints them are expected"
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return the tables of a TOML file.
+
+    Raises:
+        MissingInputError: there is no such file.
+        FormatError: it is too large, nests too deep, or is no TOML.
+    """
+    if not path.is_file():
+        raise MissingInputError(path, "symgrasp config STAGE")
+    with path.open("rb") as stream:
+        content = stream.read(MAX_BYTES + 1)
+    if len(content) > MAX_BYTES:
+        raise FormatError(path, f"is larger than {MAX_BYTES} bytes", AS_TOML)
+    try:
+        return tomllib.loads(content.decode())
+    except RecursionError:
+        raise FormatError(path, "nests too deep", AS_TOML) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise FormatError(path, f"is not TOML ({error})", AS_TOML) from error
+
+
+def as_toml(config: Any, title: str) -> str:  # noqa: ANN401 - any config
+    """Return settings as TOML with a comment for each: meaning, unit, what it takes, origin.
+
+    `title` is the first comment.
+    """
+    return "\n".join([*_comment(title), *_table(config, "")]) + "\n"
+
+
+def _table(config: Any, name: str) -> Iterator[str]:  # noqa: ANN401 - any config
+    yield ""
+    yield from _comment((type(config).__doc__ or "").strip().partition("\n")[0])
+    if name:
+        yield f"[{name}]"
+    for each in settings_of(config):
+        if "." not in each.name:
+            yield ""
+            yield from _comment(described(each))
+            yield f"{each.name} = {toml_value(each.value)}"
+    for field in fields(config):
+        inner = getattr(config, field.name)
+        if is_dataclass(inner):
+            yield from _table(inner, f"{name}.{field.name}" if name else field.name)
+
+
+def described(each: Setting) -> str:
+    """Return meaning, unit, what is accepted, default and origin of a setting in one line."""
+    declaration = each.declaration
+    default = "" if each.value == each.default else f" Default {toml_value(each.default)}."
+    return f"{declaration.meaning} ({each.expected}; {declaration.origin}){default}"
+
+
+def toml_value(value: object) -> str:
+    """Return a switch, number, text or tuple of these as TOML writes it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(toml_value, value))}]"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return repr(value)
+
+
+def _comment(text: str) -> list[str]:
+    return textwrap.wrap(text, WIDTH, initial_indent="# ", subsequent_indent="# ")

@@ -1,0 +1,212 @@
+"""Options that change a stage's settings, made from the declarations of these settings."""
+
+import inspect
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import wraps
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import typer
+
+from pipelines.configs.settings import Setting, changed, changed_by_text, settings_of
+from pipelines.configs.stages import default_settings
+from pipelines.configs.toml_files import read_toml
+from pipelines.errors import SettingError
+
+Command = Callable[..., None]
+Config = TypeVar("Config")
+PANEL = "Settings"
+UNIT_NAMES = {"m": "METRES", "deg": "DEGREES", "s": "SECONDS", "share": "SHARE"}
+SettingsFile = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        exists=True,
+        dir_okay=False,
+        rich_help_panel=PANEL,
+        help="TOML file of settings, as `symgrasp config` prints it. SYMGRASP_ variables go before "
+        "the file, options and --set before both.",
+    ),
+]
+Assignments = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME=VALUE",
+        rich_help_panel=PANEL,
+        help="Any setting that `symgrasp config` lists; may be given again.",
+    ),
+]
+
+
+@dataclass(frozen=True)
+class SettingOption:
+    """One option of a command, which changes one setting.
+
+    Attributes:
+        names: as typer takes them: `--cut/--no-cut`.
+        setting: declaration and default.
+        variable: of the environment; None for none.
+        hidden: whether it is an old name that help does not list.
+    """
+
+    names: str
+    setting: Setting
+    variable: str | None = None
+    hidden: bool = False
+
+    @property
+    def name(self) -> str:
+        """The option's first name."""
+        return self.names.partition("/")[0]
+
+    @property
+    def key(self) -> str:
+        """Name of the parameter."""
+        return self.name.strip("-").replace("-", "_")
+
+    def parameter(self) -> inspect.Parameter:
+        """Return the parameter that typer makes the option of, with the setting's default."""
+        choices, is_switch = self.setting.choices, self.setting.declared is bool
+        option = typer.Option(
+            self.names,
+            help=_help(self.setting),
+            metavar=None if is_switch else _metavar(self.setting),
+            envvar=self.variable,
+            hidden=self.hidden,
+            rich_help_panel=PANEL,
+            autocompletion=(lambda: list(choices)) if choices else None,
+        )
+        if is_switch:
+            return _keyword(self.key, Annotated[bool, option], self.setting.default)
+        return _keyword(self.key, Annotated[str | None, option], _text(self.setting.default))
+
+
+@dataclass(frozen=True)
+class GivenOption:
+    """A setting's value that an option has, or its variable of the environment."""
+
+    option: SettingOption
+    value: str | bool
+    by_variable: bool
+
+    def put(self, config: Config) -> Config:
+        """Return `config` with the value."""
+        name = self.option.setting.name
+        shown = self.option.variable if self.by_variable else self.option.name
+        if isinstance(self.value, bool):
+            return changed(config, {name: self.value}, option=shown)
+        return changed_by_text(config, name, self.value, option=shown)
+
+
+def with_settings(
+    stage: str,
+    options: Mapping[str, str],
+    *,
+    hidden: Mapping[str, str] | None = None,
+    variables: Mapping[str, str] | None = None,
+) -> Callable[[Command], Command]:
+    """Give a command the settings of `stage`: it is called with them as `config`.
+
+    Args:
+        stage: name in `pipelines.configs.stages`.
+        options: names of options -> dotted name of the setting that each changes.
+        hidden: the same of old names, which help does not list.
+        variables: names of options -> variables of the environment.
+    """
+    known = {each.name: each for each in settings_of(default_settings(stage))}
+    by_variable = variables or {}
+    made = [SettingOption(names, known[n], by_variable.get(names)) for names, n in options.items()]
+    made += [SettingOption(names, known[n], hidden=True) for names, n in (hidden or {}).items()]
+
+    def decorate(command: Command) -> Command:
+        @wraps(command)
+        def run(context: typer.Context, **values: Any) -> None:  # noqa: ANN401 - any option
+            file, assignments = values.pop("config"), values.pop("set")
+            given = _given(context, made, values)
+            command(config=settings_chosen(stage, file, given, assignments or ()), **values)
+
+        own = inspect.signature(command, eval_str=True).parameters.values()
+        parameters = [
+            _keyword("context", typer.Context),
+            *(_keyword(p.name, p.annotation, p.default) for p in own if p.name != "config"),
+            *(each.parameter() for each in made),
+            _keyword("config", SettingsFile, None),
+            _keyword("set", Assignments, None),
+        ]
+        run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        run.__annotations__ = {each.name: each.annotation for each in parameters}
+        return run
+
+    return decorate
+
+
+def settings_chosen(
+    stage: str, file: Path | None, given: Sequence[GivenOption], assignments: Sequence[str]
+) -> Any:  # noqa: ANN401 - a config
+    """Return settings by precedence: defaults, file, variables, then options and `--set`.
+
+    Raises:
+        SymgraspError: an unknown name, a value that cannot be, or one setting given twice.
+    """
+    config = default_settings(stage)
+    if file is not None:
+        config = changed(config, read_toml(file), f"{file}: ")
+    for each in sorted(given, key=lambda each: not each.by_variable):
+        config = each.put(config)
+    by_option = {
+        each.option.setting.name: each.option.name for each in given if not each.by_variable
+    }
+    for text in assignments:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not equals:
+            raise SettingError("--set", repr(text), "NAME=VALUE; `symgrasp config` lists the names")
+        if name in by_option:
+            raise SettingError(f"--set {name}", f"given beside {by_option[name]}", "one of both")
+        config = changed_by_text(config, name, value, "--set: ")
+    return config
+
+
+def _given(
+    context: typer.Context, options: Sequence[SettingOption], values: dict[str, Any]
+) -> list[GivenOption]:
+    """Take the values of `options` out of `values`; return those that were given."""
+    given = []
+    for option in options:
+        value, source = values.pop(option.key), context.get_parameter_source(option.key)
+        if source is not None and source.name in {"COMMANDLINE", "ENVIRONMENT"}:
+            given.append(GivenOption(option, value, source.name == "ENVIRONMENT"))
+    return given
+
+
+def _help(setting: Setting) -> str:
+    """Return the meaning, and the names to choose from where it does not name them all."""
+    meaning = setting.declaration.meaning
+    if all(re.search(rf"\b{name}\b", meaning) for name in setting.choices):
+        return meaning
+    return f"{meaning} One of {', '.join(setting.choices)}."
+
+
+def _metavar(setting: Setting) -> str:
+    """Return what help shows for a value."""
+    if isinstance(setting.default, tuple):
+        return "X,..."
+    if setting.choices or setting.declared is str:
+        return "NAME"
+    return UNIT_NAMES.get(setting.declaration.unit, "N" if setting.declared is int else "X")
+
+
+def _text(value: object) -> str | None:
+    """Return a value as the command line takes it; None where there is nothing to write."""
+    text = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
+    return text or None
+
+
+def _keyword(
+    name: str,
+    annotation: Any,  # noqa: ANN401 - any type
+    default: Any = inspect.Parameter.empty,  # noqa: ANN401
+) -> inspect.Parameter:
+    kind = inspect.Parameter.KEYWORD_ONLY
+    return inspect.Parameter(name, kind, default=default, annotation=annotation)

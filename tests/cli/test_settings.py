@@ -1,0 +1,102 @@
+"""Settings on the command line: `--config`, `--set`, variables, options, their precedence."""
+
+import numpy as np
+import pytest
+import trimesh
+from typer.testing import CliRunner
+
+from pipelines.configs.settings import settings_of
+from pipelines.configs.stages import default_settings
+from pipelines.storage.provenance import read_stamp
+from symgrasp_cli.app import app
+from symgrasp_cli.settings import GivenOption, SettingOption, settings_chosen
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, [str(each) for each in arguments])
+
+
+def given(names, name, value, *, by_variable=False):
+    setting = {each.name: each for each in settings_of(default_settings("infer"))}[name]
+    return GivenOption(SettingOption(names, setting, "SYMGRASP_X"), value, by_variable)
+
+
+@pytest.fixture
+def scored(tmp_path):
+    """Arguments of the quickest stage that stamps its output."""
+    trimesh.creation.box((0.04, 0.04, 0.04)).export(tmp_path / "box.ply")
+    row = [0.5, 0.06, 0.02, 0.02, *np.eye(3).ravel(), 0, 0, 0, -1]
+    np.save(tmp_path / "grasps.npy", np.array([row]))
+    return [
+        "score-grasps",
+        tmp_path / "box.ply",
+        tmp_path / "grasps.npy",
+        "--out",
+        tmp_path / "s.npz",
+    ]
+
+
+def test_a_setting_changed_by_set_changes_the_stamp(scored, tmp_path):
+    assert run(*scored).exit_code == 0
+    assert read_stamp(tmp_path / "s.npz")["config"]["clip_width"] == 0.1
+    refused = run(*scored, "--set", "clip_width=0.08")
+    assert refused.exit_code == 1
+    assert "made with other settings" in refused.stderr
+    assert run(*scored, "--set", "clip_width=0.08", "--overwrite").exit_code == 0
+    assert read_stamp(tmp_path / "s.npz")["config"]["clip_width"] == 0.08
+    assert "1 skipped" in run(*scored, "--clip-width", "0.08").stderr
+
+
+def test_a_misspelt_setting_is_wrong_usage_and_the_nearest_name_is_said(scored, tmp_path):
+    result = run(*scored, "--set", "clip_widht=0.08")
+    assert result.exit_code == 2
+    assert result.stderr.startswith("error: --set: setting 'clip_widht' is not known")
+    assert "the nearest is 'clip_width'" in result.stderr
+    assert not (tmp_path / "s.npz").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--set", "clip_width"], "NAME=VALUE"),
+        (["--set", "clip_width=wide"], "--set: clip_width is 'wide'; it must be a number"),
+        (["--clip-width", "7"], "--clip-width is 7.0; it must be a number in m from 0.001 to 1"),
+        (["--clip-width", "0.1", "--set", "clip_width=0.1"], "given beside --clip-width"),
+        (["--config", "bad.toml"], "bad.toml: setting 'clipwidth' is not known"),
+        (["--config", "none.toml"], "none.toml"),
+    ],
+)
+def test_what_cannot_be_set_is_one_sentence(scored, tmp_path, monkeypatch, arguments, sentence):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bad.toml").write_text("clipwidth = 0.1\n")
+    result = run(*scored, *arguments)
+    assert result.exit_code == 2
+    assert sentence in " ".join(result.stderr.split())
+
+
+def test_the_old_name_of_an_option_still_works(scored, tmp_path):
+    assert run(*scored, "--max-width", "0.08").exit_code == 0
+    assert read_stamp(tmp_path / "s.npz")["config"]["clip_width"] == 0.08
+    assert "--max-width" not in run("score-grasps", "--help").stdout
+
+
+def test_options_go_before_variables_before_the_file_before_defaults(tmp_path):
+    file = tmp_path / "settings.toml"
+    file.write_text('gripper = "franka"\nregions = "geometric"\nmax_grasps_per_region = 3\n')
+    variable = given("--gripper", "gripper", "robotiq_2f85", by_variable=True)
+    config = settings_chosen("infer", file, [variable], ["max_grasps_per_region=4"])
+    assert (config.gripper, config.regions) == ("robotiq_2f85", "geometric")
+    assert config.max_grasps_per_region == 4
+    option = given("--gripper", "gripper", "rg2")
+    assert settings_chosen("infer", file, [option], []).gripper == "rg2"
+    assert settings_chosen("infer", file, [variable], ["gripper=rg2"]).gripper == "rg2"
+    assert settings_chosen("infer", file, [], []).gripper == "franka"
+    assert settings_chosen("infer", None, [], []).gripper == "rg2"
+
+
+def test_a_variable_that_cannot_be_is_named(tmp_path):
+    result = CliRunner(env={"SYMGRASP_GRIPPER": "nohand"}).invoke(
+        app, ["infer", "pipelines/weights/frames", "--out", str(tmp_path / "g.h5")]
+    )
+    assert result.exit_code == 2
+    assert "nohand" in result.stderr

@@ -1,0 +1,191 @@
+"""Settings: declared in full, changed by name, refused by name, kept by TOML."""
+
+import dataclasses
+import logging
+import math
+import tomllib
+from typing import get_args
+
+import pytest
+
+from pipelines.configs import InferConfig, SelectionConfig, check_settings, from_settings
+from pipelines.configs.dataset import Sensor
+from pipelines.configs.declaration import UNITS
+from pipelines.configs.inference import ExportFormat
+from pipelines.configs.renamed import REMOVED, RENAMED, RENAMED_VALUES
+from pipelines.configs.settings import Setting, changed, changed_by_text, settings_of
+from pipelines.configs.stages import STAGE_SETTINGS, default_settings
+from pipelines.configs.toml_files import MAX_BYTES, as_toml, read_toml, toml_value
+from pipelines.errors import FormatError, SettingError, SymgraspError, UnknownNameError
+from pipelines.export import TO_FILE, TO_FOLDER
+from pipelines.synthesis.scenes.depth_sensors import SENSORS
+
+
+def another(each: Setting) -> object:
+    """A value that is not the default and that the setting takes."""
+    declaration, value = each.declaration, each.default
+    if each.choices:
+        others = [name for name in each.choices if value not in {(name,), name}]
+        return (others[0],) if isinstance(value, tuple) else others[0]
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, str):
+        return f'hand{value} "\\\x7fü'
+    if isinstance(value, tuple):
+        usual = value or (0.25,) * 6
+        return tuple(type(part)(min(part + 1, declaration.high)) for part in usual)
+    if value >= declaration.high:
+        return declaration.low + 1 if math.isinf(value) else type(value)(value / 2)
+    return type(value)(min(value + 1, declaration.high))
+
+
+@pytest.mark.parametrize("stage", STAGE_SETTINGS)
+def test_every_setting_declares_unit_meaning_and_origin_and_its_default_fits(stage):
+    check_settings(default_settings(stage))
+    for each in settings_of(default_settings(stage)):
+        declaration = each.declaration
+        assert declaration.meaning[0].isupper() or declaration.meaning[:2] in ("2 ", "w^"), each
+        assert declaration.meaning.endswith("."), each
+        assert declaration.origin, each
+        assert declaration.unit in UNITS, each
+        is_number = each.declared in (int, float) or isinstance(each.default, tuple)
+        assert bool(declaration.unit) == (is_number and not each.choices), each
+
+
+@pytest.mark.parametrize("stage", STAGE_SETTINGS)
+def test_all_settings_of_a_stage_are_the_same_after_a_trip_through_toml(stage, tmp_path):
+    usual = default_settings(stage)
+    assert from_settings(type(usual), tomllib.loads(as_toml(usual, "title"))) == usual
+    config = usual
+    for each in settings_of(usual):
+        config = changed(config, {each.name: another(each)})
+    pairs = zip(settings_of(config), settings_of(usual), strict=True)
+    assert all(new.value != old.value for new, old in pairs)
+    path = tmp_path / "settings.toml"
+    path.write_text(as_toml(config, "title"), encoding="utf-8")
+    assert changed(usual, read_toml(path)) == config
+
+
+@pytest.mark.parametrize("stage", STAGE_SETTINGS)
+def test_every_setting_is_reached_by_its_name_and_the_text_of_its_value(stage):
+    for each in settings_of(default_settings(stage)):
+        value = another(each)
+        text = value if isinstance(value, str) else toml_value(value)
+        config = changed_by_text(default_settings(stage), each.name, text)
+        assert {each.name: each.value for each in settings_of(config)}[each.name] == value
+
+
+@pytest.mark.parametrize(
+    ("name", "nearest", "known"),
+    [
+        ("regoins", "regions", "selection"),
+        ("selection.rank_bye", "selection.rank_by", "max_pairs"),
+        ("rank_by", "selection.rank_by", "limits"),
+        ("selecton.rank_by", "selection.rank_by", "limits"),
+        ("regions.x", "regions", "selection"),
+    ],
+)
+def test_a_misspelt_setting_is_refused_with_the_nearest_name_and_all_that_exist(
+    name, nearest, known
+):
+    with pytest.raises(UnknownNameError, match=f"the nearest is '{nearest}'.*known are.*{known}"):
+        from_settings(InferConfig, {name: 1})
+
+
+@pytest.mark.parametrize(
+    ("settings", "expected"),
+    [
+        ({"max_grasps_per_region": "many"}, "a whole number, at least 1"),
+        ({"max_grasps_per_region": 0}, "a whole number, at least 1"),
+        ({"max_grasps_per_region": 2.5}, "a whole number, at least 1"),
+        ({"max_grasps_per_region": True}, "a whole number, at least 1"),
+        ({"mirrored": 1}, "true or false"),
+        ({"gripper": 3}, "a text"),
+        ({"min_foreground": 1.5}, "a number from 0 to 1"),
+        ({"min_foreground": math.nan}, "a number from 0 to 1"),
+        ({"limits": {"approach_direction": [0, 1]}}, "a list of 3"),
+        ({"limits": {"box": 3}}, "a list, of each a number in m"),
+        ({"selection": {"opening_margins": [0.1, "wide"]}}, "a number in m, at least 0"),
+        ({"selection": 3}, "a table; its settings are selection.min_affordance"),
+        ({"selection": {"a": {"b": {"c": {"d": {"e": {"f": {"g": {"h": 1}}}}}}}}}, "tables deep"),
+    ],
+)
+def test_a_wrong_type_or_a_number_out_of_range_is_refused_with_what_is_right(settings, expected):
+    with pytest.raises(SettingError, match=expected):
+        from_settings(InferConfig, settings)
+
+
+def test_an_unknown_choice_lists_the_known_ones():
+    with pytest.raises(UnknownNameError, match="the nearest is 'geometric'; known are auto, det"):
+        from_settings(InferConfig, {"regions": "geometri"})
+
+
+def test_a_table_that_does_not_exist_is_refused_though_it_is_empty():
+    with pytest.raises(UnknownNameError, match="'selektion'"):
+        from_settings(InferConfig, {"selektion": {}})
+    assert from_settings(InferConfig, {"selection": {}}) == InferConfig()
+
+
+def test_whole_numbers_are_numbers_and_lists_are_tuples():
+    config = from_settings(InferConfig, {"limits": {"box": [0, 0, 0, 1, 1, 1], "approach_cone": 9}})
+    assert config.limits.box == (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
+    assert {type(each) for each in (*config.limits.box, config.limits.approach_cone)} == {float}
+
+
+def test_names_of_earlier_versions_are_taken_for_those_of_now():
+    old = {"selection": {"min_trust": 0.3, "spare_room": [0.01], "rank_by": "judge"}}
+    config = from_settings(InferConfig, old)
+    selection = SelectionConfig(min_confidence=0.3, opening_margins=(0.01,), rank_by="critic")
+    assert config == InferConfig(selection=selection)
+    assert changed_by_text(config, "selection.steadiness", "0.5").selection.min_stability == 0.5
+
+
+def test_settings_that_are_no_more_are_left_out_with_a_warning(monkeypatch, caplog):
+    monkeypatch.setitem(REMOVED, "InferConfig", {"selection.luck": "it brought nothing"})
+    with caplog.at_level(logging.WARNING):
+        assert from_settings(InferConfig, {"selection": {"luck": 1}}) == InferConfig()
+    assert "selection.luck is left out: it brought nothing" in caplog.text
+
+
+def test_the_names_of_now_exist():
+    kinds = {kind.__name__: kind for stage in STAGE_SETTINGS.values() for kind in stage.__mro__}
+    kinds |= {
+        type(getattr(default_settings(stage), field.name)).__name__: type(
+            getattr(default_settings(stage), field.name)
+        )
+        for stage in STAGE_SETTINGS
+        for field in dataclasses.fields(STAGE_SETTINGS[stage])
+    }
+    for table in (RENAMED, RENAMED_VALUES):
+        for kind, names in table.items():
+            known = {each.name for each in settings_of(kinds[kind]())}
+            assert set(names.values() if table is RENAMED else names) <= known, kind
+
+
+@pytest.mark.parametrize(
+    ("content", "fault"),
+    [
+        ("a = " + "[" * 5000 + "]" * 5000, "nests too deep"),
+        ("a = " + "{b = " * 3000 + "1" + "}" * 3000, "nests too deep"),
+        ("a = [", "is not TOML"),
+        ("# " + "x" * MAX_BYTES, "is larger than"),
+        (b"a = '\xff'", "is not TOML"),
+    ],
+)
+def test_a_file_that_is_no_settings_file_is_one_sentence(tmp_path, content, fault):
+    path = tmp_path / "settings.toml"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(FormatError, match=fault):
+        read_toml(path)
+
+
+def test_dotted_keys_without_end_are_one_sentence(tmp_path):
+    path = tmp_path / "settings.toml"
+    path.write_text(".".join("a" * 5000) + " = 1\n")
+    with pytest.raises(SymgraspError, match="nested too deep"):
+        from_settings(InferConfig, read_toml(path))
+
+
+def test_the_choices_are_what_the_stages_know():
+    assert set(get_args(ExportFormat)) == {*TO_FILE, *TO_FOLDER}
+    assert set(get_args(Sensor)) == {*SENSORS, "perfect", "mixed"}

@@ -11,6 +11,7 @@ from typer.core import TyperGroup
 from pipelines.errors import SymgraspError
 from symgrasp_cli.annotate_symmetry import annotate_symmetry
 from symgrasp_cli.compare import compare
+from symgrasp_cli.config import config
 from symgrasp_cli.convert_frames import convert_frames
 from symgrasp_cli.doctor import doctor
 from symgrasp_cli.evaluate import evaluate
@@ -31,6 +32,7 @@ from symgrasp_cli.view import view
 # The order in which a lab runs them; `symgrasp --help` teaches the workflow.
 COMMANDS = (
     doctor,
+    config,
     synthesize,
     label_grasps,
     annotate_symmetry,

@@ -22,6 +22,7 @@ UNIT_NAMES = {"m": "METRES", "deg": "DEGREES", "s": "SECONDS", "share": "SHARE"}
 SettingsFile = Annotated[
     Path | None,
     typer.Option(
+        "--config",
         metavar="FILE",
         exists=True,
         dir_okay=False,
@@ -33,6 +34,7 @@ SettingsFile = Annotated[
 Assignments = Annotated[
     list[str] | None,
     typer.Option(
+        "--set",
         metavar="NAME=VALUE",
         rich_help_panel=PANEL,
         help="Any setting that `symgrasp config` lists; may be given again.",
@@ -123,7 +125,7 @@ def with_settings(
     def decorate(command: Command) -> Command:
         @wraps(command)
         def run(context: typer.Context, **values: Any) -> None:  # noqa: ANN401 - any option
-            file, assignments = values.pop("config"), values.pop("set")
+            file, assignments = values.pop("settings_file"), values.pop("assignments")
             given = _given(context, made, values)
             command(config=settings_chosen(stage, file, given, assignments or ()), **values)
 
@@ -132,8 +134,8 @@ def with_settings(
             _keyword("context", typer.Context),
             *(_keyword(p.name, p.annotation, p.default) for p in own if p.name != "config"),
             *(each.parameter() for each in made),
-            _keyword("config", SettingsFile, None),
-            _keyword("set", Assignments, None),
+            _keyword("settings_file", SettingsFile, None),
+            _keyword("assignments", Assignments, None),
         ]
         run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         run.__annotations__ = {each.name: each.annotation for each in parameters}

@@ -10,6 +10,7 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 from pipelines import configs
+from pipelines.configs.stages import STAGE_SETTINGS
 from symgrasp_cli.app import COMMANDS, app
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -43,14 +44,18 @@ def test_every_command_and_every_option_has_help_that_ends_with_a_full_stop(name
             assert text.endswith("."), f"{name}: {parameter.name}: {text!r}"
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_every_command_has_its_five_places(name):
+@pytest.mark.parametrize("name", STAGE_SETTINGS)
+def test_every_stage_has_its_five_places(name):
     stem = COMMANDS[NAMES.index(name)].__module__.removeprefix("symgrasp_cli.")
     assert (ROOT / "symgrasp_cli" / f"{stem}.py").is_file()
     assert (ROOT / "pipelines" / f"{stem}.py").is_file()
     assert (ROOT / "tests" / "stages" / f"test_{stem}.py").is_file()
     config = "".join(part.title() for part in name.split("-")) + "Config"
     assert config in configs.__all__
+
+
+def test_every_command_but_config_is_a_stage_with_settings():
+    assert [name for name in NAMES if name != "config"] == list(STAGE_SETTINGS)
 
 
 def test_commands_are_listed_in_workflow_order():

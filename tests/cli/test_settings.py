@@ -1,12 +1,14 @@
 """Settings on the command line: `--config`, `--set`, variables, options, their precedence."""
 
+import json
+
 import numpy as np
 import pytest
 import trimesh
 from typer.testing import CliRunner
 
 from pipelines.configs.settings import settings_of
-from pipelines.configs.stages import default_settings
+from pipelines.configs.stages import STAGE_SETTINGS, default_settings
 from pipelines.storage.provenance import read_stamp
 from symgrasp_cli.app import app
 from symgrasp_cli.settings import GivenOption, SettingOption, settings_chosen
@@ -72,6 +74,38 @@ def test_what_cannot_be_set_is_one_sentence(scored, tmp_path, monkeypatch, argum
     result = run(*scored, *arguments)
     assert result.exit_code == 2
     assert sentence in " ".join(result.stderr.split())
+
+
+@pytest.mark.parametrize("stage", STAGE_SETTINGS)
+def test_config_prints_a_file_that_changes_nothing(stage, tmp_path):
+    printed = run("config", stage).stdout
+    (tmp_path / "settings.toml").write_text(printed, encoding="utf-8")
+    assert settings_chosen(stage, tmp_path / "settings.toml", (), ()) == default_settings(stage)
+    assert run("config", stage, "--config", tmp_path / "settings.toml").stdout == printed
+    for each in settings_of(default_settings(stage)):
+        assert f"\n{each.name.rpartition('.')[2]} = " in printed
+        assert each.declaration.origin in printed
+
+
+def test_config_prints_what_is_chosen_and_the_default_beside_it():
+    printed = run("config", "infer", "--set", "selection.rank_by=eq8").stdout
+    assert 'rank_by = "eq8"' in printed
+    assert 'Default "critic".' in printed
+
+
+def test_config_prints_json():
+    found = json.loads(run("config", "infer", "--json").stdout)
+    rows = {row["name"]: row for row in found["settings"]}
+    assert rows["selection.depth_noise"]["unit"] == "m"
+    assert rows["selection.depth_noise"]["origin"] == "D. 6"
+    assert rows["selection.rank_by"]["choices"] == ["critic", "eq8"]
+    assert rows["watch.timeout"]["value"] == "inf"
+
+
+def test_config_of_an_unknown_stage_is_wrong_usage():
+    result = run("config", "infre")
+    assert result.exit_code == 2
+    assert "the nearest is 'infer'" in result.stderr
 
 
 def test_the_old_name_of_an_option_still_works(scored, tmp_path):

@@ -3,7 +3,9 @@
 import dataclasses
 import logging
 import math
+import re
 import tomllib
+from pathlib import Path
 from typing import get_args
 
 import pytest
@@ -19,6 +21,8 @@ from pipelines.configs.toml_files import MAX_BYTES, as_toml, read_toml, toml_val
 from pipelines.errors import FormatError, SettingError, SymgraspError, UnknownNameError
 from pipelines.export import TO_FILE, TO_FOLDER
 from pipelines.synthesis.scenes.depth_sensors import SENSORS
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def another(each: Setting) -> object:
@@ -184,6 +188,14 @@ def test_dotted_keys_without_end_are_one_sentence(tmp_path):
     path.write_text(".".join("a" * 5000) + " = 1\n")
     with pytest.raises(SymgraspError, match="nested too deep"):
         from_settings(InferConfig, read_toml(path))
+
+
+def test_the_example_of_the_guide_is_a_file_of_settings():
+    guide = (ROOT / "docs" / "how-to" / "settings.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"^```toml\n(.*?)^```$", guide, re.MULTILINE | re.DOTALL)
+    config = from_settings(InferConfig, tomllib.loads(example))
+    assert config.gripper == "franka"
+    assert config != InferConfig(gripper="franka")
 
 
 def test_the_choices_are_what_the_stages_know():

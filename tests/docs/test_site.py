@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import pytest
 
 import symgrasp
-from pipelines import configs
+from pipelines.configs.settings import settings_of
+from pipelines.configs.stages import STAGE_SETTINGS, default_settings
 from tests.tool_scripts import load
 
 docs_reference = load("docs_reference")
@@ -22,15 +23,17 @@ def test_every_command_and_option_is_on_the_page_of_commands():
     texts = dict(section.split("\n", 1) for section in sections)
     assert list(texts) == docs_reference.NAMES
     for name, command in docs_reference.get_command(docs_reference.app).commands.items():
-        options = [opt for p in command.params if p.name != "help" for opt in p.opts]
+        shown = [p for p in command.params if p.name != "help" and not getattr(p, "hidden", False)]
+        options = [opt for p in shown for opt in p.opts]
         assert all(f"`{opt}`" in texts[name] for opt in options if opt.startswith("--"))
 
 
 def test_every_setting_is_on_the_page_of_settings():
     text = docs_reference.settings()
-    for name in ("InferConfig", "TrainConfig", "SelectionConfig"):
-        for field in vars(getattr(configs, name)()):
-            assert field in text
+    for stage in STAGE_SETTINGS:
+        for each in settings_of(default_settings(stage)):
+            assert f"`{each.name}`" in text
+            assert each.declaration.origin in text
 
 
 def test_every_public_name_is_on_the_page_of_the_api():

@@ -1,0 +1,59 @@
+"""`symgrasp config`."""
+
+import json
+import math
+from typing import Annotated
+
+import typer
+
+from pipelines.configs.settings import Setting, settings_of
+from pipelines.configs.stages import STAGE_SETTINGS
+from pipelines.configs.toml_files import as_toml
+from symgrasp_cli.settings import Assignments, SettingsFile, settings_chosen
+
+TITLE = (
+    "Settings of `symgrasp {stage}`: save them as a file, change values, leave out what stays, and "
+    "pass the file by --config. Each comment ends with what is accepted, and where the default is "
+    "from: the paper, a decision record (D.), or chosen by eye."
+)
+
+
+def config(
+    stage: Annotated[
+        str,
+        typer.Argument(
+            help="Command whose settings to print.",
+            autocompletion=lambda: list(STAGE_SETTINGS),
+        ),
+    ],
+    *,
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of TOML.")] = False,
+) -> None:
+    """Print all settings of a command with unit, meaning and origin, as a file for --config."""
+    chosen = settings_chosen(stage, settings_file, (), assignments or ())
+    if as_json:
+        rows = [_row(each) for each in settings_of(chosen)]
+        typer.echo(json.dumps({"stage": stage, "settings": rows}, indent=1, ensure_ascii=False))
+    else:
+        typer.echo(as_toml(chosen, TITLE.format(stage=stage)), nl=False)
+
+
+def _row(each: Setting) -> dict[str, object]:
+    declaration = each.declaration
+    return {
+        "name": each.name,
+        "value": _plain(each.value),
+        "default": _plain(each.default),
+        "unit": declaration.unit,
+        "accepts": each.expected,
+        "choices": list(each.choices),
+        "meaning": declaration.meaning,
+        "origin": declaration.origin,
+    }
+
+
+def _plain(value: object) -> object:
+    """Return a value as JSON has it: infinity, which JSON lacks, as text."""
+    return "inf" if value == math.inf else value

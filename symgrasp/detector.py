@@ -1,12 +1,17 @@
 """Grasps of frames that lie in memory, with models that are loaded once."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipelines.configs import InferConfig
+from pipelines.configs import InferConfig, check_settings
+from pipelines.configs.settings import changed
+from pipelines.configs.stages import default_settings, part
+from pipelines.configs.toml_files import read_toml
+from pipelines.errors import ValueRangeError
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.gripper import Gripper
 from pipelines.inference import work
@@ -27,7 +32,7 @@ class GraspDetector:
         gripper: str | Path | Gripper | None = None,
         *,
         device: str = "auto",
-        settings: InferConfig | None = None,
+        settings: Mapping[str, object] | Path | str | InferConfig | None = None,
         detector: Path | str | None = None,
         network: Path | str | None = None,
         axis_critic: Path | str | None = None,
@@ -41,7 +46,8 @@ class GraspDetector:
             gripper: preset (`rg2`, `franka`, `robotiq_2f85`), TOML file or `Gripper`; None for
                 that of `settings`.
             device: `cpu`, `cuda`, `cuda:N`, or `auto`: a GPU if there is one.
-            settings: settings of `symgrasp infer`.
+            settings: settings of `symgrasp infer` that differ from its own, by dotted name, as
+                `{"selection.min_width": 0.004}`; or a TOML file as `symgrasp config infer` prints.
             detector: weights of the region detector; as all weights None for those that come with
                 symgrasp.
             network: weights of the grasp network.
@@ -51,9 +57,10 @@ class GraspDetector:
             seed: of the random numbers, which start anew with each frame.
 
         Raises:
-            SymgraspError: a gripper, device or setting is not known, or weights are missing.
+            SymgraspError: a gripper, device or setting is not known, a setting has a value that it
+                cannot have, or weights are missing.
         """
-        config = settings or InferConfig()
+        config = _infer_config(settings)
         if isinstance(gripper, Gripper):
             self.gripper, name = gripper, InferConfig.gripper
         else:
@@ -114,3 +121,19 @@ class GraspDetector:
             labels = None if instances is None else instances.labels
             result = planner.plan(frame, rng, labels, mask)
         return ordered_grasps(result, self.gripper, None if instances is None else instances.ids)
+
+
+def _infer_config(settings: Mapping[str, object] | Path | str | InferConfig | None) -> InferConfig:
+    if settings is None:
+        return InferConfig()
+    if isinstance(settings, InferConfig):
+        check_settings(settings)
+        return settings
+    if isinstance(settings, Mapping):
+        return changed(InferConfig(), settings)
+    try:
+        path = Path(settings)
+    except TypeError:
+        expected = "a mapping of names to values, a TOML file, or an InferConfig"
+        raise ValueRangeError("settings", repr(settings), expected) from None
+    return part(InferConfig, changed(default_settings("infer"), read_toml(path), f"{path}: "))

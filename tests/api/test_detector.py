@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from pipelines.configs import InferConfig, LimitsConfig
+from pipelines.configs import InferConfig, LimitsConfig, SelectionConfig
 from pipelines.errors import MissingInputError, SymgraspError, UnknownNameError
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.inference.models import WEIGHTS
@@ -121,8 +121,27 @@ def test_a_gripper_is_a_name_a_file_or_made(tmp_path):
     assert_same(by_file(COLOR, DEPTH, CAMERA), made(COLOR, DEPTH, CAMERA))
     assert made(COLOR, DEPTH, CAMERA).opening.max() <= 0.06 + 1e-6
     assert GraspDetector("franka", settings=LIGHT).gripper.name == "franka"
-    by_setting = GraspDetector(settings=replace(LIGHT, gripper="franka"))
-    assert by_setting.gripper.name == "franka"
+
+
+def test_settings_are_changed_by_name_by_a_file_or_as_a_whole(tmp_path):
+    names = {"regions": "geometric", "method": "planar", "selection.min_width": 0.06}
+    by_name = GraspDetector(settings=names)
+    path = tmp_path / "infer.toml"
+    tables = "[selection]\nmin_width = 0.06\n[watch]\npoll = 1\n"
+    path.write_text('regions = "geometric"\nmethod = "planar"\n' + tables)
+    config = replace(LIGHT, selection=SelectionConfig(min_width=0.06))
+    by_file, whole = GraspDetector(settings=str(path)), GraspDetector(settings=config)
+    assert by_name.settings == by_file.settings == whole.settings == config
+    found = by_name(COLOR, DEPTH, CAMERA)
+    assert len(found)
+    assert found.width.min() >= 0.06
+    assert GraspDetector(settings=LIGHT)(COLOR, DEPTH, CAMERA).width.min() < 0.06
+
+
+def test_the_gripper_may_be_a_setting_and_an_argument_goes_before_it():
+    settings = {"regions": "geometric", "method": "planar", "gripper": "franka"}
+    assert GraspDetector(settings=settings).gripper.name == "franka"
+    assert GraspDetector("rg2", settings=settings).gripper.name == "rg2"
 
 
 def test_nothing_is_written_and_no_picture_kept(light, tmp_path, monkeypatch):
@@ -138,7 +157,13 @@ def test_nothing_is_written_and_no_picture_kept(light, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("options", "kind", "sentence"),
     [
-        ({"gripper": "panda"}, UnknownNameError, "'panda' is not known; .*franka"),
+        ({"gripper": "panda"}, UnknownNameError, "'panda' is not known.*; .*franka"),
+        ({"settings": {"selection.min_with": 0.1}}, UnknownNameError, "'selection.min_width'"),
+        ({"settings": {"selection.min_width": "wide"}}, SymgraspError, "min_width is 'wide'; .* m"),
+        ({"settings": {"method": "plane"}}, UnknownNameError, "nearest is 'planar'"),
+        ({"settings": InferConfig(method="plane")}, UnknownNameError, "nearest is 'planar'"),
+        ({"settings": "none.toml"}, MissingInputError, "none.toml does not exist"),
+        ({"settings": 3}, SymgraspError, "settings is 3; it must be a mapping"),
         ({"device": "gpu"}, UnknownNameError, "device 'gpu' is not known"),
         ({"network": "none.safetensors"}, MissingInputError, "none.safetensors does not exist"),
         ({"detector": "none.safetensors"}, MissingInputError, "none.safetensors does not exist"),

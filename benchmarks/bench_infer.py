@@ -22,16 +22,17 @@ from pipelines.errors import SymgraspError
 from pipelines.frames.frames import FrameSource, find_frames
 from pipelines.frames.rgbd import Frame
 from pipelines.grasp_files.gripper_files import load_gripper
-from pipelines.inference import frame_grasps, models, observation
+from pipelines.grasping.planner import RegionPlanner
+from pipelines.inference import models, observation, predicted_regions
 from pipelines.inference.frame_grasps import Planner
 from pipelines.runtime.batch import BatchOptions
 
 FRAMES = Path(pipelines.__file__).parent / "weights" / "frames"
-STEPS = {
+STEPS: dict[str, tuple[Any, str]] = {
     "regions by depth": (observation, "geometric_regions"),
-    "fit of symmetries": (frame_grasps, "ground_symmetries"),
-    "unseen sides": (frame_grasps, "completions"),
-    "selection": (frame_grasps, "plan_region"),
+    "fit of symmetries": (predicted_regions, "ground_symmetries"),
+    "unseen sides": (predicted_regions, "completions"),
+    "selection": (RegionPlanner, "plan"),
 }
 
 

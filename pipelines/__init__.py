@@ -41,7 +41,7 @@ level  package        subject
 4      mesh_symmetry  Symmetries of meshes: detection, verification, symmetric parts, doubt
 4      runtime        Running many items: batches, worker processes, stop signals
 5      frames         RGB-D frames in any layout: finding, reading, cameras, masks, workspaces
-5      grasping       Grasps on arrays: the grasp frame, grippers, symmetrizing, decoding, selection
+5      grasping       Grasps on arrays: grasp frame, grippers, symmetries, feasibility, ranking
 5      network        The networks, in torch: PointNet++ with PIFT, and the region detector
 6      dataset        A dataset root in GraspNet-1Billion's layout: meshes, labels, symmetries
 6      metrics        Grasp and symmetry metrics on arrays

@@ -29,7 +29,7 @@ from pipelines.errors import MissingInputError, SymgraspError
 from pipelines.geometry.region_masks import RegionInstance, visible_regions
 from pipelines.geometry.symmetry import NUM_SLOTS
 from pipelines.grasping.labelled_regions import LabelledCloud, LabelledSurface, labelled_clouds
-from pipelines.grasping.observation import SceneCloud
+from pipelines.grasping.scene import SceneCloud
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.storage.provenance import make_stamp
 from pipelines.tabletop.levelling import table_row

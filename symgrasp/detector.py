@@ -47,7 +47,8 @@ class GraspDetector:
                 that of `settings`.
             device: `cpu`, `cuda`, `cuda:N`, or `auto`: a GPU if there is one.
             settings: settings of `symgrasp infer` that differ from its own, by dotted name, as
-                `{"selection.min_width": 0.004}`; or a TOML file as `symgrasp config infer` prints.
+                `{"selection.feasibility.min_width": 0.004}`; or a TOML file as `symgrasp config
+                infer` prints.
             detector: weights of the region detector; as all weights None for those that come with
                 symgrasp.
             network: weights of the grasp network.

@@ -27,8 +27,8 @@ from pipelines.geometry.symmetry import (
     Symmetry,
     SymmetrySlots,
 )
-from pipelines.grasping.candidates import grounding
-from pipelines.grasping.observation import RegionCloud, SceneCloud
+from pipelines.grasping.scene import RegionCloud, SceneCloud
+from pipelines.grasping.symmetries import grounding
 from pipelines.inference import models
 from pipelines.inference.observation import observe
 from pipelines.inference.predicted_regions import predicted_regions
@@ -78,8 +78,8 @@ class SeenRegion:
         """Return the fitted axis and centre."""
         step = max(1, len(self.cloud) // grounding.NUM_POINTS)
         seen = self.cloud.points[::step], self.cloud.normals[::step]
-        axis = grounding.axis_evidence(self.slots, *seen, self.scene, INFER.selection)
-        return axis, grounding.sphere_evidence(self.slots, *seen, self.scene, INFER.selection)
+        axis = grounding.axis_evidence(self.slots, *seen, self.scene)
+        return axis, grounding.sphere_evidence(self.slots, *seen, self.scene)
 
 
 def seen_regions(reader: TruthReader, files: FrameFiles) -> Iterator[SeenRegion]:

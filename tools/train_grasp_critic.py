@@ -23,15 +23,14 @@ from critic_training import Rows
 from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot
 from pipelines.evaluation.truth import TruthReader
 from pipelines.grasp_files.gripper_files import load_gripper
-from pipelines.grasping.candidates.completion import completions
-from pipelines.grasping.candidates.grounding import ground_symmetries
+from pipelines.grasping.feasibility.feasibility import Feasibility
 from pipelines.grasping.feasibility.opening_margin import with_opening_margin
 from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.planner import RegionPlanner
 from pipelines.grasping.ranking import critic_files
 from pipelines.grasping.ranking.grasp_features import GraspFeatures
-from pipelines.grasping.region_grasping import plan_region
-from pipelines.grasping.selection import surroundings
 from pipelines.inference import models
+from pipelines.inference.predicted_regions import PredictedRegion, region_models
 from pipelines.metrics.grasp_verdicts import qualities
 
 GRIPPER = load_gripper(INFER.gripper)
@@ -59,18 +58,18 @@ def feasible_hands(
     regions: list[SeenRegion], rng: np.random.Generator
 ) -> Iterator[tuple[SeenRegion, GraspFeatures, Grasps]]:
     """Yield the feasible hands of each region and round, as the critic sees them, and as used."""
-    selection, planes = INFER.selection, models.plane_critic(models.PLANE_CRITIC_WEIGHTS)
-    slots = [ground_symmetries(r.slots, r.cloud, r.scene, selection, planes) for r in regions]
-    clouds, scene = [region.cloud for region in regions], regions[0].scene
-    unseen = completions(clouds, scene, slots, selection)
-    for region, symmetries, completion in zip(regions, slots, unseen, strict=True):
-        recorder, seen = Recorder(rng), (region.cloud, scene, symmetries, region.affordance)
-        plan_region(*seen, GRIPPER, selection, recorder, completion)
-        around = surroundings(region.cloud, scene, GRIPPER, selection)
-        around = around.with_unseen(completion.others).with_unseen(completion.own)
-        for views in recorder.asked:
-            opened = with_opening_margin(views.found, scene, GRIPPER, selection, around)
-            yield region, views, opened.grasps
+    selection, scene = INFER.selection, regions[0].scene
+    critic, cap = models.plane_critic(models.PLANE_CRITIC_WEIGHTS), selection.ranking.clearance_cap
+    predicted = [PredictedRegion(each.cloud, each.affordance, each.slots) for each in regions]
+    for region, model in zip(
+        regions, region_models(predicted, scene, selection, critic), strict=True
+    ):
+        recorder = Recorder(rng)
+        RegionPlanner(GRIPPER, selection, recorder).plan(model, scene)
+        checks = Feasibility.at(model.cloud, scene, GRIPPER, selection.feasibility, cap)
+        checks = checks.with_unseen(model.completion.others).with_unseen(model.completion.own)
+        for features in recorder.asked:
+            yield region, features, with_opening_margin(features.found, checks, cap).grasps
 
 
 def judged(views: GraspFeatures, chosen: np.ndarray, quality: np.ndarray) -> Rows:

@@ -16,16 +16,16 @@ from pathlib import Path
 
 import critic_training
 import numpy as np
-from calibrate_trust import EVALUATE, INFER, SeenRegion, seen_regions
+from calibrate_trust import EVALUATE, SeenRegion, seen_regions
 from critic_training import Rows
 
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.evaluation.truth import TruthReader
 from pipelines.geometry.symmetry import ReflectionSymmetry
 from pipelines.geometry.symmetry_error import symmetry_error
-from pipelines.grasping.candidates import grounding, mirror_views, plane_evidence
-from pipelines.grasping.candidates.plane_evidence import RegionEvidence
 from pipelines.grasping.ranking import critic_files
+from pipelines.grasping.symmetries import grounding, mirror_views, plane_evidence
+from pipelines.grasping.symmetries.plane_evidence import RegionEvidence
 from pipelines.inference import models
 from pipelines.metrics.symmetry_matching import TrueRegion, implied_symmetries, scored_symmetries
 
@@ -71,7 +71,7 @@ def collected(root: Path, stride: int) -> Iterator[Rows]:
             planes = plane_evidence.fitted_planes(known)
             images = mirror_views.MirrorImages.of(planes, known.points, known.normals)
             verdicts = [plane_truth(plane, region.truth) for plane in planes]
-            evidence = plane_evidence.plane_features(planes, images, known, INFER.selection)
+            evidence = plane_evidence.plane_features(planes, images, known)
             yield {
                 "points": mirror_views.point_rows(planes, images, known.mask, known.scene),
                 "wholes": mirror_views.plane_rows(planes, known.points, known.scene),

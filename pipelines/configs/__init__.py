@@ -36,12 +36,22 @@ from pipelines.configs.learning import (
     NetworkConfig,
     TrainConfig,
 )
-from pipelines.configs.planning import LimitsConfig, RegionConfig, SelectionConfig
+from pipelines.configs.planning import (
+    CandidateConfig,
+    FeasibilityConfig,
+    LimitsConfig,
+    RankingConfig,
+    RegionConfig,
+    SelectionConfig,
+    SensorConfig,
+    SymmetryConfig,
+)
 from pipelines.configs.settings import check_settings, from_settings
 
 __all__ = [
     "AnnotateSymmetryConfig",
     "AugmentationConfig",
+    "CandidateConfig",
     "CompareConfig",
     "ConvertFramesConfig",
     "DetectorConfig",
@@ -51,6 +61,7 @@ __all__ = [
     "EvaluateDumpConfig",
     "ExportCocoConfig",
     "ExportConfig",
+    "FeasibilityConfig",
     "FinetuneDetectorConfig",
     "InferConfig",
     "InspectConfig",
@@ -59,11 +70,14 @@ __all__ = [
     "LimitsConfig",
     "NetworkConfig",
     "PackConfig",
+    "RankingConfig",
     "RefineGraspsConfig",
     "RegionConfig",
     "ScoreGraspsConfig",
     "SelectionConfig",
+    "SensorConfig",
     "SimulateConfig",
+    "SymmetryConfig",
     "SynthesizeConfig",
     "TrainConfig",
     "ViewConfig",

@@ -5,7 +5,7 @@ from math import inf
 from typing import Literal
 
 from pipelines.configs.declaration import BY_EYE, choice, setting
-from pipelines.configs.planning import LimitsConfig, RegionConfig, SelectionConfig
+from pipelines.configs.planning import LimitsConfig, RegionConfig, SelectionConfig, SensorConfig
 
 RegionSource = Literal["auto", "detector", "geometric"]
 Method = Literal["network", "planar", "random"]
@@ -53,6 +53,7 @@ class InferConfig:
         20, "count", "Most grasps of a region, no two alike.", BY_EYE, low=1
     )
     limits: LimitsConfig = field(default_factory=LimitsConfig)
+    sensor: SensorConfig = field(default_factory=SensorConfig)
     region: RegionConfig = field(default_factory=RegionConfig)
     selection: SelectionConfig = field(default_factory=SelectionConfig)
 

@@ -1,6 +1,6 @@
-"""Settings of one frame's grasp planning: regions from depth, selection, limits of the robot."""
+"""Settings of one frame's grasp planning: sensor, regions from depth, selection, limits."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf, pi
 from typing import Literal
 
@@ -69,14 +69,23 @@ class RegionConfig:
 
 
 @dataclass(frozen=True)
-class SelectionConfig:
-    """Physics-feasible grasp selection (Sec. III-F)."""
+class SensorConfig:
+    """Errors of the depth camera, where a point known by symmetry is checked against the image."""
 
-    min_affordance: float = setting(
-        0.5, "share", "Least affordance of a point that a grasp is planned from.", "Sec. III-F"
+    behind_tolerance: float = setting(
+        0.005, "m", "Distance that a counterpart may float before the seen surface.", "D. 6"
     )
-    weak_affordance: float = setting(
-        0.1, "share", "Best affordance of a region below which no point of it is tried.", "D. 27"
+    depth_noise: float = setting(
+        0.003, "m", "Noise of depth at one metre; it grows with the square of depth.", "D. 6"
+    )
+
+
+@dataclass(frozen=True)
+class SymmetryConfig:
+    """Belief in the predicted symmetries of a region."""
+
+    is_fitted: bool = choice(
+        True, "Fit predicted symmetries to the seen surface; the paper does not.", "D. 31"
     )
     min_existence: float = setting(
         0.5, "share", "Least existence of a symmetry that is not fitted.", "D. 4"
@@ -93,8 +102,22 @@ class SelectionConfig:
     min_neighbour_confidence: float = setting(
         0.3, "share", "The same of a neighbour's, whose completed side is an obstacle.", "D. 85"
     )
-    ground_symmetries: bool = choice(
-        True, "Fit predicted symmetries to the seen surface; the paper does not.", "D. 31"
+
+    @property
+    def least_confidence(self) -> float:
+        """Confidence above which a symmetry is grasped across before all other grasps."""
+        return self.min_confidence if self.is_fitted else self.min_existence
+
+
+@dataclass(frozen=True)
+class CandidateConfig:
+    """Contact pairs of a region and the approaches to try at each (Sec. III-E, III-F)."""
+
+    min_affordance: float = setting(
+        0.5, "share", "Least affordance of a point that a grasp is planned from.", "Sec. III-F"
+    )
+    weak_affordance: float = setting(
+        0.1, "share", "Best affordance of a region below which no point of it is tried.", "D. 27"
     )
     max_pairs: int = setting(256, "count", "Contact pairs tried in a region.", "D. 85", low=1)
     pair_spacing: float = setting(
@@ -103,7 +126,6 @@ class SelectionConfig:
     max_contact_angle: float = setting(
         0.7, "rad", "Largest angle between a contact's normal and the contact line.", "D. 79"
     )
-    min_width: float = setting(0.003, "m", "Distance below which two contacts are one.", BY_EYE)
     num_approach_angles: int = setting(
         12,
         "count",
@@ -111,25 +133,15 @@ class SelectionConfig:
         BY_EYE,
         low=1,
     )
-    clearance_cap: float = setting(
-        0.05, "m", "Largest clearance b that counts in Eq. 8.", "D. 7", low=1e-4
-    )
-    enclosed_height_cap: float = setting(
-        0.03, "m", "Largest enclosed height h that counts in Eq. 8.", "D. 7", low=1e-4
-    )
-    weight_clearance: float = setting(1.0, "weight", "w^b of Eq. 8.", "Sec. III-G")
-    weight_unseen: float = setting(
-        0.9, "share", "Share of Eq. 8 lost where the finger tips' room is all unseen.", "D. 68"
-    )
-    weight_height: float = setting(5.0, "weight", "w^h of Eq. 8.", "Sec. III-G")
+
+
+@dataclass(frozen=True)
+class FeasibilityConfig:
+    """Checks that a grasp must pass at its region (Sec. III-F)."""
+
+    min_width: float = setting(0.003, "m", "Distance below which two contacts are one.", BY_EYE)
     min_enclosed: float = setting(
         0.004, "m", "Least height of the object between the fingers.", BY_EYE
-    )
-    behind_tolerance: float = setting(
-        0.005, "m", "Distance that a counterpart may float before the seen surface.", "D. 6"
-    )
-    depth_noise: float = setting(
-        0.003, "m", "Noise of depth at one metre; it grows with the square of depth.", "D. 6"
     )
     min_table_distance: float = setting(
         0.004, "m", "Least distance between finger tips and table.", BY_EYE
@@ -146,20 +158,14 @@ class SelectionConfig:
     scene_resolution: float = setting(
         0.003, "m", "Spacing that the scene is thinned to for collisions.", BY_EYE, low=1e-4
     )
-    approach_distance: float = setting(
-        0.10, "m", "Length of the approach path that must be free.", "D. 77"
-    )
-    nms_distance: float = setting(
-        0.03, "m", "Distance below which grasps of a region are alike, as GraspNet's.", "D. 78"
-    )
-    nms_angle: float = setting(
-        pi / 6, "rad", "Angle below which grasps of a region are alike, as GraspNet's.", "D. 78"
-    )
     body_margin: float = setting(
         0.001, "m", "Distance that the gripper's bodies are enlarged by.", "D. 101"
     )
     max_points_inside: int = setting(
         2, "count", "Measured points that a body may hold, as noise.", "D. 87"
+    )
+    approach_distance: float = setting(
+        0.10, "m", "Length of the approach path that must be free.", "D. 77"
     )
     opening_margins: tuple[float, ...] = setting(
         (0.008, 0.006, 0.004, 0.002), "m", "Opening margins to try, the largest first.", "D. 92"
@@ -167,31 +173,59 @@ class SelectionConfig:
     opening_margin_share: float = setting(
         0.25, "share", "Largest opening margin, of the width.", "D. 102"
     )
-    rank_by: RankingMethod = choice(
+
+
+@dataclass(frozen=True)
+class RankingConfig:
+    """Order of feasible grasps, and when other kinds of grasps are tried (Sec. III-F)."""
+
+    by: RankingMethod = choice(
         "critic", "Order of grasps: critic, by expected quality; eq8, as the paper.", "D. 82"
+    )
+    clearance_cap: float = setting(
+        0.05, "m", "Largest clearance b that counts in Eq. 8.", "D. 7", low=1e-4
+    )
+    enclosed_height_cap: float = setting(
+        0.03, "m", "Largest enclosed height h that counts in Eq. 8.", "D. 7", low=1e-4
+    )
+    weight_clearance: float = setting(1.0, "weight", "w^b of Eq. 8.", "Sec. III-G")
+    weight_height: float = setting(5.0, "weight", "w^h of Eq. 8.", "Sec. III-G")
+    weight_unseen: float = setting(
+        0.9, "share", "Share of Eq. 8 lost where the finger tips' space is all unseen.", "D. 68"
+    )
+    max_ranked: int = setting(
+        96, "count", "Grasps of a region and pass that are ranked, the most stable.", "D. 82", low=1
     )
     min_stability: float = setting(
         0.85, "share", "Least stability for Eq. 8, of the best candidate's.", "D. 28"
     )
-    max_ranked: int = setting(
-        96, "count", "Grasps of a region and kind that are ranked, the most stable.", "D. 82", low=1
-    )
     critic_min_stability: float = setting(
         0.6, "share", "Least stability for the grasp critic, of the best candidate's.", "D. 82"
     )
-    planar_below: float = setting(
-        0.6, "share", "Expected quality of symmetric grasps below which others are tried.", "D. 82"
+    nms_distance: float = setting(
+        0.03, "m", "Distance below which grasps of a region are alike, as GraspNet's.", "D. 78"
+    )
+    nms_angle: float = setting(
+        pi / 6, "rad", "Angle below which grasps of a region are alike, as GraspNet's.", "D. 78"
+    )
+    sufficient: float = setting(
+        0.6, "share", "Expected quality from which no other kind of grasps is tried.", "D. 82"
     )
 
     @property
-    def uses_grasp_critic(self) -> bool:
-        """Whether grasps are ranked by the quality to expect, not by Eq. 8."""
-        return self.rank_by == "critic"
+    def uses_critic(self) -> bool:
+        """Whether grasps are ranked by the quality that the grasp critic expects."""
+        return self.by == "critic"
 
-    @property
-    def least_confidence(self) -> float:
-        """Existence above which grasps rest on a symmetry: fitted ones may be tried early."""
-        return self.min_confidence if self.ground_symmetries else self.min_existence
+
+@dataclass(frozen=True)
+class SelectionConfig:
+    """Physics-feasible grasp selection (Sec. III-F)."""
+
+    symmetry: SymmetryConfig = field(default_factory=SymmetryConfig)
+    candidates: CandidateConfig = field(default_factory=CandidateConfig)
+    feasibility: FeasibilityConfig = field(default_factory=FeasibilityConfig)
+    ranking: RankingConfig = field(default_factory=RankingConfig)
 
 
 @dataclass(frozen=True)

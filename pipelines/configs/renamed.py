@@ -1,23 +1,49 @@
 """Names that settings had in earlier versions, so that files written by these are still read."""
 
+from dataclasses import fields
+
+from pipelines.configs.planning import (
+    CandidateConfig,
+    FeasibilityConfig,
+    RankingConfig,
+    SymmetryConfig,
+)
+
+# Settings of `selection` that were no group's before.
+GROUPED = {
+    f"selection.{each.name}": f"selection.{group}.{each.name}"
+    for group, kind in (
+        ("symmetry", SymmetryConfig),
+        ("candidates", CandidateConfig),
+        ("feasibility", FeasibilityConfig),
+        ("ranking", RankingConfig),
+    )
+    for each in fields(kind)
+}
 # By the config's class: dotted name of before -> of now.
 RENAMED: dict[str, dict[str, str]] = {
     "EvaluateDumpConfig": {"max_width": "clip_width"},
     "ScoreGraspsConfig": {"max_width": "clip_width"},
     "InferConfig": {
-        "selection.min_trust": "selection.min_confidence",
-        "selection.doubted_trust": "selection.min_doubtful_confidence",
-        "selection.min_completion": "selection.min_completion_confidence",
-        "selection.min_completion_beside": "selection.min_neighbour_confidence",
-        "selection.spare_room": "selection.opening_margins",
-        "selection.spare_share": "selection.opening_margin_share",
-        "selection.steadiness": "selection.min_stability",
-        "selection.judged_steadiness": "selection.critic_min_stability",
+        **GROUPED,
+        "selection.ground_symmetries": "selection.symmetry.is_fitted",
+        "selection.rank_by": "selection.ranking.by",
+        "selection.planar_below": "selection.ranking.sufficient",
+        "selection.behind_tolerance": "sensor.behind_tolerance",
+        "selection.depth_noise": "sensor.depth_noise",
+        "selection.min_trust": "selection.symmetry.min_confidence",
+        "selection.doubted_trust": "selection.symmetry.min_doubtful_confidence",
+        "selection.min_completion": "selection.symmetry.min_completion_confidence",
+        "selection.min_completion_beside": "selection.symmetry.min_neighbour_confidence",
+        "selection.spare_room": "selection.feasibility.opening_margins",
+        "selection.spare_share": "selection.feasibility.opening_margin_share",
+        "selection.steadiness": "selection.ranking.min_stability",
+        "selection.judged_steadiness": "selection.ranking.critic_min_stability",
     },
 }
 # Settings that are no more, with the reason: files of before may name them.
 REMOVED: dict[str, dict[str, str]] = {}
 # Values of before -> of now, by the name of now.
 RENAMED_VALUES: dict[str, dict[str, dict[str, str]]] = {
-    "InferConfig": {"selection.rank_by": {"judge": "critic"}},
+    "InferConfig": {"selection.ranking.by": {"judge": "critic"}},
 }

@@ -14,7 +14,7 @@ from pipelines.errors import SettingError, UnknownNameError
 log = logging.getLogger(__name__)
 
 Config = TypeVar("Config")
-MAX_DEPTH = 8  # tables within tables; configs have three
+MAX_DEPTH = 8  # tables within tables; configs have four
 UNDECLARED = Declaration("", "", "", float("-inf"), float("inf"))
 
 
@@ -23,7 +23,7 @@ class Setting:
     """One setting of a config.
 
     Attributes:
-        name: dotted, as `selection.max_pairs`.
+        name: dotted, as `selection.ranking.by`.
         value: the config's.
         default: the value if nobody changes it.
         declared: its type.

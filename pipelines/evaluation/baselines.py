@@ -18,12 +18,13 @@ from pipelines.evaluation.predictions import FramePredictions, RowPredictions
 from pipelines.evaluation.truth import FrameTruth, TruthReader
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.geometry.transforms import invert, transform_points
-from pipelines.grasping.candidates.completion import completions
-from pipelines.grasping.grasp_candidates import RankedGrasps
 from pipelines.grasping.gripper import Gripper
-from pipelines.grasping.observation import RegionCloud, SceneCloud
+from pipelines.grasping.planner import Pass, Planar, Random, RegionModel, RegionPlanner
+from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.ranking.ranking import Critic
-from pipelines.grasping.region_grasping import plan_planar, plan_random, plan_region
+from pipelines.grasping.scene import RegionCloud, SceneCloud
+from pipelines.grasping.symmetries.completion import completions
+from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
 from pipelines.inference import models
 from pipelines.inference.observation import observe
 
@@ -65,43 +66,43 @@ class Baselines:
         """Return the rows oracle, planar and random on the regions `masks` of one frame."""
         if not masks:
             nothing = RowPredictions([], [])
-            return {"oracle": replace(nothing, slots=[]), "planar": nothing, "random": nothing}
+            return {"oracle": replace(nothing, symmetries=[]), "planar": nothing, "random": nothing}
         frame = self.reader.root.read_frame(files)
         seen = observe(frame, self.config, rng, regions=masks)
-        scene, regions = seen.scene, seen.clouds
-        selection, gripper = self.config.selection, self.gripper
-        slots = [true_slots(instance, truth) for instance in owners.instance]
-        oracle = self._plans_with_truth(
-            [_thinned(region, rng) for region in regions], scene, slots, owners, truth
-        )
-        planar = [plan_planar(region, scene, gripper, selection) for region in regions]
-        drawn = [plan_random(region, scene, gripper, selection, rng) for region in regions]
+        symmetries = [true_symmetries(instance, truth) for instance in owners.instance]
+        clouds = [_thinned(cloud, rng) for cloud in seen.clouds]
+        models = self._true_models(clouds, seen.scene, symmetries, owners, truth)
+        ranked = RegionPlanner(self.gripper, self.config.selection, self.critic)
+        by_eq8 = RegionPlanner(self.gripper, self.config.selection)
+        oracle = [ranked.plan(model, seen.scene) for model in models]
+
+        def alone(kind: Pass) -> list[RankedGrasps]:
+            """Return the grasps of one kind on the measured points alone."""
+            return [by_eq8.plan(RegionModel(cloud), seen.scene, (kind,)) for cloud in seen.clouds]
+
         return {
-            "oracle": RowPredictions.from_ranked(oracle, slots),
-            "planar": RowPredictions.from_ranked(planar),
-            "random": RowPredictions.from_ranked(drawn),
+            "oracle": RowPredictions.from_ranked(oracle, symmetries),
+            "planar": RowPredictions.from_ranked(alone(Planar())),
+            "random": RowPredictions.from_ranked(alone(Random(rng))),
         }
 
-    def _plans_with_truth(
+    def _true_models(
         self,
-        regions: list[RegionCloud],
+        clouds: list[RegionCloud],
         scene: SceneCloud,
-        slots: list[SymmetrySlots],
+        symmetries: list[RegionSymmetries],
         owners: RegionOwners,
         truth: FrameTruth,
-    ) -> list[RankedGrasps]:
-        selection, plans = self.config.selection, []
-        completed = completions(regions, scene, slots, selection)
-        for region, known, owner, unseen in zip(
-            regions, slots, owners.object_id, completed, strict=True
-        ):
-            affordance = self._true_affordance(region.points, owner, truth)
-            plans.append(
-                plan_region(
-                    region, scene, known, affordance, self.gripper, selection, self.critic, unseen
-                )
+    ) -> list[RegionModel]:
+        selection = self.config.selection
+        resolution = selection.feasibility.scene_resolution
+        unseen = completions(clouds, scene, symmetries, selection.symmetry, resolution)
+        return [
+            RegionModel(cloud, known, self._true_affordance(cloud.points, owner, truth), completion)
+            for cloud, known, owner, completion in zip(
+                clouds, symmetries, owners.object_id, unseen, strict=True
             )
-        return plans
+        ]
 
     def _true_affordance(self, points: Array, owner: int, truth: FrameTruth) -> Array:
         """Return (n,) the affordance of the object's surface nearest to `points`, camera frame."""
@@ -129,11 +130,10 @@ def rows_of(
     return rows
 
 
-def true_slots(instance: int, truth: FrameTruth) -> SymmetrySlots:
-    """Return the slots of the true region with index `instance`; none for -1."""
-    if instance < 0:
-        return SymmetrySlots.empty()
-    return SymmetrySlots.from_symmetries(truth.instances[instance].symmetries)
+def true_symmetries(instance: int, truth: FrameTruth) -> RegionSymmetries:
+    """Return the symmetries of the true region with index `instance`; none for -1."""
+    true = () if instance < 0 else truth.instances[instance].symmetries
+    return RegionSymmetries.unfitted(SymmetrySlots.from_symmetries(true))
 
 
 def _thinned(region: RegionCloud, rng: np.random.Generator) -> RegionCloud:

@@ -15,8 +15,9 @@ from pipelines.evaluation.records import (
     threshold_key,
 )
 from pipelines.evaluation.truth import FrameTruth
-from pipelines.geometry.symmetry import SYMMETRY_KINDS, SymmetrySlots
+from pipelines.geometry.symmetry import SYMMETRY_KINDS
 from pipelines.grasping.gripper import Gripper
+from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
 from pipelines.metrics.coco_masks import IOU_THRESHOLDS, match_masks
 from pipelines.metrics.grasp_verdicts import Verdict, grasp_verdict
 from pipelines.metrics.mask_overlap import mask_iou, owner_of
@@ -98,9 +99,9 @@ def _scored_row(
     verdicts = [
         _object_verdict(object_id, row, owners, truth, gripper) for object_id in truth.visible
     ]
-    if row.slots is None:
+    if row.symmetries is None:
         return RowRecord(verdicts)
-    return RowRecord(verdicts, _scored_slots(row.slots, owners, truth, config))
+    return RowRecord(verdicts, _scored_slots(row.symmetries, owners, truth, config))
 
 
 def _object_verdict(
@@ -116,16 +117,16 @@ def _object_verdict(
 
 
 def _scored_slots(
-    slots: Sequence[SymmetrySlots],
+    symmetries: Sequence[RegionSymmetries],
     owners: RegionOwners,
     truth: FrameTruth,
     config: EvaluateConfig,
 ) -> dict[str, ScoredPredictions]:
-    """Return the verdicts on every slot of every region, whatever its existence: AP ranks them."""
+    """Return the verdicts on every slot of every region, whatever its confidence: AP ranks them."""
     predicted = [
-        PredictedSymmetry(symmetry, float(region.existence[slot]), owner)
-        for region, owner in zip(slots, owners.instance, strict=True)
-        for slot, symmetry in region.existing(threshold=0.0)
+        PredictedSymmetry(symmetry, float(region.confidence[slot]), owner)
+        for region, owner in zip(symmetries, owners.instance, strict=True)
+        for slot, symmetry in region.between(0.0)
     ]
     return {
         kind: _scored_kind([p for p in predicted if p.symmetry.kind == kind], kind, truth, config)

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipelines.array_types import Mask
-from pipelines.geometry.symmetry import SPHERE_SLOT, SymmetrySlots
+from pipelines.geometry.symmetry import SPHERE_SLOT
 from pipelines.grasp_files.grasps_file import FrameResult, RegionTable
-from pipelines.grasping.grasp_candidates import RankedGrasps
 from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.ranked_grasps import RankedGrasps
+from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
 
 
 @dataclass(frozen=True)
@@ -18,20 +19,20 @@ class RowPredictions:
     Attributes:
         best: best grasp, camera frame; empty or one grasp.
         rank_score: of the best grasp; -inf where there is none.
-        slots: symmetries, camera frame; None for a method that predicts none.
+        symmetries: camera frame; None for a method that predicts none.
     """
 
     best: list[Grasps]
     rank_score: list[float]
-    slots: list[SymmetrySlots] | None = None
+    symmetries: list[RegionSymmetries] | None = None
 
     @classmethod
     def from_ranked(
-        cls, ranked: list[RankedGrasps], slots: list[SymmetrySlots] | None = None
+        cls, ranked: list[RankedGrasps], symmetries: list[RegionSymmetries] | None = None
     ) -> "RowPredictions":
         """Return the best of each region's grasps, which are in order."""
         score = [float(r.rank_score[0]) if len(r) else -np.inf for r in ranked]
-        return cls([r.grasps[:1] for r in ranked], score, slots)
+        return cls([r.grasps[:1] for r in ranked], score, symmetries)
 
 
 @dataclass(frozen=True)
@@ -62,21 +63,21 @@ class FramePredictions:
             region = int(grasps.region[i])
             best[region] = Grasps(grasps.rotation[i], grasps.translation[i], grasps.width[i])
             score[region] = float(grasps.rank_score[i])
-        slots = [_slots(regions, region) for region in range(len(regions))]
+        symmetries = [_symmetries(regions, region) for region in range(len(regions))]
         return cls(
             result.name,
             result.seconds,
             [regions.mask(region, *result.size) for region in range(len(regions))],
             [float(value) for value in regions.confidence],
-            RowPredictions(best, score, slots),
+            RowPredictions(best, score, symmetries),
         )
 
 
-def _slots(regions: RegionTable, region: int) -> SymmetrySlots:
-    """Return a region's slots; those without parameters do not exist."""
+def _symmetries(regions: RegionTable, region: int) -> RegionSymmetries:
+    """Return a region's symmetries; those without parameters do not exist."""
     point = np.asarray(regions.symmetry_point[region], np.float64)
     direction = np.asarray(regions.symmetry_direction[region], np.float64)
     known = np.isfinite(point).all(axis=1)
     known &= np.isfinite(direction).all(axis=1) | (np.arange(len(point)) == SPHERE_SLOT)
-    existence = np.where(known, np.nan_to_num(regions.existence[region].astype(np.float64)), 0.0)
-    return SymmetrySlots(existence, point, direction)
+    confidence = np.where(known, np.nan_to_num(regions.existence[region].astype(np.float64)), 0.0)
+    return RegionSymmetries(confidence, point, direction)

@@ -140,6 +140,15 @@ class SphereSymmetry:
 Symmetry = ReflectionSymmetry | RotationSymmetry | SphereSymmetry
 
 
+def symmetry_of_slot(slot: int, point: Array, direction: Array) -> Symmetry:
+    """Return the symmetry that `point` (3,) and `direction` (3,) describe in the slot `slot`."""
+    if slot in REFLECTION_SLOTS:
+        return ReflectionSymmetry(direction, point)
+    if slot == ROTATION_SLOT:
+        return RotationSymmetry(direction, point)
+    return SphereSymmetry(point)
+
+
 @dataclass(frozen=True)
 class SymmetrySlots:
     """Symmetries as the network's five slots: 0-2 reflection, 3 rotation, 4 sphere.
@@ -185,11 +194,7 @@ class SymmetrySlots:
 
     def symmetry(self, slot: int) -> Symmetry:
         """Return the symmetry that the parameters of `slot` describe."""
-        if slot in REFLECTION_SLOTS:
-            return ReflectionSymmetry(self.direction[slot], self.point[slot])
-        if slot == ROTATION_SLOT:
-            return RotationSymmetry(self.direction[slot], self.point[slot])
-        return SphereSymmetry(self.point[slot])
+        return symmetry_of_slot(slot, self.point[slot], self.direction[slot])
 
     def existing(self, threshold: float = 0.5) -> list[tuple[int, Symmetry]]:
         """Return (slot, symmetry) of every slot whose existence exceeds `threshold`."""

@@ -1,1 +1,1 @@
-"""Grasps on arrays: the grasp frame, grippers, symmetrizing, decoding, selection."""
+"""Grasps on arrays: grasp frame, grippers, symmetries, feasibility, ranking."""

@@ -12,7 +12,7 @@ from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.region_masks import RegionInstance
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.geometry.transforms import invert, transform_points
-from pipelines.grasping.observation import RegionCloud, SceneCloud
+from pipelines.grasping.scene import RegionCloud, SceneCloud
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -6,11 +6,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import Grasps, Index
 from pipelines.grasping.symmetrize import CELL_FACTORS, cell_numbers
 
 Array = NDArray[np.float64]
-Index = NDArray[np.integer] | NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """Copy grasps across an object's symmetries (Sec. III-G, Fig. 6).
 
 The copies of a grasp are its images under a finite group: of one symmetry the mirror, the turns by
-equal angles, or the icosahedron's 60 turns for a sphere; of several, whatever these make together.
-So what is symmetrized once has every copy already, and doing it again adds nothing.
+equal angles, or the icosahedron's 60 turns for a sphere; of several, all products of these. So one
+call makes every copy, and a second one adds nothing.
 """
 
 from collections.abc import Sequence
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
+from pipelines.array_types import Array, Indices
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.symmetry import (
     ReflectionSymmetry,
@@ -22,9 +23,6 @@ from pipelines.geometry.symmetry import (
 )
 from pipelines.geometry.transforms import make_pose, rotation_about, transform_points
 from pipelines.grasping.grasps import Grasps
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 # A mirrored gripper is left-handed; with its fingers renamed it is a gripper again.
 SWAP_FINGERS = np.diag([1.0, -1.0, 1.0])
@@ -58,16 +56,6 @@ def image(grasps: Grasps, isometry: ArrayLike) -> Grasps:
     if np.linalg.det(T[:3, :3]) < 0.0:
         rotation = rotation @ SWAP_FINGERS
     return replace(grasps, rotation=rotation, translation=transform_points(T, grasps.translation))
-
-
-def mirror(grasps: Grasps, plane: ReflectionSymmetry) -> Grasps:
-    """Mirror every grasp in `plane`, both in the object frame."""
-    return image(grasps, isometries(plane, 1)[0])
-
-
-def turned(grasps: Grasps, rotation: ArrayLike, center: ArrayLike) -> Grasps:
-    """Turn every grasp by `rotation` (3, 3) about the point `center` (3,)."""
-    return image(grasps, _about(np.asarray(rotation, np.float64), np.asarray(center, np.float64)))
 
 
 def isometries(symmetry: Symmetry, copies_per_turn: int) -> Array:

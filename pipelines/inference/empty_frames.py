@@ -1,6 +1,6 @@
 """The reason why a frame has no grasps, in a sentence."""
 
-from pipelines.grasping.region_grasping import MIN_POINTS
+from pipelines.grasping.planner import MIN_POINTS
 from pipelines.inference.observation import Observation
 
 

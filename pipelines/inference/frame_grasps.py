@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,30 +10,35 @@ from numpy.typing import NDArray
 from pipelines.configs import InferConfig
 from pipelines.errors import SymgraspError
 from pipelines.frames.rgbd import Frame
-from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.grasp_files.grasps_file import FrameResult
-from pipelines.grasping.candidates.completion import completions
-from pipelines.grasping.candidates.grounding import SymmetryCritics, ground_symmetries
-from pipelines.grasping.grasp_candidates import RankedGrasps
 from pipelines.grasping.gripper import Gripper
-from pipelines.grasping.observation import RegionCloud, SceneCloud
+from pipelines.grasping.planner import MIN_POINTS, Planar, Random, RegionModel, RegionPlanner
+from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.ranking.ranking import Critic
-from pipelines.grasping.region_grasping import MIN_POINTS, plan_planar, plan_random, plan_region
+from pipelines.grasping.scene import RegionCloud, SceneCloud
+from pipelines.grasping.symmetries.grounding import SymmetryCritics
 from pipelines.inference.empty_frames import why_empty
 from pipelines.inference.observation import Observation, observe
-from pipelines.inference.pieces import pieces_of
 from pipelines.inference.plans import Plan, grasp_table, region_table
-from pipelines.inference.predicted_regions import PredictedRegion, Predictor, predicted_regions
-from pipelines.inference.regions import Detector, Region
+from pipelines.inference.predicted_regions import Predictor, predicted_regions, region_models
+from pipelines.inference.regions import Detector, Region, pieces_of
 
 
 @dataclass(frozen=True)
 class Planner:
-    """Everything that turns regions into grasps; without networks where these are None.
+    """The planner of whole frames; without networks where these are None.
+
+    Attributes:
+        config: settings of `infer`.
+        gripper: that grasps.
+        detector: of regions.
+        predictor: of affordance and symmetries.
+        symmetry_critics: score the symmetries that are fitted to a region.
+        grasp_critic: scores grasps.
 
     Raises:
-        SymgraspError: symmetries are to be fitted without critics of them, or grasps to be ranked
-            by a critic that is not given.
+        SymgraspError: a network predicts symmetries, and a critic that the settings want is
+            missing.
     """
 
     config: InferConfig
@@ -46,10 +52,10 @@ class Planner:
         selection = self.config.selection
         if self.predictor is None:
             return
-        if selection.ground_symmetries and self.symmetry_critics is None:
-            raise SymgraspError("fitted symmetries need critics, or ground_symmetries=False")
-        if selection.uses_grasp_critic and self.grasp_critic is None:
-            raise SymgraspError('ranked grasps need a grasp critic, or rank_by="eq8"')
+        if selection.symmetry.is_fitted and self.symmetry_critics is None:
+            raise SymgraspError("fitted symmetries need critics of them, or symmetry.is_fitted=no")
+        if selection.ranking.uses_critic and self.grasp_critic is None:
+            raise SymgraspError("ranked grasps need a grasp critic, or ranking.by=eq8")
 
     def plan(
         self,
@@ -88,42 +94,29 @@ class Planner:
             grasps=grasp_table(grasps, self.config.max_grasps_per_region),
         )
 
-    @property
-    def _critic(self) -> Critic | None:
-        """What ranks hands of symmetric regions; None for Eq. 8."""
-        critics = self.predictor is not None and self.config.selection.uses_grasp_critic
-        return self.grasp_critic if critics else None
+    @cached_property
+    def _of_regions(self) -> RegionPlanner:
+        """The planner of single regions."""
+        selection = self.config.selection
+        has_critic = self.predictor is not None and selection.ranking.uses_critic
+        return RegionPlanner(self.gripper, selection, self.grasp_critic if has_critic else None)
 
     def _plans(
         self, clouds: list[RegionCloud], scene: SceneCloud, rng: np.random.Generator
     ) -> list[Plan]:
-        selection = self.config.selection
-        if self.config.method == "random":
-            return [
-                Plan(plan_random(cloud, scene, self.gripper, selection, rng)) for cloud in clouds
-            ]
-        if self.predictor is None:
-            return [Plan(plan_planar(c, scene, self.gripper, selection)) for c in clouds]
+        """Return the plan of each of `clouds`, all regions of a frame."""
+        planner, selection = self._of_regions, self.config.selection
+        if self.predictor is None or self.config.method == "random":
+            only = (Random(rng) if self.config.method == "random" else Planar(),)
+            return [Plan(planner.plan(RegionModel(cloud), scene, only)) for cloud in clouds]
         large = [index for index, cloud in enumerate(clouds) if len(cloud) >= MIN_POINTS]
-        seen = predicted_regions([clouds[i] for i in large], scene.plane, self.predictor)
-        slots = [self._symmetries(each, scene) for each in seen]
-        completed = completions([each.cloud for each in seen], scene, slots, selection)
+        predicted = predicted_regions([clouds[i] for i in large], scene.plane, self.predictor)
+        critics = self.symmetry_critics if selection.symmetry.is_fitted else None
         plans = [Plan(RankedGrasps.empty()) for _ in clouds]
-        for index, each, known, unseen in zip(large, seen, slots, completed, strict=True):
-            affordance = each.affordance
-            ranked = plan_region(
-                each.cloud, scene, known, affordance, self.gripper, selection, self._critic, unseen
-            )
-            plans[index] = Plan(ranked, known, float(affordance.mean()), float(affordance.max()))
+        models = region_models(predicted, scene, selection, critics)
+        for index, each, model in zip(large, predicted, models, strict=True):
+            plans[index] = Plan(planner.plan(model, scene), model.symmetries, each)
         return plans
-
-    def _symmetries(self, seen: PredictedRegion, scene: SceneCloud) -> SymmetrySlots:
-        """Return the predicted symmetries of a region, fitted to what is seen of it."""
-        if self.symmetry_critics is None or not self.config.selection.ground_symmetries:
-            return seen.slots
-        return ground_symmetries(
-            seen.slots, seen.cloud, scene, self.config.selection, self.symmetry_critics
-        )
 
     def _taken_apart(
         self,
@@ -163,8 +156,7 @@ class Planner:
             if np.count_nonzero(piece & mask) < inside * np.count_nonzero(piece):
                 continue
             cloud = RegionCloud.from_mask(piece & mask, scene)
-            selection = self.config.selection
-            ranked = plan_planar(cloud, scene, self.gripper, selection, self._critic)
+            ranked = self._of_regions.plan(RegionModel(cloud), scene, (Planar(),))
             if len(ranked):
                 return replace(plan, grasps=ranked)
         return plan

@@ -15,11 +15,11 @@ import cv2
 from threadpoolctl import OpenBLASController, ThreadpoolController
 
 from pipelines.errors import MissingInputError
-from pipelines.grasping.candidates.axis_critic import AxisCritic
-from pipelines.grasping.candidates.grounding import SymmetryCritics
 from pipelines.grasping.ranking import critic_files
 from pipelines.grasping.ranking.point_critic import PointCritic
 from pipelines.grasping.ranking.ranking import GraspCritic
+from pipelines.grasping.symmetries.axis_critic import AxisCritic
+from pipelines.grasping.symmetries.grounding import SymmetryCritics
 
 if TYPE_CHECKING:
     from pipelines.network.detection.detector import RegionDetector

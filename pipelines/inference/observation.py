@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pipelines.configs import InferConfig
 from pipelines.frames.rgbd import Frame
 from pipelines.grasping.feasibility.limits import Limits
-from pipelines.grasping.observation import RegionCloud, SceneCloud
+from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.inference.regions import Detector, Mask, Region, find_regions
 from pipelines.tabletop.regions_geometric import GeometricRegions, geometric_regions
 from pipelines.tabletop.sparse_depth import filled
@@ -77,7 +77,7 @@ def observe(
     ground = None if masks is None else masks == 0
     segments = geometric_regions(depth, lens, config.region, rng, ground)
     limits = Limits.of(config.limits, workspace, segments.plane, lens)
-    scene = SceneCloud(depth.astype(np.float64), lens, segments.plane, limits)
+    scene = SceneCloud(depth.astype(np.float64), lens, segments.plane, limits, config.sensor)
     if regions is not None:
         found, too_small = [Region(mask, 1.0, "masks") for mask in regions], 0
     else:

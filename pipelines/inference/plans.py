@@ -1,4 +1,4 @@
-"""What was planned for the regions of a frame, and the columns of its result."""
+"""The plans of the regions of a frame, as columns of its result."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -6,39 +6,51 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.geometry.symmetry import SymmetrySlots
+from pipelines.array_types import Array
 from pipelines.grasp_files.grasps_file import GraspTable, RegionTable
-from pipelines.grasping.grasp_candidates import RankedGrasps
+from pipelines.grasping.ranked_grasps import RankedGrasps
+from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
+from pipelines.inference.predicted_regions import PredictedRegion
 from pipelines.inference.regions import Region
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The grasps of one region and what they rest on; affordance nan where none was predicted."""
+    """The grasps of one region, with the predictions that they rest on.
+
+    Attributes:
+        grasps: best first.
+        symmetries: of the region; None where none were predicted.
+        predicted: by the network, before the fit; None where nothing was.
+    """
 
     grasps: RankedGrasps
-    slots: SymmetrySlots | None = None
-    affordance_mean: float = np.nan
-    affordance_max: float = np.nan
+    symmetries: RegionSymmetries | None = None
+    predicted: PredictedRegion | None = None
 
     @property
     def rests_on_symmetry(self) -> bool:
         """Whether the best grasp is a symmetric one."""
         return len(self.grasps) > 0 and bool(self.grasps.slot[0] >= 0)
 
+    @property
+    def affordance(self) -> Array:
+        """(n,) of the region's points; nan where none was predicted."""
+        return np.array([np.nan]) if self.predicted is None else self.predicted.affordance
+
 
 def region_table(regions: list[Region], plans: list[Plan]) -> RegionTable:
     """Return one frame's regions as columns."""
-    slots = [plan.slots or SymmetrySlots.empty() for plan in plans]
+    symmetries = [plan.symmetries or RegionSymmetries.of([]) for plan in plans]
     return RegionTable.from_masks(
         [region.mask for region in regions],
         confidence=[region.confidence for region in regions],
         source=[region.source for region in regions],
-        existence=np.array([s.existence for s in slots]).reshape(-1, 5),
-        symmetry_point=np.array([s.point for s in slots]).reshape(-1, 5, 3),
-        symmetry_direction=np.array([s.direction for s in slots]).reshape(-1, 5, 3),
-        affordance_mean=[plan.affordance_mean for plan in plans],
-        affordance_max=[plan.affordance_max for plan in plans],
+        existence=np.array([s.confidence for s in symmetries]).reshape(-1, 5),
+        symmetry_point=np.array([s.point for s in symmetries]).reshape(-1, 5, 3),
+        symmetry_direction=np.array([s.direction for s in symmetries]).reshape(-1, 5, 3),
+        affordance_mean=[float(plan.affordance.mean()) for plan in plans],
+        affordance_max=[float(plan.affordance.max()) for plan in plans],
     )
 
 

@@ -1,4 +1,4 @@
-"""The predictions of the grasp network for the regions of one frame (Sec. III-E)."""
+"""The models of the regions of one frame: predictions of the network, fitted (Sec. III-E)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,15 +7,19 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array
+from pipelines.configs import SelectionConfig
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import SymmetrySlots
-from pipelines.grasping.candidates.decoding import average_symmetries
-from pipelines.grasping.observation import RegionCloud
+from pipelines.grasping.planner import RegionModel
+from pipelines.grasping.scene import RegionCloud, SceneCloud
+from pipelines.grasping.symmetries.completion import completions
+from pipelines.grasping.symmetries.grounding import SymmetryCritics, ground_symmetries
+from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
+from pipelines.grasping.symmetries.votes import voted_slots
 
-Array = NDArray[np.float64]
 
-
-class RegionPrediction(Protocol):
+class RegionOutput(Protocol):
     """The network's output for n of one region's points, m of which vote for symmetries."""
 
     @property
@@ -46,7 +50,7 @@ class RegionPrediction(Protocol):
 class Predictor(Protocol):
     """A network that predicts affordance and symmetries of region clouds."""
 
-    def predict(self, clouds: Sequence[Array], table: Plane | None) -> Sequence[RegionPrediction]:
+    def predict(self, clouds: Sequence[Array], table: Plane | None) -> Sequence[RegionOutput]:
         """Return one prediction for each cloud (n, 3) on `table`, camera frame."""
 
 
@@ -64,17 +68,39 @@ class PredictedRegion:
     affordance: Array
     slots: SymmetrySlots
 
+    @classmethod
+    def of(cls, cloud: RegionCloud, prediction: RegionOutput) -> "PredictedRegion":
+        """Return the region `cloud` with the votes of its points put together."""
+        affordance = np.asarray(prediction.affordance, np.float64)
+        votes = prediction.existence, prediction.center, prediction.direction
+        slots = voted_slots(*votes, affordance[prediction.telling])
+        return cls(cloud[prediction.index], affordance, slots)
+
 
 def predicted_regions(
     clouds: Sequence[RegionCloud], table: Plane | None, predictor: Predictor
 ) -> list[PredictedRegion]:
-    """Return what `predictor` says of each of `clouds` on `table`, camera frame."""
+    """Return the predictions for `clouds` on `table`, camera frame."""
     predictions = predictor.predict([cloud.points for cloud in clouds], table)
-    return [_region(*each) for each in zip(clouds, predictions, strict=True)]
+    return [PredictedRegion.of(*each) for each in zip(clouds, predictions, strict=True)]
 
 
-def _region(cloud: RegionCloud, prediction: RegionPrediction) -> PredictedRegion:
-    affordance = np.asarray(prediction.affordance, np.float64)
-    votes = prediction.existence, prediction.center, prediction.direction
-    slots = average_symmetries(*votes, affordance[prediction.telling])
-    return PredictedRegion(cloud[prediction.index], affordance, slots)
+def region_models(
+    predicted: Sequence[PredictedRegion],
+    scene: SceneCloud,
+    config: SelectionConfig,
+    critics: SymmetryCritics | None,
+) -> list[RegionModel]:
+    """Return the models of all regions of a frame; without critics, symmetries as predicted."""
+    if critics is None:
+        symmetries = [RegionSymmetries.unfitted(each.slots) for each in predicted]
+    else:
+        symmetries = [
+            ground_symmetries(each.slots, each.cloud, scene, critics) for each in predicted
+        ]
+    clouds, resolution = [each.cloud for each in predicted], config.feasibility.scene_resolution
+    unseen = completions(clouds, scene, symmetries, config.symmetry, resolution)
+    return [
+        RegionModel(each.cloud, known, each.affordance, completion)
+        for each, known, completion in zip(predicted, symmetries, unseen, strict=True)
+    ]

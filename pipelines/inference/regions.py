@@ -16,7 +16,7 @@ Depth = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 
-class Detection(Protocol):
+class DetectedRegion(Protocol):
     """A region that a detector found."""
 
     @property
@@ -37,7 +37,7 @@ class Detector(Protocol):
         depth: Depth,
         intrinsics: Intrinsics,
         plane: Plane | None,
-    ) -> Sequence[Detection]:
+    ) -> Sequence[DetectedRegion]:
         """Return the regions of a frame, most confident first.
 
         Args:
@@ -97,7 +97,10 @@ def find_regions(
 
 
 def _standing(
-    detections: Sequence[Detection], measured: Mask, segments: GeometricRegions, config: InferConfig
+    detections: Sequence[DetectedRegion],
+    measured: Mask,
+    segments: GeometricRegions,
+    config: InferConfig,
 ) -> list[Region]:
     """Return the detections, disjoint, without those of table and background."""
     free = np.ones(measured.shape, bool)
@@ -129,3 +132,19 @@ def _completed(
         if np.count_nonzero(rest) > config.min_uncovered * np.count_nonzero(mask):
             result.append(Region(rest, config.geometric_confidence, "geometric"))
     return result
+
+
+def pieces_of(mask: Mask, labels: NDArray[np.int32], config: InferConfig) -> list[Mask]:
+    """Return the pieces (H, W) of `mask` (H, W), the largest first; none where it is one (D. 97).
+
+    `labels` (H, W) number the geometric regions, 0 elsewhere. Pieces have at least
+    `min_region_pixels`, and a share `min_piece_share` of the mask.
+    """
+    sizes = np.bincount(labels[mask], minlength=1)
+    sizes[0] = 0
+    least = max(config.min_region_pixels, config.min_piece_share * np.count_nonzero(mask))
+    numbers = np.flatnonzero(sizes >= least)
+    if len(numbers) < 2:
+        return []
+    numbers = numbers[np.argsort(-sizes[numbers], kind="stable")]
+    return [mask & (labels == number) for number in numbers]

@@ -87,12 +87,12 @@ class Settings:
     @property
     def uses_symmetry_critics(self) -> bool:
         """Whether symmetries are fitted to the seen surface."""
-        return self.uses_network and self.config.selection.ground_symmetries
+        return self.uses_network and self.config.selection.symmetry.is_fitted
 
     @property
     def uses_grasp_critic(self) -> bool:
         """Whether grasps are ranked by the quality to expect."""
-        return self.uses_network and self.config.selection.uses_grasp_critic
+        return self.uses_network and self.config.selection.ranking.uses_critic
 
     def weights(self) -> dict[str, str]:
         """Return the digests of the weights that are used."""

@@ -32,7 +32,7 @@ from pipelines.geometry.transforms import (
     transform_points,
 )
 from pipelines.grasping.labelled_regions import LabelledCloud, LabelledSurface, labelled_clouds
-from pipelines.grasping.observation import SceneCloud
+from pipelines.grasping.scene import SceneCloud
 from pipelines.synthesis.objects.decomposition import hull_of_points
 from pipelines.synthesis.scenes.cameras import LENSES, drawn_viewpoints, sensor_intrinsics
 from pipelines.synthesis.scenes.depth_sensors import measured_depth

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from pipelines.configs import InferConfig, LimitsConfig, SelectionConfig
+from pipelines.configs import FeasibilityConfig, InferConfig, LimitsConfig, SelectionConfig
 from pipelines.errors import MissingInputError, SymgraspError, UnknownNameError
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.inference.models import WEIGHTS
@@ -124,12 +124,13 @@ def test_a_gripper_is_a_name_a_file_or_made(tmp_path):
 
 
 def test_settings_are_changed_by_name_by_a_file_or_as_a_whole(tmp_path):
-    names = {"regions": "geometric", "method": "planar", "selection.min_width": 0.06}
+    names = {"regions": "geometric", "method": "planar", "selection.feasibility.min_width": 0.06}
     by_name = GraspDetector(settings=names)
     path = tmp_path / "infer.toml"
-    tables = "[selection]\nmin_width = 0.06\n[watch]\npoll = 1\n"
+    tables = "[selection.feasibility]\nmin_width = 0.06\n[watch]\npoll = 1\n"
     path.write_text('regions = "geometric"\nmethod = "planar"\n' + tables)
-    config = replace(LIGHT, selection=SelectionConfig(min_width=0.06))
+    checks = FeasibilityConfig(min_width=0.06)
+    config = replace(LIGHT, selection=SelectionConfig(feasibility=checks))
     by_file, whole = GraspDetector(settings=str(path)), GraspDetector(settings=config)
     assert by_name.settings == by_file.settings == whole.settings == config
     found = by_name(COLOR, DEPTH, CAMERA)
@@ -158,8 +159,16 @@ def test_nothing_is_written_and_no_picture_kept(light, tmp_path, monkeypatch):
     ("options", "kind", "sentence"),
     [
         ({"gripper": "panda"}, UnknownNameError, "'panda' is not known.*; .*franka"),
-        ({"settings": {"selection.min_with": 0.1}}, UnknownNameError, "'selection.min_width'"),
-        ({"settings": {"selection.min_width": "wide"}}, SymgraspError, "min_width is 'wide'; .* m"),
+        (
+            {"settings": {"selection.feasibility.min_with": 0.1}},
+            UnknownNameError,
+            "'selection.feasibility.min_width'",
+        ),
+        (
+            {"settings": {"selection.feasibility.min_width": "wide"}},
+            SymgraspError,
+            "min_width is 'wide'; .* m",
+        ),
         ({"settings": {"method": "plane"}}, UnknownNameError, "nearest is 'planar'"),
         ({"settings": InferConfig(method="plane")}, UnknownNameError, "nearest is 'planar'"),
         ({"settings": "none.toml"}, MissingInputError, "none.toml does not exist"),

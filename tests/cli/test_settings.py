@@ -88,17 +88,17 @@ def test_config_prints_a_file_that_changes_nothing(stage, tmp_path):
 
 
 def test_config_prints_what_is_chosen_and_the_default_beside_it():
-    printed = run("config", "infer", "--set", "selection.rank_by=eq8").stdout
-    assert 'rank_by = "eq8"' in printed
+    printed = run("config", "infer", "--set", "selection.ranking.by=eq8").stdout
+    assert 'by = "eq8"' in printed
     assert 'Default "critic".' in printed
 
 
 def test_config_prints_json():
     found = json.loads(run("config", "infer", "--json").stdout)
     rows = {row["name"]: row for row in found["settings"]}
-    assert rows["selection.depth_noise"]["unit"] == "m"
-    assert rows["selection.depth_noise"]["origin"] == "D. 6"
-    assert rows["selection.rank_by"]["choices"] == ["critic", "eq8"]
+    assert rows["sensor.depth_noise"]["unit"] == "m"
+    assert rows["sensor.depth_noise"]["origin"] == "D. 6"
+    assert rows["selection.ranking.by"]["choices"] == ["critic", "eq8"]
     assert rows["watch.timeout"]["value"] == "inf"
 
 

@@ -10,7 +10,14 @@ from typing import get_args
 
 import pytest
 
-from pipelines.configs import InferConfig, SelectionConfig, check_settings, from_settings
+from pipelines.configs import (
+    FeasibilityConfig,
+    InferConfig,
+    SelectionConfig,
+    SymmetryConfig,
+    check_settings,
+    from_settings,
+)
 from pipelines.configs.dataset import Sensor
 from pipelines.configs.declaration import UNITS
 from pipelines.configs.inference import ExportFormat
@@ -83,9 +90,9 @@ def test_every_setting_is_reached_by_its_name_and_the_text_of_its_value(stage):
     ("name", "nearest", "known"),
     [
         ("regoins", "regions", "selection"),
-        ("selection.rank_bye", "selection.rank_by", "max_pairs"),
-        ("rank_by", "selection.rank_by", "limits"),
-        ("selecton.rank_by", "selection.rank_by", "limits"),
+        ("selection.ranking.bye", "selection.ranking.by", "max_ranked"),
+        ("max_ranked", "selection.ranking.max_ranked", "limits"),
+        ("selecton.ranking.max_ranked", "selection.ranking.max_ranked", "limits"),
         ("regions.x", "regions", "selection"),
     ],
 )
@@ -109,8 +116,11 @@ def test_a_misspelt_setting_is_refused_with_the_nearest_name_and_all_that_exist(
         ({"min_foreground": math.nan}, "a number from 0 to 1"),
         ({"limits": {"approach_direction": [0, 1]}}, "a list of 3"),
         ({"limits": {"box": 3}}, "a list, of each a number in m"),
-        ({"selection": {"opening_margins": [0.1, "wide"]}}, "a number in m, at least 0"),
-        ({"selection": 3}, "a table; its settings are selection.min_affordance"),
+        (
+            {"selection": {"feasibility": {"opening_margins": [0.1, "wide"]}}},
+            "a number in m, at least 0",
+        ),
+        ({"selection": 3}, "a table; its settings are selection.symmetry"),
         ({"selection": {"a": {"b": {"c": {"d": {"e": {"f": {"g": {"h": 1}}}}}}}}}, "tables deep"),
     ],
 )
@@ -139,9 +149,15 @@ def test_whole_numbers_are_numbers_and_lists_are_tuples():
 def test_names_of_earlier_versions_are_taken_for_those_of_now():
     old = {"selection": {"min_trust": 0.3, "spare_room": [0.01], "rank_by": "judge"}}
     config = from_settings(InferConfig, old)
-    selection = SelectionConfig(min_confidence=0.3, opening_margins=(0.01,), rank_by="critic")
+    selection = SelectionConfig(
+        SymmetryConfig(min_confidence=0.3), feasibility=FeasibilityConfig(opening_margins=(0.01,))
+    )
     assert config == InferConfig(selection=selection)
-    assert changed_by_text(config, "selection.steadiness", "0.5").selection.min_stability == 0.5
+    again = changed_by_text(config, "selection.steadiness", "0.5")
+    assert again.selection.ranking.min_stability == 0.5
+    ungrouped = from_settings(InferConfig, {"selection": {"max_pairs": 9, "depth_noise": 0.001}})
+    assert ungrouped.selection.candidates.max_pairs == 9
+    assert ungrouped.sensor.depth_noise == 0.001
 
 
 def test_settings_that_are_no_more_are_left_out_with_a_warning(monkeypatch, caplog):

@@ -5,7 +5,7 @@ import numpy as np
 from pipelines.evaluation.predictions import FramePredictions, RowPredictions
 from pipelines.geometry.camera import Intrinsics
 from pipelines.grasp_files.grasps_file import FrameResult, GraspTable, RegionTable
-from pipelines.grasping.grasp_candidates import RankedGrasps
+from pipelines.grasping.ranked_grasps import RankedGrasps
 
 CAMERA = Intrinsics(10.0, 10.0, 1.5, 1.0, 4, 3)
 
@@ -56,10 +56,10 @@ def test_masks_come_back_as_they_were():
 
 
 def test_slots_without_parameters_do_not_exist():
-    slots = FramePredictions.from_result(result([], [], [])).row.slots
+    slots = FramePredictions.from_result(result([], [], [])).row.symmetries
     assert slots is not None
-    assert slots[0].existence.tolist() == [0.0] * 5
-    assert np.flatnonzero(slots[1].existence).tolist() == [4]
+    assert slots[0].confidence.tolist() == [0.0] * 5
+    assert np.flatnonzero(slots[1].confidence).tolist() == [4]
 
 
 def test_a_frame_without_regions_predicts_nothing():

@@ -81,3 +81,11 @@ def test_concatenation_keeps_order_and_no_grasps_is_no_error():
     assert len(both) == 7
     assert_allclose(both.width[5:], grasps.width[:2])
     assert len(Grasps.concatenate([])) == 0
+
+
+def test_approach_angles_turn_a_grasp_about_its_contact_line():
+    grasps, angles = random_grasps(np.random.default_rng(2)), np.array([0.0, 0.7, 2.9, -1.1, 6.0])
+    turned = grasps.at_approach_angles(np.arange(5), angles)
+    assert_allclose(turned.contacts, grasps.contacts, atol=1e-12)
+    assert_allclose((turned.approach * grasps.approach).sum(1), np.cos(angles), atol=1e-12)
+    assert_allclose((turned.approach * grasps.binormal).sum(1), np.sin(angles), atol=1e-12)

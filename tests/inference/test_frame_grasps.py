@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipelines.configs import InferConfig, LimitsConfig
+from pipelines.configs import InferConfig, LimitsConfig, RankingConfig, SelectionConfig
 from pipelines.errors import SymgraspError
 from pipelines.frames.rgbd import Frame
 from pipelines.geometry.symmetry import ReflectionSymmetry, SymmetrySlots
@@ -128,7 +128,7 @@ def test_grasps_are_not_left_without_a_critic_in_silence():
     critics = CRITICS["symmetry_critics"]
     with pytest.raises(SymgraspError, match="need a grasp critic"):
         Planner(CONFIG, load_gripper("rg2"), predictor=Oracle(), symmetry_critics=critics)
-    as_paper = replace(CONFIG, selection=replace(CONFIG.selection, rank_by="eq8"))
+    as_paper = replace(CONFIG, selection=SelectionConfig(ranking=RankingConfig(by="eq8")))
     Planner(as_paper, load_gripper("rg2"), predictor=Oracle(), symmetry_critics=critics)
 
 
@@ -165,8 +165,8 @@ def test_no_two_grasps_of_a_region_are_alike():
     grasps = Grasps(
         *(np.asarray(a, np.float64) for a in (found.rotation, found.translation, found.width))
     )
-    selection = CONFIG.selection
-    near = are_near(grasps, selection.nms_distance, selection.nms_angle - 1e-3)
+    ranking = CONFIG.selection.ranking
+    near = are_near(grasps, ranking.nms_distance, ranking.nms_angle - 1e-3)
     assert near.sum() == len(grasps) > 1
 
 

@@ -1,18 +1,16 @@
 """Detections that hold several things are taken apart; what is one thing stays whole."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from pipelines.configs import InferConfig
+from pipelines.configs import InferConfig, SelectionConfig, SymmetryConfig
 from pipelines.frames.rgbd import Frame
 from pipelines.geometry.symmetry import ReflectionSymmetry, SymmetrySlots
 from pipelines.geometry.transforms import transform_points
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.inference import models
 from pipelines.inference.frame_grasps import Planner
-from pipelines.inference.pieces import pieces_of
+from pipelines.inference.regions import pieces_of
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
 from tests.inference.stand_ins import Detection, Detector, Prediction
 
@@ -64,7 +62,7 @@ def planned(boxes, predictor, regions="auto", **planning):
     depth, index = render(boxes, POSE)
     frame = Frame("f", np.full((240, 320, 3), 90, np.uint8), depth.astype(np.float32), CAMERA)
     # Symmetries are not fitted: what the stand-in says of them is what counts.
-    selection = replace(InferConfig().selection, ground_symmetries=False)
+    selection = SelectionConfig(symmetry=SymmetryConfig(is_fitted=False))
     config = InferConfig(regions=regions, selection=selection)
     critic = models.grasp_critic()
     planner = Planner(

@@ -13,7 +13,13 @@ import pytest
 import torch
 
 from pipelines import infer
-from pipelines.configs import InferConfig, LimitsConfig, SelectionConfig
+from pipelines.configs import (
+    InferConfig,
+    LimitsConfig,
+    RankingConfig,
+    SelectionConfig,
+    SymmetryConfig,
+)
 from pipelines.errors import (
     MissingInputError,
     StaleOutputError,
@@ -352,7 +358,9 @@ def test_a_missing_critic_of_symmetries_is_asked_for_only_where_they_are_fitted(
     command = {"axis": "axes", "plane": "planes"}[kind]
     with pytest.raises(MissingInputError, match=f"symgrasp train-critic {command}"):
         infer.run(paths, config, OPTIONS)
-    unfitted = dataclasses.replace(config, selection=SelectionConfig(ground_symmetries=False))
+    unfitted = dataclasses.replace(
+        config, selection=SelectionConfig(symmetry=SymmetryConfig(is_fitted=False))
+    )
     assert infer.run(paths, unfitted, OPTIONS).exit_code == 0
 
 
@@ -361,7 +369,9 @@ def test_a_missing_grasp_critic_is_asked_for_only_where_it_ranks(frames, tmp_pat
     config = InferConfig(regions="geometric")
     with pytest.raises(MissingInputError, match="symgrasp train-critic grasps"):
         infer.run(paths, config, OPTIONS)
-    as_paper = dataclasses.replace(config, selection=SelectionConfig(rank_by="eq8"))
+    as_paper = dataclasses.replace(
+        config, selection=SelectionConfig(ranking=RankingConfig(by="eq8"))
+    )
     assert infer.run(paths, as_paper, OPTIONS).exit_code == 0
     with pytest.raises(StaleOutputError):
         infer.run(dataclasses.replace(paths, grasp_critic=GRASP_CRITIC_WEIGHTS), config, OPTIONS)
@@ -370,7 +380,9 @@ def test_a_missing_grasp_critic_is_asked_for_only_where_it_ranks(frames, tmp_pat
 def test_scores_are_qualities_to_expect_unless_the_paper_ranks(frames, tmp_path):
     scores = {}
     for ranks in ("critic", "eq8"):
-        config = InferConfig(regions="geometric", selection=SelectionConfig(rank_by=ranks))
+        config = InferConfig(
+            regions="geometric", selection=SelectionConfig(ranking=RankingConfig(by=ranks))
+        )
         run(frames, tmp_path / f"{ranks}.h5", config=config)
         table = grasps_file.read(tmp_path / f"{ranks}.h5").grasps
         scores[ranks] = table.rank_score
@@ -385,7 +397,7 @@ WRONG_NAMES = (
     {"regions": "all"},
     {"method": "magic"},
     {"gripper": "claw"},
-    {"selection": SelectionConfig(rank_by="luck")},
+    {"selection": SelectionConfig(ranking=RankingConfig(by="luck"))},
 )
 
 

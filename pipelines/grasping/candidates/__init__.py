@@ -1,1 +1,1 @@
-"""Grasp candidates of a region: contact pairs across symmetries, or from its boundary."""
+"""Grasp candidates of a region: contact pairs across symmetries, from its outline, at random."""

@@ -1,4 +1,4 @@
-"""A region as seen along an approach: how deep its nearest point lies in each cell of a grid."""
+"""A region seen along an approach: the depth of its nearest point in each cell of a grid."""
 
 from dataclasses import dataclass
 
@@ -6,10 +6,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.geometry.transforms import basis_from_direction
-
-Array = NDArray[np.float64]
 
 MIN_CELL, MAX_CELLS = 0.002, 120  # metres; cells along the longer side
 MARGIN = 3  # empty cells about the region
@@ -70,7 +69,7 @@ def _nearest_in_cells(local: Array) -> tuple[Array, float, Array]:
 
 @compiled
 def _filled(depth: Array, inside: NDArray[np.uint8]) -> Array:
-    """Return `depth` (h, w) with what is `inside` and not measured as near as what is about it."""
+    """Return `depth` (h, w) with cells `inside` and not measured as near as the nearest around."""
     height, width = depth.shape
     filled = depth.copy()
     for row in range(height):

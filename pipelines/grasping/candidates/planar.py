@@ -1,28 +1,24 @@
-"""Planar grasps from a region's boundary: the fallback without symmetry (Sec. III-F, D. 8).
+"""Planar grasps from a region's boundary, without symmetry (Sec. III-F, D. 8).
 
-A region is looked at along an approach direction and sliced at some depths behind its nearest
-point. Each slice is a mask on the plane across the approach; two points of its boundary whose
-outward normals oppose each other along the line between them are a grasp. Slicing at several
-depths finds the walls of hollow things as well: a bowl's slice below the rim is a ring.
+A region is seen along an approach direction and sliced at some depths behind its nearest point.
+Each slice is a mask on the plane across the approach; two points of its boundary whose outward
+normals oppose each other along the line between them are a grasp. Slicing at several depths finds
+the walls of hollow things as well: a bowl's slice below the rim is a ring.
 """
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.configs import SelectionConfig
+from pipelines.array_types import Array, Indices, Mask
 from pipelines.geometry.camera import Lens
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.geometry.numerics.quantiles import quantiles
 from pipelines.geometry.transforms import unit
+from pipelines.grasping.candidates.candidates import GraspCandidates
 from pipelines.grasping.candidates.height_map import HeightMap
-from pipelines.grasping.grasp_candidates import Candidates, no_candidates
-from pipelines.grasping.gripper import Gripper
-from pipelines.grasping.observation import RegionCloud, SceneCloud
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+from pipelines.grasping.feasibility.feasibility import Feasibility
+from pipelines.grasping.scene import RegionCloud, SceneCloud
 
 SLICE_DEPTHS = (0.006, 0.013, 0.025, 0.045, 0.08)  # metres behind the nearest point
 TILTS = (0.0, 0.35, 0.7, 1.0)  # shares of the way from the table's normal to the view ray
@@ -32,34 +28,24 @@ MAX_BOUNDARY = 72  # boundary points a slice
 MAX_PAIRS = 24  # pairs a slice
 PLACE = 4.0  # cells: one pair whose middle lies in such a square
 MIN_HOLDING = 0.8  # cosine of the contact angle; rubber pads slip at about 0.75, 37 degrees
-COVERED = 0.4  # share of trust left to a boundary that something nearer makes
+ANGLES = np.radians([0.0, 20.0, -20.0, 40.0, -40.0])  # about the contact line
+COVERED = 0.4  # confidence that a boundary is the object's end where something nearer makes it
 OCCLUSION_STEP = 0.008  # metres by which it is nearer
-HIDDEN_PENALTY = 0.3  # a boundary that faces away from the camera may not be the object's end
+HIDDEN_PENALTY = 0.3  # of a boundary that faces away from the camera, likewise
 
 
-def planar_candidates(
-    region: RegionCloud, scene: SceneCloud, gripper: Gripper, config: SelectionConfig
-) -> Candidates:
+def planar_candidates(region: RegionCloud, feasibility: Feasibility) -> GraspCandidates:
     """Return boundary grasps of `region` along the table's normal, the view ray and between."""
-    parts = []
-    for approach in approach_directions(region, scene):
+    contacts, quality, approaches = [np.zeros((0, 2, 3))], [np.zeros(0)], [np.zeros((0, 3))]
+    for approach in approach_directions(region, feasibility.scene):
         view = HeightMap.of(region.points, approach)
-        for depth, contact_depth in _slice_depths(view, scene, gripper, config):
-            found = _slice_pairs(view, depth, contact_depth, region, scene, gripper, config)
-            parts.append((*found, approach))
-    if not parts:
-        return no_candidates("planar")
-    contacts = np.concatenate([part[0] for part in parts])
-    quality = np.concatenate([part[1] for part in parts])
-    approach = np.concatenate([np.broadcast_to(part[2], (len(part[1]), 3)) for part in parts])
-    return Candidates(
-        contacts,
-        approach,
-        quality,
-        np.zeros(len(quality)),
-        np.full(len(quality), -1, np.int64),
-        "planar",
-    )
+        for depth, contact_depth in _slice_depths(view, feasibility):
+            pairs, held = _slice_pairs(view, depth, region, feasibility)
+            contacts.append(view.points_at(pairs.reshape(-1, 2), contact_depth).reshape(-1, 2, 3))
+            quality.append(held)
+            approaches.append(np.broadcast_to(approach, (len(held), 3)))
+    whole = np.concatenate(contacts), np.concatenate(approaches)
+    return GraspCandidates.without_symmetry(*whole, ANGLES, np.concatenate(quality), "planar")
 
 
 def approach_directions(region: RegionCloud, scene: SceneCloud) -> list[Array]:
@@ -70,23 +56,22 @@ def approach_directions(region: RegionCloud, scene: SceneCloud) -> list[Array]:
     return [unit((1.0 - share) * scene.inward + share * ray) for share in TILTS]
 
 
-def _slice_depths(
-    view: HeightMap, scene: SceneCloud, gripper: Gripper, config: SelectionConfig
-) -> list[tuple[float, float]]:
+def _slice_depths(view: HeightMap, feasibility: Feasibility) -> list[tuple[float, float]]:
     """Return where to slice, and how deep the contacts then are, along the approach.
 
     From above, the table bounds the depth of the tips. On a thin object the contacts may lie a
     little before its surface then, as long as it is still between the tips.
     """
+    gripper, config, table = feasibility.gripper, feasibility.config, feasibility.scene.plane
     seen = view.depth[np.isfinite(view.depth)]
     nearest, farthest = quantiles(seen, (0.02, 0.98))
     deep = [d for d in SLICE_DEPTHS[1:] if d < farthest - nearest + THINNEST]
     # At least one: beneath a flat top seen from straight above are sides that show nowhere.
     slices = nearest + np.array([SLICE_DEPTHS[0], *deep])
-    slope = 0.0 if scene.plane is None else float(-view.axes[:, 0] @ scene.plane.normal)
-    if scene.plane is None or slope < STEEP_APPROACH:
+    slope = 0.0 if table is None else float(-view.axes[:, 0] @ table.normal)
+    if table is None or slope < STEEP_APPROACH:
         return [(float(depth), float(depth)) for depth in slices]
-    deepest = scene.plane.offset / slope - config.min_table_distance - config.body_margin
+    deepest = table.offset / slope - config.min_table_distance - config.body_margin
     deepest -= gripper.tip_reach
     lifted = {(min(d, max(deepest, nearest + THINNEST)), min(d, deepest)) for d in slices}
     reach = gripper.tip_reach - config.min_enclosed / 2
@@ -94,29 +79,21 @@ def _slice_depths(
 
 
 def _slice_pairs(
-    view: HeightMap,
-    depth: float,
-    contact_depth: float,
-    region: RegionCloud,
-    scene: SceneCloud,
-    gripper: Gripper,
-    config: SelectionConfig,
+    view: HeightMap, depth: float, region: RegionCloud, feasibility: Feasibility
 ) -> tuple[Array, Array]:
-    """Return contacts (k, 2, 3) and quality (k,) of the best pairs of one slice."""
+    """Return the best pairs of one slice: cells (k, 2, 2) as (column, row), and quality (k,)."""
     inside = np.asarray(cv2.medianBlur((view.depth <= depth).astype(np.uint8), 3), np.uint8)
     boundary, outward = _boundary(inside)
     if len(boundary) < 2:
-        return np.zeros((0, 2, 3)), np.zeros(0)
+        return np.zeros((0, 2, 2)), np.zeros(0)
     contact = boundary + 0.5 * outward  # from a cell's centre to its outer edge
     steep = _wall_steepness(view.depth, depth, view.cell, boundary, outward)
-    trust = 1.0 - HIDDEN_PENALTY * np.maximum(outward @ view.across(region.view_ray), 0.0)
-    beyond = view.points_at(boundary + 2.0 * outward, depth)
-    trust[_covered(beyond, scene.depth, region.mask, scene.intrinsics.lens)] *= COVERED
-    fitting = (config.min_width, float(gripper.max_width))
-    pairs, quality = _holding_pairs(contact, outward, steep, trust, view.cell, fitting)
+    ends = 1.0 - HIDDEN_PENALTY * np.maximum(outward @ view.across(region.view_ray), 0.0)
+    beyond, scene = view.points_at(boundary + 2.0 * outward, depth), feasibility.scene
+    ends[_covered(beyond, scene.depth, region.mask, scene.intrinsics.lens)] *= COVERED
+    pairs, quality = _holding_pairs(contact, outward, steep, ends, view.cell, feasibility.widths)
     best = _spread(contact, pairs, np.argsort(-quality, kind="stable"))
-    contacts = view.points_at(contact[pairs[best].reshape(-1)], contact_depth)
-    return contacts.reshape(len(best), 2, 3), quality[best]
+    return contact[pairs[best]], quality[best]
 
 
 def _boundary(inside: NDArray[np.uint8]) -> tuple[Array, Array]:
@@ -164,7 +141,7 @@ def _wall_steepness(depth: Array, at: float, cell: float, cells: Array, outward:
 
 @compiled
 def _covered(points: Array, depth: Array, mask: Mask, lens: Lens) -> Mask:
-    """Return which of `points` (n, 3) another thing hides: the region may go on behind it.
+    """Return which of `points` (n, 3) another object hides: the region may go on behind it.
 
     `depth`: (h, w). `mask`: (h, w) the region.
     """
@@ -185,13 +162,14 @@ def _holding_pairs(
     contact: Array,
     outward: Array,
     steep: Array,
-    trust: Array,
+    ends: Array,
     cell: float,
     fitting: tuple[float, float],
 ) -> tuple[Indices, Array]:
     """Return the pairs (k, 2) of n boundary points that fingers hold, and their quality (k,).
 
-    `contact` (n, 2) are in cells; `fitting`: the least and greatest metres between two.
+    `contact` (n, 2) are in cells; `ends` (n,): confidence that each is the object's end; `fitting`:
+    the least and greatest metres between two.
     """
     narrow, wide = fitting
     most = len(contact) * (len(contact) - 1) // 2
@@ -207,7 +185,7 @@ def _holding_pairs(
             holding = cosine * min(steep[i], steep[j])
             if holding > MIN_HOLDING:
                 pairs[count, 0], pairs[count, 1] = i, j
-                quality[count] = holding * holding * min(trust[i], trust[j])
+                quality[count] = holding * holding * min(ends[i], ends[j])
                 count += 1
     return pairs[:count].copy(), quality[:count].copy()
 

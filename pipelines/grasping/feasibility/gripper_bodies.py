@@ -1,32 +1,28 @@
-"""One hand against points, one after the other: compiled loops behind `collision`.
+"""Compiled loops behind `collision`: the bodies of a gripper against points, grasp by grasp.
 
-A hand is two fingers and a palm, boxes in its own frame (approach, closing, height), the same on
-both sides of it: what counts along closing and height is how far off a point lies. All is single
-precision, metres. `bounds` are those of `Gripper`, `cells` as `Obstacles` has them: points (3, n),
-cube by cube; how many measured ones each stands for (n,); where a cube's points start and end
-(c + 1,); the centres (3, c) and radii (c,) of balls about the points of a cube.
+A gripper is two fingers and a palm, boxes in the grasp frame (approach, closing, binormal) and its
+own mirror image along closing and binormal: there a point's distance counts, not its side. All is
+single precision, metres. `bounds` are those of `Gripper`, `cells` those of `Obstacles`: points
+(3, n), cube by cube; how many measured points each stands for (n,); where a cube's points start and
+end (c + 1,); the centres (3, c) and radii (c,) of balls about the points of a cube.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Counts, Mask, Singles
 from pipelines.geometry.numerics.compiled import compiled
 
-Array = NDArray[np.float64]
 Single = np.float32
-Singles = NDArray[np.float32]
-Counts = NDArray[np.int64]
-Mask = NDArray[np.bool_]
-Row = tuple[Single, Single, Single, Single]
-Frame = tuple[Row, Row, Row]
-Hand = tuple[Row, Row]
+Quadruple = tuple[Single, Single, Single, Single]
+GraspFrame = tuple[Quadruple, Quadruple, Quadruple]
+Bodies = tuple[Quadruple, Quadruple]  # fingers, palm
 Place = tuple[Single, Single, Single]
 Cells = tuple[Singles, Counts, Counts, Singles, Singles]
 
 
 @compiled
 def frames_about(rotation: Array, translation: Array, centre: Array) -> Singles:
-    """Return (k, 3, 4) matrices into the frames of k hands, from coordinates about `centre`."""
+    """Return (k, 3, 4) matrices into the frames of k grasps, from coordinates about `centre`."""
     frames = np.empty((len(rotation), 3, 4), np.float32)
     for k in range(len(rotation)):
         for axis in range(3):
@@ -42,18 +38,18 @@ def frames_about(rotation: Array, translation: Array, centre: Array) -> Singles:
 def points_met(
     frames: Singles, bounds: Singles, margin: Single, allowed: int, cells: Cells
 ) -> tuple[Mask, Singles]:
-    """Return which of k hands, blown up by `margin`, meet too much, and what the others enclose.
+    """Return which of k grasps hold too many points in the gripper's bodies, and the others' depth.
 
     Args:
-        frames: (k, 3, 4) into each hand's frame.
-        bounds: (k, 9) of its bodies.
-        margin: metres.
-        allowed: how many points it may meet.
+        frames: (k, 3, 4) into each grasp's frame.
+        bounds: (k, 9) of the bodies.
+        margin: metres that the bodies are blown up by.
+        allowed: how many points they may hold.
         cells: the points.
 
     Returns:
-        (k,) whether it meets more than `allowed`; (k,) metres that points between the fingers
-        reach in from the tips' line, 0 where it does.
+        (k,) whether they hold more than `allowed`; (k,) metres that points between the fingers
+        reach in from the tips' line, 0 where they do.
     """
     blocked, enclosed = np.empty(len(frames), np.bool_), np.zeros(len(frames), np.float32)
     near = np.empty(len(cells[4]), np.bool_)
@@ -66,7 +62,7 @@ def points_met(
 
 
 @compiled
-def free_hands(
+def first_free_grasps(
     frames: Singles,
     bounds: Singles,
     margin: Single,
@@ -75,7 +71,7 @@ def free_hands(
     stability: Array,
     wanted: tuple[float, float, int],
 ) -> tuple[Counts, Singles]:
-    """Return which hands (f,) are free and enclose enough, and what these enclose.
+    """Return which grasps (f,) are free and enclose enough, and how much (f,), metres.
 
     The most stable come first, `stability` (k,). `wanted`: metres to enclose, the share of the
     first free one's stability that others need, and how many at most. The other arguments are
@@ -99,18 +95,18 @@ def free_hands(
 
 @compiled
 def nearest_gaps(frames: Singles, bounds: Singles, cap: Single, cells: Cells) -> Singles:
-    """Return (k,) metres from the bodies of k hands to the nearest point, at most `cap`.
+    """Return (k,) metres from the bodies of k grasps to the nearest point, at most `cap`.
 
     Arguments are those of `points_met`.
     """
     points, _, start, centre, radius = cells
     nearest, least = np.empty(len(frames), np.float32), np.empty(len(radius), np.float32)
     for k in range(len(frames)):
-        frame, hand = _frame(frames[k]), _hand(bounds[k], Single(0.0))
+        frame, bodies = _frame(frames[k]), _bodies(bounds[k], Single(0.0))
         inner, first, gap = bounds[k, 6], 0, cap
         for c in range(len(radius)):
             place = _local(frame, centre[0, c], centre[1, c], centre[2, c])
-            least[c] = np.sqrt(_gap(hand, inner, place)) - radius[c]
+            least[c] = np.sqrt(_gap(bodies, inner, place)) - radius[c]
         for c in range(len(radius)):
             first = c if least[c] < least[first] else first
         for turn in range(min(len(radius), 1) + len(radius)):
@@ -120,7 +116,7 @@ def nearest_gaps(frames: Singles, bounds: Singles, cap: Single, cells: Cells) ->
             squared = gap * gap
             for n in range(start[c], start[c + 1]):
                 place = _local(frame, points[0, n], points[1, n], points[2, n])
-                squared = min(squared, _gap(hand, inner, place))
+                squared = min(squared, _gap(bodies, inner, place))
             gap = np.sqrt(squared)
         nearest[k] = gap
     return nearest
@@ -128,67 +124,67 @@ def nearest_gaps(frames: Singles, bounds: Singles, cap: Single, cells: Cells) ->
 
 @compiled
 def _is_blocked(
-    frame: Frame, bounds: Singles, margin: Single, allowed: int, cells: Cells, near: Mask
+    frame: GraspFrame, bounds: Singles, margin: Single, allowed: int, cells: Cells, near: Mask
 ) -> bool:
-    """Return whether a hand, blown up by `margin`, meets more than `allowed` points.
+    """Return whether the bodies, blown up by `margin`, hold more than `allowed` points.
 
-    Where it does not, `near` (c,) then says of which cubes something may lie in it or between its
-    fingers.
+    Where they do not, `near` (c,) becomes the cubes of which a point may lie in a body or between
+    the fingers.
     """
     points, count, start, centre, radius = cells
-    hand, inner, met = _hand(bounds, margin), bounds[6] - margin, 0
+    bodies, inner, met = _bodies(bounds, margin), bounds[6] - margin, 0
     for c in range(len(radius)):
         place = _local(frame, centre[0, c], centre[1, c], centre[2, c])
-        near[c] = _gap(hand, Single(0.0), place) <= radius[c] * radius[c]
+        near[c] = _gap(bodies, Single(0.0), place) <= radius[c] * radius[c]
     for c in range(len(radius)):
         if not near[c]:
             continue
         # Unsigned numbers never count from an array's end: several points go at a time.
         for n in range(np.uint64(start[c]), np.uint64(start[c + 1])):
             place = _local(frame, points[0, n], points[1, n], points[2, n])
-            met += count[n] * _bodies_at(hand, inner, place)
+            met += count[n] * _bodies_at(bodies, inner, place)
         if met > allowed:
             return True
     return False
 
 
 @compiled
-def _enclosed(frame: Frame, bounds: Singles, cells: Cells, near: Mask) -> Single:
-    """Return how far points between the fingers reach in, of the cubes that are `near` (c,)."""
+def _enclosed(frame: GraspFrame, bounds: Singles, cells: Cells, near: Mask) -> Single:
+    """Return metres that points between the fingers reach in, of the cubes that are `near` (c,)."""
     points, _, start, centre, radius = cells
     back, tip, half, inner = bounds[0], bounds[1], bounds[4], bounds[6]
     deepest = Single(0.0)
     for c in range(len(radius)):
         if not near[c]:
             continue
-        along, across, third = _local(frame, centre[0, c], centre[1, c], centre[2, c])
-        if max(along - (tip - deepest), across - inner, third - half) > radius[c]:
+        along, across, height = _local(frame, centre[0, c], centre[1, c], centre[2, c])
+        if max(along - (tip - deepest), across - inner, height - half) > radius[c]:
             continue
         for n in range(start[c], start[c + 1]):
-            along, across, third = _local(frame, points[0, n], points[1, n], points[2, n])
-            if (back < along) & (along < tip) & (across < inner) & (third < half):
+            along, across, height = _local(frame, points[0, n], points[1, n], points[2, n])
+            if (back < along) & (along < tip) & (across < inner) & (height < half):
                 deepest = max(deepest, tip - along)
     return deepest
 
 
 @compiled
-def _frame(m: Singles) -> Frame:
-    """Return the rows of the matrix `m` (3, 4), as numbers: a loop holds these at hand."""
+def _frame(m: Singles) -> GraspFrame:
+    """Return the rows of the matrix `m` (3, 4), as numbers, which stay in registers."""
     first = (m[0, 0], m[0, 1], m[0, 2], m[0, 3])
     second = (m[1, 0], m[1, 1], m[1, 2], m[1, 3])
     return first, second, (m[2, 0], m[2, 1], m[2, 2], m[2, 3])
 
 
 @compiled
-def _hand(b: Singles, m: Single) -> Hand:
-    """Return fingers (back, tip, half, outer) and palm likewise of bounds `b`, `m` blown up."""
+def _bodies(b: Singles, m: Single) -> Bodies:
+    """Return fingers (back, tip, half, outer) and palm likewise of bounds `b`, blown up by `m`."""
     fingers = (b[0] - m, b[1] + m, b[4] + m, b[7] + m)
     return fingers, (b[2] - m, b[3] + m, b[5] + m, b[8] + m)
 
 
 @compiled
-def _local(frame: Frame, x: Single, y: Single, z: Single) -> Place:
-    """Return where a point lies along approach, and how far off across closing and height."""
+def _local(frame: GraspFrame, x: Single, y: Single, z: Single) -> Place:
+    """Return a point's place along approach, and its distances along closing and binormal."""
     first, second, third = frame
     along = first[0] * x + first[1] * y + first[2] * z + first[3]
     across = second[0] * x + second[1] * y + second[2] * z + second[3]
@@ -196,27 +192,27 @@ def _local(frame: Frame, x: Single, y: Single, z: Single) -> Place:
 
 
 @compiled
-def _bodies_at(hand: Hand, inner: Single, place: Place) -> int:
+def _bodies_at(bodies: Bodies, inner: Single, place: Place) -> int:
     """Return in how many bodies a point lies; `inner`: of a finger along closing."""
-    along, across, third = place
-    back, tip, half, outer = hand[0]
-    finger = (along > back) & (along < tip) & (third < half) & (across > inner) & (across < outer)
-    back, tip, half, outer = hand[1]
-    palm = (along > back) & (along < tip) & (third < half) & (across < outer)
+    along, across, height = place
+    back, tip, half, outer = bodies[0]
+    finger = (along > back) & (along < tip) & (height < half) & (across > inner) & (across < outer)
+    back, tip, half, outer = bodies[1]
+    palm = (along > back) & (along < tip) & (height < half) & (across < outer)
     return int(finger) + int(palm)
 
 
 @compiled
-def _gap(hand: Hand, inner: Single, place: Place) -> Single:
+def _gap(bodies: Bodies, inner: Single, place: Place) -> Single:
     """Return the squared distance to the nearest body; `inner` 0 counts what they close in on."""
-    along, across, third = place
-    back, tip, half, outer = hand[0]
+    along, across, height = place
+    back, tip, half, outer = bodies[0]
     a = max(back - along, along - tip, Single(0.0))
     b = max(inner - across, across - outer, Single(0.0))
-    c = max(third - half, Single(0.0))
+    c = max(height - half, Single(0.0))
     finger = a * a + b * b + c * c
-    back, tip, half, outer = hand[1]
+    back, tip, half, outer = bodies[1]
     a = max(back - along, along - tip, Single(0.0))
     b = max(across - outer, Single(0.0))
-    c = max(third - half, Single(0.0))
+    c = max(height - half, Single(0.0))
     return min(finger, a * a + b * b + c * c)

@@ -1,36 +1,34 @@
-"""Where the picture ends: what it cuts off goes on beyond, unseen, and no finger may go there.
+"""The border of the image: a region that it cuts off goes on beyond it, where no finger may go.
 
-A region that reaches the border of what is measured has no end on that side. Its outline there is
-the picture's and no surface, and half of what is seen is not half of it: a second contact put
+A region that reaches the border of the measured pixels has no end on that side. Its outline there
+is the image's and no surface, and its seen half is not half of the object: a second contact put
 there would be in the middle of the object.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Mask
 from pipelines.geometry.camera import Intrinsics
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Sides = tuple[tuple[int, int], tuple[int, int]]  # first and last column, and row, inclusive
 
 AT_BORDER = 4  # pixels: a region that comes so near is cut
 FEW = 3  # pixels of a region there that may be noise
-FEWEST_MEASURED = 0.05  # of what a full column or row has; some cameras measure none at one side
-MOST_MEASURED = 0.8  # of the picture's width, or height, a camera measures at least
+FEWEST_MEASURED = 0.05  # of a full column or row; some cameras measure nothing at one side
+MOST_MEASURED = 0.8  # of the image's width, or height, a camera measures at least
 BACK = 0.03  # metres behind the tips that must be in view too
 
 
 @dataclass(frozen=True)
-class PictureBorder:
+class ImageBorder:
     """The sides at which a region is cut off.
 
     Attributes:
-        intrinsics: of the picture.
+        intrinsics: of the image.
         low: (2,) first column and row in which a finger may be, -inf where the region ends.
         high: (2,) last column and row, inf where it ends.
     """
@@ -42,10 +40,10 @@ class PictureBorder:
     @classmethod
     def of(
         cls, mask: Mask, depth: Array, measured: Sides, intrinsics: Intrinsics
-    ) -> "PictureBorder | None":
-        """Return where the region `mask` (H, W) is cut; None if it ends within the picture.
+    ) -> "ImageBorder | None":
+        """Return where the region `mask` (H, W) is cut; None if it ends within the image.
 
-        `depth`: (H, W) metres, 0 where missing. `measured`: as `measured_sides` gives it.
+        `depth`: (H, W) metres, 0 where missing. `measured`: from `measured_sides`.
         """
         low, high = np.full(2, -np.inf), np.full(2, np.inf)
         for axis, (first, last) in enumerate(measured):  # columns, rows
@@ -58,17 +56,17 @@ class PictureBorder:
             return None
         return cls(intrinsics, low, high)
 
-    def is_kept(self, hands: Grasps, gripper: Gripper) -> Mask:
-        """Return (n,) which hands have both fingers in view on the sides where the region is cut.
+    def is_kept(self, grasps: Grasps, gripper: Gripper) -> Mask:
+        """Return (n,) which grasps have both fingers in view on the sides where the region is cut.
 
         The fingers' outer faces count, at the tips and some way back.
         """
-        kept = np.ones(len(hands), np.bool_)
-        out = 0.5 * hands.width + gripper.clearance + gripper.finger_thickness
+        kept = np.ones(len(grasps), np.bool_)
+        out = 0.5 * grasps.width + gripper.clearance + gripper.finger_thickness
         for side in (-1.0, 1.0):
             for ahead in (gripper.tip_reach, gripper.tip_reach - BACK):
-                points = hands.translation + ahead * hands.approach
-                points = points + (side * out)[:, None] * hands.closing
+                points = grasps.translation + ahead * grasps.approach
+                points = points + (side * out)[:, None] * grasps.closing
                 before = points[:, 2] > 0.0
                 pixels = self.intrinsics.project(np.where(before[:, None], points, 1.0))
                 kept &= before & ((pixels >= self.low) & (pixels <= self.high)).all(axis=1)
@@ -78,7 +76,7 @@ class PictureBorder:
 def measured_sides(depth: Array) -> Sides:
     """Return the first and the last column, and row, of `depth` (H, W) that hold some depth.
 
-    Those of the picture where what is measured is much smaller: the rest was cut away from a thing.
+    Those of the image where a much smaller part is measured: there an object was cut out of it.
     """
     measured, sides = depth > 0.0, []
     for axis in range(2):

@@ -1,10 +1,10 @@
-"""Where a robot may grasp, and from where: a workspace, and a cone of approaches."""
+"""The limits of a robot: a workspace for grasps, and a cone of approaches."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Mask
 from pipelines.configs import LimitsConfig, check_settings
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.camera import Intrinsics
@@ -13,16 +13,13 @@ from pipelines.geometry.transforms import rotate_vectors, transform_points, unit
 from pipelines.grasping.grasps import Grasps
 from pipelines.tabletop.table_frame import table_from_camera
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-
 ANY_DIRECTION = 180.0  # degrees
 ROUNDING = 1e-9  # of a cosine
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What one frame's grasps must keep to.
+    """The limits of one frame's grasps.
 
     Attributes:
         box: (2, 3) low and high corner in metres, in the frame that `T_box_cam` leads to.
@@ -85,7 +82,7 @@ class Limits:
 
 
 def check_limits(config: LimitsConfig) -> None:
-    """Raise ValueRangeError or UnknownNameError if `config` cannot be meant."""
+    """Raise ValueRangeError or UnknownNameError if `config` holds impossible limits."""
     check_settings(config)
     box = np.asarray(config.box, np.float64)
     if len(box) and not (len(box) == 6 and np.isfinite(box).all() and (box[:3] < box[3:]).all()):

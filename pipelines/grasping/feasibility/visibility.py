@@ -1,24 +1,22 @@
-"""How much of the room that a hand takes the camera has seen to be free (D. 68)."""
+"""The share of the space around the finger tips that the camera has seen to be free (D. 68)."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.geometry.camera import Lens
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
-from pipelines.grasping.observation import SceneCloud
+from pipelines.grasping.scene import SceneCloud
 
-Array = NDArray[np.float64]
-
-TIP_LENGTH = 0.03  # metres of each finger, from its tip, that go where things may be
+TIP_LENGTH = 0.03  # metres of each finger, from its tip
 PLACES = np.array([0.1, 0.5, 0.9])  # along each edge of a finger tip
 
 
 def visible_fraction(grasps: Grasps, gripper: Gripper, scene: SceneCloud) -> Array:
-    """Return (n,) the share of the open finger tips' room that the camera looks through.
+    """Return (n,) the share of the open finger tips' space that the camera looks through.
 
-    What lies behind a surface, beside the picture or where nothing was measured is not seen.
+    Space behind a surface, beside the image or where nothing was measured is not seen.
     """
     fingers = gripper.boxes(grasps.width)[:, :2]  # (n, 2, 2, 3)
     low, high = fingers[:, :, 0].copy(), fingers[:, :, 1]
@@ -34,7 +32,7 @@ def visible_fraction(grasps: Grasps, gripper: Gripper, scene: SceneCloud) -> Arr
 def _looked_through(
     local: Array, rotation: Array, translation: Array, depth: Array, lens: Lens
 ) -> Array:
-    """Return (n,) the share of `local` (n, p, 3), in n hands' frames, before a measured surface."""
+    """Return (n,) the share of `local` (n, p, 3), in n grasp frames, before a measured surface."""
     fx, fy, cx, cy = lens
     height, width = depth.shape
     share = np.zeros(len(local))

@@ -5,8 +5,8 @@ from numpy.typing import NDArray
 
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.grasping.grasps import Grasps
-from pipelines.grasping.observation import RegionCloud
-from pipelines.grasping.ranking.known_region import thinned
+from pipelines.grasping.ranking.known_region import evenly_taken
+from pipelines.grasping.scene import RegionCloud
 
 Array = NDArray[np.float64]
 
@@ -34,7 +34,8 @@ def contact_patches(grasps: Grasps, region: RegionCloud) -> Array:
     the closing axis, positive where the surface faces the finger, and their number. Of the nearest
     point: its distance, and the same cosine.
     """
-    points, normals = thinned(region.points, NUM_POINTS), thinned(region.normals, NUM_POINTS)
+    points = evenly_taken(region.points, NUM_POINTS)
+    normals = evenly_taken(region.normals, NUM_POINTS)
     contacts, is_new = grasps.contacts, np.ones(len(grasps), bool)
     # Grasps that turn about one pair of contacts come one after the other, and share its features.
     is_new[1:] = (contacts[1:] != contacts[:-1]).any(axis=(1, 2))

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from pipelines.errors import FormatError
-from pipelines.grasping.candidates import axis_critic, mirror_views, plane_evidence
-from pipelines.grasping.candidates.axis_critic import AxisCritic
 from pipelines.grasping.ranking import grasp_features
 from pipelines.grasping.ranking.point_critic import FeatureNames, PointCritic
+from pipelines.grasping.symmetries import axis_critic, mirror_views, plane_evidence
+from pipelines.grasping.symmetries.axis_critic import AxisCritic
 from pipelines.storage.checkpoints import load_arrays
 
 AXES, PLANES, GRASPS = "AxisCritic", "PlaneCritic", "GraspCritic"  # `model` of the metadata

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.geometry.symmetry import NUM_SLOTS, ROTATION_SLOT, SPHERE_SLOT
 from pipelines.geometry.transforms import unit
-from pipelines.grasping.grasp_candidates import RankedGrasps
 from pipelines.grasping.grasps import Grasps
-from pipelines.grasping.observation import RegionCloud
+from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.ranking.contact_patches import PATCH_FEATURES, contact_patches
 from pipelines.grasping.ranking.known_region import KnownRegion
+from pipelines.grasping.scene import RegionCloud
 
 Array = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -90,10 +90,10 @@ class GraspFeatures:
         return _between_fingers(self._local, self._half, starts.astype(np.int64))
 
     @property
-    def _slot_existence(self) -> Array:
+    def _slot_confidence(self) -> Array:
         """(k,) confidence in the symmetry that a grasp rests on; 0 without one."""
         slot = self.found.slot
-        return np.where(slot >= 0, self.known.slots.existence[np.maximum(slot, 0)], 0.0)
+        return np.where(slot >= 0, self.known.symmetries.confidence[np.maximum(slot, 0)], 0.0)
 
     def points(self) -> Singles:
         """Return (k, 64, 11) the `POINT_FEATURES` of the points nearest to each closing gripper."""
@@ -137,7 +137,7 @@ CANDIDATE_BLOCKS = (
     Block(("scene_clearance",), lambda of: 20.0 * of.found.clearance),
     Block(("enclosed_height",), lambda of: 30.0 * of.found.enclosed_height),
     Block(("affordance",), lambda of: of.found.affordance),
-    Block(("confidence",), lambda of: of._slot_existence),
+    Block(("confidence",), lambda of: of._slot_confidence),
     Block(("is_reflection",), lambda of: (of.found.slot >= 0) & (of.found.slot < ROTATION_SLOT)),
     Block(("is_rotation",), lambda of: of.found.slot == ROTATION_SLOT),
     Block(("is_sphere",), lambda of: of.found.slot == SPHERE_SLOT),
@@ -151,7 +151,7 @@ CANDIDATE_BLOCKS = (
     ),
     Block(
         tuple(f"confidence_{slot}" for slot in range(NUM_SLOTS)),
-        lambda of: np.broadcast_to(of.known.slots.existence, (len(of.found), NUM_SLOTS)),
+        lambda of: np.broadcast_to(of.known.symmetries.confidence, (len(of.found), NUM_SLOTS)),
     ),
 )
 CANDIDATE_FEATURES = tuple(name for block in CANDIDATE_BLOCKS for name in block.names)

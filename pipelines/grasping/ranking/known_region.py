@@ -1,17 +1,14 @@
-"""What is known of a region when its hands are judged: seen, put there by symmetry, and near."""
+"""The points that the grasp critic looks at: seen, put there by symmetry, and nearby."""
 
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipelines.geometry.symmetry import SymmetrySlots
-from pipelines.grasping.observation import RegionCloud, SceneCloud
+from pipelines.array_types import Array, Singles
+from pipelines.grasping.scene import RegionCloud, SceneCloud
+from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
 from pipelines.tabletop.levelling import UNKNOWN_UP
-
-Array = NDArray[np.float64]
-Singles = NDArray[np.float32]
 
 MEASURED, HIDDEN, FOREIGN = 400, 200, 150  # of a region's points that may be chosen from, each kind
 HEIGHTS = (-0.05, 0.3)  # metres above the table
@@ -19,19 +16,19 @@ HEIGHTS = (-0.05, 0.3)  # metres above the table
 
 @dataclass(frozen=True)
 class KnownRegion:
-    """All that is known about a region and what is about it. Camera frame, metres.
+    """A region with its surroundings, for the grasp critic. Camera frame, metres.
 
     Attributes:
         region: n points.
         scene: that it lies in.
-        slots: its symmetries.
-        hidden: (h, 3) where these put points that the camera does not see.
+        symmetries: of the region.
+        hidden: (h, 3) points that these put where the camera sees nothing.
         foreign: (f, 3) measured points nearby that are not the region's.
     """
 
     region: RegionCloud
     scene: SceneCloud
-    slots: SymmetrySlots
+    symmetries: RegionSymmetries
     hidden: Array
     foreign: Array
 
@@ -50,18 +47,18 @@ class KnownRegion:
     def pool(self) -> tuple[Array, Singles]:
         """(m, 3) points to choose from, kind by kind; (m, 7) normal, kind (3), scaled height."""
         parts = [
-            thinned(self.region.points, MEASURED),
-            thinned(self.hidden, HIDDEN),
-            thinned(self.foreign, FOREIGN),
+            evenly_taken(self.region.points, MEASURED),
+            evenly_taken(self.hidden, HIDDEN),
+            evenly_taken(self.foreign, FOREIGN),
         ]
         points = np.concatenate(parts)
         kind = np.repeat(np.eye(3), [len(part) for part in parts], axis=0)
         normals = np.zeros((len(points), 3))
-        normals[: len(parts[0])] = thinned(self.region.normals, MEASURED)
+        normals[: len(parts[0])] = evenly_taken(self.region.normals, MEASURED)
         height = 10.0 * np.clip(self.heights(points), *HEIGHTS)
         return points, np.column_stack([normals, kind, height]).astype(np.float32)
 
 
-def thinned(rows: Array, count: int) -> Array:
+def evenly_taken(rows: Array, count: int) -> Array:
     """Return at most `count` of `rows` (n, ...), evenly spread over their order."""
     return rows[:: max(1, -(-len(rows) // count))]

@@ -1,28 +1,24 @@
-"""What feasible grasps are ranked by: Eq. 8, or the quality that a critic expects (D. 82)."""
+"""The ranking of feasible grasps: by Eq. 8, or by the quality that a critic expects (D. 82)."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from pipelines.configs import SelectionConfig
-from pipelines.grasping.grasp_candidates import RankedGrasps
+from pipelines.array_types import Array
+from pipelines.configs import RankingConfig
+from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.ranking.grasp_features import GraspFeatures
 from pipelines.grasping.ranking.known_region import KnownRegion
 from pipelines.grasping.ranking.point_critic import PointCritic
 
-Array = NDArray[np.float64]
-# Of feasible grasps, their stability and the seen share of their tips' room.
-Score = Callable[[RankedGrasps, Array, Array], Array]
-
 
 class Critic(Protocol):
-    """What expects something of hands."""
+    """A network that expects a quality of each grasp."""
 
-    def expect(self, views: GraspFeatures) -> Array:
-        """Return (k,) the quality to expect of each hand, 0 to 1."""
+    def expect(self, features: GraspFeatures, /) -> Array:
+        """Return (k,) the expected quality of each grasp, 0 to 1."""
 
 
 @dataclass(frozen=True)
@@ -31,43 +27,52 @@ class GraspCritic:
 
     network: PointCritic
 
-    def expect(self, views: GraspFeatures) -> Array:
-        """Return (k,) the quality to expect of each hand, 0 to 1."""
-        candidates = views.candidates()
-        return self.network.probability(views.points(), candidates[:, :0], candidates)
+    def expect(self, features: GraspFeatures, /) -> Array:
+        """Return (k,) the expected quality of each grasp, 0 to 1."""
+        candidates = features.candidates()
+        return self.network.probability(features.points(), candidates[:, :0], candidates)
+
+
+class Ranking(Protocol):
+    """A score of feasible grasps, and which of them are worth it."""
+
+    @property
+    def min_stability(self) -> float:
+        """Stability that a grasp needs to be scored, relative to the most stable one."""
+
+    def score(self, found: RankedGrasps, stability: Array, visible: Array) -> Array:
+        """Return the score (n,) of grasps, higher is better.
+
+        Args:
+            found: n feasible grasps, their rank_score not known yet.
+            stability: (n,) the prior that they were tried by.
+            visible: (n,) share of the finger tips' space that is seen to be free.
+        """
 
 
 @dataclass(frozen=True)
-class Ranking:
-    """What ranks grasps, and which of them are worth it.
+class ByEq8:
+    """The paper's ranking.
 
-    Attributes:
-        score: the higher, the better.
-        min_stability: of the steadiest candidate's, that a candidate needs.
-        count: candidates at most, the steadiest.
+    Eq. 8 knows the seen points alone. The object's own far side may lie in space that is not seen,
+    so the score counts by the share of the finger tips' space that is seen to be free (D. 68).
     """
 
-    score: Score
-    min_stability: float
-    count: int
+    config: RankingConfig
 
+    @property
+    def min_stability(self) -> float:
+        """Stability that a grasp needs, relative to the most stable one."""
+        return self.config.min_stability
 
-def by_eq8(config: SelectionConfig) -> Ranking:
-    """Return the paper's ranking.
-
-    Eq. 8 knows what was seen. Room that was not may hold the object's own far side, so its score
-    counts by the share of the finger tips' room that was seen to be free (D. 68).
-    """
-
-    def score(found: RankedGrasps, stability: Array, visible: Array) -> Array:
+    def score(self, found: RankedGrasps, stability: Array, visible: Array) -> Array:
+        """Return s of Eq. 8 (n,), less where the camera does not see."""
         del stability
-        s = rank_score(found.clearance, found.enclosed_height, config)
-        return np.asarray(s * (1.0 - config.weight_unseen * (1.0 - visible)))
-
-    return Ranking(score, config.min_stability, config.max_ranked)
+        s = eq8_score(found.clearance, found.enclosed_height, self.config)
+        return np.asarray(s * (1.0 - self.config.weight_unseen * (1.0 - visible)))
 
 
-def rank_score(clearance: ArrayLike, enclosed_height: ArrayLike, config: SelectionConfig) -> Array:
+def eq8_score(clearance: ArrayLike, enclosed_height: ArrayLike, config: RankingConfig) -> Array:
     """Return s of Eq. 8 for `clearance` b and `enclosed_height` h in metres (D. 7)."""
     b = np.minimum(clearance, config.clearance_cap) / config.clearance_cap
     h = np.minimum(enclosed_height, config.enclosed_height_cap) / config.enclosed_height_cap
@@ -75,10 +80,19 @@ def rank_score(clearance: ArrayLike, enclosed_height: ArrayLike, config: Selecti
     return np.asarray(np.tanh(config.weight_clearance * b) * np.tanh(config.weight_height * h))
 
 
-def by_critic(critic: Critic, known: KnownRegion, config: SelectionConfig) -> Ranking:
-    """Return the ranking by the quality to expect of each hand at a region."""
+@dataclass(frozen=True)
+class ByCritic:
+    """The ranking by the quality that `critic` expects of each grasp at the region `known`."""
 
-    def score(found: RankedGrasps, stability: Array, visible: Array) -> Array:
-        return critic.expect(GraspFeatures(found, stability, visible, known))
+    config: RankingConfig
+    critic: Critic
+    known: KnownRegion
 
-    return Ranking(score, config.critic_min_stability, config.max_ranked)
+    @property
+    def min_stability(self) -> float:
+        """Stability that a grasp needs, relative to the most stable one."""
+        return self.config.critic_min_stability
+
+    def score(self, found: RankedGrasps, stability: Array, visible: Array) -> Array:
+        """Return the expected quality (n,)."""
+        return self.critic.expect(GraspFeatures(found, stability, visible, self.known))

@@ -1,18 +1,14 @@
-"""Of alike grasps only the best, so that the next one is another (D. 78)."""
+"""Non-maximum suppression: of alike grasps only the best stays (D. 78)."""
 
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Indices, Mask
 from pipelines.grasping.grasps import Grasps
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Mask = NDArray[np.bool_]
-
 HALF_TURN = np.array([1.0, -1.0, -1.0])  # about the approach: the fingers change places
-ROUNDING = 1e-6  # radians; the angles that hands are turned by are no ties
+ROUNDING = 1e-6  # radians; two approach angles exactly as far apart as the limit are not alike
 
 
 def non_maximum_suppression(
@@ -22,18 +18,18 @@ def non_maximum_suppression(
 
     A grasp goes if a better one that stays is nearer than `distance` metres, contacts' middle to
     contacts' middle, and turned by less than `angle` radians from it, the fingers swapped or not.
-    What is `sound` is asked about few: the rest goes whatever the answer would be.
+    `sound` is called for few grasps: the others are suppressed whatever its answer would be.
     """
     near = are_near(grasps, distance, angle)
-    left, asked = np.ones(len(grasps), np.bool_), np.zeros(len(grasps), np.bool_)
+    left, checked = np.ones(len(grasps), np.bool_), np.zeros(len(grasps), np.bool_)
     while True:
         first = _greedy(near, left)
-        unknown = first[~asked[first]]
+        unknown = first[~checked[first]]
         if not len(unknown):
             return first
-        # What an unsound one stood before may come up now, and is asked about in the next round.
+        # Grasps that an unsound one suppressed may stay now, and are checked in the next round.
         left[unknown] = sound(grasps[unknown])
-        asked[unknown] = True
+        checked[unknown] = True
 
 
 def are_near(grasps: Grasps, distance: float, angle: float) -> Mask:

@@ -6,12 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipelines.configs import SelectionConfig
-from pipelines.geometry.pointcloud import Plane
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.candidates import height_map, planar
-from pipelines.grasping.observation import RegionCloud, SceneCloud
-from pipelines.grasping.region_grasping import plan_planar
-from tests.geometry.tabletops import CAMERA, Box, Can, looking_at_table, render
+from pipelines.grasping.feasibility.feasibility import Feasibility
+from pipelines.grasping.planner import Planar, RegionModel, RegionPlanner
+from pipelines.grasping.scene import RegionCloud
+from tests.geometry.tabletops import CAMERA, Box, Can, render
+from tests.grasping.seen_regions import scene_of, seen
 
 CONFIG = SelectionConfig()
 GRIPPER = load_gripper("rg2")
@@ -30,17 +31,17 @@ def naive_pairs(view, depth, region, scene):
     for i in range(len(contact)):
         for j in range(i + 1, len(contact)):
             width = np.linalg.norm(contact[j] - contact[i])
-            if not CONFIG.min_width < width * view.cell < GRIPPER.max_width:
+            if not CONFIG.feasibility.min_width < width * view.cell < GRIPPER.max_width:
                 continue
             line = (contact[j] - contact[i]) / width
             holding = min(-line @ outward[i], line @ outward[j]) * min(steep[i], steep[j])
             if holding > planar.MIN_HOLDING:
-                trusts = [
+                ends = [
                     (1.0 - planar.HIDDEN_PENALTY * max(outward[k] @ ray, 0.0))
                     * (planar.COVERED if covered[k] else 1.0)
                     for k in (i, j)
                 ]
-                found[tuple(contact[i]), tuple(contact[j])] = holding**2 * min(trusts)
+                found[tuple(contact[i]), tuple(contact[j])] = holding**2 * min(ends)
     return found
 
 
@@ -50,8 +51,9 @@ def test_a_flat_top_seen_from_straight_above_can_be_held_at_sides_that_show_nowh
     pose[2, 3] = 0.7
     depth, index = render([Box((0.05, 0.05, 0.03))], pose)
     depth = depth + noise * np.random.default_rng(0).normal(size=depth.shape)
-    scene = SceneCloud(depth, CAMERA, Plane(pose[:3, 2], float(-pose[:3, 2] @ pose[:3, 3])))
-    found = plan_planar(RegionCloud.from_mask(index == 0, scene), scene, GRIPPER, CONFIG)
+    scene = scene_of(depth, pose)
+    region = RegionModel(RegionCloud.from_mask(index == 0, scene))
+    found = RegionPlanner(GRIPPER, CONFIG).plan(region, scene, (Planar(),))
     assert len(found)
     np.testing.assert_allclose(found.grasps.width[0], 0.05, atol=0.006)
     assert (found.grasps.translation[:, 2] + GRIPPER.tip_reach < 0.7).all()  # above the table
@@ -59,23 +61,18 @@ def test_a_flat_top_seen_from_straight_above_can_be_held_at_sides_that_show_nowh
 
 @pytest.mark.parametrize("shape", [Box((0.06, 0.05, 0.1)), Can(0.03, 0.08)])
 def test_the_pairs_of_a_slice_are_those_of_a_loop(shape):
-    pose = looking_at_table()
-    depth, index = render([shape, Box((0.03, 0.03, 0.15), (0.0, -0.08, 0.0))], pose)
-    scene = SceneCloud(depth, CAMERA, Plane(pose[:3, 2], float(-pose[:3, 2] @ pose[:3, 3])))
-    region = RegionCloud.from_mask(index == 0, scene)
+    _, scene, region = seen([shape, Box((0.03, 0.03, 0.15), (0.0, -0.08, 0.0))])
+    cap = CONFIG.ranking.clearance_cap
+    checks = Feasibility.at(region, scene, GRIPPER, CONFIG.feasibility, cap)
     for approach in planar.approach_directions(region, scene):
         view = height_map.HeightMap.of(region.points, approach)
-        for at, contact_depth in planar._slice_depths(view, scene, GRIPPER, CONFIG):
+        for at, _ in planar._slice_depths(view, checks):
             expected = naive_pairs(view, at, region, scene)
-            contacts, quality = planar._slice_pairs(
-                view, at, contact_depth, region, scene, GRIPPER, CONFIG
-            )
-            flat = (contacts @ view.axes)[..., 1:]
-            cells = (flat - view.low) / view.cell - 0.5
+            cells, quality = planar._slice_pairs(view, at, region, checks)
             keys = np.array([np.ravel(pair) for pair in expected]).reshape(-1, 4)
             values = np.array(list(expected.values()))
-            assert len(contacts) <= planar.MAX_PAIRS
-            assert (len(contacts) > 0) == (len(expected) > 0)
+            assert len(cells) <= planar.MAX_PAIRS
+            assert (len(cells) > 0) == (len(expected) > 0)
             for pair, value in zip(cells.reshape(-1, 4), quality, strict=True):
                 away = np.abs(keys - pair).max(axis=1)
                 assert away.min() < 1e-6
@@ -101,7 +98,7 @@ def test_a_cell_holds_its_nearest_point(seed, count):
 
 @given(seeds)
 @settings(max_examples=25, deadline=None)
-def test_holes_are_as_near_as_what_is_about_them(seed):
+def test_holes_are_as_near_as_the_nearest_cell_around(seed):
     rng = np.random.default_rng(seed)
     depth = np.where(rng.uniform(size=(12, 9)) < 0.7, rng.uniform(size=(12, 9)), np.inf)
     inside = (rng.uniform(size=(12, 9)) < 0.5).astype(np.uint8)
@@ -131,7 +128,7 @@ def test_slopes_and_steepness_are_those_of_arrays(seed, count):
 
 @given(seeds, st.integers(0, 30))
 @settings(max_examples=25, deadline=None)
-def test_points_are_covered_by_what_is_nearer_and_not_the_region(seed, count):
+def test_points_are_covered_by_nearer_surfaces_other_than_the_region(seed, count):
     rng = np.random.default_rng(seed)
     depth = rng.uniform(0.45, 0.55, (240, 320)) * (rng.uniform(size=(240, 320)) < 0.8)
     mask = rng.uniform(size=depth.shape) < 0.5

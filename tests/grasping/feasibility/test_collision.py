@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from pipelines.configs import SelectionConfig
+from pipelines.configs import FeasibilityConfig
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import (
     make_pose,
@@ -15,17 +15,14 @@ from pipelines.geometry.transforms import (
 )
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.feasibility.collision import (
+    BodyTest,
     Obstacles,
     clearance,
-    first_free,
     lowest_height,
-    meets,
-    turned,
 )
 from pipelines.grasping.grasps import Grasps
 
 GRIPPER = load_gripper("rg2")
-ANGLES = np.array([0.0, 0.7, 2.9, -1.1, 6.0])
 seeds = st.integers(0, 2**31)
 
 
@@ -61,54 +58,45 @@ def naive_enclosed(grasps, index, scene):
 @given(seeds, st.integers(0, 600), st.integers(0, 40))
 @example(420, 400, 2)  # points in the corners of the margin
 @settings(max_examples=40, deadline=None)
-def test_hands_meet_and_enclose_what_a_loop_finds(seed, count, allowed):
+def test_grasps_collide_and_enclose_as_a_loop_finds(seed, count, allowed):
     rng = np.random.default_rng(seed)
-    hands, scene = random_grasps(rng, 15), random_scene(rng, count)
-    met, enclosed = meets(hands, GRIPPER, scene, 0.001, allowed)
-    for index in range(len(hands)):
-        expected = naive_inside(hands, index, scene, 0.001) > allowed
+    grasps, scene = random_grasps(rng, 15), random_scene(rng, count)
+    met, enclosed = BodyTest(0.001, allowed).collides(grasps, GRIPPER, scene)
+    for index in range(len(grasps)):
+        expected = naive_inside(grasps, index, scene, 0.001) > allowed
         assert met[index] == expected
-        height = 0.0 if expected else naive_enclosed(hands, index, scene)
+        height = 0.0 if expected else naive_enclosed(grasps, index, scene)
         np.testing.assert_allclose(enclosed[index], height, atol=1e-5)
 
 
 @given(seeds, st.sampled_from([0, 3, 40]), st.sampled_from([0.0, 0.5, 1.0]), st.integers(1, 20))
 @settings(max_examples=40, deadline=None)
-def test_the_first_free_hands_are_those_that_meet_nothing_and_enclose_something(
-    seed, count, share, most
-):
-    rng, config = np.random.default_rng(seed), SelectionConfig()
-    hands, scene = random_grasps(rng, 30)[np.arange(count) % 30], random_scene(rng, 20)
-    steady = np.sort(np.round(rng.random(count), 1))[::-1].copy()
-    met, enclosed = meets(hands, GRIPPER, scene, config.body_margin, config.max_points_inside)
+def test_the_first_free_grasps_collide_with_nothing_and_enclose_something(seed, count, share, most):
+    rng, config = np.random.default_rng(seed), FeasibilityConfig()
+    grasps, scene = random_grasps(rng, 30)[np.arange(count) % 30], random_scene(rng, 20)
+    stability = np.sort(np.round(rng.random(count), 1))[::-1].copy()
+    test = BodyTest(config.body_margin, config.max_points_inside)
+    met, enclosed = test.collides(grasps, GRIPPER, scene)
     expected = np.flatnonzero(~met & (enclosed >= config.min_enclosed))
-    expected = expected[steady[expected] >= share * steady[expected].max(initial=0.0)][:most]
-    found, height = first_free(hands, GRIPPER, scene, config, steady, share, most)
+    expected = expected[stability[expected] >= share * stability[expected].max(initial=0.0)][:most]
+    wanted = config.min_enclosed, share, most
+    found, height = test.first_free(grasps, GRIPPER, scene, stability, wanted)
     np.testing.assert_array_equal(found, expected)
     np.testing.assert_array_equal(height, enclosed[expected])
 
 
 @given(seeds)
 @settings(max_examples=15, deadline=None)
-def test_moving_hand_and_scene_together_changes_nothing(seed):
+def test_moving_gripper_and_scene_together_changes_nothing(seed):
     rng = np.random.default_rng(seed)
     grasps, scene = random_grasps(rng, 40), random_scene(rng)
     T = make_pose(random_rotation(rng), rng.normal(size=3))
     moved = Obstacles(transform_points(T, scene.points), scene.count)
-    here, _ = meets(grasps, GRIPPER, scene, 0.001, 4)
-    there, _ = meets(grasps.transformed(T), GRIPPER, moved, 0.001, 4)
+    here, _ = BodyTest(0.001, 4).collides(grasps, GRIPPER, scene)
+    there, _ = BodyTest(0.001, 4).collides(grasps.transformed(T), GRIPPER, moved)
     assert (here == there).mean() > 0.9  # a point on a box's face may flip
     found = clearance(grasps.transformed(T), GRIPPER, moved, 0.05)
     np.testing.assert_allclose(found, clearance(grasps, GRIPPER, scene, 0.05), atol=1e-5)
-
-
-def test_the_hand_turns_about_its_contact_line():
-    rng = np.random.default_rng(2)
-    grasps = random_grasps(rng)
-    hands = turned(grasps, np.arange(5), ANGLES)
-    np.testing.assert_allclose(hands.contacts, grasps.contacts, atol=1e-12)
-    cosine = np.einsum("ni,ni->n", hands.approach, grasps.approach)
-    np.testing.assert_allclose(cosine, np.cos(ANGLES), atol=1e-12)
 
 
 @given(seeds, st.sampled_from([0, 1, 12, 500]))

@@ -1,4 +1,4 @@
-"""What the picture cuts off goes on beyond: no finger where it ends."""
+"""A region that the image cuts off goes on beyond its border: no finger there."""
 
 from dataclasses import replace
 
@@ -8,14 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipelines.configs import SelectionConfig
-from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import random_rotation
 from pipelines.grasp_files.gripper_files import load_gripper
-from pipelines.grasping.feasibility.image_border import BACK, PictureBorder, measured_sides
+from pipelines.grasping.feasibility.image_border import BACK, ImageBorder, measured_sides
 from pipelines.grasping.grasps import Grasps
-from pipelines.grasping.observation import RegionCloud, SceneCloud
-from pipelines.grasping.region_grasping import plan_planar
+from pipelines.grasping.planner import Planar, RegionModel, RegionPlanner
+from pipelines.grasping.scene import RegionCloud
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
+from tests.grasping.seen_regions import scene_of
 
 CONFIG, GRIPPER = SelectionConfig(), load_gripper("rg2")
 BOX = Box((0.09, 0.05, 0.06))
@@ -24,7 +24,7 @@ SIDES = ["left", "right", "upper", "lower", "none"]
 
 
 def cut(depth, index, side, share=0.6):
-    """Return depth, region and camera of a picture that ends where `share` of the box is seen."""
+    """Return depth, region and camera of an image that ends where `share` of the box is seen."""
     rows, columns = np.nonzero(index == 0)
     match side:
         case "left":
@@ -44,9 +44,9 @@ def cut(depth, index, side, share=0.6):
 
 
 @pytest.mark.parametrize("side", SIDES)
-def test_a_region_is_cut_where_it_reaches_the_end_of_what_is_measured(side):
+def test_a_region_is_cut_where_it_reaches_the_border_of_the_measured_pixels(side):
     depth, mask, camera = cut(*render([BOX], POSE), side)
-    border = PictureBorder.of(mask, depth, measured_sides(depth), camera)
+    border = ImageBorder.of(mask, depth, measured_sides(depth), camera)
     if side == "none":
         assert border is None
         return
@@ -55,35 +55,36 @@ def test_a_region_is_cut_where_it_reaches_the_end_of_what_is_measured(side):
 
 
 @pytest.mark.parametrize("side", SIDES)
-def test_no_finger_closes_where_the_picture_cuts_a_thing_off(side):
+def test_no_finger_closes_where_the_image_cuts_an_object_off(side):
     whole, index = render([BOX], POSE)
     depth, mask, camera = cut(whole, index, side)
-    scene = SceneCloud(depth, camera, Plane(POSE[:3, 2], float(-POSE[:3, 2] @ POSE[:3, 3])))
-    found = plan_planar(RegionCloud.from_mask(mask, scene), scene, GRIPPER, CONFIG)
+    scene = scene_of(depth, POSE, camera)
+    region = RegionModel(RegionCloud.from_mask(mask, scene))
+    found = RegionPlanner(GRIPPER, CONFIG).plan(region, scene, (Planar(),))
     assert len(found)
-    hands = found.grasps
+    grasps = found.grasps
     points = CAMERA.backproject(whole)[index == 0]  # with those beyond the cut
     for n in range(len(found)):
-        along, across, aside = ((points - hands.translation[n]) @ hands.rotation[n]).T
-        half = 0.5 * hands.width[n] + GRIPPER.clearance
+        along, across, aside = ((points - grasps.translation[n]) @ grasps.rotation[n]).T
+        half = 0.5 * grasps.width[n] + GRIPPER.clearance
         finger = (np.abs(across) > half) & (np.abs(across) < half + GRIPPER.finger_thickness)
         finger &= (along < GRIPPER.tip_reach) & (along > -GRIPPER.finger_length)
         finger &= np.abs(aside) < 0.5 * GRIPPER.finger_height
-        assert np.count_nonzero(finger) <= CONFIG.max_points_inside
+        assert np.count_nonzero(finger) <= CONFIG.feasibility.max_points_inside
 
 
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 1000))
-def test_a_hand_is_kept_if_its_fingers_are_in_view(seed):
+def test_a_grasp_is_kept_if_its_fingers_are_in_view(seed):
     rng = np.random.default_rng(seed)
     low = np.array([rng.uniform(0, 100), -np.inf])
     high = np.array([np.inf, rng.uniform(140, 239)])
     rotation = np.stack([random_rotation(rng) for _ in range(20)])
     middle = np.column_stack([rng.uniform(-0.3, 0.3, (20, 2)), rng.uniform(0.02, 0.8, 20)])
-    hands = Grasps.unchecked(rotation, middle, rng.uniform(0.01, 0.09, 20))
-    kept = PictureBorder(CAMERA, low, high).is_kept(hands, GRIPPER)
+    grasps = Grasps.unchecked(rotation, middle, rng.uniform(0.01, 0.09, 20))
+    kept = ImageBorder(CAMERA, low, high).is_kept(grasps, GRIPPER)
     for n in range(20):
-        out = 0.5 * hands.width[n] + GRIPPER.clearance + GRIPPER.finger_thickness
+        out = 0.5 * grasps.width[n] + GRIPPER.clearance + GRIPPER.finger_thickness
         inside = True
         for across in (-out, out):
             for along in (GRIPPER.tip_reach, GRIPPER.tip_reach - BACK):
@@ -96,7 +97,7 @@ def test_a_hand_is_kept_if_its_fingers_are_in_view(seed):
         assert kept[n] == inside
 
 
-def test_a_side_that_a_camera_never_measures_is_the_pictures_end():
+def test_a_side_that_a_camera_never_measures_is_the_images_border():
     depth = np.full((240, 320), 0.7)
     depth[:, :30] = 0.0
     depth[5, 3] = 0.7  # noise
@@ -104,8 +105,8 @@ def test_a_side_that_a_camera_never_measures_is_the_pictures_end():
     assert measured_sides(np.zeros((4, 6))) == ((0, 5), (0, 3))
 
 
-def test_where_all_but_a_thing_was_cut_away_its_ends_are_its_own():
+def test_an_object_that_was_cut_out_of_an_image_ends_by_itself():
     depth, index = render([BOX], POSE)
     alone = np.where(index == 0, depth, 0.0)
     assert measured_sides(alone) == ((0, 319), (0, 239))
-    assert PictureBorder.of(index == 0, alone, measured_sides(alone), CAMERA) is None
+    assert ImageBorder.of(index == 0, alone, measured_sides(alone), CAMERA) is None

@@ -1,4 +1,4 @@
-"""How much of the finger tips' room the camera sees to be free."""
+"""The share of the finger tips' space that the camera sees to be free."""
 
 import itertools
 
@@ -10,7 +10,7 @@ from pipelines.geometry.transforms import random_rotation
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.feasibility.visibility import PLACES, TIP_LENGTH, visible_fraction
 from pipelines.grasping.grasps import Grasps
-from pipelines.grasping.observation import SceneCloud
+from pipelines.grasping.scene import SceneCloud
 
 CAMERA = Intrinsics(400.0, 400.0, 159.5, 119.5, 320, 240)
 GRIPPER = load_gripper("rg2")
@@ -40,7 +40,7 @@ def along_the_view(z, width=0.04):
         (wall(0.0), 0.0),  # nothing was measured
     ],
 )
-def test_room_before_a_surface_is_seen_and_room_behind_it_is_not(scene, share):
+def test_space_before_a_surface_is_seen_and_space_behind_it_is_not(scene, share):
     assert visible_fraction(along_the_view(0.5), GRIPPER, scene)[0] == pytest.approx(share)
 
 
@@ -53,7 +53,7 @@ def test_a_tip_that_dips_into_the_wall_is_seen_in_part():
     assert shares[2] == 0.0
 
 
-def test_room_beside_the_picture_and_behind_the_camera_is_not_seen():
+def test_space_beside_the_image_and_behind_the_camera_is_not_seen():
     grasp, metre = along_the_view(0.5), np.eye(3)
     beside = Grasps(grasp.rotation, grasp.translation + metre[:1], grasp.width)
     behind = Grasps(grasp.rotation, grasp.translation - metre[2:], grasp.width)

@@ -9,11 +9,10 @@ from hypothesis import strategies as st
 from scipy.spatial import KDTree
 
 from pipelines.geometry.pointcloud import Plane
-from pipelines.geometry.symmetry import ReflectionSymmetry, SymmetrySlots
+from pipelines.geometry.symmetry import ReflectionSymmetry
 from pipelines.geometry.transforms import random_rotation, transform_points, unit
-from pipelines.grasping.grasp_candidates import RankedGrasps
 from pipelines.grasping.grasps import Grasps
-from pipelines.grasping.observation import RegionCloud, SceneCloud
+from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.ranking import contact_patches, grasp_features
 from pipelines.grasping.ranking.grasp_features import (
     CANDIDATE_FEATURES,
@@ -24,7 +23,9 @@ from pipelines.grasping.ranking.grasp_features import (
     grasp_frame,
 )
 from pipelines.grasping.ranking.known_region import KnownRegion
+from pipelines.grasping.scene import RegionCloud, SceneCloud
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
+from tests.grasping.seen_regions import believed
 
 SIZE = (0.06, 0.09, 0.1)
 NORMAL = slice(GraspPointFeature.NORMAL_APPROACH, GraspPointFeature.NORMAL_BINORMAL + 1)
@@ -38,9 +39,10 @@ def known_box():
     scene = SceneCloud(depth, CAMERA, Plane(pose[:3, 2], float(-pose[:3, 2] @ pose[:3, 3])))
     region = RegionCloud.from_mask(index == 0, scene)
     plane = ReflectionSymmetry(pose[:3, 1], transform_points(pose, [0, 0, 0.05]))
-    slots = SymmetrySlots.from_symmetries([plane])
     foreign = transform_points(pose, [[0.0, 0.2, 0.0], [0.1, 0.2, 0.0]])
-    return pose, KnownRegion(region, scene, slots, plane.counterpart(region.points), foreign)
+    return pose, KnownRegion(
+        region, scene, believed(plane), plane.counterpart(region.points), foreign
+    )
 
 
 POSE, KNOWN = known_box()
@@ -139,7 +141,7 @@ def test_nothing_depends_on_where_the_camera_stands_about_the_vertical(turn):
     other = KnownRegion(
         moved,
         scene,
-        KNOWN.slots,
+        KNOWN.symmetries,
         np.zeros((0, 3)),  # a point and its image would be equally near
         transform_points(spin, KNOWN.foreign),
     )
@@ -155,7 +157,7 @@ def test_nothing_depends_on_where_the_camera_stands_about_the_vertical(turn):
 def test_without_a_table_heights_are_zero_and_few_points_are_repeated():
     scene = replace(KNOWN.scene, plane=None)
     few = replace(KNOWN.region, points=KNOWN.region.points[:9], normals=KNOWN.region.normals[:9])
-    bare = KnownRegion(few, scene, SymmetrySlots.empty(), np.zeros((0, 3)), np.zeros((0, 3)))
+    bare = KnownRegion(few, scene, believed(), np.zeros((0, 3)), np.zeros((0, 3)))
     seen = views(hands(slot=-1), bare)
     (rows,) = seen.points()
     assert len(np.unique(rows, axis=0)) <= 9

@@ -1,15 +1,15 @@
-"""Alike grasps go: the fast way equals asking about every grasp and comparing every pair."""
+"""Non-maximum suppression equals checking every grasp and comparing every pair."""
 
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipelines.configs import SelectionConfig
+from pipelines.configs import RankingConfig
 from pipelines.geometry.transforms import random_rotation, rotation_about
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.ranking.suppression import are_near, non_maximum_suppression
 
-CONFIG = SelectionConfig()
+CONFIG = RankingConfig()
 DISTANCE, ANGLE = CONFIG.nms_distance, CONFIG.nms_angle
 seeds = st.integers(0, 2**31)
 
@@ -29,7 +29,7 @@ def alike_grasps(rng, count):
 
 
 def angle_between(one, other):
-    """The smaller angle of both ways to hold a symmetric hand, by the rotation's axis."""
+    """The smaller angle of both ways to hold a symmetric gripper, by the rotation's axis."""
     angles = []
     for swap in (np.eye(3), np.diag([1.0, -1.0, -1.0])):
         turn = one @ (other @ swap).T
@@ -40,7 +40,7 @@ def angle_between(one, other):
     return min(angles)
 
 
-def naive_different(grasps, sound):
+def naive_suppression(grasps, sound):
     kept = []
     for index in np.flatnonzero(sound):
         for better in kept:
@@ -55,25 +55,25 @@ def naive_different(grasps, sound):
 
 @given(seeds, st.integers(1, 40))
 @settings(max_examples=40, deadline=None)
-def test_what_stays_is_what_a_loop_over_all_sound_grasps_keeps(seed, count):
+def test_the_grasps_that_stay_are_those_of_a_loop_over_all_sound_ones(seed, count):
     rng = np.random.default_rng(seed)
     grasps, sound = alike_grasps(rng, count), rng.random(count) < 0.6
-    asked = []
+    checked = []
 
     def is_sound(some):
         places = [
             np.flatnonzero((grasps.translation == t).all(axis=1))[0] for t in some.translation
         ]
-        asked.extend(places)
+        checked.extend(places)
         return sound[places]
 
-    assert non_maximum_suppression(grasps, DISTANCE, ANGLE, is_sound).tolist() == naive_different(
+    assert non_maximum_suppression(grasps, DISTANCE, ANGLE, is_sound).tolist() == naive_suppression(
         grasps, sound
     )
-    assert len(asked) == len(set(asked))  # nobody is asked about twice
+    assert len(checked) == len(set(checked))  # none is checked twice
 
 
-def test_of_nothing_nothing_stays():
+def test_of_no_grasps_none_stays():
     assert (
         len(
             non_maximum_suppression(
@@ -84,16 +84,16 @@ def test_of_nothing_nothing_stays():
     )
 
 
-def test_few_are_asked_about():
+def test_few_grasps_are_checked():
     grasps = Grasps(np.tile(np.eye(3), (50, 1, 1)), np.zeros((50, 3)), np.full(50, 0.05))
-    asked = []
+    checked = []
 
     def is_sound(some):
-        asked.append(len(some))
+        checked.append(len(some))
         return np.ones(len(some), bool)
 
     assert non_maximum_suppression(grasps, DISTANCE, ANGLE, is_sound).tolist() == [0]
-    assert asked == [1]
+    assert checked == [1]
 
 
 def test_swapped_fingers_are_the_same_grasp_and_a_turn_of_the_angle_is_another():

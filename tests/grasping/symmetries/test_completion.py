@@ -1,20 +1,21 @@
-"""The unseen sides of regions, and hands that keep off those of their neighbours."""
+"""The unseen sides of regions, and grasps that keep off those of their neighbours."""
 
 from dataclasses import replace
 
 import numpy as np
 
 from pipelines.configs import SelectionConfig
-from pipelines.geometry.pointcloud import Plane
-from pipelines.geometry.symmetry import RotationSymmetry, SymmetrySlots
+from pipelines.geometry.symmetry import RotationSymmetry
 from pipelines.geometry.transforms import invert, rotate_vectors, transform_points
 from pipelines.grasp_files.gripper_files import load_gripper
-from pipelines.grasping.candidates.completion import Completion, completions, hidden_points
-from pipelines.grasping.observation import RegionCloud, SceneCloud
-from pipelines.grasping.region_grasping import plan_region
-from tests.geometry.tabletops import CAMERA, Can, looking_at_table, render
+from pipelines.grasping.planner import RegionModel, RegionPlanner
+from pipelines.grasping.scene import RegionCloud
+from pipelines.grasping.symmetries.completion import Completion, completions, hidden_points
+from tests.geometry.tabletops import Can, looking_at_table, render
+from tests.grasping.seen_regions import believed, scene_of
 
 CONFIG = SelectionConfig()
+RESOLUTION = CONFIG.feasibility.scene_resolution
 GRIPPER = load_gripper("rg2")
 POSE = looking_at_table(elevation=0.6)
 TARGET = Can(0.03, 0.06)
@@ -24,10 +25,10 @@ BEFORE = Can(0.03, 0.1, (0.02, -0.072, 0.0))  # nearer to the camera, its far si
 def seen(*cans):
     """A scene of cans, their regions and what is known of their symmetry."""
     depth, index = render(cans, POSE)
-    scene = SceneCloud(depth, CAMERA, Plane(POSE[:3, 2], float(-POSE[:3, 2] @ POSE[:3, 3])))
+    scene = scene_of(depth, POSE)
     regions = [RegionCloud.from_mask(index == number, scene) for number in range(len(cans))]
     axes = [RotationSymmetry(POSE[:3, 2], transform_points(POSE, can.at)) for can in cans]
-    return scene, regions, [SymmetrySlots.from_symmetries([axis]) for axis in axes]
+    return scene, regions, [believed(axis) for axis in axes]
 
 
 def wall(can):
@@ -38,7 +39,7 @@ def wall(can):
 
 
 def met(found, points):
-    """How many of `points` lie in the bodies of each hand."""
+    """How many of `points` lie in the gripper's bodies at each grasp."""
     grasps = found.grasps
     local = np.einsum("kpi,kij->kpj", points - grasps.translation[:, None], grasps.rotation)
     boxes = GRIPPER.boxes(grasps.width)[:, :, :, None]
@@ -46,52 +47,56 @@ def met(found, points):
     return inside.all(axis=-1).any(axis=1).sum(axis=1)
 
 
-def planned(scene, region, slots, completion):
-    affordance = np.ones(len(region))
-    return plan_region(region, scene, slots, affordance, GRIPPER, CONFIG, None, completion)
+def planned(scene, region, symmetries, completion):
+    model = RegionModel(region, symmetries, np.ones(len(region)), completion)
+    return RegionPlanner(GRIPPER, CONFIG).plan(model, scene)
+
+
+def completed(regions, scene, symmetries):
+    return completions(regions, scene, symmetries, CONFIG.symmetry, RESOLUTION)
 
 
 def test_symmetries_fill_in_the_unseen_side():
-    scene, [region], [slots] = seen(TARGET)
-    hidden = hidden_points(region, slots.to_symmetries(), scene, CONFIG)
+    scene, [region], [known] = seen(TARGET)
+    hidden = hidden_points(region, known.between(0.5), scene, RESOLUTION)
     local = transform_points(invert(POSE), hidden)
     side = local[(local[:, 2] > 0.005) & (local[:, 2] < 0.055)]
     np.testing.assert_allclose(np.linalg.norm(side[:, :2], axis=1), TARGET.radius, atol=0.002)
     assert (side[:, 1] > 0.02).any()  # the far side
-    assert len(hidden_points(region, [], scene, CONFIG)) == 0
+    assert len(hidden_points(region, [], scene, RESOLUTION)) == 0
 
 
 def test_a_region_is_completed_by_its_own_symmetries_and_its_neighbours_by_theirs():
-    scene, regions, slots = seen(TARGET, BEFORE)
-    slots = [replace(slots[0], existence=0.4 * slots[0].existence), slots[1]]
-    first, second = completions(regions, scene, slots, CONFIG)
-    assert len(first.own) == 0  # not trusted enough for its own hands
-    for found, region, each in ((second.own, 1, slots[1]), (second.others, 0, slots[0])):
-        expected = hidden_points(regions[region], each.to_symmetries(0.3), scene, CONFIG)
+    scene, regions, known = seen(TARGET, BEFORE)
+    known = [replace(known[0], confidence=0.4 * known[0].confidence), known[1]]
+    first, second = completed(regions, scene, known)
+    assert len(first.own) == 0  # not believed enough for its own grasps
+    for found, region, each in ((second.own, 1, known[1]), (second.others, 0, known[0])):
+        expected = hidden_points(regions[region], each.between(0.3), scene, RESOLUTION)
         assert len(expected) > 0  # the first's: enough for its neighbour's to keep off
         np.testing.assert_array_equal(found, expected)
     np.testing.assert_array_equal(first.others, second.own)
 
 
-def test_hands_keep_off_the_unseen_side_of_a_neighbour():
-    scene, regions, slots = seen(TARGET, BEFORE)
-    both = completions(regions, scene, slots, CONFIG)[0]
+def test_grasps_keep_off_the_unseen_side_of_a_neighbour():
+    scene, regions, known = seen(TARGET, BEFORE)
+    both = completed(regions, scene, known)[0]
     alone = Completion(both.own, np.zeros((0, 3)))
-    plans = [planned(scene, regions[0], slots[0], known) for known in (alone, both)]
+    plans = [planned(scene, regions[0], known[0], each) for each in (alone, both)]
     hits = [met(plan, wall(BEFORE)) for plan in plans]
-    assert hits[0].max() > 100  # what is seen does not tell
+    assert hits[0].max() > 100  # the seen points do not show it
     assert len(plans[1]) > 0
-    assert hits[1].max() <= CONFIG.max_points_inside
+    assert hits[1].max() <= CONFIG.feasibility.max_points_inside
 
 
 def test_a_region_that_neighbours_would_leave_no_grasp_is_planned_without_them():
-    scene, regions, slots = seen(TARGET, BEFORE)
-    own = completions(regions, scene, slots, CONFIG)[0].own
+    scene, regions, known = seen(TARGET, BEFORE)
+    own = completed(regions, scene, known)[0].own
     rng = np.random.default_rng(0)
     up = rotate_vectors(POSE, [0.0, 0.0, 1.0])
     everywhere = regions[0].middle + 0.05 * up + rng.uniform(-0.1, 0.1, (20_000, 3))
     found, without = (
-        planned(scene, regions[0], slots[0], Completion(own, others))
+        planned(scene, regions[0], known[0], Completion(own, others))
         for others in (everywhere, np.zeros((0, 3)))
     )
     assert len(without) > 0

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipelines.configs import SelectionConfig
+from pipelines.array_types import Array
 from pipelines.geometry.symmetry import (
     REFLECTION_SLOTS,
     ROTATION_SLOT,
@@ -23,14 +22,13 @@ from pipelines.geometry.symmetry import (
 )
 from pipelines.geometry.symmetry_fitting import fit_rotations, fit_sphere
 from pipelines.geometry.transforms import rotation_about
-from pipelines.grasping.candidates.axis_candidates import candidate_axes
-from pipelines.grasping.candidates.axis_critic import AxisCritic
-from pipelines.grasping.candidates.decoding import in_observed_frustum
-from pipelines.grasping.candidates.plane_evidence import RegionEvidence, likely_planes
-from pipelines.grasping.observation import RegionCloud, SceneCloud
 from pipelines.grasping.ranking.point_critic import PointCritic
-
-Array = NDArray[np.float64]
+from pipelines.grasping.scene import RegionCloud, SceneCloud
+from pipelines.grasping.symmetries.axis_candidates import starting_axes
+from pipelines.grasping.symmetries.axis_critic import AxisCritic
+from pipelines.grasping.symmetries.observed_frustum import in_observed_frustum
+from pipelines.grasping.symmetries.plane_evidence import RegionEvidence, likely_planes
+from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
 
 NUM_POINTS = 400  # of the region that are fitted; chosen by eye, as the next two
 STRIDE = 4  # of these, between the points that are turned about each axis
@@ -71,27 +69,24 @@ def ground_symmetries(
     slots: SymmetrySlots,
     region: RegionCloud,
     scene: SceneCloud,
-    config: SelectionConfig,
     critics: SymmetryCritics,
-) -> SymmetrySlots:
-    """Return `slots` fitted to `region`; existence becomes the confidence in each."""
+) -> RegionSymmetries:
+    """Return the predicted `slots` fitted to `region`, with the confidence in each.
+
+    Planes are ordered by confidence: they leave the slots that predicted them.
+    """
     points, normals = fitted_points(region)
-    axis, axis_confidence = axis_evidence(slots, points, normals, scene, config).best(critics.axes)
-    sphere, sphere_confidence = sphere_evidence(slots, points, normals, scene, config).best(
-        critics.axes
+    axis, axis_confidence = axis_evidence(slots, points, normals, scene).best(critics.axes)
+    sphere, sphere_confidence = sphere_evidence(slots, points, normals, scene).best(critics.axes)
+    planes = likely_planes(
+        RegionEvidence(slots, axis, points, normals, region.mask, scene), critics.planes
     )
-    known = RegionEvidence(slots, axis, points, normals, region.mask, scene)
-    planes = likely_planes(known, config, critics.planes)
-    chosen: list[tuple[int, Symmetry, float]] = [
+    fitted: list[tuple[int, Symmetry, float]] = [
         (slot, *plane) for slot, plane in zip(REFLECTION_SLOTS, planes, strict=False)
     ]
-    chosen.append((ROTATION_SLOT, axis, axis_confidence))
-    chosen.append((SPHERE_SLOT, sphere, sphere_confidence))
-    found = SymmetrySlots.empty()
-    for slot, symmetry, confidence in chosen:
-        found.existence[slot] = confidence
-        found.point[slot], found.direction[slot] = symmetry.point, symmetry.direction
-    return found
+    fitted.append((ROTATION_SLOT, axis, axis_confidence))
+    fitted.append((SPHERE_SLOT, sphere, sphere_confidence))
+    return RegionSymmetries.of(fitted)
 
 
 def fitted_points(region: RegionCloud) -> tuple[Array, Array]:
@@ -101,14 +96,14 @@ def fitted_points(region: RegionCloud) -> tuple[Array, Array]:
 
 
 def axis_evidence(
-    slots: SymmetrySlots, points: Array, normals: Array, scene: SceneCloud, config: SelectionConfig
+    slots: SymmetrySlots, points: Array, normals: Array, scene: SceneCloud
 ) -> Evidence[RotationSymmetry]:
     """Return all candidate axes, fitted to `points` (n, 3) with `normals` (n, 3)."""
-    starts = candidate_axes(slots, points, normals, scene.plane)
+    starts = starting_axes(slots, points, normals, scene.plane)
     fits = fit_rotations(starts, points, normals)
     axes, feet = np.array([fit.direction for fit in fits]), np.array([fit.point for fit in fits])
     images = _turned(points[::STRIDE], axes, feet)
-    free = in_observed_frustum(images.reshape(-1, 3), scene, config).reshape(images.shape[:-1])
+    free = in_observed_frustum(images.reshape(-1, 3), scene).reshape(images.shape[:-1])
     existence = np.full(len(fits), slots.existence[ROTATION_SLOT])
     support = np.array([fit.support for fit in fits])
     rows = np.stack([existence, support, free.mean(axis=(0, 2))], axis=1)
@@ -123,11 +118,11 @@ def _turned(points: Array, axes: Array, feet: Array) -> Array:
 
 
 def sphere_evidence(
-    slots: SymmetrySlots, points: Array, normals: Array, scene: SceneCloud, config: SelectionConfig
+    slots: SymmetrySlots, points: Array, normals: Array, scene: SceneCloud
 ) -> Evidence[SphereSymmetry]:
     """Return the network's sphere, fitted to `points` (n, 3) with `normals` (n, 3)."""
     fit = fit_sphere(slots.point[SPHERE_SLOT], points, normals)
     sphere = SphereSymmetry(fit.point)
-    free = in_observed_frustum(sphere.counterpart(points), scene, config)
+    free = in_observed_frustum(sphere.counterpart(points), scene)
     existence = float(slots.existence[SPHERE_SLOT])
     return Evidence([sphere], np.array([[existence, fit.support, free.mean()]]))

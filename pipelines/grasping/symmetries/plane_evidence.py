@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.configs import SelectionConfig
 from pipelines.geometry.numerics.fitting_sums import MATCH_NORMAL
 from pipelines.geometry.symmetry import (
     REFLECTION_SLOTS,
@@ -18,19 +17,19 @@ from pipelines.geometry.symmetry import (
     SymmetrySlots,
 )
 from pipelines.geometry.symmetry_fitting import MIN_OVERLAP, fit_reflections
-from pipelines.grasping.candidates.decoding import in_observed_frustum
-from pipelines.grasping.candidates.mirror_views import (
+from pipelines.grasping.ranking.point_critic import PointCritic
+from pipelines.grasping.scene import SceneCloud
+from pipelines.grasping.symmetries.mirror_views import (
     MirrorImages,
     plane_features,
     point_features,
 )
-from pipelines.grasping.candidates.plane_candidates import (
+from pipelines.grasping.symmetries.observed_frustum import in_observed_frustum
+from pipelines.grasping.symmetries.plane_candidates import (
     candidate_planes,
-    distinct,
+    distinct_planes,
     region_top,
 )
-from pipelines.grasping.observation import SceneCloud
-from pipelines.grasping.ranking.point_critic import PointCritic
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.float32]
@@ -81,13 +80,13 @@ class RegionEvidence:
 
 
 def likely_planes(
-    region: RegionEvidence, config: SelectionConfig, critic: PointCritic
+    region: RegionEvidence, critic: PointCritic
 ) -> list[tuple[ReflectionSymmetry, float]]:
     """Return at most three distinct planes with the confidence in each, the most likely first."""
     planes = fitted_planes(region)
-    confidence = critic.probability(*critic_inputs(planes, region, config))
+    confidence = critic.probability(*critic_inputs(planes, region))
     order = np.argsort(-confidence, kind="stable")
-    chosen = distinct([planes[i] for i in order], RIVALS)[: len(REFLECTION_SLOTS)]
+    chosen = distinct_planes([planes[i] for i in order], RIVALS)[: len(REFLECTION_SLOTS)]
     known = {id(planes[i]): float(confidence[i]) for i in order}
     return [(plane, known[id(plane)]) for plane in chosen]
 
@@ -98,15 +97,15 @@ def fitted_planes(region: RegionEvidence) -> list[ReflectionSymmetry]:
     starts = candidate_planes(region.slots, region.axis, points, normals, table)
     fits = fit_reflections(starts, points, normals)
     better = [ReflectionSymmetry(f.direction, f.point) for f in fits if f.support >= MIN_OVERLAP]
-    return distinct([*starts, *better], *SAME_FIT)
+    return distinct_planes([*starts, *better], *SAME_FIT)
 
 
 def critic_inputs(
-    planes: list[ReflectionSymmetry], region: RegionEvidence, config: SelectionConfig
+    planes: list[ReflectionSymmetry], region: RegionEvidence
 ) -> tuple[Rows, Rows, Rows]:
     """Return the plane critic's features of k planes: (k, 128, 14), (k, 3) and (k, 9)."""
     mirrored = MirrorImages.of(planes, region.points, region.normals)
-    columns = _evidence(planes, mirrored, region, config)
+    columns = _evidence(planes, mirrored, region)
     return (
         point_features(planes, mirrored, region.mask, region.scene),
         plane_features(planes, region.points, region.scene),
@@ -118,13 +117,12 @@ def _evidence(
     planes: list[ReflectionSymmetry],
     mirrored: MirrorImages,
     region: RegionEvidence,
-    config: SelectionConfig,
 ) -> dict[str, Array]:
     """Return the `FEATURES` (k,) of k planes by name."""
     points, scene = region.points, region.scene
     normal = np.array([plane.normal for plane in planes])
     images = mirrored.images
-    free = in_observed_frustum(images.reshape(-1, 3), scene, config).reshape(images.shape[:2])
+    free = in_observed_frustum(images.reshape(-1, 3), scene).reshape(images.shape[:2])
     on_surface, beside = _meetings(mirrored)
     low, _, high = mirrored.sides.T
     tilt, off_halfway = _against_table(planes, normal, region)

@@ -9,11 +9,11 @@ from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SymmetrySlots
 from pipelines.geometry.transforms import make_pose, random_rotation, unit
 from pipelines.geometry.transforms import transform_points as moved
-from pipelines.grasping.candidates.plane_candidates import (
+from pipelines.grasping.symmetries.plane_candidates import (
     FACE_ANGLE,
     FACE_TRIALS,
     candidate_planes,
-    distinct,
+    distinct_planes,
     face_directions,
     half_between_ends,
     halfway_up,
@@ -111,8 +111,12 @@ def test_of_planes_that_are_nearly_one_the_first_stays():
     near = ReflectionSymmetry(unit([1, 0.1, 0]), [0.002, 0, 0])
     aside = ReflectionSymmetry([1, 0, 0], [0.02, 0, 0])
     across = ReflectionSymmetry([0, 1, 0], [0, 0, 0])
-    assert distinct([plane, near, aside, across], np.radians(8), 0.004) == [plane, aside, across]
-    assert distinct([near, plane, aside, across], np.radians(25)) == [near, across]
+    assert distinct_planes([plane, near, aside, across], np.radians(8), 0.004) == [
+        plane,
+        aside,
+        across,
+    ]
+    assert distinct_planes([near, plane, aside, across], np.radians(25)) == [near, across]
 
 
 @settings(max_examples=40, deadline=None)
@@ -134,7 +138,9 @@ def test_a_plane_is_kept_unless_one_that_is_kept_is_like_it(count, angle, offset
             for before in kept
         ):
             kept.append(plane)
-    assert [id(plane) for plane in distinct(planes, angle, offset)] == [id(plane) for plane in kept]
+    assert [id(plane) for plane in distinct_planes(planes, angle, offset)] == [
+        id(plane) for plane in kept
+    ]
 
 
 @pytest.mark.parametrize("count", [1, 39, 400])

@@ -6,19 +6,17 @@ import numpy as np
 import pytest
 import trimesh
 
-from pipelines.configs import SelectionConfig
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.rendering import Scene, cast_view
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SymmetrySlots
 from pipelines.geometry.transforms import invert, make_pose, rotate_vectors, unit
-from pipelines.grasping.candidates.grounding import Evidence, ground_symmetries
-from pipelines.grasping.observation import RegionCloud, SceneCloud
+from pipelines.grasping.scene import RegionCloud, SceneCloud
+from pipelines.grasping.symmetries.grounding import Evidence, ground_symmetries
 from pipelines.inference import models
 
 CAMERA = Intrinsics(460.0, 460.0, 159.5, 119.5, 320, 240)
-CONFIG = SelectionConfig()
 CRITICS = models.symmetry_critics()
 
 
@@ -68,13 +66,13 @@ def uncertain(symmetries):
     )
 
 
-def test_the_axis_of_a_can_is_found_and_trusted(can):
+def test_the_axis_of_a_can_is_found_and_believed(can):
     scene, region, pose = can
     truth = RotationSymmetry([0, 0, 1], [0, 0, 0]).transformed(pose)
     slots = uncertain([disturbed(truth, 15, np.random.default_rng(0))])
     slots.point[:] = truth.point
-    found = ground_symmetries(slots, region, scene, CONFIG, CRITICS)
-    assert found.existence[3] > 0.5
+    found = ground_symmetries(slots, region, scene, CRITICS)
+    assert found.confidence[3] > 0.5
     assert abs(float(found.direction[3] @ truth.axis)) > np.cos(np.radians(3))
 
 
@@ -85,23 +83,23 @@ def test_a_box_has_planes_but_no_axis(box):
     across = ReflectionSymmetry([np.cos(angle), np.sin(angle), 0], [0, 0, 0]).transformed(turned)
     slots = uncertain([disturbed(across, 8, np.random.default_rng(1))])
     slots.point[:] = across.point
-    found = ground_symmetries(slots, region, scene, CONFIG, CRITICS)
-    assert found.existence[3] < 0.5
-    trusted = [k for k in range(3) if found.existence[k] > 0.5]
+    found = ground_symmetries(slots, region, scene, CRITICS)
+    assert found.confidence[3] < 0.5
+    believed = [k for k in range(3) if found.confidence[k] > 0.5]
     assert any(
-        abs(float(found.direction[k] @ across.normal)) > np.cos(np.radians(6)) for k in trusted
+        abs(float(found.direction[k] @ across.normal)) > np.cos(np.radians(6)) for k in believed
     )
 
 
-def test_a_plane_that_throws_images_into_free_space_is_not_trusted(can):
+def test_a_plane_that_throws_images_into_free_space_is_not_believed(can):
     scene, region, pose = can
     beside = ReflectionSymmetry([1, 0, 0], [0.03, 0, 0]).transformed(pose)
     slots = uncertain([beside])
     slots.point[:] = beside.point
-    found = ground_symmetries(slots, region, scene, CONFIG, CRITICS)
+    found = ground_symmetries(slots, region, scene, CRITICS)
     for slot in range(3):
         offset = abs(float((found.point[slot] - pose[:3, 3]) @ found.direction[slot]))
-        assert found.existence[slot] < 0.5 or offset < 0.012
+        assert found.confidence[slot] < 0.5 or offset < 0.012
 
 
 def test_more_support_and_fewer_floating_images_mean_more_confidence():

@@ -1,4 +1,4 @@
-"""Grasp candidates of one region, and those of them that are feasible, ranked."""
+"""Feasible grasps of one region, ranked."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -6,38 +6,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Indices
 from pipelines.grasping.grasps import Grasps, Index
-
-Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Candidates:
-    """Contact pairs with a base approach, not yet checked against the scene.
-
-    Attributes:
-        contacts: (k, 2, 3) metres, camera frame.
-        approach: (k, 3) unit; the angles of the selection turn it about the contact line.
-        quality: (k,) 0 to 1, how well the fingers would hold here.
-        affordance: (k,) predicted; 0 where nothing was predicted.
-        slot: (k,) symmetry slot, -1 without symmetry.
-        source: `network`, `planar` or `random`.
-    """
-
-    contacts: Array
-    approach: Array
-    quality: Array
-    affordance: Array
-    slot: NDArray[np.int64]
-    source: str
-
-
-def no_candidates(source: str) -> Candidates:
-    """Return an empty set of candidates."""
-    zero = np.zeros(0)
-    return Candidates(
-        np.zeros((0, 2, 3)), np.zeros((0, 3)), zero, zero, np.zeros(0, np.int64), source
-    )
 
 
 @dataclass(frozen=True)
@@ -51,13 +21,13 @@ class RankedGrasps:
         source: (n,) `network`, `planar` or `random`.
         clearance: (n,) b of Eq. 8 in metres, capped.
         enclosed_height: (n,) h of Eq. 8 in metres, capped.
-        rank_score: (n,) the quality to expect (D. 82), or s of Eq. 8, less where the camera does
-            not see (D. 68).
+        rank_score: (n,) the quality that the grasp critic expects (D. 82), or s of Eq. 8, less
+            where the camera does not see (D. 68).
     """
 
     grasps: Grasps
     affordance: Array
-    slot: NDArray[np.int64]
+    slot: Indices
     source: NDArray[np.str_]
     clearance: Array
     enclosed_height: Array

@@ -1,4 +1,4 @@
-"""Axes that a region may have: of what stands, of what lies, of a tin seen from above."""
+"""Axes that a region may have: of upright and lying objects, of a tin seen from above."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.geometry.transforms import make_pose, random_rotation, rotate_vectors, unit
 from pipelines.geometry.transforms import transform_points as moved
-from pipelines.grasping.candidates.axis_candidates import candidate_axes, middle_of_outline
+from pipelines.grasping.symmetries.axis_candidates import middle_of_outline, starting_axes
 
 NOTHING = SymmetrySlots(np.zeros(5), np.full((5, 3), 9.0), np.tile(unit([1.0, 2.0, 3.0]), (5, 1)))
 TABLE = Plane(np.array([0, 0, 1.0]), 0.0)
@@ -31,30 +31,30 @@ def nearest(axes, direction, point, degrees):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_what_lies_turns_about_a_level_line_at_half_its_height(seed):
+def test_a_lying_object_turns_about_a_level_line_at_half_its_height(seed):
     rng = np.random.default_rng(seed)
     turn = rng.uniform(0, np.pi)
     along, centre = np.array([np.cos(turn), np.sin(turn), 0]), np.array([0.1, 0.2, 0.03])
     points, normals = cylinder(rng, along, centre)
-    assert nearest(candidate_axes(NOTHING, points, normals, TABLE), along, centre, 5) < 0.006
+    assert nearest(starting_axes(NOTHING, points, normals, TABLE), along, centre, 5) < 0.006
 
 
 def test_a_tin_of_which_only_the_lid_is_seen_turns_about_its_middle():
     rng = np.random.default_rng(0)
     flat = rng.uniform(-0.05, 0.05, (4000, 2))
     flat = flat[np.linalg.norm(flat, axis=1) < 0.05]
-    flat = flat[(flat[:, 1] < 0.03)]  # another thing hides a part of it
+    flat = flat[(flat[:, 1] < 0.03)]  # another object hides a part of it
     points = np.column_stack([flat, np.full(len(flat), 0.04)])
     normals = np.tile([0, 0, 1.0], (len(points), 1))
     pose = make_pose(random_rotation(rng), rng.normal(size=3))
-    axes = candidate_axes(NOTHING, moved(pose, points), rotate_vectors(pose, normals), None)
+    axes = starting_axes(NOTHING, moved(pose, points), rotate_vectors(pose, normals), None)
     assert nearest(axes, pose[:3, 2], moved(pose, [0, 0, 0.04]), 2) < 0.003
 
 
-def test_what_the_network_names_comes_first():
+def test_the_axis_that_the_network_names_comes_first():
     rng = np.random.default_rng(1)
     points, normals = cylinder(rng, np.array([0, 0, 1.0]), np.array([0, 0, 0.05]))
-    first = candidate_axes(NOTHING, points, normals, TABLE)[0]
+    first = starting_axes(NOTHING, points, normals, TABLE)[0]
     np.testing.assert_allclose(first.axis, NOTHING.direction[3])
     np.testing.assert_allclose(first.point, NOTHING.point[3])
 

@@ -1,41 +1,39 @@
 """Axes of rotation that a region may have, from its shape and from the network.
 
-What stands turns about the table's normal, what lies about a level line at half its height; a tin
-of which only the lid is seen turns about the lid's normal, through the middle of its outline.
+An upright object turns about the table's normal, a lying one about a level line at half its height;
+a tin of which only the lid is seen turns about the lid's normal, through the middle of its outline.
 """
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import ROTATION_SLOT, RotationSymmetry, SymmetrySlots
 from pipelines.geometry.transforms import basis_from_direction, cross
-from pipelines.grasping.candidates.plane_candidates import (
+from pipelines.grasping.symmetries.plane_candidates import (
+    axes_of_spread,
     half_between_ends,
     halfway_up,
     largest_face,
     level_directions,
-    principal_axes,
 )
 
-Array = NDArray[np.float64]
 
-
-def candidate_axes(
+def starting_axes(
     slots: SymmetrySlots, points: Array, normals: Array, table: Plane | None
 ) -> list[RotationSymmetry]:
     """Return axes worth a fit.
 
     Args:
-        slots: what the network says of the region, camera frame.
+        slots: predicted for the region, camera frame.
         points: (n, 3) metres, camera frame.
         normals: (n, 3) unit.
         table: normal toward the camera; None where none is known.
     """
     named, face = slots.point[ROTATION_SLOT], largest_face(normals)
     lines = [(slots.direction[ROTATION_SLOT], named)]
-    lines += [(direction, named) for direction in principal_axes(points).T]
+    lines += [(direction, named) for direction in axes_of_spread(points).T]
     lines.append((face, middle_of_outline(points, face)))
     if table is not None:
         up = table.normal
@@ -53,7 +51,7 @@ def middle_of_outline(points: Array, direction: Array) -> Array:
 
 
 def _lying(points: Array, along: list[Array], table: Plane) -> list[tuple[Array, Array]]:
-    """Return the axes of what lies on `table` `along` each direction: it, and a point (3,)."""
+    """Return direction and point (3,) of an object's axis that lies `along` each on `table`."""
     middle = points.mean(axis=0)
     across = cross(table.normal, np.array(along))
     aside = half_between_ends(points, across) - across @ middle

@@ -4,23 +4,21 @@ import numpy as np
 import pytest
 import trimesh
 
-from pipelines.configs import SelectionConfig
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SymmetrySlots
 from pipelines.geometry.transforms import rotation_about, unit
-from pipelines.grasping.candidates.plane_candidates import candidate_planes
-from pipelines.grasping.candidates.plane_evidence import (
+from pipelines.grasping.scene import SceneCloud
+from pipelines.grasping.symmetries.plane_candidates import candidate_planes
+from pipelines.grasping.symmetries.plane_evidence import (
     FEATURES,
     RegionEvidence,
     critic_inputs,
     fitted_planes,
     likely_planes,
 )
-from pipelines.grasping.observation import SceneCloud
 from pipelines.inference import models
-from tests.grasping.candidates.test_grounding import view_of
+from tests.grasping.symmetries.test_grounding import view_of
 
-CONFIG = SelectionConfig()
 CRITIC = models.symmetry_critics().planes
 UPRIGHT = RotationSymmetry([0, 0, 1], [9, 9, 9])
 SILENT = SymmetrySlots(np.zeros(5), np.full((5, 3), 9.0), np.tile(unit([1.0, 2.0, 3.0]), (5, 1)))
@@ -46,7 +44,7 @@ def box_planes(pose):
 
 
 def features(planes, known):
-    return critic_inputs(planes, known, CONFIG)[2]
+    return critic_inputs(planes, known)[2]
 
 
 def row(plane, known):
@@ -55,7 +53,7 @@ def row(plane, known):
 
 
 def test_a_box_alone_shows_its_three_planes_without_a_network(box):
-    found = likely_planes(evidence_of(box), CONFIG, CRITIC)
+    found = likely_planes(evidence_of(box), CRITIC)
     assert len(found) == 3
     confidence = [each for _, each in found]
     assert confidence == sorted(confidence, reverse=True)
@@ -70,7 +68,7 @@ def test_true_planes_are_more_likely_than_the_same_beside_the_middle(box):
     known = evidence_of(box)
     for truth in box_planes(box[2]):
         aside = ReflectionSymmetry(truth.normal, truth.point + 0.02 * truth.normal)
-        right, wrong = CRITIC.probability(*critic_inputs([truth, aside], known, CONFIG))
+        right, wrong = CRITIC.probability(*critic_inputs([truth, aside], known))
         assert right > 2 * wrong
 
 
@@ -83,10 +81,10 @@ def test_of_oblique_planes_only_the_more_likely_is_kept(box, monkeypatch):
     ]
     said = np.array([0.9, 0.8, 0.3, 0.2])
     monkeypatch.setattr(
-        "pipelines.grasping.candidates.plane_evidence.fitted_planes", lambda _: oblique
+        "pipelines.grasping.symmetries.plane_evidence.fitted_planes", lambda _: oblique
     )
     monkeypatch.setattr(type(CRITIC), "probability", lambda *_: said)
-    found = likely_planes(evidence_of(box), CONFIG, CRITIC)
+    found = likely_planes(evidence_of(box), CRITIC)
     assert [each for _, each in found] == [0.9, 0.3]  # 90 degrees is within 30 of what is kept
     assert found[0][0] is oblique[0]
 
@@ -124,7 +122,7 @@ def test_without_a_table_nothing_is_level_and_planes_are_found(box):
     values = features(fitted_planes(known), known)
     assert (values[:, FEATURES.index("level")] == 0).all()
     assert np.isfinite(values).all()
-    assert len(likely_planes(known, CONFIG, CRITIC)) == 3
+    assert len(likely_planes(known, CRITIC)) == 3
 
 
 def test_a_moved_table_moves_only_what_is_about_the_table(box):

@@ -1,16 +1,16 @@
-"""Mirror planes that a region may have, from its shape and from the network; none is judged here.
+"""Mirror planes that a region may have, from its shape and from the network, not yet scored.
 
-A box shows where its planes are by its faces and its outline, a can by its axis, whatever stands
-on the table by half its height. Each source names planes that the others miss; what they name
-twice is kept once.
+The planes of a box follow from its faces and its outline, those of a can from its axis, the level
+plane of anything on the table from half its height. Each source names planes that the others miss;
+planes named twice are kept once.
 """
 
 from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Indices
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.geometry.numerics.quantiles import median, quantiles
 from pipelines.geometry.pointcloud import Plane
@@ -21,9 +21,6 @@ from pipelines.geometry.symmetry import (
     SymmetrySlots,
 )
 from pipelines.geometry.transforms import basis_from_direction, cross, unit
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 ENDS = (0.015, 0.985)  # of the points along a direction, against flying pixels
 TOP = 0.97  # of a region's heights, likewise
@@ -45,7 +42,7 @@ def candidate_planes(
     """Return planes worth a look, each with its point next to the region's middle.
 
     Args:
-        slots: what the network says of the region, camera frame.
+        slots: predicted for the region, camera frame.
         axis: the best axis of rotation.
         points: (n, 3) metres, camera frame.
         normals: (n, 3) unit.
@@ -60,7 +57,7 @@ def candidate_planes(
     middles = half_between_ends(points, np.array(across))
     named += [(d, middle * d) for d, middle in zip(across, middles, strict=True)]
     named += [(slots.direction[k], slots.point[k]) for k in REFLECTION_SLOTS]
-    # What is half hidden has its middle elsewhere than what is seen: the axis may know it.
+    # The middle of a half hidden object is not that of its seen part: the axis may know it.
     named += [(d, axis.point) for d in directions]
     normal = unit(np.array([direction for direction, _ in named]))
     offset = np.einsum("ki,ki->k", np.array([point for _, point in named]) - middle, normal)
@@ -120,12 +117,12 @@ def level_directions(points: Array, table: Plane) -> list[Array]:
     """
     basis = basis_from_direction(table.normal)[:, 1:]
     flat = points @ basis
-    longest = principal_axes(flat)[:, 1]
+    longest = axes_of_spread(flat)[:, 1]
     angles = [_outline_angle(flat), float(np.arctan2(longest[1], longest[0]))]
     return _frames(table.normal, basis, angles)
 
 
-def principal_axes(points: Array) -> Array:
+def axes_of_spread(points: Array) -> Array:
     """Return the (d, d) principal axes of `points` (n, d) as columns, the longest last."""
     away = points - points.mean(axis=0)
     vectors: Array = np.linalg.eigh(away.T @ away / (len(points) - 1))[1]
@@ -144,7 +141,7 @@ def _outline_angle(flat: Array) -> float:
     return float(np.radians(cv2.minAreaRect(flat.astype(np.float32))[2]))
 
 
-def distinct(
+def distinct_planes(
     planes: Sequence[ReflectionSymmetry], angle: float, offset: float = np.inf
 ) -> list[ReflectionSymmetry]:
     """Return `planes` without those within `angle` (radians) and `offset` (metres) of one before.

@@ -1,12 +1,13 @@
-"""What is around a region, and the region's points."""
+"""The points around a region."""
 
 import numpy as np
 import pytest
 
 from pipelines.geometry.pointcloud import Plane
-from pipelines.geometry.transforms import unit
-from pipelines.grasping.observation import RegionCloud, SceneCloud
-from tests.geometry.tabletops import CAMERA, Box, Can, looking_at_table, render
+from pipelines.grasping.feasibility.surroundings import Surroundings
+from pipelines.grasping.scene import RegionCloud
+from tests.geometry.tabletops import Box, Can, looking_at_table, render
+from tests.grasping.seen_regions import scene_of
 
 
 def seen(seed):
@@ -14,7 +15,7 @@ def seen(seed):
     pose = looking_at_table()
     depth, index = render([Box((0.06, 0.06, 0.1)), Can(0.03, 0.12, (0.1, 0.0, 0.0))], pose)
     depth = np.where(rng.random(depth.shape) < 0.05, 0.0, depth)
-    scene = SceneCloud(depth, CAMERA, Plane(pose[:3, 2], float(-pose[:3, 2] @ pose[:3, 3])))
+    scene = scene_of(depth, pose)
     return scene, RegionCloud.from_mask(index == 0, scene)
 
 
@@ -29,7 +30,7 @@ def test_around_a_region_is_the_first_point_of_every_cell_in_reach(reach, resolu
     points, own = points[near], own[near]
     cells = np.column_stack([np.floor((points - centre + radius) / resolution), own])
     _, first, count = np.unique(cells, axis=0, return_index=True, return_counts=True)
-    found = scene.around(region, reach, resolution)
+    found = Surroundings.of(region, scene, reach, resolution)
     np.testing.assert_array_equal(found.points, points[first])
     np.testing.assert_array_equal(found.count, count)
     foreign = ~own[first]
@@ -37,9 +38,9 @@ def test_around_a_region_is_the_first_point_of_every_cell_in_reach(reach, resolu
     np.testing.assert_array_equal(found.others.count, count[foreign])
 
 
-def test_unseen_points_within_reach_join_those_that_a_hand_may_meet():
+def test_unseen_points_within_reach_join_the_obstacles():
     scene, region = seen(0)
-    around = scene.around(region, 0.1, 0.003)
+    around = Surroundings.of(region, scene, 0.1, 0.003)
     unseen = np.array([[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [5.0, 0.0, 0.0]]) + around.centre
     joined = around.with_unseen(unseen)
     np.testing.assert_array_equal(joined.points, np.concatenate([around.points, unseen[:2]]))
@@ -47,10 +48,10 @@ def test_unseen_points_within_reach_join_those_that_a_hand_may_meet():
     assert joined.others is around.others
 
 
-def test_nothing_beneath_the_floor_is_met_but_others_are_known_there():
+def test_points_beneath_the_floor_are_no_obstacles_but_known_as_others():
     scene, region = seen(0)
     floor = Plane(scene.plane.normal, scene.plane.offset - 0.03)
-    whole, high = (scene.around(region, 0.1, 0.003, each) for each in (None, floor))
+    whole, high = (Surroundings.of(region, scene, 0.1, 0.003, each) for each in (None, floor))
     above = floor.height(whole.points) > 0.0
     np.testing.assert_array_equal(high.points, whole.points[above])
     np.testing.assert_array_equal(high.count, whole.count[above])
@@ -60,26 +61,5 @@ def test_nothing_beneath_the_floor_is_met_but_others_are_known_there():
     unseen = unseen + np.outer([-0.01, 0.01], floor.normal)
     joined = high.with_unseen(unseen)
     np.testing.assert_array_equal(joined.points, np.concatenate([high.points, unseen[1:]]))
-    np.testing.assert_array_equal(joined.met.points, joined.points)
+    np.testing.assert_array_equal(joined.all.points, joined.points)
     assert high.with_unseen(unseen[:1]) is high
-
-
-def test_some_points_of_a_region_keep_their_normals_and_its_pixels():
-    _, region = seen(1)
-    index = np.array([7, 0, 7, 12])
-    found = region[index]
-    np.testing.assert_array_equal(found.points, region.points[index])
-    np.testing.assert_array_equal(found.normals, region.normals[index])
-    assert found.mask is region.mask
-
-
-def test_the_view_ray_leads_to_the_middle_of_the_region():
-    _, region = seen(2)
-    np.testing.assert_allclose(region.view_ray, unit(np.median(region.points, axis=0)))
-
-
-def test_the_ray_is_found_without_a_table():
-    scene, region = seen(3)
-    alone = SceneCloud(scene.depth, CAMERA)
-    assert alone.inward is None
-    assert region.view_ray @ region.middle == pytest.approx(np.linalg.norm(region.middle))

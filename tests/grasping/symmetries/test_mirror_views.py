@@ -7,7 +7,8 @@ from scipy.spatial import KDTree
 
 from pipelines.geometry.symmetry import ReflectionSymmetry
 from pipelines.geometry.transforms import unit
-from pipelines.grasping.candidates.mirror_views import (
+from pipelines.grasping.scene import SceneCloud
+from pipelines.grasping.symmetries.mirror_views import (
     NUM_POINTS,
     PLANE_FEATURES,
     POINT_FEATURES,
@@ -16,8 +17,7 @@ from pipelines.grasping.candidates.mirror_views import (
     plane_features,
     point_features,
 )
-from pipelines.grasping.observation import SceneCloud
-from tests.grasping.candidates.test_grounding import view_of
+from tests.grasping.symmetries.test_grounding import view_of
 
 NORMAL = slice(PlanePointFeature.NORMAL_NORMAL, PlanePointFeature.NORMAL_ACROSS + 1)
 DISTANCE, GAP = PlanePointFeature.IMAGE_DISTANCE, PlanePointFeature.IMAGE_GAP

@@ -17,8 +17,8 @@ from pipelines.geometry.numerics.nearest import nearest_of
 from pipelines.geometry.numerics.quantiles import quantiles
 from pipelines.geometry.symmetry import ReflectionSymmetry
 from pipelines.geometry.transforms import cross, unit
-from pipelines.grasping.candidates.plane_candidates import ENDS
-from pipelines.grasping.observation import SceneCloud
+from pipelines.grasping.scene import SceneCloud
+from pipelines.grasping.symmetries.plane_candidates import ENDS
 from pipelines.tabletop.levelling import UNKNOWN_UP
 
 Array = NDArray[np.float64]

@@ -1,0 +1,177 @@
+"""The feasibility of grasps at one region of the observed scene (Sec. III-F).
+
+A feasible grasp opens no wider than the gripper, keeps to the limits of the robot, stays above the
+table and within the image where that cuts the region off, comes from the camera's side, holds
+something, and is free of collision at its pose and along its approach path.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from pipelines.array_types import Array, Indices, Mask
+from pipelines.configs import FeasibilityConfig
+from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.transforms import unit
+from pipelines.grasping.feasibility.collision import BodyTest, clearance, lowest_height
+from pipelines.grasping.feasibility.image_border import ImageBorder
+from pipelines.grasping.feasibility.surroundings import Surroundings
+from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.gripper import Gripper
+from pipelines.grasping.scene import RegionCloud, SceneCloud
+
+ROUNDING = 1e-6  # metres
+
+
+@dataclass(frozen=True)
+class Feasibility:
+    """The checks of grasps at one region.
+
+    Attributes:
+        gripper: that grasps.
+        scene: that the region lies in.
+        around: the points that the gripper must not meet.
+        border: the sides at which the image cuts the region off; None where it does not.
+        config: thresholds.
+    """
+
+    gripper: Gripper
+    scene: SceneCloud
+    around: Surroundings
+    border: ImageBorder | None
+    config: FeasibilityConfig
+
+    @classmethod
+    def at(
+        cls,
+        region: RegionCloud,
+        scene: SceneCloud,
+        gripper: Gripper,
+        config: FeasibilityConfig,
+        clearance_cap: float,
+    ) -> "Feasibility":
+        """Return the checks at `region`; clearances are known up to `clearance_cap` metres."""
+        reach, floor = gripper.finger_length + gripper.palm_depth + clearance_cap, None
+        if scene.plane is not None:
+            # The gripper stays `min_table_distance` above the table. Blown up by a margin, its
+            # corners reach down by that times the root of three at most.
+            lowest = config.min_table_distance - np.sqrt(3.0) * config.body_margin - ROUNDING
+            floor = Plane(scene.plane.normal, float(scene.plane.offset - lowest))
+        around = Surroundings.of(region, scene, reach, config.scene_resolution, floor)
+        border = ImageBorder.of(region.mask, scene.depth, scene.sides, scene.intrinsics)
+        return cls(gripper, scene, around, border, config)
+
+    def with_unseen(self, points: Array) -> "Feasibility":
+        """Return the checks with further `points` (m, 3) to keep off, known by symmetry alone."""
+        return replace(self, around=self.around.with_unseen(points))
+
+    @property
+    def widths(self) -> tuple[float, float]:
+        """The least and the greatest distance of contacts, metres."""
+        return self.config.min_width, float(self.gripper.max_width)
+
+    @property
+    def steepest(self) -> float:
+        """Cosine between contact line and table normal, above which the gripper is underneath."""
+        return float(np.sin(self.config.max_approach_angle))
+
+    @property
+    def body_test(self) -> BodyTest:
+        """When the gripper's bodies are in collision."""
+        return BodyTest(self.config.body_margin, self.config.max_points_inside)
+
+    def reachable(self, base: Grasps, angles: Array) -> tuple[Grasps, Indices]:
+        """Return `base` (k,) at those of `angles` (m,) that need no look at the points.
+
+        Returns:
+            The grasps (n,), each grasp of `base` in turn, and which of `base` (n,) each is.
+        """
+        row, angle = np.nonzero(self._are_possible(base, angles))
+        grasps = base.at_approach_angles(row, angles[angle])
+        placed = self._well_placed(grasps)
+        return grasps[placed], row[placed]
+
+    def first_free(
+        self, grasps: Grasps, stability: Array, min_stability: float, count: int
+    ) -> tuple[Indices, Array]:
+        """Return which `grasps` (f,) are free of collision at their pose, and hold something.
+
+        The most stable come first, `stability` (n,). At most `count` are returned, as stable as
+        `min_stability` times the first of them; with each the metres (f,) that it encloses.
+        """
+        wanted = self.config.min_enclosed, min_stability, count
+        obstacles = self.around.all
+        return self.body_test.first_free(grasps, self.gripper, obstacles, stability, wanted)
+
+    def has_free_path(self, grasps: Grasps) -> Mask:
+        """Return (n,) which `grasps` meet nothing from `approach_distance` back to their pose.
+
+        A gripper that comes along its approach axis takes the space of one with a longer palm.
+        Near the region all points count, farther off one pixel in a few (D. 77).
+        """
+        free = np.ones(len(grasps), np.bool_)
+        if not self.config.approach_distance > 0.0:
+            return free
+        swept = self.gripper.swept(self.config.approach_distance)
+        for obstacles in (self.around.all, self.scene.coarse):
+            left = np.flatnonzero(free)
+            met, _ = self.body_test.collides(grasps[left], swept, obstacles)
+            free[left] = ~met
+        return free
+
+    def allows(self, grasps: Grasps) -> Mask:
+        """Return (n,) which `grasps`, moved or widened from feasible ones, are feasible too."""
+        left = np.flatnonzero(grasps.width <= self.gripper.max_width)
+        left = left[self._well_placed(grasps[left])]
+        met, _ = self.body_test.collides(grasps[left], self.gripper, self.around.all)
+        left = left[~met]
+        left = left[self.has_free_path(grasps[left])]
+        allowed = np.zeros(len(grasps), np.bool_)
+        allowed[left] = True
+        return allowed
+
+    def clearance(self, grasps: Grasps, cap: float) -> Array:
+        """Return (n,) metres to the nearest point that is not the region's, b of Eq. 8."""
+        return clearance(grasps, self.gripper, self.around.others, cap)
+
+    def _are_possible(self, base: Grasps, angles: Array) -> Mask:
+        """Return (k, m) which of `base` (k,) open enough and come from the camera's side."""
+        config, plane = self.config, self.scene.plane
+        cosine, sine = np.cos(angles), np.sin(angles)
+
+        def along(direction: Array) -> Array:
+            """(k, m) cosines between approaches and `direction`, (k, 3) or (3,)."""
+            ahead = (base.approach * direction).sum(axis=1)
+            return np.outer(ahead, cosine) + np.outer((base.binormal * direction).sum(axis=1), sine)
+
+        farthest = config.max_view_angle if plane is None else config.max_hidden_angle
+        narrow, wide = self.widths
+        fits = along(unit(base.translation)) > np.cos(farthest)
+        fits &= ((base.width >= narrow) & (base.width <= wide))[:, None]
+        if plane is not None:
+            fits &= along(-plane.normal) > np.cos(config.max_approach_angle)
+        return np.asarray(fits)
+
+    def _well_placed(self, grasps: Grasps) -> Indices:
+        """Return which `grasps` (f,) keep to the limits, off the table and within the image."""
+        kept = np.arange(len(grasps))
+        for allow in self._placements():
+            kept = kept[allow(grasps[kept])]
+        return kept
+
+    def _placements(self) -> Iterator[Callable[[Grasps], Mask]]:
+        scene, border = self.scene, self.border
+        if scene.limits is not None:
+            yield scene.limits.allow
+        if scene.plane is not None:
+            yield partial(self._is_above, scene.plane)
+        if border is not None:
+            yield partial(border.is_kept, gripper=self.gripper)
+
+    def _is_above(self, table: Plane, grasps: Grasps) -> Mask:
+        """Return (n,) which `grasps` keep off `table` all along their approach path."""
+        swept = self.gripper.swept(self.config.approach_distance)
+        lowest = lowest_height(grasps, swept, table)
+        return np.asarray(lowest >= self.config.min_table_distance)

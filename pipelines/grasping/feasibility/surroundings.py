@@ -1,0 +1,189 @@
+"""The observed points around a region, which a gripper there must not meet."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.array_types import Array, Counts, Mask
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.numerics.compiled import compiled
+from pipelines.geometry.pointcloud import Plane
+from pipelines.grasping.feasibility.collision import Obstacles
+from pipelines.grasping.scene import RegionCloud, SceneCloud
+
+Floor = tuple[float, float, float, float]  # a plane as numbers
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """The observed points around a region, thinned.
+
+    Attributes:
+        points: (n, 3) measured points above the floor, one a cell.
+        count: (n,) measured points in the cell that each stands for.
+        others: all that do not belong to the region, beneath the floor as well.
+        centre: (3,) metres, of the ball that they lie in.
+        radius: metres, of the same.
+        floor: beneath which no gripper comes; None for none.
+    """
+
+    points: Array
+    count: Counts
+    others: Obstacles
+    centre: Array
+    radius: float
+    floor: Plane | None
+
+    @classmethod
+    def of(
+        cls,
+        region: RegionCloud,
+        scene: SceneCloud,
+        reach: float,
+        resolution: float,
+        floor: Plane | None = None,
+    ) -> "Surroundings":
+        """Return the points within `reach` metres of the region's ball, thinned to `resolution`."""
+        low, high = region.points.min(axis=0), region.points.max(axis=0)
+        centre, radius = (low + high) / 2.0, float(np.linalg.norm(high - low)) / 2.0 + reach
+        window = _window(centre, radius, scene.intrinsics, scene.depth.shape)
+        seen = scene.depth, scene.intrinsics.image_plane, region.mask, window
+        points, count, other_points, other_count = _cells_about(
+            *seen, centre, radius, resolution, _numbers(floor)
+        )
+        others = Obstacles(other_points, other_count)
+        return cls(points, count, others, centre, radius, floor)
+
+    @cached_property
+    def all(self) -> Obstacles:
+        """All of the points, those of the region too."""
+        return Obstacles(self.points, self.count)
+
+    def with_unseen(self, points: Array) -> "Surroundings":
+        """Return these and those of `points` (m, 3), known by symmetry alone, that lie in the ball.
+
+        Each counts as one measured point; `others` stay as they are.
+        """
+        near = _within(points, self.centre, self.radius, _numbers(self.floor))
+        if not len(near):
+            return self
+        return replace(
+            self,
+            points=np.concatenate([self.points, points.take(near, axis=0)]),
+            count=np.concatenate([self.count, np.ones(len(near), np.int64)]),
+        )
+
+
+def _window(
+    centre: Array, radius: float, camera: Intrinsics, shape: tuple[int, ...]
+) -> tuple[int, int, int, int]:
+    """Return the rows and columns, each first and behind the last, a ball can be seen in."""
+    nearest = max(centre[2] - radius, 0.05)
+    u, v = camera.project(centre)
+    reach_u, reach_v = camera.fx * radius / nearest, camera.fy * radius / nearest
+    rows = max(0, int(v - reach_v)), min(max(0, int(v + reach_v) + 1), shape[0])
+    columns = max(0, int(u - reach_u)), min(max(0, int(u + reach_u) + 1), shape[1])
+    return *rows, *columns
+
+
+def _numbers(floor: Plane | None) -> Floor:
+    """Return a plane's normal and offset, for compiled loops; everything is above None."""
+    return (0.0, 0.0, 0.0, np.inf) if floor is None else (*floor.normal.tolist(), floor.offset)
+
+
+@compiled
+def _within(points: Array, centre: Array, radius: float, floor: Floor) -> Counts:
+    """Return which of `points` (n, 3) lie in a ball and above the floor."""
+    found, count = np.empty(len(points), np.int64), 0
+    for n in range(len(points)):
+        x, y, z = points[n, 0], points[n, 1], points[n, 2]
+        u, v, w = x - centre[0], y - centre[1], z - centre[2]
+        found[count] = n
+        count += (u * u + v * v + w * w < radius * radius) & _is_above(floor, x, y, z)
+    return found[:count]
+
+
+@compiled
+def _is_above(floor: Floor, x: float, y: float, z: float) -> bool:
+    return floor[0] * x + floor[1] * y + floor[2] * z + floor[3] > 0
+
+
+@compiled
+def _cells_about(
+    depth: Array,
+    image_plane: tuple[Array, Array],
+    own: Mask,
+    window: tuple[int, int, int, int],
+    centre: Array,
+    radius: float,
+    cell: float,
+    floor: Floor,
+) -> tuple[Array, Counts, Array, Counts]:
+    """Return the first point (n, 3) of each cell of a ball, and how many (n,) lie in it.
+
+    Those above the floor, and those that are not the region's `own` (h, w). Cells are cubes of
+    edge `cell`, each twice: for others and for the region. They ascend by x, y and z.
+    `image_plane`: x (w,) of columns and y (h,) of rows at depth 1.
+    """
+    top, bottom, left, right = window
+    pixels, side = max(0, bottom - top) * max(0, right - left), int(2 * radius / cell) + 2
+    # Cells at one x and y make a list, from the nearest to the farthest: most are short.
+    nearest, behind = np.full(side * side, -1, np.int32), np.empty(pixels, np.int32)
+    level, count = np.empty(pixels, np.int32), np.empty(pixels, np.int32)
+    points, found, per_metre = np.empty((pixels, 3)), 0, 1.0 / cell
+    last_xy, last = -1, 0  # most pixels show the cell that the one beside them shows
+    for i in range(top, bottom):
+        for j in range(left, right):
+            z = depth[i, j]
+            x, y = image_plane[0][j] * z, image_plane[1][i] * z
+            u, v, w = x - centre[0], y - centre[1], z - centre[2]
+            if not ((z > 0) & (u * u + v * v + w * w < radius * radius)):
+                continue
+            at_xy = int((u + radius) * per_metre) * side + int((v + radius) * per_metre)
+            this = np.int32(2 * int((w + radius) * per_metre) + own[i, j])
+            if at_xy == last_xy and level[last] == this:
+                count[last] += 1
+                continue
+            before, at = -1, nearest[at_xy]
+            while at >= 0 and level[at] < this:
+                before, at = at, behind[at]
+            if at < 0 or level[at] != this:
+                points[found, 0], points[found, 1], points[found, 2] = x, y, z
+                level[found], count[found], behind[found] = this, 0, at
+                at, found = found, found + 1
+                if before < 0:
+                    nearest[at_xy] = at
+                else:
+                    behind[before] = at
+            count[at] += 1
+            last_xy, last = at_xy, at
+    return _in_order(nearest, behind, level, points[:found], count, floor)
+
+
+@compiled
+def _in_order(
+    nearest: NDArray[np.int32],
+    behind: NDArray[np.int32],
+    level: NDArray[np.int32],
+    points: Array,
+    count: NDArray[np.int32],
+    floor: Floor,
+) -> tuple[Array, Counts, Array, Counts]:
+    """Return the result of `_cells_about`: the lists that start at `nearest` (m,), one by one."""
+    above, above_count = np.empty_like(points), np.empty(len(points), np.int64)
+    others, other_count = np.empty_like(points), np.empty(len(points), np.int64)
+    n, k = 0, 0
+    for start in nearest:
+        at = start
+        while at >= 0:
+            x, y, z = points[at, 0], points[at, 1], points[at, 2]
+            if _is_above(floor, x, y, z):
+                above[n, 0], above[n, 1], above[n, 2], above_count[n] = x, y, z, count[at]
+                n += 1
+            if level[at] & 1 == 0:
+                others[k, 0], others[k, 1], others[k, 2], other_count[k] = x, y, z, count[at]
+                k += 1
+            at = behind[at]
+    return above[:n], above_count[:n], others[:k], other_count[:k]

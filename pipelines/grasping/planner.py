@@ -1,0 +1,294 @@
+"""The grasps of one region: physics-feasible selection and ranking (Sec. III-F).
+
+A list of passes proposes contact pairs: across the region's symmetries, from its outline, across
+doubtful symmetries. Of the pairs of a pass, the feasible grasps are ranked, by the grasp critic or
+by Eq. 8, and of alike ones the best stays. A pass is left out where the grasps found before it are
+expected to be good enough.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+import numpy as np
+
+from pipelines.array_types import Array, Indices
+from pipelines.configs import CandidateConfig, SelectionConfig
+from pipelines.geometry.numerics.quantiles import quantiles
+from pipelines.grasping.candidates.candidates import GraspCandidates
+from pipelines.grasping.candidates.planar import planar_candidates
+from pipelines.grasping.candidates.random_pairs import random_candidates
+from pipelines.grasping.candidates.symmetric import symmetric_candidates
+from pipelines.grasping.feasibility.feasibility import Feasibility
+from pipelines.grasping.feasibility.opening_margin import with_opening_margin
+from pipelines.grasping.feasibility.visibility import visible_fraction
+from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.gripper import Gripper
+from pipelines.grasping.ranked_grasps import RankedGrasps
+from pipelines.grasping.ranking.known_region import KnownRegion
+from pipelines.grasping.ranking.ranking import ByCritic, ByEq8, Critic, Ranking
+from pipelines.grasping.ranking.suppression import non_maximum_suppression
+from pipelines.grasping.scene import RegionCloud, SceneCloud
+from pipelines.grasping.symmetries.completion import Completion
+from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
+
+MIN_POINTS = 20  # fewer show no surface
+MAX_ROUNDS = 4  # of `max_pairs` pairs each, before a region counts as out of reach
+MOST = 0.9  # of the region's points lie within the radius that off-centre grasps are measured by
+OFF_CENTRE = 0.5  # stability lost by a grasp at the region's rim
+ALWAYS = np.inf
+
+
+@dataclass(frozen=True)
+class RegionModel:
+    """The model of one region; the measured points alone where nothing is predicted.
+
+    Attributes:
+        cloud: n points.
+        symmetries: of the region.
+        affordance: (n,) 0 to 1.
+        completion: points that symmetries put where the camera sees nothing.
+    """
+
+    cloud: RegionCloud
+    symmetries: RegionSymmetries = field(default_factory=lambda: RegionSymmetries.of([]))
+    affordance: Array = field(default_factory=lambda: np.zeros(0))
+    completion: Completion = field(default_factory=Completion.none)
+
+
+@dataclass(frozen=True)
+class Symmetric:
+    """Pairs across the region's symmetries (Sec. III-E).
+
+    Attributes:
+        above, below: bounds of the confidence in the symmetries.
+        unless_expected: the pass is left out where grasps of this score are found already.
+        keeps_off_own_side: whether the region's own completion is an obstacle.
+    """
+
+    above: float
+    below: float = np.inf
+    unless_expected: float = ALWAYS
+    keeps_off_own_side: ClassVar[bool] = True
+
+    def candidates(
+        self, region: RegionModel, feasibility: Feasibility, config: CandidateConfig
+    ) -> GraspCandidates:
+        """Return pairs of graspable points and their counterparts."""
+        symmetries = region.symmetries.between(self.above, self.below)
+        seen = region.cloud, symmetries, region.affordance
+        return symmetric_candidates(*seen, config, feasibility)
+
+
+@dataclass(frozen=True)
+class Planar:
+    """Opposite points of the region's outline (D. 8); attributes as `Symmetric` has them."""
+
+    unless_expected: float = ALWAYS
+    keeps_off_own_side: ClassVar[bool] = False
+
+    def candidates(
+        self, region: RegionModel, feasibility: Feasibility, config: CandidateConfig
+    ) -> GraspCandidates:
+        """Return opposite boundary points of some slices."""
+        del config
+        return planar_candidates(region.cloud, feasibility)
+
+
+@dataclass(frozen=True)
+class Random:
+    """Random antipodal pairs, a baseline; attributes as `Symmetric` has them."""
+
+    rng: np.random.Generator
+    unless_expected: float = ALWAYS
+    keeps_off_own_side: ClassVar[bool] = False
+
+    def candidates(
+        self, region: RegionModel, feasibility: Feasibility, config: CandidateConfig
+    ) -> GraspCandidates:
+        """Return pairs drawn from the points."""
+        return random_candidates(region.cloud, config, feasibility, self.rng)
+
+
+Pass = Symmetric | Planar | Random
+
+
+@dataclass(frozen=True)
+class RegionPlanner:
+    """The selection of grasps, region by region.
+
+    Attributes:
+        gripper: that grasps.
+        config: thresholds.
+        critic: of grasps; None to rank by Eq. 8.
+    """
+
+    gripper: Gripper
+    config: SelectionConfig
+    critic: Critic | None = None
+
+    def passes(self) -> tuple[Pass, ...]:
+        """Return the passes over a region whose symmetries are known.
+
+        The critic's scores are expectations: where it expects little of symmetric grasps, planar
+        ones join (D. 82), and then those across doubtful symmetries (D. 88). By Eq. 8 planar ones
+        serve where no other is feasible.
+        """
+        symmetry, sufficient = self.config.symmetry, self.config.ranking.sufficient
+        passes: tuple[Pass, ...] = (
+            Symmetric(above=symmetry.least_confidence),
+            Planar(unless_expected=sufficient),
+        )
+        if self.critic is None or not symmetry.is_fitted:
+            return passes
+        doubtful = Symmetric(
+            above=symmetry.min_doubtful_confidence,
+            below=symmetry.min_confidence,
+            unless_expected=sufficient,
+        )
+        return (*passes, doubtful)
+
+    def plan(
+        self, region: RegionModel, scene: SceneCloud, passes: Sequence[Pass] | None = None
+    ) -> RankedGrasps:
+        """Return feasible grasps of `region`, best first.
+
+        The sides of other regions that no camera sees are kept off, unless that leaves no grasp
+        (D. 85).
+
+        Args:
+            region: to grasp.
+            scene: that the gripper must not touch.
+            passes: kinds of candidates; None for `passes()`.
+        """
+        if len(region.cloud) < MIN_POINTS:
+            return RankedGrasps.empty()
+        passes = self.passes() if passes is None else passes
+        config, cap = self.config.feasibility, self.config.ranking.clearance_cap
+        feasibility = Feasibility.at(region.cloud, scene, self.gripper, config, cap)
+        ranking = self._ranking(region, feasibility)
+        careful = feasibility.with_unseen(region.completion.others)
+        found = self._by_passes(passes, region, careful, ranking)
+        if len(found) or not len(region.completion.others):
+            return found
+        return self._by_passes(passes, region, feasibility, ranking)
+
+    def _ranking(self, region: RegionModel, feasibility: Feasibility) -> Ranking:
+        if self.critic is None:
+            return ByEq8(self.config.ranking)
+        seen = region.cloud, feasibility.scene, region.symmetries, region.completion.own
+        known = KnownRegion(*seen, feasibility.around.others.points)
+        return ByCritic(self.config.ranking, self.critic, known)
+
+    def _by_passes(
+        self,
+        passes: Sequence[Pass],
+        region: RegionModel,
+        feasibility: Feasibility,
+        ranking: Ranking,
+    ) -> RankedGrasps:
+        found = RankedGrasps.empty()
+        with_own_side = feasibility.with_unseen(region.completion.own)
+        for each in passes:
+            if self._expected(found) >= each.unless_expected:
+                continue
+            checks = with_own_side if each.keeps_off_own_side else feasibility
+            candidates = each.candidates(region, checks, self.config.candidates)
+            found = self._merged(found, self._select(candidates, region.cloud, checks, ranking))
+        return found
+
+    def _expected(self, found: RankedGrasps) -> float:
+        """Return the best expected quality; by Eq. 8, which expects none, any grasp will do."""
+        if not len(found):
+            return -np.inf
+        return 1.0 if self.critic is None else float(found.rank_score[0])
+
+    def _select(
+        self,
+        candidates: GraspCandidates,
+        region: RegionCloud,
+        feasibility: Feasibility,
+        ranking: Ranking,
+    ) -> RankedGrasps:
+        """Return the candidates that are feasible at one of their approach angles, best first.
+
+        Pairs are tried in rounds, the most stable first, until a round has feasible grasps.
+        """
+        base = Grasps.from_contacts(candidates.contacts, candidates.approach)
+        stability = candidates.quality * _centredness(base, region)
+        order = np.argsort(-stability, kind="stable")
+        grasps, row = feasibility.reachable(base[order], candidates.angles)
+        for tried in _rounds(row, self.config.candidates.max_pairs):
+            pair = order[row[tried]]
+            wanted = ranking.min_stability, self.config.ranking.max_ranked
+            free, enclosed = feasibility.first_free(grasps[tried], stability[pair], *wanted)
+            found = self._measured(
+                candidates, pair[free], grasps[tried][free], enclosed, feasibility
+            )
+            best = self._best_first(found, stability[pair[free]], feasibility, ranking)
+            if len(best):
+                return with_opening_margin(best, feasibility, self.config.ranking.clearance_cap)
+        return RankedGrasps.empty()
+
+    def _measured(
+        self,
+        candidates: GraspCandidates,
+        pair: Indices,
+        grasps: Grasps,
+        enclosed: Array,
+        feasibility: Feasibility,
+    ) -> RankedGrasps:
+        """Return `grasps` (n,) at the pairs `pair` (n,) with b and h of Eq. 8, not yet ranked."""
+        ranking = self.config.ranking
+        return RankedGrasps(
+            grasps,
+            candidates.affordance[pair],
+            candidates.slot[pair],
+            np.full(len(pair), candidates.source),
+            clearance=feasibility.clearance(grasps, ranking.clearance_cap),
+            enclosed_height=np.minimum(enclosed, ranking.enclosed_height_cap),
+            rank_score=np.zeros(len(pair)),
+        )
+
+    def _best_first(
+        self, found: RankedGrasps, stability: Array, feasibility: Feasibility, ranking: Ranking
+    ) -> RankedGrasps:
+        """Return `found` by rank, without alike ones and those that no free path leads to."""
+        if not len(found):
+            return found
+        visible = visible_fraction(found.grasps, self.gripper, feasibility.scene)
+        score = ranking.score(found, stability, visible)
+        # The more stable first where scores agree.
+        order = np.lexsort((-stability, -np.round(score, 6)))
+        ranked = replace(found, rank_score=score)[order]
+        near = self.config.ranking.nms_distance, self.config.ranking.nms_angle
+        return ranked[non_maximum_suppression(ranked.grasps, *near, feasibility.has_free_path)]
+
+    def _merged(self, first: RankedGrasps, second: RankedGrasps) -> RankedGrasps:
+        """Return the grasps of both, best first, without alike ones."""
+        if not len(first) or not len(second):
+            return first if len(first) else second
+        both = RankedGrasps.concatenate([first, second])
+        both = both[np.argsort(-both.rank_score, kind="stable")]
+        near = self.config.ranking.nms_distance, self.config.ranking.nms_angle
+        return both[
+            non_maximum_suppression(both.grasps, *near, lambda some: np.ones(len(some), bool))
+        ]
+
+
+def _centredness(grasps: Grasps, region: RegionCloud) -> Array:
+    """Return (n,) 1 for grasps about the region's middle, less toward its rim."""
+    centre = region.middle
+    radius = quantiles(np.linalg.norm(region.points - centre, axis=1), MOST)
+    off = np.linalg.norm(grasps.translation - centre, axis=1) / max(float(radius), 1e-3)
+    return np.asarray(1.0 - OFF_CENTRE * np.minimum(off, 1.0))
+
+
+def _rounds(row: Indices, max_pairs: int) -> Iterator[slice]:
+    """Yield the grasps of the next `max_pairs` pairs; `row` (n,) ascending, a number a pair."""
+    number = np.cumsum(np.diff(row, prepend=-1) != 0) - 1  # of each grasp's pair, among these
+    for start in range(0, MAX_ROUNDS * max_pairs, max_pairs):
+        first, last = np.searchsorted(number, (start, start + max_pairs))
+        if first == last:
+            return
+        yield slice(first, last)

@@ -1,0 +1,125 @@
+"""The observed scene as points, and one region of it. Camera frame, metres."""
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import cv2
+import numpy as np
+
+from pipelines.array_types import Array, Indices, Mask
+from pipelines.configs import SensorConfig
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.numerics.quantiles import median
+from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.transforms import unit
+from pipelines.grasping.feasibility.collision import Obstacles
+from pipelines.grasping.feasibility.image_border import Sides, measured_sides
+from pipelines.grasping.feasibility.limits import Limits
+from pipelines.tabletop.organized import smooth_normals
+
+MAX_RANGE = 3.0  # metres; nothing farther is ever near a gripper
+NORMAL_RADIUS = 3  # pixels
+STRIDE = 3  # pixels: of those that are obstacles all over the scene
+NEVER_MET = 0.002  # metres over the table, where no gripper comes
+STRAY = 0.012  # metres from the median of the neighbours: a pixel between two surfaces
+
+
+@dataclass(frozen=True)
+class SceneCloud:
+    """A depth image with its support plane.
+
+    Attributes:
+        depth: (H, W) metres, 0 where missing.
+        intrinsics: of the depth image.
+        plane: camera frame, normal to the camera's side; None where none is known.
+        limits: of grasps; None for none.
+        sensor: errors of the depth.
+    """
+
+    depth: Array
+    intrinsics: Intrinsics
+    plane: Plane | None = None
+    limits: Limits | None = None
+    sensor: SensorConfig = field(default_factory=SensorConfig)
+
+    @cached_property
+    def xyz(self) -> Array:
+        """(H, W, 3) points, nan where missing."""
+        return self.intrinsics.backproject(self.depth)
+
+    @cached_property
+    def stray(self) -> Mask:
+        """(H, W) pixels that float between two surfaces, as depth sensors make at edges."""
+        depth = np.asarray(self.depth, np.float32)
+        return np.asarray(np.abs(cv2.medianBlur(depth, 5) - depth) > STRAY)
+
+    @cached_property
+    def coarse(self) -> Obstacles:
+        """The points of one pixel in `STRIDE` each way, without strays and those on the table."""
+        some = (slice(STRIDE // 2, None, STRIDE),) * 2
+        points = self.xyz[some]
+        points = points[(self.depth[some] > 0) & (points[..., 2] < MAX_RANGE) & ~self.stray[some]]
+        if self.plane is not None:
+            points = points[self.plane.height(points) > NEVER_MET]
+        return Obstacles(points, np.full(len(points), STRIDE**2))
+
+    @cached_property
+    def sides(self) -> Sides:
+        """First and last column, and row, that the camera measures."""
+        return measured_sides(self.depth)
+
+    @property
+    def inward(self) -> Array | None:
+        """Unit direction (3,) into the table; None without a plane."""
+        return None if self.plane is None else -self.plane.normal
+
+
+@dataclass(frozen=True)
+class RegionCloud:
+    """The measured points of one region.
+
+    Attributes:
+        points: (n, 3) metres, camera frame.
+        normals: (n, 3) unit, toward the camera.
+        mask: (H, W) the region's pixels; need not be those of `points` alone.
+    """
+
+    points: Array
+    normals: Array
+    mask: Mask
+
+    @classmethod
+    def from_mask(cls, mask: Mask, scene: SceneCloud) -> "RegionCloud":
+        """Return the region of the pixels `mask` (H, W), strays left out."""
+        rows, columns = _bounds(mask)
+        sound = mask[rows, columns] & (scene.depth[rows, columns] > 0)
+        sound &= ~scene.stray[rows, columns]
+        xyz = scene.xyz[rows, columns]
+        normals = smooth_normals(xyz, sound, NORMAL_RADIUS)
+        sound &= np.isfinite(normals).all(axis=-1)
+        return cls(xyz[sound], normals[sound], np.ascontiguousarray(mask))
+
+    @cached_property
+    def middle(self) -> Array:
+        """(3,) the median of the points."""
+        return median(self.points.T)
+
+    @property
+    def view_ray(self) -> Array:
+        """Unit direction (3,) from the camera to the region's middle."""
+        return unit(self.middle)
+
+    def __getitem__(self, index: Indices) -> "RegionCloud":
+        """Return the same region with some of its points."""
+        return replace(self, points=self.points[index], normals=self.normals[index])
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+def _bounds(mask: Mask) -> tuple[slice, slice]:
+    """Return the rows and the columns that `mask` spans."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not len(rows):
+        return slice(0, 0), slice(0, 0)
+    return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)

@@ -1,0 +1,1 @@
+"""Symmetries of a region: voted, fitted to its points, with the confidence in each."""

@@ -1,0 +1,79 @@
+"""The approach path of a grasp: what any pose along it meets, the sweep meets."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipelines.configs import FeasibilityConfig
+from pipelines.geometry.transforms import random_rotation
+from pipelines.grasp_files.gripper_files import load_gripper, preset_names
+from pipelines.grasping.feasibility.collision import BodyTest, Obstacles
+from pipelines.grasping.feasibility.feasibility import Feasibility
+from pipelines.grasping.feasibility.surroundings import Surroundings
+from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.scene import SceneCloud
+from tests.geometry.tabletops import CAMERA
+
+CONFIG = FeasibilityConfig(max_points_inside=0)
+NOTHING = Obstacles(np.zeros((0, 3)), np.zeros(0, np.int64))
+STEPS = np.linspace(0.0, CONFIG.approach_distance, 26)
+ANY_POINT = BodyTest(CONFIG.body_margin, 0)
+
+
+def obstacle(*points):
+    return Obstacles(np.array(points, np.float64), np.ones(len(points), np.int64))
+
+
+def free(grasps, near, far=NOTHING, gripper=None, config=CONFIG):
+    """Whether paths are free of the points `near` a region and `far` from it."""
+    scene = SceneCloud(np.zeros((240, 320)), CAMERA)
+    scene.__dict__["coarse"] = far
+    around = Surroundings(near.points, near.count, NOTHING, np.zeros(3), 1.0, None)
+    checks = Feasibility(gripper or load_gripper("rg2"), scene, around, None, config)
+    return checks.has_free_path(grasps)
+
+
+@given(st.integers(0, 2**31), st.sampled_from(sorted(preset_names())))
+@settings(max_examples=40, deadline=None)
+def test_a_path_is_free_if_no_pose_along_it_meets_anything(seed, name):
+    rng, gripper = np.random.default_rng(seed), load_gripper(name)
+    width = rng.uniform(0.01, gripper.max_width, 6)
+    rotation = np.stack([random_rotation(rng) for _ in range(6)])
+    grasps = Grasps(rotation, rng.normal(0, 0.02, (6, 3)), width)
+    scene = Obstacles(rng.uniform(-0.25, 0.25, (30, 3)), np.ones(30, np.int64))
+    met = np.zeros(6, bool)
+    for step in STEPS:
+        pose = replace(grasps, translation=grasps.translation - step * grasps.approach)
+        met |= ANY_POINT.collides(pose, gripper, scene)[0]
+    assert not free(grasps, scene, gripper=gripper)[met].any()
+    # Nothing else is on the path: one is free if points come no nearer than between steps.
+    slim = replace(CONFIG, body_margin=CONFIG.body_margin - 0.0011, approach_distance=0.098)
+    assert free(grasps, scene, gripper=gripper, config=slim)[~met].all()
+
+
+ALONG_X = Grasps(np.eye(3)[None], np.zeros((1, 3)), np.array([0.05]))  # approaches along x
+
+
+@pytest.mark.parametrize("place", ["near", "far"])
+@pytest.mark.parametrize(("behind", "expected"), [(0.03, False), (0.11, True)])
+def test_an_obstacle_behind_the_gripper_counts_as_far_as_the_path_begins(place, behind, expected):
+    gripper = load_gripper("rg2")
+    back = gripper.boxes(0.05)[2, 0, 0]
+    clouds = {"near": NOTHING, "far": NOTHING} | {place: obstacle([back - behind, 0, 0])}
+    assert free(ALONG_X, clouds["near"], clouds["far"]).tolist() == [expected]
+    point = obstacle([back - behind, 0, 0])
+    assert not ANY_POINT.collides(ALONG_X, gripper, point)[0].any()
+
+
+def test_without_an_approach_distance_every_path_is_free():
+    config = replace(CONFIG, approach_distance=0.0)
+    assert free(ALONG_X, obstacle([-0.12, 0, 0]), config=config).tolist() == [True]
+
+
+def test_fingers_that_stick_out_of_the_palm_sweep_their_own_height():
+    slim = replace(load_gripper("rg2"), palm_height=0.004)
+    point = obstacle([-0.11, 0.035, 0.009])  # behind a finger, above the palm
+    assert free(ALONG_X, point, gripper=slim).tolist() == [False]

@@ -1,0 +1,29 @@
+"""The points of a region."""
+
+import numpy as np
+import pytest
+
+from pipelines.geometry.transforms import unit
+from pipelines.grasping.scene import SceneCloud
+from tests.geometry.tabletops import CAMERA, Box
+from tests.grasping.seen_regions import seen
+
+_, SCENE, REGION = seen([Box((0.06, 0.06, 0.1))])
+
+
+def test_some_points_of_a_region_keep_their_normals_and_its_pixels():
+    index = np.array([7, 0, 7, 12])
+    found = REGION[index]
+    np.testing.assert_array_equal(found.points, REGION.points[index])
+    np.testing.assert_array_equal(found.normals, REGION.normals[index])
+    assert found.mask is REGION.mask
+
+
+def test_the_view_ray_leads_to_the_middle_of_the_region():
+    np.testing.assert_allclose(REGION.view_ray, unit(np.median(REGION.points, axis=0)))
+
+
+def test_the_ray_is_found_without_a_table():
+    alone = SceneCloud(SCENE.depth, CAMERA)
+    assert alone.inward is None
+    assert REGION.view_ray @ REGION.middle == pytest.approx(np.linalg.norm(REGION.middle))

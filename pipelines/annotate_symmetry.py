@@ -1,11 +1,11 @@
-"""annotate-symmetry: find the symmetries and symmetric regions of meshes (Sec. III-D, III-G).
+"""Stage `annotate-symmetry`: symmetries and symmetric regions of meshes (Sec. III-D, III-G).
 
 Reads   ROOT/models/NNN/nontextured.ply   a dataset, or any mesh or folder of meshes
-        ROOT/regions/NNN.json             regions given by hand, where there are any: they win
-        corrections by hand, and BOP's symmetries, where they are asked for
+        ROOT/regions/NNN.json             optional regions by hand, which replace those found
+        optional corrections by hand, and BOP's symmetries
 Writes  ROOT/symmetry/NNN.json            symmetries and regions, canonical frame
         or OUT/NAME.json                  for loose meshes
-        contact sheets, and BOP's models_info.json, where they are asked for
+        optional contact sheets, and BOP's models_info.json
 """
 
 from collections.abc import Sequence
@@ -55,21 +55,21 @@ def run(
     given = extras.bop_symmetries
     missing = [] if given is None else without_given(items, given, sources)
     step = partial(annotate_file, config=config, seed=seed)
-    # Corrections are made to a finished annotation; all else that is finished stays.
+    # Corrections are applied to finished annotations; other finished annotations stay.
     to_correct = {item.name for item in items if is_to_correct(item)}
     report = run_batch(STAGE, [i for i in items if i.name not in to_correct], step, options)
     corrections = [item for item in items if item.name in to_correct]
     _add(report, run_batch(STAGE, corrections, step, replace(options, overwrite=True)))
     _refuse_unknown(report, sources.edits, [item.name for item in items])
     if given is not None and missing:
-        report.notes[given.name] = f"says nothing of {', '.join(missing)}; what was found stays"
+        report.notes[given.name] = f"has no entry of {', '.join(missing)}; what was found stays"
     if not options.dry_run:
         write_extras(report, items, extras, config, options)
     return report
 
 
 def annotate_file(item: WorkItem, config: AnnotateSymmetryConfig, seed: int) -> str:
-    """Annotate one mesh file, or correct its annotation; `item.arguments` are a `Job`."""
+    """Annotate one mesh file, or correct its annotation; `item.arguments`: a `Job`."""
     job: Job = item.arguments[0]
     if job.refusal is not None:
         raise SymgraspError(job.refusal)

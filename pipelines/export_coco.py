@@ -1,11 +1,11 @@
-"""export-coco: masks of symmetric regions as a COCO instance dataset (Sec. III-D).
+"""Stage `export-coco`: masks of symmetric regions as a COCO instance dataset (Sec. III-D).
 
 Reads   ROOT/scenes/scene_NNNN/CAMERA/{rgb,depth,label,annotations,camK.npy}
         ROOT/models/NNN/nontextured.ply
         ROOT/symmetry/NNN.json   regions, from annotate-symmetry
 Writes  DIR/annotations/instances_{train,val}.json, DIR/images/, DIR/scenes/
 
-The annotations are joined from those of all scenes, once every scene is there.
+The annotations of all scenes are joined once every scene is finished.
 """
 
 import shutil
@@ -41,7 +41,7 @@ def run(
     seed: int = 0,
     options: BatchOptions | None = None,
 ) -> StageReport:
-    """Export every scene of `split` (None: all), then join those of training and validation."""
+    """Export every scene of `split` (None: all), then join the scenes of each COCO split."""
     options = options or BatchOptions()
     check_settings(config)
     root = GraspNetRoot(source)
@@ -57,7 +57,7 @@ def run(
     _refuse_stale(splits, items, options)
     report = run_batch(STAGE, items, partial(export_scene, root=root, config=config), options)
     if report.failed:
-        # Without some scenes others would be held out, and models validated on trained ones.
+        # With scenes missing, the split would differ, and a model be validated on trained scenes.
         count = f"{len(report.failed)} of {len(items)} scenes failed"
         report.notes["splits"] = f"not joined to annotations/, as {count}"
     elif not options.dry_run:
@@ -66,7 +66,7 @@ def run(
 
 
 def export_scene(item: WorkItem, root: GraspNetRoot, config: ExportCocoConfig) -> str:
-    """Export one scene; `item.arguments` are its files and the dataset's folder."""
+    """Export one scene; `item.arguments`: its files and the dataset's folder."""
     scene, output_dir = item.arguments
     folder = output_dir / "images" / scene.folder.name / scene.camera
     images, annotations = [], []
@@ -95,8 +95,8 @@ def _splits(
 ) -> list[WorkItem]:
     """Return the annotation files of both splits; scenes seen by two cameras stay together.
 
-    `arguments` are the items of their scenes. Their stamps are known before any scene is
-    exported, so that other settings are refused before anything is written.
+    `arguments`: the items of their scenes. The stamps are known before any scene is exported, so
+    that other settings are refused before anything is written.
     """
     held_out = held_out_scenes([_scene_name(i) for i in items], config.val_fraction, seed)
     splits = []
@@ -114,7 +114,7 @@ def _refuse_stale(
 ) -> None:
     """Refuse to replace the annotations of an earlier run, before any scene is exported.
 
-    Scenes that are stale themselves say so each in its turn, which is the more telling.
+    Stale scenes are reported one by one instead, which is more precise.
     """
     refusals = [why for split in splits if (why := _refusal(split, options)) is not None]
     if refusals and all(_refusal(item, options) is None for item in items):
@@ -151,13 +151,13 @@ def _scene_name(item: WorkItem) -> str:
 
 
 def _place(source: Path, target: Path, *, link: bool) -> None:
-    """Copy or link `source` to `target`, whole or not at all."""
+    """Copy or link `source` to `target`, atomically."""
     if link:
         target.parent.mkdir(parents=True, exist_ok=True)
         target.unlink(missing_ok=True)
         target.symlink_to(source.resolve())
         return
-    target.unlink(missing_ok=True)  # a link of an earlier run would be written through
+    target.unlink(missing_ok=True)  # writing through a link of an earlier run would change `source`
     with atomic_path(target) as temporary:
         shutil.copyfile(source, temporary)
 

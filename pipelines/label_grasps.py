@@ -1,13 +1,13 @@
-"""label-grasps: grasp labels of any meshes, in GraspNet-1Billion's layout.
+"""Stage `label-grasps`: grasp labels of any meshes, in GraspNet-1Billion's layout.
 
 Reads   a mesh, a folder of meshes, or a dataset root with models/NNN/nontextured.ply
 Writes  ROOT/models/NNN/              nontextured.ply, textured.obj: cleaned, metres; textured.sdf
         ROOT/grasp_label/NNN_labels.npz
-        ROOT/objects.json             which mesh is which NNN
+        ROOT/objects.json             number NNN of each mesh
 
-A mesh keeps its number as long as objects.json is there; more meshes get the next free ones. An
-object is labelled some points at a time by all workers; what is finished lies in NNN_labels.parts/,
-so a killed run goes on where it was. ROOT may be the root that is read: its models stay.
+A mesh keeps its number as long as objects.json exists; further meshes get the next free numbers. An
+object is labelled some points at a time by all workers; finished parts lie in NNN_labels.parts/, so
+an interrupted run continues. ROOT may be the root that is read: its models stay.
 """
 
 import shutil
@@ -54,14 +54,14 @@ from pipelines.synthesis.labels.collision_notes import collision_note
 from pipelines.synthesis.labels.grasp_sampling import LabelTarget, label_points
 
 STAGE = "label-grasps"
-MAX_OBJECTS = 1000  # ids have three digits
+MAX_IDS = 1000  # ids have three digits
 POINTS_A_PART = 32
-TAG_POINTS = 1  # what a child seed is for
+TAG_POINTS = 1  # purpose of a child seed
 
 
 @dataclass(frozen=True)
 class Source:
-    """One mesh to label and the object id that it has in ROOT."""
+    """One mesh to label and its object id in ROOT."""
 
     object_id: int
     name: str
@@ -69,7 +69,7 @@ class Source:
 
     @property
     def title(self) -> str:
-        """What reports call the object."""
+        """Name of the object in reports."""
         number = f"{self.object_id:03d}"
         return number if self.name == number else f"{number} {self.name}"
 
@@ -87,8 +87,8 @@ def run(
 ) -> StageReport:
     """Label `meshes` into the dataset root `output`; finished objects are kept.
 
-    `mesh_scale`: metres per unit of the meshes; None is 1, and refuses meshes too large for it.
-    `sdf`: write textured.sdf too. `compress`: zip the labels.
+    `mesh_scale`: metres per unit of the meshes; None is 1 and refuses implausibly large meshes.
+    `sdf`: write textured.sdf too. `compress`: compress the labels.
     """
     options = options or BatchOptions()
     root = GraspNetRoot(output)
@@ -120,7 +120,7 @@ def _run_step(
     step: Callable[[WorkItem], str | None],
     options: BatchOptions,
 ) -> list[Source]:
-    """Run one step for every object, tell `report`, and return the objects it went well for."""
+    """Run one step for every object, add it to `report`, and return the objects that passed."""
     part = run_batch(STAGE, items, step, options)
     report.failed |= part.failed
     report.notes |= part.notes
@@ -132,7 +132,7 @@ def _run_step(
 
 
 def _sources(meshes: Path, output: Path) -> list[Source]:
-    """Return the meshes to label with their ids, those that objects.json knows as it has them."""
+    """Return the meshes to label with their ids; meshes of objects.json keep theirs."""
     if (meshes / "models").is_dir():
         root = GraspNetRoot(meshes)
         names = {record.object_id: record.name for record in _records(meshes)}
@@ -141,11 +141,11 @@ def _sources(meshes: Path, output: Path) -> list[Source]:
     records = _records(output)
     known = {str(r.details["file"]): r.object_id for r in records if "file" in r.details}
     taken = {record.object_id for record in records}
-    free = iter([number for number in range(MAX_OBJECTS) if number not in taken])
+    free = iter([number for number in range(MAX_IDS) if number not in taken])
     numbers = {path.name: known[path.name] for path in paths if path.name in known}
     numbers |= dict(zip([p.name for p in paths if p.name not in known], free, strict=False))
     if len(numbers) < len(paths):
-        raise ValueRangeError("number of meshes", f"above {MAX_OBJECTS}", "three digits a root")
+        raise ValueRangeError("number of meshes", f"above {MAX_IDS}", "three digits a root")
     return [Source(numbers[path.name], path.stem, path) for path in paths]
 
 
@@ -155,7 +155,7 @@ def _records(root: Path) -> list[ObjectRecord]:
 
 
 def _write_object_list(meshes: Path, output: Path, sources: Sequence[Source]) -> None:
-    """Write ROOT/objects.json: what it held, and the objects of this run."""
+    """Write ROOT/objects.json: its earlier records, and the objects of this run."""
     records = {record.object_id: record for record in _records(output)}
     described = {record.object_id: record for record in _records(meshes)}
     for source in sources:
@@ -172,7 +172,7 @@ def _write_object_list(meshes: Path, output: Path, sources: Sequence[Source]) ->
 
 
 def _model_item(root: GraspNetRoot, source: Source, mesh_scale: float | None) -> WorkItem:
-    # A mesh that is not there fails as its own item, when it is read.
+    # A missing mesh fails its own item, when it is read.
     inputs = {"mesh": digest_if_there(source.path)}
     stamp = make_stamp(f"{STAGE} model", {"mesh_scale": mesh_scale or 1.0}, inputs=inputs)
     target = root.model_path(source.object_id).parent
@@ -218,7 +218,7 @@ def _label(
     options: BatchOptions,
     place: str,
 ) -> None:
-    """Label one object with all workers, part by part, and tell `report`."""
+    """Label one object with all workers, part by part, and add the result to `report`."""
     model, target = root.model_path(source.object_id), root.grasp_label_path(source.object_id)
     try:
         inputs = {model.name: digest_if_there(model)}
@@ -252,13 +252,13 @@ def _label(
 
 
 def number_of_points(mesh: Mesh, config: LabelGraspsConfig) -> int:
-    """Return how many grasp points `mesh` gets: as asked for, or by its area (D. 39)."""
+    """Return the number of grasp points of `mesh`: as configured, or by its area (D. 39)."""
     by_area = round(mesh.area / config.point_area)
     return config.labels.num_points or int(np.clip(by_area, config.min_points, config.max_points))
 
 
 def _part_items(model: Path, target: Path, stamp: Stamp, num_points: int) -> list[WorkItem]:
-    """Return the parts of a label; finished ones of other settings are thrown away."""
+    """Return the parts of a label; finished parts made with other settings are deleted."""
     folder = target.with_name(f"{target.stem}.parts")
     if folder.is_dir() and read_stamp(folder) != stamp.as_json():
         shutil.rmtree(folder)
@@ -272,7 +272,7 @@ def _part_items(model: Path, target: Path, stamp: Stamp, num_points: int) -> lis
 
 @lru_cache(maxsize=1)
 def _prepared(model: Path, _digest: str, num_points: int, seed: int) -> tuple[LabelTarget, Singles]:
-    """Return a model ready for labelling, and its grasp points: the same in every worker."""
+    """Return a model prepared for labelling, and its grasp points, the same in every worker."""
     mesh = read_solid_mesh(model)
     points = sample_surface(mesh, num_points, np.random.default_rng([seed, TAG_POINTS]))[0]
     return LabelTarget.from_mesh(mesh), points.astype(np.float32)
@@ -287,7 +287,7 @@ def _write_part(item: WorkItem, *, config: LabelConfig, seed: int) -> None:
 
 
 def _summary(parts: Sequence[Path]) -> str:
-    """Return how many grasps a label has, and how many of them are good."""
+    """Return a summary of a label: points, grasps that hold, grasps without collision."""
     points = sum(len(array) for array in part_arrays(parts, "points"))
     free = sum(int((~array).sum()) for array in part_arrays(parts, "collision"))
     holding = sum(int((array > 0.0).sum()) for array in part_arrays(parts, "scores"))

@@ -1,4 +1,4 @@
-"""pack: cut frames into region point clouds with labels, ready for training (Sec. III-E).
+"""Stage `pack`: labelled region point clouds of frames, for training (Sec. III-E).
 
 Reads   ROOT/scenes/scene_NNNN/CAMERA/{depth,label,annotations}   sensor depth, masks, poses
         ROOT/models/NNN/nontextured.ply
@@ -6,8 +6,8 @@ Reads   ROOT/scenes/scene_NNNN/CAMERA/{depth,label,annotations}   sensor depth, 
         ROOT/affordance/NNN.h5       from refine-grasps
 Writes  PACKED/scene_NNNN_CAMERA.h5  one file a scene; camera frame
 
-The points are the sensor's, inside a mask like those a detector makes, so that training sees what
-inference will. Symmetries and affordance are the object's, moved by its pose.
+The points are those of the sensor inside a mask with a detector's errors, as at inference.
+Symmetries and affordance are those of the object, moved by its pose.
 """
 
 from collections.abc import Mapping, Sequence
@@ -49,7 +49,7 @@ def run(
     seed: int = 0,
     options: BatchOptions | None = None,
 ) -> StageReport:
-    """Pack every scene of `split` (None: all) that `camera` saw (None: by every camera)."""
+    """Pack every scene of `split` (None: all) as seen by `camera` (None: by each camera)."""
     root = GraspNetRoot(source)
     scenes = root.scenes(camera, split)
     if not scenes:
@@ -65,7 +65,7 @@ def run(
 
 
 def pack_scene(item: WorkItem, root: GraspNetRoot, config: PackConfig, seed: int) -> str:
-    """Pack one scene; `item.arguments` are its files. Return the counts."""
+    """Pack one scene; `item.arguments`: its files. Return the counts."""
     (scene,) = item.arguments
     frames = strided_frames(scene, config.frame_stride)
     clouds: list[LabelledCloud] = []
@@ -82,7 +82,7 @@ def pack_scene(item: WorkItem, root: GraspNetRoot, config: PackConfig, seed: int
 def pack_frame(
     root: GraspNetRoot, files: FrameFiles, config: PackConfig, rng: np.random.Generator
 ) -> list[LabelledCloud]:
-    """Return the labelled clouds of every region of a frame that shows enough of itself."""
+    """Return the labelled clouds of the sufficiently visible regions of a frame."""
     depth, intrinsics = root.read_depth(files)
     label, poses = read_posed_label(root, files, depth.shape)
     objects = {object_id: read_regioned_object(root.root, object_id) for object_id in poses}
@@ -102,7 +102,7 @@ def pack_frame(
 
 
 def _version(path: Path) -> tuple[Path, int]:
-    """Return `path` and when it was written: what is kept in memory is of that time."""
+    """Return `path` and its time of change, the key of the cache of surfaces."""
     if not path.is_file():
         raise MissingInputError(path, "symgrasp refine-grasps")
     return path, path.stat().st_mtime_ns

@@ -1,14 +1,14 @@
-"""refine-grasps: make grasp annotations symmetric, and spread them to affordance (Sec. III-G).
+"""Stage `refine-grasps`: symmetric copies of grasp labels, and affordance (Sec. III-G).
 
-Reads   ROOT/models/NNN/nontextured.ply    the mesh that the contacts are found on
-        ROOT/grasp_label/NNN_labels.npz    sampled-and-validated grasps, GraspNet's arrays
+Reads   ROOT/models/NNN/nontextured.ply    the mesh on which contacts are found
+        ROOT/grasp_label/NNN_labels.npz    sampled and validated grasps, GraspNet's arrays
         ROOT/symmetry/NNN.json             from annotate-symmetry
 Writes  ROOT/affordance/NNN.h5             contact pairs with their copies, affordance of the
                                            surface; canonical frame
 
-The fingers of each labelled grasp are closed anew on the mesh by exact rays, so labels made on
-another grid or another sampling of the surface give exact contacts. A label is read piece by
-piece: its fifty million candidates are never in memory together.
+The fingers of each labelled grasp close on the mesh along exact rays, so labels of another grid or
+another sampling of the surface give exact contacts. A label is read in pieces, since it has up to
+fifty million candidates.
 """
 
 from collections.abc import Iterable
@@ -38,7 +38,7 @@ from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.rated_grasps import BestOfPlaces, GraspSample, RatedGrasps
 from pipelines.mesh_symmetry.detection.surface import Surface
-from pipelines.refinement.copies import PLACE_SHARE, Copier, contact_pairs
+from pipelines.refinement.copies import PLACE_SHARE, Copier, closed_contacts
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.storage.provenance import digest_if_there, make_stamp
 
@@ -61,7 +61,7 @@ def run(
 
 
 def refine_file(item: WorkItem, root: GraspNetRoot, config: RefineGraspsConfig, seed: int) -> str:
-    """Refine the labels of one object; `item.arguments` is its id. Return the counts."""
+    """Refine the labels of one object; `item.arguments`: its id. Return the counts."""
     (object_id,) = item.arguments
     symmetry = _existing(root.symmetry_path(object_id), "symgrasp annotate-symmetry")
     label = _existing(root.grasp_label_path(object_id), "symgrasp label-grasps")
@@ -110,10 +110,10 @@ def refine(
 
 @dataclass(frozen=True)
 class ExactGrasps:
-    """The grasps of a label that hold, between exact contacts."""
+    """The grasps of a label that hold, with exact contacts."""
 
-    sample: RatedGrasps  # at most `max_grasps` of those with different contacts
-    best: RatedGrasps  # the best of all at each place that a finger touches
+    sample: RatedGrasps  # at most `max_grasps` grasps with distinct contacts
+    best: RatedGrasps  # the best grasp at each place of a contact
     num_labelled: int
     num_distinct: int
 
@@ -121,7 +121,7 @@ class ExactGrasps:
 def exact_grasps(
     mesh: Mesh, label: Iterable[GraspLabel], config: RefineGraspsConfig, seed: int = 0
 ) -> ExactGrasps:
-    """Return the labelled grasps that hold, with contacts found anew; `label` comes in pieces."""
+    """Return the labelled grasps that hold, with exact contacts; `label` comes in pieces."""
     sample = GraspSample(config.merge_distance, config.max_grasps, seed)
     best, count = BestOfPlaces(config.contact_radius * PLACE_SHARE), 0
     for piece in label:
@@ -134,17 +134,17 @@ def exact_grasps(
 
 
 def _closed(mesh: Mesh, holding: LabelledGrasps) -> RatedGrasps:
-    """Return those of `holding` whose fingers both meet the mesh, between the exact contacts."""
+    """Return those of `holding` whose fingers both meet the mesh, with exact contacts."""
     rotation = _orthonormal(holding.rotation.astype(np.float64))
     tips = holding.origin + holding.depth[:, None].astype(np.float64) * rotation[:, :, 0]
     opened = Grasps(rotation, tips, holding.opening.astype(np.float64))
-    pairs, index = contact_pairs(mesh, opened)[:2]
+    pairs, index = closed_contacts(mesh, opened)[:2]
     quality = 1.0 - holding.min_friction[index].astype(np.float64).round(6)
     return RatedGrasps(Grasps.from_contacts(pairs, opened.approach[index]), quality)
 
 
 def _orthonormal(rotation: Array) -> Array:
-    """Return the float32 rotations (n, 3, 3) of the view template, orthonormal in float64."""
+    """Return float32 rotations (n, 3, 3) of the view template, orthonormal in float64."""
     approach, closing = rotation[:, :, 0], rotation[:, :, 1]
     approach = approach / np.linalg.norm(approach, axis=1, keepdims=True)
     closing = closing - np.einsum("ni,ni->n", closing, approach)[:, None] * approach
@@ -175,7 +175,7 @@ def _item(root: GraspNetRoot, object_id: int, config: RefineGraspsConfig, seed: 
         "grasp_label": root.grasp_label_path(object_id),
         "symmetry": root.symmetry_path(object_id),
     }
-    # An input that is not there fails as its own item, when it is read.
+    # A missing input fails its own item, when it is read.
     inputs = {key: digest_if_there(path) for key, path in paths.items()}
     stamp = make_stamp(STAGE, config, seed=seed, inputs=inputs)
     return WorkItem(f"{object_id:03d}", root.affordance_path(object_id), stamp, (object_id,))

@@ -1,16 +1,16 @@
-"""Stage `simulate`: try the grasps of a `grasps.h5` in physics (Sec. IV-A, Table III).
+"""Stage `simulate`: trials of the grasps of a `grasps.h5` in physics (Sec. IV-A, Table III).
 
-Reads   grasps.h5               of `infer`, run on a dataset in GraspNet-1Billion's layout
+Reads   grasps.h5               from `infer`, run on a dataset in GraspNet-1Billion's layout
         ROOT/scenes, models     poses, labels, cameras, meshes, convex pieces
-        ROOT/symmetry           of `annotate-symmetry`: what the grasped regions are like
-        ROOT/affordance         of `refine-grasps`: for the oracle among the baselines
+        ROOT/symmetry           from `annotate-symmetry`: kinds of the grasped regions
+        ROOT/affordance         from `refine-grasps`, for the oracle among the baselines
 Writes  success.json            rates by split, kind of symmetry and friction
-        success.trials/         what became of every trial, one file a scene
-        success.convex/NNN.npz  convex pieces of models that have none in the dataset
+        success.trials/         outcomes of all trials, one file a scene
+        success.convex/NNN.npz  convex pieces of models without such in the dataset
 
-Every visible object of a frame gets one trial at each friction: the grasp that `evaluate` judges,
-and with `baselines` also those of the other methods that it judges on the same regions.
-Scenes that are finished are not tried again. The dataset is only read.
+Every visible object of a frame gets one trial at each friction: with the grasp that `evaluate`
+scores, and with `baselines` also with the grasps of the other methods on the same regions.
+Finished scenes are not tried again. The dataset is only read.
 """
 
 import functools
@@ -47,7 +47,7 @@ from pipelines.storage.provenance import (
 )
 from pipelines.synthesis.objects.decomposition import is_nearly_convex, physics_pieces
 
-LARGE_SHIFT = 0.01  # metres, more than rounded poses make
+LARGE_SHIFT = 0.01  # metres, more than rounding of poses causes
 
 
 def run(
@@ -60,19 +60,19 @@ def run(
     baselines: bool = False,
     seed: int = 0,
 ) -> StageReport:
-    """Try `grasps` in the scenes of `dataset`; write `output` and what lies beside it.
+    """Try `grasps` in the scenes of `dataset`; write `output` and the folders beside it.
 
     Args:
         grasps: a `grasps.h5`.
-        dataset: root of the dataset that its frames are from.
+        dataset: root of the dataset of its frames.
         output: `success.json`.
-        config: the hand, the trial, what counts as success.
-        options: how the batch is run.
+        config: gripper, trial, criteria of success.
+        options: options of the batch.
         baselines: also try grasps planned with ground truth, from the boundary, and at random.
-        seed: of coacd, which cuts models into convex pieces, and of the baselines' random draws.
+        seed: seed of coacd, which cuts models into convex pieces, and of the random baselines.
 
     Raises:
-        ValueRangeError: `output` is not named .json.
+        ValueRangeError: `output` does not end in .json.
     """
     refuse_other_suffix(output, ".json")
     root, found = GraspNetRoot(dataset), read_index(grasps)
@@ -84,7 +84,7 @@ def run(
     inputs["pieces"] = _digest_of_pieces(scenes, root, output)
     settings = {**asdict(config), "baselines": baselines}
     stamp = make_stamp("simulate", settings, seed=seed, inputs=inputs)
-    is_finished(output, stamp, overwrite=options.overwrite)  # refuses to replace another
+    is_finished(output, stamp, overwrite=options.overwrite)  # raises if it is stale
     models = _model_items(scenes, root, output, config, seed)
     drop_stale(models, options)
     report = run_batch("simulate models", models, functools.partial(_cut_model, config), options)
@@ -103,7 +103,7 @@ def tables(output: Path) -> list[Table]:
 
 
 def pieces_folder(output: Path) -> Path:
-    """Return where convex pieces lie that the dataset lacks: it may be shared, or read-only."""
+    """Return the folder of convex pieces that the dataset lacks, as it may be read-only."""
     return output.with_suffix(".convex")
 
 
@@ -143,7 +143,7 @@ def _cut_model(config: SimulateConfig, item: WorkItem) -> str | None:
     convex_file.write(item.target, pieces)
     if len(pieces) > 1 or is_nearly_convex(mesh, config.convex_enough):
         return None
-    return f"coacd cuts {model} into no pieces: it is tried as its convex hull, without its hollows"
+    return f"coacd cannot cut {model}: it is simulated as its convex hull, without cavities"
 
 
 def _scene_items(
@@ -167,7 +167,7 @@ def _simulate_scene(
     farthest = max(frame.shift for frame in frames)
     if farthest < LARGE_SHIFT:
         return None
-    return f"objects moved by up to {1000 * farthest:.0f} mm before they lay still: check the poses"
+    return f"objects moved by up to {1000 * farthest:.0f} mm until they rested: check the poses"
 
 
 def _finished(items: Iterable[WorkItem]) -> Iterator[FrameTrials]:
@@ -178,7 +178,7 @@ def _finished(items: Iterable[WorkItem]) -> Iterator[FrameTrials]:
 
 
 def _digest_of_pieces(scenes: Iterable[SceneFiles], root: GraspNetRoot, output: Path) -> str:
-    """Return the digest of what the models' convex pieces are, or are to be cut of."""
+    """Return the digest of the models' convex pieces, or of the meshes to be cut."""
     reader = PiecesReader(root, pieces_folder(output))
     sources = [path for path in map(reader.source, _object_ids(scenes)) if path.is_file()]
     return digest_text("".join(f"{p.relative_to(root.root)} {digest(p)}\n" for p in sources))
@@ -189,7 +189,7 @@ def _object_ids(scenes: Iterable[SceneFiles]) -> list[int]:
 
 
 def _joined(first: StageReport, second: StageReport) -> StageReport:
-    """Return what both did, as one stage."""
+    """Return the joint report of two steps."""
     return StageReport(
         second.stage,
         first.done + second.done,

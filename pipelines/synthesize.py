@@ -1,16 +1,16 @@
-"""Stage synthesize: procedural scenes in GraspNet-1Billion's layout.
+"""Stage `synthesize`: procedural scenes in GraspNet-1Billion's layout.
 
 Reads   nothing, or a folder of meshes (`--models`)
 Writes  ROOT/models/NNN/                     nontextured.ply, textured.obj, convex.npz; with `--sdf`
                                              textured.sdf, dex-net's distance grid
-        ROOT/grasp_label/NNN_labels.npz      sample-and-validate on GraspNet's grid
-        ROOT/scenes/scene_NNNN/CAMERA/       rgb, depth, label, annotations, meta, poses,
-                                             and rect where there are collision labels
-        ROOT/collision_label/scene_NNNN/     the labels' grasps against the scene
+        ROOT/grasp_label/NNN_labels.npz      sampled and validated on GraspNet's grid
+        ROOT/scenes/scene_NNNN/CAMERA/       rgb, depth, label, annotations, meta, poses;
+                                             rect if there are collision labels
+        ROOT/collision_label/scene_NNNN/     collisions of labelled grasps with the scene
         ROOT/objects.json                    family, pool and true symmetries of each object
 
-Scenes are numbered as GraspNet numbers its splits. The objects depend on the seed alone, so a
-training root and a test root of one seed share exactly the objects of the seen pool, never a scene.
+Scenes are numbered by GraspNet's splits. The objects depend on the seed only, so a training root
+and a test root of one seed share exactly the objects of the seen pool, and no scene.
 """
 
 from collections.abc import Sequence
@@ -43,7 +43,7 @@ from pipelines.synthesis.scenes.scene_files import write_scene
 POOLS = ("seen", "similar", "novel")
 POOL_OF_SPLIT = {"train": "seen", "seen": "seen", "similar": "similar", "novel": "novel"}
 MAX_OBJECTS = 254  # label images have 8 bits, and 0 is the background
-TAG_LABEL = 1  # what a child seed is for; scenes take 2 and 3
+TAG_LABEL = 1  # purpose of a child seed; scenes use other tags
 
 
 def run(
@@ -56,10 +56,10 @@ def run(
     mesh_scale: float | None = None,
     sdf: bool = False,
 ) -> StageReport:
-    """Write a dataset to `output`: objects first, then scenes; finished ones are kept.
+    """Write a dataset to `output`: objects first, then scenes; finished items are kept.
 
-    `models`: meshes to take instead of procedural objects, `mesh_scale` metres a unit; None is 1,
-    and refuses meshes too large for it. `sdf`: write `textured.sdf` too.
+    `models`: meshes to use instead of procedural objects. `mesh_scale`: metres per unit of the
+    meshes; None is 1 and refuses implausibly large meshes. `sdf`: write `textured.sdf` too.
 
     Raises:
         ValueRangeError: a setting is out of range, or `models` are those of `output`.
@@ -83,7 +83,7 @@ def run(
         grids = _grid_items(output, sorted(ids))
         _merge(report, run_batch("synthesize distance grids", grids, _write_grid, options))
     if report.failed:
-        report.notes["scenes"] = "none are made before all objects and their labels are there"
+        report.notes["scenes"] = "scenes are made once all objects and their labels are finished"
         return report
     if not options.dry_run:
         _write_object_list(output, config, seed, ids, sources)
@@ -153,7 +153,7 @@ def _object_items(
             "index": index,
             "count": config.objects_per_pool,
         }
-        if source and source.scale not in (None, 1.0):  # 1 is what is meant if none is said
+        if source and source.scale not in (None, 1.0):  # 1 is the default
             settings["mesh_scale"] = source.scale
         inputs = {"mesh": digest_if_there(source.path)} if source else {}
         stamp = make_stamp("synthesize object", settings, seed=seed, inputs=inputs)
@@ -251,11 +251,11 @@ def _scene_items(
     sources: Sequence[OwnModel],
 ) -> list[WorkItem]:
     root = GraspNetRoot(output)
-    # Procedural objects follow from the settings and the seed; a user's meshes do not, and not
-    # from their files either: --mesh-scale has a say in what lies in models/.
+    # Procedural objects follow from the settings and the seed. A user's meshes do not; the files in
+    # models/ depend on --mesh-scale too.
     models = {f"{i:03d}": root.model_path(i) for i in ids} if sources else {}
     inputs = {f"models/{name}/{path.name}": digest_if_there(path) for name, path in models.items()}
-    # How many scenes and which splits a run asks for does not change any one scene.
+    # The numbers of scenes and splits of a run do not change a scene.
     settings = replace(config, splits=(), scenes_per_split=0)
     items = []
     for split in config.splits:
@@ -276,7 +276,7 @@ def _write_scene(item: WorkItem, *, config: SynthesizeConfig) -> str:
 
 
 def _merge(report: StageReport, part: StageReport) -> None:
-    """Add what `part` did to `report`; the stage is one to whoever called it."""
+    """Add the results of one step to `report`, that of the whole stage."""
     report.stage = "synthesize"
     report.done += part.done
     report.skipped += part.skipped

@@ -1,4 +1,4 @@
-"""What is made of finished annotations: contact sheets to look through, BOP's models_info.json."""
+"""Optional outputs of finished annotations: contact sheets, BOP's models_info.json."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -28,13 +28,13 @@ PICTURES = "annotate-symmetry, pictures"
 
 @dataclass(frozen=True)
 class AnnotationExtras:
-    """What else is read and written; none of it is needed.
+    """Optional inputs and outputs of `annotate-symmetry`.
 
     Attributes:
-        edits: corrections by hand.
-        bop_symmetries: a models_info.json whose rotations win over those found.
-        bop: a models_info.json to write.
-        pictures: a folder for contact sheets.
+        edits: file of corrections by hand.
+        bop_symmetries: models_info.json whose rotations replace those found.
+        bop: models_info.json to write.
+        pictures: folder for contact sheets.
     """
 
     edits: Path | None = None
@@ -50,7 +50,7 @@ def write_extras(
     config: AnnotateSymmetryConfig,
     options: BatchOptions,
 ) -> None:
-    """Write the contact sheets and BOP's file from every annotation that is there."""
+    """Write the contact sheets and BOP's file from all finished annotations."""
     finished = [i for i in items if i.name not in report.failed and i.target.is_file()]
     if extras.pictures is not None and finished:
         _write_pictures(report, finished, extras.pictures, config, options)
@@ -65,7 +65,7 @@ def _write_pictures(
     config: AnnotateSymmetryConfig,
     options: BatchOptions,
 ) -> None:
-    """Draw every annotated object, and the sheets of them, unless they are drawn already."""
+    """Draw every annotated object and the contact sheets, unless they are up to date."""
     stamp = _stamp_of_all(PICTURES, items)
     if folder.is_dir() and read_stamp(folder) == stamp.as_json():
         return
@@ -79,7 +79,10 @@ def _write_pictures(
         for item in items
     ]
     drawn = run_batch(
-        PICTURES, drawings, partial(draw_file, config=config), replace(options, overwrite=True)
+        PICTURES,
+        drawings,
+        partial(draw_file, config=config),
+        replace(options, overwrite=True),
     )
     report.failed |= drawn.failed
     tiles = [
@@ -100,7 +103,7 @@ def _write_pictures(
 def _write_bop(
     items: Sequence[WorkItem], path: Path, config: AnnotateSymmetryConfig, *, overwrite: bool
 ) -> None:
-    """Write BOP's file; one that this stage has not written is not replaced unasked."""
+    """Write BOP's file; a file of another origin is only replaced with `overwrite`."""
     sidecar = sidecar_of(path)
     ours = sidecar.is_file() and read_json(sidecar).get("stage") == STAGE
     if path.exists() and not ours and not overwrite:
@@ -121,7 +124,7 @@ def _stamp_of_all(stage: str, items: Sequence[WorkItem]) -> Stamp:
 
 
 def draw_file(item: WorkItem, config: AnnotateSymmetryConfig) -> None:
-    """Draw one annotated object; `item.arguments` are its mesh and its annotation."""
+    """Draw one annotated object; `item.arguments`: its mesh and its annotation."""
     mesh_path, labels_path = item.arguments
     mesh = read_mesh(mesh_path, config.mesh_scale)
     write_image(item.target, object_views(mesh, symmetry_labels.read(labels_path)))

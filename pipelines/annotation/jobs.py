@@ -1,4 +1,4 @@
-"""What is to be annotated: one item an object, with all that its annotation is made of."""
+"""Work items of `annotate-symmetry`: one per object, with the inputs of its annotation."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -22,12 +22,12 @@ from pipelines.storage.provenance import (
 )
 
 STAGE = "annotate-symmetry"
-Named = tuple[str, Path, "Job"]  # an object's name, its annotation, what that is made of
+Named = tuple[str, Path, "Job"]  # name of an object, path of its annotation, inputs
 
 
 @dataclass(frozen=True)
 class Job:
-    """What an object's annotation is made of; `refusal` says why there can be none."""
+    """Inputs of an object's annotation; `refusal`: the reason why it cannot be annotated."""
 
     mesh: Path
     regions: Path | None = None
@@ -38,7 +38,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Sources:
-    """What applies to some objects only: their corrections, and what BOP says of them."""
+    """Inputs of some objects only: corrections by hand, and entries of BOP's file."""
 
     edits: dict[str, ObjectEdits] = field(default_factory=dict)
     given: dict[str, ModelInfo] = field(default_factory=dict)
@@ -54,7 +54,7 @@ def items_of(
     """Return the items of a dataset root, or of a mesh or a folder of meshes.
 
     Raises:
-        SymgraspError: nothing is there to annotate, or nowhere to write to.
+        SymgraspError: there is nothing to annotate, or no output folder.
     """
     jobs = _dataset_jobs(source, config)
     if output_dir is not None or not jobs:
@@ -63,31 +63,31 @@ def items_of(
 
 
 def without_given(items: Sequence[WorkItem], path: Path, sources: Sources) -> list[str]:
-    """Return the names of the items that `path`, BOP's file, says nothing of.
+    """Return the names of the items without an entry in BOP's file `path`.
 
     Raises:
-        SymgraspError: it says nothing of any, so it is the file of other objects.
+        SymgraspError: no item has an entry, so the file is that of other objects.
     """
     missing = [item.name for item in items if item.arguments[0].given is None]
     if len(missing) == len(items):
         raise SymgraspError(
-            f"{path} says nothing of {', '.join(missing)}; it has entries of "
+            f"{path} has no entry of {', '.join(missing)}; it has entries of "
             f"{', '.join(sources.given) or 'no object'}, so give the file of these meshes"
         )
     return missing
 
 
 def edits_of(target: Path) -> str | None:
-    """Return the digest of the corrections that an annotation holds, if it holds any."""
+    """Return the digest of the corrections in an annotation; None without corrections."""
     try:
         stamp = read_stamp(target) if target.is_file() else None
-    except SymgraspError:  # what is no annotation is told when the item's turn comes
+    except SymgraspError:  # processing the item reports that the file is no annotation
         return None
     return None if stamp is None else _inputs_of(stamp).get("edits")
 
 
 def is_to_correct(item: WorkItem) -> bool:
-    """Return whether `item` is finished but for its corrections."""
+    """Return whether `item` is finished except for its corrections."""
     job: Job = item.arguments[0]
     if job.edits is None or not item.target.is_file():
         return False
@@ -104,7 +104,7 @@ def is_to_correct(item: WorkItem) -> bool:
 
 
 def _inputs_of(stamp: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a stamp's inputs; none of a stamp written by hand that has something else there."""
+    """Return the inputs of a stamp; empty if a stamp written by hand has no inputs."""
     inputs = stamp.get("inputs")
     return inputs if isinstance(inputs, dict) else {}
 
@@ -159,11 +159,11 @@ def _item(
     key = object_key(name)
     given = sources.given.get(name, sources.given.get(key or ""))
     job = replace(job, edits=sources.edits.get(name), given=given)
-    # A mesh that is not there fails as its own item, when it is read.
+    # A missing mesh fails its own item, when it is read.
     inputs = {"mesh": digest_if_there(job.mesh)}
     inputs |= {} if job.regions is None else {"regions": digest(job.regions)}
     inputs |= {} if given is None else {"bop": digest_text(repr(given))}
     edits = edits_of(target) if job.edits is None else job.edits.digest
-    # Corrections that are not given again are kept: the file is finished with them.
+    # Without new corrections, an annotation with earlier corrections counts as finished.
     inputs |= {} if edits is None else {"edits": edits}
     return WorkItem(name, target, make_stamp(STAGE, config, seed=seed, inputs=inputs), (job,))

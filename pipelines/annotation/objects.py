@@ -1,4 +1,4 @@
-"""The symmetries and regions of one object: searched for, given by others, corrected by hand."""
+"""Annotation of one object: symmetries and regions detected, given, or corrected by hand."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -43,8 +43,8 @@ THROUGH_COSINE = float(np.cos(np.radians(85.0)))  # of a plane's normal and an a
 
 
 @dataclass(frozen=True)
-class Said:
-    """Symmetries, who says so of each, and sentences on those that do not fit the mesh."""
+class SourcedSymmetries:
+    """Symmetries, the source of each, and warnings about those that do not fit the mesh."""
 
     symmetries: tuple[Symmetry, ...]
     sources: tuple[str, ...]
@@ -61,20 +61,20 @@ def annotate(
     given: Sequence[Symmetry] = (),
     edits: ObjectEdits | None = None,
 ) -> tuple[ObjectSymmetries, tuple[str, ...]]:
-    """Return the annotation of `mesh`, object frame, metres, and sentences on what is odd in it.
+    """Return the annotation of `mesh`, object frame, metres, and notes on problems.
 
     Args:
-        mesh: the object; triangles without area and repeated ones are passed over.
-        name: of the object.
-        config: the limits.
-        rng: of all samples.
-        regions_path: regions by hand; they win over those that are found.
-        given: a rotation or sphere that others state; it wins over the one that is found.
-        edits: corrections by hand of what was found.
+        mesh: the object; triangles without area and duplicates are ignored.
+        name: name of the object.
+        config: limits.
+        rng: generator of all samples.
+        regions_path: regions by hand, which replace those found.
+        given: rotation or sphere of another source, which replaces the one found.
+        edits: corrections by hand of the symmetries found.
 
     Raises:
         ValueRangeError: no triangle has an area.
-        SymgraspError: the corrections name what there is not.
+        SymgraspError: a correction names a symmetry that the object does not have.
     """
     cleaned, kept, dropped = clean_mesh(mesh)
     gauge = Gauge.of(cleaned, config, rng.spawn(1)[0])
@@ -109,10 +109,10 @@ def correct(
     rng: np.random.Generator,
     regions_path: Path | None = None,
 ) -> tuple[ObjectSymmetries, tuple[str, ...]]:
-    """Return a finished annotation of `mesh` with `edits` made to what had been found in it.
+    """Return a finished annotation of `mesh` with `edits` applied to the symmetries found.
 
-    Corrections made earlier are undone: the file of corrections says all that is to be corrected.
-    Its parts are cut anew, because they follow from the symmetries of the whole.
+    Earlier corrections are undone, since `edits` holds all corrections. The parts are cut again,
+    because they depend on the symmetries of the whole.
     """
     cleaned, kept, _ = clean_mesh(mesh)
     if labels.found is not None:
@@ -133,7 +133,7 @@ def _edited(
         edits, labels.symmetries, labels.all_sources, labels.rejected
     )
     measured = _measured(symmetries, sources, gauge, BY_HAND)
-    # A person has looked: nothing of it is in doubt any more.
+    # A person has checked the object, so its doubt is 0.
     edited = replace(
         labels,
         symmetries=measured.symmetries,
@@ -145,17 +145,19 @@ def _edited(
     return edited, measured.notes
 
 
-def _with_given(found: Sequence[Symmetry], given: Sequence[Symmetry], gauge: Gauge) -> Said:
-    """Return `found` with the rotation or sphere that was `given` in the place of its own."""
+def _with_given(
+    found: Sequence[Symmetry], given: Sequence[Symmetry], gauge: Gauge
+) -> SourcedSymmetries:
+    """Return `found` with its rotation or sphere replaced by that of `given`."""
     if not given:
-        return Said(tuple(found), (FOUND,) * len(found))
+        return SourcedSymmetries(tuple(found), (FOUND,) * len(found))
     if any(isinstance(symmetry, SphereSymmetry) for symmetry in given):
         planes: list[Symmetry] = []
     else:
         planes = [s for s in found if isinstance(s, ReflectionSymmetry)]
     for symmetry in given:
         if isinstance(symmetry, RotationSymmetry) and symmetry.order is None:
-            # The axis stands for the planes that contain it.
+            # The planes through the axis follow from it.
             axis = symmetry.axis
             planes = [s for s in planes if abs(s.direction @ axis) > THROUGH_COSINE]
     sources = (*(FOUND,) * len(planes), *(FROM_BOP,) * len(given))
@@ -164,8 +166,8 @@ def _with_given(found: Sequence[Symmetry], given: Sequence[Symmetry], gauge: Gau
 
 def _measured(
     symmetries: Sequence[Symmetry], sources: Sequence[str], gauge: Gauge, source: str
-) -> Said:
-    """Return the symmetries, those of `source` with the error that they have on the mesh."""
+) -> SourcedSymmetries:
+    """Return the symmetries, those of `source` with their errors on the mesh."""
     measured, notes = [], []
     for symmetry, origin in zip(symmetries, sources, strict=True):
         if origin != source:
@@ -178,13 +180,13 @@ def _measured(
                 f"warning: the {symmetry.kind} by {source} does not fit the mesh well, error "
                 f"{measure.error:.3f}; limits {measure.strain:.1f} times as wide would accept it"
             )
-    return Said(tuple(measured), tuple(sources), tuple(notes))
+    return SourcedSymmetries(tuple(measured), tuple(sources), tuple(notes))
 
 
 def _found_regions(
     mesh: Mesh, detection: MeshSymmetries, config: AnnotateSymmetryConfig, rng: np.random.Generator
 ) -> list[SymmetricRegion]:
-    """Return the parts of a clean `mesh`; uncut, the whole if it is symmetric, else none."""
+    """Return the symmetric parts of a clean `mesh`; without cutting, the whole if symmetric."""
     if config.cut_objects:
         return symmetric_regions(mesh, detection, config, rng)
     if not has_slot(detection.symmetries):
@@ -212,7 +214,7 @@ def _labels_of(regions: Sequence[SymmetricRegion]) -> tuple[RegionLabel, ...]:
 
 
 def _in_file(mesh: Mesh, kept: Indices, triangles: Indices) -> Indices:
-    """Return the indices in `mesh` of `triangles` of its cleaned copy, with their repetitions."""
+    """Return the indices in `mesh` of `triangles` of its cleaned copy, with their duplicates."""
     if len(triangles) == len(kept):
         return np.arange(len(mesh.faces))
     corners = np.unique(np.sort(mesh.faces, axis=1), axis=0, return_inverse=True)[1].reshape(-1)

@@ -1,4 +1,4 @@
-"""Symmetric copies of grasps: by an object's symmetries, then by those of its regions (D. 2)."""
+"""Symmetric copies of grasps, by an object's symmetries and then by its regions' (D. 2)."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -18,16 +18,16 @@ from pipelines.mesh_symmetry.detection.surface import Surface
 from pipelines.metrics.contacts import close_fingers
 from pipelines.metrics.force_closure import min_friction, on_grid
 
-SAMPLE_SPACINGS = 6.0  # no place of the surface is so far from its samples
-PLACE_SHARE = 0.5  # of the contact radius: the best grasp at each such place stands for all there
+SAMPLE_SPACINGS = 6.0  # farther than any point of the surface is from its nearest sample
+PLACE_SHARE = 0.5  # of the contact radius; only the best grasp of a cell of this size is copied
 
 
 @dataclass(frozen=True)
 class Copier:
-    """Copies grasps across an object's symmetries, object frame.
+    """Copy grasps across an object's symmetries, object frame.
 
-    The object's symmetries copy every grasp. A region's copy the grasps that touch the region with
-    both fingers, copies by the object's symmetries among them.
+    The object's symmetries copy every grasp. Those of a region copy the grasps with both contacts
+    on the region, including copies by the object's symmetries.
     """
 
     mesh: Mesh
@@ -36,7 +36,7 @@ class Copier:
     config: RefineGraspsConfig
 
     def with_copies(self, rated: RatedGrasps, rng: np.random.Generator) -> tuple[RatedGrasps, int]:
-        """Return `rated`, after them copies that hold, and the number of those that do not."""
+        """Return `rated` followed by its copies that hold, and the number of copies that do not."""
         rated, dropped = self._copied(rated, self.symmetries.symmetries, rng)
         for inside, own in self._regions():
             part = rated[self._touches(rated, inside)]
@@ -60,10 +60,10 @@ class Copier:
     def _spread(
         self, points: Array, known: Array, rated: RatedGrasps, symmetries: Sequence[Symmetry]
     ) -> Array:
-        """Return the affordance (n,): `known`, or better by a copy of `rated`."""
+        """Return the affordance (n,): the better one of `known` and that of copies of `rated`."""
         after, radius = known.copy(), self.config.contact_radius
         for T in symmetry_group(symmetries, self.config.copies_per_turn):
-            # Grasps no better than what every point has already need not be copied.
+            # A grasp no better than the affordance of every point need not be copied.
             wanting = np.flatnonzero(after < rated.quality.max(initial=0.0))
             rated = rated[rated.quality > after.min(initial=1.0)]
             if not len(wanting):
@@ -74,7 +74,7 @@ class Copier:
         return after
 
     def _everywhere(self, rated: RatedGrasps) -> RatedGrasps:
-        """Return the best at each place of `rated` and their copies by the whole's symmetries."""
+        """Return `rated` and its copies by the object's symmetries, the best of each place."""
         places = BestOfPlaces(self.config.contact_radius * PLACE_SHARE)
         places.add(rated)
         for T in symmetry_group(self.symmetries.symmetries, self.config.copies_per_turn):
@@ -82,7 +82,7 @@ class Copier:
         return places.result()
 
     def _regions(self) -> Iterator[tuple[Mask, list[Symmetry]]]:
-        """Yield which surface samples lie on a region, and symmetries that it has of its own."""
+        """Yield the mask of surface samples on each region, and its own symmetries."""
         listed = self.symmetries.symmetries
         for region in self.symmetries.regions:
             own = [each for each in region.symmetries if not _is_listed(each, listed)]
@@ -90,7 +90,7 @@ class Copier:
                 yield np.isin(self.surface.faces, region.triangles), own
 
     def _touches(self, rated: RatedGrasps, inside: Mask) -> Mask:
-        """Return which grasps have both contacts on what the surface samples `inside` lie on."""
+        """Return the mask of grasps with both contacts near the surface samples `inside`."""
         return np.asarray(inside[self.surface.nearest(rated.grasps.contacts)].all(axis=1))
 
     def _copied(
@@ -107,7 +107,7 @@ class Copier:
         return RatedGrasps.concatenate([rated, held]), len(grasps) - len(held)
 
     def _held(self, copies: RatedGrasps) -> RatedGrasps:
-        """Return the copies that hold on the mesh, or just lie on it: scans are not exact."""
+        """Return the copies that hold on the mesh, or lie near it, since scans are not exact."""
         if self.config.validate_copies:
             return _validated(copies, self.mesh, self.config)
         limit = self.config.max_surface_gap
@@ -119,14 +119,14 @@ class Copier:
 
 
 def _validated(copies: RatedGrasps, mesh: Mesh, config: RefineGraspsConfig) -> RatedGrasps:
-    """Return the copies that hold on the mesh, between exact contacts, with their own friction.
+    """Return the copies that hold on the mesh, with exact contacts and their own friction.
 
-    The fingers close from `max_surface_gap` beyond each contact and must meet the surface within
-    as much of it. Friction is measured on the labels' grid.
+    The fingers close from `max_surface_gap` outside of each contact and must meet the surface
+    within the same distance of it. Friction is rounded up to the grid of the labels.
     """
     gap, grasps = config.max_surface_gap, copies.grasps
     opened = Grasps(grasps.rotation, grasps.translation, grasps.width + 2.0 * gap)
-    pairs, index, friction = contact_pairs(mesh, opened)
+    pairs, index, friction = closed_contacts(mesh, opened)
     friction = on_grid(friction)
     moved = np.linalg.norm(pairs - grasps.contacts[index], axis=2).max(axis=1, initial=0.0)
     kept = (moved <= gap) & (friction <= config.max_friction)
@@ -135,7 +135,7 @@ def _validated(copies: RatedGrasps, mesh: Mesh, config: RefineGraspsConfig) -> R
 
 
 def _is_listed(symmetry: Symmetry, listed: Sequence[Symmetry]) -> bool:
-    """Return whether `symmetry` is one of `listed`, as the whole's region repeats the object's."""
+    """Return whether `symmetry` is one of `listed`: the whole's region repeats the object's."""
     return any(
         symmetry.kind == other.kind
         and np.allclose(symmetry.point, other.point)
@@ -144,10 +144,10 @@ def _is_listed(symmetry: Symmetry, listed: Sequence[Symmetry]) -> bool:
     )
 
 
-def contact_pairs(mesh: Mesh, opened: Grasps) -> tuple[Array, Indices, Array]:
-    """Return the contacts (m, 2, 3) of those of `opened` that have both, their indices, friction.
+def closed_contacts(mesh: Mesh, opened: Grasps) -> tuple[Array, Indices, Array]:
+    """Return contacts (m, 2, 3), indices (m,) and friction (m,) of grasps with two contacts.
 
-    The width of `opened` is the opening that the fingers close from.
+    The width of `opened` is the opening from which the fingers close.
     """
     contacts = close_fingers(mesh, opened, opened.width)
     apart = np.linalg.norm(contacts.points[:, 1] - contacts.points[:, 0], axis=1) > 0.0

@@ -1,8 +1,7 @@
-"""A force-limited parallel gripper with a preset's boxes, as bodies of a MuJoCo model.
+"""A force-limited parallel gripper made of a preset's boxes, in a MuJoCo model.
 
-The hand's frame is the grasp's: approach, closing, approach x closing. It slides along the three
-axes and never turns, as an arm that is much stronger than what it holds; the fingers slide towards
-each other by equal ways, as in every parallel gripper.
+Its frame is the grasp frame: approach, closing, binormal. The palm slides along the three axes
+without turning, as on an arm much stronger than its load; the fingers move symmetrically.
 """
 
 from dataclasses import dataclass
@@ -14,19 +13,19 @@ from pipelines.array_types import Array, Indices
 from pipelines.geometry.transforms import matrix_to_quaternion
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
-from pipelines.simulation.world import HAND, HARD, STIFF, WORLD
+from pipelines.simulation.world import GRIPPER_BIT, HARD, STIFF, WORLD_BIT
 
 PALM_MASS, FINGER_MASS = 1.0, 0.1  # kg
 ARM_STIFFNESS, ARM_DAMPING = 2.0e4, 400.0  # N / m, N s / m: critical for the palm
 FINGER_STIFFNESS, FINGER_DAMPING = 2.0e3, 30.0
-PAD_RADIUS = 0.008  # metres, of the patch in which a soft finger pad touches
-JOINT_SLACK = 0.001  # metres that a finger can open beyond its open position
-FINGERS = ("finger0", "finger1")  # the first starts at -closing
+PAD_RADIUS = 0.008  # metres, of the contact patch of a soft finger pad
+JOINT_SLACK = 0.001  # metres by which a finger can move beyond its open position
+FINGERS = ("finger0", "finger1")  # the first is at -closing
 SLIDES = ("slide0", "slide1", "slide2")
 
 
-def add_hand(spec: mujoco.MjSpec, grasp: Grasps, gripper: Gripper) -> None:
-    """Add the hand at one `grasp`, table frame, open as far as that grasp asks and it can."""
+def add_gripper(spec: mujoco.MjSpec, grasp: Grasps, gripper: Gripper) -> None:
+    """Add the gripper at one `grasp`, table frame, open for its width, up to the limit."""
     boxes = gripper.boxes(opened_for(grasp, gripper))
     palm = spec.worldbody.add_body(
         name="palm",
@@ -57,36 +56,36 @@ def add_hand(spec: mujoco.MjSpec, grasp: Grasps, gripper: Gripper) -> None:
         solref=STIFF,
         solimp=HARD,
     )
-    coupling.data[:5] = [0.0, 1.0, 0.0, 0.0, 0.0]  # the one joint as a polynomial of the other
+    coupling.data[:5] = [0.0, 1.0, 0.0, 0.0, 0.0]  # one joint as a polynomial of the other
 
 
 def opened_for(grasp: Grasps, gripper: Gripper) -> float:
-    """Return the distance of contacts, metres, that the hand opens for."""
+    """Return the distance of contacts for which the gripper opens, metres."""
     return min(float(grasp.width[0]), gripper.max_width)
 
 
 def stroke(grasp: Grasps, gripper: Gripper) -> float:
-    """Return how far each finger can close, metres: until they meet."""
+    """Return the distance by which each finger can close until both meet, metres."""
     return float(gripper.opening(opened_for(grasp, gripper))) / 2.0
 
 
 @dataclass(frozen=True)
-class Hand:
-    """The hand of a compiled model; where its parts are in MuJoCo's arrays."""
+class SimulatedGripper:
+    """The gripper of a compiled model, and the indices of its parts in MuJoCo's arrays."""
 
     model: mujoco.MjModel
     data: mujoco.MjData
-    slides: Indices  # in qpos, of the palm
+    slides: Indices  # of the palm in qpos
     fingers: Indices  # in qpos
-    velocities: Indices  # in qvel, of the fingers
+    velocities: Indices  # of the fingers in qvel
     arm: Indices  # in ctrl
-    grip: Indices  # in ctrl
+    grip: Indices  # of the fingers in ctrl
     finger_bodies: Indices
     bodies: Indices
 
     @classmethod
-    def of(cls, model: mujoco.MjModel, data: mujoco.MjData) -> "Hand":
-        """Return the hand that `add_hand` put into the model."""
+    def of(cls, model: mujoco.MjModel, data: mujoco.MjData) -> "SimulatedGripper":
+        """Return the gripper that `add_gripper` put into the model."""
         fingers = [model.joint(name).id for name in FINGERS]
         finger_bodies = np.array([model.body(name).id for name in FINGERS])
         return cls(
@@ -102,41 +101,41 @@ class Hand:
         )
 
     def set_friction(self, friction: float) -> None:
-        """Let everything that the hand touches rub with `friction`.
+        """Set the friction of all contacts of the gripper.
 
-        A soft pad also resists turning about the contact's normal, as a disc of `PAD_RADIUS`.
+        A soft pad also resists turning about the contact's normal, like a disc of `PAD_RADIUS`.
         """
         geoms = np.isin(self.model.geom_bodyid, self.bodies)
         self.model.geom_friction[geoms] = [friction, 2.0 / 3.0 * friction * PAD_RADIUS, 0.0]
 
     def limit_forces(self, arm: float, fingers: float) -> None:
-        """Let the arm push with at most `arm`, each finger with at most `fingers` newtons."""
+        """Limit the force of the arm and that of each finger, newtons."""
         self.model.actuator_forcerange[self.arm] = [-arm, arm]
         self.model.actuator_forcerange[self.grip] = [-fingers, fingers]
 
     def put(self, place: Array) -> None:
-        """Put the open hand at `place` (3,), metres from the grasp, hand's axes."""
+        """Place the open gripper at `place` (3,), metres from the grasp, gripper axes."""
         self.data.qpos[self.slides] = place
         self.steer(place, 0.0)
 
     def steer(self, place: Array, travel: float) -> None:
-        """Set where the servos pull: the hand to `place` (3,), each finger to `travel`."""
+        """Set the targets of the servos: the palm at `place` (3,), each finger at `travel`."""
         self.data.ctrl[self.arm] = place
         self.data.ctrl[self.grip] = travel
 
     @property
     def target(self) -> Array:
-        """(3,) where the arm pulls the hand to, metres from the grasp, hand's axes."""
+        """Target (3,) of the arm's servos, metres from the grasp, gripper axes."""
         return np.array(self.data.ctrl[self.arm])
 
     @property
     def arm_force(self) -> float:
-        """Newtons that the arm pushes with."""
+        """Force of the arm, newtons."""
         return float(np.linalg.norm(self.data.actuator_force[self.arm]))
 
     @property
     def closing_speed(self) -> float:
-        """Metres a second at which the faster finger closes."""
+        """Closing speed of the faster finger, metres per second."""
         return float(np.abs(self.data.qvel[self.velocities]).max())
 
     def touches(self, body: int) -> bool:
@@ -148,13 +147,13 @@ class Hand:
         )
 
     def penetration(self) -> float:
-        """Return how deep the hand is in anything, metres."""
+        """Return the largest depth of the gripper in another body, metres."""
         with_hand = np.isin(self._pairs(), self.bodies).any(axis=1)
         depth = -self.data.contact.dist[with_hand]
         return float(depth.max(initial=0.0))
 
     def _pairs(self) -> Indices:
-        """Return (contacts, 2) the bodies that touch."""
+        """Return the pairs of bodies in contact (contacts, 2)."""
         return np.asarray(self.model.geom_bodyid[self.data.contact.geom]).reshape(-1, 2)
 
 
@@ -168,7 +167,7 @@ def _servo(spec: mujoco.MjSpec, joint: str, stiffness: float, damping: float) ->
         gainprm=[stiffness] + [0.0] * 9,
         biasprm=[0.0, -stiffness, -damping] + [0.0] * 7,
         forcelimited=mujoco.mjtLimited.mjLIMITED_TRUE,
-        forcerange=[-1.0, 1.0],  # until `limit_forces` says
+        forcerange=[-1.0, 1.0],  # replaced by `limit_forces`
     )
 
 
@@ -180,9 +179,9 @@ def _box(body: mujoco.MjsBody, corners: Array, mass: float) -> None:
         size=((high - low) / 2.0).tolist(),
         mass=mass,
         condim=4,
-        priority=1,  # what a contact is like is the hand's affair
+        priority=1,  # contacts have the gripper's parameters
         solref=STIFF,
         solimp=HARD,
-        contype=HAND,
-        conaffinity=WORLD,
+        contype=GRIPPER_BIT,
+        conaffinity=WORLD_BIT,
     )

@@ -15,14 +15,15 @@ from pipelines.evaluation.trial_records import (
     TrialRecord,
     friction_key,
 )
+from pipelines.geometry.symmetry import SYMMETRY_KINDS
 from pipelines.metrics.success_rate import SuccessRate
-from pipelines.simulation.trial import REASONS
+from pipelines.simulation.trial import TRIAL_OUTCOMES
 from pipelines.storage.files import write_json
 from pipelines.storage.provenance import Stamp
 
-KINDS = ("reflection", "rotation", "sphere", "none", "all")
+KINDS = (*SYMMETRY_KINDS, "none", "all")
 Rates = dict[str, dict[str, dict[str, dict[str, Any]]]]
-Counts = dict[str, dict[str, dict[str, int]]]
+OutcomeCounts = dict[str, dict[str, dict[str, int]]]
 
 
 def success_rates(
@@ -41,21 +42,25 @@ def success_rates(
     }
 
 
-def reasons(frames: Sequence[FrameTrials], frictions: Sequence[float], row: str = OURS) -> Counts:
-    """Return what became of the trials of one method, by split and friction."""
-    counts: Counts = {}
+def outcome_counts(
+    frames: Sequence[FrameTrials], frictions: Sequence[float], row: str = OURS
+) -> OutcomeCounts:
+    """Return the numbers of trials of one method with each outcome, by split and friction."""
+    counts: OutcomeCounts = {}
     for split, trials in _by_split(frames, row).items():
         counts[split] = {}
         for key in map(friction_key, frictions):
             found = Counter(trial.outcomes[key].reason for trial in trials)
-            counts[split][key] = {reason: found[reason] for reason in REASONS if found[reason]}
+            counts[split][key] = {
+                reason: found[reason] for reason in TRIAL_OUTCOMES if found[reason]
+            }
     return counts
 
 
 def write_success(
     path: Path, frames: Iterable[FrameTrials], frictions: Sequence[float], stamp: Stamp
 ) -> None:
-    """Write `success.json`: our rates, and under `baselines` those of other methods tried."""
+    """Write `success.json`: our rates, and under `baselines` those of other methods."""
     frames = list(frames)
     rows = dict.fromkeys(row for frame in frames for row in frame.baselines)
     content = {
@@ -80,7 +85,7 @@ def _row_content(
 ) -> dict[str, Any]:
     return {
         "success": success_rates(frames, frictions, row),
-        "reasons": reasons(frames, frictions, row),
+        "reasons": outcome_counts(frames, frictions, row),
     }
 
 
@@ -111,12 +116,12 @@ def _rate_table(success: Mapping[str, Any], frictions: Sequence[str]) -> Table:
         for kind, rates in kinds.items()
         if rates[frictions[0]]["trials"]
     )
-    note = "In brackets what 95 % confidence leaves (Wilson); mu is the fingers' friction."
+    note = "In brackets the 95 % confidence interval (Wilson); mu is the fingers' friction."
     return Table("Success in simulation, percent", header, body, note, names=2)
 
 
 def _row_table(content: Mapping[str, Any], frictions: Sequence[str]) -> Table:
-    """Return the rates of all methods by split, whatever the symmetry."""
+    """Return the rates of all methods by split, over all kinds of symmetry."""
     rows = {OURS: content, **content["baselines"]}
     body = tuple(
         (METHOD_NAMES[row], split, *(_cell(kinds["all"][f]) for f in frictions))
@@ -134,9 +139,9 @@ def _cell(rate: Mapping[str, float]) -> str:
 
 def _reason_table(counts: Mapping[str, Any]) -> Table:
     cells = [(s, f, found) for s, by_friction in counts.items() for f, found in by_friction.items()]
-    names = [name for name in REASONS if any(found.get(name) for _, _, found in cells)]
+    names = [name for name in TRIAL_OUTCOMES if any(found.get(name) for _, _, found in cells)]
     body = tuple(
         (split, friction, *(str(found.get(name, 0)) for name in names))
         for split, friction, found in cells
     )
-    return Table("What became of the trials", ("split", "mu", *names), body, names=2)
+    return Table("Outcomes of the trials", ("split", "mu", *names), body, names=2)

@@ -11,12 +11,12 @@ from pipelines.configs import SimulateConfig
 from pipelines.evaluation.trial_records import HELD, Outcome
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
-from pipelines.simulation.gripper_model import Hand, add_hand, stroke
+from pipelines.simulation.gripper_model import SimulatedGripper, add_gripper, stroke
 from pipelines.simulation.world import TIME_STEP, Pieces, add_object, empty_world
 from pipelines.synthesis.scenes.settling import compiled_world
 
-# What can become of a trial, in the order in which it can happen.
-REASONS = (
+# Outcomes of a trial, in the order in which they can happen.
+TRIAL_OUTCOMES = (
     "no grasp",
     "diverged",
     "collision",
@@ -26,7 +26,7 @@ REASONS = (
     "turned",
     HELD,
 )
-# MuJoCo starts a scene anew whose numbers have run away; that is no trial.
+# MuJoCo resets a scene that diverges; such a trial is invalid.
 DIVERGED = [
     int(warning)
     for warning in (
@@ -40,21 +40,21 @@ GRAVITY = 9.81  # m / s^2
 APPROACH_SECONDS, LIFT_SECONDS = 0.6, 0.75
 REST_SECONDS = 0.1  # after each movement
 CLOSING_SPEED = 0.1  # metres a second, each finger
-CLOSED_SPEED = 0.002  # metres a second; slower fingers have met something
+CLOSED_SPEED = 0.002  # metres a second; slower fingers are in contact
 SQUEEZE_SECONDS = 0.1
 TUG_SECONDS = 0.2
-# Along the hand's axes, but not into the palm.
+# Along the gripper's axes, except toward the palm.
 TUGS = np.array([[1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], np.float64)
-START_DEPTH = 0.001  # metres that the open hand may lie in anything before it moves
+START_DEPTH = 0.001  # metres by which the open gripper may intersect a body at the start
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A compiled scene with a hand at a grasp, and the object that it is meant for."""
+    """A compiled scene with a gripper at a grasp, and the object to grasp."""
 
     model: mujoco.MjModel
     data: mujoco.MjData
-    hand: Hand
+    gripper: SimulatedGripper
     body: int
     stroke: float
     config: SimulateConfig
@@ -74,78 +74,78 @@ class Trial:
         `objects`: convex pieces, object frame; `poses`: (4, 4), object to table, at rest.
         """
         spec = empty_world()
-        # What rests untouched is not computed: most of a scene, and most of the time.
+        # Objects at rest are not computed: most of a scene, most of the time.
         spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
-        add_hand(spec, grasp, gripper)
+        add_gripper(spec, grasp, gripper)
         for object_id, pose in poses.items():
             add_object(spec, str(object_id), objects[object_id], pose)
         data = mujoco.MjData(model := compiled_world(spec))
-        hand = Hand.of(model, data)
+        simulated = SimulatedGripper.of(model, data)
         body = model.body(str(target)).id
-        return cls(model, data, hand, body, stroke(grasp, gripper), config)
+        return cls(model, data, simulated, body, stroke(grasp, gripper), config)
 
     def run(self, friction: float) -> Outcome:
-        """Try the grasp once, from the beginning, with `friction` between fingers and objects."""
+        """Try the grasp once, from the start, with `friction` between fingers and objects."""
         outcome = self._attempt(friction)
         diverged = any(self.data.warning[warning].number for warning in DIVERGED)
         return Outcome("diverged") if diverged else outcome
 
     def _attempt(self, friction: float) -> Outcome:
         mujoco.mj_resetData(self.model, self.data)
-        self.hand.set_friction(friction)
-        self.hand.limit_forces(self.config.arm_force, self.grip_force)
+        self.gripper.set_friction(friction)
+        self.gripper.limit_forces(self.config.arm_force, self.grip_force)
         if not self._approach():
             return Outcome("collision")
         height = self._height
         self._close()
-        before = self._in_hand()
+        before = self._in_gripper()
         self._lift()
         high = self._height - height > self.config.lift - self.config.max_slip
-        if not (high and self.hand.touches(self.body)):
+        if not (high and self.gripper.touches(self.body)):
             return Outcome("not lifted")
         self._tug()
-        slip, turn = _change(before, self._in_hand())
+        slip, turn = _change(before, self._in_gripper())
         return Outcome(self._verdict(height, slip, turn), slip, turn)
 
     @property
     def grip_force(self) -> float:
-        """Newtons of each finger, in proportion to the object's weight."""
+        """Force of each finger, newtons, proportional to the object's weight."""
         weight = GRAVITY * float(self.model.body_mass[self.body])
         return min(self.config.grip_force * weight, self.config.max_force)
 
     def _approach(self) -> bool:
-        """Come along the approach axis; return whether nothing was in the way."""
+        """Move along the approach axis; return whether the path was free."""
         start = np.array([-self.config.approach, 0.0, 0.0])
-        self.hand.put(start)
+        self.gripper.put(start)
         mujoco.mj_forward(self.model, self.data)
-        if self.hand.penetration() > START_DEPTH:
+        if self.gripper.penetration() > START_DEPTH:
             return False
         for share in _smooth(APPROACH_SECONDS):
             self._step((1.0 - share) * start, 0.0)
-            if self.hand.arm_force > self.config.stop_force:
+            if self.gripper.arm_force > self.config.stop_force:
                 return False
         return True
 
     def _close(self) -> None:
-        """Close the fingers until they meet something, and squeeze."""
+        """Close the fingers until they are in contact, and squeeze."""
         travel, place = 0.0, np.zeros(3)
         while travel < self.stroke:
             travel += CLOSING_SPEED * TIME_STEP
             self._step(place, travel)
             moved = travel > CLOSING_SPEED * REST_SECONDS
-            if moved and self.hand.closing_speed < CLOSED_SPEED:
+            if moved and self.gripper.closing_speed < CLOSED_SPEED:
                 break
         self._wait(place, SQUEEZE_SECONDS)
 
     def _lift(self) -> None:
-        up = self.config.lift * self._to_hand(np.array([0.0, 0.0, 1.0]))
+        up = self.config.lift * self._to_gripper(np.array([0.0, 0.0, 1.0]))
         for share in _smooth(LIFT_SECONDS):
             self._step(share * up, self.stroke)
         self._wait(up, REST_SECONDS)
 
     def _tug(self) -> None:
-        """Pull at the object's centre of mass, as moving the arm to and fro would."""
-        place = self.hand.target
+        """Pull at the object's centre of mass, as an arm's accelerations would."""
+        place = self.gripper.target
         mass = float(self.model.body_mass[self.body])
         for direction in TUGS:
             force = self._to_table(mass * self.config.tug * direction)
@@ -157,7 +157,7 @@ class Trial:
 
     def _verdict(self, height: float, slip: float, turn: float) -> str:
         high = self._height - height > self.config.lift - self.config.max_slip
-        if not (high and self.hand.touches(self.body)):
+        if not (high and self.gripper.touches(self.body)):
             return "dropped"
         if slip >= self.config.max_slip:
             return "slipped"
@@ -168,7 +168,7 @@ class Trial:
             self._step(place, self.stroke)
 
     def _step(self, place: Array, travel: float) -> None:
-        self.hand.steer(place, travel)
+        self.gripper.steer(place, travel)
         mujoco.mj_step(self.model, self.data)
 
     @property
@@ -176,38 +176,38 @@ class Trial:
         return float(self.data.xipos[self.body, 2])
 
     @property
-    def _hand_rotation(self) -> Array:
-        return np.array(self.data.xmat[self.hand.bodies[0]]).reshape(3, 3)
+    def _gripper_rotation(self) -> Array:
+        return np.array(self.data.xmat[self.gripper.bodies[0]]).reshape(3, 3)
 
-    def _to_hand(self, vector: Array) -> Array:
-        return np.asarray(self._hand_rotation.T @ vector)
+    def _to_gripper(self, vector: Array) -> Array:
+        return np.asarray(self._gripper_rotation.T @ vector)
 
     def _to_table(self, vector: Array) -> Array:
-        return np.asarray(self._hand_rotation @ vector)
+        return np.asarray(self._gripper_rotation @ vector)
 
-    def _in_hand(self) -> tuple[Array, Array]:
-        """Return the object's centre of mass (3,) and rotation (3, 3) as the hand sees them."""
-        offset = self.data.xipos[self.body] - self.data.xpos[self.hand.bodies[0]]
+    def _in_gripper(self) -> tuple[Array, Array]:
+        """Return the object's centre of mass (3,) and rotation (3, 3) in the gripper frame."""
+        offset = self.data.xipos[self.body] - self.data.xpos[self.gripper.bodies[0]]
         rotation = np.array(self.data.xmat[self.body]).reshape(3, 3)
-        return self._to_hand(offset), self._hand_rotation.T @ rotation
+        return self._to_gripper(offset), self._gripper_rotation.T @ rotation
 
 
 def _change(before: tuple[Array, Array], after: tuple[Array, Array]) -> tuple[float, float]:
-    """Return metres and degrees between two places of an object."""
+    """Return metres and degrees between two poses of an object."""
     cosine = (np.trace(before[1].T @ after[1]) - 1.0) / 2.0
     turn = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
     return float(np.linalg.norm(after[0] - before[0])), float(turn)
 
 
 def _smooth(seconds: float) -> Iterator[float]:
-    """Yield the share of a movement that is done, step by step, without a jerk."""
+    """Yield the share of a smooth movement that is done, step by step."""
     steps = round(seconds / TIME_STEP)
     for u in np.arange(1, steps + 1) / steps:
         yield float(u**3 * (10.0 - 15.0 * u + 6.0 * u**2))
 
 
 def _pulse(seconds: float) -> Iterator[float]:
-    """Yield how strong a pull is, step by step: up to 1 and back."""
+    """Yield the strength of a pull, step by step, from 0 to 1 and back."""
     steps = round(seconds / TIME_STEP)
     for u in np.arange(1, steps + 1) / steps:
         yield float(np.sin(np.pi * u) ** 2)

@@ -1,4 +1,4 @@
-"""Objects on a table as a MuJoCo model, and how they come to rest. Table frame, top at z = 0."""
+"""Objects on a table as a MuJoCo model, and their poses at rest; table frame, top at z = 0."""
 
 from collections.abc import Mapping, Sequence
 
@@ -8,34 +8,33 @@ import numpy as np
 from pipelines.array_types import Array
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, matrix_to_quaternion, quaternion_to_matrix
-from pipelines.synthesis.scenes.settling import compiled_world
+from pipelines.synthesis.scenes.settling import DENSITY, compiled_world
 
 Pieces = Sequence[Mesh]
 
 TIME_STEP = 0.001  # seconds
-# Twice the time step is the stiffest contact that MuJoCo resolves.
+# The stiffest contacts that MuJoCo resolves have a time constant of two time steps.
 STIFF = [2.0 * TIME_STEP, 1.0]
 HARD = [0.95, 0.99, 0.001, 0.5, 2.0]
-FRICTION_LAW = 20.0  # how much stiffer contacts are along the surface: else what is held creeps
-WORLD_FRICTION = [0.9, 0.02, 0.005]  # of objects with table and each other, as they were dropped
-DENSITY = 400.0  # kg / m^3, a half-full household object
-# Bits of who touches what: a hand's parts do not touch each other.
-HAND, WORLD = 1, 2
+IMPRATIO = 20.0  # stiffness of contacts along over across the surface; held objects do not creep
+WORLD_FRICTION = [0.9, 0.02, 0.005]  # of objects with the table and each other, as when dropped
+# Collision bits: the parts of a gripper do not collide with each other.
+GRIPPER_BIT, WORLD_BIT = 1, 2
 
 REST_SECONDS = 1.0  # at most
 REST_SPEED = 1e-3  # metres or radians a second
-REST_DAMPING = 0.9  # of its speed that a body keeps a step: it sinks into place without a bounce
+REST_DAMPING = 0.9  # share of its speed that a body keeps in a step, so that it does not bounce
 REST_CHECK = 20  # steps
 
 
 def empty_world() -> mujoco.MjSpec:
-    """Return a table without anything on it."""
+    """Return an empty table."""
     spec = mujoco.MjSpec()
     option = spec.option
     option.timestep = TIME_STEP
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    option.impratio = FRICTION_LAW
+    option.impratio = IMPRATIO
     table = spec.worldbody.add_geom(
         name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[2.0, 2.0, 0.1]
     )
@@ -61,7 +60,7 @@ def add_object(spec: mujoco.MjSpec, name: str, pieces: Pieces, pose: Array) -> N
 
 
 def object_pose(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Array:
-    """Return (4, 4), object to table."""
+    """Return the pose (4, 4) of an object, object to table."""
     body = model.body(name).id
     start = model.jnt_qposadr[model.body_jntadr[body]]
     place = data.qpos[start : start + 7]
@@ -69,10 +68,10 @@ def object_pose(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Array:
 
 
 def at_rest(objects: Mapping[int, Pieces], poses: Mapping[int, Array]) -> dict[int, Array]:
-    """Return the `poses` (4, 4), object to table, once everything has come to rest.
+    """Return the poses (4, 4), object to table, at which objects that start at `poses` rest.
 
-    Poses of a dataset are rounded or measured: things float a little or overlap. They sink into
-    place as if in honey, so that nothing is flung away. No poses come to rest at once.
+    Poses of a dataset are rounded or measured: objects float a little or overlap. Strong damping
+    lets them settle without being flung away.
     """
     if not poses:
         return {}
@@ -91,4 +90,4 @@ def at_rest(objects: Mapping[int, Pieces], poses: Mapping[int, Array]) -> dict[i
 def _make_world(geom: mujoco.MjsGeom) -> None:
     geom.friction, geom.condim = WORLD_FRICTION, 6
     geom.solref, geom.solimp = STIFF, HARD
-    geom.contype, geom.conaffinity = WORLD, WORLD | HAND
+    geom.contype, geom.conaffinity = WORLD_BIT, WORLD_BIT | GRIPPER_BIT

@@ -5,7 +5,12 @@ from dataclasses import replace
 import pytest
 
 from pipelines.evaluation.trial_records import FrameTrials, Outcome, TrialRecord
-from pipelines.simulation.success import reasons, success_rates, success_tables, write_success
+from pipelines.simulation.success import (
+    outcome_counts,
+    success_rates,
+    success_tables,
+    write_success,
+)
 from pipelines.storage.files import read_json
 from pipelines.storage.provenance import make_stamp
 
@@ -48,7 +53,7 @@ def test_a_kind_without_trials_has_no_rate():
 
 
 def test_reasons_are_counted_by_friction():
-    assert reasons(FRAMES, FRICTIONS)["all"] == {
+    assert outcome_counts(FRAMES, FRICTIONS)["all"] == {
         "0.3": {"collision": 1, "turned": 1, "held": 1},
         "0.5": {"dropped": 1, "held": 2},
     }
@@ -58,7 +63,7 @@ def test_no_frames_make_no_rates_and_still_tables():
     content = {
         "frictions": list(FRICTIONS),
         "success": success_rates([], FRICTIONS),
-        "reasons": reasons([], FRICTIONS),
+        "reasons": outcome_counts([], FRICTIONS),
     }
     assert content["success"]["all"]["all"]["0.3"]["rate"] is None
     assert success_tables(content)[0].rows == ()
@@ -85,7 +90,7 @@ def test_all_methods_stand_below_each_other_in_every_split():
     content = {
         "frictions": list(FRICTIONS),
         "success": success_rates(frames, FRICTIONS),
-        "reasons": reasons(frames, FRICTIONS),
+        "reasons": outcome_counts(frames, FRICTIONS),
         "baselines": {"oracle": {"success": success_rates(frames, FRICTIONS, "oracle")}},
     }
     *_, table = success_tables(content)

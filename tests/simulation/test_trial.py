@@ -52,8 +52,8 @@ def attempt(
     """Try a grasp `above` the middle of an object that stands on the table at `height`."""
     grasp = Grasps(rotation, np.array([0.0, 0.0, height + above]), np.array(width))
     pose = make_pose(np.eye(3), [0.0, 0.0, height])
-    hand, config = load_gripper(gripper), SimulateConfig()
-    return Trial.of({7: [mesh]}, {7: pose}, 7, grasp, hand, config).run(friction)
+    fingers, config = load_gripper(gripper), SimulateConfig()
+    return Trial.of({7: [mesh]}, {7: pose}, 7, grasp, fingers, config).run(friction)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -83,7 +83,7 @@ def test_the_grasp_of_the_box_turned_by_30_degrees_hits_it_if_it_opens_no_wider(
 
 
 def opened_for_30_degrees(axis: np.ndarray, angle: float, friction: float) -> Outcome:
-    """The centred grasp of the box, turned by `angle` degrees, by a hand that stays free of it.
+    """The centred grasp of the box, turned by `angle` degrees, by a gripper that stays free of it.
 
     It opens for the chord of 4.6 cm that a line through the box's middle has at 30 degrees.
     """
@@ -94,7 +94,7 @@ def opened_for_30_degrees(axis: np.ndarray, angle: float, friction: float) -> Ou
 
 @pytest.mark.parametrize("friction", [0.3, 0.5])
 def test_the_grasp_of_the_box_tilted_by_30_degrees_loses_it_below_the_tangent(friction):
-    # The hand leans sideways: one finger meets a side with its tip, the other one the opposite
+    # The gripper leans sideways: one finger meets a side with its tip, the other one the opposite
     # edge, and the line between them is 30 degrees off the sides' normals. Below tan 30 = 0.58
     # nothing but gravity keeps the box from turning until its sides lie flat against the fingers.
     assert opened_for_30_degrees(X, 0.0, friction).reason == "held"
@@ -128,8 +128,8 @@ def test_a_long_bar_held_at_its_end_turns_and_held_in_its_middle_does_not():
     bar = box(0.24, 0.02, 0.02)
     at_end = Grasps(DOWN, np.array([0.1, 0.0, 0.012]), np.array(0.02))
     pose = make_pose(np.eye(3), [0.0, 0.0, 0.01])
-    hand, config = load_gripper("rg2"), SimulateConfig()
-    outcome = Trial.of({0: [bar]}, {0: pose}, 0, at_end, hand, config).run(0.5)
+    fingers, config = load_gripper("rg2"), SimulateConfig()
+    outcome = Trial.of({0: [bar]}, {0: pose}, 0, at_end, fingers, config).run(0.5)
     assert outcome.reason != "held"
     assert attempt(bar, 0.01, 0.02, 0.002, 0.5).reason == "held"
 
@@ -191,9 +191,9 @@ def test_a_wall_of_a_tray_is_held_with_one_finger_inside():
     ]
     filled = hull_of_points(np.concatenate([wall.vertices for wall in walls]))
     grasp = Grasps(DOWN, np.array([0.0, 0.047, 0.045]), np.array(0.006))
-    hand, config = load_gripper("rg2"), SimulateConfig()
+    fingers, config = load_gripper("rg2"), SimulateConfig()
     outcomes = [
-        Trial.of({0: [bottom, *pieces]}, {0: np.eye(4)}, 0, grasp, hand, config).run(0.8).reason
+        Trial.of({0: [bottom, *pieces]}, {0: np.eye(4)}, 0, grasp, fingers, config).run(0.8).reason
         for pieces in (walls, [filled])
     ]
     assert outcomes == ["held", "collision"]

@@ -339,12 +339,12 @@ def test_objects_that_bops_file_says_nothing_of_are_named(tmp_path):
     axis = {"axis": [0, 0, 1], "offset": [0, 0, 0]}
     report = given_by_bop(tmp_path, {"4": {"symmetries_continuous": [axis]}, "9": {}})
     assert report.done == ["obj_000004", "obj_000005"]
-    assert report.notes["models_info.json"].startswith("says nothing of obj_000005;")
+    assert report.notes["models_info.json"].startswith("has no entry of obj_000005;")
 
 
 def test_bops_file_of_other_objects_is_refused_before_any_is_annotated(tmp_path):
     write_mesh(tmp_path / "obj_000004.ply", shapes()[1])
-    with pytest.raises(SymgraspError, match="says nothing of obj_000004; it has entries of 7, 8"):
+    with pytest.raises(SymgraspError, match="has no entry of obj_000004; it has entries of 7, 8"):
         given_by_bop(tmp_path, {"7": {}, "8": {}})
     assert not (tmp_path / "out").exists()
 

@@ -409,7 +409,7 @@ def test_objects_that_hardly_stand_where_their_poses_say_are_remarked_on(tmp_pat
     write_meta(files.path("meta"), listed, CAMERA.matrix)
     write_grasps(tmp_path / "g.h5", [FrameResult(files.name, "empty")])
     report = run(tmp_path / "g.h5", root, tmp_path / "success.json")
-    assert "30 mm before they lay still" in report.notes["scene_0100_realsense"]
+    assert "30 mm until they rested" in report.notes["scene_0100_realsense"]
 
 
 def test_a_frame_without_objects_has_no_trials_and_stops_no_other(tmp_path):

@@ -9,8 +9,8 @@ Writes  DUMP/scene_NNNN/CAMERA/NNNN.npy      `--to graspnet`: graspnetAPI's rows
         OUT/NAME.json                        `--to ros-json`: PoseArray and widths
         OUT.json, OUT.csv                    `--to json`, `--to csv`: all frames in one file
 
-Poses are of the base of a hand, in the camera frame; contacts are the same in all. Frames without
-grasps have a file that says so; frames that failed have none, and are named. Folders hold
+Poses are of the base of a gripper, in the camera frame; contacts are the same in all. Frames
+without grasps have a file that says so; frames that failed have none, and are named. Folders hold
 `provenance.json`; OUT.csv has it beside it, OUT.json in it.
 """
 
@@ -37,9 +37,9 @@ from pipelines.grasp_files.exports.grasp_exports import (
     LONGEST_PREFIX,
     LONGEST_SUFFIX,
     Claims,
+    ExportGripper,
     ExportHeader,
-    Hand,
-    HandGrasps,
+    FrameGrasps,
     as_ranges,
     folds_case,
     frame_path,
@@ -60,8 +60,8 @@ from pipelines.storage.provenance import (
 )
 
 STAGE = "export"
-FrameWriter = Callable[[Path, HandGrasps, ExportHeader], None]
-FileWriter = Callable[[Path, Iterable[HandGrasps], ExportHeader], None]
+FrameWriter = Callable[[Path, FrameGrasps, ExportHeader], None]
+FileWriter = Callable[[Path, Iterable[FrameGrasps], ExportHeader], None]
 TO_FOLDER: dict[str, FrameWriter] = {
     "graspnet": graspnet_dump.write_frame,
     "contact-graspnet": contact_graspnet_predictions.write_frame,
@@ -97,12 +97,12 @@ def run(
     check_settings(config)
     _check_kind(output, config.to)
     index = read_index(grasps)
-    gripper = gripper_to_use(config.gripper, index.gripper, index.stamp)
-    hand = _hand(index, gripper, config)
-    stamp = _stamp(grasps, gripper, hand, config.to)
+    name_or_path = gripper_to_use(config.gripper, index.gripper, index.stamp)
+    gripper = _gripper(index, name_or_path, config)
+    stamp = _stamp(grasps, name_or_path, gripper, config.to)
     finished = is_finished(output, stamp, overwrite=overwrite)
     tally = _Tally()
-    frames = _held(grasps, index, hand, report)
+    frames = _held(grasps, index, gripper, report)
     if config.to in TO_FOLDER:
         write_frame, path_of = _of_a_frame(config.to, index, report)
         frames = _with_path(frames, path_of, Claims(folds_case=folds_case(output)), report)
@@ -112,7 +112,7 @@ def run(
         report.skipped.append(output.name)
         return report
     _refuse_others_work(output)
-    header = ExportHeader(hand, stamp.as_json(), index.stamp)
+    header = ExportHeader(gripper, stamp.as_json(), index.stamp)
     if config.to in TO_FILE:
         _write_file(output, stamp, lambda path: TO_FILE[config.to](path, frames, header))
     else:
@@ -122,7 +122,7 @@ def run(
             _refuse_nothing(index, report)
             write_sidecar(folder, stamp)
     report.done.append(output.name)
-    report.notes |= _notes(output.name, len(index.names), tally, hand)
+    report.notes |= _notes(output.name, len(index.names), tally, gripper)
     report.seconds = time.monotonic() - started
     return report
 
@@ -134,25 +134,25 @@ def _check_kind(output: Path, to: str) -> None:
         raise SymgraspError(f"{output} is a file; {to} is written as a folder, choose another")
 
 
-def _hand(index: GraspsIndex, name_or_path: str, config: ExportConfig) -> Hand:
-    gripper = load_gripper(name_or_path)
-    behind = gripper.base_to_contacts
-    if config.to == "graspnet":  # its origin is no hand's base
-        behind = GRASPNET_DEPTH - gripper.tip_reach
-    elif config.to == "contact-graspnet" and not config.gripper:  # it has a hand of its own
+def _gripper(index: GraspsIndex, name_or_path: str, config: ExportConfig) -> ExportGripper:
+    model = load_gripper(name_or_path)
+    behind = model.base_to_contacts
+    if config.to == "graspnet":  # its origin is no gripper's base
+        behind = GRASPNET_DEPTH - model.tip_reach
+    elif config.to == "contact-graspnet" and not config.gripper:  # it has a gripper of its own
         behind = contact_graspnet_predictions.BASE_TO_CONTACTS
     checked = index.stamp.get("inputs", {}).get("gripper")  # old files do not say
     alike = gripper_digest(name_or_path) == checked if checked else name_or_path == index.gripper
-    return Hand(gripper, behind, index.gripper, alike)
+    return ExportGripper(model, behind, index.gripper, alike)
 
 
-def _stamp(grasps: Path, gripper: str, hand: Hand, to: str) -> Stamp:
+def _stamp(grasps: Path, name_or_path: str, gripper: ExportGripper, to: str) -> Stamp:
     settings = {
         "to": to,
-        "gripper": gripper,
-        "base_to_contacts": round(hand.base_to_contacts, 9),
+        "gripper": name_or_path,
+        "base_to_contacts": round(gripper.base_to_contacts, 9),
     }
-    inputs = {"grasps": digest(grasps), "gripper": gripper_digest(gripper)}
+    inputs = {"grasps": digest(grasps), "gripper": gripper_digest(name_or_path)}
     return make_stamp(STAGE, settings, inputs=inputs)
 
 
@@ -168,15 +168,15 @@ def _refuse_others_work(output: Path) -> None:
 
 
 def _held(
-    grasps: Path, index: GraspsIndex, hand: Hand, report: StageReport
-) -> Iterator[HandGrasps]:
-    """Yield what the hand holds of each frame, one in memory at a time; name the others."""
+    grasps: Path, index: GraspsIndex, gripper: ExportGripper, report: StageReport
+) -> Iterator[FrameGrasps]:
+    """Yield what the gripper holds of each frame, one in memory at a time; name the others."""
     first = 0
     for result in read_results(grasps, range(len(index.names))):
         if result.status == "failed":
             report.failed[result.name] = f"infer failed on it ({result.message}); it has no grasps"
         try:
-            frame = HandGrasps.of(result, first, hand)
+            frame = FrameGrasps.of(result, first, gripper)
         except SymgraspError as error:
             report.failed[result.name] = str(error)
             continue
@@ -186,7 +186,7 @@ def _held(
     _refuse_nothing(index, report)
 
 
-def _counted(frames: Iterable[HandGrasps], tally: _Tally) -> Iterator[HandGrasps]:
+def _counted(frames: Iterable[FrameGrasps], tally: _Tally) -> Iterator[FrameGrasps]:
     """Yield the frames that are written, and count what of them is and what is left out."""
     for frame in frames:
         tally.written += len(frame)
@@ -226,11 +226,11 @@ def _of_a_frame(
 
 
 def _with_path(
-    frames: Iterable[HandGrasps],
+    frames: Iterable[FrameGrasps],
     path_of: Callable[[str], Path],
     claims: Claims,
     report: StageReport,
-) -> Iterator[HandGrasps]:
+) -> Iterator[FrameGrasps]:
     """Yield the frames that have a file of their own; name those that can have none."""
     claims.claim(STAMP_FILE, "the export's stamp")
     for frame in frames:
@@ -244,7 +244,7 @@ def _with_path(
             yield frame
 
 
-def _pass_over(frames: Iterable[HandGrasps]) -> None:
+def _pass_over(frames: Iterable[FrameGrasps]) -> None:
     for _frame in frames:
         pass
 
@@ -259,25 +259,25 @@ def _refuse_nothing(index: GraspsIndex, report: StageReport) -> None:
         )
 
 
-def _notes(output: str, num_frames: int, tally: _Tally, hand: Hand) -> dict[str, str]:
-    gripper = hand.gripper
+def _notes(output: str, num_frames: int, tally: _Tally, gripper: ExportGripper) -> dict[str, str]:
+    name = gripper.model.name
     made = (
-        f"{tally.written} grasps in {num_frames} frames; gripper {gripper.name}, origin of the "
-        f"poses {1000 * hand.base_to_contacts:.1f} mm behind the contacts"
+        f"{tally.written} grasps in {num_frames} frames; gripper {name}, origin of the "
+        f"poses {1000 * gripper.base_to_contacts:.1f} mm behind the contacts"
     )
-    if not hand.is_the_one_checked:
-        made += f"; collisions were checked with {hand.checked_with}, not with {gripper.name}"
+    if not gripper.is_the_one_checked:
+        made += f"; collisions were checked with {gripper.checked_with}, not with {name}"
     if not tally.left_out:
         return {output: made}
     places = [
-        f"{name} {as_ranges(rows)}" for name, rows in list(tally.left_out.items())[:NAMED_AT_MOST]
+        f"{frame} {as_ranges(rows)}" for frame, rows in list(tally.left_out.items())[:NAMED_AT_MOST]
     ]
     if len(tally.left_out) > NAMED_AT_MOST:
         places.append(f"and more in {len(tally.left_out) - NAMED_AT_MOST} frames")
     count = sum(map(len, tally.left_out.values()))
     wide = (
         f"{count} of {tally.written + count} grasps, wider than the "
-        f"{1000 * gripper.max_width:.0f} mm that {gripper.name} takes, by their places in "
+        f"{1000 * gripper.model.max_width:.0f} mm that {name} takes, by their places in "
         f"/grasps: {'; '.join(places)}"
     )
     return {output: made, "left out": wide}

@@ -75,9 +75,7 @@ def _left_out(report: Mapping[str, Any]) -> str:
     if not failed:
         return ""
     scene, why = next(iter(failed.items()))
-    return (
-        f" Scenes that could not be evaluated and are left out: {len(failed)}, as {scene}: {why}."
-    )
+    return f" Scenes left out, as they could not be evaluated: {len(failed)}, as {scene}: {why}."
 
 
 def split_table(rows: ReportRows, figure: str, paper: Sequence[PublishedRow], title: str) -> Table:

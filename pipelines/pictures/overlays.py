@@ -1,7 +1,7 @@
 """A frame's picture with its regions, symmetries and best grasps drawn onto it.
 
 Outlines: regions. Translucent quads: symmetry planes; dashes: rotation axes; rings: sphere
-centres. Wireframes: the hand of each region's best grasp, a dot at each contact; green where a
+centres. Wireframes: the gripper at each region's best grasp, a dot at each contact; green where a
 symmetry gave the grasp, orange where the boundary did, grey for random ones. The PNG holds the
 stamp of what is drawn, as the text `provenance`.
 """
@@ -39,7 +39,7 @@ PLANE_COLORS: tuple[Color, ...] = ((255, 80, 200), (120, 110, 255), (255, 230, 7
 AXIS_COLOR: Color = (255, 60, 60)
 CONTACT: Color = (255, 40, 40)
 HALO: Color = (0, 0, 0)
-FINGER, WRIST = 0.045, 0.05  # metres, of the drawn hand
+FINGER, WRIST = 0.045, 0.05  # metres, of the drawn gripper
 NEAREST = 0.02  # metres; nothing nearer is drawn
 USED_OPACITY, OPACITY = 0.35, 0.1  # of the plane that gave the best grasp, and of others
 FIXED_BITS = 3  # OpenCV draws at eighths of a pixel
@@ -82,11 +82,11 @@ def draw_overlay(frame: Frame, result: FrameResult) -> Picture:
         )
         cv2.drawContours(picture, contours, -1, OUTLINE, thick, cv2.LINE_AA)
     for grasp in np.flatnonzero(result.grasps.is_best):
-        _draw_hand(picture, frame.intrinsics, result, int(grasp), thick)
+        _draw_gripper(picture, frame.intrinsics, result, int(grasp), thick)
     return picture
 
 
-def _draw_hand(
+def _draw_gripper(
     picture: Picture, camera: Intrinsics, result: FrameResult, grasp: int, thick: int
 ) -> None:
     table = result.grasps

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipelines.errors import SymgraspError, UnknownNameError
-from pipelines.grasp_files.exports.grasp_exports import Hand, HandGrasps
+from pipelines.grasp_files.exports.grasp_exports import ExportGripper, FrameGrasps
 from pipelines.grasp_files.grasps_file import FrameResult, GraspTable, RegionTable
 from symgrasp import Grasps
 from symgrasp.grasps import ordered_grasps
@@ -64,9 +64,9 @@ def test_grasps_are_read_only():
 
 
 def test_poses_and_openings_are_those_of_an_export():
-    hand = Hand(GRIPPER, GRIPPER.base_to_contacts, "toy")
+    hand = ExportGripper(GRIPPER, GRIPPER.base_to_contacts, "toy")
     wide = replace(GRIPPER, max_opening=0.2)
-    exported = HandGrasps.of(SHUFFLED, 0, replace(hand, gripper=wide))
+    exported = FrameGrasps.of(SHUFFLED, 0, replace(hand, gripper=wide))
     order = np.argsort(-SHUFFLED.grasps.rank_score, kind="stable")
     np.testing.assert_allclose(GRASPS.poses(), exported.poses[order], atol=1e-12)
     np.testing.assert_allclose(GRASPS.opening, exported.opening[order], atol=1e-12)

@@ -253,7 +253,7 @@ from pipelines import evaluate
 from pipelines.runtime.batch import BatchOptions
 from pipelines.configs import EvaluateConfig
 
-write, written = evaluate.write_records, []
+write, written = evaluate.write_frame_records, []
 
 def write_then_die(*arguments):
     if written:
@@ -261,7 +261,7 @@ def write_then_die(*arguments):
     write(*arguments)
     written.append(1)
 
-evaluate.write_records = write_then_die
+evaluate.write_frame_records = write_then_die
 paths = [Path(argument) for argument in sys.argv[1:]]
 evaluate.run(*paths, EvaluateConfig(min_visible_pixels=100), BatchOptions(progress=False))
 """
@@ -382,7 +382,7 @@ def test_a_scene_with_a_damaged_label_fails_alone(tmp_path):
     written = read_json(tmp_path / "report.json")
     assert written["failed"] == report.failed
     page = (tmp_path / "report.html").read_text()
-    assert "Scenes that could not be judged and are left out: 1, as scene_0100_realsense" in page
+    assert "Scenes left out, as they could not be evaluated: 1, as scene_0100_realsense" in page
 
 
 def test_a_dry_run_writes_nothing(root, truth_file, tmp_path):

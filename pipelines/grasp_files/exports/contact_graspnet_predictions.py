@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipelines.grasp_files.exports.grasp_exports import ExportHeader, HandGrasps, frame_path
+from pipelines.grasp_files.exports.grasp_exports import ExportHeader, FrameGrasps, frame_path
 from pipelines.grasping.gripper_poses import CLOSING_ALONG_X, gripper_poses
 from pipelines.storage.files import write_npz
 
@@ -18,11 +18,11 @@ from pipelines.storage.files import write_npz
 BASE_TO_CONTACTS = 0.1034
 
 
-def write_frame(folder: Path, frame: HandGrasps, _header: ExportHeader) -> None:
+def write_frame(folder: Path, frame: FrameGrasps, _header: ExportHeader) -> None:
     """Write `folder`/predictions_NAME.npz of a frame; without grasps it holds no segment."""
-    hand, region = frame.hand, frame.result.grasps.region
+    gripper, region = frame.gripper, frame.result.grasps.region
     columns = {
-        "pred_grasps_cam": gripper_poses(frame.grasps, hand.base_to_contacts, CLOSING_ALONG_X),
+        "pred_grasps_cam": gripper_poses(frame.grasps, gripper.base_to_contacts, CLOSING_ALONG_X),
         "scores": frame.result.grasps.rank_score.astype(np.float64),
         "contact_pts": frame.grasps.contacts[:, 0],
         "gripper_openings": frame.opening,
@@ -33,4 +33,4 @@ def write_frame(folder: Path, frame: HandGrasps, _header: ExportHeader) -> None:
         for segment in np.unique(region).tolist()
     }
     path = frame_path(folder, frame.result.name, ".npz", prefix="predictions_")
-    write_npz(path, **arrays, base_to_contacts=np.array(hand.base_to_contacts))
+    write_npz(path, **arrays, base_to_contacts=np.array(gripper.base_to_contacts))

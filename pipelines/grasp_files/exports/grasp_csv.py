@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from pipelines.grasp_files.exports.grasp_exports import (
+    BASE_AXES,
     CAMERA_AXES,
-    HAND_AXES,
     ExportHeader,
-    HandGrasps,
+    FrameGrasps,
     rounded,
 )
 from pipelines.storage.files import atomic_path
@@ -27,7 +27,7 @@ COLUMNS = (
 )
 
 
-def write(path: Path, frames: Iterable[HandGrasps], header: ExportHeader) -> None:
+def write(path: Path, frames: Iterable[FrameGrasps], header: ExportHeader) -> None:
     """Write `frames`, one in memory at a time; one without grasps is a line with #."""
     with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as out:
         for key, value in _head(header).items():
@@ -53,15 +53,15 @@ def _head(header: ExportHeader) -> dict[str, str]:
         TITLE: f"format version {FORMAT_VERSION}",
         "units": "metres",
         "camera_frame": CAMERA_AXES,
-        "base": f"base of the gripper in the camera frame: {HAND_AXES}; "
+        "base": f"base of the gripper in the camera frame: {BASE_AXES}; "
         "the contacts lie base_to_contacts before it along z",
-        "gripper": json.dumps(header.hand.facts()),
+        "gripper": json.dumps(header.gripper.facts()),
         "infer": json.dumps(header.infer),
         "provenance": json.dumps(header.stamp),
     }
 
 
-def _rows(frame: HandGrasps) -> Iterator[list[Any]]:
+def _rows(frame: FrameGrasps) -> Iterator[list[Any]]:
     table, quaternions = frame.result.grasps, frame.quaternions
     numbers = np.concatenate(
         [

@@ -1,4 +1,4 @@
-"""What all exporters write of a frame, and what they say of it: grasps as poses of a named hand."""
+"""Grasps of a frame as poses of a gripper's base: the common part of all exports."""
 
 import os
 from collections.abc import Mapping
@@ -22,58 +22,58 @@ from pipelines.storage.files import LONGEST_NAME
 LONGEST_PREFIX, LONGEST_SUFFIX = "predictions_", ".yaml"  # that any format puts to a frame's name
 SLACK = 1e-6  # metres; widths are stored in single precision
 CAMERA_AXES = "camera, OpenCV axes: x right, y down, z forward"
-HAND_AXES = "y = closing, from the first contact to the second; z = approach; x = y cross z"
+BASE_AXES = "y = closing, from the first contact to the second; z = approach; x = y cross z"
 
 
 @dataclass(frozen=True)
-class Hand:
-    """The hand that poses are given for.
+class ExportGripper:
+    """The gripper that poses are given for.
 
     Attributes:
-        gripper: its measures.
+        model: its measures.
         base_to_contacts: metres along approach, from the base's origin to the contact line.
         checked_with: name of the gripper whose collisions `infer` checked.
         is_the_one_checked: whether that one has the same measures.
     """
 
-    gripper: Gripper
+    model: Gripper
     base_to_contacts: float
     checked_with: str
     is_the_one_checked: bool = True
 
     def facts(self) -> dict[str, Any]:
-        """Return what a file says of the hand, metres."""
+        """Return what a file says of the gripper, metres."""
         return {
-            "name": self.gripper.name,
+            "name": self.model.name,
             "base_to_contacts": round(self.base_to_contacts, 9),
-            "tip_reach": self.gripper.tip_reach,
-            "max_opening": self.gripper.max_opening,
-            "clearance": self.gripper.clearance,
+            "tip_reach": self.model.tip_reach,
+            "max_opening": self.model.max_opening,
+            "clearance": self.model.clearance,
             "collisions_checked_with": self.checked_with,
         }
 
 
 @dataclass(frozen=True)
-class HandGrasps:
-    """The grasps of a frame that the hand can hold.
+class FrameGrasps:
+    """The grasps of a frame that the gripper can hold.
 
     Attributes:
         result: the frame; its `grasps` are the g held ones.
         rows: (g,) places in `/grasps` of grasps.h5.
-        left_out: (n,) places of those that are wider than the hand opens.
+        left_out: (n,) places of those that are wider than the gripper opens.
         grasps: the held ones in double precision, camera frame.
-        hand: whose poses they are.
+        gripper: whose poses they are.
     """
 
     result: FrameResult
     rows: NDArray[np.int64]
     left_out: NDArray[np.int64]
     grasps: Grasps
-    hand: Hand
+    gripper: ExportGripper
 
     @classmethod
-    def of(cls, result: FrameResult, first_row: int, hand: Hand) -> "HandGrasps":
-        """Return what `hand` can hold of a frame whose grasps start at `first_row` of /grasps.
+    def of(cls, result: FrameResult, first_row: int, gripper: ExportGripper) -> "FrameGrasps":
+        """Return what `gripper` can hold of a frame whose grasps start at `first_row` of /grasps.
 
         Raises:
             SymgraspError: a pose is not finite, or no rotation.
@@ -82,14 +82,14 @@ class HandGrasps:
         for name in ("rotation", "translation", "width", "contacts"):
             if not np.isfinite(getattr(table, name)).all():
                 raise SymgraspError(f"the {name} of a grasp is not finite; run infer again")
-        fits = table.width <= hand.gripper.max_width + SLACK
+        fits = table.width <= gripper.model.max_width + SLACK
         held = _with_best(
             GraspTable(**{name: getattr(table, name)[fits] for name in GraspTable.SPEC})
         )
         rows = first_row + np.arange(len(table))
         u, _, v = np.linalg.svd(held.rotation.astype(np.float64))  # stored in single precision
         grasps = Grasps(u @ v, held.translation, held.width)
-        return cls(replace(result, grasps=held), rows[fits], rows[~fits], grasps, hand)
+        return cls(replace(result, grasps=held), rows[fits], rows[~fits], grasps, gripper)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -97,12 +97,12 @@ class HandGrasps:
     @property
     def opening(self) -> Array:
         """(g,) metres between the open fingers."""
-        return self.hand.gripper.opening(self.grasps.width)
+        return self.gripper.model.opening(self.grasps.width)
 
     @property
     def poses(self) -> Array:
-        """(g, 4, 4) base of the hand to camera; axes as `HAND_AXES` says."""
-        return gripper_poses(self.grasps, self.hand.base_to_contacts, CLOSING_ALONG_Y)
+        """(g, 4, 4) base of the gripper to camera; axes as `BASE_AXES` says."""
+        return gripper_poses(self.grasps, self.gripper.base_to_contacts, CLOSING_ALONG_Y)
 
     @property
     def quaternions(self) -> Array:
@@ -119,9 +119,9 @@ class HandGrasps:
 
 @dataclass(frozen=True)
 class ExportHeader:
-    """What is said once in an export: whose poses, and how it was made."""
+    """The facts of a whole export: whose poses, and how it was made."""
 
-    hand: Hand
+    gripper: ExportGripper
     stamp: Mapping[str, Any]  # of the export, as JSON
     infer: Mapping[str, Any]  # stamp of the grasps.h5, as JSON
 

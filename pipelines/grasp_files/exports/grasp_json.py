@@ -1,4 +1,4 @@
-"""All grasps as one JSON text that needs no other: units, frames, hand and how it was made."""
+"""All grasps as one JSON text that needs no other: units, frames, gripper and how it was made."""
 
 import json
 from collections.abc import Iterable
@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.grasp_files.exports.grasp_exports import (
+    BASE_AXES,
     CAMERA_AXES,
-    HAND_AXES,
     ExportHeader,
-    HandGrasps,
+    FrameGrasps,
     rounded,
 )
 from pipelines.storage.files import atomic_path
@@ -22,19 +22,19 @@ CONVENTIONS = {
     "translation": "midpoint of the contacts, camera frame",
     "width": "distance of the contacts",
     "opening": "distance of the open fingers: width and the gripper's clearance on each side",
-    "T_cam_base": f"base of the gripper in the camera frame: {HAND_AXES}; "
+    "T_cam_base": f"base of the gripper in the camera frame: {BASE_AXES}; "
     "the contacts lie base_to_contacts before it along z",
     "rank_score": "0 to 1, higher is better; is_best marks the one to try first of its region",
 }
 
 
-def write(path: Path, frames: Iterable[HandGrasps], header: ExportHeader) -> None:
+def write(path: Path, frames: Iterable[FrameGrasps], header: ExportHeader) -> None:
     """Write `frames`, one in memory at a time, a grasp a line."""
     head = {
         "format": "symgrasp-grasps",
         "format_version": FORMAT_VERSION,
         "conventions": CONVENTIONS,
-        "gripper": header.hand.facts(),
+        "gripper": header.gripper.facts(),
         "infer": header.infer,
         "provenance": header.stamp,
     }
@@ -47,7 +47,7 @@ def write(path: Path, frames: Iterable[HandGrasps], header: ExportHeader) -> Non
         stream.write("\n ]\n}\n")
 
 
-def _frame(frame: HandGrasps) -> str:
+def _frame(frame: FrameGrasps) -> str:
     result, camera = frame.result, frame.result.intrinsics
     names = ("fx", "fy", "cx", "cy", "width", "height")
     facts = {
@@ -62,7 +62,7 @@ def _frame(frame: HandGrasps) -> str:
     return f'  {_text(facts).removesuffix("}")}, "grasps": {grasps}}}'
 
 
-def _grasps(frame: HandGrasps) -> list[dict[str, Any]]:
+def _grasps(frame: FrameGrasps) -> list[dict[str, Any]]:
     table = frame.result.grasps
     columns = {
         "grasp": frame.rows.tolist(),

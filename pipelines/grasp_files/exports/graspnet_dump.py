@@ -2,9 +2,10 @@
 
 DUMP/scene_NNNN/{kinect,realsense}/NNNN.npy     (N, 17), see `grasp_rows`; camera frame
 
-Ours have the rank score as score and the hand's opening as width; the finger tips pass the
-contacts by the hand's reach, so `from_graspnet(rows, tip_reach=...)` gives the grasps back. Frames
-of several datasets that would have one place keep their names: DUMP/ROOT/scenes is a dump of each.
+Ours have the rank score as score and the gripper's opening as width; the finger tips pass the
+contacts by the gripper's reach, so `from_graspnet(rows, tip_reach=...)` gives the grasps back.
+Frames of several datasets that would have one place keep their names: DUMP/ROOT/scenes is a dump
+of each.
 """
 
 import re
@@ -14,7 +15,7 @@ from pathlib import Path
 
 from pipelines.dataset.graspnet.graspnet_layout import CAMERAS, frame_key
 from pipelines.errors import FormatError
-from pipelines.grasp_files.exports.grasp_exports import ExportHeader, HandGrasps, frame_path
+from pipelines.grasp_files.exports.grasp_exports import ExportHeader, FrameGrasps, frame_path
 from pipelines.grasping.grasps import to_graspnet
 from pipelines.storage.files import write_npy
 
@@ -92,7 +93,7 @@ def shared_place(names: Iterable[str]) -> tuple[str, str] | None:
 
 
 def write_frame(
-    folder: Path, frame: HandGrasps, _header: ExportHeader, *, by_name: bool = False
+    folder: Path, frame: FrameGrasps, _header: ExportHeader, *, by_name: bool = False
 ) -> None:
     """Write the grasps of a frame into the dump `folder`, where `frame_file` says.
 
@@ -100,6 +101,6 @@ def write_frame(
         SymgraspError: the frame's name leads out of the folder.
     """
     path = frame_file(folder, frame.result.name, by_name=by_name)
-    rank, reach = frame.result.grasps.rank_score, frame.hand.gripper.tip_reach
+    rank, reach = frame.result.grasps.rank_score, frame.gripper.model.tip_reach
     rows = to_graspnet(frame.grasps, rank, opening=frame.opening, tip_reach=reach)
     write_npy(path, rows)

@@ -11,39 +11,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.grasp_files.exports.grasp_exports import (
+    BASE_AXES,
     CAMERA_AXES,
-    HAND_AXES,
     ExportHeader,
-    HandGrasps,
+    FrameGrasps,
     frame_path,
 )
 from pipelines.storage.files import write_text
 
-# Joints whose position is half the distance of the fingers. Of other hands the files name no joint.
+# Joints whose position is half the distance of the fingers. Files of other grippers name no joint.
 FINGER_JOINTS = {"franka": "panda_finger_joint1"}
 
 
-def write_frame(folder: Path, frame: HandGrasps, header: ExportHeader) -> None:
+def write_frame(folder: Path, frame: FrameGrasps, header: ExportHeader) -> None:
     """Write `folder`/NAME.yaml of a frame."""
     lines = [*_head(header), *(_grasps(frame) if len(frame) else ["grasps: {}"])]
     write_text(frame_path(folder, frame.result.name, ".yaml"), "\n".join(lines) + "\n")
 
 
 def _head(header: ExportHeader) -> list[str]:
-    gripper = f"base of {header.hand.gripper.name}: {HAND_AXES}"
+    gripper = f"base of {header.gripper.model.name}: {BASE_AXES}"
     return [
         "format: isaac_grasp",
         "format_version: 1.0",
         *(f"object_frame{end}: {json.dumps(CAMERA_AXES)}" for end in ("", "_link")),
         *(f"gripper_frame{end}: {json.dumps(gripper)}" for end in ("", "_link")),
         "units: metres",
-        f"gripper: {json.dumps(header.hand.facts())}",
+        f"gripper: {json.dumps(header.gripper.facts())}",
         f"provenance: {json.dumps(header.stamp)}",
     ]
 
 
-def _grasps(frame: HandGrasps) -> Iterator[str]:
-    joint = FINGER_JOINTS.get(frame.hand.gripper.name)
+def _grasps(frame: FrameGrasps) -> Iterator[str]:
+    joint = FINGER_JOINTS.get(frame.gripper.model.name)
     rank, width, opening = frame.result.grasps.rank_score, frame.grasps.width, frame.opening
     positions, quaternions = frame.poses[:, :3, 3], frame.quaternions
     yield "grasps:"

@@ -1,6 +1,6 @@
 """Grasps as JSON in the words of ROS messages: OUT/NAME.json, one a frame.
 
-`pose_array` is a geometry_msgs/PoseArray, poses of the hand's base; lists beside it are in its
+`pose_array` is a geometry_msgs/PoseArray, poses of the gripper's base; lists beside it are in its
 order.
 """
 
@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.grasp_files.exports.grasp_exports import (
+    BASE_AXES,
     CAMERA_AXES,
-    HAND_AXES,
     ExportHeader,
-    HandGrasps,
+    FrameGrasps,
     frame_path,
     rounded,
 )
@@ -24,7 +24,7 @@ FORMAT_VERSION = 1
 FRAME_ID = "camera_color_optical_frame"  # REP 103: the axes of OpenCV
 
 
-def write_frame(folder: Path, frame: HandGrasps, header: ExportHeader) -> None:
+def write_frame(folder: Path, frame: FrameGrasps, header: ExportHeader) -> None:
     """Write `folder`/NAME.json of a frame."""
     table = frame.result.grasps
     content = {
@@ -32,8 +32,8 @@ def write_frame(folder: Path, frame: HandGrasps, header: ExportHeader) -> None:
         "format_version": FORMAT_VERSION,
         "units": "metres",
         "camera_frame": CAMERA_AXES,
-        "poses": f"base of the gripper in the camera frame: {HAND_AXES}",
-        "gripper": header.hand.facts(),
+        "poses": f"base of the gripper in the camera frame: {BASE_AXES}",
+        "gripper": header.gripper.facts(),
         "frame": frame.result.name,
         "pose_array": {
             "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": FRAME_ID},
@@ -49,7 +49,7 @@ def write_frame(folder: Path, frame: HandGrasps, header: ExportHeader) -> None:
     write_json(frame_path(folder, frame.result.name, ".json"), content)
 
 
-def _poses(frame: HandGrasps) -> list[dict[str, Any]]:
+def _poses(frame: FrameGrasps) -> list[dict[str, Any]]:
     positions, (w, x, y, z) = frame.poses[:, :3, 3], frame.quaternions.T
     turns = np.stack([x, y, z, w], 1)
     return [

@@ -1,4 +1,4 @@
-// What is drawn: hands, symmetries and the camera, as triangles and lines in the camera frame.
+// Grippers, symmetries and the camera as triangles and lines in the camera frame.
 
 const LOW_TO_HIGH = ["#d7443e", "#f08c4b", "#f5d35e", "#9fd36a", "#2fae6b"]; // by score
 const BY_SOURCE = { network: "#3cff5a", planar: "#ffa01e", random: "#bebebe" };
@@ -87,7 +87,7 @@ const ball = (into, place, radius, color) => {
   }
 };
 
-const hand = (into, grasp, color, alpha) => {
+const gripper = (into, grasp, color, alpha) => {
   const toCamera = (p) => add(rotated(grasp.rotation, p), grasp.translation);
   for (const [low, high] of grasp.boxes) box(into, low, high, toCamera, color, alpha);
 };

@@ -38,7 +38,7 @@ const makeOrbit = (canvas, scene, changed) => {
     state = views[wanted](aspect());
     changed();
   };
-  const byHand = () => { // no longer a view with a name
+  const leaveView = () => { // no longer a view with a name
     name = "";
     changed();
   };
@@ -50,7 +50,7 @@ const makeOrbit = (canvas, scene, changed) => {
     const { right, top } = frame(), both = (v) => turned(turned(v, right, dy), scene.up, dx);
     state.eye = add(state.target, both(sub(state.eye, state.target)));
     state.up = unit(both(top));
-    byHand();
+    leaveView();
   };
   const shift = (dx, dy) => {
     const { right, top } = frame(), far = length(sub(state.target, state.eye));
@@ -58,13 +58,13 @@ const makeOrbit = (canvas, scene, changed) => {
     const step = add(scale(right, -dx * metres), scale(top, dy * metres));
     state.eye = add(state.eye, step);
     state.target = add(state.target, step);
-    byHand();
+    leaveView();
   };
   const zoom = (factor) => {
     const away = sub(state.eye, state.target), far = length(away);
     const wanted = Math.min(Math.max(far * factor, 0.03), 20);
     state.eye = add(state.target, scale(away, wanted / far));
-    byHand();
+    leaveView();
   };
 
   canvas.addEventListener("pointerdown", (event) => {
@@ -117,7 +117,7 @@ const makeOrbit = (canvas, scene, changed) => {
     const away = sub(state.eye, state.target);
     state.target = place;
     state.eye = add(place, away);
-    byHand();
+    leaveView();
   };
   return { go, turn, zoom, view, ray, look, wasClick: () => moved < 5 };
 };

@@ -27,7 +27,7 @@ REGION_COLORS = (
 )  # fmt: skip
 DETAIL = ("width", "affordance", "clearance", "enclosed_height", "rank_score")
 FAR = 90  # percent of points lie within what is called their radius
-GRIPPER_LENGTH = 0.1  # metres from a grasp to the end of the hand, about
+GRIPPER_LENGTH = 0.1  # metres from a grasp to the end of the gripper, about
 SMALLEST = 0.15  # metres, radius of what is looked at first
 
 

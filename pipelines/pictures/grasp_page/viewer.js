@@ -101,7 +101,7 @@ const makeRegionList = (redraw, look) => {
   scene.regions.forEach((region, index) => {
     const mine = inOrder.filter((grasp) => grasp.region === index);
     const box = element("input"), swatch = element("i"), name = element("button", `region ${index}`);
-    Object.assign(box, { type: "checkbox", checked: true, title: "show its hands" });
+    Object.assign(box, { type: "checkbox", checked: true, title: "show its grippers" });
     swatch.style.background = region.color;
     box.addEventListener("change", () => {
       if (box.checked) hidden.delete(index);
@@ -130,16 +130,16 @@ const start = (gl, canvas) => {
     const into = { solid: [], lines: [], sheets: [] };
     ownCamera(into, camera);
     const alpha = by("clear").checked ? 0.3 : 1;
-    for (const grasp of by("hands").checked ? shownGrasps() : []) {
-      if (grasp !== picked) hand(into, grasp, colorOf(grasp), picked ? 0.3 * alpha : alpha);
+    for (const grasp of by("grippers").checked ? shownGrasps() : []) {
+      if (grasp !== picked) gripper(into, grasp, colorOf(grasp), picked ? 0.3 * alpha : alpha);
     }
     const used = picked && symmetryOf(picked);
     if (picked) {
-      hand(into, picked, scale(add(colorOf(picked), rgb(PICKED)), 0.5), alpha);
+      gripper(into, picked, scale(add(colorOf(picked), rgb(PICKED)), 0.5), alpha);
       contacts(into, picked);
       if (used) symmetry(into, used, scene.up, true);
     }
-    const least = Number(by("trust").value);
+    const least = Number(by("certainty").value);
     scene.regions.forEach((region, index) => {
       if (!by("symmetries").checked || hidden.has(index)) return;
       if (picked && picked.region !== index) return;
@@ -163,7 +163,7 @@ const start = (gl, canvas) => {
   const orbit = makeOrbit(canvas, scene, redraw);
   const refresh = () => {
     by("count-shown").textContent = by("count").value;
-    by("trust-shown").textContent = Number(by("trust").value).toFixed(2);
+    by("certainty-shown").textContent = Number(by("certainty").value).toFixed(2);
     tellPicked();
     tellLegend();
     fill();
@@ -185,10 +185,10 @@ const start = (gl, canvas) => {
   orbit.go("reset");
 };
 
-// The nearest of the shown hands on a ray.
+// The nearest of the shown grippers on a ray.
 const hit = ({ origin, direction }) => {
   let best = null, nearest = Infinity;
-  for (const grasp of by("hands").checked ? shownGrasps() : []) {
+  for (const grasp of by("grippers").checked ? shownGrasps() : []) {
     const from = unrotated(grasp.rotation, sub(origin, grasp.translation));
     const along = unrotated(grasp.rotation, direction);
     for (const [low, high] of grasp.boxes) {
@@ -202,7 +202,7 @@ const hit = ({ origin, direction }) => {
 const controls = (canvas, orbit, refresh, pick, show) => {
   const most = Math.max(0, ...grasps.map((grasp) => grasp.place + 1));
   Object.assign(by("count"), { max: most, value: Math.min(1, most) });
-  for (const id of ["count", "trust", "tint", "by", "hands", "clear", "symmetries", "points"]) {
+  for (const id of ["count", "certainty", "tint", "by", "grippers", "clear", "symmetries", "points"]) {
     by(id).addEventListener("input", refresh);
   }
   for (const id of ["reset", "top", "camera"]) {
@@ -228,7 +228,7 @@ const controls = (canvas, orbit, refresh, pick, show) => {
   };
   const keys = {
     r: () => orbit.go("reset"), t: () => orbit.go("top"), c: () => orbit.go("camera"),
-    h: () => toggle("hands"), s: () => toggle("symmetries"), p: () => toggle("points"),
+    g: () => toggle("grippers"), s: () => toggle("symmetries"), p: () => toggle("points"),
     n: next, "+": () => more(1), "=": () => more(1), "-": () => more(-1),
     escape: () => pick(null),
     arrowleft: () => orbit.turn(0.1, 0), arrowright: () => orbit.turn(-0.1, 0),

@@ -20,7 +20,7 @@ def pair(middle, closing, width):
 
 
 def linked(positions, xyzw, widths, base_to_contacts):
-    """Contacts of the link of a hand: z = approach, y = closing."""
+    """Contacts of the link of a gripper: z = approach, y = closing."""
     if not len(widths):
         return np.zeros((0, 2, 3))
     R = Rotation.from_quat(xyzw).as_matrix()

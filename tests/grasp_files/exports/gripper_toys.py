@@ -1,10 +1,10 @@
-"""Random frames of random grasps, and the hand that they are exported for."""
+"""Random frames of random grasps, and the gripper that they are exported for."""
 
 import numpy as np
 
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.transforms import random_rotation
-from pipelines.grasp_files.exports.grasp_exports import ExportHeader, Hand, HandGrasps
+from pipelines.grasp_files.exports.grasp_exports import ExportGripper, ExportHeader, FrameGrasps
 from pipelines.grasp_files.grasps_file import FrameResult, RegionTable
 from pipelines.grasping.grasps import Grasps
 from pipelines.grasping.gripper import Gripper
@@ -46,8 +46,8 @@ def random_result(rng, count: int, name: str = "a/b", regions: int = 3) -> Frame
     return FrameResult(name, status, "", CAMERA, 0.0, found, type(table)(**columns))
 
 
-def random_frame(rng, count: int, name: str = "a/b") -> tuple[HandGrasps, ExportHeader]:
+def random_frame(rng, count: int, name: str = "a/b") -> tuple[FrameGrasps, ExportHeader]:
     gripper = random_gripper(rng)
-    hand = Hand(gripper, gripper.base_to_contacts, "other")
-    frame = HandGrasps.of(random_result(rng, count, name), 100, hand)
-    return frame, ExportHeader(hand, HEADER_STAMP, {})
+    exported = ExportGripper(gripper, gripper.base_to_contacts, "other")
+    frame = FrameGrasps.of(random_result(rng, count, name), 100, exported)
+    return frame, ExportHeader(exported, HEADER_STAMP, {})

@@ -12,7 +12,12 @@ from numpy.testing import assert_allclose
 
 from pipelines.errors import SymgraspError
 from pipelines.export import TO_FILE, TO_FOLDER
-from pipelines.grasp_files.exports.grasp_exports import Hand, HandGrasps, as_ranges, frame_path
+from pipelines.grasp_files.exports.grasp_exports import (
+    ExportGripper,
+    FrameGrasps,
+    as_ranges,
+    frame_path,
+)
 from pipelines.grasp_files.grasps_tables import GraspTable
 from tests.docs.test_formats_document import block, keys_of
 from tests.grasp_files.exports import export_readers
@@ -38,7 +43,7 @@ def exported(to: str, frame, header):
             return WHOLE[to](path, frame.result.name)
         TO_FOLDER[to](Path(folder), frame, header)
         name, read = FILES[to]
-        return read(Path(folder) / name, frame.hand.gripper)
+        return read(Path(folder) / name, frame.gripper.model)
 
 
 def test_every_format_has_a_reader_here():
@@ -69,7 +74,7 @@ def test_what_is_too_wide_is_left_out_and_the_next_becomes_the_best(seed):
     rng = np.random.default_rng(seed)
     result, gripper = random_result(rng, 12), random_gripper(rng)
     narrow = type(gripper)(**{**vars(gripper), "max_opening": 0.06})
-    frame = HandGrasps.of(result, 5, Hand(narrow, 0.1, "x"))
+    frame = FrameGrasps.of(result, 5, ExportGripper(narrow, 0.1, "x"))
     width = result.grasps.width
     assert frame.rows.tolist() == (5 + np.flatnonzero(width <= narrow.max_width)).tolist()
     assert sorted([*frame.rows, *frame.left_out]) == list(range(5, 17))
@@ -84,9 +89,9 @@ def test_numbers_that_are_not_finite_are_a_sentence():
     columns = {name: getattr(result.grasps, name).copy() for name in GraspTable.SPEC}
     columns["translation"][1, 2] = np.nan
     broken = type(result)(result.name, "ok", regions=result.regions, grasps=GraspTable(**columns))
-    hand = Hand(random_gripper(np.random.default_rng(0)), 0.1, "x")
+    exported = ExportGripper(random_gripper(np.random.default_rng(0)), 0.1, "x")
     with pytest.raises(SymgraspError, match="translation of a grasp is not finite"):
-        HandGrasps.of(broken, 0, hand)
+        FrameGrasps.of(broken, 0, exported)
 
 
 @pytest.mark.parametrize("name", ["../x", "/etc/x", "a/../../x", "..", "", "a\\..\\x"])

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.testing import assert_allclose
 
 from pipelines.grasp_files.exports import isaac_grasps
-from pipelines.grasp_files.exports.grasp_exports import Hand, HandGrasps
+from pipelines.grasp_files.exports.grasp_exports import ExportGripper, FrameGrasps
 from pipelines.grasp_files.gripper_files import load_gripper
 from tests.grasp_files.exports.export_readers import yaml_content
 from tests.grasp_files.exports.gripper_toys import random_frame, random_result
@@ -15,9 +15,9 @@ from tests.grasp_files.exports.gripper_toys import random_frame, random_result
 def test_frankas_finger_joint_is_half_the_distance(tmp_path):
     _, header = random_frame(np.random.default_rng(0), 0)
     gripper = load_gripper("franka")
-    hand = Hand(gripper, gripper.base_to_contacts, "franka")
-    frame = HandGrasps.of(random_result(np.random.default_rng(0), 9, "x"), 0, hand)
-    isaac_grasps.write_frame(tmp_path, frame, replace(header, hand=hand))
+    exported = ExportGripper(gripper, gripper.base_to_contacts, "franka")
+    frame = FrameGrasps.of(random_result(np.random.default_rng(0), 9, "x"), 0, exported)
+    isaac_grasps.write_frame(tmp_path, frame, replace(header, gripper=exported))
     found = yaml_content(tmp_path / "x.yaml")["grasps"]
     assert len(found) == len(frame) > 2
     for grasp, width in zip(found.values(), frame.grasps.width, strict=True):

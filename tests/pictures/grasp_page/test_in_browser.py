@@ -54,7 +54,7 @@ setTimeout(() => {
   told.hits = [...hits];
   key("Escape");
   told.hidden = by("picked").hidden;
-  for (const name of ["n", "t", "r", "+", "+", "h", "h", "s", "p", "ArrowLeft"]) key(name);
+  for (const name of ["n", "t", "r", "+", "+", "g", "g", "s", "p", "ArrowLeft"]) key(name);
   told.shown = by("count").value;
   pointer("pointerdown", 500, 300, 1);
   pointer("pointermove", 560, 320, 1);
@@ -145,7 +145,7 @@ def test_without_grasps_and_from_the_camera_the_page_shows_the_photograph(tmp_pa
 
 
 @pytest.mark.skipif(NODE is None, reason="no node is installed")
-def test_hands_and_rays_of_the_scripts_are_those_of_python(tmp_path):
+def test_grippers_and_rays_of_the_scripts_are_those_of_python(tmp_path):
     table = toy_result(FRAME, INDEX).grasps
     grasp = {
         "rotation": table.rotation[1].ravel().tolist(),
@@ -155,7 +155,7 @@ def test_hands_and_rays_of_the_scripts_are_those_of_python(tmp_path):
     scripts = "\n".join((HERE / name).read_text(encoding="utf-8") for name in SCRIPTS)
     ask = f"""
     const grasp = {json.dumps(grasp)}, into = {{solid: [], lines: [], sheets: []}};
-    hand(into, grasp, [1, 0, 0], 1);
+    gripper(into, grasp, [1, 0, 0], 1);
     const corners = [];
     for (let i = 0; i < into.solid.length; i += VERTEX) corners.push(into.solid.slice(i, i + 3));
     const eye = [0.3, -0.2, 0.1], place = [0.1, 0.2, 0.9];

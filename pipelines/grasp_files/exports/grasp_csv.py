@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from pipelines.grasp_files.exports.grasp_exports import (
-    BASE_AXES,
     CAMERA_AXES,
+    GRIPPER_AXES,
     ExportHeader,
     FrameGrasps,
     rounded,
@@ -53,7 +53,7 @@ def _head(header: ExportHeader) -> dict[str, str]:
         TITLE: f"format version {FORMAT_VERSION}",
         "units": "metres",
         "camera_frame": CAMERA_AXES,
-        "base": f"base of the gripper in the camera frame: {BASE_AXES}; "
+        "base": f"base of the gripper in the camera frame: {GRIPPER_AXES}; "
         "the contacts lie base_to_contacts before it along z",
         "gripper": json.dumps(header.gripper.facts()),
         "infer": json.dumps(header.infer),

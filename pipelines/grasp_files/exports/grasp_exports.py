@@ -22,7 +22,7 @@ from pipelines.storage.files import LONGEST_NAME
 LONGEST_PREFIX, LONGEST_SUFFIX = "predictions_", ".yaml"  # that any format puts to a frame's name
 SLACK = 1e-6  # metres; widths are stored in single precision
 CAMERA_AXES = "camera, OpenCV axes: x right, y down, z forward"
-BASE_AXES = "y = closing, from the first contact to the second; z = approach; x = y cross z"
+GRIPPER_AXES = "y = closing, from the first contact to the second; z = approach; x = y cross z"
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class FrameGrasps:
 
     @property
     def poses(self) -> Array:
-        """(g, 4, 4) base of the gripper to camera; axes as `BASE_AXES` says."""
+        """(g, 4, 4) base of the gripper to camera; axes as `GRIPPER_AXES` says."""
         return gripper_poses(self.grasps, self.gripper.base_to_contacts, CLOSING_ALONG_Y)
 
     @property

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.grasp_files.exports.grasp_exports import (
-    BASE_AXES,
     CAMERA_AXES,
+    GRIPPER_AXES,
     ExportHeader,
     FrameGrasps,
     rounded,
@@ -22,7 +22,7 @@ CONVENTIONS = {
     "translation": "midpoint of the contacts, camera frame",
     "width": "distance of the contacts",
     "opening": "distance of the open fingers: width and the gripper's clearance on each side",
-    "T_cam_base": f"base of the gripper in the camera frame: {BASE_AXES}; "
+    "T_cam_base": f"base of the gripper in the camera frame: {GRIPPER_AXES}; "
     "the contacts lie base_to_contacts before it along z",
     "rank_score": "0 to 1, higher is better; is_best marks the one to try first of its region",
 }

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.grasp_files.exports.grasp_exports import (
-    BASE_AXES,
     CAMERA_AXES,
+    GRIPPER_AXES,
     ExportHeader,
     FrameGrasps,
     frame_path,
@@ -30,7 +30,7 @@ def write_frame(folder: Path, frame: FrameGrasps, header: ExportHeader) -> None:
 
 
 def _head(header: ExportHeader) -> list[str]:
-    gripper = f"base of {header.gripper.model.name}: {BASE_AXES}"
+    gripper = f"base of {header.gripper.model.name}: {GRIPPER_AXES}"
     return [
         "format: isaac_grasp",
         "format_version: 1.0",

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.grasp_files.exports.grasp_exports import (
-    BASE_AXES,
     CAMERA_AXES,
+    GRIPPER_AXES,
     ExportHeader,
     FrameGrasps,
     frame_path,
@@ -32,7 +32,7 @@ def write_frame(folder: Path, frame: FrameGrasps, header: ExportHeader) -> None:
         "format_version": FORMAT_VERSION,
         "units": "metres",
         "camera_frame": CAMERA_AXES,
-        "poses": f"base of the gripper in the camera frame: {BASE_AXES}",
+        "poses": f"base of the gripper in the camera frame: {GRIPPER_AXES}",
         "gripper": header.gripper.facts(),
         "frame": frame.result.name,
         "pose_array": {

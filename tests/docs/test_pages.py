@@ -106,6 +106,14 @@ def test_options_in_the_text_exist(page):
 
 
 @each_page
+def test_source_files_in_the_text_exist(page):
+    spans = re.findall(
+        r"`((?:pipelines|symgrasp|symgrasp_cli|tests|tools|examples)/[\w/.]*)`", prose_of(page)
+    )
+    assert not [span for span in spans if not (ROOT / span).exists() and "NAME" not in span]
+
+
+@each_page
 def test_python_blocks_compile(page):
     for code in blocks_of(page, "python"):
         compile(code, page.name, "exec")

@@ -105,7 +105,7 @@ def _region(
 
 def _symmetries(table: RegionTable, place: int) -> tuple[FoundSymmetry, ...]:
     """Return the symmetries of a region that have a place, most confident first."""
-    confidence, point = table.existence[place], table.symmetry_point[place]
+    confidence, point = table.symmetry_confidence[place], table.symmetry_point[place]
     slots = [slot for slot in range(NUM_SLOTS) if np.isfinite(point[slot]).all()]
     return tuple(
         FoundSymmetry(

@@ -45,6 +45,7 @@ class Grasp:
     clearance: float
     enclosed_height: float
     rank_score: float
+    ranker: str
     is_best: bool
     symmetry: FoundSymmetry | None
     opening: float
@@ -77,6 +78,7 @@ class Grasps:
         enclosed_height: (n,) float32, h of Eq. 8, of what is between the fingers, capped.
         rank_score: (n,) float32, 0 to 1, the order of the grasps: the quality that the grasp
             critic expects, or s of Eq. 8.
+        ranker: (n,) str, which of them: `critic` or `eq8`.
         is_best: (n,) bool, the one to try first of its region.
         regions: all regions of the frame, those without grasps too.
         gripper: the gripper of `poses` and `opening`.
@@ -97,6 +99,7 @@ class Grasps:
     clearance: Singles
     enclosed_height: Singles
     rank_score: Singles
+    ranker: NDArray[np.object_]
     is_best: Mask
     regions: tuple[FoundRegion, ...]
     gripper: Gripper

@@ -79,5 +79,6 @@ def _symmetries(regions: RegionTable, region: int) -> RegionSymmetries:
     direction = np.asarray(regions.symmetry_direction[region], np.float64)
     known = np.isfinite(point).all(axis=1)
     known &= np.isfinite(direction).all(axis=1) | (np.arange(len(point)) == SPHERE_SLOT)
-    confidence = np.where(known, np.nan_to_num(regions.existence[region].astype(np.float64)), 0.0)
+    stored = regions.symmetry_confidence[region].astype(np.float64)
+    confidence = np.where(known, np.nan_to_num(stored), 0.0)
     return RegionSymmetries(confidence, point, direction)

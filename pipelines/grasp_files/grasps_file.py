@@ -52,7 +52,7 @@ __all__ = [
     "write_shard",
 ]
 
-FORMAT_VERSION = 1
+FORMAT_VERSION, OLDEST_VERSION = 2, 1
 LONGEST_NAME = 200  # characters of a shard's file name; file systems take 255 bytes
 AXES = "camera, OpenCV axes: x right, y down, z forward"
 GRASP_FRAME = "columns approach, closing, approach x closing; origin midway between the contacts"
@@ -65,6 +65,7 @@ UNITS = {
 }
 REGION_COLUMNS = (*RegionTable.SPEC, "mask_counts", "mask_start")
 SCHEMA = {"frames": FrameTable.SPEC, "regions": REGION_COLUMNS, "grasps": GraspTable.SPEC}
+ADDED = ("symmetry_confidence", "ranker")  # by version 2; `existence` was the confidence before
 
 
 @dataclass(frozen=True)
@@ -165,7 +166,11 @@ def read(path: Path | str) -> GraspsFile:
     """
     path = Path(path)
     with opened(path) as file:
-        columns = {group: read_columns(path, file[group], SCHEMA[group]) for group in SCHEMA}
+        columns = {
+            group: read_columns(path, file[group], names)
+            for group, names in stored_columns(file).items()
+        }
+        complete_columns(columns["regions"], columns["grasps"], file)
         attrs = file_attributes(file)
     try:
         frames = FrameTable(**columns["frames"])
@@ -192,10 +197,28 @@ def opened(path: Path) -> Iterator[h5py.File]:
 
 def _check_file(path: Path, file: h5py.File) -> None:
     """Raise FormatError unless the open `file` is a grasps.h5 of the version known here."""
-    check_version(path, file.attrs.get("format_version"), FORMAT_VERSION)
+    check_version(path, file.attrs.get("format_version"), FORMAT_VERSION, OLDEST_VERSION)
     missing = [group for group in SCHEMA if group not in file]
     if missing:
         raise FormatError(path, f"has no /{missing[0]}", "a grasps.h5 of infer is expected")
+
+
+def stored_columns(file: h5py.File) -> dict[str, list[str]]:
+    """Return the names of the columns that a file of its version holds, by group."""
+    missing = ADDED if int(file.attrs["format_version"]) == OLDEST_VERSION else ()
+    return {group: [n for n in names if n not in missing] for group, names in SCHEMA.items()}
+
+
+def complete_columns(regions: dict[str, Any], grasps: dict[str, Any], file: h5py.File) -> None:
+    """Add the columns that version 1 lacks, from what the open `file` says of its run."""
+    if "symmetry_confidence" not in regions:
+        regions["symmetry_confidence"] = regions["existence"]
+        regions["existence"] = np.full_like(regions["existence"], np.nan)
+    if "ranker" not in grasps:
+        config = file_attributes(file)["config"]
+        is_critic = config.get("selection", {}).get("rank_by") in ("critic", "judge")
+        ranker = "critic" if is_critic and config.get("method") == "network" else "eq8"
+        grasps["ranker"] = np.full(len(grasps["width"]), ranker, object)
 
 
 def file_attributes(file: h5py.File) -> dict[str, Any]:

@@ -21,10 +21,11 @@ from pipelines.dataset.graspnet.graspnet import GraspNetRoot, SceneFiles
 from pipelines.dataset.graspnet.graspnet_layout import FrameFiles, frame_key
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.grasp_files.grasps_file import (
-    SCHEMA,
     UNITS,
+    complete_columns,
     file_attributes,
     opened,
+    stored_columns,
     stored_intrinsics,
     tables_of,
     write_attributes,
@@ -223,7 +224,7 @@ def _fill(file: h5py.File, tables: Tables, done: _Sizes) -> _Sizes:
 @contextmanager
 def _opened(path: Path) -> Iterator[h5py.File]:
     with opened(path) as file:
-        for group, names in SCHEMA.items():
+        for group, names in stored_columns(file).items():
             lengths = {name: len(file[group][name]) for name in names if name in file[group]}
             missing = set(names) - set(lengths)
             lengths = {name: n for name, n in lengths.items() if not name.startswith("mask_")}
@@ -237,11 +238,14 @@ def _read_frame(file: h5py.File, frame: int) -> FrameResult:
     table = file["frames"]
     first, last = _rows(file["regions/frame"], frame)
     start, end = _rows(file["grasps/frame"], frame)
-    regions = _slice(file["regions"], RegionTable.SPEC, first, last)
+    stored = stored_columns(file)
+    names = (name for name in RegionTable.SPEC if name in stored["regions"])
+    regions = _slice(file["regions"], names, first, last)
     mask_start = file["regions/mask_start"][first : last + 1].astype(np.int64)
     regions["mask_counts"] = file["regions/mask_counts"][mask_start[0] : mask_start[-1]]
     regions["mask_start"] = mask_start - mask_start[0]
-    grasps = _slice(file["grasps"], GraspTable.SPEC, start, end)
+    grasps = _slice(file["grasps"], stored["grasps"], start, end)
+    complete_columns(regions, grasps, file)
     local = GraspTable(**grasps)
     return FrameResult(
         name=table["name"].asstr()[frame],

@@ -31,7 +31,8 @@ class RegionTable:
     confidence: NDArray[Any]  # f4 (r,) the detector's, 0..1
     mask_counts: NDArray[Any]  # u4 (sum,) run lengths of all masks, see masks_rle.py
     mask_start: NDArray[Any]  # i8 (r + 1,) where each mask's runs start and end
-    existence: NDArray[Any]  # f4 (r, 5) probabilities of the symmetry slots
+    existence: NDArray[Any]  # f4 (r, 5) the network's probability of each slot, nan without it
+    symmetry_confidence: NDArray[Any]  # f4 (r, 5) belief in the symmetries below, after their fit
     symmetry_point: NDArray[Any]  # f4 (r, 5, 3) metres, nan where there is none
     symmetry_direction: NDArray[Any]  # f4 (r, 5, 3) unit, nan where there is none
     affordance_mean: NDArray[Any]  # f4 (r,) of the region's points
@@ -44,6 +45,7 @@ class RegionTable:
         "box": ((4,), np.float32),
         "confidence": ((), np.float32),
         "existence": ((NUM_SLOTS,), np.float32),
+        "symmetry_confidence": ((NUM_SLOTS,), np.float32),
         "symmetry_point": ((NUM_SLOTS, 3), np.float32),
         "symmetry_direction": ((NUM_SLOTS, 3), np.float32),
         "affordance_mean": ((), np.float32),
@@ -67,13 +69,16 @@ class RegionTable:
         *,
         confidence: ArrayLike,
         source: Sequence[str],
-        existence: ArrayLike,
+        symmetry_confidence: ArrayLike,
         symmetry_point: ArrayLike,
         symmetry_direction: ArrayLike,
         affordance_mean: ArrayLike,
         affordance_max: ArrayLike,
+        existence: ArrayLike | None = None,
     ) -> "RegionTable":
         """Return the table of one frame's regions, given their masks (H, W)."""
+        if existence is None:
+            existence = np.full((len(masks), NUM_SLOTS), np.nan)
         runs = [encode_mask(mask) for mask in masks]
         columns: dict[str, Any] = {
             "box": [box_of_mask(mask) for mask in masks],
@@ -82,6 +87,7 @@ class RegionTable:
             "confidence": confidence,
             "source": np.array(list(source), dtype=object),
             "existence": existence,
+            "symmetry_confidence": symmetry_confidence,
             "symmetry_point": symmetry_point,
             "symmetry_direction": symmetry_direction,
             "affordance_mean": affordance_mean,
@@ -128,9 +134,10 @@ class GraspTable:
     source: NDArray[Any]  # str (g,): network or planar
     clearance: NDArray[Any]  # f4 (g,) metres, b of Eq. 8
     enclosed_height: NDArray[Any]  # f4 (g,) metres, h of Eq. 8
-    rank_score: NDArray[Any]  # f4 (g,) quality to expect, or s of Eq. 8; higher is better
+    rank_score: NDArray[Any]  # f4 (g,) expected quality, or s of Eq. 8; higher is better
     is_best: NDArray[Any]  # bool (g,) the one best of its region
     frame: NDArray[Any] = field(default_factory=lambda: np.zeros(0))  # i4 (g,) as in RegionTable
+    ranker: NDArray[Any] = field(default_factory=lambda: np.zeros(0))  # str (g,): critic or eq8
 
     SPEC: ClassVar[ColumnSpec] = {
         "frame": ((), np.int32),
@@ -145,12 +152,15 @@ class GraspTable:
         "clearance": ((), np.float32),
         "enclosed_height": ((), np.float32),
         "rank_score": ((), np.float32),
+        "ranker": ((), np.object_),
         "is_best": ((), np.bool_),
     }
 
     def __post_init__(self) -> None:
         if len(self.frame) == 0:  # the table of one frame
             object.__setattr__(self, "frame", np.zeros(len(self.width)))
+        if len(self.ranker) == 0:  # not known
+            object.__setattr__(self, "ranker", np.full(len(self.width), "", object))
         coerce_columns(self, self.SPEC, len(self.width))
 
     @classmethod

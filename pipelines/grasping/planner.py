@@ -127,6 +127,11 @@ class RegionPlanner:
     config: SelectionConfig
     critic: Critic | None = None
 
+    @property
+    def ranker(self) -> str:
+        """The origin of `rank_score`: `critic` or `eq8`."""
+        return "eq8" if self.critic is None else "critic"
+
     def passes(self) -> tuple[Pass, ...]:
         """Return the passes over a region whose symmetries are known.
 

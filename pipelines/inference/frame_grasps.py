@@ -91,14 +91,15 @@ class Planner:
             intrinsics=frame.intrinsics,
             seconds=time.monotonic() - started,
             regions=region_table(regions, plans),
-            grasps=grasp_table(grasps, self.config.max_grasps_per_region),
+            grasps=grasp_table(grasps, self.config.max_grasps_per_region, self._of_regions.ranker),
         )
 
     @cached_property
     def _of_regions(self) -> RegionPlanner:
         """The planner of single regions."""
         selection = self.config.selection
-        has_critic = self.predictor is not None and selection.ranking.uses_critic
+        predicts = self.predictor is not None and self.config.method != "random"
+        has_critic = predicts and selection.ranking.uses_critic
         return RegionPlanner(self.gripper, selection, self.grasp_critic if has_critic else None)
 
     def _plans(

@@ -34,6 +34,11 @@ class Plan:
         return len(self.grasps) > 0 and bool(self.grasps.slot[0] >= 0)
 
     @property
+    def existence(self) -> Array:
+        """(5,) the network's probability of each symmetry slot; nan where none was predicted."""
+        return np.full(5, np.nan) if self.predicted is None else self.predicted.slots.existence
+
+    @property
     def affordance(self) -> Array:
         """(n,) of the region's points; nan where none was predicted."""
         return np.array([np.nan]) if self.predicted is None else self.predicted.affordance
@@ -46,7 +51,8 @@ def region_table(regions: list[Region], plans: list[Plan]) -> RegionTable:
         [region.mask for region in regions],
         confidence=[region.confidence for region in regions],
         source=[region.source for region in regions],
-        existence=np.array([s.confidence for s in symmetries]).reshape(-1, 5),
+        existence=np.array([plan.existence for plan in plans]).reshape(-1, 5),
+        symmetry_confidence=np.array([s.confidence for s in symmetries]).reshape(-1, 5),
         symmetry_point=np.array([s.point for s in symmetries]).reshape(-1, 5, 3),
         symmetry_direction=np.array([s.direction for s in symmetries]).reshape(-1, 5, 3),
         affordance_mean=[float(plan.affordance.mean()) for plan in plans],
@@ -54,8 +60,11 @@ def region_table(regions: list[Region], plans: list[Plan]) -> RegionTable:
     )
 
 
-def grasp_table(ranked: list[RankedGrasps], limit: int) -> GraspTable:
-    """Return the best `limit` grasps of each region as columns, the first of each marked best."""
+def grasp_table(ranked: list[RankedGrasps], limit: int, ranker: str) -> GraspTable:
+    """Return the best `limit` grasps of each region as columns, the first of each marked best.
+
+    `ranker`: of their scores, `critic` or `eq8`.
+    """
     kept = [grasps[:limit] for grasps in ranked]
     counts = [len(grasps) for grasps in kept]
 
@@ -78,5 +87,6 @@ def grasp_table(ranked: list[RankedGrasps], limit: int) -> GraspTable:
         clearance=column("clearance"),
         enclosed_height=column("enclosed_height"),
         rank_score=column("rank_score"),
+        ranker=np.full(sum(counts), ranker, object),
         is_best=np.concatenate([np.zeros(0, bool), *(np.arange(n) == 0 for n in counts)]),
     )

@@ -114,7 +114,7 @@ def _draw_symmetries(
 ) -> None:
     table = result.regions
     slots = SymmetrySlots(
-        table.existence[region].astype(float),
+        table.symmetry_confidence[region].astype(float),
         table.symmetry_point[region].astype(float),
         table.symmetry_direction[region].astype(float),
     )

@@ -127,14 +127,24 @@ def read_alike(group: Handle, examples: Mapping[str, NDArray[Any]]) -> dict[str,
     return columns
 
 
-def check_version(path: Path, found: Any, known: int) -> None:  # noqa: ANN401 - any attribute
-    """Raise FormatError unless `found` is the format version that this code knows."""
+def check_version(
+    path: Path,
+    found: Any,  # noqa: ANN401 - any attribute
+    known: int,
+    oldest: int | None = None,
+) -> None:
+    """Raise FormatError unless `found` is a format version that this code knows.
+
+    Those from `oldest` to `known`; without `oldest`, `known` alone.
+    """
+    first = known if oldest is None else oldest
     try:
-        same = int(found) == known
+        is_known = first <= int(found) <= known
     except (TypeError, ValueError):  # no number, or none at all
-        same = False
-    if not same:
-        raise FormatError(path, f"has format_version {found}", f"this symgrasp reads {known}")
+        is_known = False
+    if not is_known:
+        versions = f"{known}" if first == known else f"{first} to {known}"
+        raise FormatError(path, f"has format_version {found}", f"this symgrasp reads {versions}")
 
 
 def coerce_columns(table: object, spec: ColumnSpec, length: int) -> None:

@@ -95,13 +95,13 @@ def test_no_grasps_are_said_with_the_reason():
 
 def frame_with_symmetries():
     point, direction = np.full((2, 5, 3), np.nan), np.full((2, 5, 3), np.nan)
-    existence = np.zeros((2, 5))
-    existence[0, [1, 3]], existence[1, 4] = (0.4, 0.9), 0.8
+    confidence = np.zeros((2, 5))
+    confidence[0, [1, 3]], confidence[1, 4] = (0.4, 0.9), 0.8
     point[0, [1, 3]], point[1, 4] = (1, 2, 3), (4, 5, 6)
     direction[0, [1, 3]] = (0, 0, 1)
     regions = replace(
         random_result(RNG, 0, regions=2).regions,
-        existence=existence,
+        symmetry_confidence=confidence,
         symmetry_point=point,
         symmetry_direction=direction,
     )

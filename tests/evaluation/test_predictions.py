@@ -20,7 +20,7 @@ def result(rank_score: list[float], is_best: list[bool], region: list[int]) -> F
         masks,
         confidence=[0.9, 0.7],
         source=["detector", "geometric"],
-        existence=np.full((2, 5), 0.6),
+        symmetry_confidence=np.full((2, 5), 0.6),
         symmetry_point=point,
         symmetry_direction=np.full((2, 5, 3), np.nan),
         affordance_mean=[0.5, 0.5],

@@ -12,6 +12,8 @@ from pipelines.errors import FormatError, ValueRangeError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_file import FrameResult, GraspTable, RegionTable
+from pipelines.grasp_files.grasps_stream import merge_shards, read_results
+from pipelines.grasp_files.grasps_tables import result_digest
 from pipelines.storage.provenance import make_stamp, read_stamp
 
 CAMERA = Intrinsics(60.0, 60.0, 32.0, 24.0, 64, 48)
@@ -25,7 +27,7 @@ def result(name: str, regions: int, grasps: int, seed: int = 0) -> FrameResult:
         masks,
         confidence=rng.random(regions),
         source=["geometric"] * regions,
-        existence=rng.random((regions, 5)),
+        symmetry_confidence=rng.random((regions, 5)),
         symmetry_point=np.full((regions, 5, 3), np.nan),
         symmetry_direction=rng.random((regions, 5, 3)),
         affordance_mean=rng.random(regions),
@@ -118,7 +120,7 @@ def test_attributes_say_how_the_file_was_made(tmp_path: Path) -> None:
     assert file.attrs["config"] == {"gripper": "rg2"}
     assert file.attrs["weights"] == {"network": "sha256:00"}
     assert file.attrs["seed"] == 3
-    assert file.attrs["format_version"] == 1
+    assert file.attrs["format_version"] == 2
 
 
 def test_the_public_columns_have_their_types_and_units(
@@ -179,6 +181,33 @@ def test_texts_in_place_of_numbers_are_refused(
     replace_column(path, f"{group}/{name}", texts)
     with pytest.raises(FormatError, match=rf"g\.h5: .*{name} .*wide"):
         grasps_file.read(path)
+
+
+def written_by_version_1(path: Path, results: list[FrameResult]) -> None:
+    """A file without the columns that version 2 added; `existence` is the confidence in it."""
+    stamp = make_stamp("infer", {"method": "network", "selection": {"rank_by": "critic"}})
+    grasps_file.write(path, results, stamp)
+    with h5py.File(path, "r+") as file:
+        file.attrs["format_version"] = 1
+        del file["grasps/ranker"], file["regions/existence"]
+        file.move("regions/symmetry_confidence", "regions/existence")
+
+
+def test_a_file_of_version_1_is_read(tmp_path: Path, results: list[FrameResult]) -> None:
+    path, merged = tmp_path / "old.h5", tmp_path / "new.h5"
+    written_by_version_1(path, results)
+    whole = grasps_file.read(path)
+    expected = np.concatenate([each.regions.symmetry_confidence for each in results])
+    assert_array_equal(whole.regions.symmetry_confidence, expected)
+    assert np.isnan(whole.regions.existence).all()
+    assert set(whole.grasps.ranker) == {"critic"}
+    for each, place in zip(whole.results(), read_results(path, range(4)), strict=True):
+        assert result_digest(each) == result_digest(place)
+    shard = grasps_file.shard_path(tmp_path / "g.h5", "s/a")
+    shard.parent.mkdir()
+    written_by_version_1(shard, results[:1])
+    merge_shards(merged, [shard], STAMP)
+    assert set(grasps_file.read(merged).grasps.ranker) == {"critic"}
 
 
 def test_a_file_of_a_later_version_is_refused(tmp_path: Path) -> None:

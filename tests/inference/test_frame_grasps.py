@@ -61,7 +61,10 @@ def test_predicted_symmetries_give_network_grasps_and_are_written_down():
     assert result.status == "ok"
     assert set(result.grasps.source) == {"network"}
     # The level plane, which the network did not name, is seen by its half height.
-    assert (result.regions.existence[0] > 0.5).tolist() == [True, True, True, False, False]
+    found = result.regions.symmetry_confidence[0] > 0.5
+    assert found.tolist() == [True, True, True, False, False]
+    np.testing.assert_allclose(result.regions.existence[0], [1, 1, 0, 0, 0])  # as predicted
+    assert set(result.grasps.ranker) == {"critic"}
     cosine = np.abs(result.regions.symmetry_direction[0, :3] @ POSE[:3, :3])
     np.testing.assert_allclose(np.sort(cosine.max(axis=0)), 1.0, atol=1e-3)
     assert result.regions.affordance_max[0] == 1.0
@@ -98,6 +101,8 @@ def test_without_a_network_the_boundary_serves_and_no_affordance_is_claimed():
     result = plan(None)
     assert set(result.grasps.source) == {"planar"}
     assert np.isnan(result.regions.affordance_mean[0])
+    assert np.isnan(result.regions.existence).all()
+    assert set(result.grasps.ranker) == {"eq8"}
 
 
 def test_at_most_so_many_grasps_a_region_are_kept():

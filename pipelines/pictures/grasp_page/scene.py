@@ -135,7 +135,7 @@ def region_symmetries(table: RegionTable, region: int, points: Array) -> list[di
         return []
     middle, radius = _middle(points)
     drawn = []
-    for slot, confidence in enumerate(table.existence[region].tolist()):
+    for slot, confidence in enumerate(table.symmetry_confidence[region].tolist()):
         point = table.symmetry_point[region, slot].astype(float)
         direction = table.symmetry_direction[region, slot].astype(float)
         has_direction = slot != SPHERE_SLOT

@@ -36,7 +36,7 @@ def random_result(rng, count: int, name: str = "a/b", regions: int = 3) -> Frame
         [np.eye(12, 16, i, dtype=bool) for i in range(regions)],
         confidence=empty,
         source=["masks"] * regions,
-        existence=slots[:, :, 0],
+        symmetry_confidence=slots[:, :, 0],
         symmetry_point=slots,
         symmetry_direction=slots,
         affordance_mean=empty,

@@ -66,7 +66,7 @@ def test_of_overlapping_regions_the_smaller_is_seen():
         masks,
         confidence=[1, 1],
         source=["masks"] * 2,
-        existence=np.zeros((2, 5)),
+        symmetry_confidence=np.zeros((2, 5)),
         symmetry_point=nothing,
         symmetry_direction=nothing,
         affordance_mean=[0, 0],

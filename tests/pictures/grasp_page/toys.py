@@ -29,17 +29,17 @@ def toy_result(frame: Frame, index: np.ndarray, grasps=5, seed=0) -> FrameResult
     middles = np.array([np.median(points[mask & (frame.depth > 0)], axis=0) for mask in masks])
     point = np.full((2, 5, 3), np.nan)
     direction = np.full((2, 5, 3), np.nan)
-    existence = np.zeros((2, 5))
+    confidence = np.zeros((2, 5))
     for region, slot, sure in ((0, 0, 0.9), (0, 1, 0.3), (0, 3, 0.8), (0, 4, 0.6), (1, 2, 0.7)):
         point[region, slot] = middles[region] + 0.01
-        existence[region, slot] = sure
+        confidence[region, slot] = sure
         if slot != 4:
             direction[region, slot] = np.eye(3)[slot % 3]
     regions = RegionTable.from_masks(
         masks,
         confidence=[0.9, 0.4],
         source=["detector", "geometric"],
-        existence=existence,
+        symmetry_confidence=confidence,
         symmetry_point=point,
         symmetry_direction=direction,
         affordance_mean=np.zeros(2),

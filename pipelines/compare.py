@@ -98,13 +98,13 @@ def run(
         is_finished(output, stamp, overwrite=overwrite)  # refuses to replace another comparison
     names = run_names(reports)
     runs = [read_run(path, name, config.row) for path, name in zip(reports, names, strict=True)]
-    found = compare(runs, config, seed)
+    found = compared(runs, config, seed)
     if output is not None:
         _write(output, found, reports, stamp)
     return found
 
 
-def compare(runs: Sequence[EvaluatedRun], config: CompareConfig, seed: int) -> Comparison:
+def compared(runs: Sequence[EvaluatedRun], config: CompareConfig, seed: int) -> Comparison:
     """Return how `runs` differ on the frames that all of them have."""
     paired = set(paired_frames(runs))
     notes = [*_frame_notes(runs, len(paired)), *_setting_notes(runs, config.row)]

@@ -19,7 +19,9 @@ ROLES = {
     "measure",
     "read",
     "run",
+    "tables",
     "write",
+    "write_frame",
 }
 
 # Names and docstrings that are still to be mended; nothing may be added.

@@ -19,7 +19,7 @@ from pipelines.metrics.average_precision import average_precision, interpolated_
 from pipelines.metrics.coco_masks import IOU_THRESHOLDS, coco_average_precision
 from pipelines.metrics.grasp_verdicts import REASONS
 
-ROWS = ("ours", "oracle", "planar", "random")
+REPORT_ROWS = ("ours", "oracle", "planar", "random")
 TEST_SPLITS = ("seen", "similar", "novel")
 CURVE_FRICTIONS = np.round(np.arange(0.0, 1.001, 0.05), 2)  # of the share of objects held
 CURVE_RECALLS = np.round(np.linspace(0.0, 1.0, 51), 2)
@@ -45,7 +45,7 @@ def report_rows(
             )
             for split in _splits(tally)
         }
-        for row in ROWS
+        for row in REPORT_ROWS
         if row in tally.rows
     }
 
@@ -78,7 +78,7 @@ def report_curves(
     `held`: by row, the share of objects held at each of `friction`. `symmetry`: by row, kind and
     threshold, the precision at each of `recall`, the best at that recall or beyond.
     """
-    rows = {row: tally.rows[row][ALL] for row in ROWS if row in tally.rows}
+    rows = {row: tally.rows[row][ALL] for row in REPORT_ROWS if row in tally.rows}
     symmetry = {
         row: {
             kind: _curves_of(found, kind, thresholds, sphere_threshold) for kind in SYMMETRY_KINDS

@@ -1,4 +1,4 @@
-"""How the frames of a `grasps.h5` were read, so that later stages read the same ones."""
+"""Record of how the frames of a `grasps.h5` were read: later stages read the same ones by it."""
 
 import json
 import os

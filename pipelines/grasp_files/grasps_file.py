@@ -53,7 +53,7 @@ __all__ = [
 ]
 
 FORMAT_VERSION, OLDEST_VERSION = 2, 1
-LONGEST_NAME = 200  # characters of a shard's file name; file systems take 255 bytes
+LONGEST_SHARD_NAME = 200  # characters of a shard's file name; file systems take 255 bytes
 AXES = "camera, OpenCV axes: x right, y down, z forward"
 GRASP_FRAME = "columns approach, closing, approach x closing; origin midway between the contacts"
 UNITS = {
@@ -244,8 +244,8 @@ def parts_folder(path: Path) -> Path:
 def shard_path(path: Path, frame_name: str) -> Path:
     """Return where the shard of a frame lies while `path` is being made."""
     safe = quote(frame_name, safe="")
-    if len(safe) > LONGEST_NAME:
-        safe = safe[-LONGEST_NAME:] + hashlib.sha256(frame_name.encode()).hexdigest()[:16]
+    if len(safe) > LONGEST_SHARD_NAME:
+        safe = safe[-LONGEST_SHARD_NAME:] + hashlib.sha256(frame_name.encode()).hexdigest()[:16]
     return parts_folder(path) / f"{safe}.h5"
 
 

@@ -1,4 +1,4 @@
-"""Where closing fingers touch a mesh: exact intersections of two rays with its triangles.
+"""Contacts of closing fingers with a mesh: exact intersections of two rays with its triangles.
 
 The two fingers start half the opening away from the grasp's midpoint and move towards it along
 the closing axis; each stops at the first surface, or at the midpoint. A finger that starts inside

@@ -10,15 +10,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from pipelines.dataset.symmetry.symmetry_labels import FOUND, ObjectSymmetries
 from pipelines.geometry.symmetry import RotationSymmetry, Symmetry
+from pipelines.pictures.color_images import Color, ColorImage
 from pipelines.storage.files import write_image, write_text
 from pipelines.storage.pages import rendered
-
-Picture = NDArray[np.uint8]
-Color = tuple[int, int, int]
 
 SHEET_COLUMNS, SHEET_ROWS = 4, 6
 CAPTION, GAP, TITLE = 62, 10, 44  # pixels
@@ -40,7 +37,7 @@ class Tile:
     """One object: its views (h, w, 3) RGB, its annotation, and where its picture is kept."""
 
     name: str
-    views: Picture
+    views: ColorImage
     labels: ObjectSymmetries
     picture: str  # path relative to the sheets' folder
 
@@ -65,7 +62,7 @@ def write_sheets(folder: Path, tiles: Sequence[Tile]) -> list[Path]:
     return paths
 
 
-def draw_sheet(tiles: Sequence[Tile], title: str, first_rank: int = 1) -> Picture:
+def draw_sheet(tiles: Sequence[Tile], title: str, first_rank: int = 1) -> ColorImage:
     """Return one page (H, W, 3) RGB of at most SHEET_COLUMNS x SHEET_ROWS `tiles`."""
     height, width = tiles[0].views.shape[:2]
     step_x, step_y = width + GAP, height + CAPTION + GAP
@@ -115,7 +112,7 @@ def facts(labels: ObjectSymmetries) -> str:
     return symmetry_words(labels.symmetries) + ("" if worst is None else f", error {worst:.4f}")
 
 
-def _caption(tile: Tile, rank: int, width: int) -> Picture:
+def _caption(tile: Tile, rank: int, width: int) -> ColorImage:
     strip = np.full((CAPTION * FINE, width * FINE, 3), 255, np.uint8)
     color = _doubt_color(tile.doubt)
     known = tile.labels.doubt is not None
@@ -132,7 +129,7 @@ def _caption(tile: Tile, rank: int, width: int) -> Picture:
     return _averaged(strip)
 
 
-def _title(text: str, width: int) -> Picture:
+def _title(text: str, width: int) -> ColorImage:
     strip = np.full((TITLE * FINE, width * FINE, 3), 235, np.uint8)
     _write(strip, text, (GAP, 29), 0.6, INK, room=420, bold=True)
     _write(strip, LEGEND, (440, 28), 0.45, GREY, room=width - 450)
@@ -140,7 +137,7 @@ def _title(text: str, width: int) -> Picture:
 
 
 def _write(
-    strip: Picture, text: str, place: tuple[int, int], scale: float, color: Color,
+    strip: ColorImage, text: str, place: tuple[int, int], scale: float, color: Color,
     *, room: int, bold: bool = False,
 ) -> None:  # fmt: skip
     """Write `text` at `place`, cut off so that it fits `room` pixels."""
@@ -158,7 +155,7 @@ def _write(
     cv2.putText(strip, cut, at, font, scale * FINE, color, FINE, cv2.LINE_AA)
 
 
-def _averaged(strip: Picture) -> Picture:
+def _averaged(strip: ColorImage) -> ColorImage:
     size = (strip.shape[1] // FINE, strip.shape[0] // FINE)
     return np.asarray(cv2.resize(strip, size, interpolation=cv2.INTER_AREA), np.uint8)
 

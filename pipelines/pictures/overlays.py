@@ -23,11 +23,9 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT, Symmetry, SymmetrySlots
 from pipelines.geometry.transforms import unit
 from pipelines.grasp_files.grasps_file import FrameResult
+from pipelines.pictures.color_images import Color, ColorImage
 from pipelines.storage.files import write_bytes
 from pipelines.storage.provenance import COMPARED, Stamp
-
-Picture = NDArray[np.uint8]
-Color = tuple[int, int, int]
 
 COLORS: dict[str, Color] = {  # RGB, by source of the grasp
     "network": (60, 255, 90),
@@ -69,7 +67,7 @@ def is_drawn(path: Path, stamp: Stamp) -> bool:
     return isinstance(found, dict) and all(found.get(key) == wanted[key] for key in COMPARED)
 
 
-def draw_overlay(frame: Frame, result: FrameResult) -> Picture:
+def draw_overlay(frame: Frame, result: FrameResult) -> ColorImage:
     """Return the picture (H, W, 3) RGB of a frame with all that was found in it."""
     picture = np.ascontiguousarray(frame.color).copy()
     thick = max(1, round(picture.shape[1] / 640))
@@ -87,7 +85,7 @@ def draw_overlay(frame: Frame, result: FrameResult) -> Picture:
 
 
 def _draw_gripper(
-    picture: Picture, camera: Intrinsics, result: FrameResult, grasp: int, thick: int
+    picture: ColorImage, camera: Intrinsics, result: FrameResult, grasp: int, thick: int
 ) -> None:
     table = result.grasps
     rotation, middle = table.rotation[grasp].astype(float), table.translation[grasp].astype(float)
@@ -110,7 +108,7 @@ def _draw_gripper(
 
 
 def _draw_symmetries(
-    picture: Picture, frame: Frame, result: FrameResult, region: int, mask: NDArray[np.bool_]
+    picture: ColorImage, frame: Frame, result: FrameResult, region: int, mask: NDArray[np.bool_]
 ) -> None:
     table = result.regions
     slots = SymmetrySlots(
@@ -137,7 +135,7 @@ def _is_known(slots: SymmetrySlots, slot: int) -> bool:
 
 
 def _draw_symmetry(
-    picture: Picture,
+    picture: ColorImage,
     camera: Intrinsics,
     symmetry: Symmetry,
     slot: int,
@@ -161,7 +159,7 @@ def _draw_symmetry(
 
 
 def _draw_plane(
-    picture: Picture,
+    picture: ColorImage,
     camera: Intrinsics,
     plane: Symmetry,
     radius: float,
@@ -194,7 +192,7 @@ def _pixels(camera: Intrinsics, points: Array) -> NDArray[np.int32] | None:
 
 
 def _line(
-    picture: Picture, start: NDArray[np.int32], end: NDArray[np.int32], color: Color, size: int
+    picture: ColorImage, start: NDArray[np.int32], end: NDArray[np.int32], color: Color, size: int
 ) -> None:
     first, second = (int(start[0]), int(start[1])), (int(end[0]), int(end[1]))
     cv2.line(picture, first, second, color, size, cv2.LINE_AA, FIXED_BITS)

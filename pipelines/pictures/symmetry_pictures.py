@@ -26,9 +26,7 @@ from pipelines.geometry.symmetry import (
 )
 from pipelines.geometry.transforms import invert, transform_points
 from pipelines.geometry.viewpoints import camera, oblique_view, symmetry_view
-
-Picture = NDArray[np.uint8]
-Color = tuple[int, int, int]
+from pipelines.pictures.color_images import Color, ColorImage
 
 VIEW = 200  # pixels, a side of each of the two views
 FINE = 2  # everything is drawn this many times as large, then averaged
@@ -66,14 +64,14 @@ class Mark:
 class _View:
     """A rendered view that things are drawn into, at FINE times its size."""
 
-    picture: Picture
+    picture: ColorImage
     hits: Hits
     lens: Intrinsics
     T_cam_mesh: Array
     size: float  # of the object, metres
 
 
-def object_views(mesh: Mesh, labels: ObjectSymmetries, size: int = VIEW) -> Picture:
+def object_views(mesh: Mesh, labels: ObjectSymmetries, size: int = VIEW) -> ColorImage:
     """Return the two views of `labels`' object side by side: (size, 2 size, 3) RGB."""
     marks = marks_of(mesh, labels)
     drawn = [mark.symmetry for mark in marks]
@@ -107,7 +105,7 @@ def marks_of(mesh: Mesh, labels: ObjectSymmetries) -> list[Mark]:
     return marks
 
 
-def triangle_colors(mesh: Mesh, labels: ObjectSymmetries) -> Picture:
+def triangle_colors(mesh: Mesh, labels: ObjectSymmetries) -> ColorImage:
     """Return the colour (f, 3) of each triangle: that of its region."""
     colors = np.full((len(mesh.faces), 3), PLAIN, np.uint8)
     parts = [region for region in labels.regions if len(region.triangles) < len(mesh.faces)]
@@ -119,8 +117,13 @@ def triangle_colors(mesh: Mesh, labels: ObjectSymmetries) -> Picture:
 
 
 def _draw_view(
-    scene: Scene, mesh: Mesh, T_mesh_cam: Array, marks: Sequence[Mark], colors: Picture, size: int
-) -> Picture:
+    scene: Scene,
+    mesh: Mesh,
+    T_mesh_cam: Array,
+    marks: Sequence[Mark],
+    colors: ColorImage,
+    size: int,
+) -> ColorImage:
     lens = camera(FINE * size)
     hits = cast_view(scene, lens, T_mesh_cam)
     view = _View(_shaded(hits, colors), hits, lens, invert(T_mesh_cam), mesh.diagonal)
@@ -137,7 +140,7 @@ def _draw_view(
     )
 
 
-def _shaded(hits: Hits, colors: Picture) -> Picture:
+def _shaded(hits: Hits, colors: ColorImage) -> ColorImage:
     """Return the picture of the surface in `colors` (f, 3), lit from the camera and above it."""
     lamp = np.array([-0.3, -0.5, -0.8]) / np.linalg.norm([0.3, 0.5, 0.8])
     light = 0.45 + 0.35 * np.abs(hits.normal[..., 2]) + 0.25 * np.clip(hits.normal @ lamp, 0, 1)
@@ -249,16 +252,16 @@ def _line(
             )
 
 
-def _tint(picture: Picture, mask: NDArray[np.bool_], color: Color, opacity: float) -> None:
+def _tint(picture: ColorImage, mask: NDArray[np.bool_], color: Color, opacity: float) -> None:
     mixed = (1.0 - opacity) * picture[mask] + opacity * np.array(color)
     picture[mask] = np.rint(mixed).astype(np.uint8)
 
 
-def _dot(picture: Picture, pixel: Array, radius: int, color: Color) -> None:
+def _dot(picture: ColorImage, pixel: Array, radius: int, color: Color) -> None:
     cv2.circle(picture, _fixed(pixel), radius << 3, color, -1, cv2.LINE_AA, 3)
 
 
-def _label(picture: Picture, text: str, pixel: Array, color: Color) -> None:
+def _label(picture: ColorImage, text: str, pixel: Array, color: Color) -> None:
     """Write `text` beside `pixel`, within the picture, on a white halo."""
     (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_DUPLEX, 0.45 * FINE, FINE)
     x = int(np.clip(pixel[0] + 4 * FINE, 0, picture.shape[1] - width - 2))

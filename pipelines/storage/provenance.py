@@ -1,4 +1,4 @@
-"""How an output was made: the stamp every file carries, and whether it is still the right one."""
+"""Stamps: how an output was made, carried in every file, and whether that still holds."""
 
 import dataclasses
 import hashlib

@@ -15,12 +15,13 @@ from pipelines.array_types import Array
 from pipelines.dataset.graspnet.graspnet import SPLITS
 from pipelines.evaluation.graspnet.dump_verdicts import DUMP_STATUSES
 from pipelines.evaluation.tables import Table
+from pipelines.evaluation.tallies import ALL
 from pipelines.metrics.graspnet.graspnet_ap import AP_FRICTIONS, RANKS
 from pipelines.metrics.graspnet.graspnet_frames import DUMP_REASONS
 
 DumpFigures = dict[str, Any]
 
-ALL, TRAIN = "all", "train"
+TRAIN = "train"
 SHOWN = {"ap_0.8": AP_FRICTIONS.index(0.8), "ap_0.4": AP_FRICTIONS.index(0.4)}
 
 

@@ -6,11 +6,11 @@ from typing import Any
 from pipelines.evaluation.graspnet.graspnet_figures import dump_tables, percent, scene_table
 from pipelines.evaluation.pages.charts import LineChart, Series
 from pipelines.evaluation.pages.report_page import REASON_COLORS, TEMPLATES, provenance_table
+from pipelines.evaluation.tallies import ALL
 from pipelines.metrics.graspnet.graspnet_ap import RANKS
 from pipelines.metrics.graspnet.graspnet_frames import DUMP_REASONS
 from pipelines.storage.pages import rendered
 
-ALL = "all"
 CHART_SPLITS = {"seen": "#1668b8", "similar": "#e08a00", "novel": "#2a9d58", "train": "#8e5bb5"}
 FRICTION_COLORS = ("#0b3c6f", "#1668b8", "#5a9bd8", "#e6a817", "#e08a00", "#d0492f")
 REACHABLE = "if all its grasps held"

@@ -16,7 +16,7 @@ KINDS = {"F": "f", "I": "i", "U": "u"}
 FORMS = ("ascii", "binary", "binary_compressed")
 LARGEST = 10**8  # points
 MOST_VALUES = 1024  # of a field; histograms have some hundreds
-WHOLE = "copy the whole file again"
+INTEGERS = "copy the whole file again"
 
 
 @dataclass(frozen=True)
@@ -87,11 +87,11 @@ def _header(path: Path, content: bytes) -> Header:
 def _text_columns(path: Path, header: Header, body: bytes) -> dict[str, NDArray[Any]]:
     lines = [line for line in body.decode("latin1").splitlines() if line.strip()]
     if len(lines) != header.count:
-        raise FormatError(path, f"has {len(lines)} points, {header.count} are announced", WHOLE)
+        raise FormatError(path, f"has {len(lines)} points, {header.count} are announced", INTEGERS)
     try:
         rows = np.loadtxt(lines, dtype=np.float64, ndmin=2, comments=None)
     except (ValueError, TypeError) as error:
-        raise FormatError(path, f"has a line that is no point ({error})", WHOLE) from error
+        raise FormatError(path, f"has a line that is no point ({error})", INTEGERS) from error
     ends = np.cumsum([count for _name, _kind, count in header.fields])
     if rows.shape != (header.count, ends[-1]):
         found = f"has {rows.shape[0]} points of {rows.shape[1]} values"
@@ -111,7 +111,7 @@ def _columns(path: Path, header: Header, body: bytes) -> dict[str, NDArray[Any]]
         )
         points = np.frombuffer(body, point, header.count)
     except ValueError as error:  # a name twice, or too few bytes
-        raise FormatError(path, f"does not hold its points ({error})", WHOLE) from error
+        raise FormatError(path, f"does not hold its points ({error})", INTEGERS) from error
     return {name: points[name] for name in names}
 
 
@@ -119,7 +119,7 @@ def _columns_in_turn(path: Path, header: Header, body: bytes) -> dict[str, NDArr
     """Return the columns of compressed points: each field of all points, one after the other."""
     needed = sum(header.count * count * kind.itemsize for _name, kind, count in header.fields)
     if len(body) < needed:
-        raise FormatError(path, f"holds {len(body)} bytes of points, not {needed}", WHOLE)
+        raise FormatError(path, f"holds {len(body)} bytes of points, not {needed}", INTEGERS)
     columns, at = {}, 0
     for name, kind, count in header.fields:
         columns[name] = np.frombuffer(body, kind, header.count * count, at)
@@ -129,9 +129,9 @@ def _columns_in_turn(path: Path, header: Header, body: bytes) -> dict[str, NDArr
 
 def _unpacked(path: Path, body: bytes) -> bytes:
     if len(body) < 8:
-        raise FormatError(path, "this cloud is cut off", WHOLE)
+        raise FormatError(path, "this cloud is cut off", INTEGERS)
     packed, unpacked = (int(size) for size in np.frombuffer(body, "<u4", 2))
     try:
         return decompress(body[8 : 8 + packed], unpacked)
     except SymgraspError as error:
-        raise FormatError(path, str(error), WHOLE) from error
+        raise FormatError(path, str(error), INTEGERS) from error

@@ -1,4 +1,4 @@
-"""What a layout of RGB-D frames is."""
+"""A layout of RGB-D frames: its name, its files, and the function that finds frames in it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Where straight lines cross the surface of a mesh, one crossing behind the other."""
+"""Crossings of straight lines with the surface of a mesh, one behind the other."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ MAX_CROSSINGS = 64  # of one line; what a gripper may hold has far fewer
 
 @dataclass(frozen=True)
 class Crossings:
-    """What lines cross on their way.
+    """Crossings of lines with a surface, nearest first.
 
     Attributes:
         distance: (n, k) metres from each line's start, ascending; inf where there is no more.

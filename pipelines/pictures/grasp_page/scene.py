@@ -1,4 +1,4 @@
-"""What a page draws of a frame: numbers for the viewer, as one JSON object.
+"""Drawing of a frame for the viewer: all its numbers as one JSON object.
 
 Camera frame, metres. Arrays are base64 of their little-endian bytes.
 """

@@ -9,7 +9,7 @@ from pipelines.geometry.numerics.single_precision import single_precision_grid
 from pipelines.geometry.rendering import first_hits
 from pipelines.geometry.transforms import make_pose, random_rotation, unit
 from pipelines.grasp_files.gripper_files import load_gripper
-from pipelines.grasping.grasps import Grasps, to_graspnet
+from pipelines.grasping.grasps import GraspPoses, to_graspnet
 from pipelines.metrics.contacts import close_fingers
 from pipelines.metrics.force_closure import min_friction, on_grid
 from pipelines.metrics.graspnet.graspnet_ap import AP_FRICTIONS
@@ -102,17 +102,17 @@ def _frames(meshes: dict[str, Mesh], rng: np.random.Generator) -> Measurement:
     return Measurement("frames of GraspNet's AP", rate, "1/CPU s", note)
 
 
-def _grasps(mesh: Mesh, kind: str, rng: np.random.Generator) -> Grasps:
+def _grasps(mesh: Mesh, kind: str, rng: np.random.Generator) -> GraspPoses:
     """Return grasps across the mesh, nearly antipodal, or as GraspNet's labels: at any angle."""
     points, normals, _ = sample_surface(mesh, NUM_GRASPS, rng)
     if kind == "label":
         rotation = np.stack([random_rotation(rng) for _ in range(NUM_GRASPS)])
         depth = rng.integers(1, 5, (NUM_GRASPS, 1)) * 0.01
         opening = rng.uniform(0.02, 0.1, NUM_GRASPS)
-        return Grasps(rotation, points + depth * rotation[:, :, 0], opening)
+        return GraspPoses(rotation, points + depth * rotation[:, :, 0], opening)
     closing = unit(-normals + 0.1 * rng.normal(size=points.shape))
     across = first_hits(mesh, points + 1e-5 * closing, closing)[0]
     across = np.where(np.isfinite(across), across, 0.0)
     far = points + across[:, None] * closing
-    grasps = Grasps.from_contacts(np.stack([points, far], 1), rng.normal(size=points.shape))
-    return Grasps(grasps.rotation, grasps.translation, np.minimum(grasps.width + 0.02, 0.1))
+    grasps = GraspPoses.from_contacts(np.stack([points, far], 1), rng.normal(size=points.shape))
+    return GraspPoses(grasps.rotation, grasps.translation, np.minimum(grasps.width + 0.02, 0.1))

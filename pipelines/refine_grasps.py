@@ -35,7 +35,7 @@ from pipelines.dataset.training import affordance_labels
 from pipelines.dataset.training.affordance_labels import AffordanceLabels, RefinementCounts
 from pipelines.errors import MissingInputError, SymgraspError
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.rated_grasps import BestOfPlaces, GraspSample, RatedGrasps
 from pipelines.mesh_symmetry.detection.surface import Surface
 from pipelines.refinement.copies import PLACE_SHARE, Copier, closed_contacts
@@ -137,10 +137,10 @@ def _closed(mesh: Mesh, holding: LabelledGrasps) -> RatedGrasps:
     """Return those of `holding` whose fingers both meet the mesh, with exact contacts."""
     rotation = _orthonormal(holding.rotation.astype(np.float64))
     tips = holding.origin + holding.depth[:, None].astype(np.float64) * rotation[:, :, 0]
-    opened = Grasps(rotation, tips, holding.opening.astype(np.float64))
+    opened = GraspPoses(rotation, tips, holding.opening.astype(np.float64))
     pairs, index = closed_contacts(mesh, opened)[:2]
     quality = 1.0 - holding.min_friction[index].astype(np.float64).round(6)
-    return RatedGrasps(Grasps.from_contacts(pairs, opened.approach[index]), quality)
+    return RatedGrasps(GraspPoses.from_contacts(pairs, opened.approach[index]), quality)
 
 
 def _orthonormal(rotation: Array) -> Array:

@@ -22,7 +22,8 @@ class FoundSymmetry:
         region: index of its region in `Grasps.regions`.
         slot: one of the network's five: 0 to 2 mirror planes, 3 rotation axis, 4 sphere.
         kind: `reflection`, `rotation` or `sphere`.
-        confidence: 0 to 1.
+        existence: 0 to 1, the network's probability that the region has it; nan without one.
+        confidence: 0 to 1, the belief after its fit to the seen surface.
         point: (3,) float32 metres, on the plane or the axis, or the sphere's centre.
         direction: (3,) float32 unit, the plane's normal or the axis; nan of a sphere.
     """
@@ -30,6 +31,7 @@ class FoundSymmetry:
     region: int
     slot: int
     kind: Kind
+    existence: float
     confidence: float
     point: NDArray[np.float32]
     direction: NDArray[np.float32]
@@ -112,6 +114,7 @@ def _symmetries(table: RegionTable, place: int) -> tuple[FoundSymmetry, ...]:
             place,
             slot,
             slot_kind(slot),
+            float(table.existence[place, slot]),
             float(confidence[slot]),
             point[slot],
             table.symmetry_direction[place, slot],

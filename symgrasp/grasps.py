@@ -12,7 +12,7 @@ from pipelines.errors import SymgraspError, UnknownNameError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.transforms import nearest_orthogonal
 from pipelines.grasp_files.grasps_file import FrameResult, GraspTable
-from pipelines.grasping import grasps as double_precision
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.gripper_poses import CLOSING_ALONG_X, CLOSING_ALONG_Y, gripper_poses
 from symgrasp.found import FoundRegion, FoundSymmetry, regions_of
@@ -209,7 +209,7 @@ def _base_poses(
 ) -> Array:
     if convention not in BASE_AXES:
         raise UnknownNameError("convention", convention, BASE_AXES)
-    exact = double_precision.Grasps.unchecked(
+    exact = GraspPoses.unchecked(
         nearest_orthogonal(rotation), translation.astype(np.float64), np.zeros(len(rotation))
     )
     return gripper_poses(exact, gripper.base_to_contacts, BASE_AXES[convention])

@@ -23,7 +23,7 @@ from pipelines.evaluation.truth import TruthReader
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.geometry.rendering import first_hits
 from pipelines.grasp_files.gripper_files import load_gripper
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.metrics.grasp_verdicts import TrueScene, qualities
 from pipelines.storage.provenance import read_stamp
@@ -66,7 +66,7 @@ def best_quality(scene: TrueScene, object_id: int, gripper: Gripper) -> float:
     best = 0.0
     for start in range(0, len(pairs), AT_ONCE):
         some = pairs[start : start + AT_ONCE]
-        upright = Grasps.from_contacts(some, np.broadcast_to([0.0, 0.0, 1.0], (len(some), 3)))
+        upright = GraspPoses.from_contacts(some, np.broadcast_to([0.0, 0.0, 1.0], (len(some), 3)))
         pair, angle = np.divmod(np.arange(len(some) * ANGLES), ANGLES)
         hands = upright.at_approach_angles(pair, angle * (2 * np.pi / ANGLES))
         found = qualities(scene, object_id, hands.transformed(scene.poses[object_id]), gripper)

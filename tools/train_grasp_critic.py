@@ -25,7 +25,7 @@ from pipelines.evaluation.truth import TruthReader
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.feasibility.feasibility import Feasibility
 from pipelines.grasping.feasibility.opening_margin import with_opening_margin
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.planner import RegionPlanner
 from pipelines.grasping.ranking import critic_files
 from pipelines.grasping.ranking.grasp_features import GraspFeatures
@@ -56,7 +56,7 @@ class Recorder:
 
 def feasible_hands(
     regions: list[SeenRegion], rng: np.random.Generator
-) -> Iterator[tuple[SeenRegion, GraspFeatures, Grasps]]:
+) -> Iterator[tuple[SeenRegion, GraspFeatures, GraspPoses]]:
     """Yield the feasible hands of each region and round, as the critic sees them, and as used."""
     selection, scene = INFER.selection, regions[0].scene
     critic, cap = models.plane_critic(models.PLANE_CRITIC_WEIGHTS), selection.ranking.clearance_cap

@@ -7,7 +7,7 @@ import numpy as np
 from pipelines.array_types import Mask
 from pipelines.geometry.symmetry import SPHERE_SLOT
 from pipelines.grasp_files.grasps_file import FrameResult, RegionTable
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
 
@@ -22,7 +22,7 @@ class RowPredictions:
         symmetries: camera frame; None for a method that predicts none.
     """
 
-    best: list[Grasps]
+    best: list[GraspPoses]
     rank_score: list[float]
     symmetries: list[RegionSymmetries] | None = None
 
@@ -57,11 +57,11 @@ class FramePredictions:
     def from_result(cls, result: FrameResult) -> "FramePredictions":
         """Return one frame of a `grasps.h5`."""
         regions, grasps = result.regions, result.grasps
-        best: list[Grasps] = [Grasps.empty() for _ in range(len(regions))]
+        best: list[GraspPoses] = [GraspPoses.empty() for _ in range(len(regions))]
         score = [-np.inf] * len(regions)
         for i in np.flatnonzero(grasps.is_best).tolist():
             region = int(grasps.region[i])
-            best[region] = Grasps(grasps.rotation[i], grasps.translation[i], grasps.width[i])
+            best[region] = GraspPoses(grasps.rotation[i], grasps.translation[i], grasps.width[i])
             score[region] = float(grasps.rank_score[i])
         symmetries = [_symmetries(regions, region) for region in range(len(regions))]
         return cls(

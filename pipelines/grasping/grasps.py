@@ -34,7 +34,7 @@ PARALLEL = 1e-6  # sine below which an approach runs along the contact line
 
 
 @dataclass(frozen=True)
-class Grasps:
+class GraspPoses:
     """Any number of grasps in one frame.
 
     Attributes:
@@ -61,7 +61,7 @@ class Grasps:
             object.__setattr__(self, name, value)
 
     @classmethod
-    def unchecked(cls, rotation: Array, translation: Array, width: Array) -> "Grasps":
+    def unchecked(cls, rotation: Array, translation: Array, width: Array) -> "GraspPoses":
         """Return the grasps with these float64 attributes, which are known to be sound."""
         grasps = object.__new__(cls)
         for name, value in (("rotation", rotation), ("translation", translation), ("width", width)):
@@ -69,12 +69,12 @@ class Grasps:
         return grasps
 
     @classmethod
-    def empty(cls) -> "Grasps":
+    def empty(cls) -> "GraspPoses":
         """Return no grasps."""
         return cls(np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros(0))
 
     @classmethod
-    def from_contacts(cls, contacts: ArrayLike, approach: ArrayLike) -> "Grasps":
+    def from_contacts(cls, contacts: ArrayLike, approach: ArrayLike) -> "GraspPoses":
         """Return the grasps with `contacts` (n, 2, 3) along `approach` (n, 3).
 
         Only the part of `approach` perpendicular to the contact line counts; where there is none,
@@ -97,7 +97,7 @@ class Grasps:
         return cls.unchecked(rotation, 0.5 * (pair[:, 0] + pair[:, 1]), width)
 
     @classmethod
-    def concatenate(cls, parts: Sequence["Grasps"]) -> "Grasps":
+    def concatenate(cls, parts: Sequence["GraspPoses"]) -> "GraspPoses":
         """Return all grasps of `parts`, in order."""
         if not parts:
             return cls.empty()
@@ -110,7 +110,7 @@ class Grasps:
     def __len__(self) -> int:
         return len(self.width)
 
-    def __getitem__(self, index: Index) -> "Grasps":
+    def __getitem__(self, index: Index) -> "GraspPoses":
         # What was checked is not checked again: a region's grasps are cut up some 30 times.
         return self.unchecked(self.rotation[index], self.translation[index], self.width[index])
 
@@ -135,7 +135,7 @@ class Grasps:
         half = 0.5 * self.width[:, None] * self.closing
         return np.stack([self.translation - half, self.translation + half], 1)
 
-    def at_approach_angles(self, index: Index, angle: Array) -> "Grasps":
+    def at_approach_angles(self, index: Index, angle: Array) -> "GraspPoses":
         """Return the grasps `index` (m,), each turned by its `angle` (m,) about its contact line.
 
         At angle 0 a grasp is as given; a positive angle turns its approach toward the binormal.
@@ -148,7 +148,7 @@ class Grasps:
         rotation[:, :, 2] = c * binormal - s * approach
         return self.unchecked(rotation, self.translation[index], self.width[index])
 
-    def transformed(self, T: ArrayLike) -> "Grasps":
+    def transformed(self, T: ArrayLike) -> "GraspPoses":
         """Return the grasps moved by the (4, 4) transform `T`."""
         return replace(
             self,
@@ -169,7 +169,7 @@ def are_rotations(matrices: Array) -> bool:
 
 
 def to_graspnet(
-    grasps: Grasps,
+    grasps: GraspPoses,
     rank: ArrayLike,
     *,
     opening: ArrayLike | None = None,
@@ -197,9 +197,9 @@ def to_graspnet(
     return rows
 
 
-def from_graspnet(rows: ArrayLike, *, tip_reach: float = 0.0) -> Grasps:
+def from_graspnet(rows: ArrayLike, *, tip_reach: float = 0.0) -> GraspPoses:
     """Return the grasps of graspnetAPI's `rows` (n, 17); `width` is then the opening."""
     rows = np.asarray(rows, np.float64).reshape(-1, 17)
     rotation = rows[:, 4:13].reshape(-1, 3, 3)
     forward = (rows[:, 3] - tip_reach)[:, None] * rotation[:, :, 0]
-    return Grasps(rotation, rows[:, 13:16] + forward, rows[:, 1])
+    return GraspPoses(rotation, rows[:, 13:16] + forward, rows[:, 1])

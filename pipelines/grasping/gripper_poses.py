@@ -10,7 +10,7 @@ are in use; both have z = approach, and differ by a quarter turn about it:
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 
 Array = NDArray[np.float64]
 
@@ -19,7 +19,7 @@ CLOSING_ALONG_X = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 CLOSING_ALONG_Y = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
 
 
-def gripper_poses(grasps: Grasps, base_to_contacts: float, axes: Array) -> Array:
+def gripper_poses(grasps: GraspPoses, base_to_contacts: float, axes: Array) -> Array:
     """Return (n, 4, 4) poses: base of the hand to the frame of `grasps`.
 
     Args:

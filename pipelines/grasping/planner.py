@@ -22,7 +22,7 @@ from pipelines.grasping.candidates.symmetric import symmetric_candidates
 from pipelines.grasping.feasibility.feasibility import Feasibility
 from pipelines.grasping.feasibility.opening_margin import with_opening_margin
 from pipelines.grasping.feasibility.visibility import visible_fraction
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.ranking.known_region import KnownRegion
@@ -219,7 +219,7 @@ class RegionPlanner:
 
         Pairs are tried in rounds, the most stable first, until a round has feasible grasps.
         """
-        base = Grasps.from_contacts(candidates.contacts, candidates.approach)
+        base = GraspPoses.from_contacts(candidates.contacts, candidates.approach)
         stability = candidates.quality * _centredness(base, region)
         order = np.argsort(-stability, kind="stable")
         grasps, row = feasibility.reachable(base[order], candidates.angles)
@@ -239,7 +239,7 @@ class RegionPlanner:
         self,
         candidates: GraspCandidates,
         pair: Indices,
-        grasps: Grasps,
+        grasps: GraspPoses,
         enclosed: Array,
         feasibility: Feasibility,
     ) -> RankedGrasps:
@@ -281,7 +281,7 @@ class RegionPlanner:
         ]
 
 
-def _centredness(grasps: Grasps, region: RegionCloud) -> Array:
+def _centredness(grasps: GraspPoses, region: RegionCloud) -> Array:
     """Return (n,) 1 for grasps about the region's middle, less toward its rim."""
     centre = region.middle
     radius = quantiles(np.linalg.norm(region.points - centre, axis=1), MOST)

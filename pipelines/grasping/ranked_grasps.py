@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.array_types import Array, Indices
-from pipelines.grasping.grasps import Grasps, Index
+from pipelines.grasping.grasps import GraspPoses, Index
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class RankedGrasps:
             where the camera does not see (D. 68).
     """
 
-    grasps: Grasps
+    grasps: GraspPoses
     affordance: Array
     slot: Indices
     source: NDArray[np.str_]
@@ -37,7 +37,9 @@ class RankedGrasps:
     def empty(cls) -> "RankedGrasps":
         """Return no grasps."""
         zero = np.zeros(0)
-        return cls(Grasps.empty(), zero, np.zeros(0, np.int64), np.zeros(0, "U7"), zero, zero, zero)
+        return cls(
+            GraspPoses.empty(), zero, np.zeros(0, np.int64), np.zeros(0, "U7"), zero, zero, zero
+        )
 
     @classmethod
     def concatenate(cls, parts: Sequence["RankedGrasps"]) -> "RankedGrasps":
@@ -46,7 +48,7 @@ class RankedGrasps:
             np.concatenate([getattr(part, field.name) for part in parts])
             for field in fields(cls)[1:]
         ]
-        return cls(Grasps.concatenate([part.grasps for part in parts]), *columns)
+        return cls(GraspPoses.concatenate([part.grasps for part in parts]), *columns)
 
     def __len__(self) -> int:
         return len(self.grasps)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.grasping.grasps import Grasps, Index
+from pipelines.grasping.grasps import GraspPoses, Index
 from pipelines.grasping.symmetrize import CELL_FACTORS, cell_numbers
 
 Array = NDArray[np.float64]
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 class RatedGrasps:
     """Grasps with exact contacts, and `quality` (n,) = 1 - smallest friction coefficient."""
 
-    grasps: Grasps
+    grasps: GraspPoses
     quality: Array
 
     def __len__(self) -> int:
@@ -28,13 +28,13 @@ class RatedGrasps:
     @classmethod
     def empty(cls) -> "RatedGrasps":
         """Return no grasps."""
-        return cls(Grasps.empty(), np.zeros(0))
+        return cls(GraspPoses.empty(), np.zeros(0))
 
     @classmethod
     def concatenate(cls, parts: Sequence["RatedGrasps"]) -> "RatedGrasps":
         """Return all grasps of `parts`, in order."""
         quality = [np.zeros(0), *(part.quality for part in parts)]
-        return cls(Grasps.concatenate([part.grasps for part in parts]), np.concatenate(quality))
+        return cls(GraspPoses.concatenate([part.grasps for part in parts]), np.concatenate(quality))
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class GraspSample:
             return RatedGrasps.empty()
         pairs = self._merge()
         return RatedGrasps(
-            Grasps.from_contacts(pairs.contacts.astype(np.float64), pairs.approach),
+            GraspPoses.from_contacts(pairs.contacts.astype(np.float64), pairs.approach),
             pairs.quality.astype(np.float64).round(6),
         )
 

@@ -22,7 +22,7 @@ from pipelines.geometry.symmetry import (
     Symmetry,
 )
 from pipelines.geometry.transforms import make_pose, rotation_about, transform_points
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 
 # A mirrored gripper is left-handed; with its fingers renamed it is a gripper again.
 SWAP_FINGERS = np.diag([1.0, -1.0, 1.0])
@@ -45,7 +45,7 @@ MAX_COPIES = MAX_GROUP // 4  # of a turn: with a plane across the axis and one a
 CELL_SLACK = 0.9  # cells a little smaller than the merge distance, so that rounding cannot matter
 
 
-def image(grasps: Grasps, isometry: ArrayLike) -> Grasps:
+def image(grasps: GraspPoses, isometry: ArrayLike) -> GraspPoses:
     """Return `grasps` under an `isometry` (4, 4) that maps the object onto itself, same frame.
 
     Under a reflection the approach is mirrored and the fingers trade places, so each rotation
@@ -124,13 +124,13 @@ def _about(matrices: Array, point: Array) -> Array:
 
 
 def copies_under(
-    grasps: Grasps,
+    grasps: GraspPoses,
     group: Array,
     *,
     merge_distance: float,
     max_copies: int,
     rng: np.random.Generator,
-) -> tuple[Grasps, Indices]:
+) -> tuple[GraspPoses, Indices]:
     """Return copies of `grasps` under the transforms `group` (k, 4, 4), and their originals (m,).
 
     A copy whose contacts lie within `merge_distance` metres of a grasp's, or of another copy's, is
@@ -143,7 +143,7 @@ def copies_under(
     else:
         chosen = [np.sort(rng.choice(len(grasps), share, replace=False)) for _ in group]
     parts = [image(grasps[index], T) for index, T in zip(chosen, group, strict=True)]
-    copies, origin = Grasps.concatenate(parts), np.concatenate([origin[:0], *chosen])
+    copies, origin = GraspPoses.concatenate(parts), np.concatenate([origin[:0], *chosen])
     if not len(copies):
         return copies, origin
     fresh = np.flatnonzero(~_near(copies, grasps, merge_distance))
@@ -151,7 +151,7 @@ def copies_under(
     return copies[fresh], origin[fresh]
 
 
-def distinct(grasps: Grasps, merge_distance: float) -> Indices:
+def distinct(grasps: GraspPoses, merge_distance: float) -> Indices:
     """Return the indices of the first grasp of each group with the same contacts, ascending."""
     numbers = cell_numbers(grasps.contacts, merge_distance)
     return np.sort(np.unique(numbers, return_index=True)[1])
@@ -170,7 +170,7 @@ def cell_numbers(contacts: Array, merge_distance: float) -> NDArray[np.uint64]:
     return np.asarray((cells.astype(np.uint64) * CELL_FACTORS).sum(axis=1, dtype=np.uint64))
 
 
-def _near(grasps: Grasps, others: Grasps, distance: float) -> NDArray[np.bool_]:
+def _near(grasps: GraspPoses, others: GraspPoses, distance: float) -> NDArray[np.bool_]:
     """Return which `grasps` have the contacts of one of `others`, fingers in either order."""
     tree = KDTree(others.contacts.reshape(-1, 6))
     found = np.zeros(len(grasps), dtype=bool)

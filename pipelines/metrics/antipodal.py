@@ -8,7 +8,7 @@ grasp and 0 for a useless one.
 import numpy as np
 
 from pipelines.array_types import Array, Mask
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.metrics.contacts import Contacts
 
@@ -25,7 +25,7 @@ def contact_pair_score(contacts: Contacts) -> Array:
 def closing_region_score(
     points: Array,
     normals: Array,
-    grasps: Grasps,
+    grasps: GraspPoses,
     gripper: Gripper,
     foreign_points: Array | None = None,
 ) -> Array:
@@ -51,7 +51,7 @@ def closing_region_score(
     return scores
 
 
-def _closing_regions(grasps: Grasps, gripper: Gripper) -> Array:
+def _closing_regions(grasps: GraspPoses, gripper: Gripper) -> Array:
     """Return (n, 2, 3) low and high corners, grasp frame, of what the fingers sweep."""
     fingers = gripper.boxes(grasps.width)[:, :2]
     regions = fingers[:, 0].copy()

@@ -14,7 +14,7 @@ from pipelines.array_types import Array, Mask
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.rendering import first_hits
 from pipelines.geometry.transforms import unit
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 
 TRAVEL_SLACK = 1e-9  # metres; a surface exactly at the midpoint is still reached
 
@@ -41,7 +41,7 @@ class Contacts:
         return np.asarray(-np.einsum("nki,nki->nk", self.normals, towards))
 
 
-def close_fingers(mesh: Mesh, grasps: Grasps, opening: ArrayLike) -> Contacts:
+def close_fingers(mesh: Mesh, grasps: GraspPoses, opening: ArrayLike) -> Contacts:
     """Return the contacts of `grasps` on `mesh`, both in one frame, metres.
 
     `opening`: (n,) or one number, distance of the fingers before they close.

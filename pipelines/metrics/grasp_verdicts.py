@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pipelines.array_types import Array
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import invert, transform_points
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.metrics.antipodal import closing_region_score, contact_pair_score
 from pipelines.metrics.contacts import Contacts, close_fingers
@@ -59,7 +59,7 @@ class Verdict:
     antipodal_region: float = 0.0
 
 
-def grasp_verdict(scene: TrueScene, object_id: int, grasp: Grasps, gripper: Gripper) -> Verdict:
+def grasp_verdict(scene: TrueScene, object_id: int, grasp: GraspPoses, gripper: Gripper) -> Verdict:
     """Return the verdict on one `grasp`, camera frame, that is meant for `object_id`.
 
     A grasp in collision or too wide has quality 0 and region score 0; its contacts are scored
@@ -83,7 +83,7 @@ def grasp_verdict(scene: TrueScene, object_id: int, grasp: Grasps, gripper: Grip
     )
 
 
-def qualities(scene: TrueScene, object_id: int, grasps: Grasps, gripper: Gripper) -> Array:
+def qualities(scene: TrueScene, object_id: int, grasps: GraspPoses, gripper: Gripper) -> Array:
     """Return (n,) the quality of `grasp_verdict` of n `grasps`, camera frame, all at once."""
     return _outcomes(scene, object_id, grasps, gripper).quality
 
@@ -103,7 +103,7 @@ class _Outcomes:
         return quality(self.friction, self.too_wide | self.colliding)
 
 
-def _outcomes(scene: TrueScene, object_id: int, grasps: Grasps, gripper: Gripper) -> _Outcomes:
+def _outcomes(scene: TrueScene, object_id: int, grasps: GraspPoses, gripper: Gripper) -> _Outcomes:
     local = grasps.transformed(invert(scene.poses[object_id]))
     mesh = scene.objects[object_id].mesh
     contacts = close_fingers(mesh, local, gripper.opening(local.width))
@@ -115,7 +115,7 @@ def _outcomes(scene: TrueScene, object_id: int, grasps: Grasps, gripper: Gripper
     )
 
 
-def collides(scene: TrueScene, grasps: Grasps, gripper: Gripper) -> NDArray[np.bool_]:
+def collides(scene: TrueScene, grasps: GraspPoses, gripper: Gripper) -> NDArray[np.bool_]:
     """Return (n,) whether the open gripper touches any object or the table; camera frame."""
     hit = hits_table(grasps, gripper, scene.T_table_cam)
     for object_id, pose in scene.poses.items():

@@ -7,7 +7,7 @@ from pipelines.array_types import Array, Mask
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.rendering import first_hits
 from pipelines.geometry.transforms import transform_points
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 
 
@@ -28,7 +28,7 @@ class MeshCollider:
         model.endModel()
         self._object = fcl.CollisionObject(model, fcl.Transform())
 
-    def hits(self, grasps: Grasps, gripper: Gripper) -> Mask:
+    def hits(self, grasps: GraspPoses, gripper: Gripper) -> Mask:
         """Return (n,) whether any box of the open `gripper` touches the mesh or lies in it.
 
         `grasps`: in the frame of the mesh, metres.
@@ -61,7 +61,7 @@ class MeshCollider:
         return np.asarray((triangle >= 0) & leaves)
 
 
-def hits_table(grasps: Grasps, gripper: Gripper, T_table_grasps: Array) -> Mask:
+def hits_table(grasps: GraspPoses, gripper: Gripper, T_table_grasps: Array) -> Mask:
     """Return (n,) whether any box of the open `gripper` reaches below the table.
 
     `T_table_grasps`: from the frame of `grasps` to the table's, whose top is z = 0, z up.

@@ -11,7 +11,7 @@ from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.symmetry import Symmetry
 from pipelines.grasping.affordance import point_affordance
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.rated_grasps import BestOfPlaces, RatedGrasps
 from pipelines.grasping.symmetrize import copies_under, image, symmetry_group
 from pipelines.mesh_symmetry.detection.surface import Surface
@@ -125,13 +125,13 @@ def _validated(copies: RatedGrasps, mesh: Mesh, config: RefineGraspsConfig) -> R
     within the same distance of it. Friction is rounded up to the grid of the labels.
     """
     gap, grasps = config.max_surface_gap, copies.grasps
-    opened = Grasps(grasps.rotation, grasps.translation, grasps.width + 2.0 * gap)
+    opened = GraspPoses(grasps.rotation, grasps.translation, grasps.width + 2.0 * gap)
     pairs, index, friction = closed_contacts(mesh, opened)
     friction = on_grid(friction)
     moved = np.linalg.norm(pairs - grasps.contacts[index], axis=2).max(axis=1, initial=0.0)
     kept = (moved <= gap) & (friction <= config.max_friction)
     approach = grasps.approach[index[kept]]
-    return RatedGrasps(Grasps.from_contacts(pairs[kept], approach), 1.0 - friction[kept])
+    return RatedGrasps(GraspPoses.from_contacts(pairs[kept], approach), 1.0 - friction[kept])
 
 
 def _is_listed(symmetry: Symmetry, listed: Sequence[Symmetry]) -> bool:
@@ -144,7 +144,7 @@ def _is_listed(symmetry: Symmetry, listed: Sequence[Symmetry]) -> bool:
     )
 
 
-def closed_contacts(mesh: Mesh, opened: Grasps) -> tuple[Array, Indices, Array]:
+def closed_contacts(mesh: Mesh, opened: GraspPoses) -> tuple[Array, Indices, Array]:
     """Return contacts (m, 2, 3), indices (m,) and friction (m,) of grasps with two contacts.
 
     The width of `opened` is the opening from which the fingers close.

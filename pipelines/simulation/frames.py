@@ -23,7 +23,7 @@ from pipelines.evaluation.trial_records import (
 )
 from pipelines.evaluation.truth import FrameTruth, TruthReader
 from pipelines.grasp_files.grasps_file import FrameResult
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.simulation.trial import Trial
 from pipelines.simulation.world import Pieces, at_rest
@@ -137,13 +137,13 @@ class FrameSimulator:
         trials = []
         for object_id in truth.visible:
             region = best_region(object_id, row, owners)
-            grasp = Grasps.empty() if region is None else row.best[region]
+            grasp = GraspPoses.empty() if region is None else row.best[region]
             mask = None if region is None else masks[region]
             outcomes = self._try(scene, object_id, grasp.transformed(scene.T_table_cam))
             trials.append(TrialRecord(object_id, kind_at(truth, object_id, mask), outcomes))
         return trials
 
-    def _try(self, scene: RestedScene, object_id: int, grasp: Grasps) -> dict[str, Outcome]:
+    def _try(self, scene: RestedScene, object_id: int, grasp: GraspPoses) -> dict[str, Outcome]:
         """Return the outcomes by friction; `grasp`, table frame, may be none."""
         if not len(grasp):
             return {friction_key(mu): Outcome("no grasp") for mu in self.config.frictions}

@@ -11,7 +11,7 @@ import numpy as np
 
 from pipelines.array_types import Array, Indices
 from pipelines.geometry.transforms import matrix_to_quaternion
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.simulation.world import GRIPPER_BIT, HARD, STIFF, WORLD_BIT
 
@@ -24,7 +24,7 @@ FINGERS = ("finger0", "finger1")  # the first is at -closing
 SLIDES = ("slide0", "slide1", "slide2")
 
 
-def add_gripper(spec: mujoco.MjSpec, grasp: Grasps, gripper: Gripper) -> None:
+def add_gripper(spec: mujoco.MjSpec, grasp: GraspPoses, gripper: Gripper) -> None:
     """Add the gripper at one `grasp`, table frame, open for its width, up to the limit."""
     boxes = gripper.boxes(opened_for(grasp, gripper))
     palm = spec.worldbody.add_body(
@@ -59,12 +59,12 @@ def add_gripper(spec: mujoco.MjSpec, grasp: Grasps, gripper: Gripper) -> None:
     coupling.data[:5] = [0.0, 1.0, 0.0, 0.0, 0.0]  # one joint as a polynomial of the other
 
 
-def opened_for(grasp: Grasps, gripper: Gripper) -> float:
+def opened_for(grasp: GraspPoses, gripper: Gripper) -> float:
     """Return the distance of contacts for which the gripper opens, metres."""
     return min(float(grasp.width[0]), gripper.max_width)
 
 
-def stroke(grasp: Grasps, gripper: Gripper) -> float:
+def stroke(grasp: GraspPoses, gripper: Gripper) -> float:
     """Return the distance by which each finger can close until both meet, metres."""
     return float(gripper.opening(opened_for(grasp, gripper))) / 2.0
 

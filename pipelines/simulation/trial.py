@@ -9,7 +9,7 @@ import numpy as np
 from pipelines.array_types import Array
 from pipelines.configs import SimulateConfig
 from pipelines.evaluation.trial_records import HELD, Outcome
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.simulation.gripper_model import SimulatedGripper, add_gripper, stroke
 from pipelines.simulation.world import TIME_STEP, Pieces, add_object, empty_world
@@ -65,7 +65,7 @@ class Trial:
         objects: Mapping[int, Pieces],
         poses: Mapping[int, Array],
         target: int,
-        grasp: Grasps,
+        grasp: GraspPoses,
         gripper: Gripper,
         config: SimulateConfig,
     ) -> "Trial":

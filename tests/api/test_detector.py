@@ -43,7 +43,7 @@ def assert_same(one: Grasps, other: Grasps):
         np.testing.assert_array_equal(a.mask, b.mask)
         assert (a.source, a.confidence) == (b.source, b.confidence)
         for s, t in zip(a.symmetries, b.symmetries, strict=True):
-            assert (s.slot, s.kind, s.confidence) == (t.slot, t.kind, t.confidence)
+            assert (s.slot, s.existence, s.confidence) == (t.slot, t.existence, t.confidence)
             np.testing.assert_array_equal(s.point, t.point)
             np.testing.assert_array_equal(s.direction, t.direction)
 

@@ -66,7 +66,7 @@ def test_grasps_are_read_only():
 def test_poses_and_openings_are_those_of_an_export():
     hand = ExportGripper(GRIPPER, GRIPPER.base_to_contacts, "toy")
     wide = replace(GRIPPER, max_opening=0.2)
-    exported = FrameGrasps.of(SHUFFLED, 0, replace(hand, gripper=wide))
+    exported = FrameGrasps.of(SHUFFLED, 0, replace(hand, model=wide))
     order = np.argsort(-SHUFFLED.grasps.rank_score, kind="stable")
     np.testing.assert_allclose(GRASPS.poses(), exported.poses[order], atol=1e-12)
     np.testing.assert_allclose(GRASPS.opening, exported.opening[order], atol=1e-12)
@@ -102,6 +102,7 @@ def frame_with_symmetries():
     regions = replace(
         random_result(RNG, 0, regions=2).regions,
         symmetry_confidence=confidence,
+        existence=confidence / 2,
         symmetry_point=point,
         symmetry_direction=direction,
     )
@@ -118,6 +119,7 @@ def test_regions_have_their_symmetries_most_confident_first():
         ("reflection", 1, 0),
     ]
     assert [s.confidence for s in first.symmetries] == pytest.approx([0.9, 0.4])
+    assert [s.existence for s in first.symmetries] == pytest.approx([0.45, 0.2])
     (sphere,) = second.symmetries
     assert (sphere.kind, sphere.region) == ("sphere", 1)
     assert np.isnan(sphere.direction).all()

@@ -14,7 +14,7 @@ from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames import graspnet_scene as scene
 from pipelines.frames.graspnet_scene import ObjectPose
 from pipelines.geometry.transforms import make_pose, random_rotation
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 
 K = np.array([[900.0, 0.0, 640.0], [0.0, 901.0, 360.0], [0.0, 0.0, 1.0]])
 
@@ -246,7 +246,7 @@ def test_rotations_of_few_decimals_are_made_exact_and_exact_ones_stay(
     assert_allclose(few, exact, atol=0.02)
     assert_array_equal(few[:, :3, 3], exact[:, :3, 3].round(2))
     assert_array_equal(scene.read_pose_array(tmp_path / "few_one.npy", 2), few[1])
-    hand = Grasps(np.eye(3), np.zeros(3), np.array(0.05))
+    hand = GraspPoses(np.eye(3), np.zeros(3), np.array(0.05))
     for T in few:
         hand.transformed(T)  # else refused as no rotation
     single = scene.read_pose_array(tmp_path / "single.npy", 3)
@@ -264,7 +264,7 @@ def test_poses_of_few_decimals_in_a_mat_are_made_exact_and_exact_ones_stay(
     read = scene.read_meta(tmp_path / "few.mat").poses
     assert read is not None
     assert_allclose(read, exact, atol=0.002)
-    Grasps(read[:, :3, :3], read[:, :3, 3], np.ones(3))
+    GraspPoses(read[:, :3, :3], read[:, :3, 3], np.ones(3))
     assert_array_equal(scene.read_meta(tmp_path / "single.mat").poses, exact.astype(np.float32))
 
 

@@ -15,7 +15,7 @@ from pipelines.grasping.candidates.candidates import GraspCandidates
 from pipelines.grasping.feasibility.collision import lowest_height
 from pipelines.grasping.feasibility.feasibility import Feasibility
 from pipelines.grasping.feasibility.limits import Limits
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.planner import Planar, Random, RegionModel, RegionPlanner
 from pipelines.grasping.ranking.suppression import are_near
 from pipelines.grasping.scene import RegionCloud, SceneCloud
@@ -334,7 +334,7 @@ def test_no_candidates_give_no_grasps():
 def naive_choice(candidates, region, scene):
     """The grasps that are free at their pose, pair by pair and angle by angle, on all points."""
     around = Feasibility.at(region, scene, GRIPPER, CHECKS, RANKING.clearance_cap).around
-    base = Grasps.from_contacts(candidates.contacts, candidates.approach)
+    base = GraspPoses.from_contacts(candidates.contacts, candidates.approach)
     centre = np.median(region.points, axis=0)
     radius = np.percentile(np.linalg.norm(region.points - centre, axis=1), 90)
     off = np.linalg.norm(base.translation - centre, axis=1) / radius

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from pipelines.grasping.affordance import point_affordance
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.rated_grasps import BestOfPlaces, GraspSample, RatedGrasps
 
 seeds = st.integers(0, 2**32 - 1)
@@ -16,7 +16,7 @@ MERGE = 0.001
 
 def rated(contacts, quality):
     approach = np.tile([0.1, 0.2, 1.0], (len(contacts), 1))
-    return RatedGrasps(Grasps.from_contacts(contacts, approach), np.asarray(quality, float))
+    return RatedGrasps(GraspPoses.from_contacts(contacts, approach), np.asarray(quality, float))
 
 
 def stream(rng, count=300, places=60):

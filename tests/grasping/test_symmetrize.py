@@ -16,7 +16,7 @@ from pipelines.geometry.transforms import (
     transform_points,
     unit,
 )
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.symmetrize import (
     MAX_COPIES,
     MAX_GROUP,
@@ -34,7 +34,7 @@ MERGE = 0.001
 
 def random_grasps(rng, count=12):
     rotation = np.stack([random_rotation(rng) for _ in range(count)])
-    return Grasps(rotation, rng.uniform(-0.1, 0.1, (count, 3)), rng.uniform(0.01, 0.1, count))
+    return GraspPoses(rotation, rng.uniform(-0.1, 0.1, (count, 3)), rng.uniform(0.01, 0.1, count))
 
 
 def random_plane(rng):
@@ -60,7 +60,7 @@ def symmetrized(grasps, symmetry):
     group = isometries(symmetry, 12)
     rng, most = np.random.default_rng(0), len(group) * len(grasps)
     copies, origin = copies_under(grasps, group, merge_distance=MERGE, max_copies=most, rng=rng)
-    return Grasps.concatenate([grasps, copies]), np.r_[np.arange(len(grasps)), origin]
+    return GraspPoses.concatenate([grasps, copies]), np.r_[np.arange(len(grasps)), origin]
 
 
 def mirrored_in(grasps, plane):
@@ -96,7 +96,7 @@ def test_a_mirrored_gripper_approaches_along_the_mirrored_approach(seed):
 def test_every_copy_is_a_rotation_with_determinant_one(seed, kind):
     rng = np.random.default_rng(seed)
     copies = images(random_grasps(rng), random_symmetry(rng, kind))
-    assert_allclose(np.linalg.det(Grasps.concatenate(copies).rotation), 1.0)
+    assert_allclose(np.linalg.det(GraspPoses.concatenate(copies).rotation), 1.0)
 
 
 @few
@@ -142,21 +142,21 @@ def test_each_copy_names_an_original_of_the_same_width(seed, kind):
 
 def test_a_grasp_across_the_plane_is_its_own_mirror_image():
     contacts = np.array([[[-0.02, 0.0, 0.0], [0.02, 0.0, 0.0]]])
-    grasps = Grasps.from_contacts(contacts, np.array([[0.0, 0.0, 1.0]]))
+    grasps = GraspPoses.from_contacts(contacts, np.array([[0.0, 0.0, 1.0]]))
     plane = ReflectionSymmetry(np.array([1.0, 0.0, 0.0]), np.zeros(3))
     assert len(symmetrized(grasps, plane)[0]) == 1
 
 
 def test_a_pair_across_the_axis_is_counted_once_a_half_turn():
     contacts = np.array([[[-0.02, 0.0, 0.0], [0.02, 0.0, 0.0]]])
-    grasps = Grasps.from_contacts(contacts, np.array([[0.0, 0.0, 1.0]]))
+    grasps = GraspPoses.from_contacts(contacts, np.array([[0.0, 0.0, 1.0]]))
     axis = RotationSymmetry(np.array([0.0, 0.0, 1.0]), np.zeros(3))
     assert len(symmetrized(grasps, axis)[0]) == 6  # of 12 turns, each meets its opposite
 
 
 def test_the_copies_on_a_ball_reach_all_its_sides():
     contacts = np.array([[[-0.03, 0.001, 0.004], [0.03, 0.001, 0.004]]])
-    grasps = Grasps.from_contacts(contacts, np.array([[0.0, 0.3, 1.0]]))
+    grasps = GraspPoses.from_contacts(contacts, np.array([[0.0, 0.3, 1.0]]))
     copies, _ = symmetrized(grasps, SphereSymmetry(np.zeros(3)))
     directions = unit(copies.contacts.reshape(-1, 3))
     spread = np.linalg.eigvalsh(directions.T @ directions / len(directions))
@@ -166,14 +166,14 @@ def test_the_copies_on_a_ball_reach_all_its_sides():
 def test_distinct_keeps_the_first_of_each_pair_whatever_the_finger_order():
     pair = np.array([[0.0101, 0.0204, 0.0303], [0.0507, 0.0404, 0.0101]])
     contacts = np.stack([pair, pair[::-1], pair + 0.05])
-    grasps = Grasps.from_contacts(contacts, np.tile([0.0, 0.0, 1.0], (3, 1)))
+    grasps = GraspPoses.from_contacts(contacts, np.tile([0.0, 0.0, 1.0], (3, 1)))
     assert_allclose(distinct(grasps, 0.002), [0, 2])
 
 
 def test_no_grasps_have_no_copies():
     for kind in ("reflection", "rotation", "sphere"):
         symmetry = random_symmetry(np.random.default_rng(0), kind)
-        assert len(symmetrized(Grasps.empty(), symmetry)[0]) == 0
+        assert len(symmetrized(GraspPoses.empty(), symmetry)[0]) == 0
 
 
 X, Y, Z = np.eye(3)
@@ -257,7 +257,7 @@ def test_copies_under_several_symmetries_are_complete_the_first_time(seed, name)
     def copies_of(some):
         return copies_under(some, group, merge_distance=MERGE, max_copies=10**6, rng=rng)[0]
 
-    once = Grasps.concatenate([grasps, copies_of(grasps)])
+    once = GraspPoses.concatenate([grasps, copies_of(grasps)])
     assert len(once) == len(grasps) * (len(group) + 1)
     assert len(copies_of(once)) == 0
 

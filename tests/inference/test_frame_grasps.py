@@ -11,7 +11,7 @@ from pipelines.frames.rgbd import Frame
 from pipelines.geometry.symmetry import ReflectionSymmetry, SymmetrySlots
 from pipelines.geometry.transforms import transform_points
 from pipelines.grasp_files.gripper_files import load_gripper
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.ranking.suppression import are_near
 from pipelines.inference import models
 from pipelines.inference.frame_grasps import Planner
@@ -167,7 +167,7 @@ def test_grasps_keep_to_the_workspace_and_the_cone():
 
 def test_no_two_grasps_of_a_region_are_alike():
     found = plan(Oracle()).grasps
-    grasps = Grasps(
+    grasps = GraspPoses(
         *(np.asarray(a, np.float64) for a in (found.rotation, found.translation, found.width))
     )
     ranking = CONFIG.selection.ranking

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.geometry.transforms import random_rotation, transform_points
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 
 Array = NDArray[np.float64]
@@ -31,10 +31,10 @@ def surface(mesh: Mesh, count: int = 20000) -> tuple[Array, Array]:
     return points, normals
 
 
-def random_grasps(rng: np.random.Generator, count: int, spread: float) -> Grasps:
+def random_grasps(rng: np.random.Generator, count: int, spread: float) -> GraspPoses:
     """Grasps at any angle, 5 cm wide, with midpoints up to `spread` from the origin."""
     rotation = np.stack([random_rotation(rng) for _ in range(count)])
-    return Grasps(rotation, rng.uniform(-spread, spread, (count, 3)), np.full(count, 0.05))
+    return GraspPoses(rotation, rng.uniform(-spread, spread, (count, 3)), np.full(count, 0.05))
 
 
 def gripper() -> Gripper:

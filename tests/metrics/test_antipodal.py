@@ -12,7 +12,7 @@ from pipelines.geometry.transforms import (
     rotate_vectors,
     transform_points,
 )
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.metrics.antipodal import closing_region_score, contact_pair_score
 from pipelines.metrics.contacts import close_fingers
 from pipelines.metrics.force_closure import min_friction
@@ -20,7 +20,7 @@ from tests.metrics.shapes import ball, box, gripper, random_grasps, surface
 
 few = settings(max_examples=10, deadline=None)
 seeds = st.integers(0, 2**32 - 1)
-CENTRED = Grasps(np.eye(3), np.zeros(3), np.array(0.04))
+CENTRED = GraspPoses(np.eye(3), np.zeros(3), np.array(0.04))
 
 
 def test_a_centred_grasp_of_a_box_scores_one_in_both():
@@ -35,7 +35,7 @@ def test_a_tilted_grasp_scores_the_squared_cosine_in_both():
     turn = np.array(
         [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
     )
-    tilted = Grasps(turn, np.zeros(3), np.array(0.08))
+    tilted = GraspPoses(turn, np.zeros(3), np.array(0.08))
     mesh = box(0.3, 0.04, 0.2)
     points, normals = surface(mesh)
     assert_allclose(contact_pair_score(close_fingers(mesh, tilted, 0.1)), np.cos(angle) ** 2)
@@ -44,7 +44,7 @@ def test_a_tilted_grasp_scores_the_squared_cosine_in_both():
 
 
 def test_a_grasp_of_nothing_scores_zero():
-    away = Grasps(np.eye(3), np.array([0.5, 0, 0]), np.array(0.04))
+    away = GraspPoses(np.eye(3), np.array([0.5, 0, 0]), np.array(0.04))
     points, normals = surface(ball(0.03))
     assert contact_pair_score(close_fingers(ball(0.03), away, 0.06)).tolist() == [0.0]
     assert closing_region_score(points, normals, away, gripper()).tolist() == [0.0]

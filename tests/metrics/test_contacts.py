@@ -7,18 +7,18 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from pipelines.geometry.transforms import make_pose, random_rotation, rotate_vectors
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.metrics.contacts import close_fingers
 from tests.metrics.shapes import ball, box, moved, random_grasps
 
 few = settings(max_examples=20, deadline=None)
 seeds = st.integers(0, 2**32 - 1)
 
-ACROSS = Grasps(np.eye(3), np.zeros(3), np.array(0.05))  # closes along y
+ACROSS = GraspPoses(np.eye(3), np.zeros(3), np.array(0.05))  # closes along y
 
 
-def shifted(y: float) -> Grasps:
-    return Grasps(np.eye(3), np.array([0.0, y, 0.0]), np.array(0.05))
+def shifted(y: float) -> GraspPoses:
+    return GraspPoses(np.eye(3), np.array([0.0, y, 0.0]), np.array(0.05))
 
 
 def test_contacts_on_a_box_are_on_its_faces():
@@ -42,7 +42,7 @@ def test_a_finger_that_starts_inside_has_no_contact():
 
 
 def test_a_grasp_beside_the_object_has_no_contact():
-    beside = Grasps(np.eye(3), np.array([0.2, 0.0, 0.0]), np.array(0.05))
+    beside = GraspPoses(np.eye(3), np.array([0.2, 0.0, 0.0]), np.array(0.05))
     assert close_fingers(box(0.06, 0.04, 0.1), beside, 0.1).found.tolist() == [False]
 
 
@@ -69,7 +69,7 @@ def test_moving_grasps_and_mesh_moves_the_contacts(seed):
 
 
 def test_no_grasps_have_no_contacts():
-    contacts = close_fingers(ball(0.03), Grasps.empty(), 0.1)
+    contacts = close_fingers(ball(0.03), GraspPoses.empty(), 0.1)
     assert contacts.points.shape == (0, 2, 3)
 
 
@@ -78,5 +78,7 @@ def test_a_grasp_turned_on_a_slab_meets_its_normals_at_that_angle(angle):
     turn = np.array(
         [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
     )
-    contacts = close_fingers(box(0.2, 0.04, 0.2), Grasps(turn, np.zeros(3), np.array(0.05)), 0.12)
+    contacts = close_fingers(
+        box(0.2, 0.04, 0.2), GraspPoses(turn, np.zeros(3), np.array(0.05)), 0.12
+    )
     assert_allclose(contacts.cosines, np.cos(angle), atol=1e-9)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from pipelines.geometry.transforms import unit
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.metrics.contacts import Contacts, close_fingers
 from pipelines.metrics.force_closure import (
     FRICTION_GRID,
@@ -54,7 +54,7 @@ def test_a_grasp_turned_on_a_slab_needs_the_tangent_of_the_angle(angle):
     turn = np.array(
         [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
     )
-    grasp = Grasps(turn, np.zeros(3), np.array(0.05))
+    grasp = GraspPoses(turn, np.zeros(3), np.array(0.05))
     contacts = close_fingers(box(0.2, 0.04, 0.2), grasp, 0.12)
     assert_allclose(min_friction(contacts), np.tan(angle), atol=1e-7)
     assert_allclose(quality(min_friction(contacts)), 1 - np.tan(angle), atol=1e-7)

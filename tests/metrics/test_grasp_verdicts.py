@@ -7,13 +7,13 @@ from hypothesis import strategies as st
 
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, random_rotation
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.metrics.grasp_verdicts import TrueObject, TrueScene, grasp_verdict, qualities
 from pipelines.metrics.mesh_collision import MeshCollider
 from tests.metrics.shapes import ball, box, gripper, surface
 
 DOWN = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # approach along -z, closing along y
-AT_BOX = Grasps(DOWN, np.array([0.0, 0.0, 0.08]), np.array(0.04))
+AT_BOX = GraspPoses(DOWN, np.array([0.0, 0.0, 0.08]), np.array(0.04))
 
 
 def true_object(mesh: Mesh) -> TrueObject:
@@ -51,18 +51,18 @@ def test_a_neighbour_in_a_fingers_way_is_a_collision():
 
 
 def test_the_table_in_a_fingers_way_is_a_collision():
-    low = Grasps(DOWN, np.array([0.0, 0.0, 0.003]), np.array(0.04))
+    low = GraspPoses(DOWN, np.array([0.0, 0.0, 0.003]), np.array(0.04))
     assert grasp_verdict(scene(FREE), 0, low, gripper()).reason == "collision"
 
 
 def test_a_grasp_that_the_hand_cannot_open_for_is_too_wide():
-    wide = Grasps(DOWN, np.array([0.0, 0.0, 0.08]), np.array(0.11))  # and 1 cm on each side
+    wide = GraspPoses(DOWN, np.array([0.0, 0.0, 0.08]), np.array(0.11))  # and 1 cm on each side
     verdict = grasp_verdict(scene(FREE), 0, wide, gripper())
     assert (verdict.reason, verdict.quality) == ("too wide", 0.0)
 
 
 def test_a_grasp_of_air_has_no_contact():
-    air = Grasps(DOWN, np.array([0.2, 0.0, 0.2]), np.array(0.04))
+    air = GraspPoses(DOWN, np.array([0.2, 0.0, 0.2]), np.array(0.04))
     verdict = grasp_verdict(scene(FREE), 0, air, gripper())
     assert (verdict.reason, verdict.quality, verdict.min_friction) == ("no contact", 0.0, np.inf)
 
@@ -74,7 +74,9 @@ def test_many_grasps_have_the_qualities_that_each_has_alone():
     move = np.linalg.inv(among.T_table_cam)
     heights, widths = (0.02, 0.03, 0.08, 0.08, 0.2), (0.04, 0.044, 0.04, 0.11, 0.04)
     middles = np.array([(0.02 if z == 0.03 else 0.0, 0.0, z) for z in heights])
-    hands = Grasps(np.repeat(DOWN[None], 5, axis=0), middles, np.array(widths)).transformed(move)
+    hands = GraspPoses(np.repeat(DOWN[None], 5, axis=0), middles, np.array(widths)).transformed(
+        move
+    )
     found = qualities(among, 0, hands, gripper())
     alone = [grasp_verdict(among, 0, hands[i : i + 1], gripper()) for i in range(5)]
     assert len({verdict.reason for verdict in alone}) > 2
@@ -82,7 +84,7 @@ def test_many_grasps_have_the_qualities_that_each_has_alone():
 
 
 def test_a_slanted_grasp_of_a_ball_fails_by_friction():
-    above = Grasps(DOWN, np.array([0.3, 0.3, 0.055]), np.array(0.04))
+    above = GraspPoses(DOWN, np.array([0.3, 0.3, 0.055]), np.array(0.04))
     verdict = grasp_verdict(scene(FREE), 1, above, gripper())
     assert (verdict.reason, verdict.quality) == ("friction", 0.0)
     assert np.isfinite(verdict.min_friction)
@@ -94,7 +96,7 @@ def test_moving_the_whole_scene_changes_no_metric(seed):
     rng = np.random.default_rng(seed)
     T = make_pose(random_rotation(rng), rng.normal(size=3))
     turn = random_rotation(rng) if seed % 2 else DOWN
-    grasp = Grasps(turn, np.array([0.003, 0.002, 0.08]), np.array(0.04))
+    grasp = GraspPoses(turn, np.array([0.003, 0.002, 0.08]), np.array(0.04))
     here = grasp_verdict(scene(FREE), 0, grasp, gripper())
     there = grasp_verdict(scene(FREE, T), 0, grasp.transformed(T), gripper())
     assert there.reason == here.reason

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipelines.geometry.transforms import make_pose, random_rotation
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.metrics.mesh_collision import MeshCollider, hits_table
 from tests.metrics.shapes import ball, box, gripper, moved, random_grasps, surface
 
@@ -14,11 +14,11 @@ few = settings(max_examples=8, deadline=None)
 seeds = st.integers(0, 2**32 - 1)
 
 
-def grasp_at(x: float, y: float, z: float, width: float = 0.04) -> Grasps:
-    return Grasps(np.eye(3), np.array([x, y, z]), np.array(width))
+def grasp_at(x: float, y: float, z: float, width: float = 0.04) -> GraspPoses:
+    return GraspPoses(np.eye(3), np.array([x, y, z]), np.array(width))
 
 
-def hits(mesh, grasp: Grasps) -> bool:
+def hits(mesh, grasp: GraspPoses) -> bool:
     return bool(MeshCollider(mesh).hits(grasp, gripper())[0])
 
 
@@ -72,7 +72,7 @@ def test_collisions_do_not_depend_on_the_frame(seed):
 @pytest.mark.parametrize(("height", "expected"), [(0.0051, False), (0.0049, True)])
 def test_finger_tips_reach_the_table_by_their_reach(height, expected):
     down = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # approach along -z
-    grasp = Grasps(down, np.array([0.3, 0.2, height]), np.array(0.04))
+    grasp = GraspPoses(down, np.array([0.3, 0.2, height]), np.array(0.04))
     assert hits_table(grasp, gripper(), np.eye(4)).tolist() == [expected]
 
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, random_rotation
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.metrics.mesh_collision import MeshCollider, hits_table
 from tests.metrics.shapes import box, gripper, random_grasps
 
@@ -57,7 +57,7 @@ def encloses(mesh: Mesh, point: np.ndarray) -> bool:
     return bool(abs(turn.sum()) > 2.0 * np.pi)
 
 
-def naive_hit(mesh: Mesh, grasp: Grasps) -> bool | None:
+def naive_hit(mesh: Mesh, grasp: GraspPoses) -> bool | None:
     """Whether the gripper touches or is in the mesh; None where rounding decides."""
     verdicts = []
     for low, high in gripper().boxes(grasp.width)[0]:
@@ -77,7 +77,7 @@ def test_fcl_and_separating_axes_agree(shape, seed):
     rng = np.random.default_rng(seed)
     mesh, grasps = MESHES[shape], random_grasps(rng, 12, spread=0.08)
     widths = rng.uniform(0.005, 0.1, 12)
-    grasps = Grasps(grasps.rotation, grasps.translation, widths)
+    grasps = GraspPoses(grasps.rotation, grasps.translation, widths)
     found = MeshCollider(mesh).hits(grasps, gripper())
     for row, hit in enumerate(found):
         expected = naive_hit(mesh, grasps[[row]])
@@ -88,7 +88,7 @@ def test_both_outcomes_and_enclosed_grippers_are_among_the_random_ones():
     grasps = random_grasps(np.random.default_rng(0), 200, spread=0.08)
     for mesh in MESHES.values():
         assert 0.1 < MeshCollider(mesh).hits(grasps, gripper()).mean() < 0.95
-    inside = Grasps(np.eye(3), np.zeros(3), np.array(0.04))
+    inside = GraspPoses(np.eye(3), np.zeros(3), np.array(0.04))
     assert naive_hit(box(1.0, 1.0, 1.0), inside) is True
     assert MeshCollider(box(1.0, 1.0, 1.0)).hits(inside, gripper()).all()
 

@@ -18,7 +18,7 @@ from pipelines.dataset.meshes import read_mesh
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.meshes.signed_distance import SignedDistanceGrid, closest_points
 from pipelines.geometry.numerics.single_precision import single_precision_grid
-from pipelines.grasping.grasps import Grasps, from_graspnet
+from pipelines.grasping.grasps import GraspPoses, from_graspnet
 from pipelines.metrics.contacts import Contacts, close_fingers
 from pipelines.metrics.force_closure import min_friction, on_grid
 from pipelines.metrics.graspnet.grid_contacts import NEAR, PROBE_RADIUS, PROBES, trilinear_distance
@@ -144,7 +144,7 @@ def verdict_of(contacts: Contacts, row: int, normals: Array) -> float:
     return float(on_grid(min_friction(changed), PEER_GRID)[0])
 
 
-def least_bend(grid: SignedDistanceGrid, grasp: Grasps) -> float:
+def least_bend(grid: SignedDistanceGrid, grasp: GraspPoses) -> float:
     """Return how little the distance bends, metres, where a finger of one grasp comes in."""
     count = max(3, int(grasp.width[0] / grid.spacing))
     steps = np.linspace(0.5 * grasp.width, 0.0, count)  # (m, 1) metres from the middle

@@ -13,7 +13,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from pipelines.dataset.meshes import read_mesh
-from pipelines.grasping.grasps import Grasps, from_graspnet
+from pipelines.grasping.grasps import GraspPoses, from_graspnet
 from pipelines.metrics.contacts import Contacts, close_fingers
 from pipelines.metrics.force_closure import min_friction, on_grid
 from pipelines.storage.files import read_npy, read_npz
@@ -24,7 +24,7 @@ BOX_CELL = 0.1 / 90.0  # metres, of the peer's grid
 PROBE_REACH = 1.5 * BOX_CELL
 
 
-def our_contacts(oracle: Path, shape: str, kind: str) -> tuple[Grasps, Contacts]:
+def our_contacts(oracle: Path, shape: str, kind: str) -> tuple[GraspPoses, Contacts]:
     grasps = from_graspnet(read_npy(oracle / f"{shape}_{kind}.npy"))
     return grasps, close_fingers(read_mesh(oracle / f"{shape}.obj"), grasps, grasps.width)
 

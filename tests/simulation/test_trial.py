@@ -8,7 +8,7 @@ from pipelines.configs import SimulateConfig
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, rotation_about
 from pipelines.grasp_files.gripper_files import load_gripper, preset_names
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.simulation.trial import Outcome, Trial
 from pipelines.synthesis.objects.decomposition import hull_of_points
 from tests.metrics.shapes import ball, box, moved
@@ -50,7 +50,7 @@ def attempt(
     gripper: str = "rg2",
 ) -> Outcome:
     """Try a grasp `above` the middle of an object that stands on the table at `height`."""
-    grasp = Grasps(rotation, np.array([0.0, 0.0, height + above]), np.array(width))
+    grasp = GraspPoses(rotation, np.array([0.0, 0.0, height + above]), np.array(width))
     pose = make_pose(np.eye(3), [0.0, 0.0, height])
     fingers, config = load_gripper(gripper), SimulateConfig()
     return Trial.of({7: [mesh]}, {7: pose}, 7, grasp, fingers, config).run(friction)
@@ -126,7 +126,7 @@ def test_sides_that_lean_inward_hold_above_the_tangent_of_their_slope_only():
 
 def test_a_long_bar_held_at_its_end_turns_and_held_in_its_middle_does_not():
     bar = box(0.24, 0.02, 0.02)
-    at_end = Grasps(DOWN, np.array([0.1, 0.0, 0.012]), np.array(0.02))
+    at_end = GraspPoses(DOWN, np.array([0.1, 0.0, 0.012]), np.array(0.02))
     pose = make_pose(np.eye(3), [0.0, 0.0, 0.01])
     fingers, config = load_gripper("rg2"), SimulateConfig()
     outcome = Trial.of({0: [bar]}, {0: pose}, 0, at_end, fingers, config).run(0.5)
@@ -136,7 +136,7 @@ def test_a_long_bar_held_at_its_end_turns_and_held_in_its_middle_does_not():
 
 def test_a_grasp_beside_the_object_lifts_nothing():
     pose = make_pose(np.eye(3), [0.2, 0.0, 0.03])
-    grasp = Grasps(DOWN, np.array([0.0, 0.0, 0.03]), np.array(0.05))
+    grasp = GraspPoses(DOWN, np.array([0.0, 0.0, 0.03]), np.array(0.05))
     trial = Trial.of({0: [ball(0.03)]}, {0: pose}, 0, grasp, load_gripper("rg2"), SimulateConfig())
     assert trial.run(0.5).reason == "not lifted"
 
@@ -155,7 +155,7 @@ def test_a_palm_that_lands_on_the_object_is_a_collision():
 def test_an_approach_path_that_starts_inside_a_light_neighbour_is_a_collision(away, reason):
     # A small box that the palm, 10 cm and its fingers' 4.5 cm behind the can, would push aside.
     poses = {0: make_pose(np.eye(3), [0, 0, 0.04]), 1: make_pose(np.eye(3), [-0.15, away, 0.02])}
-    grasp = Grasps(LEVEL, np.array([0.0, 0.0, 0.04]), np.array(0.05))
+    grasp = GraspPoses(LEVEL, np.array([0.0, 0.0, 0.04]), np.array(0.05))
     objects = {0: [can(0.025, 0.08)], 1: [box(0.03, 0.03, 0.04)]}
     trial = Trial.of(objects, poses, 0, grasp, load_gripper("rg2"), SimulateConfig())
     assert trial.run(0.5).reason == reason
@@ -163,7 +163,7 @@ def test_an_approach_path_that_starts_inside_a_light_neighbour_is_a_collision(aw
 
 def test_tugs_pull_out_what_lifting_alone_leaves_in_the_gripper():
     mesh, height, width, above = SHAPES["ball"]
-    grasp = Grasps(DOWN, np.array([0.0, 0.0, height + above]), np.array(width))
+    grasp = GraspPoses(DOWN, np.array([0.0, 0.0, height + above]), np.array(width))
     pose = make_pose(np.eye(3), [0.0, 0.0, height])
     reasons = [
         Trial.of({0: [mesh]}, {0: pose}, 0, grasp, load_gripper("rg2"), SimulateConfig(tug=tug))
@@ -177,7 +177,7 @@ def test_tugs_pull_out_what_lifting_alone_leaves_in_the_gripper():
 def test_soft_pads_resist_turning_in_proportion_to_friction():
     # A ball whose counterweight, 4 cm aside, turns it about the line of the fingers.
     lopsided = [ball(0.02), moved(box(0.02, 0.02, 0.02), make_pose(np.eye(3), [0.04, 0, -0.01]))]
-    grasp = Grasps(DOWN, np.array([0.0, 0.0, 0.02]), np.array(0.04))
+    grasp = GraspPoses(DOWN, np.array([0.0, 0.0, 0.02]), np.array(0.04))
     trial = Trial.of({0: lopsided}, {0: make_pose(np.eye(3), [0, 0, 0.02])}, 0, grasp,
                      load_gripper("rg2"), SimulateConfig())  # fmt: skip
     assert trial.run(0.15).reason == "turned"
@@ -190,7 +190,7 @@ def test_a_wall_of_a_tray_is_held_with_one_finger_inside():
         moved(box(0.08, 0.006, 0.05), make_pose(np.eye(3), [0.0, y, 0.03])) for y in (0.047, -0.047)
     ]
     filled = hull_of_points(np.concatenate([wall.vertices for wall in walls]))
-    grasp = Grasps(DOWN, np.array([0.0, 0.047, 0.045]), np.array(0.006))
+    grasp = GraspPoses(DOWN, np.array([0.0, 0.047, 0.045]), np.array(0.006))
     fingers, config = load_gripper("rg2"), SimulateConfig()
     outcomes = [
         Trial.of({0: [bottom, *pieces]}, {0: np.eye(4)}, 0, grasp, fingers, config).run(0.8).reason
@@ -201,7 +201,7 @@ def test_a_wall_of_a_tray_is_held_with_one_finger_inside():
 
 def test_a_trial_does_not_depend_on_those_before_it():
     mesh, height, width, above = SHAPES["can"]
-    grasp = Grasps(DOWN, np.array([0.004, 0.003, height + above]), np.array(width))
+    grasp = GraspPoses(DOWN, np.array([0.004, 0.003, height + above]), np.array(width))
     pose = make_pose(np.eye(3), [0.0, 0.0, height])
     trial = Trial.of({0: [mesh]}, {0: pose}, 0, grasp, load_gripper("rg2"), SimulateConfig())
     first = trial.run(0.5)
@@ -212,7 +212,7 @@ def test_a_trial_does_not_depend_on_those_before_it():
 def test_a_scene_whose_numbers_run_away_is_no_success(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)  # where MuJoCo logs what it warns of
     mesh, height, width, above = SHAPES["can"]
-    grasp = Grasps(DOWN, np.array([0.0, 0.0, height + above]), np.array(width))
+    grasp = GraspPoses(DOWN, np.array([0.0, 0.0, height + above]), np.array(width))
     pose = make_pose(np.eye(3), [0.0, 0.0, height])
     trial = Trial.of({0: [mesh]}, {0: pose}, 0, grasp, load_gripper("rg2"), SimulateConfig())
     close = Trial._close
@@ -229,7 +229,7 @@ def test_a_scene_whose_numbers_run_away_is_no_success(monkeypatch, tmp_path):
 
 def test_the_fingers_squeeze_with_weights_of_the_object_up_to_what_they_can():
     pose = make_pose(np.eye(3), [0.0, 0.0, 0.1])
-    grasp = Grasps(DOWN, np.array([0.0, 0.0, 0.1]), np.array(0.05))
+    grasp = GraspPoses(DOWN, np.array([0.0, 0.0, 0.1]), np.array(0.05))
     config = SimulateConfig()
     forces = [
         Trial.of({0: [box(*size)]}, {0: pose}, 0, grasp, load_gripper("rg2"), config).grip_force

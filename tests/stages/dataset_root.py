@@ -26,7 +26,7 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.geometry.rendering import Scene, cast_view
 from pipelines.geometry.transforms import invert, make_pose, random_rotation
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.metrics.contacts import close_fingers
 
 INTRINSICS = Intrinsics(300.0, 300.0, 159.5, 119.5, 320, 240)
@@ -58,7 +58,9 @@ def grasp_label(mesh: Mesh, num_points: int, rng: np.random.Generator) -> GraspL
     friction = np.full((num_points, 300, 12, 4), -1.0, np.float32)
     for row, point in enumerate(points.astype(float)):
         tips = point + np.tile(depths, 3600)[:, None] * rotation[:, :, 0]
-        contacts = close_fingers(mesh, Grasps(rotation, tips, np.full(len(tips), OPENING)), OPENING)
+        contacts = close_fingers(
+            mesh, GraspPoses(rotation, tips, np.full(len(tips), OPENING)), OPENING
+        )
         cosines = np.where(contacts.found, contacts.cosines.min(axis=1), 0.0)
         needed = np.sqrt(1.0 - np.square(cosines.clip(1e-9, 1.0))) / cosines.clip(1e-9, 1.0)
         level = np.searchsorted(FRICTION_GRID, needed - 1e-12)

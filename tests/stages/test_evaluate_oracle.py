@@ -16,7 +16,7 @@ from pipelines.evaluation.predictions import FramePredictions
 from pipelines.evaluation.truth import TruthReader
 from pipelines.grasp_files.grasps_file import FrameResult
 from pipelines.grasp_files.gripper_files import load_gripper
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.runtime.batch import BatchOptions
 from tests.stages.toy_root import frame_names, grasp_table, true_result, write_grasps, write_root
 
@@ -34,7 +34,7 @@ def planned_by_the_oracle(root: GraspNetRoot, name: str) -> FrameResult:
     baselines = Baselines.of(reader, load_gripper("rg2"))
     row = baselines.rows(predictions.masks, owners, files, truth, rng)["oracle"]
     regions = np.flatnonzero([len(best) for best in row.best])
-    table = grasp_table(Grasps.concatenate([row.best[region] for region in regions]))
+    table = grasp_table(GraspPoses.concatenate([row.best[region] for region in regions]))
     scores = np.array(row.rank_score)[regions]
     return replace(result, grasps=replace(table, region=regions, rank_score=scores))
 

@@ -32,7 +32,7 @@ from pipelines.geometry.symmetry import (
 )
 from pipelines.geometry.transforms import random_rotation
 from pipelines.grasping.affordance import point_affordance
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.rated_grasps import RatedGrasps
 from pipelines.mesh_symmetry.detection.surface import Surface
 from pipelines.metrics.contacts import close_fingers
@@ -243,11 +243,11 @@ seeds = st.integers(0, 2**32 - 1)
 def held_grasps(mesh, rng, count=60):
     """Random grasps that hold on `mesh`, between exact contacts, with their exact quality."""
     rotation = np.stack([random_rotation(rng) for _ in range(count)])
-    opened = Grasps(rotation, rng.uniform(-0.02, 0.02, (count, 3)), np.full(count, 0.14))
+    opened = GraspPoses(rotation, rng.uniform(-0.02, 0.02, (count, 3)), np.full(count, 0.14))
     contacts = close_fingers(mesh, opened, opened.width)
     friction = min_friction(contacts)
     held = friction <= 1.0
-    grasps = Grasps.from_contacts(contacts.points[held], opened.approach[held])
+    grasps = GraspPoses.from_contacts(contacts.points[held], opened.approach[held])
     return RatedGrasps(grasps, 1.0 - friction[held])
 
 
@@ -313,9 +313,9 @@ def test_a_regions_symmetry_copies_the_grasps_of_that_region_alone():
     rng = np.random.default_rng(0)
     surface = Surface.from_mesh(mesh, 8000, rng)
     on_ball = held_grasps(mesh, rng, 40)
-    lifted = Grasps(np.eye(3)[None], np.array([[0.0, 0.0, 0.1]]), np.array([0.03]))
-    across = Grasps.from_contacts([[[0.0, 0.0, -0.03], [0.0, 0.0, 0.115]]], [[1.0, 0.0, 0.0]])
-    others = RatedGrasps(Grasps.concatenate([lifted, across]), np.array([0.5, 0.4]))
+    lifted = GraspPoses(np.eye(3)[None], np.array([[0.0, 0.0, 0.1]]), np.array([0.03]))
+    across = GraspPoses.from_contacts([[[0.0, 0.0, -0.03], [0.0, 0.0, 0.115]]], [[1.0, 0.0, 0.0]])
+    others = RatedGrasps(GraspPoses.concatenate([lifted, across]), np.array([0.5, 0.4]))
     rated = RatedGrasps.concatenate([others, on_ball])
     copier = Copier(mesh, surface, labels, CONFIG)
     both, _ = copier.with_copies(rated, rng)
@@ -334,7 +334,7 @@ def test_grasps_with_a_finger_off_the_region_are_not_copied_where_the_copies_wou
     high = [[0.02, -0.02, 0.03], [0.02, 0.02, 0.03]]
     low = [[0.02, -0.02, -0.03], [0.02, 0.02, -0.03]]
     across = [[0.02, 0.0, -0.04], [0.02, 0.0, 0.04]]
-    grasps = Grasps.from_contacts([high, low, across], np.tile(X, (3, 1)))
+    grasps = GraspPoses.from_contacts([high, low, across], np.tile(X, (3, 1)))
     copier = Copier(mesh, surface, labels, CONFIG)
     both, dropped = copier.with_copies(RatedGrasps(grasps, np.array([0.7, 0.8, 0.9])), rng)
     assert dropped == 0

@@ -15,7 +15,7 @@ from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.meshes.signed_distance import SignedDistanceGrid
 from pipelines.geometry.transforms import make_pose, random_rotation, rotation_about
 from pipelines.grasp_files.grasp_rows import VERDICT_ARRAYS, read_verdicts
-from pipelines.grasping.grasps import Grasps, to_graspnet
+from pipelines.grasping.grasps import GraspPoses, to_graspnet
 from pipelines.storage.files import read_npz, write_npy
 from symgrasp_cli.app import app
 from tests.metrics.shapes import box, moved, random_grasps
@@ -113,7 +113,7 @@ def test_moving_grasps_and_mesh_together_changes_no_verdict_of_the_exact_mode(se
     rng = np.random.default_rng(seed)
     T = make_pose(random_rotation(rng), rng.normal(size=3))
     mesh, grasps = box(*SIDES), random_grasps(rng, 60, 0.015)
-    opened = Grasps(grasps.rotation, grasps.translation, rng.uniform(0.05, 0.1, 60))
+    opened = GraspPoses(grasps.rotation, grasps.translation, rng.uniform(0.05, 0.1, 60))
     here, there = (
         score_grasps.score(m, to_graspnet(g, 1.0, tip_reach=0.0), ScoreGraspsConfig())
         for m, g in ((mesh, opened), (moved(mesh, T), opened.transformed(T)))

@@ -28,7 +28,7 @@ from pipelines.evaluation.trial_records import read_trials
 from pipelines.geometry.meshes import convex_decomposition
 from pipelines.geometry.transforms import invert, make_pose
 from pipelines.grasp_files.grasps_file import FrameResult
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.runtime.batch import BatchOptions, StageReport
 from pipelines.storage.files import read_json
 from symgrasp_cli.app import app
@@ -340,7 +340,7 @@ def write_tray_root(folder: Path, grasps: Path) -> GraspNetRoot:
     write_mesh(root.model_path(0), bottom)
     results = []
     for name in frame_names()[::2]:
-        wall = Grasps(DOWN, np.array([0.0, 0.047, 0.045]), np.array(0.006))
+        wall = GraspPoses(DOWN, np.array([0.0, 0.047, 0.045]), np.array(0.006))
         wall = wall.transformed(invert(camera_in_table(root.frame(name).frame_id)))
         results.append(replace(true_result(root, name, (0,)), grasps=grasp_table(wall)))
     write_grasps(grasps, results)

@@ -10,7 +10,7 @@ from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.meshes import write_mesh
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import rotation_about
-from pipelines.grasping.grasps import Grasps, to_graspnet
+from pipelines.grasping.grasps import GraspPoses, to_graspnet
 from tests.stages import toy_root
 
 Array = NDArray[np.float64]
@@ -43,8 +43,8 @@ def dumped_rows(frame_id: int, seed: int, noise: float = 1.0) -> Array:
             axis = rng.normal(size=3)
             turn = rotation_about(axis / np.linalg.norm(axis), noise * 0.25 * rng.normal())
             shift = noise * 0.005 * rng.normal(size=3)
-            grasps.append(Grasps(best.rotation @ turn, best.translation + shift, best.width))
-    every = Grasps.concatenate(grasps)
+            grasps.append(GraspPoses(best.rotation @ turn, best.translation + shift, best.width))
+    every = GraspPoses.concatenate(grasps)
     depth, opening = 0.01 * rng.integers(1, 4, len(every)), every.width + 0.03
     rows = to_graspnet(every, rng.random(len(every)), opening=opening, depth=0.0)
     rows[:, 3] = depth

@@ -25,7 +25,7 @@ from pipelines.geometry.symmetry import (
 from pipelines.geometry.transforms import invert, make_pose
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_file import FrameResult, GraspTable, RegionTable
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.storage.provenance import make_stamp
 
 Array = NDArray[np.float64]
@@ -120,12 +120,12 @@ def _write_scene(root: GraspNetRoot, scene_id: int, meshes: dict[int, Mesh]) -> 
         graspnet.write_meta(files.path("meta"), listed, CAMERA.matrix)
 
 
-def best_grasp(object_id: int, frame_id: int) -> Grasps:
+def best_grasp(object_id: int, frame_id: int) -> GraspPoses:
     """A grasp from above across the object's middle, camera frame: quality 1."""
     place = np.array(PLACES[object_id])
-    at_table = Grasps(DOWN, place, np.array(WIDTHS[object_id]))
+    at_table = GraspPoses(DOWN, place, np.array(WIDTHS[object_id]))
     if object_id == 0:  # fingers of 5 cm do not reach the middle of a box 10 cm high
-        at_table = Grasps(DOWN, place + 0.03 * Z, np.array(WIDTHS[0]))
+        at_table = GraspPoses(DOWN, place + 0.03 * Z, np.array(WIDTHS[0]))
     return at_table.transformed(invert(camera_in_table(frame_id)))
 
 
@@ -149,11 +149,11 @@ def true_result(root: GraspNetRoot, name: str, objects: tuple[int, ...] = (0, 1,
         affordance_mean=zeros,
         affordance_max=zeros,
     )
-    grasps = Grasps.concatenate([best_grasp(i, files.frame_id) for i in objects])
+    grasps = GraspPoses.concatenate([best_grasp(i, files.frame_id) for i in objects])
     return FrameResult(name, "ok", "", CAMERA, 0.5, regions, grasp_table(grasps))
 
 
-def grasp_table(grasps: Grasps) -> GraspTable:
+def grasp_table(grasps: GraspPoses) -> GraspTable:
     count = len(grasps)
     return GraspTable(
         region=np.arange(count),

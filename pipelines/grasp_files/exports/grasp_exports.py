@@ -14,7 +14,7 @@ from pipelines.errors import SymgraspError
 from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT
 from pipelines.geometry.transforms import matrix_to_quaternion
 from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.gripper_poses import CLOSING_ALONG_Y, gripper_poses
 from pipelines.storage.files import LONGEST_NAME
@@ -68,7 +68,7 @@ class FrameGrasps:
     result: FrameResult
     rows: NDArray[np.int64]
     left_out: NDArray[np.int64]
-    grasps: Grasps
+    grasps: GraspPoses
     gripper: ExportGripper
 
     @classmethod
@@ -88,7 +88,7 @@ class FrameGrasps:
         )
         rows = first_row + np.arange(len(table))
         u, _, v = np.linalg.svd(held.rotation.astype(np.float64))  # stored in single precision
-        grasps = Grasps(u @ v, held.translation, held.width)
+        grasps = GraspPoses(u @ v, held.translation, held.width)
         return cls(replace(result, grasps=held), rows[fits], rows[~fits], grasps, gripper)
 
     def __len__(self) -> int:

@@ -20,7 +20,7 @@ from pipelines.grasping.feasibility.gripper_bodies import (
     nearest_gaps,
     points_met,
 )
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 
 CELL = 0.02  # metres, of the cubes that points are sorted into
@@ -63,7 +63,7 @@ class BodyTest:
     allowed: int
 
     def collides(
-        self, grasps: Grasps, gripper: Gripper, obstacles: Obstacles
+        self, grasps: GraspPoses, gripper: Gripper, obstacles: Obstacles
     ) -> tuple[Mask, Array]:
         """Return which of n grasps collide (n,), and what the others enclose.
 
@@ -77,7 +77,7 @@ class BodyTest:
 
     def first_free(
         self,
-        grasps: Grasps,
+        grasps: GraspPoses,
         gripper: Gripper,
         obstacles: Obstacles,
         stability: Array,
@@ -95,14 +95,14 @@ class BodyTest:
         return free, enclosed.astype(np.float64)
 
 
-def clearance(grasps: Grasps, gripper: Gripper, obstacles: Obstacles, cap: float) -> Array:
+def clearance(grasps: GraspPoses, gripper: Gripper, obstacles: Obstacles, cap: float) -> Array:
     """Return (n,) metres from the gripper's bodies to the nearest point, at most `cap`."""
     frames, bounds = _bodies(grasps, gripper, obstacles)
     gaps = nearest_gaps(frames, bounds, np.float32(cap), obstacles.cells)
     return np.asarray(np.minimum(gaps.astype(np.float64), cap))
 
 
-def lowest_height(grasps: Grasps, gripper: Gripper, plane: Plane) -> Array:
+def lowest_height(grasps: GraspPoses, gripper: Gripper, plane: Plane) -> Array:
     """Return (n,) the height of the gripper's lowest corner over `plane`, negative below it."""
     back, tip, palm_back, front, half, palm_half, _, outer, side = gripper.bounds(grasps.width).T
     along, across, binormal = np.einsum("i,nij->jn", plane.normal, grasps.rotation)
@@ -112,7 +112,7 @@ def lowest_height(grasps: Grasps, gripper: Gripper, plane: Plane) -> Array:
     return np.asarray(plane.height(grasps.translation) + np.minimum(fingers, palm))
 
 
-def _bodies(grasps: Grasps, gripper: Gripper, obstacles: Obstacles) -> tuple[Singles, Singles]:
+def _bodies(grasps: GraspPoses, gripper: Gripper, obstacles: Obstacles) -> tuple[Singles, Singles]:
     """Return (n, 3, 4) matrices into each grasp's frame, about the obstacles, and (n, 9) bounds."""
     rotation, translation = map(np.ascontiguousarray, (grasps.rotation, grasps.translation))
     frames = frames_about(rotation, translation, obstacles.centre)

@@ -18,7 +18,7 @@ from pipelines.geometry.transforms import unit
 from pipelines.grasping.feasibility.collision import BodyTest, clearance, lowest_height
 from pipelines.grasping.feasibility.image_border import ImageBorder
 from pipelines.grasping.feasibility.surroundings import Surroundings
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 
@@ -82,7 +82,7 @@ class Feasibility:
         """When the gripper's bodies are in collision."""
         return BodyTest(self.config.body_margin, self.config.max_points_inside)
 
-    def reachable(self, base: Grasps, angles: Array) -> tuple[Grasps, Indices]:
+    def reachable(self, base: GraspPoses, angles: Array) -> tuple[GraspPoses, Indices]:
         """Return `base` (k,) at those of `angles` (m,) that need no look at the points.
 
         Returns:
@@ -94,7 +94,7 @@ class Feasibility:
         return grasps[placed], row[placed]
 
     def first_free(
-        self, grasps: Grasps, stability: Array, min_stability: float, count: int
+        self, grasps: GraspPoses, stability: Array, min_stability: float, count: int
     ) -> tuple[Indices, Array]:
         """Return which `grasps` (f,) are free of collision at their pose, and hold something.
 
@@ -105,7 +105,7 @@ class Feasibility:
         obstacles = self.around.all
         return self.body_test.first_free(grasps, self.gripper, obstacles, stability, wanted)
 
-    def has_free_path(self, grasps: Grasps) -> Mask:
+    def has_free_path(self, grasps: GraspPoses) -> Mask:
         """Return (n,) which `grasps` meet nothing from `approach_distance` back to their pose.
 
         A gripper that comes along its approach axis takes the space of one with a longer palm.
@@ -121,7 +121,7 @@ class Feasibility:
             free[left] = ~met
         return free
 
-    def allows(self, grasps: Grasps) -> Mask:
+    def allows(self, grasps: GraspPoses) -> Mask:
         """Return (n,) which `grasps`, moved or widened from feasible ones, are feasible too."""
         left = np.flatnonzero(grasps.width <= self.gripper.max_width)
         left = left[self._well_placed(grasps[left])]
@@ -132,11 +132,11 @@ class Feasibility:
         allowed[left] = True
         return allowed
 
-    def clearance(self, grasps: Grasps, cap: float) -> Array:
+    def clearance(self, grasps: GraspPoses, cap: float) -> Array:
         """Return (n,) metres to the nearest point that is not the region's, b of Eq. 8."""
         return clearance(grasps, self.gripper, self.around.others, cap)
 
-    def _are_possible(self, base: Grasps, angles: Array) -> Mask:
+    def _are_possible(self, base: GraspPoses, angles: Array) -> Mask:
         """Return (k, m) which of `base` (k,) open enough and come from the camera's side."""
         config, plane = self.config, self.scene.plane
         cosine, sine = np.cos(angles), np.sin(angles)
@@ -154,14 +154,14 @@ class Feasibility:
             fits &= along(-plane.normal) > np.cos(config.max_approach_angle)
         return np.asarray(fits)
 
-    def _well_placed(self, grasps: Grasps) -> Indices:
+    def _well_placed(self, grasps: GraspPoses) -> Indices:
         """Return which `grasps` (f,) keep to the limits, off the table and within the image."""
         kept = np.arange(len(grasps))
         for allow in self._placements():
             kept = kept[allow(grasps[kept])]
         return kept
 
-    def _placements(self) -> Iterator[Callable[[Grasps], Mask]]:
+    def _placements(self) -> Iterator[Callable[[GraspPoses], Mask]]:
         scene, border = self.scene, self.border
         if scene.limits is not None:
             yield scene.limits.allow
@@ -170,7 +170,7 @@ class Feasibility:
         if border is not None:
             yield partial(border.is_kept, gripper=self.gripper)
 
-    def _is_above(self, table: Plane, grasps: Grasps) -> Mask:
+    def _is_above(self, table: Plane, grasps: GraspPoses) -> Mask:
         """Return (n,) which `grasps` keep off `table` all along their approach path."""
         swept = self.gripper.swept(self.config.approach_distance)
         lowest = lowest_height(grasps, swept, table)

@@ -11,7 +11,7 @@ import numpy as np
 
 from pipelines.array_types import Array, Mask
 from pipelines.geometry.camera import Intrinsics
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 
 Sides = tuple[tuple[int, int], tuple[int, int]]  # first and last column, and row, inclusive
@@ -56,7 +56,7 @@ class ImageBorder:
             return None
         return cls(intrinsics, low, high)
 
-    def is_kept(self, grasps: Grasps, gripper: Gripper) -> Mask:
+    def is_kept(self, grasps: GraspPoses, gripper: Gripper) -> Mask:
         """Return (n,) which grasps have both fingers in view on the sides where the region is cut.
 
         The fingers' outer faces count, at the tips and some way back.

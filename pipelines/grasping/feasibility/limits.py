@@ -10,7 +10,7 @@ from pipelines.errors import ValueRangeError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import rotate_vectors, transform_points, unit
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.tabletop.table_frame import table_from_camera
 
 ANY_DIRECTION = 180.0  # degrees
@@ -73,7 +73,7 @@ class Limits:
         inside[inside] = self.mask[pixels[inside, 1], pixels[inside, 0]]
         return np.asarray(inside)
 
-    def allow(self, grasps: Grasps) -> Mask:
+    def allow(self, grasps: GraspPoses) -> Mask:
         """Return (n,) which grasps have their contacts' middle inside and come from the cone."""
         along = grasps.approach @ self.direction
         allowed = along >= np.cos(self.cone) - ROUNDING

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from pipelines.grasping.feasibility.feasibility import Feasibility
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.ranked_grasps import RankedGrasps
 
 
@@ -28,12 +28,12 @@ def with_opening_margin(
     for margin in feasibility.config.opening_margins:
         some = grasps[waiting]
         middle = some.translation + 0.5 * margin * some.closing
-        wider = Grasps.unchecked(some.rotation, middle, some.width + margin)
+        wider = GraspPoses.unchecked(some.rotation, middle, some.width + margin)
         fits = feasibility.allows(wider)
         fits &= margin <= feasibility.config.opening_margin_share * some.width
         translation[waiting[fits]], width[waiting[fits]] = middle[fits], wider.width[fits]
         waiting = waiting[~fits]
     widened, clearances = np.flatnonzero(width > grasps.width), found.clearance.copy()
-    grasps = Grasps.unchecked(grasps.rotation, translation, width)
+    grasps = GraspPoses.unchecked(grasps.rotation, translation, width)
     clearances[widened] = feasibility.clearance(grasps[widened], clearance_cap)
     return replace(found, grasps=grasps, clearance=clearances)

@@ -5,7 +5,7 @@ import numpy as np
 from pipelines.array_types import Array
 from pipelines.geometry.camera import Lens
 from pipelines.geometry.numerics.compiled import compiled
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.scene import SceneCloud
 
@@ -13,7 +13,7 @@ TIP_LENGTH = 0.03  # metres of each finger, from its tip
 PLACES = np.array([0.1, 0.5, 0.9])  # along each edge of a finger tip
 
 
-def visible_fraction(grasps: Grasps, gripper: Gripper, scene: SceneCloud) -> Array:
+def visible_fraction(grasps: GraspPoses, gripper: Gripper, scene: SceneCloud) -> Array:
     """Return (n,) the share of the open finger tips' space that the camera looks through.
 
     Space behind a surface, beside the image or where nothing was measured is not seen.

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.geometry.numerics.compiled import compiled
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.ranking.known_region import evenly_taken
 from pipelines.grasping.scene import RegionCloud
 
@@ -27,7 +27,7 @@ PATCH_FEATURES = tuple(f"{which}_{name}" for which in ("first", "second") for na
 COLUMNS = len(OF_A_CONTACT)
 
 
-def contact_patches(grasps: Grasps, region: RegionCloud) -> Array:
+def contact_patches(grasps: GraspPoses, region: RegionCloud) -> Array:
     """Return (k, 16) the `PATCH_FEATURES` of k grasps at `region`, eight of each contact.
 
     Of the points within each of `RADII`: mean and spread of the cosine between their normals and

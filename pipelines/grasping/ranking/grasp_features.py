@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.geometry.symmetry import NUM_SLOTS, ROTATION_SLOT, SPHERE_SLOT
 from pipelines.geometry.transforms import unit
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.ranking.contact_patches import PATCH_FEATURES, contact_patches
 from pipelines.grasping.ranking.known_region import KnownRegion
@@ -157,7 +157,7 @@ CANDIDATE_BLOCKS = (
 CANDIDATE_FEATURES = tuple(name for block in CANDIDATE_BLOCKS for name in block.names)
 
 
-def grasp_frame(points: Array, grasps: Grasps) -> Singles:
+def grasp_frame(points: Array, grasps: GraspPoses) -> Singles:
     """Return (k, 3, m) `points` (m, 3) in the frame of each of k grasps."""
     middle = points.mean(axis=0)  # single precision is fine about it
     origin = np.einsum("ki,kia->ka", grasps.translation - middle, grasps.rotation)
@@ -255,7 +255,7 @@ def _nearest_rows(
     return rows
 
 
-def _extent(grasps: Grasps, region: RegionCloud) -> Array:
+def _extent(grasps: GraspPoses, region: RegionCloud) -> Array:
     """Return (k, 9), half decimetres, grasp frame: the region's mean, its spread, its middle.
 
     The mean is relative to the middle, the middle relative to the midpoint of the contacts.

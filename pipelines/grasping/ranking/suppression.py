@@ -5,14 +5,14 @@ from collections.abc import Callable
 import numpy as np
 
 from pipelines.array_types import Indices, Mask
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 
 HALF_TURN = np.array([1.0, -1.0, -1.0])  # about the approach: the fingers change places
 ROUNDING = 1e-6  # radians; two approach angles exactly as far apart as the limit are not alike
 
 
 def non_maximum_suppression(
-    grasps: Grasps, distance: float, angle: float, sound: Callable[[Grasps], Mask]
+    grasps: GraspPoses, distance: float, angle: float, sound: Callable[[GraspPoses], Mask]
 ) -> Indices:
     """Return the indices of `grasps`, best first, that are sound and differ from all better ones.
 
@@ -32,7 +32,7 @@ def non_maximum_suppression(
         checked[unknown] = True
 
 
-def are_near(grasps: Grasps, distance: float, angle: float) -> Mask:
+def are_near(grasps: GraspPoses, distance: float, angle: float) -> Mask:
     """Return (n, n) which are nearer than `distance` and turned by less than `angle` radians."""
     R = grasps.rotation.reshape(-1, 9)
     swapped = (grasps.rotation * HALF_TURN).reshape(-1, 9)

@@ -17,7 +17,7 @@ from pipelines.array_types import Array, Indices, Mask
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.meshes.signed_distance import SignedDistanceGrid
 from pipelines.geometry.transforms import invert, transform_points
-from pipelines.grasping.grasps import Grasps, from_graspnet
+from pipelines.grasping.grasps import GraspPoses, from_graspnet
 from pipelines.metrics.contacts import Contacts, close_fingers
 from pipelines.metrics.force_closure import min_friction, on_grid
 from pipelines.metrics.graspnet.graspnet_ap import AP_FRICTIONS, FAILED, ranked, suppress
@@ -77,10 +77,10 @@ class FrameScene(Protocol):
     def clouds(self) -> list[Array]:
         """Return the points (m, 3) of each object, that say whose a grasp is."""
 
-    def collisions(self, grasps: Grasps, depth: Array, owner: Indices) -> tuple[Mask, Mask]:
+    def collisions(self, grasps: GraspPoses, depth: Array, owner: Indices) -> tuple[Mask, Mask]:
         """Return (n,) whether the open gripper meets something, and whether it is empty."""
 
-    def contacts(self, which: int, grasps: Grasps) -> Contacts:
+    def contacts(self, which: int, grasps: GraspPoses) -> Contacts:
         """Return the contacts of `grasps` with one object."""
 
 
@@ -97,7 +97,7 @@ class PeerScene:
         pairs = zip(self.objects, self.poses, strict=True)
         return [transform_points(pose.astype(np.float64), each.points) for each, pose in pairs]
 
-    def collisions(self, grasps: Grasps, depth: Array, owner: Indices) -> tuple[Mask, Mask]:
+    def collisions(self, grasps: GraspPoses, depth: Array, owner: Indices) -> tuple[Mask, Mask]:
         """Look at the points around the box of each grasp's own object only."""
         clouds = self.clouds()
         table = transform_points(invert(self.T_table_cam), TABLE)
@@ -110,11 +110,11 @@ class PeerScene:
             hit[mine], inner[mine] = meets_points(around, grasps[mine], depth[mine])
         return hit, inner < MIN_INNER
 
-    def contacts(self, which: int, grasps: Grasps) -> Contacts:
+    def contacts(self, which: int, grasps: GraspPoses) -> Contacts:
         """Close the fingers on the object's grid; its pose is inverted in single precision."""
         pose = self.poses[which]
         center = np.append(grasps.translation, np.ones((len(grasps), 1)), axis=1)
-        local = Grasps(
+        local = GraspPoses(
             pose[:3, :3].T.astype(np.float64) @ grasps.rotation,
             (np.linalg.inv(pose).astype(np.float64) @ center.T).T[:, :3],
             grasps.width,
@@ -135,7 +135,7 @@ class ExactScene:
         pairs = zip(self.objects, self.poses, strict=True)
         return [transform_points(pose, each.points) for each, pose in pairs]
 
-    def collisions(self, grasps: Grasps, depth: Array, owner: Indices) -> tuple[Mask, Mask]:
+    def collisions(self, grasps: GraspPoses, depth: Array, owner: Indices) -> tuple[Mask, Mask]:
         """Test the gripper's boxes against all triangles; nothing is empty that has contacts."""
         hit = meets_table(grasps, depth, self.T_table_cam)
         for each, pose in zip(self.objects, self.poses, strict=True):
@@ -144,7 +144,7 @@ class ExactScene:
             hit[free] = meets_mesh(each.collider, local, depth[free])
         return hit, np.zeros(len(owner), np.bool_)
 
-    def contacts(self, which: int, grasps: Grasps) -> Contacts:
+    def contacts(self, which: int, grasps: GraspPoses) -> Contacts:
         """Close the fingers on the object's triangles."""
         local = grasps.transformed(invert(self.poses[which]))
         return close_fingers(self.objects[which].mesh, local, grasps.width)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from pipelines.array_types import Array, Mask
 from pipelines.geometry.meshes.signed_distance import SignedDistanceGrid
 from pipelines.geometry.transforms import unit
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.metrics.contacts import Contacts
 
 NEAR = float(np.sqrt(2.0) / 2.0)  # spacings within which a sample is on the surface
@@ -28,7 +28,9 @@ _CUBE = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), -1).reshap
 PROBES = PROBE_RADIUS * _CUBE / np.maximum(np.linalg.norm(_CUBE, axis=1, keepdims=True), 1.0)
 
 
-def close_fingers_on_grid(grid: SignedDistanceGrid, grasps: Grasps, opening: ArrayLike) -> Contacts:
+def close_fingers_on_grid(
+    grid: SignedDistanceGrid, grasps: GraspPoses, opening: ArrayLike
+) -> Contacts:
     """Return the contacts of `grasps`, in the frame of the grid's object, metres.
 
     `opening`: (n,) or one number, distance of the fingers before they close; `translation` of

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipelines.array_types import Array, Mask
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.metrics.mesh_collision import MeshCollider, hits_table
 
@@ -23,7 +23,7 @@ LONGEST = 0.9  # metres; what a finger may be
 TABLE_SIDE, TABLE_DEPTH = 1.0, 0.05  # metres, of the peer's cloud
 
 
-def exact_collision(mesh: Mesh, grasps: Grasps, depth: Array) -> tuple[Mask, Mask]:
+def exact_collision(mesh: Mesh, grasps: GraspPoses, depth: Array) -> tuple[Mask, Mask]:
     """Return (n,) whether the open gripper meets `mesh`, and whether nothing is between it.
 
     `grasps`: mesh frame, metres, `translation` between the finger tips and `width` the opening.
@@ -33,7 +33,7 @@ def exact_collision(mesh: Mesh, grasps: Grasps, depth: Array) -> tuple[Mask, Mas
     return collision, meets_points(samples, grasps, depth)[1] == 0
 
 
-def meets_mesh(collider: MeshCollider, grasps: Grasps, depth: Array) -> Mask:
+def meets_mesh(collider: MeshCollider, grasps: GraspPoses, depth: Array) -> Mask:
     """Return (n,) whether the open gripper touches the mesh, or is in it; frame of the mesh."""
     collision = np.zeros(len(grasps), np.bool_)
     for reach in np.unique(depth):
@@ -42,7 +42,7 @@ def meets_mesh(collider: MeshCollider, grasps: Grasps, depth: Array) -> Mask:
     return collision
 
 
-def meets_table(grasps: Grasps, depth: Array, T_table_grasps: Array) -> Mask:
+def meets_table(grasps: GraspPoses, depth: Array, T_table_grasps: Array) -> Mask:
     """Return (n,) whether the open gripper reaches below the table's top, z = 0."""
     collision = np.zeros(len(grasps), np.bool_)
     for reach in np.unique(depth):
@@ -51,7 +51,7 @@ def meets_table(grasps: Grasps, depth: Array, T_table_grasps: Array) -> Mask:
     return collision
 
 
-def cloud_collision(mesh: Mesh, grasps: Grasps, depth: Array) -> tuple[Mask, Mask]:
+def cloud_collision(mesh: Mesh, grasps: GraspPoses, depth: Array) -> tuple[Mask, Mask]:
     """Return (n,) collision and emptiness as the peer has them; empty grasps count as colliding.
 
     Its cloud is drawn at random, so this agrees with it up to a voxel's share of doubt.
@@ -81,7 +81,7 @@ def table_cloud() -> Array:
     return np.stack(np.meshgrid(side, side, height), -1).reshape(-1, 3)
 
 
-def meets_points(points: Array, grasps: Grasps, depth: Array) -> tuple[Mask, NDArray[np.int64]]:
+def meets_points(points: Array, grasps: GraspPoses, depth: Array) -> tuple[Mask, NDArray[np.int64]]:
     """Return (n,) whether a box of the gripper holds a point, and (n,) how many lie between.
 
     Args:

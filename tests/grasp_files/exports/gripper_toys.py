@@ -6,7 +6,7 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.transforms import random_rotation
 from pipelines.grasp_files.exports.grasp_exports import ExportGripper, ExportHeader, FrameGrasps
 from pipelines.grasp_files.grasps_file import FrameResult, RegionTable
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from tests.stages.toy_root import grasp_table
 
@@ -22,7 +22,7 @@ def random_gripper(rng) -> Gripper:
 def random_result(rng, count: int, name: str = "a/b", regions: int = 3) -> FrameResult:
     """A frame of `count` grasps, ascending by region; the first of each region is its best."""
     rotation = np.array([random_rotation(rng) for _ in range(count)]).reshape(-1, 3, 3)
-    grasps = Grasps(rotation, rng.normal(size=(count, 3)), rng.uniform(0.01, 0.1, count))
+    grasps = GraspPoses(rotation, rng.normal(size=(count, 3)), rng.uniform(0.01, 0.1, count))
     table = grasp_table(grasps)
     region = np.sort(rng.integers(0, regions, count))
     columns = {column: getattr(table, column) for column in table.SPEC} | {

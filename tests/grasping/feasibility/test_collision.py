@@ -20,7 +20,7 @@ from pipelines.grasping.feasibility.collision import (
     clearance,
     lowest_height,
 )
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 
 GRIPPER = load_gripper("rg2")
 seeds = st.integers(0, 2**31)
@@ -28,7 +28,7 @@ seeds = st.integers(0, 2**31)
 
 def random_grasps(rng, count=5):
     rotation = np.stack([random_rotation(rng) for _ in range(count)])
-    return Grasps(rotation, rng.normal(0, 0.02, (count, 3)), rng.uniform(0.01, 0.1, count))
+    return GraspPoses(rotation, rng.normal(0, 0.02, (count, 3)), rng.uniform(0.01, 0.1, count))
 
 
 def random_scene(rng, count=400):

@@ -13,7 +13,7 @@ from pipelines.grasp_files.gripper_files import load_gripper, preset_names
 from pipelines.grasping.feasibility.collision import BodyTest, Obstacles
 from pipelines.grasping.feasibility.feasibility import Feasibility
 from pipelines.grasping.feasibility.surroundings import Surroundings
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.scene import SceneCloud
 from tests.geometry.tabletops import CAMERA
 
@@ -42,7 +42,7 @@ def test_a_path_is_free_if_no_pose_along_it_meets_anything(seed, name):
     rng, gripper = np.random.default_rng(seed), load_gripper(name)
     width = rng.uniform(0.01, gripper.max_width, 6)
     rotation = np.stack([random_rotation(rng) for _ in range(6)])
-    grasps = Grasps(rotation, rng.normal(0, 0.02, (6, 3)), width)
+    grasps = GraspPoses(rotation, rng.normal(0, 0.02, (6, 3)), width)
     scene = Obstacles(rng.uniform(-0.25, 0.25, (30, 3)), np.ones(30, np.int64))
     met = np.zeros(6, bool)
     for step in STEPS:
@@ -54,7 +54,7 @@ def test_a_path_is_free_if_no_pose_along_it_meets_anything(seed, name):
     assert free(grasps, scene, gripper=gripper, config=slim)[~met].all()
 
 
-ALONG_X = Grasps(np.eye(3)[None], np.zeros((1, 3)), np.array([0.05]))  # approaches along x
+ALONG_X = GraspPoses(np.eye(3)[None], np.zeros((1, 3)), np.array([0.05]))  # approaches along x
 
 
 @pytest.mark.parametrize("place", ["near", "far"])

@@ -11,7 +11,7 @@ from pipelines.configs import SelectionConfig
 from pipelines.geometry.transforms import random_rotation
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.feasibility.image_border import BACK, ImageBorder, measured_sides
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.planner import Planar, RegionModel, RegionPlanner
 from pipelines.grasping.scene import RegionCloud
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
@@ -81,7 +81,7 @@ def test_a_grasp_is_kept_if_its_fingers_are_in_view(seed):
     high = np.array([np.inf, rng.uniform(140, 239)])
     rotation = np.stack([random_rotation(rng) for _ in range(20)])
     middle = np.column_stack([rng.uniform(-0.3, 0.3, (20, 2)), rng.uniform(0.02, 0.8, 20)])
-    grasps = Grasps.unchecked(rotation, middle, rng.uniform(0.01, 0.09, 20))
+    grasps = GraspPoses.unchecked(rotation, middle, rng.uniform(0.01, 0.09, 20))
     kept = ImageBorder(CAMERA, low, high).is_kept(grasps, GRIPPER)
     for n in range(20):
         out = 0.5 * grasps.width[n] + GRIPPER.clearance + GRIPPER.finger_thickness

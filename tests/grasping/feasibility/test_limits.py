@@ -10,7 +10,7 @@ from pipelines.errors import UnknownNameError, ValueRangeError
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import random_rotation, transform_points
 from pipelines.grasping.feasibility.limits import Limits, check_limits
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from tests.geometry.tabletops import CAMERA, looking_at_table
 
 POSE = looking_at_table()
@@ -25,7 +25,7 @@ def limits(mask=None, plane=TABLE, **settings):
 def random_grasps(rng, count=30):
     rotation = np.stack([random_rotation(rng) for _ in range(count)])
     where = rng.uniform([-0.3, -0.2, 0.4], [0.3, 0.2, 1.0], (count, 3))
-    return Grasps(rotation, where, np.full(count, 0.05))
+    return GraspPoses(rotation, where, np.full(count, 0.05))
 
 
 def test_nothing_asked_for_is_no_limit():

@@ -11,7 +11,7 @@ from pipelines.geometry.transforms import transform_points
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.feasibility.feasibility import Feasibility
 from pipelines.grasping.feasibility.opening_margin import with_opening_margin
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.ranked_grasps import RankedGrasps
 from tests.geometry.tabletops import Box, looking_at_table
 from tests.grasping.seen_regions import seen
@@ -31,7 +31,7 @@ def checks_at_box(*others):
 def grasp(width, slot=0):
     """From above, closing along the table's x; the first contact is the box's left side."""
     contacts = np.array([[-0.03, 0.0, 0.1], [-0.03 + width, 0.0, 0.1]])
-    grasps = Grasps.from_contacts(transform_points(POSE, contacts)[None], -POSE[None, :3, 2])
+    grasps = GraspPoses.from_contacts(transform_points(POSE, contacts)[None], -POSE[None, :3, 2])
     one = np.ones(1)
     return RankedGrasps(grasps, one, np.array([slot]), np.array(["network"]), one, one, one)
 

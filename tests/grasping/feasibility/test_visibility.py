@@ -9,7 +9,7 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.transforms import random_rotation
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.feasibility.visibility import PLACES, TIP_LENGTH, visible_fraction
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.scene import SceneCloud
 
 CAMERA = Intrinsics(400.0, 400.0, 159.5, 119.5, 320, 240)
@@ -28,7 +28,7 @@ def along_the_view(z, width=0.04):
     """A grasp whose finger tips end at depth `z`, the fingers left and right of the middle."""
     rotation = np.column_stack([[0, 0, 1.0], [1.0, 0, 0], [0, 1.0, 0]])
     reach = GRIPPER.tip_reach
-    return Grasps(rotation[None], np.array([[0, 0, z - reach]]), np.array([width]))
+    return GraspPoses(rotation[None], np.array([[0, 0, z - reach]]), np.array([width]))
 
 
 @pytest.mark.parametrize(
@@ -55,11 +55,11 @@ def test_a_tip_that_dips_into_the_wall_is_seen_in_part():
 
 def test_space_beside_the_image_and_behind_the_camera_is_not_seen():
     grasp, metre = along_the_view(0.5), np.eye(3)
-    beside = Grasps(grasp.rotation, grasp.translation + metre[:1], grasp.width)
-    behind = Grasps(grasp.rotation, grasp.translation - metre[2:], grasp.width)
+    beside = GraspPoses(grasp.rotation, grasp.translation + metre[:1], grasp.width)
+    behind = GraspPoses(grasp.rotation, grasp.translation - metre[2:], grasp.width)
     assert visible_fraction(beside, GRIPPER, wall(0.6))[0] == 0.0
     assert visible_fraction(behind, GRIPPER, wall(0.6))[0] == 0.0
-    assert visible_fraction(Grasps.empty(), GRIPPER, wall(0.6)).shape == (0,)
+    assert visible_fraction(GraspPoses.empty(), GRIPPER, wall(0.6)).shape == (0,)
 
 
 def test_the_share_is_that_of_a_lattice_of_points():
@@ -68,7 +68,7 @@ def test_the_share_is_that_of_a_lattice_of_points():
     scene = SceneCloud(depth, CAMERA)
     place = np.column_stack([rng.uniform(-0.2, 0.2, (40, 2)), rng.uniform(-0.1, 0.6, 40)])
     rotation = np.stack([random_rotation(rng) for _ in place])
-    grasps = Grasps(rotation, place, rng.uniform(0.01, 0.08, 40))
+    grasps = GraspPoses(rotation, place, rng.uniform(0.01, 0.08, 40))
     expected = []
     for index in range(len(grasps)):
         free = []

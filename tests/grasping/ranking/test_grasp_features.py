@@ -11,7 +11,7 @@ from scipy.spatial import KDTree
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import ReflectionSymmetry
 from pipelines.geometry.transforms import random_rotation, transform_points, unit
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.ranking import contact_patches, grasp_features
 from pipelines.grasping.ranking.grasp_features import (
@@ -51,7 +51,7 @@ POSE, KNOWN = known_box()
 def hands(count=1, slot=0, height=0.08):
     """Hands from above, whose fingers close on the front and the hidden back of the box."""
     contacts = transform_points(POSE, [[0.0, -0.045, height], [0.0, 0.045, height]])
-    grasps = Grasps.from_contacts([contacts] * count, np.tile(-POSE[:3, 2], (count, 1)))
+    grasps = GraspPoses.from_contacts([contacts] * count, np.tile(-POSE[:3, 2], (count, 1)))
     ones = np.ones(count)
     return RankedGrasps(
         grasps,
@@ -233,6 +233,6 @@ def test_what_is_seen_about_a_contact_is_what_arrays_say(seed, count, size):
 def test_numbers_are_those_of_each_hand_whatever_stands_beside_it():
     low, high = hands(height=0.05), hands(height=0.08)
     parts = [low.grasps, low.grasps, high.grasps, low.grasps]
-    found = replace(hands(4), grasps=Grasps.concatenate(parts))
+    found = replace(hands(4), grasps=GraspPoses.concatenate(parts))
     rows, alone = views(found).candidates(), [views(hand).candidates()[0] for hand in (low, high)]
     np.testing.assert_allclose(rows, [alone[0], alone[0], alone[1], alone[0]], atol=1e-6)

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipelines.configs import RankingConfig
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.ranking.ranking import ByEq8, eq8_score
 
@@ -29,7 +29,7 @@ def test_more_clearance_and_more_height_never_rank_lower(b, h, more):
 
 
 def test_unseen_space_at_the_finger_tips_lowers_the_score():
-    grasps = Grasps(np.tile(np.eye(3), (2, 1, 1)), np.zeros((2, 3)), np.full(2, 0.05))
+    grasps = GraspPoses(np.tile(np.eye(3), (2, 1, 1)), np.zeros((2, 3)), np.full(2, 0.05))
     b, h = np.array([0.02, 0.05]), np.array([0.01, 0.03])
     found = RankedGrasps(grasps, b, np.zeros(2, int), np.array(["planar"] * 2), b, h, b)
     seen, unseen = (ByEq8(CONFIG).score(found, b, np.full(2, share)) for share in (1.0, 0.0))

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from pipelines.configs import RankingConfig
 from pipelines.geometry.transforms import random_rotation, rotation_about
-from pipelines.grasping.grasps import Grasps
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.ranking.suppression import are_near, non_maximum_suppression
 
 CONFIG = RankingConfig()
@@ -25,7 +25,7 @@ def alike_grasps(rng, count):
     ).reshape(-1, 3, 3)
     rotation[::3] *= [1.0, -1.0, -1.0]
     translation = places[rng.integers(3, size=count)] + rng.normal(0, 0.01, (count, 3))
-    return Grasps(rotation, translation, rng.uniform(0.01, 0.1, count))
+    return GraspPoses(rotation, translation, rng.uniform(0.01, 0.1, count))
 
 
 def angle_between(one, other):
@@ -77,7 +77,7 @@ def test_of_no_grasps_none_stays():
     assert (
         len(
             non_maximum_suppression(
-                Grasps.empty(), DISTANCE, ANGLE, lambda some: np.ones(len(some), bool)
+                GraspPoses.empty(), DISTANCE, ANGLE, lambda some: np.ones(len(some), bool)
             )
         )
         == 0
@@ -85,7 +85,7 @@ def test_of_no_grasps_none_stays():
 
 
 def test_few_grasps_are_checked():
-    grasps = Grasps(np.tile(np.eye(3), (50, 1, 1)), np.zeros((50, 3)), np.full(50, 0.05))
+    grasps = GraspPoses(np.tile(np.eye(3), (50, 1, 1)), np.zeros((50, 3)), np.full(50, 0.05))
     checked = []
 
     def is_sound(some):
@@ -99,8 +99,8 @@ def test_few_grasps_are_checked():
 def test_swapped_fingers_are_the_same_grasp_and_a_turn_of_the_angle_is_another():
     swapped = np.diag([1.0, -1.0, -1.0])
     turned = rotation_about([0.0, 1.0, 0.0], ANGLE)
-    grasps = Grasps(np.stack([np.eye(3), swapped, turned]), np.zeros((3, 3)), np.full(3, 0.05))
+    grasps = GraspPoses(np.stack([np.eye(3), swapped, turned]), np.zeros((3, 3)), np.full(3, 0.05))
     near = are_near(grasps, DISTANCE, ANGLE)
     assert near.tolist() == [[True, True, False], [True, True, False], [False, False, True]]
-    apart = Grasps(grasps.rotation, np.diag([0.0, DISTANCE, 1.0]), grasps.width)
+    apart = GraspPoses(grasps.rotation, np.diag([0.0, DISTANCE, 1.0]), grasps.width)
     assert (are_near(apart, DISTANCE, ANGLE) == np.eye(3, dtype=bool)).all()

@@ -8,7 +8,7 @@ from numpy.testing import assert_array_equal
 
 from pipelines.geometry.meshes.signed_distance import signed_distance_grid
 from pipelines.geometry.transforms import make_pose, random_rotation
-from pipelines.grasping.grasps import Grasps, to_graspnet
+from pipelines.grasping.grasps import GraspPoses, to_graspnet
 from pipelines.metrics.graspnet.graspnet_ap import FAILED
 from pipelines.metrics.graspnet.graspnet_frames import (
     DUMP_REASONS,
@@ -41,15 +41,15 @@ def peer() -> PeerScene:
     return PeerScene(grids, [place.astype(np.float32) for place in PLACES], np.eye(4))
 
 
-def rows_of(grasps: Grasps, confidence=None) -> np.ndarray:
+def rows_of(grasps: GraspPoses, confidence=None) -> np.ndarray:
     """Rows whose finger tips are at the grasps, 2 cm before GraspNet's origin."""
     ranks = np.linspace(0.9, 0.1, len(grasps)) if confidence is None else confidence
     return to_graspnet(grasps, ranks, tip_reach=0.0, depth=0.02)
 
 
-def grasps_at(*places, width=0.07) -> Grasps:
+def grasps_at(*places, width=0.07) -> GraspPoses:
     count = len(places)
-    return Grasps(np.tile(DOWN, (count, 1, 1)), np.array(places), np.full(count, width))
+    return GraspPoses(np.tile(DOWN, (count, 1, 1)), np.array(places), np.full(count, width))
 
 
 def words(judged: ScoredRows) -> list[str]:
@@ -88,7 +88,7 @@ def test_moving_grasps_and_scene_together_changes_no_verdict(seed):
     rng = np.random.default_rng(seed)
     T = make_pose(random_rotation(rng), rng.normal(size=3))
     spread = random_grasps(rng, 40, 0.04).transformed(PLACES[rng.integers(2)])
-    grasps = Grasps(spread.rotation, spread.translation, np.full(40, 0.09))
+    grasps = GraspPoses(spread.rotation, spread.translation, np.full(40, 0.09))
     confidence = rng.random(40)
     here = score_rows(rows_of(grasps, confidence), exact())
     there = score_rows(rows_of(grasps.transformed(T), confidence), exact(T))
@@ -100,7 +100,7 @@ def test_moving_grasps_and_scene_together_changes_no_verdict(seed):
 def test_the_peer_looks_five_centimetres_around_the_grasped_object_and_no_farther():
     # The box is 10 cm high, the ball's lowest point at 15.1 cm, the palm from 14.5 to 15.5 cm.
     above = [PLACES[0], make_pose(np.eye(3), [0.0, 0.0, 0.151 + 0.03])]
-    grasp = Grasps(DOWN, np.array([0.0, 0.0, 0.085]), np.array(0.06))
+    grasp = GraspPoses(DOWN, np.array([0.0, 0.0, 0.085]), np.array(0.06))
     rows = to_graspnet(grasp, [0.5], tip_reach=0.0, depth=0.04)
     single = [pose.astype(np.float32) for pose in above]
     blind = PeerScene(peer().objects, single, np.eye(4))

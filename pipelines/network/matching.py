@@ -1,10 +1,10 @@
-"""Which reflection slot answers for which true plane: Hungarian assignment (Sec. III-E)."""
+"""Assignment of true planes to reflection slots at the least cost (Sec. III-E)."""
 
 from dataclasses import replace
+from functools import lru_cache
+from itertools import permutations
 
-import numpy as np
 import torch
-from scipy.optimize import linear_sum_assignment
 from torch import Tensor
 
 from pipelines.network.dense_error import reflection_error
@@ -36,9 +36,8 @@ def match_reflections(
     existing = truth.existence[:, None, :NUM_REFLECTIONS] > 0
     # An absent plane costs the same everywhere: it takes the slots that the others leave.
     order = assign(torch.where(existing, cost, 0.0))
-    picked = torch.cat(
-        [order, truth.existence.new_tensor([[3, 4]]).long().expand(len(order), 2)], 1
-    )
+    others = torch.arange(NUM_REFLECTIONS, NUM_REFLECTIONS + 2, device=order.device)
+    picked = torch.cat([order, others.expand(len(order), 2)], 1)
     rows = picked[..., None].expand(-1, -1, 3)
     return replace(
         truth,
@@ -68,9 +67,17 @@ def _costs_of_plane(
 def assign(cost: Tensor) -> Tensor:
     """Return for each row of (B, slot, plane) costs the plane (B, slot) given to each slot.
 
-    Costs that are not finite are no reason to fail here: the loss is not finite either then, and
+    All six ways are priced where the costs lie, so that a GPU need not wait for the host. Costs
+    that are not finite are no reason to fail here: the loss is not finite either then, and
     training says so and keeps the batch.
     """
-    finite = np.nan_to_num(cost.cpu().numpy(), nan=MOST, posinf=MOST, neginf=-MOST)
-    given = np.stack([linear_sum_assignment(matrix)[1] for matrix in finite])
-    return torch.from_numpy(given).to(cost.device)
+    finite = torch.nan_to_num(cost, nan=MOST, posinf=MOST, neginf=-MOST)
+    ways = _assignments(cost.device)
+    prices = finite[:, torch.arange(NUM_REFLECTIONS, device=cost.device), ways].sum(-1)  # (B, 6)
+    return ways[prices.argmin(-1)]
+
+
+@lru_cache
+def _assignments(device: torch.device) -> Tensor:
+    """Return all (6, slot) ways to give planes to slots."""
+    return torch.tensor(list(permutations(range(NUM_REFLECTIONS))), device=device)

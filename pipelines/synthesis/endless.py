@@ -5,7 +5,7 @@ fraction of a second, so none is used twice. Objects of the pools that evaluatio
 left out.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -115,11 +115,18 @@ def read_object(root: GraspNetRoot, object_id: int) -> LabelledObject:
 class EndlessScenes:
     """Draw scenes of the labelled objects of a dataset, and cut them into regions."""
 
-    def __init__(self, root: Path, config: EndlessConfig, seed: int) -> None:
-        files = GraspNetRoot(root)
-        self.objects = {i: read_object(files, i) for i in trainable_objects(files)}
+    def __init__(
+        self, objects: Mapping[int, LabelledObject], config: EndlessConfig, seed: int
+    ) -> None:
+        self.objects = objects
         self.regioned = {i: each.regioned for i, each in self.objects.items()}
         self.config, self.seed = config, seed
+
+    @classmethod
+    def of_root(cls, root: Path, config: EndlessConfig, seed: int) -> "EndlessScenes":
+        """Return scenes of the objects of the dataset `root` that no evaluation keeps unseen."""
+        files = GraspNetRoot(root)
+        return cls({i: read_object(files, i) for i in trainable_objects(files)}, config, seed)
 
     def regions(self, scene: int) -> list[PackedRegion]:
         """Return `regions_per_scene` regions of scene number `scene`, the same in every call.

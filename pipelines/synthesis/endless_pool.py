@@ -81,7 +81,7 @@ def _start(root: Path, config: EndlessConfig, seed: int, parent: int) -> None:
     cv2.setNumThreads(1)
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     try:
-        _OWN.append(EndlessScenes(root, config, seed))
+        _OWN.append(EndlessScenes.of_root(root, config, seed))
     except SymgraspError as error:  # raised when a scene is requested
         _OWN.append(error)
 

@@ -31,7 +31,7 @@ OPTIONS = [
 
 @pytest.fixture
 def stand_ins(monkeypatch):
-    """Tensors without numbers; the assignment, SciPy's, is one that comes back where it began."""
+    """Tensors without numbers: the assignment, which looks at numbers it keeps, is a fixed one."""
 
     def assigned(cost):
         return torch.zeros(cost.shape[:2], dtype=torch.long, device=cost.device)

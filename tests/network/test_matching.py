@@ -1,13 +1,14 @@
-"""Hungarian assignment of planes to slots."""
+"""Assignment of planes to slots."""
 
 from dataclasses import replace
 from itertools import permutations
 
 import pytest
 import torch
+from scipy.optimize import linear_sum_assignment
 
 from pipelines.network.dense_error import reflection_error
-from pipelines.network.matching import match_reflections
+from pipelines.network.matching import assign, match_reflections
 from tests.network.toy_regions import toy_batch
 
 WEIGHT = torch.full((2, 5), 0.2)
@@ -65,3 +66,14 @@ def test_no_other_assignment_of_planes_to_slots_costs_less():
     every = [cost(planes_of(truth, order)) for order in permutations(range(3))]
     assert cost(planes_of(matched)) == pytest.approx(min(every), rel=1e-5)
     assert max(every) > 1.05 * min(every)
+
+
+def test_assignments_are_those_of_the_hungarian_method():
+    cost = torch.rand(50, 3, 3, generator=torch.Generator().manual_seed(1))
+    expected = [linear_sum_assignment(matrix)[1].tolist() for matrix in cost.numpy()]
+    assert assign(cost).tolist() == expected
+
+
+def test_costs_that_are_not_finite_still_get_an_assignment():
+    given = assign(torch.tensor([[[torch.nan, 1.0, 0.0], [0.0, torch.inf, 1.0], [1.0, 0.0, 2.0]]]))
+    assert given.tolist() == [[2, 0, 1]]

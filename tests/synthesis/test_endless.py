@@ -42,16 +42,19 @@ def root(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def scenes(root):
-    return EndlessScenes(root.root, CONFIG, 0)
+    return EndlessScenes.of_root(root.root, CONFIG, 0)
 
 
 def test_a_scene_is_the_same_whenever_it_is_drawn(root, scenes):
-    first, again = scenes.regions(3), EndlessScenes(root.root, CONFIG, 0).regions(3)
+    first, again = scenes.regions(3), EndlessScenes.of_root(root.root, CONFIG, 0).regions(3)
     assert len(first) == CONFIG.regions_per_scene
     for one, other in zip(first, again, strict=True):
         np.testing.assert_array_equal(one.points, other.points)
         np.testing.assert_array_equal(one.affordance, other.affordance)
-    other_scene, other_seed = scenes.regions(4), EndlessScenes(root.root, CONFIG, 1).regions(3)
+    other_scene, other_seed = (
+        scenes.regions(4),
+        EndlessScenes.of_root(root.root, CONFIG, 1).regions(3),
+    )
     assert not np.array_equal(first[0].points, other_scene[0].points)
     assert not np.array_equal(first[0].points, other_seed[0].points)
 
@@ -80,7 +83,7 @@ def test_seeds_are_never_those_of_a_dataset(seed, other, tag, scene):
 
 
 def test_points_and_symmetries_are_of_the_same_object(root):
-    for region in EndlessScenes(root.root, EXACT, 5).regions(0):
+    for region in EndlessScenes.of_root(root.root, EXACT, 5).regions(0):
         center = np.nanmean(region.point, axis=0)
         away = region.points - center
         assert np.abs(away).max() < 0.08  # the box's half diagonal and sensor-free points
@@ -96,7 +99,7 @@ def test_points_and_symmetries_are_of_the_same_object(root):
 
 def test_mask_errors_bring_in_points_of_others_and_lose_own_ones(root):
     def strays(config):
-        drawn = EndlessScenes(root.root, config, 2)
+        drawn = EndlessScenes.of_root(root.root, config, 2)
         regions = [region for n in range(5) for region in drawn.regions(n)]
         away = [np.linalg.norm(r.points - np.nanmean(r.point, axis=0), axis=1) for r in regions]
         return np.mean(np.concatenate(away) > 0.075)
@@ -108,7 +111,7 @@ def test_mask_errors_bring_in_points_of_others_and_lose_own_ones(root):
 
 def test_what_is_held_before_the_objects_hides_some_of_them(root):
     def shown(occluders):
-        drawn = EndlessScenes(root.root, replace(EXACT, occluders=occluders, views=4), 3)
+        drawn = EndlessScenes.of_root(root.root, replace(EXACT, occluders=occluders, views=4), 3)
         clouds = [drawn._drawn_clouds(np.random.default_rng(seed)) for seed in range(6)]
         return sum(len(each) for each in clouds)
 

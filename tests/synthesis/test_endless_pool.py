@@ -27,7 +27,7 @@ def root(tmp_path_factory):
 
 
 def test_regions_are_the_same_in_any_order_within_their_group(root):
-    here = EndlessScenes(root, FEW, 0)
+    here = EndlessScenes.of_root(root, FEW, 0)
     with EndlessPool(root, FEW, 0, 1) as pool:
         for scene, slot in ((1, 0), (0, 3), (2, 5), (3, 1), (5, 0)):
             ours, theirs = here.regions(scene)[slot], pool.region(scene, slot)
@@ -41,7 +41,7 @@ def test_regions_are_the_same_in_any_order_within_their_group(root):
 
 
 def test_scenes_still_come_when_all_processes_are_asked_to_end(root):
-    here = EndlessScenes(root, FEW, 0)
+    here = EndlessScenes.of_root(root, FEW, 0)
     with EndlessPool(root, FEW, 0, 1) as pool:
         pool.region(0, 0)  # they have begun
         for process in list(pool._pool._processes):

@@ -1,0 +1,125 @@
+"""Processes that render labelled regions without end, and the regions that wait on the GPU."""
+
+import queue
+from collections.abc import Sequence
+from multiprocessing import get_context
+from multiprocessing.queues import Queue
+from multiprocessing.synchronize import Event
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+from torch import Tensor
+
+from pipelines.configs import TrainConfig
+from pipelines.dataset.training.packed_regions import PackedRegion
+from pipelines.errors import SymgraspError
+from pipelines.network.regions import RegionBatch
+from pipelines.tabletop.levelling import level_axes, table_of_row
+from tools.gpu_training.labelled_objects import scenes_of
+
+POINTS = 2048  # of a rendered region
+# Of a region: points about their centroid, affordance, existence, centres, directions, and the
+# network's axes and the height of the centroid with its table and without one.
+SHAPES = ((POINTS, 3), (POINTS,), (5,), (5, 3), (5, 3), (2, 3, 3), (2,))
+
+
+class Renderers:
+    """Processes that render the first `limit` objects of a file, scene by scene."""
+
+    def __init__(self, objects: Path, seed: int, workers: int, limit: int | None = None) -> None:
+        context = get_context("spawn")
+        self.queue, self._stop = context.Queue(64), context.Event()
+        arguments = objects, seed, limit, self.queue, self._stop
+        self._workers = [
+            context.Process(target=_render, args=(first, workers, *arguments), daemon=True)
+            for first in range(workers)
+        ]
+        for worker in self._workers:
+            worker.start()
+
+    def end(self) -> None:
+        """End the processes."""
+        self._stop.set()
+        for worker in self._workers:
+            worker.terminate()
+
+
+def _render(
+    first: int, step: int, objects: Path, seed: int, limit: int | None, out: Queue, stop: Event
+) -> None:
+    cv2.setNumThreads(1)
+    scenes, number = scenes_of(objects, seed, limit), first
+    while not stop.is_set():
+        try:
+            regions = scenes.regions(number)
+        except SymgraspError:  # nothing of this scene shows
+            regions = []
+        if regions:
+            rows = zip(*(_rows(region) for region in regions), strict=True)
+            out.put(tuple(np.stack(each).astype(np.float32) for each in rows))
+        number += step
+
+
+def _rows(region: PackedRegion) -> tuple[np.ndarray, ...]:
+    center = region.points.mean(axis=0)
+    table = table_of_row(region.table)
+    axes = np.stack([level_axes(center, table), level_axes(center, None)])
+    height = np.array([table.height(center) if table else 0.0, 0.0])
+    point, direction = np.nan_to_num(region.point - center), np.nan_to_num(region.direction)
+    points = region.points - center
+    return points, region.affordance, region.existence, point, direction, axes, height
+
+
+class RegionRing:
+    """The newest `capacity` regions that were rendered, on a device."""
+
+    def __init__(self, capacity: int, device: torch.device) -> None:
+        self.columns = [torch.zeros((capacity, *shape), device=device) for shape in SHAPES]
+        self.capacity, self.seen = capacity, 0
+
+    def __len__(self) -> int:
+        return min(self.seen, self.capacity)
+
+    def add(self, rows: Sequence[np.ndarray]) -> None:
+        """Take in regions, in place of the oldest ones where there is no room."""
+        count, start = len(rows[0]), self.seen % self.capacity
+        fits = min(count, self.capacity - start)
+        for column, array in zip(self.columns, rows, strict=True):
+            values = torch.from_numpy(array)
+            column[start : start + fits].copy_(values[:fits])
+            column[: count - fits].copy_(values[fits:])
+        self.seen += count
+
+    def take_in(self, renderers: Renderers, scenes: int) -> None:
+        """Take in the regions of at most `scenes` scenes that wait."""
+        for _ in range(scenes):
+            try:
+                self.add(renderers.queue.get_nowait())
+            except queue.Empty:
+                return
+
+    def batch(self, rows: Tensor, config: TrainConfig, lost_table: float) -> RegionBatch:
+        """Return the regions `rows` (B,) as `draw_points` of `symgrasp train` makes them."""
+        device, count = rows.device, len(rows)
+        points, affordance, existence, center, direction, axes, height = (
+            column[rows] for column in self.columns
+        )
+        lost = (torch.rand(count, device=device) < lost_table).long()
+        each = torch.arange(count, device=device)
+        axes, height = axes[each, lost], height[each, lost]
+        order = torch.rand((count, POINTS), device=device).argsort(1)
+        order = order[:, : config.network.num_points]
+        points = points.gather(1, order[..., None].expand(-1, -1, 3))
+        middle = points.mean(1, keepdim=True)
+        lift = torch.einsum("bi,bi->b", axes[:, 2], middle[:, 0])
+        turned = axes.transpose(1, 2)
+        return RegionBatch(
+            (points - middle) @ turned,
+            affordance.gather(1, order),
+            existence,
+            (center - middle) @ turned,
+            direction @ turned,
+            torch.where(height != 0, height + lift, height),
+        )

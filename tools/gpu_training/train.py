@@ -1,0 +1,215 @@
+"""Train the grasp network on one GPU, on regions that the host's cores render meanwhile."""
+
+import argparse
+import math
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from pipelines.configs import TrainConfig
+from pipelines.learning.grasp_network.grasp_training import Sample, sample_loss
+from pipelines.network import augmentation, pointnet2, sampling
+from pipelines.network.losses import NUM_ERROR_POINTS
+from pipelines.network.model import SymmetryGraspNet
+from pipelines.network.regions import RegionBatch
+from pipelines.network.weights_files import weights_metadata
+from pipelines.storage.checkpoints import load_weights, save_weights
+from tools.gpu_training.rendering import RegionRing, Renderers
+
+WARM_UP_STEPS = 300
+SMALLEST_RATE = 1e-6
+CLIP_NORM = 10.0  # as `symgrasp train`
+FIRST_REGIONS = 1500  # before the first step
+LOG_SECONDS = 20.0
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """How fast weights change: a warm-up, then half a cosine over the time there is.
+
+    Attributes:
+        rate: the largest.
+        seconds: there are.
+        averaged: of the mean of the weights, that is kept in a step.
+    """
+
+    rate: float
+    seconds: float
+    averaged: float
+
+    def rate_at(self, step: int, seconds: float) -> float:
+        """Return the learning rate."""
+        cosine = 0.5 + 0.5 * math.cos(math.pi * min(1.0, seconds / self.seconds))
+        return self.rate * min(1.0, (step + 1) / WARM_UP_STEPS) * cosine + SMALLEST_RATE
+
+
+class Step:
+    """One step of the training, on a GPU as one CUDA graph: nothing in it waits for the host."""
+
+    def __init__(self, module: SymmetryGraspNet, sample: Sample, rate: float) -> None:
+        self.module, self.sample, self.config = module, sample, TrainConfig()
+        self.device = sample.query.device
+        on_gpu = self.device.type == "cuda"
+        self.rate = torch.tensor(rate, device=self.device)
+        self.averaged = torch.tensor(0.0, device=self.device)
+        self.loss = torch.zeros((), device=self.device)
+        self.parameters = list(module.parameters())
+        self.optimizer = torch.optim.Adam(
+            self.parameters, lr=self.rate if on_gpu else rate, capturable=on_gpu
+        )
+        state = module.state_dict()
+        self.names = [name for name, each in state.items() if each.is_floating_point()]
+        self.live = [state[name] for name in self.names]
+        self.mean = [each.detach().clone() for each in self.live]
+        for parameter in self.parameters:
+            parameter.grad = torch.zeros_like(parameter)
+        self._graph = self._captured() if on_gpu else None
+
+    def run(self, sample: Sample, rate: float, averaged: float) -> None:
+        """Learn from `sample`."""
+        self.rate.fill_(rate)
+        self.averaged.fill_(averaged)
+        for name, tensor in self.sample.tensors().items():
+            tensor.copy_(sample.tensors()[name])
+        if self._graph is None:
+            self._once()
+        else:
+            self._graph.replay()
+
+    def _captured(self) -> torch.cuda.CUDAGraph:
+        side, graph = torch.cuda.Stream(), torch.cuda.CUDAGraph()
+        side.wait_stream(torch.cuda.current_stream())
+        with torch.cuda.stream(side):
+            for _ in range(4):
+                self._once()
+        torch.cuda.current_stream().wait_stream(side)
+        with torch.cuda.graph(graph):
+            self._once()
+        return graph
+
+    def _once(self) -> None:
+        self.optimizer.zero_grad(set_to_none=False)
+        loss = sample_loss(self.module, self.sample, self.config, self.device)["total"]
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(self.parameters, CLIP_NORM)
+        for parameter in self.parameters:  # a gradient that is not finite is no step
+            parameter.grad.nan_to_num_(0.0, 0.0, 0.0)
+        self.optimizer.step()
+        for mean, live in zip(self.mean, self.live, strict=True):
+            mean.lerp_(live, 1.0 - self.averaged)
+        self.loss.lerp_(torch.nan_to_num(loss.detach()), 0.02)
+
+    def averaged_weights(self) -> dict[str, Tensor]:
+        """Return the mean of the weights."""
+        state = {name: each.detach().cpu() for name, each in self.module.state_dict().items()}
+        means = zip(self.names, self.mean, strict=True)
+        return state | {name: each.detach().cpu() for name, each in means}
+
+
+def prepare(device: torch.device) -> None:
+    """Let augmentation draw on `device`, and layers do without operations that a graph cannot hold.
+
+    On the CPU all regions draw from generators of their own; here they share one.
+    """
+
+    def rotations(vectors: Tensor) -> Tensor:
+        angle = vectors.norm(dim=-1).clamp(min=1e-8)[:, None, None]
+        x, y, z = (vectors / angle[:, 0]).unbind(-1)
+        zero = torch.zeros_like(x)
+        skew = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).view(-1, 3, 3)
+        return torch.eye(3) + torch.sin(angle) * skew + (1.0 - torch.cos(angle)) * (skew @ skew)
+
+    torch.set_default_device(device)
+    augmentation._normal = lambda regions, *shape: torch.randn((len(regions), *shape))
+    augmentation._uniform = lambda regions, count: torch.rand((len(regions), count))
+    augmentation._rotations = rotations
+    if device.type == "cuda":
+        from tools.gpu_training.farthest_points import farthest_points  # noqa: PLC0415 - Triton
+
+        sampling._farthest_points_torch = farthest_points
+        pointnet2.weighted_sum = weighted_sum
+
+
+def weighted_sum(values: Tensor, index: Tensor, weight: Tensor) -> Tensor:
+    """Return sums (B, M, C) of `values` at `index` (B, M, K), each times its `weight`."""
+    return (sampling.gather(values, index) * weight[..., None]).sum(2)
+
+
+def drawn_sample(ring: RegionRing, size: int, config: TrainConfig) -> Sample:
+    """Return augmented regions of the ring and their scaled copies."""
+    rows, count = torch.randint(len(ring), (size,)), config.network.num_points
+    batch: RegionBatch = ring.batch(rows, config, config.augmentation.lost_table)
+    initial = augmentation.augment(batch, config.augmentation, range(size))
+    copies = augmentation.scaled_copy(initial, config.augmentation, range(size))
+    query, measured = (
+        torch.rand((size, count)).argsort(1)[:, :taken].contiguous()
+        for taken in (config.num_loss_points, NUM_ERROR_POINTS)
+    )
+    return Sample(initial, copies, query, measured)
+
+
+def first_regions(renderers: Renderers, capacity: int, device: torch.device) -> RegionRing:
+    """Return a ring with enough regions to begin with."""
+    ring = RegionRing(capacity, device)
+    while len(ring) < min(FIRST_REGIONS, capacity // 2):
+        ring.take_in(renderers, 64)
+        time.sleep(0.05)
+    return ring
+
+
+def train(options: argparse.Namespace) -> None:
+    """Train until the minutes are over, and write the mean of the weights."""
+    device, config = torch.device(options.device), TrainConfig()
+    renderers = Renderers(options.objects, options.seed, options.workers, options.limit)
+    prepare(device)
+    torch.manual_seed(options.seed)
+    module = SymmetryGraspNet(config.network).to(device).train()
+    if options.init is not None:
+        module.load_state_dict(load_weights(options.init)[0])
+    began, ring = time.monotonic(), first_regions(renderers, options.capacity, device)
+    step = Step(module, drawn_sample(ring, options.batch_size, config), options.rate)
+    end, started = began + 60.0 * options.minutes, time.monotonic()
+    schedule, steps = Schedule(options.rate, end - started, options.averaged), 0
+    told = started
+    while (now := time.monotonic()) < end and steps < options.max_steps:
+        averaged = min(schedule.averaged, (steps + 1) / (steps + 11.0))
+        if steps % 4 == 0:
+            ring.take_in(renderers, 2)
+        sample = drawn_sample(ring, options.batch_size, config)
+        step.run(sample, schedule.rate_at(steps, now - started), averaged)
+        steps += 1
+        if now - told > LOG_SECONDS:
+            told = now
+            sys.stdout.write(f"step {steps}, {ring.seen} regions, loss {float(step.loss):.3f}\n")
+            sys.stdout.flush()
+    renderers.end()
+    metadata = weights_metadata(SymmetryGraspNet.__name__, config.network)
+    metadata |= {"steps": str(steps), "batch_size": str(options.batch_size)}
+    save_weights(options.out, step.averaged_weights(), metadata)
+
+
+def main() -> None:
+    """Read the options and train."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--objects", type=Path, required=True, help="written by labelled_objects")
+    parser.add_argument("--out", type=Path, required=True, help="weights to write")
+    parser.add_argument("--init", type=Path, help="weights to start from")
+    parser.add_argument("--minutes", type=float, default=9.0, help="with the time to render first")
+    parser.add_argument("--max-steps", type=int, default=10**9)
+    parser.add_argument("--batch-size", type=int, default=64)
+    parser.add_argument("--rate", type=float, default=0.0013, help="largest learning rate")
+    parser.add_argument("--averaged", type=float, default=0.9996, help="kept of the mean a step")
+    parser.add_argument("--workers", type=int, default=15, help="processes that render")
+    parser.add_argument("--limit", type=int, help="objects to use, the first ones")
+    parser.add_argument("--capacity", type=int, default=300_000, help="regions on the device")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--device", default="cuda")
+    train(parser.parse_args())
+
+
+if __name__ == "__main__":
+    main()

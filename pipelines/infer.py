@@ -1,6 +1,6 @@
 """Stage `infer`: RGB-D frames in, ranked grasps out (Sec. III-E, III-F).
 
-Reads   a folder of RGB-D frames in any layout that `formats/frames.py` knows; weights
+Reads   a folder of RGB-D frames in any layout that `frames/frames.py` knows; weights
 Writes  one `grasps.h5` for all frames; with overlays, a picture a frame
 
 Frames are worked on side by side, in two processes where there are many of them. Each finished one
@@ -64,7 +64,7 @@ def run(
     Raises:
         SymgraspError: no frames, unknown names, weights missing, or the output was made otherwise,
             or by somebody else.
-        WriteError: no room or no right to write; frames that are finished stay.
+        WriteError: no space or no permission to write; frames that are finished stay.
     """
     check_names(config)
     refuse_others_work(paths.output)
@@ -86,7 +86,7 @@ def run(
 
 
 def _make(work: Work, items: Sequence[WorkItem], options: BatchOptions) -> StageReport:
-    """Find what is not found yet, and put the output together."""
+    """Find the grasps of the frames that have none yet, and put the output together."""
     settings = work.settings
     if not options.dry_run:
         drop_stale_shards(items)
@@ -104,7 +104,7 @@ def _make(work: Work, items: Sequence[WorkItem], options: BatchOptions) -> Stage
 
 
 def _finished_report(paths: InferPaths, count: int) -> StageReport:
-    """Return what the finished output says of its `count` frames."""
+    """Return the report of a finished output with `count` frames."""
     report = StageReport(STAGE)
     for result in read_results(paths.output, range(count)):
         if result.status == "failed":

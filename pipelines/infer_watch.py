@@ -1,4 +1,4 @@
-"""Stage `infer --watch`: grasps of each frame as a camera writes it, until it is told to stop.
+"""Stage `infer --watch`: grasps of each frame as a camera writes it, until it is stopped.
 
 Reads   a folder that RGB-D frames are written into; weights
 Writes  `grasps.h5.parts/FRAME.h5` as soon as a frame's grasps are found, and `grasps.h5` of all
@@ -43,7 +43,7 @@ LISTING_SHARE = 4  # a listing's time is waited this many times, so that large f
 
 @dataclass(frozen=True)
 class Followed:
-    """What became of one frame.
+    """The result of one frame.
 
     Attributes:
         name: the frame's.
@@ -66,7 +66,7 @@ def run(
     options: BatchOptions,
     *,
     watch: WatchConfig,
-    tell: Callable[[Followed], None],
+    notify: Callable[[Followed], None],
     camera: CameraFile | None = None,
     depth_units_per_metre: float | None = None,
     seed: int = 0,
@@ -82,7 +82,7 @@ def run(
         config: how grasps are found.
         options: whether to begin anew; the work is done in threads of this process.
         watch: how long to wait for what.
-        tell: called with each frame that was worked on.
+        notify: called with each frame that was worked on.
         camera: intrinsics of all frames, instead of the files beside them.
         depth_units_per_metre: unit of the depth files, instead of what the files say.
         seed: of everything that is drawn at random.
@@ -94,7 +94,7 @@ def run(
     Raises:
         SymgraspError: no such folder, unknown names, weights missing, or the output was made
             otherwise, by somebody else, or holds frames that are nowhere else.
-        WriteError: no room or no right to write; the same command goes on.
+        WriteError: no space or no permission to write; the same command goes on.
     """
     check_names(config)
     refuse_others_work(paths.output)
@@ -104,7 +104,12 @@ def run(
     thread = ThreadPoolExecutor(1)
     with thread, signals.heeded(patient=False), work.settings.one_core():
         follower = _Follower(
-            work, watch, side_by_side(options, 0, device), tell, clock or Clock(), beside or thread
+            work,
+            watch,
+            side_by_side(options, 0, device),
+            notify,
+            clock or Clock(),
+            beside or thread,
         )
         follower.begin(overwrite=options.overwrite)
         while signals.reason is Reason.NONE and not follower.is_timed_out():
@@ -114,12 +119,12 @@ def run(
 
 @dataclass
 class _Follower:
-    """What is known of the frames so far."""
+    """The state of all frames so far."""
 
     work: Work
     watch: WatchConfig
     options: BatchOptions
-    tell: Callable[[Followed], None]
+    notify: Callable[[Followed], None]
     clock: Clock
     beside: Executor
     items: dict[str, WorkItem] = field(default_factory=dict)
@@ -177,7 +182,7 @@ class _Follower:
         return self.clock.now() - active >= self.watch.timeout
 
     def end(self) -> StageReport:
-        """Put the output together and say what was done."""
+        """Put the output together and return the report."""
         names = {source.name for source in self.listed}
         for name in sorted(names & set(self.pending)):
             arrival, item, sentence = self.pending[name]
@@ -234,17 +239,17 @@ class _Follower:
         return item
 
     def _conclude(self, name: str, arrival: Arrival, item: WorkItem, sentence: str | None) -> None:
-        """Note and tell what became of a frame; `sentence` says why it failed, if it did."""
+        """Note and report the result of a frame; `sentence` says why it failed, if it did."""
         seconds = self.clock.now() - arrival.since
         if sentence is not None:
             self._keep(item, [])
             self.failed[name] = sentence
-            self.tell(Followed(name, "failed", 0, seconds, sentence))
+            self.notify(Followed(name, "failed", 0, seconds, sentence))
             return
         self._keep(item, self.report.done)
         result = grasps_file.read_shard(item.target)
         count = len(result.grasps)
-        self.tell(Followed(name, result.status, count, seconds, str(item.target)))
+        self.notify(Followed(name, result.status, count, seconds, str(item.target)))
 
     def _keep(self, item: WorkItem, names: list[str]) -> None:
         self.watcher.finish(item.name)
@@ -270,14 +275,14 @@ class _Follower:
         self.is_changed = False
 
     def _forget_lost(self) -> None:
-        """Leave out what somebody took the parts of, rather than end for want of them."""
+        """Leave out the frames whose parts somebody removed, rather than fail without them."""
         for name in set(self.items) - set(self.failed):
             if not self.items[name].target.exists():
                 log.warning("%s: its part is not there any more, it is left out", name)
                 del self.items[name]
 
     def _await_output(self) -> None:
-        """Wait until the output is put together, where it is being so; raise what went wrong."""
+        """Wait until the output is put together, if it is being so; raise its error."""
         writing, self.writing = self.writing, None
         if writing is not None:
             writing.result()

@@ -141,7 +141,7 @@ def infer(
     )
     chosen = CHOSEN if workers is None else workers
     options = batch_options(chosen, backend, overwrite=overwrite, dry_run=dry_run)
-    followed = partial(infer_watch.run, watch=config.watch, tell=_tell_followed)
+    followed = partial(infer_watch.run, watch=config.watch, notify=_print_followed)
     report = (followed if watch else stage.run)(
         paths,
         part(InferConfig, config),
@@ -155,7 +155,7 @@ def infer(
     conclude(report)
 
 
-def _tell_followed(frame: Followed) -> None:
+def _print_followed(frame: Followed) -> None:
     """Print one frame's line on stdout at once, for whoever reads it through a pipe."""
     line = f"{frame.name}  {frame.status}  {frame.grasps} grasps  {frame.seconds:.2f} s"
     typer.echo(f"{line}  {frame.text}")

@@ -20,10 +20,10 @@ class Gripper:
         max_opening: widest distance between the fingers' inner faces.
         finger_length: from the palm's front to the finger tips, along approach.
         finger_thickness: of one finger along closing.
-        finger_height: of a finger along the third axis.
+        finger_height: of a finger along the binormal.
         palm_depth: of the palm, behind the fingers, along approach.
         palm_width: of the palm along closing.
-        palm_height: of the palm along the third axis.
+        palm_height: of the palm along the binormal.
         tip_reach: how far the tips pass the contact line along approach.
         clearance: free distance between contact and open finger, each side.
         flange_to_tip: from the mounting flange to the finger tips, for exporters.
@@ -60,7 +60,7 @@ class Gripper:
 
     @property
     def base_to_contacts(self) -> float:
-        """From the mounting flange, the hand's base, to the contact line along approach."""
+        """From the mounting flange, the gripper's base, to the contact line along approach."""
         return self.flange_to_tip - self.tip_reach
 
     def opening(self, width: ArrayLike) -> Array:
@@ -68,7 +68,7 @@ class Gripper:
         return np.asarray(width, np.float64) + 2.0 * self.clearance
 
     def swept(self, distance: float) -> "Gripper":
-        """Return a hand that takes all the room of this one as it comes `distance` metres.
+        """Return a gripper with the space that this one sweeps on its last `distance` metres.
 
         It comes along its approach axis, open. Its palm is as wide as its open fingers, so what
         they sweep lies within what the palm does, or is made to.
@@ -76,12 +76,12 @@ class Gripper:
         return _swept(self, distance)
 
     def bounds(self, width: ArrayLike) -> Array:
-        """Return (..., 9) metres that tell the bodies: the hand is its own mirror image.
+        """Return (..., 9) metres that bound the bodies: the gripper is its own mirror image.
 
         In order: the fingers' back and tip along approach, the palm's back and front, half the
         fingers' and the palm's height, the inner and outer face of a finger and the side of the
         palm along closing. `width` (...) is the distance of the contacts; the frame is the
-        grasp's, so the contact line lies on approach = 0, third axis = 0.
+        grasp's, so the contact line lies on approach = 0, binormal = 0.
         """
         inner = self.opening(width) / 2.0
         tip, back = self.tip_reach, self.tip_reach - self.finger_length

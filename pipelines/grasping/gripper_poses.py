@@ -1,10 +1,10 @@
-"""Grasps as poses of a hand's base: what robot programs are told.
+"""Grasps as poses of a gripper's base, for robot programs.
 
 The base lies behind the contacts along the approach, the axes are its own. Two conventions of axes
 are in use; both have z = approach, and differ by a quarter turn about it:
 
 * closing along x: Contact-GraspNet, 6-DOF GraspNet, ACRONYM, GraspGen
-* closing along y: the links of hands, as `panda_hand`; MoveIt, ROS and Isaac move these
+* closing along y: the links of grippers, as `panda_hand`; MoveIt, ROS and Isaac move these
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ CLOSING_ALONG_Y = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
 
 
 def gripper_poses(grasps: GraspPoses, base_to_contacts: float, axes: Array) -> Array:
-    """Return (n, 4, 4) poses: base of the hand to the frame of `grasps`.
+    """Return (n, 4, 4) poses: base of the gripper to the frame of `grasps`.
 
     Args:
         grasps: in any frame.

@@ -1,4 +1,4 @@
-"""What an earlier run left, and whether this run may go on from it, or write over it."""
+"""The results of an earlier run: whether this run may go on from them, or write over them."""
 
 from contextlib import suppress
 from pathlib import Path

@@ -84,11 +84,11 @@ def grasp_critic(path: Path = GRASP_CRITIC_WEIGHTS) -> GraspCritic:
 
 
 def uses_gpu(device: str) -> bool:
-    """Return whether networks on `device` run on a GPU; asks torch only where it can matter."""
+    """Return whether networks on `device` run on a GPU; loads torch only where it can matter."""
     if device != "auto":
         return device != "cpu"
     if sys.platform == "linux" and not any(Path(driver).exists() for driver in DRIVERS):
-        return False  # asking torch takes seconds
+        return False  # to load torch takes seconds
     from pipelines.network.devices import find_device  # noqa: PLC0415 - slow to load
 
     return find_device(device).type != "cpu"
@@ -125,7 +125,7 @@ class _OneThreadEach:
     def enter(self, thread: int) -> None:
         import torch  # noqa: PLC0415 - slow to load
 
-        own = torch.get_num_threads()  # when first asked, torch gives a thread a number
+        own = torch.get_num_threads()  # the first call gives a thread its number
         torch.set_num_threads(1)
         with self._lock:
             if not self._depth:

@@ -45,7 +45,7 @@ def draw_missing(
         Why a frame has no picture, by its name.
 
     Raises:
-        WriteError: no room or no right to write.
+        WriteError: no space or no permission to write.
     """
     folder = settings.paths.overlays
     if folder is None or options.dry_run:

@@ -31,7 +31,7 @@ class RegionOutput(Protocol):
         """(n,) 0 to 1."""
 
     @property
-    def telling(self) -> NDArray[Any]:
+    def voting(self) -> NDArray[Any]:
         """(m,) which of the n vote for symmetries."""
 
     @property
@@ -73,7 +73,7 @@ class PredictedRegion:
         """Return the region `cloud` with the votes of its points put together."""
         affordance = np.asarray(prediction.affordance, np.float64)
         votes = prediction.existence, prediction.center, prediction.direction
-        slots = voted_slots(*votes, affordance[prediction.telling])
+        slots = voted_slots(*votes, affordance[prediction.voting])
         return cls(cloud[prediction.index], affordance, slots)
 
 

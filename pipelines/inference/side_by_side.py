@@ -1,4 +1,4 @@
-"""How frames are spread over threads and processes, and where their networks are loaded."""
+"""Frames spread over threads and processes, each with its networks loaded."""
 
 import os
 import threading
@@ -19,11 +19,11 @@ PROCESSES, FRAMES_A_PROCESS = 2, 8
 
 
 def side_by_side(options: BatchOptions, frames: int, device: str) -> BatchOptions:
-    """Return how `frames` that are to be done are worked on where nobody says it.
+    """Return how `frames` are worked on where the user does not say it.
 
-    Threads of this process wait for Python's lock for a third of their time; with many frames on a
+    Threads of this process wait for Python's lock a third of the time; with many frames on a
     CPU, processes of their own are worth what starting them takes. More than two would need more
-    than 2 GB: that is for who asks with `--workers`.
+    than 2 GB: that takes `--workers`.
     """
     options = options.for_items(frames)
     if options.backend in CLUSTERS or options.workers > 1:
@@ -36,7 +36,7 @@ def side_by_side(options: BatchOptions, frames: int, device: str) -> BatchOption
 
 
 def load(settings: Settings, options: BatchOptions) -> None:
-    """Load all networks where they will be asked, so that what does not load is said once.
+    """Load all networks where they will run, so that a failure is reported once.
 
     Raises:
         SymgraspError: something does not load.

@@ -1,4 +1,4 @@
-"""Which frames of a folder are whole while a camera still writes into it.
+"""The frames of a folder that are whole while a camera still writes into it.
 
 A frame is whole when none of its files has changed for a while, as seen from here: the clock of a
 camera or a file server may be another. What cannot be read then may be a pair whose second image is
@@ -28,7 +28,7 @@ class Clock:
 class Lister:
     """Lists the frames of a folder anew where a folder of theirs has changed, or after a while.
 
-    To list thousands takes a third of a second; to see that no file came or went, no time. What
+    To list thousands takes 0.3 s; to see that no file came or went, no time. What
     shows in no known folder (an index file that grew, the first frame of a new folder) is seen
     after the while.
     """
@@ -48,7 +48,7 @@ class Lister:
         Raises:
             SymgraspError: the folder is not there.
         """
-        # Asked for before the listing: what changes meanwhile is then seen by the next look.
+        # Read before the listing: the next look sees what changes meanwhile.
         changes = {path: _changed_at(path) for path in self._folders}
         if changes == self._changes and now - self._listed < self._config.relist:
             return self._sources
@@ -63,7 +63,7 @@ class Lister:
 def _changed_at(folder: Path) -> int:
     try:
         return folder.stat().st_mtime_ns
-    except OSError:  # it has gone; the listing will tell
+    except OSError:  # it has gone; the listing will show it
         return 0
 
 
@@ -137,7 +137,7 @@ class Watcher:
 
 
 def state_of(source: FrameSource) -> State | None:
-    """Return what shows that a frame's files change; None where one has just gone."""
+    """Return the state of a frame's files; None where one has just gone."""
     try:
         files = [(str(path), path.stat()) for path in source.files]
     except OSError:  # between the listing and now

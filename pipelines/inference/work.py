@@ -1,4 +1,4 @@
-"""The work of `infer`, frame by frame: what is done with each, and where its results go.
+"""The work of `infer`, frame by frame, and the files of its results.
 
 Each finished frame is a shard beside the output until the output is put together from them.
 """
@@ -44,8 +44,9 @@ class InferPaths:
         workspace: picture, black where nothing may be grasped.
         detector: weights of the region detector.
         network: weights of the grasp network.
-        planes: weights of the plane critic.
-        hands: weights of the grasp critic.
+        axis_critic: weights of the critic of axes and spheres.
+        plane_critic: weights of the plane critic.
+        grasp_critic: weights of the grasp critic.
     """
 
     frames: Path
@@ -66,7 +67,7 @@ class InferPaths:
 
 @dataclass(frozen=True)
 class Settings:
-    """What every frame of a run is treated with; picklable."""
+    """Settings and inputs that all frames of a run share; picklable."""
 
     paths: InferPaths
     config: InferConfig
@@ -76,12 +77,12 @@ class Settings:
 
     @property
     def uses_detector(self) -> bool:
-        """Whether the region detector is asked."""
+        """Whether the region detector runs."""
         return self.config.regions in ("auto", "detector") and self.paths.masks is None
 
     @property
     def uses_network(self) -> bool:
-        """Whether the grasp network is asked."""
+        """Whether the grasp network runs."""
         return self.config.method == "network"
 
     @property
@@ -145,10 +146,10 @@ class Settings:
 
 @dataclass(frozen=True)
 class Work:
-    """One run of `infer`: what its frames are treated with, and how they are read.
+    """One run of `infer`: the settings of its frames, and how they are read.
 
     Attributes:
-        settings: what every frame is treated with.
+        settings: of every frame.
         camera: intrinsics of all frames, instead of the files beside them.
         depth_units_per_metre: unit of the depth files, instead of what the files say.
     """
@@ -184,7 +185,7 @@ class Work:
         )
 
     def items(self, sources: Sequence[FrameSource]) -> list[WorkItem]:
-        """Return what is to be made of `sources`: a shard each."""
+        """Return the work on `sources`: a shard each."""
         # A bag is one file of many frames: it is read once.
         files = {path for source in sources for path in source.files}
         digests = {path: digest(path) for path in files}

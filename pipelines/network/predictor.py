@@ -34,7 +34,7 @@ class RegionPrediction:
     Attributes:
         index: (N,) which of the region's points were drawn; some twice where it has fewer.
         affordance: (N,) in [0, 1].
-        telling: (M,) which of the N tell symmetries; all of them twice where a mirrored copy does.
+        voting: (M,) which of the N vote for symmetries; all twice where a mirrored copy votes too.
         existence: (M, 5) probabilities; slots 0-2 reflection, 3 rotation, 4 sphere.
         center: (M, 5, 3).
         direction: (M, 5, 3) unit; zeros for the sphere.
@@ -42,7 +42,7 @@ class RegionPrediction:
 
     index: NDArray[np.int64]
     affordance: Array
-    telling: NDArray[np.int64]
+    voting: NDArray[np.int64]
     existence: Array
     center: Array
     direction: Array
@@ -101,15 +101,15 @@ class GraspPredictor:
         ground = height.astype(np.float32)
         centered = ((drawn - centroid) @ axes.transpose(0, 2, 1)).astype(np.float32)
         told = self._told(centered, ground)
-        telling = np.arange(0, index.shape[1], TELLING)
+        voting = np.arange(0, index.shape[1], TELLING)
         if self.mirrored:
             told = joined(told, self._told(centered @ MIRROR, ground).mirrored())
-            telling = np.tile(telling, 2)
+            voting = np.tile(voting, 2)
         back = axes[:, None].astype(np.float32)
         centers = told.center @ back + centroid[:, :, None].astype(np.float32)
         columns = (index, told.affordance, told.existence, centers, told.direction @ back)
         return [
-            RegionPrediction(drawn, graspable, telling, *symmetries)
+            RegionPrediction(drawn, graspable, voting, *symmetries)
             for drawn, graspable, *symmetries in zip(*columns, strict=True)
         ]
 

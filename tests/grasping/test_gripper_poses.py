@@ -1,4 +1,4 @@
-"""Grasps as poses of a hand."""
+"""Grasps as poses of a gripper's base."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -33,7 +33,7 @@ def test_the_conventions_are_a_quarter_turn_apart():
 
 @few
 @given(seeds)
-def test_graspnets_rows_and_hands_give_the_same_contacts(seed):
+def test_graspnets_rows_and_grippers_give_the_same_contacts(seed):
     grasps = random_grasps(np.random.default_rng(seed))
     back = from_graspnet(to_graspnet(grasps, 1.0, tip_reach=0.004), tip_reach=0.004)
     poses = gripper_poses(back, 0.1034, CLOSING_ALONG_X)

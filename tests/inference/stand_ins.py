@@ -1,4 +1,4 @@
-"""What stand-ins for the networks say: a detector of a frame, a predictor of a region."""
+"""Stand-ins for the networks: a detector of a frame, a predictor of a region."""
 
 from dataclasses import dataclass, field
 
@@ -15,7 +15,7 @@ class Detection:
 
 @dataclass(frozen=True)
 class Detector:
-    """Finds what it is told to find, and remembers the planes that it was told of."""
+    """Finds the given regions, and remembers the planes that it was given."""
 
     found: list
     planes: list = field(default_factory=list)
@@ -31,7 +31,7 @@ class Prediction:
 
     index: np.ndarray
     affordance: np.ndarray
-    telling: np.ndarray
+    voting: np.ndarray
     existence: np.ndarray
     center: np.ndarray
     direction: np.ndarray

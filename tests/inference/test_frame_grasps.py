@@ -111,7 +111,7 @@ def test_at_most_so_many_grasps_a_region_are_kept():
     assert result.grasps.is_best.sum() == 1
 
 
-def test_the_overlay_marks_planes_regions_and_hand():
+def test_the_overlay_marks_planes_regions_and_gripper():
     with_network, without = draw_overlay(FRAME, plan(Oracle())), draw_overlay(FRAME, plan(None))
     assert (with_network != FRAME.color).any()
     assert (with_network != without).mean() > 0.01  # the planes' sheets
@@ -223,7 +223,7 @@ def test_masks_without_instances_are_said_to_show_none():
     assert "masks show no instance" in of_masks(np.zeros(DEPTH.shape))
 
 
-def test_regions_that_no_hand_reaches_are_said_to_be_out_of_reach():
+def test_regions_that_no_gripper_reaches_are_said_to_be_out_of_reach():
     lone = replace(FRAME, depth=np.where(INDEX == 0, 1.9, 0).astype(np.float32))
     assert "none of 1 regions has a grasp" in of_masks(INDEX == 0, lone)
 

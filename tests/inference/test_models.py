@@ -18,7 +18,7 @@ def threads():
     return torch.get_num_threads(), cv2.getNumThreads(), max(products)
 
 
-def test_everything_uses_one_core_within_and_what_it_used_before_after():
+def test_everything_uses_one_core_within_and_as_many_as_before_after():
     with threadpool_limits(limits=2, user_api="blas"):
         before = threads()
         with one_thread_each():
@@ -62,7 +62,7 @@ def test_threads_that_leave_one_core_after_each_other_keep_it_until_the_last_has
     assert after == (3, 2, 2)
 
 
-def test_a_gpu_is_used_if_asked_for_or_if_torch_finds_one(monkeypatch, tmp_path):
+def test_a_gpu_is_used_if_it_is_named_or_torch_finds_one(monkeypatch, tmp_path):
     assert uses_gpu("cuda:0")
     assert not uses_gpu("cpu")
     monkeypatch.setattr("sys.platform", "linux")

@@ -45,13 +45,13 @@ class TwoPlanes(NoSymmetry):
             for axis in (0, 1)
         ]
         slots = SymmetrySlots.from_symmetries(planes)
-        told = slots.existence, np.nan_to_num(slots.point), np.nan_to_num(slots.direction)
+        votes = slots.existence, np.nan_to_num(slots.point), np.nan_to_num(slots.direction)
         return [
             Prediction(
                 each.index,
                 each.affordance,
-                each.telling,
-                *(np.tile(part, (len(each.telling),) + (1,) * part.ndim) for part in told),
+                each.voting,
+                *(np.tile(part, (len(each.voting),) + (1,) * part.ndim) for part in votes),
             )
             for each in super().predict(clouds, table)
         ]
@@ -129,5 +129,5 @@ def test_pieces_are_those_large_enough_the_largest_first(share, count):
     assert all((piece <= mask).all() for piece in pieces)
 
 
-def test_what_no_geometric_region_covers_is_one_piece():
+def test_a_mask_that_no_geometric_region_covers_is_one_piece():
     assert pieces_of(np.ones((30, 30), bool), np.zeros((30, 30), np.int32), InferConfig()) == []

@@ -20,7 +20,7 @@ def regions(detector, **settings):
     return observe(FRAME, config, np.random.default_rng(0), detector=detector).regions
 
 
-def test_auto_completes_the_detector_with_what_it_left_uncovered():
+def test_auto_completes_the_detector_with_the_regions_it_left_uncovered():
     found = regions(Detector([Detection(INDEX == 0)]))
     assert [region.source for region in found] == ["detector", "geometric"]
     assert (found[1].mask & (INDEX == 1)).sum() > 0.8 * (INDEX == 1).sum()

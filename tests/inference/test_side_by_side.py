@@ -53,7 +53,7 @@ def test_many_frames_are_given_two_processes_unless_somebody_says_otherwise(
 
 
 @pytest.mark.usefixtures("cores")
-def test_a_gpu_is_asked_by_one_process():
+def test_a_gpu_is_used_by_one_process():
     assert side_by_side(UNSAID, 500, "cuda:0").backend == "threading"
 
 
@@ -64,7 +64,7 @@ def test_one_core_takes_one_frame_after_the_other(monkeypatch):
 
 
 @pytest.mark.parametrize("backend", ["threading", "loky"])
-def test_what_does_not_load_is_said_before_any_frame(tmp_path, backend):
+def test_a_network_that_does_not_load_is_reported_before_any_frame(tmp_path, backend):
     (tmp_path / "w.safetensors").write_bytes(b"no weights")
     paths = InferPaths(tmp_path, tmp_path / "g.h5", network=tmp_path / "w.safetensors")
     settings = Settings(paths, InferConfig(), 0, "cpu", timings=False)

@@ -72,7 +72,7 @@ def test_a_frame_that_is_put_off_has_one_last_try(watcher, tmp_path):
     assert last.since == 0.0
 
 
-def test_what_is_put_off_is_read_soon_if_it_changes(watcher, tmp_path):
+def test_a_frame_put_off_is_read_soon_if_it_changes(watcher, tmp_path):
     frame = source(tmp_path)
     watcher.look([frame], 0.0)
     watcher.put_off("a")

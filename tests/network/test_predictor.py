@@ -43,7 +43,7 @@ def test_shapes_and_ranges_are_as_documented(predictor):
     for prediction in predictor.predict([cloud(500), cloud(50, 1)]):
         assert prediction.index.shape == (200,)
         assert prediction.affordance.shape == (200,)
-        assert_array_equal(prediction.telling, np.arange(0, 200, 3))
+        assert_array_equal(prediction.voting, np.arange(0, 200, 3))
         assert prediction.center.shape == prediction.direction.shape == (67, 5, 3)
         assert prediction.existence.shape == (67, 5)
         assert ((prediction.affordance >= 0) & (prediction.affordance <= 1)).all()
@@ -61,10 +61,10 @@ class Echo(torch.nn.Module):
     """Says of each point how near it is to the camera, as its affordance."""
 
     def forward(self, points, ground, every):
-        telling = points[:, ::every]
+        voting = points[:, ::every]
         center, existence = (
-            telling[:, :, None].repeat(1, 1, 5, 1),
-            torch.zeros(*telling.shape[:2], 5),
+            voting[:, :, None].repeat(1, 1, 5, 1),
+            torch.zeros(*voting.shape[:2], 5),
         )
         return Prediction(points, 0.5 + points[..., 2], existence, center, center)
 
@@ -75,8 +75,8 @@ def test_predictions_are_of_the_points_they_name():
     (prediction,) = echo.predict([region])
     depth = region[prediction.index, 2]
     assert_allclose(prediction.affordance, 0.5 + depth - depth.mean(), atol=1e-6)
-    telling = region[prediction.index][prediction.telling]
-    assert_allclose(prediction.center[:, 2], telling, atol=1e-6)
+    voting = region[prediction.index][prediction.voting]
+    assert_allclose(prediction.center[:, 2], voting, atol=1e-6)
 
 
 def test_moving_a_region_away_moves_what_is_predicted(predictor):

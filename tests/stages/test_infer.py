@@ -135,13 +135,13 @@ def test_frames_side_by_side_on_networks_write_the_bytes_of_one_thread(frames, t
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
-def test_the_network_sees_mirror_images_where_that_is_asked_for(frames, tmp_path, mirrored):
+def test_the_network_sees_mirror_images_where_that_is_set(frames, tmp_path, mirrored):
     paths = infer.InferPaths(frames, tmp_path / "g.h5")
     settings = work.Settings(paths, InferConfig(mirrored=mirrored), 0, "cpu", timings=False)
     assert settings.planner().predictor.mirrored == mirrored
 
 
-def test_what_another_version_found_is_reused(frames, tmp_path, monkeypatch):
+def test_the_results_of_another_version_are_reused(frames, tmp_path, monkeypatch):
     run(frames, tmp_path / "g.h5")
     monkeypatch.setattr(provenance, "version", lambda: "9.9.9")
     assert run(frames, tmp_path / "g.h5").skipped == ["a", "b", "c"]
@@ -349,9 +349,7 @@ def test_missing_weights_name_the_command_that_makes_them(frames, tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["axis", "plane"])
-def test_a_missing_critic_of_symmetries_is_asked_for_only_where_they_are_fitted(
-    frames, tmp_path, kind
-):
+def test_critics_of_symmetries_are_needed_only_where_these_are_fitted(frames, tmp_path, kind):
     missing = {f"{kind}_critic": tmp_path / "none.safetensors"}
     paths = infer.InferPaths(frames, tmp_path / "g.h5", **missing)
     config = InferConfig(regions="geometric")
@@ -364,7 +362,7 @@ def test_a_missing_critic_of_symmetries_is_asked_for_only_where_they_are_fitted(
     assert infer.run(paths, unfitted, OPTIONS).exit_code == 0
 
 
-def test_a_missing_grasp_critic_is_asked_for_only_where_it_ranks(frames, tmp_path):
+def test_the_grasp_critic_is_needed_only_where_it_ranks(frames, tmp_path):
     paths = infer.InferPaths(frames, tmp_path / "g.h5", grasp_critic=tmp_path / "none.safetensors")
     config = InferConfig(regions="geometric")
     with pytest.raises(MissingInputError, match="symgrasp train-critic grasps"):
@@ -417,10 +415,10 @@ def limited(frames, output, workspace=None, **settings):
     return infer.run(infer.InferPaths(frames, output, workspace=workspace), config, OPTIONS)
 
 
-def test_a_workspace_picture_leaves_out_what_is_black(frames, tmp_path):
+def test_black_pixels_of_a_workspace_picture_are_left_out(frames, tmp_path):
     _, index = render(SHAPES["b"])
-    write_image(tmp_path / "room.png", np.uint8(255) * (index == 1))
-    report = limited(frames, tmp_path / "g.h5", tmp_path / "room.png")
+    write_image(tmp_path / "space.png", np.uint8(255) * (index == 1))
+    report = limited(frames, tmp_path / "g.h5", tmp_path / "space.png")
     assert report.exit_code == 0
     found = grasps_file.read(tmp_path / "g.h5")
     assert (found.frames.status == "ok").sum() >= 1
@@ -428,9 +426,9 @@ def test_a_workspace_picture_leaves_out_what_is_black(frames, tmp_path):
     assert len(mine) > 0
     u, v = np.round(CAMERA.project(np.asarray(mine, np.float64))).astype(int).T
     assert (index[v, u] == 1).all()
-    write_image(tmp_path / "room.png", np.uint8(255) * (index == 0))
+    write_image(tmp_path / "space.png", np.uint8(255) * (index == 0))
     with pytest.raises(StaleOutputError):
-        limited(frames, tmp_path / "g.h5", tmp_path / "room.png")
+        limited(frames, tmp_path / "g.h5", tmp_path / "space.png")
     write_image(tmp_path / "small.png", np.zeros((4, 4), np.uint8))
     report = limited(frames, tmp_path / "h.h5", tmp_path / "small.png")
     assert set(report.failed) == set(SHAPES)
@@ -458,7 +456,7 @@ def test_a_result_that_cannot_be_written_is_no_frame_that_failed(frames, tmp_pat
 
 
 @pytest.mark.parametrize("overwrite", [False, True])
-def test_what_is_no_file_of_grasps_is_never_replaced(frames, tmp_path, overwrite):
+def test_a_file_that_holds_no_grasps_is_never_replaced(frames, tmp_path, overwrite):
     picture, folder, other = (tmp_path / name for name in ("picture.png", "folder", "scene.h5"))
     picture.write_bytes(b"a picture")
     folder.mkdir()

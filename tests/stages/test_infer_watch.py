@@ -52,7 +52,7 @@ class Cell:
         self.made, self.output = made, folder / "g.h5"
         self.frames = folder / "frames"
         self.frames.mkdir()
-        self.time, self.events, self.told = 0.0, [], []
+        self.time, self.events, self.reported = 0.0, [], []
         self.beside = AtOnce()
 
     def at(self, time, action, *arguments):
@@ -78,11 +78,11 @@ class Cell:
         for path in self.frames.glob(f"{name}_*"):
             path.unlink()
 
-    def tell(self, frame):
-        self.told.append(frame)
+    def report(self, frame):
+        self.reported.append(frame)
 
     def names_told(self):
-        return [(frame.name, frame.status) for frame in self.told]
+        return [(frame.name, frame.status) for frame in self.reported]
 
     def follow(self, *, timeout=30.0, config=CONFIG, options=OPTIONS, masks=None, overlays=None):
         return infer_watch.run(
@@ -90,7 +90,7 @@ class Cell:
             config,
             options,
             watch=WatchConfig(timeout=timeout),
-            tell=self.tell,
+            notify=self.report,
             clock=Clock(lambda: self.time, self.wait),
             beside=self.beside,
         )
@@ -108,14 +108,14 @@ def cell(made, tmp_path):
     return Cell(made, tmp_path)
 
 
-def test_frames_are_told_as_they_come_and_the_end_is_what_infer_writes(cell, tmp_path):
+def test_frames_are_reported_as_they_come_and_the_end_is_as_infer_writes_it(cell, tmp_path):
     cell.at(1.0, cell.write, "b")
     cell.at(2.0, cell.write, "a")
     cell.at(3.0, cell.write, "c")
     report = cell.follow()
     assert cell.names_told() == [("b", "ok"), ("a", "ok"), ("c", "empty")]
     assert (report.done, report.exit_code) == (["b", "a", "c"], 0)
-    for frame in cell.told:
+    for frame in cell.reported:
         assert 0.3 <= frame.seconds <= 0.5  # what it waits for them to be whole; work takes no time
         assert grasps_file.read_shard(Path(frame.text)).name == frame.name
     cell.infer(tmp_path / "plain.h5")
@@ -137,7 +137,7 @@ def test_a_pair_that_is_half_written_is_waited_for(cell):
     report = cell.follow()
     assert cell.names_told() == [("a", "ok")]
     assert report.exit_code == 0
-    assert cell.told[0].seconds <= 0.5
+    assert cell.reported[0].seconds <= 0.5
 
 
 def test_a_frame_that_stays_bad_is_named_and_does_not_stop_the_others(cell):
@@ -147,8 +147,8 @@ def test_a_frame_that_stays_bad_is_named_and_does_not_stop_the_others(cell):
     cell.at(20.0, cell.write, "c")
     report = cell.follow()
     assert cell.names_told() == [("a", "ok"), ("b", "failed"), ("c", "empty")]
-    assert "b_depth.png" in cell.told[1].text
-    assert 5.0 <= cell.told[1].seconds < 6.0
+    assert "b_depth.png" in cell.reported[1].text
+    assert 5.0 <= cell.reported[1].seconds < 6.0
     assert (list(report.failed), report.exit_code) == (["b"], 1)
     assert cell.statuses() == {"a": "ok", "b": "failed", "c": "empty"}
 
@@ -187,7 +187,7 @@ def test_a_frame_written_again_is_done_again(cell):
     assert cell.statuses() == {"a": "empty"}
 
 
-def test_what_can_be_read_meanwhile_is_whole_and_grows(cell):
+def test_the_files_read_meanwhile_are_whole_and_grow(cell):
     seen = []
     for time in (1.0, 5.0, 9.0):
         cell.at(time, lambda: seen.append(cell.statuses() if cell.output.exists() else None))
@@ -267,7 +267,7 @@ def test_a_signal_ends_it_with_all_frames_so_far(cell, number):
     assert signal.getsignal(number) == before
 
 
-def test_it_goes_on_from_what_an_earlier_run_left(cell, tmp_path):
+def test_it_goes_on_from_the_results_of_an_earlier_run(cell, tmp_path):
     cell.write("b")
     cell.follow()
     cell.at(cell.time + 1.0, cell.write, "a")

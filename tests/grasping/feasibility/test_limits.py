@@ -28,13 +28,13 @@ def random_grasps(rng, count=30):
     return GraspPoses(rotation, where, np.full(count, 0.05))
 
 
-def test_nothing_asked_for_is_no_limit():
+def test_without_settings_there_is_no_limit():
     assert limits() is None
 
 
 @given(seeds)
 @settings(max_examples=20, deadline=None)
-def test_a_box_holds_what_lies_in_it(seed):
+def test_a_box_contains_the_points_in_it(seed):
     rng = np.random.default_rng(seed)
     low = rng.uniform([-0.3, -0.2, 0.4], [0.1, 0.1, 0.6])
     high = low + rng.uniform(0.05, 0.5, 3)
@@ -58,7 +58,7 @@ def test_a_box_over_the_table_is_the_same_wherever_the_camera_stands(seed):
     assert not found.contain(transform_points(pose, outside)).any()
 
 
-def test_a_mask_holds_what_is_seen_in_its_pixels():
+def test_a_mask_contains_the_points_seen_in_its_pixels():
     mask = np.zeros((CAMERA.height, CAMERA.width), bool)
     mask[100:140, 200:240] = True
     found = limits(mask)
@@ -100,7 +100,7 @@ def test_the_tables_frame_needs_a_table(settings):
         {"approach_cone": np.nan},
     ],
 )
-def test_what_cannot_be_meant_is_refused(settings):
+def test_impossible_limits_are_refused(settings):
     with pytest.raises(ValueRangeError):
         check_limits(LimitsConfig(**settings))
 

@@ -80,7 +80,7 @@ def test_the_axis_tells_where_the_middle_of_half_hidden_things_is():
         assert has_plane(found, [1.0, 0.0, 0.0], np.zeros(3)) == known
 
 
-def test_what_stands_on_the_table_is_cut_at_half_its_height():
+def test_an_object_on_the_table_is_cut_at_half_its_height():
     rng = np.random.default_rng(1)
     points = rng.uniform(-1, 1, (500, 3)) * [0.03, 0.03, 0.0] + [0, 0, 0.12]
     assert halfway_up(points, Plane(np.array([0, 0, 1.0]), 0.0))[2] == pytest.approx(0.06)

@@ -3,7 +3,7 @@
 Reads   a folder of RGB-D frames in any layout that `formats/layouts` knows, or one of its files
 Writes  nothing
 
-Frames of one layout, size, camera and unit are told together. What cannot be read is failed, with
+Frames of one layout, size, camera and unit are listed together. What cannot be read is failed, with
 the sentence that `infer` would give.
 """
 
@@ -98,7 +98,7 @@ def findings_lines(findings: Findings) -> list[str]:
     if read < findings.found.total():
         lines.append(f"{read} of them were read, evenly spread")
     for group in findings.groups:
-        lines += ["", *_told(group)]
+        lines += ["", *_group_lines(group)]
     return lines
 
 
@@ -123,7 +123,7 @@ def _look(source: FrameSource, frame: Frame) -> FrameFacts:
     )
 
 
-def _told(group: Sequence[FrameFacts]) -> list[str]:
+def _group_lines(group: Sequence[FrameFacts]) -> list[str]:
     first, camera = group[0], group[0].intrinsics
     names = first.name if len(group) == 1 else f"{first.name} ... {group[-1].name}"
     near = min(look.depth_range[0] for look in group)

@@ -81,7 +81,7 @@ def read_success_of(path: Path, inputs: Mapping[str, str]) -> dict[str, Any]:
     meshes and scenes of the dataset.
 
     Raises:
-        FormatError: as `read_success`, or they are of other grasps, or by another hand or in
+        FormatError: as `read_success`, or they are of other grasps, or by another gripper or in
             another dataset.
     """
     content = read_success(path)

@@ -23,8 +23,8 @@ class Outcome:
 
     Attributes:
         reason: one of `simulation.trial.REASONS`.
-        slip: metres that the object moved in the hand from closing to the end.
-        turn: degrees that it turned in the hand.
+        slip: metres that the object moved in the gripper from closing to the end.
+        turn: degrees that it turned in the gripper.
     """
 
     reason: str

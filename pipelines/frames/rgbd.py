@@ -104,7 +104,7 @@ def make_frame(
     units: DepthUnits,
     notes: tuple[str, ...] = (),
 ) -> Frame:
-    """Make a frame of what files hold. The depth is looked at first: its faults tell the most.
+    """Make a frame of what files hold. The depth is checked first: its faults matter most.
 
     Args:
         name: the frame's name.

@@ -79,7 +79,7 @@ def read_with_camera(
     if camera_file is not None and not (options.camera and options.depth_units_per_metre):
         written = read_camera_file(camera_file, color.stem)
     camera = options.camera or written
-    # Asked for after the depth is read: a faulty depth image is the more telling fault.
+    # Read after the depth: a faulty depth image is the more useful fault to name.
     intrinsics = camera.at if camera is not None else functools.partial(_refuse, color)
     units = options.depth_units(written.units_per_metre if written else None, usual_units)
     return read_pair(name, color, depth, intrinsics, units)
@@ -147,7 +147,7 @@ def _by_stem(
 def _without_word(stem: str, words: tuple[str, ...]) -> str | None:
     """Return `stem` without the word it ends or begins with, None if that is none of `words`.
 
-    The last word tells: rgb_1_depth is the depth of rgb_1, and no colour image.
+    The last word decides: rgb_1_depth is the depth of rgb_1, and no colour image.
     """
     if stem.lower() in (*words, *(f"{w}_image" for w in words), *(f"image_{w}" for w in words)):
         return ""

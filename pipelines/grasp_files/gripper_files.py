@@ -23,20 +23,20 @@ def gripper_digest(name_or_path: str) -> str:
     return digest_text(repr(replace(load_gripper(name_or_path), name="")))
 
 
-def gripper_to_use(asked: str, used: str, stamp: Mapping[str, Any]) -> str:
-    """Return the gripper that grasps are looked at with: the one `asked` for, else their own.
+def gripper_to_use(wanted: str, used: str, stamp: Mapping[str, Any]) -> str:
+    """Return the gripper that grasps are looked at with: the one `wanted`, else their own.
 
     Args:
-        asked: preset or TOML file; empty if none was named.
+        wanted: preset or TOML file; empty if none was named.
         used: the one that the grasps were found for.
         stamp: of the run that found them, as JSON.
 
     Raises:
         SymgraspError: it is not known; or none was named and theirs is gone, or is not what it was.
     """
-    if asked:
-        load_gripper(asked)
-        return asked
+    if wanted:
+        load_gripper(wanted)
+        return wanted
     if not Path(used).suffix or Path(used).is_file():
         found = stamp.get("inputs", {}).get("gripper")
         if found in (None, gripper_digest(used)):

@@ -144,7 +144,7 @@ def differences(
     everything = np.ones((1, len(group)))
     values = [float(figure.at(everything)[0]) for figure in figures]
     units = int(group.max(initial=-1)) + 1
-    if units < 2:  # how far one alone would vary, nothing tells
+    if units < 2:  # one alone does not show how far it varies
         return values, [Difference(v - values[0], np.nan, np.nan, units) for v in values[1:]]
     blocks = draws(units, resamples, np.random.default_rng(seed))
     drawn = np.hstack([np.stack([figure.at(w[:, group]) for figure in figures]) for w in blocks])

@@ -1,12 +1,12 @@
-"""Rates of success with Wilson's intervals: how sure so many trials make one."""
+"""Rates of success with Wilson's intervals."""
 
 from dataclasses import dataclass
 
-import numpy as np
+from scipy import stats
 
 from pipelines.errors import ValueRangeError
 
-NORMAL_95 = 1.959963984540054  # that a normal variable stays below in 97.5 % of all cases
+LEVEL = 0.95  # of the interval
 
 
 @dataclass(frozen=True)
@@ -34,11 +34,5 @@ class SuccessRate:
         """
         if not self.trials:
             return None, None
-        n, p, z = self.trials, self.held / self.trials, NORMAL_95
-        middle = p + z * z / (2 * n)
-        half = z * float(np.sqrt(p * (1 - p) / n + z * z / (4 * n * n)))
-        scale = 1 + z * z / n
-        # Rounding may miss the ends by a bit, and 0 of n must not exclude 0.
-        low = 0.0 if self.held == 0 else (middle - half) / scale
-        high = 1.0 if self.held == n else (middle + half) / scale
-        return low, high
+        found = stats.binomtest(self.held, self.trials).proportion_ci(LEVEL, method="wilson")
+        return float(found.low), float(found.high)

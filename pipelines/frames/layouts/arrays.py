@@ -55,7 +55,7 @@ def _find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]
 def find_pickled(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
     """List the files of `folder` that hold a pickle; to read one raises, unless it is trusted.
 
-    Damaged `.npz` files are listed too: nothing else told what they are.
+    Damaged `.npz` files are listed too: no other layout names them.
     """
     damaged = [path for path in sorted(folder.glob("[!.]*.npz")) if _arrays_in(path) is None]
     sources = [_source(folder, prefix, path, options) for path in damaged]
@@ -75,7 +75,7 @@ def _pickled(folder: Path, prefix: str, path: Path, options: FrameOptions) -> Fr
 
 
 def _pickles(folder: Path, options: FrameOptions) -> list[Path]:
-    """List the pickles. What a `.pkl` is about nobody knows: it counts only if it is trusted."""
+    """List the pickles; a `.pkl`, which may hold anything, counts only if it is trusted."""
     suffixes = PICKLES if options.trust_pickles else PICKLES[:1]
     files = sorted(path for path in folder.iterdir() if path.suffix in suffixes)
     return [path for path in files if path.suffix != ".npy" or is_pickled(path)]

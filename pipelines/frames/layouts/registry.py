@@ -51,7 +51,7 @@ def pickled_in(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSo
 def _found(layout: Layout, folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
     try:
         found = layout.find(folder, prefix, options)
-        # Of hidden files, as other systems leave beside each of their own, nobody asked.
+        # Hidden files, as other systems leave beside each of their own, are passed over.
         return [each for each in found if not any(f.name.startswith(".") for f in each.files)]
     except SymgraspError as error:
         name = frame_name(folder, prefix, "")

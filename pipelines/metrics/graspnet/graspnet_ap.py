@@ -25,7 +25,7 @@ def suppress(confidence: ArrayLike, rotation: Array, translation: Array) -> Indi
     """Return the indices (k,) of the grasps that stay, most confident first.
 
     A grasp goes if a more confident one that stays is nearer than 3 cm and turned by less than 30
-    degrees from it; a hand turned by half a turn about its approach is another grasp here.
+    degrees from it; a gripper turned by half a turn about its approach is another grasp here.
 
     Args:
         confidence: (n,), higher is better.

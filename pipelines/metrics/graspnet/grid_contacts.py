@@ -129,7 +129,7 @@ def _crossings(points: Array, distance: Array) -> Array:
     usable = np.asarray(np.isfinite(distance).all(axis=1))
     usable &= (place[:, 1] > 0.0) & (
         place[:, 2] > place[:, 1]
-    )  # samples of a closed hand fall together
+    )  # samples of a closed gripper fall together
     place[~usable] = np.arange(3)
     safe = np.where(usable[:, None], distance, 0.0)
     system = np.stack([place**2, place, np.ones_like(place)], -1)

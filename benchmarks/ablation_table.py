@@ -10,7 +10,7 @@ from typing import Any
 
 from pipelines.errors import UnknownNameError
 
-SPLITS = ("seen", "similar", "novel", "all")
+COLUMNS = ("seen", "similar", "novel", "all")
 QUALITY = "grasp_quality"
 METRICS = {
     QUALITY: "grasp quality",
@@ -56,7 +56,7 @@ class Row:
 
 
 NO_PIFT, NO_SIAMESE = (0.337, 0.092), (0.364, 0.148)
-ROWS = (  # those that answer the paper's claims first: the table grows in this order
+ABLATIONS = (  # those that answer the paper's claims first: the table grows in this order
     Row(FULL, "full method", (0.382, 0.297), None),
     Row(PLAIN, "as the paper decodes and ranks", (0.382, 0.297), infer=UNFITTED, network=FULL),
     Row("no-pift", "no PIFT", NO_PIFT, train=("--no-pift",)),
@@ -116,7 +116,7 @@ def rows_named(keys: Sequence[str]) -> tuple[Row, ...]:
     Raises:
         UnknownNameError: a key is of no row.
     """
-    known = {row.key: row for row in ROWS}
+    known = {row.key: row for row in ABLATIONS}
     wanted, open_keys = {FULL}, list(keys)
     while open_keys:
         key = open_keys.pop()
@@ -125,7 +125,7 @@ def rows_named(keys: Sequence[str]) -> tuple[Row, ...]:
         if key not in wanted:
             wanted.add(key)
             open_keys += {known[key].base, known[key].network} - {None}
-    return tuple(row for row in ROWS if row.key in wanted)
+    return tuple(row for row in ABLATIONS if row.key in wanted)
 
 
 def summary(
@@ -141,10 +141,10 @@ def summary(
         seeds: of the trainings.
     """
     rows = {}
-    for row in (row for row in ROWS if row.key in reports):
+    for row in (row for row in ABLATIONS if row.key in reports):
         figures = [report["rows"]["ours"] for report in reports[row.key]]
         found: dict[str, Any] = {"name": row.name, "published": row.published, "base": row.base}
-        for split in SPLITS:
+        for split in COLUMNS:
             found[split] = {
                 metric: _over_seeds([_value(each.get(split), metric) for each in figures])
                 for metric in METRICS
@@ -184,16 +184,20 @@ def _over_seeds(values: Sequence[float | None]) -> dict[str, Any]:
     }
 
 
-def markdown(found: Mapping[str, Any]) -> str:
+def ablation_page(found: Mapping[str, Any]) -> str:
     """Return the object of `summary` as a page: qualities, differences, the other metrics."""
     rows = found["rows"]
-    heads = ("", "paper seen", "paper unseen", *SPLITS)
+    heads = ("", "paper seen", "paper unseen", *COLUMNS)
     qualities = [
-        (row["name"], *_published(row), *(_text(row[split][QUALITY]) for split in SPLITS))
+        (row["name"], *_published(row), *(_text(row[split][QUALITY]) for split in COLUMNS))
         for row in rows.values()
     ]
     differences = [
-        (_against(row, rows), *_published(row, rows), *(_above(row[split]) for split in SPLITS))
+        (
+            _against(row, rows),
+            *_published(row, rows),
+            *(_above(row[split]) for split in COLUMNS),
+        )
         for row in rows.values()
         if row["base"] is not None
     ]

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.ablation_table import ROWS, Row, markdown, rows_named, summary
+from benchmarks.ablation_table import ABLATIONS, Row, ablation_page, rows_named, summary
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.errors import MissingInputError, SymgraspError, ValueRangeError
 from pipelines.storage.files import read_json, write_json, write_text
@@ -75,7 +75,7 @@ class Ablations:
         out: Path,
         budget: Budget,
         count_regions: Count,
-        chosen: Sequence[Row] = ROWS,
+        chosen: Sequence[Row] = ABLATIONS,
     ) -> None:
         self.root, self.out, self.budget = root, out, budget
         self.count_regions, self.chosen = count_regions, chosen
@@ -86,7 +86,7 @@ class Ablations:
             yield row, self._steps(row, seeds)
 
     def _steps(self, row: Row, seeds: Sequence[int]) -> Iterator[Step]:
-        if row is ROWS[0]:
+        if row is ABLATIONS[0]:
             yield from self._labels()
         for seed in seeds:
             yield from self._row(row, seed)
@@ -108,7 +108,7 @@ class Ablations:
         files = [self.report(row, seed) for seed in seeds]
         if row.base is not None:
             files += [self.compared(row, seed) for seed in seeds]
-            if not all(self.is_finished(base, seeds) for base in ROWS if base.key == row.base):
+            if not all(self.is_finished(base, seeds) for base in ABLATIONS if base.key == row.base):
                 return False
         return all(path.is_file() for path in files)
 
@@ -232,7 +232,7 @@ def make_table(work: Ablations, seeds: Sequence[int], run: Run) -> str:
     text = ""
     for _, steps in work.rows(seeds):
         perform(steps, work.out / "steps", run)
-        text = write_tables(work, [row for row in ROWS if work.is_finished(row, seeds)], seeds)
+        text = write_tables(work, [row for row in ABLATIONS if work.is_finished(row, seeds)], seeds)
     return text
 
 
@@ -274,7 +274,7 @@ def write_tables(work: Ablations, rows: Sequence[Row], seeds: Sequence[int]) -> 
     inputs = {str(path): digest(path) for path in files}
     stamp = make_stamp("ablations", work.budget, inputs=inputs)
     write_json(work.out / "ablations.json", {**found, "provenance": stamp.as_json()})
-    text = markdown(found)
+    text = ablation_page(found)
     write_text(work.out / "ablations.md", text)
     return text
 
@@ -317,7 +317,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         seeds = seeds_of(options.seeds)
         if not GraspNetRoot(options.root).scenes():
             raise MissingInputError(options.root / "scenes", "symgrasp synthesize")
-        rows = rows_named(options.rows.split(",")) if options.rows else ROWS
+        rows = rows_named(options.rows.split(",")) if options.rows else ABLATIONS
         work = Ablations(options.root, options.out, budget, trained_regions, rows)
         sys.stdout.write(make_table(work, seeds, run_symgrasp))
     except SymgraspError as error:

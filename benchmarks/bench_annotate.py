@@ -19,7 +19,7 @@ from pipelines.synthesis.objects.families import catalogue
 FAMILIES = tuple(catalogue.FAMILIES)[::3]  # every third, so that none is chosen
 NUM_FACES, MOST_FACES = 10000, 12000
 CONFIG = AnnotateSymmetryConfig()
-Item = TypeVar("Item")
+Each = TypeVar("Each")
 
 
 def measure() -> list[Measurement]:
@@ -42,7 +42,7 @@ def measure() -> list[Measurement]:
     ]
 
 
-def _each(step: Callable[[Item], object], items: list[Item]) -> list[float]:
+def _each(step: Callable[[Each], object], items: list[Each]) -> list[float]:
     taken = []
     for item in items:
         started = _cpu_seconds()

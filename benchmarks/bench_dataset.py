@@ -23,13 +23,13 @@ from pipelines.runtime.batch import BatchOptions
 from pipelines.synthesis.labels.grasp_sampling import sample_grasp_label
 
 QUIET = BatchOptions(progress=False)
-NUM_OBJECTS, NUM_VIEWS = 6, 2
+NUM_OBJECTS, VIEWS_A_SCENE = 6, 2
 NUM_PIECE_POINTS, NUM_READS = 32, 2000
 LABELS = LabelConfig()
 SMALL = SynthesizeConfig(
     splits=("train",),
     scenes_per_split=1,
-    views=NUM_VIEWS,
+    views=VIEWS_A_SCENE,
     objects_per_pool=NUM_OBJECTS,
     min_objects=NUM_OBJECTS,
     max_objects=NUM_OBJECTS,
@@ -93,7 +93,7 @@ def _label_size() -> str:
 
 
 def _scene_note() -> str:
-    return f"{NUM_OBJECTS} objects, {NUM_VIEWS} views, {SMALL.width} x {SMALL.height}"
+    return f"{NUM_OBJECTS} objects, {VIEWS_A_SCENE} views, {SMALL.width} x {SMALL.height}"
 
 
 def _label_note() -> str:

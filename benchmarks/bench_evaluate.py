@@ -29,7 +29,7 @@ from pipelines.runtime.batch import BatchOptions
 from pipelines.storage.provenance import make_stamp
 
 QUIET = BatchOptions(progress=False)
-NUM_SCENES, NUM_VIEWS, NUM_DIFFERENT, NUM_OBJECTS = 8, 250, 5, 4
+NUM_SCENES, VIEWS_A_SCENE, NUM_DIFFERENT, NUM_OBJECTS = 8, 250, 5, 4
 SMALL = SynthesizeConfig(
     splits=("seen",),
     scenes_per_split=1,
@@ -60,7 +60,7 @@ print(len(done), time.process_time() - started, peak.split()[1])
 
 def measure() -> list[Measurement]:
     """Return speed and peak memory of one process; nothing where the system does not say."""
-    frames = NUM_SCENES * NUM_VIEWS
+    frames = NUM_SCENES * VIEWS_A_SCENE
     note = (
         f"{frames:,} frames of {NUM_OBJECTS} objects, {SMALL.width} x {SMALL.height}, one process"
     )
@@ -104,10 +104,10 @@ def _link_scene(source: SceneFiles, copy: SceneFiles) -> None:
     """Fill `copy` with NUM_VIEWS views that are links to those of `source` in turn."""
     for kind in KINDS:
         copy.frame(0).path(kind).parent.mkdir(parents=True)
-        for view in range(NUM_VIEWS):
+        for view in range(VIEWS_A_SCENE):
             original = source.frame(view % NUM_DIFFERENT).path(kind)
             os.link(original, copy.frame(view).path(kind))
     for name in ("camK.npy", "cam0_wrt_table.npy"):
         os.link(source.camera_folder / name, copy.camera_folder / name)
-    poses = source.camera_poses[np.arange(NUM_VIEWS) % NUM_DIFFERENT]
+    poses = source.camera_poses[np.arange(VIEWS_A_SCENE) % NUM_DIFFERENT]
     write_pose_array(copy.camera_folder / "camera_poses.npy", poses)

@@ -27,7 +27,7 @@ from pipelines.inference import models, observation, predicted_regions
 from pipelines.inference.frame_grasps import Planner
 from pipelines.runtime.batch import BatchOptions
 
-FRAMES = Path(pipelines.__file__).parent / "weights" / "frames"
+BUNDLED = Path(pipelines.__file__).parent / "weights" / "frames"
 STEPS: dict[str, tuple[Any, str]] = {
     "regions by depth": (observation, "geometric_regions"),
     "fit of symmetries": (predicted_regions, "ground_symmetries"),
@@ -37,7 +37,7 @@ STEPS: dict[str, tuple[Any, str]] = {
 
 
 @dataclass
-class Clock:
+class StepClock:
     """Adds up the processor seconds of steps; the time of one core, whatever else runs."""
 
     seconds: dict[str, float] = field(default_factory=dict)
@@ -73,7 +73,7 @@ def measure() -> list[Measurement]:
     """Return the speed on the CPU, and on the GPU where there is one."""
     devices = ["cpu", "cuda"] if torch.cuda.is_available() else ["cpu"]
     try:
-        sources = find_frames(FRAMES)
+        sources = find_frames(BUNDLED)
         return [m for device in devices for m in _on_device(sources, device)]
     except SymgraspError as error:
         return [Measurement("infer", None, "s/frame", str(error))]
@@ -84,7 +84,7 @@ def _on_device(sources: Sequence[FrameSource], device: str) -> list[Measurement]
     with tempfile.TemporaryDirectory() as folder:
         for run in ("warms caches", "measured"):
             started = time.perf_counter()
-            paths = infer.InferPaths(FRAMES, Path(folder) / f"{run}.h5")
+            paths = infer.InferPaths(BUNDLED, Path(folder) / f"{run}.h5")
             infer.run(paths, InferConfig(), BatchOptions(progress=False), device=device)
             total = time.perf_counter() - started
     note = f"{device}, {count} frames of a folder, reading and writing included, all cores"
@@ -100,7 +100,7 @@ def _on_device(sources: Sequence[FrameSource], device: str) -> list[Measurement]
 
 def _by_step(sources: Sequence[FrameSource], device: str) -> tuple[dict[str, float], int]:
     """Return the processor seconds of each step over all frames, and the number of regions."""
-    clock, config, found = Clock(), InferConfig(), 0
+    clock, config, found = StepClock(), InferConfig(), 0
     detect = models.detector(models.DETECTOR_WEIGHTS, device).detect
     predict = models.predictor(models.NETWORK_WEIGHTS, device).predict
     planner = Planner(

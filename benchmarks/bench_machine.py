@@ -1,4 +1,4 @@
-"""What the machine can do: the rate that everything else is compared with."""
+"""The machine's rate of matrix products, to compare the other figures with."""
 
 import os
 from functools import lru_cache

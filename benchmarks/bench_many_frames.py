@@ -21,11 +21,11 @@ from pipelines.configs import ConvertFramesConfig, LabelConfig, SynthesizeConfig
 from pipelines.runtime.batch import BatchOptions
 
 QUIET = BatchOptions(progress=False)
-NUM_FRAMES, NUM_SCENES, NUM_VIEWS, NUM_OBJECTS = 500, 5, 4, 8
+NUM_FRAMES, NUM_SCENES, VIEWS_A_SCENE, NUM_OBJECTS = 500, 5, 4, 8
 TABLES = SynthesizeConfig(
     splits=("seen",),
     scenes_per_split=NUM_SCENES,
-    views=NUM_VIEWS,
+    views=VIEWS_A_SCENE,
     objects_per_pool=24,
     min_objects=NUM_OBJECTS,
     max_objects=NUM_OBJECTS,
@@ -117,7 +117,7 @@ def _linked(few: Path, folder: Path) -> Path:
     """Return a folder in which the frames of `few` stand as often as makes `NUM_FRAMES`."""
     many = folder / "many"
     many.mkdir()
-    for number in range(NUM_FRAMES // (NUM_SCENES * NUM_VIEWS)):
+    for number in range(NUM_FRAMES // (NUM_SCENES * VIEWS_A_SCENE)):
         for source in sorted(few.rglob("*_*.*")):
             scene = source.parent.parent.name
             os.link(source, many / f"{number:02d}_{scene}_{source.name}")

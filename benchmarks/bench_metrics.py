@@ -15,7 +15,7 @@ from pipelines.metrics.force_closure import min_friction, on_grid
 from pipelines.metrics.graspnet.graspnet_ap import AP_FRICTIONS
 from pipelines.metrics.graspnet.graspnet_frames import GridObject, PeerScene, score_rows
 from pipelines.metrics.graspnet.grid_contacts import close_fingers_on_grid
-from pipelines.metrics.graspnet.peer_collision import NUM_SAMPLES, VOXEL, voxel_means
+from pipelines.metrics.graspnet.peer_collision import NUM_CLOUD_SAMPLES, VOXEL, voxel_means
 from pipelines.metrics.mesh_collision import MeshCollider
 
 NUM_GRASPS = 4000
@@ -85,7 +85,7 @@ def _frames(meshes: dict[str, Mesh], rng: np.random.Generator) -> Measurement:
     """Return frames of nine objects judged by GraspNet's protocol, files not counted."""
     kinds = [
         GridObject(
-            voxel_means(sample_surface(mesh, NUM_SAMPLES, rng)[0], VOXEL),
+            voxel_means(sample_surface(mesh, NUM_CLOUD_SAMPLES, rng)[0], VOXEL),
             single_precision_grid(mesh),
         )
         for mesh in meshes.values()

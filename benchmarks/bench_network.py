@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from benchmarks.bench_infer import FRAMES
+from benchmarks.bench_infer import BUNDLED
 from benchmarks.operations import gflop_of
 from benchmarks.timing import Measurement, cpu_seconds_of
 from pipelines.configs import DetectorConfig, NetworkConfig, TrainConfig
@@ -77,7 +77,10 @@ def _training_step() -> Measurement:
 
 def _detector() -> list[Measurement]:
     """Return the network alone, folded and not, and all of `detect`."""
-    detector, frame = models.detector(models.DETECTOR_WEIGHTS, "cpu"), find_frames(FRAMES)[0].read()
+    detector, frame = (
+        models.detector(models.DETECTOR_WEIGHTS, "cpu"),
+        find_frames(BUNDLED)[0].read(),
+    )
     tensors, config = read_weights(models.DETECTOR_WEIGHTS, "RegionDetector", DetectorConfig)
     plain = build_detector(config).eval()
     plain.load_state_dict(tensors)

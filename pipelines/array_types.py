@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Floats = NDArray[np.floating]
 Singles = NDArray[np.float32]
 Indices = NDArray[np.int64]
 Counts = NDArray[np.int64]

@@ -34,7 +34,7 @@ from pipelines.learning.loop.faults import read_fault
 from pipelines.learning.loop.loop import TrainingRun
 from pipelines.learning.loop.options import LoopOptions
 from pipelines.learning.loop.runs import RunRequest, describe, find_progress
-from pipelines.learning.speed.processes import joined
+from pipelines.learning.speed.processes import process_group
 from pipelines.network.detection.detector import MODEL_NAME
 from pipelines.network.weights_files import weights_metadata
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
@@ -62,7 +62,7 @@ def run(
     `coco_weights`: a file of torchvision's COCO weights, or `download`; for the resnet50 variant.
     `init`: weights of an earlier training to start from, the default ones for example.
     """
-    with joined(request.device) as (processes, device):
+    with process_group(request.device) as (processes, device):
         started, report = time.monotonic(), StageReport(STAGE)
         inputs = _inputs(roots, init, coco_weights)
         scenes = {root: scene_items(root, output, config, split, camera) for root in roots}

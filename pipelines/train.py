@@ -28,7 +28,7 @@ from pipelines.learning.loop.loaders import split_by_scene
 from pipelines.learning.loop.loop import TrainingRun
 from pipelines.learning.loop.options import LoopOptions
 from pipelines.learning.loop.runs import RunRequest, describe, find_progress
-from pipelines.learning.speed.processes import joined
+from pipelines.learning.speed.processes import process_group
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.weights_files import fill, read_weights, weights_metadata
 from pipelines.runtime.batch import StageReport
@@ -56,7 +56,7 @@ def run(
     `endless`: a dataset with labels; `config.endless.share` of each batch is rendered of its
     objects by `workers` processes. `init`: weights of an earlier training to start from.
     """
-    with joined(request.device) as (processes, device), ExitStack() as stack:
+    with process_group(request.device) as (processes, device), ExitStack() as stack:
         started, report = time.monotonic(), StageReport(STAGE)
         inputs = _inputs(packed, validation, endless, init)
         stamp = make_stamp(STAGE, config, seed=request.seed, inputs=inputs)

@@ -1,4 +1,4 @@
-"""What a command says when it ends, and its exit code."""
+"""Final report of a command, and its exit code."""
 
 from __future__ import annotations
 

@@ -18,15 +18,15 @@ ROLES = {
     "main",
     "measure",
     "read",
+    "replay",
     "run",
     "tables",
     "write",
     "write_frame",
 }
 
-# Names and docstrings that are still to be mended; nothing may be added.
-TWICE = set((ROOT / "tests/names_defined_twice.txt").read_text().split())
-QUESTIONING = set((ROOT / "tests/questioning_docstrings.txt").read_text().split())
+# Names that are still to be mended; nothing may be added.
+TWICE = {"Step", "collected", "farthest_points", "prepare", "scenes_of", "train", "weighted_sum"}
 
 
 def sources() -> dict[str, ast.Module]:
@@ -43,6 +43,8 @@ def public_names(module: ast.Module) -> set[str]:
     found = set()
     for node in module.body:
         match node:
+            case ast.Assign(value=ast.Call(func=ast.Name(id="TypeVar"))):
+                pass  # a placeholder of its own module
             case ast.ClassDef(name=name) | ast.FunctionDef(name=name):
                 found.add(name)
             case ast.Assign(targets=[ast.Tuple(elts=targets)] | targets):
@@ -65,8 +67,7 @@ def test_no_folder_of_the_package_holds_more_modules_than_a_reader_takes_in():
 
 def test_no_docstring_of_a_module_begins_with_a_question():
     first = {file: (ast.get_docstring(module) or "").split() for file, module in sources().items()}
-    asking = {file for file, words in first.items() if words[0] in QUESTIONS}
-    assert asking <= QUESTIONING
+    assert [file for file, words in first.items() if words[:1] and words[0] in QUESTIONS] == []
 
 
 def imported(modules: dict[str, ast.Module]) -> set[str]:

@@ -27,6 +27,7 @@ from pipelines.geometry.symmetry import (
     Symmetry,
     SymmetrySlots,
 )
+from pipelines.grasping.planner import MIN_POINTS
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.grasping.symmetries import grounding
 from pipelines.inference import models
@@ -35,11 +36,10 @@ from pipelines.inference.predicted_regions import predicted_regions
 from pipelines.metrics.symmetry_matching import TrueRegion
 
 INFER, EVALUATE = InferConfig(), EvaluateConfig()
-MIN_POINTS = 20
 AXIS_ANGLE, AXIS_OFFSET, CENTRE_OFFSET = np.radians(12.0), 0.008, 0.02
 RIDGE = 1.0
 
-Rows = list[tuple[list[float], bool]]
+LabelledRows = list[tuple[list[float], bool]]
 
 
 def is_true(found: Symmetry, truths: tuple[Symmetry, ...]) -> bool:
@@ -128,7 +128,7 @@ def logistic(features: np.ndarray, truth: np.ndarray) -> np.ndarray:
 def main() -> None:
     """Collect evidence and print one line a case."""
     reader = TruthReader(GraspNetRoot(Path(sys.argv[1])), EVALUATE)
-    cases: dict[str, Rows] = {}
+    cases: dict[str, LabelledRows] = {}
     with models.one_thread_each():
         for scene in reader.root.scenes():
             for files in scene.frames():

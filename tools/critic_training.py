@@ -1,4 +1,4 @@
-"""How a `PointCritic` is trained on rows that were collected: what planes and hands share.
+"""Training of a `PointCritic` on collected rows, for planes and grasps alike.
 
 Rows are arrays of as many rows as candidates: `points` (k, n, p), `wholes` (k, w), `evidence`
 (k, e), `truth` (k,) 0 to 1, below 0 where it is not known, and in files `group` (k,): candidates

@@ -14,7 +14,7 @@ TITLE = "Packages, from the ground up; imports run down only (drawn by `tools/dr
 TITLES = ("level", "package", "subject")
 
 
-def layers() -> list[list[str]]:
+def contract_layers() -> list[list[str]]:
     """Return the modules of each layer, the stages first, the errors last."""
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     contracts = settings["tool"]["importlinter"]["contracts"]
@@ -32,7 +32,7 @@ def subject(name: str) -> str:
 
 def draw_map() -> str:
     """Return the table of levels, packages and subjects, ground first."""
-    packages = enumerate(reversed(layers()[1:]), start=1)
+    packages = enumerate(reversed(contract_layers()[1:]), start=1)
     rows = [(str(level), name, subject(name)) for level, names in packages for name in names]
     widths = [max(map(len, column)) for column in zip(TITLES, *rows, strict=True)]
     rule = tuple("=" * width for width in widths)

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.configs import EvaluateConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.evaluation.records import FrameRecord, read_frame_records, records_folder
@@ -34,8 +34,6 @@ ANGLES = 24
 AT_ONCE = 50  # pairs between looks at whether a hand that holds perfectly was found
 MIN_COSINE = 0.7  # of the far normal with the contact line: holds at friction 1, the largest asked
 INSIDE = 1e-5  # metres below the surface at which a ray starts
-
-Array = NDArray[np.float64]
 
 
 @dataclass
@@ -76,7 +74,7 @@ def best_quality(scene: TrueScene, object_id: int, gripper: Gripper) -> float:
     return best
 
 
-def frames_of(report: Path) -> Iterator[FrameRecord]:
+def record_frames(report: Path) -> Iterator[FrameRecord]:
     """Yield the frames that `report` judged."""
     files = sorted(records_folder(report).glob("*.json"))
     if not files:
@@ -90,7 +88,7 @@ def main(report: Path, root: GraspNetRoot) -> None:
     gripper = load_gripper(read_stamp(report)["config"]["gripper"])
     truths = TruthReader(root, EvaluateConfig())
     tallies: dict[str, Tally] = defaultdict(Tally)
-    for frame in frames_of(report):
+    for frame in record_frames(report):
         scene = truths.read(root.frame(frame.name)).scene
         for verdict in frame.rows[OURS].verdicts:
             best = best_quality(scene, verdict.object_id, gripper)

@@ -33,7 +33,7 @@ from pipelines.mesh_symmetry.detection.symmetry_detection import (
 )
 from pipelines.mesh_symmetry.doubt import Gauge
 from pipelines.mesh_symmetry.parts.symmetric_parts import (
-    WHOLE,
+    WHOLE_REGION,
     SymmetricRegion,
     has_slot,
     symmetric_regions,
@@ -191,7 +191,7 @@ def _found_regions(
         return symmetric_regions(mesh, detection, config, rng)
     if not has_slot(detection.symmetries):
         return []
-    return [SymmetricRegion(WHOLE, np.arange(len(mesh.faces)), detection.symmetries)]
+    return [SymmetricRegion(WHOLE_REGION, np.arange(len(mesh.faces)), detection.symmetries)]
 
 
 def _given_regions(

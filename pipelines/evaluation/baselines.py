@@ -8,9 +8,9 @@ are those of the method with a perfect network.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from pipelines.array_types import Array, Mask
 from pipelines.configs import InferConfig
 from pipelines.dataset.graspnet.graspnet import FrameFiles
 from pipelines.evaluation.frame_scores import RegionOwners
@@ -27,9 +27,6 @@ from pipelines.grasping.symmetries.completion import completions
 from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
 from pipelines.inference import models
 from pipelines.inference.observation import observe
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 NUM_POINTS = 1500  # of a region that carry affordance, as the network has
 

@@ -1,10 +1,10 @@
 """Affordance of a surface: how well the object can be held with one finger there (D. 9)."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial import KDTree
 
-Array = NDArray[np.float64]
+from pipelines.array_types import Array
 
 NUM_LEVELS = 64  # more distinct qualities than this are rounded down to as many
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pipelines.array_types import Array
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.transforms import (
     basis_from_direction,
@@ -24,7 +25,6 @@ from pipelines.geometry.transforms import (
     unit,
 )
 
-Array = NDArray[np.float64]
 Index = NDArray[np.bool_] | NDArray[np.integer] | slice
 
 GRASPNET_HEIGHT = 0.02  # metres; the column that graspnetAPI ignores

@@ -4,11 +4,10 @@ from dataclasses import dataclass, fields, replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pipelines.array_types import Array
 from pipelines.errors import ValueRangeError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,9 @@ are in use; both have z = approach, and differ by a quarter turn about it:
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.grasping.grasps import GraspPoses
-
-Array = NDArray[np.float64]
 
 # Columns: the base's x, y, z in the grasp frame (approach, closing, approach x closing).
 CLOSING_ALONG_X = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])

@@ -7,15 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from pipelines.array_types import Array, Mask
 from pipelines.configs import PackConfig
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.region_masks import RegionInstance
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.geometry.transforms import invert, transform_points
 from pipelines.grasping.scene import RegionCloud, SceneCloud
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

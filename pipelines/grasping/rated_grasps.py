@@ -6,10 +6,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.grasping.grasps import GraspPoses, Index
 from pipelines.grasping.symmetrize import CELL_FACTORS, cell_numbers
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,12 @@ from itertools import compress
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Mask
 from pipelines.configs import InferConfig
 from pipelines.frames.rgbd import Frame
 from pipelines.grasping.feasibility.limits import Limits
 from pipelines.grasping.scene import RegionCloud, SceneCloud
-from pipelines.inference.regions import Detector, Mask, Region, find_regions
+from pipelines.inference.regions import Detector, Region, find_regions
 from pipelines.tabletop.regions_geometric import GeometricRegions, geometric_regions
 from pipelines.tabletop.sparse_depth import filled
 

@@ -7,13 +7,13 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Mask
 from pipelines.configs import InferConfig
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.pointcloud import Plane
 from pipelines.tabletop.regions_geometric import GeometricRegions
 
 Depth = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
 
 class DetectedRegion(Protocol):

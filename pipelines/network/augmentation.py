@@ -15,7 +15,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from pipelines.configs import AugmentationConfig
-from pipelines.network.heads import ROTATION_SLOT, SPHERE_SLOT
+from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT
 from pipelines.network.regions import RegionBatch
 
 # How parallel (cosine) or perpendicular (sine) two directions must be to keep a symmetry.

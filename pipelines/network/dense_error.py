@@ -33,7 +33,7 @@ def rotation_extent(
     return torch.amax(2.0 * across.square().sum(1).sqrt(), -1)
 
 
-def reflection_error(
+def reflection_errors(
     points: Tensor,  # (B, S, 3)
     normal: Tensor,  # (B, Q, 3)
     center: Tensor,  # (B, Q, 3)
@@ -52,7 +52,7 @@ def reflection_error(
     return 2.0 * torch.sqrt(squared.clamp(min=0.0) + SMALL).mean(-1)
 
 
-def rotation_error(
+def rotation_errors(
     points: Tensor,  # (B, S, 3)
     axis: Tensor,  # (B, Q, 3)
     center: Tensor,  # (B, Q, 3)

@@ -1,4 +1,4 @@
-"""Where tensors live: `auto`, `cpu`, `cuda` or `cuda:N`."""
+"""Devices of tensors: `auto`, `cpu`, `cuda` or `cuda:N`."""
 
 import torch
 from torch import Tensor

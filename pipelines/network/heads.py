@@ -1,4 +1,4 @@
-"""What each point predicts from its feature: affordance, existence and symmetry (Fig. 5)."""
+"""Heads of the network: affordance, existence and symmetry of each point (Fig. 5)."""
 
 from itertools import pairwise
 
@@ -6,12 +6,11 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from pipelines.geometry.symmetry import NUM_SLOTS
 from pipelines.network.cpu.cloudwise import CloudLinear, RowLinear
 from pipelines.network.cpu.leading_direction import leading_direction
 
-NUM_SLOTS = 5  # M of Eq. 7: three reflections, one rotation, one sphere
 NUM_DIRECTIONS = 4  # slots with a direction: all but the sphere
-ROTATION_SLOT, SPHERE_SLOT = 3, 4
 FIRST_OUTPUTS = 0.3  # how large, against what keeps the variance
 
 

@@ -11,13 +11,13 @@ from torch import Tensor
 from torch.nn import functional
 
 from pipelines.configs import TrainConfig
+from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT
 from pipelines.network.dense_error import (
-    reflection_error,
+    reflection_errors,
     reflection_extent,
-    rotation_error,
+    rotation_errors,
     rotation_extent,
 )
-from pipelines.network.heads import ROTATION_SLOT, SPHERE_SLOT
 from pipelines.network.matching import NUM_REFLECTIONS, match_reflections
 from pipelines.network.model import Prediction
 from pipelines.network.regions import RegionBatch
@@ -149,7 +149,9 @@ def parameter_loss(
         direction, center = truth.direction[:, slot], truth.center[:, slot]
         rotation = slot == ROTATION_SLOT
         error, extent = (
-            (rotation_error, rotation_extent) if rotation else (reflection_error, reflection_extent)
+            (rotation_errors, rotation_extent)
+            if rotation
+            else (reflection_errors, reflection_extent)
         )
         predicted = prediction.direction[:, :, slot], prediction.center[:, :, slot]
         scale = torch.maximum(extent(points, direction, center), smallest)

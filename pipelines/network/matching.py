@@ -7,7 +7,7 @@ from itertools import permutations
 import torch
 from torch import Tensor
 
-from pipelines.network.dense_error import reflection_error
+from pipelines.network.dense_error import reflection_errors
 from pipelines.network.regions import RegionBatch
 
 NUM_REFLECTIONS = 3
@@ -52,7 +52,7 @@ def _costs_of_plane(
 ) -> Tensor:
     """Return what it costs (B, slot) to give one true plane to each slot, any length unit."""
     errors = [
-        reflection_error(
+        reflection_errors(
             points,
             normal[:, :, slot],
             center[:, :, slot],

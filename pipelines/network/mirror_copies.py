@@ -1,4 +1,4 @@
-"""What the network tells of regions, and of their mirror images, as one answer (D. 101).
+"""Predictions of regions and of their mirror images, averaged (D. 101).
 
 The mirror swaps left and right, the first axis of both input frames, as training does. Two answers
 differ where the network is not sure, and what they have in common is surer than either.
@@ -8,13 +8,11 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Singles
 from pipelines.geometry.symmetry import NUM_SLOTS, REFLECTION_SLOTS
 
-Array = NDArray[np.float32]
-
-MIRROR: Array = np.diag([-1.0, 1.0, 1.0]).astype(np.float32)
+MIRROR: Singles = np.diag([-1.0, 1.0, 1.0]).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -28,10 +26,10 @@ class Told:
         direction: (B, M, 5, 3) unit; zeros for the sphere.
     """
 
-    affordance: Array
-    existence: Array
-    center: Array
-    direction: Array
+    affordance: Singles
+    existence: Singles
+    center: Singles
+    direction: Singles
 
     def mirrored(self) -> "Told":
         """Return the same in the mirror image of its frame."""
@@ -60,8 +58,8 @@ def joined(told: Told, of_copy: Told) -> Told:
 
 
 def _slot_order(
-    direction: Array,  # (M, 5, 3)
-    of_copy: Array,  # (M, 5, 3)
+    direction: Singles,  # (M, 5, 3)
+    of_copy: Singles,  # (M, 5, 3)
 ) -> list[int]:
     """Return for each slot which slot of the copy tells the same."""
     planes = np.array(REFLECTION_SLOTS)

@@ -6,7 +6,8 @@ import torch
 from torch import Tensor, nn
 
 from pipelines.configs import NetworkConfig
-from pipelines.network.heads import ROTATION_SLOT, Heads
+from pipelines.geometry.symmetry import ROTATION_SLOT
+from pipelines.network.heads import Heads
 from pipelines.network.pift import PIFT, Deformation
 from pipelines.network.pointnet2 import FeaturePropagation, SetAbstraction
 from pipelines.network.sampling import gather

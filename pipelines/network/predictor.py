@@ -10,6 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from pipelines.array_types import Singles
 from pipelines.configs import NetworkConfig
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.pointcloud import Plane
@@ -20,8 +21,6 @@ from pipelines.network.mirror_copies import MIRROR, Told, joined
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.weights_files import fill, read_weights
 from pipelines.tabletop.levelling import level_axes
-
-Array = NDArray[np.float32]
 
 # So many-th point tells symmetries: points are drawn in no order, and it is their mean that counts.
 TELLING = 3
@@ -41,11 +40,11 @@ class RegionPrediction:
     """
 
     index: NDArray[np.int64]
-    affordance: Array
+    affordance: Singles
     voting: NDArray[np.int64]
-    existence: Array
-    center: Array
-    direction: Array
+    existence: Singles
+    center: Singles
+    direction: Singles
 
 
 class GraspPredictor:
@@ -119,13 +118,13 @@ class GraspPredictor:
             return np.broadcast_to(np.eye(3), (len(centroids), 3, 3))
         return np.stack([level_axes(center, table) for center in centroids])
 
-    def _told(self, points: Array, ground: Array) -> Told:
+    def _told(self, points: Singles, ground: Singles) -> Told:
         """Return what is told of (B, N, 3) centred points, `ground` (B,) over the table."""
         return Told(
             *self._run(*(torch.from_numpy(each).to(self.device) for each in (points, ground)))
         )
 
-    def _run(self, points: Tensor, ground: Tensor) -> tuple[Array, ...]:
+    def _run(self, points: Tensor, ground: Tensor) -> tuple[Singles, ...]:
         """Return affordance at (B, N, 3) centred points; existence, centres, directions at some.
 
         On a CPU each thread takes some of the clouds: most operations are too small to be spread
@@ -140,7 +139,7 @@ class GraspPredictor:
         return tuple(np.concatenate(column) for column in zip(*parts, strict=True))
 
     @torch.inference_mode()
-    def _run_together(self, points: Tensor, ground: Tensor) -> tuple[Array, ...]:
+    def _run_together(self, points: Tensor, ground: Tensor) -> tuple[Singles, ...]:
         prediction = self.network(points, ground, every=TELLING)
         columns = (
             prediction.affordance.clamp(0.0, 1.0),

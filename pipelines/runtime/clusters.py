@@ -1,4 +1,4 @@
-"""Where a batch's workers run: processes of this machine, or a dask or ray cluster.
+"""Workers of a batch: processes of this machine, or a dask or ray cluster.
 
 A cluster that is there already is used: the one of `DASK_SCHEDULER_ADDRESS` or `RAY_ADDRESS`, or
 of a client that the calling program holds. Otherwise workers are started on this machine and ended

@@ -3,10 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.array_types import Array, Mask
+from pipelines.array_types import Array, Floats, Mask
 from pipelines.geometry.numerics.compiled import compiled
 
-Floats = NDArray[np.floating]
 Bytes = NDArray[np.uint8]
 
 Pair = tuple[float, float]

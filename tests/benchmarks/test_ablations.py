@@ -6,14 +6,14 @@ from pathlib import Path
 import pytest
 
 from benchmarks.ablation_table import (
+    ABLATIONS,
+    COLUMNS,
     FULL,
     METRICS,
     NEITHER,
     PLAIN,
-    ROWS,
-    SPLITS,
     TOLD,
-    markdown,
+    ablation_page,
     rows_named,
     summary,
 )
@@ -33,7 +33,7 @@ from pipelines.errors import SymgraspError
 from tests.docs.test_formats_document import block, keys_of
 
 MAKEFILE = Path(__file__).resolve().parents[2] / "Makefile"
-BASED = [row.key for row in ROWS if row.base is not None]
+BASED = [row.key for row in ABLATIONS if row.base is not None]
 SEEDS = (0, 1)
 REGIONS = {"refined": 1200, "unrefined": 1200, "uncut": 600}
 
@@ -41,13 +41,13 @@ REGIONS = {"refined": 1200, "unrefined": 1200, "uncut": 600}
 def report(quality):
     figures = {name: quality for name in METRICS if " " not in name}
     figures["symmetry_ap"] = {"reflection": 0.5, "rotation": 0.6, "sphere": None}
-    return {"rows": {"ours": dict.fromkeys(SPLITS, figures)}}
+    return {"rows": {"ours": dict.fromkeys(COLUMNS, figures)}}
 
 
 def comparison(value):
     difference = {"value": value, "low": value - 0.02, "high": value + 0.01}
     figure = {"grasp_quality": {"differences": [difference]}}
-    return {"figures": dict.fromkeys(SPLITS, figure)}
+    return {"figures": dict.fromkeys(COLUMNS, figure)}
 
 
 def compared(*values):
@@ -96,16 +96,16 @@ def done(folder, seeds=(0,), machine=None, **budget):
 
 def test_every_row_is_trained_inferred_and_evaluated_once(tmp_path):
     names = [command[0] for command in done(tmp_path)]
-    assert names.count("infer") == names.count("evaluate") == len(ROWS)
-    assert names.count("train") == len([row for row in ROWS if row.network is None])
+    assert names.count("infer") == names.count("evaluate") == len(ABLATIONS)
+    assert names.count("train") == len([row for row in ABLATIONS if row.network is None])
     assert names.count("finetune-detector") == 2
-    assert names.count("compare") == len(ROWS) - 1
+    assert names.count("compare") == len(ABLATIONS) - 1
 
 
 def test_seeds_are_of_networks_and_share_the_detectors(tmp_path):
     names = [command[0] for command in done(tmp_path, seeds=(0, 1, 2))]
     assert names.count("finetune-detector") == 2
-    assert names.count("infer") == 3 * len(ROWS)
+    assert names.count("infer") == 3 * len(ABLATIONS)
 
 
 def test_rows_as_the_paper_has_them_are_compared_with_each_other(tmp_path):
@@ -151,9 +151,9 @@ def test_rows_without_a_network_of_their_own_take_the_one_they_name(tmp_path):
 
 
 def test_a_base_stands_before_the_rows_compared_with_it():
-    keys = [row.key for row in ROWS]
-    assert all(keys.index(row.base) < keys.index(row.key) for row in ROWS if row.base)
-    assert all(keys.index(row.network) < keys.index(row.key) for row in ROWS if row.network)
+    keys = [row.key for row in ABLATIONS]
+    assert all(keys.index(row.base) < keys.index(row.key) for row in ABLATIONS if row.base)
+    assert all(keys.index(row.network) < keys.index(row.key) for row in ABLATIONS if row.network)
 
 
 def test_only_the_row_without_regions_has_another_detector(tmp_path):
@@ -189,7 +189,7 @@ def test_a_failed_command_is_named_and_leaves_no_record(tmp_path):
 
 def test_what_was_deleted_is_made_again(tmp_path):
     done(tmp_path)
-    work_in(tmp_path).report(ROWS[1], 0).unlink()
+    work_in(tmp_path).report(ABLATIONS[1], 0).unlink()
     assert [command[0] for command in done(tmp_path)] == ["evaluate"]
 
 
@@ -199,10 +199,10 @@ def test_rows_that_are_finished_stay_in_the_table_of_fewer(tmp_path):
     fewer.chosen = rows_named(["no-pift"])
     make_table(fewer, (0,), Machine())
     assert set(json.loads((tmp_path / "ablations.json").read_text())["rows"]) == {
-        row.key for row in ROWS
+        row.key for row in ABLATIONS
     }
-    work_in(tmp_path).report(ROWS[0], 0).unlink()  # what the others are compared with
-    assert not any(fewer.is_finished(row, (0,)) for row in ROWS if row.base == FULL)
+    work_in(tmp_path).report(ABLATIONS[0], 0).unlink()  # what the others are compared with
+    assert not any(fewer.is_finished(row, (0,)) for row in ABLATIONS if row.base == FULL)
 
 
 @pytest.mark.parametrize("seeds", ["a", "", "0, ", "-1", "1.5"])
@@ -218,12 +218,12 @@ def test_a_benchmark_that_is_not_there_is_said_before_anything_is_made(tmp_path,
 
 
 def test_a_difference_over_one_frame_has_no_interval():
-    reports = {row.key: [report(0.5)] for row in ROWS}
+    reports = {row.key: [report(0.5)] for row in ABLATIONS}
     alone = comparison(-0.1)
-    for split in SPLITS:
+    for split in COLUMNS:
         difference = alone["figures"][split]["grasp_quality"]["differences"][0]
         difference["low"] = difference["high"] = None
-    text = markdown(summary(reports, {key: [alone] for key in BASED}, [0]))
+    text = ablation_page(summary(reports, {key: [alone] for key in BASED}, [0]))
     assert "| -0.100 |" in text
     assert "None" not in text
 
@@ -240,14 +240,14 @@ def test_a_training_is_never_shorter_than_an_epoch():
 
 
 def test_the_table_holds_the_papers_figures_and_the_mean_and_spread_of_ours():
-    reports = {row.key: [report(0.5), report(0.6)] for row in ROWS}
+    reports = {row.key: [report(0.5), report(0.6)] for row in ABLATIONS}
     found = summary(reports, compared(-0.1, -0.2), SEEDS)
     novel = found["rows"]["no-pift"]["novel"]
     assert novel["grasp_quality"]["mean"] == pytest.approx(0.55)
     assert novel["grasp_quality"]["spread"] == pytest.approx(0.1 / 2**0.5)
     assert novel["symmetry_ap sphere"]["mean"] is None
     assert novel["difference"]["mean"] == pytest.approx(-0.15)
-    text = markdown(found)
+    text = ablation_page(found)
     row = "| no PIFT | 0.337 | 0.092 | " + " | ".join(["0.550 ± 0.071"] * 4) + " |"
     assert row in text
     assert "| no PIFT | -0.045 | -0.205 | -0.150 ± 0.071 |" in text
@@ -257,8 +257,8 @@ def test_the_table_holds_the_papers_figures_and_the_mean_and_spread_of_ours():
 
 
 def test_one_seed_has_no_spread_but_the_interval_over_frames():
-    reports = {row.key: [report(0.5)] for row in ROWS}
-    text = markdown(summary(reports, compared(-0.1), [0]))
+    reports = {row.key: [report(0.5)] for row in ABLATIONS}
+    text = ablation_page(summary(reports, compared(-0.1), [0]))
     assert "| full method | 0.382 | 0.297 | 0.500 |" in text
     assert "| -0.100 (-0.120 to -0.090) |" in text
 
@@ -267,14 +267,14 @@ def test_a_split_that_the_benchmark_does_not_have_is_a_dash():
     some, difference = report(0.5), comparison(-0.1)
     some["rows"]["ours"] = {"all": some["rows"]["ours"]["all"]}
     difference["figures"] = {"all": difference["figures"]["all"]}
-    reports = {row.key: [some] for row in ROWS}
-    text = markdown(summary(reports, {key: [difference] for key in BASED}, [0]))
+    reports = {row.key: [some] for row in ABLATIONS}
+    text = ablation_page(summary(reports, {key: [difference] for key in BASED}, [0]))
     assert "| full method | 0.382 | 0.297 | - | - | - | 0.500 |" in text
     assert "| no PIFT | -0.045 | -0.205 | - | - | - | -0.100 (-0.120 to -0.090) |" in text
 
 
 def test_each_row_has_its_own_difference():
-    reports = {row.key: [report(0.5)] for row in ROWS}
+    reports = {row.key: [report(0.5)] for row in ABLATIONS}
     each = {key: [comparison(-0.1 * place)] for place, key in enumerate(BASED)}
     rows = summary(reports, each, [0])["rows"]
     found = [rows[key]["all"]["difference"]["mean"] for key in BASED]
@@ -288,7 +288,7 @@ def test_some_rows_come_with_what_they_rest_on():
 
 
 def test_what_rows_rest_on_comes_with_what_that_rests_on():
-    for row in ROWS:
+    for row in ABLATIONS:
         chosen = rows_named([row.key])
         keys = {each.key for each in chosen}
         assert all({each.base, each.network} - {None} <= keys for each in chosen)
@@ -315,7 +315,7 @@ def test_the_table_grows_by_the_rows_that_are_finished(tmp_path):
     with pytest.raises(SymgraspError, match="stopped"):
         done(tmp_path, machine=Machine(lasting=20))
     content = json.loads((tmp_path / "ablations.json").read_text(encoding="utf-8"))
-    whole = [row.key for row in ROWS]
+    whole = [row.key for row in ABLATIONS]
     assert list(content["rows"]) == whole[: len(content["rows"])]
     assert 0 < len(content["rows"]) < len(whole)
     done(tmp_path)
@@ -328,7 +328,7 @@ def test_both_files_are_written_with_a_stamp(tmp_path):
     assert (tmp_path / "ablations.md").read_text(encoding="utf-8") == text
     content = json.loads((tmp_path / "ablations.json").read_text(encoding="utf-8"))
     assert content["provenance"]["stage"] == "ablations"
-    assert len(content["provenance"]["inputs"]) == len(ROWS) + len(BASED)
+    assert len(content["provenance"]["inputs"]) == len(ABLATIONS) + len(BASED)
     lines = block("keys", "ablations")
     assert set(content) == keys_of(lines)
     assert set(content["rows"]["no-pift"]) == keys_of(lines, depth=1)

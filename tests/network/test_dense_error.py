@@ -32,7 +32,7 @@ def test_reflection_error_is_that_of_geometry(seed):
     predicted, truth = (ReflectionSymmetry(direction[i], center[i]) for i in range(2))
     expected = symmetry_error.reflection_error(points, predicted, truth)
     p, n, c, true_n, true_c = tensors(points, direction, center)
-    error = dense_error.reflection_error(p, n, c, true_n, true_c)
+    error = dense_error.reflection_errors(p, n, c, true_n, true_c)
     got = error[0, 0] / dense_error.reflection_extent(p, true_n, true_c)[0]
     assert_allclose(float(got), expected, rtol=1e-5)
 
@@ -54,20 +54,20 @@ def test_rotation_error_is_that_of_geometry_at_the_same_turns(seed):
             for turn in dense_error.TURNS
         ]
     )
-    got = dense_error.rotation_error(*tensors(points, direction, center))
+    got = dense_error.rotation_errors(*tensors(points, direction, center))
     assert_allclose(float(got), expected, rtol=1e-5)
 
 
 def test_gradients_are_those_of_finite_differences():
     p, n, c, true_n, true_c = tensors(*case(3))
     n, c = n.clone().requires_grad_(), c.clone().requires_grad_()
-    for error in (dense_error.reflection_error, dense_error.rotation_error):
+    for error in (dense_error.reflection_errors, dense_error.rotation_errors):
         assert torch.autograd.gradcheck(lambda n, c, e=error: e(p, n, c, true_n, true_c), (n, c))
 
 
 def test_signs_do_not_matter():
     p, n, c, true_n, true_c = tensors(*case(4))
-    for error in (dense_error.reflection_error, dense_error.rotation_error):
+    for error in (dense_error.reflection_errors, dense_error.rotation_errors):
         torch.testing.assert_close(
             error(p, n, c, true_n, true_c), error(p, -n, c, true_n, true_c), rtol=1e-6, atol=1e-9
         )

@@ -7,7 +7,7 @@ import pytest
 import torch
 from scipy.optimize import linear_sum_assignment
 
-from pipelines.network.dense_error import reflection_error
+from pipelines.network.dense_error import reflection_errors
 from pipelines.network.matching import assign, match_reflections
 from tests.network.toy_regions import toy_batch
 
@@ -54,7 +54,7 @@ def test_no_other_assignment_of_planes_to_slots_costs_less():
 
     def cost(planes):
         errors = [
-            reflection_error(truth.points, normal[:, :, slot], center[:, :, slot], *planes[slot])
+            reflection_errors(truth.points, normal[:, :, slot], center[:, :, slot], *planes[slot])
             for slot in range(3)
         ]
         return float(sum(error.mean() for error in errors))

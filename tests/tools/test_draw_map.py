@@ -16,4 +16,4 @@ def test_the_map_of_packages_is_what_the_import_contract_says():
 def test_every_stage_has_a_row_in_the_table_of_stages():
     table = pipelines.__doc__.partition(draw_map.TITLE)[0]
     rows = re.findall(r"^([a-z_]+)  +\S", table, re.MULTILINE)
-    assert sorted(rows) == sorted(["stage", *draw_map.layers()[0]])
+    assert sorted(rows) == sorted(["stage", *draw_map.contract_layers()[0]])

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.configs import EndlessConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.geometry.meshes.mesh import Mesh
@@ -35,7 +36,6 @@ from pipelines.synthesis.endless import (
 )
 from pipelines.synthesis.scenes.tables import SceneObject
 
-Array = NDArray[np.float64]
 STEPS = 65535  # of a coordinate over the object's box
 SURFACE_POINTS = 2048  # an object; labels have 4,096
 MOST_PIECE_VERTICES = 6000  # of an object's convex pieces; objects with more are left out

@@ -20,7 +20,7 @@ from pipelines.metrics.graspnet.graspnet_frames import (
     PeerScene,
     SolidObject,
 )
-from pipelines.metrics.graspnet.peer_collision import NUM_SAMPLES, VOXEL, voxel_means
+from pipelines.metrics.graspnet.peer_collision import NUM_CLOUD_SAMPLES, VOXEL, voxel_means
 from pipelines.metrics.mesh_collision import MeshCollider
 
 KEPT_OBJECTS = 28  # in memory, a grid of 8 MB each; GraspNet-1Billion's splits have no more
@@ -121,7 +121,7 @@ def _grid_object(model: _Version, grid: _Version) -> GridObject:
 @functools.lru_cache(maxsize=KEPT_OBJECTS)
 def _solid_object(surface: _Version, seed: int) -> SolidObject:
     mesh = read_solid_mesh(surface.path)
-    samples = sample_surface(mesh, NUM_SAMPLES, np.random.default_rng(seed))[0]
+    samples = sample_surface(mesh, NUM_CLOUD_SAMPLES, np.random.default_rng(seed))[0]
     return SolidObject(voxel_means(samples, VOXEL), mesh, MeshCollider(mesh))
 
 

@@ -1,14 +1,12 @@
 """Features of the surface that is seen at the two contacts of a grasp."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.ranking.known_region import evenly_taken
 from pipelines.grasping.scene import RegionCloud
-
-Array = NDArray[np.float64]
 
 # All chosen by eye; the shipped weights were trained with them.
 RADII = (0.006, 0.012)  # metres, of the patches about a contact

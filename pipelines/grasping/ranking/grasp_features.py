@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Indices, Singles
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.geometry.symmetry import NUM_SLOTS, ROTATION_SLOT, SPHERE_SLOT
 from pipelines.geometry.transforms import unit
@@ -22,10 +23,6 @@ from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.ranking.contact_patches import PATCH_FEATURES, contact_patches
 from pipelines.grasping.ranking.known_region import KnownRegion
 from pipelines.grasping.scene import RegionCloud
-
-Array = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Indices = NDArray[np.int64]
 
 # All chosen by eye; the shipped weights were trained with them.
 NUM_POINTS = 64  # of those about a grasp

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
+from pipelines.array_types import Singles
 from pipelines.geometry.numerics.compiled import compiled
 
-Rows = NDArray[np.float32]
 Numbers = Any  # an array of numpy or a tensor of torch; all of one call are of one kind
 
 POINT_WIDTHS, LAST_WIDTHS = (64, 64, 96), (64, 32, 1)  # chosen by eye
@@ -104,9 +104,9 @@ class PointCritic:
 
     def probability(
         self,
-        points: Rows,  # (k, n, p)
-        shared: Rows,  # (k, s)
-        candidates: Rows,  # (k, c)
+        points: Singles,  # (k, n, p)
+        shared: Singles,  # (k, s)
+        candidates: Singles,  # (k, c)
     ) -> NDArray[np.float64]:
         """Return the probability (k,) that candidates are right, or the quality to expect."""
         bias, slope = self.weights["calibration"].astype(np.float64)
@@ -114,10 +114,10 @@ class PointCritic:
 
     def fast_logits(
         self,
-        points: Rows,  # (k, n, p)
-        shared: Rows,  # (k, s)
-        candidates: Rows,  # (k, c)
-    ) -> Rows:
+        points: Singles,  # (k, n, p)
+        shared: Singles,  # (k, s)
+        candidates: Singles,  # (k, c)
+    ) -> Singles:
         """Return what `logits` does, up to rounding, in less time."""
         parts = [slice(start, start + CHUNK) for start in range(0, max(1, len(points)), CHUNK)]
         pooled = [self._pooled(points[part], shared[part]) for part in parts]
@@ -127,7 +127,7 @@ class PointCritic:
             joined = self._layer(f"last.{index}", np.maximum(joined, 0.0) if index else joined)
         return np.asarray(joined[:, 0], np.float32)
 
-    def _pooled(self, points: Rows, shared: Rows) -> Rows:
+    def _pooled(self, points: Singles, shared: Singles) -> Singles:
         """Return (k, 2 c) the maximum and the mean of the last hidden rows of the points."""
         # The first layer is a sum: the part of what points share is worked out once a candidate.
         weight, bias = self.weights["point.0.weight"], self.weights["point.0.bias"]
@@ -142,7 +142,7 @@ class PointCritic:
 
 
 @compiled
-def _rectify(rows: Rows, offset: Rows) -> None:
+def _rectify(rows: Singles, offset: Singles) -> None:
     """Add `offset` (k or 1, c) to `rows` (k, n, c) and clip them at zero."""
     for k in range(rows.shape[0]):
         which = min(k, len(offset) - 1)
@@ -152,7 +152,7 @@ def _rectify(rows: Rows, offset: Rows) -> None:
 
 
 @compiled
-def _largest_and_mean(rows: Rows, offset: Rows) -> Rows:
+def _largest_and_mean(rows: Singles, offset: Singles) -> Singles:
     """Return (k, 2 c) the maximum and the mean of n `rows` (k, n, c) plus `offset` (c,)."""
     pooled = np.empty((rows.shape[0], 2 * rows.shape[2]), np.float32)
     largest, mean = pooled[:, : rows.shape[2]], pooled[:, rows.shape[2] :]

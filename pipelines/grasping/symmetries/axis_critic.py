@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit
 
-Array = NDArray[np.float64]
+from pipelines.array_types import Array
 
 FEATURES = ("existence", "support", "consistency")  # columns of a fit's evidence, each 0 to 1
 KINDS = ("rotation", "sphere")

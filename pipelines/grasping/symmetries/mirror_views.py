@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from enum import IntEnum, auto
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Indices, Mask, Singles
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.geometry.numerics.fitting_sums import mirror_images
 from pipelines.geometry.numerics.nearest import nearest_of
@@ -21,10 +21,6 @@ from pipelines.grasping.scene import SceneCloud
 from pipelines.grasping.symmetries.plane_candidates import ENDS
 from pipelines.tabletop.levelling import UNKNOWN_UP
 
-Array = NDArray[np.float64]
-Rows = NDArray[np.float32]
-Mask = NDArray[np.bool_]
-Indices = NDArray[np.int64]
 Projected = tuple[Indices, Mask, Array, Mask]
 
 # All chosen by eye; the shipped weights were trained with them.
@@ -100,7 +96,7 @@ class MirrorImages:
         return cls(points, normals, moved, images, distance, *met, sides)
 
 
-def plane_features(planes: list[ReflectionSymmetry], region: Array, scene: SceneCloud) -> Rows:
+def plane_features(planes: list[ReflectionSymmetry], region: Array, scene: SceneCloud) -> Singles:
     """Return (k, 3) the `PLANE_FEATURES` of planes of a region with points (n, 3)."""
     ray = unit(region.mean(axis=0))
     up = np.zeros(3) if scene.plane is None else scene.plane.normal
@@ -114,7 +110,7 @@ def point_features(
     mirrored: MirrorImages,
     mask: Mask,
     scene: SceneCloud,
-) -> Rows:
+) -> Singles:
     """Return (k, 128, 14) the `POINT_FEATURES` of points under each plane.
 
     `mask`: (H, W) the region's pixels.
@@ -184,7 +180,7 @@ def _rows(
     met: tuple[Array, Array, Array, Array],
     projected: Projected,
     table: Array,
-) -> Rows:
+) -> Singles:
     """Return what `point_features` does.
 
     Args:

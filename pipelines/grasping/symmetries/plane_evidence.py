@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Singles
 from pipelines.geometry.numerics.fitting_sums import MATCH_NORMAL
 from pipelines.geometry.symmetry import (
     REFLECTION_SLOTS,
@@ -30,9 +31,6 @@ from pipelines.grasping.symmetries.plane_candidates import (
     distinct_planes,
     region_top,
 )
-
-Array = NDArray[np.float64]
-Rows = NDArray[np.float32]
 
 # All chosen by eye, but for RIVALS (D. 65); the shipped weights were trained with them.
 BESIDE = 0.008  # metres from an image to the nearest seen point: it lies beside the surface
@@ -102,7 +100,7 @@ def fitted_planes(region: RegionEvidence) -> list[ReflectionSymmetry]:
 
 def critic_inputs(
     planes: list[ReflectionSymmetry], region: RegionEvidence
-) -> tuple[Rows, Rows, Rows]:
+) -> tuple[Singles, Singles, Singles]:
     """Return the plane critic's features of k planes: (k, 128, 14), (k, 3) and (k, 9)."""
     mirrored = MirrorImages.of(planes, region.points, region.normals)
     columns = _evidence(planes, mirrored, region)

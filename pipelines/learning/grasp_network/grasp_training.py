@@ -8,15 +8,16 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from pipelines.array_types import Indices
 from pipelines.configs import TrainConfig, from_settings
+from pipelines.geometry.symmetry import SPHERE_SLOT
 from pipelines.learning.grasp_network.region_figures import RegionFigures
 from pipelines.learning.grasp_network.region_sources import RegionSet, TrainingRegions
 from pipelines.learning.loop.faults import Fault
-from pipelines.learning.loop.loaders import Indices, load_regions
+from pipelines.learning.loop.loaders import load_regions
 from pipelines.learning.speed.processes import Processes
 from pipelines.learning.speed.shares import check_shares, micro_batch_size
 from pipelines.network.augmentation import augment, scaled_copy
-from pipelines.network.heads import SPHERE_SLOT
 from pipelines.network.losses import NUM_ERROR_POINTS, total_loss
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.regions import RegionBatch

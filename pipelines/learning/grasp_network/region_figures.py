@@ -1,4 +1,4 @@
-"""How well a grasp network does on labelled regions: the figures that training is judged by."""
+"""Figures of a grasp network on labelled regions, by which training is validated."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -8,9 +8,9 @@ from scipy.stats import rankdata
 from torch import Tensor
 
 from pipelines.configs import EvaluateConfig
+from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT
 from pipelines.network.averaging import average_symmetries
-from pipelines.network.dense_error import reflection_error, reflection_extent
-from pipelines.network.heads import ROTATION_SLOT, SPHERE_SLOT
+from pipelines.network.dense_error import reflection_errors, reflection_extent
 from pipelines.network.losses import symmetry_weights
 from pipelines.network.matching import NUM_REFLECTIONS, match_reflections
 from pipelines.network.model import Prediction
@@ -18,7 +18,7 @@ from pipelines.network.regions import RegionBatch
 
 GRASPABLE = 0.5  # affordance above which a point is grasped (Sec. III-E)
 HIT = EvaluateConfig.symmetry_thresholds[0]  # dense error below which a plane is found, D. 11
-NUM_ERROR_POINTS = 64
+NUM_FIGURE_POINTS = 64
 
 
 @dataclass
@@ -36,7 +36,7 @@ class RegionFigures:
     @torch.no_grad()
     def add(self, prediction: Prediction, truth: RegionBatch) -> None:
         """Take in one batch; predictions are of all its points."""
-        points = truth.points[:, :: max(1, truth.points.shape[1] // NUM_ERROR_POINTS)]
+        points = truth.points[:, :: max(1, truth.points.shape[1] // NUM_FIGURE_POINTS)]
         weight = symmetry_weights(prediction.affordance)
         directions, centers = prediction.direction[:, :, :3], prediction.center[:, :, :3]
         truth = match_reflections(truth, points, directions, centers, weight)
@@ -48,7 +48,7 @@ class RegionFigures:
             rows = truth.existence[:, slot] > 0
             normal, center = truth.direction[rows, slot], truth.center[rows, slot]
             self.plane_angle.append(_angle_deg(mean.direction[rows, slot], normal))
-            error = reflection_error(
+            error = reflection_errors(
                 points[rows],
                 mean.direction[rows, slot, None],
                 mean.center[rows, slot, None],

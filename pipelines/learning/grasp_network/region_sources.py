@@ -1,4 +1,4 @@
-"""Where a training's regions come from: packed ones, fresh ones rendered without end, or both.
+"""Sources of a training's regions: packed ones, endlessly rendered ones, or both.
 
 An item is a pair: (-1, index) of a packed region, (scene, slot) of a rendered one.
 """
@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipelines.array_types import Indices
 from pipelines.configs import EndlessConfig, TrainConfig
 from pipelines.dataset.training.packed_regions import PackedReader, PackedRegion
-from pipelines.learning.loop.loaders import Indices, batch_of, draw_points, epoch_batches
+from pipelines.learning.loop.loaders import batch_of, draw_points, epoch_batches
 from pipelines.network.regions import RegionBatch
 from pipelines.synthesis.endless_pool import EndlessPool
 

@@ -1,4 +1,4 @@
-"""What a training's curves are drawn from: loss terms along the steps, figures of validations.
+"""History of a training, for its curves: loss terms by step, figures of validations.
 
 It travels in the checkpoint, so that the picture of a run that was resumed is whole.
 """

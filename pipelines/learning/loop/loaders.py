@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from pipelines.array_types import Indices
 from pipelines.configs import NetworkConfig
 from pipelines.dataset.training.packed_regions import PackedReader, PackedRegion
 from pipelines.errors import ValueRangeError
@@ -18,7 +19,6 @@ from pipelines.tabletop.levelling import level_axes, table_of_row
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
-Indices = NDArray[np.int64]
 
 
 def epoch_batches(

@@ -1,4 +1,4 @@
-"""How long and how fast to train."""
+"""Length and speed of a training."""
 
 from dataclasses import dataclass, field
 

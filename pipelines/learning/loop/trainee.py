@@ -1,4 +1,4 @@
-"""What the training engine asks of a thing to be trained."""
+"""The interface between the training engine and the thing to be trained."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol

@@ -1,4 +1,4 @@
-"""How a running training shows itself: a bar with the time left on a terminal, else lines."""
+"""Progress of a running training: a bar with the time left on a terminal, else lines."""
 
 import logging
 import time

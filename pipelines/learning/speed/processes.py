@@ -71,7 +71,7 @@ class Processes:
 
 
 @contextmanager
-def joined(device: str) -> Iterator[tuple[Processes, torch.device]]:
+def process_group(device: str) -> Iterator[tuple[Processes, torch.device]]:
     """Yield the processes that torchrun started and this one's device, `device` by name.
 
     Raises:

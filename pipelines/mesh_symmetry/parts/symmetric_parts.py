@@ -22,7 +22,7 @@ from pipelines.mesh_symmetry.parts.part_symmetries import PartSymmetries, is_rou
 from pipelines.mesh_symmetry.parts.revolved_bodies import MAX_SMOOTH_BORDER, revolved_bodies
 from pipelines.mesh_symmetry.parts.sampled_parts import NO_PART, SampledParts
 
-WHOLE = "whole"
+WHOLE_REGION = "whole"
 NUM_SAMPLES = 8000
 MAX_MEAN_NORMAL = 0.6  # length: 0 for a closed surface, 0.5 for a bowl, 1 for an ungraspable sheet
 SMALL_OBJECT = 0.5  # of its object's diameter; a part as large as this is graspable in any size
@@ -68,7 +68,7 @@ def symmetric_regions(
     No triangle is in two regions. An object without any symmetric part is one region, the whole,
     without symmetries.
     """
-    whole = SymmetricRegion(WHOLE, np.arange(len(mesh.faces)), detection.symmetries)
+    whole = SymmetricRegion(WHOLE_REGION, np.arange(len(mesh.faces)), detection.symmetries)
     if any(is_round(symmetry) for symmetry in detection.symmetries):
         return [whole]
     parts = SampledParts.of(mesh, NUM_SAMPLES, rng)

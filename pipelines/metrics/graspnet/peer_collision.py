@@ -17,7 +17,7 @@ FINGER = 0.01  # metres: thickness of a finger and of the bottom, half a finger'
 BEHIND = 0.02  # metres from the origin back to the bottom
 VOXEL = 0.008  # metres, of the peer's cloud
 MIN_INNER = 10  # points of that cloud between the fingers, or the grasp is empty
-NUM_SAMPLES = 40000
+NUM_CLOUD_SAMPLES = 40000
 AT_A_TIME = 2_000_000  # pairs of a grasp and a point
 LONGEST = 0.9  # metres; what a finger may be
 TABLE_SIDE, TABLE_DEPTH = 1.0, 0.05  # metres, of the peer's cloud
@@ -29,7 +29,7 @@ def exact_collision(mesh: Mesh, grasps: GraspPoses, depth: Array) -> tuple[Mask,
     `grasps`: mesh frame, metres, `translation` between the finger tips and `width` the opening.
     """
     collision = meets_mesh(MeshCollider(mesh), grasps, depth)
-    samples = sample_surface(mesh, NUM_SAMPLES, np.random.default_rng(0))[0]
+    samples = sample_surface(mesh, NUM_CLOUD_SAMPLES, np.random.default_rng(0))[0]
     return collision, meets_points(samples, grasps, depth)[1] == 0
 
 
@@ -56,7 +56,7 @@ def cloud_collision(mesh: Mesh, grasps: GraspPoses, depth: Array) -> tuple[Mask,
 
     Its cloud is drawn at random, so this agrees with it up to a voxel's share of doubt.
     """
-    samples = sample_surface(mesh, NUM_SAMPLES, np.random.default_rng(0))[0]
+    samples = sample_surface(mesh, NUM_CLOUD_SAMPLES, np.random.default_rng(0))[0]
     hit, inner = meets_points(voxel_means(samples, VOXEL), grasps, depth)
     empty = inner < MIN_INNER
     return hit | empty, empty

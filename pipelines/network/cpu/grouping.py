@@ -1,4 +1,4 @@
-"""What a set abstraction makes of its groups, for the CPU: one cloud after the other, in one pass.
+"""Set abstraction on the CPU: the groups of one cloud after the other, in one pass.
 
 The largest tensor of the network, a row for each member of each group, is written a part at a time
 and stays near the processor until it is pooled. Of all the members of a group only the one that is
@@ -13,13 +13,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from pipelines.array_types import Floats, Indices
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.network import devices
 from pipelines.network.cpu.cloudwise import each_cloud
 from pipelines.network.cpu.products import linear
 
-Numbers = NDArray[np.floating]
-Places = NDArray[np.int64]
 Members = NDArray[np.int32]
 
 ROWS = 2048  # members of groups that are worked on at a time, about
@@ -72,10 +71,10 @@ class _PooledGroups(torch.autograd.Function):
 
 def _pool_cloud(
     weight: Tensor,
-    projected: Numbers,
-    offset: Numbers,
-    neighbors: Places,
-    pooled: Numbers,
+    projected: Floats,
+    offset: Floats,
+    neighbors: Indices,
+    pooled: Floats,
     winners: Members,
 ) -> None:
     """Set `pooled` (m, d) to the maxima of a cloud's groups, `winners` to the members they are."""
@@ -91,7 +90,7 @@ def _pool_cloud(
 
 
 @compiled
-def _rectify(projected: Numbers, offset: Numbers, neighbors: Places, hidden: Numbers) -> None:
+def _rectify(projected: Floats, offset: Floats, neighbors: Indices, hidden: Floats) -> None:
     """Set `hidden` (m k, c) to relu(projected[neighbors] + offset), `neighbors`: (m, k)."""
     members, zero = neighbors.shape[1], hidden.dtype.type(0.0)
     for m in range(len(offset)):
@@ -103,7 +102,7 @@ def _rectify(projected: Numbers, offset: Numbers, neighbors: Places, hidden: Num
 
 
 @compiled
-def _maximize(grouped: Numbers, members: int, pooled: Numbers, winners: Members) -> None:
+def _maximize(grouped: Floats, members: int, pooled: Floats, winners: Members) -> None:
     """Set `pooled` (m, c) to the maxima of `members` rows each of `grouped` (m members, c)."""
     for m in range(len(pooled)):
         for c in range(pooled.shape[1]):
@@ -119,15 +118,15 @@ def _maximize(grouped: Numbers, members: int, pooled: Numbers, winners: Members)
 
 @compiled
 def _go_back(
-    weight: Numbers,
-    projected: Numbers,
-    offset: Numbers,
-    neighbors: Places,
+    weight: Floats,
+    projected: Floats,
+    offset: Floats,
+    neighbors: Indices,
     winners: Members,
-    gradient: Numbers,
-    to_projected: Numbers,
-    to_offset: Numbers,
-    to_weight: Numbers,
+    gradient: Floats,
+    to_projected: Floats,
+    to_offset: Floats,
+    to_weight: Floats,
 ) -> None:
     """Add to the last three what the `gradient` (m, d) of the maxima makes of the inputs."""
     members, zero = neighbors.shape[1], weight.dtype.type(0.0)

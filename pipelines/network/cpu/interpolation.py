@@ -5,14 +5,11 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from pipelines.array_types import Floats, Indices
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.network.cpu.cloudwise import each_cloud
-
-Numbers = NDArray[np.floating]
-Places = NDArray[np.int64]
 
 
 def interpolated(
@@ -45,7 +42,7 @@ class _Interpolated(torch.autograd.Function):
 
 @compiled
 def add_interpolated(
-    rectifies: bool, coarse: Numbers, places: Places, weights: Numbers, fine: Numbers
+    rectifies: bool, coarse: Floats, places: Indices, weights: Floats, fine: Floats
 ) -> None:
     """Add to `fine` (m, c) the weighted sums of rows (n, c) of `coarse`.
 
@@ -61,7 +58,7 @@ def add_interpolated(
 
 
 @compiled
-def _spread(fine: Numbers, places: Places, weights: Numbers, coarse: Numbers) -> None:
+def _spread(fine: Floats, places: Indices, weights: Floats, coarse: Floats) -> None:
     """Add rows (m, c) of `fine` to those of `coarse` (n, c) at their places, by weight."""
     for m in range(len(fine)):
         for k in range(3):

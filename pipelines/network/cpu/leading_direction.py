@@ -8,13 +8,11 @@ from functools import reduce
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from pipelines.array_types import Floats
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.network import devices
-
-Numbers = NDArray[np.floating]
 
 POWER_STEPS = 4  # squarings: the second eigenvalue fades as its share to the power of 16
 POSITIVE_SHIFT = 1.2  # no eigenvalue of a matrix with six numbers of unit length is below -1.2
@@ -81,7 +79,7 @@ def _squared(
 
 
 @compiled
-def _find_leading(six: Numbers, found: Numbers) -> None:
+def _find_leading(six: Floats, found: Floats) -> None:
     """Set `found` (3, n) to the leading directions of `six` (6, n), as `_leading` does."""
     of = six.dtype.type
     shift, tiny, square = of(POSITIVE_SHIFT), of(TINY_LENGTH), of(TINY_SQUARE)

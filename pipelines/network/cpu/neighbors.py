@@ -1,4 +1,4 @@
-"""Who is near and who is far among the points of a cloud, compiled: looking at all of them.
+"""Nearest and farthest points of a cloud by compiled exhaustive search.
 
 A row of distances is sums over three columns, and counts, minima and places of it are sums and
 minima of integers, as the bits of numbers that are not negative are in their order. A processor
@@ -10,11 +10,8 @@ taken.
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Floats, Indices, Singles
 from pipelines.geometry.numerics.compiled import compiled
-
-Numbers = NDArray[np.floating]
-Rows = NDArray[np.float32]
-Places = NDArray[np.int64]
 
 NO_PLACE = np.int32(np.iinfo(np.int32).max)
 TRIES = 6  # at a distance within which there are as many as are asked for, and few more
@@ -22,7 +19,7 @@ FEW = 8
 
 
 @compiled
-def find_farthest(cloud: Rows, chosen: Places) -> None:
+def find_farthest(cloud: Singles, chosen: Indices) -> None:
     """Set `chosen` (m,) to the first of a cloud's points (n, 3), and to the farthest from these."""
     xs, ys, zs = cloud[:, 0].copy(), cloud[:, 1].copy(), cloud[:, 2].copy()
     squared = np.full(len(cloud), np.float32(np.inf))
@@ -40,7 +37,7 @@ def find_farthest(cloud: Rows, chosen: Places) -> None:
 
 
 @compiled
-def find_nearest(queries: Rows, support: Rows, places: Places) -> None:
+def find_nearest(queries: Singles, support: Singles, places: Indices) -> None:
     """Set `places` (m, k) to the points (n, 3) nearest to each query (m, 3), the nearest first.
 
     There are at least k points.
@@ -71,7 +68,7 @@ def find_nearest(queries: Rows, support: Rows, places: Places) -> None:
 
 @compiled
 def find_three_nearest(
-    queries: Numbers, support: Numbers, places: Places, squared_gaps: Numbers
+    queries: Floats, support: Floats, places: Indices, squared_gaps: Floats
 ) -> None:
     """Set (m, 3) to the points (n, 3) nearest to each query (m, 3), and to how far these are.
 
@@ -99,7 +96,7 @@ def find_three_nearest(
 
 
 @compiled
-def _measure(query: Rows, xs: Rows, ys: Rows, zs: Rows, squared: Rows) -> None:
+def _measure(query: Singles, xs: Singles, ys: Singles, zs: Singles, squared: Singles) -> None:
     """Set `squared` (n,) to the squared distances from the `query` (3,) to points (n,) each."""
     for n in range(len(squared)):
         x, y, z = xs[n] - query[0], ys[n] - query[1], zs[n] - query[2]
@@ -116,7 +113,7 @@ def _first(bits: NDArray[np.int32], wanted: np.int32) -> int:
 
 
 @compiled
-def _limit_of_some(squared: Rows, count: int, guess: np.float32) -> np.float32:
+def _limit_of_some(squared: Singles, count: int, guess: np.float32) -> np.float32:
     """Return what at least `count` of `squared` (n,) are within, and if it is soon found few more.
 
     How many points of a surface there are grows with the square of the distance. The query before

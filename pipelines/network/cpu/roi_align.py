@@ -7,17 +7,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 from torchvision.ops import MultiScaleRoIAlign
 from torchvision.ops.poolers import _setup_scales
 
+from pipelines.array_types import Indices, Singles
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.network import devices
 
-Singles = NDArray[np.float32]
-Indices = NDArray[np.int64]
-Samples = tuple[Indices, Indices, Singles]
+Taps = tuple[Indices, Indices, Singles]
 
 
 class ChannelsLastRoIAlign(MultiScaleRoIAlign):  # type: ignore[misc] # untyped library
@@ -99,7 +97,7 @@ def _aligned(
 
 
 @compiled
-def _samples(start: np.float32, end: np.float32, cells: int, samples: int, length: int) -> Samples:
+def _samples(start: np.float32, end: np.float32, cells: int, samples: int, length: int) -> Taps:
     """Return between which two pixels samples lie along one side of a box, and how far.
 
     `start`, `end`: of the side; it has `cells` with so many `samples` each.

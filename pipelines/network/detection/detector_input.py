@@ -1,4 +1,4 @@
-"""What the detector is shown of a frame: geometry from depth, colour, or both (D. 19)."""
+"""Input of the detector: geometry from depth, colour, or both (D. 19)."""
 
 import numpy as np
 import torch

@@ -8,13 +8,13 @@ import torch
 
 from pipelines import train
 from pipelines.dataset.training.packed_regions import PackedReader
+from pipelines.geometry.symmetry import SPHERE_SLOT
 from pipelines.learning.grasp_network.grasp_training import GraspTraining
 from pipelines.learning.grasp_network.region_sources import RegionSet, TrainingRegions, packed_items
 from pipelines.learning.loop.faults import save_fault
 from pipelines.learning.speed.gradients import GradientWorkers
 from pipelines.learning.speed.processes import Processes
 from pipelines.learning.speed.shares import cut
-from pipelines.network.heads import SPHERE_SLOT
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.storage.provenance import make_stamp
 from tests.learning.packed_toys import CONFIG, write_packed

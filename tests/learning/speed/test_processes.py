@@ -13,7 +13,7 @@ import torch
 from pipelines import train
 from pipelines.errors import ValueRangeError
 from pipelines.learning.loop.runs import RunRequest, checkpoint_path
-from pipelines.learning.speed.processes import Processes, joined
+from pipelines.learning.speed.processes import Processes, process_group
 from pipelines.learning.speed.shares import check_shares, cut, micro_batch_size
 from pipelines.storage.checkpoints import load_weights
 from tests.learning.packed_toys import CONFIG, write_packed
@@ -68,7 +68,10 @@ def test_a_run_killed_in_mid_step_and_resumed_gives_the_same_bytes(packed, alone
 def test_one_gpu_is_not_given_to_several_processes(monkeypatch):
     for name, value in (("TORCHELASTIC_RUN_ID", "0"), ("LOCAL_WORLD_SIZE", "2")):
         monkeypatch.setenv(name, value)
-    with pytest.raises(ValueRangeError, match="cuda:0; it must be cuda, which"), joined("cuda:0"):
+    with (
+        pytest.raises(ValueRangeError, match="cuda:0; it must be cuda, which"),
+        process_group("cuda:0"),
+    ):
         pass
 
 

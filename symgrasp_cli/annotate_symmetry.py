@@ -54,7 +54,7 @@ def annotate_symmetry(
         Path | None,
         typer.Option(help="BOP's models_info.json to write: sizes and rotations."),
     ] = None,
-    workers: Workers = 1,
+    workers: Workers = None,
     backend: Backend = "loky",
     seed: Seed = 0,
     overwrite: Overwrite = False,
@@ -66,4 +66,7 @@ def annotate_symmetry(
 
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
     extras = AnnotationExtras(edit, bop_symmetries, bop, pictures)
-    conclude(stage.run(source, out, config, extras=extras, seed=seed, options=options))
+    report = stage.run(source, out, config, extras=extras, seed=seed, options=options)
+    symmetries = source / "symmetry" if out is None else out
+    then = ("refine-grasps", source) if (source / "grasp_label").is_dir() else ()
+    conclude(report, symmetries, pictures, bop, then=then)

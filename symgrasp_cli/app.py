@@ -90,7 +90,7 @@ app = typer.Typer(
     cls=SymgraspGroup,
     name="symgrasp",
     no_args_is_help=True,
-    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
 )
 
@@ -120,7 +120,7 @@ def root(
 
 
 for command in COMMANDS:
-    app.command()(command)
+    app.command(context_settings={"help_option_names": ["-h", "--help"]})(command)
 
 
 def _end(number: int, _frame: object) -> None:

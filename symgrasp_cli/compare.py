@@ -7,7 +7,7 @@ import typer
 
 from pipelines.configs import CompareConfig
 from symgrasp_cli.options import Overwrite, Seed
-from symgrasp_cli.report import show_table
+from symgrasp_cli.report import conclude
 from symgrasp_cli.settings import with_settings
 
 
@@ -39,9 +39,8 @@ def compare(
     if out is not None and out.suffix not in {".json", ".html"}:
         raise typer.BadParameter(f"{out} is neither .json nor .html; name one of these")
     from pipelines import compare as stage
+    from pipelines.runtime.batch import StageReport
 
     found = stage.run(reports, config, out, seed=seed, overwrite=overwrite)
-    for table in stage.tables(found):
-        show_table(table)
-    for note in found.notes:
-        typer.echo(note, err=True)
+    report = StageReport("compare", done=[str(path) for path in reports])
+    conclude(report, out, tables=stage.tables(found), lines=found.notes)

@@ -9,6 +9,7 @@ import typer
 from pipelines.configs.settings import Setting, settings_of
 from pipelines.configs.stages import STAGE_SETTINGS
 from pipelines.configs.toml_files import as_toml
+from symgrasp_cli.options import AsJson
 from symgrasp_cli.settings import Assignments, SettingsFile, settings_chosen
 
 TITLE = (
@@ -29,7 +30,7 @@ def config(
     *,
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of TOML.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Print all settings of a command with unit, meaning and origin, as a file for --config."""
     chosen = settings_chosen(stage, settings_file, (), assignments or ())

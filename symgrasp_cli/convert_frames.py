@@ -36,4 +36,4 @@ def convert_frames(
         depth_units_per_metre=depth_units_per_metre,
         overwrite=overwrite,
     )
-    conclude(report)
+    conclude(report, out, then=("infer", out))

@@ -16,7 +16,7 @@ from symgrasp_cli.options import (
     Workers,
     batch_options,
 )
-from symgrasp_cli.report import conclude, show_table
+from symgrasp_cli.report import conclude
 from symgrasp_cli.settings import with_settings
 
 PROTOCOLS = ("symgrasp", "graspnet")
@@ -63,7 +63,7 @@ def evaluate(
         Path | None,
         typer.Option(exists=True, dir_okay=False, help="success.json of `simulate`: Table III."),
     ] = None,
-    workers: Workers = 1,
+    workers: Workers = None,
     backend: Backend = "loky",
     seed: Seed = 0,
     overwrite: Overwrite = False,
@@ -95,9 +95,7 @@ def evaluate(
             seed=seed,
         )
         tables = [] if dry_run else stage.tables(out)
-    for table in tables:
-        show_table(table)
-    conclude(report)
+    conclude(report, out, out.with_suffix(".html"), tables=tables)
 
 
 def _refuse_mixtures(grasps: Path, protocol: str, *, exact: bool, needs_grasps: bool) -> None:

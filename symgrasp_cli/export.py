@@ -27,4 +27,4 @@ def export(
     """Write grasps in the formats of other tools."""
     from pipelines import export as stage
 
-    conclude(stage.run(grasps, out, config, overwrite=overwrite))
+    conclude(stage.run(grasps, out, config, overwrite=overwrite), out)

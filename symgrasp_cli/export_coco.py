@@ -15,7 +15,7 @@ from symgrasp_cli.options import (
     Seed,
     Workers,
     batch_options,
-    scenes_of,
+    split_or_all,
 )
 from symgrasp_cli.report import conclude
 from symgrasp_cli.settings import with_settings
@@ -40,7 +40,7 @@ def export_coco(
     out: Annotated[Path, typer.Option(help="Folder for annotations/, images/ and scenes/.")],
     split: DatasetSplit = "train",
     camera: CameraName = None,
-    workers: Workers = 1,
+    workers: Workers = None,
     backend: Backend = "loky",
     seed: Seed = 0,
     overwrite: Overwrite = False,
@@ -51,6 +51,6 @@ def export_coco(
 
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
     report = stage.run(
-        root, out, config, split=scenes_of(split), camera=camera, seed=seed, options=options
+        root, out, config, split=split_or_all(split), camera=camera, seed=seed, options=options
     )
-    conclude(report)
+    conclude(report, out, then=("finetune-detector", out, "--out", "detector.safetensors"))

@@ -12,16 +12,18 @@ from symgrasp_cli.options import (
     Compile,
     DatasetSplit,
     Device,
+    MaxMinutes,
+    MaxSeconds,
     Overwrite,
     Precision,
     Resume,
     Seed,
     Threads,
-    TimeLimit,
     Workers,
     batch_options,
-    scenes_of,
+    seconds_allowed,
     show_training,
+    split_or_all,
 )
 from symgrasp_cli.report import conclude
 from symgrasp_cli.settings import with_settings
@@ -57,10 +59,11 @@ def finetune_detector(
     init: Annotated[
         Path | None, typer.Option(exists=True, help="Weights of an earlier training to start from.")
     ] = None,
-    time_limit: TimeLimit = None,
+    max_seconds: MaxSeconds = None,
+    max_minutes: MaxMinutes = None,
     threads: Threads = 2,
     device: Device = "auto",
-    workers: Workers = 1,
+    workers: Workers = None,
     backend: Backend = "loky",
     precision: Precision = "float32",
     compiled: Compile = False,
@@ -73,19 +76,18 @@ def finetune_detector(
     from pipelines.learning.loop.runs import RunRequest
 
     bar = show_training()
-    request = RunRequest(
-        seed, device, threads, time_limit, resume, overwrite, bar, precision, compiled
-    )
+    limit = seconds_allowed(max_seconds, max_minutes)
+    request = RunRequest(seed, device, threads, limit, resume, overwrite, bar, precision, compiled)
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=False)
     report = stage.run(
         roots,
         out,
         config,
         request,
-        split=scenes_of(split),
+        split=split_or_all(split),
         camera=camera,
         coco_weights=coco_weights,
         init=init,
         options=options,
     )
-    conclude(report)
+    conclude(report, out, then=("infer", "FRAMES", "--detector", out))

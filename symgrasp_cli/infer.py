@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import math
 import sys
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -22,13 +24,15 @@ from symgrasp_cli.options import (
     IntrinsicsText,
     Overwrite,
     Seed,
+    Workers,
     batch_options,
 )
-from symgrasp_cli.report import conclude
+from symgrasp_cli.report import conclude, manner
 from symgrasp_cli.settings import with_settings
 
 if TYPE_CHECKING:
     from pipelines.infer_watch import Followed
+    from pipelines.runtime.batch import StageReport
 
 DEFAULT_FRAME = LimitsConfig.box_frame
 
@@ -104,14 +108,7 @@ def infer(
         typer.Option("--watch", help="Follow a folder that a camera writes into, until Ctrl-C."),
     ] = False,
     device: Device = "auto",
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            help="Processes that work at a time, 1 for threads of one; by default 2 for many "
-            "frames on a CPU, else 1.",
-        ),
-    ] = None,
+    workers: Workers = None,
     backend: Backend = "loky",
     seed: Seed = 0,
     overwrite: Overwrite = False,
@@ -152,11 +149,30 @@ def infer(
         device=device,
         timings=timings,
     )
-    conclude(report)
+    _conclude(report, out, overlays)
+
+
+def _conclude(report: StageReport, out: Path, overlays: Path | None) -> None:
+    """Report how many grasps lie where, and which frames have none, with the reason."""
+    from pipelines.grasp_files.grasps_summary import summary_of
+
+    summary = summary_of(out) if out.exists() else None
+    if summary is None:
+        conclude(report, out, overlays)
+        return
+    reasons = summary.empty.values()
+    report.notes = {name: note for name, note in report.notes.items() if note not in reasons}
+    facts = {"frames": summary.frames, "grasps": summary.grasps, "empty": summary.empty}
+    then = ("view", out, "--out", "view")
+    conclude(report, out, overlays, then=then, lines=list(summary.lines()), facts=facts)
 
 
 def _print_followed(frame: Followed) -> None:
     """Print one frame's line on stdout at once, for whoever reads it through a pipe."""
+    if manner().as_json:
+        typer.echo(json.dumps({**asdict(frame), "seconds": round(frame.seconds, 3)}))
+        sys.stdout.flush()
+        return
     line = f"{frame.name}  {frame.status}  {frame.grasps} grasps  {frame.seconds:.2f} s"
     typer.echo(f"{line}  {frame.text}")
     sys.stdout.flush()

@@ -4,7 +4,7 @@ import typer
 
 from pipelines.configs import InspectConfig
 from symgrasp_cli.options import DepthUnitsPerMetre, FrameFolder, IntrinsicsText
-from symgrasp_cli.report import conclude
+from symgrasp_cli.report import conclude, manner
 from symgrasp_cli.settings import with_settings
 
 
@@ -29,6 +29,8 @@ def inspect(
         camera=None if intrinsics is None else parse_camera(intrinsics),
         depth_units_per_metre=depth_units_per_metre,
     )
-    for line in stage.findings_lines(findings):
-        typer.echo(line)
-    conclude(findings.report)
+    lines = list(stage.findings_lines(findings))
+    if not manner().as_json:
+        for line in lines:
+            typer.echo(line)
+    conclude(findings.report, then=("infer", frames), facts={"findings": lines})

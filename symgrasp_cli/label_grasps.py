@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import LabelGraspsConfig
-from symgrasp_cli.options import Backend, DryRun, Overwrite, Seed, Workers, batch_options
+from symgrasp_cli.options import Backend, DryRun, MeshUnit, Overwrite, Seed, Workers, batch_options
 from symgrasp_cli.report import conclude
 from symgrasp_cli.settings import with_settings
 
@@ -25,10 +25,7 @@ def label_grasps(
         ),
     ],
     out: Annotated[Path, typer.Option(help="Dataset root to write; may be the root that is read.")],
-    mesh_scale: Annotated[
-        float | None,
-        typer.Option(min=1e-6, help="Metres per unit of the meshes: 0.001 for millimetres."),
-    ] = None,
+    mesh_scale: MeshUnit = None,
     sdf: Annotated[
         bool, typer.Option(help="Write textured.sdf too, as dex-net does: 10 MB an object.")
     ] = True,
@@ -36,7 +33,7 @@ def label_grasps(
         bool, typer.Option("--compress", help="Zip the labels: far smaller, slower to read.")
     ] = False,
     seed: Seed = 0,
-    workers: Workers = 1,
+    workers: Workers = None,
     backend: Backend = "loky",
     overwrite: Overwrite = False,
     dry_run: DryRun = False,
@@ -55,4 +52,4 @@ def label_grasps(
         compress=compress,
         options=options,
     )
-    conclude(report)
+    conclude(report, out, then=("annotate-symmetry", out))

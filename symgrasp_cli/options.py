@@ -7,32 +7,141 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from symgrasp_cli.report import manner
+
 if TYPE_CHECKING:
     from pipelines.runtime.batch import BatchOptions
 
-Workers = Annotated[int, typer.Option(min=1, help="Processes that work at a time.")]
+WORKER_MEMORY = 1e9  # bytes; workers were seen to take half of it (docs/experiments/speed.md)
+LARGEST_SEED = 2**63 - 1
+
+
+def _check_seed(seed: int) -> int:
+    if not 0 <= seed <= LARGEST_SEED:
+        raise typer.BadParameter(f"{seed} is not from 0 to {LARGEST_SEED}")
+    return seed
+
+
+RUNNING, READING, REPORT = "Running", "Reading frames", "Report"  # panels of help
+
+Workers = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        metavar="N",
+        envvar="SYMGRASP_WORKERS",
+        rich_help_panel=RUNNING,
+        help="Processes that work at a time; by default as many as help.",
+    ),
+]
 Backend = Annotated[
-    str, typer.Option(help="joblib's backend: loky, or dask or ray with that extra installed.")
+    str,
+    typer.Option(
+        metavar="NAME",
+        envvar="SYMGRASP_BACKEND",
+        rich_help_panel=RUNNING,
+        help="joblib's backend: loky, or dask or ray with that extra installed.",
+    ),
 ]
 Seed = Annotated[
-    int, typer.Option(min=0, max=2**63 - 1, help="Seed of everything that is drawn at random.")
+    int,
+    typer.Option(
+        metavar="N",
+        rich_help_panel=RUNNING,
+        callback=_check_seed,
+        help="Seed of everything that is drawn at random.",
+    ),
 ]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Make outputs again that exist.")]
-DryRun = Annotated[bool, typer.Option("--dry-run", help="Say what would be done, do nothing.")]
+Overwrite = Annotated[
+    bool,
+    typer.Option("--overwrite", rich_help_panel=RUNNING, help="Make outputs again that exist."),
+]
+DryRun = Annotated[
+    bool,
+    typer.Option("--dry-run", rich_help_panel=RUNNING, help="Say what would be done, do nothing."),
+]
 Device = Annotated[
-    str, typer.Option(help="auto, cpu, cuda or cuda:N; auto takes a GPU if there is one.")
+    str,
+    typer.Option(
+        metavar="NAME",
+        envvar="SYMGRASP_DEVICE",
+        rich_help_panel=RUNNING,
+        help="auto, cpu, cuda or cuda:N; auto takes a GPU if there is one.",
+    ),
+]
+Resume = Annotated[
+    bool,
+    typer.Option("--resume", rich_help_panel=RUNNING, help="Go on with an unfinished training."),
+]
+Threads = Annotated[
+    int,
+    typer.Option(min=1, metavar="N", rich_help_panel=RUNNING, help="CPU cores to train on."),
+]
+MaxSeconds = Annotated[
+    float | None,
+    typer.Option(
+        min=0.0,
+        metavar="SECONDS",
+        rich_help_panel=RUNNING,
+        help="Time after which to stop cleanly; --resume goes on.",
+    ),
+]
+MaxMinutes = Annotated[
+    float | None,
+    typer.Option("--time-limit", min=0.0, hidden=True, help="Old name of --max-seconds, minutes."),
+]
+Precision = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME",
+        rich_help_panel=RUNNING,
+        help="Of the large products of a training step: float32, or bf16 for GPUs.",
+    ),
+]
+Compile = Annotated[
+    bool,
+    typer.Option(
+        "--compile",
+        rich_help_panel=RUNNING,
+        help="Compile chains of layers, for GPUs; slow to start.",
+    ),
+]
+AsJson = Annotated[
+    bool,
+    typer.Option(
+        "--json", rich_help_panel=REPORT, help="Print the report as one JSON object on stdout."
+    ),
+]
+Quiet = Annotated[
+    bool,
+    typer.Option("--quiet", "-q", rich_help_panel=REPORT, help="Print errors only on stderr."),
 ]
 DatasetSplit = Annotated[
-    str, typer.Option(help="Scenes to take: train, seen, similar, novel or all.")
+    str,
+    typer.Option(metavar="NAME", help="Scenes to take: train, seen, similar, novel or all."),
 ]
 CameraName = Annotated[
-    str | None, typer.Option(help="kinect or realsense; every camera if not given.")
+    str | None,
+    typer.Option(metavar="NAME", help="kinect or realsense; every camera if not given."),
+]
+MeshUnit = Annotated[
+    float | None,
+    typer.Option(
+        "--mesh-scale",
+        min=1e-6,
+        metavar="X",
+        help="Metres by unit of the meshes' files; 0.001 for millimetres.",
+    ),
 ]
 DatasetRoot = Annotated[
     Path,
-    typer.Option(exists=True, file_okay=False, help="Root of the dataset, GraspNet's layout."),
+    typer.Option(
+        exists=True,
+        file_okay=False,
+        metavar="FOLDER",
+        help="Root of the dataset, GraspNet's layout.",
+    ),
 ]
-Resume = Annotated[bool, typer.Option("--resume", help="Go on with an unfinished training.")]
 FrameFolder = Annotated[
     Path,
     typer.Argument(
@@ -41,58 +150,67 @@ FrameFolder = Annotated[
     ),
 ]
 IntrinsicsText = Annotated[
-    str | None, typer.Option(help="fx,fy,cx,cy in pixels, or a camera file, for all frames.")
+    str | None,
+    typer.Option(
+        metavar="TEXT",
+        rich_help_panel=READING,
+        help="fx,fy,cx,cy in pixels, or a camera file, for all frames.",
+    ),
 ]
 DepthUnitsPerMetre = Annotated[
-    float | None, typer.Option(help="What depth values are divided by to give metres.")
-]
-Threads = Annotated[int, typer.Option(min=1, help="CPU cores to train on.")]
-TimeLimit = Annotated[
     float | None,
-    typer.Option(min=0.0, help="Minutes after which to stop cleanly; --resume goes on."),
-]
-
-Precision = Annotated[
-    str, typer.Option(help="Of the large products of a training step: float32, or bf16 for GPUs.")
-]
-Compile = Annotated[
-    bool, typer.Option("--compile", help="Compile chains of layers, for GPUs; slow to start.")
+    typer.Option(
+        metavar="X",
+        rich_help_panel=READING,
+        help="Number that depth values are divided by to give metres.",
+    ),
 ]
 
 
-def batch_options(workers: int, backend: str, *, overwrite: bool, dry_run: bool) -> BatchOptions:
-    """Return the options of a batch, the progress bar shown where stderr is a terminal.
+def batch_options(
+    workers: int | None, backend: str, *, overwrite: bool, dry_run: bool
+) -> BatchOptions:
+    """Return the options of a batch, its progress shown unless the user wants quiet.
 
-    More workers than cores only take each other's memory: there are as many as cores then.
+    Without `workers` there are as many as cores and free memory allow. More than cores only take
+    each other's memory: there are as many as cores then.
 
     Raises:
         UnknownNameError: no such backend.
     """
     import logging
-    import sys
 
     from joblib import cpu_count
 
+    from pipelines.health.machine import free_memory
     from pipelines.runtime.batch import BatchOptions
     from pipelines.runtime.clusters import check_backend
 
     check_backend(backend)
     cores = cpu_count()
-    if backend == "loky" and workers > cores:
-        told = "--workers %d is more than this machine's %d cores: %d work at a time"
-        logging.getLogger(__name__).warning(told, workers, cores, cores)
+    if workers is None:
+        free = free_memory()
+        workers = cores if free is None else min(cores, max(1, int(free / WORKER_MEMORY)))
+    elif backend == "loky" and workers > cores:
+        warning = "--workers %d is more than this machine's %d cores: %d work at a time"
+        logging.getLogger(__name__).warning(warning, workers, cores, cores)
         workers = cores
     return BatchOptions(
         workers=workers,
         backend=backend,
         overwrite=overwrite,
         dry_run=dry_run,
-        progress=sys.stderr.isatty(),
+        progress=not manner().quiet,
     )
 
 
-def scenes_of(split: str) -> str | None:
-    """Return the split that a stage is asked for by `DatasetSplit`; None is all of them."""
+def seconds_allowed(max_seconds: float | None, minutes: float | None) -> float | None:
+    """Return the time limit of a training in seconds; None for none."""
+    return max_seconds if minutes is None else 60.0 * minutes
+
+
+def split_or_all(split: str) -> str | None:
+    """Return the split that `DatasetSplit` names; None for all of them."""
     return None if split == "all" else split
 
 
@@ -101,5 +219,6 @@ def show_training() -> bool:
     import logging
     import sys
 
-    logging.getLogger("pipelines.learning").setLevel(logging.INFO)
-    return sys.stderr.isatty()
+    level = logging.WARNING if manner().quiet else logging.INFO
+    logging.getLogger("pipelines.learning").setLevel(level)
+    return sys.stderr.isatty() and not manner().quiet

@@ -25,7 +25,7 @@ def refine_grasps(
         Path,
         typer.Argument(exists=True, help="Dataset root with models/, grasp_label/ and symmetry/."),
     ],
-    workers: Workers = 1,
+    workers: Workers = None,
     backend: Backend = "loky",
     seed: Seed = 0,
     overwrite: Overwrite = False,
@@ -35,4 +35,5 @@ def refine_grasps(
     from pipelines import refine_grasps as stage
 
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
-    conclude(stage.run(root, config, seed=seed, options=options))
+    report = stage.run(root, config, seed=seed, options=options)
+    conclude(report, root / "affordance", then=("pack", root, "--out", "packed"))

@@ -1,11 +1,20 @@
-"""Final report of a command, and its exit code."""
+"""Final report of a command: sentences on stderr, JSON on stdout, and the exit code."""
 
 from __future__ import annotations
 
+import json
 import os
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
+
+from pipelines.errors import SymgraspError
 
 if TYPE_CHECKING:
     from rich.table import Table as Drawn
@@ -16,21 +25,111 @@ if TYPE_CHECKING:
 UNBOUND = 10_000  # characters: a table as wide as it would like to be
 
 
-def conclude(report: StageReport) -> None:
-    """Print what was done, skipped and failed on stderr; exit 1 if anything failed."""
+@dataclass(frozen=True)
+class Manner:
+    """Output that the user wants: `as_json` on stdout, `quiet` for errors only on stderr."""
+
+    as_json: bool = False
+    quiet: bool = False
+
+
+_manner: ContextVar[Manner | None] = ContextVar("manner", default=None)
+
+
+def manner() -> Manner:
+    """Return the output that the user wants of the command that runs."""
+    return _manner.get() or Manner()
+
+
+@contextmanager
+def speaking(wanted: Manner) -> Iterator[None]:
+    """Let everything that is reported meanwhile be reported in that manner."""
+    token = _manner.set(wanted)
+    try:
+        yield
+    finally:
+        _manner.reset(token)
+
+
+@contextmanager
+def failure_as_json(command: str) -> Iterator[None]:
+    """Print the sentence of an error that ends the command, where its report is to be JSON."""
+    try:
+        yield
+    except (SymgraspError, OSError) as error:
+        if manner().as_json:
+            typer.echo(json.dumps({"command": command, "ok": False, "error": str(error)}))
+        raise
+
+
+def conclude(
+    report: StageReport,
+    *outputs: Path | None,
+    then: Sequence[str | Path] = (),
+    tables: Sequence[Table] = (),
+    lines: Sequence[str] = (),
+    facts: Mapping[str, object] | None = None,
+) -> None:
+    """Print what was done, skipped and failed, where it lies and what is usually next.
+
+    Exits with 1 if anything failed.
+
+    Args:
+        report: of the stage.
+        outputs: files and folders that were to be written; None is left out.
+        then: words of the next `symgrasp` command; nothing is next where nothing is finished.
+        tables: printed on stdout, or part of the JSON object.
+        lines: further sentences for people.
+        facts: further entries of the JSON object.
+    """
     if os.environ.get("TORCHELASTIC_RUN_ID") and os.environ.get("RANK", "0") != "0":
         raise typer.Exit(report.exit_code)  # of the processes of torchrun the first one speaks
-    for name, note in report.notes.items():
-        typer.echo(f"{name}: {note}", err=True)
-    for name, sentence in report.failed.items():
-        typer.echo(f"error: {name}: {sentence}", err=True)
-    typer.echo(
-        f"{report.stage}: {len(report.done)} done, {len(report.skipped)} skipped as finished, "
-        f"{len(report.failed)} failed, {report.seconds:.1f} s",
-        err=True,
-    )
+    written = [str(each) for each in outputs if each is not None and each.exists()]
+    is_next = bool(then) and bool(report.done or report.skipped)
+    following = shlex.join(["symgrasp", *map(str, then)]) if is_next else None
+    if manner().as_json:
+        found = {"tables": [asdict(table) for table in tables]} if tables else {}
+        content = _as_json(report, written, following) | found | dict(facts or {})
+        typer.echo(json.dumps(content))
+    else:
+        for table in tables:
+            show_table(table)
+    _tell(report, written, following, lines)
     if report.exit_code:
         raise typer.Exit(report.exit_code)
+
+
+def _tell(
+    report: StageReport, written: Sequence[str], following: str | None, lines: Sequence[str]
+) -> None:
+    """Print the report for people; where they want quiet, only what failed."""
+    notes = [f"{name}: {note}" for name, note in report.notes.items()]
+    errors = [f"error: {name}: {sentence}" for name, sentence in report.failed.items()]
+    counts = (
+        f"{report.stage}: {len(report.done)} done, {len(report.skipped)} skipped as finished, "
+        f"{len(report.failed)} failed, {report.seconds:.1f} s"
+    )
+    ends = [*lines, *(f"output: {path}" for path in written)]
+    ends += [f"next: {following}"] if following else []
+    said = errors if manner().quiet else [*notes, *errors, counts, *ends]
+    for text in said:
+        typer.echo(text, err=True)
+
+
+def _as_json(
+    report: StageReport, written: Sequence[str], following: str | None
+) -> dict[str, object]:
+    return {
+        "command": report.stage,
+        "ok": not report.failed,
+        "done": report.done,
+        "skipped": report.skipped,
+        "failed": report.failed,
+        "notes": report.notes,
+        "seconds": round(report.seconds, 3),
+        "outputs": list(written),
+        "next": following,
+    }
 
 
 def show_table(table: Table) -> None:

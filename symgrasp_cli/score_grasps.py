@@ -32,4 +32,4 @@ def score_grasps(
     """Score any grasps on any mesh: contacts, smallest friction, antipodal score, collision."""
     from pipelines import score_grasps as stage
 
-    conclude(stage.run(mesh, grasps, out, config, overwrite=overwrite))
+    conclude(stage.run(mesh, grasps, out, config, overwrite=overwrite), out)

@@ -1,4 +1,4 @@
-"""Options that change a stage's settings, made from the declarations of these settings."""
+"""Options of all stages: those that change settings are made from the settings' declarations."""
 
 import inspect
 import re
@@ -14,10 +14,12 @@ from pipelines.configs.settings import Setting, changed, changed_by_text, settin
 from pipelines.configs.stages import default_settings
 from pipelines.configs.toml_files import read_toml
 from pipelines.errors import SettingError
+from symgrasp_cli.options import AsJson, Quiet
+from symgrasp_cli.report import Manner, failure_as_json, speaking
 
 Command = Callable[..., None]
 Config = TypeVar("Config")
-PANEL = "Settings"
+PANEL, SWITCHES = "Settings", "Settings, on or off"  # two names take much of the width
 UNIT_NAMES = {"m": "METRES", "deg": "DEGREES", "s": "SECONDS", "share": "SHARE"}
 SettingsFile = Annotated[
     Path | None,
@@ -74,10 +76,10 @@ class SettingOption:
         option = typer.Option(
             self.names,
             help=_help(self.setting),
-            metavar=None if is_switch else _metavar(self.setting),
+            metavar="" if is_switch else _metavar(self.setting),
             envvar=self.variable,
             hidden=self.hidden,
-            rich_help_panel=PANEL,
+            rich_help_panel=SWITCHES if "/" in self.names else PANEL,
             autocompletion=(lambda: list(choices)) if choices else None,
         )
         if is_switch:
@@ -111,6 +113,8 @@ def with_settings(
 ) -> Callable[[Command], Command]:
     """Give a command the settings of `stage`: it is called with them as `config`.
 
+    The command gets `--config` and `--set` too, and `--json` and `--quiet` for its report.
+
     Args:
         stage: name in `pipelines.configs.stages`.
         options: names of options -> dotted name of the setting that each changes.
@@ -126,8 +130,11 @@ def with_settings(
         @wraps(command)
         def run(context: typer.Context, **values: Any) -> None:  # noqa: ANN401 - any option
             file, assignments = values.pop("settings_file"), values.pop("assignments")
+            wanted = Manner(values.pop("as_json"), values.pop("quiet"))
             given = _given(context, made, values)
-            command(config=settings_chosen(stage, file, given, assignments or ()), **values)
+            with speaking(wanted), failure_as_json(stage):
+                chosen = settings_chosen(stage, file, given, assignments or ())
+                command(config=chosen, **values)
 
         own = inspect.signature(command, eval_str=True).parameters.values()
         parameters = [
@@ -136,6 +143,8 @@ def with_settings(
             *(each.parameter() for each in made),
             _keyword("settings_file", SettingsFile, None),
             _keyword("assignments", Assignments, None),
+            _keyword("as_json", AsJson, False),
+            _keyword("quiet", Quiet, False),
         ]
         run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         run.__annotations__ = {each.name: each.annotation for each in parameters}

@@ -16,7 +16,7 @@ from symgrasp_cli.options import (
     Workers,
     batch_options,
 )
-from symgrasp_cli.report import conclude, show_table
+from symgrasp_cli.report import conclude
 from symgrasp_cli.settings import with_settings
 
 
@@ -46,7 +46,7 @@ def simulate(
             help="Also try what `evaluate --baselines` scores: ground truth, boundary, chance.",
         ),
     ] = False,
-    workers: Workers = 1,
+    workers: Workers = None,
     backend: Backend = "loky",
     seed: Seed = 0,
     overwrite: Overwrite = False,
@@ -58,7 +58,5 @@ def simulate(
     config = replace(config, frictions=tuple(sorted(set(config.frictions))))
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
     report = stage.run(grasps, dataset, out, config, options, baselines=baselines, seed=seed)
-    if not dry_run:
-        for table in stage.tables(out):
-            show_table(table)
-    conclude(report)
+    then = ("evaluate", grasps, "--dataset", dataset, "--success", out)
+    conclude(report, out, then=then, tables=() if dry_run else stage.tables(out))

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import SynthesizeConfig
-from symgrasp_cli.options import Backend, DryRun, Overwrite, Seed, Workers, batch_options
+from symgrasp_cli.options import Backend, DryRun, MeshUnit, Overwrite, Seed, Workers, batch_options
 from symgrasp_cli.report import conclude
 from symgrasp_cli.settings import with_settings
 
@@ -36,10 +36,7 @@ def synthesize(
             "root's.",
         ),
     ] = None,
-    mesh_scale: Annotated[
-        float | None,
-        typer.Option(min=1e-6, help="Metres per unit of the meshes: 0.001 for millimetres."),
-    ] = None,
+    mesh_scale: MeshUnit = None,
     objects_per_scene: Annotated[
         str | None,
         typer.Option(metavar="MIN-MAX", show_default="4-9", help="Objects dropped into a scene."),
@@ -53,7 +50,7 @@ def synthesize(
         typer.Option("--sdf", help="Write textured.sdf too, as dex-net does: 10 MB an object."),
     ] = False,
     seed: Seed = 0,
-    workers: Workers = 1,
+    workers: Workers = None,
     backend: Backend = "loky",
     overwrite: Overwrite = False,
     dry_run: DryRun = False,
@@ -68,9 +65,10 @@ def synthesize(
         width, height = parse_pair(size, "x", "--size")
         config = replace(config, width=width, height=height)
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
-    conclude(
-        stage.run(output, config, options, seed=seed, models=models, mesh_scale=mesh_scale, sdf=sdf)
+    report = stage.run(
+        output, config, options, seed=seed, models=models, mesh_scale=mesh_scale, sdf=sdf
     )
+    conclude(report, output, then=("annotate-symmetry", output))
 
 
 def parse_pair(text: str, separator: str, option: str) -> tuple[int, int]:

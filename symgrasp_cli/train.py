@@ -10,12 +10,14 @@ from pipelines.configs import TrainConfig
 from symgrasp_cli.options import (
     Compile,
     Device,
+    MaxMinutes,
+    MaxSeconds,
     Overwrite,
     Precision,
     Resume,
     Seed,
     Threads,
-    TimeLimit,
+    seconds_allowed,
     show_training,
 )
 from symgrasp_cli.report import conclude
@@ -65,7 +67,8 @@ def train(
     init: Annotated[
         Path | None, typer.Option(exists=True, help="Weights of an earlier training to start from.")
     ] = None,
-    time_limit: TimeLimit = None,
+    max_seconds: MaxSeconds = None,
+    max_minutes: MaxMinutes = None,
     threads: Threads = 2,
     device: Device = "auto",
     workers: Annotated[
@@ -86,10 +89,9 @@ def train(
     bar = show_training()
     if packed is None and endless is None:
         raise typer.BadParameter("give PACKED, --endless ROOT, or both")
-    request = RunRequest(
-        seed, device, threads, time_limit, resume, overwrite, bar, precision, compiled
-    )
+    limit = seconds_allowed(max_seconds, max_minutes)
+    request = RunRequest(seed, device, threads, limit, resume, overwrite, bar, precision, compiled)
     report = stage.run(
         packed, val, out, config, request, endless=endless, init=init, workers=workers
     )
-    conclude(report)
+    conclude(report, out, then=("infer", "FRAMES", "--network", out))

@@ -37,7 +37,7 @@ def view(
     rerun: Annotated[
         bool, typer.Option("--rerun", help="Also write NAME.rrd for rerun's viewer (extra: viz).")
     ] = False,
-    workers: Workers = 1,
+    workers: Workers = None,
     backend: Backend = "loky",
     overwrite: Overwrite = False,
     dry_run: DryRun = False,
@@ -51,4 +51,4 @@ def view(
         batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run),
         rerun=rerun,
     )
-    conclude(report)
+    conclude(report, out / "index.html")

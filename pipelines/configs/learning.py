@@ -110,7 +110,12 @@ class AugmentationConfig:
 class EndlessConfig:
     """Regions rendered while training."""
 
-    share: float = setting(0.0, "share", "Share of a batch that is rendered.", "D. 59")
+    share: float = setting(
+        0.0,
+        "share",
+        "Share of a batch that is rendered; beside packed regions 0 stands for 0.5.",
+        "D. 59",
+    )
     epoch_regions: int = setting(
         20_000, "count", "Regions that make an epoch where all are rendered.", BY_EYE, low=1
     )

@@ -49,12 +49,23 @@ BATCH = 64  # frames in memory while shards are put together
 
 @dataclass(frozen=True)
 class GraspsIndex:
-    """What a file holds, without its grasps: names and states of its frames, and attributes."""
+    """What a file holds, without its grasps: names and states of its frames, and attributes.
+
+    Attributes:
+        names: of the frames.
+        statuses: ok, empty or failed, of each frame.
+        messages: why a frame is empty or has failed.
+        num_grasps: of all frames together.
+        attrs: of the file.
+        stamp: of the run that wrote it, as JSON.
+    """
 
     names: list[str]
     statuses: list[str]
+    messages: list[str]
+    num_grasps: int
     attrs: Mapping[str, Any]
-    stamp: Mapping[str, Any]  # of the run that wrote it, as JSON
+    stamp: Mapping[str, Any]
 
     @property
     def gripper(self) -> str:
@@ -85,11 +96,12 @@ def read_index(path: Path) -> GraspsIndex:
         FormatError: not a grasps.h5, of another version, truncated, or inconsistent.
     """
     with _opened(path) as file:
-        columns = read_columns(path, file["frames"], ["name", "status"])
-        names, statuses = ([str(text) for text in columns[key]] for key in ("name", "status"))
+        columns = read_columns(path, file["frames"], ["name", "status", "message"])
+        names, statuses, messages = ([str(text) for text in each] for each in columns.values())
+        num_grasps = len(file["grasps/frame"])
         attrs = file_attributes(file)
         stamp = dict(json.loads(attrs.get("provenance", "{}")))
-        return GraspsIndex(names, statuses, attrs, stamp)
+        return GraspsIndex(names, statuses, messages, num_grasps, attrs, stamp)
 
 
 def read_results(path: Path, frames: Iterable[int]) -> Iterator[FrameResult]:

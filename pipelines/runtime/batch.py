@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from joblib import delayed
-from rich.progress import track
 
 from pipelines.errors import StaleOutputError, SymgraspError, WriteError, printable
 from pipelines.runtime.clusters import CLUSTERS, check_backend, workers_of
+from pipelines.runtime.progress import shown
 from pipelines.storage.provenance import Stamp, is_finished
 
 log = logging.getLogger(__name__)
@@ -29,7 +29,7 @@ class BatchOptions:
         backend: `loky`, or `dask` or `ray` where these are installed.
         overwrite: make outputs again that exist.
         dry_run: say what would be done, do nothing.
-        progress: show a progress bar on stderr.
+        progress: show on stderr how much is done: a bar, or lines where it is no terminal.
     """
 
     workers: int = 1
@@ -150,21 +150,11 @@ def _outcomes(
     options = options.for_items(len(todo))
     if options.is_here:
         results = (_attempt(step, item) for item in todo)
-        yield from track(
-            results, stage, total=len(todo), disable=not options.progress, console=_stderr()
-        )
+        yield from shown(results, stage, len(todo)) if options.progress else results
         return
     with workers_of(options.backend, max(1, options.workers)) as parallel:
         results = parallel(delayed(_attempt)(step, item) for item in todo)
-        yield from track(
-            results, stage, total=len(todo), disable=not options.progress, console=_stderr()
-        )
-
-
-def _stderr() -> Any:  # noqa: ANN401 - rich's console
-    from rich.console import Console  # noqa: PLC0415
-
-    return Console(stderr=True)
+        yield from shown(results, stage, len(todo)) if options.progress else results
 
 
 def _attempt(

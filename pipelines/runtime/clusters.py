@@ -7,9 +7,11 @@ with the batch. Workers read and write the same paths, so a cluster needs a shar
 
 import logging
 import os
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
+from multiprocessing.dummy import DummyProcess
 from types import ModuleType
 
 from joblib import Parallel, effective_n_jobs, parallel_config
@@ -22,6 +24,7 @@ BACKENDS = ("loky", "threading", "dask", "ray")
 CLUSTERS = ("dask", "ray")
 # Ray hides the GPUs from tasks that reserve none, as joblib's do; --device says which is used.
 SEE_ALL_GPUS = {"RAY_EXPERIMENTAL_NOSET_CUDA_VISIBLE_DEVICES": "1"}
+LONGEST_ITEM = 60.0  # seconds to wait for an item that nobody waits for any more
 TUNABLES, HUGE_PAGES = "GLIBC_TUNABLES", "glibc.malloc.hugetlb=1"
 
 
@@ -41,6 +44,7 @@ def workers_of(backend: str, workers: int) -> Iterator[Parallel]:
             was killed.
     """
     check_backend(backend)
+    others = set(threading.enumerate())
     if backend == "dask":
         with _dask(workers), parallel_config(backend="dask"):
             yield Parallel(return_as="generator")
@@ -56,6 +60,18 @@ def workers_of(backend: str, workers: int) -> Iterator[Parallel]:
                 "a worker process was ended from outside, most likely for want of memory; "
                 "give fewer --workers, the same command goes on from here"
             ) from error
+        finally:
+            _await_threads(set(threading.enumerate()) - others)
+
+
+def _await_threads(started: set[threading.Thread]) -> None:
+    """Wait until the threads of an interrupted batch have ended their items.
+
+    joblib leaves them working; a process that ends meanwhile is aborted by the C++ below them.
+    """
+    for thread in started:
+        if isinstance(thread, DummyProcess):
+            thread.join(LONGEST_ITEM)
 
 
 @contextmanager

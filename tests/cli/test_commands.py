@@ -69,6 +69,25 @@ def test_every_command_prints_its_help(name):
     assert CliRunner().invoke(app, [name, "--help"]).exit_code == 0
 
 
+@pytest.mark.parametrize("name", ["", *NAMES])
+@pytest.mark.parametrize("option", ["--help", "-h"])
+def test_help_is_whole_at_80_columns(name, option, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("TERMINAL_WIDTH", "80")
+    text = CliRunner().invoke(app, [*([name] if name else []), option]).stdout
+    assert "Usage" in text
+    assert "…" not in text
+    assert max(map(len, text.splitlines())) <= 80
+
+
+def test_the_shell_completes_commands_and_the_names_to_choose_from():
+    options = [option for p in GROUP.params for option in p.opts]
+    assert {"--install-completion", "--show-completion"} <= set(options)
+    (rank_by,) = [p for p in GROUP.commands["infer"].params if "--rank-by" in p.opts]
+    found = rank_by.shell_complete(None, "")
+    assert [each.value for each in found] == ["critic", "eq8"]
+
+
 @pytest.mark.parametrize("name", ["symgrasp", *NAMES])
 def test_the_interface_is_as_reviewed(name, request):
     path = GOLDEN / f"help_{name}.txt"

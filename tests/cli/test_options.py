@@ -1,11 +1,18 @@
 """How options of the command line become those of a batch."""
 
+from pathlib import Path
+
 import joblib
 import pytest
+from typer.main import get_command
 from typer.testing import CliRunner
 
+from pipelines.health import machine
+from pipelines.runtime.batch import CHOSEN
 from symgrasp_cli.app import app
-from symgrasp_cli.options import batch_options
+from symgrasp_cli.options import batch_options, seconds_allowed
+
+FRAMES = Path(__file__).resolve().parents[2] / "pipelines" / "weights" / "frames"
 
 
 @pytest.fixture(autouse=True)
@@ -21,6 +28,47 @@ def test_processes_of_this_machine_are_no_more_than_its_cores(caplog, backend, w
     assert options.workers == used
     said = [f"--workers {workers} is more than this machine's 4 cores: 4 work at a time"]
     assert [record.getMessage() for record in caplog.records] == said * (used < workers)
+
+
+@pytest.mark.parametrize(("free", "used"), [(9e9, 4), (2.5e9, 2), (1e8, 1), (None, 4)])
+def test_without_a_number_there_are_as_many_workers_as_cores_and_memory_allow(
+    monkeypatch, free, used
+):
+    monkeypatch.setattr(machine, "free_memory", lambda: free)
+    assert batch_options(None, "loky", overwrite=False, dry_run=False).workers == used
+
+
+def test_infer_chooses_its_workers_itself():
+    options = batch_options(CHOSEN, "loky", overwrite=False, dry_run=False)
+    assert options.workers == CHOSEN
+
+
+@pytest.mark.parametrize(
+    ("variable", "option"),
+    [
+        ("SYMGRASP_WORKERS", "--workers"),
+        ("SYMGRASP_BACKEND", "--backend"),
+        ("SYMGRASP_DEVICE", "--device"),
+        ("SYMGRASP_GRIPPER", "--gripper"),
+    ],
+)
+def test_what_people_set_once_may_be_a_variable(variable, option):
+    (found,) = [p for p in get_command(app).commands["infer"].params if option in p.opts]
+    assert found.envvar == variable
+
+
+def test_a_variable_is_used_unless_the_option_is_given(tmp_path):
+    command = ["infer", str(FRAMES), "--out", str(tmp_path / "g.h5"), "--method", "planar"]
+    runner = CliRunner(env={"SYMGRASP_BACKEND": "none"})
+    assert "backend 'none' is not known" in runner.invoke(app, command).stderr
+    result = runner.invoke(app, [*command, "--backend", "loky", "--dry-run"])
+    assert result.exit_code == 0, result.stderr
+
+
+def test_a_time_limit_is_in_seconds_and_its_old_name_in_minutes():
+    assert seconds_allowed(90.0, None) == 90.0
+    assert seconds_allowed(None, 1.5) == 90.0
+    assert seconds_allowed(None, None) is None
 
 
 def test_a_seed_that_no_generator_takes_is_wrong_usage(tmp_path):

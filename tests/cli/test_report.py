@@ -1,9 +1,15 @@
-"""Tables: one line a row where there is room, columns close on a terminal without."""
+"""Reports: tables that fit, sentences for people on stderr, JSON on stdout."""
+
+import json
 
 import pytest
+import typer
+from typer.testing import CliRunner
 
 from pipelines.evaluation.tables import Table
-from symgrasp_cli.report import show_table
+from pipelines.runtime.batch import StageReport
+from symgrasp_cli.app import app
+from symgrasp_cli.report import Manner, conclude, show_table, speaking
 
 HEADER = ("method", "mu", "split", "reflection", "rotation", "sphere", "none", "all")
 RATES = ("66 (58-72)", "73 (67-79)", "100 (76-100)", "75 (55-88)", "71 (66-75)")
@@ -22,3 +28,73 @@ def test_a_pipe_is_as_wide_as_the_table(monkeypatch, capsys):
     row = ("a name of a run that is as long as names of runs are", "0.5", "similar", *RATES)
     show_table(Table("Table III", HEADER, (row,), names=3))
     assert "  ".join(row) in capsys.readouterr().out
+
+
+def reported(capsys, tmp_path, report, wanted=None, **more):
+    """What `conclude` says on stdout and stderr, and the exit code."""
+    (tmp_path / "out file").touch()
+    code = 0
+    with speaking(wanted or Manner()):
+        try:
+            conclude(report, tmp_path / "out file", tmp_path / "missing", None, **more)
+        except typer.Exit as end:
+            code = end.exit_code
+    return (*capsys.readouterr(), code)
+
+
+def test_a_report_says_what_was_done_where_it_lies_and_what_is_next(capsys, tmp_path):
+    report = StageReport("infer", done=["a"], skipped=["b"], notes={"a": "odd"}, seconds=1.23)
+    then = ("view", tmp_path / "out file")
+    out, err, code = reported(capsys, tmp_path, report, then=then, lines=["2 grasps"])
+    assert (out, code) == ("", 0)
+    assert err.splitlines() == [
+        "a: odd",
+        "infer: 1 done, 1 skipped as finished, 0 failed, 1.2 s",
+        "2 grasps",
+        f"output: {tmp_path / 'out file'}",
+        f"next: symgrasp view '{tmp_path / 'out file'}'",
+    ]
+
+
+def test_nothing_is_next_where_nothing_is_finished(capsys, tmp_path):
+    report = StageReport("infer", failed={"b": "it is bad"})
+    _, err, code = reported(capsys, tmp_path, report, then=("view",))
+    assert code == 1
+    assert "error: b: it is bad" in err
+    assert "next:" not in err
+
+
+def test_a_quiet_command_says_what_failed_alone(capsys, tmp_path):
+    report = StageReport("infer", done=["a"], failed={"b": "it is bad"}, notes={"a": "odd"})
+    _, err, _ = reported(capsys, tmp_path, report, Manner(quiet=True), lines=["2 grasps"])
+    assert err == "error: b: it is bad\n"
+
+
+def test_a_report_as_json_is_one_object_with_its_tables(capsys, tmp_path):
+    report = StageReport("infer", done=["a"], failed={"b": "it is bad"}, seconds=1.23)
+    out, _, _ = reported(
+        capsys, tmp_path, report, Manner(as_json=True), tables=[TABLE], facts={"grasps": 2}
+    )
+    found = json.loads(out)
+    assert found | {"tables": []} == {
+        "command": "infer",
+        "ok": False,
+        "done": ["a"],
+        "skipped": [],
+        "failed": {"b": "it is bad"},
+        "notes": {},
+        "seconds": 1.23,
+        "outputs": [str(tmp_path / "out file")],
+        "next": None,
+        "tables": [],
+        "grasps": 2,
+    }
+    assert found["tables"][0]["header"] == list(HEADER)
+
+
+def test_a_command_that_an_error_ends_says_so_as_json_too(tmp_path):
+    arguments = ["inspect", str(tmp_path), "--json"]
+    result = CliRunner().invoke(app, arguments)
+    found = json.loads(result.stdout)
+    assert (found["command"], found["ok"]) == ("inspect", False)
+    assert f"error: {found['error']}\n" == result.stderr

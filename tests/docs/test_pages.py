@@ -25,6 +25,7 @@ PAGES = sorted(
     ]
 )
 COMMANDS = get_command(app).commands
+ROOT_OPTIONS = {name for each in get_command(app).params for name in each.opts}
 OTHERS_OPTIONS = {"--nproc-per-node", "--no-python", "--force-reinstall"}  # torchrun, pip
 RUN_ELSEWHERE = {"README.md", "api.md", "formats.md"}  # by tests that look at the result
 MAX_LINE = 120
@@ -99,7 +100,7 @@ def test_commands_in_shell_blocks_exist_with_their_options(page):
 
 @each_page
 def test_options_in_the_text_exist(page):
-    known = set().union(*map(options_of, COMMANDS), OTHERS_OPTIONS)
+    known = ROOT_OPTIONS.union(*map(options_of, COMMANDS), OTHERS_OPTIONS)
     spans = re.findall(r"`([^`\n]+)`", prose_of(page))
     used = {name for span in spans for name in re.findall(r"(?<![\w-])--[a-z][\w-]+", span)}
     assert used <= known, used - known

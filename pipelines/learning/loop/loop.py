@@ -215,8 +215,8 @@ class TrainingRun:
         done = self.progress.total_steps - self._steps_before
         total = self.options.epochs * steps_an_epoch - self._steps_before
         seconds = self._elapsed() / done * (total - done)
-        if self.options.time_limit is not None:
-            seconds = min(seconds, 60.0 * self.options.time_limit - self._elapsed())
+        if self.options.max_seconds is not None:
+            seconds = min(seconds, self.options.max_seconds - self._elapsed())
         return seconds
 
     def _save_checkpoint(self) -> None:
@@ -228,7 +228,7 @@ class TrainingRun:
 
     def _why_stop(self) -> Reason:
         """Return why to stop, the same in all processes."""
-        limit, own = self.options.time_limit, self.signals.reason
-        if limit is not None and self._elapsed() > 60.0 * limit:
+        limit, own = self.options.max_seconds, self.signals.reason
+        if limit is not None and self._elapsed() > limit:
             own = max(own, Reason.TIME_LIMIT)
         return Reason(self.processes.most(own))

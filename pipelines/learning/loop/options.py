@@ -22,7 +22,7 @@ class LoopOptions:
         clip_norm: gradients longer than this are shortened to it.
         seed: of everything drawn at random.
         threads: micro-batches worked on at a time.
-        time_limit: minutes after which the run stops cleanly, None for no limit.
+        max_seconds: time after which the run stops cleanly, None for no limit.
         checkpoint_minutes: between checkpoints.
         log_seconds: between log lines.
         progress: a bar on stderr instead of log lines.
@@ -37,7 +37,7 @@ class LoopOptions:
     clip_norm: float = 10.0
     seed: int = 0
     threads: int = 1
-    time_limit: float | None = None
+    max_seconds: float | None = None
     checkpoint_minutes: float = 3.0
     log_seconds: float = 20.0
     progress: bool = False
@@ -54,7 +54,7 @@ class LoopOptions:
             ema_decay=config.ema_decay,
             seed=request.seed,
             threads=request.threads,
-            time_limit=request.time_limit,
+            max_seconds=request.max_seconds,
             progress=request.progress,
             acceleration=Acceleration(request.precision, request.compiled),
         )

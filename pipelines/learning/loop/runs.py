@@ -19,7 +19,7 @@ class RunRequest:
         seed: of everything drawn at random.
         device: auto, cpu, cuda or cuda:N.
         threads: CPU cores to use.
-        time_limit: minutes after which the run stops cleanly, None for no limit.
+        max_seconds: time after which the run stops cleanly, None for no limit.
         resume: go on with an unfinished run.
         overwrite: start again whatever is there.
         progress: show a progress bar on stderr instead of lines.
@@ -30,7 +30,7 @@ class RunRequest:
     seed: int = 0
     device: str = "auto"
     threads: int = 2
-    time_limit: float | None = None
+    max_seconds: float | None = None
     resume: bool = False
     overwrite: bool = False
     progress: bool = False

@@ -9,6 +9,8 @@ from typing import Self
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
+from pipelines.runtime.progress import duration
+
 log = logging.getLogger(__name__)
 
 
@@ -60,12 +62,12 @@ class Display:
                 completed=done,
                 total=total,
                 losses=f"loss {losses['total']:.3f}",
-                left=minutes(left),
+                left=duration(left),
             )
         elif time.monotonic() - self._spoke > self.seconds:
             self._spoke = time.monotonic()
             terms = ", ".join(f"{name} {value:.3f}" for name, value in losses.items())
-            log.info("epoch %s, step %d/%d, %s, %s left", epoch, done, total, terms, minutes(left))
+            log.info("epoch %s, step %d/%d, %s, %s left", epoch, done, total, terms, duration(left))
 
     def say(self, text: str) -> None:
         """Show a line that stays."""
@@ -73,11 +75,3 @@ class Display:
             self._bar.console.print(text, highlight=False, markup=False)
         elif self.shown:
             log.info("%s", text)
-
-
-def minutes(seconds: float) -> str:
-    """Return a duration as h:mm:ss, without hours where there are none."""
-    whole = round(max(seconds, 0.0))
-    hours, rest = divmod(whole, 3600)
-    text = f"{rest // 60:02d}:{rest % 60:02d}" if hours else f"{rest // 60}:{rest % 60:02d}"
-    return f"{hours}:{text}" if hours else text

@@ -270,7 +270,7 @@ def test_the_learning_rate_drops_on_its_schedule(tmp_path):
 
 
 def test_a_time_limit_stops_cleanly_with_a_checkpoint(tmp_path):
-    options = LoopOptions(**{**vars(OPTIONS), "time_limit": 0.0})
+    options = LoopOptions(**{**vars(OPTIONS), "max_seconds": 0.0})
     _, progress = trained(tmp_path / "line.safetensors", options)
     assert not progress.finished
     assert checkpoint_path(tmp_path / "line.safetensors").exists()
@@ -332,7 +332,7 @@ def test_accumulated_gradients_are_those_of_the_whole_batch(size):
 
 def test_an_unfinished_run_asks_what_to_do(tmp_path):
     output = tmp_path / "line.safetensors"
-    trained(output, LoopOptions(**{**vars(OPTIONS), "time_limit": 0.0}))
+    trained(output, LoopOptions(**{**vars(OPTIONS), "max_seconds": 0.0}))
     with pytest.raises(SymgraspError, match="--resume"):
         find_progress(output, STAMP, RunRequest())
     assert find_progress(output, STAMP, RunRequest(overwrite=True)) is None

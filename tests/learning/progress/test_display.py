@@ -2,18 +2,9 @@
 
 import logging
 
-import pytest
-
-from pipelines.learning.progress.display import Display, minutes
+from pipelines.learning.progress.display import Display
 
 LOSSES = {"total": 1.5, "part": 0.5}
-
-
-@pytest.mark.parametrize(
-    ("seconds", "text"), [(-3, "0:00"), (59.6, "1:00"), (3599, "59:59"), (7322, "2:02:02")]
-)
-def test_durations_are_read_at_a_glance(seconds, text):
-    assert minutes(seconds) == text
 
 
 def test_without_a_terminal_there_are_lines(caplog, capsys):

@@ -1,0 +1,76 @@
+"""Progress of a batch on stderr: a bar on a terminal, elsewhere a line every half minute."""
+
+import sys
+import threading
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import TextIO, TypeVar
+
+Item = TypeVar("Item")
+LINE_SECONDS = 30.0  # between two lines
+
+
+def shown(
+    items: Iterable[Item], stage: str, total: int, *, every: float | None = None
+) -> Iterator[Item]:
+    """Yield `items` and show on stderr how many of `total` are done, and the time left.
+
+    Args:
+        items: results, each taken when it is done.
+        stage: what the bar or the lines are named.
+        total: number of items.
+        every: seconds between lines where stderr is no terminal; half a minute by default.
+    """
+    if sys.stderr.isatty():
+        from rich.console import Console  # noqa: PLC0415 - slow to import
+        from rich.progress import track  # noqa: PLC0415
+
+        yield from track(items, stage, total=total, console=Console(stderr=True))
+        return
+    pause = LINE_SECONDS if every is None else every
+    with _lines(stage, total, pause, sys.stderr) as count:
+        for item in items:
+            count.done += 1
+            yield item
+
+
+def line(stage: str, done: int, total: int, seconds: float) -> str:
+    """Return a line of progress after `seconds`: how many of how many, and the time left."""
+    if not done:
+        return f"{stage}: 0 of {total} done"
+    left = seconds / done * (total - done)
+    return f"{stage}: {done} of {total} done, {duration(left)} left"
+
+
+def duration(seconds: float) -> str:
+    """Return a duration as h:mm:ss, without hours where there are none."""
+    whole = round(max(seconds, 0.0))
+    hours, rest = divmod(whole, 3600)
+    text = f"{rest // 60:02d}:{rest % 60:02d}" if hours else f"{rest // 60}:{rest % 60:02d}"
+    return f"{hours}:{text}" if hours else text
+
+
+class _Count:
+    """The number of items that are done."""
+
+    done = 0
+
+
+@contextmanager
+def _lines(stage: str, total: int, every: float, stream: TextIO) -> Iterator[_Count]:
+    """Write lines to `stream` from a thread, for one item may take longer than a line waits."""
+    count, ended, started = _Count(), threading.Event(), time.monotonic()
+
+    def write() -> None:
+        while not ended.wait(every):
+            stream.write(line(stage, count.done, total, time.monotonic() - started) + "\n")
+            stream.flush()
+
+    thread = threading.Thread(target=write, daemon=True)
+    thread.start()
+    try:
+        yield count
+    finally:
+        ended.set()
+        thread.join()

@@ -13,6 +13,7 @@ from pipelines.storage.provenance import make_stamp
 from symgrasp import read_grasps
 from symgrasp.grasps import ordered_grasps
 from tests.grasp_files.exports.gripper_toys import random_result
+from tests.grasp_files.test_grasps_file import written_by_version_1
 
 RNG = np.random.default_rng(1)
 RESULTS = [
@@ -72,6 +73,17 @@ def test_a_gripper_that_is_gone_or_has_changed_must_be_named(tmp_path):
     with pytest.raises(SymgraspError, match="has other measures now"):
         read_grasps(changed)
     assert len(read_grasps(gone, "rg2")["s/a"].poses()) == 5
+
+
+def test_a_file_of_version_1_is_read(tmp_path):
+    written_by_version_1(tmp_path / "g.h5", RESULTS)
+    frames = read_grasps(tmp_path / "g.h5")
+    assert list(frames) == ["s/a", "b", "c"]
+    expected = ordered_grasps(RESULTS[0], load_gripper("rg2"))
+    np.testing.assert_array_equal(frames["s/a"].rotation, expected.rotation)
+    for one, other in zip(frames["s/a"].symmetries, expected.symmetries, strict=True):
+        assert one.confidence == other.confidence
+        assert np.isnan(one.existence)
 
 
 def test_what_is_no_file_of_grasps_is_refused_in_a_sentence(tmp_path):

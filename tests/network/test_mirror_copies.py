@@ -22,7 +22,7 @@ CONFIG = NetworkConfig(
 MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
-def told(seed, regions=2, telling=30):
+def told(seed, regions=2, voting=30):
     rng = np.random.default_rng(seed)
     direction = unit(rng.normal(size=(regions, 1, 5, 3)) + np.zeros((telling, 1, 1)))
     return Told(
@@ -76,9 +76,9 @@ def test_what_is_told_of_the_mirror_image_is_brought_back():
     region = np.random.default_rng(0).normal((0.1, -0.2, 0.7), 0.03, (300, 3))
     echo = GraspPredictor(Echo(), CONFIG, torch.device("cpu"), mirrored=True)
     (prediction,) = echo.predict([region])
-    assert_array_equal(prediction.telling, np.tile(np.arange(0, 200, 3), 2))
+    assert_array_equal(prediction.voting, np.tile(np.arange(0, 200, 3), 2))
     assert_allclose(
-        prediction.center[:, 4], region[prediction.index][prediction.telling], atol=1e-6
+        prediction.center[:, 4], region[prediction.index][prediction.voting], atol=1e-6
     )
 
 
@@ -94,7 +94,7 @@ def test_a_region_and_its_mirror_image_get_mirrored_answers(network):
     alone = GraspPredictor(network, CONFIG, torch.device("cpu"))
     (one,), (other,) = asked.predict([region]), asked.predict([region * MIRROR])
     assert_allclose(one.affordance, other.affordance, atol=1e-6)
-    half = len(one.telling) // 2
+    half = len(one.voting) // 2
     # Axes and spheres have a slot each: what one look tells first, the other tells second.
     for mine, theirs in ((slice(half), slice(half, None)), (slice(half, None), slice(half))):
         assert_allclose(one.existence[mine, 3:], other.existence[theirs, 3:], atol=1e-5)

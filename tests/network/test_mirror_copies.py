@@ -24,11 +24,11 @@ MIRROR = np.array([-1.0, 1.0, 1.0])
 
 def told(seed, regions=2, voting=30):
     rng = np.random.default_rng(seed)
-    direction = unit(rng.normal(size=(regions, 1, 5, 3)) + np.zeros((telling, 1, 1)))
+    direction = unit(rng.normal(size=(regions, 1, 5, 3)) + np.zeros((voting, 1, 1)))
     return Told(
         rng.uniform(size=(regions, 90)).astype(np.float32),
-        rng.uniform(size=(regions, telling, 5)).astype(np.float32),
-        rng.normal(size=(regions, telling, 5, 3)).astype(np.float32),
+        rng.uniform(size=(regions, voting, 5)).astype(np.float32),
+        rng.normal(size=(regions, voting, 5, 3)).astype(np.float32),
         direction.astype(np.float32),
     )
 
@@ -77,9 +77,7 @@ def test_what_is_told_of_the_mirror_image_is_brought_back():
     echo = GraspPredictor(Echo(), CONFIG, torch.device("cpu"), mirrored=True)
     (prediction,) = echo.predict([region])
     assert_array_equal(prediction.voting, np.tile(np.arange(0, 200, 3), 2))
-    assert_allclose(
-        prediction.center[:, 4], region[prediction.index][prediction.voting], atol=1e-6
-    )
+    assert_allclose(prediction.center[:, 4], region[prediction.index][prediction.voting], atol=1e-6)
 
 
 @pytest.fixture(scope="module")

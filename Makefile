@@ -17,14 +17,23 @@ WEIGHTS := $(wildcard pipelines/weights/*.safetensors)
 help: ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
 
-install: .venv/installed ## make .venv and install symgrasp with its test tools into it
+install: .venv/developed ## make .venv and install symgrasp with its test tools into it
 
-.venv/installed: pyproject.toml
-	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+# Modules are compiled when first imported: most of those installed never are.
+PIP_INSTALL := $(BIN)/python -m pip install --quiet --no-compile --editable
+
+.venv/bin/python:
+	$(PYTHON) -m venv .venv
+
+.venv/installed: pyproject.toml | .venv/bin/python
+	$(PIP_INSTALL) .
 	touch $@
 
-demo: install ## grasps on the bundled frames, pictures in build/demo
+.venv/developed: pyproject.toml | .venv/bin/python
+	$(PIP_INSTALL) '.[dev]'
+	touch .venv/installed $@
+
+demo: .venv/installed ## grasps on the bundled frames, pictures in build/demo
 	$(SYMGRASP) infer pipelines/weights/frames --out build/demo/grasps.h5 --overlays build/demo --overwrite
 	@echo "pictures: build/demo/*.png"
 

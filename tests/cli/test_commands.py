@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from pipelines import configs
 from pipelines.configs.stages import STAGE_SETTINGS
 from symgrasp_cli.app import COMMANDS, app
+from tests.stages.test_infer import SHAPES, write_frame
 
 ROOT = Path(__file__).resolve().parents[2]
 GOLDEN = ROOT / "tests" / "golden"
@@ -184,9 +185,10 @@ def test_values_that_cannot_be_meant_are_wrong_usage(options, tmp_path):
 
 def test_an_output_that_the_system_refuses_is_a_sentence(tmp_path):
     (tmp_path / "file").write_text("no folder")
-    frames, output = ROOT / "pipelines/weights/frames", tmp_path / "file" / "g.h5"
+    frames, output = tmp_path / "frames", tmp_path / "file" / "g.h5"
+    write_frame(frames, "a", SHAPES["a"])
     command = ["infer", str(frames), "--out", str(output), "--method", "planar"]
-    result = CliRunner().invoke(app, command)
+    result = CliRunner().invoke(app, [*command, "--regions", "geometric"])
     assert result.exit_code == 1
     assert result.stderr.startswith("error: ")
     assert "file" in result.stderr

@@ -80,7 +80,7 @@ def test_a_finished_training_is_skipped(root, output):
 
 
 def test_a_resumed_training_equals_one_that_never_stopped(root, tmp_path):
-    config = replace(CONFIG, epochs=3)  # of one step each
+    config = replace(CONFIG, epochs=2)  # of one step each
     whole, path = (tmp_path / folder / "detector.safetensors" for folder in ("whole", "stopped"))
     finetune_detector.run([root.root], whole, config, REQUEST, split=None, options=QUIET)
     with stopped_after(1):

@@ -1,5 +1,7 @@
 """Detection against shapes whose symmetries are known, in any pose."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -21,6 +23,11 @@ Z = np.eye(3)[2]
 
 def detect(mesh, seed=0):
     return detect_symmetries(mesh, QUICK, np.random.default_rng(seed))
+
+
+@cache
+def symmetries_of(shape):
+    return detect(shape())
 
 
 def planes_of(symmetries):
@@ -109,7 +116,7 @@ def test_a_pebble_has_no_symmetry():
 def test_the_symmetries_move_with_the_mesh(shape, seed):
     rng = np.random.default_rng(seed)
     mesh, T = shape(), make_pose(random_rotation(rng), rng.normal(size=3))
-    expected = [symmetry.transformed(T) for symmetry in detect(mesh)]
+    expected = [symmetry.transformed(T) for symmetry in symmetries_of(shape)]
     found = detect(mesh.transformed(T))
     if shape is hex_prism:  # any two upright planes at right angles will do
         assert [s.kind for s in found] == [s.kind for s in expected]

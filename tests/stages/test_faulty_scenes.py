@@ -111,7 +111,7 @@ def test_what_was_cut_from_another_mesh_is_not_reused(root, tmp_path, stage):
 def test_masks_of_a_coco_dataset_of_another_size_are_a_sentence(root, tmp_path):
     exported(root, tmp_path / "coco")
     coco = GraspNetRoot(tmp_path / "coco")
-    frame = coco_instances.read_frames(coco.root, "train")[0]
+    frame = coco_instances.read_coco_frames(coco.root, "train")[0]
     for kind in ("rgb", "depth"):
         path = str(frame.files.path(kind))
         picture = cv2.imread(path, cv2.IMREAD_UNCHANGED)

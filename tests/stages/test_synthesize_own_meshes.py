@@ -144,7 +144,7 @@ def test_pieces_that_are_no_body_are_named_with_their_mesh(meshes, tmp_path, mon
         [[0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]], [[0, 1, 2], [0, 2, 3]]
     )
     sheet.export(meshes / "sheet.ply")
-    module = "pipelines.geometry.meshes.convex_decomposition.convex_pieces"
+    module = "pipelines.geometry.meshes.convex_decomposition.decomposed"
     monkeypatch.setattr(module, lambda *_: [])  # as coacd answers to some
     report = make(tmp_path / "root", models=meshes / "sheet.ply")
     assert "sheet.ply: convex pieces of a model make no solid body" in report.failed["object 000"]

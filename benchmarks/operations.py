@@ -19,5 +19,10 @@ def _linear_flops(rows: Sequence[int], weight: Sequence[int], *_: object, **__: 
     return 2 * int(np.prod(rows)) * weight[0]
 
 
-_HAS_ONEDNN = torch.backends.mkldnn.is_available()  # type: ignore[no-untyped-call]
-_COUNTED = {torch.ops.mkldnn._linear_pointwise: _linear_flops} if _HAS_ONEDNN else {}
+def _linear_by_onednn() -> dict[object, Callable[..., int]]:
+    """Return the counter of the private linear layer of torch, where there is one."""
+    operation = getattr(torch.ops.mkldnn, "_linear_pointwise", None)
+    return {} if operation is None else {operation: _linear_flops}
+
+
+_COUNTED = _linear_by_onednn()

@@ -2,7 +2,7 @@
 
 Labels follow exactly: planes and axes turn with the cloud, and a scaling is only drawn along a
 direction that leaves every symmetry of the region a symmetry (Sec. III-E, "principal").
-Each region draws from a generator of its own, so its neighbours in the batch change nothing.
+Each region draws from a generator of its own, whatever else is in the batch.
 """
 
 import math
@@ -18,8 +18,7 @@ from pipelines.configs import AugmentationConfig
 from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT
 from pipelines.network.regions import RegionBatch
 
-# How parallel (cosine) or perpendicular (sine) two directions must be to keep a symmetry.
-ALIGNMENT = 0.03
+ALIGNMENT = 0.03  # cosine, or sine, below which two directions count as perpendicular, or parallel
 
 Generators = Sequence[np.random.Generator]  # one a region
 
@@ -49,7 +48,7 @@ def scaled_copy(
 
     A plane allows any direction along or across its normal. A rotation stays one only if its axis
     is such a direction and both directions across it share one scale. A sphere becomes an
-    ellipsoid: the features of its points should not mind, but its labels no longer hold.
+    ellipsoid: the features of its points should stay, but its labels no longer hold.
     """
     direction, keeps = principal_directions(batch, generators)
     limit, drawn = math.log(config.principal_scale), _uniform(generators, 2)
@@ -69,7 +68,7 @@ def principal_directions(batch: RegionBatch, generators: Generators) -> tuple[Te
 
     Candidates are the normals and the axis, their cross products, a random direction across the
     only one there is, and for regions without any (or spheres) a random one. Measured symmetries
-    may fit each other so badly that none keeps all: (B,) says of which regions one does.
+    may fit each other so badly that none keeps all: (B,) is true for regions where one does.
     """
     directions = batch.direction[:, :SPHERE_SLOT]  # (B, 4, 3)
     exists = batch.existence[:, :SPHERE_SLOT] > 0
@@ -91,7 +90,7 @@ def principal_directions(batch: RegionBatch, generators: Generators) -> tuple[Te
     keeps = (cosine < ALIGNMENT) | (cosine > 1.0 - ALIGNMENT**2)
     keeps[..., ROTATION_SLOT] = cosine[..., ROTATION_SLOT] > 1.0 - ALIGNMENT**2
     valid = (keeps | ~exists[:, None]).all(-1) & (length[..., 0] > 0.1) & exists.any(-1)[:, None]
-    # The valid one whose number, counted among the valid ones, was drawn; any where none is.
+    # A valid one, drawn by its number among the valid ones; any where none is valid.
     number = (_uniform(generators, 1) * valid.sum(1, keepdim=True)).floor()
     chosen = ((valid.cumsum(1) > number) & valid).float().argmax(1)
     picked = candidates.gather(1, chosen[:, None, None].expand(-1, 1, 3))[:, 0]

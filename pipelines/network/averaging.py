@@ -1,4 +1,4 @@
-"""One symmetry a slot from the predictions of all points of a region (D. 4)."""
+"""Means of the symmetries that the points of a region predict, one a slot, in torch (D. 4)."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from pipelines.network.model import Prediction
 
 @dataclass(frozen=True)
 class MeanSymmetries:
-    """Per region, in the frame and unit of the prediction.
+    """Symmetries of B regions, in the frame and unit of the prediction.
 
     Attributes:
         existence: (B, 5) probabilities.
@@ -28,7 +28,7 @@ def average_symmetries(
     prediction: Prediction,
     weight: Tensor,  # (B, Q)
 ) -> MeanSymmetries:
-    """Average over the Q points by `weight`, whose rows sum to one.
+    """Return the mean over the Q points by `weight`, whose rows sum to one.
 
     n and -n are one plane: directions are averaged as outer products, of whose sum the leading
     eigenvector is taken. Centres are weighted medians, coordinate by coordinate.

@@ -1,4 +1,4 @@
-"""Dense symmetry error in torch: where two symmetries send points, and how far apart (D. 11).
+"""Dense symmetry error in torch: the distance of points' images under two symmetries (D. 11).
 
 All lengths share one unit, any. Signs of normals and axes do not matter. B clouds, Q predictions
 for each, one truth for each, S points on which the error is measured.
@@ -61,8 +61,8 @@ def rotation_errors(
 ) -> Tensor:
     """Return the mean over the points and `TURNS` of |S_pred(x) - S_gt(x)|, (B, Q).
 
-    A turn by t moves x by a x_across + b (axis x x_across), a = cos t - 1, b = sin t. Where two
-    such moves differ by a u + b v, three products of u and v tell their lengths for all turns.
+    A turn by t moves x by a x_across + b (axis x x_across), a = cos t - 1, b = sin t. Two such
+    moves differ by a u + b v, whose length follows from three products of u and v for all turns.
     """
     true_axis, true_center = true_axis[:, None], true_center[:, None]
     sign = torch.where((axis * true_axis).sum(-1) < 0, -1.0, 1.0)[..., None, None]

@@ -9,11 +9,11 @@ from pipelines.errors import UnknownNameError, ValueRangeError
 def find_device(name: str, process: int | None = None) -> torch.device:
     """Return the device called `name`; `auto` is a GPU if there is one, else the CPU.
 
-    `process`: which of this machine's processes asks; `auto` and `cuda` are then its own GPU.
+    `process`: number of the calling process on this machine; `auto` and `cuda` are its own GPU.
 
     Raises:
         UnknownNameError: `name` is none of the known ones.
-        ValueRangeError: a GPU is asked for that is not there.
+        ValueRangeError: there is no such GPU.
     """
     if name == "auto":
         name = "cuda" if torch.cuda.is_available() else "cpu"
@@ -28,8 +28,8 @@ def find_device(name: str, process: int | None = None) -> torch.device:
 
 
 def on_cpu(tensor: Tensor) -> bool:
-    """Return whether `tensor` lies where compiled loops and the CPU's own products reach it.
+    """Return whether `tensor` lies in the memory of the CPU.
 
-    Layers ask it as `devices.on_cpu`: where it is made to say no, they go the way of GPUs.
+    Layers call it as `devices.on_cpu`: tests replace it to take the way of GPUs on a CPU.
     """
     return tensor.device.type == "cpu"

@@ -1,4 +1,4 @@
-"""Heads of the network: affordance, existence and symmetry of each point (Fig. 5)."""
+"""The heads: affordance, existence and symmetry parameters of each point (Fig. 5)."""
 
 from itertools import pairwise
 
@@ -7,11 +7,15 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from pipelines.geometry.symmetry import NUM_SLOTS
-from pipelines.network.cpu.cloudwise import CloudLinear, RowLinear
-from pipelines.network.cpu.leading_direction import leading_direction
+from pipelines.network.cpu.leading_direction import fast_leading_direction
+from pipelines.network.cpu.twins import always, faster_by
 
 NUM_DIRECTIONS = 4  # slots with a direction: all but the sphere
-FIRST_OUTPUTS = 0.3  # how large, against what keeps the variance
+FIRST_OUTPUTS = 0.3  # scale of the last layers' first weights, against Kaiming's
+POWER = 16  # the second eigenvalue fades as its ratio to the first, to this power
+POSITIVE_SHIFT = 1.2  # no eigenvalue of a matrix with six numbers of unit length is below -1.2
+TINY_LENGTH, TINY_SQUARE = 1e-6, 1e-24  # finite quotients and gradients at zero
+ENTRIES = (0, 3, 4, 3, 1, 5, 4, 5, 2)  # of the six numbers, row by row
 
 
 def mlp(in_dim: int, hidden: tuple[int, int, int], out_dim: int) -> nn.Sequential:
@@ -19,9 +23,8 @@ def mlp(in_dim: int, hidden: tuple[int, int, int], out_dim: int) -> nn.Sequentia
     dims = (in_dim, *hidden)
     layers: list[nn.Module] = []
     for wide, narrow in pairwise(dims):
-        layers += [CloudLinear(wide, narrow), nn.ReLU()]
-    last = RowLinear if out_dim == 1 else CloudLinear
-    return nn.Sequential(*layers, last(hidden[-1], out_dim))
+        layers += [nn.Linear(wide, narrow), nn.ReLU()]
+    return nn.Sequential(*layers, nn.Linear(hidden[-1], out_dim))
 
 
 class Heads(nn.Module):
@@ -40,24 +43,44 @@ class Heads(nn.Module):
 
     @torch.no_grad()
     def shrink_outputs(self) -> None:
-        """Let first predictions be small: planes and axes then start near the centroid."""
+        """Make the first predictions small: planes and axes then start near the centroid."""
         for head in (self.affordance, self.existence, self.symmetry):
             head.get_parameter(f"{len(head) - 1}.weight").mul_(FIRST_OUTPUTS)
 
     def forward(
         self,
         features: Tensor,  # (B, N, C)
-        every: int = 1,
+        stride: int = 1,
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Return affordance (B, N), logits (B, M, 5), center and direction (B, M, 5, 3).
 
-        `every` how many-th point tells symmetries; M is how many that are. The sphere has no
-        direction; its slot holds zeros.
+        Every `stride`-th point votes for symmetries, M in all. The sphere has no direction; its
+        slot holds zeros.
         """
-        telling = features[:, ::every]
-        shape = telling.shape[:2]
-        parameters = self.symmetry(telling)
+        voting = features[:, ::stride]
+        shape = voting.shape[:2]
+        parameters = self.symmetry(voting)
         center = parameters[..., : 3 * NUM_SLOTS].view(*shape, NUM_SLOTS, 3)
         six = parameters[..., 3 * NUM_SLOTS :].view(*shape, NUM_DIRECTIONS, 6)
         direction = functional.pad(leading_direction(six), (0, 0, 0, 1))
-        return self.affordance(features)[..., 0], self.existence(telling), center, direction
+        return self.affordance(features)[..., 0], self.existence(voting), center, direction
+
+
+@faster_by(fast_leading_direction, always)
+def leading_direction(
+    six: Tensor,  # (..., 6)
+) -> Tensor:
+    """Return the unit eigenvector (..., 3) of the largest eigenvalue of a symmetric matrix.
+
+    `six` holds xx, yy, zz, xy, xz, yz. A high power of the matrix, made positive, has columns that
+    are all along that eigenvector; the longest is taken. So there is a gradient everywhere, also
+    where two eigenvalues are equal.
+    """
+    six = six / ((six.square().sum(-1, keepdim=True) + TINY_SQUARE).sqrt() + TINY_LENGTH)
+    matrix = six[..., ENTRIES].view(*six.shape[:-1], 3, 3)
+    power = torch.linalg.matrix_power(matrix + POSITIVE_SHIFT * torch.eye(3).to(six), POWER)
+    longest = power.diagonal(dim1=-2, dim2=-1).argmax(-1)[..., None, None]
+    column = power.gather(-1, longest.expand(*longest.shape[:-2], 3, 1))[..., 0]
+    length = (column.square().sum(-1, keepdim=True) + TINY_SQUARE).sqrt()
+    direction: Tensor = column / length
+    return direction

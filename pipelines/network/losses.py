@@ -1,7 +1,7 @@
 """The training loss (Sec. III-E): consistency, affordance (Eq. 6) and symmetry (Eq. 7).
 
-Every term is a mean over points where the paper sums: the weights between the terms stay the
-paper's, and the number of points asked about does not change the step.
+Every term is a mean over points where the paper has a sum: the weights of the terms stay the
+paper's, and the number of queried points does not change the step.
 """
 
 from dataclasses import dataclass
@@ -22,14 +22,12 @@ from pipelines.network.matching import NUM_REFLECTIONS, match_reflections
 from pipelines.network.model import Prediction
 from pipelines.network.regions import RegionBatch
 
-# A fresh network predicts no affordance anywhere, and some regions have none: this is added to
-# the predicted affordance before Eq. 7 weighs by it, and each region's weights sum to one.
+# Chosen by eye, all of these.
+# Added to the predicted affordance before Eq. 7 weighs by it: a fresh network predicts none.
 WEIGHT_FLOOR = 0.1
-
-# A thin object's mirror images are close together; below this share of its size the dense error
-# is not divided by their distance, or such objects would drown the others.
+# A thin object's mirror images are close together: the dense error is divided by at least this
+# share of the object's size, or such objects would outweigh all others.
 MIN_EXTENT_SHARE = 0.3
-
 GRASPABLE = 0.05  # affordance above which a point counts as positive
 MAX_BALANCE = 4.0  # a rare class weighs at most this many times a common one
 MIN_VARIANCE = 1e-6  # of features, where they are all the same
@@ -38,7 +36,7 @@ NUM_ERROR_POINTS = 16  # points of the region on which dense errors are measured
 
 @dataclass(frozen=True)
 class LossTerms:
-    """Terms of the loss, each a scalar; `total` is what is minimised."""
+    """Terms of the loss, each a scalar; `total` is minimised."""
 
     total: Tensor
     feature: Tensor
@@ -57,9 +55,14 @@ def total_loss(
 ) -> LossTerms:
     """Return L = w^f L^f + w^a sum L^a + w^s sum L^s over one batch.
 
-    `truth` holds the Q points that were asked about, `pair` points' features in initial regions
-    and in scaled copies (None without Siamese training), `points` those that measure dense errors.
-    `labelled` is 1 where the labels hold, 0 where they are not looked at; None: they hold.
+    Args:
+        prediction: of the Q queried points.
+        truth: labels of the same points.
+        pair: features of points in initial regions and in scaled copies; None without Siamese
+            training.
+        config: weights of the terms.
+        points: of the region, metres, on which dense errors are measured.
+        labelled: 1 where the labels hold, 0 where they are ignored; None where all hold.
     """
     if labelled is None:
         labelled = torch.ones_like(truth.ground)
@@ -89,8 +92,8 @@ def consistency_loss(
 ) -> Tensor:
     """Return L^f: mean squared distance of a point's two features, by the features' variance.
 
-    Features that shrink would be as close and tell as little: the variance is over all of the
-    points, a mean over channels (D. 96).
+    Without it, features would become close by shrinking. The variance is over all points, a mean
+    over channels (D. 96).
     """
     both = torch.cat([features, copy_features]).flatten(0, 1)
     return functional.mse_loss(features, copy_features) / (both.var(0).mean() + MIN_VARIANCE)
@@ -103,8 +106,8 @@ def affordance_loss(
 ) -> Tensor:
     """Return the L1 of Eq. 6, graspable and other points weighing alike.
 
-    An L1 is minimised by the median, which is zero where few points are graspable. So the batch's
-    positives and negatives each get half of the weight, within `MAX_BALANCE`.
+    The median minimises an L1, and is zero where few points are graspable. So the batch's positives
+    and negatives each get half of the weight, within `MAX_BALANCE`.
     """
     positive = (truth > GRASPABLE).to(truth.dtype)
     share = positive.mean().clamp(1e-3, 1.0 - 1e-3)
@@ -139,8 +142,8 @@ def parameter_loss(
 ) -> Tensor:
     """Return L_r of each point (B, Q), summed over the slots that exist.
 
-    Reflection and rotation: dense error over the true extent. Sphere: squared distance of the
-    centre, in units of the radius, which makes it as dimensionless as the others.
+    Reflection and rotation: dense error relative to the true extent. Sphere: squared distance of
+    the centre in units of the radius, dimensionless as the others.
     """
     size = (points - points.mean(1, keepdim=True)).norm(dim=-1).amax(-1)  # (B,)
     smallest = MIN_EXTENT_SHARE * size + 1e-6

@@ -1,4 +1,4 @@
-"""Assignment of true planes to reflection slots at the least cost (Sec. III-E)."""
+"""Hungarian assignment of the true planes to reflection slots (Sec. III-E)."""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -11,8 +11,8 @@ from pipelines.network.dense_error import reflection_errors
 from pipelines.network.regions import RegionBatch
 
 NUM_REFLECTIONS = 3
-MAX_MATCHED = 96  # about as many points vote on the assignment
-MOST = 1e12  # cost of what has none; three of them can still be added up in single precision
+MAX_MATCHED = 96  # about as many points vote on the assignment; chosen by eye
+MOST = 1e12  # stands for infinite costs; three of them can be added in single precision
 
 
 @torch.no_grad()
@@ -25,8 +25,8 @@ def match_reflections(
 ) -> RegionBatch:
     """Return `truth` with its planes moved to the slots whose predictions fit them best.
 
-    The cost of giving a plane to a slot is the dense error of the slot's predictions, averaged
-    over (some of) the Q points by `weight` (B, Q). Labels may list planes in any order.
+    The cost of a plane in a slot is the dense error of the slot's predictions, averaged over (some
+    of) the Q points by `weight` (B, Q). Labels may list planes in any order.
     """
     stride = max(1, normal.shape[1] // MAX_MATCHED)
     normal, center, weight = normal[:, ::stride], center[:, ::stride], weight[:, ::stride]
@@ -50,7 +50,7 @@ def match_reflections(
 def _costs_of_plane(
     truth: RegionBatch, plane: int, points: Tensor, normal: Tensor, center: Tensor, weight: Tensor
 ) -> Tensor:
-    """Return what it costs (B, slot) to give one true plane to each slot, any length unit."""
+    """Return the costs (B, slot) of one true plane in each slot, any length unit."""
     errors = [
         reflection_errors(
             points,
@@ -65,19 +65,19 @@ def _costs_of_plane(
 
 
 def assign(cost: Tensor) -> Tensor:
-    """Return for each row of (B, slot, plane) costs the plane (B, slot) given to each slot.
+    """Return the plane (B, slot) of each slot at the least sum of `cost` (B, slot, plane).
 
-    All six ways are priced where the costs lie, so that a GPU need not wait for the host. Costs
-    that are not finite are no reason to fail here: the loss is not finite either then, and
-    training says so and keeps the batch.
+    All six assignments are compared on the device of the costs: a GPU need not wait for the host.
+    Costs that are not finite do not fail here: the loss is not finite then either, and training
+    reports that and keeps the batch.
     """
     finite = torch.nan_to_num(cost, nan=MOST, posinf=MOST, neginf=-MOST)
-    ways = _assignments(cost.device)
-    prices = finite[:, torch.arange(NUM_REFLECTIONS, device=cost.device), ways].sum(-1)  # (B, 6)
-    return ways[prices.argmin(-1)]
+    orders = _assignments(cost.device)
+    sums = finite[:, torch.arange(NUM_REFLECTIONS, device=cost.device), orders].sum(-1)  # (B, 6)
+    return orders[sums.argmin(-1)]
 
 
 @lru_cache
 def _assignments(device: torch.device) -> Tensor:
-    """Return all (6, slot) ways to give planes to slots."""
+    """Return all (6, slot) assignments of planes to slots."""
     return torch.tensor(list(permutations(range(NUM_REFLECTIONS))), device=device)

@@ -1,7 +1,7 @@
-"""Predictions of regions and of their mirror images, averaged (D. 101).
+"""Outputs of the network for regions and for their mirror images, joined into one (D. 101).
 
-The mirror swaps left and right, the first axis of both input frames, as training does. Two answers
-differ where the network is not sure, and what they have in common is surer than either.
+The mirror swaps left and right, the first axis of both input frames, as training does. The two
+outputs differ where the network is not sure, and their mean is more certain than either.
 """
 
 import itertools
@@ -16,8 +16,8 @@ MIRROR: Singles = np.diag([-1.0, 1.0, 1.0]).astype(np.float32)
 
 
 @dataclass(frozen=True)
-class Told:
-    """What the network tells of B regions of N points, M of which tell symmetries.
+class RegionOutputs:
+    """The network's output for B regions of N points, M of which vote for symmetries.
 
     Attributes:
         affordance: (B, N).
@@ -31,29 +31,30 @@ class Told:
     center: Singles
     direction: Singles
 
-    def mirrored(self) -> "Told":
-        """Return the same in the mirror image of its frame."""
-        return Told(self.affordance, self.existence, self.center @ MIRROR, self.direction @ MIRROR)
+    def mirrored(self) -> "RegionOutputs":
+        """Return the same in the mirror image of the frame."""
+        center, direction = self.center @ MIRROR, self.direction @ MIRROR
+        return RegionOutputs(self.affordance, self.existence, center, direction)
 
 
-def joined(told: Told, of_copy: Told) -> Told:
+def with_copy(outputs: RegionOutputs, of_copy: RegionOutputs) -> RegionOutputs:
     """Return the mean affordance, and the symmetries of both, 2 M a region.
 
-    `of_copy`: of the mirrored regions, brought back. Which slot a plane is told in is the
-    network's choice, and another one for the copy: its slots are put in the order in which its
-    planes agree best with those of `told`.
+    `of_copy`: of the mirrored regions, brought back. The network is free to predict a plane in any
+    slot, and in another one for the copy: the copy's slots are put in the order in which its planes
+    agree best with those of `outputs`.
     """
     existence, center, direction = [], [], []
-    for region in range(len(told.affordance)):
-        order = _slot_order(told.direction[region], of_copy.direction[region])
+    for region in range(len(outputs.affordance)):
+        order = _slot_order(outputs.direction[region], of_copy.direction[region])
         existence.append(of_copy.existence[region][:, order])
         center.append(of_copy.center[region][:, order])
         direction.append(of_copy.direction[region][:, order])
-    return Told(
-        0.5 * (told.affordance + of_copy.affordance),
-        np.concatenate([told.existence, np.stack(existence)], 1),
-        np.concatenate([told.center, np.stack(center)], 1),
-        np.concatenate([told.direction, np.stack(direction)], 1),
+    return RegionOutputs(
+        0.5 * (outputs.affordance + of_copy.affordance),
+        np.concatenate([outputs.existence, np.stack(existence)], 1),
+        np.concatenate([outputs.center, np.stack(center)], 1),
+        np.concatenate([outputs.direction, np.stack(direction)], 1),
     )
 
 
@@ -61,10 +62,10 @@ def _slot_order(
     direction: Singles,  # (M, 5, 3)
     of_copy: Singles,  # (M, 5, 3)
 ) -> list[int]:
-    """Return for each slot which slot of the copy tells the same."""
+    """Return for each slot the slot of the copy with the same symmetry."""
     planes = np.array(REFLECTION_SLOTS)
     first, second = (
-        np.einsum("mki,mkj->kij", told[:, planes], told[:, planes]) for told in (direction, of_copy)
+        np.einsum("mki,mkj->kij", each[:, planes], each[:, planes]) for each in (direction, of_copy)
     )
     agreement = np.einsum("aij,bij->ab", first, second)
     orders = itertools.permutations(REFLECTION_SLOTS)

@@ -21,7 +21,7 @@ SET_DIMS = ((32, 64, 64), (64, 128, 128), (128, 192, 192), (192, 256, 256))
 
 @dataclass(frozen=True)
 class Prediction:
-    """What the network says of each of N points, M of which tell symmetries.
+    """Output of the network for each of N points, M of which vote for symmetries.
 
     Attributes:
         features: (B, N, 128), f_j.
@@ -40,12 +40,12 @@ class Prediction:
 
 @dataclass(frozen=True)
 class PointFeatures:
-    """What is known of Q points of each of B clouds.
+    """Features of Q points of each of B clouds.
 
     Attributes:
         values: (B, Q, 128), f_j.
-        deformation: of the first level, in whose frame points are seen and symmetries told; None:
-            that of the input.
+        deformation: of the first level, in whose frame points are seen and symmetries predicted;
+            None where that is the frame of the input.
     """
 
     values: Tensor
@@ -77,9 +77,9 @@ class SymmetryGraspNet(nn.Module):
         self._initialize()
 
     def _initialize(self) -> None:
-        """Draw weights so that what differs between points reaches the heads undiminished.
+        """Draw weights so that differences between points reach the heads undiminished.
 
-        torch's default shrinks it at each layer while biases add what is common to all points.
+        torch's default shrinks them at each layer, and its biases add what all points share.
         """
         for name, module in self.named_modules():
             if isinstance(module, nn.Linear) and not name.endswith("regress"):
@@ -94,13 +94,13 @@ class SymmetryGraspNet(nn.Module):
         ground: Tensor | None = None,  # (B,)
         query: Tensor | None = None,  # (B, Q)
     ) -> PointFeatures:
-        """Return what is known of the points with indices `query`, by default of all.
+        """Return the features of the points with indices `query`, by default of all.
 
         Args:
             points: metres, axes of the `input_frame`, centred on their centroid.
             ground: metres from the table up to the centroid, 0 (as by default) where it is not
-                known; of use to networks with the input frame `table`.
-            query: which points to answer for.
+                known; for networks with the input frame `table`.
+            query: indices of points.
         """
         points = points * UNITS_PER_METER
         first = points  # P_0; its own coordinates, and heights, are its first features
@@ -109,7 +109,7 @@ class SymmetryGraspNet(nn.Module):
             first = torch.cat([points, _heights(points, ground * UNITS_PER_METER)], -1)
         canonical = self._deformation(0, points, first)
         if canonical is not None and self.is_canonical:
-            # What is told in that frame is told from places in it (D. 95).
+            # Predictions in that frame are made from coordinates in it (D. 95).
             first = torch.cat([canonical.deform(points), first[..., 3:]], -1)
         levels = [(points, first), self._abstract(0, points, first, canonical)]
         for i in range(1, 4):
@@ -140,10 +140,10 @@ class SymmetryGraspNet(nn.Module):
         deformed, aggregated = abstraction(deformation.deform(points), features)
         return deformation.undo(deformed), aggregated
 
-    def predict(self, features: PointFeatures, every: int = 1) -> Prediction:
-        """Return what the heads make of point features; `every` how many-th tells symmetries."""
+    def predict(self, features: PointFeatures, stride: int = 1) -> Prediction:
+        """Return the output of the heads; every `stride`-th point votes for symmetries."""
         values = features.values
-        affordance, existence, center, direction = self.heads(values, every)
+        affordance, existence, center, direction = self.heads(values, stride)
         if features.deformation is not None:
             center, direction = _undone(features.deformation, center, direction)
         return Prediction(values, affordance, existence, center / UNITS_PER_METER, direction)
@@ -153,13 +153,13 @@ class SymmetryGraspNet(nn.Module):
         points: Tensor,  # (B, N, 3)
         ground: Tensor | None = None,  # (B,)
         query: Tensor | None = None,  # (B, Q)
-        every: int = 1,
+        stride: int = 1,
     ) -> Prediction:
         """Return predictions at the points `query`, by default at all; units as `features`.
 
-        Symmetries are told by `every` how many-th of them.
+        Every `stride`-th of them votes for symmetries.
         """
-        return self.predict(self.features(points, ground, query), every)
+        return self.predict(self.features(points, ground, query), stride)
 
 
 def _undone(
@@ -167,10 +167,10 @@ def _undone(
     center: Tensor,  # (B, N, 5, 3)
     direction: Tensor,  # (B, N, 5, 3)
 ) -> tuple[Tensor, Tensor]:
-    """Return centres and directions that were told in the deformed frame, in that of P_0.
+    """Return centres and directions of the deformed frame in the frame of P_0.
 
-    Features that do not mind a scaling cannot tell where the centre of what was scaled is; in the
-    frame that the scaling is undone in, it stays where it is (D. 83).
+    Features that are invariant to a scaling cannot place the centre of a scaled cloud; in the
+    deformed frame, where the scaling is undone, the centre stays where it is (D. 83).
     """
     batch = len(center)
     planes, axis, none = torch.split(direction, [ROTATION_SLOT, 1, 1], dim=2)
@@ -184,6 +184,6 @@ def _heights(
     points: Tensor,  # (B, N, 3)
     ground: Tensor,  # (B,)
 ) -> Tensor:
-    """Return (B, N, 1) heights above the table; zeros where it is not known."""
+    """Return (B, N, 1) heights above the table; zeros where no table is known."""
     known = (ground != 0)[:, None, None]
     return torch.where(known, points[..., 2:] + ground[:, None, None], 0.0)

@@ -1,10 +1,10 @@
 """Principal-directional scale-Invariant Feature Transformer, PIFT (Sec. III-E, Eqs. 3-5).
 
-A small point convolutional network looks at a layer's points and proposes T = S R: turn the cloud
-into a canonical frame, then scale it along that frame's axes. The layer aggregates features among
-the deformed points; its sampled points are brought back exactly, and so are the planes, axes and
-centres that are told of the cloud in its canonical frame. Scales follow a power of the cloud's own
-spread, which is learned: with its inverse they undo a scaling along the frame's axes (D. 96).
+A small point convolutional network sees a layer's points and proposes T = S R: turn the cloud into
+a canonical frame, then scale it along that frame's axes. The layer aggregates features among the
+deformed points; its sampled points are brought back exactly, and so are the planes, axes and
+centres that are predicted in the canonical frame. The scale is a learned power of the cloud's own
+spread: with the power -1 it undoes a scaling along the frame's axes (D. 96).
 """
 
 from dataclasses import dataclass
@@ -13,15 +13,14 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from pipelines.network.cpu.cloudwise import CloudLinear, RowLinear
-from pipelines.network.cpu.pooling import max_over_group
+from pipelines.network.sampling import maximum
 
-# exp of at most this: a scale leaves [1/e, e] in no layer, whatever the regression says.
-MAX_LOG_SCALE = 1.0
-MAX_POINTS = 375  # about as many points are looked at: the pose of a cloud needs no more
-TYPICAL_SPREAD = 0.25  # root mean square along an axis, decimetres: a cloud's that is not scaled
-MIN_SPREAD = 0.01  # decimetres; what is flat stays flat
-POWER_GAIN = 10.0  # the power is learned as fast as what many weights say together
+# Chosen by eye, all of these.
+MAX_LOG_SCALE = 1.0  # scales stay within [1/e, e] in every layer, whatever is regressed
+MAX_POINTS = 375  # about as many points are seen: the pose of a cloud needs no more
+TYPICAL_SPREAD = 0.25  # decimetres, root mean square along an axis, of a cloud that stays as it is
+MIN_SPREAD = 0.01  # decimetres; flat clouds stay flat
+POWER_GAIN = 10.0  # one weight learns the power as fast as many learn a regressed number
 IDENTITY_6D = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 
 
@@ -32,7 +31,7 @@ class Deformation:
     Attributes:
         rotation: (B, 3, 3), R of Eq. 3.
         scale: (B, 3), the diagonal of S.
-        center: (B, 3), centroid of P_i, which stays where it is.
+        center: (B, 3), centroid of P_i, the fixed point.
     """
 
     rotation: Tensor
@@ -78,17 +77,17 @@ class Deformation:
 
 
 class PIFT(nn.Module):
-    """F^PIFT of Eq. 3: from points and their features to a deformation, identity at first."""
+    """F^PIFT of Eq. 3: from points and their features to a deformation, the identity at first."""
 
     def __init__(self, feature_dim: int, hidden: int = 64) -> None:
         super().__init__()
         self.encode = nn.Sequential(
-            CloudLinear(3 + feature_dim, hidden), nn.ReLU(), CloudLinear(hidden, hidden)
+            nn.Linear(3 + feature_dim, hidden), nn.ReLU(), nn.Linear(hidden, hidden)
         )
         self.norm = nn.LayerNorm(hidden)
-        self.hidden = RowLinear(hidden, hidden)
-        self.regress = RowLinear(hidden, 9)
-        self.power = nn.Parameter(torch.zeros(()))  # of the spread, in POWER_GAINs
+        self.hidden = nn.Linear(hidden, hidden)
+        self.regress = nn.Linear(hidden, 9)
+        self.power = nn.Parameter(torch.zeros(()))  # of the spread, times POWER_GAIN
         nn.init.zeros_(self.regress.weight)
         with torch.no_grad():
             self.regress.bias.copy_(torch.tensor([*IDENTITY_6D, 0.0, 0.0, 0.0]))
@@ -98,12 +97,12 @@ class PIFT(nn.Module):
         points: Tensor,  # (B, N, 3)
         features: Tensor,  # (B, N, C)
     ) -> Deformation:
-        """Return the deformation that the whole cloud asks for."""
+        """Return the deformation of the whole cloud."""
         center = points.mean(1)
         stride = max(1, points.shape[1] // MAX_POINTS)
         seen, known = points[:, ::stride] - center[:, None], features[:, ::stride]
         encoded = self.encode(torch.cat([seen, known], -1))
-        pooled = torch.relu(self.norm(max_over_group(encoded[:, None])[:, 0]))
+        pooled = torch.relu(self.norm(maximum(encoded)))
         output = self.regress(torch.relu(self.hidden(pooled)))
         rotation = rotation_from_6d(output[:, :6])
         log_scale = output[:, 6:] + POWER_GAIN * self.power * _log_spread(seen, rotation)
@@ -117,7 +116,7 @@ def _log_spread(
 ) -> Tensor:
     """Return (B, 3) logarithms of the spread of centred points along the rows of `rotation`.
 
-    Against a typical spread, so that 0 asks for nothing.
+    Relative to a typical spread: 0 leaves the cloud as it is.
     """
     turned = points @ rotation.transpose(1, 2)
     spread = (turned.square().mean(1) + MIN_SPREAD**2).sqrt()

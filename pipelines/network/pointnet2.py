@@ -1,29 +1,27 @@
-"""PointNet++ layers: set abstraction and feature propagation, arranged for few operations.
+"""Layers of PointNet++: set abstraction and feature propagation.
 
-Two rewritings leave the result as it is. A linear layer of (p_j - c_i, e_j) is
-(W [p_j, e_j]) - W_p c_i, so it is applied to each point once and not to each of its groups; and
-a linear layer commutes with interpolation, so it is applied to the few coarse points.
-Activations are normalised after pooling, where they are sixteen times fewer.
+Linear layers come before grouping and before interpolation, which leaves their results as they
+are: a layer of (p_j - c_i, e_j) is W [p_j, e_j] - W_p c_i, so that it is applied to each point once
+and not once a group. Activations are normalised after pooling, where they are fewer.
 """
 
 import torch
 from torch import Tensor, nn
 
-from pipelines.network.cpu import grouping
-from pipelines.network.cpu.cloudwise import CloudLinear, taken_apart
-from pipelines.network.cpu.interpolation import add_interpolated
-from pipelines.network.cpu.pooling import max_over_group
+from pipelines.network.cpu.grouping import applies_to, fast_pooled_groups
+from pipelines.network.cpu.twins import faster_by
 from pipelines.network.sampling import (
     farthest_points,
     gather,
+    interpolation_weights,
+    maximum,
     nearest_neighbors,
-    three_nearest,
     weighted_sum,
 )
 
 
 class PointNorm(nn.BatchNorm1d):
-    """Batch norm of features (..., C) over all points of all clouds."""
+    """Batch normalisation of features (..., C) over all points of all clouds."""
 
     def forward(self, features: Tensor) -> Tensor:
         """Return the features normalised, in their shape."""
@@ -34,10 +32,9 @@ class PointNorm(nn.BatchNorm1d):
 class SetAbstraction(nn.Module):
     """Sample points, group their neighbours, and pool a small network over each group.
 
-    Neighbours are the k nearest, not those within a radius: a group then has the same number of
-    points on a large object as on a small one, and follows PIFT's scaling. With a stride they are
-    sought among every so many points: a wider group of the same size, as a radius with more points
-    in it than are taken gives in the original. Points are in random order.
+    Neighbours are the k nearest, not those within a radius: a group then has as many points on a
+    large object as on a small one, and follows PIFT's scaling. They are sought among every
+    `stride`-th point, which makes a group of the same size wider. Points are in random order.
     """
 
     def __init__(
@@ -50,11 +47,11 @@ class SetAbstraction(nn.Module):
     ) -> None:
         super().__init__()
         self.num_points, self.num_neighbors, self.stride = num_points, num_neighbors, stride
-        self.position = CloudLinear(3, dims[0], bias=False)
-        self.content = CloudLinear(in_dim, dims[0])
-        self.group = CloudLinear(dims[0], dims[1], bias=False)
+        self.position = nn.Linear(3, dims[0], bias=False)
+        self.content = nn.Linear(in_dim, dims[0])
+        self.group = nn.Linear(dims[0], dims[1], bias=False)
         self.point = nn.Sequential(
-            PointNorm(dims[1]), nn.ReLU(), CloudLinear(dims[1], dims[2]), PointNorm(dims[2])
+            PointNorm(dims[1]), nn.ReLU(), nn.Linear(dims[1], dims[2]), PointNorm(dims[2])
         )
 
     def forward(
@@ -67,32 +64,32 @@ class SetAbstraction(nn.Module):
         points, features = points[:, :: self.stride], features[:, :: self.stride]
         neighbors = nearest_neighbors(centers, points, self.num_neighbors)
         projected = self.position(points) + self.content(features)
-        pooled = self._pooled(projected, self.position(-centers), neighbors)
+        pooled = pooled_groups(projected, self.position(-centers), neighbors, self.group)
         return centers, torch.relu(self.point(pooled))
 
-    def _pooled(
-        self,
-        projected: Tensor,  # (B, N, dims[0])
-        offset: Tensor,  # (B, M, dims[0])
-        neighbors: Tensor,  # (B, M, K)
-    ) -> Tensor:
-        """Return the groups' features (B, M, dims[1])."""
-        if grouping.applies_to(projected) and isinstance(self.group, CloudLinear):
-            return grouping.pooled_groups(projected, offset, neighbors, self.group.weight)
-        # In place on the sum, which is no view: of a view, autograd would keep and copy the whole.
-        hidden = torch.relu_(gather(projected, neighbors) + offset[:, :, None])
-        return max_over_group(self.group(hidden))
+
+@faster_by(fast_pooled_groups, applies_to)
+def pooled_groups(
+    projected: Tensor,  # (B, N, C)
+    offset: Tensor,  # (B, M, C)
+    neighbors: Tensor,  # (B, M, K)
+    group: nn.Linear,  # from C to D
+) -> Tensor:
+    """Return features (B, M, D) of M groups: the maximum of `group` over the K members of each."""
+    # In place on the sum, which is no view: of a view, autograd would keep and copy the whole.
+    hidden = torch.relu_(gather(projected, neighbors) + offset[:, :, None])
+    return maximum(group(hidden))
 
 
 class FeaturePropagation(nn.Module):
-    """Interpolate coarse features at finer points and join them with what is known there."""
+    """Interpolate coarse features at finer points and join them with the features there."""
 
     def __init__(self, coarse_dim: int, fine_dim: int, out_dim: int) -> None:
         super().__init__()
-        self.coarse = CloudLinear(coarse_dim, out_dim, bias=False)
-        self.fine = CloudLinear(fine_dim, out_dim)
+        self.coarse = nn.Linear(coarse_dim, out_dim, bias=False)
+        self.fine = nn.Linear(fine_dim, out_dim)
         self.joined = nn.Sequential(
-            PointNorm(out_dim), nn.ReLU(), CloudLinear(out_dim, out_dim), PointNorm(out_dim)
+            PointNorm(out_dim), nn.ReLU(), nn.Linear(out_dim, out_dim), PointNorm(out_dim)
         )
 
     def forward(
@@ -103,37 +100,6 @@ class FeaturePropagation(nn.Module):
         coarse_features: Tensor,  # (B, M, coarse_dim)
     ) -> Tensor:
         """Return features (B, N, out_dim) at the finer points."""
-        index, weight = three_nearest(points, coarse_points)
+        index, weight = interpolation_weights(points, coarse_points)
         interpolated = weighted_sum(self.coarse(coarse_features), index, weight)
         return torch.relu(self.joined(interpolated + self.fine(features)))
-
-
-class FoldedPropagation(nn.Module):
-    """A feature propagation whose norms have become part of its linear layers."""
-
-    def __init__(self, coarse: CloudLinear, fine: CloudLinear, joined: CloudLinear) -> None:
-        super().__init__()
-        self.coarse, self.fine, self.joined = coarse, fine, joined
-        self.joined.rectifies = True
-
-    def forward(
-        self,
-        points: Tensor,  # (B, N, 3)
-        features: Tensor,  # (B, N, fine_dim)
-        coarse_points: Tensor,  # (B, M, 3)
-        coarse_features: Tensor,  # (B, M, coarse_dim)
-    ) -> Tensor:
-        """Return features (B, N, out_dim) at the finer points."""
-        index, weight = three_nearest(points, coarse_points)
-        coarse = self.coarse(coarse_features)
-        if not taken_apart(features):
-            interpolated = weighted_sum(coarse, index, weight)
-            told: Tensor = self.joined(torch.relu(interpolated + self.fine(features)))
-            return told
-        found: Tensor = coarse.new_empty(*features.shape[:2], self.joined.out_features)
-        near = zip(*(each.numpy() for each in (coarse, index, weight)), strict=True)
-        for cloud, out, (rows, places, weights) in zip(features, found, near, strict=True):
-            hidden = self.fine.of_cloud(cloud)
-            add_interpolated(True, rows, places, weights, hidden.numpy())
-            out.copy_(self.joined.of_cloud(hidden))
-        return found

@@ -1,4 +1,4 @@
-"""The trained grasp network as a function: region clouds in, per-point predictions out."""
+"""The trained grasp network as a function from region clouds to predictions of their points."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,23 +17,23 @@ from pipelines.geometry.pointcloud import Plane
 from pipelines.network.cpu.cloudwise import threads_of_one_core
 from pipelines.network.cpu.folding import folded
 from pipelines.network.devices import find_device
-from pipelines.network.mirror_copies import MIRROR, Told, joined
+from pipelines.network.mirror_copies import MIRROR, RegionOutputs, with_copy
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.weights_files import fill, read_weights
 from pipelines.tabletop.levelling import level_axes
 
-# So many-th point tells symmetries: points are drawn in no order, and it is their mean that counts.
-TELLING = 3
+# Of the points that vote for symmetries; points are in random order, and their mean counts.
+VOTING_STRIDE = 3
 
 
 @dataclass(frozen=True)
 class RegionPrediction:
-    """What the network says of one region, camera frame, metres.
+    """The network's output for one region, camera frame, metres.
 
     Attributes:
-        index: (N,) which of the region's points were drawn; some twice where it has fewer.
+        index: (N,) indices of the region's points that were drawn; some twice where it has fewer.
         affordance: (N,) in [0, 1].
-        voting: (M,) which of the N vote for symmetries; all twice where a mirrored copy votes too.
+        voting: (M,) which of the N vote for symmetries; each twice where a mirrored copy votes.
         existence: (M, 5) probabilities; slots 0-2 reflection, 3 rotation, 4 sphere.
         center: (M, 5, 3).
         direction: (M, 5, 3) unit; zeros for the sphere.
@@ -50,7 +50,7 @@ class RegionPrediction:
 class GraspPredictor:
     """Draws points from regions, centres them, runs the network on all regions at once.
 
-    `mirrored`: whether the network is asked of the regions' mirror images as well (D. 101).
+    `mirrored`: the network sees the regions' mirror images as well (D. 101).
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class GraspPredictor:
 
     @classmethod
     def load(cls, path: Path, device: str = "auto", mirrored: bool = False) -> Self:
-        """Read weights that `symgrasp train` wrote; `mirrored` as the class has it.
+        """Read weights that `symgrasp train` wrote; `mirrored` as in the class.
 
         Raises:
             FormatError: the file holds no weights of this network.
@@ -81,10 +81,10 @@ class GraspPredictor:
     ) -> list[RegionPrediction]:
         """Return predictions for regions of (n, 3) points each, metres, camera frame.
 
-        `table`: what they stand on, camera frame, normal up; None where none is known.
+        `table`: the support plane, camera frame, normal up; None where none is known.
 
         A region's prediction depends on `seed` and the region alone, on a CPU to the last bit: not
-        on its neighbours in the list, nor on the number of threads (D. 61).
+        on other regions of the list, nor on the number of threads (D. 61).
 
         Raises:
             ValueRangeError: a region has no points, or points that are not finite.
@@ -99,28 +99,29 @@ class GraspPredictor:
         height = np.zeros(len(drawn)) if table is None else table.height(centroid[:, 0])
         ground = height.astype(np.float32)
         centered = ((drawn - centroid) @ axes.transpose(0, 2, 1)).astype(np.float32)
-        told = self._told(centered, ground)
-        voting = np.arange(0, index.shape[1], TELLING)
+        outputs = self._outputs(centered, ground)
+        voting = np.arange(0, index.shape[1], VOTING_STRIDE)
         if self.mirrored:
-            told = joined(told, self._told(centered @ MIRROR, ground).mirrored())
+            outputs = with_copy(outputs, self._outputs(centered @ MIRROR, ground).mirrored())
             voting = np.tile(voting, 2)
         back = axes[:, None].astype(np.float32)
-        centers = told.center @ back + centroid[:, :, None].astype(np.float32)
-        columns = (index, told.affordance, told.existence, centers, told.direction @ back)
+        centers = outputs.center @ back + centroid[:, :, None].astype(np.float32)
+        direction = outputs.direction @ back
+        columns = (index, outputs.affordance, outputs.existence, centers, direction)
         return [
             RegionPrediction(drawn, graspable, voting, *symmetries)
             for drawn, graspable, *symmetries in zip(*columns, strict=True)
         ]
 
     def _axes(self, centroids: NDArray[np.float64], table: Plane | None) -> NDArray[np.float64]:
-        """Return (B, 3, 3) rotations from camera axes to those that the network knows."""
+        """Return (B, 3, 3) rotations from camera axes to those of the input frame."""
         if self.config.input_frame == "camera":
             return np.broadcast_to(np.eye(3), (len(centroids), 3, 3))
         return np.stack([level_axes(center, table) for center in centroids])
 
-    def _told(self, points: Singles, ground: Singles) -> Told:
-        """Return what is told of (B, N, 3) centred points, `ground` (B,) over the table."""
-        return Told(
+    def _outputs(self, points: Singles, ground: Singles) -> RegionOutputs:
+        """Return the output for (B, N, 3) centred points, `ground` (B,) metres over the table."""
+        return RegionOutputs(
             *self._run(*(torch.from_numpy(each).to(self.device) for each in (points, ground)))
         )
 
@@ -128,7 +129,7 @@ class GraspPredictor:
         """Return affordance at (B, N, 3) centred points; existence, centres, directions at some.
 
         On a CPU each thread takes some of the clouds: most operations are too small to be spread
-        over threads one by one, and what is spread is rounded otherwise.
+        over threads one by one, and then rounded otherwise.
         """
         threads = torch.get_num_threads()
         if self.device.type != "cpu" or threads == 1:
@@ -140,7 +141,7 @@ class GraspPredictor:
 
     @torch.inference_mode()
     def _run_together(self, points: Tensor, ground: Tensor) -> tuple[Singles, ...]:
-        prediction = self.network(points, ground, every=TELLING)
+        prediction = self.network(points, ground, stride=VOTING_STRIDE)
         columns = (
             prediction.affordance.clamp(0.0, 1.0),
             # Cloud by cloud: the last numbers of a long row are rounded otherwise than the first.
@@ -151,7 +152,7 @@ class GraspPredictor:
         return tuple(column.cpu().numpy() for column in columns)
 
     def _draw(self, cloud: NDArray[np.floating], seed: int) -> NDArray[np.int64]:
-        """Return which (N,) points of `cloud` the network looks at."""
+        """Return the indices (N,) of the points of `cloud` that the network sees."""
         points = np.asarray(cloud)
         if points.ndim != 2 or points.shape[1] != 3 or not len(points):
             raise ValueRangeError(

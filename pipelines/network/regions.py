@@ -1,4 +1,4 @@
-"""A batch of labelled regions, as the losses and augmentations see it."""
+"""Batches of labelled regions, for losses and augmentations."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

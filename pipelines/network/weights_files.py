@@ -1,4 +1,4 @@
-"""Weights in a file, with the settings of the network that they belong to."""
+"""Weights files of networks, with the settings that each network was built from."""
 
 import dataclasses
 import json
@@ -14,7 +14,7 @@ Config = TypeVar("Config")
 
 
 def weights_metadata(model: str, config: Any) -> dict[str, str]:  # noqa: ANN401 - any dataclass
-    """Return what a weights file says of the network `model` built from `config`."""
+    """Return the metadata of a weights file: the name `model` of a network, and its `config`."""
     return {"model": model, "config": json.dumps(dataclasses.asdict(config), sort_keys=True)}
 
 

@@ -42,7 +42,7 @@ def test_a_direction_that_turns_half_around_comes_back_without_a_jump():
 def test_fewer_points_tell_the_same_symmetries():
     heads, features = Heads(16), torch.randn(2, 20, 16)
     affordance, *told = heads(features)
-    same, *some = heads(features, every=3)
+    same, *some = heads(features, stride=3)
     torch.testing.assert_close(same, affordance)
     for few, every in zip(some, told, strict=True):
         assert few.shape[1] == 7

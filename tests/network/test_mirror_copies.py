@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from pipelines.configs import NetworkConfig
 from pipelines.geometry.transforms import unit
-from pipelines.network.mirror_copies import Told, joined
+from pipelines.network.mirror_copies import RegionOutputs, with_copy
 from pipelines.network.model import Prediction, SymmetryGraspNet
 from pipelines.network.predictor import GraspPredictor
 
@@ -25,7 +25,7 @@ MIRROR = np.array([-1.0, 1.0, 1.0])
 def told(seed, regions=2, voting=30):
     rng = np.random.default_rng(seed)
     direction = unit(rng.normal(size=(regions, 1, 5, 3)) + np.zeros((voting, 1, 1)))
-    return Told(
+    return RegionOutputs(
         rng.uniform(size=(regions, 90)).astype(np.float32),
         rng.uniform(size=(regions, voting, 5)).astype(np.float32),
         rng.normal(size=(regions, voting, 5, 3)).astype(np.float32),
@@ -35,13 +35,13 @@ def told(seed, regions=2, voting=30):
 
 def reordered(one, order):
     columns = (one.existence, one.center, one.direction)
-    return Told(one.affordance, *(column[:, :, order] for column in columns))
+    return RegionOutputs(one.affordance, *(column[:, :, order] for column in columns))
 
 
 def test_slots_of_a_copy_are_put_in_the_order_of_the_planes_told_first():
     first = told(0)
     for order in ([1, 2, 0, 3, 4], [2, 1, 0, 3, 4], [0, 1, 2, 3, 4]):
-        both = joined(first, reordered(first, order))
+        both = with_copy(first, reordered(first, order))
         for name in ("existence", "center", "direction"):
             value = getattr(both, name)
             assert_array_equal(value[:, :30], getattr(first, name))
@@ -51,13 +51,13 @@ def test_slots_of_a_copy_are_put_in_the_order_of_the_planes_told_first():
 def test_a_plane_told_with_the_opposite_normal_is_the_same_plane():
     first = told(1)
     turned = reordered(first, [1, 2, 0, 3, 4])
-    both = joined(first, replace(turned, direction=-turned.direction))
+    both = with_copy(first, replace(turned, direction=-turned.direction))
     assert_array_equal(both.direction[:, 30:], -first.direction)
 
 
 def test_affordances_are_averaged_and_axes_and_spheres_stay_in_their_slots():
     first, other = told(2), told(3)
-    both = joined(first, other)
+    both = with_copy(first, other)
     assert_allclose(both.affordance, (first.affordance + other.affordance) / 2.0)
     assert_array_equal(both.existence[:, 30:, 3:], other.existence[:, :, 3:])
     assert_array_equal(both.center[:, :30], first.center)
@@ -66,8 +66,8 @@ def test_affordances_are_averaged_and_axes_and_spheres_stay_in_their_slots():
 class Echo(torch.nn.Module):
     """Tells of each point where it is."""
 
-    def forward(self, points, ground, every):
-        center = points[:, ::every, None].repeat(1, 1, 5, 1)
+    def forward(self, points, ground, stride):
+        center = points[:, ::stride, None].repeat(1, 1, 5, 1)
         existence = torch.zeros(*center.shape[:3])
         return Prediction(points, 0.5 + 0.0 * points[..., 2], existence, center, center)
 

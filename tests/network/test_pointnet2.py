@@ -1,14 +1,18 @@
-"""The layers' rewritings change no result: against the textbook form, written out."""
+"""The layers give what the textbook form, written out, gives, and the groups' fast twin too."""
 
 import pytest
 import torch
 
 from pipelines.learning.speed.acceleration import Acceleration
-from pipelines.network.cpu import grouping
 from pipelines.network.cpu.cloudwise import CloudLinear
-from pipelines.network.cpu.pooling import max_over_group
-from pipelines.network.pointnet2 import FeaturePropagation, SetAbstraction
-from pipelines.network.sampling import farthest_points, gather, nearest_neighbors, three_nearest
+from pipelines.network.pointnet2 import FeaturePropagation, SetAbstraction, pooled_groups
+from pipelines.network.sampling import (
+    farthest_points,
+    gather,
+    interpolation_weights,
+    maximum,
+    nearest_neighbors,
+)
 
 
 def test_set_abstraction_equals_the_first_layer_applied_to_each_group():
@@ -32,7 +36,7 @@ def test_feature_propagation_equals_interpolation_before_the_linear_layer():
     layer = FeaturePropagation(5, 4, 6).double().eval()
     fine, coarse = torch.randn(2, 30, 3).double(), torch.randn(2, 9, 3).double()
     known, features = torch.randn(2, 30, 4).double(), torch.randn(2, 9, 5).double()
-    index, weight = three_nearest(fine, coarse)
+    index, weight = interpolation_weights(fine, coarse)
     interpolated = (gather(features, index) * weight[..., None]).sum(2)
     expected = torch.relu(layer.joined(layer.coarse(interpolated) + layer.fine(known)))
     torch.testing.assert_close(layer(fine, known, coarse, features), expected)
@@ -41,19 +45,20 @@ def test_feature_propagation_equals_interpolation_before_the_linear_layer():
 def test_the_gradient_of_the_group_maximum_is_that_of_finite_differences():
     torch.manual_seed(0)
     values = torch.randn(2, 3, 4, 5, dtype=torch.float64, requires_grad=True)
-    assert torch.autograd.gradcheck(max_over_group, (values,))
+    assert torch.autograd.gradcheck(maximum.fast, (values,))
+    assert torch.autograd.gradcheck(maximum.plain, (values,))
+    torch.testing.assert_close(maximum.fast(values), maximum.plain(values))
 
 
 @pytest.mark.parametrize("centers", [40, 150])  # all groups at a time, and a part of them
 def test_groups_pooled_cloud_by_cloud_are_those_of_the_layers_to_the_last_bit(centers):
     torch.manual_seed(1)
-    group = SetAbstraction(5, (32, 64, 64), 40, 16).group
+    group = CloudLinear(32, 64, bias=False)
     projected, offset = torch.randn(3, 50, 32), torch.randn(3, centers, 32)
     neighbors = torch.randint(0, 50, (3, centers, 16))
     with torch.inference_mode():
-        fast = grouping.pooled_groups(projected, offset, neighbors, group.weight)
-        hidden = torch.relu(gather(projected, neighbors) + offset[:, :, None])
-        assert torch.equal(fast, max_over_group(group(hidden)))
+        fast = pooled_groups.fast(projected, offset, neighbors, group)
+        assert torch.equal(fast, pooled_groups.plain(projected, offset, neighbors, group))
 
 
 @pytest.mark.parametrize("threads", [1, 2])
@@ -66,11 +71,11 @@ def test_gradients_of_pooled_groups_are_those_of_the_layers(size, centers, membe
     given = [torch.randn(size, count, 8).double().requires_grad_() for count in (150, centers)]
     inputs, before = [*given, group.weight], torch.get_num_threads()
     share = torch.randn(size, centers, 6).double()
-    hidden = torch.relu(gather(given[0], neighbors) + given[1][:, :, None])
-    expected = torch.autograd.grad((max_over_group(group(hidden)) * share).sum(), inputs)
+    plain = pooled_groups.plain(*given, neighbors, group)
+    expected = torch.autograd.grad((plain * share).sum(), inputs)
     torch.set_num_threads(threads)
     try:
-        pooled = grouping.pooled_groups(*given, neighbors, group.weight)
+        pooled = pooled_groups.fast(*given, neighbors, group)
         found = torch.autograd.grad((pooled * share).sum(), inputs)
         assert torch.get_num_threads() == threads
     finally:
@@ -81,7 +86,9 @@ def test_gradients_of_pooled_groups_are_those_of_the_layers(size, centers, membe
 def test_of_equal_members_the_first_has_the_gradient():
     projected = torch.ones(1, 4, 2, requires_grad=True)
     neighbors = torch.tensor([[[2, 1, 3]]])
-    pooled = grouping.pooled_groups(projected, torch.zeros(1, 1, 2), neighbors, torch.ones(3, 2))
+    group = torch.nn.Linear(2, 3, bias=False)
+    torch.nn.init.ones_(group.weight)
+    pooled = pooled_groups.fast(projected, torch.zeros(1, 1, 2), neighbors, group)
     pooled.sum().backward()
     assert projected.grad[0].tolist() == [[0, 0], [0, 0], [3, 3], [0, 0]]
 
@@ -91,7 +98,7 @@ def test_layers_that_round_to_halves_form_the_groups_themselves():
     layer, points, features = SetAbstraction(5, (32, 64, 64), 40, 16), *torch.randn(2, 2, 90, 5)
     told = layer(points[..., :3], features)[1]
     Acceleration("bf16").apply(layer)
-    assert type(layer.group) is not CloudLinear
+    assert type(layer.group) is not torch.nn.Linear
     rounded = layer(points[..., :3], features)[1]
     assert not torch.equal(rounded, told)
     torch.testing.assert_close(rounded, told, rtol=0.1, atol=0.1)

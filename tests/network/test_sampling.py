@@ -56,7 +56,7 @@ def test_no_more_neighbors_are_returned_than_there_are():
 def test_interpolation_is_the_mean_by_inverse_squared_distance(count):
     queries, support = clouds(2, 30, 3), clouds(2, count, 4)
     values = torch.randn(2, count, 5, generator=torch.Generator().manual_seed(0))
-    got = sampling.weighted_sum(values, *sampling.three_nearest(queries, support)).numpy()
+    got = sampling.weighted_sum(values, *sampling.interpolation_weights(queries, support)).numpy()
     for b in range(2):
         for i in range(30):
             squared = ((queries[b, i] - support[b]) ** 2).sum(-1).numpy()
@@ -86,7 +86,9 @@ def test_gather_picks_from_each_cloud_its_own():
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @pytest.mark.parametrize("size", [1, 2])
 def test_points_that_are_not_there_weigh_nothing(size, dtype):
-    places, weights = sampling.three_nearest(clouds(1, 70).to(dtype), clouds(1, size, 1).to(dtype))
+    places, weights = sampling.interpolation_weights(
+        clouds(1, 70).to(dtype), clouds(1, size, 1).to(dtype)
+    )
     assert weights.dtype == dtype
     assert_array_equal(weights[0, :, size:], 0.0)
     assert_allclose(weights.sum(-1), 1.0, rtol=1e-6)

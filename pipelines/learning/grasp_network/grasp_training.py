@@ -18,6 +18,7 @@ from pipelines.learning.loop.loaders import load_regions
 from pipelines.learning.speed.processes import Processes
 from pipelines.learning.speed.shares import check_shares, micro_batch_size
 from pipelines.network.augmentation import augment, scaled_copy
+from pipelines.network.cpu.folding import folded
 from pipelines.network.losses import NUM_ERROR_POINTS, total_loss
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.regions import RegionBatch
@@ -110,13 +111,14 @@ class GraspTraining:
     def validate(self) -> dict[str, float]:
         """Return the loss on the held-out regions, unaugmented, and `RegionFigures`."""
         figures, losses, weights = RegionFigures(), [], []
+        module = folded(self.module)  # the same outputs in less time
         chosen, network = self.val_set.indices, self.config.network
         for start in range(0, len(chosen), VALIDATION_BATCH):
             indices = chosen[start : start + VALIDATION_BATCH]
             generators = [np.random.default_rng(int(index)) for index in indices]
             loaded = load_regions(self.val_set.reader, indices, network, generators)
             truth = loaded.to(self.device)
-            prediction = self.module(truth.points, truth.ground)
+            prediction = module(truth.points, truth.ground)
             points = truth.points[:, :: max(1, network.num_points // NUM_ERROR_POINTS)]
             losses.append(float(total_loss(prediction, truth, None, self.config, points).total))
             weights.append(len(truth))

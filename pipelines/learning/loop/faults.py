@@ -1,4 +1,4 @@
-"""The micro-batch at which a training came apart, kept with the weights of that moment.
+"""The micro-batch at which a training failed, kept with the weights of that moment.
 
 `NAME.fault.safetensors` holds `weights.*` and `batch.*`, and as metadata the place (seed, epoch,
 step, number), the loss terms and the stamp with the settings. `replay` of the stage's module gives
@@ -23,7 +23,7 @@ from pipelines.storage.provenance import Stamp
 
 @dataclass(frozen=True)
 class Fault:
-    """Weights, a micro-batch as tensors, where in the training it came, and the settings."""
+    """Weights, a micro-batch as tensors, its place in the training, and the settings."""
 
     weights: Mapping[str, Tensor]
     batch: dict[str, Tensor]
@@ -31,7 +31,7 @@ class Fault:
     settings: Mapping[str, Any]  # of the stage's config
 
     def generator(self) -> torch.Generator:
-        """Return what the loss drew from."""
+        """Return the generator that the loss drew from."""
         return torch.Generator().manual_seed(loss_seed(*self.place))
 
 
@@ -42,7 +42,7 @@ def save_fault(
     place: tuple[int, int, int, int],
     stamp: Stamp,
 ) -> None:
-    """Write a micro-batch that gave a loss or a gradient that is not finite."""
+    """Write a micro-batch whose loss or gradient is not finite."""
     tensors = {f"weights.{name}": tensor for name, tensor in module.state_dict().items()}
     tensors |= {f"batch.{name}": tensor for name, tensor in batch.items()}
     names = ("seed", "epoch", "step", "micro_batch")

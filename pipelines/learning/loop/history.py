@@ -1,6 +1,6 @@
 """History of a training, for its curves: loss terms by step, figures of validations.
 
-It travels in the checkpoint, so that the picture of a run that was resumed is whole.
+It is kept in the checkpoint, so that the curves of a resumed run are whole.
 """
 
 from collections.abc import Mapping
@@ -26,7 +26,7 @@ class History:
     num_pending: int = 0
 
     def add_losses(self, losses: Mapping[str, float]) -> None:
-        """Take in the loss terms of one step."""
+        """Add the loss terms of one step."""
         self.pending = {name: self.pending.get(name, 0.0) + value for name, value in losses.items()}
         self.num_pending += 1
         if self.num_pending < self.every:
@@ -43,7 +43,7 @@ class History:
             self.every *= 2
 
     def add_figures(self, steps: int, figures: Mapping[str, float]) -> None:
-        """Take in the figures of a validation after `steps` steps."""
+        """Add the figures of a validation after `steps` steps."""
         for name, value in figures.items():
             self.val.setdefault(name, []).append((steps, value))
 

@@ -1,9 +1,9 @@
-"""The files of a training: its checkpoint, the best weights so far, the curves.
+"""Files of a training: its checkpoint, the best weights so far, the curves.
 
-The weights that a finished run leaves are the best at the end of an epoch. A run that stops in the
-middle of one is judged there too, and what it leaves may be of that moment; but this is forgotten
-when it is resumed, so that the result does not depend on where it was stopped. All files are
-written whole or not at all, by the first process alone.
+A finished run leaves its best weights at the end of an epoch. A run that stops within an epoch is
+validated there too, and may leave the weights of that moment; they are forgotten when the run is
+resumed, so that the result does not depend on where it stopped. All files are written whole or not
+at all, by the first process alone.
 """
 
 import json
@@ -30,7 +30,7 @@ from pipelines.storage.provenance import Stamp
 
 
 class Keeper:
-    """Writes what is to be kept of a training, and takes it up again."""
+    """Writes the files of a training and restores its state."""
 
     def __init__(
         self,
@@ -47,7 +47,7 @@ class Keeper:
         self._best: dict[str, Tensor] = {}
 
     def restore(self) -> Progress:
-        """Go back to where the checkpoint stands, and return that."""
+        """Restore the state of the checkpoint, and return its progress."""
         path = checkpoint_path(self.output)
         state = load_training(path)
         fill(self.trainee.module, _with_prefix(state.model, "weights."), path)
@@ -84,7 +84,7 @@ class Keeper:
             if better:
                 progress.best, progress.figures = figures[self.trainee.best_by], figures
                 self._best = weights
-            # What lies there may be of where an earlier run stopped.
+            # The output may be of the moment at which an earlier run stopped.
             if self._best and (better or progress.kept != progress.figures):
                 self._write_best(progress)
         elif better:
@@ -95,12 +95,12 @@ class Keeper:
         write_curves(curves_path(self.output), progress.history, self.trainee.best_by)
 
     def finish(self, progress: Progress) -> None:
-        """See to it that what a finished run leaves is its best weights, also after a kill."""
+        """Write the best weights of a finished run, if a kill kept them from being written."""
         if self._best and (progress.kept != progress.figures or not self.output.exists()):
             self._write_best(progress)
 
     def _write_best(self, progress: Progress) -> None:
-        # First the checkpoint, with what is kept until now: weights without one are nobody's.
+        # The checkpoint first: weights without one would be taken for another run's.
         self.save_checkpoint(progress)
         self._write(self._best, progress.figures)
         progress.kept = progress.figures

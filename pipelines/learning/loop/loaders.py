@@ -1,4 +1,4 @@
-"""Batches of packed regions: random access, drawn by seed and step, read in this process."""
+"""Batches of packed regions, drawn by seed and step, and loading ahead in a thread."""
 
 import queue
 import re
@@ -24,9 +24,9 @@ Result = TypeVar("Result")
 def epoch_batches(
     indices: Sequence[int] | Indices, batch_size: int, rng: np.random.Generator
 ) -> list[Indices]:
-    """Return `indices` in random order, cut into batches; what is left over waits an epoch.
+    """Return `indices` in random order, cut into batches; a rest is left out of the epoch.
 
-    Fewer than a batch are one; none are no batch.
+    Fewer than a batch are one batch; none are no batch.
     """
     order = rng.permutation(np.asarray(indices, np.int64))
     count = max(min(1, len(order)), len(order) // batch_size)
@@ -38,9 +38,9 @@ def split_by_scene(
 ) -> tuple[Indices, Indices]:
     """Return indices of regions to train on and of the `fraction` of scenes held out.
 
-    Files of one scene (its two cameras) stay together: a view of a training scene tells nothing
-    about unseen ones. At least one scene is held out and one is trained on; those without a region
-    are neither.
+    Files of one scene (its two cameras) stay together: a view of a training scene says nothing
+    about unseen scenes. At least one scene is held out and one is trained on; scenes without
+    regions do not count.
 
     Raises:
         ValueRangeError: fewer than two scenes hold regions.
@@ -90,9 +90,9 @@ def draw_points(
     rng: np.random.Generator,
     lost_table: float = 0.0,
 ) -> tuple[NDArray[np.float32], ...]:
-    """Return some of a region's points, centred, axes of the network, and the labels with them.
+    """Return some of a region's points, centred, axes of the network, and their labels.
 
-    `lost_table`: how often a table is taken for unknown.
+    `lost_table`: probability that the table is treated as unknown.
     """
     available, count = len(region.points), network.num_points
     chosen = rng.permutation(available)[:count]

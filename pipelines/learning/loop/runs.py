@@ -1,4 +1,4 @@
-"""A training as it was asked for, the files it owns, and where an earlier one stands."""
+"""A requested training, the files it owns, and the progress of an earlier run."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -13,7 +13,7 @@ from pipelines.storage.provenance import COMPARED, Stamp, read_stamp
 
 @dataclass(frozen=True)
 class RunRequest:
-    """What the user asks of a run that does not change what it converges to.
+    """Options of a run that do not change what it converges to.
 
     Attributes:
         seed: of everything drawn at random.
@@ -40,7 +40,7 @@ class RunRequest:
 
 @dataclass
 class Progress:
-    """Where a run stands; what a checkpoint remembers beside tensors."""
+    """Progress of a run: the contents of a checkpoint beside tensors."""
 
     epoch: int = 0
     step: int = 0  # of this epoch
@@ -63,22 +63,22 @@ class Progress:
 
 
 def checkpoint_path(output: Path) -> Path:
-    """Return where the checkpoint of the run that writes `output` lies."""
+    """Return the path of the checkpoint of the run that writes `output`."""
     return output.with_name(f"{output.stem}.checkpoint.safetensors")
 
 
 def fault_path(output: Path) -> Path:
-    """Return where a batch without a finite loss is kept by the run that writes `output`."""
+    """Return the path of the batch without a finite loss, of the run that writes `output`."""
     return output.with_name(f"{output.stem}.fault.safetensors")
 
 
 def curves_path(output: Path) -> Path:
-    """Return where the picture of the curves of the run that writes `output` lies."""
+    """Return the path of the picture of the curves, of the run that writes `output`."""
     return output.with_name(f"{output.stem}.curves.png")
 
 
 def log_folder(output: Path) -> Path:
-    """Return where the TensorBoard scalars of the run that writes `output` lie."""
+    """Return the folder of the TensorBoard scalars, of the run that writes `output`."""
     return output.with_name(f"{output.stem}.logs")
 
 
@@ -120,7 +120,7 @@ def find_progress(output: Path, stamp: Stamp, request: RunRequest) -> Progress |
 
 
 def describe(progress: Progress) -> str:
-    """Return how far a run came and how good the kept weights are, in one line."""
+    """Return the number of steps and the figures of the kept weights, in one line."""
     figures = ", ".join(f"{name} {value:.4g}" for name, value in progress.kept.items())
     judged = f"best on unseen scenes: {figures}" if figures else "no weights are written yet"
     state = "finished" if progress.finished else "stopped by its time limit, --resume goes on"

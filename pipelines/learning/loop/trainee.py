@@ -14,13 +14,13 @@ MicroBatch = Any  # the trainee's own
 class Trainee(Protocol):
     """A module with its data and its loss; the engine in `loop.py` does the rest.
 
-    Everything random is drawn from the generators handed in, which depend on seed, epoch, step and
-    item alone: a training that is resumed goes on as if it had never stopped, and one that is
-    shared out among processes takes the same steps.
+    All random numbers come from the given generators, which depend on seed, epoch, step and item
+    alone: a resumed training goes on as if it had never stopped, and a training of several
+    processes takes the same steps.
 
     Attributes:
-        best_by: name of the validation figure that the kept weights are best in.
-        higher_is_better: whether that figure is to rise.
+        best_by: the validation figure that chooses the weights to keep.
+        higher_is_better: whether a higher figure is better.
         parallel: whether `loss` may run in several threads at a time.
         micro_batch_size: items that are worked on together; a batch's gradient is their sum.
     """
@@ -32,7 +32,7 @@ class Trainee(Protocol):
 
     @property
     def module(self) -> nn.Module:
-        """What is trained."""
+        """The module to train."""
         ...
 
     def epoch(self, number: int, rng: np.random.Generator) -> Sequence[Items]:
@@ -50,7 +50,7 @@ class Trainee(Protocol):
         ...
 
     def tensors(self, micro_batch: MicroBatch) -> dict[str, Tensor]:
-        """Return a micro-batch as named tensors, to be kept in a file."""
+        """Return a micro-batch as named tensors, to be written to a file."""
         ...
 
     def validate(self) -> dict[str, float]:

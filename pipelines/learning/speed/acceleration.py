@@ -14,7 +14,6 @@ from typing import Any, cast
 from torch import Tensor, nn
 
 from pipelines.errors import SymgraspError, UnknownNameError
-from pipelines.network.cpu.cloudwise import CloudLinear
 from pipelines.network.heads import Heads
 from pipelines.network.pift import PIFT
 
@@ -33,7 +32,8 @@ class _HalfLinear(nn.Linear):
 class _HalfConv(nn.Conv2d):
     def forward(self, features: Tensor) -> Tensor:
         bias = None if self.bias is None else self.bias.bfloat16()
-        made: Tensor = self._conv_forward(features.bfloat16(), self.weight.bfloat16(), bias)
+        weight, stride, padding = self.weight.bfloat16(), self.stride, self.padding
+        made = nn.functional.conv2d(features.bfloat16(), weight, bias, stride, padding)
         return made.float()
 
 
@@ -96,7 +96,7 @@ def _wide_layers(module: nn.Module) -> Iterator[nn.Module]:
         elif isinstance(part, Heads):
             exact |= {id(cast(nn.Sequential, chain)[-1]) for chain in part.children()}
     for layer in module.modules():
-        plain = type(layer) in {CloudLinear, nn.Linear, nn.Conv2d} and id(layer) not in exact
+        plain = type(layer) in {nn.Linear, nn.Conv2d} and id(layer) not in exact
         if plain and min(cast(Tensor, layer.weight).shape[:2]) >= MIN_WIDTH:
             yield layer
 

@@ -98,7 +98,8 @@ class GradientWorkers:
         losses, total = results[0]
         for more_losses, more in results[1:]:
             losses = {name: value + more_losses[name] for name, value in losses.items()}
-            torch._foreach_add_(total, more)
+            for each, added in zip(total, more, strict=True):
+                each.add_(added)
         self._buffers = self._mean_buffers(copies, [piece.share for piece, _ in loaded])
         self.processes.add_up([*total, *(mean for _, mean in self._buffers)])
         terms = torch.tensor(list(losses.values()), dtype=torch.float64)

@@ -1,4 +1,4 @@
-"""The processes that train together under torchrun; without it, this one alone.
+"""Processes that train together under torchrun; without it, this process alone.
 
 `torchrun --nproc-per-node 2 --no-python symgrasp train ...`: each process works on its share of
 every batch, on its own GPU where there is one; the first one alone writes and speaks.

@@ -1,7 +1,7 @@
-"""A batch cut into micro-batches, and which of them a process works on.
+"""Micro-batches of a batch, and their distribution over processes.
 
-Which regions are worked on together does not depend on the number of processes, so neither do the
-statistics of batch norm: with two processes a step differs from that with one by rounding alone.
+The regions of a micro-batch do not depend on the number of processes, so neither do the statistics
+of batch norm: with two processes a step differs from that with one by rounding alone.
 """
 
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ class Piece:
         number: among the batch's micro-batches.
         first: position of its first item in the batch.
         items: the trainee's own.
-        share: of the batch's gradient; 0 for what is worked on only to keep step.
+        share: of the batch's gradient; 0 for a piece that only keeps the processes in step.
     """
 
     number: int
@@ -46,7 +46,7 @@ def cut(batch: Items, size: int, processes: Processes) -> list[Piece]:
     ]
     pieces = [replace(piece, share=piece.share / len(batch)) for piece in pieces]
     own = pieces[processes.rank :: processes.count]
-    # An epoch smaller than a batch may not go around: who has nothing of it adds nothing.
+    # An epoch smaller than a batch may leave a process without a piece: it adds nothing.
     return own or [replace(pieces[0], share=0.0)]
 
 
@@ -62,7 +62,7 @@ def check_shares(batch_size: int, micro_batch_size: int, processes: Processes) -
 
 
 def micro_batch_size(asked: int, batch_size: int, on_cpu: int, processes: Processes) -> int:
-    """Return the size of micro-batches; `asked` 0 leaves it to us.
+    """Return the size of micro-batches; `asked` 0 suits the device.
 
     A CPU is quickest on a few items at a time, in several threads; a GPU on its whole share.
     `on_cpu` is 0 where there is a GPU.

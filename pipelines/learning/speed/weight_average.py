@@ -1,4 +1,4 @@
-"""The running mean of a module's weights: steadier than the last step's, at no cost a step."""
+"""The running mean of a module's weights, less noisy than those of the last step."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -20,12 +20,13 @@ class WeightAverage:
 
     @torch.no_grad()
     def update(self, step: int) -> None:
-        """Take in the weights after step number `step`, counted from 1.
+        """Add the weights after step number `step`, counted from 1.
 
-        Early on the mean is over fewer steps: it forgets the random start.
+        At first the mean is over fewer steps, so that it forgets the random start.
         """
         decay = min(self.decay, step / (step + 10.0))
-        torch._foreach_lerp_(list(self._mean.values()), list(self._live().values()), 1.0 - decay)
+        for mean, live in zip(self._mean.values(), self._live().values(), strict=True):
+            mean.lerp_(live, 1.0 - decay)
 
     @contextmanager
     def applied(self) -> Iterator[None]:
@@ -48,5 +49,5 @@ class WeightAverage:
         return dict(self._mean)
 
     def load(self, state: Mapping[str, Tensor]) -> None:
-        """Take over a mean returned by `state`, to where the module's own tensors are."""
+        """Set the mean to one returned by `state`, on the device of the module."""
         self._mean = {name: state[name].to(each, copy=True) for name, each in self._mean.items()}

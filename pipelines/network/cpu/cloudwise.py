@@ -1,9 +1,9 @@
-"""Layers that tell the same of a cloud whatever else is in its batch, to the last bit (D. 61).
+"""Linear layers that give a cloud the same result in any batch, to the last bit (D. 61).
 
-A product of matrices sums few rows in another order than many, and the last ones in another than
-the first, as the processor likes; and a last bit decides which points are sampled. So on a CPU,
-without gradients, each cloud is a product of its own. What follows it is done at once, while the
-cloud is near the processor.
+A product of matrices sums few rows in another order than many, and the last rows in another than
+the first; and a last bit decides which points are sampled. So on a CPU, without gradients, each
+cloud is a product of its own. The next layer follows at once, while the cloud is near the
+processor.
 """
 
 import os
@@ -27,7 +27,7 @@ def taken_apart(features: Tensor) -> bool:
 def each_cloud(function: Callable[..., None], *clouds: Tensor) -> None:
     """Call `function` with the i-th cloud of each tensor as arrays, clouds in parallel.
 
-    What it writes to are tensors without gaps.
+    The tensors that it writes to are contiguous.
     """
     arrays = [cloud.detach().contiguous().numpy() for cloud in clouds]
     if torch.get_num_threads() > 1 and len(arrays[0]) > 1:
@@ -38,9 +38,9 @@ def each_cloud(function: Callable[..., None], *clouds: Tensor) -> None:
 
 
 def threads_of_one_core() -> ThreadPoolExecutor:
-    """Return as many threads as torch has, kept: a new one's first steps cost as much as a cloud.
+    """Return as many threads as torch has; kept, as a new thread costs as much as a cloud.
 
-    They are this process's own: a fork has none of its parent's.
+    Each process has its own: a fork has none of its parent's.
     """
     return _threads(torch.get_num_threads(), os.getpid())
 
@@ -52,14 +52,14 @@ def _threads(count: int, process: int) -> ThreadPoolExecutor:
 
 
 def _use_one_core() -> None:
-    torch.get_num_threads()  # when first asked, torch gives a thread the number set last anywhere
+    torch.get_num_threads()  # at the first call torch sets the number that was set last anywhere
     torch.set_num_threads(1)
 
 
 class CloudLinear(nn.Linear):
     """A linear layer of the points of several clouds.
 
-    `rectifies`: nothing below zero leaves it; for networks that learn no more, see `folding`.
+    `rectifies`: outputs are clipped at zero; for folded networks.
     """
 
     rectifies = False
@@ -83,7 +83,7 @@ class CloudLinear(nn.Linear):
 
 
 class CloudChain(nn.Sequential):
-    """Linear layers one after the other: a cloud goes through all of them before the next one."""
+    """Linear layers in a row: a cloud goes through all of them before the next cloud does."""
 
     def forward(
         self,
@@ -97,18 +97,18 @@ class CloudChain(nn.Sequential):
 
 
 def _through(layers: Iterable[CloudLinear], features: Tensor) -> Tensor:
-    """Return what `layers` make of features (B, ..., C), one cloud after the other."""
+    """Return the output of `layers` for features (B, ..., C), one cloud after the other."""
     layers = tuple(layers)
     found = features.new_empty((*features.shape[:-1], layers[-1].out_features))
     for cloud, out in zip(features.flatten(1, -2), found.flatten(1, -2), strict=True):
         for layer in layers:
-            cloud = layer.of_cloud(cloud)  # noqa: PLW2901 - what goes on to the next layer
+            cloud = layer.of_cloud(cloud)  # noqa: PLW2901 - the input of the next layer
         out.copy_(cloud)
     return found
 
 
 class RowLinear(nn.Linear):
-    """A linear layer that sums each row in the same order, wherever it stands among others.
+    """A linear layer that sums each row in the same order, at any place among other rows.
 
     For one row a cloud, or one number a row: a product of matrices sums a single row, and the last
     rows of a product with a vector, in an order of their own.

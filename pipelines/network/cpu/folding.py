@@ -1,7 +1,8 @@
-"""Trained networks made cheaper to run: batch norms become part of the linear layers before them.
+"""Copies of trained networks for inference: no batch norms left, linear layers cloud by cloud.
 
 Once trained, a batch norm is a fixed a x + b for each channel, and a linear layer or convolution
-followed by one is a linear layer or convolution with other weights. Gradients are of no use then.
+followed by one is a linear layer or convolution with other weights. The linear layers of the grasp
+network become those of `cloudwise`, whose results do not depend on the batch (D. 61).
 """
 
 import copy
@@ -13,21 +14,23 @@ from torch import Tensor, nn
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 from torchvision.models.resnet import Bottleneck
 
-from pipelines.network.cpu.cloudwise import CloudChain, CloudLinear
-from pipelines.network.pointnet2 import (
-    FeaturePropagation,
-    FoldedPropagation,
-    PointNorm,
-    SetAbstraction,
-)
+from pipelines.network.cpu.cloudwise import CloudChain, CloudLinear, RowLinear, taken_apart
+from pipelines.network.cpu.interpolation import add_interpolated
+from pipelines.network.heads import Heads
+from pipelines.network.pift import PIFT
+from pipelines.network.pointnet2 import FeaturePropagation, PointNorm, SetAbstraction
+from pipelines.network.sampling import interpolation_weights, weighted_sum
 
 Network = TypeVar("Network", bound=nn.Module)
 
 
 @torch.no_grad()
 def folded(network: Network) -> Network:
-    """Return a copy of a trained network, for inference alone, that says the same."""
+    """Return a copy of a trained network, for inference alone, with the same outputs."""
     network = copy.deepcopy(network).eval().requires_grad_(False)
+    for module in network.modules():
+        if isinstance(module, SetAbstraction | FeaturePropagation | PIFT | Heads):
+            _make_cloudwise(module)
     for module in list(network.modules()):
         if isinstance(module, SetAbstraction):
             _fold_last(module.point)
@@ -43,6 +46,46 @@ def folded(network: Network) -> Network:
     return network
 
 
+def _make_cloudwise(part: nn.Module) -> None:
+    """Let the linear layers of `part` give each cloud, or each row, the same bits in any batch."""
+    of_one_row = {id(part.hidden), id(part.regress)} if isinstance(part, PIFT) else set()
+    for layer in part.modules():
+        if type(layer) is nn.Linear:  # the class alone decides how a layer is worked out
+            single = layer.out_features == 1 or id(layer) in of_one_row
+            layer.__class__ = RowLinear if single else CloudLinear
+
+
+class FoldedPropagation(nn.Module):
+    """A feature propagation whose norms have become part of its linear layers."""
+
+    def __init__(self, coarse: CloudLinear, fine: CloudLinear, joined: CloudLinear) -> None:
+        super().__init__()
+        self.coarse, self.fine, self.joined = coarse, fine, joined
+        self.joined.rectifies = True
+
+    def forward(
+        self,
+        points: Tensor,  # (B, N, 3)
+        features: Tensor,  # (B, N, fine_dim)
+        coarse_points: Tensor,  # (B, M, 3)
+        coarse_features: Tensor,  # (B, M, coarse_dim)
+    ) -> Tensor:
+        """Return features (B, N, out_dim) at the finer points."""
+        index, weight = interpolation_weights(points, coarse_points)
+        coarse = self.coarse(coarse_features)
+        if not taken_apart(features):
+            interpolated = weighted_sum(coarse, index, weight)
+            made: Tensor = self.joined(torch.relu(interpolated + self.fine(features)))
+            return made
+        found: Tensor = coarse.new_empty(*features.shape[:2], self.joined.out_features)
+        near = zip(*(each.numpy() for each in (coarse, index, weight)), strict=True)
+        for cloud, out, (rows, places, weights) in zip(features, found, near, strict=True):
+            hidden = self.fine.of_cloud(cloud)
+            add_interpolated(True, rows, places, weights, hidden.numpy())
+            out.copy_(self.joined.of_cloud(hidden))
+        return found
+
+
 def _folded_propagation(propagation: FeaturePropagation) -> FoldedPropagation:
     """Fold the norms: that of a sum of two linear layers goes into both of them."""
     first, _, joined, last = propagation.joined
@@ -50,7 +93,10 @@ def _folded_propagation(propagation: FeaturePropagation) -> FoldedPropagation:
     _scale(propagation.coarse, scale, None)
     _scale(propagation.fine, scale, shift)
     _scale(cast(nn.Linear, joined), *_affine(cast(PointNorm, last)))
-    return FoldedPropagation(propagation.coarse, propagation.fine, cast(CloudLinear, joined))
+    coarse, fine, joined = (
+        cast(CloudLinear, each) for each in (propagation.coarse, propagation.fine, joined)
+    )
+    return FoldedPropagation(coarse, fine, joined)
 
 
 def _chained(layers: nn.Sequential) -> nn.Sequential:

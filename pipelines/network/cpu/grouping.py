@@ -1,8 +1,8 @@
-"""Set abstraction on the CPU: the groups of one cloud after the other, in one pass.
+"""Pooling of the groups of a set abstraction: one cloud after the other, in one pass.
 
 The largest tensor of the network, a row for each member of each group, is written a part at a time
-and stays near the processor until it is pooled. Of all the members of a group only the one that is
-the maximum in a channel has a gradient there, so the way back is a sum over few rows.
+and stays near the processor until it is pooled. In each channel only the member that is the maximum
+has a gradient, so that the backward pass is a sum over few rows.
 """
 
 from functools import partial
@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
+from torch import Tensor, nn
 
 from pipelines.array_types import Floats, Indices
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.network import devices
-from pipelines.network.cpu.cloudwise import each_cloud
+from pipelines.network.cpu.cloudwise import CloudLinear, each_cloud
 from pipelines.network.cpu.products import linear
 
 Members = NDArray[np.int32]
@@ -24,22 +24,24 @@ Members = NDArray[np.int32]
 ROWS = 2048  # members of groups that are worked on at a time, about
 
 
-def applies_to(features: Tensor) -> bool:
-    """Return whether `pooled_groups` can be used: on a CPU, where nothing is rounded to halves."""
-    return devices.on_cpu(features) and not torch.is_autocast_enabled("cpu")
+def applies_to(projected: Tensor, offset: Tensor, neighbors: Tensor, group: nn.Linear) -> bool:
+    """Return whether `fast_pooled_groups` may be used: on a CPU, in the precision of the inputs."""
+    del offset, neighbors
+    in_full = type(group) in {nn.Linear, CloudLinear} and not torch.is_autocast_enabled("cpu")
+    return devices.on_cpu(projected) and in_full
 
 
-def pooled_groups(
+def fast_pooled_groups(
     projected: Tensor,  # (B, N, C)
     offset: Tensor,  # (B, M, C)
     neighbors: Tensor,  # (B, M, K)
-    weight: Tensor,  # (D, C)
+    group: nn.Linear,  # from C to D
 ) -> Tensor:
-    """Return (B, M, D) the maximum over each group of W relu(projected + offset).
+    """Return (B, M, D), as `network.pointnet2.pooled_groups` does.
 
     Where several members are the maximum, the gradient goes to the first.
     """
-    pooled: Tensor = _PooledGroups.apply(projected, offset, neighbors, weight)
+    pooled: Tensor = _PooledGroups.apply(projected, offset, neighbors, group.weight)
     return pooled
 
 
@@ -64,7 +66,7 @@ class _PooledGroups(torch.autograd.Function):
         projected, offset, neighbors, weight, winners = ctx.saved_tensors
         back = torch.zeros_like(projected), torch.zeros_like(offset)
         shares = weight.new_zeros(len(projected), *weight.shape)
-        through = partial(_go_back, weight.detach().contiguous().numpy())
+        through = partial(_add_gradients, weight.detach().contiguous().numpy())
         each_cloud(through, projected, offset, neighbors, winners, gradients[0], *back, shares)
         return *back, None, shares.sum(0)
 
@@ -77,7 +79,7 @@ def _pool_cloud(
     pooled: Floats,
     winners: Members,
 ) -> None:
-    """Set `pooled` (m, d) to the maxima of a cloud's groups, `winners` to the members they are."""
+    """Set `pooled` (m, d) to the maxima of a cloud's groups, `winners` to the members with them."""
     centers, members = neighbors.shape
     step = max(1, ROWS // members)
     hidden = weight.new_empty(min(step, centers) * members, weight.shape[1])
@@ -117,7 +119,7 @@ def _maximize(grouped: Floats, members: int, pooled: Floats, winners: Members) -
 
 
 @compiled
-def _go_back(
+def _add_gradients(
     weight: Floats,
     projected: Floats,
     offset: Floats,
@@ -128,7 +130,7 @@ def _go_back(
     to_offset: Floats,
     to_weight: Floats,
 ) -> None:
-    """Add to the last three what the `gradient` (m, d) of the maxima makes of the inputs."""
+    """Add to the last three the gradients of the inputs, by the `gradient` (m, d) of the maxima."""
     members, zero = neighbors.shape[1], weight.dtype.type(0.0)
     hidden = np.empty((members, weight.shape[1]), weight.dtype)
     to_hidden = np.empty_like(hidden)

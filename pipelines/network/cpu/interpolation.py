@@ -1,4 +1,4 @@
-"""Interpolation from a coarse cloud to a finer one, compiled: weighted sums and their gradients."""
+"""Weighted sums of a few points of a cloud, and their gradients, compiled."""
 
 from functools import partial
 from typing import Any
@@ -12,18 +12,18 @@ from pipelines.geometry.numerics.compiled import compiled
 from pipelines.network.cpu.cloudwise import each_cloud
 
 
-def interpolated(
+def fast_weighted_sum(
     values: Tensor,  # (B, N, C)
-    places: Tensor,  # (B, M, 3)
-    weights: Tensor,  # (B, M, 3)
+    index: Tensor,  # (B, M, 3)
+    weight: Tensor,  # (B, M, 3)
 ) -> Tensor:
-    """Return sums (B, M, C) of `values` at `places`, each times its weight."""
-    summed: Tensor = _Interpolated.apply(values, places, weights)
+    """Return (B, M, C), as `network.sampling.weighted_sum` does."""
+    summed: Tensor = _Interpolated.apply(values, index, weight)
     return summed
 
 
 class _Interpolated(torch.autograd.Function):
-    """Weights have no gradient."""
+    """Sums with a gradient of the values; the weights have none."""
 
     @staticmethod
     def forward(ctx: Any, values: Tensor, places: Tensor, weights: Tensor) -> Tensor:  # noqa: ANN401

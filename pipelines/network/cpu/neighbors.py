@@ -1,26 +1,63 @@
-"""Nearest and farthest points of a cloud by compiled exhaustive search.
+"""Farthest and nearest points of a cloud, compiled: by looking at all of them.
 
 A row of distances is sums over three columns, and counts, minima and places of it are sums and
 minima of integers, as the bits of numbers that are not negative are in their order. A processor
-does eight or sixteen of each at once, so that looking at all points takes less time than a tree
-takes to be built. What is near is so in single precision; of points equally far the first are
-taken.
+does eight or sixteen of each at once, so that looking at all points takes less time than to build
+a tree. Distances are compared in single precision; of points equally far the first are taken.
 """
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from pipelines.array_types import Floats, Indices, Singles
 from pipelines.geometry.numerics.compiled import compiled
+from pipelines.network.cpu.cloudwise import each_cloud
 
 NO_PLACE = np.int32(np.iinfo(np.int32).max)
-TRIES = 6  # at a distance within which there are as many as are asked for, and few more
+TRIES = 6  # at a distance within which there are as many points as are needed, and few more
 FEW = 8
+
+
+def fast_farthest_points(
+    points: Tensor,  # (B, N, 3)
+    count: int,
+) -> Tensor:
+    """Return indices (B, count), as `network.sampling.farthest_points` does, a cloud a thread."""
+    chosen = torch.empty(len(points), count, dtype=torch.int64)
+    each_cloud(find_farthest, points.float(), chosen)
+    return chosen
+
+
+def fast_nearest_neighbors(
+    queries: Tensor,  # (B, M, 3)
+    support: Tensor,  # (B, N, 3)
+    count: int,
+) -> Tensor:
+    """Return indices (B, M, count), as `network.sampling.nearest_neighbors` does."""
+    index = torch.empty(*queries.shape[:2], min(count, support.shape[1]), dtype=torch.int64)
+    each_cloud(find_nearest, queries.float(), support.float(), index)
+    return index
+
+
+def fast_three_nearest(
+    queries: Tensor,  # (B, M, 3)
+    support: Tensor,  # (B, N, 3)
+) -> tuple[Tensor, Tensor]:
+    """Return indices and squared distances (B, M, 3) of the nearest points.
+
+    Where there are fewer than three, any point takes the place of the others, infinitely far.
+    """
+    index = queries.new_empty(*queries.shape[:2], 3, dtype=torch.int64)
+    squared = queries.new_empty(index.shape)
+    each_cloud(find_three_nearest, queries, support, index, squared)
+    return index, squared
 
 
 @compiled
 def find_farthest(cloud: Singles, chosen: Indices) -> None:
-    """Set `chosen` (m,) to the first of a cloud's points (n, 3), and to the farthest from these."""
+    """Set `chosen` (m,) to the first of a cloud's points (n, 3), and each next to the farthest."""
     xs, ys, zs = cloud[:, 0].copy(), cloud[:, 1].copy(), cloud[:, 2].copy()
     squared = np.full(len(cloud), np.float32(np.inf))
     fresh = np.empty_like(squared)
@@ -70,17 +107,17 @@ def find_nearest(queries: Singles, support: Singles, places: Indices) -> None:
 def find_three_nearest(
     queries: Floats, support: Floats, places: Indices, squared_gaps: Floats
 ) -> None:
-    """Set (m, 3) to the points (n, 3) nearest to each query (m, 3), and to how far these are.
+    """Set `places` (m, 3) to the points (n, 3) nearest to each query, and `squared_gaps` likewise.
 
-    Looked for in single precision and told in that of the points. Where n is less than 3, any
+    Compared in single precision, measured in that of the points. Where n is less than 3, any
     point takes the place of those that are not there, infinitely far.
     """
-    single, asked = support.astype(np.float32), queries.astype(np.float32)
+    single, queried = support.astype(np.float32), queries.astype(np.float32)
     xs, ys, zs = single[:, 0].copy(), single[:, 1].copy(), single[:, 2].copy()
     squared = np.empty(len(support), np.float32)
     bits = squared.view(np.int32)
     for m in range(len(queries)):
-        _measure(asked[m], xs, ys, zs, squared)
+        _measure(queried[m], xs, ys, zs, squared)
         for k in range(3):
             least = bits[0]
             for n in range(len(bits)):
@@ -105,7 +142,7 @@ def _measure(query: Singles, xs: Singles, ys: Singles, zs: Singles, squared: Sin
 
 @compiled
 def _first(bits: NDArray[np.int32], wanted: np.int32) -> int:
-    """Return the first place of `bits` (n,) that holds what is `wanted`."""
+    """Return the first place of `bits` (n,) that holds `wanted`."""
     place = NO_PLACE
     for n in range(len(bits)):
         place = min(place, np.int32(n) if bits[n] == wanted else NO_PLACE)
@@ -114,10 +151,10 @@ def _first(bits: NDArray[np.int32], wanted: np.int32) -> int:
 
 @compiled
 def _limit_of_some(squared: Singles, count: int, guess: np.float32) -> np.float32:
-    """Return what at least `count` of `squared` (n,) are within, and if it is soon found few more.
+    """Return a bound that at least `count` of `squared` (n,) are within, and few more if possible.
 
-    How many points of a surface there are grows with the square of the distance. The query before
-    asks for much the same, which is the `guess`; 0 is none.
+    The number of points of a surface grows with the square of the distance. `guess`: the bound of
+    the query before, which is much the same; 0 for none.
     """
     low, high = np.float32(0.0), np.float32(np.inf)
     if not low < guess < high:

@@ -1,8 +1,9 @@
-"""torchvision, imported without torch's compiler.
+"""Import of torchvision without torch's compiler.
 
-torchvision asks `torch._dynamo.utils` on import for a function that it calls only where training
-on a GPU must be deterministic. That module brings the whole compiler with it: two of the seven
-seconds and a tenth of the memory that a process of `infer` takes to start.
+torchvision imports a function of `torch._dynamo.utils` that it calls only where training on a GPU
+must be deterministic. That module brings the whole compiler with it: two of the seven seconds and a
+tenth of the memory that a process of `infer` takes to start. Without such a module, in another
+release, torchvision does not ask for it, and nothing changes.
 """
 
 import importlib
@@ -14,11 +15,11 @@ COMPILER = "torch._dynamo.utils"
 
 
 class _StandIn(ModuleType):
-    """Stands in for the compiler's module, and fetches it for whoever wants more than the name."""
+    """A substitute for the compiler's module, which fetches the module when it is used."""
 
     @staticmethod
     def is_compile_supported(device: Any) -> Any:  # noqa: ANN401 - as torch's
-        """Return what torch's function of this name does."""
+        """Call torch's function of this name."""
         return _real().is_compile_supported(device)
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - whatever torch has there
@@ -28,7 +29,7 @@ class _StandIn(ModuleType):
 
 
 def import_torchvision() -> None:
-    """Import torchvision, if nobody has; the compiler then waits for who uses it."""
+    """Import torchvision unless it is; the compiler is imported when it is first used."""
     if "torchvision" in sys.modules or COMPILER in sys.modules:
         return
     sys.modules[COMPILER] = _StandIn(COMPILER)

@@ -1,4 +1,4 @@
-"""The light detector's backbone: a narrow residual network and a feature pyramid on it."""
+"""Backbone of the light detector: a narrow residual network with a feature pyramid."""
 
 from collections import OrderedDict
 

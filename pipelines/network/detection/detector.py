@@ -1,24 +1,21 @@
-"""The trained region detector as a function: a frame in, masks of symmetric regions out."""
+"""The trained region detector as a function from a frame to masks of symmetric regions."""
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self, cast
+from typing import Self
 
 import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
-from torchvision.models.detection.roi_heads import RoIHeads
+from torch import Tensor
+from torchvision.models.detection import MaskRCNN
 
 from pipelines.configs import DetectorConfig
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.pointcloud import Plane
-from pipelines.network.cpu.folding import folded
-from pipelines.network.cpu.pointwise import replace_pointwise
-from pipelines.network.cpu.proposals import Proposals
-from pipelines.network.cpu.roi_align import ChannelsLastRoIAlign
+from pipelines.network.cpu.detection.inference import for_inference
 from pipelines.network.detection.detector_input import detector_image
 from pipelines.network.detection.mask_rcnn import build_detector
 from pipelines.network.devices import find_device
@@ -44,18 +41,14 @@ class Detection:
 
 
 class RegionDetector:
-    """Mask R-CNN with what it is shown and how its answers are drawn."""
+    """Mask R-CNN with its input images and its masks at the size of the frame."""
 
-    def __init__(self, model: nn.Module, config: DetectorConfig, device: torch.device) -> None:
+    def __init__(self, model: MaskRCNN, config: DetectorConfig, device: torch.device) -> None:
         self.config, self.device = config, device
-        self.model = folded(model.to(device)).to(memory_format=torch.channels_last)
-        replace_pointwise(self.model)
-        self.model.rpn = Proposals(self.model.rpn)
-        heads = cast(RoIHeads, self.model.roi_heads)
-        heads.box_roi_pool = ChannelsLastRoIAlign.like(heads.box_roi_pool)
-        heads.mask_roi_pool = ChannelsLastRoIAlign.like(heads.mask_roi_pool)
-        # What `detect` would drop needs no mask: a weaker box never suppresses a stronger one.
-        heads.score_thresh = max(config.candidate_confidence, config.min_confidence)
+        self.model = for_inference(model.to(device))
+        # Boxes that `detect` drops need no mask: a weaker box never suppresses a stronger one.
+        least = max(config.candidate_confidence, config.min_confidence)
+        self.model.roi_heads.score_thresh = least
 
     @classmethod
     def load(cls, path: Path, device: str = "auto") -> Self:
@@ -84,10 +77,10 @@ class RegionDetector:
             color: (H, W, 3) RGB.
             depth: (H, W) metres, 0 = missing.
             intrinsics: of both.
-            plane: that things stand on, camera frame; it is looked for unless given.
+            plane: support plane, camera frame; found in the depth image unless given.
 
         Raises:
-            ValueRangeError: the images are not of the size that `intrinsics` are for.
+            ValueRangeError: the images are not of the size that `intrinsics` are of.
         """
         size = (intrinsics.height, intrinsics.width)
         if color.shape != (*size, 3) or depth.shape != size:
@@ -103,7 +96,7 @@ class RegionDetector:
     def resized(
         self, color: NDArray[np.uint8], depth: NDArray[np.float32], intrinsics: Intrinsics
     ) -> SmallFrame:
-        """Return the frame at the size that is looked at: larger than while training (D. 84)."""
+        """Return the frame at the size of the network's input: larger than in training (D. 84)."""
         trained = self.config.min_size, self.config.max_size
         sides = (round(self.config.enlarged * side) for side in trained)
         seen = None if self.config.input == "geometry" else color
@@ -136,7 +129,7 @@ def draw_mask(
 ) -> NDArray[np.bool_]:
     """Return the mask (H, W) = `size` of probabilities (28, 28) spread over `box`, in pixels.
 
-    The outermost probabilities are taken to reach half a cell beyond the box, where they fade.
+    The outermost probabilities fade to zero within half a cell beyond the box.
     """
     mask = np.zeros(size, bool)
     x0, y0 = np.maximum(np.floor(box[:2]).astype(int), 0)

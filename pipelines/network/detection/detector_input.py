@@ -13,9 +13,9 @@ COLOR_STD = (0.229, 0.224, 0.225)
 
 
 def detector_image(frame: SmallFrame, plane: Plane, kind: str) -> Tensor:
-    """Return (C, h, w) float32: colour, then geometry, as far as `kind` asks for them.
+    """Return (C, h, w) float32: colour, geometry, or colour and then geometry.
 
-    `kind`: geometry, color or both. `plane`: what things stand on, camera frame.
+    `kind`: geometry, color or both. `plane`: the support plane, camera frame.
     """
     parts: list[NDArray[np.float32]] = []
     if kind in {"color", "both"}:

@@ -1,4 +1,4 @@
-"""Mask R-CNN with an FPN (Sec. III-D) in two sizes, both fed images that are ready as they are."""
+"""Mask R-CNN with an FPN (Sec. III-D) in two sizes; its input images come ready."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -30,10 +30,10 @@ ASPECT_RATIOS = (0.5, 1.0, 2.0)
 
 
 class PreparedImages(GeneralizedRCNNTransform):  # type: ignore[misc] # untyped library
-    """Torchvision's transform without its changes: images come resized and normalised.
+    """torchvision's transform without its changes: images come resized and normalised.
 
-    Only the padding to one size is left. Masks stay as the head gives them, 28 x 28 in the box:
-    they are drawn at the frame's own size, which the network does not know.
+    Only the padding to one size is left. Masks stay 28 x 28 in the box, as the head gives them:
+    they are drawn later at the size of the frame, which the network does not know.
     """
 
     def __init__(self) -> None:
@@ -70,7 +70,7 @@ class PreparedImages(GeneralizedRCNNTransform):  # type: ignore[misc] # untyped 
 class SeededSampler:
     """Draws the anchors or boxes a loss is computed on, positives up to a share.
 
-    As torchvision's own, but from a generator that is handed in instead of the global one.
+    As torchvision's own, but from a given generator instead of the global one.
     """
 
     def __init__(self, batch_size_per_image: int, positive_fraction: float) -> None:
@@ -117,7 +117,7 @@ def build_detector(config: DetectorConfig) -> MaskRCNN:
 
 
 def seed_samplers(model: MaskRCNN, generator: torch.Generator) -> None:
-    """Let the detector draw from `generator` what it draws at random while training."""
+    """Let the detector draw from `generator` in training."""
     for part in (model.rpn, model.roi_heads):
         part.fg_bg_sampler.generator = generator
 
@@ -196,8 +196,8 @@ def _resnet50(in_channels: int, config: DetectorConfig) -> MaskRCNN:
 def adopt_coco(model: MaskRCNN, weights: Mapping[str, Tensor], source: str) -> list[str]:
     """Give the resnet50 variant those of COCO's `weights` whose shapes fit; return the others.
 
-    The class predictors never fit: COCO's 91 classes are not ours. Input channels beyond colour
-    have no counterpart either. `source` is where the weights come from.
+    The class predictors never fit: COCO has 91 classes. Input channels beyond colour have no
+    counterpart either. `source`: name of the weights, for the message.
 
     Raises:
         FormatError: they are not of torchvision's Mask R-CNN for COCO.

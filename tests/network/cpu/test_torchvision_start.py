@@ -38,7 +38,7 @@ assert sys.modules["torchvision.ops.roi_align"].is_compile_supported is before.i
 """
 WANTED_MEANWHILE = """
 import sys
-from pipelines.network import torchvision_start as start
+from pipelines.network.cpu import torchvision_start as start
 stand_in = sys.modules[start.COMPILER] = start._StandIn(start.COMPILER)
 assert not hasattr(stand_in, "__file__") and sys.modules[start.COMPILER] is stand_in
 assert callable(stand_in.counters.clear)
@@ -46,8 +46,40 @@ assert sys.modules[start.COMPILER].__file__.endswith("utils.py")
 """
 
 
+# One that asks the compiler for nothing, and a torch without that module.
+ANOTHER_TORCHVISION = """
+import sys, types
+from importlib.machinery import ModuleSpec
+import torch
+
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == "torch._dynamo.utils":
+            raise ModuleNotFoundError(name)
+        return ModuleSpec(name, self) if name == "torchvision" else None
+
+    def create_module(self, spec):
+        return types.ModuleType(spec.name)
+
+    def exec_module(self, module):
+        pass
+
+sys.meta_path.insert(0, Finder())
+import pipelines.network
+assert "torchvision" in sys.modules and "torch._dynamo.utils" not in sys.modules
+"""
+
+
 @pytest.mark.parametrize(
-    "program", [LEFT_OUT, ASKED_BY_TORCHVISION, COMPILES, LOADED_BEFORE, WANTED_MEANWHILE]
+    "program",
+    [
+        LEFT_OUT,
+        ASKED_BY_TORCHVISION,
+        COMPILES,
+        LOADED_BEFORE,
+        WANTED_MEANWHILE,
+        ANOTHER_TORCHVISION,
+    ],
 )
 def test_the_compiler_is_loaded_for_who_uses_it_alone(program):
     command = [sys.executable, "-c", program]

@@ -5,7 +5,7 @@ import torch
 from torchvision.models.detection.image_list import ImageList
 
 from pipelines.configs import DetectorConfig
-from pipelines.network.cpu.proposals import Proposals
+from pipelines.network.cpu.detection.proposals import Proposals
 from pipelines.network.detection.mask_rcnn import build_detector
 
 SIZES = [(120, 150), (128, 160)]

@@ -1,6 +1,6 @@
-"""1 x 1 convolutions as the matrix products they are, where the channels of a place lie together.
+"""1 x 1 convolutions as matrix products, for maps whose channels lie together in memory.
 
-Torch's own convolution, on one thread, first copies such maps into another layout.
+torch's own convolution, on one thread, first copies such maps into another layout.
 """
 
 from torch import Tensor, nn
@@ -19,14 +19,14 @@ class Pointwise(nn.Module):
         self,
         image: Tensor,  # (B, C, h, w)
     ) -> Tensor:
-        """Return (B, D, h, w), as the convolution does."""
+        """Return (B, D, h, w), the output of the convolution."""
         places = image.movedim(1, -1)
         made = linear(places.flatten(0, -2), self.weight, self.bias)
         return made.view(*places.shape[:-1], len(self.weight)).movedim(-1, 1)
 
 
 def replace_pointwise(network: nn.Module) -> None:
-    """Let each 1 x 1 convolution of a trained network that leaves out no place be a product."""
+    """Replace each 1 x 1 convolution of stride 1 of a trained network by a matrix product."""
     for module in list(network.modules()):
         for name, layer in module.named_children():
             if isinstance(layer, nn.Conv2d) and layer.kernel_size == layer.stride == (1, 1):

@@ -3,7 +3,7 @@
 import torch
 from torch import nn
 
-from pipelines.network.cpu.pointwise import Pointwise, replace_pointwise
+from pipelines.network.cpu.detection.pointwise import Pointwise, replace_pointwise
 
 
 def test_products_say_what_convolutions_say_and_only_these_are_replaced():

@@ -1,15 +1,16 @@
-"""Features of boxes (RoIAlign, He et al.) out of maps whose channels lie together.
+"""Features of boxes (RoIAlign, He et al.) from maps whose channels lie together in memory.
 
-Torchvision's own, on the CPU, copies a whole map into another layout for each level and call.
+torchvision's own, on the CPU, copies a whole map into another layout for each level and call.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 from torchvision.ops import MultiScaleRoIAlign
-from torchvision.ops.poolers import _setup_scales
 
 from pipelines.array_types import Indices, Singles
 from pipelines.geometry.numerics.compiled import compiled
@@ -17,13 +18,15 @@ from pipelines.network import devices
 
 Taps = tuple[Indices, Indices, Singles]
 
+ROUNDING = 1e-6  # levels, as torchvision has it
+
 
 class ChannelsLastRoIAlign(MultiScaleRoIAlign):  # type: ignore[misc] # untyped library
-    """Torchvision's `MultiScaleRoIAlign` without gradients: on the CPU, of `channels_last` maps."""
+    """torchvision's `MultiScaleRoIAlign`, on the CPU for `channels_last` maps without gradients."""
 
     @classmethod
     def like(cls, pooling: MultiScaleRoIAlign) -> "ChannelsLastRoIAlign":
-        """Return one that answers as `pooling` does."""
+        """Return one with the same output as `pooling`."""
         return cls(
             pooling.featmap_names,
             pooling.output_size,
@@ -43,17 +46,29 @@ class ChannelsLastRoIAlign(MultiScaleRoIAlign):  # type: ignore[misc] # untyped 
             features: Tensor = super().forward(maps, boxes, sizes)
             return features
         used = [maps[name] for name in self.featmap_names if name in maps]
-        canonical = self.canonical_scale, self.canonical_level
-        scales, level_of = _setup_scales(used, sizes, *canonical)
+        highest = max(height for height, _ in sizes)
+        scales = np.exp2([round(math.log2(each.shape[-2] / highest)) for each in used])
         image = np.repeat(np.arange(len(boxes)), [len(each) for each in boxes])
+        joined = torch.cat(boxes)
         pooled = _aligned(
             tuple(each.permute(0, 2, 3, 1).contiguous().numpy() for each in used),
-            np.array(scales, np.float32),
-            torch.cat(boxes).numpy(),
-            (image, level_of(boxes).numpy()),
+            scales.astype(np.float32),
+            joined.numpy(),
+            (image, self._levels(joined, scales).numpy()),
             (*self.output_size, self.sampling_ratio),
         )
         return torch.from_numpy(pooled).permute(0, 3, 1, 2)
+
+    def _levels(
+        self,
+        boxes: Tensor,  # (n, 4)
+        scales: NDArray[np.float64],  # (m,)
+    ) -> Tensor:
+        """Return (n,) the map of each box: by its size (Eq. 1 of Feature Pyramid Networks)."""
+        size = torch.sqrt((boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1]))
+        level = self.canonical_level + torch.log2(size / self.canonical_scale) + ROUNDING
+        first, last = (-math.log2(scale) for scale in (scales[0], scales[-1]))
+        return (torch.floor(level).clamp(first, last) - first).long()
 
 
 @compiled
@@ -64,10 +79,10 @@ def _aligned(
     where: tuple[Indices, Indices],
     counts: tuple[int, int, int],
 ) -> Singles:
-    """Return (n, rows, columns, C) the means of samples in the cells of `boxes` (n, 4).
+    """Return (n, rows, columns, C) the mean of the samples in each cell of `boxes` (n, 4).
 
     `maps`: (B, h, w, C), of an image times `scales` (m,). `where`: (n,) each box's image and
-    map. `counts`: of rows, of columns, and of the samples along each side of a cell.
+    map. `counts`: of rows, of columns, and of samples along each side of a cell.
     """
     rows, columns, samples = counts
     channels, one = maps[0].shape[3], np.float32(1.0)
@@ -98,10 +113,10 @@ def _aligned(
 
 @compiled
 def _samples(start: np.float32, end: np.float32, cells: int, samples: int, length: int) -> Taps:
-    """Return between which two pixels samples lie along one side of a box, and how far.
+    """Return the two pixels that each sample along a side of a box lies between, and its share.
 
-    `start`, `end`: of the side; it has `cells` with so many `samples` each.
-    Of samples off the map, which is `length` pixels long, the first pixel is -1.
+    `start`, `end`: of the side, which has `cells` with `samples` each.
+    For samples off the map, which is `length` pixels long, the first pixel is -1.
     """
     count = cells * samples
     first, second = np.full(count, -1, np.int64), np.zeros(count, np.int64)
@@ -110,7 +125,7 @@ def _samples(start: np.float32, end: np.float32, cells: int, samples: int, lengt
     for n in range(count):
         inside = (np.float32(n % samples) + np.float32(0.5)) * cell / np.float32(samples)
         place = start + np.float32(n // samples) * cell + inside
-        if -1.0 <= place <= length:  # false also for what is no number
+        if -1.0 <= place <= length:  # false for nan too
             place = max(place, np.float32(0.0))
             first[n] = min(int(place), length - 1)
             second[n] = min(first[n] + 1, length - 1)

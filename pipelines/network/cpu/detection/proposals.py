@@ -1,10 +1,11 @@
-"""The boxes that a region proposal network proposes, found with less work than torchvision does.
+"""Boxes of a region proposal network, with less work than torchvision's.
 
-Only the best anchors are turned into boxes, not all, and none is weighed against one of another
-level, which it never suppresses.
+Only the best anchors are turned into boxes, not all, and boxes are compared with those of their own
+level alone, as they never suppress one of another level.
 """
 
 from collections.abc import Mapping
+from functools import reduce
 
 import torch
 from torch import Tensor, nn
@@ -12,13 +13,34 @@ from torchvision.models.detection.image_list import ImageList
 from torchvision.models.detection.rpn import RegionProposalNetwork
 from torchvision.ops import clip_boxes_to_image, nms, remove_small_boxes
 
+PARTS = (  # of torchvision's network that are used below; none is documented
+    "anchor_generator.cell_anchors",
+    "anchor_generator.set_cell_anchors",
+    "box_coder.decode_single",
+    "head",
+    "min_size",
+    "nms_thresh",
+    "post_nms_top_n",
+    "pre_nms_top_n",
+)
+
 
 class Proposals(nn.Module):
-    """A trained region proposal network at inference: the boxes that torchvision's `rpn` finds."""
+    """A trained region proposal network at inference, with the boxes of torchvision's `rpn`."""
 
     def __init__(self, rpn: RegionProposalNetwork) -> None:
         super().__init__()
         self.rpn = rpn
+
+    @staticmethod
+    def fits(rpn: RegionProposalNetwork) -> bool:
+        """Return whether `rpn` is built as it is here expected: else it must be used itself."""
+        missing = object()
+        return all(
+            reduce(lambda part, name: getattr(part, name, missing), path.split("."), rpn)
+            is not missing
+            for path in PARTS
+        )
 
     def forward(
         self, images: ImageList, maps: Mapping[str, Tensor], targets: None = None
@@ -33,8 +55,8 @@ class Proposals(nn.Module):
         scores, deltas = self.rpn.head(levels)
         height, width = images.tensors.shape[-2:]
         best = [
-            self._best(*told, (height, width))
-            for told in zip(scores, deltas, self.rpn.anchor_generator.cell_anchors, strict=True)
+            self._best(*of_level, (height, width))
+            for of_level in zip(scores, deltas, self.rpn.anchor_generator.cell_anchors, strict=True)
         ]
         numbers = [each[0].shape[1] for each in best]
         decoded = zip(*(torch.cat(each, 1) for each in zip(*best, strict=True)), strict=True)
@@ -63,9 +85,9 @@ class Proposals(nn.Module):
         return best, anchors, deltas.take_along_dim(at[..., None], 1)
 
     def _apart(self, boxes: Tensor, scores: Tensor, numbers: list[int]) -> Tensor:
-        """Return the likeliest of `boxes` (n, 4) that do not overlap much with one of their level.
+        """Return the likeliest of `boxes` (n, 4), by non-maximum suppression within each level.
 
-        `numbers`: how many of the boxes are of each level, one after the other.
+        `numbers`: of the boxes of each level, which come one level after the other.
         """
         kept = []
         for level in torch.arange(len(boxes), device=boxes.device).split_with_sizes(numbers):

@@ -55,6 +55,8 @@ def simulate(
     """Try the grasps in physics: approach, close, lift, five tugs; success by symmetry."""
     from pipelines import simulate as stage
 
+    if not config.frictions:
+        raise typer.BadParameter("no number is given; 0.3,0.5,0.8 are", param_hint="--friction")
     config = replace(config, frictions=tuple(sorted(set(config.frictions))))
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
     report = stage.run(grasps, dataset, out, config, options, baselines=baselines, seed=seed)

@@ -30,7 +30,7 @@ def _farthest(points, chosen, size, count, BLOCK: tl.constexpr) -> None:  # noqa
         tl.store(chosen + cloud * count + i, last.to(tl.int64))
 
 
-def farthest_points(points: Tensor, count: int) -> Tensor:
+def sample_farthest(points: Tensor, count: int) -> Tensor:
     """Return indices (B, count) of points (B, N, 3) far from each other, the first point first."""
     points = points.contiguous()
     chosen = torch.empty(points.shape[0], count, dtype=torch.int64, device=points.device)

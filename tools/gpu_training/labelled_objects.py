@@ -158,7 +158,7 @@ def _symmetry(
     return ReflectionSymmetry(np.array(direction), np.array(point))
 
 
-def scenes_of(path: Path, seed: int, limit: int | None = None) -> EndlessScenes:
+def scenes_of_file(path: Path, seed: int, limit: int | None = None) -> EndlessScenes:
     """Return endless scenes of the first `limit` objects of a file of `write`."""
     objects = dict(list(read(path).items())[:limit])
     return EndlessScenes(objects, EndlessConfig(), seed)

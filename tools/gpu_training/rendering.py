@@ -17,7 +17,7 @@ from pipelines.dataset.training.packed_regions import PackedRegion
 from pipelines.errors import SymgraspError
 from pipelines.network.regions import RegionBatch
 from pipelines.tabletop.levelling import level_axes, table_of_row
-from tools.gpu_training.labelled_objects import scenes_of
+from tools.gpu_training.labelled_objects import scenes_of_file
 
 POINTS = 2048  # of a rendered region
 # Of a region: points about their centroid, affordance, existence, centres, directions, and the
@@ -50,7 +50,7 @@ def _render(
     first: int, step: int, objects: Path, seed: int, limit: int | None, out: Queue, stop: Event
 ) -> None:
     cv2.setNumThreads(1)
-    scenes, number = scenes_of(objects, seed, limit), first
+    scenes, number = scenes_of_file(objects, seed, limit), first
     while not stop.is_set():
         try:
             regions = scenes.regions(number)

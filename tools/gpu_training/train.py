@@ -12,7 +12,7 @@ from torch import Tensor
 
 from pipelines.configs import TrainConfig
 from pipelines.learning.grasp_network.grasp_training import Sample, sample_loss
-from pipelines.network import augmentation, pointnet2, sampling
+from pipelines.network import augmentation, sampling
 from pipelines.network.losses import NUM_ERROR_POINTS
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.regions import RegionBatch
@@ -47,7 +47,7 @@ class Schedule:
         return self.rate * min(1.0, (step + 1) / WARM_UP_STEPS) * cosine + SMALLEST_RATE
 
 
-class Step:
+class GraphStep:
     """One step of the training, on a GPU as one CUDA graph: nothing in it waits for the host."""
 
     def __init__(self, module: SymmetryGraspNet, sample: Sample, rate: float) -> None:
@@ -110,7 +110,7 @@ class Step:
         return state | {name: each.detach().cpu() for name, each in means}
 
 
-def prepare(device: torch.device) -> None:
+def prepare_layers(device: torch.device) -> None:
     """Let augmentation draw on `device`, and layers do without operations that a graph cannot hold.
 
     On the CPU all regions draw from generators of their own; here they share one.
@@ -128,13 +128,13 @@ def prepare(device: torch.device) -> None:
     augmentation._uniform = lambda regions, count: torch.rand((len(regions), count))
     augmentation._rotations = rotations
     if device.type == "cuda":
-        from tools.gpu_training.farthest_points import farthest_points  # noqa: PLC0415 - Triton
+        from tools.gpu_training.farthest_points import sample_farthest  # noqa: PLC0415 - Triton
 
-        sampling._farthest_points_torch = farthest_points
-        pointnet2.weighted_sum = weighted_sum
+        sampling._farthest_points.plain = sample_farthest
+        sampling.weighted_sum.plain = gathered_sum
 
 
-def weighted_sum(values: Tensor, index: Tensor, weight: Tensor) -> Tensor:
+def gathered_sum(values: Tensor, index: Tensor, weight: Tensor) -> Tensor:
     """Return sums (B, M, C) of `values` at `index` (B, M, K), each times its `weight`."""
     return (sampling.gather(values, index) * weight[..., None]).sum(2)
 
@@ -161,17 +161,17 @@ def first_regions(renderers: Renderers, capacity: int, device: torch.device) -> 
     return ring
 
 
-def train(options: argparse.Namespace) -> None:
+def run_training(options: argparse.Namespace) -> None:
     """Train until the minutes are over, and write the mean of the weights."""
     device, config = torch.device(options.device), TrainConfig()
     renderers = Renderers(options.objects, options.seed, options.workers, options.limit)
-    prepare(device)
+    prepare_layers(device)
     torch.manual_seed(options.seed)
     module = SymmetryGraspNet(config.network).to(device).train()
     if options.init is not None:
         module.load_state_dict(load_weights(options.init)[0])
     began, ring = time.monotonic(), first_regions(renderers, options.capacity, device)
-    step = Step(module, drawn_sample(ring, options.batch_size, config), options.rate)
+    step = GraphStep(module, drawn_sample(ring, options.batch_size, config), options.rate)
     end, started = began + 60.0 * options.minutes, time.monotonic()
     schedule, steps = Schedule(options.rate, end - started, options.averaged), 0
     told = started
@@ -208,7 +208,7 @@ def main() -> None:
     parser.add_argument("--capacity", type=int, default=300_000, help="regions on the device")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", default="cuda")
-    train(parser.parse_args())
+    run_training(parser.parse_args())
 
 
 if __name__ == "__main__":

@@ -1,8 +1,6 @@
 """Hungarian assignment of the true planes to reflection slots (Sec. III-E)."""
 
 from dataclasses import replace
-from functools import lru_cache
-from itertools import permutations
 
 import torch
 from torch import Tensor
@@ -77,7 +75,10 @@ def assign(cost: Tensor) -> Tensor:
     return orders[sums.argmin(-1)]
 
 
-@lru_cache
 def _assignments(device: torch.device) -> Tensor:
-    """Return all (6, slot) assignments of planes to slots."""
-    return torch.tensor(list(permutations(range(NUM_REFLECTIONS))), device=device)
+    """Return all (6, slot) assignments of planes to slots, made where they are used."""
+    number = torch.arange(6, device=device)
+    first = number // 2
+    lower, upper = (first == 0).long(), 2 - (first == 2).long()  # the planes that are left
+    second = torch.where(number % 2 == 0, lower, upper)
+    return torch.stack([first, second, lower + upper - second], 1)

@@ -164,7 +164,7 @@ def test_meshes_in_millimetres_are_refused_or_scaled(tmp_path):
     report = synthesize.run(tmp_path / "root", config, QUIET, models=tmp_path)
     assert set(report.failed) == {"object 000", "object 001"}
     assert "--mesh-scale 0.001" in report.failed["object 000"]
-    assert "none are made" in report.notes["scenes"]
+    assert "once all objects" in report.notes["scenes"]
     report = synthesize.run(tmp_path / "root", config, QUIET, models=tmp_path, mesh_scale=0.001)
     assert report.failed == {}
     diagonal = read_mesh(GraspNetRoot(tmp_path / "root").model_path(0)).diagonal

@@ -1,1 +1,1 @@
-"""The terminal and nothing else: one file a command."""
+"""Command line: a module for each command, its options and its report."""

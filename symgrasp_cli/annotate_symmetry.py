@@ -41,7 +41,7 @@ def annotate_symmetry(
     edit: Annotated[
         Path | None,
         typer.Option(
-            exists=True, help="Corrections by hand, JSON: drop, fix, add or accept a symmetry."
+            exists=True, help="Manual corrections, JSON: drop, fix, add or accept a symmetry."
         ),
     ] = None,
     bop_symmetries: Annotated[

@@ -94,12 +94,12 @@ def conclude(
     else:
         for table in tables:
             show_table(table)
-    _tell(report, written, following, lines)
+    _print_report(report, written, following, lines)
     if report.exit_code:
         raise typer.Exit(report.exit_code)
 
 
-def _tell(
+def _print_report(
     report: StageReport, written: Sequence[str], following: str | None, lines: Sequence[str]
 ) -> None:
     """Print the report for people; where they want quiet, only what failed."""
@@ -111,8 +111,8 @@ def _tell(
     )
     ends = [*lines, *(f"output: {path}" for path in written)]
     ends += [f"next: {following}"] if following else []
-    said = errors if manner().quiet else [*notes, *errors, counts, *ends]
-    for text in said:
+    sentences = errors if manner().quiet else [*notes, *errors, counts, *ends]
+    for text in sentences:
         typer.echo(text, err=True)
 
 

@@ -1,4 +1,4 @@
-"""Settings of a config by dotted name: listed, changed, and read from what a file says of them."""
+"""Settings of a config by dotted name: listed, changed, and read from the tables of a file."""
 
 import difflib
 import logging
@@ -143,7 +143,7 @@ def _flat(settings: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
 
 
 def _before(table: Mapping[str, Mapping[str, Any]], config: object) -> Mapping[str, Any]:
-    """Return what `table` says of the class of `config`, or of the config it extends."""
+    """Return the entry of `table` for the class of `config`, or for the config it extends."""
     kinds = [kind.__name__ for kind in type(config).__mro__]
     return next((table[kind] for kind in kinds if kind in table), {})
 

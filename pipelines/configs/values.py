@@ -56,7 +56,7 @@ def _fitted_tuple(
 
 
 def read_text_value(text: str, declared: Any) -> object:  # noqa: ANN401 - a type
-    """Return what `text` of a command line says, as `fitted` takes it.
+    """Return the value that `text` of a command line means, as `fitted` takes it.
 
     Tuples are written with commas or spaces, in brackets or without. Text that is no number stays
     text, which `fitted` refuses by name.

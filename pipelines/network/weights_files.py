@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 from torch import Tensor, nn
 
+from pipelines.configs import from_settings
 from pipelines.errors import FormatError
 from pipelines.storage.checkpoints import load_weights
 
@@ -25,6 +26,7 @@ def read_weights(
 
     Raises:
         FormatError: the file holds no weights of that network, or does not say all of its settings.
+        UnknownNameError, SettingError: it says others, as weights of a later version may.
     """
     tensors, metadata = load_weights(path)
     found = metadata.get("model", "no network that is known")
@@ -36,12 +38,7 @@ def read_weights(
         unsaid = ", ".join(sorted(known - set(settings)))
         expected = "an earlier version made it; train it again with this one"
         raise FormatError(path, f"does not say the settings {unsaid}", expected)
-    chosen = {
-        name: tuple(value) if isinstance(value, list) else value
-        for name, value in settings.items()
-        if name in known
-    }
-    return tensors, config_type(**chosen)
+    return tensors, from_settings(config_type, settings, f"{path}: ")
 
 
 def fill(module: nn.Module, tensors: dict[str, Tensor], path: Path) -> None:

@@ -89,7 +89,7 @@ def run_batch(
 
     Raises:
         UnknownNameError: no such backend.
-        WriteError: `step` said that its result cannot be written.
+        WriteError: the result of `step` cannot be written.
     """
     check_backend(options.backend)
     started, report = time.monotonic(), StageReport(stage)

@@ -22,7 +22,7 @@ from pipelines.errors import SymgraspError, UnknownNameError
 
 BACKENDS = ("loky", "threading", "dask", "ray")
 CLUSTERS = ("dask", "ray")
-# Ray hides the GPUs from tasks that reserve none, as joblib's do; --device says which is used.
+# Ray hides the GPUs from tasks that reserve none, as joblib's do; --device chooses the one to use.
 SEE_ALL_GPUS = {"RAY_EXPERIMENTAL_NOSET_CUDA_VISIBLE_DEVICES": "1"}
 LONGEST_ITEM = 60.0  # seconds to wait for an item that nobody waits for any more
 TUNABLES, HUGE_PAGES = "GLIBC_TUNABLES", "glibc.malloc.hugetlb=1"
@@ -93,7 +93,7 @@ def _huge_pages() -> Iterator[None]:
 
 def end_workers() -> None:
     """End the processes of loky that wait for more work; on its own torch leaves in seconds."""
-    # Where the system has no semaphores joblib works in this process, and loky cannot be asked.
+    # Where the system has no semaphores joblib works in this process, and loky raises an error.
     with parallel_config(backend="loky"):
         has_loky = effective_n_jobs(2) > 1
     if has_loky:
@@ -137,7 +137,7 @@ def _dask(workers: int) -> Iterator[None]:
 @contextmanager
 def _ray(workers: int) -> Iterator[None]:
     """Be part of a ray cluster, or of one started here, until the context ends."""
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is told to anybody
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # no statistics are sent
     ray = _extra("ray", "ray")
     import_module("ray.util.joblib").register_ray()
     if ray.is_initialized():
@@ -163,7 +163,7 @@ def _extra(module: str, extra: str) -> ModuleType:
     """Return an optional module.
 
     Raises:
-        SymgraspError: it is not installed; the sentence says how to.
+        SymgraspError: it is not installed; the sentence names the command that installs it.
     """
     try:
         return import_module(module)

@@ -1,4 +1,4 @@
-"""Why a training is to stop before its end: its time limit, SIGTERM, Ctrl-C."""
+"""Reasons of a training to stop before its end: its time limit, SIGTERM, Ctrl-C."""
 
 import signal
 import threading
@@ -20,23 +20,23 @@ class Reason(IntEnum):
 
 
 class TrainingStopped(SymgraspError):  # noqa: N818 - nothing went wrong
-    """A training was asked to stop and left a checkpoint."""
+    """A training that stopped before its end, on request, and left a checkpoint."""
 
 
 class StopSignals:
-    """Remembers the signals that ask to stop, instead of ending the process in mid-step."""
+    """Record of the signals to stop, which then do not end the process in mid-step."""
 
     def __init__(self) -> None:
         self.reason = Reason.NONE
 
     @contextmanager
     def heeded(self, *, patient: bool) -> Iterator[None]:
-        """Take SIGTERM and Ctrl-C as wishes for as long as the context lasts.
+        """Record SIGTERM and Ctrl-C instead of ending, for as long as the context lasts.
 
         A second Ctrl-C ends the process at once, unless `patient`: torchrun sends each twice.
         """
         if threading.current_thread() is not threading.main_thread():
-            yield  # only the main thread may ask for signals
+            yield  # only the main thread receives signals
             return
 
         def note(number: int, _frame: FrameType | None) -> None:

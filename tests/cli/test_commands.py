@@ -190,8 +190,9 @@ def test_an_output_that_the_system_refuses_is_a_sentence(tmp_path):
     command = ["infer", str(frames), "--out", str(output), "--method", "planar"]
     result = CliRunner().invoke(app, [*command, "--regions", "geometric"])
     assert result.exit_code == 1
-    assert result.stderr.startswith("error: ")
-    assert "file" in result.stderr
+    last = result.stderr.splitlines()[-1]  # loops that are compiled first say so
+    assert last.startswith("error: ")
+    assert "file" in last
 
 
 def test_a_torchvision_of_another_torch_is_a_sentence(tmp_path):

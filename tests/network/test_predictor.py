@@ -9,7 +9,7 @@ import torch
 from numpy.testing import assert_allclose, assert_array_equal
 
 from pipelines.configs import NetworkConfig
-from pipelines.errors import FormatError, ValueRangeError
+from pipelines.errors import FormatError, UnknownNameError, ValueRangeError
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import random_rotation, unit
 from pipelines.inference.models import NETWORK_WEIGHTS
@@ -153,6 +153,15 @@ def test_weights_that_do_not_say_a_setting_are_refused(tmp_path):
     metadata = {"model": "SymmetryGraspNet", "config": json.dumps(settings)}
     save_weights(path, SymmetryGraspNet(CONFIG).state_dict(), metadata)
     with pytest.raises(FormatError, match="does not say the settings canonical_frame"):
+        GraspPredictor.load(path, "cpu")
+
+
+def test_weights_with_a_setting_that_is_not_known_are_refused(tmp_path):
+    path = tmp_path / "later.safetensors"
+    settings = json.loads(weights_metadata("SymmetryGraspNet", CONFIG)["config"])
+    metadata = {"model": "SymmetryGraspNet", "config": json.dumps({**settings, "use_pifts": 1})}
+    save_weights(path, SymmetryGraspNet(CONFIG).state_dict(), metadata)
+    with pytest.raises(UnknownNameError, match="'use_pifts' is not known, the nearest is"):
         GraspPredictor.load(path, "cpu")
 
 

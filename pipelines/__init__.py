@@ -14,6 +14,7 @@ pack                 ROOT frames, symmetry, affordance           PACKED/scene_XX
 export_coco          ROOT frames, symmetry                       a COCO instance dataset
 finetune_detector    ROOT or COCO frames, symmetry               detector.safetensors
 train                PACKED, or ROOT models and labels             network.safetensors
+train_critic         ROOT frames, symmetry, both networks        axis, plane, grasp critics
 inspect_frames       RGB-D frames of any layout                  nothing; says what they are
 convert_frames       RGB-D frames of any layout                  RGB-D frames as flat pairs
 infer                RGB-D frames, both weights                  grasps.h5, overlay pictures
@@ -50,10 +51,10 @@ level  package        subject
 7      refinement     Symmetric copies of annotated grasps, with contacts found anew
 8      pictures       Pictures and pages of frames, grasps and symmetries
 9      inference      From a frame to its grasps: models, regions, and many frames at once
-9      learning       Training of the region detector and of the grasp network
 10     evaluation     Evaluation of grasps: ground truth, predictions, baselines, figures, tables
 11     annotation     Annotation of an object: symmetries found, given, corrected by a person
 11     health         Checks of `doctor`: packages, torch and GPU, the machine, the default weights
+11     learning       Training of the region detector, the grasp network and the critics
 11     simulation     Trials of grasps in physics: a table with objects, a gripper, and their record
 =====  =============  ==============================================================================
 """

@@ -27,6 +27,7 @@ from symgrasp_cli.score_grasps import score_grasps
 from symgrasp_cli.simulate import simulate
 from symgrasp_cli.synthesize import synthesize
 from symgrasp_cli.train import train
+from symgrasp_cli.train_critic import train_critic
 from symgrasp_cli.view import view
 
 # The order in which a lab runs them; `symgrasp --help` teaches the workflow.
@@ -41,6 +42,7 @@ COMMANDS = (
     export_coco,
     finetune_detector,
     train,
+    train_critic,
     inspect,
     convert_frames,
     infer,

@@ -35,6 +35,7 @@ from pipelines.configs.learning import (
     FinetuneDetectorConfig,
     NetworkConfig,
     TrainConfig,
+    TrainCriticConfig,
 )
 from pipelines.configs.planning import (
     CandidateConfig,
@@ -80,6 +81,7 @@ __all__ = [
     "SymmetryConfig",
     "SynthesizeConfig",
     "TrainConfig",
+    "TrainCriticConfig",
     "ViewConfig",
     "WatchConfig",
     "check_settings",

@@ -5,6 +5,8 @@ from typing import Literal
 
 from pipelines.configs.dataset import PackConfig
 from pipelines.configs.declaration import BY_EYE, choice, setting
+from pipelines.configs.evaluation import EvaluateConfig
+from pipelines.configs.inference import InferConfig
 from pipelines.configs.planning import ReferenceFrame
 
 DetectorVariant = Literal["light", "resnet50"]
@@ -175,3 +177,29 @@ class TrainConfig:
     augmentation: AugmentationConfig = field(default_factory=AugmentationConfig)
     endless: EndlessConfig = field(default_factory=EndlessConfig)
     val_fraction: float = setting(0.1, "share", VAL_FRACTION, BY_EYE)
+
+
+@dataclass(frozen=True)
+class TrainCriticConfig:
+    """Training of the critics of axes, planes and grasps."""
+
+    frame_stride: int = setting(1, "count", "Take every n-th frame of a scene.", BY_EYE, low=1)
+    max_grasps: int = setting(64, "count", "Most grasps of a region and pass.", "D. 82", low=1)
+    epochs: int = setting(12, "count", "Passes over the candidates.", BY_EYE, low=1)
+    batch_size: int = setting(256, "count", "Candidates in a step, about.", BY_EYE, low=1)
+    learning_rate: float = setting(0.002, "factor", "Learning rate of Adam, at first.", BY_EYE)
+    decay: float = setting(0.9, "share", DECAY, BY_EYE)
+    decay_epochs: float = setting(
+        0.3, "count", "Epochs after which the learning rate drops by a tenth.", BY_EYE, low=0.01
+    )
+    ema_decay: float = setting(0.998, "share", EMA_DECAY, BY_EYE)
+    point_share: float = setting(
+        0.75, "share", "Share of a candidate's points that a step sees.", BY_EYE
+    )
+    jitter: float = setting(0.01, "factor", "Noise of points, in the features' unit.", BY_EYE)
+    dropout: float = setting(0.2, "share", "Share of hidden numbers that are dropped.", BY_EYE)
+    weight_choice: float = setting(
+        1.0, "weight", "Loss of the choice among a region's grasps, by that of each.", "D. 86"
+    )
+    infer: InferConfig = field(default_factory=InferConfig)
+    evaluate: EvaluateConfig = field(default_factory=EvaluateConfig)

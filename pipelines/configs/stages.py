@@ -27,7 +27,11 @@ from pipelines.configs.inference import (
     ViewConfig,
     WatchConfig,
 )
-from pipelines.configs.learning import FinetuneDetectorConfig, TrainConfig
+from pipelines.configs.learning import (
+    FinetuneDetectorConfig,
+    TrainConfig,
+    TrainCriticConfig,
+)
 from pipelines.errors import UnknownNameError
 
 Config = TypeVar("Config")
@@ -57,6 +61,7 @@ STAGE_SETTINGS: dict[str, type] = {
     "export-coco": ExportCocoConfig,
     "finetune-detector": FinetuneDetectorConfig,
     "train": TrainConfig,
+    "train-critic": TrainCriticConfig,
     "inspect": InspectConfig,
     "convert-frames": ConvertFramesConfig,
     "infer": InferSettings,

@@ -69,6 +69,12 @@ def predictor(path: Path, device: str, mirrored: bool = False) -> GraspPredictor
         return _predictor(path, device, mirrored)
 
 
+def axis_critic(path: Path = AXIS_CRITIC_WEIGHTS) -> AxisCritic:
+    """Return the critic of axes and spheres of the weights `path`."""
+    with _LOADING:
+        return _axis_critic(path)
+
+
 def symmetry_critics(
     axes: Path = AXIS_CRITIC_WEIGHTS, planes: Path = PLANE_CRITIC_WEIGHTS
 ) -> SymmetryCritics:

@@ -1,1 +1,1 @@
-"""Training of the region detector and of the grasp network."""
+"""Training of the region detector, the grasp network and the critics."""

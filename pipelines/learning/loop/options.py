@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass, field
 
-from pipelines.configs import FinetuneDetectorConfig, TrainConfig
+from pipelines.configs import FinetuneDetectorConfig, TrainConfig, TrainCriticConfig
 from pipelines.learning.loop.runs import RunRequest
 from pipelines.learning.speed.acceleration import Acceleration
 
-LearningConfig = TrainConfig | FinetuneDetectorConfig
+LearningConfig = TrainConfig | FinetuneDetectorConfig | TrainCriticConfig
 
 
 @dataclass(frozen=True)

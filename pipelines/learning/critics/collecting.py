@@ -1,0 +1,196 @@
+"""Collection of a critic's rows: the chain of `infer` on frames whose truth is known."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from pipelines.array_types import Array
+from pipelines.configs import TrainCriticConfig
+from pipelines.dataset.graspnet.graspnet import FrameFiles
+from pipelines.evaluation.frame_scores import assign_regions
+from pipelines.evaluation.truth import TruthReader
+from pipelines.geometry.symmetry import REFLECTION_SLOTS, ROTATION_SLOT, SPHERE_SLOT
+from pipelines.grasp_files.gripper_files import load_gripper
+from pipelines.grasping.feasibility.feasibility import Feasibility
+from pipelines.grasping.feasibility.opening_margin import with_opening_margin
+from pipelines.grasping.grasps import GraspPoses
+from pipelines.grasping.gripper import Gripper
+from pipelines.grasping.planner import MIN_POINTS, RegionModel, RegionPlanner
+from pipelines.grasping.ranking.grasp_features import GraspFeatures
+from pipelines.grasping.scene import SceneCloud
+from pipelines.grasping.symmetries.grounding import (
+    Evidence,
+    Fitted,
+    axis_evidence,
+    fitted_points,
+    sphere_evidence,
+)
+from pipelines.grasping.symmetries.plane_evidence import (
+    RegionEvidence,
+    critic_inputs,
+    fitted_planes,
+)
+from pipelines.inference import models
+from pipelines.inference.observation import observe
+from pipelines.inference.predicted_regions import (
+    PredictedRegion,
+    predicted_regions,
+    region_models,
+)
+from pipelines.learning.critics.critic_rows import CriticRows
+from pipelines.learning.critics.kinds import CriticKind
+from pipelines.learning.critics.truth import axis_truth, plane_truth
+from pipelines.metrics.grasp_verdicts import TrueScene, qualities
+from pipelines.metrics.symmetry_matching import TrueRegion
+
+NO_REGION = TrueRegion(np.zeros((0, 3)), ())
+# Below the quality that keeps other passes away, so that grasps of all passes are collected.
+HIGHEST_SCORE = 0.5
+
+
+@dataclass(frozen=True)
+class ModelPaths:
+    """Weights of the models that candidates are collected with."""
+
+    detector: Path = models.DETECTOR_WEIGHTS
+    network: Path = models.NETWORK_WEIGHTS
+    axis_critic: Path = models.AXIS_CRITIC_WEIGHTS
+    plane_critic: Path = models.PLANE_CRITIC_WEIGHTS
+
+
+@dataclass(frozen=True)
+class ObservedFrame:
+    """The regions of a frame as the network sees them, and their truth.
+
+    Attributes:
+        scene: measured points and table.
+        regions: the network's output for each.
+        object_ids: the object that each region lies on, -1 for none.
+        truths: the true region that each overlaps most.
+        true_scene: meshes and poses.
+    """
+
+    scene: SceneCloud
+    regions: list[PredictedRegion]
+    object_ids: list[int]
+    truths: list[TrueRegion]
+    true_scene: TrueScene
+
+
+@dataclass(frozen=True)
+class Collector:
+    """The chain of `infer` as far as a critic's candidates."""
+
+    reader: TruthReader
+    paths: ModelPaths
+    config: TrainCriticConfig
+    seed: int = 0
+
+    @cached_property
+    def gripper(self) -> Gripper:
+        """The gripper of grasps."""
+        return load_gripper(self.config.infer.gripper)
+
+    def rows(
+        self, kind: CriticKind, files: FrameFiles, rng: np.random.Generator
+    ) -> Iterator[CriticRows]:
+        """Return the candidates of one frame for a `kind` of critic, a group at a time."""
+        frame = self.observed(files)
+        match kind.name:
+            case "axes":
+                return self._axes(frame)
+            case "planes":
+                return self._planes(frame)
+            case "grasps":
+                return self._grasps(frame, rng)
+
+    def observed(self, files: FrameFiles) -> ObservedFrame:
+        """Return the regions of one frame that are large enough to be planned."""
+        image, truth = self.reader.root.read_frame(files), self.reader.read(files)
+        detector = models.detector(self.paths.detector, "cpu")
+        predictor = models.predictor(self.paths.network, "cpu", self.config.infer.mirrored)
+        rng = np.random.default_rng(self.seed)
+        seen = observe(image, self.config.infer, rng, detector=detector)
+        owners = assign_regions([r.mask for r in seen.regions], truth, self.config.evaluate)
+        large = [i for i, cloud in enumerate(seen.clouds) if len(cloud) >= MIN_POINTS]
+        regions = predicted_regions([seen.clouds[i] for i in large], seen.scene.plane, predictor)
+        instances = [owners.instance[i] for i in large]
+        truths = [truth.regions[i] if i >= 0 else NO_REGION for i in instances]
+        object_ids = [owners.object_id[i] for i in large]
+        return ObservedFrame(seen.scene, regions, object_ids, truths, truth.scene)
+
+    def _axes(self, frame: ObservedFrame) -> Iterator[CriticRows]:
+        """Yield the fitted axes of each region, and its sphere."""
+        for region, truth in zip(frame.regions, frame.truths, strict=True):
+            seen = region.slots, *fitted_points(region.cloud), frame.scene
+            yield _evidence_rows(axis_evidence(*seen), truth, ROTATION_SLOT)
+            yield _evidence_rows(sphere_evidence(*seen), truth, SPHERE_SLOT)
+
+    def _planes(self, frame: ObservedFrame) -> Iterator[CriticRows]:
+        """Yield the fitted planes of each region."""
+        axes = models.axis_critic(self.paths.axis_critic)
+        for region, truth in zip(frame.regions, frame.truths, strict=True):
+            points, normals = fitted_points(region.cloud)
+            axis, _ = axis_evidence(region.slots, points, normals, frame.scene).best(axes)
+            seen = region.slots, axis, points, normals, region.cloud.mask
+            known = RegionEvidence(*seen, frame.scene)
+            planes = fitted_planes(known)
+            true = np.array([plane_truth(plane, truth) for plane in planes])
+            slot = np.full(len(planes), REFLECTION_SLOTS[0])
+            yield CriticRows.of_group(*critic_inputs(planes, known), true, slot)
+
+    def _grasps(self, frame: ObservedFrame, rng: np.random.Generator) -> Iterator[CriticRows]:
+        """Yield some feasible grasps of each pass at each region on an object.
+
+        Their truth is the quality among the true meshes, opened as in use (D. 92).
+        """
+        selection, scene = self.config.infer.selection, frame.scene
+        critics = models.symmetry_critics(self.paths.axis_critic, self.paths.plane_critic)
+        planned = region_models(frame.regions, scene, selection, critics)
+        for model, object_id in zip(planned, frame.object_ids, strict=True):
+            if object_id < 0:
+                continue
+            recorder = Recorder(rng)
+            RegionPlanner(self.gripper, selection, recorder).plan(model, scene)
+            for features in recorder.seen:
+                chosen = np.sort(rng.permutation(len(features.found))[: self.config.max_grasps])
+                candidates = features.candidates()[chosen]
+                opened = self._opened(features, model, scene)[chosen]
+                yield CriticRows.of_group(
+                    features.points()[chosen],
+                    candidates[:, :0],
+                    candidates,
+                    qualities(frame.true_scene, object_id, opened, self.gripper),
+                    features.found.slot[chosen],
+                )
+
+    def _opened(self, features: GraspFeatures, model: RegionModel, scene: SceneCloud) -> GraspPoses:
+        """Return the grasps with the opening margins that they would get if they were chosen."""
+        selection, unseen = self.config.infer.selection, model.completion
+        cap = selection.ranking.clearance_cap
+        feasibility = Feasibility.at(model.cloud, scene, self.gripper, selection.feasibility, cap)
+        feasibility = feasibility.with_unseen(unseen.others).with_unseen(unseen.own)
+        return with_opening_margin(features.found, feasibility, cap).grasps
+
+
+@dataclass
+class Recorder:
+    """A stand-in for the grasp critic: it scores at random and keeps what it sees."""
+
+    rng: np.random.Generator
+    seen: list[GraspFeatures] = field(default_factory=list)
+
+    def expect(self, features: GraspFeatures, /) -> Array:
+        """Return (k,) random scores."""
+        self.seen.append(features)
+        return HIGHEST_SCORE * self.rng.random(len(features.found))
+
+
+def _evidence_rows(evidence: Evidence[Fitted], truth: TrueRegion, slot: int) -> CriticRows:
+    count = len(evidence.symmetries)
+    true = np.array([axis_truth(each, truth.symmetries) for each in evidence.symmetries])
+    nothing = np.zeros((count, 0, 0)), np.zeros((count, 0))
+    return CriticRows.of_group(*nothing, evidence.rows, true, np.full(count, slot))

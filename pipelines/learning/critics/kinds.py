@@ -1,0 +1,78 @@
+"""The kinds of critics: their features, their points, and how each is fitted."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from pipelines.errors import UnknownNameError
+from pipelines.grasping.ranking import critic_files, grasp_features
+from pipelines.grasping.ranking.grasp_features import GraspPointFeature
+from pipelines.grasping.ranking.point_critic import FeatureNames
+from pipelines.grasping.symmetries import mirror_views
+from pipelines.grasping.symmetries.mirror_views import PlanePointFeature
+
+KindName = Literal["axes", "planes", "grasps"]
+
+
+@dataclass(frozen=True)
+class CriticKind:
+    """A kind of critic.
+
+    Attributes:
+        name: axes, planes or grasps.
+        model: name of the critic in its weights file.
+        needs: models whose candidates it learns from, as `ModelPaths` names them.
+        num_points: of a candidate; 0 for regressions without points.
+        mirrored: columns of the points whose signs mean nothing, all at once.
+        chooses: whether it learns to choose among the candidates of a group, too.
+    """
+
+    name: KindName
+    model: str
+    needs: tuple[str, ...]
+    num_points: int = 0
+    mirrored: tuple[int, ...] = ()
+    chooses: bool = False
+
+    @property
+    def features(self) -> FeatureNames:
+        """Names of its features."""
+        return critic_files.FEATURES[self.model]
+
+    @property
+    def is_network(self) -> bool:
+        """Whether it is a `PointCritic`, trained by steps; else regressions."""
+        return self.num_points > 0
+
+
+KINDS: dict[str, CriticKind] = {
+    each.name: each
+    for each in (
+        CriticKind("axes", critic_files.AXES, ("detector", "network")),
+        CriticKind(
+            "planes",
+            critic_files.PLANES,
+            ("detector", "network", "axis_critic"),
+            mirror_views.NUM_POINTS,
+            (PlanePointFeature.ALONG_ACROSS, PlanePointFeature.NORMAL_ACROSS),
+        ),
+        CriticKind(  # a grasp is its own mirror image
+            "grasps",
+            critic_files.GRASPS,
+            ("detector", "network", "axis_critic", "plane_critic"),
+            grasp_features.NUM_POINTS,
+            (GraspPointFeature.ALONG_BINORMAL, GraspPointFeature.NORMAL_BINORMAL),
+            chooses=True,
+        ),
+    )
+}
+
+
+def critic_kind(name: str) -> CriticKind:
+    """Return the kind called `name`.
+
+    Raises:
+        UnknownNameError: there is none.
+    """
+    if name not in KINDS:
+        raise UnknownNameError("critic", name, KINDS)
+    return KINDS[name]

@@ -1,0 +1,261 @@
+"""train-critic: the critics of axes, planes and grasps, fitted to candidates with known truth.
+
+Reads   ROOT/{scenes,models,symmetry}   frames of objects to learn from
+        HELD/...                        the same of objects that no network was trained on
+        the weights that candidates are found with: detector, network, critics made before
+Writes  NAME.safetensors                weights that name every feature, calibrated on HELD
+        NAME.rows/ROOT/*.h5             candidates of each scene with their truth, collected once
+        NAME.checkpoint.safetensors     everything that `--resume` needs
+        NAME.curves.png, NAME.logs/     loss and figures along the steps
+        NAME.fault.safetensors          the batch, if a loss was not finite
+
+Axes and spheres have a regression each, fitted to ROOT, which must hold objects that no network was
+trained on. Planes and grasps have a network each over the points that a candidate sees.
+"""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from pipelines.configs import EvaluateConfig, TrainCriticConfig
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.scene_digests import inputs_of_scenes
+from pipelines.dataset.training.region_frames import strided_frames
+from pipelines.errors import SymgraspError, ValueRangeError
+from pipelines.evaluation.truth import TruthReader
+from pipelines.grasping.ranking import critic_files
+from pipelines.inference import models
+from pipelines.learning.critics import critic_rows, critic_training
+from pipelines.learning.critics.collecting import Collector, ModelPaths
+from pipelines.learning.critics.critic_rows import CriticRows
+from pipelines.learning.critics.critic_training import CriticTraining
+from pipelines.learning.critics.kinds import KINDS, CriticKind
+from pipelines.learning.critics.logistic import fit_axis_critic
+from pipelines.learning.loop.faults import read_fault
+from pipelines.learning.loop.loop import TrainingRun
+from pipelines.learning.loop.options import LoopOptions
+from pipelines.learning.loop.runs import RunRequest, describe, find_progress
+from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.storage.checkpoints import save_weights
+from pipelines.storage.provenance import (
+    Stamp,
+    digest,
+    digest_text,
+    is_finished,
+    make_stamp,
+    refuse_other_suffix,
+)
+
+STAGE = "train-critic"
+
+
+def run(
+    kind: CriticKind,
+    roots: Sequence[Path],
+    output: Path,
+    config: TrainCriticConfig,
+    request: RunRequest,
+    *,
+    held_out: Sequence[Path] = (),
+    paths: ModelPaths | None = None,
+    options: BatchOptions | None = None,
+) -> StageReport:
+    """Collect candidates of all roots beside `output`, then fit a critic of `kind` to them.
+
+    `held_out`: roots that networks are validated and calibrated on.
+    """
+    refuse_other_suffix(output, ".safetensors")
+    _check_roots(kind, roots, held_out)
+    started, paths = time.monotonic(), paths or ModelPaths()
+    weights = weights_used(kind, paths)
+    items = {
+        root: scene_items(root, output, kind, config, request.seed, weights)
+        for root in (*roots, *held_out)
+    }
+    stamp = _stamp(kind, items, held_out, config, request.seed)
+    if _is_done(kind, output, stamp, request):
+        return StageReport(STAGE, skipped=[output.name])
+    report = _collect(items, kind, paths, config, request.seed, options or BatchOptions())
+    if report.failed:
+        return report
+    rows = _read(roots, items)
+    if kind.is_network:
+        note = _train(kind, rows, _read(held_out, items), output, config, request, stamp)
+    else:
+        note = _regress(kind, rows, output, stamp)
+    return StageReport(
+        STAGE,
+        [output.name],
+        notes={output.name: note},
+        seconds=time.monotonic() - started,
+    )
+
+
+def replay(fault: Path) -> dict[str, float]:
+    """Return the loss terms of the batch in `NAME.fault.safetensors`, computed again."""
+    kept = read_fault(fault)
+    return critic_training.replay(kept, KINDS[kept.settings["kind"]])
+
+
+def _check_roots(kind: CriticKind, roots: Sequence[Path], held_out: Sequence[Path]) -> None:
+    """Raise ValueRangeError unless the roots are what the kind of critic needs."""
+    names = [_name(root) for root in (*roots, *held_out)]
+    if len(names) != len(set(names)):
+        raise ValueRangeError("roots", ", ".join(names), "folders of different names")
+    if kind.is_network and not held_out:
+        needed = "a dataset of objects that no network was trained on"
+        raise ValueRangeError("--calibrate", "not given", needed)
+    if held_out and not kind.is_network:
+        raise ValueRangeError("--calibrate", held_out[0], f"left out: {kind.name} need none")
+
+
+def _name(root: Path) -> str:
+    return root.resolve().name
+
+
+def weights_used(kind: CriticKind, paths: ModelPaths) -> dict[str, str]:
+    """Return the digests of the weights that candidates of `kind` are found with.
+
+    Raises:
+        MissingInputError: one of them is not there.
+    """
+    written_by = {
+        "detector": models.DETECTOR_BY,
+        "network": models.NETWORK_BY,
+        "axis_critic": models.AXIS_CRITIC_BY,
+        "plane_critic": models.PLANE_CRITIC_BY,
+    }
+    return {
+        name: digest(models.existing_weights(getattr(paths, name), written_by[name]))
+        for name in kind.needs
+    }
+
+
+def scene_items(
+    root: Path,
+    output: Path,
+    kind: CriticKind,
+    config: TrainCriticConfig,
+    seed: int,
+    weights: Mapping[str, str],
+) -> list[WorkItem]:
+    """Return the scenes of `root` whose candidates are to be collected beside `output`."""
+    dataset, folder = GraspNetRoot(root), output.with_name(f"{output.stem}.rows") / _name(root)
+    scenes = dataset.scenes()
+    if not scenes:
+        raise SymgraspError(f"{root} holds no scene; `symgrasp synthesize` writes some")
+    settings = {
+        "kind": kind.name,
+        "features": vars(kind.features),
+        "frame_stride": config.frame_stride,
+        "max_grasps": config.max_grasps if kind.chooses else 0,
+        "infer": asdict(config.infer),
+        "evaluate": asdict(config.evaluate),
+    }
+    items = []
+    for scene, inputs in zip(scenes, inputs_of_scenes(dataset, scenes), strict=True):
+        name = f"{_name(root)}/{scene.name}"
+        stamp = make_stamp(STAGE, settings, seed=seed, inputs={**weights, **inputs})
+        items.append(WorkItem(name, folder / f"{scene.name}.h5", stamp, (root, scene)))
+    return items
+
+
+def _collect(
+    items: Mapping[Path, Sequence[WorkItem]],
+    kind: CriticKind,
+    paths: ModelPaths,
+    config: TrainCriticConfig,
+    seed: int,
+    options: BatchOptions,
+) -> StageReport:
+    """Write the candidates of each scene that has none yet."""
+    step = partial(collect_scene, kind=kind, paths=paths, config=config, seed=seed)
+    return run_batch(STAGE, [each for group in items.values() for each in group], step, options)
+
+
+def collect_scene(
+    item: WorkItem, kind: CriticKind, paths: ModelPaths, config: TrainCriticConfig, seed: int
+) -> str:
+    """Write the candidates of one scene; `item.arguments` are its root and files."""
+    root, scene = item.arguments
+    collector = Collector(_reader(root, config.evaluate), paths, config, seed)
+    parts = [CriticRows.none(kind.num_points, kind.features)]
+    with models.one_thread_each():
+        for files in strided_frames(scene, config.frame_stride):
+            rng = np.random.default_rng([seed, files.scene_id, files.frame_id])
+            parts += collector.rows(kind, files, rng)
+    rows = CriticRows.joined(parts)
+    critic_rows.write(item.target, rows, item.stamp)
+    return f"{len(rows)} candidates"
+
+
+@lru_cache(maxsize=1)
+def _reader(root: Path, config: EvaluateConfig) -> TruthReader:
+    """Return the reader of the truth of `root`, which keeps the objects that it read."""
+    return TruthReader(GraspNetRoot(root), config)
+
+
+def _read(roots: Sequence[Path], items: Mapping[Path, Sequence[WorkItem]]) -> CriticRows:
+    """Return the candidates of all scenes of `roots` whose truth is known."""
+    return critic_rows.read_known([item.target for root in roots for item in items[root]])
+
+
+def _stamp(
+    kind: CriticKind,
+    items: Mapping[Path, Sequence[WorkItem]],
+    held_out: Sequence[Path],
+    config: TrainCriticConfig,
+    seed: int,
+) -> Stamp:
+    settings: dict[str, Any] = {"kind": kind.name, **asdict(config)}
+    inputs = {
+        f"{'held out' if root in held_out else 'root'} {_name(root)}": digest_text(
+            "\n".join(item.stamp.as_digest() for item in group)
+        )
+        for root, group in items.items()
+    }
+    return make_stamp(STAGE, settings, seed=seed, inputs=inputs)
+
+
+def _is_done(kind: CriticKind, output: Path, stamp: Stamp, request: RunRequest) -> bool:
+    """Return whether `output` is finished.
+
+    Raises:
+        SymgraspError: it was made otherwise, or is unfinished, and nothing says how to go on.
+    """
+    if not kind.is_network:
+        return is_finished(output, stamp, overwrite=request.overwrite)
+    earlier = find_progress(output, stamp, request)
+    return earlier is not None and earlier.finished
+
+
+def _train(
+    kind: CriticKind,
+    rows: CriticRows,
+    held: CriticRows,
+    output: Path,
+    config: TrainCriticConfig,
+    request: RunRequest,
+    stamp: Stamp,
+) -> str:
+    """Train a network on `rows`, calibrated on `held`; return a note."""
+    trainee = CriticTraining(kind, rows, held, config, request.seed)
+    options, metadata = LoopOptions.of(config, request), critic_files.metadata_of(kind.model)
+    training = TrainingRun(trainee, options, output, stamp, metadata)
+    if find_progress(output, stamp, request) is not None:
+        training.resume()
+    return f"{len(rows)} and {len(held)} candidates; {describe(training.run())}"
+
+
+def _regress(kind: CriticKind, rows: CriticRows, output: Path, stamp: Stamp) -> str:
+    """Fit the regressions of axes and spheres to `rows`; return a note."""
+    critic = fit_axis_critic(rows)
+    tensors = {name: torch.from_numpy(each) for name, each in vars(critic).items()}
+    save_weights(output, tensors, critic_files.metadata_of(kind.model), stamp)
+    return f"{len(rows)} candidates, {rows.truth.mean():.0%} true"

@@ -1,0 +1,114 @@
+"""`symgrasp train-critic`."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipelines.configs import TrainCriticConfig
+from symgrasp_cli.options import (
+    Backend,
+    MaxMinutes,
+    MaxSeconds,
+    Overwrite,
+    Resume,
+    Seed,
+    Threads,
+    Workers,
+    batch_options,
+    seconds_allowed,
+    show_training,
+)
+from symgrasp_cli.report import conclude
+from symgrasp_cli.settings import with_settings
+
+
+@with_settings(
+    "train-critic",
+    {
+        "--gripper": "infer.gripper",
+        "--frame-stride": "frame_stride",
+        "--epochs": "epochs",
+        "--batch-size": "batch_size",
+        "--learning-rate": "learning_rate",
+        "--decay-epochs": "decay_epochs",
+    },
+)
+def train_critic(
+    config: TrainCriticConfig,
+    critic: Annotated[str, typer.Argument(help="axes, planes or grasps, in this order.")],
+    roots: Annotated[
+        list[Path],
+        typer.Argument(
+            exists=True,
+            file_okay=False,
+            help="Dataset roots with scenes/ and symmetry/ to learn from. For axes: of objects "
+            "that neither network was trained on.",
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help="Weights to write, NAME.safetensors.")],
+    calibrate: Annotated[
+        list[Path] | None,
+        typer.Option(
+            exists=True,
+            file_okay=False,
+            help="Dataset root of objects that no network was trained on, for planes and grasps; "
+            "may be given again.",
+        ),
+    ] = None,
+    detector: Annotated[
+        Path | None,
+        typer.Option(exists=True, help="Weights of the region detector, if not the default."),
+    ] = None,
+    network: Annotated[
+        Path | None,
+        typer.Option(exists=True, help="Weights of the grasp network, if not the default."),
+    ] = None,
+    axis_critic: Annotated[
+        Path | None,
+        typer.Option(exists=True, help="Weights of the axis critic, if not the default."),
+    ] = None,
+    plane_critic: Annotated[
+        Path | None,
+        typer.Option(exists=True, help="Weights of the plane critic, if not the default."),
+    ] = None,
+    max_seconds: MaxSeconds = None,
+    max_minutes: MaxMinutes = None,
+    threads: Threads = 2,
+    workers: Workers = None,
+    backend: Backend = "loky",
+    seed: Seed = 0,
+    resume: Resume = False,
+    overwrite: Overwrite = False,
+) -> None:
+    """Train a critic on candidates of datasets: of axes, planes or grasps."""
+    from pipelines import train_critic as stage
+    from pipelines.learning.critics.collecting import ModelPaths
+    from pipelines.learning.critics.kinds import critic_kind
+    from pipelines.learning.loop.runs import RunRequest
+
+    kind = critic_kind(critic)
+    given = {
+        "detector": detector,
+        "network": network,
+        "axis_critic": axis_critic,
+        "plane_critic": plane_critic,
+    }
+    paths = replace(ModelPaths(), **{name: path for name, path in given.items() if path})
+    bar = show_training()
+    limit = seconds_allowed(max_seconds, max_minutes)
+    request = RunRequest(seed, "cpu", threads, limit, resume, overwrite, bar)
+    options = batch_options(workers, backend, overwrite=overwrite, dry_run=False)
+    report = stage.run(
+        kind,
+        roots,
+        out,
+        config,
+        request,
+        held_out=calibrate or (),
+        paths=paths,
+        options=options,
+    )
+    option = {"axes": "axis", "planes": "plane", "grasps": "grasp"}[kind.name]
+    conclude(report, out, then=("infer", "FRAMES", f"--{option}-critic", out))

@@ -1,0 +1,40 @@
+"""Rows of candidates: groups of different scenes stay apart, and unknown truth is left out."""
+
+import numpy as np
+
+from pipelines.learning.critics import critic_rows
+from pipelines.learning.critics.critic_rows import COLUMNS, CriticRows
+from pipelines.learning.critics.kinds import KINDS
+from pipelines.storage.provenance import make_stamp
+from tests.learning.critics.rows import made_rows
+
+STAMP = make_stamp("train-critic", {})
+
+
+def test_groups_of_several_files_stay_apart_and_unknown_truth_is_left_out(tmp_path):
+    parts = [made_rows(KINDS["planes"], 2, 4, seed) for seed in (0, 1)]
+    parts[1].truth[0] = np.nan
+    paths = [tmp_path / "a.h5", tmp_path / "b.h5"]
+    for path, rows in zip(paths, parts, strict=True):
+        critic_rows.write(path, rows, STAMP)
+    found = critic_rows.read_known(paths)
+    assert found.group.tolist() == [0] * 4 + [1] * 4 + [2] * 3 + [3] * 4
+    for name in COLUMNS[:-1]:
+        expected = [getattr(parts[0], name), getattr(parts[1], name)[1:]]
+        np.testing.assert_array_equal(getattr(found, name), np.concatenate(expected))
+
+
+def test_a_scene_without_candidates_has_a_file_too(tmp_path):
+    kind = KINDS["grasps"]
+    none = CriticRows.none(8, kind.features)
+    critic_rows.write(tmp_path / "none.h5", none, STAMP)
+    critic_rows.write(tmp_path / "some.h5", made_rows(kind, 1, 3), STAMP)
+    assert len(critic_rows.read_known([tmp_path / "none.h5"])) == 0
+    found = critic_rows.read_known([tmp_path / "none.h5", tmp_path / "some.h5"])
+    assert found.points.shape == (3, 8, len(kind.features.point))
+
+
+def test_the_same_rows_give_the_same_bytes(tmp_path):
+    for name in ("a.h5", "b.h5"):
+        critic_rows.write(tmp_path / name, made_rows(KINDS["planes"], 2, 4), STAMP)
+    assert (tmp_path / "a.h5").read_bytes() == (tmp_path / "b.h5").read_bytes()

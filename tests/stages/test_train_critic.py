@@ -1,0 +1,210 @@
+"""The train-critic stage on a box, a can and a ball: rows once, files that `infer` opens."""
+
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+import torch
+from typer.testing import CliRunner
+
+from pipelines import train_critic
+from pipelines.configs import InferConfig, TrainCriticConfig
+from pipelines.errors import MissingInputError, StaleOutputError, SymgraspError, ValueRangeError
+from pipelines.geometry.symmetry import REFLECTION_SLOTS, ROTATION_SLOT, SPHERE_SLOT
+from pipelines.grasping.ranking import critic_files
+from pipelines.inference import models
+from pipelines.learning.critics import critic_rows
+from pipelines.learning.critics.collecting import Collector, ModelPaths
+from pipelines.learning.critics.critic_training import CriticTraining
+from pipelines.learning.critics.kinds import KINDS, critic_kind
+from pipelines.learning.critics.logistic import best_of_groups
+from pipelines.learning.loop.faults import save_fault
+from pipelines.learning.loop.runs import RunRequest
+from pipelines.learning.speed.gradients import loss_seed
+from pipelines.runtime.batch import BatchOptions
+from pipelines.storage.checkpoints import load_weights
+from pipelines.storage.provenance import make_stamp, read_stamp
+from symgrasp_cli.app import app
+from tests.learning.stopped import stopped_after
+from tests.stages.toy_root import write_root
+
+CONFIG = TrainCriticConfig(
+    frame_stride=2,
+    max_grasps=16,
+    epochs=3,
+    decay_epochs=1.0,
+    batch_size=64,
+    infer=InferConfig(regions="geometric"),
+)
+REQUEST, QUIET = RunRequest(device="cpu", threads=1), BatchOptions(progress=False)
+
+
+@pytest.fixture(scope="module")
+def roots(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("roots")
+    return [write_root(folder / name).root for name in ("learned", "held")]
+
+
+def run(name, roots, output, config=CONFIG, request=REQUEST, **options):
+    if name != "axes":
+        options.setdefault("held_out", roots[1:])
+    return train_critic.run(
+        KINDS[name], roots[:1], output, config, request, options=QUIET, **options
+    )
+
+
+@pytest.fixture(scope="module")
+def outputs(roots, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("out")
+    made = {name: folder / f"{name}.safetensors" for name in KINDS}
+    for name, path in made.items():
+        assert run(name, roots, path).exit_code == 0
+    return made
+
+
+def rows_of(output, root="learned"):
+    files = sorted((output.parent / f"{output.stem}.rows" / root).glob("*.h5"))
+    assert len(files) == 2
+    return critic_rows.read_known(files)
+
+
+def with_rows_of(output, folder):
+    """An output in `folder` that has the rows of another one."""
+    rows = folder / f"{output.stem}.rows"
+    rows.symlink_to(output.with_name(rows.name))
+    return folder / output.name
+
+
+def test_the_files_are_critics_that_name_their_features(outputs):
+    axes = models.axis_critic(outputs["axes"])
+    assert axes.log_odds("rotation", [0.9, 0.9, 1.0]) > axes.log_odds("rotation", [0.1, 0.1, 0.5])
+    for name in ("planes", "grasps"):
+        critic = critic_files.read_point_critic(outputs[name], KINDS[name].model)
+        assert critic.weights["calibration"][1] > 0
+        rows = rows_of(outputs[name])
+        found = critic.probability(rows.points.astype(np.float32), rows.shared, rows.candidates)
+        assert np.corrcoef(found, rows.truth)[0, 1] > 0.3
+        _, metadata = load_weights(outputs[name])
+        assert '"loss"' in metadata["validation"]
+
+
+def test_the_can_has_a_true_axis_the_ball_a_true_sphere_and_the_box_true_planes(outputs):
+    rows = rows_of(outputs["axes"])
+    axes, spheres = (rows[rows.slot == slot] for slot in (ROTATION_SLOT, SPHERE_SLOT))
+    assert len(set(axes.group)) == 4  # a box and a can in each of two frames; of balls any is true
+    best = best_of_groups(axes.truth.astype(float), axes.group)
+    assert sorted(axes.truth[best]) == [0.0, 0.0, 1.0, 1.0]
+    assert sorted(spheres.truth) == [0.0] * 4 + [1.0] * 2
+    planes = rows_of(outputs["planes"])
+    assert set(planes.slot) == {REFLECTION_SLOTS[0]}
+    assert set(planes.truth) == {0.0, 1.0}
+
+
+def test_grasps_have_the_quality_among_true_meshes(outputs):
+    rows = rows_of(outputs["grasps"])
+    assert rows.truth.max() > 0.9
+    assert rows.truth.min() < 0.5
+    assert max(np.bincount(rows.group)) <= CONFIG.max_grasps
+
+
+def test_a_finished_critic_is_skipped_and_other_settings_are_refused(roots, outputs):
+    for name, path in outputs.items():
+        before = path.read_bytes()
+        assert run(name, roots, path).skipped == [path.name]
+        assert path.read_bytes() == before
+    other = replace(CONFIG, infer=replace(CONFIG.infer, mirrored=True))
+    with pytest.raises(StaleOutputError):
+        run("axes", roots, outputs["axes"], other)
+    with pytest.raises(SymgraspError, match="made with another config"):
+        run("planes", roots, outputs["planes"], replace(CONFIG, epochs=4))
+
+
+def test_rows_are_collected_once_and_more_epochs_use_them_again(
+    roots, outputs, tmp_path, monkeypatch
+):
+    path = with_rows_of(outputs["planes"], tmp_path)
+    monkeypatch.setattr(Collector, "rows", None)
+    assert run("planes", roots, path, replace(CONFIG, epochs=1)).exit_code == 0
+
+
+def test_two_workers_and_one_give_the_same_critic(roots, outputs, tmp_path):
+    path = tmp_path / "axes.safetensors"
+    options = BatchOptions(workers=2, progress=False)
+    train_critic.run(KINDS["axes"], roots[:1], path, CONFIG, REQUEST, options=options)
+    assert path.read_bytes() == outputs["axes"].read_bytes()
+
+
+def test_a_stopped_training_goes_on_as_if_it_had_never_stopped(roots, outputs, tmp_path):
+    path = with_rows_of(outputs["grasps"], tmp_path)
+    with stopped_after(2):
+        run("grasps", roots, path)
+    with pytest.raises(SymgraspError, match="--resume"):
+        run("grasps", roots, path)
+    run("grasps", roots, path, request=replace(REQUEST, resume=True))
+    found, expected = (load_weights(each)[0] for each in (path, outputs["grasps"]))
+    for name, tensor in expected.items():
+        np.testing.assert_array_equal(found[name], tensor, err_msg=name)
+
+
+def test_the_critics_before_are_inputs_of_those_after(roots, outputs, tmp_path):
+    stamp = read_stamp(next((outputs["grasps"].with_name("grasps.rows") / "held").glob("*.h5")))
+    assert {"detector", "network", "axis_critic", "plane_critic"} <= stamp["inputs"].keys()
+    paths = replace(ModelPaths(), axis_critic=tmp_path / "none.safetensors")
+    with pytest.raises(MissingInputError, match="symgrasp train-critic axes"):
+        run("planes", roots, tmp_path / "x.safetensors", paths=paths)
+    assert run("axes", roots, tmp_path / "x.safetensors", paths=paths).exit_code == 0
+
+
+def test_wrong_roots_are_refused_in_a_sentence(roots, tmp_path):
+    path = tmp_path / "x.safetensors"
+    with pytest.raises(ValueRangeError, match="--calibrate is not given; it must be a dataset"):
+        run("planes", roots, path, held_out=())
+    with pytest.raises(ValueRangeError, match="axes need none"):
+        run("axes", roots, path, held_out=roots[1:])
+    with pytest.raises(ValueRangeError, match="folders of different names"):
+        run("grasps", [roots[0], roots[0]], path)
+    (tmp_path / "scenes").mkdir()
+    with pytest.raises(SymgraspError, match="holds no scene"):
+        run("axes", [tmp_path], path)
+    with pytest.raises(ValueRangeError, match="safetensors"):
+        run("axes", roots, tmp_path / "x.bin")
+    with pytest.raises(SymgraspError, match="critic 'hands'"):
+        critic_kind("hands")
+
+
+def test_a_faulty_scene_fails_alone_and_no_critic_is_written(roots, tmp_path):
+    broken = write_root(tmp_path / "learned")
+    scene = broken.scenes()[0]
+    min(scene.camera_folder.glob("depth/*.png")).write_bytes(b"no picture")
+    path = tmp_path / "axes.safetensors"
+    report = run("axes", [broken.root], path)
+    assert [*report.failed] == [f"learned/{scene.name}"]
+    assert not path.exists()
+
+
+def test_a_kept_batch_gives_its_loss_again(outputs, tmp_path):
+    rows = rows_of(outputs["grasps"])
+    trainee = CriticTraining(KINDS["grasps"], rows, rows, CONFIG)
+    batch = trainee.load([np.arange(20)], [np.random.default_rng(0)])
+    place, path = (0, 1, 2, 0), tmp_path / "fault.safetensors"
+    stamp = make_stamp("train-critic", {"kind": "grasps", **asdict(CONFIG)})
+    save_fault(path, trainee.module, trainee.tensors(batch), place, stamp)
+    drawing = torch.Generator().manual_seed(loss_seed(*place))
+    expected = trainee.loss(trainee.module, batch, drawing)
+    found = train_critic.replay(path)
+    assert found.keys() == expected.keys()
+    for name, value in expected.items():
+        assert found[name] == pytest.approx(float(value.detach()), rel=1e-5)
+
+
+def test_the_command_writes_what_infer_takes(roots, outputs, tmp_path):
+    path = tmp_path / "axes.safetensors"
+    options = ["--frame-stride", "2", "--set", "infer.regions=geometric", "--set", "max_grasps=16"]
+    options += ["--epochs", "3", "--decay-epochs", "1", "--batch-size", "64", "--workers", "1"]
+    call = ["train-critic", "axes", str(roots[0]), "--out", str(path), *options]
+    result = CliRunner().invoke(app, call)
+    assert result.exit_code == 0, result.output
+    assert "--axis-critic" in result.output
+    assert path.read_bytes() == outputs["axes"].read_bytes()
+    wrong = CliRunner().invoke(app, ["train-critic", "hands", str(roots[0]), "--out", str(path)])
+    assert wrong.exit_code == 2

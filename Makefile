@@ -12,7 +12,7 @@ EVAL_SET := --split seen,similar,novel --scenes-per-split 6 --views 4 --objects 
 WEIGHTS := $(wildcard pipelines/weights/*.safetensors)
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test check docs eval ablations bench golden clean
+.PHONY: help install demo test check docs eval ablations weights bench golden clean
 
 help: ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -85,6 +85,10 @@ ablations: install $(EVAL)/dataset.made ## table IV, each part left out in turn,
 	$(BIN)/python -m benchmarks.ablations $(EVAL_ROOT) --out $(ABLATIONS) --seeds $(SEEDS) --rows '$(ROWS)' \
 		--steps $(STEPS) --detector-steps $(DETECTOR_STEPS) --scenes $(SCENES) --objects $(OBJECTS)
 	@echo "table: $(ABLATIONS)/ablations.md"
+
+SIZE := full
+weights: install ## all default weights from nothing, in build/weights; SIZE=tiny in minutes
+	SYMGRASP=$(SYMGRASP) tools/make_weights.sh build/weights/$(SIZE) $(SIZE)
 
 BENCH :=
 bench: install ## speeds of this machine, stage by stage

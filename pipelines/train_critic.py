@@ -35,7 +35,7 @@ from pipelines.learning.critics import critic_rows, critic_training
 from pipelines.learning.critics.collecting import Collector, ModelPaths
 from pipelines.learning.critics.critic_rows import CriticRows
 from pipelines.learning.critics.critic_training import CriticTraining
-from pipelines.learning.critics.kinds import KINDS, CriticKind
+from pipelines.learning.critics.kinds import CRITIC_KINDS, CriticKind
 from pipelines.learning.critics.logistic import fit_axis_critic
 from pipelines.learning.loop.faults import read_fault
 from pipelines.learning.loop.loop import TrainingRun
@@ -75,7 +75,7 @@ def run(
     started, paths = time.monotonic(), paths or ModelPaths()
     weights = weights_used(kind, paths)
     items = {
-        root: scene_items(root, output, kind, config, request.seed, weights)
+        root: row_items(root, output, kind, config, request.seed, weights)
         for root in (*roots, *held_out)
     }
     stamp = _stamp(kind, items, held_out, config, request.seed)
@@ -100,7 +100,7 @@ def run(
 def replay(fault: Path) -> dict[str, float]:
     """Return the loss terms of the batch in `NAME.fault.safetensors`, computed again."""
     kept = read_fault(fault)
-    return critic_training.replay(kept, KINDS[kept.settings["kind"]])
+    return critic_training.replay(kept, CRITIC_KINDS[kept.settings["kind"]])
 
 
 def _check_roots(kind: CriticKind, roots: Sequence[Path], held_out: Sequence[Path]) -> None:
@@ -137,7 +137,7 @@ def weights_used(kind: CriticKind, paths: ModelPaths) -> dict[str, str]:
     }
 
 
-def scene_items(
+def row_items(
     root: Path,
     output: Path,
     kind: CriticKind,

@@ -30,6 +30,9 @@ from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.gripper_files import PRESETS, load_gripper
 from pipelines.inference.models import WEIGHTS
+from pipelines.learning.critics import critic_rows
+from pipelines.learning.critics.critic_rows import CriticRows
+from pipelines.learning.critics.kinds import CRITIC_KINDS
 from pipelines.pictures.grasp_page.scene import frame_scene
 from pipelines.simulation.success import write_success
 from pipelines.storage.provenance import make_stamp
@@ -39,7 +42,15 @@ from tests.stages.test_compare import write_run
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs/reference/formats.md"
 STAMP = make_stamp("test", {})
-TYPES = {"f4": "<f4", "f8": "<f8", "i4": "<i4", "i8": "<i8", "u4": "<u4", "bool": "|b1"}
+TYPES = {
+    "f2": "<f2",
+    "f4": "<f4",
+    "f8": "<f8",
+    "i4": "<i4",
+    "i8": "<i8",
+    "u4": "<u4",
+    "bool": "|b1",
+}
 LINE = re.compile(r"^( *)\* ((?:`\w+`(?:, )?)+)(?: \(([^)]*)\))?(?: (\w+))?(?: \[(\w+)\])?")
 Fact = tuple[int, str, str]  # rank, type, unit
 
@@ -113,6 +124,12 @@ def test_the_columns_of_affordance_files_are_documented(tmp_path: Path) -> None:
     labels = AffordanceLabels(np.zeros((2, 2, 3)), pairs, np.zeros(2), points, points, np.zeros(4))
     affordance_labels.write(tmp_path / "x.h5", labels, STAMP)
     assert stored(tmp_path / "x.h5") == documented(block("datasets", "affordance"))
+
+
+def test_the_columns_of_critic_rows_are_documented(tmp_path: Path) -> None:
+    rows = CriticRows.none(4, CRITIC_KINDS["grasps"].features)
+    critic_rows.write(tmp_path / "x.h5", rows, STAMP)
+    assert stored(tmp_path / "x.h5") == documented(block("datasets", "critic rows"))
 
 
 def test_the_columns_of_packed_scenes_are_documented(tmp_path: Path) -> None:

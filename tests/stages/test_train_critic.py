@@ -16,7 +16,7 @@ from pipelines.inference import models
 from pipelines.learning.critics import critic_rows
 from pipelines.learning.critics.collecting import Collector, ModelPaths
 from pipelines.learning.critics.critic_training import CriticTraining
-from pipelines.learning.critics.kinds import KINDS, critic_kind
+from pipelines.learning.critics.kinds import CRITIC_KINDS, critic_kind
 from pipelines.learning.critics.logistic import best_of_groups
 from pipelines.learning.loop.faults import save_fault
 from pipelines.learning.loop.runs import RunRequest
@@ -49,14 +49,14 @@ def run(name, roots, output, config=CONFIG, request=REQUEST, **options):
     if name != "axes":
         options.setdefault("held_out", roots[1:])
     return train_critic.run(
-        KINDS[name], roots[:1], output, config, request, options=QUIET, **options
+        CRITIC_KINDS[name], roots[:1], output, config, request, options=QUIET, **options
     )
 
 
 @pytest.fixture(scope="module")
 def outputs(roots, tmp_path_factory):
     folder = tmp_path_factory.mktemp("out")
-    made = {name: folder / f"{name}.safetensors" for name in KINDS}
+    made = {name: folder / f"{name}.safetensors" for name in CRITIC_KINDS}
     for name, path in made.items():
         assert run(name, roots, path).exit_code == 0
     return made
@@ -79,7 +79,7 @@ def test_the_files_are_critics_that_name_their_features(outputs):
     axes = models.axis_critic(outputs["axes"])
     assert axes.log_odds("rotation", [0.9, 0.9, 1.0]) > axes.log_odds("rotation", [0.1, 0.1, 0.5])
     for name in ("planes", "grasps"):
-        critic = critic_files.read_point_critic(outputs[name], KINDS[name].model)
+        critic = critic_files.read_point_critic(outputs[name], CRITIC_KINDS[name].model)
         assert critic.weights["calibration"][1] > 0
         rows = rows_of(outputs[name])
         found = critic.probability(rows.points.astype(np.float32), rows.shared, rows.candidates)
@@ -130,7 +130,7 @@ def test_rows_are_collected_once_and_more_epochs_use_them_again(
 def test_two_workers_and_one_give_the_same_critic(roots, outputs, tmp_path):
     path = tmp_path / "axes.safetensors"
     options = BatchOptions(workers=2, progress=False)
-    train_critic.run(KINDS["axes"], roots[:1], path, CONFIG, REQUEST, options=options)
+    train_critic.run(CRITIC_KINDS["axes"], roots[:1], path, CONFIG, REQUEST, options=options)
     assert path.read_bytes() == outputs["axes"].read_bytes()
 
 
@@ -184,7 +184,7 @@ def test_a_faulty_scene_fails_alone_and_no_critic_is_written(roots, tmp_path):
 
 def test_a_kept_batch_gives_its_loss_again(outputs, tmp_path):
     rows = rows_of(outputs["grasps"])
-    trainee = CriticTraining(KINDS["grasps"], rows, rows, CONFIG)
+    trainee = CriticTraining(CRITIC_KINDS["grasps"], rows, rows, CONFIG)
     batch = trainee.load([np.arange(20)], [np.random.default_rng(0)])
     place, path = (0, 1, 2, 0), tmp_path / "fault.safetensors"
     stamp = make_stamp("train-critic", {"kind": "grasps", **asdict(CONFIG)})

@@ -44,7 +44,7 @@ class CriticKind:
         return self.num_points > 0
 
 
-KINDS: dict[str, CriticKind] = {
+CRITIC_KINDS: dict[str, CriticKind] = {
     each.name: each
     for each in (
         CriticKind("axes", critic_files.AXES, ("detector", "network")),
@@ -73,6 +73,6 @@ def critic_kind(name: str) -> CriticKind:
     Raises:
         UnknownNameError: there is none.
     """
-    if name not in KINDS:
-        raise UnknownNameError("critic", name, KINDS)
-    return KINDS[name]
+    if name not in CRITIC_KINDS:
+        raise UnknownNameError("critic", name, CRITIC_KINDS)
+    return CRITIC_KINDS[name]

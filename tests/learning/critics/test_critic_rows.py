@@ -4,7 +4,7 @@ import numpy as np
 
 from pipelines.learning.critics import critic_rows
 from pipelines.learning.critics.critic_rows import COLUMNS, CriticRows
-from pipelines.learning.critics.kinds import KINDS
+from pipelines.learning.critics.kinds import CRITIC_KINDS
 from pipelines.storage.provenance import make_stamp
 from tests.learning.critics.rows import made_rows
 
@@ -12,7 +12,7 @@ STAMP = make_stamp("train-critic", {})
 
 
 def test_groups_of_several_files_stay_apart_and_unknown_truth_is_left_out(tmp_path):
-    parts = [made_rows(KINDS["planes"], 2, 4, seed) for seed in (0, 1)]
+    parts = [made_rows(CRITIC_KINDS["planes"], 2, 4, seed) for seed in (0, 1)]
     parts[1].truth[0] = np.nan
     paths = [tmp_path / "a.h5", tmp_path / "b.h5"]
     for path, rows in zip(paths, parts, strict=True):
@@ -25,7 +25,7 @@ def test_groups_of_several_files_stay_apart_and_unknown_truth_is_left_out(tmp_pa
 
 
 def test_a_scene_without_candidates_has_a_file_too(tmp_path):
-    kind = KINDS["grasps"]
+    kind = CRITIC_KINDS["grasps"]
     none = CriticRows.none(8, kind.features)
     critic_rows.write(tmp_path / "none.h5", none, STAMP)
     critic_rows.write(tmp_path / "some.h5", made_rows(kind, 1, 3), STAMP)
@@ -36,5 +36,5 @@ def test_a_scene_without_candidates_has_a_file_too(tmp_path):
 
 def test_the_same_rows_give_the_same_bytes(tmp_path):
     for name in ("a.h5", "b.h5"):
-        critic_rows.write(tmp_path / name, made_rows(KINDS["planes"], 2, 4), STAMP)
+        critic_rows.write(tmp_path / name, made_rows(CRITIC_KINDS["planes"], 2, 4), STAMP)
     assert (tmp_path / "a.h5").read_bytes() == (tmp_path / "b.h5").read_bytes()

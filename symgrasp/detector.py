@@ -119,9 +119,10 @@ class GraspDetector:
             planner = replace(planner, config=replace(self.settings, limits=limits))
         rng = np.random.default_rng(self._work.seed)
         with self._work.one_core():
-            labels = None if instances is None else instances.labels
-            result = planner.plan(frame, rng, labels, mask)
-        return ordered_grasps(result, self.gripper, None if instances is None else instances.ids)
+            labels = None if instances is None else frame.laid_on(instances.labels)
+            result = planner.plan(frame, rng, labels, None if mask is None else frame.laid_on(mask))
+        ids = None if instances is None else frame.laid_on(instances.ids)
+        return ordered_grasps(result, self.gripper, ids)
 
 
 def _infer_config(settings: Mapping[str, object] | Path | str | InferConfig | None) -> InferConfig:

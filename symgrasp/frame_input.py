@@ -50,7 +50,7 @@ def frame_of(
         "",
         (Path("color"), lambda: picture),
         (Path("depth"), distances),
-        camera.at,
+        camera,
         DepthUnits(
             integers=units or camera.units_per_metre or MILLIMETRES_PER_METRE,
             floats=units or 1.0,

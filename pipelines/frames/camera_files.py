@@ -2,7 +2,7 @@
 
 Internally the unit of depth is always `units_per_metre`. The files' own words clash: GraspNet's
 factor_depth and our depth_scale divide, BOP's depth_scale multiplies to millimetres, RealSense's
-is metres per unit. Distortion is ignored: registered images have none.
+is metres per unit.
 """
 
 import re
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pipelines.errors import FormatError, SymgraspError, ValueRangeError
 from pipelines.frames.encodings.yaml_files import read_yaml
 from pipelines.frames.graspnet_scene import read_meta
+from pipelines.frames.lens import NO_DISTORTION, Distortion, distortion_in
 from pipelines.geometry.camera import Intrinsics
 from pipelines.storage.files import existing, is_file, read_json, read_npy
 
@@ -66,7 +67,7 @@ SHORTEST_LENGTH = 0.02
 
 @dataclass(frozen=True)
 class CameraFile:
-    """A pinhole camera as a file or an option states it; sizes and unit may be unknown."""
+    """A camera as a file or an option states it; sizes and unit may be unknown."""
 
     fx: float
     fy: float
@@ -76,6 +77,7 @@ class CameraFile:
     height: int | None = None
     units_per_metre: float | None = None
     origin: str = "--intrinsics"
+    distortion: Distortion = NO_DISTORTION
 
     def __post_init__(self) -> None:
         for name in ("fx", "fy", "cx", "cy"):
@@ -204,6 +206,7 @@ def camera_from_mapping(path: Path, content: Any) -> CameraFile:  # noqa: ANN401
         size = {} if width is None or height is None else {"width": width, "height": height}
         facts: dict[str, Any] = {name: int(value) for name, value in size.items()}
         facts["units_per_metre"] = _units(content)
+        facts["distortion"] = distortion_in(path, content)
         matrix = _first(content, MATRIX_KEYS)
         if matrix is not None:
             return CameraFile.from_matrix(path, _matrix(path, matrix), **facts)

@@ -10,6 +10,7 @@ from typing import Any
 from pipelines.errors import FormatError
 from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.frames import FrameSource, find_frames
+from pipelines.frames.lens import Distortion
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class FramesRecord:
             camera = stored.get("camera")
             record = cls(
                 grasps.resolve().parent / stored.get("frames", "."),
-                None if camera is None else CameraFile(**camera),
+                None if camera is None else _camera(camera),
                 stored.get("depth_units_per_metre"),
             )
         except (TypeError, ValueError, AttributeError) as error:
@@ -75,3 +76,10 @@ class FramesRecord:
             self.folder, intrinsics=self.camera, depth_units_per_metre=self.depth_units_per_metre
         )
         return {source.name: source for source in found}
+
+
+def _camera(stored: Mapping[str, Any]) -> CameraFile:
+    """Return the camera of its fields; files written before it had a distortion lack that."""
+    bent = stored.get("distortion", {})
+    lens = Distortion(**{**bent, "coefficients": tuple(bent.get("coefficients", ()))})
+    return CameraFile(**{**stored, "distortion": lens})

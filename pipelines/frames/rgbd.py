@@ -7,7 +7,7 @@ Depth leaves here as float32 metres with 0 = missing: 0, NaN, infinities, negati
 import functools
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.errors import FormatError
+from pipelines.frames.camera_files import CameraFile
+from pipelines.frames.lens import Distortion, Image, displacement, undistorted
 from pipelines.geometry.camera import Intrinsics
 from pipelines.storage.files import read_image, read_npy, read_npz
 
@@ -25,6 +27,10 @@ MISSING_DEPTH = 65535  # saturated in 16-bit files of several sensors
 CANDIDATE_UNITS = (1000.0, 10000.0, 5000.0, 1.0)  # mm; 0.1 mm; TUM; metres
 NEAREST_SHARE = 0.3  # far background must not hide a table near the camera
 SAMPLE = 20_000  # pixels are enough for a median
+NO_CAMERA = (
+    "give --intrinsics fx,fy,cx,cy, or put a camera file "
+    "(*_camera.json, intrinsics.json, cam_K.txt, ...) beside it"
+)
 LIKELY_DEPTH = (0.15, 4.0)  # m, of the median of the nearest share
 
 
@@ -38,6 +44,13 @@ class Frame:
     intrinsics: Intrinsics
     units_per_metre: float | None = None  # what the file's numbers were divided by, if known
     notes: tuple[str, ...] = ()  # what was odd, a sentence each
+    removed: Distortion | None = None  # of the lens, which the files' images have
+
+    def laid_on(self, image: Image) -> Image:
+        """Return numbers (H, W) of the pixels of the files' images for those of this frame."""
+        if self.removed is None:
+            return image
+        return undistorted(image, self.intrinsics, self.removed, smooth=False)
 
 
 @dataclass(frozen=True)
@@ -86,42 +99,64 @@ def read_pair(
     name: str,
     color_path: Path,
     depth_path: Path,
-    intrinsics: Callable[[int, int], Intrinsics],
+    camera: CameraFile | None,
     units: DepthUnits,
     notes: tuple[str, ...] = (),
 ) -> Frame:
     """Read a frame from its two images; see `make_frame`."""
     color = functools.partial(read_color, color_path)
     stored = stored_depth(depth_path)
-    return make_frame(name, (color_path, color), (depth_path, stored), intrinsics, units, notes)
+    return make_frame(name, (color_path, color), (depth_path, stored), camera, units, notes)
 
 
 def make_frame(
     name: str,
     color: tuple[Path, Callable[[], NDArray[np.uint8]]],
     depth: tuple[Path, NDArray[Any]],
-    intrinsics: Callable[[int, int], Intrinsics],
+    camera: CameraFile | None,
     units: DepthUnits,
     notes: tuple[str, ...] = (),
 ) -> Frame:
-    """Make a frame of what files hold. The depth is checked first: its faults matter most.
+    """Make a frame of what files hold, without the distortion of its camera's lens (D. 120).
+
+    The depth is checked first: its faults matter most.
 
     Args:
         name: the frame's name.
         color: the file, and what reads (H, W, 3) RGB from it; resampled to the depth's size.
         depth: the file, and the numbers in it.
-        intrinsics: called with the depth's width and height, returns its camera or raises.
+        camera: of the depth; None if nothing says it, which is an error.
         units: see `read_depth`.
         notes: what is odd about the frame.
     """
     measured, unit = _metres(*depth, units)
     height, width = measured.shape
-    camera = intrinsics(width, height)
+    if camera is None:
+        raise FormatError(color[0], "no intrinsics are known for this frame", NO_CAMERA)
+    intrinsics = camera.at(width, height)
     path, image = color[0], color[1]()
     fitted = fit_color(path, image, width, height)
     if fitted is not image:
         notes += (f"colour of {image.shape[1]}x{image.shape[0]} is resampled to the depth",)
-    return Frame(name, fitted, measured, camera, unit, notes)
+    frame = Frame(name, fitted, measured, intrinsics, unit, notes)
+    return _without_distortion(frame, camera)
+
+
+def _without_distortion(frame: Frame, camera: CameraFile) -> Frame:
+    lens = camera.distortion
+    if not lens.is_known:
+        note = f"the lens distortion is of the unknown model {lens.model} and stays"
+        return replace(frame, notes=(*frame.notes, note))
+    moved = displacement(frame.intrinsics, lens)
+    if not moved:
+        return frame
+    note = f"lens distortion ({lens.model}) is removed: pixels move by up to {moved:.0f}"
+    depth = undistorted(frame.depth, frame.intrinsics, lens, smooth=False)
+    if not depth.any():
+        found = "its lens distortion moves every measured pixel out of the image"
+        raise FormatError(camera.origin, found, "check the coefficients")
+    color = undistorted(frame.color, frame.intrinsics, lens, smooth=True)
+    return replace(frame, color=color, depth=depth, notes=(*frame.notes, note), removed=lens)
 
 
 def fit_color(path: Path, color: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:

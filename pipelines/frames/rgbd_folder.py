@@ -1,25 +1,17 @@
 """Colour and depth images paired by their names, in one folder or in two sister folders."""
 
-import functools
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipelines.errors import FormatError
 from pipelines.frames.camera_files import CameraFile, check_units, read_camera_file
 from pipelines.frames.rgbd import DepthUnits, Frame, read_pair
-from pipelines.geometry.camera import Intrinsics
 
 COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz")
 COLOR_WORDS = ("color", "colour", "rgb")
 COLOR_FOLDERS = ("rgb", "color", "image", "images", "gray")
-NO_CAMERA = (
-    "give --intrinsics fx,fy,cx,cy, or put a camera file "
-    "(*_camera.json, intrinsics.json, cam_K.txt, ...) beside it"
-)
-
 ImageFiles = dict[str, list[Path]]  # by what is left of the name; the file to take is the first
 
 
@@ -79,14 +71,8 @@ def read_with_camera(
     if camera_file is not None and not (options.camera and options.depth_units_per_metre):
         written = read_camera_file(camera_file, color.stem)
     camera = options.camera or written
-    # Read after the depth: a faulty depth image is the more useful fault to name.
-    intrinsics = camera.at if camera is not None else functools.partial(_refuse, color)
     units = options.depth_units(written.units_per_metre if written else None, usual_units)
-    return read_pair(name, color, depth, intrinsics, units)
-
-
-def _refuse(color: Path, _width: int, _height: int) -> Intrinsics:
-    raise FormatError(color, "no intrinsics are known for this frame", NO_CAMERA)
+    return read_pair(name, color, depth, camera, units)
 
 
 def flat_pairs(folder: Path) -> list[ImagePair]:

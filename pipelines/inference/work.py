@@ -238,6 +238,8 @@ def _infer_frame(item: WorkItem, settings: Settings) -> str | None:
         )
     path = settings.paths.workspace
     workspace = None if path is None else read_workspace_mask(path, frame.depth.shape)
+    # They are drawn on the images as taken.
+    masks, workspace = (None if x is None else frame.laid_on(x) for x in (masks, workspace))
     rng = np.random.default_rng(settings.seed)
     result = settings.planner().plan(frame, rng, masks, workspace)
     result = replace(

@@ -111,7 +111,7 @@ def frame_of_arrays(
         color = _color(path, key, arrays[key])
     camera = options.camera or _camera(path, arrays)
     units = options.depth_units()
-    return make_frame(name, (path, lambda: color), (path, depth), camera.at, units, notes)
+    return make_frame(name, (path, lambda: color), (path, depth), camera, units, notes)
 
 
 def _read(name: str, path: Path, options: FrameOptions) -> Frame:

@@ -15,9 +15,8 @@ from pipelines.storage.files import is_file, read_json
 
 NAME = "nerfstudio"
 INDEX = "transforms.json"
-PINHOLES = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "PERSPECTIVE")
-CAMERA_KEYS = ("fl_x", "fl_y", "cx", "cy", "w", "h")
-DISTORTION_KEYS = ("k1", "k2", "k3", "k4", "p1", "p2")
+MODELS = ("OPENCV", "OPENCV_FISHEYE", "PINHOLE", "SIMPLE_PINHOLE", "PERSPECTIVE")
+CAMERA_KEYS = ("fl_x", "fl_y", "cx", "cy", "w", "h", "k1", "k2", "k3", "k4", "p1", "p2")
 
 
 def _find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
@@ -39,8 +38,8 @@ def _find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]
         color, depth = (folder / frame[key] for key in ("file_path", "depth_file_path"))
         path = stem if times[stem] == 1 else str(Path(frame["file_path"]).with_suffix(""))
         name = frame_name(folder, prefix, path)
-        camera = {key: frame.get(key, content.get(key)) for key in (*CAMERA_KEYS, *DISTORTION_KEYS)}
-        camera["model"] = content.get("camera_model", "OPENCV")
+        camera = {key: frame.get(key, content.get(key)) for key in CAMERA_KEYS}
+        camera["camera_model"] = content.get("camera_model", "OPENCV")
         read = functools.partial(_read, name, color, depth, index, camera, options)
         files = tuple(path for path in (color, depth) if is_file(path))
         sources.append(FrameSource(name, read, (*files, index), NAME))
@@ -62,14 +61,11 @@ def _read(
     camera: Mapping[str, Any],
     options: FrameOptions,
 ) -> Frame:
-    if options.camera is None and camera["model"] not in PINHOLES:
-        found = f"the camera model is {camera['model']!r}"
-        raise FormatError(index, found, f"undistort the images; {', '.join(PINHOLES)} are read")
-    stated = options.camera or camera_from_mapping(index, {key: camera[key] for key in CAMERA_KEYS})
-    notes: tuple[str, ...] = ()
-    if any(camera[key] for key in DISTORTION_KEYS):
-        notes = ("the camera has a lens distortion, which is ignored",)
-    return read_pair(name, color, depth, stated.at, options.depth_units(), notes)
+    if options.camera is None and camera["camera_model"] not in MODELS:
+        found = f"the camera model is {camera['camera_model']!r}"
+        raise FormatError(index, found, f"undistort the images; {', '.join(MODELS)} are read")
+    stated = options.camera or camera_from_mapping(index, dict(camera))
+    return read_pair(name, color, depth, stated, options.depth_units())
 
 
 LAYOUT = Layout(NAME, "transforms.json that names depth images", _find)

@@ -77,7 +77,7 @@ def _read(name: str, path: Path, options: FrameOptions) -> Frame:
     camera = options.camera or fit_camera(path, points)
     depth = (path, points[:, :, 2].astype(np.float32))
     units = options.depth_units()
-    return make_frame(name, (path, lambda: color), depth, camera.at, units, notes)
+    return make_frame(name, (path, lambda: color), depth, camera, units, notes)
 
 
 def _unpacked(path: Path, packed: NDArray[Any]) -> NDArray[np.uint8]:

@@ -18,8 +18,8 @@ from pipelines.frames.encodings.ros_bags import (
 )
 from pipelines.frames.layouts.layout import Layout, frame_name
 from pipelines.frames.layouts.tum import associate
-from pipelines.frames.rgbd import Frame, FrameSource, make_frame
-from pipelines.frames.rgbd_folder import NO_CAMERA, FrameOptions
+from pipelines.frames.rgbd import NO_CAMERA, Frame, FrameSource, make_frame
+from pipelines.frames.rgbd_folder import FrameOptions
 
 NAME = "ROS bag"
 ROS_2_FILES = ("*.db3", "*.mcap")
@@ -104,7 +104,7 @@ def _read(
     if not topics.is_aligned:
         notes = (f"{topics.depth} is not called aligned: record aligned_depth_to_color", *notes)
     image = (bag, lambda: color.astype(np.uint8, copy=False))
-    return make_frame(name, image, (bag, depth), camera.at, options.depth_units(), notes)
+    return make_frame(name, image, (bag, depth), camera, options.depth_units(), notes)
 
 
 def _refuse(error: SymgraspError) -> Frame:

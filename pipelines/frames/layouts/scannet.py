@@ -61,7 +61,7 @@ def _read(name: str, pair: ImagePair, cameras: tuple[Path, Path], options: Frame
         notes = (f"colour of {color.shape[1]}x{color.shape[0]} is looked up through both cameras",)
         color = seen_by(color, read_camera_file(cameras[1]), camera.at(*depth.shape[::-1]))
     images = (pair.color, lambda: color), (pair.depth, depth)
-    return make_frame(name, *images, camera.at, options.depth_units(), notes)
+    return make_frame(name, *images, camera, options.depth_units(), notes)
 
 
 LAYOUT = Layout(NAME, f"color/ beside depth/ with {DEPTH_CAMERA}", _find)

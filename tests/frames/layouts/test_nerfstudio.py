@@ -31,14 +31,15 @@ def test_a_frames_own_camera_wins(edit) -> None:
     assert [s.read().intrinsics.fx for s in find_frames(folder)] == [60.0, 70.0]
 
 
-def test_fisheye_lenses_are_refused(edit) -> None:
-    folder = edit(lambda content: content.update(camera_model="OPENCV_FISHEYE"))
-    with pytest.raises(FormatError, match=r"OPENCV_FISHEYE.*undistort"):
+def test_panoramas_are_refused(edit) -> None:
+    folder = edit(lambda content: content.update(camera_model="EQUIRECTANGULAR"))
+    with pytest.raises(FormatError, match=r"EQUIRECTANGULAR.*undistort"):
         find_frames(folder)[0].read()
 
 
-def test_distortion_is_mentioned(edit) -> None:
-    folder = edit(lambda content: content.update(k1=0.1))
+@pytest.mark.parametrize("model", ["OPENCV", "OPENCV_FISHEYE"])
+def test_distortion_is_removed(edit, model: str) -> None:
+    folder = edit(lambda content: content.update(k1=0.1, camera_model=model))
     assert "distortion" in find_frames(folder)[0].read().notes[0]
 
 

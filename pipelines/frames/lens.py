@@ -1,0 +1,174 @@
+"""Lens distortion by OpenCV's models, removed from images.
+
+Coefficients are in OpenCV's order: k1, k2, p1, p2, k3, k4, k5, k6, s1 to s4, tx, ty; of a fisheye
+k1 to k4. Undistorted images keep the size and the camera matrix.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.errors import FormatError
+from pipelines.geometry.camera import Intrinsics
+
+BROWN, FISHEYE, INVERSE = "Brown-Conrady", "fisheye", "inverse Brown-Conrady"
+# As ROS, Kalibr, COLMAP, nerfstudio and librealsense call them.
+MODELS = {
+    **dict.fromkeys(("plumb_bob", "radtan", "brown_conrady", "modified_brown_conrady"), BROWN),
+    **dict.fromkeys(("rational_polynomial", "thin_prism", "thin_prism_fisheye"), BROWN),
+    **dict.fromkeys(("opencv", "full_opencv", "pinhole", "simple_pinhole", "perspective"), BROWN),
+    **dict.fromkeys(("equidistant", "fisheye", "opencv_fisheye", "kannala_brandt4"), FISHEYE),
+    "inverse_brown_conrady": INVERSE,
+}
+MODEL_KEYS = ("distortion_model", "camera_model", "model")
+LIST_KEYS = ("D", "d", "distortion_coefficients", "distortion_coeffs", "dist_coeffs", "dist_coefs",
+             "distCoeffs", "dist", "distortion", "coeffs")  # fmt: skip
+NAMED = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+NAMED_FISHEYE = ("k1", "k2", "k3", "k4")
+SIZES = {BROWN: (4, 5, 8, 12, 14), INVERSE: (4, 5, 8, 12, 14), FISHEYE: (4,)}  # OpenCV's
+UNNOTICED = 0.5  # pixels: nearer than that the nearest pixel is the same one
+BEYOND = -1e6  # pixels: outside of every image
+RADII = 1000  # samples between the axis and the farthest corner
+
+Image = TypeVar("Image", bound=NDArray[Any])
+Places = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Distortion:
+    """How a lens bends what a pinhole camera sees; without coefficients not at all."""
+
+    model: str = BROWN
+    coefficients: tuple[float, ...] = ()
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the model is one that can be undone."""
+        return self.model in SIZES
+
+
+NO_DISTORTION = Distortion()
+
+
+def distortion_in(path: Path, content: Mapping[str, Any]) -> Distortion:
+    """Return the distortion that the keys of a camera file say; none without such keys.
+
+    Raises:
+        FormatError: too many coefficients, or some that are not finite.
+        TypeError, ValueError: coefficients that are no numbers.
+    """
+    named = [_plain(content[key]) for key in MODEL_KEYS if isinstance(content.get(key), str)]
+    model = next((MODELS[name] for name in named if name in MODELS), BROWN)
+    stated = content.get("distortion_model")
+    if isinstance(stated, str) and stated and _plain(stated) not in (*MODELS, "none"):
+        model = stated
+    values = _coefficients(content, model)
+    if not np.isfinite(values).all():
+        raise FormatError(path, "has distortion coefficients that are not finite", "numbers")
+    values = np.trim_zeros(values, "b")
+    if model in SIZES and values.size > SIZES[model][-1]:
+        found = f"has {values.size} distortion coefficients of the model {model}"
+        raise FormatError(path, found, f"at most {SIZES[model][-1]} are expected")
+    return Distortion(model, tuple(values.tolist())) if values.size else NO_DISTORTION
+
+
+def _plain(name: str) -> str:
+    return name.rpartition(".")[2].strip().lower().replace("-", "_").replace(" ", "_")
+
+
+def _coefficients(content: Mapping[str, Any], model: str) -> NDArray[np.float64]:
+    stored = next(
+        (content[key] for key in LIST_KEYS if isinstance(content.get(key), list | dict)), None
+    )
+    if isinstance(stored, dict) and "data" in stored:
+        stored = stored["data"]
+    if isinstance(stored, list):
+        return np.asarray(stored, np.float64).ravel()
+    source = stored if isinstance(stored, dict) else content
+    names = NAMED_FISHEYE if model == FISHEYE else NAMED
+    return np.array([float(source.get(name) or 0.0) for name in names])
+
+
+def undistorted(image: Image, camera: Intrinsics, lens: Distortion, *, smooth: bool) -> Image:
+    """Return `image` (H, W) or (H, W, 3) as a lens without distortion shows it, 0 outside.
+
+    `smooth`: between pixels, for colour; else each pixel is that of the nearest, for depth and
+    numbers of instances, of which means are none.
+    """
+    u, v = _places(camera, lens)
+    if smooth:
+        moved = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+        return cast(Image, np.asarray(moved, image.dtype))
+    columns, rows = np.rint(u).astype(np.int64), np.rint(v).astype(np.int64)
+    inside = (columns >= 0) & (columns < camera.width) & (rows >= 0) & (rows < camera.height)
+    nearest = np.zeros_like(image)
+    nearest[inside] = image[rows[inside], columns[inside]]
+    return cast(Image, nearest)
+
+
+def displacement(camera: Intrinsics, lens: Distortion) -> float:
+    """Return by how many pixels the distortion moves any pixel at most; 0 if it can be left in."""
+    if not lens.coefficients or not lens.is_known:
+        return 0.0
+    u, v = _places(camera, lens)
+    columns, rows = np.arange(camera.width), np.arange(camera.height)[:, None]
+    most = float(np.hypot(u - columns, v - rows)[u > BEYOND].max(initial=0.0))
+    return most if most >= UNNOTICED else 0.0
+
+
+@lru_cache(maxsize=2)  # frames of one camera have one
+def _places(camera: Intrinsics, lens: Distortion) -> tuple[Places, Places]:
+    """Return where each undistorted pixel lies in the image as taken, columns and rows (H, W).
+
+    BEYOND where the lens shows nothing.
+    """
+    rays = camera.rays()[..., :2].reshape(-1, 1, 2)
+    bent = _bend(rays, lens)
+    u = (camera.fx * bent[:, 0, 0] + camera.cx).astype(np.float32)
+    v = (camera.fy * bent[:, 0, 1] + camera.cy).astype(np.float32)
+    radii = np.linalg.norm(rays[:, 0], axis=1)
+    beyond = radii > _reach(float(radii.max()), lens)
+    beyond |= ~(np.isfinite(u) & np.isfinite(v))
+    u[beyond] = v[beyond] = BEYOND
+    shape = camera.height, camera.width
+    return u.reshape(shape), v.reshape(shape)
+
+
+def _bend(rays: NDArray[np.float64], lens: Distortion) -> NDArray[np.float64]:
+    """Return where the lens shows rays (n, 1, 2), both at depth 1."""
+    size = next(size for size in SIZES[lens.model] if size >= len(lens.coefficients))
+    D = np.zeros(size)
+    D[: len(lens.coefficients)] = lens.coefficients
+    if lens.model == FISHEYE:
+        radius = np.linalg.norm(rays, axis=2, keepdims=True)
+        angle = np.arctan(radius)
+        series = np.polynomial.polynomial.polyval(angle**2, [1.0, *D])
+        return rays * np.where(radius > 0, angle / np.where(radius > 0, radius, 1.0), 1.0) * series
+    one, still = np.eye(3), np.zeros(3)
+    if lens.model == INVERSE:
+        return np.asarray(cv2.undistortPoints(rays, one, D), np.float64)
+    points = cv2.convertPointsToHomogeneous(rays)
+    return np.asarray(cv2.projectPoints(points, still, still, one, D)[0], np.float64)
+
+
+def _reach(farthest: float, lens: Distortion) -> float:
+    """Return up to which radius the lens shows farther rays farther out.
+
+    Beyond, a polynomial turns back, and the same pixels would be seen twice.
+    """
+    if lens.model == INVERSE:
+        return np.inf
+    values = list(lens.coefficients)
+    if lens.model == BROWN:
+        values = [k if name[0] == "k" else 0.0 for k, name in zip(values, NAMED, strict=False)]
+    radial = Distortion(lens.model, tuple(values))
+    radii = np.linspace(0.0, farthest, RADII)
+    rays = np.stack([radii, np.zeros(RADII)], axis=-1)[:, None]
+    turns = np.flatnonzero(~(np.diff(_bend(rays, radial)[:, 0, 0]) > 0))
+    return float(radii[turns[0]]) if len(turns) else np.inf

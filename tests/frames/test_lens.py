@@ -1,0 +1,172 @@
+"""Lens distortion: removed from colour and depth by the models that OpenCV has."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from pipelines.errors import FormatError
+from pipelines.frames.camera_files import CameraFile, camera_from_mapping, read_camera_file
+from pipelines.frames.frames import find_frames
+from pipelines.frames.lens import (
+    BROWN,
+    FISHEYE,
+    INVERSE,
+    Distortion,
+    displacement,
+    distortion_in,
+    undistorted,
+)
+from pipelines.frames.rgbd import DepthUnits, make_frame
+from pipelines.geometry.camera import Intrinsics
+from tests.frames.layouts import build
+
+CASE = Path(__file__).parents[3] / "shared/cases/lens_distortion"
+CAMERA = Intrinsics(100.0, 101.0, 79.5, 59.5, 160, 120)
+LENSES = [
+    Distortion(BROWN, (-0.31, 0.12, 0.001, 0.002)),
+    Distortion(BROWN, (-0.31, 0.12, 0.001, 0.0, 0.02)),
+    Distortion(BROWN, (0.5, -2.3, 0.0006, -0.0002, 1.4, 0.38, -2.2, 1.3)),  # Azure Kinect's
+    Distortion(FISHEYE, (0.1, -0.02, 0.01, -0.002)),
+    Distortion(INVERSE, (-0.05, 0.06, 0.0003, 0.0001, -0.02)),
+]
+NAMED = {"fx": 60.0, "fy": 61.0, "cx": 23.5, "cy": 17.5}
+
+
+def bent(ray: np.ndarray, lens: Distortion) -> tuple[float, float]:
+    """Return where a lens shows a ray (x, y), by the formulas of OpenCV's documentation."""
+    x, y = ray
+    r2 = x * x + y * y
+    k1, k2, p1, p2, k3, k4, k5, k6 = (*lens.coefficients, 0, 0, 0, 0, 0)[:8]
+    if lens.model == FISHEYE:
+        r = np.sqrt(r2)
+        t = np.arctan(r)
+        factor = t * (1 + k1 * t**2 + k2 * t**4 + p1 * t**6 + p2 * t**8) / r
+        return x * factor, y * factor
+    radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+    sideways = 2 * p1 * x * y + p2 * (r2 + 2 * x * x), p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    return x * radial + sideways[0], y * radial + sideways[1]
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_a_pixel_of_the_image_comes_from_where_the_lens_shows_its_ray(lens: Distortion) -> None:
+    rows, columns = np.mgrid[:120, :160].astype(np.float32)
+    taken = np.stack([columns, rows], -1)
+    moved = undistorted(taken, CAMERA, lens, smooth=True)
+    for u, v in [(30, 40), (80, 60), (120, 95), (60, 20)]:
+        ray = np.array([(u - 79.5) / 100.0, (v - 59.5) / 101.0])
+        place = moved[v, u]
+        seen = (place - (79.5, 59.5)) / (100.0, 101.0)
+        if lens.model == INVERSE:  # it states the way back
+            np.testing.assert_allclose(bent(seen, lens), ray, atol=1e-3)
+        else:
+            np.testing.assert_allclose(seen, bent(ray, lens), atol=1e-3)
+
+
+def test_depth_has_no_values_that_were_not_measured() -> None:
+    depth = np.where(np.arange(160) < 80, 0.5, 0.9).astype(np.float32) * np.ones(
+        (120, 1), np.float32
+    )
+    moved = undistorted(depth, CAMERA, Distortion(BROWN, (0.2, 0.1)), smooth=False)
+    assert set(np.unique(moved)) == {0.0, np.float32(0.5), np.float32(0.9)}
+
+
+def test_where_a_polynomial_turns_back_nothing_is_seen() -> None:
+    wide = Intrinsics(60.0, 60.0, 79.5, 59.5, 160, 120)
+    ones = np.ones((120, 160), np.float32)
+    moved = undistorted(ones, wide, Distortion(BROWN, (-0.5, 0.0)), smooth=False)
+    assert moved[60, 80] == 1.0
+    assert moved[0, 0] == 0.0  # r = 1.6; r - 0.5 r^3 falls from r = 0.82 on
+
+
+def test_less_than_half_a_pixel_is_left_in() -> None:
+    assert displacement(CAMERA, Distortion(BROWN, (1e-4, 0.0))) == 0.0
+    assert displacement(CAMERA, Distortion()) == 0.0
+    assert displacement(CAMERA, LENSES[0]) > 10.0
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        ({"D": [0.1, 0.2, 0.0, 0.0, 0.0]}, Distortion(BROWN, (0.1, 0.2))),
+        ({"D": [0.0] * 5, "distortion_model": "plumb_bob"}, Distortion()),
+        ({"D": [0.1], "distortion_model": "equidistant"}, Distortion(FISHEYE, (0.1,))),
+        ({"distortion_coefficients": {"rows": 1, "cols": 2, "data": [0.1, 0.2]}},
+         Distortion(BROWN, (0.1, 0.2))),
+        ({"k1": 0.1, "k2": None, "p2": 0.4}, Distortion(BROWN, (0.1, 0.0, 0.0, 0.4))),
+        ({"k1": 0.1, "k4": 0.4, "camera_model": "OPENCV_FISHEYE"},
+         Distortion(FISHEYE, (0.1, 0.0, 0.0, 0.4))),
+        ({"coeffs": [0.1], "model": "distortion.inverse_brown_conrady"},
+         Distortion(INVERSE, (0.1,))),
+        ({"D": [0.1], "model": "D435"}, Distortion(BROWN, (0.1,))),
+        ({"D": [0.9], "distortion_model": "fov"}, Distortion("fov", (0.9,))),
+        ({"distortion": "none", "fx": 1.0}, Distortion()),
+    ],
+)  # fmt: skip
+def test_the_keys_of_many_tools_are_known(content: dict, expected: Distortion) -> None:
+    assert distortion_in(Path("camera.json"), content) == expected
+
+
+@pytest.mark.parametrize("D", [[float("nan"), 0.1], [0.1] * 15, ["wide"], [[0.1], [0.2, 0.3]]])
+def test_coefficients_that_cannot_be_are_one_sentence(D: list) -> None:
+    with pytest.raises(FormatError, match=r"camera\.json"):
+        camera_from_mapping(Path("camera.json"), NAMED | {"D": D})
+
+
+def test_a_yaml_of_ros_has_its_distortion(tmp_path: Path) -> None:
+    path = tmp_path / "camera_info.yaml"
+    path.write_text(
+        "distortion_model: rational_polynomial\n"
+        "distortion_coefficients:\n  rows: 1\n  cols: 8\n  data: [1, 2, 3, 4, 5, 6, 7, 8]\n"
+        "camera_matrix:\n  rows: 3\n  cols: 3\n  data: [60, 0, 23, 0, 61, 17, 0, 0, 1]\n"
+    )
+    assert read_camera_file(path).distortion == Distortion(BROWN, (1, 2, 3, 4, 5, 6, 7, 8))
+
+
+def framed(lens: Distortion, depth: np.ndarray):
+    camera = CameraFile(100.0, 101.0, 79.5, 59.5, distortion=lens)
+    color = np.full((*depth.shape, 3), 9, np.uint8)
+    parts = (Path("c.png"), lambda: color), (Path("d.png"), depth)
+    return make_frame("", *parts, camera, DepthUnits())
+
+
+def test_a_frame_says_that_its_distortion_is_removed_and_masks_follow() -> None:
+    depth = np.full((120, 160), 700, np.uint16)
+    frame = framed(LENSES[0], depth)
+    assert "lens distortion (Brown-Conrady) is removed" in frame.notes[0]
+    mask = np.zeros((120, 160), np.bool_)
+    mask[20:24, 20:24] = True
+    rows, columns = np.nonzero(frame.laid_on(mask))
+    assert rows.mean() < 19  # what a barrel shows near its middle lies farther out
+    assert columns.mean() < 19
+    assert frame.laid_on(np.full((120, 160), 3, np.int32))[60, 80] == 3
+    plain = framed(Distortion(), depth)
+    assert not plain.notes
+    assert plain.laid_on(mask) is mask
+
+
+def test_a_model_that_is_not_known_is_said() -> None:
+    frame = framed(Distortion("fov", (0.9,)), np.full((120, 160), 700, np.uint16))
+    assert frame.notes == ("the lens distortion is of the unknown model fov and stays",)
+
+
+def test_every_layout_with_a_camera_file_is_undistorted(tmp_path: Path) -> None:
+    build.nerfstudio(tmp_path / "n")
+    build.flat(tmp_path / "f")
+    index = tmp_path / "n/transforms.json"
+    index.write_text(json.dumps(json.loads(index.read_text()) | {"k1": -0.3}))
+    for path in (tmp_path / "f").glob("*.json"):
+        path.write_text(json.dumps(NAMED | {"D": [-0.3, 0.0]}))
+    frames = [source.read() for source in find_frames(tmp_path)]
+    assert [frame.removed for frame in frames] == [Distortion(BROWN, (-0.3,))] * 4
+    assert (frames[0].depth == frames[2].depth).all()
+
+
+@pytest.mark.skipif(not CASE.exists(), reason="needs ../shared/cases")
+def test_the_shared_case_is_undistorted() -> None:
+    frame = find_frames(CASE)[0].read()
+    assert frame.removed == Distortion(BROWN, (-0.31, 0.12, 0.001))
+    taken = cv2.imread(str(CASE / "depth.png"), cv2.IMREAD_UNCHANGED)
+    assert 0.8 * np.count_nonzero(taken) < np.count_nonzero(frame.depth)

@@ -149,7 +149,8 @@ def _bend(rays: NDArray[np.float64], lens: Distortion) -> NDArray[np.float64]:
         radius = np.linalg.norm(rays, axis=2, keepdims=True)
         angle = np.arctan(radius)
         series = np.polynomial.polynomial.polyval(angle**2, [1.0, *D])
-        return rays * np.where(radius > 0, angle / np.where(radius > 0, radius, 1.0), 1.0) * series
+        shrinking = np.where(radius > 0, angle / np.where(radius > 0, radius, 1.0), 1.0)
+        return np.asarray(rays * shrinking * series, np.float64)
     one, still = np.eye(3), np.zeros(3)
     if lens.model == INVERSE:
         return np.asarray(cv2.undistortPoints(rays, one, D), np.float64)

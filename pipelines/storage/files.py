@@ -229,7 +229,11 @@ def read_image(path: Path) -> NDArray[Any]:
     Raises:
         FormatError: truncated or not an image.
     """
-    data = existing(path).read_bytes()
+    return decode_image(path, existing(path).read_bytes())
+
+
+def decode_image(path: Path, data: bytes) -> NDArray[Any]:
+    """Return the image in `data`, the bytes of an image file in `path`; see `read_image`."""
     _refuse_truncated(path, data)
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None

@@ -1,7 +1,8 @@
 """Registered RGB-D frames in ROS 1 and ROS 2 bags, with the `rosbags` package (the extra `ros`).
 
 Depth is an image of 16UC1 or mono16 (millimetres, 0 = missing) or 32FC1 (metres, NaN = missing),
-as REP 118 has it; colour one of rgb8, bgr8, rgba8, bgra8. The camera is the CameraInfo beside the
+as REP 118 has it; colour one of rgb8, bgr8, rgba8, bgra8; `ros_images` decodes both, and what
+image_transport compressed. The camera is the CameraInfo beside the
 depth topic, or, for depth that is aligned to colour, the one beside the colour topic. A bag may
 hold several cameras: the topics of one begin alike.
 """
@@ -19,11 +20,11 @@ from numpy.typing import NDArray
 
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames.camera_files import CameraFile
+from pipelines.frames.encodings.ros_images import COLORS, DEPTHS, decode, kind_of, raw_topic
+from pipelines.frames.lens import NO_DISTORTION, distortion_in
 
 IMAGE, CAMERA = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
-DEPTHS = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
-COLORS = {"rgb8": (0, 1, 2), "bgr8": (2, 1, 0), "rgba8": (0, 1, 2), "bgra8": (2, 1, 0)}
-CHANNELS = {"rgb8": 3, "bgr8": 3, "rgba8": 4, "bgra8": 4}
+COMPRESSED = "sensor_msgs/msg/CompressedImage"
 # In the depth topic's name, as drivers have it; Azure Kinect's is depth_to_rgb.
 ALIGNED = ("aligned", "registered", "depth_to_rgb", "depth_to_color")
 EXTRA = "install it with `pip install symgrasp[ros]`"
@@ -66,6 +67,11 @@ class Topics:
         return _is_aligned(self.depth)
 
     @property
+    def is_rectified(self) -> bool:
+        """Whether the depth topic says that its lens's distortion was removed."""
+        return "rect" in raw_topic(self.depth).rpartition("/")[2]
+
+    @property
     def shared(self) -> str:
         """What both topics begin with, part by part, `/left` of a camera of that name."""
         return "/".join(self.depth.split("/")[: _shared(self.color, self.depth)])
@@ -78,7 +84,7 @@ class Topics:
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[Any]:
-    """Yield rosbags' reader of a `.bag` file or a ROS 2 folder.
+    """Yield rosbags' reader of a `.bag`, `.mcap` or `.db3` file or a ROS 2 folder.
 
     Raises:
         FormatError: the bag is damaged, here or while it is read.
@@ -109,22 +115,38 @@ def find_cameras(path: Path, reader: Any) -> tuple[list[Topics], list[str]]:  # 
     Raises:
         FormatError: no topic of colour or of depth, as their encodings say.
     """
-    colors, depths = [], []
-    for topic in sorted({c.topic for c in reader.connections if c.msgtype == IMAGE}):
-        encoding = next((image.encoding for _t, image in _messages(reader, topic)), "")
-        colors += [topic] if encoding in COLORS else []
-        depths += [topic] if encoding in DEPTHS else []
+    topics = _images(reader)
+    colors, depths, lossy = (
+        [topic for topic, kind in topics.items() if kind == wanted]
+        for wanted in ("color", "depth", "lossy depth")
+    )
+    if lossy and not depths:
+        found = f"{lossy[0]} holds depth in pictures of 8 bits, from which no distances follow"
+        raise FormatError(path, found, "record the raw depth, or compressedDepth of format png")
     if not colors or not depths:
-        topics = ", ".join(sorted({c.topic for c in reader.connections})) or "none"
+        names = ", ".join(sorted({c.topic for c in reader.connections})) or "none"
         raise FormatError(
             path,
-            f"has no {'depth' if colors else 'colour'} images; its topics are {topics}",
-            f"raw images are read: {', '.join(COLORS)} beside {', '.join(DEPTHS)}",
+            f"has no {'depth' if colors else 'colour'} images; its topics are {names}",
+            f"images are read of {', '.join(COLORS)}, JPEG or PNG beside {', '.join(DEPTHS)}, "
+            "PNG of 16 bits or compressedDepth",
         )
     infos = {c.topic for c in reader.connections if c.msgtype == CAMERA}
     cameras = [_with_info(camera, infos) for camera in _cameras(colors, depths)]
     read = [camera for camera in cameras if camera.is_aligned] or cameras[:1]
     return sorted(read, key=lambda camera: camera.name), _passed_over(colors, depths, cameras, read)
+
+
+def _images(reader: Any) -> dict[str, str]:  # noqa: ANN401 - an extra's
+    """Return what each topic of images shows, see `kind_of`; of one image its raw topic only."""
+    kinds: dict[str, tuple[str, str]] = {}
+    connections = [c for c in reader.connections if c.msgtype in (IMAGE, COMPRESSED)]
+    for topic in sorted({c.topic for c in connections}):
+        image = next((image for _t, image in _messages(reader, topic)), None)
+        kind = "" if image is None else kind_of(topic, image)
+        if kind and kinds.get(raw_topic(topic), ("", ""))[1] != kind:
+            kinds.setdefault(raw_topic(topic), (topic, kind))
+    return dict(kinds.values())
 
 
 def _passed_over(
@@ -193,39 +215,26 @@ def read_image_at(path: Path, reader: Any, topic: str, which: Recorded) -> NDArr
     return decode(path, image)
 
 
-def read_camera(path: Path, reader: Any, topic: str) -> CameraFile:  # noqa: ANN401 - an extra's
-    """Return the camera of a CameraInfo topic, which is the same in all its messages."""
-    _t, info = next(_messages(reader, topic), (0, None))
-    K = None if info is None else getattr(info, "k", getattr(info, "K", None))
-    if info is None or K is None:
-        raise FormatError(path, f"{topic} holds no CameraInfo", "give --intrinsics fx,fy,cx,cy")
-    matrix = np.asarray(K, np.float64).reshape(3, 3)
-    facts = {"width": int(info.width), "height": int(info.height)}
-    return CameraFile.from_matrix(path, matrix, **facts)
+def read_camera(path: Path, reader: Any, topics: Topics) -> CameraFile | None:  # noqa: ANN401
+    """Return the camera of the CameraInfo, which is the same in all its messages; None without.
 
-
-def decode(path: Path, image: Any) -> NDArray[Any]:  # noqa: ANN401 - an extra's
-    """Return the pixels of an Image message; rows may be padded, numbers of either byte order.
-
-    Raises:
-        FormatError: an unknown encoding, or fewer bytes than rows.
+    Of rectified images it is the projection matrix, and nothing is left of the lens.
     """
-    height, width, step = int(image.height), int(image.width), int(image.step)
-    encoding = str(image.encoding)
-    if encoding not in DEPTHS and encoding not in COLORS:
-        raise FormatError(path, f"has images of {encoding}", f"{', '.join((*DEPTHS, *COLORS))}")
-    kind = np.dtype((">" if image.is_bigendian else "<") + DEPTHS.get(encoding, "u1"))
-    row = width * CHANNELS.get(encoding, 1) * kind.itemsize
-    data = np.asarray(image.data, np.uint8).ravel()
-    if min(height, width) < 1 or step < row or data.size < height * step:
-        found = f"has an image of {width}x{height}, {step} bytes a row, in {data.size} bytes"
-        raise FormatError(path, found, "copy the whole bag again")
-    rows = np.ascontiguousarray(data[: height * step].reshape(height, step)[:, :row])
-    pixels = rows.view(kind)
-    if encoding in DEPTHS:
-        return pixels
-    channels = pixels.reshape(height, width, CHANNELS[encoding])
-    return np.ascontiguousarray(channels[:, :, COLORS[encoding]])
+    if topics.camera is None:
+        return None
+    _t, info = next(_messages(reader, topics.camera), (0, None))
+    K, P, D = (getattr(info, name, getattr(info, name.upper(), None)) for name in "kpd")
+    if info is None or K is None:
+        found = f"{topics.camera} holds no CameraInfo"
+        raise FormatError(path, found, "give --intrinsics fx,fy,cx,cy")
+    matrix = np.asarray(K, np.float64).reshape(3, 3)
+    stated = {"D": np.asarray(() if D is None else D).tolist()}
+    lens = distortion_in(path, stated | {"distortion_model": info.distortion_model})
+    if topics.is_rectified:
+        projection = np.asarray(P, np.float64).reshape(3, 4)[:, :3]
+        matrix, lens = projection if projection.any() else matrix, NO_DISTORTION
+    facts = {"width": int(info.width), "height": int(info.height), "distortion": lens}
+    return CameraFile.from_matrix(path, matrix, **facts)
 
 
 def _messages(reader: Any, topic: str, recorded: int | None = None) -> Iterator[tuple[int, Any]]:  # noqa: ANN401
@@ -243,7 +252,7 @@ def _nanoseconds(image: Any) -> int:  # noqa: ANN401 - an extra's
 
 def _infos(topic: str) -> list[str]:
     """Return where a driver puts the CameraInfo of an image topic."""
-    parts = topic.split("/")
+    parts = raw_topic(topic).split("/")
     return ["/".join([*parts[:end], name]) for end, name in _PLACES if len(parts) > abs(end)]
 
 

@@ -1,4 +1,4 @@
-"""ROS bags: `.bag` files, and ROS 2 folders of `metadata.yaml` with `.db3` or `.mcap`."""
+"""ROS bags: `.bag`, `.mcap` and `.db3` files, and folders of these with `metadata.yaml`."""
 
 import functools
 from collections import Counter
@@ -23,6 +23,8 @@ from pipelines.frames.rgbd_folder import FrameOptions
 
 NAME = "ROS bag"
 ROS_2_FILES = ("*.db3", "*.mcap")
+# What files begin with; a `.db3` may be anybody's. A `.bag` that does not is damaged.
+MAGIC = {"*.bag": b"", "*.db3": b"SQLite format 3\0", "*.mcap": b"\x89MCAP"}
 
 
 def _find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
@@ -36,7 +38,8 @@ def _find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]
         files = sorted(file for pattern in ROS_2_FILES for file in folder.glob(pattern))
         return _frames(folder, (*files, folder / "metadata.yaml"), folder, prefix, options)
     sources = []
-    for bag in sorted(file for file in folder.glob("*.bag") if file.is_file()):
+    lone = (file for pattern in MAGIC for file in folder.glob(pattern) if _is_bag(file))
+    for bag in sorted(lone):
         below = f"{prefix}/{bag.stem}"
         try:
             sources += _frames(bag, (bag,), folder, below, options)
@@ -44,6 +47,13 @@ def _find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]
             name = frame_name(folder, below, "")
             sources.append(FrameSource(name, functools.partial(_refuse, error), (bag,), NAME))
     return sources
+
+
+def _is_bag(file: Path) -> bool:
+    if not file.is_file():
+        return False
+    with file.open("rb") as stream:
+        return stream.read(16).startswith(MAGIC[f"*{file.suffix}"])
 
 
 def _frames(
@@ -96,9 +106,7 @@ def _read(
             read_image_at(bag, reader, topic, which)
             for topic, which in zip((topics.color, topics.depth), pair, strict=True)
         )
-        camera = options.camera
-        if camera is None and topics.camera is not None:
-            camera = read_camera(bag, reader, topics.camera)
+        camera = options.camera or read_camera(bag, reader, topics)
     if camera is None:
         raise FormatError(bag, f"has no CameraInfo beside {topics.depth}", NO_CAMERA)
     if not topics.is_aligned:
@@ -111,4 +119,4 @@ def _refuse(error: SymgraspError) -> Frame:
     raise error
 
 
-LAYOUT = Layout(NAME, "ROS bags (*.bag, or metadata.yaml with *.db3 or *.mcap)", _find)
+LAYOUT = Layout(NAME, "ROS bags (*.bag, *.mcap, *.db3)", _find)

@@ -13,7 +13,7 @@ from numpy.testing import assert_array_equal
 
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames.camera_files import CameraFile
-from pipelines.frames.encodings.ros_bags import CAMERA, IMAGE
+from pipelines.frames.encodings.ros_bags import CAMERA, COMPRESSED, IMAGE
 from pipelines.frames.frames import find_frames
 from tests.frames.layouts import build
 from tests.frames.layouts.test_damaged import MUTATIONS, mutations, read_everything
@@ -25,6 +25,7 @@ TOPICS = {
     "depth": "/camera/aligned_depth_to_color/image_raw",
     "info": "/camera/color/camera_info",
 }
+Packed = dict[str, tuple[str, Callable[[np.ndarray], bytes]]]
 KINDS = {"color": IMAGE, "depth": IMAGE, "info": CAMERA}
 
 
@@ -40,12 +41,18 @@ def write_bag(
     more: tuple[dict[str, str], ...] = (),
     delay: float = 0.004,
     recorded: Callable[[float], int] = lambda seconds: round(seconds * 1e9) + 500,
+    packed: Packed | None = None,
+    lens: tuple[float, ...] = (0.0,) * 5,
 ) -> None:
     """Write COUNT frames of the camera of `topics`, and of `more` cameras, which hang upside down.
 
     The depth is taken `delay` seconds after the colour; `recorded` tells when an image of these
-    seconds is recorded, in nanoseconds.
+    seconds is recorded, in nanoseconds. `packed`: the format of the colour's or the depth's
+    CompressedImage, and what makes its bytes. `lens`: the distortion in the CameraInfo, whose
+    projection matrix has other lengths then.
     """
+    packed = packed or {}
+    kinds = KINDS | dict.fromkeys(packed, COMPRESSED)
     from rosbags.rosbag1 import Writer as Writer1
     from rosbags.rosbag2 import Writer as Writer2
     from rosbags.typesys import Stores, get_typestore
@@ -59,7 +66,11 @@ def write_bag(
         first = (0,) if ros == 1 else ()
         return types["std_msgs/msg/Header"](*first, stamp, "camera")
 
-    def message(seconds: float, stored: np.ndarray, encoding: str) -> Any:
+    def message(seconds: float, stored: np.ndarray, encoding: str, kind: str) -> Any:
+        if kind in packed:
+            how, encode = packed[kind]
+            data = np.frombuffer(encode(stored), np.uint8)
+            return types[COMPRESSED](header(seconds), how, data)
         rows = np.ascontiguousarray(stored).reshape(build.HEIGHT, -1).view(np.uint8)
         rows = np.pad(rows, ((0, 0), (0, padding)))
         return types["sensor_msgs/msg/Image"](
@@ -69,10 +80,11 @@ def write_bag(
 
     def camera(seconds: float) -> Any:
         roi = types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
-        P = np.hstack([build.K, np.zeros((3, 1))]).ravel()
+        K = build.K + np.diag([5.0, 5.0, 0.0]) * any(lens)
+        P = np.hstack([K, np.zeros((3, 1))]).ravel()
         return types["sensor_msgs/msg/CameraInfo"](
-            header(seconds), build.HEIGHT, build.WIDTH, "plumb_bob", np.zeros(5), build.K.ravel(),
-            np.eye(3).ravel(), P, 0, 0, roi,
+            header(seconds), build.HEIGHT, build.WIDTH, "plumb_bob", np.array(lens),
+            build.K.ravel(), np.eye(3).ravel(), P, 0, 0, roi,
         )  # fmt: skip
 
     def messages(i: int, turn: int) -> dict[str, tuple[float, Any]]:
@@ -83,14 +95,14 @@ def write_bag(
         if depth == "32FC1":
             stored = np.where(stored == 0, np.nan, stored / 1000).astype("<f4")
         return {
-            "color": (seconds, message(seconds, image, color)),
-            "depth": (seconds + delay, message(seconds + delay, stored, depth)),
+            "color": (seconds, message(seconds, image, color, "color")),
+            "depth": (seconds + delay, message(seconds + delay, stored, depth, "depth")),
             "info": (seconds, camera(seconds)),
         }
 
     with Writer1(path) if ros == 1 else Writer2(path, version=9) as writer:
         cameras = [
-            {kind: writer.add_connection(topic, KINDS[kind], typestore=store)
+            {kind: writer.add_connection(topic, kinds[kind], typestore=store)
              for kind, topic in each.items()}
             for each in (topics, *more)
         ]  # fmt: skip

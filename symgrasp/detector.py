@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipelines.configs import InferConfig, check_settings
+from pipelines.configs.presets import preset_settings
 from pipelines.configs.settings import changed
 from pipelines.configs.stages import default_settings, part
 from pipelines.configs.toml_files import read_toml
@@ -31,6 +32,7 @@ class GraspDetector:
         self,
         gripper: str | Path | Gripper | None = None,
         *,
+        preset: str | None = None,
         device: str = "auto",
         settings: Mapping[str, object] | Path | str | InferConfig | None = None,
         detector: Path | str | None = None,
@@ -45,6 +47,7 @@ class GraspDetector:
         Args:
             gripper: preset (`rg2`, `franka`, `robotiq_2f85`), TOML file or `Gripper`; None for
                 that of `settings`.
+            preset: `paper` for the method as printed; `settings` go before it.
             device: `cpu`, `cuda`, `cuda:N`, or `auto`: a GPU if there is one.
             settings: settings of `symgrasp infer` that differ from its own, by dotted name, as
                 `{"selection.feasibility.min_width": 0.004}`; or a TOML file as `symgrasp config
@@ -61,7 +64,7 @@ class GraspDetector:
             SymgraspError: a gripper, device or setting is not known, a setting has a value that it
                 cannot have, or weights are missing.
         """
-        config = _infer_config(settings)
+        config = _infer_config(settings, preset)
         if isinstance(gripper, Gripper):
             self.gripper, name = gripper, InferConfig.gripper
         else:
@@ -125,17 +128,22 @@ class GraspDetector:
         return ordered_grasps(result, self.gripper, ids)
 
 
-def _infer_config(settings: Mapping[str, object] | Path | str | InferConfig | None) -> InferConfig:
-    if settings is None:
-        return InferConfig()
+def _infer_config(
+    settings: Mapping[str, object] | Path | str | InferConfig | None, preset: str | None
+) -> InferConfig:
     if isinstance(settings, InferConfig):
         check_settings(settings)
+        if preset is not None:
+            raise ValueRangeError("preset", preset, "left out beside a whole InferConfig")
         return settings
-    if isinstance(settings, Mapping):
-        return changed(InferConfig(), settings)
+    config = default_settings("infer")
+    if preset is not None:
+        config = changed(config, preset_settings(preset, "infer"))
+    if settings is None or isinstance(settings, Mapping):
+        return changed(part(InferConfig, config), settings or {})
     try:
         path = Path(settings)
     except TypeError:
         expected = "a mapping of names to values, a TOML file, or an InferConfig"
         raise ValueRangeError("settings", repr(settings), expected) from None
-    return part(InferConfig, changed(default_settings("infer"), read_toml(path), f"{path}: "))
+    return part(InferConfig, changed(config, read_toml(path), f"{path}: "))

@@ -10,7 +10,7 @@ from pipelines.configs.settings import Setting, settings_of
 from pipelines.configs.stages import STAGE_SETTINGS
 from pipelines.configs.toml_files import as_toml
 from symgrasp_cli.options import AsJson
-from symgrasp_cli.settings import Assignments, SettingsFile, settings_chosen
+from symgrasp_cli.settings import Assignments, Preset, SettingsFile, settings_chosen
 
 TITLE = (
     "Settings of `symgrasp {stage}`: save them as a file, change values, leave out what stays, and "
@@ -28,12 +28,13 @@ def config(
         ),
     ],
     *,
+    preset: Preset = None,
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
     as_json: AsJson = False,
 ) -> None:
     """Print all settings of a command with unit, meaning and origin, as a file for --config."""
-    chosen = settings_chosen(stage, settings_file, (), assignments or ())
+    chosen = settings_chosen(stage, settings_file, (), assignments or (), preset)
     if as_json:
         rows = [_row(each) for each in settings_of(chosen)]
         typer.echo(json.dumps({"stage": stage, "settings": rows}, indent=1, ensure_ascii=False))

@@ -10,6 +10,7 @@ from typing import Annotated, Any, TypeVar
 
 import typer
 
+from pipelines.configs.presets import preset_settings, presets_of
 from pipelines.configs.settings import Setting, changed, changed_by_text, settings_of
 from pipelines.configs.stages import default_settings
 from pipelines.configs.toml_files import read_toml
@@ -31,6 +32,16 @@ SettingsFile = Annotated[
         rich_help_panel=PANEL,
         help="TOML file of settings, as `symgrasp config` prints it. SYMGRASP_ variables go before "
         "the file, options and --set before both.",
+    ),
+]
+Preset = Annotated[
+    str | None,
+    typer.Option(
+        "--preset",
+        metavar="NAME",
+        rich_help_panel=PANEL,
+        help="Settings under one name; paper: the method as printed. Variables, --config and "
+        "options go before it.",
     ),
 ]
 Assignments = Annotated[
@@ -130,10 +141,11 @@ def with_settings(
         @wraps(command)
         def run(context: typer.Context, **values: Any) -> None:  # noqa: ANN401 - any option
             file, assignments = values.pop("settings_file"), values.pop("assignments")
+            preset = values.pop("preset", None)
             wanted = Manner(values.pop("as_json"), values.pop("quiet"))
             given = _given(context, made, values)
             with speaking(wanted), failure_as_json(stage):
-                chosen = settings_chosen(stage, file, given, assignments or ())
+                chosen = settings_chosen(stage, file, given, assignments or (), preset)
                 command(config=chosen, **values)
 
         own = inspect.signature(command, eval_str=True).parameters.values()
@@ -141,6 +153,7 @@ def with_settings(
             _keyword("context", typer.Context),
             *(_keyword(p.name, p.annotation, p.default) for p in own if p.name != "config"),
             *(each.parameter() for each in made),
+            *([_keyword("preset", Preset, None)] if presets_of(stage) else []),
             _keyword("settings_file", SettingsFile, None),
             _keyword("assignments", Assignments, None),
             _keyword("as_json", AsJson, False),
@@ -154,14 +167,20 @@ def with_settings(
 
 
 def settings_chosen(
-    stage: str, file: Path | None, given: Sequence[GivenOption], assignments: Sequence[str]
+    stage: str,
+    file: Path | None,
+    given: Sequence[GivenOption],
+    assignments: Sequence[str],
+    preset: str | None = None,
 ) -> Any:  # noqa: ANN401 - a config
-    """Return settings by precedence: defaults, file, variables, then options and `--set`.
+    """Return settings by precedence: defaults, preset, file, variables, then options and `--set`.
 
     Raises:
         SymgraspError: an unknown name, a value that cannot be, or one setting given twice.
     """
     config = default_settings(stage)
+    if preset is not None:
+        config = changed(config, preset_settings(preset, stage), f"preset {preset}: ")
     if file is not None:
         config = changed(config, read_toml(file), f"{file}: ")
     for each in sorted(given, key=lambda each: not each.by_variable):

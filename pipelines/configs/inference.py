@@ -40,6 +40,9 @@ class InferConfig:
     min_foreground: float = setting(
         0.5, "share", "Share of a detection that must stand above the table.", BY_EYE
     )
+    clip_detections: bool = choice(
+        True, "Take from a detection the pixels that depth shows on the table.", "D. 19"
+    )
     min_uncovered: float = setting(
         0.5, "share", "Share of a geometric region that detections must leave free.", BY_EYE
     )

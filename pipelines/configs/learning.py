@@ -11,6 +11,8 @@ from pipelines.configs.planning import ReferenceFrame
 
 DetectorVariant = Literal["light", "resnet50"]
 DetectorInput = Literal["geometry", "color", "both"]
+PIFTVariant = Literal["spread", "convolution"]
+LossVariant = Literal["balanced", "paper"]
 
 MICRO_BATCH = "Items of a batch worked on together, gradients summed; 0 suits the device."
 DECAY = "Factor of the learning rate every `decay_epochs` epochs."
@@ -85,6 +87,11 @@ class NetworkConfig:
         (3, 1, 1, 1), "count", "Each level seeks neighbours among every n-th point.", "D. 25", low=1
     )
     use_pift: bool = choice(True, "Deform points before aggregation (Eq. 3).", "Sec. III-E")
+    pift: PIFTVariant = choice(
+        "spread",
+        "F^PIFT: spread, a pooled layer and a power of the cloud's spread; or convolution.",
+        "D. 96",
+    )
     canonical_frame: bool = choice(
         True, "See points, and predict symmetries, in PIFT's frame.", "D. 83, D. 95"
     )
@@ -102,6 +109,7 @@ class AugmentationConfig:
         0.1, "share", "Share of the regions that are seen as if no table were known.", "D. 69"
     )
     scale: float = setting(0.15, "share", "Largest uniform scaling.", BY_EYE)
+    mirrored: float = setting(0.5, "share", "Share of the regions that are mirrored.", BY_EYE)
     jitter: float = setting(0.0005, "m", "Standard deviation of each coordinate's noise.", BY_EYE)
     principal_scale: float = setting(
         1.4, "factor", "Largest scaling, or its inverse, of the Siamese copy.", BY_EYE, low=1.0
@@ -166,6 +174,11 @@ class TrainConfig:
     weight_symmetry: float = setting(5.0, "weight", "w^s.", "Sec. III-G")
     weight_existence: float = setting(1.0, "weight", "w^c.", "Sec. III-G")
     weight_parameters: float = setting(5.0, "weight", "w^r.", "Sec. III-G")
+    loss: LossVariant = choice(
+        "balanced",
+        "Terms: balanced, L^f by the features' variance and L^a by class; or paper, as printed.",
+        "D. 96, D. 1",
+    )
     use_siamese: bool = choice(
         True, "Ask for the same features in a scaled copy (Fig. 3).", "Sec. III-E"
     )

@@ -8,6 +8,7 @@ from pipelines.configs.declaration import BY_EYE, choice, setting
 
 RankingMethod = Literal["critic", "eq8"]
 ReferenceFrame = Literal["camera", "table"]
+Averaging = Literal["median", "mean"]
 
 ROBOT = "user's robot"
 
@@ -87,6 +88,11 @@ class SymmetryConfig:
     is_fitted: bool = choice(
         True, "Fit predicted symmetries to the seen surface; the paper does not.", "D. 31"
     )
+    averaging: Averaging = choice(
+        "median",
+        "Symmetry of a region, of its points' votes: median, by affordance, or mean.",
+        "D. 4",
+    )
     min_existence: float = setting(
         0.5, "share", "Least existence of a symmetry that is not fitted.", "D. 4"
     )
@@ -145,6 +151,12 @@ class FeasibilityConfig:
     )
     min_table_distance: float = setting(
         0.004, "m", "Least distance between finger tips and table.", BY_EYE
+    )
+    keeps_off_plane: bool = choice(
+        True, "Keep the gripper above the support plane, where it is seen and where not.", BY_EYE
+    )
+    keeps_within_image: bool = choice(
+        True, "Keep off the space beyond the image where its border cuts the region off.", "D. 109"
     )
     max_approach_angle: float = setting(
         1.75, "rad", "Largest angle between approach and the table's inward normal.", BY_EYE

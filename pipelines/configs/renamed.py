@@ -43,6 +43,8 @@ RENAMED: dict[str, dict[str, str]] = {
 }
 # Settings that are no more, with the reason: files of before may name them.
 REMOVED: dict[str, dict[str, str]] = {}
+# Settings that weights of before need not name: these networks were made with the default.
+NOT_NAMED_BEFORE: dict[str, frozenset[str]] = {"NetworkConfig": frozenset({"pift"})}
 # Values of before -> of now, by the name of now.
 RENAMED_VALUES: dict[str, dict[str, dict[str, str]]] = {
     "InferConfig": {"selection.ranking.by": {"judge": "critic"}},

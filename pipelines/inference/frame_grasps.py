@@ -111,7 +111,9 @@ class Planner:
             only = (Random(rng) if self.config.method == "random" else Planar(),)
             return [Plan(planner.plan(RegionModel(cloud), scene, only)) for cloud in clouds]
         large = [index for index, cloud in enumerate(clouds) if len(cloud) >= MIN_POINTS]
-        predicted = predicted_regions([clouds[i] for i in large], scene.plane, self.predictor)
+        predicted = predicted_regions(
+            [clouds[i] for i in large], scene.plane, self.predictor, selection.symmetry.averaging
+        )
         critics = self.symmetry_critics if selection.symmetry.is_fitted else None
         plans = [Plan(RankedGrasps.empty()) for _ in clouds]
         models = region_models(predicted, scene, selection, critics)
@@ -153,7 +155,7 @@ class Planner:
     def _piecewise(self, plan: Plan, mask: NDArray[np.bool_], seen: Observation) -> Plan:
         """Return planar grasps of the geometric pieces of a region that has none as a whole."""
         inside, scene = self.config.min_piece_inside, seen.scene
-        for piece in seen.segments.masks:
+        for piece in seen.segments.masks if self.config.regions != "detector" else ():
             if np.count_nonzero(piece & mask) < inside * np.count_nonzero(piece):
                 continue
             cloud = RegionCloud.from_mask(piece & mask, scene)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pipelines.array_types import Array
 from pipelines.configs import SelectionConfig
+from pipelines.configs.planning import Averaging
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.grasping.planner import RegionModel
@@ -16,7 +17,7 @@ from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.grasping.symmetries.completion import completions
 from pipelines.grasping.symmetries.grounding import SymmetryCritics, ground_symmetries
 from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
-from pipelines.grasping.symmetries.votes import voted_slots
+from pipelines.grasping.symmetries.votes import mean_slots, voted_slots
 
 
 class RegionOutput(Protocol):
@@ -69,20 +70,28 @@ class PredictedRegion:
     slots: SymmetrySlots
 
     @classmethod
-    def of(cls, cloud: RegionCloud, prediction: RegionOutput) -> "PredictedRegion":
-        """Return the region `cloud` with the votes of its points put together."""
+    def of(
+        cls, cloud: RegionCloud, prediction: RegionOutput, averaging: Averaging
+    ) -> "PredictedRegion":
+        """Return the region `cloud` with the votes of its points put together by `averaging`."""
         affordance = np.asarray(prediction.affordance, np.float64)
         votes = prediction.existence, prediction.center, prediction.direction
-        slots = voted_slots(*votes, affordance[prediction.voting])
+        if averaging == "mean":
+            slots = mean_slots(*votes)
+        else:
+            slots = voted_slots(*votes, affordance[prediction.voting])
         return cls(cloud[prediction.index], affordance, slots)
 
 
 def predicted_regions(
-    clouds: Sequence[RegionCloud], table: Plane | None, predictor: Predictor
+    clouds: Sequence[RegionCloud],
+    table: Plane | None,
+    predictor: Predictor,
+    averaging: Averaging = "median",
 ) -> list[PredictedRegion]:
     """Return the predictions for `clouds` on `table`, camera frame."""
     predictions = predictor.predict([cloud.points for cloud in clouds], table)
-    return [PredictedRegion.of(*each) for each in zip(clouds, predictions, strict=True)]
+    return [PredictedRegion.of(*each, averaging) for each in zip(clouds, predictions, strict=True)]
 
 
 def region_models(

@@ -113,7 +113,8 @@ def _standing(
         seen = int(np.count_nonzero(mask & measured))
         if np.count_nonzero(mask & standing) < config.min_foreground * max(1, seen):
             continue
-        mask = mask & known
+        if config.clip_detections:
+            mask = mask & known
         free &= ~mask
         regions.append(Region(mask, float(detection.confidence), "detector"))
     return regions

@@ -32,7 +32,7 @@ def augment(batch: RegionBatch, config: AugmentationConfig, generators: Generato
     spread = torch.tensor([config.tilt_deg, config.tilt_deg, config.turn_deg])
     turn = _rotations(_normal(generators, 3) * spread * (math.pi / 180.0))
     drawn = _uniform(generators, 2)
-    mirror = torch.where(drawn[:, 0] < 0.5, -1.0, 1.0)
+    mirror = torch.where(drawn[:, 0] < config.mirrored, -1.0, 1.0)
     flip = torch.diag_embed(torch.stack([mirror, *[torch.ones_like(mirror)] * 2], -1))
     scale = 1.0 + config.scale * (2.0 * drawn[:, 1] - 1.0)
     isometry = turn @ flip

@@ -1,7 +1,8 @@
 """The training loss (Sec. III-E): consistency, affordance (Eq. 6) and symmetry (Eq. 7).
 
 Every term is a mean over points where the paper has a sum: the weights of the terms stay the
-paper's, and the number of queried points does not change the step.
+paper's, and the number of queried points does not change the step. `TrainConfig.loss` chooses
+between the terms as printed and the balanced ones.
 """
 
 from dataclasses import dataclass
@@ -66,11 +67,12 @@ def total_loss(
     """
     if labelled is None:
         labelled = torch.ones_like(truth.ground)
-    feature = prediction.features.new_zeros(())
+    feature, as_printed = prediction.features.new_zeros(()), config.loss == "paper"
     if pair is not None:
-        feature = consistency_loss(*pair)
-    affordance = affordance_loss(prediction.affordance, truth.affordance, labelled)
-    weight = symmetry_weights(prediction.affordance)
+        feature = (plain_consistency if as_printed else consistency_loss)(*pair)
+    weigh = plain_affordance_loss if as_printed else affordance_loss
+    affordance = weigh(prediction.affordance, truth.affordance, labelled)
+    weight = (plain_weights if as_printed else symmetry_weights)(prediction.affordance)
     matched = match_reflections(
         truth, points, prediction.direction[:, :, :3], prediction.center[:, :, :3], weight
     )
@@ -97,6 +99,30 @@ def consistency_loss(
     """
     both = torch.cat([features, copy_features]).flatten(0, 1)
     return functional.mse_loss(features, copy_features) / (both.var(0).mean() + MIN_VARIANCE)
+
+
+def plain_consistency(
+    features: Tensor,  # (B, Q, C)
+    copy_features: Tensor,  # (B, Q, C)
+) -> Tensor:
+    """Return L^f as printed: the squared distance of a point's two features."""
+    return (features - copy_features).square().sum(-1).mean()
+
+
+def plain_affordance_loss(
+    predicted: Tensor,  # (B, Q)
+    truth: Tensor,  # (B, Q)
+    labelled: Tensor,  # (B,)
+) -> Tensor:
+    """Return the L1 of Eq. 6 as printed."""
+    return ((predicted - truth).abs().mean(-1) @ labelled) / len(labelled)  # Eq. 6
+
+
+def plain_weights(
+    affordance: Tensor,  # (B, Q)
+) -> Tensor:
+    """Return a_j of Eq. 7 over Q, without a gradient: with one, a_j would fall without end."""
+    return affordance.detach().clamp(0.0, 1.0) / affordance.shape[-1]
 
 
 def affordance_loss(

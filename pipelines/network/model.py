@@ -1,5 +1,6 @@
 """The symmetry-aware grasp detection network: PointNet++ with PIFT, and its heads (Sec. III-E)."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -8,7 +9,7 @@ from torch import Tensor, nn
 from pipelines.configs import NetworkConfig
 from pipelines.geometry.symmetry import ROTATION_SLOT
 from pipelines.network.heads import Heads
-from pipelines.network.pift import PIFT, Deformation
+from pipelines.network.pift import PIFT, ConvolutionPIFT, Deformation
 from pipelines.network.pointnet2 import FeaturePropagation, SetAbstraction
 from pipelines.network.sampling import gather
 
@@ -68,7 +69,7 @@ class SymmetryGraspNet(nn.Module):
         self.set_abstractions = nn.ModuleList(
             SetAbstraction(dims[i], SET_DIMS[i], *size) for i, size in enumerate(sizes)
         )
-        self.pifts = nn.ModuleList(PIFT(dim) for dim in dims[:-1]) if config.use_pift else None
+        self.pifts = nn.ModuleList(_pifts(dims[:-1], config)) if config.use_pift else None
         out_dims = [config.feature_dim, config.feature_dim, *dims[2:4]]
         self.propagations = nn.ModuleList(
             FeaturePropagation((*out_dims, dims[4])[i + 1], dims[i], out_dims[i]) for i in range(4)
@@ -160,6 +161,12 @@ class SymmetryGraspNet(nn.Module):
         Every `stride`-th of them votes for symmetries.
         """
         return self.predict(self.features(points, ground, query), stride)
+
+
+def _pifts(dims: Sequence[int], config: NetworkConfig) -> Iterator[nn.Module]:
+    """Yield F^PIFT of each level; `dims`: features of a point there."""
+    for dim, count in zip(dims, (config.num_points, *config.set_points[:-1]), strict=True):
+        yield PIFT(dim) if config.pift == "spread" else ConvolutionPIFT(dim, count)
 
 
 def _undone(

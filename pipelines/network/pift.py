@@ -3,8 +3,11 @@
 A small point convolutional network sees a layer's points and proposes T = S R: turn the cloud into
 a canonical frame, then scale it along that frame's axes. The layer aggregates features among the
 deformed points; its sampled points are brought back exactly, and so are the planes, axes and
-centres that are predicted in the canonical frame. The scale is a learned power of the cloud's own
-spread: with the power -1 it undoes a scaling along the frame's axes (D. 96).
+centres that are predicted in the canonical frame.
+
+Two kinds of F^PIFT: `ConvolutionPIFT` as printed, a point convolution with a regression layer; and
+`PIFT`, whose scale is a learned power of the cloud's own spread: with the power -1 it undoes a
+scaling along the frame's axes (D. 96).
 """
 
 from dataclasses import dataclass
@@ -13,6 +16,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from pipelines.network.pointnet2 import SetAbstraction
 from pipelines.network.sampling import maximum
 
 # Chosen by eye, all of these.
@@ -22,6 +26,7 @@ TYPICAL_SPREAD = 0.25  # decimetres, root mean square along an axis, of a cloud 
 MIN_SPREAD = 0.01  # decimetres; flat clouds stay flat
 POWER_GAIN = 10.0  # one weight learns the power as fast as many learn a regressed number
 IDENTITY_6D = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+MAX_GROUPS, GROUP_SIZE = 64, 16  # of the point convolution
 
 
 @dataclass(frozen=True)
@@ -108,6 +113,35 @@ class PIFT(nn.Module):
         log_scale = output[:, 6:] + POWER_GAIN * self.power * _log_spread(seen, rotation)
         scale = torch.exp(MAX_LOG_SCALE * torch.tanh(log_scale))
         return Deformation(rotation, scale, center)
+
+
+class ConvolutionPIFT(nn.Module):
+    """F^PIFT as Sec. III-E prints it: a point convolutional network with a regression layer.
+
+    Groups of neighbours are pooled, and these pooled; R and S are regressed, the identity at first.
+    """
+
+    def __init__(self, feature_dim: int, num_points: int) -> None:
+        super().__init__()
+        groups = max(1, min(MAX_GROUPS, num_points // 4))
+        neighbors = min(GROUP_SIZE, num_points)
+        self.convolution = SetAbstraction(feature_dim, (32, 64, 64), groups, neighbors)
+        self.hidden = nn.Linear(64, 64)
+        self.regress = nn.Linear(64, 9)
+        nn.init.zeros_(self.regress.weight)
+        with torch.no_grad():
+            self.regress.bias.copy_(torch.tensor([*IDENTITY_6D, 0.0, 0.0, 0.0]))
+
+    def forward(
+        self,
+        points: Tensor,  # (B, N, 3)
+        features: Tensor,  # (B, N, C)
+    ) -> Deformation:
+        """Return the deformation of the whole cloud."""
+        _, groups = self.convolution(points, features)
+        output = self.regress(torch.relu(self.hidden(maximum(groups))))
+        scale = torch.exp(MAX_LOG_SCALE * torch.tanh(output[:, 6:]))
+        return Deformation(rotation_from_6d(output[:, :6]), scale, points.mean(1))
 
 
 def _log_spread(

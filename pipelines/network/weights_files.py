@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 from torch import Tensor, nn
 
 from pipelines.configs import from_settings
+from pipelines.configs.renamed import NOT_NAMED_BEFORE
 from pipelines.errors import FormatError
 from pipelines.storage.checkpoints import load_weights
 
@@ -33,9 +34,10 @@ def read_weights(
     if found != model or "config" not in metadata:
         raise FormatError(path, f"holds {found}", f"weights of {model} are expected")
     settings = json.loads(metadata["config"])
-    known = {field.name for field in dataclasses.fields(config_type)}  # type: ignore[arg-type]
-    if known - set(settings):
-        unsaid = ", ".join(sorted(known - set(settings)))
+    needed = {field.name for field in dataclasses.fields(config_type)}  # type: ignore[arg-type]
+    needed -= NOT_NAMED_BEFORE.get(config_type.__name__, frozenset())
+    if needed - set(settings):
+        unsaid = ", ".join(sorted(needed - set(settings)))
         expected = "an earlier version made it; train it again with this one"
         raise FormatError(path, f"does not say the settings {unsaid}", expected)
     return tensors, from_settings(config_type, settings, f"{path}: ")

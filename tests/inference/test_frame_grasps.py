@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from pipelines.configs import InferConfig, LimitsConfig, RankingConfig, SelectionConfig
+from pipelines.configs.presets import preset_settings
+from pipelines.configs.settings import from_settings
 from pipelines.errors import SymgraspError
 from pipelines.frames.rgbd import Frame
 from pipelines.geometry.symmetry import ReflectionSymmetry, SymmetrySlots
@@ -17,7 +19,7 @@ from pipelines.inference import models
 from pipelines.inference.frame_grasps import Planner
 from pipelines.pictures.overlays import draw_overlay
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
-from tests.inference.stand_ins import Prediction
+from tests.inference.stand_ins import Detection, Detector, Prediction
 
 POSE = looking_at_table()
 DEPTH, INDEX = render([Box((0.06, 0.09, 0.1))], POSE)
@@ -68,6 +70,29 @@ def test_predicted_symmetries_give_network_grasps_and_are_written_down():
     cosine = np.abs(result.regions.symmetry_direction[0, :3] @ POSE[:3, :3])
     np.testing.assert_allclose(np.sort(cosine.max(axis=0)), 1.0, atol=1e-3)
     assert result.regions.affordance_max[0] == 1.0
+
+
+def test_the_paper_s_preset_ranks_predicted_contacts_by_eq_8_alone():
+    config = from_settings(InferConfig, preset_settings("paper", "infer"))
+    detector = Detector([Detection(INDEX == 0)])
+    planner = Planner(config, load_gripper("rg2"), detector, Oracle())
+    result = planner.plan(FRAME, np.random.default_rng(0))
+    grasps = result.grasps
+    assert set(grasps.source) == {"network"}
+    assert set(grasps.ranker) == {"eq8"}
+    np.testing.assert_allclose(result.regions.symmetry_confidence[0], [1, 1, 0, 0, 0])
+    apart = np.linalg.norm(np.diff(grasps.contacts, axis=1)[:, 0], axis=1)
+    np.testing.assert_allclose(grasps.width, apart, atol=1e-6)  # no opening margin
+    b, h = (
+        np.minimum(grasps.clearance, 0.05) / 0.05,
+        np.minimum(grasps.enclosed_height, 0.03) / 0.03,
+    )
+    np.testing.assert_allclose(grasps.rank_score, np.tanh(b) * np.tanh(5.0 * h), atol=1e-6)
+    mirrored = transform_points(np.linalg.inv(POSE), grasps.contacts.reshape(-1, 3)).reshape(
+        -1, 2, 3
+    )
+    across = np.abs(mirrored.mean(axis=1)[:, :2]).min(axis=1)
+    np.testing.assert_allclose(across, 0.0, atol=1e-6)  # the middle lies in a predicted plane
 
 
 def thinned(kind):

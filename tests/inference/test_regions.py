@@ -81,3 +81,20 @@ def test_a_little_table_beside_the_masks_is_enough():
     whole = masked(DEPTH, masks)
     np.testing.assert_allclose(found.scene.plane.normal, whole.scene.plane.normal, atol=0.01)
     np.testing.assert_allclose(found.scene.plane.offset, whole.scene.plane.offset, atol=0.01)
+
+
+def test_a_detection_keeps_the_table_s_pixels_if_it_is_not_clipped():
+    wide = np.zeros(DEPTH.shape, bool)
+    rows, columns = np.nonzero(INDEX == 0)
+    wide[rows.min() - 8 : rows.max() + 8, columns.min() - 8 : columns.max() + 8] = True
+    clipped, whole = (
+        regions(
+            Detector([Detection(wide)]),
+            regions="detector",
+            clip_detections=clip,
+            min_foreground=0.0,
+        )[0].mask
+        for clip in (True, False)
+    )
+    np.testing.assert_array_equal(whole, wide)
+    assert clipped.sum() < 0.9 * wide.sum()

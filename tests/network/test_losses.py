@@ -205,3 +205,27 @@ def test_rare_graspable_points_are_not_outvoted():
     assert float(missed) == pytest.approx(0.8 / 2)
     raised = losses.affordance_loss(torch.full((1, 100), 0.8), truth)
     assert float(raised) == pytest.approx(0.8 / 2)
+
+
+def test_the_loss_as_printed_is_plain_distances_weighed_by_the_predicted_affordance():
+    truth, prediction = toy_batch(3, 20), random_prediction(3, 20)
+    config = replace(CONFIG, loss="paper", weight_feature=1.0)
+    copy, points = torch.zeros_like(prediction.features), truth.points[:, :8]
+    terms = losses.total_loss(prediction, truth, (prediction.features, copy), config, points)
+    distance = prediction.features.square().sum(-1).mean()
+    torch.testing.assert_close(terms.feature, distance)
+    wrong = (prediction.affordance - truth.affordance).abs().mean()
+    torch.testing.assert_close(terms.affordance, wrong)  # Eq. 6
+    twice = replace(prediction, affordance=0.5 * prediction.affordance)
+    again = losses.total_loss(twice, truth, (prediction.features, copy), config, points)
+    torch.testing.assert_close(again.existence, 0.5 * terms.existence)  # Eq. 7
+
+
+def test_the_loss_as_printed_leaves_unlabelled_regions_out():
+    truth, prediction = toy_batch(2, 20), random_prediction(2, 20)
+    only = torch.tensor([1.0, 0.0])
+    found = losses.plain_affordance_loss(prediction.affordance, truth.affordance, only)
+    first = losses.plain_affordance_loss(
+        prediction.affordance[:1], truth.affordance[:1], torch.ones(1)
+    )
+    torch.testing.assert_close(found, 0.5 * first)

@@ -5,7 +5,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipelines.network.cpu.folding import folded
-from pipelines.network.pift import PIFT, POWER_GAIN, TYPICAL_SPREAD, rotation_from_6d
+from pipelines.network.pift import (
+    PIFT,
+    POWER_GAIN,
+    TYPICAL_SPREAD,
+    ConvolutionPIFT,
+    rotation_from_6d,
+)
 
 seeds = st.integers(0, 2**31 - 1)
 
@@ -99,3 +105,36 @@ def test_the_inverse_spread_undoes_a_scaling_along_an_axis_of_the_frame(seed, fa
     same, again = (module(each, features).deform(each) for each in (points, scaled))
     # But for the bound on scales: single clouds, whose spread comes near it, keep up to a half.
     assert (again - same).norm() < 0.15 * (scaled - points).norm()
+
+
+def learned_convolution(feature_dim=4, num_points=50):
+    torch.manual_seed(0)
+    module = ConvolutionPIFT(feature_dim, num_points)
+    torch.nn.init.normal_(module.regress.weight)
+    return module.eval()
+
+
+def test_a_new_point_convolution_deforms_nothing():
+    deformation = ConvolutionPIFT(4, 50)(torch.randn(2, 50, 3), torch.randn(2, 50, 4))
+    assert torch.equal(deformation.rotation, torch.eye(3).expand(2, 3, 3))
+    assert torch.equal(deformation.scale, torch.ones(2, 3))
+
+
+def test_a_point_convolution_sees_where_points_lie_and_their_features():
+    module, points, features = learned_convolution(), torch.randn(2, 50, 3), torch.randn(2, 50, 4)
+    first = module(points, features)
+    assert not torch.allclose(first.scale, module(2.0 * points, features).scale)
+    assert not torch.allclose(first.scale, module(points, features + 1.0).scale)
+    moved = module(points + 3.0, features)  # groups are seen from their centres
+    torch.testing.assert_close(moved.scale, first.scale, atol=1e-4, rtol=1e-4)
+
+
+def test_a_folded_point_convolution_deforms_alike_alone_and_in_company():
+    module, points, features = learned_convolution(), torch.randn(5, 50, 3), torch.randn(5, 50, 4)
+    quick = folded(module)
+    with torch.inference_mode():
+        plain, together = module(points, features), quick(points, features)
+        alone = quick(points[2:3], features[2:3])
+    torch.testing.assert_close(together.scale, plain.scale, atol=1e-5, rtol=1e-4)
+    torch.testing.assert_close(together.rotation, plain.rotation, atol=1e-5, rtol=1e-4)
+    assert torch.equal(alone.scale[0], together.scale[2])

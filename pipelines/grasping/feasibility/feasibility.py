@@ -53,6 +53,7 @@ class Feasibility:
         clearance_cap: float,
     ) -> "Feasibility":
         """Return the checks at `region`; clearances are known up to `clearance_cap` metres."""
+        scene = scene if config.keeps_off_plane else replace(scene, plane=None)
         reach, floor = gripper.finger_length + gripper.palm_depth + clearance_cap, None
         if scene.plane is not None:
             # The gripper stays `min_table_distance` above the table. Blown up by a margin, its
@@ -60,7 +61,9 @@ class Feasibility:
             lowest = config.min_table_distance - np.sqrt(3.0) * config.body_margin - ROUNDING
             floor = Plane(scene.plane.normal, float(scene.plane.offset - lowest))
         around = Surroundings.of(region, scene, reach, config.scene_resolution, floor)
-        border = ImageBorder.of(region.mask, scene.depth, scene.sides, scene.intrinsics)
+        border = None
+        if config.keeps_within_image:
+            border = ImageBorder.of(region.mask, scene.depth, scene.sides, scene.intrinsics)
         return cls(gripper, scene, around, border, config)
 
     def with_unseen(self, points: Array) -> "Feasibility":

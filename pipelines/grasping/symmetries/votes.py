@@ -7,6 +7,18 @@ from pipelines.geometry.numerics.compiled import compiled
 from pipelines.geometry.symmetry import REFLECTION_SLOTS, SPHERE_SLOT, SymmetrySlots
 
 
+def mean_slots(existence: Array, point: Array, direction: Array) -> SymmetrySlots:
+    """Return the plain mean of per-point predictions, as Sec. III-E has it.
+
+    A normal and its opposite are one plane, so directions average as outer products; shapes as in
+    `voted_slots`.
+    """
+    slots, same = SymmetrySlots.empty(), np.full((SPHERE_SLOT, len(existence)), 1 / len(existence))
+    slots.existence[:], slots.point[:] = existence.mean(axis=0), point.mean(axis=0)
+    slots.direction[:SPHERE_SLOT] = leading_directions(_by_slot(direction)[:SPHERE_SLOT], same)
+    return slots
+
+
 def voted_slots(
     existence: Array, point: Array, direction: Array, affordance: Array
 ) -> SymmetrySlots:

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from pipelines.errors import SymgraspError, UnknownNameError
 from pipelines.network.heads import Heads
-from pipelines.network.pift import PIFT
+from pipelines.network.pift import PIFT, ConvolutionPIFT
 
 PRECISIONS = ("float32", "bf16")
 MIN_WIDTH = 16
@@ -91,7 +91,7 @@ def _wide_layers(module: nn.Module) -> Iterator[nn.Module]:
     """Yield the layers that are worth it and neither take in nor give out coordinates."""
     exact: set[int] = set()
     for part in module.modules():
-        if isinstance(part, PIFT):
+        if isinstance(part, PIFT | ConvolutionPIFT):
             exact |= {id(layer) for layer in part.modules()}
         elif isinstance(part, Heads):
             exact |= {id(cast(nn.Sequential, chain)[-1]) for chain in part.children()}

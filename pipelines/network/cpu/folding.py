@@ -17,7 +17,7 @@ from torchvision.models.resnet import Bottleneck
 from pipelines.network.cpu.cloudwise import CloudChain, CloudLinear, RowLinear, taken_apart
 from pipelines.network.cpu.interpolation import add_interpolated
 from pipelines.network.heads import Heads
-from pipelines.network.pift import PIFT
+from pipelines.network.pift import PIFT, ConvolutionPIFT
 from pipelines.network.pointnet2 import FeaturePropagation, PointNorm, SetAbstraction
 from pipelines.network.sampling import interpolation_weights, weighted_sum
 
@@ -29,7 +29,7 @@ def folded(network: Network) -> Network:
     """Return a copy of a trained network, for inference alone, with the same outputs."""
     network = copy.deepcopy(network).eval().requires_grad_(False)
     for module in network.modules():
-        if isinstance(module, SetAbstraction | FeaturePropagation | PIFT | Heads):
+        if isinstance(module, SetAbstraction | FeaturePropagation | PIFT | ConvolutionPIFT | Heads):
             _make_cloudwise(module)
     for module in list(network.modules()):
         if isinstance(module, SetAbstraction):
@@ -48,7 +48,8 @@ def folded(network: Network) -> Network:
 
 def _make_cloudwise(part: nn.Module) -> None:
     """Let the linear layers of `part` give each cloud, or each row, the same bits in any batch."""
-    of_one_row = {id(part.hidden), id(part.regress)} if isinstance(part, PIFT) else set()
+    is_pift = isinstance(part, PIFT | ConvolutionPIFT)
+    of_one_row = {id(part.hidden), id(part.regress)} if is_pift else set()
     for layer in part.modules():
         if type(layer) is nn.Linear:  # the class alone decides how a layer is worked out
             single = layer.out_features == 1 or id(layer) in of_one_row

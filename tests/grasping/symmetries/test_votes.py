@@ -11,7 +11,7 @@ from pipelines.geometry.transforms import (
     transform_points,
     unit,
 )
-from pipelines.grasping.symmetries.votes import voted_slots, weighted_medians
+from pipelines.grasping.symmetries.votes import mean_slots, voted_slots, weighted_medians
 
 seeds = st.integers(0, 2**31)
 
@@ -93,3 +93,15 @@ def test_the_votes_for_each_slot_are_averaged_as_if_it_were_alone():
             centre += (weighted_medians(point[:, slot] @ axis, vote) - centre @ axis) * axis
         np.testing.assert_allclose(slots.point[slot], centre, atol=1e-12)
     assert np.isnan(slots.direction[4]).all()
+
+
+@given(seeds)
+@settings(max_examples=10, deadline=None)
+def test_the_plain_mean_is_the_paper_s_average_whatever_the_signs(seed):
+    rng = np.random.default_rng(seed)
+    normals, existence, point, direction, _ = noisy_predictions(rng)
+    slots = mean_slots(existence, point, direction)
+    np.testing.assert_allclose(slots.existence, existence.mean(axis=0))
+    np.testing.assert_allclose(slots.point, point.mean(axis=0))
+    cosine = np.abs(np.einsum("ki,ki->k", slots.direction[:4], normals[:4]))
+    assert (cosine > np.cos(0.02)).all()

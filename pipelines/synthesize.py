@@ -6,6 +6,7 @@ Writes  ROOT/models/NNN/                     nontextured.ply, textured.obj, conv
         ROOT/grasp_label/NNN_labels.npz      sampled and validated on GraspNet's grid
         ROOT/scenes/scene_NNNN/CAMERA/       rgb, depth, label, annotations, meta, poses;
                                              rect if there are collision labels
+        ROOT/scenes/.../surroundings.npz     bin, walls and the like, if there are any
         ROOT/collision_label/scene_NNNN/     collisions of labelled grasps with the scene
         ROOT/objects.json                    family, pool and true symmetries of each object
 
@@ -14,13 +15,13 @@ and a test root of one seed share exactly the objects of the seen pool, and no s
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
 
-from pipelines.configs import SynthesizeConfig
+from pipelines.configs import SceneryConfig, SynthesizeConfig
 from pipelines.dataset import convex_pieces as convex_file
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_labels import write_grasp_label
@@ -255,8 +256,7 @@ def _scene_items(
     # models/ depend on --mesh-scale too.
     models = {f"{i:03d}": root.model_path(i) for i in ids} if sources else {}
     inputs = {f"models/{name}/{path.name}": digest_if_there(path) for name, path in models.items()}
-    # The numbers of scenes and splits of a run do not change a scene.
-    settings = replace(config, splits=(), scenes_per_split=0)
+    settings = _scene_settings(config)
     items = []
     for split in config.splits:
         pool = "models" if sources else POOL_OF_SPLIT[split]
@@ -268,6 +268,15 @@ def _scene_items(
                 WorkItem(f"scene {scene_id:04d}", target, stamp, (output, scene_id, members))
             )
     return items
+
+
+def _scene_settings(config: SynthesizeConfig) -> dict[str, object]:
+    """Return the settings that a scene is stamped with."""
+    # The numbers of scenes and splits of a run do not change a scene.
+    settings = asdict(replace(config, splits=(), scenes_per_split=0))
+    if config.scenery == SceneryConfig():  # older roots, which know no scenery, are taken up
+        del settings["scenery"]
+    return settings
 
 
 def _write_scene(item: WorkItem, *, config: SynthesizeConfig) -> str:

@@ -10,6 +10,8 @@ from pipelines.configs.dataset import (
     LabelGraspsConfig,
     PackConfig,
     RefineGraspsConfig,
+    SceneryConfig,
+    Surrounding,
     SynthesizeConfig,
 )
 from pipelines.configs.evaluation import (
@@ -74,10 +76,12 @@ __all__ = [
     "RankingConfig",
     "RefineGraspsConfig",
     "RegionConfig",
+    "SceneryConfig",
     "ScoreGraspsConfig",
     "SelectionConfig",
     "SensorConfig",
     "SimulateConfig",
+    "Surrounding",
     "SymmetryConfig",
     "SynthesizeConfig",
     "TrainConfig",

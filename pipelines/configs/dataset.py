@@ -7,10 +7,22 @@ from pipelines.configs.declaration import BY_EYE, choice, setting
 
 Split = Literal["train", "seen", "similar", "novel"]
 Sensor = Literal["perfect", "kinect", "realsense", "mixed"]
+Surrounding = Literal["plain", "bin", "tray", "wall", "edge", "base"]
+Colors = Literal["plain", "varied"]
 RegionCategory = Literal["kind", "object", "region"]
 
 GRASPNET = "GraspNet-1Billion"
 MESH_SCALE = "Metres by unit of the mesh's file; 0.001 for millimetres."
+SURROUNDINGS = (
+    "What each scene draws one of: plain, a large table; bin or tray, with the objects in it; a "
+    "wall behind them; the table's edge, a robot's base beside them. Repeat a name for a larger "
+    "share."
+)
+ROBOT_HANDS = "Share of the views that a robot's hand enters from the border."
+COLORS = (
+    "Textures, light and camera: plain, as indoors; varied, any material and print on any surface, "
+    "several lamps of any colour, cameras that tint, blur and compress."
+)
 FRAME_STRIDE = "Take every n-th frame of a scene."
 
 
@@ -49,6 +61,15 @@ class LabelGraspsConfig:
 
 
 @dataclass(frozen=True)
+class SceneryConfig:
+    """What a synthetic scene shows besides its objects."""
+
+    surroundings: tuple[Surrounding, ...] = choice(("plain",), SURROUNDINGS, BY_EYE)
+    robot_hands: float = setting(0.0, "share", ROBOT_HANDS, BY_EYE)
+    colors: Colors = choice("plain", COLORS, BY_EYE)
+
+
+@dataclass(frozen=True)
 class SynthesizeConfig:
     """Procedural scenes in GraspNet-1Billion's layout."""
 
@@ -67,6 +88,7 @@ class SynthesizeConfig:
     height: int = setting(720, "px", "Height of the images.", GRASPNET, low=1)
     collision_labels: bool = choice(True, "Test the labels' grasps against each scene.", GRASPNET)
     labels: LabelConfig = field(default_factory=LabelConfig)
+    scenery: SceneryConfig = field(default_factory=SceneryConfig)
 
 
 @dataclass(frozen=True)

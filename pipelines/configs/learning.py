@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
-from pipelines.configs.dataset import PackConfig
+from pipelines.configs.dataset import PackConfig, SceneryConfig
 from pipelines.configs.declaration import BY_EYE, choice, setting
 from pipelines.configs.evaluation import EvaluateConfig
 from pipelines.configs.inference import InferConfig
@@ -147,6 +147,7 @@ class EndlessConfig:
     )
     mask_cuts: float = setting(0.1, "share", "Share of the masks that are cut off.", BY_EYE)
     pack: PackConfig = field(default_factory=PackConfig)
+    scenery: SceneryConfig = field(default_factory=SceneryConfig)
 
 
 @dataclass(frozen=True)

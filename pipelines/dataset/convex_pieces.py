@@ -1,4 +1,7 @@
-"""`models/NNN/convex.npz`: the convex pieces of an object, for physics; object frame, metres."""
+"""Convex pieces for physics, metres: of an object, or of what stands around the objects of a scene.
+
+`models/NNN/convex.npz` is in the object frame, `scenes/scene_NNNN/surroundings.npz` in the table's.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -36,7 +36,7 @@ class FrameTruth:
         split: seen, similar, novel or train.
         label: (H, W) object id + 1, 0 = background.
         visible: ids of the objects that count, ascending.
-        scene: meshes, poses, table.
+        scene: meshes, poses, table, surroundings.
         instances: symmetric regions that are visible, with their masks.
         regions: the same, as the symmetry metrics want them.
     """
@@ -59,6 +59,7 @@ class TruthReader:
     _objects: dict[int, TrueObject] = field(default_factory=dict)
     _affordance: dict[int, AffordanceLabels] = field(default_factory=dict)
     _cameras: dict[Path, Intrinsics] = field(default_factory=dict)
+    _around: dict[Path, list[MeshCollider]] = field(default_factory=dict)
 
     def read(self, files: FrameFiles) -> FrameTruth:
         """Read one frame."""
@@ -67,7 +68,8 @@ class TruthReader:
         scene_files = self.root.scene(files.scene_id, files.camera)
         table = scene_files.table_from_camera(files.frame_id)
         intrinsics = self._intrinsics(scene_files)
-        scene = TrueScene({i: self.object(i) for i in poses}, poses, table)
+        around = self._surroundings(scene_files)
+        scene = TrueScene({i: self.object(i) for i in poses}, poses, table, around)
         counts = np.bincount(label.ravel(), minlength=256)
         visible = [i for i in sorted(poses) if counts[i + 1] >= self.config.min_visible_pixels]
         instances = self._instances(label, intrinsics, poses, visible)
@@ -107,6 +109,11 @@ class TruthReader:
         objects = {i: read_regioned_object(self.root.root, i) for i in visible}
         found = visible_regions(label, intrinsics, sorted(poses.items()), objects)
         return [i for i in found if i.mask.sum() >= self.config.min_visible_pixels]
+
+    def _surroundings(self, scene: SceneFiles) -> list[MeshCollider]:
+        if scene.folder not in self._around:
+            self._around[scene.folder] = [MeshCollider(each) for each in scene.surroundings]
+        return self._around[scene.folder]
 
     def _intrinsics(self, scene: SceneFiles) -> Intrinsics:
         if scene.camera_folder not in self._cameras:

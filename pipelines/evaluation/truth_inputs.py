@@ -41,4 +41,6 @@ def truth_digests(
 def _digest_of_scene(scene: SceneFiles) -> str:
     folder = scene.camera_folder
     kinds = [digest_folder(folder / kind, pattern) for kind, pattern in SCENE_FOLDERS.items()]
+    around = scene.surroundings_path
+    kinds += [digest(around)] if around.is_file() else []
     return "".join([*kinds, digest_of_files(folder / name for name in CAMERA_FILES)])

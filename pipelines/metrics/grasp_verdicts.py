@@ -1,6 +1,6 @@
 """The verdict on grasps among true meshes: friction, quality, antipodal scores, and what failed."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,17 +34,19 @@ class TrueObject:
 
 @dataclass(frozen=True)
 class TrueScene:
-    """All objects of a frame with their poses, and the table under them.
+    """All objects of a frame with their poses, the table under them and what stands around.
 
     Attributes:
         objects: by object id.
         poses: `T_cam_obj` (4, 4) by object id.
         T_table_cam: (4, 4); the table's top is z = 0, z up.
+        surroundings: walls, bins and the like, table frame.
     """
 
     objects: Mapping[int, TrueObject]
     poses: Mapping[int, Array]
     T_table_cam: Array
+    surroundings: Sequence[MeshCollider] = ()
 
 
 @dataclass(frozen=True)
@@ -116,8 +118,15 @@ def _outcomes(scene: TrueScene, object_id: int, grasps: GraspPoses, gripper: Gri
 
 
 def collides(scene: TrueScene, grasps: GraspPoses, gripper: Gripper) -> NDArray[np.bool_]:
-    """Return (n,) whether the open gripper touches any object or the table; camera frame."""
+    """Return (n,) whether the open gripper touches an object, the table or what stands around.
+
+    `grasps`: camera frame.
+    """
     hit = hits_table(grasps, gripper, scene.T_table_cam)
+    if scene.surroundings:
+        on_table = grasps.transformed(scene.T_table_cam)
+        for solid in scene.surroundings:
+            hit |= solid.hits(on_table, gripper)
     for object_id, pose in scene.poses.items():
         collider = scene.objects[object_id].collider
         hit |= collider.hits(grasps.transformed(invert(pose)), gripper)

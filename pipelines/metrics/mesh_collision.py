@@ -19,7 +19,7 @@ class MeshCollider:
     """
 
     def __init__(self, mesh: Mesh) -> None:
-        self._mesh = mesh
+        self.mesh = mesh
         self._center = mesh.vertices.mean(axis=0)
         self._radius = float(np.linalg.norm(mesh.vertices - self._center, axis=1).max())
         model = fcl.BVHModel()
@@ -56,8 +56,8 @@ class MeshCollider:
         if len(points) == 0:
             return np.zeros(0, np.bool_)
         direction = np.broadcast_to([0.0, 0.0, 1.0], points.shape)
-        _, triangle = first_hits(self._mesh, points, direction)
-        leaves = self._mesh.face_normals[np.maximum(triangle, 0), 2] > 0.0
+        _, triangle = first_hits(self.mesh, points, direction)
+        leaves = self.mesh.face_normals[np.maximum(triangle, 0), 2] > 0.0
         return np.asarray((triangle >= 0) & leaves)
 
 

@@ -63,11 +63,13 @@ class RestedScene:
         objects: convex pieces, object frame.
         poses: (4, 4), object to table.
         T_table_cam: (4, 4), of the frame's camera.
+        surroundings: convex pieces that do not move, table frame.
     """
 
     objects: Mapping[int, Pieces]
     poses: Mapping[int, Array]
     T_table_cam: Array
+    surroundings: Pieces
 
 
 @dataclass
@@ -121,9 +123,10 @@ class FrameSimulator:
         T_table_cam = truth.scene.T_table_cam
         given = {i: T_table_cam @ pose for i, pose in truth.scene.poses.items()}
         objects = {i: self.pieces.read(i) for i in given}
-        poses = at_rest(objects, given)
+        around = [each.mesh for each in truth.scene.surroundings]
+        poses = at_rest(objects, given, around)
         shifts = [float(np.linalg.norm(poses[i][:3, 3] - given[i][:3, 3])) for i in given]
-        return RestedScene(objects, poses, T_table_cam), max(shifts, default=0.0)
+        return RestedScene(objects, poses, T_table_cam, around), max(shifts, default=0.0)
 
     def _try_row(
         self,
@@ -147,7 +150,15 @@ class FrameSimulator:
         """Return the outcomes by friction; `grasp`, table frame, may be none."""
         if not len(grasp):
             return {friction_key(mu): Outcome("no grasp") for mu in self.config.frictions}
-        trial = Trial.of(scene.objects, scene.poses, object_id, grasp, self.gripper, self.config)
+        trial = Trial.of(
+            scene.objects,
+            scene.poses,
+            object_id,
+            grasp,
+            self.gripper,
+            self.config,
+            scene.surroundings,
+        )
         return {friction_key(mu): trial.run(mu) for mu in self.config.frictions}
 
 

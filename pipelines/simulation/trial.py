@@ -68,12 +68,14 @@ class Trial:
         grasp: GraspPoses,
         gripper: Gripper,
         config: SimulateConfig,
+        surroundings: Pieces = (),
     ) -> "Trial":
         """Return the trial of one `grasp`, table frame, on the object `target`.
 
-        `objects`: convex pieces, object frame; `poses`: (4, 4), object to table, at rest.
+        `objects`: convex pieces, object frame; `poses`: (4, 4), object to table, at rest;
+        `surroundings`: convex and immovable, table frame.
         """
-        spec = empty_world()
+        spec = empty_world(surroundings)
         # Objects at rest are not computed: most of a scene, most of the time.
         spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
         add_gripper(spec, grasp, gripper)

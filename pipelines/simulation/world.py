@@ -8,7 +8,7 @@ import numpy as np
 from pipelines.array_types import Array
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, matrix_to_quaternion, quaternion_to_matrix
-from pipelines.synthesis.scenes.settling import DENSITY, compiled_world
+from pipelines.synthesis.scenes.settling import DENSITY, FRICTION, add_convex, compiled_world
 
 Pieces = Sequence[Mesh]
 
@@ -17,7 +17,6 @@ TIME_STEP = 0.001  # seconds
 STIFF = [2.0 * TIME_STEP, 1.0]
 HARD = [0.95, 0.99, 0.001, 0.5, 2.0]
 IMPRATIO = 20.0  # stiffness of contacts along over across the surface; held objects do not creep
-WORLD_FRICTION = [0.9, 0.02, 0.005]  # of objects with the table and each other, as when dropped
 # Collision bits: the parts of a gripper do not collide with each other.
 GRIPPER_BIT, WORLD_BIT = 1, 2
 
@@ -27,8 +26,8 @@ REST_DAMPING = 0.9  # share of its speed that a body keeps in a step, so that it
 REST_CHECK = 20  # steps
 
 
-def empty_world() -> mujoco.MjSpec:
-    """Return an empty table."""
+def empty_world(surroundings: Pieces = ()) -> mujoco.MjSpec:
+    """Return a table with nothing on it but its `surroundings`, convex and immovable."""
     spec = mujoco.MjSpec()
     option = spec.option
     option.timestep = TIME_STEP
@@ -39,6 +38,8 @@ def empty_world() -> mujoco.MjSpec:
         name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[2.0, 2.0, 0.1]
     )
     _make_world(table)
+    for number, piece in enumerate(surroundings):
+        _make_world(add_convex(spec, spec.worldbody, f"surroundings{number}", piece))
     return spec
 
 
@@ -49,13 +50,8 @@ def add_object(spec: mujoco.MjSpec, name: str, pieces: Pieces, pose: Array) -> N
     )
     body.add_freejoint(name=name)
     for number, piece in enumerate(pieces):
-        mesh = f"{name}_{number}"
-        spec.add_mesh(
-            name=mesh,
-            uservert=piece.vertices.ravel().tolist(),
-            inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX,
-        )
-        geom = body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh, density=DENSITY)
+        geom = add_convex(spec, body, f"{name}_{number}", piece)
+        geom.density = DENSITY
         _make_world(geom)
 
 
@@ -67,7 +63,9 @@ def object_pose(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Array:
     return make_pose(quaternion_to_matrix(place[3:]), place[:3])
 
 
-def at_rest(objects: Mapping[int, Pieces], poses: Mapping[int, Array]) -> dict[int, Array]:
+def at_rest(
+    objects: Mapping[int, Pieces], poses: Mapping[int, Array], surroundings: Pieces = ()
+) -> dict[int, Array]:
     """Return the poses (4, 4), object to table, at which objects that start at `poses` rest.
 
     Poses of a dataset are rounded or measured: objects float a little or overlap. Strong damping
@@ -75,7 +73,7 @@ def at_rest(objects: Mapping[int, Pieces], poses: Mapping[int, Array]) -> dict[i
     """
     if not poses:
         return {}
-    spec = empty_world()
+    spec = empty_world(surroundings)
     for object_id, pose in poses.items():
         add_object(spec, str(object_id), objects[object_id], pose)
     data = mujoco.MjData(model := compiled_world(spec))
@@ -88,6 +86,6 @@ def at_rest(objects: Mapping[int, Pieces], poses: Mapping[int, Array]) -> dict[i
 
 
 def _make_world(geom: mujoco.MjsGeom) -> None:
-    geom.friction, geom.condim = WORLD_FRICTION, 6
+    geom.friction, geom.condim = FRICTION, 6
     geom.solref, geom.solimp = STIFF, HARD
     geom.contype, geom.conaffinity = WORLD_BIT, WORLD_BIT | GRIPPER_BIT

@@ -36,15 +36,7 @@ from pipelines.grasping.scene import SceneCloud
 from pipelines.synthesis.objects.decomposition import hull_of_points
 from pipelines.synthesis.scenes.cameras import LENSES, drawn_viewpoints, sensor_intrinsics
 from pipelines.synthesis.scenes.depth_sensors import measured_depth
-from pipelines.synthesis.scenes.tables import (
-    FLOOR_HEIGHTS,
-    FLOOR_SIZE,
-    TABLE_SIZE,
-    SceneLayout,
-    SceneObject,
-    rectangle,
-    settle,
-)
+from pipelines.synthesis.scenes.tables import SceneLayout, SceneObject, background, drawn_layout
 from pipelines.tabletop.levelling import table_row
 from pipelines.tabletop.mask_noise import MaskFaults, MaskNoise
 
@@ -151,15 +143,20 @@ class EndlessScenes:
         )
         drawn = rng.choice(list(self.objects), count, replace=False).tolist()
         try:
-            layout = settle([self.objects[i].scene for i in drawn], rng)
+            objects = [self.objects[i].scene for i in drawn]
+            layout = drawn_layout(objects, config.scenery.surroundings, rng)
         except SymgraspError:  # these objects do not come to rest together; draw others
             return []
         sensor = str(rng.choice(list(LENSES)))
         lens = sensor_intrinsics(sensor, config.width, config.height)
-        meshes, poses = _with_ground(layout, rng)
-        scene = Scene(meshes, poses)
+        others, places = background(layout, rng)
+        meshes = [*(item.mesh for item in layout.objects), *others]
+        poses = [*layout.poses, *places]
+        scene, around = Scene(meshes, poses), layout.surroundings
         clouds: list[LabelledCloud] = []
-        for T_world_cam in drawn_viewpoints(layout.centre, config.views, lens, rng):
+        for T_world_cam in drawn_viewpoints(
+            layout.centre, config.views, lens, rng, around.arc, around.elevations
+        ):
             perfect = rng.uniform() < config.perfect_share
             seen_by = "perfect" if perfect else sensor
             shown = scene
@@ -213,13 +210,6 @@ class EndlessScenes:
         drawn = self.objects[int(rng.choice(list(self.objects)))].scene
         turn = random_rotation(rng)
         return drawn.mesh, make_pose(turn, place - turn @ drawn.centre)
-
-
-def _with_ground(layout: SceneLayout, rng: np.random.Generator) -> tuple[list[Mesh], list[Array]]:
-    """Return meshes and poses of the objects, the table and the floor."""
-    floor = make_pose(np.eye(3), [0, 0, rng.uniform(*FLOOR_HEIGHTS)])
-    ground = [rectangle(*TABLE_SIZE), rectangle(FLOOR_SIZE, FLOOR_SIZE)]
-    return [*(item.mesh for item in layout.objects), *ground], [*layout.poses, np.eye(4), floor]
 
 
 def window_of(lens: Intrinsics, meshes: Sequence[Mesh], T_cam_obj: Array) -> Intrinsics:

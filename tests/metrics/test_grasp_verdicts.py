@@ -1,5 +1,7 @@
 """The verdict on a grasp in a scene of known shapes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,7 +12,7 @@ from pipelines.geometry.transforms import make_pose, random_rotation
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.metrics.grasp_verdicts import TrueObject, TrueScene, grasp_verdict, qualities
 from pipelines.metrics.mesh_collision import MeshCollider
-from tests.metrics.shapes import ball, box, gripper, surface
+from tests.metrics.shapes import ball, box, gripper, moved, surface
 
 DOWN = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # approach along -z, closing along y
 AT_BOX = GraspPoses(DOWN, np.array([0.0, 0.0, 0.08]), np.array(0.04))
@@ -53,6 +55,16 @@ def test_a_neighbour_in_a_fingers_way_is_a_collision():
 def test_the_table_in_a_fingers_way_is_a_collision():
     low = GraspPoses(DOWN, np.array([0.0, 0.0, 0.003]), np.array(0.04))
     assert grasp_verdict(scene(FREE), 0, low, gripper()).reason == "collision"
+
+
+def test_a_wall_in_a_fingers_way_is_a_collision_wherever_the_camera_is():
+    wall = MeshCollider(moved(box(0.5, 0.05, 0.5), make_pose(np.eye(3), [0.0, 0.06, 0.0])))
+    for move in (np.eye(4), make_pose(random_rotation(np.random.default_rng(1)), np.ones(3))):
+        among = replace(scene(FREE, move), surroundings=[wall])
+        grasp = AT_BOX.transformed(move)
+        assert grasp_verdict(among, 0, grasp, gripper()).reason == "collision"
+        away = replace(among, surroundings=[])
+        assert grasp_verdict(away, 0, grasp, gripper()).reason == "held"
 
 
 def test_a_grasp_that_the_hand_cannot_open_for_is_too_wide():

@@ -70,6 +70,16 @@ def test_the_same_grasp_drops_with_slippery_fingers(shape):
     assert attempt(*SHAPES[shape], 0.05).reason == "not lifted"
 
 
+def test_a_wall_beside_the_object_stops_the_approach_and_a_far_one_does_not():
+    mesh, height, width, above = SHAPES["box"]
+    grasp = GraspPoses(DOWN, np.array([0.0, 0.0, height + above]), np.array(width))
+    pose, fingers = make_pose(np.eye(3), [0.0, 0.0, height]), load_gripper("rg2")
+    for away, reason in ((0.03, "collision"), (0.3, "held")):
+        wall = moved(box(0.5, 0.01, 0.4), make_pose(np.eye(3), [0.0, away, 0.2]))
+        trial = Trial.of({7: [mesh]}, {7: pose}, 7, grasp, fingers, SimulateConfig(), [wall])
+        assert trial.run(0.5).reason == reason
+
+
 @pytest.mark.parametrize("gripper", preset_names())
 def test_every_preset_lifts_a_can(gripper):
     assert attempt(*SHAPES["can"], 0.5, gripper=gripper).reason == "held"

@@ -9,7 +9,7 @@ import trimesh
 from numpy.testing import assert_allclose
 
 from pipelines import synthesize
-from pipelines.configs import LabelConfig, SynthesizeConfig
+from pipelines.configs import EvaluateConfig, LabelConfig, SceneryConfig, SynthesizeConfig
 from pipelines.dataset import object_list
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_labels import (
@@ -20,11 +20,13 @@ from pipelines.dataset.graspnet.graspnet_labels import (
 from pipelines.dataset.graspnet.signed_distance import read_sdf
 from pipelines.dataset.meshes import read_mesh, write_mesh
 from pipelines.errors import SymgraspError
+from pipelines.evaluation.truth import TruthReader
 from pipelines.frames.frames import find_frames
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import transform_points
 from pipelines.mesh_symmetry.detection.surface import Surface
 from pipelines.runtime.batch import BatchOptions
+from pipelines.storage.provenance import read_stamp
 
 QUIET = BatchOptions(progress=False)
 CONFIG = SynthesizeConfig(
@@ -117,6 +119,24 @@ def test_a_second_run_redoes_nothing_and_a_lost_scene_comes_back_the_same(root):
     shutil.rmtree(root / "scenes/scene_0160")
     assert synthesize.run(root, CONFIG, QUIET, seed=4).done == ["scene 0160"]
     assert (color.read_bytes(), depth.read_bytes()) == before
+
+
+def test_surroundings_are_written_beside_the_scene_and_read_as_obstacles(tmp_path):
+    scenery = SceneryConfig(surroundings=("bin",), robot_hands=0.5)
+    config = replace(CONFIG, splits=("train",), scenery=scenery)
+    assert synthesize.run(tmp_path, config, QUIET, seed=4).failed == {}
+    walls = GraspNetRoot(tmp_path).scene(0).surroundings
+    assert len(walls) >= 5
+    assert all(wall.is_watertight for wall in walls)
+    read = TruthReader(GraspNetRoot(tmp_path), EvaluateConfig())
+    assert len(read._surroundings(GraspNetRoot(tmp_path).scene(0))) == len(walls)
+
+
+def test_a_plain_scene_has_no_surroundings_and_its_stamp_no_scenery(root):
+    scene = GraspNetRoot(root).scene(0)
+    assert scene.surroundings == []
+    assert not scene.surroundings_path.exists()
+    assert "scenery" not in read_stamp(scene.folder)["config"]
 
 
 def test_other_settings_are_refused(root):

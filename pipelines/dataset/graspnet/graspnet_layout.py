@@ -7,12 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from pipelines.array_types import Array
+from pipelines.dataset import convex_pieces
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames.graspnet_scene import read_object_ids, read_pose_array
 from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.storage.files import read_image, read_npy
 
 CAMERAS = ("kinect", "realsense")
+SURROUNDINGS_FILE = "surroundings.npz"
 SPLITS = {
     "train": range(100),
     "seen": range(100, 130),
@@ -63,6 +66,16 @@ class SceneFiles:
     def object_ids(self) -> list[int]:
         """Object ids of the scene, in the order of its poses and collision labels."""
         return read_object_ids(self.folder / "object_id_list.txt")
+
+    @property
+    def surroundings_path(self) -> Path:
+        """ROOT/scenes/scene_NNNN/surroundings.npz, of `synthesize`; few scenes have one."""
+        return self.folder / SURROUNDINGS_FILE
+
+    @property
+    def surroundings(self) -> list[Mesh]:
+        """Convex obstacles that are no objects, table frame, metres; the table is not listed."""
+        return convex_pieces.read(path) if (path := self.surroundings_path).is_file() else []
 
     @property
     def frame_ids(self) -> list[int]:

@@ -150,18 +150,21 @@ def scene_collisions(
     poses_world: Sequence[ArrayLike],
     *,
     table_height: float = 0.0,
+    surroundings: Sequence[Mesh] = (),
 ) -> list[Mask]:
     """Return a scene's collision labels, (P_i, 300, 12, 4) for each object.
 
-    True if the gripper collides with another object or the table, or if the object's label is
-    infeasible or in collision with the object itself.
+    True if the gripper collides with another object, the table or the surroundings, or if the
+    object's label is infeasible or in collision with the object itself.
 
     Args:
         labels: labels of the objects, object frames.
         meshes: meshes of the objects, object frames.
         poses_world: (4, 4) each, object to world; z of the world points up.
         table_height: z of the table's top in the world, metres.
+        surroundings: obstacles that are no objects, world frame.
     """
+    fixed = [SurfacePatches.from_mesh(each) for each in surroundings]
     poses = [np.asarray(pose, np.float64) for pose in poses_world]
     surfaces = [
         SurfacePatches.from_mesh(mesh).transformed(pose)
@@ -169,7 +172,7 @@ def scene_collisions(
     ]
     collisions = []
     for i, (label, pose) in enumerate(zip(labels, poses, strict=True)):
-        others = SurfacePatches.concatenate([s for j, s in enumerate(surfaces) if j != i])
+        others = SurfacePatches.concatenate([s for j, s in enumerate(surfaces) if j != i] + fixed)
         collisions.append(_collides(label, pose, others.transformed(invert(pose)), table_height))
     return collisions
 

@@ -44,15 +44,34 @@ def look_at(eye: ArrayLike, target: ArrayLike, roll: float = 0.0) -> Array:
 
 
 def drawn_viewpoints(
-    centre: ArrayLike, count: int, lens: Intrinsics, rng: np.random.Generator
+    centre: ArrayLike,
+    count: int,
+    lens: Intrinsics,
+    rng: np.random.Generator,
+    arc: tuple[float, float] | None = None,
+    elevations: tuple[float, float] | None = None,
 ) -> Array:
-    """Return poses T_table_cam (count, 4, 4) spread around `centre` (3,), all above it."""
+    """Return poses T_table_cam (count, 4, 4) spread around `centre` (3,), all above it.
+
+    Args:
+        centre: metres, table frame.
+        count: of viewpoints.
+        lens: of the camera.
+        rng: draws all else.
+        arc: middle and half width of the azimuths, radians; None for all around.
+        elevations: lowest and highest, radians; None for `ELEVATIONS`.
+    """
     # A camera with a long lens is farther away, so that it sees as much of the table.
     near, far = np.array(DISTANCES) * np.clip(lens.fx / lens.width / 0.7, 0.7, 1.3)
-    azimuths = rng.uniform(0, 2 * np.pi) + 2 * np.pi * (np.arange(count) + 0.5) / count
+    shares = (np.arange(count) + 0.5) / count
+    azimuths = rng.uniform(0, 2 * np.pi) + 2 * np.pi * shares
+    if arc is not None:
+        middle, half = arc
+        azimuths = middle + half * (2 * shares - 1) + rng.uniform(-half, half, count) / count
+    low, high = elevations or ELEVATIONS
     poses = []
     for azimuth in azimuths:
-        elevation, distance = rng.uniform(*ELEVATIONS), rng.uniform(near, far)
+        elevation, distance = rng.uniform(low, high), rng.uniform(near, far)
         target = np.asarray(centre, np.float64) + rng.normal(0.0, 0.03, 3) * [1, 1, 0]
         direction = [
             np.cos(elevation) * np.cos(azimuth),

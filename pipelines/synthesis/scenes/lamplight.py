@@ -1,8 +1,9 @@
-"""Colour images: procedural textures under one lamp with cast shadows."""
+"""Colour images: procedural textures under lamps with cast shadows, and the look of a camera."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,12 +19,47 @@ SHADOW_OFFSET = 5e-4  # metres off the surface, so that the surface does not sha
 
 @dataclass(frozen=True)
 class Lighting:
-    """One distant lamp: `direction` (3,) toward it, `color` (3,), `ambient` share 0..1."""
+    """One distant lamp.
+
+    Attributes:
+        direction: (3,) unit, toward it.
+        color: (3,) RGB.
+        ambient: share 0 to 1 of its light that comes from everywhere.
+        gloss: strength of its reflections.
+        shine: exponent of the reflections; larger ones are smaller and sharper.
+        shadow: share of its direct light that reaches shadows.
+    """
 
     direction: Array
     color: Array
     ambient: float
     gloss: float
+    shine: float = 40.0
+    shadow: float = 0.15
+
+
+@dataclass(frozen=True)
+class CameraLook:
+    """What a camera makes of the light.
+
+    Attributes:
+        exposure: factor of each channel (3,), white balance included.
+        gamma: exponent of the response.
+        noise: standard deviation, grey levels.
+        vignette: share of the light that the corners lose.
+        blur: standard deviation, pixels.
+        quality: of JPEG compression, percent; None for none.
+    """
+
+    exposure: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    gamma: float = 1 / 1.5
+    noise: float = 2.0
+    vignette: float = 0.0
+    blur: float = 0.0
+    quality: int | None = None
+
+
+PLAIN_LOOK = CameraLook()
 
 
 def drawn_lighting(rng: np.random.Generator) -> Lighting:
@@ -37,6 +73,35 @@ def drawn_lighting(rng: np.random.Generator) -> Lighting:
     warmth = rng.uniform(-0.08, 0.08)
     color = np.array([1.0 + warmth, 1.0, 1.0 - warmth]) * rng.uniform(0.75, 1.1)
     return Lighting(np.array(direction), color, rng.uniform(0.3, 0.55), rng.uniform(0.0, 0.4))
+
+
+def drawn_lamps(rng: np.random.Generator) -> list[Lighting]:
+    """Return one to four lamps of any colour, strength and height, with soft or hard shadows."""
+    lamps = []
+    count = int(rng.integers(1, 5))
+    strength = rng.dirichlet(np.ones(count)) * rng.uniform(0.5, 1.6)
+    for share in strength:
+        azimuth, elevation = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(12, 88))
+        level = np.cos(elevation)
+        direction = [level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)]
+        color = share * np.clip(1.0 + rng.normal(0.0, 0.15, 3), 0.4, 1.6)
+        ambient, gloss = rng.uniform(0.1, 0.8), rng.uniform(0.0, 1.0) ** 2
+        shine, shadow = np.exp(rng.uniform(np.log(5.0), np.log(300.0))), rng.uniform(0.0, 0.7)
+        lamps.append(Lighting(np.array(direction), color, ambient, gloss, shine, shadow))
+    return lamps
+
+
+def drawn_look(rng: np.random.Generator) -> CameraLook:
+    """Return a random camera: too dark or too light, tinted, noisy, blurred, compressed."""
+    exposure = np.exp(rng.normal(0.0, 0.3)) * np.exp(rng.normal(0.0, 0.08, 3))
+    return CameraLook(
+        (float(exposure[0]), float(exposure[1]), float(exposure[2])),
+        1.0 / rng.uniform(1.1, 2.4),
+        rng.uniform(0.5, 8.0),
+        rng.uniform(0.0, 0.5) * float(rng.uniform() < 0.4),
+        rng.uniform(0.3, 1.2) * float(rng.uniform() < 0.4),
+        int(rng.integers(35, 96)) if rng.uniform() < 0.5 else None,
+    )
 
 
 def drawn_color(rng: np.random.Generator, *, saturated: bool = True) -> Array:
@@ -99,11 +164,12 @@ def shade(
     scene: Scene,
     hits: Hits,
     poses: Array,
-    textures: list[Texture],
-    lighting: Lighting,
+    textures: Sequence[Texture],
+    lamps: Sequence[Lighting],
     intrinsics: Intrinsics,
     T_world_cam: Array,
     rng: np.random.Generator,
+    look: CameraLook = PLAIN_LOOK,
 ) -> NDArray[np.uint8]:
     """Return the colour image (H, W, 3) of `hits`.
 
@@ -121,10 +187,28 @@ def shade(
         if mine.any():
             albedo[mine] = texture(transform_points(invert(poses[index]), points[mine]))
     color = np.full((seen.size, 3), 0.5)
-    color[seen] = albedo * _light(scene, points, normals, lighting)
-    color[seen] += _highlight(points, normals, lighting, T_world_cam)[:, None]
-    noisy = np.clip(color, 0.0, 1.0) ** (1 / 1.5) * 255.0 + rng.normal(0.0, 2.0, color.shape)
-    return np.asarray(np.clip(noisy, 0, 255), np.uint8).reshape(*hits.depth.shape, 3)
+    color[seen] = 0.0
+    for lamp in lamps:
+        color[seen] += albedo * _light(scene, points, normals, lamp)
+        color[seen] += _highlight(points, normals, lamp, T_world_cam)[:, None]
+    return photographed(color.reshape(*hits.depth.shape, 3), look, rng)
+
+
+def photographed(color: Array, look: CameraLook, rng: np.random.Generator) -> NDArray[np.uint8]:
+    """Return the picture (H, W, 3) that a camera takes of the light `color` (H, W, 3), 0 to 1."""
+    height, width = color.shape[:2]
+    if look.vignette:
+        across, down = np.meshgrid(np.linspace(-1, 1, width), np.linspace(-1, 1, height))
+        color = color * (1.0 - 0.5 * look.vignette * (across**2 + down**2))[..., None]
+    if look.blur:
+        color = cv2.GaussianBlur(color, (0, 0), look.blur)
+    exposed = np.clip(color * look.exposure, 0.0, 1.0) ** look.gamma
+    noisy = exposed * 255.0 + rng.normal(0.0, look.noise, color.shape)
+    taken = np.asarray(np.clip(noisy, 0, 255), np.uint8)
+    if look.quality is None:
+        return taken
+    packed = cv2.imencode(".jpg", taken, [cv2.IMWRITE_JPEG_QUALITY, look.quality])[1]
+    return np.asarray(cv2.imdecode(packed, cv2.IMREAD_COLOR), np.uint8)
 
 
 def _light(scene: Scene, points: Array, normals: Array, lighting: Lighting) -> Array:
@@ -133,12 +217,12 @@ def _light(scene: Scene, points: Array, normals: Array, lighting: Lighting) -> A
     shaded = scene.occluded(
         points + SHADOW_OFFSET * normals, np.broadcast_to(lighting.direction, points.shape)
     )
-    diffuse = (1.0 - lighting.ambient) * np.where(shaded, 0.15, 1.0) * toward
+    diffuse = (1.0 - lighting.ambient) * np.where(shaded, lighting.shadow, 1.0) * toward
     return np.asarray((lighting.ambient + diffuse)[:, None] * lighting.color)
 
 
 def _highlight(points: Array, normals: Array, lighting: Lighting, T_world_cam: Array) -> Array:
     """Return the reflection (n,) of the lamp (Blinn-Phong)."""
     halfway = unit(unit(T_world_cam[:3, 3] - points) + lighting.direction)
-    shine = np.maximum(np.einsum("ij,ij->i", normals, halfway), 0.0) ** 40
+    shine = np.maximum(np.einsum("ij,ij->i", normals, halfway), 0.0) ** lighting.shine
     return np.asarray(lighting.gloss * shine)

@@ -19,6 +19,7 @@ from pipelines.dataset.graspnet.graspnet_labels import (
     write_collision_labels,
     write_rect,
 )
+from pipelines.dataset.graspnet.graspnet_layout import SURROUNDINGS_FILE
 from pipelines.dataset.meshes import read_mesh
 from pipelines.errors import SymgraspError
 from pipelines.frames.graspnet_scene import (
@@ -41,7 +42,13 @@ from pipelines.synthesis.scenes.cameras import (
     sensor_intrinsics,
 )
 from pipelines.synthesis.scenes.depth_sensors import SENSORS
-from pipelines.synthesis.scenes.tables import SceneLayout, SceneObject, View, record, settle
+from pipelines.synthesis.scenes.tables import (
+    SceneLayout,
+    SceneObject,
+    View,
+    drawn_layout,
+    record,
+)
 
 TAG_SCENE, TAG_SENSOR = 2, 4  # purposes of child seeds
 
@@ -58,17 +65,22 @@ def write_scene(
     layout = _draw_layout(root, config, members, rng)
     sensor = _sensor_of(config, scene_id, stamp.seed)
     intrinsics = sensor_intrinsics(sensor, config.width, config.height)
-    viewpoints = drawn_viewpoints(layout.centre, config.views, intrinsics, rng)
+    around = layout.surroundings
+    viewpoints = drawn_viewpoints(
+        layout.centre, config.views, intrinsics, rng, around.arc, around.elevations
+    )
     labelled = config.collision_labels and config.labels.num_points > 0
     free = _write_collisions(root, scene_id, layout, stamp) if labelled else []
     with atomic_folder(root.scene_folder(scene_id)) as folder:
         write_object_ids(folder / "object_id_list.txt", [o.object_id for o in layout.objects])
         write_pose_array(folder / "rs_wrt_kn.npy", np.tile(np.eye(4), (config.views, 1, 1)))
+        if around.solids:
+            convex_file.write(folder / SURROUNDINGS_FILE, around.solids)
         camera = folder / camera_folder(sensor)
         write_camera_matrix(camera / "camK.npy", intrinsics)
         write_pose_array(camera / "camera_poses.npy", invert(viewpoints[0]) @ viewpoints)
         write_pose_array(camera / "cam0_wrt_table.npy", viewpoints[0])
-        views = record(layout, viewpoints, intrinsics, sensor, rng)
+        views = record(layout, viewpoints, intrinsics, sensor, rng, config.scenery)
         for frame_id, view in enumerate(views):
             _write_view(camera, frame_id, view, layout, intrinsics)
             if labelled:
@@ -95,7 +107,7 @@ def _draw_layout(
         model = root.model_path(object_id)
         pieces = convex_file.read(model.parent / "convex.npz")
         objects.append(SceneObject(object_id, f"{object_id:03d}", read_mesh(model), pieces))
-    return settle(objects, rng)
+    return drawn_layout(objects, config.scenery.surroundings, rng)
 
 
 def _write_view(
@@ -138,7 +150,8 @@ def _write_collisions(
 ) -> list[FreeGrasps]:
     labels = [read_grasp_label(root.grasp_label_path(item.object_id)) for item in layout.objects]
     meshes = [item.mesh for item in layout.objects]
-    collisions = scene_collisions(labels, meshes, list(layout.poses))
+    around = layout.surroundings.solids
+    collisions = scene_collisions(labels, meshes, list(layout.poses), surroundings=around)
     target = root.collision_label_path(scene_id)
     stamp_ahead(target, stamp)
     write_collision_labels(target, collisions)

@@ -10,12 +10,14 @@ from pipelines.array_types import Array, Indices
 from pipelines.errors import SymgraspError
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, quaternion_to_matrix
+from pipelines.synthesis.scenes.surroundings import Container
 
 TABLE_RADIUS = 0.30  # metres from the middle; objects that roll farther are removed
 DROP_RADIUS = (0.05, 0.15)  # metres, drawn for each scene: from piled to scattered objects
 SETTLE_SECONDS = 3.0
 SETTLE_STEP = 0.003  # seconds
 DENSITY = 400.0  # kg / m^3, a half-full household object
+FRICTION = [0.9, 0.02, 0.005]  # of objects with the table and each other
 MAX_SPEED = 0.15  # metres or radians per second of a settled object
 
 
@@ -33,25 +35,29 @@ class SettledScene:
 
 
 def drop_objects(
-    pieces: Sequence[Sequence[Mesh]], rng: np.random.Generator, centres: Array | None = None
+    pieces: Sequence[Sequence[Mesh]],
+    rng: np.random.Generator,
+    centres: Array | None = None,
+    container: Container | None = None,
 ) -> SettledScene:
     """Drop objects, each given as convex `pieces` in its own frame, one above the other.
 
     `centres`: (k, 3) metres, middle of each object in its own frame, by which objects are placed
-    and removed, since an origin may be far from its object; None: the origins.
+    and removed, since an origin may be far from its object; None: the origins. `container`: the
+    objects fall into it, and those that rest outside are removed.
 
     Raises:
         SymgraspError: MuJoCo cannot make bodies of the pieces.
     """
     middles = np.zeros((len(pieces), 3)) if centres is None else np.asarray(centres, np.float64)
-    data = mujoco.MjData(model := _model_of(pieces))
-    height, spread = 0.0, rng.uniform(*DROP_RADIUS)
+    data = mujoco.MjData(model := _model_of(pieces, container.solids if container else ()))
+    height, spread = container.floor if container else 0.0, rng.uniform(*DROP_RADIUS)
     for body, parts in enumerate(pieces):
         spokes = (part.vertices - middles[body] for part in parts)
         radius = max(float(np.linalg.norm(spoke, axis=1).max()) for spoke in spokes)
-        angle, distance = rng.uniform(0, 2 * np.pi), spread * np.sqrt(rng.uniform())
+        at = container.place(radius, rng) if container else _place(spread, rng)
         height += 0.6 * radius + 0.02
-        place = [distance * np.cos(angle), distance * np.sin(angle), height + radius]
+        place = [*at, height + radius]
         turn = _drawn_orientation(rng)
         origin = np.array(place) - quaternion_to_matrix(turn) @ middles[body]
         data.qpos[7 * body : 7 * body + 7] = [*origin, *turn]
@@ -61,13 +67,15 @@ def drop_objects(
     poses = make_pose(quaternion_to_matrix(places[:, 3:]), places[:, :3])
     rest = middles_of(poses, middles)
     speed = np.abs(data.qvel.reshape(-1, 6)).max(axis=1)
-    kept = (
-        (np.linalg.norm(rest[:, :2], axis=1) < TABLE_RADIUS)
-        & (rest[:, 2] > -0.02)
-        & (speed < MAX_SPEED)
-    )
-    index = np.flatnonzero(kept)
+    on_table = (np.linalg.norm(rest[:, :2], axis=1) < TABLE_RADIUS) & (rest[:, 2] > -0.02)
+    kept = container.holds(rest) if container else on_table
+    index = np.flatnonzero(kept & (speed < MAX_SPEED))
     return SettledScene(index, poses[index])
+
+
+def _place(spread: float, rng: np.random.Generator) -> list[float]:
+    angle, distance = rng.uniform(0, 2 * np.pi), spread * np.sqrt(rng.uniform())
+    return [distance * np.cos(angle), distance * np.sin(angle)]
 
 
 def middles_of(poses: Array, centres: Array) -> Array:
@@ -104,30 +112,33 @@ def _drawn_orientation(rng: np.random.Generator) -> Array:
     return rng.normal(size=4)
 
 
-def _model_of(pieces: Sequence[Sequence[Mesh]]) -> mujoco.MjModel:
+def add_convex(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, piece: Mesh) -> mujoco.MjsGeom:
+    """Add a convex piece to `body`, under a name of its own in the model; return its geom."""
+    spec.add_mesh(
+        name=name,
+        uservert=piece.vertices.ravel().tolist(),
+        inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX,
+    )
+    return body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name)
+
+
+def _model_of(pieces: Sequence[Sequence[Mesh]], fixed: Sequence[Mesh] = ()) -> mujoco.MjModel:
     spec = mujoco.MjSpec()
     spec.option.timestep = SETTLE_STEP
-    spec.worldbody.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_PLANE, size=[2, 2, 0.1], friction=[0.9, 0.02, 0.005], condim=6
-    )
+    ground = [spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[2, 2, 0.1])]
+    ground += [
+        add_convex(spec, spec.worldbody, f"fixed{number}", piece)
+        for number, piece in enumerate(fixed)
+    ]
+    for geom in ground:
+        geom.friction, geom.condim = FRICTION, 6
     for number, parts in enumerate(pieces):
         body = spec.worldbody.add_body(name=f"object{number}")
         # Damping instead of the rolling friction that stiff contacts lack: balls come to rest.
         body.add_freejoint()
         for part_number, part in enumerate(parts):
-            name = f"mesh{number}_{part_number}"
-            spec.add_mesh(
-                name=name,
-                uservert=part.vertices.ravel().tolist(),
-                inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX,
-            )
-            body.add_geom(
-                type=mujoco.mjtGeom.mjGEOM_MESH,
-                meshname=name,
-                density=DENSITY,
-                friction=[0.9, 0.02, 0.005],
-                condim=6,
-            )
+            geom = add_convex(spec, body, f"mesh{number}_{part_number}", part)
+            geom.density, geom.friction, geom.condim = DENSITY, FRICTION, 6
     model = compiled_world(spec)
     model.dof_damping[:] = 2e-4
     return model

@@ -1,22 +1,42 @@
-"""Scenes of objects settled on a table, and views of them; world frame = table frame, z up."""
+"""Scenes of objects at rest, what is around them, and views of them; world = table frame, z up."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.array_types import Array, Indices
+from pipelines.configs import SceneryConfig, Surrounding
 from pipelines.errors import SymgraspError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.rendering import Scene, cast_view
-from pipelines.geometry.transforms import invert, make_pose
+from pipelines.geometry.transforms import invert, make_pose, transform_points
 from pipelines.synthesis.scenes.depth_sensors import measured_depth
-from pipelines.synthesis.scenes.lamplight import drawn_lighting, drawn_texture, shade, table_texture
+from pipelines.synthesis.scenes.lamplight import (
+    PLAIN_LOOK,
+    Texture,
+    drawn_lamps,
+    drawn_lighting,
+    drawn_look,
+    drawn_texture,
+    shade,
+    table_texture,
+)
+from pipelines.synthesis.scenes.robot_hands import drawn_hand
 from pipelines.synthesis.scenes.settling import drop_objects, middles_of
 from pipelines.synthesis.scenes.smoothing import corner_normals, with_smooth_normals
+from pipelines.synthesis.scenes.surroundings import (
+    PLAIN_ONLY,
+    Container,
+    SceneSurroundings,
+    drawn_container,
+    drawn_kind,
+    drawn_surroundings,
+)
+from pipelines.synthesis.scenes.varied_textures import varied_texture
 
 TABLE_SIZE = (0.7, 0.5)  # metres, half extents
 FLOOR_SIZE = 6.0
@@ -51,7 +71,7 @@ class View:
     Attributes:
         color: (H, W, 3) uint8.
         depth: (H, W) metres as measured by the sensor, 0 = missing.
-        object_index: (H, W) index among the scene's objects, -1 for table, floor, nothing.
+        object_index: (H, W) index among the scene's objects, -1 for everything else.
         T_world_cam: (4, 4).
     """
 
@@ -63,10 +83,11 @@ class View:
 
 @dataclass(frozen=True)
 class SceneLayout:
-    """Objects at rest; `poses`: (k, 4, 4) object to table."""
+    """Objects at rest, and what is around them; `poses`: (k, 4, 4) object to table."""
 
     objects: tuple[SceneObject, ...]
     poses: Array
+    surroundings: SceneSurroundings = field(default_factory=SceneSurroundings)
 
     @property
     def middles(self) -> Array:
@@ -78,16 +99,46 @@ class SceneLayout:
         """Mean (3,) of the objects' middles, metres, table frame."""
         return np.asarray(self.middles.mean(axis=0))
 
+    @property
+    def footprint(self) -> Array:
+        """Places (n, 2) of the table below the corners of the objects' pieces, metres."""
+        corners = [
+            transform_points(pose, piece.vertices)[:, :2]
+            for item, pose in zip(self.objects, self.poses, strict=True)
+            for piece in item.pieces
+        ]
+        return np.concatenate(corners)
 
-def settle(objects: Sequence[SceneObject], rng: np.random.Generator) -> SceneLayout:
-    """Drop `objects` until at least half of them stay on the table.
+
+def drawn_layout(
+    objects: Sequence[SceneObject], kinds: Sequence[Surrounding], rng: np.random.Generator
+) -> SceneLayout:
+    """Return `objects` at rest in surroundings of one of `kinds`, as `SceneryConfig` lists them.
+
+    Raises:
+        SymgraspError: see `settle`.
+    """
+    if tuple(kinds) == PLAIN_ONLY:
+        return settle(objects, rng)
+    (around,) = rng.spawn(1)  # a plain scene stays the same, whatever other kinds are listed
+    kind = drawn_kind(kinds, around)
+    container = drawn_container(kind, around)
+    layout = settle(objects, rng, container)
+    surroundings = drawn_surroundings(kind, container, layout.footprint, around)
+    return replace(layout, surroundings=surroundings)
+
+
+def settle(
+    objects: Sequence[SceneObject], rng: np.random.Generator, container: Container | None = None
+) -> SceneLayout:
+    """Drop `objects` until at least half of them stay on the table, or in the `container`.
 
     Raises:
         SymgraspError: they do not in `DROP_ATTEMPTS` attempts.
     """
     centres = np.stack([item.centre for item in objects])
     for _ in range(DROP_ATTEMPTS):
-        settled = drop_objects([item.pieces for item in objects], rng, centres)
+        settled = drop_objects([item.pieces for item in objects], rng, centres, container)
         if 2 * len(settled.index) >= len(objects):
             return SceneLayout(tuple(objects[i] for i in settled.index), settled.poses)
     raise SymgraspError(
@@ -103,30 +154,64 @@ def rectangle(half_width: float, half_depth: float) -> Mesh:
     return Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]))
 
 
+def background(layout: SceneLayout, rng: np.random.Generator) -> tuple[list[Mesh], list[Array]]:
+    """Return meshes and poses (4, 4) of the table, the floor and what stands around the objects."""
+    floor = make_pose(np.eye(3), [0, 0, rng.uniform(*FLOOR_HEIGHTS)])
+    around = layout.surroundings
+    meshes = [around.table or rectangle(*TABLE_SIZE), rectangle(FLOOR_SIZE, FLOOR_SIZE)]
+    meshes += around.solids
+    return meshes, [np.eye(4), floor, *[np.eye(4)] * len(around.solids)]
+
+
 def record(
     layout: SceneLayout,
     viewpoints: Array,
     intrinsics: Intrinsics,
     sensor: str,
     rng: np.random.Generator,
+    scenery: SceneryConfig | None = None,
 ) -> Iterator[View]:
     """Yield the views of `layout` by cameras at `viewpoints` (n, 4, 4), T_world_cam."""
-    floor = make_pose(np.eye(3), [0, 0, rng.uniform(*FLOOR_HEIGHTS)])
-    poses = np.concatenate([layout.poses, np.eye(4)[None], floor[None]])
-    ground = [rectangle(*TABLE_SIZE), rectangle(FLOOR_SIZE, FLOOR_SIZE)]
-    scene = Scene([*(item.mesh for item in layout.objects), *ground], list(poses))
-    textures = [drawn_texture(rng) for _ in layout.objects]
-    textures += [table_texture(rng), table_texture(rng)]
-    lighting = drawn_lighting(rng)
+    scenery = scenery or SceneryConfig()
+    (beside,) = rng.spawn(1)  # draws what not every scene has
     meshes = [item.mesh for item in layout.objects]
+    others, places = background(layout, rng)
+    is_varied = scenery.colors == "varied"
+    textures = _textures(layout, rng, beside, is_varied=is_varied)
+    lamps = drawn_lamps(beside) if is_varied else [drawn_lighting(rng)]
     corners = [corner_normals(mesh) for mesh in meshes]
+    whole = Scene([*meshes, *others], [*layout.poses, *places])
     for T_world_cam in viewpoints:
+        scene, poses, shown = whole, np.array([*layout.poses, *places]), textures
+        look = drawn_look(beside) if is_varied else PLAIN_LOOK
+        if beside.uniform() < scenery.robot_hands:
+            hand = drawn_hand(intrinsics, T_world_cam, beside)
+            poses = np.concatenate([poses, T_world_cam[None]])
+            scene = Scene([*meshes, *others, hand], list(poses))
+            shown = [*textures, varied_texture(beside) if is_varied else drawn_texture(beside)]
         hits = cast_view(scene, intrinsics, T_world_cam)
         T_cam_obj = invert(T_world_cam) @ layout.poses
         curved = with_smooth_normals(hits, meshes, corners, T_cam_obj, intrinsics)
         yield View(
-            shade(scene, curved, poses, textures, lighting, intrinsics, T_world_cam, rng),
+            shade(scene, curved, poses, shown, lamps, intrinsics, T_world_cam, rng, look),
             measured_depth(sensor, scene, hits, intrinsics, T_world_cam, rng),
             np.where(hits.object_index < len(layout.objects), hits.object_index, -1),
             T_world_cam,
         )
+
+
+def _textures(
+    layout: SceneLayout, rng: np.random.Generator, beside: np.random.Generator, *, is_varied: bool
+) -> list[Texture]:
+    """Return one texture for each object, the table, the floor and each solid around them."""
+    solids = len(layout.surroundings.solids)
+    if not is_varied:
+        own = [drawn_texture(rng) for _ in layout.objects]
+        return [*own, table_texture(rng), table_texture(rng), *[table_texture(beside)] * solids]
+    own = [varied_texture(beside, printed=True) for _ in layout.objects]
+    return [
+        *own,
+        varied_texture(beside),
+        varied_texture(beside),
+        *[varied_texture(beside)] * solids,
+    ]

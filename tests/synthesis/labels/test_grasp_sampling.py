@@ -192,6 +192,20 @@ def test_an_object_alone_in_the_air_collides_only_with_itself(label: GraspLabel)
     np.testing.assert_array_equal(collision, label.collision)
 
 
+def test_a_wall_forbids_the_approaches_that_reach_into_it(label: GraspLabel) -> None:
+    wall = trimesh.creation.box((0.02, 0.6, 0.6))
+    wall.apply_translation((0.032, 0.0, 0.05))
+    beside = Mesh(np.asarray(wall.vertices), np.asarray(wall.faces))
+    meshes, poses = [box()], [lifted()]
+    [free] = scene_collisions([label], meshes, poses, table_height=-9.0)
+    [walled] = scene_collisions([label], meshes, poses, table_height=-9.0, surroundings=[beside])
+    near, from_wall = label.points[:, 0] > 0.019, R[..., 0, 0] < -0.5  # 2 mm before the wall
+    assert (free & ~walled).sum() == 0
+    assert walled[near][:, from_wall].all()
+    assert (~free & walled).any()
+    assert (~walled).any()
+
+
 def test_the_table_forbids_approaches_from_below(label: GraspLabel) -> None:
     [collision] = collide([label], [lifted()], table_height=0.0)
     low = label.points[:, 2] < -0.035  # within 15 mm of the table

@@ -201,7 +201,7 @@ def photographed(color: Array, look: CameraLook, rng: np.random.Generator) -> ND
         across, down = np.meshgrid(np.linspace(-1, 1, width), np.linspace(-1, 1, height))
         color = color * (1.0 - 0.5 * look.vignette * (across**2 + down**2))[..., None]
     if look.blur:
-        color = cv2.GaussianBlur(color, (0, 0), look.blur)
+        color = np.asarray(cv2.GaussianBlur(color, (0, 0), look.blur), np.float64)
     exposed = np.clip(color * look.exposure, 0.0, 1.0) ** look.gamma
     noisy = exposed * 255.0 + rng.normal(0.0, look.noise, color.shape)
     taken = np.asarray(np.clip(noisy, 0, 255), np.uint8)

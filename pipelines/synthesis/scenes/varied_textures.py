@@ -72,7 +72,7 @@ def _layer(rng: np.random.Generator) -> Texture:
         low = np.minimum(at.astype(int), count - 2)
         share = np.rint(at - low) if stepped else at - low
         color = palette[low] + share[:, None] * (palette[low + 1] - palette[low])
-        return color * (1.0 + depth * (2.0 * grain(points)[:, None] - 1.0))
+        return np.asarray(color * (1.0 + depth * (2.0 * grain(points)[:, None] - 1.0)))
 
     return colors
 

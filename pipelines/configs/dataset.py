@@ -18,8 +18,8 @@ SURROUNDINGS = (
     "wall behind them; the table's edge, a robot's base beside them. Repeat a name for a larger "
     "share."
 )
-ROBOT_HANDS = "Share of the views that a robot's hand enters from the border."
-COLORS = (
+HANDS_SHARE = "Share of the views that a robot's hand enters from the border."
+SCENE_COLORS = (
     "Textures, light and camera: plain, as indoors; varied, any material and print on any surface, "
     "several lamps of any colour, cameras that tint, blur and compress."
 )
@@ -65,8 +65,8 @@ class SceneryConfig:
     """What a synthetic scene shows besides its objects."""
 
     surroundings: tuple[Surrounding, ...] = choice(("plain",), SURROUNDINGS, BY_EYE)
-    robot_hands: float = setting(0.0, "share", ROBOT_HANDS, BY_EYE)
-    colors: Colors = choice("plain", COLORS, BY_EYE)
+    robot_hands: float = setting(0.0, "share", HANDS_SHARE, BY_EYE)
+    colors: Colors = choice("plain", SCENE_COLORS, BY_EYE)
 
 
 @dataclass(frozen=True)

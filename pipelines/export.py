@@ -9,14 +9,15 @@ Writes  DUMP/scene_NNNN/CAMERA/NNNN.npy      `--to graspnet`: graspnetAPI's rows
         OUT/NAME.json                        `--to ros-json`: PoseArray and widths
         OUT.json, OUT.csv                    `--to json`, `--to csv`: all frames in one file
 
-Poses are of the base of a gripper, in the camera frame; contacts are the same in all. Frames
-without grasps have a file that says so; frames that failed have none, and are named. Folders hold
-`provenance.json`; OUT.csv has it beside it, OUT.json in it.
+Poses are of the base of a gripper, or of its tool centre point, in the frame of the camera, or of
+the robot's base where a hand-eye calibration is given. Frames without grasps have a file that says
+so; frames that failed have none, and are named. Folders hold `provenance.json`; OUT.csv has it
+beside it, OUT.json in it.
 """
 
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
 
@@ -33,11 +34,16 @@ from pipelines.grasp_files.exports import (
     isaac_grasps,
     ros_grasps,
 )
+from pipelines.grasp_files.exports.export_poses import (
+    ExportGripper,
+    PoseFrame,
+    base_to_tool,
+    pose_frame,
+)
 from pipelines.grasp_files.exports.grasp_exports import (
     LONGEST_PREFIX,
     LONGEST_SUFFIX,
     Claims,
-    ExportGripper,
     ExportHeader,
     FrameGrasps,
     as_ranges,
@@ -82,16 +88,30 @@ NAMED_AT_MOST = 10  # frames in a sentence
 class _Tally:
     written: int = 0
     left_out: dict[str, NDArray[np.int64]] = field(default_factory=dict)  # frame to rows
+    low: int = 0
 
 
 def run(
-    grasps: Path, output: Path, config: ExportConfig, *, overwrite: bool = False
+    grasps: Path,
+    output: Path,
+    config: ExportConfig,
+    *,
+    camera_to_base: Path | None = None,
+    overwrite: bool = False,
 ) -> StageReport:
-    """Write the grasps of `grasps` into the folder or, as json and csv are, the file `output`.
+    """Write the grasps of `grasps`.
+
+    Args:
+        grasps: a `grasps.h5`.
+        output: the folder or, as json and csv are, the file.
+        config: format, gripper, origin of the poses.
+        camera_to_base: hand-eye calibration, for poses in the robot's base frame.
+        overwrite: make the output again if it exists.
 
     Raises:
-        SymgraspError: `grasps` cannot be read, the format or gripper is not known, `output` is
-            somebody else's or was made otherwise, or none of the frames can be written.
+        SymgraspError: `grasps` or the calibration cannot be read, the format or gripper is not
+            known, `output` is somebody else's or was made otherwise, or none of the frames can be
+            written.
     """
     started, report = time.monotonic(), StageReport(STAGE)
     check_settings(config)
@@ -99,30 +119,27 @@ def run(
     index = read_index(grasps)
     name_or_path = gripper_to_use(config.gripper, index.gripper, index.stamp)
     gripper = _gripper(index, name_or_path, config)
-    stamp = _stamp(grasps, name_or_path, gripper, config.to)
+    frame = pose_frame(camera_to_base, config.frame_id)
+    stamp = _stamp(grasps, name_or_path, gripper, config, camera_to_base)
     finished = is_finished(output, stamp, overwrite=overwrite)
     tally = _Tally()
-    frames = _held(grasps, index, gripper, report)
+    frames = _exported(grasps, index, gripper, frame, config.min_score, report)
     if config.to in TO_FOLDER:
         write_frame, path_of = _of_a_frame(config.to, index, report)
-        frames = _with_path(frames, path_of, Claims(folds_case=folds_case(output)), report)
+        frames = _with_path(frames, path_of, Claims(folds_case=folds_case(output)), index, report)
     frames = _counted(frames, tally)
     if finished:
         _pass_over(frames)  # what could not be exported is named again
         report.skipped.append(output.name)
         return report
     _refuse_others_work(output)
-    header = ExportHeader(gripper, stamp.as_json(), index.stamp)
+    header = ExportHeader(gripper, frame, stamp.as_json(), index.stamp)
     if config.to in TO_FILE:
         _write_file(output, stamp, lambda path: TO_FILE[config.to](path, frames, header))
     else:
-        with atomic_folder(output) as folder:
-            for frame in frames:
-                write_frame(folder, frame, header)
-            _refuse_nothing(index, report)
-            write_sidecar(folder, stamp)
+        _write_folder(output, stamp, frames, lambda folder, each: write_frame(folder, each, header))
     report.done.append(output.name)
-    report.notes |= _notes(output.name, len(index.names), tally, gripper)
+    report.notes |= _notes(output.name, len(index.names), tally, gripper, config)
     report.seconds = time.monotonic() - started
     return report
 
@@ -141,18 +158,30 @@ def _gripper(index: GraspsIndex, name_or_path: str, config: ExportConfig) -> Exp
         behind = GRASPNET_DEPTH - model.tip_reach
     elif config.to == "contact-graspnet" and not config.gripper:  # it has a gripper of its own
         behind = contact_graspnet_predictions.BASE_TO_CONTACTS
+    origin = "base"
+    if config.tcp:
+        behind = model.base_to_contacts - base_to_tool(config.tcp, model)
+        origin = f"tool centre point ({config.tcp})"
     checked = index.stamp.get("inputs", {}).get("gripper")  # old files do not say
     alike = gripper_digest(name_or_path) == checked if checked else name_or_path == index.gripper
-    return ExportGripper(model, behind, index.gripper, alike)
+    return ExportGripper(model, behind, index.gripper, alike, origin)
 
 
-def _stamp(grasps: Path, name_or_path: str, gripper: ExportGripper, to: str) -> Stamp:
+def _stamp(
+    grasps: Path,
+    name_or_path: str,
+    gripper: ExportGripper,
+    config: ExportConfig,
+    camera_to_base: Path | None,
+) -> Stamp:
     settings = {
-        "to": to,
+        **asdict(config),
         "gripper": name_or_path,
         "base_to_contacts": round(gripper.base_to_contacts, 9),
     }
     inputs = {"grasps": digest(grasps), "gripper": gripper_digest(name_or_path)}
+    if camera_to_base is not None:
+        inputs["camera_to_base"] = digest(camera_to_base)
     return make_stamp(STAGE, settings, inputs=inputs)
 
 
@@ -167,22 +196,27 @@ def _refuse_others_work(output: Path) -> None:
         raise SymgraspError(f"{output} exists and is no export of ours; choose another output")
 
 
-def _held(
-    grasps: Path, index: GraspsIndex, gripper: ExportGripper, report: StageReport
+def _exported(
+    grasps: Path,
+    index: GraspsIndex,
+    gripper: ExportGripper,
+    frame: PoseFrame,
+    min_score: float,
+    report: StageReport,
 ) -> Iterator[FrameGrasps]:
-    """Yield what the gripper holds of each frame, one in memory at a time; name the others."""
+    """Yield what is exported of each frame, one in memory at a time; name the others."""
     first = 0
     for result in read_results(grasps, range(len(index.names))):
         if result.status == "failed":
             report.failed[result.name] = f"infer failed on it ({result.message}); it has no grasps"
         try:
-            frame = FrameGrasps.of(result, first, gripper)
+            found = FrameGrasps.of(result, first, gripper, min_score, frame)
         except SymgraspError as error:
             report.failed[result.name] = str(error)
             continue
         finally:
             first += len(result.grasps)
-        yield frame
+        yield found
     _refuse_nothing(index, report)
 
 
@@ -190,6 +224,7 @@ def _counted(frames: Iterable[FrameGrasps], tally: _Tally) -> Iterator[FrameGras
     """Yield the frames that are written, and count what of them is and what is left out."""
     for frame in frames:
         tally.written += len(frame)
+        tally.low += len(frame.low)
         if len(frame.left_out):
             tally.left_out[frame.result.name] = frame.left_out
         yield frame
@@ -202,6 +237,18 @@ def _write_file(output: Path, stamp: Stamp, write: Callable[[Path], None]) -> No
     write(output)
     if beside:
         write_sidecar(output, stamp)
+
+
+def _write_folder(
+    output: Path,
+    stamp: Stamp,
+    frames: Iterable[FrameGrasps],
+    write_frame: Callable[[Path, FrameGrasps], None],
+) -> None:
+    with atomic_folder(output) as folder:
+        for frame in frames:
+            write_frame(folder, frame)
+        write_sidecar(folder, stamp)
 
 
 def _of_a_frame(
@@ -229,6 +276,7 @@ def _with_path(
     frames: Iterable[FrameGrasps],
     path_of: Callable[[str], Path],
     claims: Claims,
+    index: GraspsIndex,
     report: StageReport,
 ) -> Iterator[FrameGrasps]:
     """Yield the frames that have a file of their own; name those that can have none."""
@@ -242,6 +290,7 @@ def _with_path(
             report.failed[name] = str(error)
         if name not in report.failed:
             yield frame
+    _refuse_nothing(index, report)
 
 
 def _pass_over(frames: Iterable[FrameGrasps]) -> None:
@@ -259,7 +308,9 @@ def _refuse_nothing(index: GraspsIndex, report: StageReport) -> None:
         )
 
 
-def _notes(output: str, num_frames: int, tally: _Tally, gripper: ExportGripper) -> dict[str, str]:
+def _notes(
+    output: str, num_frames: int, tally: _Tally, gripper: ExportGripper, config: ExportConfig
+) -> dict[str, str]:
     name = gripper.model.name
     made = (
         f"{tally.written} grasps in {num_frames} frames; gripper {name}, origin of the "
@@ -267,6 +318,8 @@ def _notes(output: str, num_frames: int, tally: _Tally, gripper: ExportGripper) 
     )
     if not gripper.is_the_one_checked:
         made += f"; collisions were checked with {gripper.checked_with}, not with {name}"
+    if tally.low:
+        made += f"; {tally.low} grasps score below {config.min_score:g} and are left out"
     if not tally.left_out:
         return {output: made}
     places = [
@@ -276,7 +329,7 @@ def _notes(output: str, num_frames: int, tally: _Tally, gripper: ExportGripper) 
         places.append(f"and more in {len(tally.left_out) - NAMED_AT_MOST} frames")
     count = sum(map(len, tally.left_out.values()))
     wide = (
-        f"{count} of {tally.written + count} grasps, wider than the "
+        f"{count} of {tally.written + tally.low + count} grasps, wider than the "
         f"{1000 * gripper.model.max_width:.0f} mm that {name} takes, by their places in "
         f"/grasps: {'; '.join(places)}"
     )

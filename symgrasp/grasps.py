@@ -47,6 +47,8 @@ class Grasp:
     rank_score: float
     ranker: str
     is_best: bool
+    rank_in_frame: int
+    worth_trying: bool
     symmetry: FoundSymmetry | None
     opening: float
     gripper: Gripper
@@ -80,6 +82,8 @@ class Grasps:
             critic expects, or s of Eq. 8.
         ranker: (n,) str, which of them: `critic` or `eq8`.
         is_best: (n,) bool, the one to try first of its region.
+        rank_in_frame: (n,) int32 place in the order of the frame, 0 the one to try first.
+        worth_trying: (n,) bool, whether `rank_score` is not below the setting `weak_below`.
         regions: all regions of the frame, those without grasps too.
         gripper: the gripper of `poses` and `opening`.
         name: of the frame, in a file.
@@ -101,6 +105,8 @@ class Grasps:
     rank_score: Singles
     ranker: NDArray[np.object_]
     is_best: Mask
+    rank_in_frame: NDArray[np.int32]
+    worth_trying: Mask
     regions: tuple[FoundRegion, ...]
     gripper: Gripper
     name: str = ""
@@ -182,14 +188,14 @@ class Grasps:
 def ordered_grasps(
     result: FrameResult, gripper: Gripper, ids: NDArray[np.int32] | None = None
 ) -> Grasps:
-    """Return the grasps of a frame in order of `rank_score`; grasps that tie stay in order.
+    """Return the grasps of a frame in the order of `rank_in_frame`.
 
     Args:
         result: what was planned, region by region.
         gripper: that it was planned for.
         ids: (H, W) of the masks that the regions were made of, if they were.
     """
-    order = np.argsort(-result.grasps.rank_score, kind="stable")
+    order = np.argsort(result.grasps.rank_in_frame)
     columns = {name: getattr(result.grasps, name)[order] for name in GRASP_COLUMNS}
     for column in columns.values():
         column.flags.writeable = False

@@ -47,6 +47,7 @@ DEFAULT_FRAME = LimitsConfig.box_frame
         "--grounding/--no-grounding": "selection.symmetry.is_fitted",
         "--rank-by": "selection.ranking.by",
         "--top": "max_grasps_per_region",
+        "--min-score": "min_score",
         "--workspace-frame": "limits.box_frame",
         "--approach-cone": "limits.approach_cone",
         "--approach-direction": "limits.approach_direction",

@@ -5,7 +5,13 @@ from math import inf
 from typing import Literal
 
 from pipelines.configs.declaration import BY_EYE, choice, setting
-from pipelines.configs.planning import LimitsConfig, RegionConfig, SelectionConfig, SensorConfig
+from pipelines.configs.planning import (
+    ROBOT,
+    LimitsConfig,
+    RegionConfig,
+    SelectionConfig,
+    SensorConfig,
+)
 
 RegionSource = Literal["auto", "detector", "geometric"]
 Method = Literal["network", "planar", "random"]
@@ -54,6 +60,10 @@ class InferConfig:
     )
     max_grasps_per_region: int = setting(
         20, "count", "Most grasps of a region, no two alike.", BY_EYE, low=1
+    )
+    min_score: float = setting(0.0, "share", "Score below which grasps are left out.", ROBOT)
+    weak_below: float = setting(
+        0.3, "share", "Score below which grasps are kept, marked as not worth trying.", "D. 120"
     )
     limits: LimitsConfig = field(default_factory=LimitsConfig)
     sensor: SensorConfig = field(default_factory=SensorConfig)
@@ -130,6 +140,19 @@ class ExportConfig:
         "Gripper preset or TOML file whose base the poses are of, and that must open wide enough; "
         "empty for the gripper that the grasps were found for.",
         "D. 71",
+    )
+    min_score: float = setting(0.0, "share", "Score below which grasps are left out.", ROBOT)
+    tcp: str = choice(
+        "",
+        "Tool centre point whose poses are given: tips, contacts, or its distance from the "
+        "mounting face along the approach in metres; empty for the format's own origin.",
+        ROBOT,
+    )
+    frame_id: str = choice(
+        "",
+        "Name of the poses' frame in ros-json; empty for camera_color_optical_frame, or with "
+        "--camera-to-base the base that the file names, else base_link.",
+        ROBOT,
     )
 
 

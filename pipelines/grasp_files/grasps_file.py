@@ -18,6 +18,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.configs import InferConfig
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.grasp_files.grasps_tables import (
@@ -25,8 +26,10 @@ from pipelines.grasp_files.grasps_tables import (
     FrameTable,
     GraspTable,
     RegionTable,
+    are_worth_trying,
     join_grasps,
     join_regions,
+    ranks_in_frame,
 )
 from pipelines.storage.files import DAMAGED
 from pipelines.storage.h5_columns import check_version, read_columns, write_attribute, write_columns
@@ -52,7 +55,7 @@ __all__ = [
     "write_shard",
 ]
 
-FORMAT_VERSION, OLDEST_VERSION = 2, 1
+FORMAT_VERSION, OLDEST_VERSION = 3, 1
 LONGEST_SHARD_NAME = 200  # characters of a shard's file name; file systems take 255 bytes
 AXES = "camera, OpenCV axes: x right, y down, z forward"
 GRASP_FRAME = "columns approach, closing, approach x closing; origin midway between the contacts"
@@ -65,7 +68,10 @@ UNITS = {
 }
 REGION_COLUMNS = (*RegionTable.SPEC, "mask_counts", "mask_start")
 SCHEMA = {"frames": FrameTable.SPEC, "regions": REGION_COLUMNS, "grasps": GraspTable.SPEC}
-ADDED = ("symmetry_confidence", "ranker")  # by version 2; `existence` was the confidence before
+ADDED = {  # columns, by the version that brought them; `existence` was the confidence before 2
+    2: ("symmetry_confidence", "ranker"),
+    3: ("rank_in_frame", "worth_trying"),
+}
 
 
 @dataclass(frozen=True)
@@ -205,12 +211,13 @@ def _check_file(path: Path, file: h5py.File) -> None:
 
 def stored_columns(file: h5py.File) -> dict[str, list[str]]:
     """Return the names of the columns that a file of its version holds, by group."""
-    missing = ADDED if int(file.attrs["format_version"]) == OLDEST_VERSION else ()
+    version = int(file.attrs["format_version"])
+    missing = [name for since, names in ADDED.items() if since > version for name in names]
     return {group: [n for n in names if n not in missing] for group, names in SCHEMA.items()}
 
 
 def complete_columns(regions: dict[str, Any], grasps: dict[str, Any], file: h5py.File) -> None:
-    """Add the columns that version 1 lacks, from what the open `file` says of its run."""
+    """Add the columns that older versions lack, from what the open `file` says of its run."""
     if "symmetry_confidence" not in regions:
         regions["symmetry_confidence"] = regions["existence"]
         regions["existence"] = np.full_like(regions["existence"], np.nan)
@@ -219,6 +226,11 @@ def complete_columns(regions: dict[str, Any], grasps: dict[str, Any], file: h5py
         is_critic = config.get("selection", {}).get("rank_by") in ("critic", "judge")
         ranker = "critic" if is_critic and config.get("method") == "network" else "eq8"
         grasps["ranker"] = np.full(len(grasps["width"]), ranker, object)
+    if "rank_in_frame" not in grasps:
+        score = grasps["rank_score"]
+        grasps["rank_in_frame"] = ranks_in_frame(grasps["frame"], score)
+        least = InferConfig.weak_below
+        grasps["worth_trying"] = are_worth_trying(grasps["ranker"], score, least)
 
 
 def file_attributes(file: h5py.File) -> dict[str, Any]:

@@ -138,6 +138,8 @@ class GraspTable:
     is_best: NDArray[Any]  # bool (g,) the one best of its region
     frame: NDArray[Any] = field(default_factory=lambda: np.zeros(0))  # i4 (g,) as in RegionTable
     ranker: NDArray[Any] = field(default_factory=lambda: np.zeros(0))  # str (g,): critic or eq8
+    rank_in_frame: NDArray[Any] = field(default_factory=lambda: np.zeros(0))  # i4 (g,) 0 = first
+    worth_trying: NDArray[Any] = field(default_factory=lambda: np.zeros(0))  # bool (g,) by score
 
     SPEC: ClassVar[ColumnSpec] = {
         "frame": ((), np.int32),
@@ -154,14 +156,22 @@ class GraspTable:
         "rank_score": ((), np.float32),
         "ranker": ((), np.object_),
         "is_best": ((), np.bool_),
+        "rank_in_frame": ((), np.int32),
+        "worth_trying": ((), np.bool_),
     }
 
     def __post_init__(self) -> None:
+        count = len(self.width)
         if len(self.frame) == 0:  # the table of one frame
-            object.__setattr__(self, "frame", np.zeros(len(self.width)))
+            object.__setattr__(self, "frame", np.zeros(count))
         if len(self.ranker) == 0:  # not known
-            object.__setattr__(self, "ranker", np.full(len(self.width), "", object))
-        coerce_columns(self, self.SPEC, len(self.width))
+            object.__setattr__(self, "ranker", np.full(count, "", object))
+        if len(self.rank_in_frame) == 0:
+            ranks = ranks_in_frame(np.asarray(self.frame), np.asarray(self.rank_score))
+            object.__setattr__(self, "rank_in_frame", ranks)
+        if len(self.worth_trying) == 0:
+            object.__setattr__(self, "worth_trying", np.ones(count, bool))
+        coerce_columns(self, self.SPEC, count)
 
     @classmethod
     def empty(cls) -> "GraspTable":
@@ -175,7 +185,11 @@ class GraspTable:
 
     def rows(self, start: int, end: int) -> "GraspTable":
         """Return the grasps `start` to `end`, exclusive."""
-        return GraspTable(**{name: getattr(self, name)[start:end] for name in self.SPEC})
+        return self.taken(slice(start, end))
+
+    def taken(self, index: slice | NDArray[Any]) -> "GraspTable":
+        """Return the grasps `index`, in its order."""
+        return GraspTable(**{name: getattr(self, name)[index] for name in self.SPEC})
 
 
 @dataclass(frozen=True)
@@ -231,6 +245,26 @@ class FrameResult:
         """Width and height, (0, 0) where unknown."""
         camera = self.intrinsics
         return (0, 0) if camera is None else (camera.width, camera.height)
+
+
+def ranks_in_frame(frame: NDArray[Any], rank_score: NDArray[Any]) -> NDArray[np.int32]:
+    """Return (g,) the place of each grasp in the order of its frame's scores, 0 the highest.
+
+    Args:
+        frame: (g,) index of the frame, ascending.
+        rank_score: (g,); of grasps that tie, the earlier one is first.
+    """
+    order = np.lexsort((-rank_score, frame))
+    ranks = np.empty(len(order), np.int32)
+    ranks[order] = np.arange(len(order)) - np.searchsorted(frame[order], frame[order])
+    return ranks
+
+
+def are_worth_trying(
+    ranker: NDArray[Any], rank_score: NDArray[Any], least: float
+) -> NDArray[np.bool_]:
+    """Return (g,) which grasps score `least` or more; of Eq. 8, which expects nothing, all."""
+    return np.asarray((ranker != "critic") | (rank_score >= np.float32(least)))
 
 
 def result_digest(result: FrameResult) -> str:

@@ -1,6 +1,9 @@
 """The reason why a frame has no grasps, in a sentence."""
 
+from collections.abc import Sequence
+
 from pipelines.grasping.planner import MIN_POINTS
+from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.inference.observation import Observation
 
 
@@ -21,6 +24,15 @@ def why_empty(seen: Observation, mask_pixels: int | None = None) -> str:
         small = f"{seen.too_small} of {total} instances of the masks were dropped as too small"
         reasons += [small, f"an instance needs {mask_pixels} pixels"]
     return "; ".join(reasons)
+
+
+def why_weak(found: Sequence[RankedGrasps]) -> str:
+    """Return that all grasps of the regions of a frame score too low; empty if there are none."""
+    scores = [float(ranked.rank_score.max()) for ranked in found if len(ranked)]
+    if not scores:
+        return ""
+    count = sum(map(len, found))
+    return f"none of {count} grasps scores --min-score or more; the best has {max(scores):.3f}"
 
 
 def _of_regions(seen: Observation) -> str:

@@ -17,7 +17,7 @@ from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.ranking.ranking import Critic
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.grasping.symmetries.grounding import SymmetryCritics
-from pipelines.inference.empty_frames import why_empty
+from pipelines.inference.empty_frames import why_empty, why_weak
 from pipelines.inference.observation import Observation, observe
 from pipelines.inference.plans import Plan, grasp_table, region_table
 from pipelines.inference.predicted_regions import Predictor, predicted_regions, region_models
@@ -81,17 +81,17 @@ class Planner:
                 plan if len(plan.grasps) else self._piecewise(plan, region.mask, seen)
                 for plan, region in zip(plans, regions, strict=True)
             ]
-        grasps = [plan.grasps for plan in plans]
-        count = sum(len(ranked) for ranked in grasps)
+        found = [plan.grasps for plan in plans]
+        grasps = grasp_table(found, self.config, self._of_regions.ranker)
         least = None if masks is None else self.config.min_region_pixels
         return FrameResult(
             name=frame.name,
-            status="ok" if count else "empty",
-            message="" if count else why_empty(seen, least),
+            status="ok" if len(grasps) else "empty",
+            message="" if len(grasps) else why_weak(found) or why_empty(seen, least),
             intrinsics=frame.intrinsics,
             seconds=time.monotonic() - started,
             regions=region_table(regions, plans),
-            grasps=grasp_table(grasps, self.config.max_grasps_per_region, self._of_regions.ranker),
+            grasps=grasps,
         )
 
     @cached_property

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.array_types import Array
-from pipelines.grasp_files.grasps_file import GraspTable, RegionTable
+from pipelines.configs import InferConfig
+from pipelines.grasp_files.grasps_tables import GraspTable, RegionTable, are_worth_trying
 from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
 from pipelines.inference.predicted_regions import PredictedRegion
@@ -60,12 +61,16 @@ def region_table(regions: list[Region], plans: list[Plan]) -> RegionTable:
     )
 
 
-def grasp_table(ranked: list[RankedGrasps], limit: int, ranker: str) -> GraspTable:
-    """Return the best `limit` grasps of each region as columns, the first of each marked best.
+def grasp_table(ranked: list[RankedGrasps], config: InferConfig, ranker: str) -> GraspTable:
+    """Return the best grasps of each region as columns, the first of each marked best.
 
-    `ranker`: of their scores, `critic` or `eq8`.
+    Args:
+        ranked: of each region, best first.
+        config: how many of a region are kept, and the scores that leave out and mark grasps.
+        ranker: of their scores, `critic` or `eq8`.
     """
-    kept = [grasps[:limit] for grasps in ranked]
+    good = [grasps[~(grasps.rank_score < config.min_score)] for grasps in ranked]
+    kept = [grasps[: config.max_grasps_per_region] for grasps in good]
     counts = [len(grasps) for grasps in kept]
 
     def column(name: str) -> NDArray[Any]:
@@ -75,6 +80,7 @@ def grasp_table(ranked: list[RankedGrasps], limit: int, ranker: str) -> GraspTab
         parts = [getattr(grasps.grasps, name) for grasps in kept]
         return np.concatenate([np.zeros((0, *shape)), *parts])
 
+    score, rankers = column("rank_score"), np.full(sum(counts), ranker, object)
     return GraspTable(
         region=np.repeat(np.arange(len(kept)), counts),
         rotation=geometry("rotation", (3, 3)),
@@ -86,7 +92,8 @@ def grasp_table(ranked: list[RankedGrasps], limit: int, ranker: str) -> GraspTab
         source=np.concatenate([np.zeros(0, object), *(g.source.astype(object) for g in kept)]),
         clearance=column("clearance"),
         enclosed_height=column("enclosed_height"),
-        rank_score=column("rank_score"),
-        ranker=np.full(sum(counts), ranker, object),
+        rank_score=score,
+        ranker=rankers,
+        worth_trying=are_worth_trying(rankers, score.astype(np.float32), config.weak_below),
         is_best=np.concatenate([np.zeros(0, bool), *(np.arange(n) == 0 for n in counts)]),
     )

@@ -1,9 +1,9 @@
 """A frame's picture with its regions, symmetries and best grasps drawn onto it.
 
-Outlines: regions. Translucent quads: symmetry planes; dashes: rotation axes; rings: sphere
-centres. Wireframes: the gripper at each region's best grasp, a dot at each contact; green where a
-symmetry gave the grasp, orange where the boundary did, grey for random ones. The PNG holds the
-stamp of what is drawn, as the text `provenance`.
+Outlines: regions, each with its number and its best score. Translucent quads: symmetry planes;
+bars: rotation axes; rings: spheres. Wireframes: the gripper at each region's best grasp in the
+colour of its score, a dot at each contact; thin and without dots where it is not worth trying.
+The PNG holds the stamp of what is drawn, as the text `provenance`.
 """
 
 import json
@@ -24,22 +24,16 @@ from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT, Symmetry, Sy
 from pipelines.geometry.transforms import unit
 from pipelines.grasp_files.grasps_file import FrameResult
 from pipelines.pictures.color_images import Color, ColorImage
+from pipelines.pictures.palette import AXIS, CONTACT, PLANES, region_color, rgb, score_colors
 from pipelines.storage.files import write_bytes
 from pipelines.storage.provenance import COMPARED, Stamp
 
-COLORS: dict[str, Color] = {  # RGB, by source of the grasp
-    "network": (60, 255, 90),
-    "planar": (255, 160, 30),
-    "random": (190, 190, 190),
-}
-OUTLINE: Color = (70, 170, 255)
-PLANE_COLORS: tuple[Color, ...] = ((255, 80, 200), (120, 110, 255), (255, 230, 70))
-AXIS_COLOR: Color = (255, 60, 60)
-CONTACT: Color = (255, 40, 40)
+AXIS_COLOR, CONTACT_COLOR = rgb(AXIS), rgb(CONTACT)
 HALO: Color = (0, 0, 0)
 FINGER, WRIST = 0.045, 0.05  # metres, of the drawn gripper
 NEAREST = 0.02  # metres; nothing nearer is drawn
 USED_OPACITY, OPACITY = 0.35, 0.1  # of the plane that gave the best grasp, and of others
+FONT = cv2.FONT_HERSHEY_SIMPLEX
 FIXED_BITS = 3  # OpenCV draws at eighths of a pixel
 STAMP_TEXT = "provenance"  # the name of the PNG's text
 
@@ -72,16 +66,39 @@ def draw_overlay(frame: Frame, result: FrameResult) -> ColorImage:
     picture = np.ascontiguousarray(frame.color).copy()
     thick = max(1, round(picture.shape[1] / 640))
     height, width = picture.shape[:2]
-    for region in range(len(result.regions)):
-        mask = result.regions.mask(region, width, height)
+    masks = [result.regions.mask(i, width, height) for i in range(len(result.regions))]
+    for region, mask in enumerate(masks):
         _draw_symmetries(picture, frame, result, region, mask)
         contours, _ = cv2.findContours(
             mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
         )
-        cv2.drawContours(picture, contours, -1, OUTLINE, thick, cv2.LINE_AA)
-    for grasp in np.flatnonzero(result.grasps.is_best):
+        color = rgb(region_color(region))
+        cv2.drawContours(picture, contours, -1, color, thick, cv2.LINE_AA)
+    best = np.flatnonzero(result.grasps.is_best)
+    for grasp in best[np.argsort(-result.grasps.rank_in_frame[best])]:  # the first one on top
         _draw_gripper(picture, frame.intrinsics, result, int(grasp), thick)
+    for region, mask in enumerate(masks):
+        _write_number(picture, result, region, mask)
     return picture
+
+
+def _write_number(
+    picture: ColorImage, result: FrameResult, region: int, mask: NDArray[np.bool_]
+) -> None:
+    """Write a region's number and the score of its best grasp above the middle of its mask."""
+    rows, columns = np.nonzero(mask)
+    if not len(rows):
+        return
+    grasps = result.grasps
+    best = grasps.rank_score[(grasps.region == region) & grasps.is_best]
+    text = f"{region}" + (f": {best[0]:.2f}" if len(best) else "")
+    scale = picture.shape[1] / 1280
+    (width, height), _ = cv2.getTextSize(text, FONT, scale, 1)
+    x = int(np.clip(np.median(columns) - width / 2, 0, picture.shape[1] - width))
+    y = int(np.clip(rows.min() - height // 2, height + 1, picture.shape[0] - 2))
+    for color, size in ((HALO, 3), (rgb(region_color(region)), 1)):
+        weight = max(1, round(size * scale * 2))
+        cv2.putText(picture, text, (x, y), FONT, scale, color, weight, cv2.LINE_AA)
 
 
 def _draw_gripper(
@@ -97,14 +114,18 @@ def _draw_gripper(
     pixels = _pixels(camera, corners @ rotation.T + middle)
     if pixels is None:
         return
-    color = COLORS.get(str(table.source[grasp]), COLORS["planar"])
-    for line_color, extra in ((HALO, 2), (color, 0)):
+    r, g, b = score_colors(table.rank_score[grasp : grasp + 1])[0].tolist()
+    is_weak = not table.worth_trying[grasp]
+    lines = (((r, g, b), thick),) if is_weak else ((HALO, 2 * thick + 2), ((r, g, b), 2 * thick))
+    for line_color, size in lines:
         for start, end in ((0, 1), (1, 2), (2, 3), (4, 5)):
-            _line(picture, pixels[start], pixels[end], line_color, 2 * thick + extra)
+            _line(picture, pixels[start], pixels[end], line_color, size)
+    if is_weak:
+        return
     for contact in (0, 3):
         center = tuple(int(x) for x in pixels[contact])
         radius = (3 * thick) << FIXED_BITS
-        cv2.circle(picture, center, radius, CONTACT, -1, cv2.LINE_AA, FIXED_BITS)
+        cv2.circle(picture, center, radius, CONTACT_COLOR, -1, cv2.LINE_AA, FIXED_BITS)
 
 
 def _draw_symmetries(
@@ -155,7 +176,7 @@ def _draw_symmetry(
             for color, size in ((HALO, 4), (AXIS_COLOR, 2)):
                 _line(picture, ends[0], ends[1], color, size)
     else:
-        _draw_plane(picture, camera, symmetry, radius, PLANE_COLORS[slot], opacity)
+        _draw_plane(picture, camera, symmetry, radius, rgb(PLANES[slot]), opacity)
 
 
 def _draw_plane(

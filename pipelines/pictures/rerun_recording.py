@@ -16,12 +16,13 @@ from pipelines.frames.rgbd import Frame
 from pipelines.geometry.transforms import basis_from_direction, matrix_to_quaternion
 from pipelines.grasp_files.grasps_file import FrameResult
 from pipelines.grasping.gripper import Gripper
-from pipelines.pictures.grasp_page.scene import places_in_region, region_color, region_symmetries
+from pipelines.pictures.grasp_page.scene import places_in_region, region_symmetries
+from pipelines.pictures.palette import region_color, rgb, score_colors
 from pipelines.storage.files import atomic_path
 from pipelines.storage.provenance import Stamp, write_sidecar
 
 MIN_CONFIDENCE = 0.5  # of symmetries that are recorded
-LOW, HIGH = np.array([215, 68, 62]), np.array([47, 174, 107])  # RGB of the lowest, highest score
+WEAK_OPACITY = 90  # of 255, of grasps that are not worth trying
 
 
 def need_rerun() -> Any:  # noqa: ANN401 - a module that may not be there
@@ -74,7 +75,7 @@ def _log_symmetries(rr: Any, stream: Any, frame: Frame, result: FrameResult) -> 
     points = frame.intrinsics.backproject(frame.depth)
     for region in range(len(result.regions)):
         mask = result.regions.mask(region, *result.size) & (frame.depth > 0)
-        color = [int(region_color(region)[at : at + 2], 16) for at in (1, 3, 5)]
+        color = rgb(region_color(region))
         for each in region_symmetries(result.regions, region, points[mask]):
             if each["confidence"] > MIN_CONFIDENCE:
                 path = f"world/symmetries/region_{region}/{each['kind']}_{each['slot']}"
@@ -106,9 +107,8 @@ def _log_grasps(rr: Any, stream: Any, result: FrameResult, gripper: Gripper) -> 
     middles = np.einsum("gij,gbj->gbi", rotation, boxes.mean(axis=2)) + table.translation[:, None]
     halves = (boxes[:, :, 1] - boxes[:, :, 0]) / 2.0
     wxyz = matrix_to_quaternion(rotation).reshape(-1, 4)
-    span = max(float(np.ptp(table.rank_score)), 1e-9) if len(table) else 1.0
-    share = (table.rank_score - table.rank_score.min(initial=np.inf)) / span
-    colors = (LOW + share[:, None] * (HIGH - LOW)).astype(np.uint8)
+    opacity = np.where(table.worth_trying, 255, WEAK_OPACITY).astype(np.uint8)
+    colors = np.concatenate([score_colors(table.rank_score), opacity[:, None]], axis=1)
     for place in range(int(places.max(initial=-1)) + 1):
         chosen = places == place
         words = [

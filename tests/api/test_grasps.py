@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from pipelines.errors import SymgraspError, UnknownNameError
-from pipelines.grasp_files.exports.grasp_exports import ExportGripper, FrameGrasps
+from pipelines.grasp_files.exports.export_poses import ExportGripper
+from pipelines.grasp_files.exports.grasp_exports import FrameGrasps
 from pipelines.grasp_files.grasps_file import FrameResult, GraspTable, RegionTable
 from symgrasp import Grasps
 from symgrasp.grasps import ordered_grasps
@@ -16,7 +17,12 @@ RNG = np.random.default_rng(5)
 GRIPPER = random_gripper(RNG)
 RESULT = random_result(RNG, 12)
 SHUFFLED = replace(
-    RESULT, grasps=replace(RESULT.grasps, rank_score=RNG.permutation(RESULT.grasps.rank_score))
+    RESULT,
+    grasps=replace(
+        RESULT.grasps,
+        rank_score=RNG.permutation(RESULT.grasps.rank_score),
+        rank_in_frame=np.zeros(0),  # follows from the scores
+    ),
 )
 GRASPS = ordered_grasps(SHUFFLED, GRIPPER)
 
@@ -29,6 +35,8 @@ def test_every_column_of_the_file_but_the_frame_is_an_attribute():
 def test_the_best_of_all_regions_comes_first():
     assert len(GRASPS) == len(SHUFFLED.grasps)
     assert (np.diff(GRASPS.rank_score) <= 0).all()
+    assert GRASPS.rank_in_frame.tolist() == list(range(12))
+    assert GRASPS.best.rank_in_frame == 0
     assert GRASPS.best.rank_score == SHUFFLED.grasps.rank_score.max()
     for grasp in GRASPS:
         (place,) = np.flatnonzero(SHUFFLED.grasps.rank_score == np.float32(grasp.rank_score))
@@ -37,7 +45,8 @@ def test_the_best_of_all_regions_comes_first():
 
 
 def test_grasps_that_tie_stay_in_the_order_of_the_file():
-    tied = replace(RESULT, grasps=replace(RESULT.grasps, rank_score=np.ones(12)))
+    columns = {"rank_score": np.ones(12), "rank_in_frame": np.zeros(0)}
+    tied = replace(RESULT, grasps=replace(RESULT.grasps, **columns))
     np.testing.assert_array_equal(ordered_grasps(tied, GRIPPER).width, RESULT.grasps.width)
 
 
@@ -67,9 +76,8 @@ def test_poses_and_openings_are_those_of_an_export():
     hand = ExportGripper(GRIPPER, GRIPPER.base_to_contacts, "toy")
     wide = replace(GRIPPER, max_opening=0.2)
     exported = FrameGrasps.of(SHUFFLED, 0, replace(hand, model=wide))
-    order = np.argsort(-SHUFFLED.grasps.rank_score, kind="stable")
-    np.testing.assert_allclose(GRASPS.poses(), exported.poses[order], atol=1e-12)
-    np.testing.assert_allclose(GRASPS.opening, exported.opening[order], atol=1e-12)
+    np.testing.assert_allclose(GRASPS.poses(), exported.poses, atol=1e-12)
+    np.testing.assert_allclose(GRASPS.opening, exported.opening, atol=1e-12)
     np.testing.assert_array_equal(GRASPS[4].pose(), GRASPS.poses()[4])
     assert GRASPS[4].opening == GRASPS.opening[4]
 

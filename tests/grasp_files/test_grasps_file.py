@@ -1,6 +1,7 @@
 """grasps.h5: columns, shards, resuming."""
 
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -120,7 +121,7 @@ def test_attributes_say_how_the_file_was_made(tmp_path: Path) -> None:
     assert file.attrs["config"] == {"gripper": "rg2"}
     assert file.attrs["weights"] == {"network": "sha256:00"}
     assert file.attrs["seed"] == 3
-    assert file.attrs["format_version"] == 2
+    assert file.attrs["format_version"] == 3
 
 
 def test_the_public_columns_have_their_types_and_units(
@@ -208,6 +209,33 @@ def test_a_file_of_version_1_is_read(tmp_path: Path, results: list[FrameResult])
     written_by_version_1(shard, results[:1])
     merge_shards(merged, [shard], STAMP)
     assert set(grasps_file.read(merged).grasps.ranker) == {"critic"}
+
+
+def test_the_order_of_a_frame_follows_its_scores_and_begins_anew_with_each_frame(
+    tmp_path: Path, results: list[FrameResult]
+) -> None:
+    grasps_file.write(tmp_path / "g.h5", results, STAMP)
+    table = grasps_file.read(tmp_path / "g.h5").grasps
+    for frame in (0, 3):
+        mine = table.frame == frame
+        by_rank = table.rank_score[mine][np.argsort(table.rank_in_frame[mine])]
+        assert by_rank.tolist() == sorted(by_rank, reverse=True)
+        assert sorted(table.rank_in_frame[mine]) == list(range(mine.sum()))
+
+
+def test_a_file_of_version_2_gets_its_order_and_what_is_worth_trying(tmp_path: Path) -> None:
+    found = result("a", 2, 6)
+    scores = {"rank_score": np.linspace(0.1, 0.9, 6), "rank_in_frame": np.zeros(0)}
+    critic = replace(found.grasps, ranker=np.full(6, "critic", object), **scores)
+    path = tmp_path / "g.h5"
+    grasps_file.write(path, [replace(found, grasps=critic)], STAMP)
+    with h5py.File(path, "a") as file:
+        file.attrs["format_version"] = 2
+        del file["grasps/rank_in_frame"], file["grasps/worth_trying"]
+    for table in (grasps_file.read(path).grasps, next(read_results(path, [0])).grasps):
+        assert table.rank_in_frame.tolist() == critic.rank_in_frame.tolist()
+        assert table.worth_trying.tolist() == (critic.rank_score >= 0.3).tolist()
+        assert not table.worth_trying.all()
 
 
 def test_a_file_of_a_later_version_is_refused(tmp_path: Path) -> None:

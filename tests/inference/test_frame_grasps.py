@@ -53,8 +53,10 @@ class Oracle:
         ]
 
 
-def plan(predictor):
-    planner = Planner(CONFIG, load_gripper("rg2"), predictor=predictor, **CRITICS)
+def plan(predictor, **settings):
+    planner = Planner(
+        replace(CONFIG, **settings), load_gripper("rg2"), predictor=predictor, **CRITICS
+    )
     return planner.plan(FRAME, np.random.default_rng(0))
 
 
@@ -134,6 +136,17 @@ def test_at_most_so_many_grasps_a_region_are_kept():
     result = plan(Oracle())
     assert len(result.grasps) <= CONFIG.max_grasps_per_region
     assert result.grasps.is_best.sum() == 1
+
+
+def test_low_scores_are_marked_or_left_out_and_the_best_of_them_is_said():
+    marked = plan(Oracle(), weak_below=1.0).grasps
+    assert marked.worth_trying.tolist() == (marked.rank_score >= 1.0).tolist()
+    some = float(marked.rank_score.max()) - 1e-3
+    kept = plan(Oracle(), min_score=some).grasps.rank_score
+    assert kept.tolist() == [score for score in marked.rank_score if score >= some]
+    none = plan(Oracle(), min_score=1.0)
+    assert none.status == "empty"
+    assert "scores --min-score or more; the best has" in none.message
 
 
 def test_the_overlay_marks_planes_regions_and_gripper():

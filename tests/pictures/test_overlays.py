@@ -44,6 +44,16 @@ def test_the_picture_is_the_drawn_one_with_a_text_behind_its_header(picture):
     assert chunks[-1][0] == b"IEND"
 
 
+def test_a_grasp_that_is_not_worth_trying_is_drawn_weakly():
+    weak = replace(RESULT.grasps, worth_trying=np.zeros(len(RESULT.grasps), bool))
+    bare = draw_overlay(FRAME, replace(RESULT, grasps=type(weak).empty()))
+    marked = [
+        int((draw_overlay(FRAME, replace(RESULT, grasps=table)) != bare).any(axis=-1).sum())
+        for table in (weak, RESULT.grasps)
+    ]
+    assert 0 < marked[0] < 0.7 * marked[1]
+
+
 def test_the_same_result_gives_the_same_bytes(picture):
     again = picture.with_name("b.png")
     write_overlay(again, FRAME, RESULT, STAMP)

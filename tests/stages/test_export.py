@@ -12,7 +12,8 @@ from typer.testing import CliRunner
 
 from pipelines import export
 from pipelines.configs import ExportConfig
-from pipelines.errors import StaleOutputError, SymgraspError, UnknownNameError
+from pipelines.errors import StaleOutputError, SymgraspError, UnknownNameError, ValueRangeError
+from pipelines.geometry.transforms import make_pose, random_rotation, transform_points
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.exports.grasp_exports import folds_case
 from pipelines.grasp_files.exports.graspnet_dump import dumped_scenes
@@ -20,9 +21,10 @@ from pipelines.grasp_files.grasp_rows import read_grasp_rows
 from pipelines.grasp_files.grasps_file import FrameResult
 from pipelines.grasp_files.gripper_files import PRESETS, gripper_digest, load_gripper
 from pipelines.grasping.grasps import from_graspnet
-from pipelines.storage.files import read_npz
+from pipelines.storage.files import read_npz, write_json
 from pipelines.storage.provenance import make_stamp
 from symgrasp_cli.app import app
+from tests.grasp_files.exports import export_readers
 from tests.stages.toy_root import SCENES, frame_names, true_result, write_grasps, write_root
 
 
@@ -149,10 +151,70 @@ def test_another_gripper_moves_the_base_and_not_the_contacts(grasps, tmp_path):
     apart = load_gripper("rg2").base_to_contacts - load_gripper("franka").base_to_contacts
     for rg2, franka in zip(found["rg2"], found["franka"], strict=True):
         assert rg2["contacts"] == franka["contacts"]
-        poses = np.array(rg2["T_cam_base"]), np.array(franka["T_cam_base"])
+        poses = np.array(rg2["pose"]), np.array(franka["pose"])
         approach = np.array(rg2["rotation"])[:, 0]
         assert_allclose(poses[1][:3, 3] - poses[0][:3, 3], apart * approach, atol=1e-8)
         assert_allclose(poses[1][:3, :3], poses[0][:3, :3])
+
+
+def contacts_of(to: str, out: Path, rows: int) -> np.ndarray:
+    """Contacts (n, 2, 3) of the first frame of a dataset in an export."""
+    gripper, scene = load_gripper("rg2"), "scenes/scene_0100/realsense"
+    read, place = {
+        "graspnet": (export_readers.graspnet, "scene_0100/realsense/0000.npy"),
+        "contact-graspnet": (export_readers.contact_graspnet, f"{scene}/predictions_0000.npz"),
+        "isaac": (export_readers.isaac, f"{scene}/0000.yaml"),
+        "ros-json": (export_readers.ros_json, f"{scene}/0000.json"),
+        "json": (export_readers.whole_json, ""),
+        "csv": (export_readers.whole_csv, ""),
+    }[to]
+    found = read(out, f"{scene}/0000") if not place else read(out / place, gripper)
+    assert found.shape == (rows, 2, 3)
+    return found[np.lexsort(found[:, 0].T)]
+
+
+@pytest.mark.parametrize("to", OUTPUTS)
+@pytest.mark.parametrize("tcp", ["", "tips", "contacts", "0.12"])
+def test_every_format_gives_poses_of_the_tool_in_the_frame_of_the_robot(to, tcp, grasps, tmp_path):
+    T_base_cam = make_pose(random_rotation(np.random.default_rng(1)), [0.4, -0.1, 0.9])
+    write_json(tmp_path / "calibration.json", T_base_cam.tolist())
+    config = ExportConfig(to=to, tcp=tcp)
+    out = tmp_path / OUTPUTS[to]
+    export.run(grasps, out, config, camera_to_base=tmp_path / "calibration.json")
+    table = grasps_file.read(grasps).results()[0].grasps
+    expected = transform_points(T_base_cam, table.contacts.astype(float))
+    expected = expected[np.lexsort(expected[:, 0].T)]
+    assert_allclose(contacts_of(to, out, len(table)), expected, atol=1e-6)
+
+
+def test_the_tool_centre_point_lies_where_it_is_said_to(grasps, tmp_path):
+    gripper, found = load_gripper("rg2"), {}
+    for tcp in ("", "tips", "contacts", "0.12"):
+        run(grasps, tmp_path / f"x{tcp}.json", to="json", tcp=tcp)
+        frame = json.loads((tmp_path / f"x{tcp}.json").read_text())["frames"][0]
+        found[tcp] = np.array([grasp["pose"] for grasp in frame["grasps"]])
+    along = found[""][:, :3, 2]
+    for tcp, metres in (("tips", gripper.flange_to_tip), ("0.12", 0.12)):
+        moved = found[""][:, :3, 3] + metres * along
+        assert_allclose(found[tcp][:, :3, 3], moved, atol=1e-8)
+    middle = [grasp["translation"] for grasp in frame["grasps"]]
+    assert_allclose(found["contacts"][:, :3, 3], middle, atol=1e-8)
+    with pytest.raises(ValueRangeError, match="tips, contacts, or metres"):
+        run(grasps, tmp_path / "y.json", to="json", tcp="wrist")
+
+
+def test_ros_poses_name_the_base_that_the_calibration_or_the_user_names(grasps, tmp_path):
+    eye = tmp_path / "eye.yaml"
+    eye.write_text(
+        "parameters: {eye_on_hand: false, robot_base_frame: arm_base}\n"
+        "transformation: {qw: 1, qx: 0, qy: 0, qz: 0, x: 0, y: 0, z: 1}\n"
+    )
+    for number, (frame_id, said) in enumerate((("", "arm_base"), ("world", "world"))):
+        config = ExportConfig(to="ros-json", frame_id=frame_id)
+        export.run(grasps, tmp_path / str(number), config, camera_to_base=eye)
+        found = json.loads((tmp_path / str(number) / "desk" / "0007.json").read_text())
+        assert found["pose_array"]["header"]["frame_id"] == said
+        assert said in found["axes"]
 
 
 def test_contact_graspnet_has_its_own_origin_unless_a_gripper_is_named(grasps, tmp_path):

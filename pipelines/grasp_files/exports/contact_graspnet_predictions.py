@@ -26,6 +26,8 @@ def write_frame(folder: Path, frame: FrameGrasps, _header: ExportHeader) -> None
         "scores": frame.result.grasps.rank_score.astype(np.float64),
         "contact_pts": frame.grasps.contacts[:, 0],
         "gripper_openings": frame.opening,
+        "rank_in_frame": frame.result.grasps.rank_in_frame,
+        "worth_trying": frame.result.grasps.worth_trying,
     }
     arrays = {
         f"{key}/{segment + 1}": column[region == segment]

@@ -8,22 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from pipelines.grasp_files.exports.grasp_exports import (
-    CAMERA_AXES,
-    GRIPPER_AXES,
-    ExportHeader,
-    FrameGrasps,
-    rounded,
-)
+from pipelines.grasp_files.exports.grasp_exports import ExportHeader, FrameGrasps, rounded
 from pipelines.storage.files import atomic_path
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 TITLE = "SymGrasp grasps"
 COLUMNS = (
-    *("frame", "grasp", "region", "is_best", "rank_score", "affordance", "source", "symmetry"),
+    *("frame", "rank_in_frame", "grasp", "region", "is_best", "rank_score", "worth_trying"),
+    *("affordance", "source", "symmetry"),
     *(f"contact{finger}_{axis}" for finger in (1, 2) for axis in "xyz"),
-    *("width", "opening", "base_x", "base_y", "base_z"),
-    *("base_qx", "base_qy", "base_qz", "base_qw"),
+    *("width", "opening", "pose_x", "pose_y", "pose_z"),
+    *("pose_qx", "pose_qy", "pose_qz", "pose_qw"),
 )
 
 
@@ -52,9 +47,8 @@ def _head(header: ExportHeader) -> dict[str, str]:
     return {
         TITLE: f"format version {FORMAT_VERSION}",
         "units": "metres",
-        "camera_frame": CAMERA_AXES,
-        "base": f"base of the gripper in the camera frame: {GRIPPER_AXES}; "
-        "the contacts lie base_to_contacts before it along z",
+        "axes": header.frame.axes,
+        "pose": f"{header.gripper.words}; the contacts lie base_to_contacts before it along z",
         "gripper": json.dumps(header.gripper.facts()),
         "infer": json.dumps(header.infer),
         "provenance": json.dumps(header.stamp),
@@ -76,10 +70,13 @@ def _rows(frame: FrameGrasps) -> Iterator[list[Any]]:
     for i, (row, symmetry) in enumerate(zip(rounded(numbers), frame.symmetries, strict=True)):
         yield [
             frame.result.name,
+            int(table.rank_in_frame[i]),
             int(frame.rows[i]),
             int(table.region[i]),
             int(table.is_best[i]),
-            *rounded(np.array([table.rank_score[i], table.affordance[i]])),
+            *rounded(table.rank_score[i : i + 1]),
+            int(table.worth_trying[i]),
+            *rounded(table.affordance[i : i + 1]),
             str(table.source[i]),
             symmetry,
             *row,

@@ -1,4 +1,4 @@
-"""Grasps of a frame as poses of a gripper's base: the common part of all exports."""
+"""Grasps of a frame as poses of a gripper, in the frame's order: the common part of all exports."""
 
 import os
 from collections.abc import Mapping
@@ -13,67 +13,53 @@ from pipelines.array_types import Array
 from pipelines.errors import SymgraspError
 from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT
 from pipelines.geometry.transforms import matrix_to_quaternion
+from pipelines.grasp_files.exports.export_poses import ExportGripper, PoseFrame
 from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable
 from pipelines.grasping.grasps import GraspPoses
-from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.gripper_poses import CLOSING_ALONG_Y, gripper_poses
 from pipelines.storage.files import LONGEST_NAME
 
 LONGEST_PREFIX, LONGEST_SUFFIX = "predictions_", ".yaml"  # that any format puts to a frame's name
 SLACK = 1e-6  # metres; widths are stored in single precision
-CAMERA_AXES = "camera, OpenCV axes: x right, y down, z forward"
-GRIPPER_AXES = "y = closing, from the first contact to the second; z = approach; x = y cross z"
-
-
-@dataclass(frozen=True)
-class ExportGripper:
-    """The gripper that poses are given for.
-
-    Attributes:
-        model: its measures.
-        base_to_contacts: metres along approach, from the base's origin to the contact line.
-        checked_with: name of the gripper whose collisions `infer` checked.
-        is_the_one_checked: whether that one has the same measures.
-    """
-
-    model: Gripper
-    base_to_contacts: float
-    checked_with: str
-    is_the_one_checked: bool = True
-
-    def facts(self) -> dict[str, Any]:
-        """Return what a file says of the gripper, metres."""
-        return {
-            "name": self.model.name,
-            "base_to_contacts": round(self.base_to_contacts, 9),
-            "tip_reach": self.model.tip_reach,
-            "max_opening": self.model.max_opening,
-            "clearance": self.model.clearance,
-            "collisions_checked_with": self.checked_with,
-        }
 
 
 @dataclass(frozen=True)
 class FrameGrasps:
-    """The grasps of a frame that the gripper can hold.
+    """The grasps of a frame that are exported, best first.
 
     Attributes:
-        result: the frame; its `grasps` are the g held ones.
+        result: the frame; its `grasps` are the g exported ones, numbered anew by `rank_in_frame`.
         rows: (g,) places in `/grasps` of grasps.h5.
         left_out: (n,) places of those that are wider than the gripper opens.
-        grasps: the held ones in double precision, camera frame.
+        low: (m,) places of others that score too low.
+        grasps: the exported ones in double precision, in the frame of `PoseFrame`.
         gripper: whose poses they are.
     """
 
     result: FrameResult
     rows: NDArray[np.int64]
     left_out: NDArray[np.int64]
+    low: NDArray[np.int64]
     grasps: GraspPoses
     gripper: ExportGripper
 
     @classmethod
-    def of(cls, result: FrameResult, first_row: int, gripper: ExportGripper) -> "FrameGrasps":
-        """Return what `gripper` can hold of a frame whose grasps start at `first_row` of /grasps.
+    def of(
+        cls,
+        result: FrameResult,
+        first_row: int,
+        gripper: ExportGripper,
+        min_score: float = 0.0,
+        frame: PoseFrame | None = None,
+    ) -> "FrameGrasps":
+        """Return what is exported of a frame.
+
+        Args:
+            result: the frame.
+            first_row: of its grasps in /grasps.
+            gripper: that must open wide enough.
+            min_score: least `rank_score`.
+            frame: of the poses; None for the camera's.
 
         Raises:
             SymgraspError: a pose is not finite, or no rotation.
@@ -83,13 +69,17 @@ class FrameGrasps:
             if not np.isfinite(getattr(table, name)).all():
                 raise SymgraspError(f"the {name} of a grasp is not finite; run infer again")
         fits = table.width <= gripper.model.max_width + SLACK
-        held = _with_best(
-            GraspTable(**{name: getattr(table, name)[fits] for name in GraspTable.SPEC})
-        )
+        is_low = table.rank_score < np.float32(min_score)
+        order = np.argsort(table.rank_in_frame)
+        order = order[(fits & ~is_low)[order]]
+        held = _with_best(replace(table.taken(order), rank_in_frame=np.arange(len(order))))
         rows = first_row + np.arange(len(table))
         u, _, v = np.linalg.svd(held.rotation.astype(np.float64))  # stored in single precision
         grasps = GraspPoses(u @ v, held.translation, held.width)
-        return cls(replace(result, grasps=held), rows[fits], rows[~fits], grasps, gripper)
+        if frame is not None:
+            grasps = grasps.transformed(frame.T_frame_cam)
+        left_out, low = rows[~fits], rows[fits & is_low]
+        return cls(replace(result, grasps=held), rows[order], left_out, low, grasps, gripper)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -101,7 +91,7 @@ class FrameGrasps:
 
     @property
     def poses(self) -> Array:
-        """(g, 4, 4) base of the gripper to camera; axes as `GRIPPER_AXES` says."""
+        """(g, 4, 4) gripper to the frame of `grasps`; axes as `GRIPPER_AXES` says."""
         return gripper_poses(self.grasps, self.gripper.base_to_contacts, CLOSING_ALONG_Y)
 
     @property
@@ -119,9 +109,10 @@ class FrameGrasps:
 
 @dataclass(frozen=True)
 class ExportHeader:
-    """The facts of a whole export: whose poses, and how it was made."""
+    """The facts of a whole export: whose poses, in which frame, and how it was made."""
 
     gripper: ExportGripper
+    frame: PoseFrame
     stamp: Mapping[str, Any]  # of the export, as JSON
     infer: Mapping[str, Any]  # stamp of the grasps.h5, as JSON
 
@@ -130,8 +121,7 @@ def _with_best(held: GraspTable) -> GraspTable:
     """Return `held` where each region has a best grasp: the next one if it was left out."""
     is_best = held.is_best.copy()
     for region in np.setdiff1d(held.region, held.region[is_best]).tolist():
-        places = np.flatnonzero(held.region == region)
-        is_best[places[np.argmax(held.rank_score[places])]] = True
+        is_best[np.flatnonzero(held.region == region)[0]] = True
     return replace(held, is_best=is_best)
 
 

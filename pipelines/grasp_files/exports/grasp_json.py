@@ -5,26 +5,18 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from pipelines.grasp_files.exports.grasp_exports import (
-    CAMERA_AXES,
-    GRIPPER_AXES,
-    ExportHeader,
-    FrameGrasps,
-    rounded,
-)
+from pipelines.grasp_files.exports.grasp_exports import ExportHeader, FrameGrasps, rounded
 from pipelines.storage.files import atomic_path
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 CONVENTIONS = {
     "units": "metres; the camera in pixels",
-    "camera_frame": CAMERA_AXES,
-    "rotation": "columns approach, closing, approach x closing; camera frame",
-    "translation": "midpoint of the contacts, camera frame",
+    "rotation": "columns approach, closing, approach x closing",
+    "translation": "midpoint of the contacts",
     "width": "distance of the contacts",
     "opening": "distance of the open fingers: width and the gripper's clearance on each side",
-    "T_cam_base": f"base of the gripper in the camera frame: {GRIPPER_AXES}; "
-    "the contacts lie base_to_contacts before it along z",
-    "rank_score": "0 to 1, higher is better; is_best marks the one to try first of its region",
+    "rank_score": "0 to 1, higher is better; grasps of a frame come in its order, rank_in_frame 0 "
+    "first; is_best marks the first of its region; worth_trying is false where little is expected",
 }
 
 
@@ -33,7 +25,11 @@ def write(path: Path, frames: Iterable[FrameGrasps], header: ExportHeader) -> No
     head = {
         "format": "symgrasp-grasps",
         "format_version": FORMAT_VERSION,
-        "conventions": CONVENTIONS,
+        "conventions": {
+            "axes": header.frame.axes,
+            "pose": f"{header.gripper.words}; the contacts lie base_to_contacts before it along z",
+            **CONVENTIONS,
+        },
         "gripper": header.gripper.facts(),
         "infer": header.infer,
         "provenance": header.stamp,
@@ -56,6 +52,7 @@ def _frame(frame: FrameGrasps) -> str:
         "message": result.message,
         "camera": None if camera is None else {name: getattr(camera, name) for name in names},
         "left_out": frame.left_out.tolist(),
+        "below_min_score": frame.low.tolist(),
     }
     lines = ",\n".join(f"   {_text(each)}" for each in _grasps(frame))
     grasps = f"[\n{lines}\n  ]" if lines else "[]"
@@ -65,10 +62,12 @@ def _frame(frame: FrameGrasps) -> str:
 def _grasps(frame: FrameGrasps) -> list[dict[str, Any]]:
     table = frame.result.grasps
     columns = {
+        "rank_in_frame": table.rank_in_frame.tolist(),
         "grasp": frame.rows.tolist(),
         "region": table.region.tolist(),
         "is_best": table.is_best.tolist(),
         "rank_score": rounded(table.rank_score),
+        "worth_trying": table.worth_trying.tolist(),
         "affordance": rounded(table.affordance),
         "source": [str(source) for source in table.source],
         "symmetry": frame.symmetries,
@@ -77,7 +76,7 @@ def _grasps(frame: FrameGrasps) -> list[dict[str, Any]]:
         "translation": rounded(frame.grasps.translation),
         "width": rounded(frame.grasps.width),
         "opening": rounded(frame.opening),
-        "T_cam_base": rounded(frame.poses),
+        "pose": rounded(frame.poses),
     }
     rows = zip(*columns.values(), strict=True)
     return [dict(zip(columns, row, strict=True)) for row in rows]

@@ -102,5 +102,6 @@ def write_frame(
     """
     path = frame_file(folder, frame.result.name, by_name=by_name)
     rank, reach = frame.result.grasps.rank_score, frame.gripper.model.tip_reach
-    rows = to_graspnet(frame.grasps, rank, opening=frame.opening, tip_reach=reach)
+    depth = frame.gripper.base_to_contacts + reach  # the origin's, from the finger tips
+    rows = to_graspnet(frame.grasps, rank, opening=frame.opening, tip_reach=reach, depth=depth)
     write_npy(path, rows)

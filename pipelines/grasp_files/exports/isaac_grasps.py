@@ -1,6 +1,7 @@
 """isaac_grasp files, as Isaac Sim and Isaac ROS read them: OUT/NAME.yaml, one a frame.
 
-Poses are relative to the camera, which takes the object's place: nothing is known of the object.
+Poses are relative to the camera, or the robot's base, which takes the object's place: nothing is
+known of the object.
 """
 
 import json
@@ -10,13 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.grasp_files.exports.grasp_exports import (
-    CAMERA_AXES,
-    GRIPPER_AXES,
-    ExportHeader,
-    FrameGrasps,
-    frame_path,
-)
+from pipelines.grasp_files.exports.grasp_exports import ExportHeader, FrameGrasps, frame_path
 from pipelines.storage.files import write_text
 
 # Joints whose position is half the distance of the fingers. Files of other grippers name no joint.
@@ -30,12 +25,12 @@ def write_frame(folder: Path, frame: FrameGrasps, header: ExportHeader) -> None:
 
 
 def _head(header: ExportHeader) -> list[str]:
-    gripper = f"base of {header.gripper.model.name}: {GRIPPER_AXES}"
+    axes, gripper = json.dumps(header.frame.axes), json.dumps(header.gripper.words)
     return [
         "format: isaac_grasp",
         "format_version: 1.0",
-        *(f"object_frame{end}: {json.dumps(CAMERA_AXES)}" for end in ("", "_link")),
-        *(f"gripper_frame{end}: {json.dumps(gripper)}" for end in ("", "_link")),
+        *(f"object_frame{end}: {axes}" for end in ("", "_link")),
+        *(f"gripper_frame{end}: {gripper}" for end in ("", "_link")),
         "units: metres",
         f"gripper: {json.dumps(header.gripper.facts())}",
         f"provenance: {json.dumps(header.stamp)}",
@@ -44,7 +39,8 @@ def _head(header: ExportHeader) -> list[str]:
 
 def _grasps(frame: FrameGrasps) -> Iterator[str]:
     joint = FINGER_JOINTS.get(frame.gripper.model.name)
-    rank, width, opening = frame.result.grasps.rank_score, frame.grasps.width, frame.opening
+    table, width, opening = frame.result.grasps, frame.grasps.width, frame.opening
+    rank, worth = table.rank_score, table.worth_trying
     positions, quaternions = frame.poses[:, :3, 3], frame.quaternions
     yield "grasps:"
     for i in range(len(frame)):
@@ -55,6 +51,7 @@ def _grasps(frame: FrameGrasps) -> Iterator[str]:
         if joint is not None:
             yield f"    cspace_position: {{{joint}: {width[i] / 2:.9f}}}"
             yield f"    pregrasp_cspace_position: {{{joint}: {opening[i] / 2:.9f}}}"
+        yield f"    worth_trying: {str(bool(worth[i])).lower()}"
         yield f"    contact_width: {width[i]:.9f}"
         yield f"    opening: {opening[i]:.9f}"
 

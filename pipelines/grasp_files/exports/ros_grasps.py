@@ -1,18 +1,16 @@
 """Grasps as JSON in the words of ROS messages: OUT/NAME.json, one a frame.
 
-`pose_array` is a geometry_msgs/PoseArray, poses of the gripper's base; lists beside it are in its
-order.
+`pose_array` is a geometry_msgs/PoseArray, poses of the gripper; lists beside it are in its order.
 """
 
-from pathlib import Path
+import re
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.grasp_files.exports.grasp_exports import (
-    CAMERA_AXES,
-    GRIPPER_AXES,
     ExportHeader,
     FrameGrasps,
     frame_path,
@@ -20,8 +18,10 @@ from pipelines.grasp_files.exports.grasp_exports import (
 )
 from pipelines.storage.files import write_json
 
-FORMAT_VERSION = 1
-FRAME_ID = "camera_color_optical_frame"  # REP 103: the axes of OpenCV
+FORMAT_VERSION = 2
+# Times in frames' names: seconds with decimals (TUM), and since 2001 milli-, micro-, nanoseconds.
+SECONDS = re.compile(r"(?<!\d)(\d{10})\.(\d{1,9})(?!\d)")
+WHOLE = re.compile(r"(?<!\d)(\d{13}|\d{16}|\d{19})(?!\d)")
 
 
 def write_frame(folder: Path, frame: FrameGrasps, header: ExportHeader) -> None:
@@ -31,12 +31,15 @@ def write_frame(folder: Path, frame: FrameGrasps, header: ExportHeader) -> None:
         "format": "symgrasp-ros",
         "format_version": FORMAT_VERSION,
         "units": "metres",
-        "camera_frame": CAMERA_AXES,
-        "poses": f"base of the gripper in the camera frame: {GRIPPER_AXES}",
+        "axes": header.frame.axes,
+        "poses": header.gripper.words,
         "gripper": header.gripper.facts(),
         "frame": frame.result.name,
         "pose_array": {
-            "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": FRAME_ID},
+            "header": {
+                "stamp": time_of(frame.result.name),
+                "frame_id": header.frame.frame_id,
+            },
             "poses": _poses(frame),
         },
         "widths": rounded(frame.grasps.width),
@@ -44,9 +47,21 @@ def write_frame(folder: Path, frame: FrameGrasps, header: ExportHeader) -> None:
         "scores": rounded(table.rank_score),
         "regions": table.region.tolist(),
         "is_best": table.is_best.tolist(),
+        "worth_trying": table.worth_trying.tolist(),
         "provenance": header.stamp,
     }
     write_json(frame_path(folder, frame.result.name, ".json"), content)
+
+
+def time_of(name: str) -> dict[str, int]:
+    """Return the time that the frame's name says, as frames of bags and of TUM have it, else 0."""
+    last = PurePosixPath(name).name
+    if found := SECONDS.search(last):
+        return {"sec": int(found[1]), "nanosec": int(found[2].ljust(9, "0"))}
+    if found := WHOLE.search(last):
+        sec, nanosec = divmod(int(found[1].ljust(19, "0")), 10**9)
+        return {"sec": sec, "nanosec": nanosec}
+    return {"sec": 0, "nanosec": 0}
 
 
 def _poses(frame: FrameGrasps) -> list[dict[str, Any]]:

@@ -1,8 +1,9 @@
 // Grippers, symmetries and the camera as triangles and lines in the camera frame.
 
-const LOW_TO_HIGH = ["#d7443e", "#f08c4b", "#f5d35e", "#9fd36a", "#2fae6b"]; // by score
+// As in palette.py.
+const LOW_TO_HIGH = ["#8a929c", "#a3b07d", "#b4d25f", "#7ee95c", "#3cff5a"]; // scores 0 to 1
 const BY_SOURCE = { network: "#3cff5a", planar: "#ffa01e", random: "#bebebe" };
-const PLANES = ["#ff50c8", "#786eff", "#ffe646"]; // mirror planes 0, 1, 2
+const PLANES = ["#ff50c8", "#5a82ff", "#ffbe28"]; // mirror planes 0, 1, 2
 const AXIS = "#ff3c3c";
 const PICKED = "#ffffff";
 const CONTACT = "#ff2828";
@@ -11,9 +12,9 @@ const ROUND = 32; // sides of what is round
 
 const rgb = (text) => [1, 3, 5].map((at) => parseInt(text.slice(at, at + 2), 16) / 255);
 
-// The colour of a share 0..1 of the way from the lowest to the highest score.
-const scoreColor = (share) => {
-  const at = Math.min(Math.max(share, 0), 1) * (LOW_TO_HIGH.length - 1);
+// The colour of a score 0..1.
+const scoreColor = (score) => {
+  const at = Math.min(Math.max(score, 0), 1) * (LOW_TO_HIGH.length - 1);
   const low = Math.min(Math.floor(at), LOW_TO_HIGH.length - 2), part = at - low;
   const [a, b] = [rgb(LOW_TO_HIGH[low]), rgb(LOW_TO_HIGH[low + 1])];
   return a.map((value, i) => value * (1 - part) + b[i] * part);

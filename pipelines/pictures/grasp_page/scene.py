@@ -17,14 +17,10 @@ from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT
 from pipelines.grasp_files.grasps_file import FrameResult, GraspTable, RegionTable
 from pipelines.grasping.gripper import Gripper
 from pipelines.pictures.grasp_page.cloud import PixelCloud
+from pipelines.pictures.palette import region_color
 from pipelines.tabletop.sparse_depth import filled
 from pipelines.tabletop.tabletop import find_tabletop
 
-# By region, round and round; apart from each other and from the greens and reds of scores.
-REGION_COLORS = (
-    "#4c9be8", "#f2a33c", "#c77dff", "#3ccfb4", "#ff7aa8", "#d8c63a",
-    "#8aa0ff", "#ff8a5c", "#63c7ff", "#b58a5a", "#9ad14b", "#e08ad6",
-)  # fmt: skip
 DETAIL = ("width", "affordance", "clearance", "enclosed_height", "rank_score")
 FAR = 90  # percent of points lie within what is called their radius
 GRIPPER_LENGTH = 0.1  # metres from a grasp to the end of the gripper, about
@@ -38,7 +34,7 @@ def frame_scene(
     # Before it is thinned: every n-th pixel may be missing just where it lies.
     cloud = PixelCloud.of(replace(frame, depth=filled(frame.depth)), result, config.max_pixels)
     rows = np.sort(np.argsort(places_in_region(result.grasps), kind="stable")[: config.max_grasps])
-    grasps = GraspTable(**{name: getattr(result.grasps, name)[rows] for name in GraspTable.SPEC})
+    grasps = result.grasps.taken(rows)
     points = cloud.points()
     plane = find_tabletop(points, cloud.camera, RegionConfig(), np.random.default_rng(0)).plane
     up = np.array([0.0, -1.0, 0.0]) if plane is None else plane.normal
@@ -66,11 +62,6 @@ def frame_scene(
     }
 
 
-def region_color(region: int) -> str:
-    """Return the colour of a region, `#rrggbb`."""
-    return REGION_COLORS[region % len(REGION_COLORS)]
-
-
 def places_in_region(grasps: GraspTable) -> NDArray[np.int64]:
     """Return (g,) each grasp's place among those of its region, 0 the best, then by rank score."""
     order = np.lexsort((-grasps.rank_score, ~grasps.is_best, grasps.region))
@@ -88,6 +79,8 @@ def _arrays(cloud: PixelCloud, grasps: GraspTable, gripper: Gripper) -> dict[str
         "region": (cloud.region, "<u2"),
         "grasp_region": (grasps.region, "<i4"),
         "grasp_place": (places_in_region(grasps), "<i4"),
+        "rank_in_frame": (grasps.rank_in_frame, "<i4"),
+        "worth_trying": (grasps.worth_trying, "|u1"),
         "symmetry_slot": (grasps.symmetry_slot, "<i4"),
         "rotation": (grasps.rotation, "<f4"),
         "translation": (grasps.translation, "<f4"),

@@ -17,6 +17,8 @@ const grasps = scene.sources.map((source, i) => {
     source,
     region: data.grasp_region[i],
     place: data.grasp_place[i],
+    rank: data.rank_in_frame[i],
+    worth: data.worth_trying[i] > 0,
     slot: data.symmetry_slot[i],
     rotation: part("rotation", 9, i),
     translation: part("translation", 3, i),
@@ -27,16 +29,14 @@ const grasps = scene.sources.map((source, i) => {
   };
 });
 // The best of every region first, then the second of every region, and so on.
-const inOrder = [...grasps].sort((a, b) => a.place - b.place || b.rank_score - a.rank_score);
-const scores = grasps.map((grasp) => grasp.rank_score);
-const lowest = Math.min(...scores), highest = Math.max(...scores);
+const inOrder = [...grasps].sort((a, b) => a.place - b.place || a.rank - b.rank);
 const hidden = new Set(); // regions
 let picked = null;
 
 const colorOf = (grasp) => {
   if (by("by").value === "region") return rgb(scene.regions[grasp.region].color);
   if (by("by").value === "source") return rgb(BY_SOURCE[grasp.source] || GREY);
-  return scoreColor(highest > lowest ? (grasp.rank_score - lowest) / (highest - lowest) : 1);
+  return scoreColor(grasp.rank_score);
 };
 const shownGrasps = () => inOrder.filter(
   (grasp) => grasp.place < Number(by("count").value) && !hidden.has(grasp.region));
@@ -62,7 +62,8 @@ const tellPicked = () => {
   if (picked === null) return;
   const resting = symmetryOf(picked);
   const facts = [
-    ["score", number(picked.rank_score, 4)],
+    ["score", number(picked.rank_score, 4) + (picked.worth ? "" : ", not worth trying")],
+    ["rank in frame", `${picked.rank}${picked.rank ? "" : " (try first)"}`],
     ["region", `${picked.region}, its grasp ${picked.place}${picked.place ? "" : " (best)"}`],
     ["source", picked.source],
     ["symmetry", resting ? named(resting) : picked.slot < 0 ? "none" : SLOTS[picked.slot]],
@@ -90,7 +91,7 @@ const tellLegend = () => {
   else if (kind === "score") {
     const bar = element("b");
     bar.style.background = `linear-gradient(90deg, ${LOW_TO_HIGH.join(", ")})`;
-    legend.replaceChildren(number(lowest, 3), bar, number(highest, 3));
+    legend.replaceChildren("0", bar, "1; faint: not worth trying");
   } else if (kind === "source") {
     const sources = [...new Set(scene.sources)].sort();
     legend.replaceChildren(...sources.map((name) => swatch(BY_SOURCE[name] || GREY, name)));
@@ -131,7 +132,8 @@ const start = (gl, canvas) => {
     ownCamera(into, camera);
     const alpha = by("clear").checked ? 0.3 : 1;
     for (const grasp of by("grippers").checked ? shownGrasps() : []) {
-      if (grasp !== picked) gripper(into, grasp, colorOf(grasp), picked ? 0.3 * alpha : alpha);
+      const faint = (picked ? 0.3 : 1) * (grasp.worth ? 1 : 0.3);
+      if (grasp !== picked) gripper(into, grasp, colorOf(grasp), faint * alpha);
     }
     const used = picked && symmetryOf(picked);
     if (picked) {

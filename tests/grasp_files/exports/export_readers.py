@@ -76,7 +76,7 @@ def ros_json(path: Path, _gripper: Gripper):
 def whole_json(path: Path, name: str):
     content = json.loads(path.read_text(encoding="utf-8"))
     (frame,) = (each for each in content["frames"] if each["name"] == name)
-    poses = np.array([each["T_cam_base"] for each in frame["grasps"]]).reshape(-1, 4, 4)
+    poses = np.array([each["pose"] for each in frame["grasps"]]).reshape(-1, 4, 4)
     middle = poses[:, :3, 3] + content["gripper"]["base_to_contacts"] * poses[:, :3, 2]
     return pair(middle, poses[:, :3, 1], np.array([g["width"] for g in frame["grasps"]]))
 
@@ -98,6 +98,6 @@ def whole_csv(path: Path, name: str):
     def columns(*names):
         return np.array([[float(row[each]) for each in names] for row in rows])
 
-    turns = columns(*(f"base_q{axis}" for axis in "xyzw"))
+    turns = columns(*(f"pose_q{axis}" for axis in "xyzw"))
     widths = columns("width").reshape(-1)
-    return linked(columns(*(f"base_{axis}" for axis in "xyz")), turns, widths, base)
+    return linked(columns(*(f"pose_{axis}" for axis in "xyz")), turns, widths, base)

@@ -4,7 +4,8 @@ import numpy as np
 
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.transforms import random_rotation
-from pipelines.grasp_files.exports.grasp_exports import ExportGripper, ExportHeader, FrameGrasps
+from pipelines.grasp_files.exports.export_poses import ExportGripper, PoseFrame
+from pipelines.grasp_files.exports.grasp_exports import ExportHeader, FrameGrasps
 from pipelines.grasp_files.grasps_file import FrameResult, RegionTable
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
@@ -25,7 +26,8 @@ def random_result(rng, count: int, name: str = "a/b", regions: int = 3) -> Frame
     grasps = GraspPoses(rotation, rng.normal(size=(count, 3)), rng.uniform(0.01, 0.1, count))
     table = grasp_table(grasps)
     region = np.sort(rng.integers(0, regions, count))
-    columns = {column: getattr(table, column) for column in table.SPEC} | {
+    kept = [c for c in table.SPEC if c not in ("rank_in_frame", "worth_trying")]
+    columns = {column: getattr(table, column) for column in kept} | {
         "region": region,
         "rank_score": np.sort(rng.uniform(0, 1, count))[::-1],
         "symmetry_slot": rng.integers(-1, 5, count),
@@ -50,4 +52,4 @@ def random_frame(rng, count: int, name: str = "a/b") -> tuple[FrameGrasps, Expor
     gripper = random_gripper(rng)
     exported = ExportGripper(gripper, gripper.base_to_contacts, "other")
     frame = FrameGrasps.of(random_result(rng, count, name), 100, exported)
-    return frame, ExportHeader(exported, HEADER_STAMP, {})
+    return frame, ExportHeader(exported, PoseFrame(), HEADER_STAMP, {})

@@ -1,5 +1,6 @@
 """What all exporters share, and that each of them keeps the contacts."""
 
+import dataclasses
 import json
 import tempfile
 from pathlib import Path
@@ -12,12 +13,8 @@ from numpy.testing import assert_allclose
 
 from pipelines.errors import SymgraspError
 from pipelines.export import TO_FILE, TO_FOLDER
-from pipelines.grasp_files.exports.grasp_exports import (
-    ExportGripper,
-    FrameGrasps,
-    as_ranges,
-    frame_path,
-)
+from pipelines.grasp_files.exports.export_poses import ExportGripper
+from pipelines.grasp_files.exports.grasp_exports import FrameGrasps, as_ranges, frame_path
 from pipelines.grasp_files.grasps_tables import GraspTable
 from tests.docs.test_formats_document import block, keys_of
 from tests.grasp_files.exports import export_readers
@@ -82,6 +79,21 @@ def test_what_is_too_wide_is_left_out_and_the_next_becomes_the_best(seed):
     assert_allclose(held.contacts, result.grasps.contacts[frame.rows - 5])
     for region in np.unique(held.region):  # toys are sorted, best first
         assert np.flatnonzero(held.is_best[held.region == region]).tolist() == [0]
+
+
+@few
+@given(seed=seeds)
+def test_exports_come_in_the_order_of_the_frame_and_leave_out_low_scores(seed):
+    rng = np.random.default_rng(seed)
+    result, gripper = random_result(rng, 12), random_gripper(rng)
+    scores = rng.permutation(np.linspace(0.0, 1.0, 12))
+    table = dataclasses.replace(result.grasps, rank_score=scores, rank_in_frame=np.zeros(0))
+    wide = ExportGripper(dataclasses.replace(gripper, max_opening=0.3), 0.1, "x")
+    frame = FrameGrasps.of(dataclasses.replace(result, grasps=table), 5, wide, min_score=0.25)
+    assert_allclose(frame.result.grasps.rank_score, np.linspace(1.0, 0.0, 12)[:9], atol=1e-6)
+    assert frame.result.grasps.rank_in_frame.tolist() == list(range(9))
+    assert_allclose(scores[frame.rows - 5], frame.result.grasps.rank_score, atol=1e-6)
+    assert frame.low.tolist() == (5 + np.flatnonzero(scores < 0.25)).tolist()
 
 
 def test_numbers_that_are_not_finite_are_a_sentence():

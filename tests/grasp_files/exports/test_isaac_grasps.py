@@ -6,7 +6,8 @@ import numpy as np
 from numpy.testing import assert_allclose
 
 from pipelines.grasp_files.exports import isaac_grasps
-from pipelines.grasp_files.exports.grasp_exports import ExportGripper, FrameGrasps
+from pipelines.grasp_files.exports.export_poses import ExportGripper
+from pipelines.grasp_files.exports.grasp_exports import FrameGrasps
 from pipelines.grasp_files.gripper_files import load_gripper
 from tests.grasp_files.exports.export_readers import yaml_content
 from tests.grasp_files.exports.gripper_toys import random_frame, random_result

@@ -29,3 +29,18 @@ def test_the_pose_array_has_the_messages_fields(tmp_path):
     assert found == {}
     assert len(message.poses) == 3
     assert message.header.frame_id == "camera_color_optical_frame"
+
+
+@pytest.mark.parametrize(
+    ("name", "sec", "nanosec"),
+    [
+        ("rgb/1305031102.175304", 1305031102, 175304000),
+        ("cam/1700000000123456789", 1700000000, 123456789),
+        ("1700000000123", 1700000000, 123000000),
+        ("scenes/scene_0100/realsense/0000", 0, 0),
+        ("1305031102.175304/000001", 0, 0),
+        ("20240131_123456", 0, 0),
+    ],
+)
+def test_the_stamp_is_the_time_that_a_frames_name_says(name, sec, nanosec):
+    assert ros_grasps.time_of(name) == {"sec": sec, "nanosec": nanosec}

@@ -1,0 +1,156 @@
+"""The camera's pose in the robot's base frame, as hand-eye calibrations save it.
+
+Read are a 4 x 4 matrix in JSON or YAML, bare or under any key; the YAML of easy_handeye and
+easy_handeye2, and others with a translation and a quaternion; and the launch file that MoveIt's
+calibration saves. The camera's axes are those of its optical frame.
+"""
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pipelines.array_types import Array
+from pipelines.errors import FormatError
+from pipelines.frames.encodings.yaml_files import read_yaml
+from pipelines.geometry.transforms import make_pose, nearest_orthogonal, quaternion_to_matrix
+from pipelines.storage.files import existing, read_json
+
+EXPECTED = (
+    "a 4 x 4 matrix in JSON or YAML, or the YAML of easy_handeye or MoveIt's calibration, is "
+    "expected: the camera's pose in the robot's base frame, metres"
+)
+FARTHEST = 20.0  # metres from a robot's base to its camera; more are millimetres
+MAX_SKEW = 5e-3  # of a rotation with three digits; beyond this it is none
+MAX_LAUNCH_BYTES = 2**16
+POSITIONS, TURNS = ("translation", "position"), ("rotation", "quaternion", "orientation")
+NUMBER = r"[-+]?[\d.]+(?:[eE][-+]?\d+)?"
+LAUNCH = re.compile(rf"args=\"\s*((?:{NUMBER}\s+){{7}})(\S+)\s+(\S+)")
+
+
+@dataclass(frozen=True)
+class HandEye:
+    """A camera fixed beside a robot.
+
+    Attributes:
+        T_base_cam: (4, 4), camera to the robot's base, metres.
+        base: name of the base's frame; empty where the file names none.
+        camera: name of the camera's frame; empty where the file names none.
+    """
+
+    T_base_cam: Array
+    base: str = ""
+    camera: str = ""
+
+
+def read_hand_eye(path: Path) -> HandEye:
+    """Read the result of a hand-eye calibration.
+
+    Raises:
+        FormatError: not such a file, of a camera on the hand, not a rigid transform, or in
+            millimetres.
+    """
+    if path.suffix == ".launch":
+        return _of_launch(path)
+    content = read_json(path) if path.suffix == ".json" else read_yaml(path)
+    facts = content.get("parameters", content) if isinstance(content, dict) else {}
+    facts = facts if isinstance(facts, dict) else {}
+    if _is_on_hand(facts):
+        raise FormatError(
+            path,
+            "is of a camera on the hand, whose pose in the base frame moves with the arm",
+            "multiply it by the flange's pose in the base, and save that 4 x 4 matrix as JSON",
+        )
+    pose = next(_poses(path, content), None)
+    if pose is None:
+        raise FormatError(path, "holds no pose of a camera", EXPECTED)
+    names = (facts.get("robot_base_frame", ""), facts.get("tracking_base_frame", ""))
+    base, camera = (name if isinstance(name, str) else "" for name in names)
+    return HandEye(_checked(path, pose), base, camera)
+
+
+def _is_on_hand(facts: Mapping[str, object]) -> bool:
+    said = (str(facts.get(key, "")).lower() for key in ("eye_on_hand", "calibration_type"))
+    return any(word in ("true", "eye_in_hand", "eye_on_hand") for word in said)
+
+
+def _poses(path: Path, content: object) -> Iterator[Array]:
+    """Yield the poses (4, 4) that `content` holds, in its order."""
+    matrix = _numbers(content)
+    if matrix is not None and matrix.shape in ((4, 4), (16,)):
+        yield matrix.reshape(4, 4)
+        return
+    if not isinstance(content, dict):
+        return
+    flat = [_numbers(content.get(name)) for name in ("x", "y", "z", "qx", "qy", "qz", "qw")]
+    parts = [
+        next((_vector(content[name], axes) for name in names if name in content), None)
+        for names, axes in ((POSITIONS, "xyz"), (TURNS, "xyzw"))
+    ]
+    if all(each is not None and each.shape == () for each in flat):
+        yield _posed(path, np.array(flat[:3]), np.array(flat[3:]))
+    elif parts[0] is not None and parts[1] is not None:
+        yield _posed(path, parts[0], parts[1])
+    else:
+        for each in content.values():
+            yield from _poses(path, each)
+
+
+def _numbers(content: object) -> Array | None:
+    """Return what is a number, or a rectangle of numbers; None of anything else."""
+    try:
+        array = np.array(content)
+    except ValueError:  # ragged
+        return None
+    return array.astype(np.float64) if array.dtype.kind in "fiu" else None
+
+
+def _vector(content: object, axes: str) -> Array | None:
+    """Return numbers in the order of `axes`, of a list or of a mapping with these keys."""
+    if isinstance(content, dict):
+        content = [content.get(axis) for axis in axes]
+    numbers = _numbers(content)
+    return numbers if numbers is not None and numbers.shape == (len(axes),) else None
+
+
+def _posed(path: Path, position: Array, xyzw: Array) -> Array:
+    norm = float(np.linalg.norm(xyzw))
+    if not abs(norm - 1.0) < MAX_SKEW:
+        raise FormatError(path, f"has a quaternion of length {norm:.3g}", "1 is expected")
+    return make_pose(quaternion_to_matrix(np.roll(xyzw, 1) / norm), position)
+
+
+def _checked(path: Path, pose: Array) -> Array:
+    """Return `pose` with an exact rotation.
+
+    Raises:
+        FormatError: it is no rigid transform in metres.
+    """
+    rotation, position = pose[:3, :3], pose[:3, 3]
+    is_sound = np.isfinite(pose).all() and np.allclose(pose[3], [0, 0, 0, 1], atol=1e-9)
+    if is_sound:
+        exact = nearest_orthogonal(rotation[None])[0]
+        is_sound = np.abs(exact - rotation).max() < MAX_SKEW and np.linalg.det(exact) > 0
+    if not is_sound:
+        raise FormatError(path, "has a matrix that is no rotation and translation", EXPECTED)
+    if np.linalg.norm(position) > FARTHEST:
+        found = f"puts the camera {np.linalg.norm(position):.0f} m from the base"
+        raise FormatError(path, found, "metres are expected; divide millimetres by 1000")
+    return make_pose(exact, position)
+
+
+def _of_launch(path: Path) -> HandEye:
+    """Read the static transform of a launch file, `x y z qx qy qz qw base camera`."""
+    with existing(path).open("rb") as stream:
+        text = stream.read(MAX_LAUNCH_BYTES).decode("utf-8", "replace")
+    found = LAUNCH.search(text)
+    if found is None:
+        raise FormatError(path, "publishes no static transform", EXPECTED)
+    try:
+        numbers = np.array([float(each) for each in found[1].split()])
+    except ValueError as error:
+        raise FormatError(path, f"has a transform that is no numbers ({error})", EXPECTED) from None
+    pose = _posed(path, numbers[:3], numbers[3:])
+    return HandEye(_checked(path, pose), found[2], found[3].strip('"'))

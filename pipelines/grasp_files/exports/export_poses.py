@@ -1,0 +1,104 @@
+"""What exported poses are of, and in which frame: the gripper's base or tool, camera or robot."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipelines.array_types import Array
+from pipelines.errors import ValueRangeError
+from pipelines.frames.hand_eye import read_hand_eye
+from pipelines.grasping.gripper import Gripper
+
+CAMERA_AXES = "camera, OpenCV axes: x right, y down, z forward"
+CAMERA_FRAME, BASE_FRAME = "camera_color_optical_frame", "base_link"  # REP 103, REP 105
+GRIPPER_AXES = "y = closing, from the first contact to the second; z = approach; x = y cross z"
+LONGEST_TOOL = 1.0  # metres from a mounting face to a tool centre point
+
+
+@dataclass(frozen=True)
+class ExportGripper:
+    """The gripper that poses are given for.
+
+    Attributes:
+        model: its measures.
+        base_to_contacts: metres along approach, from the poses' origin to the contact line.
+        checked_with: name of the gripper whose collisions `infer` checked.
+        is_the_one_checked: whether that one has the same measures.
+        origin: the point whose poses are given, in words.
+    """
+
+    model: Gripper
+    base_to_contacts: float
+    checked_with: str
+    is_the_one_checked: bool = True
+    origin: str = "base"
+
+    @property
+    def words(self) -> str:
+        """What the poses are of."""
+        return f"{self.origin} of {self.model.name}: {GRIPPER_AXES}"
+
+    def facts(self) -> dict[str, Any]:
+        """Return what a file says of the gripper, metres."""
+        return {
+            "name": self.model.name,
+            "origin": self.origin,
+            "base_to_contacts": round(self.base_to_contacts, 9),
+            "tip_reach": self.model.tip_reach,
+            "max_opening": self.model.max_opening,
+            "clearance": self.model.clearance,
+            "collisions_checked_with": self.checked_with,
+        }
+
+
+@dataclass(frozen=True)
+class PoseFrame:
+    """The frame that poses are given in.
+
+    Attributes:
+        T_frame_cam: (4, 4), camera to it.
+        frame_id: its name in ROS.
+        axes: its axes in words.
+    """
+
+    T_frame_cam: Array = field(default_factory=lambda: np.eye(4))
+    frame_id: str = CAMERA_FRAME
+    axes: str = CAMERA_AXES
+
+
+def base_to_tool(tcp: str, model: Gripper) -> float:
+    """Return metres along approach from the gripper's base to the tool centre point `tcp`.
+
+    Raises:
+        ValueRangeError: it is no name of a point, and no distance.
+    """
+    named = {"tips": model.flange_to_tip, "contacts": model.base_to_contacts}
+    if tcp in named:
+        return named[tcp]
+    try:
+        distance = float(tcp)
+    except ValueError:
+        distance = np.nan
+    if not 0.0 <= distance <= LONGEST_TOOL:
+        raise ValueRangeError("--tcp", tcp, f"tips, contacts, or metres, 0 to {LONGEST_TOOL:g}")
+    return distance
+
+
+def pose_frame(camera_to_base: Path | None, frame_id: str) -> PoseFrame:
+    """Return the camera's frame, or the robot's base frame of a hand-eye calibration.
+
+    Args:
+        camera_to_base: file of the calibration.
+        frame_id: name of the frame in ROS; empty for the one that the file names, or the usual.
+
+    Raises:
+        FormatError: the file is no hand-eye calibration.
+    """
+    if camera_to_base is None:
+        return PoseFrame(frame_id=frame_id or CAMERA_FRAME)
+    found = read_hand_eye(camera_to_base)
+    name = frame_id or found.base or BASE_FRAME
+    axes = f"base of the robot, {name}; x, y, z as the hand-eye calibration has them"
+    return PoseFrame(found.T_base_cam, name, axes)

@@ -1,0 +1,38 @@
+"""The colours of frames' pictures, pages and recordings; the legend is in formats.md.
+
+A gripper has the colour of its score, grey for 0 to green for 1. A region has one of its number.
+Mirror planes 0, 1 and 2 are pink, blue and amber sheets; axes and spheres are red.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipelines.pictures.color_images import Color
+
+SCORES = ("#8a929c", "#a3b07d", "#b4d25f", "#7ee95c", "#3cff5a")  # of 0, 0.25, 0.5, 0.75, 1
+PLANES = ("#ff50c8", "#5a82ff", "#ffbe28")  # mirror planes 0, 1, 2
+AXIS = "#ff3c3c"  # of spheres too
+CONTACT = "#ff2828"
+SOURCES = {"network": "#3cff5a", "planar": "#ffa01e", "random": "#bebebe"}  # if a page is set so
+REGIONS = (  # by number, round and round
+    "#4c9be8", "#f2a33c", "#c77dff", "#3ccfb4", "#ff7aa8", "#d8c63a",
+    "#8aa0ff", "#ff8a5c", "#63c7ff", "#b58a5a", "#9ad14b", "#e08ad6",
+)  # fmt: skip
+
+
+def rgb(text: str) -> Color:
+    """Return the colour `#rrggbb`."""
+    return int(text[1:3], 16), int(text[3:5], 16), int(text[5:7], 16)
+
+
+def region_color(region: int) -> str:
+    """Return the colour of a region, `#rrggbb`."""
+    return REGIONS[region % len(REGIONS)]
+
+
+def score_colors(scores: ArrayLike) -> NDArray[np.uint8]:
+    """Return (n, 3) RGB of `scores` (n,), 0 to 1."""
+    stops = np.array([rgb(text) for text in SCORES], np.float64)
+    places = np.linspace(0.0, 1.0, len(stops))
+    channels = [np.interp(np.nan_to_num(scores), places, stops[:, i]) for i in range(3)]
+    return np.stack(channels, -1).round().astype(np.uint8)

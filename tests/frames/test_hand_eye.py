@@ -1,0 +1,80 @@
+"""Hand-eye calibrations as the usual tools save them."""
+
+import json
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from pipelines.errors import FormatError
+from pipelines.frames.hand_eye import read_hand_eye
+from pipelines.geometry.transforms import make_pose, matrix_to_quaternion, random_rotation
+
+T_BASE_CAM = make_pose(random_rotation(np.random.default_rng(3)), [0.5, -0.2, 0.8])
+W, X, Y, Z = matrix_to_quaternion(T_BASE_CAM[:3, :3]).tolist()
+ROWS = T_BASE_CAM.tolist()
+EASY_HANDEYE = f"""
+parameters:
+  eye_on_hand: false
+  freehand_robot_movement: true
+  robot_base_frame: base_link
+  robot_effector_frame: tool0
+  tracking_base_frame: camera_color_optical_frame
+transformation: {{qw: {W}, qx: {X}, qy: {Y}, qz: {Z}, x: 0.5, y: -0.2, z: 0.8}}
+"""
+EASY_HANDEYE2 = f"""
+parameters:
+  name: cell
+  calibration_type: eye_on_base
+  robot_base_frame: base_link
+  tracking_base_frame: camera_color_optical_frame
+transform:
+  translation: {{x: 0.5, y: -0.2, z: 0.8}}
+  rotation: {{x: {X}, y: {Y}, z: {Z}, w: {W}}}
+"""
+LAUNCH = f"""<launch>
+  <!-- xyz="0.5 -0.2 0.8" -->
+  <node pkg="tf2_ros" type="static_transform_publisher" name="camera_link_broadcaster"
+      args="0.5 -0.2 0.8   {X} {Y} {Z} {W} base_link camera_color_optical_frame" />
+</launch>
+"""
+FILES = {
+    "bare.json": json.dumps(ROWS),
+    "flat.json": json.dumps(T_BASE_CAM.ravel().tolist()),
+    "named.json": json.dumps({"T_base_cam": ROWS, "rms": 0.4}),
+    "matrix.yaml": f"camera_to_base: {ROWS}\n",
+    "lists.yaml": f"position: [0.5, -0.2, 0.8]\norientation: [{X}, {Y}, {Z}, {W}]\n",
+    "easy_handeye.yaml": EASY_HANDEYE,
+    "easy_handeye2.calib": EASY_HANDEYE2,
+    "moveit.launch": LAUNCH,
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_the_pose_is_read_whatever_the_tool(name, tmp_path):
+    (tmp_path / name).write_text(FILES[name])
+    found = read_hand_eye(tmp_path / name)
+    assert_allclose(found.T_base_cam, T_BASE_CAM, atol=1e-9)
+    if "robot_base_frame" in FILES[name] or name.endswith(".launch"):
+        assert (found.base, found.camera) == ("base_link", "camera_color_optical_frame")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("a.yaml", EASY_HANDEYE.replace("false", "true", 1), "camera on the hand"),
+        ("b.yaml", EASY_HANDEYE2.replace("eye_on_base", "eye_in_hand"), "camera on the hand"),
+        ("c.json", json.dumps({"fx": 600}), "holds no pose of a camera"),
+        ("d.json", json.dumps((2 * T_BASE_CAM).tolist()), "no rotation and translation"),
+        ("e.json", json.dumps((T_BASE_CAM + 1e3 * np.eye(4, k=3)).tolist()), "millimetres"),
+        ("f.yaml", EASY_HANDEYE.replace(f"{W}", "7.5"), "quaternion of length"),
+        ("g.json", "null", "holds no pose"),
+        ("h.json", json.dumps([[1, 2], [3]]), "holds no pose"),
+        ("i.launch", "<launch/>", "publishes no static transform"),
+        ("j.yaml", "parameters: 3\ntransformation: [1, 2]\n", "holds no pose"),
+    ],
+)
+def test_what_is_none_is_a_sentence(name, text, said, tmp_path):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(FormatError, match=said):
+        read_hand_eye(tmp_path / name)

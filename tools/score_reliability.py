@@ -1,0 +1,113 @@
+"""Reliability of `rank_score`: `python tools/score_reliability.py GRASPS ROOT [STRIDE] [FRICTION]`.
+
+GRASPS is what `symgrasp infer` wrote for ROOT, a dataset with convex pieces (`symgrasp synthesize`
+makes them). Of every STRIDE-th frame (1), the best grasp of each region that lies on an object and
+one other, drawn by chance, are tried in physics as `symgrasp simulate` tries the best, at FRICTION
+(0.5). Prints a table: scores in ten bins, how many of each bin succeeded, and with what interval.
+"""
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pipelines.configs import EvaluateConfig, SimulateConfig
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.evaluation.frame_scores import assign_regions
+from pipelines.evaluation.predictions import FramePredictions
+from pipelines.evaluation.trial_records import HELD
+from pipelines.evaluation.truth import TruthReader
+from pipelines.grasp_files.grasps_file import FrameResult, GraspTable
+from pipelines.grasp_files.grasps_stream import read_dataset_frames, read_index
+from pipelines.grasp_files.gripper_files import load_gripper
+from pipelines.grasping.grasps import GraspPoses
+from pipelines.grasping.gripper import Gripper
+from pipelines.metrics.success_rate import SuccessRate
+from pipelines.simulation.frames import PiecesReader
+from pipelines.simulation.trial import Trial
+from pipelines.simulation.world import at_rest
+
+BINS = 10
+NO_CACHE = Path("no-cache")  # the dataset has its convex pieces
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A grasp's score, and whether it succeeded."""
+
+    score: float
+    held: bool
+
+
+def chosen_rows(table: GraspTable, owners: list[int], rng: np.random.Generator) -> list[int]:
+    """Return the best grasp and a random other of each region that lies on an object."""
+    rows: list[int] = []
+    for region in np.unique(table.region).tolist():
+        if owners[region] < 0:
+            continue
+        mine = np.flatnonzero(table.region == region)
+        mine = mine[np.argsort(table.rank_in_frame[mine])]
+        rows += [int(mine[0]), *rng.permutation(mine[1:])[:1].tolist()]
+    return rows
+
+
+def tried_grasps(
+    result: FrameResult, root: GraspNetRoot, gripper: Gripper, friction: float
+) -> Iterator[Tried]:
+    """Yield the chosen grasps of a frame with what became of them in its true scene."""
+    rules, config = EvaluateConfig(), SimulateConfig()
+    truth = TruthReader(root, rules).read(root.frame(result.name))
+    masks = FramePredictions.from_result(result).masks
+    owners = assign_regions(masks, truth, rules).object_id
+    pieces, T_table_cam = PiecesReader(root, NO_CACHE), truth.scene.T_table_cam
+    objects = {i: pieces.read(i) for i in truth.scene.poses}
+    poses = at_rest(objects, {i: T_table_cam @ pose for i, pose in truth.scene.poses.items()})
+    table = result.grasps
+    for row in chosen_rows(table, owners, np.random.default_rng(0)):
+        grasp = GraspPoses(table.rotation[row], table.translation[row], table.width[row])
+        target, placed = owners[int(table.region[row])], grasp.transformed(T_table_cam)
+        trial = Trial.of(objects, poses, target, placed, gripper, config)
+        yield Tried(float(table.rank_score[row]), trial.run(friction).reason == HELD)
+
+
+def reliability_rows(tried: list[Tried]) -> list[str]:
+    """Return the lines of a table: bin of scores, trials, mean score, success and interval."""
+    lines = ["| score | trials | mean score | success | 95 % interval |", "|---|---|---|---|---|"]
+    scores, held = (np.array([getattr(t, name) for t in tried]) for name in ("score", "held"))
+    places = np.minimum((scores * BINS).astype(int), BINS - 1)
+    for place in range(BINS):
+        mine = places == place
+        if not mine.any():
+            continue
+        rate = SuccessRate(int(mine.sum()), int(held[mine].sum()))
+        low, high = rate.interval
+        bounds = f"{place / BINS:.1f}-{(place + 1) / BINS:.1f}"
+        cells = bounds, mine.sum(), f"{scores[mine].mean():.2f}", f"{rate.rate:.2f}"
+        lines.append(f"| {' | '.join(map(str, cells))} | {low:.2f}-{high:.2f} |")
+    return lines
+
+
+def main(grasps: Path, root: GraspNetRoot, stride: int = 1, friction: float = 0.5) -> None:
+    """Print the table of a file's grasps."""
+    index = read_index(grasps)
+    gripper, tried = load_gripper(index.gripper), []
+    for result in read_dataset_frames(grasps, range(0, len(index.names), stride)):
+        tried += list(tried_grasps(result, root, gripper, friction))
+        sys.stderr.write(f"{result.name}: {len(tried)} grasps tried\n")
+    held = np.mean([each.held for each in tried])
+    expected = np.mean([each.score for each in tried])
+    sys.stdout.write("\n".join(reliability_rows(tried)) + "\n")
+    sys.stdout.write(
+        f"{gripper.name}, friction {friction:g}: {len(tried)} grasps, mean score {expected:.3f}, "
+        f"success {held:.3f}\n"
+    )
+
+
+if __name__ == "__main__":
+    if not 3 <= len(sys.argv) <= 5:
+        raise SystemExit(__doc__)
+    numbers = [int(sys.argv[3])] if len(sys.argv) > 3 else []
+    last = {"friction": float(sys.argv[4])} if len(sys.argv) > 4 else {}
+    main(Path(sys.argv[1]), GraspNetRoot(Path(sys.argv[2])), *numbers, **last)

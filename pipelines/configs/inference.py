@@ -63,7 +63,7 @@ class InferConfig:
     )
     min_score: float = setting(0.0, "share", "Score below which grasps are left out.", ROBOT)
     weak_below: float = setting(
-        0.3, "share", "Score below which grasps are kept, marked as not worth trying.", "D. 120"
+        0.3, "share", "Score below which grasps are kept, marked as not worth trying.", "D. 124"
     )
     limits: LimitsConfig = field(default_factory=LimitsConfig)
     sensor: SensorConfig = field(default_factory=SensorConfig)

@@ -30,6 +30,7 @@ from pipelines.dataset.training.region_frames import strided_frames
 from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.evaluation.truth import TruthReader
 from pipelines.grasping.ranking import critic_files
+from pipelines.grasping.ranking.point_critic import PointCritic
 from pipelines.inference import models
 from pipelines.learning.critics import critic_rows, critic_training
 from pipelines.learning.critics.collecting import Collector, ModelPaths
@@ -63,22 +64,25 @@ def run(
     request: RunRequest,
     *,
     held_out: Sequence[Path] = (),
+    init: Path | None = None,
     paths: ModelPaths | None = None,
     options: BatchOptions | None = None,
 ) -> StageReport:
     """Collect candidates of all roots beside `output`, then fit a critic of `kind` to them.
 
-    `held_out`: roots that networks are validated and calibrated on.
+    `held_out`: roots that networks are validated and calibrated on. `init`: weights of an earlier
+    critic to start from.
     """
     refuse_other_suffix(output, ".safetensors")
     _check_roots(kind, roots, held_out)
+    start = _start(kind, init)
     started, paths = time.monotonic(), paths or ModelPaths()
     weights = weights_used(kind, paths)
     items = {
         root: row_items(root, output, kind, config, request.seed, weights)
         for root in (*roots, *held_out)
     }
-    stamp = _stamp(kind, items, held_out, config, request.seed)
+    stamp = _stamp(kind, items, held_out, init, config, request.seed)
     if _is_done(kind, output, stamp, request):
         return StageReport(STAGE, skipped=[output.name])
     report = _collect(items, kind, paths, config, request.seed, options or BatchOptions())
@@ -86,7 +90,10 @@ def run(
         return report
     rows = _read(roots, items)
     if kind.is_network:
-        note = _train(kind, rows, _read(held_out, items), output, config, request, stamp)
+        trainee = CriticTraining(
+            kind, rows, _read(held_out, items), config, request.seed, start=start
+        )
+        note = _train(trainee, kind, output, request, stamp)
     else:
         note = _regress(kind, rows, output, stamp)
     return StageReport(
@@ -113,6 +120,20 @@ def _check_roots(kind: CriticKind, roots: Sequence[Path], held_out: Sequence[Pat
         raise ValueRangeError("--calibrate", "not given", needed)
     if held_out and not kind.is_network:
         raise ValueRangeError("--calibrate", held_out[0], f"left out: {kind.name} need none")
+
+
+def _start(kind: CriticKind, init: Path | None) -> PointCritic | None:
+    """Return the critic to start from, None for weights that are drawn.
+
+    Raises:
+        ValueRangeError: the kind has no training that could start from weights.
+        FormatError: `init` holds no critic of this kind.
+    """
+    if init is None:
+        return None
+    if not kind.is_network:
+        raise ValueRangeError("--init", init, f"left out: {kind.name} are fitted in one step")
+    return critic_files.read_point_critic(init, kind.model)
 
 
 def _name(root: Path) -> str:
@@ -210,6 +231,7 @@ def _stamp(
     kind: CriticKind,
     items: Mapping[Path, Sequence[WorkItem]],
     held_out: Sequence[Path],
+    init: Path | None,
     config: TrainCriticConfig,
     seed: int,
 ) -> Stamp:
@@ -220,7 +242,8 @@ def _stamp(
         )
         for root, group in items.items()
     }
-    return make_stamp(STAGE, settings, seed=seed, inputs=inputs)
+    started_from = {} if init is None else {"init": digest(init)}
+    return make_stamp(STAGE, settings, seed=seed, inputs=inputs | started_from)
 
 
 def _is_done(kind: CriticKind, output: Path, stamp: Stamp, request: RunRequest) -> bool:
@@ -236,21 +259,18 @@ def _is_done(kind: CriticKind, output: Path, stamp: Stamp, request: RunRequest) 
 
 
 def _train(
-    kind: CriticKind,
-    rows: CriticRows,
-    held: CriticRows,
-    output: Path,
-    config: TrainCriticConfig,
-    request: RunRequest,
-    stamp: Stamp,
+    trainee: CriticTraining, kind: CriticKind, output: Path, request: RunRequest, stamp: Stamp
 ) -> str:
-    """Train a network on `rows`, calibrated on `held`; return a note."""
-    trainee = CriticTraining(kind, rows, held, config, request.seed)
-    options, metadata = LoopOptions.of(config, request), critic_files.metadata_of(kind.model)
+    """Train a network, calibrated on what is held out; return a note."""
+    options, metadata = (
+        LoopOptions.of(trainee.config, request),
+        critic_files.metadata_of(kind.model),
+    )
     training = TrainingRun(trainee, options, output, stamp, metadata)
     if find_progress(output, stamp, request) is not None:
         training.resume()
-    return f"{len(rows)} and {len(held)} candidates; {describe(training.run())}"
+    counts = f"{len(trainee.rows)} and {len(trainee.held)} candidates"
+    return f"{counts}; {describe(training.run())}"
 
 
 def _regress(kind: CriticKind, rows: CriticRows, output: Path, stamp: Stamp) -> str:

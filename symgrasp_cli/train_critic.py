@@ -57,6 +57,10 @@ def train_critic(
             "may be given again.",
         ),
     ] = None,
+    init: Annotated[
+        Path | None,
+        typer.Option(exists=True, help="Critic of planes or grasps to start from."),
+    ] = None,
     detector: Annotated[
         Path | None,
         typer.Option(exists=True, help="Weights of the region detector, if not the default."),
@@ -107,6 +111,7 @@ def train_critic(
         config,
         request,
         held_out=calibrate or (),
+        init=init,
         paths=paths,
         options=options,
     )

@@ -146,6 +146,19 @@ def test_a_stopped_training_goes_on_as_if_it_had_never_stopped(roots, outputs, t
         np.testing.assert_array_equal(found[name], tensor, err_msg=name)
 
 
+def test_a_training_starts_from_the_weights_of_an_earlier_one(roots, outputs, tmp_path):
+    path = with_rows_of(outputs["planes"], tmp_path)
+    still = replace(CONFIG, epochs=1, learning_rate=1e-9)
+    assert run("planes", roots, path, still, init=outputs["planes"]).exit_code == 0
+    found, expected = (load_weights(each)[0] for each in (path, outputs["planes"]))
+    for name, tensor in expected.items():
+        np.testing.assert_allclose(found[name], tensor, atol=1e-5, err_msg=name)
+    with pytest.raises(SymgraspError, match="made with other data"):
+        run("planes", roots, path, still)
+    with pytest.raises(ValueRangeError, match="--init"):
+        run("axes", roots, path, init=outputs["axes"])
+
+
 def test_the_critics_before_are_inputs_of_those_after(roots, outputs, tmp_path):
     stamp = read_stamp(next((outputs["grasps"].with_name("grasps.rows") / "held").glob("*.h5")))
     assert {"detector", "network", "axis_critic", "plane_critic"} <= stamp["inputs"].keys()

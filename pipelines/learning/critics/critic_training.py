@@ -82,6 +82,8 @@ class CriticTraining:
         held: CriticRows,
         config: TrainCriticConfig,
         seed: int = 0,
+        *,
+        start: PointCritic | None = None,
     ) -> None:
         for name, part in (("to learn from", rows), ("to calibrate on", held)):
             if not 0.0 < (part.truth.mean() if len(part) else 0.0) < 1.0:
@@ -99,6 +101,9 @@ class CriticTraining:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)  # layers are initialised from torch's own generator
             self.module: nn.Module = CriticModule(kind.features, candidates.mean(0), spread)
+        if start is not None:  # with its standardisation, which its weights belong to
+            state = {name: torch.from_numpy(each) for name, each in start.weights.items()}
+            self.module.load_state_dict(state)
 
     def epoch(self, number: int, rng: np.random.Generator) -> list[list[Indices]]:
         """Return the batches of an epoch: lists of rows, or of groups of rows."""

@@ -20,42 +20,17 @@ from pipelines.frames.lens import NO_DISTORTION, Distortion, distortion_in
 from pipelines.geometry.camera import Intrinsics
 from pipelines.storage.files import existing, is_file, read_json, read_npy
 
-# Looked for beside the images, in this order; after them any *.intr.
-SHARED_CAMERA_FILES = (
-    "camera.json",
-    "camera_params.json",
-    "camera_intrinsics.json",
-    "camera_intrinsic.json",
-    "camera_data.json",
-    "intrinsics.json",
-    "intrinsic.json",
-    "cam_info.json",
-    "camera_info.yaml",
-    "meta.yml",
-    "cam_K.txt",
-    "camera-intrinsics.txt",
-    "test-camera-intrinsics.txt",
-    "camera_intrinsics.txt",
-    "intrinsics.txt",
-    "intrinsic/intrinsic_depth.txt",
-    "camK.npy",
-    "meta.mat",
-    "transforms.json",
-    "scene_camera.json",
-)
-# Looked for first: the frame's own.
-OWN_CAMERA_ENDINGS = ("camera.json", "intrinsics.json", "meta.mat")
-
 SYNONYMS = {
     "fx": ("fx", "_fx", "fl_x"),
     "fy": ("fy", "_fy", "fl_y"),
     "cx": ("cx", "_cx", "x_offset", "ppx"),
     "cy": ("cy", "_cy", "y_offset", "ppy"),
 }
-WIDTH_KEYS = ("width", "img_width", "image_width", "_width", "w")
-HEIGHT_KEYS = ("height", "img_height", "image_height", "_height", "h")
+WIDTH_KEYS = ("width", "img_width", "image_width", "_width", "w", "xres")
+HEIGHT_KEYS = ("height", "img_height", "image_height", "_height", "h", "yres")
 SCALE_KEYS = ("depth_units_per_metre", "depth_scale", "factor_depth", "scale")
-MATRIX_KEYS = ("cam_K", "K", "k", "intrinsic_matrix", "camera_matrix", "INTRINSICS")
+MATRIX_KEYS = ("cam_K", "K", "k", "intrinsic_matrix", "intrinsics_matrix", "camera_matrix",
+               "cameraMatrix", "INTRINSICS", "intrinsics", "intrinsic")  # fmt: skip
 FORMS = "fx, fy, cx, cy or a 3x3 matrix (cam_K, K, intrinsic_matrix) is expected"
 UNITS_RANGE = (1e-3, 1e9)  # kilometres to nanometres: beyond, a file is damaged
 # A principal point this near the border means intrinsics of another image size.
@@ -145,25 +120,6 @@ def parse_camera(text: str) -> CameraFile:
     return CameraFile(fx, fy, cx, cy)
 
 
-def find_camera_file(folder: Path, name: str) -> Path | None:
-    """Return the camera file of frame `name` in `folder`: its own, or the folder's."""
-    return own_camera_file(folder, name) or shared_camera_file(folder)
-
-
-def own_camera_file(folder: Path, name: str) -> Path | None:
-    """Return the camera file of frame `name` alone."""
-    own = [folder / f"{name}{mark}{end}" for end in OWN_CAMERA_ENDINGS for mark in "_-."]
-    own += [folder / f"{name}.json", folder / "meta" / f"{name}.mat"]  # GraspNet's meta/
-    return next((path for path in own if path.is_file()), None)
-
-
-def shared_camera_file(folder: Path) -> Path | None:
-    """Return the camera file of all frames in `folder`."""
-    shared = (folder / file for file in SHARED_CAMERA_FILES)
-    found = next((path for path in shared if path.is_file()), None)
-    return found or min(folder.glob("*.intr"), default=None)
-
-
 def read_camera_file(path: Path, frame: str = "") -> CameraFile:
     """Read a camera file of any known form: json, intr, yaml, txt, npy, mat.
 
@@ -175,7 +131,7 @@ def read_camera_file(path: Path, frame: str = "") -> CameraFile:
     match path.suffix.lower():
         case ".json" | ".intr":
             content = read_json(path)
-            if path.name == "scene_camera.json" and isinstance(content, dict):
+            if path.name.startswith("scene_camera") and isinstance(content, dict):
                 content = _camera_of(path, content, frame)
             return camera_from_mapping(path, content)
         case ".yml" | ".yaml":
@@ -200,17 +156,22 @@ def camera_from_mapping(path: Path, content: Any) -> CameraFile:  # noqa: ANN401
     """
     if not isinstance(content, dict):
         raise FormatError(path, "this is no JSON object", FORMS)
+    content = _the_one_below(content)
     try:
         height, width = content.get("resolution") or (None, None)  # MegaPose's
+        if isinstance(content.get("intrinsics"), list):
+            height, width = width, height  # Kalibr's
         width, height = width or _first(content, WIDTH_KEYS), height or _first(content, HEIGHT_KEYS)
         size = {} if width is None or height is None else {"width": width, "height": height}
         facts: dict[str, Any] = {name: int(value) for name, value in size.items()}
         facts["units_per_metre"] = _units(content)
         facts["distortion"] = distortion_in(path, content)
         matrix = _first(content, MATRIX_KEYS)
-        if matrix is not None:
-            return CameraFile.from_matrix(path, _matrix(path, matrix), **facts)
         values = {name: _first(content, keys) for name, keys in SYNONYMS.items()}
+        if isinstance(matrix, list) and len(matrix) == len(values):  # Kalibr's
+            values = dict(zip(values, matrix, strict=True))
+        elif matrix is not None:
+            return CameraFile.from_matrix(path, _matrix(path, matrix), **facts)
         missing = [name for name, value in values.items() if value is None]
         if missing:
             raise FormatError(path, f"lacks {', '.join(missing)}", FORMS)
@@ -218,6 +179,26 @@ def camera_from_mapping(path: Path, content: Any) -> CameraFile:  # noqa: ANN401
     except (TypeError, ValueError, OverflowError) as error:
         raise FormatError(path, f"holds what is no number ({error})", FORMS) from error
     return CameraFile(fx, fy, cx, cy, origin=str(path), **facts)
+
+
+def _the_one_below(content: dict[str, Any]) -> dict[str, Any]:
+    """Return what holds a camera: `content`, or the only mapping in it that does.
+
+    As `{"cam0": {...}}` of Kalibr, or `{"intrinsics": {"fx": ...}}`.
+    """
+    if _states_a_camera(content):
+        return content
+    below = [each for each in content.values() if isinstance(each, dict) and _states_a_camera(each)]
+    return {**content, **below[0]} if len(below) == 1 else content
+
+
+def _states_a_camera(content: dict[str, Any]) -> bool:
+    matrix = _first(content, MATRIX_KEYS)
+    return (
+        isinstance(matrix, list)
+        or "data" in (matrix if isinstance(matrix, dict) else ())
+        or (_first(content, SYNONYMS["fx"]) is not None)
+    )
 
 
 def _camera_of(path: Path, scene: dict[str, Any], frame: str) -> Any:  # noqa: ANN401 - JSON

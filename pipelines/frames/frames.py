@@ -4,10 +4,11 @@ from pathlib import Path
 
 from pipelines.errors import SymgraspError
 from pipelines.frames.camera_files import CameraFile
-from pipelines.frames.layouts.registry import LAYOUTS, frames_in, pickled_in
+from pipelines.frames.layouts.registry import frames_in, pickled_in
 from pipelines.frames.masks import read_masks
 from pipelines.frames.rgbd import Frame, FrameSource
 from pipelines.frames.rgbd_folder import FrameOptions
+from pipelines.frames.unread_files import why_no_frames
 from pipelines.geometry.camera import Intrinsics
 
 __all__ = ["Frame", "FrameSource", "find_frames", "read_masks"]
@@ -51,8 +52,7 @@ def find_frames(
         return sources
     sources = _search(folder, "", options, camera)
     if not sources and not may_be_empty:
-        looked_for = ", ".join(layout.looks_like for layout in LAYOUTS)
-        raise SymgraspError(f"{folder} holds no RGB-D frames; looked for {looked_for}")
+        raise SymgraspError(why_no_frames(folder))
     return sources
 
 

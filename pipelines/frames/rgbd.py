@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 from pipelines.errors import FormatError
 from pipelines.frames.camera_files import CameraFile
+from pipelines.frames.camera_search import where_a_camera_may_be
+from pipelines.frames.encodings.exr_files import read_exr
 from pipelines.frames.lens import Distortion, Image, displacement, undistorted
 from pipelines.geometry.camera import Intrinsics
 from pipelines.storage.files import read_image, read_npy, read_npz
@@ -27,10 +29,6 @@ MISSING_DEPTH = 65535  # saturated in 16-bit files of several sensors
 CANDIDATE_UNITS = (1000.0, 10000.0, 5000.0, 1.0)  # mm; 0.1 mm; TUM; metres
 NEAREST_SHARE = 0.3  # far background must not hide a table near the camera
 SAMPLE = 20_000  # pixels are enough for a median
-NO_CAMERA = (
-    "give --intrinsics fx,fy,cx,cy, or put a camera file "
-    "(*_camera.json, intrinsics.json, cam_K.txt, ...) beside it"
-)
 LIKELY_DEPTH = (0.15, 4.0)  # m, of the median of the nearest share
 
 
@@ -86,7 +84,7 @@ def read_depth(path: Path, units: DepthUnits) -> NDArray[np.float32]:
     """Read a depth image (H, W) in metres, 0 = missing.
 
     Args:
-        path: 16-bit PNG or TIFF, float TIFF, `.npy`, or `.npz` with one array.
+        path: 16-bit PNG or TIFF, float TIFF, EXR, `.npy`, or `.npz` with one array.
         units: the unit of the file's numbers.
 
     Raises:
@@ -132,7 +130,8 @@ def make_frame(
     measured, unit = _metres(*depth, units)
     height, width = measured.shape
     if camera is None:
-        raise FormatError(color[0], "no intrinsics are known for this frame", NO_CAMERA)
+        found = "no intrinsics are known for this frame"
+        raise FormatError(color[0], found, where_a_camera_may_be(color[0]))
     intrinsics = camera.at(width, height)
     path, image = color[0], color[1]()
     fitted = fit_color(path, image, width, height)
@@ -216,6 +215,8 @@ def stored_depth(path: Path) -> NDArray[Any]:
             if not arrays or (len(arrays) != 1 and "depth" not in arrays):
                 raise FormatError(path, f"holds {sorted(arrays)}", "name one array `depth`")
             return arrays["depth"] if "depth" in arrays else next(iter(arrays.values()))
+        case ".exr":
+            return read_exr(path)
         case _:
             return read_image(path)
 

@@ -9,7 +9,7 @@ from pipelines.frames.camera_files import CameraFile, check_units, read_camera_f
 from pipelines.frames.rgbd import DepthUnits, Frame, read_pair
 
 COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
-DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz")
+DEPTH_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".npz", ".exr")
 COLOR_WORDS = ("color", "colour", "rgb")
 COLOR_FOLDERS = ("rgb", "color", "image", "images", "gray")
 ImageFiles = dict[str, list[Path]]  # by what is left of the name; the file to take is the first
@@ -80,6 +80,14 @@ def flat_pairs(folder: Path) -> list[ImagePair]:
     files = sorted(path for path in folder.iterdir() if path.is_file())
     colors = _by_stem(files, COLOR_SUFFIXES, COLOR_WORDS)
     depths = _by_stem(files, DEPTH_SUFFIXES, ("depth",))
+    # x-rgb-img.jpg and x-depth-img.exr; one of these without the other may be anything.
+    between = (
+        _by_stem(files, COLOR_SUFFIXES, COLOR_WORDS, within=True),
+        _by_stem(files, DEPTH_SUFFIXES, ("depth",), within=True),
+    )
+    for stem in between[0].keys() & between[1].keys():
+        colors.setdefault(stem, between[0][stem])
+        depths.setdefault(stem, between[1][stem])
     # x_depth_color.png is a picture of the depth, unless it is the colour of x_depth_depth.png.
     colors = {
         stem: paths
@@ -114,17 +122,23 @@ def _rivals(candidates: Sequence[Path]) -> list[Path]:
 
 
 def _by_stem(
-    files: Iterable[Path], suffixes: tuple[str, ...], words: tuple[str, ...] | None = None
+    files: Iterable[Path],
+    suffixes: tuple[str, ...],
+    words: tuple[str, ...] | None = None,
+    *,
+    within: bool = False,
 ) -> ImageFiles:
     """Map what is left of a file's name without its word to such files, best suffix first.
 
-    With `words` None the whole name counts, whatever the word.
+    With `words` None the whole name counts, whatever the word. `within`: the word stands between
+    others instead of at an end.
     """
+    without = _without_inner_word if within else _without_word
     found: ImageFiles = {}
     ordered = [path for path in files if path.suffix.lower() in suffixes]
     ordered.sort(key=lambda path: (suffixes.index(path.suffix.lower()), path.name))
     for path in ordered:
-        stem = path.stem if words is None else _without_word(path.stem, words)
+        stem = path.stem if words is None else without(path.stem, words)
         if stem is not None:
             found.setdefault(stem, []).append(path)
     return found
@@ -144,10 +158,23 @@ def _without_word(stem: str, words: tuple[str, ...]) -> str | None:
     return beginning[2] if beginning and beginning[1].lower() in words else None
 
 
-def sister_pairs(folder: Path) -> list[ImagePair]:
-    """Pair `rgb/x` with `depth/x`; several names of the colour folder are in use."""
-    depth_folder = folder / "depth"
-    color_folder = next((folder / n for n in COLOR_FOLDERS if (folder / n).is_dir()), None)
+def _without_inner_word(stem: str, words: tuple[str, ...]) -> str | None:
+    """Return `stem` without the word between others, None if an end has one, or none has."""
+    every = (*COLOR_WORDS, "depth")
+    if any(_without_word(stem, (word,)) is not None for word in every):
+        return None
+    found = re.fullmatch(rf"(.+[-_.])({'|'.join(words)})[-_.](.+)", stem, re.IGNORECASE)
+    return None if found is None else f"{found[1]}{found[3]}"
+
+
+def sister_pairs(folder: Path, suffix: str = "") -> list[ImagePair]:
+    """Pair `rgb/x` with `depth/x`; several names of the colour folder are in use.
+
+    `suffix`: behind the names of both folders.
+    """
+    depth_folder = folder / f"depth{suffix}"
+    named = (folder / f"{name}{suffix}" for name in COLOR_FOLDERS)
+    color_folder = next((path for path in named if path.is_dir()), None)
     if color_folder is None or not depth_folder.is_dir():
         return []
     colors = _by_stem(color_folder.iterdir(), COLOR_SUFFIXES)

@@ -8,12 +8,8 @@ import pytest
 import scipy.io
 
 from pipelines.errors import FormatError, SymgraspError, ValueRangeError
-from pipelines.frames.camera_files import (
-    CameraFile,
-    find_camera_file,
-    parse_camera,
-    read_camera_file,
-)
+from pipelines.frames.camera_files import CameraFile, parse_camera, read_camera_file
+from pipelines.frames.camera_search import find_camera_file
 
 FOUR = (60.0, 61.0, 31.5, 23.5)
 K = [[60.0, 0.0, 31.5], [0.0, 61.0, 23.5], [0.0, 0.0, 1.0]]
@@ -32,6 +28,9 @@ FORMS = [
     ("phoxi.intr", {"_fx": 60.0, "_fy": 61.0, "_cx": 31.5, "_cy": 23.5, "_width": 64}, None),
     ("transforms.json", {"fl_x": 60, "fl_y": 61, "cx": 31.5, "cy": 23.5, "w": 64, "h": 48}, None),
     ("camera_info.yaml", f"height: 48\nwidth: 64\nK: {ROWS}\nroi:\n  width: 0\n", None),
+    ("camera_info.json", {"K": ROWS, "D": [0.0] * 5, "P": [0.0] * 12, "roi": {"width": 0}}, None),
+    ("kalibr.yaml", "cam0:\n  intrinsics: [60, 61, 31.5, 23.5]\n  resolution: [64, 48]\n", None),
+    ("device.json", {"serial": 7, "color": NAMED | {"width": 64, "height": 48}}, None),
     ("meta.yml", f"INTRINSICS: {ROWS}\n", None),
     ("cam_K.txt", "60 0 31.5\n0 61 23.5\n0 0 1\n", None),
     ("intrinsics.txt", "60, 61, 31.5, 23.5", None),

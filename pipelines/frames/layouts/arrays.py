@@ -171,5 +171,5 @@ def _camera(path: Path, arrays: dict[str, NDArray[Any]]) -> CameraFile:
     return CameraFile.from_matrix(path, arrays[key])
 
 
-LAYOUT = Layout(NAME, "*.npz with the arrays depth, K and rgb", _find)
-PICKLED = Layout(PICKLED_NAME, "their pickled *.npy", find_pickled)
+LAYOUT = Layout(NAME, _find)
+PICKLED = Layout(PICKLED_NAME, find_pickled)

@@ -17,14 +17,12 @@ class Layout:
 
     Attributes:
         name: as `symgrasp inspect` and formats.md say it.
-        looks_like: what the folder holds, for the sentence that nothing was found.
         find: called with a folder, the prefix of its frames' names, and what the user stated;
             returns its frames, none if the folder is not of this layout. It may raise a
             SymgraspError where the folder is of this layout but damaged.
     """
 
     name: str
-    looks_like: str
     find: Find
 
 

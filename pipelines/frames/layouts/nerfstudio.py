@@ -68,4 +68,4 @@ def _read(
     return read_pair(name, color, depth, stated, options.depth_units())
 
 
-LAYOUT = Layout(NAME, "transforms.json that names depth images", _find)
+LAYOUT = Layout(NAME, _find)

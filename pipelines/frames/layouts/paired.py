@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipelines.errors import FormatError
-from pipelines.frames.camera_files import own_camera_file, shared_camera_file
+from pipelines.frames.camera_search import own_camera_file, shared_camera_file
 from pipelines.frames.layouts.layout import Layout, frame_name
 from pipelines.frames.rgbd import Frame, FrameSource
 from pipelines.frames.rgbd_folder import (
@@ -53,9 +53,9 @@ class Pairing:
         return found or shared
 
 
-def paired_layout(pairing: Pairing, looks_like: str) -> Layout:
+def paired_layout(pairing: Pairing) -> Layout:
     """Return the layout of a pairing."""
-    return Layout(pairing.name, looks_like, functools.partial(_find, pairing))
+    return Layout(pairing.name, functools.partial(_find, pairing))
 
 
 def _holds(path: Path, key: str) -> bool:
@@ -102,48 +102,34 @@ PRINCETON_CAMERAS = ("camera-intrinsics.txt", "test-camera-intrinsics.txt")
 GRASPNET_SCENE = paired_layout(
     Pairing("GraspNet scene", ("camK.npy", "meta/*.mat"), sister_pairs,
             ("meta/{stem}.mat", "camK.npy")),
-    "GraspNet's scenes/scene_*/{kinect,realsense}",
 )  # fmt: skip
 GRASPNET_DEMO = paired_layout(
     Pairing("GraspNet demo folder", ("meta.mat",), flat_pairs, ("meta.mat",)),
-    "color.png beside depth.png with meta.mat",
-)
-BOP_SCENE = paired_layout(
-    Pairing("BOP scene", ("scene_camera.json",), sister_pairs, ("scene_camera.json",)),
-    "BOP's rgb/ beside depth/ with scene_camera.json",
 )
 BOP_IMAGE = paired_layout(
     Pairing("BOP single image", ("camera.json", "camera_data.json"), flat_pairs,
             ("camera.json", "camera_data.json"), key="K\""),
-    "rgb.png beside depth.png with camera.json",
 )  # fmt: skip
 RECORDER = paired_layout(
     Pairing("Open3D / RealSense recorder", ("camera_intrinsic.json", "intrinsic.json"),
             sister_pairs, ("camera_intrinsic.json", "intrinsic.json"), key="intrinsic_matrix"),
-    "color/ beside depth/ with camera_intrinsic.json or intrinsic.json",
 )  # fmt: skip
 FOUNDATION_POSE = paired_layout(
     Pairing("FoundationPose", ("cam_K.txt",), sister_pairs, ("cam_K.txt",)),
-    "rgb/ beside depth/ with cam_K.txt",
 )
 YCB_VIDEO = paired_layout(
     Pairing("YCB-Video", ("*-meta.mat",), flat_pairs, ("{stem}-meta.mat",)),
-    "*-color.png beside *-depth.png with *-meta.mat",
 )
 PRINCETON = paired_layout(
     Pairing("7-Scenes / Princeton", ("frame-*.depth.png",), flat_pairs,
             (*PRINCETON_CAMERAS, *(f"../{name}" for name in PRINCETON_CAMERAS))),
-    "frame-*.color.png beside frame-*.depth.png with camera-intrinsics.txt",
 )  # fmt: skip
 GQCNN = paired_layout(
     Pairing("gqcnn", ("*.intr",), flat_pairs),
-    "color_*.png beside depth_*.npy with *.intr",
 )
 FLAT = paired_layout(
     Pairing("flat pairs", ("*",), flat_pairs),
-    "*_color.png beside *_depth.png with *_camera.json, color_*.png beside depth_*.png",
 )
 SISTERS = paired_layout(
     Pairing("colour and depth folders", ("depth",), sister_pairs),
-    "rgb/ beside depth/ with a camera file",
 )

@@ -89,4 +89,4 @@ def _unpacked(path: Path, packed: NDArray[Any]) -> NDArray[np.uint8]:
     return np.stack([bits >> shift & 255 for shift in (16, 8, 0)], axis=2).astype(np.uint8)
 
 
-LAYOUT = Layout(NAME, "organised *.pcd", _find)
+LAYOUT = Layout(NAME, _find)

@@ -4,7 +4,7 @@ import functools
 from pathlib import Path
 
 from pipelines.errors import SymgraspError
-from pipelines.frames.layouts import arrays, nerfstudio, paired, pcd, rosbag, scannet, tum
+from pipelines.frames.layouts import arrays, bop, nerfstudio, paired, pcd, rosbag, scannet, tum
 from pipelines.frames.layouts.layout import Layout, frame_name
 from pipelines.frames.rgbd import Frame, FrameSource
 from pipelines.frames.rgbd_folder import FrameOptions
@@ -12,7 +12,7 @@ from pipelines.frames.rgbd_folder import FrameOptions
 LAYOUTS: tuple[Layout, ...] = (
     paired.GRASPNET_SCENE,
     paired.GRASPNET_DEMO,
-    paired.BOP_SCENE,
+    bop.LAYOUT,
     paired.BOP_IMAGE,
     paired.RECORDER,
     paired.YCB_VIDEO,

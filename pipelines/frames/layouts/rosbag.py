@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pipelines.errors import FormatError, SymgraspError
+from pipelines.frames.camera_search import where_a_camera_may_be
 from pipelines.frames.encodings.ros_bags import (
     Recorded,
     Topics,
@@ -18,7 +19,7 @@ from pipelines.frames.encodings.ros_bags import (
 )
 from pipelines.frames.layouts.layout import Layout, frame_name
 from pipelines.frames.layouts.tum import associate
-from pipelines.frames.rgbd import NO_CAMERA, Frame, FrameSource, make_frame
+from pipelines.frames.rgbd import Frame, FrameSource, make_frame
 from pipelines.frames.rgbd_folder import FrameOptions
 
 NAME = "ROS bag"
@@ -108,7 +109,8 @@ def _read(
         )
         camera = options.camera or read_camera(bag, reader, topics)
     if camera is None:
-        raise FormatError(bag, f"has no CameraInfo beside {topics.depth}", NO_CAMERA)
+        found = f"has no CameraInfo beside {topics.depth}"
+        raise FormatError(bag, found, where_a_camera_may_be(bag))
     if not topics.is_aligned:
         notes = (f"{topics.depth} is not called aligned: record aligned_depth_to_color", *notes)
     image = (bag, lambda: color.astype(np.uint8, copy=False))
@@ -119,4 +121,4 @@ def _refuse(error: SymgraspError) -> Frame:
     raise error
 
 
-LAYOUT = Layout(NAME, "ROS bags (*.bag, *.mcap, *.db3)", _find)
+LAYOUT = Layout(NAME, _find)

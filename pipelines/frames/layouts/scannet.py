@@ -64,4 +64,4 @@ def _read(name: str, pair: ImagePair, cameras: tuple[Path, Path], options: Frame
     return make_frame(name, *images, camera, options.depth_units(), notes)
 
 
-LAYOUT = Layout(NAME, f"color/ beside depth/ with {DEPTH_CAMERA}", _find)
+LAYOUT = Layout(NAME, _find)

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TypeVar
 
 from pipelines.errors import FormatError
-from pipelines.frames.camera_files import CameraFile, find_camera_file
+from pipelines.frames.camera_files import CameraFile
+from pipelines.frames.camera_search import find_camera_file
 from pipelines.frames.layouts.layout import Layout, frame_name
 from pipelines.frames.rgbd import FrameSource
 from pipelines.frames.rgbd_folder import FrameOptions, read_with_camera
@@ -119,4 +120,4 @@ def _present(*paths: Path | None) -> tuple[Path, ...]:
     return tuple(path for path in paths if path is not None and is_file(path))
 
 
-LAYOUT = Layout(NAME, "TUM's rgb.txt and depth.txt", _find)
+LAYOUT = Layout(NAME, _find)

@@ -74,6 +74,17 @@ def bop_scene(folder: Path) -> None:
     write(folder / "scene_camera.json", {str(i): camera for i in range(COUNT)})
 
 
+def bop_sensor(folder: Path) -> None:
+    """One sensor of BOP's industrial data sets; another has no depth."""
+    for i in range(COUNT):
+        name = f"{i:06d}.png"
+        pair(folder / "rgb_photoneo" / name, folder / "depth_photoneo" / name, i)
+        image(folder / "rgb_cam1" / name, color(i))
+    camera = {"cam_K": K.ravel().tolist(), "depth_scale": 1.0}
+    for sensor in ("photoneo", "cam1"):
+        write(folder / f"scene_camera_{sensor}.json", {str(i): camera for i in range(COUNT)})
+
+
 def write(path: Path, content: object) -> None:
     path.write_text(content if isinstance(content, str) else json.dumps(content))
 
@@ -213,6 +224,7 @@ LAYOUTS: dict[str, tuple[str, Callable[[Path], None]]] = {
     "graspnet_demo": ("GraspNet demo folder", graspnet_demo),
     "ycb_video": ("YCB-Video", ycb_video),
     "bop_scene": ("BOP scene", bop_scene),
+    "bop_sensor": ("BOP scene", bop_sensor),
     "bop_image": ("BOP single image", bop_image),
     "megapose": ("BOP single image", megapose),
     "recorder": ("Open3D / RealSense recorder", recorder),

@@ -57,6 +57,13 @@ def test_names_are_relative_to_the_folder_given(tmp_path: Path) -> None:
     assert names == ["000001/000000", "000001/000001", "000002/000000", "000002/000001"]
 
 
+def test_the_frames_of_each_bop_sensor_lie_below_its_name(tmp_path: Path) -> None:
+    build.bop_scene(tmp_path)
+    build.bop_sensor(tmp_path)
+    names = [source.name for source in find_frames(tmp_path)]
+    assert names == ["000000", "000001", "photoneo/000000", "photoneo/000001"]
+
+
 def test_one_file_is_the_frame_it_belongs_to(tmp_path: Path) -> None:
     (tmp_path / "b").mkdir()
     build.contact_graspnet(tmp_path / "b")

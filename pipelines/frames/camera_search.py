@@ -1,0 +1,104 @@
+"""Camera files beside images: by their names, else by what they hold."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from pipelines.errors import SymgraspError
+from pipelines.frames.camera_files import CameraFile, read_camera_file
+
+# Looked for beside the images, in this order; after them any *.intr.
+SHARED_CAMERA_FILES = (
+    "camera.json",
+    "camera_params.json",
+    "camera_intrinsics.json",
+    "camera_intrinsic.json",
+    "camera_data.json",
+    "intrinsics.json",
+    "intrinsic.json",
+    "cam_info.json",
+    "camera_info.json",
+    "camera_info.yaml",
+    "meta.yml",
+    "cam_K.txt",
+    "camera-intrinsics.txt",
+    "test-camera-intrinsics.txt",
+    "camera_intrinsics.txt",
+    "intrinsics.txt",
+    "intrinsic/intrinsic_depth.txt",
+    "camK.npy",
+    "meta.mat",
+    "transforms.json",
+    "scene_camera.json",
+)
+# Looked for first: the frame's own.
+OWN_CAMERA_ENDINGS = ("camera.json", "intrinsics.json", "meta.mat")
+# Files of other names that may hold a camera, and those that are only named to the user.
+READ = (".json", ".yaml", ".yml", ".intr", ".txt", ".npy")
+NAMED = (*READ, ".xml", ".ini", ".cfg", ".conf", ".toml", ".csv", ".mat")
+MOST_FILES = 20  # of a folder; more are poses or labels, one a frame
+MOST_BYTES = 100_000
+SHORTEST, LEAST_CENTRE = 10.0, 1.0  # pixels; a pose's numbers are below
+
+
+def find_camera_file(folder: Path, name: str) -> Path | None:
+    """Return the camera file of frame `name` in `folder`: its own, or the folder's."""
+    return own_camera_file(folder, name) or shared_camera_file(folder)
+
+
+def own_camera_file(folder: Path, name: str) -> Path | None:
+    """Return the camera file of frame `name` alone."""
+    own = [folder / f"{name}{mark}{end}" for end in OWN_CAMERA_ENDINGS for mark in "_-."]
+    own += [folder / f"{name}.json", folder / "meta" / f"{name}.mat"]  # GraspNet's meta/
+    return next((path for path in own if path.is_file()), None)
+
+
+def shared_camera_file(folder: Path) -> Path | None:
+    """Return the camera file of all frames in `folder`.
+
+    One of another name than usual counts if no file beside it holds another camera.
+    """
+    shared = (folder / file for file in SHARED_CAMERA_FILES)
+    usual = next((path for path in shared if path.is_file()), None)
+    usual = usual or min(folder.glob("*.intr"), default=None)
+    if usual is not None:
+        return usual
+    found = list(cameras_in(folder))
+    lenses = {(camera.fx, camera.fy, camera.cx, camera.cy) for _path, camera in found}
+    return found[0][0] if len(lenses) == 1 else None
+
+
+def cameras_in(folder: Path) -> Iterator[tuple[Path, CameraFile]]:
+    """Yield the files of `folder` that hold a camera, whatever their names."""
+    for path in _small_files(folder, READ):
+        try:
+            camera = read_camera_file(path)
+        except SymgraspError:
+            continue
+        centre = min(camera.cx, camera.cy)
+        if min(camera.fx, camera.fy) >= SHORTEST and centre >= LEAST_CENTRE:
+            yield path, camera
+
+
+def where_a_camera_may_be(image: Path) -> str:
+    """Return what a user can do about an image that no camera is known for."""
+    advice = "give --intrinsics fx,fy,cx,cy"
+    folders = [image.parent, image.parent.parent]
+    found = [path for folder in folders for path, _camera in cameras_in(folder)]
+    if found:
+        names = " and ".join(map(str, found[:3]))
+        return f"{advice}, or --intrinsics {found[0]}: a camera is in {names}"
+    others = [path.name for path in _small_files(image.parent, NAMED)]
+    unread = f"; no camera was found in {', '.join(others[:3])}" if others else ""
+    known = "*_camera.json, intrinsics.json, cam_K.txt, ..."
+    return f"{advice}, or put a camera file ({known}) beside it{unread}"
+
+
+def _small_files(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
+    """List the small files with one of `suffixes`, none where there is one a frame."""
+    try:
+        files = sorted(path for path in folder.iterdir() if path.suffix.lower() in suffixes)
+        files = [path for path in files if path.is_file() and not path.name.startswith(".")]
+        small = [path for path in files if path.stat().st_size <= MOST_BYTES]
+    except OSError:
+        return []
+    return small if len(files) <= MOST_FILES else []

@@ -1,0 +1,55 @@
+"""Depth in OpenEXR files: half and float, one channel or several that repeat it."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.errors import FormatError
+from pipelines.storage.files import existing
+
+MAX_PIXELS = 2**26
+DEPTH_CHANNELS = ("z", "depth", "y")  # the last part of a layer's name: `depth.Z`
+
+
+def read_exr(path: Path) -> NDArray[Any]:
+    """Return the depth (H, W) of an OpenEXR file, or (H, W, channels) where channels differ.
+
+    It is the channel named Z, depth or Y; else the one that all others repeat, or whose others are
+    empty. Alpha does not count.
+
+    Raises:
+        FormatError: damaged, too large, or of channels of other sizes than the image.
+    """
+    import OpenEXR  # noqa: PLC0415 - few need it
+
+    expected = "a whole OpenEXR file of one part is expected"
+    try:
+        with OpenEXR.File(str(existing(path)), separate_channels=True, header_only=True) as file:
+            low, high = (np.asarray(side, np.int64) for side in file.header()["dataWindow"])
+        width, height = (int(side) for side in high - low + 1)
+        if min(width, height) < 1 or width * height > MAX_PIXELS:
+            found = f"is an image of {width}x{height}"
+            raise FormatError(path, found, f"at most {MAX_PIXELS} pixels are read")
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            channels = {name: np.array(each.pixels) for name, each in file.channels().items()}
+    except (RuntimeError, ValueError, TypeError, KeyError, IndexError) as error:
+        raise FormatError(path, f"this is no readable .exr ({error})", expected) from error
+    channels = {name: each for name, each in channels.items() if _word(name) != "a"}
+    if not channels or any(each.shape != (height, width) for each in channels.values()):
+        raise FormatError(path, f"has the channels {sorted(channels)}", "one, of all pixels")
+    return _depth_of(channels)
+
+
+def _depth_of(channels: dict[str, NDArray[Any]]) -> NDArray[Any]:
+    named = [each for name, each in channels.items() if _word(name) in DEPTH_CHANNELS]
+    filled = named[:1] or [each for each in channels.values() if each.any()]
+    first = next(iter(filled or channels.values()))
+    if all(np.array_equal(each, first, equal_nan=True) for each in filled):
+        return first
+    return np.stack(filled, axis=-1)
+
+
+def _word(name: str) -> str:
+    return name.rpartition(".")[2].lower()

@@ -1,0 +1,57 @@
+"""What lies in a folder without RGB-D frames, and what is missing there."""
+
+import os
+from collections import Counter
+from itertools import islice
+from pathlib import Path
+
+from pipelines.frames.rgbd_folder import COLOR_SUFFIXES
+
+MOST_FILES = 5000
+MOST_KINDS = 6
+HINTS = {
+    ".r3d": "export colour and depth images from Record3D",
+    ".svo": "save the left images and the depth of a ZED recording as PNG",
+    ".svo2": "save the left images and the depth of a ZED recording as PNG",
+    ".mkv": "take the images of an Azure Kinect recording out with Open3D",
+    ".oni": "take the images of an OpenNI recording out",
+    ".klg": "take the images of the recording out",
+    ".raw": "save raw depth as a 16-bit PNG",
+    ".h5": "save each frame as PNG files, or as .npz with depth, K and rgb",
+    ".hdf5": "save each frame as PNG files, or as .npz with depth, K and rgb",
+    ".ply": "a cloud is read as an organised .pcd only",
+    **dict.fromkeys((".zip", ".tar", ".gz", ".tgz", ".7z", ".bz2"), "unpack the archive"),
+    **dict.fromkeys((".mp4", ".avi", ".mov"), "a video has no depth; give images"),
+}
+WANTED = (
+    "put x_color.png beside x_depth.png and x_camera.json, or rgb/ beside depth/; "
+    "the documentation's page File formats lists all layouts"
+)
+
+
+def why_no_frames(folder: Path) -> str:
+    """Return the sentence about a folder in which no layout finds a frame."""
+    walk = (Path(top, name) for top, _below, names in os.walk(folder) for name in names)
+    files = list(islice((path for path in walk if not path.name.startswith(".")), MOST_FILES))
+    kinds = Counter(path.suffix.lower() or "files without a suffix" for path in files)
+    if not kinds:
+        return f"{folder} holds no RGB-D frames; it is empty; {WANTED}"
+    common = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common(MOST_KINDS))
+    hints = list(
+        dict.fromkeys(HINTS[kind] for kind, _count in kinds.most_common() if kind in HINTS)
+    )
+    parts = [f"there lie {common}", _missing(folder, files), *hints, WANTED]
+    return f"{folder} holds no RGB-D frames; {'; '.join(filter(None, parts))}"
+
+
+def _missing(folder: Path, files: list[Path]) -> str:
+    images = [path for path in files if path.suffix.lower() in COLOR_SUFFIXES]
+    depths = [path for path in files if "depth" in path.relative_to(folder).as_posix().lower()]
+    if not images and not depths:
+        return "no images are among them"
+    if not depths:
+        return "no name among them says depth"
+    if all(path in depths for path in images):
+        return f"no colour image goes with {depths[0].name}"
+    other = next(path for path in images if path not in depths)
+    return f"{depths[0].name} and {other.name} are no pair by their names"

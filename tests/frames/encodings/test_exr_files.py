@@ -1,0 +1,79 @@
+"""OpenEXR depth: half and float, one channel or three, damage."""
+
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pytest
+from numpy.testing import assert_allclose
+
+from pipelines.errors import FormatError, SymgraspError
+from pipelines.frames.encodings import exr_files
+from pipelines.frames.encodings.exr_files import read_exr
+from pipelines.frames.frames import find_frames
+from tests.frames.layouts import build
+
+CASE = Path(__file__).parents[4] / "shared/cases/exr_transparent"
+METRES = build.depth(0).astype(np.float32) / 1000
+
+
+def write(path: Path, **channels: np.ndarray) -> Path:
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with OpenEXR.File(header, channels) as file:
+        file.write(str(path))
+    return path
+
+
+@pytest.mark.parametrize("kind", [np.float16, np.float32])
+@pytest.mark.parametrize("names", ["Z", "Y", "R", "RGB", "RGBA"])
+def test_depth_is_read_of_any_channels(tmp_path: Path, kind: type, names: str) -> None:
+    depth = METRES.astype(kind)
+    channels = {name: np.ones_like(depth) if name == "A" else depth for name in names}
+    assert_allclose(read_exr(write(tmp_path / "d.exr", **channels)), depth)
+
+
+def test_empty_channels_beside_the_depth_do_not_count(tmp_path: Path) -> None:
+    empty = np.zeros_like(METRES)
+    assert_allclose(read_exr(write(tmp_path / "d.exr", R=METRES, G=empty, B=empty)), METRES)
+
+
+def test_a_frame_of_words_within_names_has_exr_depth(tmp_path: Path) -> None:
+    build.image(tmp_path / "7-glass-rgb-img.jpg", build.color(0))
+    write(tmp_path / "7-glass-depth-img.exr", R=METRES, G=METRES, B=METRES)
+    camera = dict(zip(("fx", "fy", "cx", "cy"), build.FOUR, strict=True))
+    build.write(tmp_path / "d435.json", camera)
+    (source,) = find_frames(tmp_path)
+    assert source.name == "7-glass-img"
+    assert_allclose(source.read().depth, METRES)
+
+
+def test_channels_that_differ_are_a_picture(tmp_path: Path) -> None:
+    build.image(tmp_path / "a_color.png", build.color(0))
+    write(tmp_path / "a_depth.exr", R=METRES, G=METRES + 1, B=METRES + 2)
+    with pytest.raises(FormatError, match="colourised"):
+        find_frames(tmp_path)[0].read()
+
+
+@pytest.mark.parametrize("cut", [0, 4, 100, -30])
+def test_damaged_files_are_a_sentence(tmp_path: Path, cut: int) -> None:
+    path = write(tmp_path / "d.exr", Z=METRES)
+    path.write_bytes(path.read_bytes()[:cut])
+    with pytest.raises(SymgraspError, match=r"d\.exr"):
+        read_exr(path)
+
+
+def test_the_size_is_bounded_before_pixels_are_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(exr_files, "MAX_PIXELS", METRES.size - 1)
+    with pytest.raises(FormatError, match="pixels are read"):
+        read_exr(write(tmp_path / "d.exr", Z=METRES))
+
+
+@pytest.mark.skipif(not CASE.exists(), reason="needs ../shared/cases")
+def test_the_shared_transparent_frame_is_read() -> None:
+    (source,) = find_frames(CASE)
+    frame = source.read()
+    near, far = np.percentile(frame.depth[frame.depth > 0], (1, 99))
+    assert (frame.depth.shape, frame.intrinsics.fx) == ((720, 1280), 921.0)
+    assert 0.4 < near < far < 1.3

@@ -1,0 +1,74 @@
+"""Cameras under other names: found by what files hold, or named in the sentence."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipelines.errors import FormatError
+from pipelines.frames.camera_search import MOST_FILES, find_camera_file
+from pipelines.frames.frames import find_frames
+from tests.frames.layouts import build
+
+NAMED = {"fx": 60.0, "fy": 61.0, "cx": 23.5, "cy": 17.5}
+CASE = Path(__file__).parents[3] / "shared/cases/camera_info_json"
+
+
+@pytest.fixture
+def bare(tmp_path: Path) -> Path:
+    """A frame without a camera file."""
+    build.pair(tmp_path / "0_color.png", tmp_path / "0_depth.png", 0)
+    return tmp_path
+
+
+def refusal(folder: Path) -> str:
+    with pytest.raises(FormatError, match="no intrinsics are known") as caught:
+        find_frames(folder)[0].read()
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["left_sensor.json", "calib.yml", "lens.txt", "matrix.npy"])
+def test_a_camera_is_found_under_any_name(bare: Path, name: str) -> None:
+    path = bare / name
+    if name.endswith(".npy"):
+        np.save(path, build.K)
+    elif name.endswith(".txt"):
+        np.savetxt(path, build.K)
+    else:
+        path.write_text(json.dumps(NAMED))
+    assert find_frames(bare)[0].read().intrinsics.fx == build.FOUR[0]
+
+
+def test_poses_and_labels_are_no_cameras(bare: Path) -> None:
+    np.savetxt(bare / "pose.txt", np.eye(4))
+    (bare / "labels.json").write_text(json.dumps({"K": "many"}))
+    assert find_camera_file(bare, "0") is None
+    assert "no camera was found in labels.json, pose.txt" in refusal(bare)
+
+
+def test_of_two_other_cameras_none_is_taken_and_both_are_named(bare: Path) -> None:
+    for name, fx in (("a.json", 60.0), ("b.json", 70.0)):
+        (bare / name).write_text(json.dumps(NAMED | {"fx": fx}))
+    assert f"a camera is in {bare / 'a.json'} and {bare / 'b.json'}" in refusal(bare)
+    (bare / "b.json").write_text(json.dumps(NAMED))
+    assert find_camera_file(bare, "0") == bare / "a.json"
+
+
+def test_a_camera_one_folder_up_is_named(bare: Path) -> None:
+    build.pair(bare / "run/x_color.png", bare / "run/x_depth.png", 0)
+    (bare / "cell.json").write_text(json.dumps(NAMED))
+    assert f"--intrinsics {bare / 'cell.json'}" in refusal(bare / "run")
+
+
+def test_files_that_are_one_a_frame_are_not_searched(bare: Path) -> None:
+    for i in range(MOST_FILES + 1):
+        (bare / f"labels_{i}.json").write_text(json.dumps(NAMED))
+    assert find_camera_file(bare, "0") is None
+
+
+@pytest.mark.skipif(not CASE.exists(), reason="needs ../shared/cases")
+def test_the_shared_camera_info_is_read() -> None:
+    frame = find_frames(CASE)[0].read()
+    assert frame.intrinsics.fx == pytest.approx(517.62, abs=0.01)
+    assert frame.removed is not None

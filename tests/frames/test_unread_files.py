@@ -1,0 +1,34 @@
+"""The sentence about a folder without frames: what lies there, and what is missing."""
+
+from pathlib import Path
+
+import pytest
+
+from pipelines.errors import SymgraspError
+from pipelines.frames.frames import find_frames
+
+
+@pytest.mark.parametrize(
+    ("files", "sentence"),
+    [
+        ([], "it is empty"),
+        (["a.jpg", "b.jpg", "c/d.PNG"], "there lie 2 .jpg, 1 .png; no name among them says depth"),
+        (["mesh.obj"], "there lie 1 .obj; no images are among them"),
+        (["take.r3d"], "export colour and depth images from Record3D"),
+        (["take.svo2"], "ZED recording"),
+        (["frames.tar.gz"], "unpack the archive"),
+        (["frames.h5"], "or as .npz with depth, K and rgb"),
+        (["left.png", "my_depth_map.pfm"], "my_depth_map.pfm and left.png are no pair"),
+        (["my_depth_map.pfm"], "no colour image goes with my_depth_map.pfm"),
+    ],
+)
+def test_what_lies_there_and_what_is_missing_is_said(
+    tmp_path: Path, files: list[str], sentence: str
+) -> None:
+    for file in files:
+        (tmp_path / file).parent.mkdir(exist_ok=True)
+        (tmp_path / file).write_bytes(b"")
+    with pytest.raises(SymgraspError, match="holds no RGB-D frames") as caught:
+        find_frames(tmp_path)
+    assert sentence in str(caught.value)
+    assert "put x_color.png beside x_depth.png" in str(caught.value)

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.frames.depth_sense import depth_oddities
 from pipelines.frames.rgbd import Frame
 from pipelines.tabletop.sparse_depth import DENSE, measured_share
 
@@ -92,4 +93,4 @@ def oddities(frame: Frame) -> tuple[str, ...]:
             f"colour seems to lie {offset[0]}, {offset[1]} pixels off the depth: "
             "register them (RealSense: align depth to color)"
         )
-    return tuple(found)
+    return (*found, *depth_oddities(frame.depth, frame.intrinsics.fx))

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pipelines.errors import FormatError
 from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.camera_search import where_a_camera_may_be
+from pipelines.frames.depth_sense import LOOKS_INVERSE, is_inverse
 from pipelines.frames.encodings.exr_files import read_exr
 from pipelines.frames.lens import Distortion, Image, displacement, undistorted
 from pipelines.geometry.camera import Intrinsics
@@ -201,6 +202,8 @@ def _metres(
     values[~valid] = 0.0
     unit = units.floats if is_float else units.integers
     depth = values / np.float32(unit)
+    if not valid.any():
+        raise FormatError(path, *_nothing_measured(stored))
     _check_plausible(path, values, depth, units.option)
     return depth, unit
 
@@ -221,13 +224,26 @@ def stored_depth(path: Path) -> NDArray[Any]:
             return read_image(path)
 
 
+def _nothing_measured(stored: NDArray[Any]) -> tuple[str, str]:
+    """Return what is wrong with depth of which no pixel is measured, and what would be right."""
+    saturated = float(np.mean(stored == MISSING_DEPTH)) if stored.dtype.kind in "iu" else 0.0
+    if not saturated:
+        return "every pixel is missing (0, NaN or infinite)", "measure again"
+    return (
+        f"{saturated:.0%} of the pixels are 65535 and none lies between that and 0: the depth was "
+        "saturated when it was saved, as metres or scaled numbers are",
+        "save millimetres as whole numbers of 16 bits, or metres as floats",
+    )
+
+
 def _check_plausible(path: Path, values: NDArray[Any], depth: NDArray[Any], option: str) -> None:
     valid = values > 0
-    if not valid.any():
-        raise FormatError(path, "every pixel is missing (0, NaN or 65535)", "measure again")
     near, far = LIKELY_DEPTH
     if near <= _nearest_median(depth[valid]) <= far:
         return
+    if is_inverse(depth):
+        found = f"the nearest depths are about {_nearest_median(depth[valid]):.4g} m"
+        raise FormatError(path, found, LOOKS_INVERSE)
     typical = _nearest_median(values[valid])
     options = ", ".join(f"{typical / unit:.4g} m under {unit:g}" for unit in CANDIDATE_UNITS)
     raise FormatError(

@@ -1,4 +1,4 @@
-"""What lies in a folder without RGB-D frames, and what is missing there."""
+"""Files of a folder without RGB-D frames, and what is missing there, in a sentence."""
 
 import os
 from collections import Counter

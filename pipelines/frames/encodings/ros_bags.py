@@ -20,7 +20,13 @@ from numpy.typing import NDArray
 
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames.camera_files import CameraFile
-from pipelines.frames.encodings.ros_images import COLORS, DEPTHS, decode, kind_of, raw_topic
+from pipelines.frames.encodings.ros_images import (
+    COLOR_ENCODINGS,
+    DEPTH_ENCODINGS,
+    decode,
+    raw_topic,
+    shown_by,
+)
 from pipelines.frames.lens import NO_DISTORTION, distortion_in
 
 IMAGE, CAMERA = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
@@ -128,8 +134,8 @@ def find_cameras(path: Path, reader: Any) -> tuple[list[Topics], list[str]]:  # 
         raise FormatError(
             path,
             f"has no {'depth' if colors else 'colour'} images; its topics are {names}",
-            f"images are read of {', '.join(COLORS)}, JPEG or PNG beside {', '.join(DEPTHS)}, "
-            "PNG of 16 bits or compressedDepth",
+            f"colour is read of {', '.join(COLOR_ENCODINGS)}, JPEG and PNG, "
+            f"depth of {', '.join(DEPTH_ENCODINGS)}, PNG of 16 bits and compressedDepth",
         )
     infos = {c.topic for c in reader.connections if c.msgtype == CAMERA}
     cameras = [_with_info(camera, infos) for camera in _cameras(colors, depths)]
@@ -138,12 +144,12 @@ def find_cameras(path: Path, reader: Any) -> tuple[list[Topics], list[str]]:  # 
 
 
 def _images(reader: Any) -> dict[str, str]:  # noqa: ANN401 - an extra's
-    """Return what each topic of images shows, see `kind_of`; of one image its raw topic only."""
+    """Return what each topic of images shows, see `shown_by`; of one image its raw topic only."""
     kinds: dict[str, tuple[str, str]] = {}
     connections = [c for c in reader.connections if c.msgtype in (IMAGE, COMPRESSED)]
     for topic in sorted({c.topic for c in connections}):
         image = next((image for _t, image in _messages(reader, topic)), None)
-        kind = "" if image is None else kind_of(topic, image)
+        kind = "" if image is None else shown_by(topic, image)
         if kind and kinds.get(raw_topic(topic), ("", ""))[1] != kind:
             kinds.setdefault(raw_topic(topic), (topic, kind))
     return dict(kinds.values())

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from pipelines.errors import FormatError
 from pipelines.storage.files import decode_image
 
-DEPTHS = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
-COLORS = {"rgb8": (0, 1, 2), "bgr8": (2, 1, 0), "rgba8": (0, 1, 2), "bgra8": (2, 1, 0)}
+DEPTH_ENCODINGS = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
+COLOR_ENCODINGS = {"rgb8": (0, 1, 2), "bgr8": (2, 1, 0), "rgba8": (0, 1, 2), "bgra8": (2, 1, 0)}
 CHANNELS = {"rgb8": 3, "bgr8": 3, "rgba8": 4, "bgra8": 4}
 GREYS = ("mono8", "8UC1")
 PLUGINS = ("compressed", "compressedDepth")  # what they put behind the name of the raw topic
@@ -29,19 +29,19 @@ def raw_topic(topic: str) -> str:
     return head if tail in PLUGINS else topic
 
 
-def kind_of(topic: str, image: Any) -> str:  # noqa: ANN401 - an extra's
+def shown_by(topic: str, image: Any) -> str:  # noqa: ANN401 - an extra's
     """Return `color`, `depth`, or `lossy depth` for depth of 8 bits; empty for anything else."""
     encoding, _, packed = _formats(image)
     if not packed:
-        if encoding in DEPTHS:
+        if encoding in DEPTH_ENCODINGS:
             return "depth"
         if encoding in GREYS and _shows_depth(topic):
             return "lossy depth"
-        return "color" if encoding in COLORS else ""
+        return "color" if encoding in COLOR_ENCODINGS else ""
     is_jpeg = "jpeg" in packed or "jpg" in packed
-    if "compresseddepth" in packed or (encoding in DEPTHS and not is_jpeg):
+    if "compresseddepth" in packed or (encoding in DEPTH_ENCODINGS and not is_jpeg):
         return "depth"
-    if encoding in DEPTHS or _shows_depth(topic):
+    if encoding in DEPTH_ENCODINGS or _shows_depth(topic):
         return "lossy depth" if is_jpeg else "depth"
     return "color" if is_jpeg or "png" in packed else ""
 
@@ -93,9 +93,11 @@ def _shows_depth(topic: str) -> bool:
 def _raw(path: Path, image: Any, encoding: str) -> NDArray[Any]:  # noqa: ANN401 - an extra's
     """Return the pixels of an Image message; rows may be padded, numbers of either byte order."""
     height, width, step = int(image.height), int(image.width), int(image.step)
-    if encoding not in DEPTHS and encoding not in COLORS:
-        raise FormatError(path, f"has images of {encoding}", f"{', '.join((*DEPTHS, *COLORS))}")
-    kind = np.dtype((">" if image.is_bigendian else "<") + DEPTHS.get(encoding, "u1"))
+    if encoding not in DEPTH_ENCODINGS and encoding not in COLOR_ENCODINGS:
+        raise FormatError(
+            path, f"has images of {encoding}", f"{', '.join((*DEPTH_ENCODINGS, *COLOR_ENCODINGS))}"
+        )
+    kind = np.dtype((">" if image.is_bigendian else "<") + DEPTH_ENCODINGS.get(encoding, "u1"))
     row = width * CHANNELS.get(encoding, 1) * kind.itemsize
     data = np.asarray(image.data, np.uint8).ravel()
     if min(height, width) < 1 or step < row or data.size < height * step:
@@ -103,7 +105,7 @@ def _raw(path: Path, image: Any, encoding: str) -> NDArray[Any]:  # noqa: ANN401
         raise FormatError(path, found, "copy the whole bag again")
     rows = np.ascontiguousarray(data[: height * step].reshape(height, step)[:, :row])
     pixels = rows.view(kind)
-    if encoding in DEPTHS:
+    if encoding in DEPTH_ENCODINGS:
         return pixels
     channels = pixels.reshape(height, width, CHANNELS[encoding])
-    return np.ascontiguousarray(channels[:, :, COLORS[encoding]])
+    return np.ascontiguousarray(channels[:, :, COLOR_ENCODINGS[encoding]])

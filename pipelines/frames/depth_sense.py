@@ -1,0 +1,172 @@
+"""Depth that makes no sense as geometry, by its flat surface and by what stands on it.
+
+A flat surface is affine in inverse depth. If it is rather affine in the numbers themselves, these
+are inverse depth or disparity. If what stands on it lies behind it, near and far are swapped. If
+that is as wide as a door or as narrow as a pencil, the unit is another one (D. 121).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+WIDTH = 160  # to which images are thinned
+FITTED = 4000  # pixels to which the flat surface is fitted
+ITERATIONS = 200
+REFITS = 5
+FEWEST = 200  # pixels
+# Of the median inverse depth; noise of sensors is some 0.003.
+ON_SURFACE, OFF_SURFACE = 0.006, 0.02
+SMALLEST = 30  # pixels of a thing that stands on the surface
+ENCLOSED = 0.5  # least share of a thing's surroundings that is the surface
+# Of 35 real frames, and these with inverse depth: 0.33 to 0.98, and 1.02 to 3.1.
+FLATTER, AS_FLAT = 1.3, 1.0
+PITS, MANY_PITS = 0.01, 0.05  # shares of the image; in the same frames at most 0.043
+PITS_TO_THINGS = 5.0
+LIKELY_SIZES = (0.015, 0.4)  # m, of the median thing; in the same frames 0.056 to 0.23
+LOOKS_INVERSE = (
+    "the depth looks like inverse depth or disparity: flat surfaces are flat in its numbers, not "
+    "in their inverse; save distances in metres, z = focal length x baseline / disparity"
+)
+SWAPPED = "what should stand on the flat surface lies behind it: near and far look swapped"
+COARSE = 0.015  # of the depth: steps between neighbouring values; sensors have 0.003 at 1 m
+
+Values = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class _Surface:
+    """The flat surface with most pixels: x = a u + b v + c of thinned pixels."""
+
+    affine: Values  # (3,)
+    share: float  # of the pixels that lie on it
+
+    def over(self, x: Values) -> Values:
+        """Return by how much `x` (H, W) exceeds the surface."""
+        rows, columns = np.indices(x.shape)
+        return np.asarray(x - (self.affine[0] * columns + self.affine[1] * rows + self.affine[2]))
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """Depth (H, W), thinned to about `WIDTH` columns, nan where missing; metres."""
+
+    depth: Values
+
+    @cached_property
+    def inverse(self) -> Values:
+        """Inverse depth (H, W), over its median."""
+        return np.asarray(np.nanmedian(self.depth) / self.depth)
+
+    @cached_property
+    def surface(self) -> _Surface | None:
+        """The flat surface; None where too little is measured."""
+        enough = np.count_nonzero(np.isfinite(self.depth)) >= FEWEST
+        return _flat_surface(self.inverse) if enough else None
+
+    def things(self, over: Values) -> list[NDArray[np.bool_]]:
+        """Return masks of pieces of `over` above `OFF_SURFACE` that the surface surrounds."""
+        count, labels, boxes, _ = cv2.connectedComponentsWithStats(
+            (over > OFF_SURFACE).astype(np.uint8), connectivity=4
+        )
+        on, known = np.abs(over) < OFF_SURFACE / 2, np.isfinite(over)
+        height, width = over.shape
+        found = []
+        for index in range(1, count):
+            x, y, w, h, size = boxes[index]
+            if size < SMALLEST or min(x, y) == 0 or x + w == width or y + h == height:
+                continue
+            mask = labels == index
+            ring = cv2.dilate(mask.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
+            ring &= ~mask & known
+            if on[ring].sum() > ENCLOSED * ring.sum():
+                found.append(mask)
+        return found
+
+
+def depth_oddities(depth: NDArray[np.float32], focal_length: float) -> list[str]:
+    """Return what speaks against `depth` (H, W) being distances in metres, 0 = missing.
+
+    A sentence each; `focal_length` in pixels.
+    """
+    shape = _thinned(depth)
+    found = _steps(shape.depth)
+    if shape.surface is None:
+        return found
+    if (swapped := _swapped(shape)) is not None:
+        return [*found, swapped]
+    metres = max(1, round(depth.shape[1] / WIDTH)) / focal_length  # of a pixel at one metre
+    things = shape.things(shape.surface.over(shape.inverse))
+    sizes = [np.sqrt(mask.sum()) * metres * np.nanmedian(shape.depth[mask]) for mask in things]
+    size = float(np.median(sizes)) if sizes else LIKELY_SIZES[0]
+    if not LIKELY_SIZES[0] <= size <= LIKELY_SIZES[1]:
+        found.append(
+            f"what stands on the flat surface is {size:.2g} m wide, which no gripper takes: "
+            "is the unit of the depth right (--depth-units-per-metre)?"
+        )
+    return found
+
+
+def is_inverse(depth: NDArray[np.float32]) -> bool:
+    """Return whether `depth` (H, W), in any unit, looks like inverse depth or disparity."""
+    return _swapped(_thinned(depth)) == LOOKS_INVERSE
+
+
+def _thinned(depth: NDArray[np.float32]) -> _Shape:
+    step = max(1, round(depth.shape[1] / WIDTH))
+    thinned = depth[::step, ::step].astype(np.float64)
+    thinned[thinned <= 0] = np.nan
+    return _Shape(thinned)
+
+
+def _swapped(shape: _Shape) -> str | None:
+    """Return a sentence if near and far are swapped."""
+    if shape.surface is None:
+        return None
+    over = shape.surface.over(shape.inverse)
+    above, below = (sum(int(m.sum()) for m in shape.things(sign * over)) for sign in (1.0, -1.0))
+    direct = _flat_surface(shape.depth / np.nanmedian(shape.depth))
+    flatness = 0.0 if direct is None else direct.share / shape.surface.share
+    measured = np.count_nonzero(np.isfinite(shape.depth))
+    is_below = below > PITS_TO_THINGS * above and below > PITS * measured
+    if flatness > FLATTER or (flatness > AS_FLAT and is_below):
+        return LOOKS_INVERSE
+    return SWAPPED if is_below and below > MANY_PITS * measured else None
+
+
+def _steps(depth: Values) -> list[str]:
+    """Return a sentence on depth that has few values, as a picture of 8 bits has."""
+    values = np.unique(depth[depth > 0])
+    if len(values) < 2:
+        return []
+    middle = int(np.searchsorted(values, np.median(depth[depth > 0])))
+    around = values[max(0, middle - 5) : middle + 6]
+    step = float(np.median(np.diff(around)))
+    if step < COARSE * float(around.mean()):
+        return []
+    return [f"the depth changes in steps of {1000 * step:.0f} mm, as one saved with 8 bits does"]
+
+
+def _flat_surface(x: Values) -> _Surface | None:
+    """Return the surface x = a u + b v + c that most finite pixels of `x` (H, W) lie on.
+
+    `x` has a median of 1. None if all drawn pixels lie on lines.
+    """
+    rng = np.random.default_rng(0)
+    rows, columns = np.nonzero(np.isfinite(x))
+    drawn = rng.permutation(len(rows))[:FITTED]
+    u, v = columns[drawn].astype(np.float64), rows[drawn].astype(np.float64)
+    points, values = np.stack([u, v, np.ones(len(u))]), x[rows[drawn], columns[drawn]]
+    triples = rng.integers(0, len(u), (ITERATIONS, 3))
+    matrices = np.moveaxis(points[:, triples], 0, -1)
+    sound = np.abs(np.linalg.det(matrices)) > 1.0
+    if not sound.any():
+        return None
+    planes = np.linalg.solve(matrices[sound], values[triples][sound][..., None])[..., 0]
+    best = planes[(np.abs(planes @ points - values) < ON_SURFACE).sum(axis=1).argmax()]
+    for _ in range(REFITS):
+        on = np.abs(best @ points - values) < ON_SURFACE
+        best = np.linalg.lstsq(points[:, on].T, values[on], rcond=None)[0]
+    return _Surface(best, float((np.abs(best @ points - values) < ON_SURFACE).mean()))

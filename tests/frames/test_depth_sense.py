@@ -1,0 +1,94 @@
+"""Depth that is no distance, noticed by its geometry."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipelines.errors import FormatError
+from pipelines.frames.camera_files import parse_camera
+from pipelines.frames.depth_sense import LOOKS_INVERSE, SWAPPED, depth_oddities
+from pipelines.frames.frames import find_frames
+from pipelines.frames.rgbd import DepthUnits, read_depth
+from pipelines.geometry.camera import Intrinsics
+from pipelines.storage.files import write_image
+
+CASES = Path(__file__).parents[3] / "shared/cases"
+LENS = Intrinsics(300.0, 300.0, 159.5, 119.5, 320, 240)
+RAYS = LENS.rays()
+
+
+def table(tilt: float, *, sensor_noise: float = 0.002) -> np.ndarray:
+    """A table at 0.7 m, tilted by `tilt` radians, with three boxes of 10 cm on it; metres."""
+    normal = np.array([0.0, -np.sin(tilt), -np.cos(tilt)])
+    depth = -0.7 * np.cos(tilt) / (RAYS @ normal)
+    top = -(0.7 * np.cos(tilt) - 0.06) / (RAYS @ normal)
+    for u, v in ((70, 90), (150, 150), (240, 100)):
+        box = np.s_[v - 20 : v + 20, u - 20 : u + 20]
+        depth[box] = top[box]
+    noise = np.random.default_rng(0).normal(size=depth.shape)
+    return (depth * (1.0 + sensor_noise * noise)).astype(np.float32)
+
+
+def said(depth: np.ndarray) -> list[str]:
+    return depth_oddities(depth.astype(np.float32), LENS.fx)
+
+
+@pytest.mark.parametrize("tilt", [0.1, 0.5, 0.8])
+def test_a_table_is_fine_and_its_inverse_is_said(tilt: float) -> None:
+    depth = table(tilt)
+    assert said(depth) == []
+    assert said(1.0 / depth) == [LOOKS_INVERSE]
+    assert said(40.0 / depth / 100.0) == [LOOKS_INVERSE]  # disparity in another unit
+
+
+def test_seen_from_straight_above_near_and_far_look_swapped() -> None:
+    assert said(table(0.0)) == []
+    assert said(1.0 / table(0.0)) == [SWAPPED]
+    assert said(1.5 - table(0.0)) == [SWAPPED]
+
+
+@pytest.mark.parametrize(("scale", "size"), [(8.0, "0.7"), (0.1, "0.0087")])
+def test_another_unit_is_noticed_by_the_size_of_things(scale: float, size: str) -> None:
+    (sentence,) = said(scale * table(0.4))
+    assert f"{size} m wide" in sentence
+    assert "--depth-units-per-metre" in sentence
+
+
+def test_steps_of_eight_bits_are_said() -> None:
+    coarse = np.round(table(0.4) / 4.0 * 255) / 255 * 4.0
+    assert any("steps of 16 mm" in sentence for sentence in said(coarse))
+    assert not any("steps" in sentence for sentence in said(np.round(table(0.4), 3)))
+
+
+@pytest.mark.parametrize("depth", [np.zeros((40, 60)), np.ones((1, 1)), np.eye(50)])
+def test_where_little_is_measured_nothing_is_said(depth: np.ndarray) -> None:
+    assert said(depth) == []
+
+
+def test_saturated_depth_is_said(tmp_path: Path) -> None:
+    depth = np.zeros((20, 30), np.uint16)
+    depth[:, :15] = 65535
+    write_image(tmp_path / "d.png", depth)
+    with pytest.raises(FormatError, match=r"50% of the pixels are 65535.*saturated"):
+        read_depth(tmp_path / "d.png", DepthUnits())
+    write_image(tmp_path / "d.png", np.zeros((20, 30), np.uint16))
+    with pytest.raises(FormatError, match="measure again"):
+        read_depth(tmp_path / "d.png", DepthUnits())
+
+
+def test_disparity_beyond_the_range_is_not_taken_for_another_unit(tmp_path: Path) -> None:
+    write_image(tmp_path / "d.png", np.round(50.0 / table(0.5)).astype(np.uint16))
+    with pytest.raises(FormatError, match="inverse depth or disparity"):
+        read_depth(tmp_path / "d.png", DepthUnits())
+
+
+@pytest.mark.skipif(not CASES.exists(), reason="needs ../shared/cases")
+def test_the_shared_cases_are_said() -> None:
+    frame = find_frames(CASES / "inverse_depth")[0].read()
+    assert depth_oddities(frame.depth, frame.intrinsics.fx) == [LOOKS_INVERSE]
+    camera = parse_camera("540,540,480,270")
+    with pytest.raises(FormatError, match=r"66% of the pixels are 65535.*saturated"):
+        find_frames(CASES / "mask_as_depth", intrinsics=camera)[0].read()
+    depth = find_frames(CASES / "lens_distortion")[0].read().depth
+    assert depth_oddities(depth, 463.6) == []

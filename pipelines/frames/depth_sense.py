@@ -2,7 +2,7 @@
 
 A flat surface is affine in inverse depth. If it is rather affine in the numbers themselves, these
 are inverse depth or disparity. If what stands on it lies behind it, near and far are swapped. If
-that is as wide as a door or as narrow as a pencil, the unit is another one (D. 121).
+that is as wide as a door or as narrow as a pencil, the unit is another one (D. 126).
 """
 
 from dataclasses import dataclass

@@ -116,7 +116,7 @@ def make_frame(
     units: DepthUnits,
     notes: tuple[str, ...] = (),
 ) -> Frame:
-    """Make a frame of what files hold, without the distortion of its camera's lens (D. 120).
+    """Make a frame of what files hold, without the distortion of its camera's lens (D. 125).
 
     The depth is checked first: its faults matter most.
 

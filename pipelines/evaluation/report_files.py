@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from pipelines.configs import EvaluateConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.evaluation import reports
@@ -67,8 +65,8 @@ def write_report_files(
     }
     if success is not None:
         more |= _add_success(rows, success)
-    seconds = float(np.mean(tally.seconds)) if tally.seconds else None
-    reports.write_report(output, rows, evaluated.stamp, seconds_per_frame=seconds, **more)
+    more["seconds_per_frame"] = tally.seconds_per_frame
+    reports.write_report(output, rows, evaluated.stamp, **more)
     gallery, faults = draw_gallery(choice, evaluated.grasps, evaluated.index, evaluated.root)
     write_text(output.with_suffix(".html"), report_page(reports.read_report(output), gallery))
     return faults

@@ -27,7 +27,7 @@ def write_report(
         rows: row (ours, oracle, planar, random) to split (seen, similar, novel, all) to figures;
             a figure that could not be computed, nan, is stored as null.
         stamp: how it was made.
-        seconds_per_frame: mean time of `infer`.
+        seconds_per_frame: median time of `infer`.
         more: further JSON entries.
     """
     content = {

@@ -112,6 +112,11 @@ class ReportTally:
     )
     rows: dict[str, defaultdict[str, RowTally]] = field(default_factory=dict)
 
+    @property
+    def seconds_per_frame(self) -> float | None:
+        """Median of `seconds`: the first frames of a run wait for loops to be compiled."""
+        return float(np.median(self.seconds)) if self.seconds else None
+
     @classmethod
     def of(cls, records: Iterable[FrameRecord]) -> "ReportTally":
         """Return the tally of `records`."""

@@ -2,6 +2,7 @@
 
 import tracemalloc
 import weakref
+from dataclasses import replace
 
 import numpy as np
 
@@ -46,6 +47,13 @@ def test_a_frame_costs_a_few_kilobytes():
     grown = tracemalloc.get_traced_memory()[0] - before
     tracemalloc.stop()
     assert grown / 400 < 6000
+
+
+def test_a_first_frame_that_waits_for_compiled_loops_does_not_slow_the_others():
+    seconds = (60.0, 0.3, 0.4, np.nan, 0.3)
+    tally = ReportTally.of(replace(record(i, 1), seconds=each) for i, each in enumerate(seconds))
+    assert tally.seconds_per_frame == 0.35
+    assert ReportTally().seconds_per_frame is None
 
 
 def test_ignored_predictions_are_not_pooled():

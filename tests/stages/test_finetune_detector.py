@@ -23,6 +23,7 @@ from pipelines.network.detection.detector import RegionDetector
 from pipelines.runtime.batch import BatchOptions
 from pipelines.storage import provenance
 from pipelines.storage.checkpoints import load_weights
+from pipelines.storage.h5_files import open_h5
 from pipelines.storage.provenance import make_stamp
 from tests.learning.stopped import stopped_after
 from tests.stages.toy_root import write_root
@@ -64,6 +65,12 @@ def test_frames_are_prepared_with_their_regions(root, output):
     heights = frame.plane.height(frame.frame.intrinsics.backproject(frame.frame.depth))
     assert np.nanmedian(heights[frame.regions > 0]) > 0.02
     assert abs(np.nanmedian(heights[frame.regions == 0])) < 0.005
+
+
+def test_frames_are_compressed_to_the_same_bytes_in_every_process(root, output):
+    (path, *_) = finetune_detector.frames_folder(output, root.root).glob("*.h5")
+    with open_h5(path) as file:  # LZF depends on what was in memory before
+        assert {file[name].compression for name in ("color", "depth", "regions")} == {"gzip"}
 
 
 def test_the_weights_load_into_the_detector(root, output):

@@ -22,6 +22,7 @@ from pipelines.tabletop.depth_channels import SmallFrame
 
 FORMAT_VERSION = 1
 DEPTH_UNITS = 10_000.0  # per metre: tenths of a millimetre
+GZIP_LEVEL = 1  # the fastest; 4 saves a twentieth (docs/experiments/training.md)
 MAX_DEPTH = 6.5  # metres; larger depths are stored as missing
 
 
@@ -76,8 +77,14 @@ def _images(file: h5py.File, name: str, images: list[NDArray[Any]]) -> None:
     if not images:
         return
     stack = np.stack(images)
+    # Not LZF: its bytes depend on what was in memory before.
     file.create_dataset(
-        name, data=stack, chunks=(1, *stack.shape[1:]), compression="lzf", track_times=False
+        name,
+        data=stack,
+        chunks=(1, *stack.shape[1:]),
+        compression="gzip",
+        compression_opts=GZIP_LEVEL,
+        track_times=False,
     )
 
 

@@ -25,7 +25,7 @@ from pipelines.errors import MissingInputError, SymgraspError, ValueRangeError
 from pipelines.storage.files import read_json, write_json, write_text
 from pipelines.storage.provenance import digest, make_stamp
 
-SYMGRASP = (sys.executable, "-c", "from symgrasp_cli.app import main; main()")
+SYMGRASP = (sys.executable, "-c", "from symgrasp_cli.main import main; main()")
 REFINED, UNREFINED, UNCUT = "refined", "unrefined", "uncut"
 FILES = ("models", "scenes", "grasp_label", "objects.json")
 SHARED = {REFINED: (), UNREFINED: (*FILES, "symmetry"), UNCUT: FILES}  # with the first root

@@ -34,6 +34,7 @@ Packages, from the ground up; imports run down only (drawn by `tools/draw_map.py
 level  package        subject
 =====  =============  ==============================================================================
 1      array_types    Types of arrays, by what they hold
+1      ending         Ends of processes: by a signal or with the parent, without temporary files
 1      errors         Errors a user can mend: each message says what, where, and what would be right
 2      configs        Settings of all stages: a frozen dataclass each, with unit, meaning and origin
 3      geometry       Geometry on arrays: transforms, cameras, clouds, symmetries; metres, radians

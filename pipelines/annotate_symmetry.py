@@ -34,8 +34,10 @@ from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries
 from pipelines.errors import SymgraspError
 from pipelines.mesh_symmetry.parts.symmetric_parts import has_slot
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.runtime.one_run import one_run_at_a_time
 
 
+@one_run_at_a_time(STAGE, "output_dir", "source")
 def run(
     source: Path,
     output_dir: Path | None,

@@ -19,6 +19,7 @@ from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.frames import FrameSource, find_frames
 from pipelines.frames.rgbd import Frame
 from pipelines.runtime.batch import StageReport
+from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import atomic_folder, write_image, write_json, write_npz
 from pipelines.storage.provenance import digest, digest_text, is_finished, make_stamp, write_sidecar
 
@@ -26,6 +27,7 @@ STAGE = "convert-frames"
 LARGEST = 65534  # 65535 reads as missing
 
 
+@one_run_at_a_time(STAGE, "output")
 def run(
     frames: Path,
     output: Path,

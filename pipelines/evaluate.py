@@ -39,9 +39,11 @@ from pipelines.grasp_files.grasps_file import FrameResult
 from pipelines.grasp_files.grasps_stream import places_by_scene, read_dataset_frames, read_index
 from pipelines.grasp_files.gripper_files import gripper_digest, gripper_to_use, load_gripper
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
+from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.provenance import Stamp, digest, is_finished, make_stamp
 
 
+@one_run_at_a_time("evaluate", "output")
 def run(
     grasps: Path,
     dataset: Path,

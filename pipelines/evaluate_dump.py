@@ -31,6 +31,7 @@ from pipelines.evaluation.graspnet.graspnet_scenes import score_scene
 from pipelines.evaluation.tables import Table
 from pipelines.grasp_files.exports.graspnet_dump import DumpedScene, dumped_scenes
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
+from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import write_text
 from pipelines.storage.provenance import Stamp, digest_text, is_finished, make_stamp
 
@@ -39,6 +40,7 @@ PROTOCOL = "graspnet"
 NAMED = 5  # frames of a scene that a sentence names
 
 
+@one_run_at_a_time(STAGE, "output")
 def run(
     dump: Path,
     dataset: Path,

@@ -54,6 +54,7 @@ from pipelines.grasp_files.grasps_stream import GraspsIndex, read_index, read_re
 from pipelines.grasp_files.gripper_files import gripper_digest, gripper_to_use, load_gripper
 from pipelines.grasping.grasps import GRASPNET_DEPTH
 from pipelines.runtime.batch import StageReport
+from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import atomic_folder
 from pipelines.storage.provenance import (
     Stamp,
@@ -91,6 +92,7 @@ class _Tally:
     low: int = 0
 
 
+@one_run_at_a_time(STAGE, "output")
 def run(
     grasps: Path,
     output: Path,

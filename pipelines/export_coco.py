@@ -25,12 +25,14 @@ from pipelines.dataset.training.region_frames import (
 )
 from pipelines.errors import SymgraspError
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import atomic_path
 from pipelines.storage.provenance import is_finished, make_stamp
 
 STAGE = "export-coco"
 
 
+@one_run_at_a_time(STAGE, "output_dir")
 def run(
     source: Path,
     output_dir: Path,

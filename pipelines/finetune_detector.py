@@ -38,6 +38,7 @@ from pipelines.learning.speed.processes import process_group
 from pipelines.network.detection.detector import MODEL_NAME
 from pipelines.network.weights_files import weights_metadata
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import existing
 from pipelines.storage.provenance import digest, digest_folder, digest_text, make_stamp
 
@@ -45,6 +46,7 @@ STAGE = "finetune-detector"
 SCENE = len("scene_0000")
 
 
+@one_run_at_a_time(STAGE, "output")
 def run(
     roots: Sequence[Path],
     output: Path,

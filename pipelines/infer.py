@@ -33,11 +33,13 @@ from pipelines.inference.work import (
     overlay_path,
 )
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.provenance import is_finished
 
 __all__ = ["InferPaths", "infer_frame", "overlay_path", "run"]
 
 
+@one_run_at_a_time(STAGE, "paths.output")
 def run(
     paths: InferPaths,
     config: InferConfig,

@@ -33,6 +33,7 @@ from pipelines.inference.work import (
     infer_frame,
 )
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.runtime.stopping import Reason, StopSignals
 
 log = logging.getLogger(__name__)
@@ -60,6 +61,7 @@ class Followed:
     text: str
 
 
+@one_run_at_a_time(STAGE, "paths.output")
 def run(
     paths: InferPaths,
     config: InferConfig,

@@ -40,6 +40,7 @@ from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.geometry.meshes.signed_distance import signed_distance_grid
 from pipelines.geometry.meshes.winding import turned_outward
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import atomic_folder
 from pipelines.storage.provenance import (
     Stamp,
@@ -74,6 +75,7 @@ class Source:
         return number if self.name == number else f"{number} {self.name}"
 
 
+@one_run_at_a_time(STAGE, "output")
 def run(
     meshes: Path,
     output: Path,

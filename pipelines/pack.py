@@ -31,6 +31,7 @@ from pipelines.geometry.symmetry import NUM_SLOTS
 from pipelines.grasping.labelled_regions import LabelledCloud, LabelledSurface, labelled_clouds
 from pipelines.grasping.scene import SceneCloud
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.provenance import make_stamp
 from pipelines.tabletop.levelling import table_row
 from pipelines.tabletop.mask_noise import MaskNoise
@@ -39,6 +40,7 @@ from pipelines.tabletop.tabletop import find_tabletop
 STAGE = "pack"
 
 
+@one_run_at_a_time(STAGE, "output_dir")
 def run(
     source: Path,
     output_dir: Path,

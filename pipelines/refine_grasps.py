@@ -40,12 +40,14 @@ from pipelines.grasping.rated_grasps import BestOfPlaces, GraspSample, RatedGras
 from pipelines.mesh_symmetry.detection.surface import Surface
 from pipelines.refinement.copies import PLACE_SHARE, Copier, closed_contacts
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.provenance import digest_if_there, make_stamp
 
 STAGE = "refine-grasps"
 NUM_SURFACE_SAMPLES = 30000
 
 
+@one_run_at_a_time(STAGE, "source")
 def run(
     source: Path,
     config: RefineGraspsConfig,

@@ -28,6 +28,7 @@ from pipelines.metrics.force_closure import min_friction, on_grid
 from pipelines.metrics.graspnet.grid_contacts import close_fingers_on_grid
 from pipelines.metrics.graspnet.peer_collision import cloud_collision, exact_collision
 from pipelines.runtime.batch import StageReport
+from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import existing
 from pipelines.storage.provenance import digest, is_finished, make_stamp, refuse_other_suffix
 
@@ -36,6 +37,7 @@ NAMED_FAULTS = 5
 UNSURE = "is not closed; near its holes the distance grid, and with it the verdicts, are a guess"
 
 
+@one_run_at_a_time(STAGE, "output")
 def run(
     mesh_path: Path,
     grasps_path: Path,

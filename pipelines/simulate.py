@@ -33,6 +33,7 @@ from pipelines.evaluation.truth_inputs import truth_digests
 from pipelines.grasp_files.grasps_stream import places_by_scene, read_dataset_frames, read_index
 from pipelines.grasp_files.gripper_files import gripper_digest, gripper_to_use, load_gripper
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
+from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.simulation.frames import FrameSimulator, PiecesReader
 from pipelines.simulation.success import success_tables, write_success
 from pipelines.storage.files import read_json
@@ -50,6 +51,7 @@ from pipelines.synthesis.objects.decomposition import is_nearly_convex, physics_
 LARGE_SHIFT = 0.01  # metres, more than rounding of poses causes
 
 
+@one_run_at_a_time("simulate", "output")
 def run(
     grasps: Path,
     dataset: Path,

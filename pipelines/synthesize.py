@@ -32,6 +32,7 @@ from pipelines.dataset.object_list import ObjectRecord
 from pipelines.errors import UnknownNameError, ValueRangeError
 from pipelines.geometry.meshes.signed_distance import signed_distance_grid
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import atomic_folder
 from pipelines.storage.provenance import digest_if_there, make_stamp, stamp_ahead, write_sidecar
 from pipelines.synthesis.labels.grasp_sampling import sample_grasp_label
@@ -47,6 +48,7 @@ MAX_OBJECTS = 254  # label images have 8 bits, and 0 is the background
 TAG_LABEL = 1  # purpose of a child seed; scenes use other tags
 
 
+@one_run_at_a_time("synthesize", "output")
 def run(
     output: Path,
     config: SynthesizeConfig,

@@ -32,6 +32,7 @@ from pipelines.learning.speed.processes import process_group
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.weights_files import fill, read_weights, weights_metadata
 from pipelines.runtime.batch import StageReport
+from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import existing
 from pipelines.storage.provenance import digest, digest_folder, make_stamp
 from pipelines.synthesis.endless import trainable_objects
@@ -40,6 +41,7 @@ from pipelines.synthesis.endless_pool import EndlessPool
 STAGE = "train"
 
 
+@one_run_at_a_time(STAGE, "output")
 def run(
     packed: Path | None,
     validation: Path | None,

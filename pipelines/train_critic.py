@@ -43,6 +43,7 @@ from pipelines.learning.loop.loop import TrainingRun
 from pipelines.learning.loop.options import LoopOptions
 from pipelines.learning.loop.runs import RunRequest, describe, find_progress
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.checkpoints import save_weights
 from pipelines.storage.provenance import (
     Stamp,
@@ -56,6 +57,7 @@ from pipelines.storage.provenance import (
 STAGE = "train-critic"
 
 
+@one_run_at_a_time(STAGE, "output")
 def run(
     kind: CriticKind,
     roots: Sequence[Path],

@@ -34,6 +34,7 @@ from pipelines.pictures.grasp_page.scene import frame_scene
 from pipelines.pictures.overlays import draw_overlay
 from pipelines.pictures.rerun_recording import need_rerun, write_recording
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import LONGEST_NAME, write_image, write_text
 from pipelines.storage.provenance import Stamp, digest, is_finished, make_stamp, read_stamp
 
@@ -74,6 +75,7 @@ class ViewPaths:
         return path
 
 
+@one_run_at_a_time(STAGE, "paths.output")
 def run(
     paths: ViewPaths, config: ViewConfig, options: BatchOptions, *, rerun: bool = False
 ) -> StageReport:

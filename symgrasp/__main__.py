@@ -1,6 +1,6 @@
 """The command line: `python -m symgrasp` is `symgrasp`."""
 
-from symgrasp_cli.app import main
+from symgrasp_cli.main import main
 
 if __name__ == "__main__":
     main()

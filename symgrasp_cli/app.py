@@ -1,7 +1,6 @@
 """The `symgrasp` command: all commands in workflow order, and the one error boundary."""
 
 import logging
-import signal
 import sys
 from typing import Annotated, Any
 
@@ -123,19 +122,3 @@ def root(
 
 for command in COMMANDS:
     app.command(context_settings={"help_option_names": ["-h", "--help"]})(command)
-
-
-def _end(number: int, _frame: object) -> None:
-    signal.signal(number, signal.SIG_IGN)  # once is enough
-    sys.exit(128 + number)
-
-
-def main() -> None:
-    """Run the command line."""
-    # Ended by default, it would leave workers behind, idle for minutes with their memory.
-    signal.signal(signal.SIGTERM, _end)
-    try:
-        app()
-    finally:
-        if "pipelines.runtime.clusters" in sys.modules:  # else no command can have started workers
-            sys.modules["pipelines.runtime.clusters"].end_workers()

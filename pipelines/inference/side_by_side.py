@@ -1,10 +1,6 @@
 """Frames spread over threads and processes, each with its networks loaded."""
 
-import os
-import threading
-import time
 from dataclasses import replace
-from functools import cache
 
 from joblib import cpu_count, delayed
 
@@ -14,7 +10,6 @@ from pipelines.runtime.batch import CHOSEN, BatchOptions
 from pipelines.runtime.clusters import CLUSTERS, workers_of
 
 MAX_THREADS = 4
-ORPHANED = 2.0  # seconds between two looks whether the parent is still there
 PROCESSES, FRAMES_A_PROCESS = 2, 8
 
 
@@ -44,27 +39,9 @@ def load(settings: Settings, options: BatchOptions) -> None:
     if options.backend == "threading":
         settings.planner()
     elif options.backend not in CLUSTERS:  # theirs start anew for each batch
-        with workers_of(options.backend, options.workers) as parallel:
-            list(parallel(delayed(_load)(settings) for _ in range(options.workers)))
+        with workers_of(options.backend, options.workers) as run:
+            list(run(delayed(_load)(settings) for _ in range(options.workers)))
 
 
 def _load(settings: Settings) -> None:
-    end_with_parent()
     settings.planner()
-
-
-@cache
-def end_with_parent() -> None:
-    """Let this process end soon after its parent was killed, which could not end it itself.
-
-    An idle worker would hold its networks' memory for minutes. Files appear by renaming, so what
-    is being written may break off.
-    """
-    parent = os.getppid()
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(ORPHANED)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()

@@ -152,8 +152,8 @@ def _outcomes(
         results = (_attempt(step, item) for item in todo)
         yield from shown(results, stage, len(todo)) if options.progress else results
         return
-    with workers_of(options.backend, max(1, options.workers)) as parallel:
-        results = parallel(delayed(_attempt)(step, item) for item in todo)
+    with workers_of(options.backend, max(1, options.workers)) as run:
+        results = run(delayed(_attempt)(step, item) for item in todo)
         yield from shown(results, stage, len(todo)) if options.progress else results
 
 

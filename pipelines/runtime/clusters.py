@@ -6,20 +6,25 @@ with the batch. Workers read and write the same paths, so a cluster needs a shar
 """
 
 import logging
+import math
 import os
+import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from multiprocessing.dummy import DummyProcess
 from types import ModuleType
+from typing import Any
 
 from joblib import Parallel, effective_n_jobs, parallel_config
-from joblib.externals.loky import get_reusable_executor
+from joblib.externals.loky import get_reusable_executor, process_executor
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
+from pipelines.ending import begin_worker
 from pipelines.errors import SymgraspError, UnknownNameError
 
+RunTasks = Callable[[Iterable[Any]], Iterator[Any]]  # tasks of joblib's `delayed` to their results
 BACKENDS = ("loky", "threading", "dask", "ray")
 CLUSTERS = ("dask", "ray")
 # Ray hides the GPUs from tasks that reserve none, as joblib's do; --device chooses the one to use.
@@ -35,8 +40,10 @@ def check_backend(backend: str) -> None:
 
 
 @contextmanager
-def workers_of(backend: str, workers: int) -> Iterator[Parallel]:
+def workers_of(backend: str, workers: int) -> Iterator[RunTasks]:
     """Yield what runs tasks on `workers` processes (threads if `threading`), results in order.
+
+    Processes end with this one, whatever ends it; Ctrl-C is left to it.
 
     Raises:
         UnknownNameError: no such backend.
@@ -47,14 +54,18 @@ def workers_of(backend: str, workers: int) -> Iterator[Parallel]:
     others = set(threading.enumerate())
     if backend == "dask":
         with _dask(workers), parallel_config(backend="dask"):
-            yield Parallel(return_as="generator")
+            yield _run_with(return_as="generator")
     elif backend == "ray":
         with _ray(workers), parallel_config(backend="ray", n_jobs=workers):
-            yield Parallel()  # its pool gives nothing before all is done
+            yield _run_with()  # its pool gives nothing before all is done
     else:
         try:
-            with _huge_pages(), parallel_config(backend=backend, n_jobs=workers):
-                yield Parallel(return_as="generator")
+            begin = {"initializer": _begin_worker, "initargs": (os.getpid(),)}
+            with (
+                _huge_pages(),
+                parallel_config(backend, n_jobs=workers, **(begin if backend == "loky" else {})),
+            ):
+                yield _run_with(return_as="generator")
         except TerminatedWorkerError as error:
             raise SymgraspError(
                 "a worker process was ended from outside, most likely for want of memory; "
@@ -62,6 +73,37 @@ def workers_of(backend: str, workers: int) -> Iterator[Parallel]:
             ) from error
         finally:
             _await_threads(set(threading.enumerate()) - others)
+
+
+def _begin_worker(parent: int) -> None:
+    begin_worker(parent)
+    # loky takes networks that were loaded for a leak: it would end the worker and warn of it.
+    process_executor._MAX_MEMORY_LEAK_SIZE = math.inf
+
+
+def _run_with(**options: str) -> RunTasks:
+    """Return joblib's `Parallel`, which starts the workers when it is given the first tasks."""
+    parallel = Parallel(**options)
+
+    def run(tasks: Iterable[Any]) -> Iterator[Any]:
+        with _ctrl_c_put_off():
+            results: Iterator[Any] = parallel(tasks)
+        return results
+
+    return run
+
+
+@contextmanager
+def _ctrl_c_put_off() -> Iterator[None]:
+    """Block SIGINT, for processes that start meanwhile too: to end them is left to this one."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _await_threads(started: set[threading.Thread]) -> None:

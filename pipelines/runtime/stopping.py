@@ -2,12 +2,16 @@
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from enum import IntEnum
 from types import FrameType
+from typing import Any
 
 from pipelines.errors import SymgraspError
+
+HEEDED = (signal.SIGTERM, signal.SIGINT)
+Handler = Callable[[int, FrameType | None], Any] | int | signal.Handlers | None
 
 
 class Reason(IntEnum):
@@ -20,7 +24,14 @@ class Reason(IntEnum):
 
 
 class TrainingStopped(SymgraspError):  # noqa: N818 - nothing went wrong
-    """A training that stopped before its end, on request, and left a checkpoint."""
+    """A training that stopped before its end, on request, and left a checkpoint.
+
+    `exit_code`: 128 + the signal's number, as shells have it.
+    """
+
+    def __init__(self, reason: Reason, sentence: str) -> None:
+        super().__init__(f"stopped by {reason.name} {sentence}")
+        self.exit_code = 128 + signal.Signals[reason.name]
 
 
 class StopSignals:
@@ -28,26 +39,42 @@ class StopSignals:
 
     def __init__(self) -> None:
         self.reason = Reason.NONE
+        self._before: dict[signal.Signals, Handler] = {}  # handlers
 
     @contextmanager
     def heeded(self, *, patient: bool) -> Iterator[None]:
         """Record SIGTERM and Ctrl-C instead of ending, for as long as the context lasts.
 
-        A second Ctrl-C ends the process at once, unless `patient`: torchrun sends each twice.
+        A second signal ends the process at once, unless `patient`: torchrun sends each twice.
         """
         if threading.current_thread() is not threading.main_thread():
             yield  # only the main thread receives signals
             return
 
         def note(number: int, _frame: FrameType | None) -> None:
-            if self.reason is Reason.SIGINT and number == signal.SIGINT and not patient:
-                raise KeyboardInterrupt
+            if self.reason is not Reason.NONE and not patient:
+                signal.signal(number, self._before[signal.Signals(number)])
+                signal.raise_signal(number)
             name = signal.Signals(number).name
             self.reason = max(self.reason, Reason[name])
 
-        before = {each: signal.signal(each, note) for each in (signal.SIGTERM, signal.SIGINT)}
-        try:
+        self._before = {each: signal.getsignal(each) for each in HEEDED}
+        with _handled_by(dict.fromkeys(HEEDED, note)):
             yield
-        finally:
-            for each, handler in before.items():
-                signal.signal(each, handler)
+        self._before = {}
+
+    @contextmanager
+    def at_once(self) -> Iterator[None]:
+        """Let a signal end the process at once, within `heeded`, while there is nothing to lose."""
+        with _handled_by(self._before):
+            yield
+
+
+@contextmanager
+def _handled_by(handlers: Mapping[signal.Signals, Handler]) -> Iterator[None]:
+    before = {each: signal.signal(each, handler) for each, handler in handlers.items()}
+    try:
+        yield
+    finally:
+        for each, handler in before.items():
+            signal.signal(each, handler)

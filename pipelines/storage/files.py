@@ -4,7 +4,6 @@ import json
 import os
 import shutil
 import struct
-import tempfile
 import tokenize
 import warnings
 import zipfile
@@ -18,7 +17,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.ending import remove_temporary
 from pipelines.errors import FormatError, SymgraspError
+from pipelines.storage.temporary import new_temporary
 
 # A zip member that claims to unpack to more than this many times its size is a zip bomb.
 MAX_UNPACK_RATIO = 2000
@@ -26,7 +27,6 @@ TO_RGB = {3: cv2.COLOR_BGR2RGB, 4: cv2.COLOR_BGRA2RGB}  # by the number of chann
 COLOR_TYPES = (np.uint8, np.uint16, np.float32)  # that OpenCV converts; TIFF has others too
 JPEG_TAIL = 4096  # bytes in which the end mark must lie; some cameras pad with zeros
 LONGEST_NAME = 255  # bytes that file systems take
-NAME_KEPT = 40  # characters of a file's name in that of its temporary file
 MAX_UNPACK_BYTES = 16 * 2**30
 # What numpy and zipfile raise on files that are cut off, damaged, encrypted, or claim a size that
 # does not fit into memory.
@@ -51,11 +51,7 @@ DAMAGED = (
 def atomic_path(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside `path`; on success it is synced and renamed to `path`."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(
-        prefix=f".{path.stem[:NAME_KEPT]}.", suffix=path.suffix, dir=path.parent
-    )
-    os.close(handle)
-    temporary = Path(name)
+    temporary = new_temporary(path, lambda made: made.touch(mode=0o600, exist_ok=False))
     try:
         yield temporary
         with temporary.open("rb") as stream:
@@ -63,14 +59,14 @@ def atomic_path(path: Path) -> Iterator[Path]:
         temporary.chmod(0o666 & ~_umask())
         temporary.replace(path)
     finally:
-        temporary.unlink(missing_ok=True)
+        remove_temporary(temporary)
 
 
 @contextmanager
 def atomic_folder(path: Path) -> Iterator[Path]:
     """Yield a temporary folder beside `path`; on success it takes the place of `path`."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = Path(tempfile.mkdtemp(prefix=f".{path.name[:NAME_KEPT]}.", dir=path.parent))
+    temporary = new_temporary(path, lambda made: made.mkdir(mode=0o700))
     try:
         yield temporary
         for file in temporary.rglob("*"):
@@ -85,7 +81,7 @@ def atomic_folder(path: Path) -> Iterator[Path]:
         temporary.replace(path)
         shutil.rmtree(earlier, ignore_errors=True)
     finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+        remove_temporary(temporary)
 
 
 def _umask() -> int:

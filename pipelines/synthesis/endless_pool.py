@@ -3,7 +3,6 @@
 import os
 import signal
 import threading
-import time
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
@@ -15,11 +14,11 @@ import cv2
 
 from pipelines.configs import EndlessConfig
 from pipelines.dataset.training.packed_regions import PackedRegion
+from pipelines.ending import end_with_parent
 from pipelines.errors import SymgraspError
 from pipelines.synthesis.endless import EndlessScenes
 
 GRACE = 20.0  # seconds for the training to end its step and write its checkpoint
-POLL = 2.0  # seconds between checks whether the training is still running
 
 # Of a worker process: its scenes, or the error that prevents them.
 _OWN: list[EndlessScenes | SymgraspError] = []
@@ -79,7 +78,7 @@ def _start(root: Path, config: EndlessConfig, seed: int, parent: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the training handles Ctrl-C
     signal.signal(signal.SIGTERM, _end_soon)  # torchrun sends it to all; the step needs its scenes
     cv2.setNumThreads(1)
-    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    end_with_parent(parent)
     try:
         _OWN.append(EndlessScenes.of_root(root, config, seed))
     except SymgraspError as error:  # raised when a scene is requested
@@ -90,13 +89,6 @@ def _end_soon(_number: int, _frame: object) -> None:
     ending = threading.Timer(GRACE, os._exit, (1,))
     ending.daemon = True
     ending.start()
-
-
-def _end_with(parent: int) -> None:
-    """End this process when its parent was killed."""
-    while os.getppid() == parent:
-        time.sleep(POLL)
-    os._exit(1)
 
 
 def _regions(scene: int) -> list[PackedRegion]:

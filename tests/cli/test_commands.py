@@ -201,7 +201,7 @@ def test_a_torchvision_of_another_torch_is_a_sentence(tmp_path):
     fault = "operator torchvision::nms does not exist"
     (package / "__init__.py").write_text(f"raise RuntimeError({fault!r})\n")
     frames = ROOT / "pipelines" / "weights" / "frames"
-    command = "from symgrasp_cli.app import main; main()"
+    command = "from symgrasp_cli.main import main; main()"
     result = subprocess.run(
         [sys.executable, "-c", command, "infer", str(frames), "--out", str(tmp_path / "g.h5")],
         cwd=ROOT,

@@ -90,7 +90,7 @@ def is_worker(process):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there is no such signal")
 def test_workers_end_with_a_command_that_is_ended_before_they_have_begun(frames, tmp_path):
-    command = [sys.executable, "-c", "from symgrasp_cli.app import main; main()", "infer"]
+    command = [sys.executable, "-c", "from symgrasp_cli.main import main; main()", "infer"]
     options = ["--out", tmp_path / "g.h5", "--workers", "2", "--method", "planar"]
     with subprocess.Popen([*command, frames, *options], stderr=subprocess.DEVNULL) as parent:
         workers: list[psutil.Process] = []
@@ -159,7 +159,7 @@ class SemLock:
         raise OSError(38, "Function not implemented")
 
 _multiprocessing.SemLock = SemLock
-from symgrasp_cli.app import main
+from symgrasp_cli.main import main
 
 sys.argv = ["symgrasp", *sys.argv[1:]]
 main()

@@ -20,7 +20,7 @@ from tests import tool_scripts
 
 ROOT = Path(doctor.__file__).parents[1]
 STALE = f"the manifest of the default weights is not of these weights: run `{MADE_BY}`"
-COMMAND = "from symgrasp_cli.app import main; main()"
+COMMAND = "from symgrasp_cli.main import main; main()"
 
 
 def ran(*arguments):

@@ -347,7 +347,7 @@ def test_a_time_out_without_watch_is_wrong_usage(tmp_path):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_the_command_prints_a_line_a_frame_and_heeds_signals(cell, number):
     cell.write("a")
-    code = "from symgrasp_cli.app import main; main()"
+    code = "from symgrasp_cli.main import main; main()"
     options = ["--watch", "--watch-timeout", "300", "--regions", "geometric", "--method", "planar"]
     command = [sys.executable, "-c", code, "infer", str(cell.frames), "--out", str(cell.output)]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}

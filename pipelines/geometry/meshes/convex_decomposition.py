@@ -11,6 +11,7 @@ one.
 import io
 import json
 import logging
+import os
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -18,6 +19,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from pipelines.array_types import Array
+from pipelines.ending import end_with_parent
 from pipelines.geometry.meshes.mesh import Mesh
 
 log = logging.getLogger(__name__)
@@ -53,6 +55,7 @@ def decomposed(mesh: Mesh, settings: Mapping[str, float]) -> list[Array]:
 
 def main() -> None:
     """Decompose the mesh on standard input."""
+    end_with_parent(os.getppid())
     _limit_cpu_time(int(sys.argv[2]))
     import coacd  # noqa: PLC0415 - only the child loads it
 

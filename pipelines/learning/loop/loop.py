@@ -23,7 +23,13 @@ from pipelines.learning.loop.options import LoopOptions
 from pipelines.learning.loop.runs import Progress, checkpoint_path, fault_path, log_folder
 from pipelines.learning.loop.trainee import Items, Trainee
 from pipelines.learning.progress.display import Display
-from pipelines.learning.speed.gradients import GradientWorkers, Loaded, Losses, intra_op_threads
+from pipelines.learning.speed.gradients import (
+    GradientWorkers,
+    Loaded,
+    Losses,
+    StepAbandoned,
+    intra_op_threads,
+)
 from pipelines.learning.speed.processes import Processes
 from pipelines.learning.speed.shares import cut
 from pipelines.learning.speed.weight_average import WeightAverage
@@ -86,8 +92,9 @@ class TrainingRun:
         self._save_checkpoint()
         if reason > Reason.TIME_LIMIT and not self.progress.finished:
             raise TrainingStopped(
-                f"stopped by {reason.name} after {self.progress.total_steps} steps; "
-                f"{checkpoint_path(self.output)} holds them, --resume goes on"
+                reason,
+                f"after {self.progress.total_steps} steps; "
+                f"{checkpoint_path(self.output)} holds them, --resume goes on",
             )
         return self.progress
 
@@ -111,7 +118,9 @@ class TrainingRun:
         acceleration = self.options.acceleration
         alone = not self.trainee.parallel or acceleration.compiled  # the compiler is of one thread
         threads = 1 if alone else self.options.threads
-        return GradientWorkers(self.trainee, threads, self.processes, acceleration)
+        # Several processes must stop after the same step.
+        stop = self._is_stopped if self.processes.count == 1 else None
+        return GradientWorkers(self.trainee, threads, self.processes, acceleration, stop)
 
     def _run_epoch(self, workers: GradientWorkers) -> Reason:
         """Take the steps that are left of an epoch; return why to stop, if there is a reason."""
@@ -129,18 +138,21 @@ class TrainingRun:
         reason, loaded = Reason.NONE, prefetch(load, remaining)
         for step, pieces in zip(remaining, loaded, strict=True):
             self._set_learning_rate(epoch + step / len(batches))
-            self._step(workers, pieces)
+            try:
+                self._step(workers, pieces)
+            except StepAbandoned:
+                reason = self._why_stop()
+                break
             self.progress.step = step + 1
             self._report_and_save(batches)
             if reason := self._why_stop():
                 break
         loaded.close()  # type: ignore[attr-defined]  # a generator: stops its thread
-        whole_epoch = self.progress.step >= len(batches)
-        if whole_epoch:
-            self.progress.epoch, self.progress.step = epoch + 1, 0
-        if whole_epoch or reason is Reason.TIME_LIMIT:
-            self._validate(whole_epoch=whole_epoch)
         self._save_checkpoint()
+        whole_epoch = self.progress.step >= len(batches)
+        if reason <= Reason.TIME_LIMIT and (whole_epoch or reason is Reason.TIME_LIMIT):
+            self._validate(whole_epoch=whole_epoch)
+            self._save_checkpoint()
         return reason
 
     def _step(self, workers: GradientWorkers, loaded: Sequence[Loaded]) -> None:
@@ -182,15 +194,12 @@ class TrainingRun:
             group["lr"] = self.options.learning_rate * self.options.decay**drops
 
     def _validate(self, *, whole_epoch: bool) -> None:
-        if self.writer is None:  # the first process does it, the others wait for its next step
+        if self.writer is not None:  # the other processes wait for the next step of the first
+            figures, judged = self._judged()
+        if whole_epoch:
+            self.progress.epoch, self.progress.step = self.progress.epoch + 1, 0
+        if self.writer is None:
             return
-        with self.average.applied():
-            self.module.eval()
-            figures = self.trainee.validate()
-            self.module.train()
-            judged = {
-                n: each.detach().cpu().clone() for n, each in self.module.state_dict().items()
-            }
         steps = self.progress.total_steps
         self.progress.history.add_figures(steps, figures)
         # The module has its own weights again: this may write a checkpoint.
@@ -199,6 +208,15 @@ class TrainingRun:
             self.writer.add_scalar(f"val/{name}", figure, steps)
         text = ", ".join(f"{name} {figure:.4g}" for name, figure in figures.items())
         self.display.say(f"validation after {steps} steps: {text}")
+
+    def _judged(self) -> tuple[dict[str, float], dict[str, torch.Tensor]]:
+        """Return the figures of the mean weights, and these; the checkpoint is of this moment."""
+        with self.signals.at_once(), self.average.applied():
+            self.module.eval()
+            figures = self.trainee.validate()
+            self.module.train()
+            weights = self.module.state_dict()
+            return figures, {name: each.detach().cpu().clone() for name, each in weights.items()}
 
     def _report_and_save(self, batches: Sequence[Items]) -> None:
         now, progress, total = time.monotonic(), self.progress, len(batches)
@@ -225,6 +243,9 @@ class TrainingRun:
 
     def _elapsed(self) -> float:
         return time.monotonic() - self._began
+
+    def _is_stopped(self) -> bool:
+        return self.signals.reason is not Reason.NONE
 
     def _why_stop(self) -> Reason:
         """Return why to stop, the same in all processes."""

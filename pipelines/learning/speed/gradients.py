@@ -11,7 +11,7 @@ mean of the micro-batches moves them.
 
 import copy
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from types import TracebackType
@@ -47,6 +47,10 @@ def loss_seed(seed: int, epoch: int, step: int, number: int) -> int:
     return int(generator(seed, epoch, step, number, 1).integers(2**62))
 
 
+class StepAbandoned(Exception):  # noqa: N818 - nothing went wrong
+    """A step that was not finished, on request; it has changed nothing."""
+
+
 class GradientWorkers:
     """A pool of threads that compute gradients; with one thread, none is started."""
 
@@ -56,7 +60,9 @@ class GradientWorkers:
         threads: int,
         processes: Processes | None = None,
         acceleration: Acceleration | None = None,
+        is_stopped: Callable[[], bool] | None = None,
     ) -> None:
+        self._is_stopped = is_stopped or (lambda: False)
         self.trainee, self.processes = trainee, processes or Processes()
         self.acceleration = acceleration or Acceleration()
         self.parameters = [p for p in trainee.module.parameters() if p.requires_grad]
@@ -87,10 +93,15 @@ class GradientWorkers:
 
         Of all processes together. `place` (seed, epoch, step) decides what each micro-batch's loss
         draws at random.
+
+        Raises:
+            StepAbandoned: the training is to stop, and not all micro-batches are done.
         """
         copies = self._fresh_copies(len(loaded))
 
         def work(number: int) -> tuple[Losses, Gradients]:
+            if self._is_stopped():
+                raise StepAbandoned
             return self._work(copies[number], loaded[number], place)
 
         numbers = range(len(loaded))

@@ -214,6 +214,52 @@ def test_a_signal_stops_after_the_step_with_a_checkpoint(tmp_path, whole, number
     assert_same(output, whole[Line])
 
 
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_during_validation_ends_at_once_and_loses_no_step(tmp_path, whole, number):
+    output, trainee = tmp_path / "line.safetensors", Line()
+
+    class EndedError(Exception):
+        pass
+
+    def end(*_):
+        raise EndedError
+
+    def validate():
+        os.kill(os.getpid(), number)
+        raise AssertionError("it goes on")
+
+    trainee.validate = validate
+    before = signal.signal(number, end)  # as the command line has one
+    try:
+        with pytest.raises(EndedError):
+            trained(output, trainee=trainee)
+    finally:
+        signal.signal(number, before)
+    steps = find_progress(output, STAMP, RunRequest(resume=True)).total_steps
+    assert steps == len(Line().epoch(0, generator(0, 0)))
+    trained(output, resume=True)
+    assert_same(output, whole[Line])
+
+
+def test_a_step_that_takes_long_is_abandoned_between_its_micro_batches(tmp_path, whole):
+    output, trainee = tmp_path / "line.safetensors", Line()
+    loss, calls = trainee.loss, itertools.count()
+
+    def signalled(*arguments):
+        if next(calls) == 4:
+            os.kill(os.getpid(), signal.SIGTERM)
+        return loss(*arguments)
+
+    trainee.loss = signalled
+    with pytest.raises(TrainingStopped) as stopped:
+        trained(output, LoopOptions(**{**vars(OPTIONS), "threads": 1}), trainee=trainee)
+    assert stopped.value.exit_code == 143
+    assert next(calls) == 5
+    assert find_progress(output, STAMP, RunRequest(resume=True)).total_steps == 2
+    trained(output, resume=True)
+    assert_same(output, whole[Line])
+
+
 def test_weights_that_are_gone_are_written_again_from_the_checkpoint(tmp_path, whole):
     output = tmp_path / "line.safetensors"
     for path in whole[Line], checkpoint_path(whole[Line]):

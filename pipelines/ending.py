@@ -1,0 +1,113 @@
+"""Ends of processes: by a signal or with the parent, without temporary files.
+
+A handler that raises would be swallowed where a library catches everything (trimesh does around
+its imports) and would leave modules half imported. So a signal ends the process from within its
+handler, unless a stage puts that off (`runtime/stopping.py`). Only the standard library is imported
+here: the command line sets its handlers before anything else is loaded.
+"""
+
+import os
+import shutil
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import NoReturn
+
+SIGNALS = ("SIGTERM", "SIGINT", "SIGHUP")
+POLL = 0.5  # seconds between two looks whether the parent is still there
+LONGEST_CREATION = 2.0  # seconds to wait for a thread that creates a temporary file
+# Children that clean up what this process could not free say so, unless they are told otherwise.
+NO_WORD_OF_LEAKS = "ignore:resource_tracker:UserWarning"
+SHOW_CURSOR = "\x1b[?25h"  # a progress bar hides it
+
+_temporary: set[Path] = set()
+_lock = threading.RLock()  # a handler may interrupt the main thread while it holds it
+
+
+def create_temporary(path: Path, make: Callable[[Path], None]) -> None:
+    """Make the file or folder `path`, which the end of this process removes."""
+    with _lock:
+        _temporary.add(path)
+        make(path)
+
+
+def remove_temporary(path: Path) -> None:
+    """Remove the file or folder `path`, if it is still there under that name."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
+    _temporary.discard(path)
+
+
+def end(code: int) -> NoReturn:
+    """End this process at once with `code`; its temporary files are removed."""
+    _lock.acquire(timeout=LONGEST_CREATION)  # never given back: nothing is created any more
+    for path in list(_temporary):
+        try:
+            remove_temporary(path)
+        except OSError:  # the next run removes it
+            continue
+    os._exit(code)
+
+
+def end_on_signals() -> None:
+    """Let SIGTERM, Ctrl-C and a closed terminal end this process at once, with code 128 + number.
+
+    A closed terminal does not end it under `nohup`.
+    """
+    told = [os.environ.get("PYTHONWARNINGS"), NO_WORD_OF_LEAKS]
+    os.environ["PYTHONWARNINGS"] = ",".join(filter(None, told))
+    for name in SIGNALS:
+        number = getattr(signal, name, None)  # Windows has no SIGHUP
+        is_nohup = name == "SIGHUP" and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+        if number is not None and not is_nohup:
+            signal.signal(number, _end_by_signal)
+
+
+def _end_by_signal(number: int, _frame: object) -> NoReturn:
+    if os.environ.get("RANK", "0") == "0":  # of the processes of torchrun the first one speaks
+        shown = SHOW_CURSOR if os.isatty(2) else ""
+        name = signal.Signals(number).name
+        _say(f"{shown}error: stopped by {name}; the same command goes on from here\n")
+    end(128 + number)
+
+
+def _say(text: str) -> None:
+    try:
+        os.write(2, text.encode())  # not through a stream, which may be in the middle of a write
+    except OSError:  # nobody reads it
+        return
+
+
+def begin_worker(parent: int) -> None:
+    """Let this process, one of many workers, end with `parent` and leave Ctrl-C to it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda number, _frame: end(128 + number))
+    if hasattr(signal, "pthread_sigmask"):  # it was blocked while this process started
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    end_with_parent(parent)
+
+
+def end_with_parent(parent: int) -> None:
+    """Let this process end soon after process `parent`, which started it, has ended.
+
+    A parent that is killed cannot end it, and it would hold its memory for minutes. Windows keeps
+    the parent's number: there it does not end by itself.
+    """
+    if sys.platform == "win32":
+        return
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(POLL)
+        end(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+if hasattr(os, "register_at_fork"):  # the temporary files are the parent's
+    os.register_at_fork(after_in_child=_temporary.clear)

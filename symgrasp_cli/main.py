@@ -1,0 +1,17 @@
+"""Start of the command line: signals are heeded before anything heavy is imported."""
+
+import sys
+
+from pipelines.ending import end_on_signals
+
+
+def main() -> None:
+    """Run the command line."""
+    end_on_signals()
+    from symgrasp_cli.app import app
+
+    try:
+        app()
+    finally:
+        if "pipelines.runtime.clusters" in sys.modules:  # else no command can have started workers
+            sys.modules["pipelines.runtime.clusters"].end_workers()

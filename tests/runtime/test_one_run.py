@@ -1,0 +1,101 @@
+"""One run at a time on an output, and who holds it."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import pipelines
+from pipelines.errors import SymgraspError
+from pipelines.runtime.batch import BatchOptions
+from pipelines.runtime.one_run import OutputInUseError, held, one_run_at_a_time
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="nothing is locked there")
+WRITES_NOTHING = {"doctor", "inspect_frames"}
+HOLDER = """
+import sys, time
+from pathlib import Path
+from pipelines.ending import end_on_signals
+from pipelines.runtime.one_run import held
+end_on_signals()
+with held(Path(sys.argv[1]), "toy"):
+    print("held", flush=True)
+    time.sleep(600)
+"""
+
+
+@pytest.fixture
+def holder(tmp_path):
+    command = [sys.executable, "-c", HOLDER, str(tmp_path / "new" / "g.h5")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "held\n"
+        yield process
+        process.kill()
+
+
+@one_run_at_a_time("toy", "folder", "output")
+def run(output, options=None, *, folder=None):
+    return [each.name for each in (folder or output).parent.iterdir()]
+
+
+def test_a_second_run_says_who_holds_the_output_and_since_when(tmp_path, holder):
+    found = (
+        rf"g\.h5 is being written by another `symgrasp toy`, process {holder.pid} since 2\d{{3}}-"
+    )
+    with pytest.raises(OutputInUseError, match=found) as raised:
+        run(tmp_path / "new" / ".." / "new" / "g.h5")
+    assert raised.value.exit_code == 1
+    with held(tmp_path / "new" / "g.h5", "another toy"), held(tmp_path / "new" / "h.h5", "toy"):
+        pass
+
+
+def test_a_dry_run_and_the_other_processes_of_torchrun_need_no_lock(tmp_path, holder, monkeypatch):
+    output = tmp_path / "new" / "g.h5"
+    run(output, BatchOptions(dry_run=True))
+    monkeypatch.setenv("TORCHELASTIC_RUN_ID", "1")
+    monkeypatch.setenv("RANK", "1")
+    run(output)
+    monkeypatch.setenv("RANK", "0")
+    with pytest.raises(OutputInUseError):
+        run(output)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+def test_a_run_that_is_ended_or_killed_holds_nothing(tmp_path, holder, number):
+    os.kill(holder.pid, number)
+    holder.wait()
+    assert run(tmp_path / "new" / "g.h5") == [".g.h5.toy.lock"]
+    assert not (tmp_path / "new" / ".g.h5.toy.lock").exists()
+
+
+def test_a_lock_leaves_nothing_behind_and_nothing_at_all_where_the_run_wrote_nothing(tmp_path):
+    with held(tmp_path / "a" / "b" / "g.h5", "toy"):
+        assert (tmp_path / "a" / "b" / ".g.h5.toy.lock").exists()
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_output_is_the_first_parameter_that_is_given(tmp_path):
+    (tmp_path / "b").mkdir()
+    assert run(tmp_path / "a" / "x", folder=tmp_path / "b" / "y") == [".y.toy.lock"]
+
+
+def test_what_cannot_be_locked_is_worked_on_without(tmp_path):
+    (tmp_path / "file").touch()
+    with held(tmp_path / "file" / "g.h5", "toy"):
+        pass
+    with pytest.raises(SymgraspError, match="of unknown number"):
+        raise OutputInUseError(Path("g.h5"), "toy", {})
+
+
+@pytest.mark.parametrize(
+    "stage", [p.stem for p in sorted(Path(pipelines.__file__).parent.glob("*.py"))]
+)
+def test_every_stage_that_writes_holds_its_output(stage):
+    text = (Path(pipelines.__file__).parent / f"{stage}.py").read_text(encoding="utf-8")
+    if stage not in WRITES_NOTHING and re.search(r"^def run\(", text, re.MULTILINE):
+        assert hasattr(import_module(f"pipelines.{stage}").run, "__wrapped__")

@@ -67,7 +67,7 @@ def run(
         success: `success.json` that `simulate` made of the same grasps, gripper and dataset.
         seed: of the baselines' random draws.
     """
-    root, found = GraspNetRoot(dataset), read_index(grasps)
+    root, found = GraspNetRoot.finished(dataset), read_index(grasps)
     gripper = gripper_to_use(config.gripper, found.gripper, found.stamp)
     config = replace(config, gripper=gripper)
     settings = {**asdict(config), "baselines": baselines}

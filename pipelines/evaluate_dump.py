@@ -57,7 +57,7 @@ def run(
         config: exact or as the peer.
         options: how the batch is run.
     """
-    root = GraspNetRoot(dataset)
+    root = GraspNetRoot.finished(dataset)
     items = _scene_items(dumped_scenes(dump), root, output, config)
     stamp = _stamp(
         config,

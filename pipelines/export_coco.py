@@ -46,7 +46,7 @@ def run(
     """Export every scene of `split` (None: all), then join the scenes of each COCO split."""
     options = options or BatchOptions()
     check_settings(config)
-    root = GraspNetRoot(source)
+    root = GraspNetRoot.finished(source)
     scenes = root.scenes(camera, split)
     if not scenes:
         wanted = f"{split or 'any'} scene" + (f" seen by {camera}" if camera else "")

@@ -194,7 +194,7 @@ def scene_items(
     folder = frames_folder(output, root)
     if coco_instances.is_coco(root):
         return _coco_items(root, folder, config)
-    dataset = GraspNetRoot(root)
+    dataset = GraspNetRoot.finished(root)
     scenes = dataset.scenes(camera, split)
     if not scenes:
         raise SymgraspError(

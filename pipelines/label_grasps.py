@@ -51,6 +51,7 @@ from pipelines.storage.provenance import (
     stamp_ahead,
     write_sidecar,
 )
+from pipelines.storage.unfinished import mark_finished, mark_unfinished, refuse_unfinished
 from pipelines.synthesis.labels.collision_notes import collision_note
 from pipelines.synthesis.labels.grasp_sampling import LabelTarget, label_points
 
@@ -97,8 +98,12 @@ def run(
     in_place = (meshes / "models").is_dir() and meshes.resolve() == output.resolve()
     if in_place and mesh_scale is not None:
         raise ValueRangeError("--mesh-scale", mesh_scale, "left out for a root labelled in place")
+    if not in_place:
+        refuse_unfinished(meshes)
     sources = _sources(meshes, output)
     report = StageReport(STAGE)
+    if not options.dry_run:
+        mark_unfinished(output, STAGE)
     if not in_place:
         items = [_model_item(root, source, mesh_scale) for source in sources]
         sources = _run_step(report, sources, items, _write_model, options)
@@ -112,6 +117,8 @@ def run(
     labelled = [source.object_id for source in sources if source.title in report.done]
     if note := collision_note(root, labelled):
         report.notes["collision labels"] = note
+    if not (options.dry_run or report.failed):
+        mark_finished(output, STAGE)
     return report
 
 

@@ -52,7 +52,7 @@ def run(
     options: BatchOptions | None = None,
 ) -> StageReport:
     """Pack every scene of `split` (None: all) as seen by `camera` (None: by each camera)."""
-    root = GraspNetRoot(source)
+    root = GraspNetRoot.finished(source)
     scenes = root.scenes(camera, split)
     if not scenes:
         wanted = f"{split or 'any'} scene" + (f" seen by {camera}" if camera else "")

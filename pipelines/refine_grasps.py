@@ -56,7 +56,7 @@ def run(
     options: BatchOptions | None = None,
 ) -> StageReport:
     """Refine the grasp labels of every object of the dataset root `source`."""
-    root = GraspNetRoot(source)
+    root = GraspNetRoot.finished(source)
     items = [_item(root, object_id, config, seed) for object_id in root.object_ids()]
     step = partial(refine_file, root=root, config=config, seed=seed)
     return run_batch(STAGE, items, step, options or BatchOptions())

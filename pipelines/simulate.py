@@ -77,7 +77,7 @@ def run(
         ValueRangeError: `output` does not end in .json.
     """
     refuse_other_suffix(output, ".json")
-    root, found = GraspNetRoot(dataset), read_index(grasps)
+    root, found = GraspNetRoot.finished(dataset), read_index(grasps)
     gripper = gripper_to_use(config.gripper, found.gripper, found.stamp)
     config = replace(config, gripper=gripper)
     scenes = places_by_scene(grasps, found, root)

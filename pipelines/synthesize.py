@@ -35,6 +35,7 @@ from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_bat
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import atomic_folder
 from pipelines.storage.provenance import digest_if_there, make_stamp, stamp_ahead, write_sidecar
+from pipelines.storage.unfinished import mark_finished, mark_unfinished
 from pipelines.synthesis.labels.grasp_sampling import sample_grasp_label
 from pipelines.synthesis.objects.object_records import add_to_object_list
 from pipelines.synthesis.objects.own_models import OwnModel, own_models, refuse_own_output
@@ -42,6 +43,7 @@ from pipelines.synthesis.objects.pools import SyntheticObject, make_pool
 from pipelines.synthesis.scenes.cameras import MIXED, camera_folder
 from pipelines.synthesis.scenes.scene_files import write_scene
 
+STAGE = "synthesize"
 POOLS = ("seen", "similar", "novel")
 POOL_OF_SPLIT = {"train": "seen", "seen": "seen", "similar": "similar", "novel": "novel"}
 MAX_OBJECTS = 254  # label images have 8 bits, and 0 is the background
@@ -68,6 +70,8 @@ def run(
         ValueRangeError: a setting is out of range, or `models` are those of `output`.
     """
     _check(config, models, output)
+    if not options.dry_run:
+        mark_unfinished(output, STAGE)
     sources = own_models(models, mesh_scale) if models else []
     ids = _object_ids(config, len(sources))
     step = partial(_write_object, config=config, seed=seed)
@@ -95,6 +99,8 @@ def run(
         report,
         run_batch("synthesize scenes", items, partial(_write_scene, config=config), options),
     )
+    if not (options.dry_run or report.failed):
+        mark_finished(output, STAGE)
     return report
 
 
@@ -288,7 +294,7 @@ def _write_scene(item: WorkItem, *, config: SynthesizeConfig) -> str:
 
 def _merge(report: StageReport, part: StageReport) -> None:
     """Add the results of one step to `report`, that of the whole stage."""
-    report.stage = "synthesize"
+    report.stage = STAGE
     report.done += part.done
     report.skipped += part.skipped
     report.failed |= part.failed

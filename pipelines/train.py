@@ -69,7 +69,8 @@ def run(
         train_set, val_set = region_sets(packed, validation, config, request.seed)
         rendered = None
         if endless is not None:
-            trainable_objects(GraspNetRoot(endless))  # a fault is better told before than later
+            # A fault is better told before than later.
+            trainable_objects(GraspNetRoot.finished(endless))
             pool = EndlessPool(endless, config.endless, request.seed, workers)
             rendered = stack.enter_context(pool)
         source = TrainingRegions(train_set, rendered, config)

@@ -169,7 +169,8 @@ def row_items(
     weights: Mapping[str, str],
 ) -> list[WorkItem]:
     """Return the scenes of `root` whose candidates are to be collected beside `output`."""
-    dataset, folder = GraspNetRoot(root), output.with_name(f"{output.stem}.rows") / _name(root)
+    dataset = GraspNetRoot.finished(root)
+    folder = output.with_name(f"{output.stem}.rows") / _name(root)
     scenes = dataset.scenes()
     if not scenes:
         raise SymgraspError(f"{root} holds no scene; `symgrasp synthesize` writes some")

@@ -27,7 +27,9 @@ def annotate_symmetry(
     source: Annotated[
         Path,
         typer.Argument(
-            exists=True, help="Dataset root with models/, or a mesh, or a folder of meshes."
+            exists=True,
+            help="Dataset root with models/, or a mesh, or a folder of meshes: glb, obj, off, ply, "
+            "stl. Convert STEP first, as `gmsh NAME.step -2 -o NAME.stl` does.",
         ),
     ],
     out: Annotated[

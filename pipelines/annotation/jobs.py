@@ -117,7 +117,7 @@ def _dataset_jobs(source: Path, config: AnnotateSymmetryConfig) -> list[Named]:
             f"{source} is a dataset, whose meshes every stage takes as metres; "
             "--mesh-scale is for loose meshes"
         )
-    root = GraspNetRoot(source)
+    root = GraspNetRoot.finished(source)
     jobs = []
     for object_id in root.object_ids():
         given = root.region_path(object_id)

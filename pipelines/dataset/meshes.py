@@ -6,7 +6,9 @@ stages that write a mesh.
 """
 
 import logging
+from collections.abc import Sequence
 from functools import lru_cache
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +24,13 @@ from pipelines.storage.files import existing, write_bytes
 log = logging.getLogger(__name__)
 
 MESH_SUFFIXES = (".glb", ".obj", ".off", ".ply", ".stl")
+UNREAD_SUFFIXES = (
+    *(".step", ".stp", ".iges", ".igs", ".brep", ".sldprt", ".ipt", ".prt", ".fcstd"),  # CAD
+    *(".3mf", ".amf", ".dae", ".gltf", ".fbx", ".blend", ".3ds", ".usd", ".usda", ".usdc", ".usdz"),
+    *(".x3d", ".wrl", ".vtk", ".vtp", ".ctm", ".abc"),
+)
+CONVERSION = "convert them: STEP and IGES by `gmsh NAME.step -2 -o NAME.stl`, others in Blender"
+MOST_NAMED, MOST_LOOKED_AT = 5, 200
 LARGEST_LIKELY_DIAGONAL = 2.0  # metres; graspable objects are smaller, files in mm are larger
 SMALLEST_DIAGONAL = 0.005  # metres; no gripper holds and no depth camera sees a smaller object
 THINNEST_TRIANGLE = 1e-10  # height over longest edge; a thinner triangle has no reliable normal
@@ -48,6 +57,9 @@ def read_mesh(path: Path, scale: float = 1.0) -> Mesh:
         FormatError: unreadable, without triangles, or with vertices that are not finite.
     """
     if path.suffix.lower() not in MESH_SUFFIXES:
+        if path.suffix.lower() in UNREAD_SUFFIXES:
+            kinds = ", ".join(MESH_SUFFIXES)
+            raise FormatError(path, f"is of a format that is not read; {kinds} are", CONVERSION)
         raise UnknownNameError("mesh format", path.suffix, MESH_SUFFIXES)
     loaded = _load(existing(path))
     if len(loaded.faces) == 0:
@@ -181,12 +193,42 @@ def find_meshes(source: Path) -> list[Path]:
         raise SymgraspError(f"{source} does not exist; give a mesh, a folder of meshes or a root")
     if not source.is_dir():
         return [source]
-    files = (file for file in source.iterdir() if not file.name.startswith("."))
-    meshes = sorted(file for file in files if file.suffix.lower() in MESH_SUFFIXES)
+    files = sorted(file for file in source.iterdir() if not file.name.startswith("."))
+    meshes = [file for file in files if file.suffix.lower() in MESH_SUFFIXES]
+    passed_over = _passed_over(files)
     if not meshes:
         kinds = ", ".join(MESH_SUFFIXES)
-        raise SymgraspError(f"{source} holds no meshes; files ending in {kinds} are read")
+        found = "; ".join([f"{source} holds no meshes", *passed_over])
+        raise SymgraspError(f"{found}; files ending in {kinds} are read")
+    for sentence in passed_over:
+        _warn_once(source, sentence)
     return meshes
+
+
+def _passed_over(files: Sequence[Path]) -> list[str]:
+    """Return a sentence each on meshes that are not read, and on folders that hold meshes."""
+    others = [file for file in files if file.suffix.lower() in UNREAD_SUFFIXES]
+    folders = [file for file in files if file.is_dir() and _holds_meshes(file)]
+    sentences = []
+    if others:
+        count = f"{len(others)} files" if len(others) > 1 else "1 file"
+        found = f"{count} of formats that are not read: {_some(others)}"
+        sentences.append(f"{found}; {CONVERSION}")
+    if folders:
+        found = f"meshes of folders below are not read: {_some(folders)}"
+        sentences.append(f"{found}; give each by name")
+    return sentences
+
+
+def _holds_meshes(folder: Path) -> bool:
+    suffixes = {file.suffix.lower() for file in islice(folder.iterdir(), MOST_LOOKED_AT)}
+    return bool(suffixes & {*MESH_SUFFIXES, *UNREAD_SUFFIXES})
+
+
+def _some(paths: Sequence[Path]) -> str:
+    names = ", ".join(path.name for path in paths[:MOST_NAMED])
+    rest = len(paths) - MOST_NAMED
+    return names if rest <= 0 else f"{names} and {rest} more"
 
 
 def _load(path: Path) -> trimesh.Trimesh:

@@ -10,6 +10,7 @@ from pipelines.frames.rgbd import Frame, FrameSource
 from pipelines.frames.rgbd_folder import FrameOptions
 from pipelines.frames.unread_files import why_no_frames
 from pipelines.geometry.camera import Intrinsics
+from pipelines.storage.unfinished import refuse_unfinished
 
 __all__ = ["Frame", "FrameSource", "find_frames", "read_masks"]
 
@@ -41,7 +42,7 @@ def find_frames(
         may_be_empty: a folder without frames is an empty list, no error.
 
     Raises:
-        SymgraspError: no such folder, or no frames in it.
+        SymgraspError: no such folder, no frames in it, or a dataset that is unfinished.
     """
     stated = CameraFile.of(intrinsics) if isinstance(intrinsics, Intrinsics) else intrinsics
     options = FrameOptions(stated, depth_units_per_metre, trust_pickles)
@@ -50,6 +51,7 @@ def find_frames(
         if not sources:
             raise SymgraspError(f"{folder} is not a folder; give the folder that holds the frames")
         return sources
+    refuse_unfinished(folder)
     sources = _search(folder, "", options, camera)
     if not sources and not may_be_empty:
         raise SymgraspError(why_no_frames(folder))

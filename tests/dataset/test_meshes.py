@@ -20,6 +20,8 @@ from pipelines.dataset.meshes import (
 from pipelines.errors import FormatError, SymgraspError, UnknownNameError, ValueRangeError
 from pipelines.geometry.meshes.mesh import Mesh
 
+CASE = Path(__file__).parents[3] / "shared/cases/mesh_folder_silent"
+
 
 def box(size: float = 0.1) -> Mesh:
     shape = trimesh.creation.box(extents=(size, 2 * size, 3 * size))
@@ -85,8 +87,8 @@ def test_a_damaged_mesh_is_one_sentence(tmp_path: Path, suffix: str) -> None:
 def test_a_missing_mesh_and_a_foreign_suffix_are_sentences(tmp_path: Path) -> None:
     with pytest.raises(SymgraspError, match="does not exist"):
         read_mesh(tmp_path / "none.ply")
-    with pytest.raises(UnknownNameError, match=r"\.step"):
-        read_mesh(tmp_path / "part.step")
+    with pytest.raises(UnknownNameError, match=r"\.docx"):
+        read_mesh(tmp_path / "part.docx")
 
 
 def test_millimetres_are_warned_of(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -160,3 +162,35 @@ def test_comments_in_another_encoding_do_no_harm(tmp_path: Path) -> None:
     write_mesh(path, box())
     path.write_bytes("# Würfel, Größe in Metern\n".encode("latin-1") + path.read_bytes())
     assert len(read_mesh(path).faces) == 12
+
+
+def test_meshes_that_are_passed_over_are_counted_and_named(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    for name in ("a.ply", "b.STEP", "c.3mf", "texture.png", "below/d.obj", "empty/readme.txt"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(b"")
+    with caplog.at_level(logging.WARNING):
+        assert [path.name for path in find_meshes(tmp_path)] == ["a.ply"]
+    assert "2 files of formats that are not read: b.STEP, c.3mf" in caplog.text
+    assert "gmsh NAME.step -2 -o NAME.stl" in caplog.text
+    assert "folders below are not read: below; give each by name" in caplog.text
+    assert "texture" not in caplog.text
+    (tmp_path / "a.ply").unlink()
+    with pytest.raises(SymgraspError, match=r"holds no meshes; 2 files.*b\.STEP"):
+        find_meshes(tmp_path)
+
+
+def test_a_mesh_of_another_format_says_how_to_convert_it(tmp_path: Path) -> None:
+    (tmp_path / "part.stp").write_bytes(b"")
+    with pytest.raises(FormatError, match=r"part\.stp.*gmsh"):
+        read_mesh(tmp_path / "part.stp")
+
+
+@pytest.mark.skipif(not CASE.exists(), reason="needs ../shared/cases")
+def test_the_shared_folder_names_what_is_passed_over(caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.WARNING):
+        assert [path.name for path in find_meshes(CASE)] == ["nested.glb"]
+    assert (
+        "2 files of formats that are not read: P_XPM_0331_01.3mf, featuretype.STEP" in caplog.text
+    )

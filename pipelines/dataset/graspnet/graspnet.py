@@ -58,6 +58,7 @@ from pipelines.frames.rgbd import DepthUnits, Frame, read_depth
 from pipelines.frames.rgbd_folder import FrameOptions, read_with_camera
 from pipelines.geometry.camera import Intrinsics
 from pipelines.storage.files import read_image, write_image, write_npy
+from pipelines.storage.unfinished import refuse_unfinished
 
 __all__ = [
     "CAMERAS",
@@ -104,6 +105,16 @@ class GraspNetRoot:
     """A dataset root; the module's docstring lists its files."""
 
     root: Path
+
+    @classmethod
+    def finished(cls, root: Path) -> "GraspNetRoot":
+        """Return the root, to be read.
+
+        Raises:
+            SymgraspError: a command that makes it was stopped, or still runs.
+        """
+        refuse_unfinished(root)
+        return cls(root)
 
     def object_ids(self) -> list[int]:
         """List the ids of `models/`, ascending."""

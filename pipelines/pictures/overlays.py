@@ -24,11 +24,17 @@ from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT, Symmetry, Sy
 from pipelines.geometry.transforms import unit
 from pipelines.grasp_files.grasps_file import FrameResult
 from pipelines.pictures.color_images import Color, ColorImage
-from pipelines.pictures.palette import AXIS, CONTACT, PLANES, region_color, rgb, score_colors
+from pipelines.pictures.palette import (
+    AXIS_COLOR,
+    CONTACT_COLOR,
+    PLANE_COLORS,
+    region_color,
+    rgb,
+    score_colors,
+)
 from pipelines.storage.files import write_bytes
 from pipelines.storage.provenance import COMPARED, Stamp
 
-AXIS_COLOR, CONTACT_COLOR = rgb(AXIS), rgb(CONTACT)
 HALO: Color = (0, 0, 0)
 FINGER, WRIST = 0.045, 0.05  # metres, of the drawn gripper
 NEAREST = 0.02  # metres; nothing nearer is drawn
@@ -125,7 +131,7 @@ def _draw_gripper(
     for contact in (0, 3):
         center = tuple(int(x) for x in pixels[contact])
         radius = (3 * thick) << FIXED_BITS
-        cv2.circle(picture, center, radius, CONTACT_COLOR, -1, cv2.LINE_AA, FIXED_BITS)
+        cv2.circle(picture, center, radius, rgb(CONTACT_COLOR), -1, cv2.LINE_AA, FIXED_BITS)
 
 
 def _draw_symmetries(
@@ -169,14 +175,14 @@ def _draw_symmetry(
         if pixels is not None:
             size = int(radius * camera.fx / point[2] * (1 << FIXED_BITS))
             center = (int(pixels[0, 0]), int(pixels[0, 1]))
-            cv2.circle(picture, center, size, AXIS_COLOR, 1, cv2.LINE_AA, FIXED_BITS)
+            cv2.circle(picture, center, size, rgb(AXIS_COLOR), 1, cv2.LINE_AA, FIXED_BITS)
     elif slot == ROTATION_SLOT:
         ends = _pixels(camera, point + 1.3 * radius * np.array([[-1], [1]]) * symmetry.direction)
         if ends is not None:
-            for color, size in ((HALO, 4), (AXIS_COLOR, 2)):
+            for color, size in ((HALO, 4), (rgb(AXIS_COLOR), 2)):
                 _line(picture, ends[0], ends[1], color, size)
     else:
-        _draw_plane(picture, camera, symmetry, radius, rgb(PLANES[slot]), opacity)
+        _draw_plane(picture, camera, symmetry, radius, rgb(PLANE_COLORS[slot]), opacity)
 
 
 def _draw_plane(

@@ -9,12 +9,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipelines.pictures.color_images import Color
 
-SCORES = ("#8a929c", "#a3b07d", "#b4d25f", "#7ee95c", "#3cff5a")  # of 0, 0.25, 0.5, 0.75, 1
-PLANES = ("#ff50c8", "#5a82ff", "#ffbe28")  # mirror planes 0, 1, 2
-AXIS = "#ff3c3c"  # of spheres too
-CONTACT = "#ff2828"
-SOURCES = {"network": "#3cff5a", "planar": "#ffa01e", "random": "#bebebe"}  # if a page is set so
-REGIONS = (  # by number, round and round
+SCORE_COLORS = ("#8a929c", "#a3b07d", "#b4d25f", "#7ee95c", "#3cff5a")  # of 0, 0.25, 0.5, 0.75, 1
+PLANE_COLORS = ("#ff50c8", "#5a82ff", "#ffbe28")  # mirror planes 0, 1, 2
+AXIS_COLOR = "#ff3c3c"  # of spheres too
+CONTACT_COLOR = "#ff2828"
+SOURCE_COLORS = {
+    "network": "#3cff5a",
+    "planar": "#ffa01e",
+    "random": "#bebebe",
+}  # if a page is set so
+REGION_COLORS = (  # by number, round and round
     "#4c9be8", "#f2a33c", "#c77dff", "#3ccfb4", "#ff7aa8", "#d8c63a",
     "#8aa0ff", "#ff8a5c", "#63c7ff", "#b58a5a", "#9ad14b", "#e08ad6",
 )  # fmt: skip
@@ -27,12 +31,12 @@ def rgb(text: str) -> Color:
 
 def region_color(region: int) -> str:
     """Return the colour of a region, `#rrggbb`."""
-    return REGIONS[region % len(REGIONS)]
+    return REGION_COLORS[region % len(REGION_COLORS)]
 
 
 def score_colors(scores: ArrayLike) -> NDArray[np.uint8]:
     """Return (n, 3) RGB of `scores` (n,), 0 to 1."""
-    stops = np.array([rgb(text) for text in SCORES], np.float64)
+    stops = np.array([rgb(text) for text in SCORE_COLORS], np.float64)
     places = np.linspace(0.0, 1.0, len(stops))
     channels = [np.interp(np.nan_to_num(scores), places, stops[:, i]) for i in range(3)]
     return np.stack(channels, -1).round().astype(np.uint8)

@@ -14,11 +14,11 @@ def test_scripts_of_pages_have_the_colours_of_pictures():
         name: re.findall(r"#[0-9a-f]{6}", content)
         for name, content in re.findall(r"^const (\w+) = (.*);", script, re.MULTILINE)
     }
-    assert found["LOW_TO_HIGH"] == list(palette.SCORES)
-    assert found["PLANES"] == list(palette.PLANES)
-    assert found["BY_SOURCE"] == list(palette.SOURCES.values())
-    assert found["AXIS"] == [palette.AXIS]
-    assert found["CONTACT"] == [palette.CONTACT]
+    assert found["LOW_TO_HIGH"] == list(palette.SCORE_COLORS)
+    assert found["PLANES"] == list(palette.PLANE_COLORS)
+    assert found["BY_SOURCE"] == list(palette.SOURCE_COLORS.values())
+    assert found["AXIS"] == [palette.AXIS_COLOR]
+    assert found["CONTACT"] == [palette.CONTACT_COLOR]
 
 
 def test_the_colour_of_a_score_goes_from_grey_to_green():

@@ -1,4 +1,4 @@
-"""What exported poses are of, and in which frame: the gripper's base or tool, camera or robot."""
+"""Origin and frame of exported poses: the gripper's base or tool, of the camera or the robot."""
 
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -28,6 +28,7 @@ from symgrasp_cli.synthesize import synthesize
 from symgrasp_cli.train import train
 from symgrasp_cli.train_critic import train_critic
 from symgrasp_cli.view import view
+from symgrasp_cli.workspace import workspace
 
 # The order in which a lab runs them; `symgrasp --help` teaches the workflow.
 COMMANDS = (
@@ -44,6 +45,7 @@ COMMANDS = (
     train_critic,
     inspect,
     convert_frames,
+    workspace,
     infer,
     view,
     export,

@@ -29,6 +29,7 @@ from pipelines.configs.inference import (
     InspectConfig,
     ViewConfig,
     WatchConfig,
+    WorkspaceConfig,
 )
 from pipelines.configs.learning import (
     AugmentationConfig,
@@ -88,6 +89,7 @@ __all__ = [
     "TrainCriticConfig",
     "ViewConfig",
     "WatchConfig",
+    "WorkspaceConfig",
     "check_settings",
     "from_settings",
 ]

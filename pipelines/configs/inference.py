@@ -8,6 +8,7 @@ from pipelines.configs.declaration import BY_EYE, choice, setting
 from pipelines.configs.planning import (
     ROBOT,
     LimitsConfig,
+    ReferenceFrame,
     RegionConfig,
     SelectionConfig,
     SensorConfig,
@@ -100,6 +101,24 @@ class InspectConfig:
     max_frames: int = setting(
         100, "count", "Most frames to read, evenly spread over what is found.", BY_EYE, low=1
     )
+
+
+@dataclass(frozen=True)
+class WorkspaceConfig:
+    """A workspace around what stands on a table."""
+
+    box: tuple[float, ...] = setting(
+        (),
+        "m",
+        "Corners x0,y0,z0,x1,y1,z1 of a box to draw; empty for one around all regions.",
+        ROBOT,
+        low=-inf,
+    )
+    box_frame: ReferenceFrame = choice(
+        "table", "Frame of a box that is given: camera or table.", ROBOT
+    )
+    margin: float = setting(0.05, "m", "Space around the regions.", BY_EYE)
+    max_frames: int = setting(20, "count", "Most frames to draw, the first ones.", BY_EYE, low=1)
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ from pipelines.configs.inference import (
     InspectConfig,
     ViewConfig,
     WatchConfig,
+    WorkspaceConfig,
 )
 from pipelines.configs.learning import (
     FinetuneDetectorConfig,
@@ -64,6 +65,7 @@ STAGE_SETTINGS: dict[str, type] = {
     "train-critic": TrainCriticConfig,
     "inspect": InspectConfig,
     "convert-frames": ConvertFramesConfig,
+    "workspace": WorkspaceConfig,
     "infer": InferSettings,
     "view": ViewConfig,
     "export": ExportConfig,

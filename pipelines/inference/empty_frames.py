@@ -2,6 +2,9 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
+from pipelines.geometry.transforms import transform_points
 from pipelines.grasping.planner import MIN_POINTS
 from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.inference.observation import Observation
@@ -35,6 +38,19 @@ def why_weak(found: Sequence[RankedGrasps]) -> str:
     return f"none of {count} grasps scores --min-score or more; the best has {max(scores):.3f}"
 
 
+def _where(seen: Observation) -> str:
+    """Return where the regions lie, as a box in the workspace's frame; of a mask in pixels too."""
+    limits, clouds = seen.scene.limits, [cloud for cloud in seen.clouds if len(cloud)]
+    if limits is None or not clouds:
+        return "they have no depth"
+    middles = transform_points(limits.T_box_cam, np.array([cloud.middle for cloud in clouds]))
+    low, high = middles.min(axis=0), middles.max(axis=0)
+    spans = zip("xyz", low, high, strict=True)
+    frame = "camera" if np.array_equal(limits.T_box_cam, np.eye(4)) else "table"
+    metres = ", ".join(f"{axis} {a:.2f} to {b:.2f}" for axis, a, b in spans)
+    return f"their middles lie at {metres} m in the {frame}'s frame; see `symgrasp workspace`"
+
+
 def _of_regions(seen: Observation) -> str:
     clouds, limits = seen.clouds, seen.scene.limits
     if clouds and all(len(cloud) < MIN_POINTS for cloud in clouds):
@@ -44,7 +60,7 @@ def _of_regions(seen: Observation) -> str:
         return "nothing stands out from its support; is an object within reach of the camera?"
     inside = len(seen.in_workspace()[0])
     if not inside:
-        return f"none of {len(clouds)} regions lies in the workspace"
+        return f"none of {len(clouds)} regions lies in the workspace; {_where(seen)}"
     if limits is not None:
         return f"none of {inside} regions in the workspace has a grasp within the limits given"
     return f"none of {inside} regions has a grasp that the gripper reaches without collision"

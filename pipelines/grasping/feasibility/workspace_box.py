@@ -1,0 +1,65 @@
+"""A workspace about the regions of a frame: a box in the table's frame, or in the camera's."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipelines.array_types import Array, Mask
+from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.transforms import transform_points
+from pipelines.tabletop.table_frame import table_from_camera
+
+BULK = (1.0, 99.0)  # percent of a region's points that a box is laid around: others are strays
+BELOW_TABLE = 0.01  # metres below the table that a box reaches; the table is not known exactly
+STEP = 0.01  # metres that corners are rounded to, outward
+
+
+@dataclass(frozen=True)
+class WorkspaceBox:
+    """A box that `--workspace` takes.
+
+    Attributes:
+        corners: (2, 3) low and high corner, metres, in the box's frame.
+        frame: `table` or `camera`.
+        T_box_cam: (4, 4), camera to the box's frame.
+    """
+
+    corners: Array
+    frame: str
+    T_box_cam: Array
+
+    @property
+    def options(self) -> str:
+        """The options of `infer` that set it."""
+        numbers = ",".join(f"{value:.2f}" for value in self.corners.ravel())
+        return f"--workspace={numbers} --workspace-frame {self.frame}"
+
+    def contains(self, points: Array) -> Mask:
+        """Return which of `points` (..., 3), camera frame, lie in it; nan lies nowhere."""
+        placed = transform_points(self.T_box_cam, points.reshape(-1, 3))
+        inside = ((placed >= self.corners[0]) & (placed <= self.corners[1])).all(axis=-1)
+        return np.asarray(inside.reshape(points.shape[:-1]))
+
+
+def suggested_box(clouds: Sequence[Array], plane: Plane | None, margin: float) -> WorkspaceBox:
+    """Return a box around regions, in the table's frame where a table is seen.
+
+    Args:
+        clouds: points (n, 3) of at least one region, camera frame, metres.
+        plane: of the table.
+        margin: metres around the regions; not below the table.
+    """
+    T_box_cam = np.eye(4) if plane is None else table_from_camera(plane)
+    bounds = [
+        np.percentile(transform_points(T_box_cam, points), BULK, axis=0)
+        for points in clouds
+        if len(points)
+    ]
+    low, high = (np.array(each) for each in zip(*bounds, strict=True))
+    corners = np.stack([low.min(axis=0) - margin, high.max(axis=0) + margin])
+    if plane is not None:
+        corners[0, 2] = -BELOW_TABLE
+    corners[0] = np.floor(corners[0] / STEP + 1e-6) * STEP
+    corners[1] = np.ceil(corners[1] / STEP - 1e-6) * STEP
+    return WorkspaceBox(corners, "camera" if plane is None else "table", T_box_cam)

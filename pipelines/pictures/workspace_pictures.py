@@ -1,0 +1,81 @@
+"""A frame's picture with the table's frame, a workspace and the numbered regions drawn in."""
+
+from collections.abc import Sequence
+from itertools import combinations, product
+
+import cv2
+import numpy as np
+
+from pipelines.array_types import Array, Mask
+from pipelines.frames.rgbd import Frame
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.transforms import invert, transform_points
+from pipelines.grasping.feasibility.workspace_box import WorkspaceBox
+from pipelines.pictures.color_images import Color, ColorImage
+from pipelines.pictures.palette import region_color, rgb
+
+AXIS_COLORS: tuple[Color, ...] = ((255, 70, 70), (70, 230, 70), (90, 140, 255))  # x, y, z
+AXIS_LENGTH = 0.10  # metres
+EDGE_COLOR: Color = (255, 255, 255)
+LETTERS = cv2.FONT_HERSHEY_SIMPLEX
+SEGMENTS = 24  # of a line, so that its part before the camera is drawn
+NEAR_PLANE = 0.05  # metres
+SHADE = 0.45  # of the light outside of the workspace
+
+
+def draw_workspace(
+    frame: Frame, box: WorkspaceBox, inside: Mask, regions: Sequence[Mask]
+) -> ColorImage:
+    """Return the picture (H, W, 3) RGB: bright within the workspace, with its frame and box.
+
+    Args:
+        frame: colour and camera.
+        box: the workspace; its frame's axes, x red, y green, z blue, are drawn at its low corner:
+            the origin is often out of the picture.
+        inside: (H, W) pixels in the workspace.
+        regions: masks (H, W) of regions, drawn by number.
+    """
+    picture = np.ascontiguousarray(frame.color).copy()
+    picture[~inside] = (picture[~inside] * SHADE).astype(np.uint8)
+    thick = max(1, round(picture.shape[1] / 640))
+    for number, mask in enumerate(regions):
+        contours, _ = cv2.findContours(
+            mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+        )
+        color = rgb(region_color(number))
+        cv2.drawContours(picture, contours, -1, color, thick, cv2.LINE_AA)
+        rows, columns = np.nonzero(mask)
+        place = np.array([np.median(columns), np.median(rows)])
+        _letter(picture, str(number), place, color, thick)
+    T_cam_box, lens = invert(box.T_box_cam), frame.intrinsics
+    corners = np.array(list(product(*box.corners.T)))
+    for first, second in combinations(range(8), 2):
+        if np.count_nonzero(corners[first] != corners[second]) == 1:
+            ends = transform_points(T_cam_box, corners[[first, second]])
+            _line_in_space(picture, lens, ends, EDGE_COLOR, thick)
+    for axis, color in enumerate(AXIS_COLORS):
+        ends = box.corners[0] + np.array([np.zeros(3), AXIS_LENGTH * np.eye(3)[axis]])
+        ends = transform_points(T_cam_box, ends)
+        _line_in_space(picture, lens, ends, color, 3 * thick)
+        if ends[1, 2] > NEAR_PLANE:
+            _letter(picture, "xyz"[axis], lens.project(ends[1:])[0], color, thick)
+    return picture
+
+
+def _line_in_space(
+    picture: ColorImage, lens: Intrinsics, ends: Array, color: Color, size: int
+) -> None:
+    """Draw the part of a line that lies before the camera; `ends` (2, 3), camera frame."""
+    shares = np.linspace(0.0, 1.0, SEGMENTS + 1)[:, None]
+    points = ends[0] + shares * (ends[1] - ends[0])
+    pixels = lens.project(np.where(points[:, 2:] > NEAR_PLANE, points, [0.0, 0.0, 1.0]))
+    places = np.clip(np.rint(pixels), -30000, 30000).astype(int).tolist()
+    for i in range(SEGMENTS):
+        if (points[i : i + 2, 2] > NEAR_PLANE).all():
+            cv2.line(picture, places[i], places[i + 1], color, size, cv2.LINE_AA)
+
+
+def _letter(picture: ColorImage, text: str, place: Array, color: Color, thick: int) -> None:
+    x, y = np.clip(np.rint(place), -30000, 30000).astype(int).tolist()
+    for ink, weight in (((0, 0, 0), thick + 2), (color, thick)):
+        cv2.putText(picture, text, (x + 3, y - 3), LETTERS, 0.5 * thick, ink, weight, cv2.LINE_AA)

@@ -1,0 +1,145 @@
+"""Stage `workspace`: the table's frame, the regions, and a box or mask that holds them.
+
+Reads   RGB-D frames in any layout
+Writes  OUT/NAME.png          the picture: the table's axes, the box, regions by number
+        OUT/NAME_mask.png     the same workspace as a mask, white inside, for `infer --workspace`
+        OUT/provenance.json
+
+The box is given as options to paste into `infer`, of each frame and of all frames together.
+"""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from pipelines.array_types import Mask
+from pipelines.configs import InferConfig, LimitsConfig, WorkspaceConfig
+from pipelines.errors import SymgraspError
+from pipelines.frames.camera_files import CameraFile
+from pipelines.frames.frames import FrameSource, find_frames
+from pipelines.frames.rgbd import Frame
+from pipelines.grasping.feasibility.limits import check_limits
+from pipelines.grasping.feasibility.workspace_box import WorkspaceBox, suggested_box
+from pipelines.inference.observation import Observation, observe
+from pipelines.pictures.workspace_pictures import draw_workspace
+from pipelines.runtime.batch import StageReport
+from pipelines.storage.files import atomic_folder, write_image
+from pipelines.storage.provenance import digest, is_finished, make_stamp, write_sidecar
+from pipelines.tabletop.table_frame import table_from_camera
+
+STAGE = "workspace"
+GEOMETRIC = InferConfig(regions="geometric")
+
+
+@dataclass
+class Workspaces:
+    """Boxes of frames.
+
+    Attributes:
+        report: frames that were drawn, with their options as notes, and those that failed.
+        boxes: of each frame.
+    """
+
+    report: StageReport = field(default_factory=lambda: StageReport(STAGE))
+    boxes: dict[str, WorkspaceBox] = field(default_factory=dict)
+
+    def options(self) -> str | None:
+        """Return the options of a box around those of all frames; None where frames differ."""
+        if len({box.frame for box in self.boxes.values()}) != 1:
+            return None
+        corners = np.array([box.corners for box in self.boxes.values()])
+        low, high = corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
+        first = next(iter(self.boxes.values()))
+        return replace(first, corners=np.stack([low, high])).options
+
+
+def run(
+    frames: Path,
+    output: Path,
+    config: WorkspaceConfig,
+    *,
+    camera: CameraFile | None = None,
+    depth_units_per_metre: float | None = None,
+    overwrite: bool = False,
+) -> Workspaces:
+    """Draw workspaces of `frames` into the folder `output`.
+
+    Args:
+        frames: a folder, or one file of a frame.
+        output: the folder to write.
+        config: how many frames, the margin, or a box to draw instead of the suggested one.
+        camera: intrinsics of all frames, instead of the files beside them.
+        depth_units_per_metre: unit of the depth files, instead of what the files say.
+        overwrite: replace an output that was made otherwise.
+
+    Raises:
+        SymgraspError: no frames, none with a workspace, or `output` is somebody else's.
+    """
+    started, found = time.monotonic(), Workspaces()
+    check_limits(LimitsConfig(box=config.box, box_frame=config.box_frame))
+    sources = find_frames(frames, intrinsics=camera, depth_units_per_metre=depth_units_per_metre)
+    sources = sources[: config.max_frames]
+    inputs = {f"{s.name} {path.name}": digest(path) for s in sources for path in s.files}
+    stamp = make_stamp(STAGE, config, inputs=inputs)
+    if output.exists() and not (output / "provenance.json").is_file():
+        raise SymgraspError(f"{output} exists and is no folder of ours; choose another --out")
+    is_finished(output, stamp, overwrite=overwrite)  # the boxes are said again
+    with atomic_folder(output) as folder:
+        for source in sources:
+            _try_frame(source, folder, config, found)
+        if not found.boxes:
+            raise SymgraspError(_why_none(found.report))
+        write_sidecar(folder, stamp)
+    found.report.seconds = time.monotonic() - started
+    return found
+
+
+def frame_box(seen: Observation, config: WorkspaceConfig) -> WorkspaceBox:
+    """Return the box of a frame: the one of `config`, else one around its regions.
+
+    Raises:
+        SymgraspError: there are no regions, or no table for a box in its frame.
+    """
+    plane = seen.scene.plane
+    if config.box:
+        if config.box_frame == "table" and plane is None:
+            raise SymgraspError("no table is seen; give the box in the camera's frame")
+        in_table = plane is not None and config.box_frame == "table"
+        T_box_cam = table_from_camera(plane) if in_table and plane else np.eye(4)
+        return WorkspaceBox(np.reshape(config.box, (2, 3)), config.box_frame, T_box_cam)
+    if not any(len(cloud) for cloud in seen.clouds):
+        raise SymgraspError("nothing stands out from its support, so there is no workspace")
+    return suggested_box([cloud.points for cloud in seen.clouds], plane, config.margin)
+
+
+def _try_frame(
+    source: FrameSource, folder: Path, config: WorkspaceConfig, found: Workspaces
+) -> None:
+    """Draw one frame, or note why it has no workspace."""
+    try:
+        frame = source.read()
+        seen = observe(frame, GEOMETRIC, np.random.default_rng(0))
+        box = frame_box(seen, config)
+        inside = _pixels_inside(frame, seen, box)
+        masks: Sequence[Mask] = [region.mask for region in seen.regions]
+        write_image(folder / f"{source.name}.png", draw_workspace(frame, box, inside, masks))
+        write_image(folder / f"{source.name}_mask.png", inside.astype(np.uint8) * 255)
+    except (SymgraspError, OSError) as error:
+        found.report.failed[source.name] = str(error)
+        return
+    found.boxes[source.name] = box
+    found.report.done.append(source.name)
+    found.report.notes[source.name] = f"{len(masks)} regions; {box.options}"
+
+
+def _pixels_inside(frame: Frame, seen: Observation, box: WorkspaceBox) -> Mask:
+    """Return (H, W) pixels whose points lie in the box, and those without depth."""
+    return box.contains(seen.scene.xyz) | (frame.depth <= 0)
+
+
+def _why_none(report: StageReport) -> str:
+    name, sentence = next(iter(report.failed.items()))
+    return f"none of {len(report.failed)} frames has a workspace; {name}: {sentence}"

@@ -1,0 +1,56 @@
+"""`symgrasp workspace`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipelines.configs import WorkspaceConfig
+from symgrasp_cli.options import DepthUnitsPerMetre, FrameFolder, IntrinsicsText, Overwrite
+from symgrasp_cli.report import conclude, manner
+from symgrasp_cli.settings import with_settings
+
+
+@with_settings(
+    "workspace",
+    {
+        "--workspace": "box",
+        "--workspace-frame": "box_frame",
+        "--margin": "margin",
+        "--max-frames": "max_frames",
+    },
+)
+def workspace(
+    config: WorkspaceConfig,
+    frames: FrameFolder,
+    *,
+    out: Annotated[Path, typer.Option(help="Folder of pictures and masks to write.")] = (
+        Path("workspace")
+    ),
+    intrinsics: IntrinsicsText = None,
+    depth_units_per_metre: DepthUnitsPerMetre = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Draw the table's frame and a workspace into frames, and print its options for infer."""
+    from pipelines import workspace as stage
+    from pipelines.frames.camera_files import parse_camera
+
+    found = stage.run(
+        frames,
+        out,
+        config,
+        camera=None if intrinsics is None else parse_camera(intrinsics),
+        depth_units_per_metre=depth_units_per_metre,
+        overwrite=overwrite,
+    )
+    options = found.options()
+    if options is not None and not manner().as_json:
+        typer.echo(options)
+    facts = {
+        "options": options,
+        "boxes": {
+            name: {"frame": box.frame, "corners": box.corners.tolist()}
+            for name, box in found.boxes.items()
+        },
+    }
+    conclude(found.report, out, facts=facts)

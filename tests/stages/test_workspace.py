@@ -1,0 +1,72 @@
+"""`workspace`: a box that `infer` takes, and a picture of it."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from pipelines import workspace
+from pipelines.configs import InferConfig, LimitsConfig, WorkspaceConfig
+from pipelines.errors import SymgraspError
+from pipelines.frames.frames import find_frames
+from pipelines.frames.workspace_files import parse_workspace
+from pipelines.grasp_files.gripper_files import load_gripper
+from pipelines.inference.frame_grasps import Planner
+from pipelines.inference.models import WEIGHTS
+from pipelines.storage.files import read_image
+from symgrasp_cli.app import app
+
+FRAMES = WEIGHTS / "frames"
+ONE = WorkspaceConfig(max_frames=1)
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("workspace") / "out"
+    return folder, workspace.run(FRAMES, folder, ONE)
+
+
+def planned(**limits):
+    """The frame's planar grasps within limits."""
+    config = InferConfig(regions="geometric", method="planar", limits=LimitsConfig(**limits))
+    frame = find_frames(FRAMES)[0].read()
+    return Planner(config, load_gripper("rg2")).plan(frame, np.random.default_rng(0))
+
+
+def test_infer_takes_the_printed_box_and_keeps_every_region(found):
+    _, result = found
+    option, _, frame = result.options().rpartition(" --workspace-frame ")
+    box = parse_workspace(option.removeprefix("--workspace=")).box
+    assert frame == "table"
+    assert len(planned(box=box, box_frame=frame).regions) == len(planned().regions) > 0
+
+
+def test_the_picture_is_dark_outside_and_the_mask_is_black(found):
+    folder, _ = found
+    picture, mask = (read_image(folder / f"table_1{end}.png") for end in ("", "_mask"))
+    color = find_frames(FRAMES)[0].read().color
+    assert picture.shape == color.shape
+    assert 0 < (mask == 0).mean() < 1
+    assert picture[mask == 0].mean() < 0.8 * color[mask == 0].mean()
+
+
+def test_a_box_that_is_given_is_drawn_instead_and_frames_may_be_printed(tmp_path):
+    given = ["--workspace", "-0.1,0.2,0,0.1,0.4,0.3", "--max-frames", "1", "--json"]
+    out = CliRunner().invoke(app, ["workspace", str(FRAMES), "--out", str(tmp_path / "w"), *given])
+    assert out.exit_code == 0, out.output
+    said = json.loads(out.stdout.splitlines()[0])
+    assert said["options"] == "--workspace=-0.10,0.20,0.00,0.10,0.40,0.30 --workspace-frame table"
+    assert said["boxes"]["table_1"]["corners"] == [[-0.1, 0.2, 0.0], [0.1, 0.4, 0.3]]
+
+
+def test_a_folder_of_others_is_not_replaced(tmp_path):
+    (tmp_path / "mine.txt").write_text("x")
+    with pytest.raises(SymgraspError, match="choose another --out"):
+        workspace.run(FRAMES, tmp_path, ONE)
+
+
+def test_regions_outside_of_a_workspace_are_said_to_lie_where_they_do():
+    message = planned(box=(5.0, 5.0, 5.0, 6.0, 6.0, 6.0)).message
+    assert "lies in the workspace; their middles lie at x " in message
+    assert "m in the camera's frame" in message

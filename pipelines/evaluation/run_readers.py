@@ -37,7 +37,7 @@ def compared_folders(report: Path) -> list[Path]:
     return [folder for folder in folders if folder.is_dir()]
 
 
-def read_run(path: Path, name: str, row: str) -> EvaluatedRun:
+def read_run(path: Path, name: str, row: str, into: EvaluatedRun | None = None) -> EvaluatedRun:
     """Read the records beside the report `path`, a scene at a time.
 
     Args:
@@ -45,6 +45,7 @@ def read_run(path: Path, name: str, row: str) -> EvaluatedRun:
             `success.json`.
         name: of the run.
         row: of the report. Rows of a dump are cameras; DEFAULT_ROW means all of them.
+        into: run of other frames that a report of `infer` is added to; None for a new one.
 
     Raises:
         MissingInputError: there are none.
@@ -59,11 +60,11 @@ def read_run(path: Path, name: str, row: str) -> EvaluatedRun:
         raise UnknownNameError(f"row of {path}", row, report["rows"])
     folder = scenes_folder(path) if is_dump else records_folder(path)
     scenes = _scenes(folder, "npz" if is_dump else "json", "evaluate")
-    run = EvaluatedRun(name, report)
+    run = EvaluatedRun(name, report) if into is None else into
     if is_dump:
         _read_dump(run, path, scenes, "" if row == DEFAULT_ROW else row)
     else:
-        _read_records(run, path, scenes, row)
+        _read_records(run, path, report.get("provenance") or {}, scenes, row)
     return run
 
 
@@ -108,8 +109,9 @@ def _read_success(path: Path, name: str, row: str) -> EvaluatedRun:
     return run
 
 
-def _read_records(run: EvaluatedRun, path: Path, scenes: list[Path], row: str) -> None:
-    stamp = run.report.get("provenance") or {}
+def _read_records(
+    run: EvaluatedRun, path: Path, stamp: Mapping[str, Any], scenes: list[Path], row: str
+) -> None:
     keys = _threshold_keys(path, stamp)
     for scene in scenes:
         _check_stamp(scene, path, stamp, COMPARED)

@@ -1,0 +1,381 @@
+"""Rules and numbers behind `infer`, each with what switches it off, for the leave-one-out.
+
+A rule is left out by settings, as `--set` takes them, or by a constant or function of the code that
+is replaced for the run. Constants of compiled loops cannot be replaced; they are not listed.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import inf, pi
+from typing import Any
+
+import numpy as np
+
+from pipelines.array_types import Array
+from pipelines.errors import UnknownNameError
+from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SymmetrySlots
+from pipelines.grasping.symmetries.axis_candidates import starting_axes
+from pipelines.grasping.symmetries.plane_candidates import candidate_planes
+from pipelines.grasping.symmetries.votes import voted_slots
+
+EVERY_RULE = "all"  # key of the run with every rule
+FAR = 10.0  # metres: planes there are never likely
+
+SYMMETRY = "selection.symmetry."
+CANDIDATES = "selection.candidates."
+FEASIBILITY = "selection.feasibility."
+RANKING = "selection.ranking."
+GRASPING = "pipelines.grasping."
+PLANAR = f"{GRASPING}candidates.planar."
+CHECKS = f"{GRASPING}feasibility."
+FITS = f"{GRASPING}symmetries."
+
+
+@dataclass(frozen=True)
+class Rule:
+    """One rule or number, or a group that acts together.
+
+    Attributes:
+        key: of its files.
+        meaning: what is left out, or made neutral.
+        settings: that leave it out, by dotted name.
+        replaced: dotted names of constants and functions of the code, with what takes their place.
+        base: key of the run that it is compared with.
+    """
+
+    key: str
+    meaning: str
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    replaced: Mapping[str, object] = field(default_factory=dict)
+    base: str = EVERY_RULE
+
+
+def none_at_all(*_: object) -> list[Any]:
+    """Return no candidates, whatever they would be made of."""
+    return []
+
+
+def nothing(*_: object) -> None:
+    """Return None, whatever is asked."""
+
+
+def axes_without(left_out: Sequence[int]) -> Callable[..., list[RotationSymmetry]]:
+    """Return `starting_axes` without those at the places `left_out` of its list."""
+
+    def axes(
+        slots: SymmetrySlots, points: Array, normals: Array, table: Plane | None
+    ) -> list[RotationSymmetry]:
+        found = starting_axes(slots, points, normals, table)
+        return [axis for place, axis in enumerate(found) if place not in left_out]
+
+    return axes
+
+
+def planes_without_axis_point(
+    slots: SymmetrySlots,
+    axis: RotationSymmetry,
+    points: Array,
+    normals: Array,
+    table: Plane | None,
+) -> list[ReflectionSymmetry]:
+    """Return `candidate_planes`; those through the axis lie far from the region."""
+    far = RotationSymmetry(axis.direction, axis.point + FAR)
+    return candidate_planes(slots, far, points, normals, table)
+
+
+def slots_of_equal_votes(
+    existence: Array, point: Array, direction: Array, affordance: Array
+) -> SymmetrySlots:
+    """Return `voted_slots`, each point's vote of one weight."""
+    return voted_slots(existence, point, direction, np.ones_like(affordance))
+
+
+SELECTION = (
+    Rule(
+        "no-doubtful",
+        "pass across doubtful symmetries",
+        {f"{SYMMETRY}min_doubtful_confidence": 0.2},
+    ),
+    Rule(
+        "all-doubtful",
+        "least confidence of doubtful symmetries",
+        {f"{SYMMETRY}min_doubtful_confidence": 0.0},
+    ),
+    Rule("no-confidence", "least confidence of symmetries", {f"{SYMMETRY}min_confidence": 0.0}),
+    Rule(
+        "no-completion",
+        "completion of the own unseen side",
+        {f"{SYMMETRY}min_completion_confidence": 1.0},
+    ),
+    Rule(
+        "no-neighbours",
+        "completion of neighbours' unseen sides",
+        {f"{SYMMETRY}min_neighbour_confidence": 1.0},
+    ),
+    Rule(
+        "completion-0.3",
+        "own bound of completion; 0.3 as for neighbours",
+        {f"{SYMMETRY}min_completion_confidence": 0.3},
+    ),
+    Rule(
+        "neighbours-0.5",
+        "neighbours' bound of completion; 0.5 as for the own",
+        {f"{SYMMETRY}min_neighbour_confidence": 0.5},
+    ),
+    Rule(
+        "fewer-turns",
+        "completing turns by 45 degrees; 90",
+        replaced={f"{FITS}completion.COMPLETING_TURNS": np.radians([90.0, 180.0, 270.0])},
+    ),
+    Rule(
+        "no-affordance",
+        "affordance of points, as threshold",
+        {f"{CANDIDATES}min_affordance": 0.0, f"{CANDIDATES}weak_affordance": 0.0},
+    ),
+    Rule(
+        "weak-affordance",
+        "refusal of regions of weak affordance",
+        {f"{CANDIDATES}weak_affordance": 0.0},
+    ),
+    Rule(
+        "only-affordance",
+        "points near a region's best affordance",
+        {f"{CANDIDATES}weak_affordance": 1.0},
+    ),
+    Rule("pair-spacing", "spacing of contact pairs", {f"{CANDIDATES}pair_spacing": 0.0005}),
+    Rule("all-pairs", "limit of contact pairs", {f"{CANDIDATES}max_pairs": 4096}),
+    Rule("contact-angle", "largest contact angle", {f"{CANDIDATES}max_contact_angle": pi / 2}),
+    Rule(
+        "off-centre",
+        "less stability off the centre",
+        replaced={f"{GRASPING}planner.OFF_CENTRE": 0.0},
+    ),
+    Rule(
+        "one-round",
+        "further rounds of contact pairs",
+        replaced={f"{GRASPING}planner.MAX_ROUNDS": 1},
+    ),
+    Rule("min-width", "least width", {f"{FEASIBILITY}min_width": 1e-4}),
+    Rule("min-enclosed", "least enclosed height", {f"{FEASIBILITY}min_enclosed": 0.0}),
+    Rule("table-distance", "distance of tips and table", {f"{FEASIBILITY}min_table_distance": 0.0}),
+    Rule(
+        "approach-angle",
+        "largest approach angle to the table's normal",
+        {f"{FEASIBILITY}max_approach_angle": pi},
+        {f"{CHECKS}feasibility.Feasibility.steepest": 1.0},
+    ),
+    Rule(
+        "steepest",
+        "steepest contact line",
+        replaced={f"{CHECKS}feasibility.Feasibility.steepest": 1.0},
+    ),
+    Rule(
+        "hidden-angle",
+        "largest approach angle to the view ray over a table",
+        {f"{FEASIBILITY}max_hidden_angle": pi},
+    ),
+    Rule(
+        "view-angle",
+        "own bound of that angle without a table; 1.92",
+        {f"{FEASIBILITY}max_view_angle": 1.92},
+    ),
+    Rule("body-margin", "margin of the gripper's bodies", {f"{FEASIBILITY}body_margin": 0.0}),
+    Rule(
+        "points-inside", "noise points that bodies may hold", {f"{FEASIBILITY}max_points_inside": 0}
+    ),
+    Rule("approach-path", "free approach path", {f"{FEASIBILITY}approach_distance": 0.0}),
+    Rule("no-opening", "opening margin", {f"{FEASIBILITY}opening_margins": ()}),
+    Rule("one-opening", "smaller opening margins", {f"{FEASIBILITY}opening_margins": (0.008,)}),
+    Rule(
+        "two-openings",
+        "opening margins of 6 and 2 mm",
+        {f"{FEASIBILITY}opening_margins": (0.008, 0.004)},
+    ),
+    Rule(
+        "opening-share",
+        "opening margin of a share of the width at most",
+        {f"{FEASIBILITY}opening_margin_share": 1.0},
+    ),
+    Rule(
+        "border", "border of the image", replaced={f"{CHECKS}image_border.ImageBorder.of": nothing}
+    ),
+    Rule(
+        "behind", "tolerance of counterparts before the surface", {"sensor.behind_tolerance": 0.0}
+    ),
+    Rule("noise", "noise of depth at counterparts", {"sensor.depth_noise": 0.0}),
+    Rule("all-ranked", "limit of ranked grasps", {f"{RANKING}max_ranked": 1024}),
+    Rule("stability", "least stability for the critic", {f"{RANKING}critic_min_stability": 0.0}),
+    Rule(
+        "stability-0.85",
+        "own bound of stability for the critic; 0.85 as for Eq. 8",
+        {f"{RANKING}critic_min_stability": 0.85},
+    ),
+    Rule("alike", "suppression of alike grasps", {f"{RANKING}nms_distance": 0.0}),
+    Rule(
+        "always-planar", "expectation that leaves further passes out", {f"{RANKING}sufficient": 1.0}
+    ),
+    Rule(
+        "rarely-planar", "further passes where some grasp is found", {f"{RANKING}sufficient": 0.0}
+    ),
+    Rule(
+        "planar-tilts",
+        "planar approaches between normal and view ray",
+        replaced={f"{PLANAR}TILTS": (0.0, 1.0)},
+    ),
+    Rule(
+        "planar-slices",
+        "every second planar slice",
+        replaced={f"{PLANAR}SLICE_DEPTHS": (0.006, 0.025, 0.08)},
+    ),
+    Rule(
+        "planar-angles",
+        "planar approaches turned by 20 degrees",
+        replaced={f"{PLANAR}ANGLES": np.radians([0.0, 40.0, -40.0])},
+    ),
+    Rule(
+        "planar-turns",
+        "planar approaches turned about the contact line",
+        replaced={f"{PLANAR}ANGLES": np.zeros(1)},
+    ),
+    Rule(
+        "planar-covered", "penalty of outlines that others hide", replaced={f"{PLANAR}COVERED": 1.0}
+    ),
+    Rule(
+        "planar-hidden",
+        "penalty of outlines turned away",
+        replaced={f"{PLANAR}HIDDEN_PENALTY": 0.0},
+    ),
+    Rule(
+        "planar-table",
+        "planar slices lifted off the table",
+        replaced={f"{PLANAR}STEEP_APPROACH": 2.0},
+    ),
+    Rule("stray", "stray pixels left out", replaced={f"{GRASPING}scene.STRAY": inf}),
+    Rule("eq8", "grasp critic; Eq. 8 ranks", {f"{RANKING}by": "eq8"}),
+    Rule(
+        "eq8-unseen",
+        "visible fraction in Eq. 8",
+        {f"{RANKING}by": "eq8", f"{RANKING}weight_unseen": 0.0},
+        base="eq8",
+    ),
+    Rule(
+        "eq8-stability",
+        "least stability for Eq. 8",
+        {f"{RANKING}by": "eq8", f"{RANKING}min_stability": 0.0},
+        base="eq8",
+    ),
+)
+SYMMETRIES = (
+    Rule(
+        "axes-spread",
+        "axes of the points' spread",
+        replaced={f"{FITS}grounding.starting_axes": axes_without((1, 2, 3))},
+    ),
+    Rule(
+        "axes-face",
+        "axis of the largest face",
+        replaced={f"{FITS}grounding.starting_axes": axes_without((4,))},
+    ),
+    Rule(
+        "axes-up",
+        "upright axis through the predicted point",
+        replaced={f"{FITS}grounding.starting_axes": axes_without((5,))},
+    ),
+    Rule(
+        "axes-outline",
+        "upright axis through the outline's middle",
+        replaced={f"{FITS}grounding.starting_axes": axes_without((6,))},
+    ),
+    Rule(
+        "axes-lying",
+        "lying axes",
+        replaced={f"{FITS}grounding.starting_axes": axes_without((7, 8, 9, 10))},
+    ),
+    Rule(
+        "planes-network",
+        "predicted planes",
+        replaced={f"{FITS}plane_candidates.REFLECTION_SLOTS": ()},
+    ),
+    Rule(
+        "planes-axis",
+        "planes through the axis",
+        replaced={f"{FITS}plane_evidence.candidate_planes": planes_without_axis_point},
+    ),
+    Rule(
+        "planes-faces",
+        "planes of the largest face's box",
+        replaced={f"{FITS}plane_candidates.face_directions": none_at_all},
+    ),
+    Rule(
+        "planes-sides",
+        "planes of the other faces",
+        replaced={f"{FITS}plane_candidates.MIN_SIDE_POINTS": inf},
+    ),
+    Rule(
+        "planes-level",
+        "upright planes of the outline from above",
+        replaced={f"{FITS}plane_candidates.level_directions": none_at_all},
+    ),
+    Rule(
+        "planes-unfitted",
+        "candidate planes as they are, beside their fits",
+        replaced={f"{FITS}plane_evidence.MIN_OVERLAP": 0.0},
+    ),
+    Rule(
+        "rivals",
+        "angle between two planes at least",
+        replaced={f"{FITS}plane_evidence.RIVALS": np.radians(8.0)},
+    ),
+    Rule(
+        "equal-votes",
+        "votes weighed by affordance",
+        replaced={"pipelines.inference.predicted_regions.voted_slots": slots_of_equal_votes},
+    ),
+)
+REGIONS = (
+    Rule("foreground", "share of a detection above the table", {"min_foreground": 0.0}),
+    Rule("uncovered", "share of a depth region left free", {"min_uncovered": 0.0}),
+    Rule("pieces", "detections taken apart", {"min_piece_share": 1.0}),
+    Rule(
+        "piecewise",
+        "planar grasps of pieces",
+        replaced={
+            "pipelines.inference.frame_grasps.Planner._piecewise": lambda _self, plan, *_: plan
+        },
+    ),
+    Rule("small-support", "least seen area of a support plane", {"region.min_support_area": 0.0}),
+    Rule("floating", "largest gap between table and region", {"region.max_floating": inf}),
+    Rule("lids", "lids are no tables", replaced={"pipelines.tabletop.tabletop.MOST_SIDES": inf}),
+    Rule("strips", "strips along the image's border", {"region.max_border": inf}),
+    Rule("cut-extent", "own largest extent of cut regions", {"region.max_cut_extent": 0.45}),
+    Rule(
+        "extent",
+        "largest extents of regions",
+        {"region.max_cut_extent": inf, "region.max_extent": inf},
+    ),
+    Rule("creases", "concave creases part regions", {"region.crease_fold": 2.0}),
+    Rule("crease-reach", "longest chord of a crease", {"region.crease_reach": inf}),
+    Rule("height", "largest height", {"region.max_height": inf}),
+    Rule("beneath", "pixels beneath a plane count against it", {"region.beneath_weight": 0.0}),
+    Rule("plane-share", "least share of a plane", {"region.min_plane_share": 0.0}),
+    Rule("range", "depth behind the nearest surfaces", {"region.max_range": inf}),
+    Rule(
+        "sparse", "filling of sparse depth", replaced={"pipelines.tabletop.sparse_depth.DENSE": 0.0}
+    ),
+)
+RULES = (Rule(EVERY_RULE, "nothing"), *SELECTION, *SYMMETRIES, *REGIONS)
+
+
+def rules_named(keys: Sequence[str]) -> tuple[Rule, ...]:
+    """Return the rules of `keys`, all without any, with those that they are compared with.
+
+    Raises:
+        UnknownNameError: a key is of no rule.
+    """
+    known = {rule.key: rule for rule in RULES}
+    for key in keys:
+        if key not in known:
+            raise UnknownNameError("rule", key, tuple(known))
+    wanted = {EVERY_RULE, *keys, *(known[key].base for key in keys)}
+    return tuple(rule for rule in RULES if not keys or rule.key in wanted)

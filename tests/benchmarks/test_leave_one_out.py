@@ -1,0 +1,91 @@
+"""The leave-one-out driver: its rules, what it remembers, how it goes on, and the table."""
+
+from pkgutil import resolve_name
+
+import numpy as np
+import pytest
+
+from benchmarks import leave_one_out
+from benchmarks.leave_one_out import Memory, left_out, measure, page
+from benchmarks.rules import EVERY_RULE, RULES, Rule, rules_named
+from pipelines.compare import Figure
+from pipelines.configs import InferConfig
+from pipelines.configs.settings import changed
+from pipelines.errors import UnknownNameError
+from pipelines.grasping import planner
+from pipelines.metrics.paired_bootstrap import Difference
+from pipelines.runtime.batch import StageReport
+
+
+@pytest.mark.parametrize("rule", RULES[1:], ids=lambda rule: rule.key)
+def test_each_rule_changes_settings_or_replaces_what_the_code_has(rule):
+    assert rule.settings or rule.replaced
+    if rule.settings:
+        assert changed(InferConfig(), rule.settings) != InferConfig()
+    for name in rule.replaced:
+        resolve_name(name)
+
+
+def test_keys_and_bases_are_of_one_rule_each():
+    keys = [rule.key for rule in RULES]
+    assert len(set(keys)) == len(keys)
+    assert {rule.base for rule in RULES} <= set(keys)
+
+
+def test_a_named_rule_brings_what_it_is_compared_with():
+    assert [rule.key for rule in rules_named(["eq8-unseen"])] == [EVERY_RULE, "eq8", "eq8-unseen"]
+    assert rules_named([]) == RULES
+    with pytest.raises(UnknownNameError, match="no-such"):
+        rules_named(["no-such"])
+
+
+def test_a_replaced_constant_is_back_afterwards():
+    rule = Rule("off-centre", "", replaced={"pipelines.grasping.planner.OFF_CENTRE": 0.0})
+    before = planner.OFF_CENTRE
+    with left_out(rule, Memory()):
+        assert planner.OFF_CENTRE == 0.0
+    assert before == planner.OFF_CENTRE
+
+
+def test_a_result_is_computed_once_for_equal_arguments_and_scope():
+    calls = []
+
+    def double(values, factor):
+        calls.append(factor)
+        return factor * values
+
+    memory = Memory()
+    remembered, other = memory.remembering(double), memory.remembering(double, "other")
+    assert (remembered(np.arange(3), 2) == remembered(np.arange(3), 2)).all()
+    assert (remembered(np.arange(3), 3) == [0, 3, 6]).all()
+    assert (remembered(np.arange(3.0), 2) == [0, 2, 4]).all()
+    assert (other(np.arange(3), 2) == [0, 2, 4]).all()
+    assert calls == [2, 3, 2, 2]
+
+
+def test_what_is_finished_is_not_done_again(monkeypatch, tmp_path):
+    done = []
+
+    def run(paths, config, options):
+        del config, options
+        done.append(paths.frames)
+        paths.output.write_bytes(b"")
+        return StageReport("infer")
+
+    monkeypatch.setattr(leave_one_out.infer, "run", run)
+    for folder in ([tmp_path / "one"], [tmp_path / "one", tmp_path / "two"]):
+        measure(RULES[0], folder, tmp_path / "out", Memory())
+    assert done == [tmp_path / "one", tmp_path / "two"]
+
+
+def test_the_table_shows_figures_of_all_rules_then_differences_with_intervals():
+    def figure(value):
+        difference = Difference(value, value - 0.002, value + 0.001, 24)
+        return Figure("grasp_quality", "all", 24, [0.7, 0.7 + value], [difference])
+
+    same = Figure("grasp_quality", "all", 24, [0.7, 0.7], [Difference(0.0, 0.0, 0.0, 24)])
+    found = {EVERY_RULE: [figure(0.0)], "off-centre": [figure(-0.01)], "stray": [same]}
+    lines = page(RULES, found).splitlines()
+    assert any(line.startswith("| all | nothing | 0.700 | - |") for line in lines)
+    assert any("| -0.0100 (-0.012 to -0.009) |" in line for line in lines)
+    assert any(line.startswith("| stray |") and "| same |" in line for line in lines)

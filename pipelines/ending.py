@@ -7,12 +7,12 @@ here: the command line sets its handlers before anything else is loaded.
 """
 
 import os
-import shutil
 import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn
 
@@ -37,6 +37,8 @@ def create_temporary(path: Path, make: Callable[[Path], None]) -> None:
 def remove_temporary(path: Path) -> None:
     """Remove the file or folder `path`, if it is still there under that name."""
     if path.is_dir() and not path.is_symlink():
+        import shutil  # noqa: PLC0415 - not needed at the start
+
         shutil.rmtree(path, ignore_errors=True)
     else:
         path.unlink(missing_ok=True)
@@ -83,11 +85,27 @@ def _say(text: str) -> None:
         return
 
 
+@contextmanager
+def ctrl_c_put_off() -> Iterator[None]:
+    """Block SIGINT in this thread and in the workers that it starts, until they begin."""
+    if sys.platform == "win32":
+        yield
+        return
+    from multiprocessing import resource_tracker  # noqa: PLC0415 - not needed at the start
+
+    resource_tracker.ensure_running()  # its start would unblock it
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def begin_worker(parent: int) -> None:
     """Let this process, one of many workers, end with `parent` and leave Ctrl-C to it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda number, _frame: end(128 + number))
-    if hasattr(signal, "pthread_sigmask"):  # it was blocked while this process started
+    if sys.platform != "win32":  # `ctrl_c_put_off` has blocked it
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     end_with_parent(parent)
 

@@ -8,7 +8,6 @@ with the batch. Workers read and write the same paths, so a cluster needs a shar
 import logging
 import math
 import os
-import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -21,7 +20,7 @@ from joblib import Parallel, effective_n_jobs, parallel_config
 from joblib.externals.loky import get_reusable_executor, process_executor
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-from pipelines.ending import begin_worker
+from pipelines.ending import begin_worker, ctrl_c_put_off
 from pipelines.errors import SymgraspError, UnknownNameError
 
 RunTasks = Callable[[Iterable[Any]], Iterator[Any]]  # tasks of joblib's `delayed` to their results
@@ -86,24 +85,11 @@ def _run_with(**options: str) -> RunTasks:
     parallel = Parallel(**options)
 
     def run(tasks: Iterable[Any]) -> Iterator[Any]:
-        with _ctrl_c_put_off():
+        with ctrl_c_put_off():
             results: Iterator[Any] = parallel(tasks)
         return results
 
     return run
-
-
-@contextmanager
-def _ctrl_c_put_off() -> Iterator[None]:
-    """Block SIGINT, for processes that start meanwhile too: to end them is left to this one."""
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _await_threads(started: set[threading.Thread]) -> None:

@@ -14,7 +14,7 @@ import cv2
 
 from pipelines.configs import EndlessConfig
 from pipelines.dataset.training.packed_regions import PackedRegion
-from pipelines.ending import end_with_parent
+from pipelines.ending import begin_worker, ctrl_c_put_off
 from pipelines.errors import SymgraspError
 from pipelines.synthesis.endless import EndlessScenes
 
@@ -63,7 +63,8 @@ class EndlessPool:
         try:
             for number in range(group * self.together, (group + 2) * self.together):
                 if number not in self._futures:
-                    self._futures[number] = self._pool.submit(_regions, number)
+                    with ctrl_c_put_off():
+                        self._futures[number] = self._pool.submit(_regions, number)
             for number in [each for each in self._futures if each < (group - 1) * self.together]:
                 del self._futures[number]
             return self._futures[scene].result()[slot]
@@ -75,10 +76,9 @@ class EndlessPool:
 
 
 def _start(root: Path, config: EndlessConfig, seed: int, parent: int) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the training handles Ctrl-C
+    begin_worker(parent)  # the training handles Ctrl-C
     signal.signal(signal.SIGTERM, _end_soon)  # torchrun sends it to all; the step needs its scenes
     cv2.setNumThreads(1)
-    end_with_parent(parent)
     try:
         _OWN.append(EndlessScenes.of_root(root, config, seed))
     except SymgraspError as error:  # raised when a scene is requested

@@ -1,12 +1,7 @@
 """Threads for few frames, processes for many; one sentence where something does not load."""
 
 import dataclasses
-import signal
-import subprocess
-import sys
-import time
 
-import psutil
 import pytest
 
 from pipelines.configs import InferConfig
@@ -16,17 +11,6 @@ from pipelines.inference.side_by_side import load, side_by_side
 from pipelines.inference.work import InferPaths, Settings
 from pipelines.runtime.batch import CHOSEN, BatchOptions
 
-PARENT = """
-import os, time
-from joblib import Parallel, delayed
-from pipelines.inference.side_by_side import end_with_parent
-def work():
-    end_with_parent()
-    return os.getpid()
-if __name__ == "__main__":
-    print(*Parallel(2)(delayed(work)() for _ in range(2)), flush=True)
-    time.sleep(600)
-"""
 OPTIONS = BatchOptions(progress=False)
 UNSAID = dataclasses.replace(OPTIONS, workers=CHOSEN)
 
@@ -70,24 +54,3 @@ def test_a_network_that_does_not_load_is_reported_before_any_frame(tmp_path, bac
     settings = Settings(paths, InferConfig(), 0, "cpu", timings=False)
     with pytest.raises(SymgraspError, match=r"w\.safetensors"):
         load(settings, dataclasses.replace(OPTIONS, workers=2, backend=backend))
-
-
-def is_there(process):
-    try:
-        return psutil.Process(process).status() != psutil.STATUS_ZOMBIE
-    except psutil.NoSuchProcess:
-        return False
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="a process there keeps its parent's number")
-def test_workers_end_with_a_parent_that_is_killed():
-    with subprocess.Popen([sys.executable, "-c", PARENT], stdout=subprocess.PIPE) as parent:
-        workers = [int(each) for each in parent.stdout.readline().split()]
-        assert workers
-        assert all(map(is_there, workers))
-        parent.send_signal(signal.SIGKILL)
-    for _ in range(300):  # a minute, for a busy machine
-        if not any(map(is_there, workers)):
-            break
-        time.sleep(0.2)
-    assert not any(map(is_there, workers))

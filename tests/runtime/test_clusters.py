@@ -104,6 +104,27 @@ def test_workers_end_with_a_command_that_is_ended_before_they_have_begun(frames,
     assert not left
 
 
+PARENT = """
+import os, sys, time
+from joblib import delayed
+from pipelines.runtime.clusters import workers_of
+with workers_of("loky", 2) as run:
+    print(*run(delayed(os.getpid)() for _ in range(4)), flush=True)
+    time.sleep(600)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a process there keeps its parent's number")
+def test_workers_and_their_trackers_end_with_a_parent_that_is_killed():
+    with subprocess.Popen([sys.executable, "-c", PARENT], stdout=subprocess.PIPE) as parent:
+        workers = {int(each) for each in parent.stdout.readline().split()}
+        children = psutil.Process(parent.pid).children(recursive=True)
+        assert workers < {each.pid for each in children}
+        parent.kill()
+    _, left = psutil.wait_procs(children, timeout=60)
+    assert not left
+
+
 def write_tunables(item):
     tunables = os.environ.get(TUNABLES)
     write_json(item.target, {"provenance": item.stamp.as_json(), "tunables": tunables})

@@ -207,6 +207,9 @@ def many(inputs, log, stages, numbers, trials, start_up, seed):
     rng, counts = random.Random(seed), Counter()
     referred = []
     for name in stages:
+        if start_up:
+            referred.append(Stage(name, inputs, start_up))
+            continue
         folder = Path(tempfile.mkdtemp())
         referred.append(Stage(name, inputs).refer(folder))
         shutil.rmtree(folder)
@@ -214,10 +217,9 @@ def many(inputs, log, stages, numbers, trials, start_up, seed):
     for count, (number, stage) in enumerate(
         itertools.islice(itertools.cycle(itertools.product(numbers, referred)), trials)
     ):
-        latest = min(start_up or stage.seconds, stage.seconds)
-        moment = rng.uniform(0.1, latest)
+        moment = rng.uniform(0.1, stage.seconds)
         to_group = number == signal.SIGINT and rng.random() < 0.5  # as a terminal sends it
-        again = number == signal.SIGKILL or rng.random() < 0.2
+        again = not start_up and (number == signal.SIGKILL or rng.random() < 0.2)
         outcome = trial(stage, number, moment, again=again, to_group=to_group)
         kind = signal.Signals(number).name
         counts[kind, "wrong" if outcome.wrong else "right"] += 1
@@ -237,7 +239,7 @@ def main():
     parser.add_argument("--log", type=Path, default=Path("trials.jsonl"))
     parser.add_argument("--stages", default=",".join(COMMANDS))
     parser.add_argument("--signals", default="SIGTERM,SIGINT,SIGKILL")
-    parser.add_argument("--start-up", type=float, help="seconds of start-up to sweep alone")
+    parser.add_argument("--start-up", type=float, help="seconds to sweep, nothing runs again")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     if not given.inputs.exists():

@@ -37,26 +37,27 @@ level  package        subject
 1      array_types    Types of arrays, by what they hold
 1      ending         Ends of processes: by a signal or with the parent, without temporary files
 1      errors         Errors a user can mend: each message says what, where, and what would be right
-2      configs        Settings of all stages: a frozen dataclass each, with unit, meaning and origin
-3      geometry       Geometry on arrays: transforms, cameras, clouds, symmetries; metres, radians
-3      storage        Files: atomic writes, HDF5, safetensors, provenance, digests
-4      tabletop       Frames of tabletop scenes: support plane, segments, regions, filled depth
-4      mesh_symmetry  Symmetries of meshes: detection, verification, symmetric parts, doubt
-4      runtime        Running many items: batches, worker processes, stop signals
-5      frames         RGB-D frames in any layout: finding, reading, cameras, masks, workspaces
-5      grasping       Grasps on arrays: grasp frame, grippers, symmetries, feasibility, ranking
-5      network        The networks, in torch: PointNet++ with PIFT, and the region detector
-6      dataset        A dataset root in GraspNet-1Billion's layout: meshes, labels, symmetries
-6      metrics        Grasp and symmetry metrics on arrays
-7      synthesis      Procedural objects, scenes, sensors and grasp labels with known truth
-7      grasp_files    `grasps.h5`, its shards and tables, and gripper files
-7      refinement     Symmetric copies of annotated grasps, with contacts found anew
-8      pictures       Pictures and pages of frames, grasps and symmetries
-9      inference      From a frame to its grasps: models, regions, and many frames at once
-10     evaluation     Evaluation of grasps: ground truth, predictions, baselines, figures, tables
-11     annotation     Annotation of an object: symmetries found, given, corrected by a person
-11     health         Checks of `doctor`: packages, torch and GPU, the machine, the default weights
-11     learning       Training of the region detector, the grasp network and the critics
-11     simulation     Trials of grasps in physics: a table with objects, a gripper, and their record
+2      contents       Checks of what files hold: types, forms and bounds, each fault one sentence
+3      configs        Settings of all stages: a frozen dataclass each, with unit, meaning and origin
+4      geometry       Geometry on arrays: transforms, cameras, clouds, symmetries; metres, radians
+4      storage        Files: atomic writes, HDF5, safetensors, provenance, digests
+5      tabletop       Frames of tabletop scenes: support plane, segments, regions, filled depth
+5      mesh_symmetry  Symmetries of meshes: detection, verification, symmetric parts, doubt
+5      runtime        Running many items: batches, worker processes, stop signals
+6      frames         RGB-D frames in any layout: finding, reading, cameras, masks, workspaces
+6      grasping       Grasps on arrays: grasp frame, grippers, symmetries, feasibility, ranking
+6      network        The networks, in torch: PointNet++ with PIFT, and the region detector
+7      dataset        A dataset root in GraspNet-1Billion's layout: meshes, labels, symmetries
+7      metrics        Grasp and symmetry metrics on arrays
+8      synthesis      Procedural objects, scenes, sensors and grasp labels with known truth
+8      grasp_files    `grasps.h5`, its shards and tables, and gripper files
+8      refinement     Symmetric copies of annotated grasps, with contacts found anew
+9      pictures       Pictures and pages of frames, grasps and symmetries
+10     inference      From a frame to its grasps: models, regions, and many frames at once
+11     evaluation     Evaluation of grasps: ground truth, predictions, baselines, figures, tables
+12     annotation     Annotation of an object: symmetries found, given, corrected by a person
+12     health         Checks of `doctor`: packages, torch and GPU, the machine, the default weights
+12     learning       Training of the region detector, the grasp network and the critics
+12     simulation     Trials of grasps in physics: a table with objects, a gripper, and their record
 =====  =============  ==============================================================================
 """

@@ -5,10 +5,21 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
+# Bytes that are no UTF-8, as file names may hold; what moves a terminal's cursor or ends a line;
+# what turns the direction of writing.
+UNPRINTABLE = re.compile("[\ud800-\udfff\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
+
 
 def printable(text: str) -> str:
-    """Return `text` with bytes that are not UTF-8, as file names may hold, as %E9 is in an URL."""
-    return re.sub("[\ud800-\udfff]", lambda found: f"%{ord(found[0]) & 0xFF:02X}", text)
+    """Return `text` with what no terminal should be sent written as in an URL, %1B for escape."""
+    return UNPRINTABLE.sub(_in_percent, text)
+
+
+def _in_percent(found: re.Match[str]) -> str:
+    place = ord(found[0])
+    if 0xD800 <= place <= 0xDFFF:
+        return f"%{place & 0xFF:02X}"
+    return "".join(f"%{byte:02X}" for byte in found[0].encode())
 
 
 class SymgraspError(Exception):
@@ -18,6 +29,10 @@ class SymgraspError(Exception):
     """
 
     exit_code: int = 1
+
+    def __str__(self) -> str:
+        """Return the sentence, in one line."""
+        return printable(super().__str__())
 
 
 class FormatError(SymgraspError):

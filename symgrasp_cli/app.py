@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from pipelines.errors import SymgraspError
+from pipelines.errors import SymgraspError, printable
 from symgrasp_cli.annotate_symmetry import annotate_symmetry
 from symgrasp_cli.compare import compare
 from symgrasp_cli.config import config
@@ -56,6 +56,14 @@ COMMANDS = (
 )
 
 
+class PlainFormatter(logging.Formatter):
+    """Messages in one line, whatever names are in them; tracebacks below as they are."""
+
+    def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - logging's name
+        """Return the message without what moves a terminal's cursor."""
+        return printable(super().formatMessage(record))
+
+
 class SymgraspGroup(TyperGroup):
     """Report a `SymgraspError` as one line, exit 1 or 2; let every other exception show itself.
 
@@ -77,7 +85,7 @@ class SymgraspGroup(TyperGroup):
         except BrokenPipeError:  # nobody reads on: click ends quietly
             raise
         except OSError as error:
-            typer.echo(f"error: {error}", err=True)
+            typer.echo(f"error: {printable(str(error))}", err=True)
             raise typer.Exit(1) from error
         except (ImportError, RuntimeError) as error:
             from pipelines.health.packages import foreign_torchvision
@@ -115,11 +123,11 @@ def root(
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Say more on stderr.")] = False,
 ) -> None:
     """Symmetry-aware antipodal grasps from single-view RGB-D images."""
-    logging.basicConfig(
-        stream=sys.stderr,
-        level=logging.INFO if verbose else logging.WARNING,
-        format="%(levelname)s %(name)s: %(message)s",
-    )
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(PlainFormatter("%(levelname)s %(name)s: %(message)s"))
+    logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, handlers=[handler])
+    # Its parsers log tracebacks of what they pass over, such as textures that are not there.
+    logging.getLogger("trimesh").setLevel(logging.CRITICAL)
 
 
 for command in COMMANDS:

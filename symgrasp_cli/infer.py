@@ -15,6 +15,7 @@ import typer
 from pipelines.configs import InferConfig, LimitsConfig
 from pipelines.configs.settings import changed
 from pipelines.configs.stages import InferSettings, part
+from pipelines.errors import printable
 from symgrasp_cli.options import (
     Backend,
     DepthUnitsPerMetre,
@@ -175,5 +176,5 @@ def _print_followed(frame: Followed) -> None:
         sys.stdout.flush()
         return
     line = f"{frame.name}  {frame.status}  {frame.grasps} grasps  {frame.seconds:.2f} s"
-    typer.echo(f"{line}  {frame.text}")
+    typer.echo(printable(f"{line}  {frame.text}"))
     sys.stdout.flush()

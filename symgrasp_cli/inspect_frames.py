@@ -3,6 +3,7 @@
 import typer
 
 from pipelines.configs import InspectConfig
+from pipelines.errors import printable
 from symgrasp_cli.options import DepthUnitsPerMetre, FrameFolder, IntrinsicsText
 from symgrasp_cli.report import conclude, manner
 from symgrasp_cli.settings import with_settings
@@ -32,5 +33,5 @@ def inspect(
     lines = list(stage.findings_lines(findings))
     if not manner().as_json:
         for line in lines:
-            typer.echo(line)
+            typer.echo(printable(line))
     conclude(findings.report, then=("infer", frames), facts={"findings": lines})

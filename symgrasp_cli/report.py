@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from pipelines.errors import SymgraspError
+from pipelines.errors import SymgraspError, printable
 
 if TYPE_CHECKING:
     from rich.table import Table as Drawn
@@ -113,7 +113,7 @@ def _print_report(
     ends += [f"next: {following}"] if following else []
     sentences = errors if manner().quiet else [*notes, *errors, counts, *ends]
     for text in sentences:
-        typer.echo(text, err=True)
+        typer.echo(printable(text), err=True)
 
 
 def _as_json(
@@ -169,5 +169,5 @@ def _drawn(table: Table, gap: int) -> Drawn:
         is_name = index < table.names
         drawn.add_column(head, justify="left" if is_name else "right", no_wrap=is_name)
     for number, row in enumerate(table.rows, 1):
-        drawn.add_row(*row, end_section=number == table.published)
+        drawn.add_row(*map(printable, row), end_section=number == table.published)
     return drawn

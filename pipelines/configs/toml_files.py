@@ -9,15 +9,17 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.configs.settings import Setting, settings_of
+from pipelines.contents import is_deep, reason
 from pipelines.errors import FormatError, MissingInputError
 
 MAX_BYTES = 2**20
+MAX_LEVELS = 20  # tables and lists within each other; configs have four
 WIDTH = 100  # characters of a line of comment
 AS_TOML = "settings as `symgrasp config STAGE` prints them are expected"
 
 
-def read_toml(path: Path) -> dict[str, Any]:
-    """Return the tables of a TOML file.
+def read_toml(path: Path, expected: str = AS_TOML) -> dict[str, Any]:
+    """Return the tables of a TOML file; errors end with what is `expected`.
 
     Raises:
         MissingInputError: there is no such file.
@@ -28,13 +30,17 @@ def read_toml(path: Path) -> dict[str, Any]:
     with path.open("rb") as stream:
         content = stream.read(MAX_BYTES + 1)
     if len(content) > MAX_BYTES:
-        raise FormatError(path, f"is larger than {MAX_BYTES} bytes", AS_TOML)
+        raise FormatError(path, f"is larger than {MAX_BYTES} bytes", expected)
     try:
-        return tomllib.loads(content.decode())
+        tables = tomllib.loads(content.decode())
+        deep = is_deep(tables, MAX_LEVELS)
     except RecursionError:
-        raise FormatError(path, "nests too deep", AS_TOML) from None
+        deep = True
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise FormatError(path, f"is not TOML ({error})", AS_TOML) from error
+        raise FormatError(path, f"is not TOML ({reason(error)})", expected) from error
+    if deep:
+        raise FormatError(path, "is nested too deep", expected)
+    return tables
 
 
 def as_toml(config: Any, title: str) -> str:  # noqa: ANN401 - any config

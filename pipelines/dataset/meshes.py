@@ -5,8 +5,10 @@ of symmetric regions mean the same to every reader. `clean_mesh` drops degenerat
 stages that write a mesh.
 """
 
+import io
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
@@ -16,10 +18,11 @@ import numpy as np
 import trimesh
 
 from pipelines.array_types import Array, Indices
+from pipelines.contents import reason
 from pipelines.errors import FormatError, SymgraspError, UnknownNameError, ValueRangeError
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.meshes.winding import turned_outward
-from pipelines.storage.files import existing, write_bytes
+from pipelines.storage.files import existing, read_bytes, write_bytes
 
 log = logging.getLogger(__name__)
 
@@ -33,6 +36,8 @@ CONVERSION = "convert them: STEP and IGES by `gmsh NAME.step -2 -o NAME.stl`, ot
 MOST_NAMED, MOST_LOOKED_AT = 5, 200
 LARGEST_LIKELY_DIAGONAL = 2.0  # metres; graspable objects are smaller, files in mm are larger
 SMALLEST_DIAGONAL = 0.005  # metres; no gripper holds and no depth camera sees a smaller object
+MAX_MESH_BYTES = 2**29
+MAX_TRIANGLES = 4_000_000  # of a file, each as often as it is shown; scans have some 200,000
 THINNEST_TRIANGLE = 1e-10  # height over longest edge; a thinner triangle has no reliable normal
 
 PLY_HEADER = """ply
@@ -95,14 +100,8 @@ def _warn_once(path: Path, sentence: str) -> None:
 
 def read_vertices(path: Path) -> Array:
     """Read the points (n, 3) of a mesh or a cloud as in the file, without merging any."""
-    try:
-        loaded: Any = trimesh.load(existing(path), process=False)  # a mesh, or a cloud
-        points = np.asarray(loaded.vertices, dtype=np.float64)
-    except SymgraspError:
-        raise
-    except Exception as error:  # trimesh's parsers raise errors of many types
-        what = f"not readable as {path.suffix} ({type(error).__name__}: {error})"
-        raise FormatError(path, what, "export the mesh again") from error
+    with _parsing(path):
+        points = np.asarray(_geometry(path).vertices, dtype=np.float64)
     if len(points) == 0 or not np.isfinite(points).all():
         raise FormatError(
             path, "no points, or some that are not finite", "finite metres are expected"
@@ -232,11 +231,8 @@ def _some(paths: Sequence[Path]) -> str:
 
 
 def _load(path: Path) -> trimesh.Trimesh:
-    try:
-        loaded = trimesh.load_mesh(path, process=False)
-    except Exception as error:  # trimesh's parsers raise errors of many types
-        what = f"not readable as {path.suffix} ({type(error).__name__}: {error})"
-        raise FormatError(path, what, "export the mesh again") from error
+    with _parsing(path):
+        loaded = _geometry(path)
     if not isinstance(loaded, trimesh.Trimesh):
         raise FormatError(path, "the file holds points but no triangles", "give a triangle mesh")
     if len(loaded.faces) and not 0 <= loaded.faces.min() <= loaded.faces.max() < len(
@@ -246,6 +242,33 @@ def _load(path: Path) -> trimesh.Trimesh:
             path, "a triangle names a vertex that is not there", "export the mesh again"
         )
     return loaded
+
+
+@contextmanager
+def _parsing(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except SymgraspError:
+        raise
+    except Exception as error:  # trimesh's parsers raise errors of many types
+        what = f"not readable as {path.suffix} ({type(error).__name__}: {reason(error)})"
+        raise FormatError(path, what, "export the mesh again") from error
+
+
+def _geometry(path: Path) -> Any:  # noqa: ANN401 - a mesh or a cloud of trimesh
+    """Return the one mesh or cloud of a file, without its materials and textures.
+
+    From its bytes alone: by its path, trimesh would open what the file names beside itself.
+    """
+    data = io.BytesIO(read_bytes(path, MAX_MESH_BYTES))
+    kind = path.suffix.lower().removeprefix(".")
+    scene = trimesh.load_scene(data, file_type=kind, process=False, skip_materials=True)
+    shown = [scene.graph[name][1] for name in scene.graph.nodes_geometry]
+    triangles = sum(len(getattr(scene.geometry[name], "faces", ())) for name in shown)
+    if triangles > MAX_TRIANGLES:
+        raise FormatError(path, f"shows {triangles} triangles", f"at most {MAX_TRIANGLES} are read")
+    clouds = [each for each in scene.geometry.values() if isinstance(each, trimesh.PointCloud)]
+    return clouds[0] if clouds and not triangles else scene.to_mesh()
 
 
 def _ply_bytes(mesh: Mesh) -> bytes:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from pipelines.contents import reading
 from pipelines.dataset.symmetry.symmetry_labels import symmetries_from_json, symmetry_to_json
 from pipelines.errors import FormatError
 from pipelines.geometry.symmetry import Symmetry
@@ -52,7 +53,7 @@ def read(path: Path) -> list[ObjectRecord]:
     content = read_json(path)
     if not isinstance(content, dict) or not isinstance(content.get("objects"), list):
         raise FormatError(path, "lacks the list `objects`", "an objects.json is expected")
-    try:
+    with reading(path, "an object", "object_id, name, family are needed"):
         return [
             ObjectRecord(
                 int(entry["object_id"]),
@@ -64,7 +65,3 @@ def read(path: Path) -> list[ObjectRecord]:
             )
             for entry in content["objects"]
         ]
-    except (KeyError, TypeError, ValueError) as error:
-        raise FormatError(
-            path, f"an object lacks or misstates {error}", "object_id, name, family are needed"
-        ) from error

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pipelines.errors import FormatError
+from pipelines.contents import reading, typed
 from pipelines.metrics.grasp_verdicts import Verdict
 from pipelines.storage.files import read_json, write_json
 from pipelines.storage.provenance import Stamp
@@ -87,12 +87,8 @@ def read_frame_records(path: Path) -> list[FrameRecord]:
         FormatError: not written by `write_frame_records`.
     """
     content = read_json(path)
-    try:
+    with reading(path, "the record of a scene", "delete it and run `evaluate` again"):
         return [_record(entry) for entry in content["frames"]]
-    except (KeyError, TypeError) as error:
-        raise FormatError(
-            path, f"not the records of a scene ({error})", "delete it and run `evaluate` again"
-        ) from error
 
 
 def _finite(value: Any) -> Any:  # noqa: ANN401 - JSON is any of many types
@@ -105,20 +101,11 @@ def _finite(value: Any) -> Any:  # noqa: ANN401 - JSON is any of many types
 
 
 def _record(entry: Mapping[str, Any]) -> FrameRecord:
-    rows = {name: _row(row) for name, row in entry["rows"].items()}
-    masks = ScoredPredictions(**entry["masks"])
+    """Return a record of `write_frame_records`: null is nan seconds, and no friction that holds."""
     seconds = math.nan if entry["seconds"] is None else entry["seconds"]
-    return FrameRecord(entry["name"], entry["split"], seconds, masks, rows)
-
-
-def _row(entry: Mapping[str, Any]) -> RowRecord:
-    verdicts = [
-        Verdict(**{**verdict, "min_friction": _infinite(verdict["min_friction"])})
-        for verdict in entry["verdicts"]
-    ]
-    scored = {kind: ScoredPredictions(**found) for kind, found in entry["symmetries"].items()}
-    return RowRecord(verdicts, scored)
-
-
-def _infinite(friction: float | None) -> float:
-    return math.inf if friction is None else friction
+    verdicts = [verdict for row in entry["rows"].values() for verdict in row["verdicts"]]
+    for verdict in verdicts:
+        if verdict["min_friction"] is None:
+            verdict["min_friction"] = math.inf
+    found: FrameRecord = typed(FrameRecord, {**entry, "seconds": seconds})
+    return found

@@ -3,12 +3,11 @@
 Records are written scene by scene, so that an interrupted run loses nothing.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
-from pipelines.errors import FormatError
+from pipelines.contents import reading, typed
 from pipelines.storage.files import read_json, write_json
 from pipelines.storage.provenance import Stamp
 
@@ -98,26 +97,5 @@ def read_trials(path: Path) -> list[FrameTrials]:
         FormatError: not written by `write_trials`.
     """
     content = read_json(path)
-    try:
-        return [_frame(entry) for entry in content["frames"]]
-    except (AttributeError, KeyError, TypeError) as error:
-        raise FormatError(
-            path, f"not the trials of a scene ({error})", "delete it and run `simulate` again"
-        ) from error
-
-
-def _frame(entry: Mapping[str, Any]) -> FrameTrials:
-    baselines = {row: _trials(found) for row, found in entry.get("baselines", {}).items()}
-    trials = _trials(entry["trials"])
-    return FrameTrials(entry["name"], entry["split"], entry["shift"], trials, baselines)
-
-
-def _trials(entries: Sequence[Mapping[str, Any]]) -> list[TrialRecord]:
-    return [
-        TrialRecord(
-            trial["object_id"],
-            trial["kind"],
-            {key: Outcome(**outcome) for key, outcome in trial["outcomes"].items()},
-        )
-        for trial in entries
-    ]
+    with reading(path, "the record of a scene's trials", "delete it and run `simulate` again"):
+        return [typed(FrameTrials, entry) for entry in content["frames"]]

@@ -1,12 +1,12 @@
 """Record of how the frames of a `grasps.h5` were read: later stages read the same ones by it."""
 
-import json
 import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from pipelines.contents import json_object, reading
 from pipelines.errors import FormatError
 from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.frames import FrameSource, find_frames
@@ -50,17 +50,15 @@ class FramesRecord:
         Raises:
             FormatError: nothing is recorded and no folder given, or the folder is gone.
         """
-        try:
-            stored = dict(json.loads(attrs.get("provenance", "{}")).get("recorded", {}))
+        with reading(grasps, "the record of its frames", "run infer again"):
+            stamp = json_object(grasps, attrs.get("provenance", "{}"), "provenance")
+            stored = dict(stamp.get("recorded", {}))
             camera = stored.get("camera")
             record = cls(
                 grasps.resolve().parent / stored.get("frames", "."),
                 None if camera is None else _camera(camera),
                 stored.get("depth_units_per_metre"),
             )
-        except (TypeError, ValueError, AttributeError) as error:
-            found = f"its record of the frames is damaged ({error})"
-            raise FormatError(grasps, found, "run infer again") from error
         if folder is not None:
             return replace(record, folder=folder)
         if "frames" not in stored:

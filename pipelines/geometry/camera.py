@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipelines.array_types import Array, Indices, Mask
+from pipelines.contents import MAX_PIXELS
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.numerics.compiled import compiled
 
@@ -32,8 +33,9 @@ class Intrinsics:
                 (self.fx, self.fy, self.cx, self.cy),
                 "finite fx, fy > 0, cx, cy in pixels",
             )
-        if self.width < 1 or self.height < 1:
-            raise ValueRangeError("image size", (self.width, self.height), "positive")
+        size = (self.width, self.height)
+        if min(size) < 1 or self.width * self.height > MAX_PIXELS:
+            raise ValueRangeError("image size", size, f"positive, {MAX_PIXELS} pixels at most")
 
     @classmethod
     def from_matrix(cls, K: ArrayLike, width: int, height: int) -> "Intrinsics":

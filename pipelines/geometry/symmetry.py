@@ -16,6 +16,7 @@ NUM_SLOTS = 5  # M of Eq. 7: three reflections, one rotation, one sphere
 REFLECTION_SLOTS = (0, 1, 2)
 ROTATION_SLOT = 3
 SPHERE_SLOT = 4
+MAX_ORDER = 360  # repeats by less than a degree are a continuous symmetry to any gripper
 
 
 def _checked_direction(name: str, vector: ArrayLike) -> Array:
@@ -85,8 +86,8 @@ class RotationSymmetry:
     def __post_init__(self) -> None:
         object.__setattr__(self, "axis", _checked_direction("axis", self.axis))
         object.__setattr__(self, "point", _checked_point(self.point))
-        if self.order is not None and self.order < 2:
-            raise ValueRangeError("order", self.order, "None (continuous) or at least 2")
+        if self.order is not None and not 2 <= self.order <= MAX_ORDER:
+            raise ValueRangeError("order", self.order, f"None (continuous) or 2 to {MAX_ORDER}")
 
     @property
     def direction(self) -> Array:

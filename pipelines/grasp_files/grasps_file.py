@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import InferConfig
+from pipelines.contents import mapping_in
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.grasp_files.grasps_tables import (
@@ -32,7 +33,15 @@ from pipelines.grasp_files.grasps_tables import (
     ranks_in_frame,
 )
 from pipelines.storage.files import DAMAGED
-from pipelines.storage.h5_columns import check_version, read_columns, write_attribute, write_columns
+from pipelines.storage.h5_columns import (
+    attribute,
+    check_version,
+    json_attributes,
+    own_attributes,
+    read_columns,
+    write_attribute,
+    write_columns,
+)
 from pipelines.storage.h5_files import new_h5, open_h5
 from pipelines.storage.masks_rle import decode_mask, encode_mask
 from pipelines.storage.provenance import Stamp
@@ -203,15 +212,15 @@ def opened(path: Path) -> Iterator[h5py.File]:
 
 def _check_file(path: Path, file: h5py.File) -> None:
     """Raise FormatError unless the open `file` is a grasps.h5 of the version known here."""
-    check_version(path, file.attrs.get("format_version"), FORMAT_VERSION, OLDEST_VERSION)
-    missing = [group for group in SCHEMA if group not in file]
+    check_version(path, attribute(file, "format_version"), FORMAT_VERSION, OLDEST_VERSION)
+    missing = [group for group in SCHEMA if not isinstance(file.get(group), h5py.Group)]
     if missing:
-        raise FormatError(path, f"has no /{missing[0]}", "a grasps.h5 of infer is expected")
+        raise FormatError(path, f"has no group /{missing[0]}", "a grasps.h5 of infer is expected")
 
 
 def stored_columns(file: h5py.File) -> dict[str, list[str]]:
     """Return the names of the columns that a file of its version holds, by group."""
-    version = int(file.attrs["format_version"])
+    version = int(attribute(file, "format_version"))
     missing = [name for since, names in ADDED.items() if since > version for name in names]
     return {group: [n for n in names if n not in missing] for group, names in SCHEMA.items()}
 
@@ -223,7 +232,7 @@ def complete_columns(regions: dict[str, Any], grasps: dict[str, Any], file: h5py
         regions["existence"] = np.full_like(regions["existence"], np.nan)
     if "ranker" not in grasps:
         config = file_attributes(file)["config"]
-        is_critic = config.get("selection", {}).get("rank_by") in ("critic", "judge")
+        is_critic = mapping_in(config, "selection").get("rank_by") in ("critic", "judge")
         ranker = "critic" if is_critic and config.get("method") == "network" else "eq8"
         grasps["ranker"] = np.full(len(grasps["width"]), ranker, object)
     if "rank_in_frame" not in grasps:
@@ -234,9 +243,13 @@ def complete_columns(regions: dict[str, Any], grasps: dict[str, Any], file: h5py
 
 
 def file_attributes(file: h5py.File) -> dict[str, Any]:
-    """Return the attributes of an open file, `config` and `weights` as JSON objects."""
-    attrs = dict(file.attrs)
-    return attrs | {name: json.loads(attrs.get(name, "{}")) for name in ("config", "weights")}
+    """Return the attributes of an open file, `config` and `weights` as JSON objects.
+
+    Raises:
+        FormatError: one of the two is something else.
+    """
+    path = Path(file.filename)
+    return own_attributes(file) | json_attributes(path, file, ("config", "weights"))
 
 
 def stored_intrinsics(size: NDArray[Any], intrinsics: NDArray[Any]) -> Intrinsics | None:

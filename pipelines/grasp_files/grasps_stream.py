@@ -4,7 +4,6 @@ The tables of a file are sorted by frame, so the rows of a frame are found by bi
 these are read. To write, the rows of all shards are counted first, then filled in.
 """
 
-import json
 import os
 from bisect import bisect_left
 from collections import defaultdict
@@ -17,6 +16,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from pipelines.contents import mapping_in
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot, SceneFiles
 from pipelines.dataset.graspnet.graspnet_layout import FrameFiles, frame_key
 from pipelines.errors import FormatError, SymgraspError
@@ -39,7 +39,7 @@ from pipelines.grasp_files.grasps_shards import (
 )
 from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable, RegionTable
 from pipelines.storage.files import DAMAGED
-from pipelines.storage.h5_columns import make_column, read_columns
+from pipelines.storage.h5_columns import json_attributes, make_column, read_columns, read_rows
 from pipelines.storage.h5_files import new_h5
 from pipelines.storage.provenance import Stamp
 
@@ -78,8 +78,7 @@ class GraspsIndex:
         Of `infer ROOT/scenes/scene_0100` they begin further down; the folder that was given says
         of which scene they are. Names that are of no GraspNet layout stay.
         """
-        recorded = self.stamp.get("recorded")
-        frames = recorded.get("frames", "") if isinstance(recorded, dict) else ""
+        frames = mapping_in(self.stamp, "recorded").get("frames", "")
         folder = os.path.normpath(path.resolve().parent / str(frames))
         return [_dataset_name(Path(folder).as_posix(), name) for name in self.names]
 
@@ -100,7 +99,7 @@ def read_index(path: Path) -> GraspsIndex:
         names, statuses, messages = ([str(text) for text in each] for each in columns.values())
         num_grasps = len(file["grasps/frame"])
         attrs = file_attributes(file)
-        stamp = dict(json.loads(attrs.get("provenance", "{}")))
+        stamp = json_attributes(path, file, ("provenance",))["provenance"]
         return GraspsIndex(names, statuses, messages, num_grasps, attrs, stamp)
 
 
@@ -237,7 +236,12 @@ def _fill(file: h5py.File, tables: Tables, done: _Sizes) -> _Sizes:
 def _opened(path: Path) -> Iterator[h5py.File]:
     with opened(path) as file:
         for group, names in stored_columns(file).items():
-            lengths = {name: len(file[group][name]) for name in names if name in file[group]}
+            columns = {name: file[group].get(name) for name in names}
+            lengths = {
+                name: len(column)
+                for name, column in columns.items()
+                if isinstance(column, h5py.Dataset)
+            }
             missing = set(names) - set(lengths)
             lengths = {name: n for name, n in lengths.items() if not name.startswith("mask_")}
             if missing or len(set(lengths.values())) > 1:
@@ -276,8 +280,4 @@ def _rows(frame_of_row: h5py.Dataset, frame: int) -> tuple[int, int]:
 
 
 def _slice(group: h5py.Group, names: Iterable[str], start: int, end: int) -> dict[str, Any]:
-    def column(dataset: h5py.Dataset) -> Any:  # noqa: ANN401 - an array of any type
-        is_text = h5py.check_string_dtype(dataset.dtype) is not None
-        return dataset.asstr()[start:end] if is_text else dataset[start:end]
-
-    return {name: column(group[name]) for name in names}
+    return {name: read_rows(group[name], slice(start, end)) for name in names}

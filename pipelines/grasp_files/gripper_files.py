@@ -1,11 +1,12 @@
 """Gripper presets and users' own grippers, as TOML."""
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
+from pipelines.configs.toml_files import read_toml
+from pipelines.contents import LONGEST_REASON, mapping_in, reading
 from pipelines.errors import FormatError, SymgraspError, UnknownNameError
 from pipelines.grasping.gripper import Gripper
 from pipelines.storage.provenance import digest_text
@@ -38,7 +39,7 @@ def gripper_to_use(wanted: str, used: str, stamp: Mapping[str, Any]) -> str:
         load_gripper(wanted)
         return wanted
     if not Path(used).suffix or Path(used).is_file():
-        found = stamp.get("inputs", {}).get("gripper")
+        found = mapping_in(stamp, "inputs").get("gripper")
         if found in (None, gripper_digest(used)):
             return used
         why = "has other measures now"
@@ -59,16 +60,14 @@ def load_gripper(name_or_path: str) -> Gripper:
         path = PRESETS / f"{name_or_path}.toml"
     if not path.is_file():
         raise UnknownNameError("gripper", name_or_path, [*preset_names(), "a TOML file"])
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise FormatError(path, f"this is not TOML ({error})", "see pipelines/grippers") from error
+    content = read_toml(path, "see pipelines/grippers")
     names = {field.name for field in fields(Gripper)}
     if set(content) != names:
         wrong = sorted(set(content) ^ names)
         raise FormatError(
             path,
-            f"{', '.join(wrong)} are missing or unknown",
+            f"{', '.join(wrong)[:LONGEST_REASON]} are missing or unknown",
             f"the keys are {', '.join(sorted(names))}",
         )
-    return Gripper(**content)
+    with reading(path, "a measure", "metres, as in pipelines/grippers"):
+        return Gripper(**content)

@@ -41,6 +41,8 @@ class Gripper:
     flange_to_tip: float
 
     def __post_init__(self) -> None:
+        if not isinstance(self.name, str):
+            raise ValueRangeError("name of a gripper", self.name, "a text")
         for field in fields(self)[1:]:
             value = getattr(self, field.name)
             if not (isinstance(value, int | float) and 0.0 <= value < 1.0):

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -9,10 +10,12 @@ from torch import Tensor, nn
 
 from pipelines.configs import from_settings
 from pipelines.configs.renamed import NOT_NAMED_BEFORE
+from pipelines.contents import json_object
 from pipelines.errors import FormatError
 from pipelines.storage.checkpoints import load_weights
 
 Config = TypeVar("Config")
+MOST_NAMED = 3  # tensors of a kind that a sentence names
 
 
 def weights_metadata(model: str, config: Any) -> dict[str, str]:  # noqa: ANN401 - any dataclass
@@ -33,7 +36,7 @@ def read_weights(
     found = metadata.get("model", "no network that is known")
     if found != model or "config" not in metadata:
         raise FormatError(path, f"holds {found}", f"weights of {model} are expected")
-    settings = json.loads(metadata["config"])
+    settings = json_object(path, metadata["config"], "config")
     needed = {field.name for field in dataclasses.fields(config_type)}  # type: ignore[arg-type]
     needed -= NOT_NAMED_BEFORE.get(config_type.__name__, frozenset())
     if needed - set(settings):
@@ -53,4 +56,28 @@ def fill(module: nn.Module, tensors: dict[str, Tensor], path: Path) -> None:
         module.load_state_dict(tensors)
     except RuntimeError as error:
         expected = "train it again with this version, or give weights made by it"
-        raise FormatError(path, "its tensors do not fit the network", expected) from error
+        found = tensor_differences(tensors, module.state_dict())
+        raise FormatError(
+            path, f"its tensors do not fit the network ({found})", expected
+        ) from error
+
+
+def tensor_differences(found: Mapping[str, Tensor], wanted: Mapping[str, Tensor]) -> str:
+    """Return in words how tensors differ from those that are wanted, some of each kind by name."""
+    shared = sorted(found.keys() & wanted.keys())
+    kinds = {
+        "lacks": sorted(wanted.keys() - found.keys()),
+        "does not know": sorted(found.keys() - wanted.keys()),
+        "of another shape": [
+            f"{name} {tuple(found[name].shape)} for {tuple(wanted[name].shape)}"
+            for name in shared
+            if found[name].shape != wanted[name].shape
+        ],
+    }
+    listed = (
+        f"{kind}: {', '.join(names[:MOST_NAMED])}"
+        + (f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else "")
+        for kind, names in kinds.items()
+        if names
+    )
+    return "; ".join(listed)

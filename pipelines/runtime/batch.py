@@ -9,6 +9,7 @@ from typing import Any
 
 from joblib import delayed
 
+from pipelines.contents import reason
 from pipelines.errors import StaleOutputError, SymgraspError, WriteError, printable
 from pipelines.runtime.clusters import CLUSTERS, check_backend, workers_of
 from pipelines.runtime.progress import shown
@@ -83,8 +84,9 @@ def run_batch(
 ) -> StageReport:
     """Run `step` on every item that is not finished yet.
 
-    A `SymgraspError` or `OSError` fails its item alone. A `WriteError` ends the batch, as there is
-    no room or no right to write; anything else is a bug and propagates.
+    Whatever `step` raises fails its item alone: what is not a `SymgraspError` or `OSError` is
+    called unforeseen, and `--verbose` shows where it arose. A `WriteError` ends the batch, as there
+    is no room or no right to write, and so does an `ImportError`, a fault of the installation.
     `step` may return a note for the report; with several workers it must be picklable.
 
     Raises:
@@ -128,8 +130,8 @@ def _unfinished(
     for item in items:
         try:
             finished = is_finished(item.target, item.stamp, overwrite=options.overwrite)
-        except SymgraspError as error:
-            report.failed[item.name] = str(error)
+        except Exception as error:  # content that no reader foresaw fails its item alone
+            report.failed[item.name] = failure_of(error)
             continue
         if finished:
             report.skipped.append(item.name)
@@ -163,7 +165,15 @@ def _attempt(
     """Return (note, None), or (None, the sentence of what failed)."""
     try:
         return step(item), None
-    except WriteError:
+    except (WriteError, ImportError):
         raise
-    except (SymgraspError, OSError) as error:
-        return None, printable(str(error))
+    except Exception as error:  # see `run_batch`
+        return None, failure_of(error)
+
+
+def failure_of(error: Exception) -> str:
+    """Return the sentence of an error that fails an item."""
+    if isinstance(error, SymgraspError | OSError):
+        return printable(str(error))
+    log.info("unforeseen", exc_info=error)
+    return f"unforeseen {type(error).__name__} ({reason(error)}); please report it with --verbose"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
+from pipelines.contents import json_object, reading
 from pipelines.errors import FormatError
 from pipelines.storage.files import write_bytes
 from pipelines.storage.provenance import Stamp
@@ -94,15 +95,17 @@ def load_training(path: Path, device: str = "cpu") -> TrainingState:
     if "optimizer" not in metadata or "progress" not in metadata:
         raise FormatError(path, "holds weights only", "a training checkpoint is expected")
     groups: dict[str, dict[str, Tensor]] = {"model": {}, "optimizer": {}, "rng": {}}
-    for name, tensor in tensors.items():
-        kind, rest = name.split(".", 1)
-        groups[kind][rest] = tensor.cpu() if kind == "rng" else tensor
-    return TrainingState(
-        model=groups["model"],
-        optimizer=_join_optimizer(groups["optimizer"], json.loads(metadata["optimizer"])),
-        progress=json.loads(metadata["progress"]),
-        rng=groups["rng"],
-    )
+    with reading(path, "the state of a training", "train again"):
+        for name, tensor in tensors.items():
+            kind, rest = name.split(".", 1)
+            groups[kind][rest] = tensor.cpu() if kind == "rng" else tensor
+        optimizer = json_object(path, metadata["optimizer"], "optimizer")
+        return TrainingState(
+            model=groups["model"],
+            optimizer=_join_optimizer(groups["optimizer"], optimizer),
+            progress=json_object(path, metadata["progress"], "progress"),
+            rng=groups["rng"],
+        )
 
 
 def _split_optimizer(state: Mapping[str, Any]) -> tuple[dict[str, "Tensor"], dict[str, Any]]:

@@ -1,6 +1,8 @@
 """Read and write whole files: nothing half-written, nothing unpickled, every fault one sentence."""
 
+import io
 import json
+import math
 import os
 import shutil
 import struct
@@ -11,35 +13,37 @@ import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.contents import MAX_JSON_BYTES, MAX_PIXELS, UNFIT, json_value
 from pipelines.ending import remove_temporary
 from pipelines.errors import FormatError, SymgraspError
+from pipelines.storage.image_sizes import pixels_of
 from pipelines.storage.temporary import new_temporary
 
-# A zip member that claims to unpack to more than this many times its size is a zip bomb.
-MAX_UNPACK_RATIO = 2000
 TO_RGB = {3: cv2.COLOR_BGR2RGB, 4: cv2.COLOR_BGRA2RGB}  # by the number of channels
 COLOR_TYPES = (np.uint8, np.uint16, np.float32)  # that OpenCV converts; TIFF has others too
 JPEG_TAIL = 4096  # bytes in which the end mark must lie; some cameras pad with zeros
 LONGEST_NAME = 255  # bytes that file systems take
-MAX_UNPACK_BYTES = 16 * 2**30
+MAX_UNPACK_BYTES = 2**28  # of all arrays of an .npz: a frame of MAX_PIXELS and its colours
+MAX_IMAGE_BYTES = 2**29  # 16 bit RGB of MAX_PIXELS, not compressed, and more
+NPY_MAGIC = b"\x93NUMPY"
+NPY_HEADERS = {
+    (1, 0): np.lib.format.read_array_header_1_0,
+    (2, 0): np.lib.format.read_array_header_2_0,
+}
+NPY_HEADER_BYTES = 2**16  # numpy reads no longer ones
 # What numpy and zipfile raise on files that are cut off, damaged, encrypted, or claim a size that
 # does not fit into memory.
 DAMAGED = (
-    ArithmeticError,
+    *UNFIT,
     EOFError,
-    LookupError,
-    MemoryError,
-    OSError,
     RuntimeError,
     SyntaxError,
-    TypeError,
-    ValueError,
     struct.error,
     tokenize.TokenError,
     zipfile.BadZipFile,
@@ -110,14 +114,22 @@ def read_json(path: Path) -> Any:  # noqa: ANN401 - JSON is any of many types
     """Read the JSON file `path`.
 
     Raises:
-        FormatError: the file is not JSON.
+        FormatError: the file is not JSON, or beyond the bounds of `contents.json_value`.
     """
-    try:
-        return json.loads(existing(path).read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:  # not text, not JSON, too many digits, too deep
-        raise FormatError(
-            path, f"this is not JSON ({error})", "a JSON text in UTF-8 is expected"
-        ) from error
+    return json_value(path, read_bytes(path, MAX_JSON_BYTES))
+
+
+def read_bytes(path: Path, most: int) -> bytes:
+    """Read the whole file `path`.
+
+    Raises:
+        FormatError: it has more than `most` bytes.
+    """
+    with existing(path).open("rb") as stream:
+        data = stream.read(most + 1)
+    if len(data) > most:
+        raise FormatError(path, f"has more than {most} bytes", "a smaller file is expected")
+    return data
 
 
 def is_file(path: Path) -> bool:
@@ -129,13 +141,14 @@ def is_file(path: Path) -> bool:
 
 
 def existing(path: Path) -> Path:
-    """Return `path` if it is a file.
+    """Return `path` if it is a file, not a pipe or a device, which may never end.
 
     Raises:
         SymgraspError: there is no such file.
     """
     if not is_file(path):
-        raise SymgraspError(f"{path} does not exist; give the path of an existing file")
+        found = "is no plain file" if path.exists() else "does not exist"
+        raise SymgraspError(f"{path} {found}; give the path of an existing file")
     return path
 
 
@@ -152,8 +165,10 @@ def read_npy(path: Path) -> NDArray[Any]:
         FormatError: truncated, not .npy, or pickled objects.
     """
     try:
-        with _old_headers_unmentioned():
-            array = np.load(existing(path), allow_pickle=False)
+        with existing(path).open("rb") as stream, _old_headers_unmentioned():
+            _refuse_npy(path, stream, path.stat().st_size)
+            stream.seek(0)
+            array = np.load(stream, allow_pickle=False)
     except DAMAGED as error:
         raise FormatError(
             path,
@@ -182,15 +197,32 @@ def write_npz(path: Path, *, compress: bool = True, **arrays: NDArray[Any]) -> N
             np.savez(stream, **arrays)  # type: ignore[arg-type]
 
 
-def read_npz(path: Path, required: Sequence[str] = ()) -> dict[str, NDArray[Any]]:
-    """Read all arrays of an .npz file.
+def _refuse_npy(path: Path, stream: IO[bytes], size: int) -> None:
+    """Raise FormatError if an array's header announces more than the `size` bytes of its file."""
+    if stream.read(len(NPY_MAGIC)) != NPY_MAGIC:
+        return  # for numpy to name
+    stream.seek(-len(NPY_MAGIC), os.SEEK_CUR)
+    version = np.lib.format.read_magic(stream)
+    read_header = NPY_HEADERS.get(version)
+    if read_header is None:
+        return
+    shape, _order, dtype = read_header(stream)
+    if not dtype.hasobject and math.prod(shape) * dtype.itemsize > size:
+        found = f"announces an array of shape {shape} and type {dtype}"
+        raise FormatError(path, found, f"its {size} bytes do not hold it")
+
+
+def read_npz(
+    path: Path, required: Sequence[str] = (), most_bytes: int = MAX_UNPACK_BYTES
+) -> dict[str, NDArray[Any]]:
+    """Read all arrays of an .npz file, `most_bytes` at most.
 
     Raises:
-        FormatError: truncated, not .npz, pickled, a zip bomb, or a required array is missing.
+        FormatError: truncated, not .npz, pickled, larger, or a required array is missing.
     """
     try:
         with zipfile.ZipFile(existing(path)) as archive:
-            _refuse_bomb(path, archive.infolist())
+            _refuse_bomb(path, archive, most_bytes)
         with _old_headers_unmentioned(), np.load(path, allow_pickle=False) as content:
             missing = sorted(set(required) - set(content.files))
             if missing:
@@ -208,15 +240,13 @@ def read_npz(path: Path, required: Sequence[str] = ()) -> dict[str, NDArray[Any]
         ) from error
 
 
-def _refuse_bomb(path: Path, members: Sequence[zipfile.ZipInfo]) -> None:
-    unpacked = sum(member.file_size for member in members)
-    packed = max(1, sum(member.compress_size for member in members))
-    if unpacked > MAX_UNPACK_BYTES or (unpacked > 2**30 and unpacked / packed > MAX_UNPACK_RATIO):
-        raise FormatError(
-            path,
-            f"unpacks from {packed} to {unpacked} bytes",
-            f"at most {MAX_UNPACK_BYTES} bytes and {MAX_UNPACK_RATIO} times the size are read",
-        )
+def _refuse_bomb(path: Path, archive: zipfile.ZipFile, most_bytes: int) -> None:
+    unpacked = sum(member.file_size for member in archive.infolist())
+    if unpacked > most_bytes:
+        raise FormatError(path, f"unpacks to {unpacked} bytes", f"at most {most_bytes} are read")
+    for member in archive.infolist():
+        with archive.open(member) as stream:
+            _refuse_npy(path, io.BytesIO(stream.read(NPY_HEADER_BYTES)), member.file_size)
 
 
 def read_image(path: Path) -> NDArray[Any]:
@@ -225,12 +255,13 @@ def read_image(path: Path) -> NDArray[Any]:
     Raises:
         FormatError: truncated or not an image.
     """
-    return decode_image(path, existing(path).read_bytes())
+    return decode_image(path, read_bytes(path, MAX_IMAGE_BYTES))
 
 
 def decode_image(path: Path, data: bytes) -> NDArray[Any]:
     """Return the image in `data`, the bytes of an image file in `path`; see `read_image`."""
     _refuse_truncated(path, data)
+    _refuse_many_pixels(path, data)
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
     except cv2.error:  # damage that OpenCV notices too late for an answer of None
@@ -256,6 +287,16 @@ def _refuse_truncated(path: Path, data: bytes) -> None:
         raise FormatError(path, "this PNG is cut off", "copy the whole file again")
     if data.startswith(b"\xff\xd8") and b"\xff\xd9" not in data[-JPEG_TAIL:]:
         raise FormatError(path, "this JPEG is cut off", "copy the whole file again")
+
+
+def _refuse_many_pixels(path: Path, data: bytes) -> None:
+    pixels = pixels_of(data)
+    if pixels is None:
+        raise FormatError(path, "this is not a whole image", "a PNG, JPEG or TIFF file is expected")
+    if pixels > MAX_PIXELS:
+        raise FormatError(
+            path, f"an image of {pixels} pixels", f"at most {MAX_PIXELS} are read: make it smaller"
+        )
 
 
 def write_image(path: Path, image: NDArray[Any]) -> None:

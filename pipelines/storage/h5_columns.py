@@ -14,11 +14,13 @@ import numpy as np
 from h5py import h5a, h5d, h5p, h5s, h5t
 from numpy.typing import DTypeLike, NDArray
 
+from pipelines.contents import json_object, reading, reason
 from pipelines.errors import FormatError, ValueRangeError
 
 Column = NDArray[Any] | Sequence[str]
 Handle = Any  # what h5py calls the `id` of a file, group or dataset, or a type
 ColumnSpec = Mapping[str, tuple[tuple[int, ...], type]]  # shape after the first axis, type
+NUMBERS = "biuf"  # kinds of numpy's types
 TEXT = h5py.string_dtype("utf-8")
 SCALAR = h5s.create(h5s.SCALAR)
 UNDATED = h5p.create(h5p.DATASET_CREATE)
@@ -94,14 +96,45 @@ def read_columns(path: Path, group: h5py.Group, names: Iterable[str]) -> dict[st
         dataset = group.get(name)
         if not isinstance(dataset, h5py.Dataset):
             raise FormatError(path, f"has no dataset {group.name}/{name}", "write the file again")
-        try:
-            text = h5py.check_string_dtype(dataset.dtype) is not None
-            columns[name] = dataset.asstr()[()] if text else dataset[()]
-        except OSError as error:
-            raise FormatError(
-                path, f"{group.name}/{name} is damaged ({error})", "write the file again"
-            ) from error
+        with reading(path, f"{group.name}/{name}", "write the file again"):
+            columns[name] = read_rows(dataset, slice(None))
     return columns
+
+
+def read_rows(dataset: h5py.Dataset, rows: slice) -> NDArray[Any]:
+    """Read rows of a dataset of numbers or texts, the latter as str objects.
+
+    Raises:
+        ValueError: it has no rows, or holds something else.
+        OSError: HDF5 cannot read it.
+    """
+    is_text = h5py.check_string_dtype(dataset.dtype) is not None
+    if not dataset.shape or (dataset.dtype.kind not in NUMBERS and not is_text):
+        raise ValueError(f"{dataset.dtype} of shape {dataset.shape} is no column")
+    found: NDArray[Any] = dataset.asstr()[rows] if is_text else dataset[rows]
+    return found
+
+
+def json_attributes(path: Path, file: h5py.File, names: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Return attributes that hold JSON objects; empty where there is no such attribute.
+
+    Raises:
+        FormatError: one holds something else.
+    """
+    return {name: json_object(path, attribute(file, name, "{}"), name) for name in names}
+
+
+def attribute(file: h5py.File, name: str, default: Any = None) -> Any:  # noqa: ANN401 - HDF5's
+    """Return an attribute of a file, `default` if it is not there or of a type numpy has not."""
+    try:
+        return file.attrs.get(name, default)
+    except (OSError, TypeError, ValueError, UnicodeDecodeError):
+        return None
+
+
+def own_attributes(file: h5py.File) -> dict[str, Any]:
+    """Return the attributes of a file by name."""
+    return {name: attribute(file, name) for name in file.attrs}
 
 
 def read_alike(group: Handle, examples: Mapping[str, NDArray[Any]]) -> dict[str, Any] | None:
@@ -140,11 +173,12 @@ def check_version(
     first = known if oldest is None else oldest
     try:
         is_known = first <= int(found) <= known
-    except (TypeError, ValueError):  # no number, or none at all
+    except (OverflowError, TypeError, ValueError):  # no number, or none at all
         is_known = False
     if not is_known:
         versions = f"{known}" if first == known else f"{first} to {known}"
-        raise FormatError(path, f"has format_version {found}", f"this symgrasp reads {versions}")
+        shown = reason(ValueError(found))
+        raise FormatError(path, f"has format_version {shown}", f"this symgrasp reads {versions}")
 
 
 def coerce_columns(table: object, spec: ColumnSpec, length: int) -> None:
@@ -162,7 +196,7 @@ def coerce_columns(table: object, spec: ColumnSpec, length: int) -> None:
         given, owner = getattr(table, name), type(table).__name__
         try:
             array: NDArray[Any] = np.asarray(given, dtype=dtype)
-        except (TypeError, ValueError) as error:
+        except (OverflowError, TypeError, ValueError) as error:
             found, expected = f"of another type ({error})", f"of type {np.dtype(dtype)}"
             raise ValueRangeError(f"{owner}.{name}", found, expected) from error
         if array.size == 0 and length == 0:

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.contents import MAX_PIXELS
 from pipelines.errors import ValueRangeError
 
 
@@ -22,7 +23,7 @@ def decode_mask(counts: NDArray[np.integer], width: int, height: int) -> NDArray
     Raises:
         ValueRangeError: the runs do not fill the image.
     """
-    if int(np.sum(counts)) != width * height:
+    if int(np.sum(counts)) != width * height or width * height > MAX_PIXELS:
         raise ValueRangeError("sum of mask_counts", int(np.sum(counts)), f"{width}x{height}")
     values = np.arange(len(counts)) % 2 == 1
     return np.repeat(values, counts).reshape((height, width), order="F")

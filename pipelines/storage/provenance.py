@@ -12,10 +12,10 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-import h5py
-
-from pipelines.errors import StaleOutputError, ValueRangeError
+from pipelines.contents import json_object
+from pipelines.errors import FormatError, StaleOutputError, ValueRangeError
 from pipelines.storage.files import read_json, write_json
+from pipelines.storage.h5_columns import attribute
 from pipelines.storage.h5_files import open_h5
 from pipelines.storage.safetensors_files import open_safetensors
 
@@ -140,43 +140,34 @@ def refuse_other_suffix(output: Path, suffix: str) -> None:
 
 
 def read_stamp(target: Path) -> dict[str, Any] | None:
-    """Return the stamp of `target`, or None if it has none."""
+    """Return the stamp of `target`, or None if it has none: what is no JSON object is no stamp."""
     match target.suffix:
         case ".h5" | ".hdf5":
-            return _read_h5_stamp(target)
+            with open_h5(target) as file:
+                return _stamp_of(attribute(file, "provenance"))
         case ".json":
-            content = read_json(target)
             # What a person wrote by hand may say anything there; that is no stamp.
+            content = read_json(target)
             stamp = content.get("provenance") if isinstance(content, dict) else None
             return stamp if isinstance(stamp, dict) else None
         case ".safetensors":
-            return _read_safetensors_stamp(target)
+            with open_safetensors(target) as file:
+                return _stamp_of((file.metadata() or {}).get("provenance"))
         case ".html" if not sidecar_of(target).exists():
-            return _read_page_stamp(target)
+            with target.open(encoding="utf-8", errors="replace") as stream:
+                found = PAGE_STAMP.search(stream.read(PAGE_HEAD))
+            return None if found is None else _stamp_of(html.unescape(found[1]))
         case _:
             sidecar = sidecar_of(target)
-            return dict(read_json(sidecar)) if sidecar.exists() else None
+            content = read_json(sidecar) if sidecar.exists() else None
+            return content if isinstance(content, dict) else None
 
 
-def _read_page_stamp(target: Path) -> dict[str, Any] | None:
-    with target.open(encoding="utf-8", errors="replace") as stream:
-        found = PAGE_STAMP.search(stream.read(PAGE_HEAD))
+def _stamp_of(text: object) -> dict[str, Any] | None:
     try:
-        return None if found is None else dict(json.loads(html.unescape(found[1])))
-    except (TypeError, ValueError):
+        return json_object("", text, "the stamp")
+    except FormatError:
         return None
-
-
-def _read_h5_stamp(target: Path) -> dict[str, Any] | None:
-    with open_h5(target) as file:
-        text = file.attrs.get("provenance")
-    return None if text is None or isinstance(text, h5py.Empty) else dict(json.loads(text))
-
-
-def _read_safetensors_stamp(target: Path) -> dict[str, Any] | None:
-    with open_safetensors(target) as file:
-        text = (file.metadata() or {}).get("provenance")
-    return None if text is None else dict(json.loads(text))
 
 
 def is_finished(target: Path, stamp: Stamp, *, overwrite: bool = False) -> bool:

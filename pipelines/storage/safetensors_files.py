@@ -21,7 +21,7 @@ def open_safetensors(path: Path, framework: str = "np", device: str = "cpu") -> 
     try:
         with safe_open(str(existing(path)), framework=framework, device=device) as file:
             yield file
-    except (SafetensorError, ValueError) as error:
+    except (SafetensorError, TypeError, ValueError) as error:
         raise FormatError(
             path, f"this is not a whole safetensors file ({error})", "give weights or train again"
         ) from error

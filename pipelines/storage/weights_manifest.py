@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.contents import reading
 from pipelines.errors import FormatError
 from pipelines.storage.files import read_json, write_json
 from pipelines.storage.provenance import Stamp
@@ -67,7 +68,7 @@ def read_manifest(path: Path) -> Manifest:
         FormatError: no JSON, or not a manifest.
     """
     content: Any = read_json(path)
-    try:
+    with reading(path, "this manifest of weights", f"run {MADE_BY}"):
         rows = content["grasps"]
         grasps = GoldenGrasps(
             np.array([row["rotation"] for row in rows], np.float64).reshape(-1, 3, 3),
@@ -76,8 +77,6 @@ def read_manifest(path: Path) -> Manifest:
         )
         files = {str(name): str(digest) for name, digest in content["files"].items()}
         manifest = Manifest(files, str(content["frame"]), grasps)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise FormatError(path, f"is no manifest of weights ({error})", f"run {MADE_BY}") from error
     if not len(grasps) == len(grasps.rotation) == len(grasps.translation):
         raise FormatError(path, "its grasps are not whole", f"run {MADE_BY}")
     return manifest

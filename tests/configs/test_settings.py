@@ -185,8 +185,8 @@ def test_the_names_of_now_exist():
 @pytest.mark.parametrize(
     ("content", "fault"),
     [
-        ("a = " + "[" * 5000 + "]" * 5000, "nests too deep"),
-        ("a = " + "{b = " * 3000 + "1" + "}" * 3000, "nests too deep"),
+        ("a = " + "[" * 5000 + "]" * 5000, "nested too deep"),
+        ("a = " + "{b = " * 3000 + "1" + "}" * 3000, "nested too deep"),
         ("a = [", "is not TOML"),
         ("# " + "x" * MAX_BYTES, "is larger than"),
         (b"a = '\xff'", "is not TOML"),

@@ -42,7 +42,7 @@ def test_written_records_are_finished_for_their_stamp(tmp_path):
 
 def test_another_json_file_is_refused(tmp_path):
     write_json(tmp_path / "scene.json", {"rows": []})
-    with pytest.raises(FormatError, match="not the records"):
+    with pytest.raises(FormatError, match="the record of a scene is not right"):
         read_frame_records(tmp_path / "scene.json")
 
 

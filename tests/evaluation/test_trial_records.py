@@ -46,5 +46,5 @@ def test_trials_without_other_methods_need_not_say_so(tmp_path):
 )
 def test_a_file_that_holds_no_trials_is_refused(tmp_path, content):
     write_json(tmp_path / "x.json", content)
-    with pytest.raises(FormatError, match="not the trials of a scene"):
+    with pytest.raises(FormatError, match="the record of a scene's trials is not right"):
         read_trials(tmp_path / "x.json")

@@ -1,5 +1,8 @@
 """The batch runner: skip, collect, report."""
 
+import dataclasses
+
+import h5py
 import pytest
 
 from pipelines.errors import SymgraspError
@@ -74,9 +77,32 @@ def test_a_dry_run_writes_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_bug_is_not_swallowed(tmp_path):
+def test_what_no_reader_foresaw_fails_its_item_alone_and_says_so(tmp_path, caplog):
     def broken(item):
-        raise ZeroDivisionError
+        if item.name == "a":
+            return [].index("deep")
+        return step(item)
 
-    with pytest.raises(ZeroDivisionError):
+    with caplog.at_level("INFO"):
+        report = run_batch("toy", items(tmp_path, ["a", "b"]), broken, QUIET)
+    assert report.done == ["b"]
+    assert "unforeseen ValueError" in report.failed["a"]
+    assert "Traceback" in caplog.text
+
+
+def test_a_fault_of_the_installation_ends_the_batch(tmp_path):
+    def broken(item):
+        raise ImportError("no such module")
+
+    with pytest.raises(ImportError):
         run_batch("toy", items(tmp_path, ["a"]), broken, QUIET)
+
+
+@pytest.mark.parametrize("stamp", ["[1, 2]", "3", "[" * 3000, b"\xff", 7, "{", h5py.Empty("f4")])
+def test_an_output_whose_stamp_is_no_json_object_is_somebody_elses(tmp_path, stamp):
+    (item,) = items(tmp_path, ["a"])
+    item = dataclasses.replace(item, target=tmp_path / "a.h5")
+    with h5py.File(item.target, "w") as file:
+        file.attrs["provenance"] = stamp
+    report = run_batch("toy", [item], step, QUIET)
+    assert "was made with other settings" in report.failed["a"]

@@ -1,12 +1,14 @@
 """HDF5 files end with a check sum: damage of any kind is a sentence before HDF5 looks at it."""
 
+import os
+
 import h5py
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipelines.errors import FormatError
+from pipelines.errors import FormatError, SymgraspError
 from pipelines.storage.h5_columns import write_columns
 from pipelines.storage.h5_files import MARK, SEAL, new_h5, open_h5
 
@@ -96,3 +98,58 @@ def test_nothing_is_left_of_a_file_whose_writing_failed(tmp_path):
     with pytest.raises(RuntimeError, match="half"):
         half(tmp_path / "x.h5")
     assert list(tmp_path.iterdir()) == []
+
+
+def _external(file, pipe):
+    file["x"] = h5py.ExternalLink(str(pipe), "x")
+
+
+def _raw(file, pipe):
+    file.create_dataset("x", (4,), "f4", external=[(str(pipe), 0, 16)])
+
+
+def _virtual(file, pipe):
+    layout = h5py.VirtualLayout((4,), "f4")
+    layout[...] = h5py.VirtualSource(str(pipe), "x", (4,))
+    file.create_virtual_dataset("x", layout)
+
+
+def _loop(file, _pipe):
+    file["x"] = h5py.SoftLink("/x")
+
+
+def _itself(file, _pipe):
+    file.create_group("a")["b"] = file["/"]
+
+
+def _huge(file, _pipe):
+    file.create_dataset("x", (10**9,), "f8", chunks=True, compression="gzip")
+
+
+def _huge_chunk(file, _pipe):
+    file.create_dataset("x", (1,), "f8", maxshape=(None,), chunks=(2**28,))
+
+
+@pytest.mark.parametrize("sealed", [True, False])
+@pytest.mark.parametrize(
+    "harm",
+    [_external, _raw, _virtual, _loop, _itself, _huge, _huge_chunk],
+    ids=lambda h: h.__name__,
+)
+def test_what_leads_outside_a_file_or_beyond_memory_is_refused(tmp_path, harm, sealed):
+    pipe, path = tmp_path / "pipe", tmp_path / "x.h5"
+    os.mkfifo(pipe)  # to open it would never end
+    if sealed:
+        with new_h5(path) as file:
+            harm(file, pipe)
+    else:
+        with h5py.File(path, "w") as file:
+            harm(file, pipe)
+    with pytest.raises(FormatError, match=r"in the file itself is read|datasets of .* bytes"):
+        open_h5(path)
+
+
+def test_a_pipe_in_the_place_of_a_file_is_refused(tmp_path):
+    os.mkfifo(tmp_path / "x.h5")
+    with pytest.raises(SymgraspError, match="is no plain file"):
+        open_h5(tmp_path / "x.h5")

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from pipelines.array_types import Array
+from pipelines.contents import reading
 from pipelines.dataset.meshes import size_warning
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.geometry.meshes.mesh import Mesh
@@ -153,7 +154,7 @@ def _meeting_point(axes: Sequence[tuple[Array, Array]]) -> Array:
 
 
 def _info(path: Path, key: str, entry: Mapping[str, Any]) -> ModelInfo:
-    try:
+    with reading(path, f"object {key}", "4x4 transforms, and axis with offset"):
         size = entry.get("diameter")
         discrete = tuple(_rigid(values) for values in entry.get("symmetries_discrete", []))
         continuous = tuple(
@@ -161,11 +162,6 @@ def _info(path: Path, key: str, entry: Mapping[str, Any]) -> ModelInfo:
             for each in entry.get("symmetries_continuous", [])
         )
         return ModelInfo(None if size is None else float(size), discrete, continuous)
-    except (KeyError, TypeError, ValueError) as error:
-        what = f"lacks {error}" if isinstance(error, KeyError) else str(error)
-        raise FormatError(
-            path, f"object {key} is not right: {what}", "4x4 transforms, and axis with offset"
-        ) from error
 
 
 def _rigid(values: Any) -> Array:  # noqa: ANN401 - JSON

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from pipelines.array_types import Indices
+from pipelines.contents import reading
 from pipelines.dataset.symmetry.symmetry_labels import symmetries_from_json, triangles_from_json
 from pipelines.errors import FormatError
 from pipelines.geometry.meshes.mesh import Mesh
@@ -96,10 +97,8 @@ def _region(path: Path, mesh: Mesh, entry: Any) -> ManualRegion:  # noqa: ANN401
 
 
 def _in_box(path: Path, mesh: Mesh, entry: Mapping[str, Any]) -> Indices:
-    try:
+    with reading(path, "a box", "two corners, metres"):
         low, high = np.asarray(entry["box"], dtype=np.float64).reshape(2, 3)
-    except (TypeError, ValueError) as error:
-        raise FormatError(path, f"a box is not right ({error})", "two corners, metres") from error
     if not np.isfinite([low, high]).all() or (low > high).any():
         raise FormatError(path, "a box's corners are not right", "the lower one first, metres")
     centroids = mesh.vertices[mesh.faces].mean(axis=1)

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from pipelines.array_types import Indices
-from pipelines.errors import FormatError, SymgraspError, UnknownNameError, ValueRangeError
+from pipelines.contents import reading
+from pipelines.errors import FormatError, UnknownNameError, ValueRangeError
 from pipelines.geometry.symmetry import (
     SYMMETRY_KINDS,
     ReflectionSymmetry,
@@ -20,6 +21,7 @@ from pipelines.storage.files import read_json, write_json
 from pipelines.storage.provenance import Stamp
 
 FORMAT_VERSION = 1
+LARGEST_INDEX = 2**31 - 1  # of a triangle
 FOUND, BY_HAND, FROM_BOP = "found", "hand", "bop"  # sources of a symmetry
 
 
@@ -89,16 +91,17 @@ def read(path: Path) -> ObjectSymmetries:
     if not isinstance(content, dict) or "symmetries" not in content:
         raise FormatError(path, "lacks `symmetries`", "object, symmetries and regions are expected")
     doubt, found = content.get("doubt"), content.get("found")
-    return ObjectSymmetries(
-        name=str(content.get("object", path.stem)),
-        symmetries=symmetries_from_json(path, content["symmetries"]),
-        regions=tuple(_region(path, region) for region in content.get("regions", [])),
-        doubt=doubt if isinstance(doubt, float | int) else None,
-        rejected=symmetries_from_json(path, content.get("rejected", [])),
-        sources=_sources(content["symmetries"]),
-        found=None if found is None else symmetries_from_json(path, found),
-        found_sources=() if found is None else _sources(found),
-    )
+    with reading(path, "an entry", "object, symmetries and regions are expected"):
+        return ObjectSymmetries(
+            name=str(content.get("object", path.stem)),
+            symmetries=symmetries_from_json(path, content["symmetries"]),
+            regions=tuple(_region(path, region) for region in content.get("regions", [])),
+            doubt=doubt if isinstance(doubt, float | int) else None,
+            rejected=symmetries_from_json(path, content.get("rejected", [])),
+            sources=_sources(content["symmetries"]),
+            found=None if found is None else symmetries_from_json(path, found),
+            found_sources=() if found is None else _sources(found),
+        )
 
 
 def _with_sources(symmetries: Sequence[Symmetry], sources: Sequence[str]) -> list[dict[str, Any]]:
@@ -129,13 +132,8 @@ def symmetry_to_json(symmetry: Symmetry) -> dict[str, Any]:
 
 def symmetries_from_json(path: Path, content: Sequence[Any]) -> tuple[Symmetry, ...]:
     """Return the symmetries of a JSON list; `path` is named in errors."""
-    try:
+    with reading(path, "a symmetry", "kind, normal or axis, point are expected"):
         return tuple(_symmetry(entry) for entry in content)
-    except (KeyError, TypeError, ValueError, SymgraspError) as error:
-        what = f"lacks {error}" if isinstance(error, KeyError) else str(error)
-        raise FormatError(
-            path, f"a symmetry is not right: {what}", "kind, normal or axis, point are expected"
-        ) from error
 
 
 def region_to_json(region: RegionLabel) -> dict[str, Any]:
@@ -150,7 +148,7 @@ def region_to_json(region: RegionLabel) -> dict[str, Any]:
 def triangles_from_json(path: Path, content: Any) -> Indices:  # noqa: ANN401 - JSON
     """Return triangle indices (k,) of a JSON list of integers."""
     whole = isinstance(content, list) and all(
-        isinstance(i, int) and not isinstance(i, bool) and i >= 0 for i in content
+        isinstance(i, int) and not isinstance(i, bool) and 0 <= i <= LARGEST_INDEX for i in content
     )
     if not whole:
         raise FormatError(path, "`triangles` of a region are wrong", "a list of indices from 0")

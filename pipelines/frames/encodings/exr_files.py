@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.contents import MAX_PIXELS, UNFIT
 from pipelines.errors import FormatError
 from pipelines.storage.files import existing
 
-MAX_PIXELS = 2**26
+MAX_CHANNELS = 16  # of an image; depth is one, beside colours and normals
 DEPTH_CHANNELS = ("z", "depth", "y")  # the last part of a layer's name: `depth.Z`
 
 
@@ -27,14 +28,18 @@ def read_exr(path: Path) -> NDArray[Any]:
     expected = "a whole OpenEXR file of one part is expected"
     try:
         with OpenEXR.File(str(existing(path)), separate_channels=True, header_only=True) as file:
-            low, high = (np.asarray(side, np.int64) for side in file.header()["dataWindow"])
+            header = file.header()
+            low, high = (np.asarray(side, np.int64) for side in header["dataWindow"])
+            count = len(header["channels"])
         width, height = (int(side) for side in high - low + 1)
         if min(width, height) < 1 or width * height > MAX_PIXELS:
             found = f"is an image of {width}x{height}"
             raise FormatError(path, found, f"at most {MAX_PIXELS} pixels are read")
+        if count > MAX_CHANNELS:
+            raise FormatError(path, f"has {count} channels", f"at most {MAX_CHANNELS} are read")
         with OpenEXR.File(str(path), separate_channels=True) as file:
             channels = {name: np.array(each.pixels) for name, each in file.channels().items()}
-    except (RuntimeError, ValueError, TypeError, KeyError, IndexError) as error:
+    except (RuntimeError, *UNFIT) as error:
         raise FormatError(path, f"this is no readable .exr ({error})", expected) from error
     channels = {name: each for name, each in channels.items() if _word(name) != "a"}
     if not channels or any(each.shape != (height, width) for each in channels.values()):

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.errors import FormatError
-from pipelines.storage.files import existing
+from pipelines.storage.files import read_bytes
 
 HEAD = 128  # bytes; the last two tell the byte order
 ORDERS = {b"IM": "<", b"MI": ">"}
@@ -28,7 +28,7 @@ CLASSES = {
     **{11: "u2", 12: "i4", 13: "u4", 14: "i8", 15: "u8"},
 }
 COMPLEX = 8  # a bit of the flags
-MAX_INFLATED = 2**28
+MAX_BYTES = 2**24  # of a file, and of its arrays unpacked; those of a frame have some thousand
 Element = tuple[int, bytes]
 
 
@@ -38,17 +38,19 @@ def read_mat(path: Path) -> dict[str, NDArray[Any]]:
     Raises:
         FormatError: damaged, cut off, or of another version (7.3 is HDF5, `save -v7` is this).
     """
-    data = existing(path).read_bytes()
+    data = read_bytes(path, MAX_BYTES)
     order = ORDERS.get(data[HEAD - 2 : HEAD])
     if order is None or data.startswith(b"MATLAB 7.3"):
         raise FormatError(
             path, "this is no MATLAB 5 file", "save it with `save -v7` or scipy.io.savemat"
         )
-    arrays = {}
+    arrays, room = {}, MAX_BYTES
     try:
         for kind, body in _elements(data[HEAD:], order):
             if kind == COMPRESSED:
-                kind, body = next(_elements(_inflated(body), order))  # noqa: PLW2901
+                inflated = _inflated(body, room)
+                room -= len(inflated)
+                kind, body = next(_elements(inflated, order))  # noqa: PLW2901
             named = _numeric(body, order) if kind == MATRIX else None
             if named is not None:
                 arrays[named[0]] = named[1]
@@ -77,9 +79,9 @@ def _elements(data: bytes, order: str) -> Iterator[Element]:
         at = end
 
 
-def _inflated(body: bytes) -> bytes:
+def _inflated(body: bytes, most: int) -> bytes:
     inflate = zlib.decompressobj()
-    data = inflate.decompress(body, MAX_INFLATED)
+    data = inflate.decompress(body, max(1, most))
     if not inflate.eof:
         raise ValueError("a compressed array is cut off or too large")
     return data

@@ -7,15 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.contents import MAX_PIXELS
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames.encodings.lzf import decompress
-from pipelines.storage.files import existing
+from pipelines.storage.files import read_bytes
 
 HEADER_BYTES = 4096
 KINDS = {"F": "f", "I": "i", "U": "u"}
 FORMS = ("ascii", "binary", "binary_compressed")
-LARGEST = 10**8  # points
 MOST_VALUES = 1024  # of a field; histograms have some hundreds
+MAX_BYTES = 2**30  # of a cloud: MAX_PIXELS of sixty-four bytes
 INTEGERS = "copy the whole file again"
 
 
@@ -34,6 +35,11 @@ class Header:
         """The number of points."""
         return self.width * self.height
 
+    @property
+    def point_bytes(self) -> int:
+        """The bytes of a point, but for text."""
+        return sum(count * kind.itemsize for _name, kind, count in self.fields)
+
 
 def read_pcd(path: Path) -> dict[str, NDArray[Any]]:
     """Read the fields of one value a point: each (height, width), as stored.
@@ -41,7 +47,7 @@ def read_pcd(path: Path) -> dict[str, NDArray[Any]]:
     Raises:
         FormatError: damaged, cut off, or none of the three forms.
     """
-    content = existing(path).read_bytes()
+    content = read_bytes(path, MAX_BYTES)
     header = _header(path, content)
     body = content[header.start :]
     match header.form:
@@ -50,7 +56,7 @@ def read_pcd(path: Path) -> dict[str, NDArray[Any]]:
         case "binary":
             columns = _columns(path, header, body)
         case _:
-            columns = _columns_in_turn(path, header, _unpacked(path, body))
+            columns = _columns_in_turn(path, header, _unpacked(path, header, body))
     shape = (header.height, header.width)
     single = [name for name, _kind, count in header.fields if count == 1 and name != "_"]
     return {name: columns[name].reshape(shape) for name in single}
@@ -78,10 +84,14 @@ def _header(path: Path, content: bytes) -> Header:
         raise FormatError(path, f"has a faulty head ({error})", "a .pcd is expected") from error
     if form not in FORMS or not all(0 < count <= MOST_VALUES for count in counts):
         raise FormatError(path, f"has COUNT {counts}, DATA {form}", f"DATA is {', '.join(FORMS)}")
-    if min(width, height) < 1 or width * height > LARGEST:
+    if min(width, height) < 1 or width * height > MAX_PIXELS:
         found = f"is a cloud of {width}x{height} points"
-        raise FormatError(path, found, f"1 to {LARGEST} points are expected")
-    return Header(fields, width, height, form, start)
+        raise FormatError(path, found, f"1 to {MAX_PIXELS} points are expected")
+    header = Header(fields, width, height, form, start)
+    if header.count * header.point_bytes > MAX_BYTES:
+        found = f"announces {header.count * header.point_bytes} bytes"
+        raise FormatError(path, found, f"at most {MAX_BYTES} are read")
+    return header
 
 
 def _text_columns(path: Path, header: Header, body: bytes) -> dict[str, NDArray[Any]]:
@@ -117,7 +127,7 @@ def _columns(path: Path, header: Header, body: bytes) -> dict[str, NDArray[Any]]
 
 def _columns_in_turn(path: Path, header: Header, body: bytes) -> dict[str, NDArray[Any]]:
     """Return the columns of compressed points: each field of all points, one after the other."""
-    needed = sum(header.count * count * kind.itemsize for _name, kind, count in header.fields)
+    needed = header.count * header.point_bytes
     if len(body) < needed:
         raise FormatError(path, f"holds {len(body)} bytes of points, not {needed}", INTEGERS)
     columns, at = {}, 0
@@ -127,10 +137,13 @@ def _columns_in_turn(path: Path, header: Header, body: bytes) -> dict[str, NDArr
     return columns
 
 
-def _unpacked(path: Path, body: bytes) -> bytes:
+def _unpacked(path: Path, header: Header, body: bytes) -> bytes:
     if len(body) < 8:
         raise FormatError(path, "this cloud is cut off", INTEGERS)
     packed, unpacked = (int(size) for size in np.frombuffer(body, "<u4", 2))
+    if unpacked != header.count * header.point_bytes:
+        found = f"unpacks to {unpacked} bytes, not {header.count * header.point_bytes}"
+        raise FormatError(path, found, INTEGERS)
     try:
         return decompress(body[8 : 8 + packed], unpacked)
     except SymgraspError as error:

@@ -22,6 +22,7 @@ from pipelines.errors import FormatError
 from pipelines.storage.files import DAMAGED, existing
 
 MAX_VALUES = 1_000_000  # Python objects in containers; arrays' numbers do not count
+MAX_BYTES = 2**28  # read of a file; what is cut off then is damaged
 MAX_DEPTH = 20  # of containers within containers
 NUMBERS = re.compile(r"[biuf](?:1|2|4|8)")
 NPY_MAGIC = b"\x93NUMPY"
@@ -40,7 +41,7 @@ def read_plain_pickle(path: Path) -> Any:  # noqa: ANN401 - whatever containers 
                 _skip_npy_head(stream)
             else:
                 stream.seek(0)
-            steps = _without_far_places(stream.read())
+            steps = _without_far_places(stream.read(MAX_BYTES))
             content = _PlainUnpickler(io.BytesIO(steps), encoding="latin1").load()
             return _plain(content, [MAX_VALUES], MAX_DEPTH)
         except (*DAMAGED, AttributeError, pickle.UnpicklingError) as error:

@@ -2,17 +2,21 @@
 
 import csv
 import json
+import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from pipelines.errors import printable
 from pipelines.grasp_files.exports.grasp_exports import ExportHeader, FrameGrasps, rounded
 from pipelines.storage.files import atomic_path
 
 FORMAT_VERSION = 2
 TITLE = "SymGrasp grasps"
+FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")  # of cells that spreadsheets compute
+FORMULA_CELL = re.compile(r"[,;](?=[=+\-@])")
 COLUMNS = (
     *("frame", "rank_in_frame", "grasp", "region", "is_best", "rank_score", "worth_trying"),
     *("affordance", "source", "symmetry"),
@@ -26,15 +30,25 @@ def write(path: Path, frames: Iterable[FrameGrasps], header: ExportHeader) -> No
     """Write `frames`, one in memory at a time; one without grasps is a line with #."""
     with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as out:
         for key, value in _head(header).items():
-            out.write(f"# {key}: {value}\n")
+            out.write(_comment(f"{key}: {value}"))
         table = csv.writer(out, quoting=csv.QUOTE_NONNUMERIC, lineterminator="\n")
         table.writerow(COLUMNS)
         for frame in frames:
             if not len(frame):
                 name = json.dumps(frame.result.name, ensure_ascii=False)
                 message = " ".join(frame.result.message.split())
-                out.write(f"# no grasps in {name} ({frame.result.status}): {message}\n")
+                out.write(_comment(f"no grasps in {name} ({frame.result.status}): {message}"))
             table.writerows(_rows(frame))
+
+
+def _comment(text: str) -> str:
+    """Return a line that is passed over; no cell of it begins as a formula after a comma."""
+    return f"# {FORMULA_CELL.sub(', ', printable(text))}\n"
+
+
+def _as_text(name: str) -> str:
+    """Return the relative path `name` so that no spreadsheet takes it for a formula."""
+    return f"./{name}" if name.startswith(FORMULA_STARTS) else name
 
 
 def is_ours(path: Path) -> bool:
@@ -69,7 +83,7 @@ def _rows(frame: FrameGrasps) -> Iterator[list[Any]]:
     )
     for i, (row, symmetry) in enumerate(zip(rounded(numbers), frame.symmetries, strict=True)):
         yield [
-            frame.result.name,
+            _as_text(frame.result.name),
             int(table.rank_in_frame[i]),
             int(frame.rows[i]),
             int(table.region[i]),
@@ -77,7 +91,7 @@ def _rows(frame: FrameGrasps) -> Iterator[list[Any]]:
             *rounded(table.rank_score[i : i + 1]),
             int(table.worth_trying[i]),
             *rounded(table.affordance[i : i + 1]),
-            str(table.source[i]),
+            _as_text(str(table.source[i])),
             symmetry,
             *row,
         ]

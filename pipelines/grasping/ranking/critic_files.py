@@ -1,12 +1,12 @@
 """Weights files of the critics (D. 31, D. 80, D. 82): safetensors that name every feature."""
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from pipelines.contents import json_object
 from pipelines.errors import FormatError
 from pipelines.grasping.ranking import grasp_features
 from pipelines.grasping.ranking.point_critic import FeatureNames, PointCritic
@@ -72,13 +72,10 @@ def _read(
 def _check_features(path: Path, model: str, text: str) -> None:
     """Raise FormatError unless the metadata's `text` names the features that are computed."""
     cure = f"make the file again with `{WRITTEN_BY[model]}`"
-    try:
-        found = dict(json.loads(text))
-    except (TypeError, ValueError) as error:
-        raise FormatError(path, "its `features` are no JSON object", cure) from error
+    found = json_object(path, text, "features")
     for group, names in vars(FEATURES[model]).items():
         stored = found.get(group)
-        if stored is None:
+        if not isinstance(stored, list):
             raise FormatError(path, f"does not name its {group} features", cure)
         if len(stored) != len(names):
             counts = f"takes {len(stored)} {group} features, not {len(names)}"

@@ -15,8 +15,10 @@ from torchvision.ops import MultiScaleRoIAlign
 from pipelines.configs import DetectorConfig
 from pipelines.errors import FormatError, UnknownNameError
 from pipelines.network.detection.backbone import LightBackbone
+from pipelines.network.weights_files import tensor_differences
 
 NUM_CLASSES = 2  # background, symmetric region
+COCO_CLASSES, MOST_CLASSES = 91, 10_000  # of detectors to start from
 COLOR_CHANNELS, GEOMETRY_CHANNELS = 3, 6
 NUM_CHANNELS = {
     "geometry": GEOMETRY_CHANNELS,
@@ -196,20 +198,23 @@ def _resnet50(in_channels: int, config: DetectorConfig) -> MaskRCNN:
 def adopt_coco(model: MaskRCNN, weights: Mapping[str, Tensor], source: str) -> list[str]:
     """Give the resnet50 variant those of COCO's `weights` whose shapes fit; return the others.
 
-    The class predictors never fit: COCO has 91 classes. Input channels beyond colour have no
+    The class predictors of COCO's 91 classes never fit. Input channels beyond colour have no
     counterpart either. `source`: name of the weights, for the message.
 
     Raises:
-        FormatError: they are not of torchvision's Mask R-CNN for COCO.
+        FormatError: they are not of torchvision's Mask R-CNN, of however many classes.
     """
+    scores = weights.get("roi_heads.box_predictor.cls_score.bias")
+    count = COCO_CLASSES if scores is None or scores.ndim != 1 else min(len(scores), MOST_CLASSES)
     with torch.device("meta"):
-        theirs = maskrcnn_resnet50_fpn(weights=None, weights_backbone=None)
+        theirs = maskrcnn_resnet50_fpn(weights=None, weights_backbone=None, num_classes=count)
     try:
         # Published files have names of older versions, which torchvision itself translates.
         theirs.load_state_dict(dict(weights), assign=True)
     except RuntimeError as error:
-        expected = "the state_dict of torchvision's maskrcnn_resnet50_fpn with 91 classes"
-        raise FormatError(source, "holds other tensors", expected) from error
+        expected = "the state_dict of torchvision's maskrcnn_resnet50_fpn"
+        found = tensor_differences(weights, theirs.state_dict())
+        raise FormatError(source, f"holds other tensors ({found})", expected) from error
     own = model.state_dict()
     given = theirs.state_dict().items()
     fitting = {n: t for n, t in given if n in own and own[n].shape == t.shape}

@@ -1,0 +1,144 @@
+"""Checks of what files hold: types, forms and bounds, each fault one sentence."""
+
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import is_dataclass
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Any, get_args, get_origin, get_type_hints
+
+from pipelines.errors import FormatError, SymgraspError
+
+# What Python and numpy raise on content of another type, size or shape than a reader takes.
+UNFIT = (
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    LookupError,
+    MemoryError,
+    OSError,
+    RecursionError,
+    TypeError,
+    ValueError,
+)
+LONGEST_REASON = 200  # characters of a library's own words in a sentence
+MAX_PIXELS = 2**24  # of an image: 4096 x 4096; depth cameras have up to six million
+MAX_JSON_BYTES = 2**27
+MAX_JSON_VALUES = 10_000_000  # a value takes some 70 bytes, whatever it is
+MAX_JSON_DEPTH = 100  # lists and objects within each other; ours have six
+
+
+@contextmanager
+def reading(path: Path | str, what: str, expected: str) -> Iterator[None]:
+    """Turn what content of another type or shape raises into a FormatError.
+
+        with reading(path, "a region", "name, triangles, symmetries"): ...
+
+    Raises:
+        FormatError: "PATH: WHAT is not right (REASON); EXPECTED".
+    """
+    try:
+        yield
+    except FormatError:
+        raise
+    except (*UNFIT, SymgraspError) as error:
+        raise FormatError(path, f"{what} is not right ({reason(error)})", expected) from error
+
+
+def reason(error: BaseException) -> str:
+    """Return an error of Python or a library as a piece of a sentence."""
+    text = " ".join(str(error).split())
+    text = f"lacks {text}" if isinstance(error, KeyError) else text or type(error).__name__
+    return text if len(text) <= LONGEST_REASON else f"{text[:LONGEST_REASON]}..."
+
+
+def json_value(path: Path | str, data: bytes, what: str = "this") -> Any:  # noqa: ANN401 - JSON
+    """Return what JSON in UTF-8 says, its size, number of values and depth bounded.
+
+    Raises:
+        FormatError: not JSON, or beyond the bounds.
+    """
+    expected = "a JSON text in UTF-8 is expected"
+    values = sum(data.count(mark) for mark in (b",", b"[", b"{", b"{"))  # an object counts twice
+    for name, found, most in (
+        ("bytes", len(data), MAX_JSON_BYTES),
+        ("values", values, MAX_JSON_VALUES),
+    ):
+        if found > most:
+            raise FormatError(path, f"{what} has {found} {name}", f"at most {most} are read")
+    try:
+        content = json.loads(data.decode())
+        deep = is_deep(content, MAX_JSON_DEPTH)
+    except (ValueError, RecursionError) as error:  # not text, not JSON, too many digits, too deep
+        raise FormatError(path, f"{what} is not JSON ({reason(error)})", expected) from error
+    if deep:
+        raise FormatError(path, f"{what} is nested too deep", f"at most {MAX_JSON_DEPTH} levels")
+    return content
+
+
+def json_object(path: Path | str, stored: object, what: str) -> dict[str, Any]:
+    """Return the JSON object that a text, as an attribute of a file, says.
+
+    Raises:
+        FormatError: it is no text, or says something else.
+    """
+    text = stored.encode(errors="replace") if isinstance(stored, str) else stored
+    content = json_value(path, text, what) if isinstance(text, bytes) else None
+    if not isinstance(content, dict):
+        raise FormatError(path, f"{what} is no JSON object", "write the file again")
+    return content
+
+
+def mapping_in(content: object, name: str) -> Mapping[str, Any]:
+    """Return the mapping `name` of a mapping; empty where there is none."""
+    found = content.get(name) if isinstance(content, Mapping) else None
+    return found if isinstance(found, Mapping) else {}
+
+
+def typed(kind: Any, value: Any) -> Any:  # noqa: ANN401 - a type, and JSON
+    """Return JSON as the type `kind`: an object as a dataclass, a whole number as a float.
+
+    `kind`: bool, int, float, str, Any, a list or dict of such, a dataclass; or any of these | None.
+
+    Raises:
+        TypeError, ValueError: it is something else, or lacks what a dataclass needs.
+    """
+    origin, inner = get_origin(kind), get_args(kind)
+    if kind is Any or (value is None and NoneType in inner):
+        return value
+    match value:
+        case list() if origin is list:
+            return [typed(inner[0], each) for each in value]
+        case dict() if origin is dict:
+            return {key: typed(inner[1], each) for key, each in value.items()}
+        case dict() if is_dataclass(kind):
+            return _typed_fields(kind, value)
+    if origin is UnionType:
+        return typed(inner[0], value)
+    if type(value) is not (int if kind is float and type(value) is int else kind):
+        raise TypeError(f"{json.dumps(value)[:40]} is of the wrong type")
+    return kind(value)
+
+
+def _typed_fields(kind: Any, content: dict[str, Any]) -> Any:  # noqa: ANN401 - a dataclass
+    hints = get_type_hints(kind)
+    unknown = sorted(set(content) - set(hints))
+    if unknown:
+        raise ValueError(f"`{unknown[0]}` is not known")
+    return kind(**{name: typed(hints[name], each) for name, each in content.items()})
+
+
+def is_deep(content: object, most: int) -> bool:
+    """Return whether lists and mappings lie in each other more than `most` levels deep."""
+    level: list[Any] = [content]
+    for _ in range(most + 1):
+        groups = [each for each in level if isinstance(each, list | Mapping)]
+        if not groups:
+            return False
+        level = [
+            each
+            for group in groups
+            for each in (group.values() if isinstance(group, Mapping) else group)
+        ]
+    return True

@@ -1,0 +1,44 @@
+"""Pixels by the header, and images that would take too many."""
+
+import struct
+import zlib
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from pipelines.contents import MAX_PIXELS
+from pipelines.errors import FormatError
+from pipelines.storage.files import read_image
+from pipelines.storage.image_sizes import pixels_of
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32])
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tiff", ".bmp"])
+def test_the_header_says_as_many_pixels_as_are_decoded(suffix: str, kind: type) -> None:
+    done, data = cv2.imencode(suffix, np.zeros((40, 51), kind))
+    assert done
+    assert pixels_of(data.tobytes()) == 40 * 51
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tiff", ".bmp"])
+def test_a_header_that_is_cut_off_has_no_size(suffix: str) -> None:
+    data = cv2.imencode(suffix, np.zeros((40, 51), np.uint8))[1].tobytes()
+    assert all(pixels_of(data[:size]) is None for size in range(16))
+    assert pixels_of(b"GIF89a" + data) is None
+
+
+def test_a_png_of_more_pixels_than_any_camera_has_is_refused_before_it_unpacks(
+    tmp_path: Path,
+) -> None:
+    def chunk(name: bytes, body: bytes) -> bytes:
+        return (
+            struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
+        )
+
+    head = struct.pack(">IIBBBBB", 30_000, 30_000, 8, 0, 0, 0, 0)
+    body = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", b"") + chunk(b"IEND", b"")
+    (tmp_path / "x.png").write_bytes(body)
+    with pytest.raises(FormatError, match=f"900000000 pixels; at most {MAX_PIXELS}"):
+        read_image(tmp_path / "x.png")

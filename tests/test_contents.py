@@ -1,0 +1,103 @@
+"""Checks that all readers share: what content may be, and the sentence where it is not."""
+
+import json
+from dataclasses import dataclass, field
+
+import pytest
+
+from pipelines import contents
+from pipelines.contents import is_deep, json_object, json_value, mapping_in, reading, typed
+from pipelines.errors import FormatError, ValueRangeError
+
+
+@dataclass(frozen=True)
+class Inner:
+    """A part."""
+
+    share: float
+    names: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Outer:
+    """A whole."""
+
+    number: int
+    parts: dict[str, Inner]
+    note: str | None = None
+
+
+WHOLE = {"number": 3, "parts": {"a": {"share": 1, "names": ["x"]}}, "note": None}
+
+
+def test_json_becomes_dataclasses_and_whole_numbers_floats() -> None:
+    found = typed(Outer, WHOLE)
+    assert found == Outer(3, {"a": Inner(1.0, ["x"])})
+    assert type(found.parts["a"].share) is float
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"number": "3"},
+        {"number": True},
+        {"number": 3.0},
+        {"parts": []},
+        {"parts": {"a": None}},
+        {"parts": {"a": {"share": "1"}}},
+        {"parts": {"a": {"share": 1, "names": [1]}}},
+        {"parts": {"a": {"names": []}}},
+        {"note": 3},
+        {"unheard": 1},
+    ],
+)
+def test_another_type_anywhere_inside_is_refused(change: dict[str, object]) -> None:
+    with pytest.raises((TypeError, ValueError)):
+        typed(Outer, {**WHOLE, **change})
+
+
+@pytest.mark.parametrize(
+    "error",
+    [KeyError("a"), TypeError("x"), OverflowError("y"), ValueRangeError("z", 1, "two")],
+)
+def test_what_content_raises_becomes_one_sentence(error: Exception) -> None:
+    expected = pytest.raises(FormatError, match=r"f\.json: a part is not right \(.*\); two")
+    with expected, reading("f.json", "a part", "two"):
+        raise error
+
+
+def test_a_sentence_that_is_one_already_stays() -> None:
+    with pytest.raises(FormatError, match="g: h; i"), reading("f", "a", "b"):
+        raise FormatError("g", "h", "i")
+
+
+@pytest.mark.parametrize(
+    "text", ["[1]", "3", "null", "{", "[" * 3000 + "]" * 3000, "\ud800", 3, None]
+)
+def test_a_text_that_is_no_json_object_is_refused(text: object) -> None:
+    with pytest.raises(FormatError, match="config"):
+        json_object("f", text, "config")
+
+
+def test_json_within_the_bounds_is_read_and_beyond_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert json_value("f", b'{"a": [1, 2]}') == {"a": [1, 2]}
+    deep = ("[" * 101 + "]" * 101).encode()
+    with pytest.raises(FormatError, match="too deep"):
+        json_value("f", deep)
+    monkeypatch.setattr(contents, "MAX_JSON_VALUES", 10)
+    with pytest.raises(FormatError, match="at most 10 are read"):
+        json_value("f", json.dumps([1] * 20).encode())
+
+
+@pytest.mark.parametrize("levels", [1, 3])
+def test_levels_are_those_of_lists_and_mappings_in_each_other(levels: int) -> None:
+    content: object = 1
+    for _ in range(levels):
+        content = {"a": [content]}
+    assert not is_deep(content, 2 * levels)
+    assert is_deep(content, 2 * levels - 1)
+
+
+def test_a_part_that_is_no_mapping_is_empty() -> None:
+    assert mapping_in({"a": {"b": 1}}, "a") == {"b": 1}
+    assert mapping_in({"a": 1}, "a") == mapping_in([], "a") == mapping_in(None, "a") == {}

@@ -10,22 +10,23 @@ Writes  ROOT/models/NNN/                     nontextured.ply, textured.obj, conv
         ROOT/collision_label/scene_NNNN/     collisions of labelled grasps with the scene
         ROOT/objects.json                    family, pool and true symmetries of each object
 
-Scenes are numbered by GraspNet's splits. The objects depend on the seed only, so a training root
-and a test root of one seed share exactly the objects of the seen pool, and no scene.
+Scenes are numbered by GraspNet's splits; where a split has more than GraspNet's, its numbers go on
+1000 above. The objects depend on the seed only, so a training root and a test root of one seed
+share exactly the objects of the seen pool, and no scene.
 """
 
 from collections.abc import Sequence
 from dataclasses import asdict, replace
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from pipelines.configs import SceneryConfig, SynthesizeConfig
+from pipelines.configs import SynthesizeConfig
 from pipelines.dataset import convex_pieces as convex_file
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_labels import write_grasp_label
-from pipelines.dataset.graspnet.graspnet_layout import SPLITS
+from pipelines.dataset.graspnet.graspnet_layout import SPLIT_BLOCKS, SPLITS, scenes_of_split
 from pipelines.dataset.graspnet.signed_distance import write_sdf
 from pipelines.dataset.meshes import read_mesh, write_mesh
 from pipelines.dataset.object_list import ObjectRecord
@@ -39,14 +40,13 @@ from pipelines.storage.unfinished import mark_finished, mark_unfinished
 from pipelines.synthesis.labels.grasp_sampling import sample_grasp_label
 from pipelines.synthesis.objects.object_records import add_to_object_list
 from pipelines.synthesis.objects.own_models import OwnModel, own_models, refuse_own_output
-from pipelines.synthesis.objects.pools import SyntheticObject, make_pool
+from pipelines.synthesis.objects.pools import POOLS_OF_FAMILIES, make_object
 from pipelines.synthesis.scenes.cameras import MIXED, camera_folder
 from pipelines.synthesis.scenes.scene_files import write_scene
 
 STAGE = "synthesize"
-POOLS = ("seen", "similar", "novel")
-POOL_OF_SPLIT = {"train": "seen", "seen": "seen", "similar": "similar", "novel": "novel"}
-MAX_OBJECTS = 254  # label images have 8 bits, and 0 is the background
+PLACE_OF_SPLIT = {"train": 0, "seen": 0, "similar": 1, "novel": 2}  # in POOLS_OF_FAMILIES
+MAX_OBJECTS = 9999  # label images have 16 bits if they must; names of models keep four digits
 TAG_LABEL = 1  # purpose of a child seed; scenes use other tags
 
 
@@ -74,7 +74,7 @@ def run(
         mark_unfinished(output, STAGE)
     sources = own_models(models, mesh_scale) if models else []
     ids = _object_ids(config, len(sources))
-    step = partial(_write_object, config=config, seed=seed)
+    step = partial(_write_object, seed=seed)
     report = run_batch(
         "synthesize objects", _object_items(output, config, seed, ids, sources), step, options
     )
@@ -110,20 +110,18 @@ def _check(config: SynthesizeConfig, models: Path | None, output: Path) -> None:
     for split in config.splits:
         if split not in SPLITS:
             raise UnknownNameError("split", split, SPLITS)
-        if config.scenes_per_split > len(SPLITS[split]):
+        most = len(SPLITS[split]) * SPLIT_BLOCKS
+        if config.scenes_per_split > most:
             raise ValueRangeError(
-                "--scenes-per-split",
-                config.scenes_per_split,
-                f"at most {len(SPLITS[split])} for {split}",
+                "--scenes-per-split", config.scenes_per_split, f"at most {most} for {split}"
             )
-        if models and POOL_OF_SPLIT[split] != "seen":
+        if models and PLACE_OF_SPLIT[split] != 0:
             raise ValueRangeError(
                 "--split", split, "train or seen with --models, which is one pool"
             )
-    if len(POOLS) * config.objects_per_pool > MAX_OBJECTS:
-        raise ValueRangeError(
-            "--objects", config.objects_per_pool, f"at most {MAX_OBJECTS // len(POOLS)} a pool"
-        )
+    most = MAX_OBJECTS // len(POOLS_OF_FAMILIES[config.families])
+    if config.objects_per_pool > most:
+        raise ValueRangeError("--objects", config.objects_per_pool, f"at most {most} a pool")
     if config.sensor != MIXED:
         camera_folder(config.sensor)
 
@@ -134,13 +132,11 @@ def _object_ids(config: SynthesizeConfig, num_models: int) -> dict[int, tuple[st
         if num_models > MAX_OBJECTS:
             raise ValueRangeError("number of meshes", num_models, f"at most {MAX_OBJECTS}")
         return {index: ("models", index) for index in range(num_models)}
-    needed = {POOL_OF_SPLIT[split] for split in config.splits}
+    pools = POOLS_OF_FAMILIES[config.families]
+    needed = sorted({PLACE_OF_SPLIT[split] for split in config.splits})
     count = config.objects_per_pool
     return {
-        POOLS.index(pool) * count + index: (pool, index)
-        for pool in POOLS
-        if pool in needed
-        for index in range(count)
+        place * count + index: (pools[place], index) for place in needed for index in range(count)
     }
 
 
@@ -171,22 +167,9 @@ def _object_items(
     return items
 
 
-@lru_cache(maxsize=4)
-def _pool(pool: str, count: int, seed: int) -> list[SyntheticObject]:
-    return make_pool(pool, count, seed)
-
-
-def _make_object(
-    pool: str, index: int, source: OwnModel | None, count: int, seed: int
-) -> SyntheticObject:
-    if source is None:
-        return _pool(pool, count, seed)[index]
-    return source.as_object(seed)
-
-
-def _write_object(item: WorkItem, *, config: SynthesizeConfig, seed: int) -> None:
+def _write_object(item: WorkItem, *, seed: int) -> None:
     pool, index, source = item.arguments
-    made = _make_object(pool, index, source, config.objects_per_pool, seed)
+    made = source.as_object(seed) if source else make_object(pool, index, seed)
     with atomic_folder(item.target) as folder:
         write_mesh(folder / "nontextured.ply", made.mesh)
         write_mesh(folder / "textured.obj", made.mesh)
@@ -207,7 +190,7 @@ def _write_object_list(
             name = sources[index].name
             records.append(ObjectRecord(object_id, name, name, pool))
             continue
-        made = _pool(pool, config.objects_per_pool, seed)[index]
+        made = make_object(pool, index, seed)
         records.append(ObjectRecord(object_id, made.name, made.family, pool, made.symmetries))
     add_to_object_list(GraspNetRoot(output), records, count=config.objects_per_pool, seed=seed)
 
@@ -267,9 +250,10 @@ def _scene_items(
     settings = _scene_settings(config)
     items = []
     for split in config.splits:
-        pool = "models" if sources else POOL_OF_SPLIT[split]
+        own = POOLS_OF_FAMILIES[config.families][PLACE_OF_SPLIT[split]]
+        pool = "models" if sources else own
         members = tuple(i for i, (of, _) in ids.items() if of == pool)
-        for scene_id in SPLITS[split][: config.scenes_per_split]:
+        for scene_id in scenes_of_split(split)[: config.scenes_per_split]:
             stamp = make_stamp("synthesize scene", settings, seed=seed, inputs=inputs)
             target = root.scene_folder(scene_id)
             items.append(
@@ -282,8 +266,10 @@ def _scene_settings(config: SynthesizeConfig) -> dict[str, object]:
     """Return the settings that a scene is stamped with."""
     # The numbers of scenes and splits of a run do not change a scene.
     settings = asdict(replace(config, splits=(), scenes_per_split=0))
-    if config.scenery == SceneryConfig():  # older roots, which know no scenery, are taken up
-        del settings["scenery"]
+    usual = SynthesizeConfig()
+    for name in ("scenery", "families"):  # older roots, which do not know these, are taken up
+        if getattr(config, name) == getattr(usual, name):
+            del settings[name]
     return settings
 
 

@@ -19,6 +19,7 @@ from symgrasp_cli.settings import with_settings
         "--scenes-per-split": "scenes_per_split",
         "--views": "views",
         "--objects": "objects_per_pool",
+        "--families": "families",
         "--sensor": "sensor",
         "--surroundings": "scenery.surroundings",
         "--robot-hands": "scenery.robot_hands",

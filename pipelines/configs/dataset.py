@@ -8,6 +8,7 @@ from pipelines.configs.declaration import BY_EYE, choice, setting
 Split = Literal["train", "seen", "similar", "novel"]
 Sensor = Literal["perfect", "kinect", "realsense", "mixed"]
 Surrounding = Literal["plain", "bin", "tray", "wall", "edge", "base"]
+FamilySet = Literal["first", "wide", "sealed"]
 Colors = Literal["plain", "varied"]
 RegionCategory = Literal["kind", "object", "region"]
 
@@ -22,6 +23,10 @@ HANDS_SHARE = "Share of the views that a robot's hand enters from the border."
 SCENE_COLORS = (
     "Textures, light and camera: plain, as indoors; varied, any material and print on any surface, "
     "several lamps of any colour, cameras that tint, blur and compress."
+)
+FAMILY_SETS = (
+    "Families of the objects: first, 24 trained and 21 novel ones; wide, 21 more that are trained; "
+    "sealed, wide with 12 other novel ones."
 )
 FRAME_STRIDE = "Take every n-th frame of a scene."
 
@@ -88,6 +93,7 @@ class SynthesizeConfig:
     height: int = setting(720, "px", "Height of the images.", GRASPNET, low=1)
     collision_labels: bool = choice(True, "Test the labels' grasps against each scene.", GRASPNET)
     labels: LabelConfig = field(default_factory=LabelConfig)
+    families: FamilySet = choice("first", FAMILY_SETS, "docs/experiments/data-sets.md")
     scenery: SceneryConfig = field(default_factory=SceneryConfig)
 
 

@@ -43,7 +43,7 @@ class FrameTruth:
 
     intrinsics: Intrinsics
     split: str
-    label: NDArray[np.uint8]
+    label: NDArray[np.uint8 | np.uint16]
     visible: list[int]
     scene: TrueScene
     instances: list[RegionInstance]
@@ -70,7 +70,7 @@ class TruthReader:
         intrinsics = self._intrinsics(scene_files)
         around = self._surroundings(scene_files)
         scene = TrueScene({i: self.object(i) for i in poses}, poses, table, around)
-        counts = np.bincount(label.ravel(), minlength=256)
+        counts = np.bincount(label.ravel(), minlength=max(poses, default=0) + 2)
         visible = [i for i in sorted(poses) if counts[i + 1] >= self.config.min_visible_pixels]
         instances = self._instances(label, intrinsics, poses, visible)
         regions = [
@@ -100,7 +100,7 @@ class TruthReader:
 
     def _instances(
         self,
-        label: NDArray[np.uint8],
+        label: NDArray[np.uint8 | np.uint16],
         intrinsics: Intrinsics,
         poses: dict[int, Array],
         visible: list[int],

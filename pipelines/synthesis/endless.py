@@ -34,6 +34,7 @@ from pipelines.geometry.transforms import (
 from pipelines.grasping.labelled_regions import LabelledCloud, LabelledSurface, labelled_clouds
 from pipelines.grasping.scene import SceneCloud
 from pipelines.synthesis.objects.decomposition import hull_of_points
+from pipelines.synthesis.objects.pools import UNSEEN_POOLS
 from pipelines.synthesis.scenes.cameras import LENSES, drawn_viewpoints, sensor_intrinsics
 from pipelines.synthesis.scenes.depth_sensors import measured_depth
 from pipelines.synthesis.scenes.tables import SceneLayout, SceneObject, background, drawn_layout
@@ -41,7 +42,6 @@ from pipelines.tabletop.levelling import table_row
 from pipelines.tabletop.mask_noise import MaskFaults, MaskNoise
 
 ENDLESS = 1_000_033  # separates these draws from those of datasets and trainings with equal seed
-UNSEEN_POOLS = ("similar", "novel")
 ATTEMPTS = 8
 MARGIN = 24  # pixels rendered around the objects, into which masks may leak
 OCCLUDER_REACH = (0.35, 0.75)  # of the distance from the camera to an object

@@ -33,6 +33,7 @@ from pipelines.dataset.graspnet.graspnet_labels import (
     write_rect,
 )
 from pipelines.dataset.graspnet.graspnet_layout import (
+    BLOCK,
     CAMERAS,
     SPLITS,
     FrameFiles,
@@ -118,7 +119,7 @@ class GraspNetRoot:
 
     def object_ids(self) -> list[int]:
         """List the ids of `models/`, ascending."""
-        return _numbers(self.root / "models", r"(\d{3})")
+        return _numbers(self.root / "models", r"(\d{3,})")
 
     def scene_ids(self, split: str | None = None) -> list[int]:
         """List the ids of `scenes/`, ascending; only those of `split`, one of SPLITS, if given."""
@@ -127,7 +128,7 @@ class GraspNetRoot:
             return scenes
         if split not in SPLITS:
             raise UnknownNameError("split", split, SPLITS)
-        return [scene for scene in scenes if scene in SPLITS[split]]
+        return [scene for scene in scenes if scene % BLOCK in SPLITS[split]]
 
     def cameras(self, scene_id: int) -> list[str]:
         """List the cameras of a scene."""
@@ -199,13 +200,13 @@ class GraspNetRoot:
         """
         return read_poses(frame.path("annotations"), frame.path("meta"))
 
-    def read_label(self, frame: FrameFiles) -> NDArray[np.uint8]:
-        """Read the label image (H, W) uint8: object id + 1, 0 = background."""
+    def read_label(self, frame: FrameFiles) -> NDArray[np.uint8 | np.uint16]:
+        """Read the label image (H, W) of 8 or 16 bits: object id + 1, 0 = background."""
         path = frame.path("label")
         label = read_image(path)
-        if label.ndim != 2 or label.dtype != np.uint8:
+        if label.ndim != 2 or label.dtype not in (np.uint8, np.uint16):
             found = f"{label.dtype} of shape {label.shape}"
-            raise FormatError(path, found, "8 bit in one channel is expected")
+            raise FormatError(path, found, "8 or 16 bit in one channel is expected")
         return label
 
     def read_depth(self, frame: FrameFiles) -> tuple[Singles, Intrinsics]:
@@ -235,8 +236,8 @@ def write_depth(path: Path, depth: NDArray[np.floating]) -> None:
 
 
 def write_label(path: Path, label: NDArray[np.integer]) -> None:
-    """Write `label/NNNN.png` (H, W): object id + 1, 0 = background."""
-    write_image(path, label.astype(np.uint8))
+    """Write `label/NNNN.png` (H, W): object id + 1, 0 = background; 8 bits if they suffice."""
+    write_image(path, label.astype(np.uint8 if label.max(initial=0) < 256 else np.uint16))
 
 
 def write_camera_matrix(path: Path, intrinsics: Intrinsics) -> None:

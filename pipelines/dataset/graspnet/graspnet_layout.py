@@ -22,6 +22,8 @@ SPLITS = {
     "similar": range(130, 160),
     "novel": range(160, 190),
 }
+# A synthesized split with more scenes than GraspNet's goes on 1000, 2000, ... above its numbers.
+BLOCK, SPLIT_BLOCKS = 1000, 10
 
 
 @dataclass(frozen=True)
@@ -135,7 +137,16 @@ def frame_key(name: str) -> tuple[int, str, int] | None:
 
 def split_of_scene(scene_id: int) -> str:
     """Return the name in SPLITS of the split of a scene."""
-    split = next((name for name, scenes in SPLITS.items() if scene_id in scenes), None)
+    number = scene_id % BLOCK
+    split = next((name for name, scenes in SPLITS.items() if number in scenes), None)
     if split is None:
-        raise SymgraspError(f"scene {scene_id} is in no split; scenes are numbered 0 to 189")
+        raise SymgraspError(
+            f"scene {scene_id} is in no split; scenes are numbered 0 to 189, or {BLOCK}, "
+            f"{2 * BLOCK}, ... above"
+        )
     return split
+
+
+def scenes_of_split(split: str) -> list[int]:
+    """Return the numbers that scenes of a split, one of SPLITS, may have, ascending."""
+    return [block * BLOCK + number for block in range(SPLIT_BLOCKS) for number in SPLITS[split]]

@@ -46,7 +46,7 @@ def strided_frames(scene: SceneFiles, stride: int) -> list[FrameFiles]:
 
 def read_posed_label(
     root: GraspNetRoot, files: FrameFiles, shape: tuple[int, ...]
-) -> tuple[NDArray[np.uint8], dict[int, Array]]:
+) -> tuple[NDArray[np.uint8 | np.uint16], dict[int, Array]]:
     """Read the label image of a frame and the poses of its objects.
 
     Args:

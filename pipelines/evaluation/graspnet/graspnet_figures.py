@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.array_types import Array
-from pipelines.dataset.graspnet.graspnet import SPLITS
+from pipelines.dataset.graspnet.graspnet_layout import BLOCK, SPLITS
 from pipelines.evaluation.graspnet.dump_verdicts import DUMP_STATUSES
 from pipelines.evaluation.tables import Table
 from pipelines.evaluation.tallies import ALL
@@ -102,7 +102,7 @@ class DumpTally:
         """Add the verdicts on one scene, as `formats.dump_verdicts` reads them."""
         fresh = {split: DumpTotals() for split in (*SPLITS, ALL)}
         splits = self.totals.setdefault(camera, fresh)
-        own, total = [split for split in SPLITS if scene_id in SPLITS[split]], DumpTotals()
+        own, total = [split for split in SPLITS if scene_id % BLOCK in SPLITS[split]], DumpTotals()
         for each in (total, *(splits[split] for split in (*own, ALL))):
             each.add(verdicts)
         self.scenes[name] = {"split": own[0] if own else "", **total.figures()}

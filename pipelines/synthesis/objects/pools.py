@@ -1,7 +1,10 @@
-"""Pools of procedural objects: seen, similar (new instances of seen families), novel (families)."""
+"""Pools of procedural objects: seen, similar (new instances of seen families), novel (families).
+
+`wide` and `wide_similar` have more families than `seen` and `similar`; `sealed` has families that
+nothing else has.
+"""
 
 from dataclasses import dataclass
-from itertools import cycle, islice
 
 import numpy as np
 
@@ -9,9 +12,32 @@ from pipelines.errors import UnknownNameError
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.symmetry import Symmetry
 from pipelines.synthesis.objects.decomposition import hull_of_points
-from pipelines.synthesis.objects.families.catalogue import NOVEL, SEEN, make_shape
+from pipelines.synthesis.objects.families.catalogue import (
+    NOVEL,
+    SEALED,
+    SEEN,
+    WIDER,
+    make_shape,
+)
 
-FAMILIES_OF_POOL = {"seen": tuple(SEEN), "similar": tuple(SEEN), "novel": tuple(NOVEL)}
+# In this order: an object's draws depend on the number of its pool.
+FAMILIES_OF_POOL = {
+    "seen": tuple(SEEN),
+    "similar": tuple(SEEN),
+    "novel": tuple(NOVEL),
+    "wide": (*SEEN, *WIDER),
+    "wide_similar": (*SEEN, *WIDER),
+    "sealed": tuple(SEALED),
+}
+
+# The pool of each split, by the setting `families`: seen, similar, novel.
+POOLS_OF_FAMILIES = {
+    "first": ("seen", "similar", "novel"),
+    "wide": ("wide", "wide_similar", "novel"),
+    "sealed": ("wide", "wide_similar", "sealed"),
+}
+# Objects of these are never trained on.
+UNSEEN_POOLS = ("similar", "novel", "wide_similar", "sealed")
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,15 +67,16 @@ def make_pool(pool: str, count: int, seed: int) -> list[SyntheticObject]:
     Raises:
         UnknownNameError: there is no such pool.
     """
+    return [make_object(pool, index, seed) for index in range(count)]
+
+
+def make_object(pool: str, index: int, seed: int) -> SyntheticObject:
+    """Return object `index` of `pool`; see `make_pool`."""
     if pool not in FAMILIES_OF_POOL:
         raise UnknownNameError("pool", pool, FAMILIES_OF_POOL)
-    turns = islice(cycle(FAMILIES_OF_POOL[pool]), count)
-    number = list(FAMILIES_OF_POOL).index(pool)
-    return [_make(pool, index, family, [seed, number, index]) for index, family in enumerate(turns)]
-
-
-def _make(pool: str, index: int, family: str, seed: list[int]) -> SyntheticObject:
-    shape = make_shape(family, np.random.default_rng(seed))
+    families, number = FAMILIES_OF_POOL[pool], list(FAMILIES_OF_POOL).index(pool)
+    family = families[index % len(families)]
+    shape = make_shape(family, np.random.default_rng([seed, number, index]))
     return SyntheticObject(
         f"{pool}_{index:03d}_{family}",
         family,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from pipelines.dataset.graspnet import graspnet
+from pipelines.dataset.graspnet import graspnet, graspnet_layout
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot, ObjectPose
 from pipelines.errors import FormatError, MissingInputError, SymgraspError, UnknownNameError
 from pipelines.frames.frames import find_frames
@@ -130,8 +130,28 @@ def test_a_colour_picture_is_no_label(root: GraspNetRoot) -> None:
 def test_every_scene_has_one_split() -> None:
     splits = [graspnet.split_of_scene(scene) for scene in range(190)]
     assert [splits.count(name) for name in graspnet.SPLITS] == [100, 30, 30, 30]
-    with pytest.raises(SymgraspError, match="190"):
-        graspnet.split_of_scene(190)
+    for lost in (190, 1190):
+        with pytest.raises(SymgraspError, match=str(lost)):
+            graspnet.split_of_scene(lost)
+
+
+def test_splits_go_on_a_thousand_above() -> None:
+    novel = graspnet_layout.scenes_of_split("novel")
+    assert novel[:30] == list(range(160, 190))
+    assert novel[30:32] == [1160, 1161]
+    assert {graspnet.split_of_scene(scene) for scene in novel} == {"novel"}
+    assert max(graspnet_layout.scenes_of_split("train")) <= 9999  # scene_NNNN
+
+
+@pytest.mark.parametrize(("largest", "bits"), [(254, np.uint8), (255, np.uint16)])
+def test_labels_have_the_bits_that_their_ids_need(
+    root: GraspNetRoot, largest: int, bits: type
+) -> None:
+    frame, label = root.scene(0).frame(1), np.arange(48 * 64).reshape(48, 64) % (largest + 2)
+    graspnet.write_label(frame.path("label"), label)
+    read = root.read_label(frame)
+    assert read.dtype == bits
+    np.testing.assert_array_equal(read, label)
 
 
 def test_depth_alone_is_that_of_the_frame(root: GraspNetRoot) -> None:

@@ -17,17 +17,16 @@ from pipelines.geometry.symmetry import (
 )
 from pipelines.geometry.transforms import unit
 from pipelines.synthesis.objects.families.catalogue import FAMILIES, make_shape
-from pipelines.synthesis.objects.pools import FAMILIES_OF_POOL, make_pool
+from pipelines.synthesis.objects.pools import FAMILIES_OF_POOL, make_object, make_pool
 
-ASYMMETRIC = ("lumpy", "sculpture", "stone")
+ASYMMETRIC = ("lumpy", "sculpture", "stone", "heap", "decoy_carton", "slipper", "carved")
 every_family = pytest.mark.parametrize("family", FAMILIES)
 
 
 @cache
 def instance(family):
-    pool = "seen" if family in FAMILIES_OF_POOL["seen"] else "novel"
-    objects = {made.family: made for made in whole_pool(pool)}
-    return objects[family]
+    pool = next(pool for pool in FAMILIES_OF_POOL if family in FAMILIES_OF_POOL[pool])
+    return make_object(pool, FAMILIES_OF_POOL[pool].index(family), seed=11)
 
 
 @cache
@@ -116,7 +115,17 @@ def test_asymmetric_objects_have_no_mirror_plane(family):
 
 @pytest.mark.parametrize(
     ("family", "normal"),
-    [("mug", [1, 0, 0]), ("bottle", [0, 0, 1]), ("wedge", [1, 0, 0]), ("hammer", [1, 0, 0])],
+    [
+        ("mug", [1, 0, 0]),
+        ("bottle", [0, 0, 1]),
+        ("wedge", [1, 0, 0]),
+        ("hammer", [1, 0, 0]),
+        ("decoy_can", [1, 0, 0]),
+        ("decoy_bottle", [1, 0, 0]),
+        ("twisted_bar", [1, 0, 0]),
+        ("twisted_bar", [0, 0, 1]),
+        ("faceted", [0, 0, 1]),
+    ],
 )
 def test_planes_that_are_not_declared_do_not_hold(family, normal):
     assert gap(family, ReflectionSymmetry(np.array(normal), np.zeros(3)).counterpart) > 3e-4
@@ -189,7 +198,7 @@ def test_every_family_is_present_and_every_name_once():
 
 
 def test_unknown_pools_and_families_are_refused():
-    with pytest.raises(UnknownNameError, match="known are novel, seen, similar"):
+    with pytest.raises(UnknownNameError, match="known are novel, sealed, seen, similar, wide"):
         make_pool("old", 1, seed=0)
     with pytest.raises(UnknownNameError, match="teacup"):
         make_shape("teacup", np.random.default_rng(0))

@@ -1,11 +1,11 @@
-"""Families of procedural objects: seen in training, and novel."""
+"""Families of procedural objects: seen in training, novel, and sealed."""
 
 from collections.abc import Callable
 
 import numpy as np
 
 from pipelines.errors import UnknownNameError
-from pipelines.synthesis.objects.families import compound, lathed, prismatic
+from pipelines.synthesis.objects.families import compound, lathed, prismatic, sealed, wider
 from pipelines.synthesis.objects.shape import Shape
 
 Family = Callable[[np.random.Generator], Shape]
@@ -63,7 +63,48 @@ NOVEL: dict[str, Family] = {
     "spoon": compound.spoon,
 }
 
-FAMILIES = SEEN | NOVEL
+# More families of training; those of the first trainings lack them.
+WIDER: dict[str, Family] = {
+    "turned": wider.turned,
+    "boulder": wider.boulder,
+    "pan": wider.pan,
+    "decoy_can": wider.decoy_can,
+    "pliers": wider.pliers,
+    "crossed": wider.crossed,
+    "case": wider.case,
+    "brush": wider.brush,
+    "faceted": wider.faceted,
+    "pot": wider.pot,
+    "heap": wider.heap,
+    "spanner": wider.spanner,
+    "spindle": wider.spindle,
+    "bucket": wider.bucket,
+    "decoy_bottle": wider.decoy_bottle,
+    "nut": wider.nut,
+    "drill": wider.drill,
+    "torch": wider.torch,
+    "hook": wider.hook,
+    "decoy_carton": wider.decoy_carton,
+    "tape_dispenser": wider.tape_dispenser,
+}
+
+# Families of the sealed benchmark only.
+SEALED: dict[str, Family] = {
+    "superquadric": sealed.superquadric,
+    "lobed_knob": sealed.lobed_knob,
+    "twisted_bar": sealed.twisted_bar,
+    "cookie_cutter": sealed.cookie_cutter,
+    "horseshoe": sealed.horseshoe,
+    "chair": sealed.chair,
+    "stairs": sealed.stairs,
+    "tripod": sealed.tripod,
+    "peanut": sealed.peanut,
+    "slipper": sealed.slipper,
+    "fish": sealed.fish,
+    "carved": sealed.carved,
+}
+
+FAMILIES = SEEN | NOVEL | WIDER | SEALED
 
 
 def make_shape(family: str, rng: np.random.Generator) -> Shape:

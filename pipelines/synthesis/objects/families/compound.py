@@ -37,7 +37,7 @@ def ellipsoid(radii: ArrayLike) -> Solid:
     return ball(1.0, 48).moved(np.diag(np.asarray(radii, float)))
 
 
-def _handle(rim: float, low: float, high: float, reach: float, thick: float) -> Solid:
+def handle(rim: float, low: float, high: float, reach: float, thick: float) -> Solid:
     """Return a handle in the xz plane, from the wall at x = `rim` out by `reach` and back."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, 22)
     x = rim + reach * np.cos(angle)
@@ -52,7 +52,7 @@ def mug(rng: Rng) -> Shape:
     taper, thick = rng.uniform(0.85, 1.0), rng.uniform(0.004, 0.006)
     # The ends of the handle stay inside the wall.
     rim = r * (taper + (1 - taper) * 0.5) - 0.5 * wall
-    bow = _handle(rim, 0.2 * h, 0.8 * h, rng.uniform(0.022, 0.032), thick)
+    bow = handle(rim, 0.2 * h, 0.8 * h, rng.uniform(0.022, 0.032), thick)
     cavity = vessel_cavity(r, h, taper, wall)
     return Shape((vessel(r, h, taper, wall) | bow) - cavity, mirror_axes("y"))
 
@@ -80,7 +80,7 @@ def pitcher(rng: Rng) -> Shape:
     belly = lathe(
         smooth(np.array([0, 0.1, 0.4, 0.8, 1]) * h, [0.8 * r, 0.95 * r, r, neck, 1.1 * neck])
     )
-    bow = _handle(0.55 * r, 0.25 * h, 0.85 * h, rng.uniform(0.035, 0.045), 0.005)
+    bow = handle(0.55 * r, 0.25 * h, 0.85 * h, rng.uniform(0.035, 0.045), 0.005)
     beak = ellipsoid((0.022, 0.009, 0.012)).moved(translation=(-1.1 * neck, 0, 0.95 * h))
     return Shape(belly | bow | beak, mirror_axes("y"))
 

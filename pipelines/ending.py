@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NoReturn
 
@@ -21,6 +21,7 @@ POLL = 0.5  # seconds between two looks whether the parent is still there
 LONGEST_CREATION = 2.0  # seconds to wait for a thread that creates a temporary file
 # Children that clean up what this process could not free say so, unless they are told otherwise.
 NO_WORD_OF_LEAKS = "ignore:resource_tracker:UserWarning"
+SHARED_MEMORY = Path("/dev/shm")
 SHOW_CURSOR = "\x1b[?25h"  # a progress bar hides it
 
 _temporary: set[Path] = set()
@@ -49,11 +50,22 @@ def end(code: int) -> NoReturn:
     """End this process at once with `code`; its temporary files are removed."""
     _lock.acquire(timeout=LONGEST_CREATION)  # never given back: nothing is created any more
     for path in list(_temporary):
-        try:
+        with suppress(OSError):  # the next run removes it
             remove_temporary(path)
-        except OSError:  # the next run removes it
-            continue
+    remove_joblib_folders(lambda process: process == os.getpid())
     os._exit(code)
+
+
+def remove_joblib_folders(is_meant: Callable[[int], bool]) -> None:
+    """Remove joblib's empty folders in shared memory of the processes whose numbers are meant.
+
+    joblib makes a folder before it tells its tracker, which would remove it.
+    """
+    for folder in SHARED_MEMORY.glob("joblib_memmapping_folder_*"):
+        number = folder.name.split("_")[3]
+        if number.isdecimal() and is_meant(int(number)):
+            with suppress(OSError):  # in use, or another user's
+                folder.rmdir()
 
 
 def end_on_signals() -> None:

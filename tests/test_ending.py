@@ -8,6 +8,7 @@ import time
 
 import pytest
 
+from pipelines import ending
 from pipelines.storage import temporary
 from pipelines.storage.files import write_text
 
@@ -94,3 +95,14 @@ def test_temporary_files_of_killed_processes_are_removed_and_others_stay(tmp_pat
     os.utime(elsewhere_long_ago, (old, old))
     write_text(tmp_path / "g.txt", "g")
     assert set(tmp_path.iterdir()) == {of_now, elsewhere, others, tmp_path / "g.txt"}
+
+
+def test_empty_folders_of_joblib_are_removed_and_others_stay(tmp_path, monkeypatch):
+    monkeypatch.setattr(ending, "SHARED_MEMORY", tmp_path)
+    left, full, of_others, strange = (
+        tmp_path / f"joblib_memmapping_folder_{name}" for name in ("1_a", "1_b", "2_a", "x_a")
+    )
+    for folder in (left, full / "array", of_others, strange):
+        folder.mkdir(parents=True)
+    ending.remove_joblib_folders(lambda process: process == 1)
+    assert set(tmp_path.iterdir()) == {full, of_others, strange}

@@ -16,12 +16,13 @@ from multiprocessing.dummy import DummyProcess
 from types import ModuleType
 from typing import Any
 
-from joblib import Parallel, effective_n_jobs, parallel_config
-from joblib.externals.loky import get_reusable_executor, process_executor
+from joblib import Parallel, parallel_config
+from joblib.externals.loky import get_reusable_executor, process_executor, reusable_executor
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-from pipelines.ending import begin_worker, ctrl_c_put_off
+from pipelines.ending import begin_worker, ctrl_c_put_off, remove_joblib_folders
 from pipelines.errors import SymgraspError, UnknownNameError
+from pipelines.storage.temporary import is_running
 
 RunTasks = Callable[[Iterable[Any]], Iterator[Any]]  # tasks of joblib's `delayed` to their results
 BACKENDS = ("loky", "threading", "dask", "ray")
@@ -59,6 +60,7 @@ def workers_of(backend: str, workers: int) -> Iterator[RunTasks]:
             yield _run_with()  # its pool gives nothing before all is done
     else:
         try:
+            remove_joblib_folders(lambda process: not is_running(process))
             begin = {"initializer": _begin_worker, "initargs": (os.getpid(),)}
             with (
                 _huge_pages(),
@@ -121,10 +123,7 @@ def _huge_pages() -> Iterator[None]:
 
 def end_workers() -> None:
     """End the processes of loky that wait for more work; on its own torch leaves in seconds."""
-    # Where the system has no semaphores joblib works in this process, and loky raises an error.
-    with parallel_config(backend="loky"):
-        has_loky = effective_n_jobs(2) > 1
-    if has_loky:
+    if reusable_executor._executor is not None:  # `get_reusable_executor` would make one
         get_reusable_executor(reuse=True).shutdown(kill_workers=True)
 
 

@@ -70,9 +70,9 @@ def run(
         ValueRangeError: a setting is out of range, or `models` are those of `output`.
     """
     _check(config, models, output)
+    sources = own_models(models, mesh_scale) if models else []
     if not options.dry_run:
         mark_unfinished(output, STAGE)
-    sources = own_models(models, mesh_scale) if models else []
     ids = _object_ids(config, len(sources))
     step = partial(_write_object, seed=seed)
     report = run_batch(

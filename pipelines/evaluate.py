@@ -5,7 +5,8 @@ Reads   grasps.h5            of `infer`, run on a dataset in GraspNet-1Billion's
         ROOT/symmetry        of `annotate-symmetry`: the true symmetries and regions
         ROOT/affordance      of `refine-grasps`: for the oracle row
         success.json         of `simulate`, if given: the rates of success in physics
-Writes  report.json          figures by row (ours, oracle, planar, random) and split
+        NAME.h5              of `infer` with other settings or methods, on the same frames
+Writes  report.json          figures by row (ours, each NAME, baselines) and split
         report.html          the same as one page: tables, curves, best and worst frames
         report.frames/       what was found frame by frame, one file a scene
 
@@ -23,7 +24,8 @@ from pipelines.configs import EvaluateConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot, SceneFiles
 from pipelines.evaluation import reports
 from pipelines.evaluation.baselines import Baselines, rows_of
-from pipelines.evaluation.frame_scores import assign_regions, score_frame
+from pipelines.evaluation.frame_scores import score_frame
+from pipelines.evaluation.other_runs import ComparedRuns, RowPlaces, read_rows
 from pipelines.evaluation.predictions import FramePredictions
 from pipelines.evaluation.records import (
     FrameRecord,
@@ -32,11 +34,12 @@ from pipelines.evaluation.records import (
     write_frame_records,
 )
 from pipelines.evaluation.report_files import EvaluatedGrasps, write_report_files
+from pipelines.evaluation.rows import OURS
 from pipelines.evaluation.tables import Table, report_tables
 from pipelines.evaluation.truth import TruthReader
 from pipelines.evaluation.truth_inputs import truth_digests
 from pipelines.grasp_files.grasps_file import FrameResult
-from pipelines.grasp_files.grasps_stream import places_by_scene, read_dataset_frames, read_index
+from pipelines.grasp_files.grasps_stream import read_index
 from pipelines.grasp_files.gripper_files import gripper_digest, gripper_to_use, load_gripper
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
@@ -51,6 +54,7 @@ def run(
     config: EvaluateConfig,
     options: BatchOptions,
     *,
+    others: Sequence[Path] = (),
     baselines: bool = False,
     success: Path | None = None,
     seed: int = 0,
@@ -63,6 +67,7 @@ def run(
         output: `report.json`.
         config: thresholds.
         options: how the batch is run.
+        others: further `grasps.h5` of the same frames, a row of the report each.
         baselines: also plan with ground truth, from the boundary, and at random.
         success: `success.json` that `simulate` made of the same grasps, gripper and dataset.
         seed: of the baselines' random draws.
@@ -72,12 +77,14 @@ def run(
     config = replace(config, gripper=gripper)
     settings = {**asdict(config), "baselines": baselines}
     inputs = {"grasps": digest(grasps), "gripper": gripper_digest(gripper)}
-    scenes = places_by_scene(grasps, found, root)
+    runs = ComparedRuns.of(grasps, others)
+    inputs |= {f"with {row}": digest(path) for row, path in runs.paths.items() if row != OURS}
+    scenes = runs.scenes(root)
     inputs |= truth_digests(root, scenes, baselines=baselines)
     stamp = make_stamp("evaluate", settings, seed=seed, inputs=inputs)
     is_finished(output, stamp, overwrite=options.overwrite)  # refuses to replace another report
     simulated = reports.read_success_of(success, inputs) if success else None
-    items = _scene_items(grasps, scenes, output, stamp, options)
+    items = _scene_items(scenes, output, stamp, options)
     step = functools.partial(_evaluate_scene, dataset, config, baselines)
     report = run_batch("evaluate", items, step, options)
     if not options.dry_run:
@@ -94,16 +101,18 @@ def tables(output: Path) -> list[Table]:
 
 
 def evaluate_frame(
-    result: FrameResult, reader: TruthReader, baselines: Baselines | None, seed: int
+    results: Mapping[str, FrameResult], reader: TruthReader, baselines: Baselines | None, seed: int
 ) -> FrameRecord:
-    """Return the record of one frame, with those of `baselines` where these are wanted."""
-    files = reader.root.frame(result.name)
+    """Return the record of one frame, with those of `baselines` where these are wanted.
+
+    `results`: of the frame by row, ours among them.
+    """
+    files = reader.root.frame(results[OURS].name)
     truth = reader.read(files)
-    predictions = FramePredictions.from_result(result)
-    owners = assign_regions(predictions.masks, truth, reader.config)
-    rows = rows_of(predictions, owners, files, truth, baselines, seed)
+    predictions = {row: FramePredictions.from_result(each) for row, each in results.items()}
+    rows = rows_of(predictions, files, truth, reader.config, baselines, seed)
     gripper = load_gripper(reader.config.gripper)
-    return score_frame(predictions, owners, rows, truth, gripper, reader.config)
+    return score_frame(predictions[OURS], rows, truth, gripper, reader.config)
 
 
 def _evaluate_scene(
@@ -111,23 +120,19 @@ def _evaluate_scene(
 ) -> str | None:
     reader = TruthReader(GraspNetRoot(dataset), config)
     others = Baselines.of(reader, load_gripper(config.gripper)) if baselines else None
-    results = read_dataset_frames(*item.arguments)
-    records = [evaluate_frame(result, reader, others, item.stamp.seed) for result in results]
+    frames = read_rows(*item.arguments)
+    records = [evaluate_frame(results, reader, others, item.stamp.seed) for results in frames]
     write_frame_records(item.target, records, item.stamp)
     return None
 
 
 def _scene_items(
-    grasps: Path,
-    scenes: Mapping[SceneFiles, list[int]],
-    output: Path,
-    stamp: Stamp,
-    options: BatchOptions,
+    scenes: Mapping[SceneFiles, RowPlaces], output: Path, stamp: Stamp, options: BatchOptions
 ) -> list[WorkItem]:
     """Return one item a scene and camera, with the places of the frames `infer` was given."""
     folder = records_folder(output)
     items = [
-        WorkItem(scene.name, folder / f"{scene.name}.json", stamp, (grasps, places))
+        WorkItem(scene.name, folder / f"{scene.name}.json", stamp, (places,))
         for scene, places in scenes.items()
     ]
     drop_stale(items, options)

@@ -14,7 +14,7 @@ Finished scenes are not tried again. The dataset is only read.
 """
 
 import functools
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -22,6 +22,8 @@ from pipelines.configs import SimulateConfig
 from pipelines.dataset import convex_pieces as convex_file
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot, SceneFiles
 from pipelines.dataset.meshes import read_solid_mesh
+from pipelines.evaluation.other_runs import ComparedRuns, RowPlaces, read_rows
+from pipelines.evaluation.rows import OURS
 from pipelines.evaluation.tables import Table
 from pipelines.evaluation.trial_records import (
     FrameTrials,
@@ -30,7 +32,7 @@ from pipelines.evaluation.trial_records import (
     write_trials,
 )
 from pipelines.evaluation.truth_inputs import truth_digests
-from pipelines.grasp_files.grasps_stream import places_by_scene, read_dataset_frames, read_index
+from pipelines.grasp_files.grasps_stream import read_index
 from pipelines.grasp_files.gripper_files import gripper_digest, gripper_to_use, load_gripper
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
@@ -59,6 +61,7 @@ def run(
     config: SimulateConfig,
     options: BatchOptions,
     *,
+    others: Sequence[Path] = (),
     baselines: bool = False,
     seed: int = 0,
 ) -> StageReport:
@@ -70,6 +73,7 @@ def run(
         output: `success.json`.
         config: gripper, trial, criteria of success.
         options: options of the batch.
+        others: further `grasps.h5` of the same frames, tried too.
         baselines: also try grasps planned with ground truth, from the boundary, and at random.
         seed: seed of coacd, which cuts models into convex pieces, and of the random baselines.
 
@@ -80,8 +84,10 @@ def run(
     root, found = GraspNetRoot.finished(dataset), read_index(grasps)
     gripper = gripper_to_use(config.gripper, found.gripper, found.stamp)
     config = replace(config, gripper=gripper)
-    scenes = places_by_scene(grasps, found, root)
+    runs = ComparedRuns.of(grasps, others)
+    scenes = runs.scenes(root)
     inputs = {"grasps": digest(grasps), "gripper": gripper_digest(gripper)}
+    inputs |= {f"with {row}": digest(path) for row, path in runs.paths.items() if row != OURS}
     inputs |= truth_digests(root, scenes, baselines=baselines)
     inputs["pieces"] = _digest_of_pieces(scenes, root, output)
     settings = {**asdict(config), "baselines": baselines}
@@ -90,7 +96,7 @@ def run(
     models = _model_items(scenes, root, output, config, seed)
     drop_stale(models, options)
     report = run_batch("simulate models", models, functools.partial(_cut_model, config), options)
-    items = _scene_items(grasps, scenes, output, stamp)
+    items = _scene_items(scenes, output, stamp)
     drop_stale(items, options)
     step = functools.partial(_simulate_scene, dataset, output, config, baselines)
     report = _joined(report, run_batch("simulate", items, step, options))
@@ -149,11 +155,11 @@ def _cut_model(config: SimulateConfig, item: WorkItem) -> str | None:
 
 
 def _scene_items(
-    grasps: Path, scenes: Mapping[SceneFiles, list[int]], output: Path, stamp: Stamp
+    scenes: Mapping[SceneFiles, RowPlaces], output: Path, stamp: Stamp
 ) -> list[WorkItem]:
     folder = trials_folder(output)
     return [
-        WorkItem(scene.name, folder / f"{scene.name}.json", stamp, (grasps, places))
+        WorkItem(scene.name, folder / f"{scene.name}.json", stamp, (places,))
         for scene, places in scenes.items()
     ]
 
@@ -164,7 +170,7 @@ def _simulate_scene(
     root, hand = GraspNetRoot(dataset), load_gripper(config.gripper)
     pieces = PiecesReader(root, pieces_folder(output))
     simulator = FrameSimulator(root, pieces, hand, config, baselines, item.stamp.seed)
-    frames = [simulator.run(result) for result in read_dataset_frames(*item.arguments)]
+    frames = [simulator.run(results) for results in read_rows(*item.arguments)]
     write_trials(item.target, frames, item.stamp)
     farthest = max(frame.shift for frame in frames)
     if farthest < LARGE_SHIFT:

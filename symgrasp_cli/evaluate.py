@@ -13,6 +13,7 @@ from symgrasp_cli.options import (
     DryRun,
     Overwrite,
     Seed,
+    With,
     Workers,
     batch_options,
 )
@@ -52,6 +53,7 @@ def evaluate(
             "graspnetAPI's AP of a dump, its faults included."
         ),
     ] = "symgrasp",
+    with_: With = None,
     baselines: Annotated[
         bool,
         typer.Option(
@@ -90,6 +92,7 @@ def evaluate(
             out,
             part(EvaluateConfig, config),
             options,
+            others=with_ or (),
             baselines=baselines,
             success=success,
             seed=seed,

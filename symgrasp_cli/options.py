@@ -133,6 +133,15 @@ MeshUnit = Annotated[
         help="Metres by unit of the meshes' files; 0.001 for millimetres.",
     ),
 ]
+With = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--with",
+        exists=True,
+        dir_okay=False,
+        help="Another grasps.h5 of the same frames, a row called as the file; may be given again.",
+    ),
+]
 DatasetRoot = Annotated[
     Path,
     typer.Option(

@@ -13,6 +13,7 @@ from symgrasp_cli.options import (
     DryRun,
     Overwrite,
     Seed,
+    With,
     Workers,
     batch_options,
 )
@@ -39,6 +40,7 @@ def simulate(
     out: Annotated[Path, typer.Option(help="Rates to write; trials go beside it.")] = (
         Path("success.json")
     ),
+    with_: With = None,
     baselines: Annotated[
         bool,
         typer.Option(
@@ -59,6 +61,8 @@ def simulate(
         raise typer.BadParameter("no number is given; 0.3,0.5,0.8 are", param_hint="--friction")
     config = replace(config, frictions=tuple(sorted(set(config.frictions))))
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
-    report = stage.run(grasps, dataset, out, config, options, baselines=baselines, seed=seed)
+    report = stage.run(
+        grasps, dataset, out, config, options, others=with_ or (), baselines=baselines, seed=seed
+    )
     then = ("evaluate", grasps, "--dataset", dataset, "--success", out)
     conclude(report, out, then=then, tables=() if dry_run else stage.tables(out))

@@ -59,7 +59,7 @@ class CompareConfig:
     """Runs side by side: a paired bootstrap over frames or scenes."""
 
     row: str = choice(
-        "ours", "Row of the reports: ours, oracle, planar, random; of a dump a camera.", "D. 51"
+        "ours", "Row of the reports, as ours or planar-critic; of a dump a camera.", "D. 51"
     )
     unit: BootstrapUnit = choice(
         "frame", "Unit that the bootstrap draws: frame, or scene, whose views are alike.", "D. 51"

@@ -2,25 +2,27 @@
 
 All plan from the observation that `infer` plans from, with the same selection of grasps. The oracle
 takes the true symmetries and the true affordance of the object that a region lies on: its figures
-are those of the method with a perfect network.
+are those of the method with a perfect network. Planar grasps ranked by the grasp critic are the
+control of what symmetry brings: they differ from ours in the candidates alone.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import KDTree
 
 from pipelines.array_types import Array, Mask
-from pipelines.configs import InferConfig
+from pipelines.configs import EvaluateConfig, InferConfig
 from pipelines.dataset.graspnet.graspnet import FrameFiles
-from pipelines.evaluation.frame_scores import RegionOwners
+from pipelines.evaluation.frame_scores import RegionOwners, RegionRow, assign_regions
 from pipelines.evaluation.predictions import FramePredictions, RowPredictions
+from pipelines.evaluation.rows import BASELINE_ROWS, OURS
 from pipelines.evaluation.truth import FrameTruth, TruthReader
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.geometry.transforms import invert, transform_points
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.planner import Pass, Planar, Random, RegionModel, RegionPlanner
-from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.ranking.ranking import Critic
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.grasping.symmetries.completion import completions
@@ -60,10 +62,10 @@ class Baselines:
         truth: FrameTruth,
         rng: np.random.Generator,
     ) -> dict[str, RowPredictions]:
-        """Return the rows oracle, planar and random on the regions `masks` of one frame."""
+        """Return the rows `BASELINE_ROWS` on the regions `masks` of one frame."""
         if not masks:
-            nothing = RowPredictions([], [])
-            return {"oracle": replace(nothing, symmetries=[]), "planar": nothing, "random": nothing}
+            rows = {name: RowPredictions([], []) for name in BASELINE_ROWS}
+            return rows | {"oracle": RowPredictions([], [], symmetries=[])}
         frame = self.reader.root.read_frame(files)
         seen = observe(frame, self.config, rng, regions=masks)
         symmetries = [true_symmetries(instance, truth) for instance in owners.instance]
@@ -73,14 +75,16 @@ class Baselines:
         by_eq8 = RegionPlanner(self.gripper, self.config.selection)
         oracle = [ranked.plan(model, seen.scene) for model in models]
 
-        def alone(kind: Pass) -> list[RankedGrasps]:
+        def alone(kind: Pass, planner: RegionPlanner) -> RowPredictions:
             """Return the grasps of one kind on the measured points alone."""
-            return [by_eq8.plan(RegionModel(cloud), seen.scene, (kind,)) for cloud in seen.clouds]
+            plans = [planner.plan(RegionModel(cloud), seen.scene, (kind,)) for cloud in seen.clouds]
+            return RowPredictions.from_ranked(plans)
 
         return {
             "oracle": RowPredictions.from_ranked(oracle, symmetries),
-            "planar": RowPredictions.from_ranked(alone(Planar())),
-            "random": RowPredictions.from_ranked(alone(Random(rng))),
+            "planar": alone(Planar(), by_eq8),
+            "planar-critic": alone(Planar(), ranked),
+            "random": alone(Random(rng), by_eq8),
         }
 
     def _true_models(
@@ -112,18 +116,31 @@ class Baselines:
 
 
 def rows_of(
-    predictions: FramePredictions,
-    owners: RegionOwners,
+    predictions: Mapping[str, FramePredictions],
     files: FrameFiles,
     truth: FrameTruth,
+    config: EvaluateConfig,
     baselines: Baselines | None,
     seed: int,
-) -> dict[str, RowPredictions]:
-    """Return our row and, where wanted, those of `baselines`; one `seed` gives the same grasps."""
-    rows = {"ours": predictions.row}
+) -> dict[str, RegionRow]:
+    """Return the rows of one frame, and where wanted those of `baselines` on our regions.
+
+    Args:
+        predictions: by row, ours among them; each on regions of its own.
+        files: of the frame.
+        truth: of the frame.
+        config: when a region is an object's.
+        baselines: None for none.
+        seed: of the random ones; one seed gives the same grasps.
+    """
+    rows = {
+        name: RegionRow(each.row, each.masks, assign_regions(each.masks, truth, config))
+        for name, each in predictions.items()
+    }
     if baselines is not None:
-        rng = np.random.default_rng([seed, files.scene_id, files.frame_id])
-        rows |= baselines.rows(predictions.masks, owners, files, truth, rng)
+        ours, rng = rows[OURS], np.random.default_rng([seed, files.scene_id, files.frame_id])
+        planned = baselines.rows(ours.masks, ours.owners, files, truth, rng)
+        rows |= {name: replace(ours, predictions=row) for name, row in planned.items()}
     return rows
 
 

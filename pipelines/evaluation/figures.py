@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipelines.evaluation.records import threshold_key
+from pipelines.evaluation.rows import ordered_rows
 from pipelines.evaluation.tallies import ALL, PredictionTally, ReportTally, RowTally
 from pipelines.geometry.symmetry import SYMMETRY_KINDS
 from pipelines.metrics.average_precision import average_precision, interpolated_precision
 from pipelines.metrics.coco_masks import IOU_THRESHOLDS, coco_average_precision
 from pipelines.metrics.grasp_verdicts import REASONS
 
-REPORT_ROWS = ("ours", "oracle", "planar", "random")
 TEST_SPLITS = ("seen", "similar", "novel")
 CURVE_FRICTIONS = np.round(np.arange(0.0, 1.001, 0.05), 2)  # of the share of objects held
 CURVE_RECALLS = np.round(np.linspace(0.0, 1.0, 51), 2)
@@ -45,8 +45,7 @@ def report_rows(
             )
             for split in _splits(tally)
         }
-        for row in REPORT_ROWS
-        if row in tally.rows
+        for row in ordered_rows(tally.rows)
     }
 
 
@@ -78,7 +77,7 @@ def report_curves(
     `held`: by row, the share of objects held at each of `friction`. `symmetry`: by row, kind and
     threshold, the precision at each of `recall`, the best at that recall or beyond.
     """
-    rows = {row: tally.rows[row][ALL] for row in REPORT_ROWS if row in tally.rows}
+    rows = {row: tally.rows[row][ALL] for row in ordered_rows(tally.rows)}
     symmetry = {
         row: {
             kind: _curves_of(found, kind, thresholds, sphere_threshold) for kind in SYMMETRY_KINDS

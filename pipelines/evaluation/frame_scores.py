@@ -43,6 +43,21 @@ class RegionOwners:
     instance: list[int]
 
 
+@dataclass(frozen=True)
+class RegionRow:
+    """One method on the regions of a frame.
+
+    Attributes:
+        predictions: its grasps and symmetries.
+        masks: (H, W) each, the regions.
+        owners: whose these are.
+    """
+
+    predictions: RowPredictions
+    masks: list[Mask]
+    owners: RegionOwners
+
+
 def assign_regions(
     masks: Sequence[Mask], truth: FrameTruth, config: EvaluateConfig
 ) -> RegionOwners:
@@ -63,19 +78,18 @@ def best_region(object_id: int, row: RowPredictions, owners: RegionOwners) -> in
 
 def score_frame(
     predictions: FramePredictions,
-    owners: RegionOwners,
-    rows: dict[str, RowPredictions],
+    rows: dict[str, RegionRow],
     truth: FrameTruth,
     gripper: Gripper,
     config: EvaluateConfig,
 ) -> FrameRecord:
-    """Return the record of one frame, all `rows` on the same regions."""
+    """Return the record of one frame: the masks of `predictions`, and the grasps of all `rows`."""
     return FrameRecord(
         predictions.name,
         truth.split,
         predictions.seconds,
         _scored_masks(predictions, truth),
-        {name: _scored_row(row, owners, truth, gripper, config) for name, row in rows.items()},
+        {name: _scored_row(row, truth, gripper, config) for name, row in rows.items()},
     )
 
 
@@ -90,18 +104,15 @@ def _scored_masks(predictions: FramePredictions, truth: FrameTruth) -> ScoredPre
 
 
 def _scored_row(
-    row: RowPredictions,
-    owners: RegionOwners,
-    truth: FrameTruth,
-    gripper: Gripper,
-    config: EvaluateConfig,
+    row: RegionRow, truth: FrameTruth, gripper: Gripper, config: EvaluateConfig
 ) -> RowRecord:
+    found, owners = row.predictions, row.owners
     verdicts = [
-        _object_verdict(object_id, row, owners, truth, gripper) for object_id in truth.visible
+        _object_verdict(object_id, found, owners, truth, gripper) for object_id in truth.visible
     ]
-    if row.symmetries is None:
+    if found.symmetries is None:
         return RowRecord(verdicts)
-    return RowRecord(verdicts, _scored_slots(row.symmetries, owners, truth, config))
+    return RowRecord(verdicts, _scored_slots(found.symmetries, owners, truth, config))
 
 
 def _object_verdict(

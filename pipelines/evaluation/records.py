@@ -35,7 +35,7 @@ class ScoredPredictions:
 
 @dataclass(frozen=True)
 class RowRecord:
-    """One method (ours, oracle, planar, random) on one frame.
+    """One method on one frame.
 
     Attributes:
         verdicts: one for every visible object.
@@ -48,7 +48,7 @@ class RowRecord:
 
 @dataclass(frozen=True)
 class FrameRecord:
-    """All methods on one frame; the regions, and so their masks, are the same for all.
+    """All methods on one frame; `masks` are our regions.
 
     `seconds` that `infer` took; nan without `infer --timings`.
     """

@@ -12,6 +12,7 @@ from pipelines.evaluation.figures import Figures, report_curves, report_rows
 from pipelines.evaluation.pages.gallery import FrameChoice, draw_gallery
 from pipelines.evaluation.pages.report_page import report_page
 from pipelines.evaluation.records import FrameRecord
+from pipelines.evaluation.rows import OURS
 from pipelines.evaluation.tables import TABLE_FRICTION
 from pipelines.evaluation.tallies import ReportTally
 from pipelines.grasp_files.grasps_stream import GraspsIndex
@@ -81,7 +82,7 @@ def _add_success(
         The rates at all frictions, as entries of the report.
     """
     baselines = success.get("baselines", {})
-    for row, simulated in {"ours": success, **baselines}.items():
+    for row, simulated in {OURS: success, **baselines}.items():
         for split, figures in rows.get(row, {}).items():
             found = simulated["success"].get(split, {})
             at = {kind: by_friction.get(TABLE_FRICTION) for kind, by_friction in found.items()}

@@ -24,7 +24,7 @@ def write_report(
 
     Args:
         path: where to.
-        rows: row (ours, oracle, planar, random) to split (seen, similar, novel, all) to figures;
+        rows: row, of `evaluation.rows`, to split (seen, similar, novel, all) to figures;
             a figure that could not be computed, nan, is stored as null.
         stamp: how it was made.
         seconds_per_frame: median time of `infer`.

@@ -19,7 +19,8 @@ from pipelines.evaluation.records import (
     records_folder,
     threshold_key,
 )
-from pipelines.evaluation.trial_records import HELD, OURS, friction_key, read_trials, trials_folder
+from pipelines.evaluation.rows import OURS
+from pipelines.evaluation.trial_records import HELD, friction_key, read_trials, trials_folder
 from pipelines.geometry.symmetry import SYMMETRY_KINDS
 from pipelines.metrics.coco_masks import IOU_THRESHOLDS
 from pipelines.metrics.graspnet.graspnet_ap import AP_FRICTIONS

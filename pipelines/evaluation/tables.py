@@ -11,18 +11,13 @@ from typing import Any
 from pipelines.evaluation import published
 from pipelines.evaluation.figures import TEST_SPLITS, Figures
 from pipelines.evaluation.published import PublishedRow
+from pipelines.evaluation.rows import OURS, report_row, rows_note
 from pipelines.evaluation.tallies import ALL
 from pipelines.geometry.symmetry import SYMMETRY_KINDS
 from pipelines.metrics.grasp_verdicts import REASONS
 
 ReportRows = Mapping[str, Mapping[str, Figures]]
 
-METHOD_NAMES = {"ours": "SymGrasp", "oracle": "oracle", "planar": "planar", "random": "random"}
-METHODS_NOTE = (
-    "SymGrasp is ours, on the dataset evaluated here; oracle: true symmetries and affordance "
-    "through the same selection; planar: from the boundary of the region; random: any grasp the "
-    "gripper can do."
-)
 UNSEEN = ("similar", "novel")
 SUCCESS_KINDS = ("reflection", "rotation", "sphere", "none", ALL)
 TABLE_FRICTION = "0.5"  # of the simulated trials that stand by split, and in FIGURES
@@ -55,7 +50,7 @@ def report_tables(report: Mapping[str, Any]) -> list[Table]:
     quality = split_table(
         rows, "grasp_quality", published.GRASP_QUALITY, title="Table I. Grasp quality, 1 - mu"
     )
-    quality = replace(quality, note=f"{quality.note} {METHODS_NOTE}{_left_out(report)}")
+    quality = replace(quality, note=f"{quality.note} {rows_note(rows)}{_left_out(report)}")
     pair = split_table(
         rows,
         "antipodal_score",
@@ -84,8 +79,8 @@ def split_table(rows: ReportRows, figure: str, paper: Sequence[PublishedRow], ti
     blank = ("",) * (len(splits) - 2)
     body = [(row.method, *map(_number, row.figures), *blank) for row in paper]
     for row, figures in rows.items():
-        body.append((METHOD_NAMES[row], *(_number(_mean(figures, figure, s)) for s in splits)))
-        if row == "ours":
+        body.append((report_row(row).title, *(_number(_mean(figures, figure, s)) for s in splits)))
+        if row == OURS:
             found = (_number(_mean(figures, f"{figure}_predicted", s)) for s in splits)
             body.append(("SymGrasp, if grasped", *found))
     source = f"First rows: {published.SOURCE}. " if paper else ""
@@ -107,7 +102,7 @@ def success_table(report: Mapping[str, Any]) -> Table:
             *((split, TABLE_FRICTION) for split in TEST_SPLITS if split in by_split),
         ]:
             rates = (_rate(by_split[split].get(kind, {}).get(key)) for kind in SUCCESS_KINDS)
-            body.append((METHOD_NAMES[row], key, split, *rates))
+            body.append((report_row(row).title, key, split, *rates))
     ours = report.get("success_by_friction", {}).get(ALL, {})
     note = f"First rows: {published.SOURCE_ROBOT}. {_success_note(ours)}."
     title = "Table III. Success rate by symmetry of what is grasped, percent"
@@ -119,7 +114,7 @@ def _simulated(report: Mapping[str, Any], what: str) -> dict[str, Mapping[str, A
     """Return `success` or `reasons` of the simulated methods, ours first."""
     key = {"success": "success_by_friction", "reasons": "success_reasons"}[what]
     others = report.get("success_baselines", {})
-    found = {"ours": report.get(key), **{row: each.get(what) for row, each in others.items()}}
+    found = {OURS: report.get(key), **{row: each.get(what) for row, each in others.items()}}
     return {row: each for row, each in found.items() if each}
 
 
@@ -149,7 +144,7 @@ def trial_table(report: Mapping[str, Any]) -> Table | None:
     names.sort(key="held".__eq__)  # last, as in the other tables
     body = tuple(
         (
-            METHOD_NAMES[row],
+            report_row(row).title,
             key,
             *(f"{100 * counts.get(n, 0) / sum(counts.values()):.0f}" for n in names),
         )
@@ -166,14 +161,14 @@ def symmetry_table(rows: ReportRows) -> Table:
         if any(value is not None for value in figures["symmetry_ap"].values()):
             body.append(
                 (
-                    METHOD_NAMES[row],
+                    report_row(row).title,
                     split,
                     *(_number(figures["symmetry_ap"][k]) for k in SYMMETRY_KINDS),
                 )
             )
-    for threshold, ap in rows.get("ours", {}).get(ALL, {}).get("symmetry_ap_strict", {}).items():
+    for threshold, ap in rows.get(OURS, {}).get(ALL, {}).get("symmetry_ap_strict", {}).items():
         cells = (_number(ap[kind]) if kind != "sphere" else "" for kind in SYMMETRY_KINDS)
-        body.append((METHOD_NAMES["ours"], f"all, error < {threshold}", *cells))
+        body.append((report_row(OURS).title, f"all, error < {threshold}", *cells))
     note = (
         f"First rows: {published.SOURCE}. Right is a dense error below 0.25, or a "
         "sphere's centre within 5 cm; the last rows at stricter errors."
@@ -193,12 +188,12 @@ def mask_table(rows: ReportRows) -> Table:
     ]
     body += [
         (
-            METHOD_NAMES["ours"],
+            report_row(OURS).title,
             split,
             *(_number(found[k]) for k in ("mask_ap50", "mask_ap75", "mask_ap")),
         )
         for row, split, found in _cells(rows)
-        if row == "ours"
+        if row == OURS
     ]
     note = f"First rows: {published.SOURCE}. AP: mean over overlaps 0.5 to 0.95, by pycocotools."
     header = ("method", "split", "AP50", "AP75", "AP")
@@ -210,12 +205,12 @@ def reason_table(rows: ReportRows) -> Table:
     cells = [cell for cell in _cells(rows) if cell[2]["objects"]]
     reasons = [r for r in REASONS if any(figures["reasons"].get(r) for _, _, figures in cells)]
     body = tuple(
-        (METHOD_NAMES[row], split, str(figures["objects"]),
+        (report_row(row).title, split, str(figures["objects"]),
          *(_percent(figures, reason) for reason in reasons))
         for row, split, figures in cells
     )  # fmt: skip
     header = ("method", "split", "objects", *reasons)
-    ours = rows.get("ours", {}).items()
+    ours = rows.get(OURS, {}).items()
     frames = ", ".join(f"{split} {found['frames']}" for split, found in ours if found["frames"])
     title = "What became of the objects, percent"
     return Table(title, header, body, f"Frames: {frames}." if frames else "", names=2)

@@ -8,12 +8,12 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from pipelines.contents import reading, typed
+from pipelines.evaluation.rows import OURS
 from pipelines.storage.files import read_json, write_json
 from pipelines.storage.provenance import Stamp
 
 FORMAT_VERSION = 1
 HELD = "held"  # the reason of a trial that succeeded
-OURS = "ours"
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class FrameTrials:
         split: of its scene.
         shift: metres that an object moved at most to come to rest.
         trials: of our grasps.
-        baselines: of those of other methods on the same regions (oracle, planar, random).
+        baselines: of those of other methods.
     """
 
     name: str

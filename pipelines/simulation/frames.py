@@ -12,10 +12,10 @@ from pipelines.dataset import convex_pieces
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.training.coco_instances import kind_of
 from pipelines.evaluation.baselines import Baselines, rows_of
-from pipelines.evaluation.frame_scores import RegionOwners, assign_regions, best_region
-from pipelines.evaluation.predictions import FramePredictions, RowPredictions
+from pipelines.evaluation.frame_scores import RegionRow, best_region
+from pipelines.evaluation.predictions import FramePredictions
+from pipelines.evaluation.rows import OURS
 from pipelines.evaluation.trial_records import (
-    OURS,
     FrameTrials,
     Outcome,
     TrialRecord,
@@ -100,20 +100,20 @@ class FrameSimulator:
         self._reader = TruthReader(self.root, self._rules)
         self._baselines = Baselines.of(self._reader, self.gripper) if self.baselines else None
 
-    def run(self, result: FrameResult) -> FrameTrials:
-        """Return the trials of the best grasp on every visible object of a frame."""
-        files = self.root.frame(result.name)
+    def run(self, results: Mapping[str, FrameResult]) -> FrameTrials:
+        """Return the trials of the best grasp on every visible object of a frame.
+
+        `results`: of the frame by row, ours among them.
+        """
+        name = results[OURS].name
+        files = self.root.frame(name)
         truth = self._reader.read(files)
-        predictions = FramePredictions.from_result(result)
-        owners = assign_regions(predictions.masks, truth, self._rules)
-        rows = rows_of(predictions, owners, files, truth, self._baselines, self.seed)
+        predictions = {row: FramePredictions.from_result(each) for row, each in results.items()}
+        rows = rows_of(predictions, files, truth, self._rules, self._baselines, self.seed)
         scene, shift = self._rested(truth)
-        trials = {
-            name: self._try_row(row, predictions.masks, owners, truth, scene)
-            for name, row in rows.items()
-        }
+        trials = {row: self._try_row(each, truth, scene) for row, each in rows.items()}
         ours = trials.pop(OURS)
-        return FrameTrials(result.name, truth.split, shift, ours, trials)
+        return FrameTrials(name, truth.split, shift, ours, trials)
 
     def _rested(self, truth: FrameTruth) -> tuple[RestedScene, float]:
         """Return the scene at rest, and metres that an object moved at most until then.
@@ -128,20 +128,13 @@ class FrameSimulator:
         shifts = [float(np.linalg.norm(poses[i][:3, 3] - given[i][:3, 3])) for i in given]
         return RestedScene(objects, poses, T_table_cam, around), max(shifts, default=0.0)
 
-    def _try_row(
-        self,
-        row: RowPredictions,
-        masks: list[Mask],
-        owners: RegionOwners,
-        truth: FrameTruth,
-        scene: RestedScene,
-    ) -> list[TrialRecord]:
+    def _try_row(self, row: RegionRow, truth: FrameTruth, scene: RestedScene) -> list[TrialRecord]:
         """Return the trials of one method, one for every visible object."""
         trials = []
         for object_id in truth.visible:
-            region = best_region(object_id, row, owners)
-            grasp = GraspPoses.empty() if region is None else row.best[region]
-            mask = None if region is None else masks[region]
+            region = best_region(object_id, row.predictions, row.owners)
+            grasp = GraspPoses.empty() if region is None else row.predictions.best[region]
+            mask = None if region is None else row.masks[region]
             outcomes = self._try(scene, object_id, grasp.transformed(scene.T_table_cam))
             trials.append(TrialRecord(object_id, kind_at(truth, object_id, mask), outcomes))
         return trials

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.dataset.graspnet.graspnet import SPLITS
-from pipelines.evaluation.tables import METHOD_NAMES, METHODS_NOTE, Table
+from pipelines.evaluation.rows import OURS, ordered_rows, report_row, rows_note
+from pipelines.evaluation.tables import Table
 from pipelines.evaluation.trial_records import (
     FORMAT_VERSION,
     HELD,
-    OURS,
     FrameTrials,
     TrialRecord,
     friction_key,
@@ -62,7 +62,7 @@ def write_success(
 ) -> None:
     """Write `success.json`: our rates, and under `baselines` those of other methods."""
     frames = list(frames)
-    rows = dict.fromkeys(row for frame in frames for row in frame.baselines)
+    rows = ordered_rows({row for frame in frames for row in frame.baselines})
     content = {
         "frictions": list(frictions),
         **_row_content(frames, frictions, OURS),
@@ -124,13 +124,13 @@ def _row_table(content: Mapping[str, Any], frictions: Sequence[str]) -> Table:
     """Return the rates of all methods by split, over all kinds of symmetry."""
     rows = {OURS: content, **content["baselines"]}
     body = tuple(
-        (METHOD_NAMES[row], split, *(_cell(kinds["all"][f]) for f in frictions))
+        (report_row(row).title, split, *(_cell(kinds["all"][f]) for f in frictions))
         for row, found in rows.items()
         for split, kinds in found["success"].items()
         if kinds["all"][frictions[0]]["trials"]
     )
     header = ("method", "split", *(f"mu {friction}" for friction in frictions))
-    return Table("Success of all methods, percent", header, body, METHODS_NOTE, names=2)
+    return Table("Success of all methods, percent", header, body, rows_note(rows), names=2)
 
 
 def _cell(rate: Mapping[str, float]) -> str:

@@ -16,9 +16,10 @@ from pipelines import evaluate
 from pipelines.configs import EvaluateConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.meshes import read_mesh, write_mesh
-from pipelines.errors import FormatError, StaleOutputError
-from pipelines.evaluation import reports
+from pipelines.errors import FormatError, StaleOutputError, ValueRangeError
+from pipelines.evaluation import other_runs, reports
 from pipelines.evaluation.records import read_frame_records, records_folder
+from pipelines.evaluation.rows import BASELINE_ROWS
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_file import FrameResult
 from pipelines.grasp_files.grasps_stream import read_dataset_frames, read_index, read_results
@@ -45,12 +46,14 @@ def truth_file(root: GraspNetRoot, tmp_path_factory: pytest.TempPathFactory) -> 
 
 def run(grasps: Path, root: GraspNetRoot, output: Path, **options) -> StageReport:
     baselines, success = options.pop("baselines", False), options.pop("success", None)
+    others = options.pop("others", ())
     return evaluate.run(
         grasps,
         root.root,
         output,
         EvaluateConfig(min_visible_pixels=100),
         BatchOptions(progress=False, **options),
+        others=others,
         baselines=baselines,
         success=success,
     )
@@ -149,6 +152,7 @@ def test_the_oracle_holds_objects_and_chance_does_no_better(truth_report):
     assert oracle["symmetry_ap"] == {"reflection": 1.0, "rotation": 1.0, "sphere": 1.0}
     assert figures(truth_report, "random")["grasp_quality"] <= oracle["grasp_quality"]
     assert figures(truth_report, "planar")["symmetry_ap"]["reflection"] is None
+    assert figures(truth_report, "planar-critic")["objects"] == oracle["objects"]
 
 
 def test_the_page_holds_tables_and_frames_and_needs_no_network(truth_report):
@@ -241,7 +245,7 @@ def test_one_frame_at_a_time_is_in_memory(root, truth_file, tmp_path, monkeypatc
             assert sum(each() is not None for each in seen) <= 2  # the one judged last, this one
             yield found
 
-    monkeypatch.setattr(evaluate, "read_dataset_frames", watched)
+    monkeypatch.setattr(other_runs, "read_dataset_frames", watched)
     run(truth_file, root, tmp_path / "report.json")
     assert len(seen) == len(frame_names())
 
@@ -396,7 +400,34 @@ def test_records_read_as_they_were_written(truth_report):
     frames = [record for path in sorted(folder.iterdir()) for record in read_frame_records(path)]
     assert [frame.name for frame in frames] == frame_names()
     assert {row for frame in frames for row in frame.rows} == {
-        "ours", "oracle", "planar", "random",
+        "ours", *BASELINE_ROWS,
     }  # fmt: skip
     worst = [v.min_friction for f in frames for row in f.rows.values() for v in row.verdicts]
     assert all(isinstance(value, float) and not np.isnan(value) for value in worst)
+
+
+def test_other_grasps_of_the_same_frames_are_a_row_on_regions_of_their_own(
+    root, truth_file, tmp_path
+):
+    other = tmp_path / "gg-cnn.h5"
+    write_grasps(other, [true_result(root, name, (0, 1)) for name in frame_names()])
+    report = run(truth_file, root, tmp_path / "report.json", others=[other])
+    assert report.exit_code == 0
+    ours, theirs = figures(tmp_path / "report.json"), figures(tmp_path / "report.json", "gg-cnn")
+    assert ours["reasons"] == {"held": 12}
+    assert theirs["reasons"] == {"no region": 4, "held": 8}
+    assert theirs["objects"] == ours["objects"]
+    titles = {row[0] for row in evaluate.tables(tmp_path / "report.json")[0].rows}
+    assert {"SymGrasp", "gg-cnn"} <= titles
+
+
+def test_other_grasps_of_other_frames_or_with_a_taken_name_are_refused(root, truth_file, tmp_path):
+    fewer = tmp_path / "gg-cnn.h5"
+    write_grasps(fewer, [true_result(root, name) for name in frame_names()[1:]])
+    with pytest.raises(FormatError, match="lacks 1 frames of ours, as"):
+        run(truth_file, root, tmp_path / "report.json", others=[fewer])
+    taken = tmp_path / "oracle.h5"
+    shutil.copy(truth_file, taken)
+    with pytest.raises(ValueRangeError, match="oracle is the name of another row"):
+        run(truth_file, root, tmp_path / "report.json", others=[taken])
+    assert not (tmp_path / "report.json").exists()

@@ -16,12 +16,13 @@ from pipelines.dataset import object_list
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.errors import SymgraspError
 from pipelines.evaluation.records import FrameRecord
+from pipelines.evaluation.rows import OURS
 from pipelines.grasp_files.grasps_stream import GraspsIndex, read_results
 from pipelines.metrics.grasp_verdicts import Verdict
 from pipelines.pictures.overlays import draw_overlay
 from pipelines.storage.files import encode_image
 
-ROW = "ours"
+ROW = OURS
 NUM_FRAMES = 6  # best ones, and as many worst ones
 WIDTH = 640  # pixels, of a picture
 JPEG_QUALITY = 80

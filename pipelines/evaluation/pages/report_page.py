@@ -6,7 +6,8 @@ from typing import Any
 
 from pipelines.evaluation.pages.charts import LineChart, Series
 from pipelines.evaluation.pages.gallery import Gallery
-from pipelines.evaluation.tables import METHOD_NAMES, Table, report_tables
+from pipelines.evaluation.rows import OURS, report_row
+from pipelines.evaluation.tables import Table, report_tables
 from pipelines.evaluation.tallies import ALL
 from pipelines.geometry.symmetry import SYMMETRY_KINDS
 from pipelines.metrics.grasp_verdicts import REASONS
@@ -14,7 +15,6 @@ from pipelines.storage.pages import rendered
 
 TEMPLATES = Path(__file__).parents[1] / "templates"
 
-ROW_COLORS = {"ours": "#1668b8", "oracle": "#2a9d58", "planar": "#e08a00", "random": "#8a8f98"}
 THRESHOLD_DASHES = ("", "7 4", "2 3")
 REASON_COLORS = dict(
     zip(REASONS, ("#b9bec6", "#8d939d", "#8e5bb5", "#d0492f", "#e6a817", "#f0d264", "#2f9e5b"),
@@ -46,7 +46,8 @@ def report_page(report: Mapping[str, Any], gallery: Gallery) -> str:
         symmetry_charts=list(_symmetry_charts(report)),
         masks=masks,
         bars=[
-            (METHOD_NAMES[row], splits[ALL]["reasons"]) for row, splits in report["rows"].items()
+            (report_row(row).title, splits[ALL]["reasons"])
+            for row, splits in report["rows"].items()
         ],
         reasons=reasons,
         colors=REASON_COLORS,
@@ -89,7 +90,7 @@ def _tiles(report: Mapping[str, Any]) -> list[tuple[str, str, str]]:
 
 
 def _ours(report: Mapping[str, Any]) -> Mapping[str, Any]:
-    figures: Mapping[str, Any] = report["rows"].get("ours", {}).get(ALL, {})
+    figures: Mapping[str, Any] = report["rows"].get(OURS, {}).get(ALL, {})
     return figures
 
 
@@ -97,7 +98,7 @@ def _held_charts(report: Mapping[str, Any]) -> Iterator[LineChart]:
     """Yield the share of objects held by friction, if that was evaluated."""
     curves = report.get("curves", {})
     lines = [
-        Series(METHOD_NAMES[row], curves["friction"], share, ROW_COLORS[row])
+        Series(report_row(row).title, curves["friction"], share, report_row(row).color)
         for row, share in curves.get("held", {}).items()
     ]
     title = "Share of objects held at a friction, all splits"
@@ -108,8 +109,8 @@ def _held_charts(report: Mapping[str, Any]) -> Iterator[LineChart]:
 def _symmetry_charts(report: Mapping[str, Any]) -> Iterator[LineChart]:
     """Yield precision-recall of ours, a chart a kind with a line a threshold."""
     curves = report.get("curves", {})
-    found = curves.get("symmetry", {}).get("ours", {})
-    blue = ROW_COLORS["ours"]
+    found = curves.get("symmetry", {}).get(OURS, {})
+    blue = report_row(OURS).color
     for kind in SYMMETRY_KINDS:
         measure = "centre within {} m" if kind == "sphere" else "error below {}"
         lines = [

@@ -1,0 +1,67 @@
+"""The rows of reports: one registry of the compared methods, with titles and colours."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+OURS: Final = "ours"
+
+
+@dataclass(frozen=True)
+class ReportRow:
+    """One method of a report.
+
+    Attributes:
+        name: in `report.json`.
+        title: in tables and charts.
+        color: in charts, as CSS has it.
+        meaning: for the note below the tables; empty for none.
+    """
+
+    name: str
+    title: str
+    color: str
+    meaning: str = ""
+
+
+# In the order of the tables.
+KNOWN_ROWS = (
+    ReportRow(OURS, "SymGrasp", "#1668b8", "ours, on the dataset evaluated here"),
+    ReportRow("as-printed", "SymmetryGrasp as printed", "#7b3fa0", "ours with --preset paper"),
+    ReportRow(
+        "oracle", "oracle", "#2a9d58", "true symmetries and affordance through the same selection"
+    ),
+    ReportRow(
+        "planar-critic",
+        "planar + critic",
+        "#b35c00",
+        "from the boundary of the region, ranked by the grasp critic",
+    ),
+    ReportRow("planar", "planar", "#e08a00", "from the boundary of the region, ranked by Eq. 8"),
+    ReportRow("random", "random", "#8a8f98", "any grasp the gripper can do"),
+)
+BASELINE_ROWS = ("oracle", "planar-critic", "planar", "random")
+OTHER_COLORS = ("#c2185b", "#00838f", "#5d4037", "#7cb342", "#303f9f", "#f06292")
+
+
+def report_row(name: str) -> ReportRow:
+    """Return the row called `name`; a row of `--with NAME.h5` bears its file's name."""
+    known = {row.name: row for row in KNOWN_ROWS}
+    if name in known:
+        return known[name]
+    color = OTHER_COLORS[sum(name.encode()) % len(OTHER_COLORS)]
+    return ReportRow(name, name, color, f"grasps of {name}.h5")
+
+
+def ordered_rows(names: Iterable[str]) -> list[str]:
+    """Return row names in the order of the tables: ours, rows of files, then the baselines."""
+    order = {row.name: place for place, row in enumerate(KNOWN_ROWS)}
+    others = order["oracle"] - 0.5
+    return sorted(names, key=lambda name: (order.get(name, others), name))
+
+
+def rows_note(names: Iterable[str]) -> str:
+    """Return one sentence on the meaning of the rows `names`."""
+    rows = [report_row(name) for name in ordered_rows(names)]
+    words = "; ".join(f"{row.title}: {row.meaning}" for row in rows if row.meaning)
+    return f"{words}." if words else ""

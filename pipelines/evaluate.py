@@ -25,7 +25,7 @@ from pipelines.dataset.graspnet.graspnet import GraspNetRoot, SceneFiles
 from pipelines.evaluation import reports
 from pipelines.evaluation.baselines import Baselines, rows_of
 from pipelines.evaluation.frame_scores import score_frame
-from pipelines.evaluation.other_runs import ComparedRuns, RowPlaces, read_rows
+from pipelines.evaluation.other_runs import ComparedRuns, RowPlaces, frames_by_row
 from pipelines.evaluation.predictions import FramePredictions
 from pipelines.evaluation.records import (
     FrameRecord,
@@ -120,7 +120,7 @@ def _evaluate_scene(
 ) -> str | None:
     reader = TruthReader(GraspNetRoot(dataset), config)
     others = Baselines.of(reader, load_gripper(config.gripper)) if baselines else None
-    frames = read_rows(*item.arguments)
+    frames = frames_by_row(*item.arguments)
     records = [evaluate_frame(results, reader, others, item.stamp.seed) for results in frames]
     write_frame_records(item.target, records, item.stamp)
     return None

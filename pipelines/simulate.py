@@ -22,7 +22,7 @@ from pipelines.configs import SimulateConfig
 from pipelines.dataset import convex_pieces as convex_file
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot, SceneFiles
 from pipelines.dataset.meshes import read_solid_mesh
-from pipelines.evaluation.other_runs import ComparedRuns, RowPlaces, read_rows
+from pipelines.evaluation.other_runs import ComparedRuns, RowPlaces, frames_by_row
 from pipelines.evaluation.rows import OURS
 from pipelines.evaluation.tables import Table
 from pipelines.evaluation.trial_records import (
@@ -170,7 +170,7 @@ def _simulate_scene(
     root, hand = GraspNetRoot(dataset), load_gripper(config.gripper)
     pieces = PiecesReader(root, pieces_folder(output))
     simulator = FrameSimulator(root, pieces, hand, config, baselines, item.stamp.seed)
-    frames = [simulator.run(results) for results in read_rows(*item.arguments)]
+    frames = [simulator.run(results) for results in frames_by_row(*item.arguments)]
     write_trials(item.target, frames, item.stamp)
     farthest = max(frame.shift for frame in frames)
     if farthest < LARGE_SHIFT:

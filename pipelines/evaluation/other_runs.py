@@ -61,7 +61,7 @@ class ComparedRuns:
         return found
 
 
-def read_rows(places: RowPlaces) -> Iterator[dict[str, FrameResult]]:
+def frames_by_row(places: RowPlaces) -> Iterator[dict[str, FrameResult]]:
     """Yield each frame of a scene as every row has it."""
     for results in zip(*(read_dataset_frames(*each) for each in places.values()), strict=True):
         yield dict(zip(places, results, strict=True))

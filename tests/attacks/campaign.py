@@ -1,0 +1,63 @@
+"""A world of right inputs, made once, and attacks on it in turn."""
+
+import importlib
+import os
+import random
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from tests.attacks import world
+from tests.attacks.trial import Outcome, attack, run
+
+
+def made_world(folder: Path, *, small: bool = False) -> Path:
+    """Return the folder of right inputs in `folder`; made if it is not there."""
+    import_stages()
+    made = folder / "world"
+    if not made.exists():
+        building = folder / "building"
+        building.mkdir(parents=True)
+        _in_fork(lambda: world.build(building, _run_well, small=small))
+        building.rename(made)
+    return made
+
+
+def attacked(
+    made: Path, folder: Path, count: int, first: int = 0, *, small: bool = False
+) -> Iterator[Outcome]:
+    """Yield what becomes of `count` attacks; the same seeds are the same attacks."""
+    attacks = [each for each in world.ATTACKS if each.small or not small]
+    shares = [each.share for each in attacks]
+    for seed in range(first, first + count):
+        (chosen,) = random.Random(seed).choices(attacks, shares)
+        yield attack(made, folder / f"try{seed}", chosen, seed)
+
+
+def import_stages() -> None:
+    """Import what the commands need, once for all forks; no loop is run and no thread started."""
+    import torch
+
+    from symgrasp_cli.app import COMMANDS
+
+    torch.set_num_threads(1)
+    os.environ["SYMGRASP_WORKERS"] = "1"
+    importlib.import_module("pydantic")  # by typer, at a command's first option
+    for command in COMMANDS:
+        name = command.__module__.replace("symgrasp_cli", "pipelines")
+        if importlib.util.find_spec(name) is not None:
+            importlib.import_module(name)
+
+
+def _in_fork(work: object) -> None:
+    child = os.fork()
+    if child == 0:
+        work()
+        os._exit(0)
+    assert os.waitpid(child, 0)[1] == 0
+
+
+def _run_well(folder: Path, line: str) -> None:
+    ended = run(folder, tuple(line.split()), 8_000_000_000)
+    if ended.code:
+        sys.exit(f"{line}: {ended.output}")

@@ -1,0 +1,149 @@
+"""One attack: a command on mutated inputs, in a fork with bounded memory and time."""
+
+import contextlib
+import os
+import random
+import re
+import resource
+import shutil
+import signal
+import sys
+import time
+import traceback
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+
+from tests.attacks.mutations import mutate, with_link
+from tests.attacks.world import Attack
+
+MEMORY = 2_500_000_000  # bytes
+SECONDS = 60.0
+LINK_SHARE = 0.03
+TRACE = "Traceback (most recent call last)"
+CONTROLS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f\x9b]")
+ROOM = ("MemoryError", "Unable to allocate", "bad_alloc", "cannot allocate")
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a command ended: exit code, seconds, peak memory in bytes, and all that it printed."""
+
+    code: int
+    seconds: float
+    peak: int
+    output: str
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of an attack; `fault` is empty where all went well."""
+
+    line: str
+    seed: int
+    file: str
+    mutation: str
+    ended: Ended
+    fault: str
+
+
+def attack(world: Path, folder: Path, chosen: Attack, seed: int) -> Outcome:
+    """Copy `world` to `folder`, mutate an input of `chosen`, run it, and say what happened."""
+    rng = random.Random(seed)
+    shutil.copytree(world, folder, copy_function=os.link, symlinks=True)
+    pattern = rng.choice(chosen.inputs.split())
+    files = sorted(p for p in folder.glob(pattern) if p.is_file() and not p.name.startswith("."))
+    file = rng.choice(files)
+    done = with_link(file, rng) if rng.random() < LINK_SHARE else mutate(file, rng)
+    ended = run(folder, chosen.words)
+    fault = _fault(ended) or _half_written(folder, chosen)
+    name = file.relative_to(folder).as_posix()
+    shutil.rmtree(folder, ignore_errors=True)
+    return Outcome(chosen.line, seed, name, done, ended, fault)
+
+
+def run(folder: Path, words: tuple[str, ...], memory: int = MEMORY) -> Ended:
+    """Run the command line in a fork of this process, with `memory` bytes at most."""
+    log = folder.with_name(f"{folder.name}.log")
+    started = time.monotonic()
+    child = os.fork()
+    if child == 0:
+        _child(folder, words, log, memory)
+    peak, status = 0, None
+    while status is None:
+        ended, found = os.waitpid(child, os.WNOHANG)
+        if ended:
+            status = found
+            break
+        peak = max(peak, _resident(child))
+        if peak > memory or time.monotonic() - started > SECONDS:
+            os.killpg(child, signal.SIGKILL)
+            status = os.waitpid(child, 0)[1]
+            break
+        time.sleep(0.01)
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(child, signal.SIGKILL)
+    output = log.read_text(errors="replace")
+    log.unlink()
+    seconds = round(time.monotonic() - started, 2)
+    return Ended(os.waitstatus_to_exitcode(status), seconds, peak, output)
+
+
+def _child(folder: Path, words: tuple[str, ...], log: Path, memory: int) -> None:
+    code = 70
+    try:
+        os.setsid()
+        with log.open("wb") as stream:
+            os.dup2(stream.fileno(), 1)
+            os.dup2(stream.fileno(), 2)
+        os.chdir(folder)
+        size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        resource.setrlimit(resource.RLIMIT_AS, (size + memory, size + memory))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        sys.stdout, sys.stderr = (os.fdopen(n, "w", closefd=False) for n in (1, 2))
+        from symgrasp_cli.app import app
+
+        try:
+            app(list(words))
+        except SystemExit as end:
+            code = end.code if isinstance(end.code, int) else 0 if end.code is None else 1
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        with contextlib.suppress(Exception):
+            sys.stdout.flush()
+            sys.stderr.flush()
+        os._exit(code)
+
+
+def _resident(process: int) -> int:
+    with contextlib.suppress(OSError, IndexError, ValueError):
+        return int(Path(f"/proc/{process}/statm").read_text().split()[1]) * resource.getpagesize()
+    return 0
+
+
+def _fault(ended: Ended) -> str:
+    room = any(word in ended.output for word in ROOM)
+    faults = {
+        "traceback": TRACE in ended.output,
+        "memory": ended.peak > MEMORY or room,
+        "hang": ended.seconds > SECONDS,
+        f"crash {ended.code}": ended.code not in (0, 1, 2),
+        "escapes": CONTROLS.search(ended.output) is not None,
+        "silent": ended.code != 0 and not ended.output.strip(),
+    }
+    return next((name for name, is_so in faults.items() if is_so), "")
+
+
+def _half_written(folder: Path, chosen: Attack) -> str:
+    """Return what is wrong with the outputs: temporary files left, or files that are not whole."""
+    left = [p for p in folder.rglob(".*") if not p.name.startswith(".lock")]
+    if left:
+        return f"left {left[0].name}"
+    output = folder / chosen.output
+    files = output.rglob("*.h5") if output.is_dir() else [output] if output.suffix == ".h5" else []
+    for path in files:
+        if path.is_file() and not h5py.is_hdf5(path):
+            return f"half-written {path.name}"
+    return ""

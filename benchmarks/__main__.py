@@ -15,6 +15,7 @@ from benchmarks import (
     bench_many_frames,
     bench_metrics,
     bench_network,
+    bench_serve,
 )
 from benchmarks.timing import markdown
 
@@ -22,6 +23,7 @@ BENCHES = {
     "machine": bench_machine,
     "infer": bench_infer,
     "api": bench_api,
+    "serve": bench_serve,
     "many-frames": bench_many_frames,
     "network": bench_network,
     "annotate": bench_annotate,

@@ -20,6 +20,7 @@ convert_frames       RGB-D frames of any layout                  RGB-D frames as
 workspace            RGB-D frames of any layout                  pictures, masks; prints a box
 infer                RGB-D frames, both weights                  grasps.h5, overlay pictures
 infer_watch          RGB-D frames as they come, weights          a file a frame, grasps.h5
+serve                frames posted over HTTP, weights            answers with grasps
 view                 grasps.h5, RGB-D frames                     OUT/index.html, a page a frame
 export               grasps.h5                                   files of other tools, JSON, CSV
 score_grasps         any mesh, any grasps (N, 17)                verdicts.npz
@@ -58,6 +59,7 @@ level  package        subject
 12     annotation     Annotation of an object: symmetries found, given, corrected by a person
 12     health         Checks of `doctor`: packages, torch and GPU, the machine, the default weights
 12     learning       Training of the region detector, the grasp network and the critics
+12     serving        Grasps over HTTP: frames in posts, and the server that answers them
 12     simulation     Trials of grasps in physics: a table with objects, a gripper, and their record
 =====  =============  ==============================================================================
 """

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pipelines.configs import InferConfig, check_settings
 from pipelines.configs.presets import preset_settings
@@ -13,6 +13,7 @@ from pipelines.configs.settings import changed
 from pipelines.configs.stages import default_settings, part
 from pipelines.configs.toml_files import read_toml
 from pipelines.errors import ValueRangeError
+from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.gripper import Gripper
 from pipelines.inference import work
@@ -113,6 +114,33 @@ class GraspDetector:
         Raises:
             SymgraspError: an argument is not what it must be; the message says which and why.
         """
+        given = color, depth, intrinsics, masks, workspace, depth_units_per_metre
+        result, ids = self._found(*given)
+        return ordered_grasps(result, self.gripper, ids)
+
+    def frame_result(
+        self,
+        color: ArrayLike,
+        depth: ArrayLike,
+        intrinsics: IntrinsicsLike,
+        *,
+        masks: ArrayLike | None = None,
+        workspace: ArrayLike | None = None,
+        depth_units_per_metre: float | None = None,
+    ) -> FrameResult:
+        """Return regions and grasps as `grasps.h5` has them; arguments and errors of a call."""
+        return self._found(color, depth, intrinsics, masks, workspace, depth_units_per_metre)[0]
+
+    def _found(
+        self,
+        color: ArrayLike,
+        depth: ArrayLike,
+        intrinsics: IntrinsicsLike,
+        masks: ArrayLike | None,
+        workspace: ArrayLike | None,
+        depth_units_per_metre: float | None,
+    ) -> tuple[FrameResult, NDArray[np.int32] | None]:
+        """Return what was found in a frame, and the ids of its masks, if there are any."""
         frame = frame_of(color, depth, intrinsics, depth_units_per_metre)
         instances = instance_masks(masks, frame.depth.shape)
         mask, box = workspace_of(workspace, frame.depth.shape)
@@ -124,8 +152,7 @@ class GraspDetector:
         with self._work.one_core():
             labels = None if instances is None else frame.laid_on(instances.labels)
             result = planner.plan(frame, rng, labels, None if mask is None else frame.laid_on(mask))
-        ids = None if instances is None else frame.laid_on(instances.ids)
-        return ordered_grasps(result, self.gripper, ids)
+        return result, None if instances is None else frame.laid_on(instances.ids)
 
 
 def _infer_config(

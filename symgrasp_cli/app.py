@@ -23,6 +23,7 @@ from symgrasp_cli.label_grasps import label_grasps
 from symgrasp_cli.pack import pack
 from symgrasp_cli.refine_grasps import refine_grasps
 from symgrasp_cli.score_grasps import score_grasps
+from symgrasp_cli.serve import serve
 from symgrasp_cli.simulate import simulate
 from symgrasp_cli.synthesize import synthesize
 from symgrasp_cli.train import train
@@ -47,6 +48,7 @@ COMMANDS = (
     convert_frames,
     workspace,
     infer,
+    serve,
     view,
     export,
     score_grasps,

@@ -18,6 +18,10 @@ RegionSource = Literal["auto", "detector", "geometric"]
 Method = Literal["network", "planar", "random"]
 ExportFormat = Literal["graspnet", "contact-graspnet", "isaac", "json", "csv", "ros-json"]
 
+TCP = (
+    "Tool centre point whose poses are given: tips, contacts, or its distance from the mounting "
+    "face along the approach in metres; empty for the format's own origin."
+)
 GRIPPER_USED = "Gripper preset or TOML file; empty for the gripper that the grasps were found for."
 
 
@@ -161,18 +165,34 @@ class ExportConfig:
         "D. 71",
     )
     min_score: float = setting(0.0, "share", "Score below which grasps are left out.", ROBOT)
-    tcp: str = choice(
-        "",
-        "Tool centre point whose poses are given: tips, contacts, or its distance from the "
-        "mounting face along the approach in metres; empty for the format's own origin.",
-        ROBOT,
-    )
+    tcp: str = choice("", TCP, ROBOT)
     frame_id: str = choice(
         "",
         "Name of the poses' frame in ros-json; empty for camera_color_optical_frame, or with "
         "--camera-to-base the base that the file names, else base_link.",
         ROBOT,
     )
+
+
+@dataclass(frozen=True)
+class ServeConfig:
+    """Grasps over HTTP."""
+
+    host: str = choice("127.0.0.1", "Address to listen on; by default this machine alone.", BY_EYE)
+    port: int = setting(8765, "count", "Port to listen on.", BY_EYE, low=0, high=65535)
+    parallel: int = setting(
+        4, "count", "Frames worked on at a time, a core each.", BY_EYE, low=1, high=256
+    )
+    max_waiting: int = setting(
+        32, "count", "Posts being read, waiting or worked on; more are refused.", BY_EYE, low=1
+    )
+    max_bytes: int = setting(64_000_000, "bytes", "Largest post.", BY_EYE, low=1000)
+    max_pixels: int = setting(12_000_000, "px", "Largest image of a post.", BY_EYE, low=1)
+    grace: int = setting(
+        8, "s", "Time for frames that are begun, once the server is to end.", BY_EYE
+    )
+    min_score: float = setting(0.0, "share", "Score below which grasps are left out.", ROBOT)
+    tcp: str = choice("", TCP, ROBOT)
 
 
 @dataclass(frozen=True)

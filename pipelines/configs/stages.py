@@ -24,6 +24,7 @@ from pipelines.configs.inference import (
     ExportConfig,
     InferConfig,
     InspectConfig,
+    ServeConfig,
     ViewConfig,
     WatchConfig,
     WorkspaceConfig,
@@ -43,6 +44,13 @@ class InferSettings(InferConfig):
     """Frames in, grasps out."""
 
     watch: WatchConfig = field(default_factory=WatchConfig)  # no part of a stamp
+
+
+@dataclass(frozen=True)
+class ServeSettings(InferConfig):
+    """Grasps over HTTP."""
+
+    http: ServeConfig = field(default_factory=ServeConfig)
 
 
 @dataclass(frozen=True)
@@ -67,6 +75,7 @@ STAGE_SETTINGS: dict[str, type] = {
     "convert-frames": ConvertFramesConfig,
     "workspace": WorkspaceConfig,
     "infer": InferSettings,
+    "serve": ServeSettings,
     "view": ViewConfig,
     "export": ExportConfig,
     "score-grasps": ScoreGraspsConfig,

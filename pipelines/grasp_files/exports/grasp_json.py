@@ -38,16 +38,17 @@ def write(path: Path, frames: Iterable[FrameGrasps], header: ExportHeader) -> No
         stream.write(_text(head, indent=1).removesuffix("\n}") + ',\n "frames": [')
         separator = "\n"
         for frame in frames:
-            stream.write(separator + _frame(frame))
+            stream.write(separator + frame_text(frame))
             separator = ",\n"
         stream.write("\n ]\n}\n")
 
 
-def _frame(frame: FrameGrasps) -> str:
+def frame_text(frame: FrameGrasps, name: str | None = None) -> str:
+    """Return a frame with its grasps as JSON, a grasp a line; `name` instead of the frame's."""
     result, camera = frame.result, frame.result.intrinsics
     names = ("fx", "fy", "cx", "cy", "width", "height")
     facts = {
-        "name": result.name,
+        "name": result.name if name is None else name,
         "status": result.status,
         "message": result.message,
         "camera": None if camera is None else {name: getattr(camera, name) for name in names},

@@ -1,0 +1,32 @@
+"""Grasps of a frame from `symgrasp serve`, with standard Python alone.
+
+python post_frame.py color.png depth.png camera.json
+"""
+
+import base64
+import json
+import sys
+import urllib.request
+from pathlib import Path
+from typing import Any
+
+URL = "http://127.0.0.1:8765/grasps"
+
+
+def grasps_of(color: Path, depth: Path, camera: Path, url: str = URL) -> dict[str, Any]:
+    """Return the server's answer to a frame: PNG colour, 16-bit PNG depth, camera as JSON."""
+    frame = {
+        "color": base64.b64encode(color.read_bytes()).decode(),
+        "depth": base64.b64encode(depth.read_bytes()).decode(),
+        "intrinsics": json.loads(camera.read_text()),
+    }
+    headers = {"Content-Type": "application/json"}
+    request = urllib.request.Request(url, json.dumps(frame).encode(), headers)
+    with urllib.request.urlopen(request, timeout=60) as answer:
+        return dict(json.load(answer))
+
+
+if __name__ == "__main__":
+    color, depth, camera = map(Path, sys.argv[1:4])
+    for grasp in grasps_of(color, depth, camera)["grasps"][:3]:
+        print(grasp["rank_score"], grasp["opening"], grasp["pose"])

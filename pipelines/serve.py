@@ -1,0 +1,89 @@
+"""Stage `serve`: grasps over HTTP, of models that are loaded once.
+
+Reads   frames, posted to /grasps as JSON
+Writes  nothing; answers with the grasps of the frame, as `export --to json` has them
+
+The server listens on this machine alone unless told otherwise: it knows no passwords. It ends with
+SIGTERM or Ctrl-C, after the frames that it has begun.
+"""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pipelines.configs import ExportConfig, ServeConfig
+from pipelines.errors import SymgraspError
+from pipelines.grasp_files.exports.export_poses import ExportGripper, base_to_tool, pose_frame
+from pipelines.grasp_files.exports.grasp_exports import FrameGrasps
+from pipelines.grasp_files.exports.grasp_json import frame_text
+from pipelines.grasp_files.grasps_file import FrameResult
+from pipelines.grasping.gripper import Gripper
+
+if TYPE_CHECKING:
+    from fastapi import FastAPI
+
+    from pipelines.serving.posted_frames import PostedFrame
+
+STAGE = "serve"
+LOOPBACK = ("127.0.0.1", "::1", "localhost")
+Detect = Callable[..., FrameResult]  # (color, depth, intrinsics, **options)
+
+
+def app_of(
+    detect: Detect,
+    gripper: Gripper,
+    config: ServeConfig,
+    camera_to_base: Path | None = None,
+) -> "FastAPI":
+    """Return the HTTP application.
+
+    Args:
+        detect: the regions and grasps of a frame, as `GraspDetector.frame_result` gives them.
+        gripper: that they are for.
+        config: limits, origin of poses.
+        camera_to_base: hand-eye calibration, for poses in the robot's base frame.
+
+    Raises:
+        SymgraspError: the extra is not installed, or the calibration cannot be read.
+    """
+    try:
+        from pipelines.serving.http_app import make_app  # noqa: PLC0415 - an extra
+    except ImportError as error:
+        raise SymgraspError('serve needs FastAPI: pip install "symgrasp[serve]"') from error
+    frame = pose_frame(camera_to_base, ExportConfig.frame_id)
+    behind, origin = gripper.base_to_contacts, "base"
+    if config.tcp:
+        behind -= base_to_tool(config.tcp, gripper)
+        origin = f"tool centre point ({config.tcp})"
+    exported = ExportGripper(gripper, behind, gripper.name, origin=origin)
+    facts: dict[str, Any] = {"gripper": exported.facts(), "axes": frame.axes}
+    head = json.dumps(facts).removesuffix("}")
+
+    def answer(posted: "PostedFrame") -> str:
+        result = detect(posted.color, posted.depth, **posted.options)
+        found = FrameGrasps.of(result, 0, exported, config.min_score, frame)
+        return f"{head}, {frame_text(found, posted.name).lstrip().removeprefix('{')}"
+
+    return make_app(answer, facts, config)
+
+
+def run(app: "FastAPI", config: ServeConfig) -> None:
+    """Serve until SIGTERM or Ctrl-C; frames that are begun are answered first.
+
+    Raises:
+        SymgraspError: the extra is not installed.
+    """
+    try:
+        import uvicorn  # noqa: PLC0415 - an extra
+    except ImportError as error:
+        raise SymgraspError('serve needs uvicorn: pip install "symgrasp[serve]"') from error
+    settings = uvicorn.Config(
+        app,
+        host=config.host,
+        port=config.port,
+        log_level="warning",
+        timeout_graceful_shutdown=config.grace,
+        limit_concurrency=2 * config.max_waiting,
+    )
+    uvicorn.Server(settings).run()

@@ -1,0 +1,1 @@
+"""Grasps over HTTP: frames in posts, and the server that answers them."""

@@ -1,0 +1,118 @@
+"""The HTTP application: `POST /grasps` answers a frame with its grasps, `GET /health` counts."""
+
+import logging
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import anyio
+from fastapi import FastAPI, Request
+from fastapi.responses import JSONResponse, Response
+from starlette.requests import ClientDisconnect
+
+from pipelines.configs import ServeConfig
+from pipelines.errors import SymgraspError
+from pipelines.serving.posted_frames import PostedFrame, posted_frame
+
+Answer = Callable[[PostedFrame], str]  # the JSON text of a frame's grasps
+JSON_TYPE = "application/json"
+log = logging.getLogger(__name__)
+
+
+@dataclass
+class Counts:
+    """Frames so far; guarded, as answers come from several threads."""
+
+    answered: int = 0
+    refused: int = 0
+    waiting: int = 0
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def add(self, **changes: int) -> None:
+        """Change counts by so much."""
+        with self._lock:
+            for name, change in changes.items():
+                setattr(self, name, getattr(self, name) + change)
+
+
+def make_app(answer: Answer, facts: dict[str, Any], config: ServeConfig) -> FastAPI:
+    """Return the application.
+
+    Args:
+        answer: gives the grasps of a frame; called from several threads.
+        facts: what `/health` says beside the counts.
+        config: limits.
+    """
+    app = FastAPI(title="SymGrasp", docs_url=None, redoc_url=None, openapi_url=None)
+    counts, limiter = Counts(), anyio.CapacityLimiter(config.parallel)
+
+    @app.get("/health")
+    def health() -> dict[str, Any]:
+        return {
+            "status": "ok",
+            **facts,
+            "answered": counts.answered,
+            "refused": counts.refused,
+            "waiting": counts.waiting,
+        }
+
+    @app.post("/grasps")
+    async def grasps(request: Request) -> Response:
+        if counts.waiting >= config.max_waiting:
+            counts.add(refused=1)
+            return _refusal(503, f"{counts.waiting} frames are waiting; post again in a moment")
+        counts.add(waiting=1)
+        try:
+            response = await _answered(request, answer, limiter, config)
+        finally:
+            counts.add(waiting=-1)
+        counts.add(**{"answered" if response.status_code == 200 else "refused": 1})
+        return response
+
+    return app
+
+
+async def _answered(
+    request: Request, answer: Answer, limiter: anyio.CapacityLimiter, config: ServeConfig
+) -> Response:
+    """Return the grasps of the posted frame, or one sentence of what is wrong with it."""
+    # Another type would let any web page that the user visits post here.
+    if request.headers.get("content-type", "").partition(";")[0].strip() != JSON_TYPE:
+        return _refusal(415, f"the Content-Type is not {JSON_TYPE}")
+    try:
+        body = await _body(request, config.max_bytes)
+    except ClientDisconnect:
+        return _refusal(400, "the client has gone")
+    if body is None:
+        return _refusal(413, f"the body is larger than {config.max_bytes} bytes")
+
+    def work() -> str:
+        return answer(posted_frame(body, config.max_pixels))
+
+    try:
+        text = await anyio.to_thread.run_sync(work, limiter=limiter)
+    except SymgraspError as error:
+        return _refusal(400, str(error))
+    except Exception:
+        log.exception("a frame could not be answered")
+        return _refusal(500, "the server failed on this frame; its log says why")
+    return Response(text, media_type=JSON_TYPE)
+
+
+async def _body(request: Request, most: int) -> bytes | None:
+    """Return the body of a request; None as soon as it is larger than `most` bytes."""
+    declared = request.headers.get("content-length", "0")
+    if declared.isdigit() and int(declared) > most:
+        return None
+    parts, size = [], 0
+    async for part in request.stream():
+        size += len(part)
+        if size > most:
+            return None
+        parts.append(part)
+    return b"".join(parts)
+
+
+def _refusal(status: int, sentence: str) -> JSONResponse:
+    return JSONResponse({"error": sentence}, status_code=status)

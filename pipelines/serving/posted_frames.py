@@ -1,0 +1,115 @@
+"""A frame posted as one JSON object: images as PNG or raw arrays in base64, and the camera."""
+
+import json
+from base64 import b64decode
+from binascii import Error as NoBase64
+from collections.abc import Mapping
+from dataclasses import dataclass
+from io import BytesIO
+from math import prod
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from pipelines.errors import ValueRangeError
+
+KNOWN = ("color", "depth", "intrinsics", "depth_units_per_metre", "workspace", "masks", "name")
+COLOR_FORMATS, DEPTH_FORMATS = ("PNG", "JPEG"), ("PNG",)
+RAW_TYPES = {"color": ("uint8",), "depth": ("uint16", "float32"), "masks": ("uint8", "int32")}
+MODES = {"color": "RGB", "depth": "I;16", "masks": "I"}
+
+
+@dataclass(frozen=True)
+class PostedFrame:
+    """The arguments of `symgrasp.GraspDetector` for one frame.
+
+    Attributes:
+        color: (H, W, 3) RGB.
+        depth: (H, W) whole numbers or metres.
+        options: intrinsics and what else was posted, by the detector's names.
+        name: of the frame, to find the answer by.
+    """
+
+    color: NDArray[np.uint8]
+    depth: NDArray[Any]
+    options: dict[str, Any]
+    name: str = ""
+
+
+def posted_frame(body: bytes, max_pixels: int) -> PostedFrame:
+    """Return the frame of a post.
+
+    Raises:
+        ValueRangeError: it is no JSON object of a frame; the message says what is wrong.
+    """
+    try:
+        content = json.loads(body)
+    except (ValueError, RecursionError) as error:
+        raise ValueRangeError("body", f"no JSON ({error})", "an object with a frame") from None
+    if not isinstance(content, dict):
+        raise ValueRangeError("body", f"a {type(content).__name__}", "an object with a frame")
+    if unknown := sorted(set(content) - set(KNOWN)):
+        raise ValueRangeError("key", repr(unknown[0])[:80], f"one of {', '.join(KNOWN)}")
+    if missing := [key for key in KNOWN[:3] if content.get(key) is None]:
+        raise ValueRangeError("body", f"without {missing[0]}", f"with {', '.join(KNOWN[:3])}")
+    color, depth = (_image(key, content[key], max_pixels) for key in ("color", "depth"))
+    options = {key: content[key] for key in KNOWN[2:5] if content.get(key) is not None}
+    if content.get("masks") is not None:
+        options["masks"] = _image("masks", content["masks"], max_pixels)
+    name = content.get("name", "")
+    if not isinstance(name, str) or len(name) > 1000:
+        raise ValueRangeError("name", "no short text", "the frame's name")
+    return PostedFrame(color, depth, options, name)
+
+
+def _image(key: str, content: object, max_pixels: int) -> NDArray[Any]:
+    """Return an image, posted as a file in base64 or as `{"shape", "dtype", "data"}`."""
+    if isinstance(content, dict):
+        return _raw(key, content, max_pixels)
+    formats = COLOR_FORMATS if key == "color" else DEPTH_FORMATS
+    expected = f"{' or '.join(formats)} in base64, or an object of shape, dtype and data"
+    try:
+        with Image.open(BytesIO(_bytes(key, content, expected)), formats=formats) as image:
+            _check_pixels(key, image.width * image.height, max_pixels)
+            if key == "depth" and not image.mode.startswith("I"):
+                raise ValueRangeError("depth", f"of mode {image.mode}", "a PNG of 16 bits")
+            array = np.asarray(image.convert(MODES[key]) if key == "color" else image)
+    except (OSError, SyntaxError, ValueError) as error:
+        if isinstance(error, ValueRangeError):
+            raise
+        raise ValueRangeError(key, f"no such picture ({error})", expected) from None
+    return array.astype(np.int32) if key == "masks" else array
+
+
+def _raw(key: str, content: Mapping[str, object], max_pixels: int) -> NDArray[Any]:
+    shape, dtype, data = (content.get(name) for name in ("shape", "dtype", "data"))
+    types = RAW_TYPES[key]
+    if dtype not in types:
+        raise ValueRangeError(f"{key}.dtype", repr(dtype)[:80], " or ".join(types))
+    sizes = shape if isinstance(shape, list) else []
+    is_sound = len(sizes) == (3 if key == "color" else 2)
+    if not is_sound or not all(isinstance(n, int) and 0 < n <= max_pixels for n in sizes):
+        expected = "[height, width, 3]" if key == "color" else "[height, width]"
+        raise ValueRangeError(f"{key}.shape", repr(shape)[:80], expected)
+    _check_pixels(key, sizes[0] * sizes[1], max_pixels)
+    kind = np.dtype(str(dtype)).newbyteorder("<")
+    raw, wanted = _bytes(f"{key}.data", data, "base64"), prod(sizes) * kind.itemsize
+    if len(raw) != wanted:
+        raise ValueRangeError(f"{key}.data", f"{len(raw)} bytes", f"{wanted}, as its shape says")
+    return np.frombuffer(raw, kind).reshape(sizes).astype(kind.newbyteorder("="))
+
+
+def _bytes(key: str, content: object, expected: str) -> bytes:
+    if not isinstance(content, str):
+        raise ValueRangeError(key, f"a {type(content).__name__}", expected)
+    try:
+        return b64decode(content, validate=True)
+    except (NoBase64, ValueError):
+        raise ValueRangeError(key, "no base64", expected) from None
+
+
+def _check_pixels(key: str, pixels: int, most: int) -> None:
+    if pixels > most:
+        raise ValueRangeError(key, f"of {pixels} pixels", f"at most {most}")

@@ -1,0 +1,55 @@
+"""`symgrasp serve`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipelines.configs import InferConfig, ServeConfig
+from pipelines.configs.stages import ServeSettings, part
+from symgrasp_cli.options import Device, Seed
+from symgrasp_cli.report import manner
+from symgrasp_cli.settings import with_settings
+
+
+@with_settings(
+    "serve",
+    {
+        "--gripper": "gripper",
+        "--min-score": "http.min_score",
+        "--tcp": "http.tcp",
+        "--host": "http.host",
+        "--port": "http.port",
+        "--parallel": "http.parallel",
+        "--max-waiting": "http.max_waiting",
+    },
+    variables={"--gripper": "SYMGRASP_GRIPPER"},
+)
+def serve(
+    config: ServeSettings,
+    *,
+    camera_to_base: Annotated[
+        Path | None,
+        typer.Option(
+            exists=True,
+            dir_okay=False,
+            metavar="FILE",
+            help="Hand-eye calibration (4 x 4 matrix, easy_handeye, MoveIt): poses are then in "
+            "the robot's base frame.",
+        ),
+    ] = None,
+    device: Device = "auto",
+    seed: Seed = 0,
+) -> None:
+    """Answer posted frames with their grasps over HTTP, models loaded once."""
+    from pipelines import serve as stage
+    from symgrasp.detector import GraspDetector
+
+    http = part(ServeConfig, config.http)
+    detector = GraspDetector(device=device, settings=part(InferConfig, config), seed=seed)
+    app = stage.app_of(detector.frame_result, detector.gripper, http, camera_to_base)
+    if not manner().quiet:
+        typer.echo(f"serving on http://{http.host}:{http.port}/grasps until Ctrl-C", err=True)
+        if http.host not in stage.LOOPBACK:
+            typer.echo("other machines can reach it, and it knows no passwords", err=True)
+    stage.run(app, http)

@@ -1,0 +1,180 @@
+"""`serve`: posted frames are answered with their grasps, and nothing that is posted ends it."""
+
+import base64
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+import urllib.request
+from concurrent.futures import ThreadPoolExecutor
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from examples import post_frame
+from pipelines import serve
+from pipelines.configs import ServeConfig
+from pipelines.errors import SymgraspError
+from pipelines.grasp_files.gripper_files import load_gripper
+from pipelines.inference.models import WEIGHTS
+from tests.grasp_files.exports.gripper_toys import random_result
+
+testclient = pytest.importorskip("fastapi.testclient", reason="the extra serve")
+RG2, ROOT = load_gripper("rg2"), Path(__file__).parents[2]
+RESULT = random_result(np.random.default_rng(0), 9, "x")
+DEPTH = np.full((12, 16), 700, np.uint16)
+COLOR = np.zeros((12, 16, 3), np.uint8)
+
+
+def client_of(detect=lambda *_args, **_options: RESULT, **settings):
+    return testclient.TestClient(serve.app_of(detect, RG2, ServeConfig(**settings)))
+
+
+def png(array) -> str:
+    data = BytesIO()
+    Image.fromarray(array).save(data, "PNG")
+    return base64.b64encode(data.getvalue()).decode()
+
+
+def raw(array) -> dict:
+    text = base64.b64encode(array.tobytes()).decode()
+    return {"shape": list(array.shape), "dtype": str(array.dtype), "data": text}
+
+
+def post(**changes) -> dict:
+    return {"color": png(COLOR), "depth": png(DEPTH), "intrinsics": [9, 9, 8, 6], **changes}
+
+
+def test_a_frame_is_answered_with_its_grasps_best_first():
+    answer = client_of().post("/grasps", json=post(name="frame 7"))
+    assert answer.status_code == 200
+    content = answer.json()
+    assert (content["name"], content["gripper"]["name"]) == ("frame 7", RG2.name)
+    scores = [grasp["rank_score"] for grasp in content["grasps"]]
+    assert scores == sorted(scores, reverse=True)
+    assert len(scores) > 3
+    assert np.shape(content["grasps"][0]["pose"]) == (4, 4)
+
+
+@pytest.mark.parametrize("as_posted", [png, raw])
+def test_pictures_and_raw_arrays_reach_the_detector_as_they_are(as_posted):
+    seen = {}
+
+    def detect(color, depth, **options):
+        seen.update(color=color, depth=depth, **options)
+        return RESULT
+
+    rng = np.random.default_rng(1)
+    color = rng.integers(0, 255, (12, 16, 3), np.uint8)
+    depth = rng.integers(300, 2000, (12, 16)).astype(np.uint16)
+    frame = post(color=as_posted(color), depth=as_posted(depth), workspace=[0, 0, 0, 1, 1, 1])
+    assert client_of(detect).post("/grasps", json=frame).status_code == 200
+    np.testing.assert_array_equal(seen["color"], color)
+    np.testing.assert_array_equal(seen["depth"], depth)
+    assert (seen["intrinsics"], seen["workspace"]) == ([9, 9, 8, 6], [0, 0, 0, 1, 1, 1])
+
+
+def bomb() -> str:
+    return png(np.zeros((1200, 1200), np.uint16))
+
+
+@pytest.mark.parametrize(
+    ("frame", "said"),
+    [
+        ([1], "body is a list"),
+        ({}, "without color"),
+        (post(depth=None), "without depth"),
+        (post(dpeth=1), "'dpeth'"),
+        (post(color="not base64!"), "no base64"),
+        (post(color=png(DEPTH)[:60]), "no such picture"),
+        (post(depth=png(COLOR)), "a PNG of 16 bits"),
+        (post(depth=bomb()), "of 1440000 pixels"),
+        (post(depth={**raw(DEPTH), "dtype": "object"}), "uint16 or float32"),
+        (post(depth={**raw(DEPTH), "shape": [10**9, 10**9]}), "height, width"),
+        (post(depth={**raw(DEPTH), "shape": [12, 15]}), "384 bytes"),
+        (post(name=3), "no short text"),
+    ],
+)
+def test_what_is_no_frame_is_one_sentence(frame, said):
+    answer = client_of(max_pixels=1_000_000).post("/grasps", json=frame)
+    assert answer.status_code == 400
+    assert said in answer.json()["error"]
+    assert "\n" not in answer.json()["error"]
+
+
+def test_sizes_types_and_depths_of_bodies_have_limits():
+    client = client_of(max_bytes=5000)
+    head = {"Content-Type": "application/json"}
+    assert client.post("/grasps", content=b"x" * 6000, headers=head).status_code == 413
+    parts = (b"x" * 1000 for _ in range(6))  # no length is declared
+    assert client.post("/grasps", content=parts, headers=head).status_code == 413
+    assert client.post("/grasps", content=b"[" * 4000, headers=head).status_code == 400
+    plain = {"Content-Type": "text/plain"}
+    assert client.post("/grasps", content=b"{}", headers=plain).status_code == 415
+
+
+def test_errors_of_a_frame_are_sentences_and_faults_are_kept_inside():
+    def refuse(*_args, **_options):
+        raise SymgraspError("depth is in millimetres")
+
+    def fail(*_args, **_options):
+        raise RuntimeError("secret")
+
+    answer = client_of(refuse).post("/grasps", json=post())
+    assert (answer.status_code, answer.json()["error"]) == (400, "depth is in millimetres")
+    answer = client_of(fail).post("/grasps", json=post())
+    assert answer.status_code == 500
+    assert "secret" not in answer.text
+
+
+def test_eight_clients_at_once_are_answered_and_more_than_may_wait_are_refused():
+    begun, go = threading.Semaphore(0), threading.Event()
+
+    def detect(*_args, **_options):
+        begun.release()
+        assert go.wait(20)
+        return RESULT
+
+    with client_of(detect, parallel=4, max_waiting=8) as client, ThreadPoolExecutor(8) as pool:
+        answers = [pool.submit(client.post, "/grasps", json=post()) for _ in range(8)]
+        for _ in range(4):
+            assert begun.acquire(timeout=20)
+        while client.get("/health").json()["waiting"] < 8:
+            time.sleep(0.01)
+        assert client.post("/grasps", json=post()).status_code == 503
+        go.set()
+        assert [each.result().status_code for each in answers] == [200] * 8
+        health = client.get("/health").json()
+    assert (health["answered"], health["refused"], health["waiting"]) == (8, 1, 0)
+
+
+def test_the_command_answers_the_example_and_ends_with_sigterm(tmp_path):
+    light = ["--set", "regions=geometric", "--set", "method=planar", "--port", "18765"]
+    command = [sys.executable, "-m", "symgrasp", "serve", *light]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(command, cwd=tmp_path, env=environment, stderr=subprocess.PIPE) as server:
+        try:
+            url = "http://127.0.0.1:18765"
+            for _ in range(1200):
+                try:
+                    urllib.request.urlopen(f"{url}/health", timeout=1).close()
+                    break
+                except OSError:
+                    assert server.poll() is None, server.stderr.read()
+                    time.sleep(0.1)
+            files = [WEIGHTS / "frames" / f"table_1_{end}" for end in ("color.png", "depth.png")]
+            camera = json.loads((WEIGHTS / "frames" / "table_1_camera.json").read_text())
+            (tmp_path / "camera.json").write_text(json.dumps(camera))
+            answer = post_frame.grasps_of(*files, tmp_path / "camera.json", f"{url}/grasps")
+            assert len(answer["grasps"]) > 3
+            assert [grasp["rank_in_frame"] for grasp in answer["grasps"]][:2] == [0, 1]
+        finally:
+            server.send_signal(signal.SIGTERM)
+        assert server.wait(timeout=30) in (0, 143, -signal.SIGTERM)
+        assert b"Traceback" not in server.stderr.read()

@@ -27,9 +27,9 @@ from pipelines.evaluation.run_readers import DEFAULT_ROW, compared_folders, fric
 from pipelines.evaluation.tables import Table
 from pipelines.evaluation.tallies import ALL
 from pipelines.metrics.paired_bootstrap import FEWEST_UNITS, Difference, differences
+from pipelines.pictures.pages import rendered
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import write_json, write_text
-from pipelines.storage.pages import rendered
 from pipelines.storage.provenance import (
     Stamp,
     digest,

@@ -18,7 +18,7 @@ AXIS_COLORS: tuple[Color, ...] = ((255, 70, 70), (70, 230, 70), (90, 140, 255)) 
 AXIS_LENGTH = 0.10  # metres
 EDGE_COLOR: Color = (255, 255, 255)
 LETTERS = cv2.FONT_HERSHEY_SIMPLEX
-SEGMENTS = 24  # of a line, so that its part before the camera is drawn
+LINE_SEGMENTS = 24  # of a line, so that its part before the camera is drawn
 NEAR_PLANE = 0.05  # metres
 SHADE = 0.45  # of the light outside of the workspace
 
@@ -66,11 +66,11 @@ def _line_in_space(
     picture: ColorImage, lens: Intrinsics, ends: Array, color: Color, size: int
 ) -> None:
     """Draw the part of a line that lies before the camera; `ends` (2, 3), camera frame."""
-    shares = np.linspace(0.0, 1.0, SEGMENTS + 1)[:, None]
+    shares = np.linspace(0.0, 1.0, LINE_SEGMENTS + 1)[:, None]
     points = ends[0] + shares * (ends[1] - ends[0])
     pixels = lens.project(np.where(points[:, 2:] > NEAR_PLANE, points, [0.0, 0.0, 1.0]))
     places = np.clip(np.rint(pixels), -30000, 30000).astype(int).tolist()
-    for i in range(SEGMENTS):
+    for i in range(LINE_SEGMENTS):
         if (points[i : i + 2, 2] > NEAR_PLANE).all():
             cv2.line(picture, places[i], places[i + 1], color, size, cv2.LINE_AA)
 

@@ -9,7 +9,7 @@ from pipelines.evaluation.pages.report_page import REASON_COLORS, TEMPLATES, pro
 from pipelines.evaluation.tallies import ALL
 from pipelines.metrics.graspnet.graspnet_ap import RANKS
 from pipelines.metrics.graspnet.graspnet_frames import DUMP_REASONS
-from pipelines.storage.pages import rendered
+from pipelines.pictures.pages import rendered
 
 CHART_SPLITS = {"seen": "#1668b8", "similar": "#e08a00", "novel": "#2a9d58", "train": "#8e5bb5"}
 FRICTION_COLORS = ("#0b3c6f", "#1668b8", "#5a9bd8", "#e6a817", "#e08a00", "#d0492f")

@@ -11,7 +11,7 @@ from pipelines.evaluation.tables import Table, report_tables
 from pipelines.evaluation.tallies import ALL
 from pipelines.geometry.symmetry import SYMMETRY_KINDS
 from pipelines.metrics.grasp_verdicts import REASONS
-from pipelines.storage.pages import rendered
+from pipelines.pictures.pages import rendered
 
 TEMPLATES = Path(__file__).parents[1] / "templates"
 

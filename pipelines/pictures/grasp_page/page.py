@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.grasp_files.grasps_file import FrameResult
-from pipelines.storage.pages import rendered
+from pipelines.pictures.pages import rendered
 from pipelines.storage.provenance import Stamp
 
 HERE = Path(__file__).parent

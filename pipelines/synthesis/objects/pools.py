@@ -16,7 +16,7 @@ from pipelines.synthesis.objects.families.catalogue import (
     NOVEL,
     SEALED,
     SEEN,
-    WIDER,
+    WIDER_FAMILIES,
     make_shape,
 )
 
@@ -25,8 +25,8 @@ FAMILIES_OF_POOL = {
     "seen": tuple(SEEN),
     "similar": tuple(SEEN),
     "novel": tuple(NOVEL),
-    "wide": (*SEEN, *WIDER),
-    "wide_similar": (*SEEN, *WIDER),
+    "wide": (*SEEN, *WIDER_FAMILIES),
+    "wide_similar": (*SEEN, *WIDER_FAMILIES),
     "sealed": tuple(SEALED),
 }
 

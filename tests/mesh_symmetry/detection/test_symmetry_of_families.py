@@ -5,7 +5,7 @@ import pytest
 
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.mesh_symmetry.detection.symmetry_detection import analyse
-from pipelines.synthesis.objects.families.catalogue import SEALED, WIDER, make_shape
+from pipelines.synthesis.objects.families.catalogue import SEALED, WIDER_FAMILIES, make_shape
 
 QUICK = AnnotateSymmetryConfig(num_samples=8000, num_verification_samples=1000)
 MOST_PLANES, IMPLIED = 3, 2  # an object's planes in a label; the order of two planes' axis
@@ -17,7 +17,7 @@ def kinds(symmetries):
     return min(planes, MOST_PLANES), axes
 
 
-@pytest.mark.parametrize("family", [*WIDER, *SEALED])
+@pytest.mark.parametrize("family", [*WIDER_FAMILIES, *SEALED])
 def test_what_is_found_is_what_was_built(family):
     shape = make_shape(family, np.random.default_rng([11, 0]))
     found = analyse(shape.solid.mesh(), QUICK, np.random.default_rng(0)).symmetries

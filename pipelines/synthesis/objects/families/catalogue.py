@@ -64,7 +64,7 @@ NOVEL: dict[str, Family] = {
 }
 
 # More families of training; those of the first trainings lack them.
-WIDER: dict[str, Family] = {
+WIDER_FAMILIES: dict[str, Family] = {
     "turned": wider.turned,
     "boulder": wider.boulder,
     "pan": wider.pan,
@@ -104,7 +104,7 @@ SEALED: dict[str, Family] = {
     "carved": sealed.carved,
 }
 
-FAMILIES = SEEN | NOVEL | WIDER | SEALED
+FAMILIES = SEEN | NOVEL | WIDER_FAMILIES | SEALED
 
 
 def make_shape(family: str, rng: np.random.Generator) -> Shape:

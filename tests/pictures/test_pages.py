@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from jinja2 import UndefinedError
 
-from pipelines.storage.pages import rendered
+from pipelines.pictures.pages import rendered
 
 
 def page(folder: Path, template: str, **values: object) -> str:

@@ -54,7 +54,7 @@ REMEMBERED = {
     "pipelines.inference.observation.geometric_regions": "pipelines.tabletop.",
     "pipelines.inference.predicted_regions.ground_symmetries": FITS,
     "pipelines.evaluate.TruthReader": UNCHANGED,
-    "pipelines.evaluate.assign_regions": UNCHANGED,
+    "pipelines.evaluation.baselines.assign_regions": UNCHANGED,
     "pipelines.evaluation.truth.TruthReader.read": UNCHANGED,
     "pipelines.evaluation.frame_scores.match_masks": UNCHANGED,
     "pipelines.evaluation.frame_scores.grasp_verdict": UNCHANGED,

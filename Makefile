@@ -14,10 +14,10 @@ SET_sealed := --split similar,novel --families sealed --scenes-per-split 160 --v
 WEIGHTS := $(wildcard pipelines/weights/*.safetensors)
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test check docs eval dev sealed ablations weights bench golden clean
+.PHONY: help install demo test check docs eval dev sealed ablations weights weights-paper bench golden clean
 
 help: ## list the targets
-	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
 
 install: .venv/developed ## make .venv and install symgrasp with its test tools into it
 
@@ -101,6 +101,9 @@ ablations: install $(EVAL)/dataset.made ## table IV, each part left out in turn,
 SIZE := full
 weights: install ## all default weights from nothing, in build/weights; SIZE=tiny in minutes
 	SYMGRASP=$(SYMGRASP) tools/make_weights.sh build/weights/$(SIZE) $(SIZE)
+
+weights-paper: install ## both networks as the paper prints them, in build/weights-paper; COCO=FILE to start from
+	SYMGRASP=$(SYMGRASP) COCO=$(COCO) tools/make_weights.sh build/weights-paper/$(SIZE) $(SIZE) paper
 
 BENCH :=
 bench: install ## speeds of this machine, stage by stage

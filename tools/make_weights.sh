@@ -1,6 +1,8 @@
 #!/bin/sh
-# Make all default weights from nothing: tools/make_weights.sh FOLDER [full|tiny]
+# Make all default weights from nothing: tools/make_weights.sh FOLDER [full|tiny] [paper]
 #
+# With `paper` as third word the two networks of the paper as printed, `--preset paper`, which needs
+# no critics; COCO=FILE names torchvision's COCO weights for the detector to start from.
 # Every step is a documented command. A step that is finished is skipped and an interrupted one goes
 # on, so that the same call resumes after a kill. `full` takes days of a core, `tiny` minutes: its
 # weights are of no use, it shows that the chain works.
@@ -8,6 +10,7 @@ set -eu
 
 FOLDER=$1
 SIZE=${2:-full}
+METHOD=${3:-default}
 SYMGRASP=${SYMGRASP:-symgrasp}
 
 case $SIZE in
@@ -26,6 +29,20 @@ tiny)
     ;;
 *)
     echo "size is $SIZE; it must be full or tiny" >&2
+    exit 2
+    ;;
+esac
+
+case $METHOD in
+default) ;;
+paper)
+    # The preset has the batch size and the learning rate; at a training size of its own.
+    NETWORK="--preset paper --epochs 40"
+    DETECTOR="$DETECTOR --preset paper ${COCO:+--coco-weights $COCO}"
+    [ "$SIZE" = full ] || NETWORK="--preset paper --batch-size 4 --epochs 1 --set network.num_points=400"
+    ;;
+*)
+    echo "method is $METHOD; it must be default or paper" >&2
     exit 2
     ;;
 esac
@@ -51,6 +68,10 @@ done
 $SYMGRASP finetune-detector $TRAIN_ROOTS --out "$FOLDER/detector.safetensors" $DETECTOR --resume
 $SYMGRASP train "$DATA/packed" --out "$FOLDER/network.safetensors" $NETWORK --resume
 NETWORKS="--detector $FOLDER/detector.safetensors --network $FOLDER/network.safetensors"
+if [ "$METHOD" = paper ]; then
+    echo "weights of the paper as printed: \`symgrasp infer FRAMES --preset paper $NETWORKS\`"
+    exit 0
+fi
 
 # 3. The critics, in the order in which each needs those before, on objects that no network has seen.
 root held similar "$HELD_SCENES" "$HELD_VIEWS" "$HELD_OBJECTS" 4 7

@@ -15,19 +15,22 @@ SCRIPT = Path(__file__).parents[2] / "tools" / "make_weights.sh"
 GROUP = get_command(app)
 
 
-def calls(size, tmp_path):
+def calls(size, tmp_path, *method):
     """The command lines of a run in which every command does nothing."""
     log, stand_in = tmp_path / "calls.txt", tmp_path / "symgrasp"
     stand_in.write_text(f'#!/bin/sh\nprintf "%s\\n" "$*" >> {log}\n', encoding="utf-8")
     stand_in.chmod(0o755)
     environment = {**os.environ, "SYMGRASP": str(stand_in)}
-    subprocess.run(["sh", SCRIPT, "out", size], env=environment, check=True, capture_output=True)
+    subprocess.run(
+        ["sh", SCRIPT, "out", size, *method], env=environment, check=True, capture_output=True
+    )
     return [shlex.split(line) for line in log.read_text(encoding="utf-8").splitlines()]
 
 
+@pytest.mark.parametrize("method", ["default", "paper"])
 @pytest.mark.parametrize("size", ["full", "tiny"])
-def test_every_step_is_a_command_with_options_that_it_has(size, tmp_path):
-    for name, *arguments in calls(size, tmp_path):
+def test_every_step_is_a_command_with_options_that_it_has(size, method, tmp_path):
+    for name, *arguments in calls(size, tmp_path, method):
         parameters = GROUP.commands[name].params
         known = {option for each in parameters for option in (*each.opts, *each.secondary_opts)}
         assert {each for each in arguments if each.startswith("--")} <= known, name
@@ -44,6 +47,14 @@ def test_each_file_is_written_before_it_is_read(size, tmp_path):
         written.add(pairs.get("--out"))
     names = ("detector", "network", "axis_critic", "plane_critic", "grasp_critic")
     assert {f"out/{name}.safetensors" for name in names} <= written
+
+
+def test_the_networks_as_printed_are_trained_by_the_preset_and_need_no_critic(tmp_path):
+    trained = [
+        line for line in calls("full", tmp_path, "paper") if "train" in line[0] or "det" in line[0]
+    ]
+    assert [line[0] for line in trained] == ["finetune-detector", "train"]
+    assert all(line[line.index("--preset") + 1] == "paper" for line in trained)
 
 
 def test_another_size_is_wrong_usage(tmp_path):

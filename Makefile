@@ -17,7 +17,7 @@ WEIGHTS := $(wildcard pipelines/weights/*.safetensors)
 .PHONY: help install demo test check docs eval dev sealed ablations weights weights-paper bench golden clean
 
 help: ## list the targets
-	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
 
 install: .venv/developed ## make .venv and install symgrasp with its test tools into it
 

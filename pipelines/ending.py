@@ -82,6 +82,19 @@ def end_on_signals() -> None:
             signal.signal(number, _end_by_signal)
 
 
+@contextmanager
+def signal_handlers_kept() -> Iterator[None]:
+    """Undo what a library does meanwhile to the handlers of the signals that end this process."""
+    numbers = [getattr(signal, name) for name in SIGNALS if hasattr(signal, name)]
+    before = {number: signal.getsignal(number) for number in numbers}
+    try:
+        yield
+    finally:
+        if threading.current_thread() is threading.main_thread():
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+
 def _end_by_signal(number: int, _frame: object) -> NoReturn:
     if os.environ.get("RANK", "0") == "0":  # of the processes of torchrun the first one speaks
         shown = SHOW_CURSOR if os.isatty(2) else ""

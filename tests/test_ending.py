@@ -106,3 +106,10 @@ def test_empty_folders_of_joblib_are_removed_and_others_stay(tmp_path, monkeypat
         folder.mkdir(parents=True)
     ending.remove_joblib_folders(lambda process: process == 1)
     assert set(tmp_path.iterdir()) == {full, of_others, strange}
+
+
+def test_handlers_that_a_library_sets_are_undone():
+    before = signal.getsignal(signal.SIGTERM)
+    with ending.signal_handlers_kept():
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    assert signal.getsignal(signal.SIGTERM) is before

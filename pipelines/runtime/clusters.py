@@ -20,7 +20,12 @@ from joblib import Parallel, parallel_config
 from joblib.externals.loky import get_reusable_executor, process_executor, reusable_executor
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-from pipelines.ending import begin_worker, ctrl_c_put_off, remove_joblib_folders
+from pipelines.ending import (
+    begin_worker,
+    ctrl_c_put_off,
+    remove_joblib_folders,
+    signal_handlers_kept,
+)
 from pipelines.errors import SymgraspError, UnknownNameError
 from pipelines.storage.temporary import is_running
 
@@ -171,11 +176,14 @@ def _ray(workers: int) -> Iterator[None]:
         yield
         return
     try:
-        settings = {"log_to_driver": False, "runtime_env": {"env_vars": SEE_ALL_GPUS}}
-        if "RAY_ADDRESS" in os.environ:
+        settings: dict[str, Any] = {
+            "log_to_driver": False,
+            "runtime_env": {"env_vars": SEE_ALL_GPUS},
+        }
+        if "RAY_ADDRESS" not in os.environ:
+            settings |= {"num_cpus": workers, "include_dashboard": False}
+        with signal_handlers_kept():  # ray's abort the process
             ray.init(**settings)
-        else:
-            ray.init(num_cpus=workers, include_dashboard=False, **settings)
     except (ConnectionError, OSError) as error:
         raise SymgraspError(
             f"the ray cluster does not answer ({error}); start it, or unset RAY_ADDRESS"

@@ -83,13 +83,14 @@ class TrainingRun:
             self.display = stack.enter_context(self._make_display())
             stack.enter_context(intra_op_threads(self.options.threads))
             workers = stack.enter_context(self._make_workers())
-            reason = self._why_stop()
+            reason, is_saved = self._why_stop(), False
             while self.progress.epoch < self.options.epochs and not reason:
-                reason = self._run_epoch(workers)
+                reason, is_saved = self._run_epoch(workers), True
         self.progress.finished = self.progress.epoch >= self.options.epochs
         if self.progress.finished and self.processes.is_first:
             self.keeper.finish(self.progress)
-        self._save_checkpoint()
+        if self.progress.finished or not is_saved:
+            self._save_checkpoint()
         if reason > Reason.TIME_LIMIT and not self.progress.finished:
             raise TrainingStopped(
                 reason,
@@ -123,7 +124,7 @@ class TrainingRun:
         return GradientWorkers(self.trainee, threads, self.processes, acceleration, stop)
 
     def _run_epoch(self, workers: GradientWorkers) -> Reason:
-        """Take the steps that are left of an epoch; return why to stop, if there is a reason."""
+        """Take the steps that are left of an epoch and save; return why to stop, if at all."""
         epoch, seed = self.progress.epoch, self.options.seed
         batches = self.trainee.epoch(epoch, generator(seed, epoch))
         if not len(batches):

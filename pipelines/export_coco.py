@@ -26,7 +26,7 @@ from pipelines.dataset.training.region_frames import (
 from pipelines.errors import SymgraspError
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
-from pipelines.storage.files import atomic_path
+from pipelines.storage.files import atomic_path, within
 from pipelines.storage.provenance import is_finished, make_stamp
 
 STAGE = "export-coco"
@@ -71,6 +71,8 @@ def export_scene(item: WorkItem, root: GraspNetRoot, config: ExportCocoConfig) -
     """Export one scene; `item.arguments`: its files and the dataset's folder."""
     scene, output_dir = item.arguments
     folder = output_dir / "images" / scene.folder.name / scene.camera
+    for name in ("camK.npy", "rgb/0000.png", "depth/0000.png"):
+        within(output_dir, folder / name)
     images, annotations = [], []
     _place(scene.camera_folder / "camK.npy", folder / "camK.npy", link=config.link)
     for files in strided_frames(scene, config.frame_stride):

@@ -35,7 +35,7 @@ from pipelines.pictures.overlays import draw_overlay
 from pipelines.pictures.rerun_recording import need_rerun, write_recording
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
-from pipelines.storage.files import LONGEST_NAME, write_image, write_text
+from pipelines.storage.files import LONGEST_NAME, within, write_image, write_text
 from pipelines.storage.provenance import Stamp, digest, is_finished, make_stamp, read_stamp
 
 STAGE = "view"
@@ -59,7 +59,7 @@ class ViewPaths:
         """Return where a frame's file goes.
 
         Raises:
-            FormatError: the name leads out of the folder.
+            SymgraspError: the name, or a link, leads out of the folder.
         """
         folder = self.output / "frames"
         path = folder / f"{name}{suffix}"
@@ -72,7 +72,7 @@ class ViewPaths:
             raise FormatError(
                 self.grasps, f"the frame's name {name!r} is no file name", "run infer"
             )
-        return path
+        return within(self.output, path)
 
 
 @one_run_at_a_time(STAGE, "paths.output")

@@ -27,6 +27,7 @@ from pipelines.inference import models
 from pipelines.inference.frame_grasps import Planner
 from pipelines.pictures.overlays import write_overlay
 from pipelines.runtime.batch import WorkItem
+from pipelines.storage.files import within
 from pipelines.storage.provenance import Stamp, digest, digest_text, make_stamp, read_stamp
 
 STAGE = "infer"
@@ -264,8 +265,8 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def overlay_path(folder: Path, frame_name: str) -> Path:
-    """Return where the picture of a frame goes."""
-    return folder / f"{frame_name}.png"
+    """Return where the picture of a frame goes; errors as `within`."""
+    return within(folder, folder / f"{frame_name}.png")
 
 
 def check_names(config: InferConfig) -> None:

@@ -68,7 +68,11 @@ def atomic_path(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def atomic_folder(path: Path) -> Iterator[Path]:
-    """Yield a temporary folder beside `path`; on success it takes the place of `path`."""
+    """Yield a temporary folder beside `path`; on success it takes the place of `path`.
+
+    Where `path` is a link, what it leads to is replaced.
+    """
+    path = path.resolve() if path.is_symlink() else path
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = new_temporary(path, lambda made: made.mkdir(mode=0o700))
     try:
@@ -149,6 +153,19 @@ def existing(path: Path) -> Path:
     if not is_file(path):
         found = "is no plain file" if path.exists() else "does not exist"
         raise SymgraspError(f"{path} {found}; give the path of an existing file")
+    return path
+
+
+def within(folder: Path, path: Path) -> Path:
+    """Return `path`, somewhere below the output folder `folder`.
+
+    Raises:
+        SymgraspError: a link on the way leads out of the folder.
+    """
+    if not path.parent.resolve().is_relative_to(folder.resolve()):
+        raise SymgraspError(
+            f"{path.parent} is a link that leads out of {folder}; remove it, or name another output"
+        )
     return path
 
 

@@ -8,6 +8,7 @@ import pytest
 import trimesh
 from numpy.testing import assert_allclose, assert_array_equal
 
+from pipelines.dataset import meshes
 from pipelines.dataset.meshes import (
     clean_mesh,
     find_meshes,
@@ -194,3 +195,28 @@ def test_the_shared_folder_names_what_is_passed_over(caplog: pytest.LogCaptureFi
     assert (
         "2 files of formats that are not read: P_XPM_0331_01.3mf, featuretype.STEP" in caplog.text
     )
+
+
+def test_textures_that_a_mesh_names_are_not_looked_for(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    box = trimesh.creation.box((0.1, 0.1, 0.1))
+    text = box.export(file_type="obj")
+    (tmp_path / "m.mtl").write_text("newmtl a\nmap_Kd nowhere.png\n")
+    (tmp_path / "x.obj").write_text(f"mtllib m.mtl\nusemtl a\n{text}")
+    assert len(read_mesh(tmp_path / "x.obj").faces) == 12
+    assert not caplog.records
+
+
+def test_a_scene_that_shows_a_mesh_without_end_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = trimesh.Scene()
+    box = trimesh.creation.box((0.1, 0.1, 0.1))
+    for number in range(20):
+        scene.add_geometry(box, node_name=str(number), geom_name="box")
+    (tmp_path / "x.glb").write_bytes(scene.export(file_type="glb"))
+    assert len(read_mesh(tmp_path / "x.glb").faces) == 240
+    monkeypatch.setattr(meshes, "MAX_TRIANGLES", 100)
+    with pytest.raises(FormatError, match="shows 240 triangles; at most 100"):
+        read_mesh(tmp_path / "x.glb")

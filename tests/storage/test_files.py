@@ -11,6 +11,7 @@ import pytest
 
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.storage import files
+from pipelines.storage.files import atomic_folder, read_json, read_npy, within
 
 
 @pytest.mark.parametrize("name", ["n" * 251 + ".txt", "漢" * 83 + ".txt", os.fsdecode(b"\xe9.txt")])
@@ -154,3 +155,42 @@ def test_a_folder_is_replaced_whole_or_not_at_all(tmp_path, monkeypatch, moment)
     found = {path.read_text() for path in target.glob("*")}
     assert found == [{"earlier"}, set(), {"new"}][moment]
     assert target.is_dir() == bool(found)
+
+
+def test_a_link_in_an_output_folder_that_leads_out_of_it_is_refused(tmp_path):
+    out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
+    for folder in (out / "inside", elsewhere):
+        folder.mkdir(parents=True)
+    (out / "link").symlink_to(elsewhere)
+    (out / "own").symlink_to(out / "inside")
+    for name in ("a.png", "inside/a.png", "own/a.png", "new/deep/a.png"):
+        assert within(out, out / name) == out / name
+    for name in ("link/a.png", "link/new/a.png"):
+        with pytest.raises(SymgraspError, match="leads out of"):
+            within(out, out / name)
+
+
+def test_a_folder_that_is_a_link_is_replaced_where_it_leads(tmp_path):
+    (tmp_path / "disk/out").mkdir(parents=True)
+    (tmp_path / "out").symlink_to("disk/out")
+    with atomic_folder(tmp_path / "out") as folder:
+        (folder / "new").touch()
+    assert (tmp_path / "disk/out/new").is_file()
+    assert (tmp_path / "out").is_symlink()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["disk", "out"]
+
+
+@pytest.mark.parametrize("kind", ["huge", "wide"])
+def test_an_array_that_announces_more_than_its_file_is_refused(tmp_path, kind):
+    described, shape = {"huge": ("<f8", (10**9,)), "wide": ("<U500000000", (1,))}[kind]
+    with (tmp_path / "x.npy").open("wb") as stream:
+        content = {"descr": described, "fortran_order": False, "shape": shape}
+        np.lib.format.write_array_header_1_0(stream, content)
+    with pytest.raises(FormatError, match="announces an array of shape"):
+        read_npy(tmp_path / "x.npy")
+
+
+def test_a_pipe_is_no_file_to_read(tmp_path):
+    os.mkfifo(tmp_path / "x.json")
+    with pytest.raises(SymgraspError, match="is no plain file"):
+        read_json(tmp_path / "x.json")

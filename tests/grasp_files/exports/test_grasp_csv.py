@@ -29,3 +29,24 @@ def test_a_file_of_ours_is_known_by_its_first_line(tmp_path):
     (tmp_path / "y.csv").write_text("a,b\n1,2\n")
     assert grasp_csv.is_ours(tmp_path / "x.csv")
     assert not grasp_csv.is_ours(tmp_path / "y.csv")
+
+
+def test_no_cell_begins_as_a_formula(tmp_path):
+    rng = np.random.default_rng(0)
+    names = ("=1+1", "@SUM(A1)", "+a", "-b", "a,=1")
+    full = [random_frame(rng, 1, name=name) for name in names]
+    bare, header = random_frame(rng, 0, name="a,=cmd|x")
+    grasp_csv.write(tmp_path / "x.csv", [frame for frame, _ in full] + [bare], header)
+    with (tmp_path / "x.csv").open(newline="") as stream:
+        cells = [cell for line in csv.reader(stream) for cell in line]
+    assert not [cell for cell in cells if cell[:1] in ("=", "@", "\t", "\r")]
+    assert not [cell for cell in cells if cell[:1] in ("+", "-") and not _is_number(cell)]
+    assert {"./=1+1", "./@SUM(A1)", "./+a", "./-b", "a,=1"} <= set(cells)
+
+
+def _is_number(text):
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,35 @@
+"""Sentences of errors: one line, and nothing that moves a terminal's cursor."""
+
+import logging
+import pickle
+
+import pytest
+
+from pipelines.errors import FormatError, SymgraspError, printable
+from symgrasp_cli.app import PlainFormatter
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("plain \u00fc \u4e2d", "plain \u00fc \u4e2d"),
+        ("\x1b[31mred", "%1B[31mred"),
+        ("a\nerror: b\r", "a%0Aerror: b%0D"),
+        ("\udce9t\udce9", "%E9t%E9"),
+        ("\x9b2J", "%C2%9B2J"),
+        ("\u202egnp.exe", "%E2%80%AEgnp.exe"),
+    ],
+)
+def test_what_no_terminal_should_be_sent_is_written_as_in_an_url(text: str, shown: str) -> None:
+    assert printable(text) == shown
+    assert str(SymgraspError(text)) == shown
+
+
+def test_an_error_that_a_worker_sends_back_says_the_same() -> None:
+    error = FormatError("a\x1b", "b", "c")
+    assert str(pickle.loads(pickle.dumps(error))) == str(error) == "a%1B: b; c"
+
+
+def test_a_warning_of_a_strange_name_stays_in_its_line() -> None:
+    record = logging.LogRecord("x", logging.WARNING, "", 0, "%s: odd", ("a\n\x1b[2J",), None)
+    assert PlainFormatter("%(message)s").format(record) == "a%0A%1B[2J: odd"

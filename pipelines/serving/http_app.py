@@ -21,7 +21,7 @@ log = logging.getLogger(__name__)
 
 
 @dataclass
-class Counts:
+class RequestCounts:
     """Frames so far; guarded, as answers come from several threads."""
 
     answered: int = 0
@@ -45,7 +45,7 @@ def make_app(answer: Answer, facts: dict[str, Any], config: ServeConfig) -> Fast
         config: limits.
     """
     app = FastAPI(title="SymGrasp", docs_url=None, redoc_url=None, openapi_url=None)
-    counts, limiter = Counts(), anyio.CapacityLimiter(config.parallel)
+    counts, limiter = RequestCounts(), anyio.CapacityLimiter(config.parallel)
 
     @app.get("/health")
     def health() -> dict[str, Any]:

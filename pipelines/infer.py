@@ -19,7 +19,8 @@ from pipelines.configs import InferConfig
 from pipelines.frames.camera_files import CameraFile
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_stream import read_results
-from pipelines.inference.earlier import refuse_others_work
+from pipelines.inference.earlier import refuse_other_settings, refuse_others_work
+from pipelines.inference.frame_choice import ALL_FRAMES, FrameChoice
 from pipelines.inference.pictures import draw_missing, of_output
 from pipelines.inference.side_by_side import load, side_by_side
 from pipelines.inference.work import (
@@ -28,7 +29,7 @@ from pipelines.inference.work import (
     Settings,
     Work,
     check_names,
-    drop_stale_shards,
+    finished_of,
     infer_frame,
     overlay_path,
 )
@@ -50,6 +51,7 @@ def run(
     seed: int = 0,
     device: str = "auto",
     timings: bool = False,
+    choice: FrameChoice = ALL_FRAMES,
 ) -> StageReport:
     """Find grasps in all frames of `paths.frames`.
 
@@ -62,6 +64,7 @@ def run(
         seed: of everything that is drawn at random.
         device: for the networks.
         timings: write the seconds a frame took; the file then differs from run to run.
+        choice: which frames of the folder.
 
     Raises:
         SymgraspError: no frames, unknown names, weights missing, or the output was made otherwise,
@@ -71,9 +74,9 @@ def run(
     check_names(config)
     refuse_others_work(paths.output)
     settings = Settings(paths, config, seed, device, timings)
-    work = Work(settings, camera, depth_units_per_metre)
+    work = Work(settings, camera, depth_units_per_metre, choice)
     items = work.items(work.find())
-    if is_finished(paths.output, work.whole_stamp(items), overwrite=options.overwrite):
+    if not options.overwrite and paths.output.exists() and _is_whole(work, items):
         if not options.dry_run:
             grasps_file.remove_shards(paths.output)  # of frames that were followed
         report = _finished_report(paths, len(items))
@@ -90,19 +93,29 @@ def run(
 def _make(work: Work, items: Sequence[WorkItem], options: BatchOptions) -> StageReport:
     """Find the grasps of the frames that have none yet, and put the output together."""
     settings = work.settings
-    if not options.dry_run:
-        drop_stale_shards(items)
-    unfinished = sum(not item.target.exists() for item in items)
+    finished = {} if options.dry_run else {item.name: item for item in finished_of(items)}
+    todo = [item for item in items if item.name not in finished]
     # Shards are of this very run.
-    beside = side_by_side(replace(options, overwrite=False), unfinished, settings.device)
+    beside = side_by_side(replace(options, overwrite=False), len(todo), settings.device)
     with settings.one_core() if beside.backend == "threading" else nullcontext():
-        if unfinished and not options.dry_run:
+        if todo and not options.dry_run:
             load(settings, beside)
-        report = run_batch(STAGE, items, partial(infer_frame, settings=settings), beside)
+        report = run_batch(STAGE, todo, partial(infer_frame, settings=settings), beside)
+    report.skipped += finished
     if not options.dry_run:
         work.put_together(items, report.failed)
         grasps_file.remove_shards(work.output)
     return report
+
+
+def _is_whole(work: Work, items: Sequence[WorkItem]) -> bool:
+    """Return whether the output is that of `items`.
+
+    Raises:
+        StaleOutputError: it was made otherwise. Settings are compared before any image is read.
+    """
+    refuse_other_settings(work)
+    return is_finished(work.output, work.whole_stamp(items))
 
 
 def _finished_report(paths: InferPaths, count: int) -> StageReport:

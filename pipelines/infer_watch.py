@@ -20,6 +20,7 @@ from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.frames import FrameSource
 from pipelines.grasp_files import grasps_file
 from pipelines.inference.earlier import earlier_frames, refuse_others_work, refuse_stale
+from pipelines.inference.frame_choice import ALL_FRAMES, FrameChoice
 from pipelines.inference.pictures import draw_missing, of_shards
 from pipelines.inference.side_by_side import side_by_side
 from pipelines.inference.watching import Arrival, Clock, Lister, Watcher
@@ -74,6 +75,7 @@ def run(
     seed: int = 0,
     device: str = "auto",
     timings: bool = False,
+    choice: FrameChoice = ALL_FRAMES,
     clock: Clock | None = None,
     beside: Executor | None = None,
 ) -> StageReport:
@@ -90,6 +92,7 @@ def run(
         seed: of everything that is drawn at random.
         device: for the networks.
         timings: write the seconds a frame took.
+        choice: which frames of the folder.
         clock: the machine's, unless a test brings its own.
         beside: where the output is put together; a thread, unless a test brings its own.
 
@@ -101,7 +104,8 @@ def run(
     check_names(config)
     refuse_others_work(paths.output)
     _check_wishes(paths, options)
-    work = Work(Settings(paths, config, seed, device, timings), camera, depth_units_per_metre)
+    settings = Settings(paths, config, seed, device, timings)
+    work = Work(settings, camera, depth_units_per_metre, choice)
     signals = StopSignals()
     thread = ThreadPoolExecutor(1)
     with thread, signals.heeded(patient=False), work.settings.one_core():
@@ -208,7 +212,7 @@ class _Follower:
         return self.watcher.look(self.listed, self.clock.now())
 
     def _work_on(self, arrivals: Sequence[Arrival]) -> None:
-        items = [self._item(arrival.source) for arrival in arrivals]
+        items = self.work.items([arrival.source for arrival in arrivals])
         if any(item.name in self.items for item in items):
             self._await_output()  # which is made of the parts that are now written anew
         finished = [item for item in items if has_shard(item)]
@@ -231,14 +235,6 @@ class _Follower:
         undrawn = draw_missing(self.work.settings, of_shards(finished), self.options)
         for name, why in undrawn.items():
             log.warning("%s: %s", name, why)
-
-    def _item(self, source: FrameSource) -> WorkItem:
-        try:
-            (item,) = self.work.items([source])
-        except OSError:  # to read it will say why
-            target = grasps_file.shard_path(self.work.output, source.name)
-            item = WorkItem(source.name, target, self.work.stamp(self.work.common), (source,))
-        return item
 
     def _conclude(self, name: str, arrival: Arrival, item: WorkItem, sentence: str | None) -> None:
         """Note and report the result of a frame; `sentence` says why it failed, if it did."""

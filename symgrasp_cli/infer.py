@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -18,6 +18,8 @@ from pipelines.configs.stages import InferSettings, part
 from pipelines.errors import printable
 from symgrasp_cli.options import (
     Backend,
+    CameraName,
+    DatasetSplit,
     DepthUnitsPerMetre,
     Device,
     DryRun,
@@ -27,6 +29,7 @@ from symgrasp_cli.options import (
     Seed,
     Workers,
     batch_options,
+    split_or_all,
 )
 from symgrasp_cli.report import conclude, manner
 from symgrasp_cli.settings import with_settings
@@ -79,6 +82,11 @@ def infer(
             "box x0,y0,z0,x1,y1,z1 in metres."
         ),
     ] = None,
+    split: DatasetSplit = "all",
+    camera: CameraName = None,
+    frame_stride: Annotated[
+        int, typer.Option(min=1, metavar="N", help="Of every folder's frames each N-th.")
+    ] = 1,
     intrinsics: IntrinsicsText = None,
     depth_units_per_metre: DepthUnitsPerMetre = None,
     detector: Annotated[
@@ -121,6 +129,7 @@ def infer(
     from pipelines import infer_watch
     from pipelines.frames.camera_files import parse_camera
     from pipelines.frames.workspace_files import parse_workspace
+    from pipelines.inference.frame_choice import FrameChoice
     from pipelines.runtime.batch import CHOSEN
 
     if math.isfinite(config.watch.timeout) and not watch:
@@ -138,8 +147,9 @@ def infer(
         plane_critic=plane_critic,
         grasp_critic=grasp_critic,
     )
-    chosen = CHOSEN if workers is None else workers
-    options = batch_options(chosen, backend, overwrite=overwrite, dry_run=dry_run)
+    options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
+    if workers is None:
+        options = replace(options, workers=CHOSEN, most_chosen=options.workers)
     followed = partial(infer_watch.run, watch=config.watch, notify=_print_followed)
     report = (followed if watch else stage.run)(
         paths,
@@ -150,6 +160,7 @@ def infer(
         seed=seed,
         device=device,
         timings=timings,
+        choice=FrameChoice(split_or_all(split), camera, frame_stride),
     )
     _conclude(report, out, overlays)
 

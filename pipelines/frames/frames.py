@@ -1,5 +1,8 @@
 """Find RGB-D frames below a folder, whatever its layout."""
 
+import re
+from collections.abc import Container
+from dataclasses import dataclass
 from pathlib import Path
 
 from pipelines.errors import SymgraspError
@@ -17,12 +20,27 @@ __all__ = ["Frame", "FrameSource", "find_frames", "read_masks"]
 GRASPNET_CAMERAS = ("kinect", "realsense")
 
 
+@dataclass(frozen=True)
+class _Wanted:
+    """The folders of a GraspNet root that are wanted; all others are."""
+
+    camera: str | None
+    scenes: Container[int] | None
+
+    def has(self, folder: str) -> bool:
+        if folder in GRASPNET_CAMERAS:
+            return self.camera in (None, folder)
+        scene = re.fullmatch(r"scene_(\d{4})", folder)
+        return scene is None or self.scenes is None or int(scene[1]) in self.scenes
+
+
 def find_frames(
     folder: Path,
     *,
     intrinsics: CameraFile | Intrinsics | None = None,
     depth_units_per_metre: float | None = None,
     camera: str | None = None,
+    scenes: Container[int] | None = None,
     trust_pickles: bool = False,
     may_be_empty: bool = False,
 ) -> list[FrameSource]:
@@ -38,6 +56,7 @@ def find_frames(
             `camera_files.parse_camera` makes one of `--intrinsics`.
         depth_units_per_metre: unit of the depth files, instead of what the camera files say.
         camera: of GraspNet scenes only this camera, `kinect` or `realsense`; all if None.
+        scenes: of GraspNet roots only the scenes of these numbers; all if None.
         trust_pickles: take the arrays out of pickles too, with `plain_pickle`.
         may_be_empty: a folder without frames is an empty list, no error.
 
@@ -52,7 +71,7 @@ def find_frames(
             raise SymgraspError(f"{folder} is not a folder; give the folder that holds the frames")
         return sources
     refuse_unfinished(folder)
-    sources = _search(folder, "", options, camera)
+    sources = _search(folder, "", options, _Wanted(camera, scenes))
     if not sources and not may_be_empty:
         raise SymgraspError(why_no_frames(folder))
     return sources
@@ -67,10 +86,8 @@ def _beside(file: Path, options: FrameOptions) -> list[FrameSource]:
     return found + pickled_in(file.parent, "", options)
 
 
-def _search(
-    folder: Path, prefix: str, options: FrameOptions, camera: str | None
-) -> list[FrameSource]:
-    if camera is not None and folder.name in GRASPNET_CAMERAS and folder.name != camera:
+def _search(folder: Path, prefix: str, options: FrameOptions, wanted: _Wanted) -> list[FrameSource]:
+    if not wanted.has(folder.name):
         return []
     direct = frames_in(folder, prefix, options)
     if direct:
@@ -83,5 +100,5 @@ def _search(
             continue  # a link to a folder above would be searched for ever
         if child.is_dir() and not child.name.startswith("."):
             name = f"{prefix}/{child.name}" if prefix else child.name
-            sources += _search(child, name, options, camera)
+            sources += _search(child, name, options, wanted)
     return sources or pickled_in(folder, prefix, options)

@@ -41,10 +41,7 @@ def refuse_stale(work: Work, known: set[str]) -> None:
     """Raise unless an existing output is of these settings and of frames that are `known`."""
     if not work.output.exists():
         return
-    found, wanted = read_stamp(work.output) or {}, work.stamp(work.common).as_json()
-    inputs = {name: each for name, each in found.get("inputs", {}).items() if name != "frames"}
-    if not _is_alike(found, wanted) or inputs != wanted["inputs"]:
-        raise StaleOutputError(work.output)
+    refuse_other_settings(work)
     index = read_index(work.output)
     states = zip(index.names, index.statuses, strict=True)
     lost = [name for name, status in states if status != "failed" and name not in known]
@@ -53,6 +50,14 @@ def refuse_stale(work: Work, known: set[str]) -> None:
             f"{work.output} holds {len(lost)} frames that are not in {work.settings.paths.frames} "
             f"any more, {lost[0]} among them; choose another output, or pass --overwrite"
         )
+
+
+def refuse_other_settings(work: Work) -> None:
+    """Raise StaleOutputError unless the output is of these settings; no image is read for it."""
+    found, wanted = read_stamp(work.output) or {}, work.stamp(work.common).as_json()
+    inputs = {name: each for name, each in found.get("inputs", {}).items() if name != "frames"}
+    if not _is_alike(found, wanted) or inputs != wanted["inputs"]:
+        raise StaleOutputError(work.output)
 
 
 def _is_alike(found: dict[str, object], wanted: dict[str, object]) -> bool:

@@ -10,22 +10,21 @@ from pipelines.runtime.batch import CHOSEN, BatchOptions
 from pipelines.runtime.clusters import CLUSTERS, workers_of
 
 MAX_THREADS = 4
-PROCESSES, FRAMES_A_PROCESS = 2, 8
+FRAMES_A_PROCESS = 8
 
 
 def side_by_side(options: BatchOptions, frames: int, device: str) -> BatchOptions:
     """Return how `frames` are worked on where the user does not say it.
 
     Threads of this process wait for Python's lock a third of the time; with many frames on a
-    CPU, processes of their own are worth what starting them takes. More than two would need more
-    than 2 GB: that takes `--workers`.
+    CPU, processes of their own are worth what starting them takes: one for every eight frames, up
+    to `options.most_chosen`.
     """
     options = options.for_items(frames)
     if options.backend in CLUSTERS or options.workers > 1:
         return options
-    processes = min(cpu_count(), PROCESSES)
-    many = frames >= FRAMES_A_PROCESS * processes and processes > 1
-    if options.workers == CHOSEN and many and not models.uses_gpu(device):
+    processes = min(cpu_count(), options.most_chosen, frames // FRAMES_A_PROCESS)
+    if options.workers == CHOSEN and processes > 1 and not models.uses_gpu(device):
         return replace(options, workers=processes)
     return replace(options, workers=min(cpu_count(), MAX_THREADS), backend="threading")
 

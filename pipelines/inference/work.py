@@ -4,6 +4,7 @@ Each finished frame is a shard beside the output until the output is put togethe
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -24,7 +25,9 @@ from pipelines.grasp_files.grasps_stream import merge_shards
 from pipelines.grasp_files.gripper_files import gripper_digest, load_gripper
 from pipelines.grasping.feasibility.limits import check_limits
 from pipelines.inference import models
+from pipelines.inference.frame_choice import ALL_FRAMES, FrameChoice
 from pipelines.inference.frame_grasps import Planner
+from pipelines.inference.frame_inputs import FrameInputs
 from pipelines.pictures.overlays import write_overlay
 from pipelines.runtime.batch import WorkItem
 from pipelines.storage.files import within
@@ -153,11 +156,13 @@ class Work:
         settings: of every frame.
         camera: intrinsics of all frames, instead of the files beside them.
         depth_units_per_metre: unit of the depth files, instead of what the files say.
+        choice: which frames of the folder.
     """
 
     settings: Settings
     camera: CameraFile | None = None
     depth_units_per_metre: float | None = None
+    choice: FrameChoice = ALL_FRAMES
 
     @property
     def output(self) -> Path:
@@ -178,25 +183,25 @@ class Work:
 
     def find(self, *, may_be_empty: bool = False) -> list[FrameSource]:
         """List the frames that are there; see `find_frames`."""
-        return find_frames(
+        found = find_frames(
             self.settings.paths.frames,
             intrinsics=self.camera,
             depth_units_per_metre=self.depth_units_per_metre,
+            camera=self.choice.camera,
+            scenes=self.choice.scenes,
             may_be_empty=may_be_empty,
         )
+        return self.choice.of(found)
 
     def items(self, sources: Sequence[FrameSource]) -> list[WorkItem]:
         """Return the work on `sources`: a shard each."""
-        # A bag is one file of many frames: it is read once.
-        files = {path for source in sources for path in source.files}
-        digests = {path: digest(path) for path in files}
-        return [self._item(source, digests) for source in sources]
+        shared = self.stamp(self.common)
+        return [self._item(source, shared) for source in sources]
 
-    def _item(self, source: FrameSource, digests: Mapping[Path, str]) -> WorkItem:
-        # Colour and depth may have one name, in two folders.
-        own = {f"{i} {path.name}": digests[path] for i, path in enumerate(source.files)}
+    def _item(self, source: FrameSource, shared: Stamp) -> WorkItem:
+        inputs = FrameInputs(self.common, source.files)
         target = grasps_file.shard_path(self.output, source.name)
-        return WorkItem(source.name, target, self.stamp({**self.common, **own}), (source,))
+        return WorkItem(source.name, target, replace(shared, inputs=inputs), (source,))
 
     def stamp(self, inputs: Mapping[str, str]) -> Stamp:
         """Return the stamp of something made of `inputs`."""
@@ -204,7 +209,10 @@ class Work:
         return make_stamp(STAGE, config, seed=seed, inputs=inputs)
 
     def whole_stamp(self, items: Sequence[WorkItem]) -> Stamp:
-        """Return the stamp of the output that holds `items`."""
+        """Return the stamp of the output that holds `items`; all their files are read for it."""
+        unknown = [inputs for item in items if not (inputs := inputs_of(item)).are_known]
+        with ThreadPoolExecutor() as threads:  # digests leave Python's lock
+            list(threads.map(dict, unknown))
         frames = digest_text("\n".join(f"{item.name} {item.stamp.as_digest()}" for item in items))
         record = FramesRecord(
             self.settings.paths.frames, self.camera, self.depth_units_per_metre
@@ -219,6 +227,9 @@ class Work:
             else item.target
             for item in items
         ]
+        for item in items:
+            if item.name not in failed and not inputs_of(item).are_known:
+                inputs_of(item).take_over(read_stamp(item.target) or {}, unseen=True)
         merge_shards(self.output, parts, self.whole_stamp(items), self.weights)
 
 
@@ -230,6 +241,8 @@ def infer_frame(item: WorkItem, settings: Settings) -> str | None:
 
 def _infer_frame(item: WorkItem, settings: Settings) -> str | None:
     (source,) = item.arguments
+    # Before the frame is read: of a file that changes meanwhile the result counts as stale.
+    signatures = inputs_of(item).signatures()
     frame = source.read()
     folder = settings.paths.masks
     masks = None if folder is None else read_masks(folder, source.name)
@@ -251,7 +264,8 @@ def _infer_frame(item: WorkItem, settings: Settings) -> str | None:
         with writing(picture):
             write_overlay(picture, frame, result, item.stamp)
     with writing(item.target):
-        grasps_file.write_shard(item.target, result, item.stamp)
+        stamp = replace(item.stamp, recorded={"files": signatures})
+        grasps_file.write_shard(item.target, result, stamp)
     return "; ".join(filter(None, (*oddities(frame), result.message))) or None
 
 
@@ -276,13 +290,31 @@ def check_names(config: InferConfig) -> None:
     load_gripper(config.gripper)
 
 
-def drop_stale_shards(items: Sequence[WorkItem]) -> None:
-    """Remove shards that a killed run with other settings left: nobody waits for them."""
+def finished_of(items: Sequence[WorkItem]) -> list[WorkItem]:
+    """Return the items whose shards are there.
+
+    Shards that a killed run with other settings left are removed: nobody waits for them.
+    """
+    finished = []
     for item in items:
-        if item.target.exists() and not has_shard(item):
-            item.target.unlink()
+        if has_shard(item):
+            finished.append(item)
+        else:
+            item.target.unlink(missing_ok=True)
+    return finished
 
 
 def has_shard(item: WorkItem) -> bool:
     """Return whether the shard of `item` is there, and made as its stamp says."""
-    return item.target.exists() and read_stamp(item.target) == item.stamp.as_json()
+    if not item.target.exists():
+        return False
+    found = read_stamp(item.target) or {}
+    inputs_of(item).take_over(found)
+    return {**found, "recorded": None} == {**item.stamp.as_json(), "recorded": None}
+
+
+def inputs_of(item: WorkItem) -> FrameInputs:
+    """Return the inputs of `item`, one of `Work.items`."""
+    inputs = item.stamp.inputs
+    # Those of a frame that an earlier run followed are known.
+    return inputs if isinstance(inputs, FrameInputs) else FrameInputs(inputs, ())

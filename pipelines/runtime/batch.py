@@ -30,6 +30,7 @@ class BatchOptions:
         backend: `loky`, or `dask` or `ray` where these are installed.
         overwrite: make outputs again that exist.
         dry_run: say what would be done, do nothing.
+        most_chosen: processes that a stage takes at most where it chooses.
         progress: show on stderr how much is done: a bar, or lines where it is no terminal.
     """
 
@@ -38,6 +39,7 @@ class BatchOptions:
     overwrite: bool = False
     dry_run: bool = False
     progress: bool = True
+    most_chosen: int = 2
 
     @property
     def is_here(self) -> bool:

@@ -37,6 +37,13 @@ def test_many_frames_are_given_two_processes_unless_somebody_says_otherwise(
 
 
 @pytest.mark.usefixtures("cores")
+@pytest.mark.parametrize(("frames", "most", "workers"), [(500, 3, 3), (500, 9, 4), (24, 9, 3)])
+def test_more_processes_are_chosen_where_cores_memory_and_frames_allow(frames, most, workers):
+    roomy = dataclasses.replace(UNSAID, most_chosen=most)
+    assert side_by_side(roomy, frames, "cpu").workers == workers
+
+
+@pytest.mark.usefixtures("cores")
 def test_a_gpu_is_used_by_one_process():
     assert side_by_side(UNSAID, 500, "cuda:0").backend == "threading"
 

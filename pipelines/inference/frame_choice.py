@@ -1,0 +1,51 @@
+"""Frames of a folder to work on: a split, a camera, every N-th."""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pipelines.dataset.graspnet.graspnet_layout import CAMERAS, SPLITS
+from pipelines.errors import UnknownNameError, ValueRangeError
+from pipelines.frames.rgbd import FrameSource
+
+
+@dataclass(frozen=True)
+class FrameChoice:
+    """Which frames of a folder; all of them by default.
+
+    Attributes:
+        split: of GraspNet's scenes, one of SPLITS; None for all.
+        camera: of GraspNet's scenes, one of CAMERAS; None for both.
+        stride: of every folder's frames each N-th.
+    """
+
+    split: str | None = None
+    camera: str | None = None
+    stride: int = 1
+
+    def __post_init__(self) -> None:
+        if self.split is not None and self.split not in SPLITS:
+            raise UnknownNameError("split", self.split, SPLITS)
+        if self.camera is not None and self.camera not in CAMERAS:
+            raise UnknownNameError("camera", self.camera, CAMERAS)
+        if self.stride < 1:
+            raise ValueRangeError("--frame-stride", self.stride, "1 or more")
+
+    @property
+    def scenes(self) -> range | None:
+        """The scenes of the split."""
+        return None if self.split is None else SPLITS[self.split]
+
+    def of(self, sources: Sequence[FrameSource]) -> list[FrameSource]:
+        """Return each `stride`-th of the frames of every folder, in their order."""
+        seen: dict[str, int] = defaultdict(int)
+        chosen = []
+        for source in sources:
+            folder = source.name.rpartition("/")[0]
+            if seen[folder] % self.stride == 0:
+                chosen.append(source)
+            seen[folder] += 1
+        return chosen
+
+
+ALL_FRAMES = FrameChoice()

@@ -1,0 +1,89 @@
+"""Digests of a frame's files, taken when they are needed: before the frame is read, in its worker.
+
+A dataset has terabytes of images; a pass over every byte before the first frame would take hours.
+A result that is there already says the size and time of change of the files that it was made of:
+where these are the same, its digests are taken over without reading (D. 127).
+"""
+
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from pipelines.storage.provenance import digest
+
+Signature = list[int]  # size, time of change in nanoseconds
+UNREADABLE = "unreadable"
+
+
+class FrameInputs(Mapping[str, str]):
+    """Digests by name: those that all frames share, and of the frame's own files, made lazily."""
+
+    def __init__(self, common: Mapping[str, str], files: tuple[Path, ...]) -> None:
+        self._common = common
+        # Colour and depth may have one name, in two folders.
+        self._files = {f"{i} {path.name}": path for i, path in enumerate(files)}
+        self._own: dict[str, str] | None = None
+        self._signatures: dict[str, Signature] | None = None
+
+    def __getitem__(self, name: str) -> str:
+        """Return a digest."""
+        return self._common[name] if name in self._common else self._digests()[name]
+
+    def __iter__(self) -> Iterator[str]:
+        """Yield the names."""
+        yield from self._common
+        yield from self._files
+
+    def __len__(self) -> int:
+        """Return the number of inputs."""
+        return len(self._common) + len(self._files)
+
+    @property
+    def are_known(self) -> bool:
+        """Whether the digests are there, so that no file is read for them."""
+        return self._own is not None
+
+    def signatures(self) -> dict[str, Signature]:
+        """Return the size and time of change that the files had just before they were digested."""
+        self._digests()
+        return self._signatures or {}
+
+    def take_over(self, stamp: Mapping[str, Any], *, unseen: bool = False) -> None:
+        """Take the digests of the files from the stamp of a result that was made of them.
+
+        Only if their sizes and times of change are those that the stamp has; `unseen`: whatever
+        they are now, as for a result of this very run.
+        """
+        inputs, signatures = stamp.get("inputs"), stamp.get("recorded", {}).get("files")
+        if not isinstance(inputs, dict) or not self._files.keys() <= inputs.keys():
+            return
+        now = {name: _signature(path) for name, path in self._files.items()}
+        if unseen or now == signatures:
+            self._own = {name: str(inputs[name]) for name in self._files}
+            self._signatures = now
+
+    def _digests(self) -> dict[str, str]:
+        if self._own is None:
+            # Looked at first: a file that changes meanwhile has another signature afterwards.
+            self._signatures = {name: _signature(path) for name, path in self._files.items()}
+            self._own = {
+                name: _digest(path, *self._signatures[name]) for name, path in self._files.items()
+            }
+        return self._own
+
+
+def _signature(path: Path) -> Signature:
+    try:
+        state = path.stat()
+    except OSError:  # reading the frame says why
+        return [-1, -1]
+    return [state.st_size, state.st_mtime_ns]
+
+
+@lru_cache(maxsize=64)  # a bag is one file of many frames
+def _digest(path: Path, _size: int, _changed: int) -> str:
+    try:
+        return digest(path)
+    except OSError:  # reading the frame says why
+        return UNREADABLE

@@ -1,0 +1,52 @@
+"""Frames of a folder: a split, a camera, every N-th."""
+
+from pathlib import Path
+
+import pytest
+
+from pipelines.errors import SymgraspError
+from pipelines.frames.frames import find_frames
+from pipelines.inference.frame_choice import FrameChoice
+from tests.frames.layouts import build
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    for scene in ("scene_0000", "scene_0100", "scene_0131"):
+        for camera in ("kinect", "realsense"):
+            build.graspnet_scene(tmp_path / "scenes" / scene / camera)
+    return tmp_path
+
+
+def chosen(root: Path, **choice: object) -> list[str]:
+    wanted = FrameChoice(**choice)
+    found = find_frames(root, camera=wanted.camera, scenes=wanted.scenes)
+    return [source.name for source in wanted.of(found)]
+
+
+def test_a_split_and_a_camera_are_chosen(root: Path) -> None:
+    assert len(chosen(root)) == 3 * 2 * build.COUNT
+    assert chosen(root, split="seen", camera="kinect") == [
+        "scenes/scene_0100/kinect/0000",
+        "scenes/scene_0100/kinect/0001",
+    ]
+    assert len(chosen(root, split="train")) == 2 * build.COUNT
+    assert len(chosen(root / "scenes/scene_0131/kinect", split="similar")) == build.COUNT
+
+
+def test_of_every_folder_each_n_th_frame_is_chosen(root: Path) -> None:
+    names = chosen(root, stride=2)
+    assert len(names) == 6
+    assert all(name.endswith("/0000") for name in names)
+
+
+def test_a_split_without_frames_is_a_sentence(root: Path) -> None:
+    with pytest.raises(SymgraspError, match="holds no RGB-D frames"):
+        chosen(root, split="novel")
+
+
+@pytest.mark.parametrize("choice", [{"split": "test"}, {"camera": "zed"}, {"stride": 0}])
+def test_unknown_choices_are_wrong_usage(choice: dict) -> None:
+    with pytest.raises(SymgraspError) as caught:
+        FrameChoice(**choice)
+    assert caught.value.exit_code == 2

@@ -248,7 +248,7 @@ def test_one_truncated_png_fails_alone(flat: Path) -> None:
         (np.full((HEIGHT, WIDTH, 3), 90, np.uint8), "3 channels"),
         (np.full((HEIGHT, WIDTH), 90, np.uint8), "8 bits"),
         (np.zeros((HEIGHT, WIDTH), np.uint16), "missing"),
-        (np.full((HEIGHT, WIDTH), 65535, np.uint16), "missing"),
+        (np.full((HEIGHT, WIDTH), 65535, np.uint16), "saturated"),
         (np.full((HEIGHT, WIDTH), 7000, np.uint16), "0.7 m under 10000"),
         (np.full((HEIGHT, WIDTH), 80, np.uint16), "80 m under 1"),
     ],

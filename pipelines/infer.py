@@ -16,11 +16,11 @@ from dataclasses import replace
 from functools import partial
 
 from pipelines.configs import InferConfig
+from pipelines.dataset.chosen_frames import ALL_FRAMES, ChosenFrames
 from pipelines.frames.camera_files import CameraFile
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_stream import read_results
 from pipelines.inference.earlier import refuse_other_settings, refuse_others_work
-from pipelines.inference.frame_choice import ALL_FRAMES, FrameChoice
 from pipelines.inference.pictures import draw_missing, of_output
 from pipelines.inference.side_by_side import load, side_by_side
 from pipelines.inference.work import (
@@ -51,7 +51,7 @@ def run(
     seed: int = 0,
     device: str = "auto",
     timings: bool = False,
-    choice: FrameChoice = ALL_FRAMES,
+    choice: ChosenFrames = ALL_FRAMES,
 ) -> StageReport:
     """Find grasps in all frames of `paths.frames`.
 

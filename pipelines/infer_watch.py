@@ -15,12 +15,12 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 from pipelines.configs import InferConfig, WatchConfig
+from pipelines.dataset.chosen_frames import ALL_FRAMES, ChosenFrames
 from pipelines.errors import SymgraspError
 from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.frames import FrameSource
 from pipelines.grasp_files import grasps_file
 from pipelines.inference.earlier import earlier_frames, refuse_others_work, refuse_stale
-from pipelines.inference.frame_choice import ALL_FRAMES, FrameChoice
 from pipelines.inference.pictures import draw_missing, of_shards
 from pipelines.inference.side_by_side import side_by_side
 from pipelines.inference.watching import Arrival, Clock, Lister, Watcher
@@ -75,7 +75,7 @@ def run(
     seed: int = 0,
     device: str = "auto",
     timings: bool = False,
-    choice: FrameChoice = ALL_FRAMES,
+    choice: ChosenFrames = ALL_FRAMES,
     clock: Clock | None = None,
     beside: Executor | None = None,
 ) -> StageReport:

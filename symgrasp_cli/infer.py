@@ -127,9 +127,9 @@ def infer(
     """Find ranked grasps in RGB-D frames."""
     from pipelines import infer as stage
     from pipelines import infer_watch
+    from pipelines.dataset.chosen_frames import ChosenFrames
     from pipelines.frames.camera_files import parse_camera
     from pipelines.frames.workspace_files import parse_workspace
-    from pipelines.inference.frame_choice import FrameChoice
     from pipelines.runtime.batch import CHOSEN
 
     if math.isfinite(config.watch.timeout) and not watch:
@@ -160,7 +160,7 @@ def infer(
         seed=seed,
         device=device,
         timings=timings,
-        choice=FrameChoice(split_or_all(split), camera, frame_stride),
+        choice=ChosenFrames(split_or_all(split), camera, frame_stride),
     )
     _conclude(report, out, overlays)
 

@@ -13,8 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from pipelines.configs import InferConfig, check_settings
+from pipelines.dataset.chosen_frames import ALL_FRAMES, ChosenFrames
 from pipelines.errors import ValueRangeError, WriteError
 from pipelines.frames.camera_files import CameraFile
+from pipelines.frames.frame_inputs import FrameInputs
 from pipelines.frames.frames import FrameSource, find_frames, read_masks
 from pipelines.frames.frames_record import FramesRecord
 from pipelines.frames.registration import oddities
@@ -25,9 +27,7 @@ from pipelines.grasp_files.grasps_stream import merge_shards
 from pipelines.grasp_files.gripper_files import gripper_digest, load_gripper
 from pipelines.grasping.feasibility.limits import check_limits
 from pipelines.inference import models
-from pipelines.inference.frame_choice import ALL_FRAMES, FrameChoice
 from pipelines.inference.frame_grasps import Planner
-from pipelines.inference.frame_inputs import FrameInputs
 from pipelines.pictures.overlays import write_overlay
 from pipelines.runtime.batch import WorkItem
 from pipelines.storage.files import within
@@ -162,7 +162,7 @@ class Work:
     settings: Settings
     camera: CameraFile | None = None
     depth_units_per_metre: float | None = None
-    choice: FrameChoice = ALL_FRAMES
+    choice: ChosenFrames = ALL_FRAMES
 
     @property
     def output(self) -> Path:

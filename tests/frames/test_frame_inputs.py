@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from pipelines.inference import frame_inputs as module
-from pipelines.inference.frame_inputs import UNREADABLE, FrameInputs
+from pipelines.frames import frame_inputs as module
+from pipelines.frames.frame_inputs import UNREADABLE, FrameInputs
 from pipelines.storage.provenance import digest
 
 

@@ -10,7 +10,7 @@ from pipelines.frames.rgbd import FrameSource
 
 
 @dataclass(frozen=True)
-class FrameChoice:
+class ChosenFrames:
     """Which frames of a folder; all of them by default.
 
     Attributes:
@@ -48,4 +48,4 @@ class FrameChoice:
         return chosen
 
 
-ALL_FRAMES = FrameChoice()
+ALL_FRAMES = ChosenFrames()

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from pipelines.dataset.chosen_frames import ChosenFrames
 from pipelines.errors import SymgraspError
 from pipelines.frames.frames import find_frames
-from pipelines.inference.frame_choice import FrameChoice
 from tests.frames.layouts import build
 
 
@@ -19,7 +19,7 @@ def root(tmp_path: Path) -> Path:
 
 
 def chosen(root: Path, **choice: object) -> list[str]:
-    wanted = FrameChoice(**choice)
+    wanted = ChosenFrames(**choice)
     found = find_frames(root, camera=wanted.camera, scenes=wanted.scenes)
     return [source.name for source in wanted.of(found)]
 
@@ -48,5 +48,5 @@ def test_a_split_without_frames_is_a_sentence(root: Path) -> None:
 @pytest.mark.parametrize("choice", [{"split": "test"}, {"camera": "zed"}, {"stride": 0}])
 def test_unknown_choices_are_wrong_usage(choice: dict) -> None:
     with pytest.raises(SymgraspError) as caught:
-        FrameChoice(**choice)
+        ChosenFrames(**choice)
     assert caught.value.exit_code == 2

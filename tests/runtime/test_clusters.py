@@ -10,12 +10,13 @@ from functools import partial
 
 import psutil
 import pytest
+from joblib import delayed
 
 from pipelines import infer
 from pipelines.configs import InferConfig
 from pipelines.errors import SymgraspError, UnknownNameError
 from pipelines.runtime.batch import BatchOptions, WorkItem, run_batch
-from pipelines.runtime.clusters import HUGE_PAGES, TUNABLES, end_workers
+from pipelines.runtime.clusters import HUGE_PAGES, TUNABLES, end_workers, workers_of
 from pipelines.storage.files import read_json, write_json
 from pipelines.storage.provenance import make_stamp
 
@@ -123,6 +124,21 @@ def test_workers_and_their_trackers_end_with_a_parent_that_is_killed():
         parent.kill()
     _, left = psutil.wait_procs(children, timeout=60)
     assert not left
+
+
+def write_leak_limit(item):
+    from joblib.externals.loky import process_executor
+
+    limit = str(process_executor._MAX_MEMORY_LEAK_SIZE)
+    write_json(item.target, {"provenance": item.stamp.as_json(), "limit": limit})
+
+
+def test_a_worker_that_loads_networks_is_not_taken_for_a_leak(tmp_path):
+    (item,) = items(tmp_path, ["a"])
+    with workers_of("loky", 2) as run:
+        list(run(delayed(write_leak_limit)(each) for each in (item, item)))
+    end_workers()
+    assert read_json(item.target)["limit"] == "inf"
 
 
 def write_tunables(item):

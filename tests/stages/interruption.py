@@ -11,7 +11,6 @@ import itertools
 import json
 import os
 import random
-import shutil
 import signal
 import subprocess
 import sys
@@ -103,10 +102,11 @@ class Stage:
         assert done.returncode == 0, f"{self.name}: {done.stderr}"
         return done.stderr
 
-    def refer(self, folder):
-        """Run the command undisturbed, in `folder`."""
-        self.run(folder)
-        self.files = digests(folder)
+    def refer(self):
+        """Run the command undisturbed, in a folder as deep as those of trials: files name paths."""
+        with tempfile.TemporaryDirectory() as folder:
+            self.run(Path(folder))
+            self.files = digests(Path(folder))
         return self
 
 
@@ -168,9 +168,10 @@ def interrupted(command, number, moment, *, to_group):
     if has_processes(process.pid):
         os.killpg(process.pid, signal.SIGKILL)
     said, code = process.communicate()[1], process.returncode
-    if not (number == signal.SIGINT and code == -number):  # else before our first instruction
+    # The interpreter's own start, before our first instruction, is not ours.
+    if not (code == -number or "init_import_site" in said):
         wrong += [word for word in ("Traceback", "Warning") if word in said]
-    wrong += [] if code in {0, 128 + number, -number} else [f"exit code {code}"]
+        wrong += [] if code in {0, 128 + number} else [f"exit code {code}"]
     wrong += [f"{each.name} is left" for each in shared_memory(process.pid)]
     return Outcome(code, said, seconds, wrong)
 
@@ -210,9 +211,7 @@ def many(inputs, log, stages, numbers, trials, start_up, seed):
         if start_up:
             referred.append(Stage(name, inputs, start_up))
             continue
-        folder = Path(tempfile.mkdtemp())
-        referred.append(Stage(name, inputs).refer(folder))
-        shutil.rmtree(folder)
+        referred.append(Stage(name, inputs).refer())
         sys.stdout.write(f"{name}: {referred[-1].seconds:.1f} s\n")
     for count, (number, stage) in enumerate(
         itertools.islice(itertools.cycle(itertools.product(numbers, referred)), trials)

@@ -122,9 +122,6 @@ class CandidateConfig:
     min_affordance: float = setting(
         0.5, "share", "Least affordance of a point that a grasp is planned from.", "Sec. III-F"
     )
-    weak_affordance: float = setting(
-        0.1, "share", "Best affordance of a region below which no point of it is tried.", "D. 27"
-    )
     max_pairs: int = setting(256, "count", "Contact pairs tried in a region.", "D. 85", low=1)
     pair_spacing: float = setting(
         0.006, "m", "Least distance between the first contacts of pairs that are tried.", "D. 85"

@@ -41,8 +41,14 @@ RENAMED: dict[str, dict[str, str]] = {
         "selection.judged_steadiness": "selection.ranking.critic_min_stability",
     },
 }
+NO_EFFECT = "a leave-one-out showed no effect"
 # Settings that are no more, with the reason: files of before may name them.
-REMOVED: dict[str, dict[str, str]] = {}
+REMOVED: dict[str, dict[str, str]] = {
+    "InferConfig": {
+        "selection.weak_affordance": NO_EFFECT,
+        "selection.candidates.weak_affordance": NO_EFFECT,
+    }
+}
 # Settings that weights of before need not name: these networks were made with the default.
 NOT_NAMED_BEFORE: dict[str, frozenset[str]] = {"NetworkConfig": frozenset({"pift"})}
 # Values of before -> of now, by the name of now.

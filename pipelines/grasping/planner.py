@@ -6,7 +6,7 @@ by Eq. 8, and of alike ones the best stays. A pass is left out where the grasps 
 expected to be good enough.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
@@ -33,7 +33,6 @@ from pipelines.grasping.symmetries.completion import Completion
 from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
 
 MIN_POINTS = 20  # fewer show no surface
-MAX_ROUNDS = 4  # of `max_pairs` pairs each, before a region counts as out of reach
 MOST = 0.9  # of the region's points lie within the radius that off-centre grasps are measured by
 OFF_CENTRE = 0.5  # stability lost by a grasp at the region's rim
 ALWAYS = np.inf
@@ -217,23 +216,18 @@ class RegionPlanner:
     ) -> RankedGrasps:
         """Return the candidates that are feasible at one of their approach angles, best first.
 
-        Pairs are tried in rounds, the most stable first, until a round has feasible grasps.
+        The most stable pairs are tried first; `max_ranked` feasible grasps are ranked.
         """
         base = GraspPoses.from_contacts(candidates.contacts, candidates.approach)
         stability = candidates.quality * _centredness(base, region)
         order = np.argsort(-stability, kind="stable")
         grasps, row = feasibility.reachable(base[order], candidates.angles)
-        for tried in _rounds(row, self.config.candidates.max_pairs):
-            pair = order[row[tried]]
-            wanted = ranking.min_stability, self.config.ranking.max_ranked
-            free, enclosed = feasibility.first_free(grasps[tried], stability[pair], *wanted)
-            found = self._measured(
-                candidates, pair[free], grasps[tried][free], enclosed, feasibility
-            )
-            best = self._best_first(found, stability[pair[free]], feasibility, ranking)
-            if len(best):
-                return with_opening_margin(best, feasibility, self.config.ranking.clearance_cap)
-        return RankedGrasps.empty()
+        pair = order[row]
+        wanted = ranking.min_stability, self.config.ranking.max_ranked
+        free, enclosed = feasibility.first_free(grasps, stability[pair], *wanted)
+        found = self._measured(candidates, pair[free], grasps[free], enclosed, feasibility)
+        best = self._best_first(found, stability[pair[free]], feasibility, ranking)
+        return with_opening_margin(best, feasibility, self.config.ranking.clearance_cap)
 
     def _measured(
         self,
@@ -287,13 +281,3 @@ def _centredness(grasps: GraspPoses, region: RegionCloud) -> Array:
     radius = quantiles(np.linalg.norm(region.points - centre, axis=1), MOST)
     off = np.linalg.norm(grasps.translation - centre, axis=1) / max(float(radius), 1e-3)
     return np.asarray(1.0 - OFF_CENTRE * np.minimum(off, 1.0))
-
-
-def _rounds(row: Indices, max_pairs: int) -> Iterator[slice]:
-    """Yield the grasps of the next `max_pairs` pairs; `row` (n,) ascending, a number a pair."""
-    number = np.cumsum(np.diff(row, prepend=-1) != 0) - 1  # of each grasp's pair, among these
-    for start in range(0, MAX_ROUNDS * max_pairs, max_pairs):
-        first, last = np.searchsorted(number, (start, start + max_pairs))
-        if first == last:
-            return
-        yield slice(first, last)

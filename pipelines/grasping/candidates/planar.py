@@ -10,8 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.array_types import Array, Indices, Mask
-from pipelines.geometry.camera import Lens
+from pipelines.array_types import Array, Indices
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.geometry.numerics.quantiles import quantiles
 from pipelines.geometry.transforms import unit
@@ -29,9 +28,7 @@ MAX_PAIRS = 24  # pairs a slice
 PLACE = 4.0  # cells: one pair whose middle lies in such a square
 MIN_HOLDING = 0.8  # cosine of the contact angle; rubber pads slip at about 0.75, 37 degrees
 ANGLES = np.radians([0.0, 20.0, -20.0, 40.0, -40.0])  # about the contact line
-COVERED = 0.4  # confidence that a boundary is the object's end where something nearer makes it
-OCCLUSION_STEP = 0.008  # metres by which it is nearer
-HIDDEN_PENALTY = 0.3  # of a boundary that faces away from the camera, likewise
+HIDDEN_PENALTY = 0.3  # of the confidence that a boundary that faces away is the object's end
 
 
 def planar_candidates(region: RegionCloud, feasibility: Feasibility) -> GraspCandidates:
@@ -89,8 +86,6 @@ def _slice_pairs(
     contact = boundary + 0.5 * outward  # from a cell's centre to its outer edge
     steep = _wall_steepness(view.depth, depth, view.cell, boundary, outward)
     ends = 1.0 - HIDDEN_PENALTY * np.maximum(outward @ view.across(region.view_ray), 0.0)
-    beyond, scene = view.points_at(boundary + 2.0 * outward, depth), feasibility.scene
-    ends[_covered(beyond, scene.depth, region.mask, scene.intrinsics.lens)] *= COVERED
     pairs, quality = _holding_pairs(contact, outward, steep, ends, view.cell, feasibility.widths)
     best = _spread(contact, pairs, np.argsort(-quality, kind="stable"))
     return contact[pairs[best]], quality[best]
@@ -137,24 +132,6 @@ def _wall_steepness(depth: Array, at: float, cell: float, cells: Array, outward:
         fall = (max(fall, 0.0) if fall < np.inf else 1.0) / (2.5 * cell)
         steep[n] = fall / np.hypot(fall, 1.0)
     return steep
-
-
-@compiled
-def _covered(points: Array, depth: Array, mask: Mask, lens: Lens) -> Mask:
-    """Return which of `points` (n, 3) another object hides: the region may go on behind it.
-
-    `depth`: (h, w). `mask`: (h, w) the region.
-    """
-    fx, fy, cx, cy = lens
-    height, width = depth.shape
-    covered = np.zeros(len(points), np.bool_)
-    for n in range(len(points)):
-        z = points[n, 2]
-        u, v = np.rint(fx * points[n, 0] / z + cx), np.rint(fy * points[n, 1] / z + cy)
-        column, row = int(min(max(u, 0.0), width - 1.0)), int(min(max(v, 0.0), height - 1.0))
-        seen = depth[row, column]
-        covered[n] = seen > 0 and seen < z - OCCLUSION_STEP and not mask[row, column]
-    return covered
 
 
 @compiled

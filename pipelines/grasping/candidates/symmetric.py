@@ -14,9 +14,7 @@ from pipelines.grasping.feasibility.feasibility import Feasibility
 from pipelines.grasping.scene import RegionCloud
 from pipelines.grasping.symmetries.observed_frustum import in_observed_frustum
 
-Bounds = tuple[float, float, float, float]
-
-FULL_EXTENT = 0.8  # of the best affordance: high too, where no point exceeds the threshold
+Bounds = tuple[float, float, float]
 
 
 def symmetric_candidates(
@@ -40,15 +38,14 @@ def symmetric_candidates(
         feasibility: that grasps must pass.
     """
     scene, angles = feasibility.scene, every_angle(config.num_approach_angles)
-    chosen = np.flatnonzero(graspable(affordance, config.min_affordance, config.weak_affordance))
+    chosen = np.flatnonzero(affordance > config.min_affordance)
     if not symmetries or not len(chosen):
         return GraspCandidates.none(angles, "network")
     points, normals = region.points[chosen], region.normals[chosen]
     images = np.stack([symmetry.counterpart(points) for _, symmetry in symmetries], 1)
     real = in_observed_frustum(images.reshape(-1, 3), scene).reshape(images.shape[:2])
-    up = np.zeros(3) if scene.plane is None else scene.plane.normal
-    bounds = (float(np.cos(config.max_contact_angle)), *feasibility.widths, feasibility.steepest)
-    best, cosine = _best_images(points, normals, images, real, up, bounds)
+    bounds = (float(np.cos(config.max_contact_angle)), *feasibility.widths)
+    best, cosine = _best_images(points, normals, images, real, bounds)
     kept = np.flatnonzero(best >= 0)
     kept = kept[np.argsort(-affordance[chosen[kept]] * cosine[kept], kind="stable")]
     kept = kept[voxel_downsample(points[kept], config.pair_spacing)[: config.max_pairs]]
@@ -64,30 +61,16 @@ def symmetric_candidates(
     )
 
 
-def graspable(affordance: Array, threshold: float, weak: float) -> Mask:
-    """Return which points (n,) have high affordance (above 0.5 in Sec. III-E).
-
-    Where no point does, those near the region's best count as high, unless that is `weak` (D. 27):
-    an underestimate on an unusual object should not cost it its symmetric grasps.
-    """
-    best = float(affordance.max(initial=0.0))
-    if best > threshold:
-        return np.asarray(affordance > threshold)
-    if best < weak:
-        return np.zeros(len(affordance), bool)
-    return np.asarray(affordance >= FULL_EXTENT * best)
-
-
 @compiled
 def _best_images(
-    points: Array, normals: Array, images: Array, real: Mask, up: Array, bounds: Bounds
+    points: Array, normals: Array, images: Array, real: Mask, bounds: Bounds
 ) -> tuple[Indices, Array]:
     """Return which of its `images` (n, k, 3) each of `points` (n, 3) is paired with, -1 for none.
 
     And the cosine (n,) between its normal and the line to it. `bounds`: the least cosine, the
-    least and greatest width, the greatest cosine between the line and `up` (3,).
+    least and greatest width.
     """
-    least, narrow, wide, steepest = bounds
+    least, narrow, wide = bounds
     best, cosine = np.full(len(points), -1, np.int64), np.zeros(len(points))
     for n in range(len(points)):
         for k in range(images.shape[1]):
@@ -99,7 +82,6 @@ def _best_images(
                 continue
             x, y, z = x / width, y / width, z / width
             facing = abs(x * normals[n, 0] + y * normals[n, 1] + z * normals[n, 2])
-            level = abs(x * up[0] + y * up[1] + z * up[2]) < steepest
-            if level and facing > max(least, cosine[n]):
+            if facing > max(least, cosine[n]):
                 best[n], cosine[n] = k, facing
     return best, cosine

@@ -76,11 +76,6 @@ class Feasibility:
         return self.config.min_width, float(self.gripper.max_width)
 
     @property
-    def steepest(self) -> float:
-        """Cosine between contact line and table normal, above which the gripper is underneath."""
-        return float(np.sin(self.config.max_approach_angle))
-
-    @property
     def body_test(self) -> BodyTest:
         """When the gripper's bodies are in collision."""
         return BodyTest(self.config.body_margin, self.config.max_points_inside)

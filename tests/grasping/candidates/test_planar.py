@@ -11,7 +11,7 @@ from pipelines.grasping.candidates import height_map, planar
 from pipelines.grasping.feasibility.feasibility import Feasibility
 from pipelines.grasping.planner import Planar, RegionModel, RegionPlanner
 from pipelines.grasping.scene import RegionCloud
-from tests.geometry.tabletops import CAMERA, Box, Can, render
+from tests.geometry.tabletops import Box, Can, render
 from tests.grasping.seen_regions import scene_of, seen
 
 CONFIG = SelectionConfig()
@@ -19,14 +19,12 @@ GRIPPER = load_gripper("rg2")
 seeds = st.integers(0, 2**31)
 
 
-def naive_pairs(view, depth, region, scene):
+def naive_pairs(view, depth, region):
     """Holding pairs of one slice, (first, second) contact on the plane and quality."""
     inside = planar.cv2.medianBlur((view.depth <= depth).astype(np.uint8), 3)
     boundary, outward = planar._boundary(inside)
     steep = planar._wall_steepness(view.depth, depth, view.cell, boundary, outward)
     ray = region.view_ray @ view.axes[:, 1:]
-    behind = view.points_at(boundary + 2.0 * outward, depth)
-    covered = planar._covered(behind, scene.depth, region.mask, scene.intrinsics.lens)
     contact, found = boundary + 0.5 * outward, {}
     for i in range(len(contact)):
         for j in range(i + 1, len(contact)):
@@ -36,11 +34,7 @@ def naive_pairs(view, depth, region, scene):
             line = (contact[j] - contact[i]) / width
             holding = min(-line @ outward[i], line @ outward[j]) * min(steep[i], steep[j])
             if holding > planar.MIN_HOLDING:
-                ends = [
-                    (1.0 - planar.HIDDEN_PENALTY * max(outward[k] @ ray, 0.0))
-                    * (planar.COVERED if covered[k] else 1.0)
-                    for k in (i, j)
-                ]
+                ends = [1.0 - planar.HIDDEN_PENALTY * max(outward[k] @ ray, 0.0) for k in (i, j)]
                 found[tuple(contact[i]), tuple(contact[j])] = holding**2 * min(ends)
     return found
 
@@ -67,7 +61,7 @@ def test_the_pairs_of_a_slice_are_those_of_a_loop(shape):
     for approach in planar.approach_directions(region, scene):
         view = height_map.HeightMap.of(region.points, approach)
         for at, _ in planar._slice_depths(view, checks):
-            expected = naive_pairs(view, at, region, scene)
+            expected = naive_pairs(view, at, region)
             cells, quality = planar._slice_pairs(view, at, region, checks)
             keys = np.array([np.ravel(pair) for pair in expected]).reshape(-1, 4)
             values = np.array(list(expected.values()))
@@ -124,19 +118,6 @@ def test_slopes_and_steepness_are_those_of_arrays(seed, count):
     expected = np.sin(np.arctan2(fall, 2.5 * 0.1))
     found = planar._wall_steepness(depth, 0.4, 0.1, cells.astype(float), outward)
     np.testing.assert_allclose(found, expected)
-
-
-@given(seeds, st.integers(0, 30))
-@settings(max_examples=25, deadline=None)
-def test_points_are_covered_by_nearer_surfaces_other_than_the_region(seed, count):
-    rng = np.random.default_rng(seed)
-    depth = rng.uniform(0.45, 0.55, (240, 320)) * (rng.uniform(size=(240, 320)) < 0.8)
-    mask = rng.uniform(size=depth.shape) < 0.5
-    points = np.column_stack([rng.uniform(-0.4, 0.4, (count, 2)), rng.uniform(0.4, 0.6, count)])
-    u, v = np.clip(np.round(CAMERA.project(points)), 0, [319, 239]).astype(int).T
-    nearer = (depth[v, u] > 0) & (depth[v, u] < points[:, 2] - planar.OCCLUSION_STEP)
-    found = planar._covered(points, depth, mask, CAMERA.lens)
-    np.testing.assert_array_equal(found, nearer & ~mask[v, u])
 
 
 @given(seeds, st.integers(0, 200))

@@ -12,7 +12,6 @@ from pipelines.geometry.transforms import invert, transform_points, unit
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.candidates.symmetric import (
     _best_images,
-    graspable,
     symmetric_candidates,
 )
 from pipelines.grasping.feasibility.feasibility import Feasibility
@@ -20,30 +19,21 @@ from tests.geometry.tabletops import Box, Can
 from tests.grasping.seen_regions import believed, box_planes, seen
 
 CONFIG = SelectionConfig()
-BOUNDS = CONFIG.candidates.min_affordance, CONFIG.candidates.weak_affordance
 GRIPPER = load_gripper("rg2")
 seeds = st.integers(0, 2**31)
 
 
-def test_high_affordance_is_above_one_half_where_there_is_any():
-    np.testing.assert_array_equal(graspable(np.array([0.4, 0.6, 0.9]), *BOUNDS), [0, 1, 1])
-
-
-def test_where_no_affordance_is_high_the_best_count_unless_weak():
-    np.testing.assert_array_equal(graspable(np.array([0.1, 0.38, 0.4]), *BOUNDS), [0, 1, 1])
-    assert not graspable(np.array([0.01, 0.05]), *BOUNDS).any()
-
-
-def pairs_of(region, scene, symmetries, gripper=GRIPPER):
+def pairs_of(region, scene, symmetries, gripper=GRIPPER, affordance=1.0):
     checks = Feasibility.at(region, scene, gripper, CONFIG.feasibility, 0.05)
     found = symmetries.between(0.5)
-    return symmetric_candidates(region, found, np.ones(len(region)), CONFIG.candidates, checks)
+    return symmetric_candidates(
+        region, found, np.full(len(region), affordance), CONFIG.candidates, checks
+    )
 
 
 def box_seen():
     pose, scene, region = seen([Box((0.06, 0.09, 0.1))])
-    # Without a table all lines are level enough.
-    return pose, replace(scene, plane=None), region, box_planes(pose, 0.1)
+    return pose, scene, region, box_planes(pose, 0.1)
 
 
 def widths(pairs):
@@ -66,6 +56,11 @@ def test_of_two_planes_the_one_across_the_points_normal_is_taken():
     assert (pairs.quality > np.cos(CONFIG.candidates.max_contact_angle)).all()  # affordance is 1
 
 
+def test_points_of_low_affordance_are_in_no_pair():
+    _, scene, region, planes = box_seen()
+    assert len(pairs_of(region, scene, planes, affordance=0.5)) == 0
+
+
 def test_a_false_symmetry_gives_no_pairs_in_free_space():
     pose, scene, region, _ = box_seen()
     # Mirroring the front face in a plane before it puts counterparts into the air.
@@ -80,7 +75,7 @@ def test_a_false_symmetry_gives_no_pairs_in_free_space():
 def test_pairs_across_an_axis_are_as_wide_as_the_can():
     pose, scene, region = seen([Can(0.035, 0.12)])
     axis = RotationSymmetry(pose[:3, 2], transform_points(pose, [0, 0, 0]))
-    pairs = pairs_of(region, replace(scene, plane=None), believed(axis))
+    pairs = pairs_of(region, scene, believed(axis))
     assert len(pairs) > 5
     np.testing.assert_allclose(widths(pairs), 0.07, atol=0.004)
 
@@ -98,13 +93,12 @@ def test_a_point_is_paired_with_the_possible_image_that_its_normal_faces_most(se
     points, normals = rng.normal(size=(count, 3)), unit(rng.normal(size=(count, 3)))
     images = points[:, None] + rng.normal(size=(count, 4, 3))
     images[:, 3] = points  # a point on the plane is its own image
-    real, up = rng.uniform(size=(count, 4)) < 0.8, np.array([0.0, 0.0, 1.0])
-    best, cosine = _best_images(points, normals, images, real, up, (0.3, 0.5, 2.0, 0.9))
+    real = rng.uniform(size=(count, 4)) < 0.8
+    best, cosine = _best_images(points, normals, images, real, (0.3, 0.5, 2.0))
     line = images - points[:, None]
     width = np.linalg.norm(line, axis=-1)
     facing = np.abs(np.einsum("nki,ni->nk", unit(line), normals))
     sound = real & (facing > 0.3) & (width > 0.5) & (width < 2.0)
-    sound &= np.abs(unit(line) @ up) < 0.9
     facing = np.where(sound, facing, 0.0)
     none = np.where(sound.any(axis=1), facing.argmax(axis=1), -1)
     np.testing.assert_array_equal(best, none)

@@ -24,6 +24,7 @@ from symgrasp_cli.settings import with_settings
         "--surroundings": "scenery.surroundings",
         "--robot-hands": "scenery.robot_hands",
         "--colors": "scenery.colors",
+        "--depth-faults": "scenery.depth_faults",
         "--grasp-points": "labels.num_points",
         "--collision-labels/--no-collision-labels": "collision_labels",
     },

@@ -24,6 +24,10 @@ SCENE_COLORS = (
     "Textures, light and camera: plain, as indoors; varied, any material and print on any surface, "
     "several lamps of any colour, cameras that tint, blur and compress."
 )
+DEPTH_FAULTS = (
+    "Share of the views whose depth lacks dark, shiny and absorbing patches, floats at edges and "
+    "waves, as measured on real frames."
+)
 FAMILY_SETS = (
     "Families of the objects: first, 24 trained and 21 novel ones; wide, 21 more that are trained; "
     "sealed, wide with 12 other novel ones."
@@ -72,6 +76,7 @@ class SceneryConfig:
     surroundings: tuple[Surrounding, ...] = choice(("plain",), SURROUNDINGS, BY_EYE)
     robot_hands: float = setting(0.0, "share", HANDS_SHARE, BY_EYE)
     colors: Colors = choice("plain", SCENE_COLORS, BY_EYE)
+    depth_faults: float = setting(0.0, "share", DEPTH_FAULTS, "docs/experiments/data-sets.md")
 
 
 @dataclass(frozen=True)

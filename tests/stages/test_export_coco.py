@@ -12,12 +12,14 @@ from torchvision.datasets import CocoDetection
 
 from pipelines import export_coco, finetune_detector
 from pipelines.configs import DetectorConfig, ExportCocoConfig, FinetuneDetectorConfig
+from pipelines.dataset.graspnet.graspnet_layout import SceneFiles
 from pipelines.dataset.training import coco_instances, detector_frames
 from pipelines.dataset.training.region_frames import held_out_scenes, read_region_frame
 from pipelines.errors import FormatError, StaleOutputError, SymgraspError, UnknownNameError
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SphereSymmetry
 from pipelines.learning.loop.runs import RunRequest
-from pipelines.runtime.batch import BatchOptions
+from pipelines.runtime.batch import BatchOptions, WorkItem
+from pipelines.storage.provenance import make_stamp
 from tests.stages.toy_root import FRAMES, SCENES, write_root
 
 CONFIG = ExportCocoConfig(min_pixels=50)
@@ -263,3 +265,17 @@ def test_scenes_are_held_out_by_seed_but_never_all():
     assert held_out_scenes(names[:1], 0.5, 0) == set()
     assert held_out_scenes(names, 0.0, 0) == set()
     assert len(held_out_scenes(names, 0.001, 0)) == 1
+
+
+def test_the_frames_of_a_scenes_two_cameras_are_in_one_file():
+    items = []
+    for number in range(12):
+        for camera in ("kinect", "realsense"):
+            scene = SceneFiles(Path(f"scenes/scene_{number:04d}"), number, camera)
+            stamp = make_stamp("x", {})
+            items.append(WorkItem(scene.name, Path(scene.name), stamp, (scene,)))
+    for seed in range(10):
+        splits = export_coco._splits(items, Path("out"), ExportCocoConfig(val_fraction=0.3), seed)
+        sides = [{each.arguments[0].scene_id for each in split.arguments} for split in splits]
+        assert sides[0].isdisjoint(sides[1])
+        assert len(sides[0]) + len(sides[1]) == 12

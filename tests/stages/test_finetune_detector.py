@@ -150,6 +150,17 @@ def test_other_coco_weights_are_another_training(root, output):
         )  # fmt: skip
 
 
+def test_the_frames_of_a_scenes_two_cameras_are_on_one_side(monkeypatch):
+    monkeypatch.setattr(detector_frames, "count", lambda _: 2)
+    cameras = ("kinect", "realsense")
+    files = [Path(f"scene_{n:04d}_{camera}.h5") for n in range(12) for camera in cameras]
+    for seed in range(10):
+        frames = finetune_detector.split_frames(files, replace(CONFIG, val_fraction=0.3), seed)
+        sides = [{path.stem[:10] for path, _ in keys} for keys in (frames.train, frames.val)]
+        assert sides[0].isdisjoint(sides[1])
+        assert len(sides[0]) + len(sides[1]) == 12
+
+
 def test_a_kept_batch_gives_its_losses_again(root, output, tmp_path):
     files = sorted(finetune_detector.frames_folder(output, root.root).glob("*.h5"))
     frames = finetune_detector.split_frames(files, CONFIG, 0)

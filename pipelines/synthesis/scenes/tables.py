@@ -14,6 +14,7 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.rendering import Scene, cast_view
 from pipelines.geometry.transforms import invert, make_pose, transform_points
+from pipelines.synthesis.scenes.depth_faults import with_faults
 from pipelines.synthesis.scenes.depth_sensors import measured_depth
 from pipelines.synthesis.scenes.lamplight import (
     PLAIN_LOOK,
@@ -192,12 +193,12 @@ def record(
         hits = cast_view(scene, intrinsics, T_world_cam)
         T_cam_obj = invert(T_world_cam) @ layout.poses
         curved = with_smooth_normals(hits, meshes, corners, T_cam_obj, intrinsics)
-        yield View(
-            shade(scene, curved, poses, shown, lamps, intrinsics, T_world_cam, rng, look),
-            measured_depth(sensor, scene, hits, intrinsics, T_world_cam, rng),
-            np.where(hits.object_index < len(layout.objects), hits.object_index, -1),
-            T_world_cam,
-        )
+        color = shade(scene, curved, poses, shown, lamps, intrinsics, T_world_cam, rng, look)
+        depth = measured_depth(sensor, scene, hits, intrinsics, T_world_cam, rng)
+        if beside.uniform() < scenery.depth_faults:
+            depth = with_faults(depth, color, hits.object_index, beside)
+        objects = np.where(hits.object_index < len(layout.objects), hits.object_index, -1)
+        yield View(color, depth, objects, T_world_cam)
 
 
 def _textures(

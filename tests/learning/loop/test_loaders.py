@@ -1,6 +1,8 @@
 """Batches: what is drawn, from where, and what becomes of faults."""
 
 import dataclasses
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -42,6 +44,17 @@ def test_scenes_are_either_trained_on_or_held_out(reader):
     assert scenes[0].isdisjoint(scenes[1])
     assert len(train) + len(val) == len(reader)
     assert len(scenes[1]) == 1
+
+
+def test_the_files_of_a_scenes_two_cameras_are_on_one_side():
+    cameras = ("kinect", "realsense")
+    paths = [Path(f"scene_{n:04d}_{camera}.h5") for n in range(12) for camera in cameras]
+    both = SimpleNamespace(paths=paths, counts=[3] * len(paths))
+    for seed in range(10):
+        train, val = split_by_scene(both, 0.3, np.random.default_rng(seed))
+        sides = [{paths[i // 3].stem[:10] for i in part} for part in (train, val)]
+        assert sides[0].isdisjoint(sides[1])
+        assert len(sides[0]) + len(sides[1]) == 12
 
 
 def test_a_single_scene_cannot_be_split(tmp_path):

@@ -267,6 +267,10 @@ def _geometry(path: Path) -> Any:  # noqa: ANN401 - a mesh or a cloud of trimesh
     triangles = sum(len(getattr(scene.geometry[name], "faces", ())) for name in shown)
     if triangles > MAX_TRIANGLES:
         raise FormatError(path, f"shows {triangles} triangles", f"at most {MAX_TRIANGLES} are read")
+    for each in scene.geometry.values():
+        shape = np.shape(each.vertices)
+        if len(shape) != 2 or shape[1] != 3:
+            raise FormatError(path, f"has vertices of shape {shape}", "3 numbers each are expected")
     clouds = [each for each in scene.geometry.values() if isinstance(each, trimesh.PointCloud)]
     return clouds[0] if clouds and not triangles else scene.to_mesh()
 

@@ -104,7 +104,7 @@ def annotated_ids(folder: Path) -> list[int]:
 
     The files are searched, not parsed: one that is damaged is for whoever reads its poses to name.
     """
-    texts = (path.read_bytes() for path in folder.glob("*.xml"))
+    texts = (path.read_bytes() for path in folder.glob("*.xml") if path.is_file())
     return sorted({int(found) for text in texts for found in OBJECT_ID.findall(text)})
 
 

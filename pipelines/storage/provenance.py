@@ -82,7 +82,12 @@ def make_stamp(
 
 
 def digest(path: Path) -> str:
-    """Return the first 16 hexadecimal digits of the file's SHA-256."""
+    """Return the first 16 hexadecimal digits of the file's SHA-256.
+
+    A pipe or a device may never end: whoever reads its content says so.
+    """
+    if path.exists() and not path.is_file():
+        return "no plain file"
     with path.open("rb") as stream:
         return "sha256:" + hashlib.file_digest(stream, "sha256").hexdigest()[:16]
 

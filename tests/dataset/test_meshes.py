@@ -220,3 +220,11 @@ def test_a_scene_that_shows_a_mesh_without_end_is_refused(
     monkeypatch.setattr(meshes, "MAX_TRIANGLES", 100)
     with pytest.raises(FormatError, match="shows 240 triangles; at most 100"):
         read_mesh(tmp_path / "x.glb")
+
+
+def test_a_vertex_without_its_three_numbers_is_one_sentence(tmp_path: Path) -> None:
+    rows = ["v 0 0 0", "v 1 0", "v 0 1", "v 1 1", "f 1 2 3"]
+    for kept in (rows[1:], rows):
+        (tmp_path / "x.obj").write_text("\n".join(kept).replace("v 0 0 0", "v 0 0") + "\n")
+        with pytest.raises(FormatError, match=r"x\.obj"):
+            read_mesh(tmp_path / "x.obj")

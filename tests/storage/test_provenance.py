@@ -1,5 +1,7 @@
 """A finished output is one that was made as this run would make it."""
 
+import os
+
 import h5py
 import numpy as np
 import pytest
@@ -114,3 +116,8 @@ def test_what_another_version_made_is_reused_and_named_once(tmp_path, caplog):
     (said,) = caplog.messages
     assert "made by symgrasp 0.0.7" in said
     assert f"installed is {made['version']}" in said
+
+
+def test_the_digest_of_a_pipe_does_not_wait_for_its_end(tmp_path):
+    os.mkfifo(tmp_path / "x.pcd")
+    assert digest(tmp_path / "x.pcd") == "no plain file"

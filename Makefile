@@ -55,11 +55,11 @@ eval: install $(EVAL)/report.json ## tables I, II, III, symmetry and mask AP in 
 	$(SYMGRASP) evaluate $(call evaluated,$(EVAL))
 	@echo "report: $(EVAL)/report.html"
 
-dev: install build/dev/report.json ## the same to decide on: other objects, bins, trays, walls; DEV_HOURS
+dev: install build/dev/report.json ## the same to decide on: other objects, bins, trays, walls
 	$(SYMGRASP) evaluate $(call evaluated,build/dev)
 	@echo "report: build/dev/report.html"
 
-sealed: install ## the same to be judged by, once: >= 1,000 objects, families never trained on; SEALED_HOURS
+sealed: install ## the same to be judged by, once: >= 1,000 objects, families never trained on; takes hours
 	@test ! -e build/sealed/report.json || { echo "sealed has been asked: build/sealed/report.html"; exit 1; }
 	$(MAKE) build/sealed/report.json
 

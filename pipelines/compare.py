@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import CompareConfig, check_settings
+from pipelines.contents import mapping_in
 from pipelines.dataset.graspnet.graspnet import frame_key
 from pipelines.errors import SymgraspError
 from pipelines.evaluation.figures import TEST_SPLITS
@@ -213,12 +214,12 @@ def _setting_notes(runs: Sequence[EvaluatedRun], row: str) -> list[str]:
 
 def _provenance(run: EvaluatedRun, row: str) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return settings and digests of inputs that `row` of a report was made with."""
-    stamp = run.report.get("provenance") or {}
+    stamp = mapping_in(run.report, "provenance")
     unused = set(FOR_BASELINES if row == DEFAULT_ROW else ())
     unused -= {"seed"} if stamp.get("stage") in SEEDED else set()
-    settings = {**stamp.get("config", {}), "seed": stamp.get("seed")}
+    settings = {**mapping_in(stamp, "config"), "seed": stamp.get("seed")}
     settings["version"] = stamp.get("version")
-    groups = (settings, stamp.get("inputs", {}))
+    groups = (settings, mapping_in(stamp, "inputs"))
     used = [{name: value for name, value in g.items() if name not in unused} for g in groups]
     return used[0], used[1]
 

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from pipelines.contents import mapping_in
 from pipelines.errors import FormatError
 from pipelines.storage.files import read_json, write_json
 from pipelines.storage.provenance import Stamp
@@ -85,7 +86,7 @@ def read_success_of(path: Path, inputs: Mapping[str, str]) -> dict[str, Any]:
             another dataset.
     """
     content = read_success(path)
-    found = (content.get("provenance") or {}).get("inputs") or {}
+    found = mapping_in(mapping_in(content, "provenance"), "inputs")
     if found.get("grasps") != inputs["grasps"]:
         raise FormatError(path, "was simulated from other grasps", "run simulate on these grasps")
     other = sorted(name for name in inputs.keys() & found.keys() if found[name] != inputs[name])

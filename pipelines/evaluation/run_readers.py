@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from pipelines.contents import mapping_in, reading
 from pipelines.dataset.graspnet.graspnet import split_of_scene
 from pipelines.errors import FormatError, MissingInputError, UnknownNameError
 from pipelines.evaluation import reports
@@ -20,7 +21,14 @@ from pipelines.evaluation.records import (
     threshold_key,
 )
 from pipelines.evaluation.rows import OURS
-from pipelines.evaluation.trial_records import HELD, friction_key, read_trials, trials_folder
+from pipelines.evaluation.trial_records import (
+    HELD,
+    FrameTrials,
+    TrialRecord,
+    friction_key,
+    read_trials,
+    trials_folder,
+)
 from pipelines.geometry.symmetry import SYMMETRY_KINDS
 from pipelines.metrics.coco_masks import IOU_THRESHOLDS
 from pipelines.metrics.graspnet.graspnet_ap import AP_FRICTIONS
@@ -65,7 +73,7 @@ def read_run(path: Path, name: str, row: str, into: EvaluatedRun | None = None) 
     if is_dump:
         _read_dump(run, path, scenes, "" if row == DEFAULT_ROW else row)
     else:
-        _read_records(run, path, report.get("provenance") or {}, scenes, row)
+        _read_records(run, path, mapping_in(report, "provenance"), scenes, row)
     return run
 
 
@@ -89,25 +97,32 @@ def _scenes(folder: Path, suffix: str, command: str) -> list[Path]:
 def _read_success(path: Path, name: str, row: str) -> EvaluatedRun:
     """Read the trials beside a `success.json`; of each frame, how many held at each friction."""
     report = reports.read_success(path)
-    rows = [OURS, *report.get("baselines", {})]
+    rows = [OURS, *mapping_in(report, "baselines")]
     if row not in rows:
         raise UnknownNameError(f"row of {path}", row, rows)
-    run, stamp = EvaluatedRun(name, report), report.get("provenance") or {}
-    metrics = [success_metric(friction_key(friction)) for friction in report["frictions"]]
+    run, stamp = EvaluatedRun(name, report), mapping_in(report, "provenance")
+    with reading(path, "a friction", "numbers, as `simulate` writes them"):
+        metrics = [success_metric(friction_key(friction)) for friction in report["frictions"]]
     for scene in _scenes(trials_folder(path), "json", "simulate"):
         _check_stamp(scene, path, stamp, COMPARED)
-        for frame in read_trials(scene):
-            trials = frame.rows[row]
-            held = Counter(
-                success_metric(friction)
-                for trial in trials
-                for friction, outcome in trial.outcomes.items()
-                if outcome.reason == HELD
-            )
-            sums = {metric: float(held[metric]) for metric in metrics}
-            truth = (tuple(sorted(trial.object_id for trial in trials)), 0, ())
-            run.add(frame.name, frame.split, truth, len(trials), sums)
+        with reading(scene, "a record", "run simulate again"):
+            for frame in read_trials(scene):
+                _add_trials(run, frame, frame.rows[row], metrics)
     return run
+
+
+def _add_trials(
+    run: EvaluatedRun, frame: FrameTrials, trials: list[TrialRecord], metrics: list[str]
+) -> None:
+    held = Counter(
+        success_metric(friction)
+        for trial in trials
+        for friction, outcome in trial.outcomes.items()
+        if outcome.reason == HELD
+    )
+    sums = {metric: float(held[metric]) for metric in metrics}
+    truth = (tuple(sorted(trial.object_id for trial in trials)), 0, ())
+    run.add(frame.name, frame.split, truth, len(trials), sums)
 
 
 def _read_records(
@@ -116,9 +131,10 @@ def _read_records(
     keys = _threshold_keys(path, stamp)
     for scene in scenes:
         _check_stamp(scene, path, stamp, COMPARED)
-        for record in read_frame_records(scene):
-            if row in record.rows:
-                _add_record(run, record, record.rows[row], keys)
+        with reading(scene, "a record", "run evaluate again"):
+            for record in read_frame_records(scene):
+                if row in record.rows:
+                    _add_record(run, record, record.rows[row], keys)
 
 
 def _add_record(
@@ -144,21 +160,22 @@ def _add_record(
 
 def _read_dump(run: EvaluatedRun, path: Path, scenes: list[Path], camera: str) -> None:
     """Add the frames of a dump that `camera` saw, of all cameras if empty."""
-    stamp = run.report.get("provenance") or {}
+    stamp = mapping_in(run.report, "provenance")
     for path_of_scene in scenes:
         _check_stamp(path_of_scene, path, stamp, ("stage", "config"))
         scene, seen_by = path_of_scene.stem.rsplit("_", 1)
         if camera not in ("", seen_by):
             continue
-        found, split = read_dump_verdicts(path_of_scene), split_of_scene(int(scene[-4:]))
-        by_friction = np.asarray(found["accuracy"], np.float64).mean(axis=1)
-        for frame_id, accuracy in zip(found["frame_id"].tolist(), by_friction, strict=True):
-            sums = {
-                metric: float(np.mean([accuracy[AP_FRICTIONS.index(mu)] for mu in frictions]))
-                for metric, frictions in DUMP_FRICTIONS.items()
-            }
-            name = f"scenes/{scene}/{seen_by}/{frame_id:04d}"
-            run.add(name, split, ((), 0, ()), 1, sums)
+        with reading(path_of_scene, "the record of a scene", "run evaluate again"):
+            found, split = read_dump_verdicts(path_of_scene), split_of_scene(int(scene[-4:]))
+            by_friction = np.asarray(found["accuracy"], np.float64).mean(axis=1)
+            for frame_id, accuracy in zip(found["frame_id"].tolist(), by_friction, strict=True):
+                sums = {
+                    metric: float(np.mean([accuracy[AP_FRICTIONS.index(mu)] for mu in frictions]))
+                    for metric, frictions in DUMP_FRICTIONS.items()
+                }
+                name = f"scenes/{scene}/{seen_by}/{frame_id:04d}"
+                run.add(name, split, ((), 0, ()), 1, sums)
 
 
 def _check_stamp(scene: Path, path: Path, stamp: Mapping[str, Any], names: tuple[str, ...]) -> None:

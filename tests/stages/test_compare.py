@@ -178,6 +178,16 @@ def test_records_of_another_run_than_the_report_are_refused(tmp_path):
         compare.run([first, second], CONFIG)
 
 
+def test_a_record_whose_lists_disagree_is_a_sentence(tmp_path):
+    first, second = write_run(tmp_path / "a"), write_run(tmp_path / "b")
+    scene = next(records_folder(second).iterdir())
+    content = json.loads(scene.read_text())
+    content["frames"][0]["masks"]["confidence"].append(0.5)
+    scene.write_text(json.dumps(content))
+    with pytest.raises(FormatError, match="a record is not right"):
+        compare.run([first, second], CONFIG)
+
+
 def test_a_report_without_records_names_what_writes_them(tmp_path):
     first, second = write_run(tmp_path / "a"), write_run(tmp_path / "b")
     records_folder(second).rename(tmp_path / "moved")

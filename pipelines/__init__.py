@@ -17,6 +17,7 @@ train                PACKED, or ROOT models and labels             network.safet
 train_critic         ROOT frames, symmetry, both networks        axis, plane, grasp critics
 inspect_frames       RGB-D frames of any layout                  nothing; says what they are
 convert_frames       RGB-D frames of any layout                  RGB-D frames as flat pairs
+gripper              a gripper's URDF or TOML file               a gripper's TOML file, its picture
 workspace            RGB-D frames of any layout                  pictures, masks; prints a box
 infer                RGB-D frames, both weights                  grasps.h5, overlay pictures
 infer_watch          RGB-D frames as they come, weights          a file a frame, grasps.h5

@@ -17,6 +17,7 @@ from symgrasp_cli.evaluate import evaluate
 from symgrasp_cli.export import export
 from symgrasp_cli.export_coco import export_coco
 from symgrasp_cli.finetune_detector import finetune_detector
+from symgrasp_cli.gripper import gripper
 from symgrasp_cli.infer import infer
 from symgrasp_cli.inspect_frames import inspect
 from symgrasp_cli.label_grasps import label_grasps
@@ -46,6 +47,7 @@ COMMANDS = (
     train_critic,
     inspect,
     convert_frames,
+    gripper,
     workspace,
     infer,
     serve,

@@ -175,6 +175,21 @@ class ExportConfig:
 
 
 @dataclass(frozen=True)
+class GripperConfig:
+    """Measures that a gripper's URDF does not hold."""
+
+    base_link: str = choice(
+        "",
+        "Link whose origin is the mounting face; empty for the one the fingers slide on.",
+        BY_EYE,
+    )
+    tip_reach: float = setting(0.005, "m", "Way by which the tips pass the contacts.", BY_EYE)
+    clearance: float = setting(
+        0.006, "m", "Free space of each open finger to its contact.", "D. 54"
+    )
+
+
+@dataclass(frozen=True)
 class ServeConfig:
     """Grasps over HTTP."""
 

@@ -1,0 +1,257 @@
+"""The measures of a parallel gripper, from its URDF.
+
+Taken are the two links that slide (prismatic joints, one of which may mimic the other), and the
+link they slide on with all that is fixed to it: the palm. Each is measured by the bounds of its
+collision bodies, of its visual ones where it has none.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree.ElementTree import Element, ParseError
+
+import numpy as np
+from defusedxml import DefusedXmlException
+from defusedxml.ElementTree import parse as parse_urdf
+
+from pipelines.array_types import Array
+from pipelines.dataset.meshes import read_vertices
+from pipelines.errors import FormatError, ValueRangeError
+from pipelines.geometry.transforms import make_pose, transform_points, unit
+from pipelines.grasping.gripper import Gripper
+from pipelines.storage.files import existing
+
+BY_HAND = "a parallel gripper has two that slide; of others write the eleven measures by hand"
+MAX_LINKS = 1000
+SQUARE = 0.9  # least cosine between a finger's way and an axis of the palm's frame
+
+
+@dataclass(frozen=True)
+class _Joint:
+    """A joint: `T_parent_joint` (4, 4) at position 0, and `axis` (3,) of a sliding one."""
+
+    kind: str
+    parent: str
+    child: str
+    T_parent_joint: Array
+    axis: Array
+    limits: tuple[float, float]
+
+
+def read_urdf_gripper(
+    path: Path, *, tip_reach: float, clearance: float, base_link: str = ""
+) -> Gripper:
+    """Return the gripper that a URDF describes.
+
+    Args:
+        path: of the URDF, of the gripper alone or of an arm with it.
+        tip_reach: metres by which the tips are to pass the contacts.
+        clearance: metres between a contact and an open finger.
+        base_link: link whose origin is the mounting face; empty for the one the fingers slide on.
+
+    Raises:
+        FormatError: no URDF, no two sliding fingers, a mesh that is missing, or measures that no
+            gripper has.
+    """
+    try:
+        root = parse_urdf(existing(path)).getroot()
+    except (ParseError, DefusedXmlException, ValueError) as error:
+        raise FormatError(path, f"this is not XML ({error})", "a URDF is expected") from error
+    if root is None:
+        raise FormatError(path, "is empty", "a URDF is expected")
+    links = {link.get("name", ""): link for link in root.findall("link")}
+    if root.tag != "robot" or not 0 < len(links) <= MAX_LINKS:
+        raise FormatError(path, "describes no robot", "a URDF is expected")
+    joints = [_joint(path, joint) for joint in root.findall("joint")]
+    if len({joint.child for joint in joints}) < len(joints):
+        raise FormatError(path, "has a link that hangs on two joints", "a tree is expected")
+    fingers = [joint for joint in joints if joint.kind == "prismatic"]
+    if len(fingers) != 2:
+        raise FormatError(path, f"has {len(fingers)} joints that slide", BY_HAND)
+    base = base_link or fingers[0].parent
+    if base not in links:
+        raise FormatError(path, f"has no link {base!r}", f"its links: {', '.join(links)[:300]}")
+    bodies = _Bodies(path, links, [joint for joint in joints if joint.child != base])
+    return _measured(path, root.get("name", path.stem), bodies, base, tip_reach, clearance)
+
+
+@dataclass
+class _Bodies:
+    """The links of a URDF as points."""
+
+    path: Path
+    links: dict[str, Element]
+    joints: list[_Joint]
+
+    def placed(self, link: str, T: Array, share: float) -> Iterator[tuple[bool, Array]]:
+        """Yield whether it is a finger's, and points (n, 3), of `link` and what hangs on it.
+
+        Args:
+            link: its name.
+            T: (4, 4), link to base.
+            share: of the sliding joints' ways, 0 the lower limit, 1 the upper.
+        """
+        points = self._points(self.links[link])
+        if len(points):
+            yield False, transform_points(T, points)
+        for joint in self.joints:
+            if joint.parent != link or joint.child not in self.links:
+                continue
+            slides = joint.kind == "prismatic"
+            way = joint.limits[0] + share * (joint.limits[1] - joint.limits[0]) if slides else 0.0
+            T_joint = T @ joint.T_parent_joint @ make_pose(np.eye(3), way * joint.axis)
+            for is_finger, placed in self.placed(joint.child, T_joint, share):
+                yield is_finger or slides, placed
+
+    def _points(self, link: Element) -> Array:
+        bodies = link.findall("collision") or link.findall("visual")
+        parts = [np.zeros((0, 3)), *map(self._body, bodies)]
+        return np.concatenate(parts)
+
+    def _body(self, body: Element) -> Array:
+        geometry = body.find("geometry")
+        shape = None if geometry is None else next(iter(geometry), None)
+        if shape is None:
+            return np.zeros((0, 3))
+        corners = np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3), -1).reshape(-1, 3)
+        if shape.tag == "box":
+            points = corners * _vector(self.path, shape.get("size"), (0, 0, 0))
+        elif shape.tag in ("cylinder", "sphere"):
+            wide = 2 * _number(self.path, shape.get("radius"))
+            length = shape.get("length")
+            points = corners * (wide, wide, _number(self.path, length) if length else wide)
+        else:
+            scale = _vector(self.path, shape.get("scale"), (1, 1, 1))
+            points = read_vertices(self._mesh(shape.get("filename", ""))) * scale
+        return transform_points(_origin(self.path, body), points)
+
+    def _mesh(self, name: str) -> Path:
+        """Return the file of a mesh, sought beside the URDF and in the folders above it."""
+        plain = name.removeprefix("file://")
+        below = plain.removeprefix("package://")
+        inside = below.partition("/")[2] if below != plain else below
+        for folder in (self.path.parent, *self.path.resolve().parents[:4]):
+            for place in (below, inside):
+                if place and (folder / place).is_file():
+                    return folder / place
+        raise FormatError(
+            self.path, f"names a mesh that is not there: {name[:200]}", "put it there"
+        )
+
+
+def _measured(
+    path: Path, name: str, bodies: _Bodies, base: str, tip_reach: float, clearance: float
+) -> Gripper:
+    """Return the gripper whose bodies are placed about the link `base`."""
+    closing = _closing(path, bodies, base)
+    at = [list(bodies.placed(base, np.eye(4), share)) for share in (0.0, 1.0)]
+    if not all(any(is_finger for is_finger, _ in each) for each in at):
+        raise FormatError(path, f"has no bodies on fingers below {base}", BY_HAND)
+    middle = np.concatenate([points for is_finger, points in at[0] if is_finger]).mean(axis=0)
+    approach = _approach(middle, closing)
+    axes = np.stack([approach, closing, np.cross(approach, closing)])
+    gaps, placed = [], []
+    for each in at:
+        fingers = [points @ axes.T for is_finger, points in each if is_finger]
+        centre = float(np.mean([points[:, 1].mean() for points in fingers]))
+        sides = (
+            [f for f in fingers if f[:, 1].mean() < centre],
+            [f for f in fingers if f[:, 1].mean() >= centre],
+        )
+        first, second = (np.concatenate([np.zeros((0, 3)), *side]) for side in sides)
+        if not len(first) or not len(second):
+            raise FormatError(path, "has fingers that do not face each other", BY_HAND)
+        gaps.append(float(second[:, 1].min() - first[:, 1].max()))
+        placed.append(second)
+    finger = placed[int(np.argmax(gaps))]
+    palms = [points @ axes.T for is_finger, points in at[0] if not is_finger]
+    palm = np.concatenate(palms) if palms else np.zeros((1, 3))
+    low, high, size = palm.min(axis=0), palm.max(axis=0), np.ptp(palm, axis=0)
+    tips = float(finger[:, 0].max())
+    measures = {
+        "max_opening": max(gaps),
+        "finger_length": tips - float(high[0]),
+        "finger_thickness": float(np.ptp(finger[:, 1])),
+        "finger_height": float(np.ptp(finger[:, 2])),
+        "palm_depth": float(high[0] - low[0]),
+        "palm_width": float(size[1]),
+        "palm_height": float(size[2]),
+        "tip_reach": tip_reach,
+        "clearance": clearance,
+        "flange_to_tip": tips,
+    }
+    try:
+        return Gripper(name, **{key: round(value, 5) for key, value in measures.items()})
+    except ValueRangeError as error:
+        raise FormatError(path, f"has measures of no gripper ({error})", BY_HAND) from error
+
+
+def _closing(path: Path, bodies: _Bodies, base: str) -> Array:
+    """Return the axis of the base's frame that the fingers slide along.
+
+    Raises:
+        FormatError: they slide along no axis of it.
+    """
+    joint = next(each for each in bodies.joints if each.kind == "prismatic")
+    if joint.parent != base:
+        return np.array([0.0, 1.0, 0.0])
+    axis = unit(joint.T_parent_joint[:3, :3] @ joint.axis)
+    place = int(np.argmax(np.abs(axis)))
+    if abs(axis[place]) < SQUARE:
+        raise FormatError(path, f"has fingers that slide askew to {base}", BY_HAND)
+    return np.asarray(np.eye(3)[place])
+
+
+def _approach(middle: Array, closing: Array) -> Array:
+    """Return the signed axis of the base's frame, square to `closing`, towards the fingers."""
+    across = middle * (1.0 - closing)
+    place = int(np.argmax(np.abs(across)))
+    return np.asarray(np.eye(3)[place] * (1.0 if across[place] >= 0 else -1.0))
+
+
+def _joint(path: Path, joint: Element) -> _Joint:
+    ends = [joint.find(tag) for tag in ("parent", "child")]
+    parent, child = ("" if end is None else end.get("link", "") for end in ends)
+    limit, axis = joint.find("limit"), joint.find("axis")
+    way = ("0", "0") if limit is None else (limit.get("lower", "0"), limit.get("upper", "0"))
+    return _Joint(
+        joint.get("type", ""),
+        parent,
+        child,
+        _origin(path, joint),
+        _vector(path, None if axis is None else axis.get("xyz"), (1, 0, 0)),
+        (_number(path, way[0]), _number(path, way[1])),
+    )
+
+
+def _origin(path: Path, element: Element) -> Array:
+    origin = element.find("origin")
+    if origin is None:
+        return np.eye(4)
+    roll, pitch, yaw = _vector(path, origin.get("rpy"), (0, 0, 0))
+    turns = [
+        np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]) for a in (roll, pitch, yaw)
+    ]
+    x, y, z = np.eye(3), np.eye(3), np.eye(3)
+    x[1:, 1:], z[:2, :2] = turns[0], turns[2]
+    y[np.ix_([2, 0], [2, 0])] = turns[1]
+    return make_pose(z @ y @ x, _vector(path, origin.get("xyz"), (0, 0, 0)))
+
+
+def _vector(path: Path, text: str | None, default: tuple[float, float, float]) -> Array:
+    if text is None:
+        return np.array(default, np.float64)
+    values = np.array([_number(path, part) for part in text.split()[:4]])
+    if values.shape != (3,):
+        raise FormatError(path, f"has {text[:80]!r} for three numbers", "x y z is expected")
+    return values
+
+
+def _number(path: Path, text: str | None) -> float:
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise FormatError(path, f"has {str(text)[:80]!r} for a number", "a number is expected")
+    return value

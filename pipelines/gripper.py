@@ -1,0 +1,96 @@
+"""Stage `gripper`: a gripper from a URDF, or a check of one, each with a picture.
+
+Reads   a URDF of a parallel gripper, or a gripper's TOML file, or a preset's name
+Writes  OUT.toml, of a URDF; and the gripper's picture, PNG
+"""
+
+import time
+from dataclasses import fields
+from pathlib import Path
+
+from pipelines.configs import GripperConfig
+from pipelines.errors import SymgraspError
+from pipelines.grasp_files.gripper_files import load_gripper
+from pipelines.grasp_files.gripper_urdf import read_urdf_gripper
+from pipelines.grasping.gripper import Gripper
+from pipelines.pictures.gripper_pictures import draw_gripper
+from pipelines.runtime.batch import StageReport
+from pipelines.storage.files import write_image, write_text
+
+STAGE = "gripper"
+
+
+def run(
+    source: str,
+    config: GripperConfig,
+    *,
+    output: Path | None = None,
+    picture: Path | None = None,
+    overwrite: bool = False,
+) -> StageReport:
+    """Read a gripper, say what is odd about it, and write what is wanted of it.
+
+    Args:
+        source: URDF (`.urdf`, `.xml`), TOML file or preset.
+        config: what a URDF does not say.
+        output: TOML file to write.
+        picture: PNG to write.
+        overwrite: replace files that are there.
+
+    Raises:
+        SymgraspError: no gripper, or a file that is there.
+    """
+    started, report = time.monotonic(), StageReport(STAGE)
+    for path in (output, picture):
+        if path is not None and path.exists() and not overwrite:
+            raise SymgraspError(f"{path} exists; give --overwrite, or another name")
+    gripper = gripper_of(source, config)
+    if output is not None:
+        write_text(output, as_gripper_toml(gripper, Path(source).name))
+        load_gripper(str(output))
+    if picture is not None:
+        write_image(picture, draw_gripper(gripper))
+    report.done.append(gripper.name)
+    odd = oddities_of(gripper)
+    report.notes[gripper.name] = "; ".join(odd) or (
+        f"opens {1000 * gripper.max_opening:.1f} mm, contacts up to "
+        f"{1000 * gripper.max_width:.1f} mm apart; nothing is odd"
+    )
+    report.seconds = time.monotonic() - started
+    return report
+
+
+def gripper_of(source: str, config: GripperConfig) -> Gripper:
+    """Return the gripper of a URDF, a TOML file, or a preset."""
+    if Path(source).suffix.lower() not in (".urdf", ".xml"):
+        return load_gripper(source)
+    return read_urdf_gripper(
+        Path(source),
+        tip_reach=config.tip_reach,
+        clearance=config.clearance,
+        base_link=config.base_link,
+    )
+
+
+def as_gripper_toml(gripper: Gripper, source: str) -> str:
+    """Return the TOML text of a gripper, metres."""
+    name = gripper.name.replace("\\", "").replace('"', "")
+    lines = [f"# From {source.encode('ascii', 'replace').decode()}; metres.", f'name = "{name}"']
+    lines += [f"{each.name} = {getattr(gripper, each.name):.5f}" for each in fields(Gripper)[1:]]
+    return "\n".join(lines) + "\n"
+
+
+def oddities_of(gripper: Gripper) -> list[str]:
+    """Return what is unusual about measures that are possible."""
+    odd = []
+    if gripper.finger_length + gripper.palm_depth > gripper.flange_to_tip + 1e-6:
+        odd.append("fingers and palm together are longer than flange_to_tip")
+    if gripper.tip_reach >= gripper.finger_length:
+        odd.append("tip_reach is longer than the fingers")
+    if gripper.finger_length < 0.01:
+        odd.append("the fingers are shorter than 1 cm")
+    if gripper.max_width < 0.02:
+        odd.append(f"contacts are at most {1000 * gripper.max_width:.1f} mm apart")
+    zero = [f.name for f in fields(Gripper)[1:] if getattr(gripper, f.name) == 0.0]
+    odd += [f"{name} is 0" for name in zero if name not in ("tip_reach", "clearance")]
+    return odd

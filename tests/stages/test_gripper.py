@@ -1,0 +1,104 @@
+"""`gripper`: measures of a URDF, and checks of a gripper's file."""
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from pipelines import gripper
+from pipelines.configs import GripperConfig
+from pipelines.errors import FormatError, SymgraspError
+from pipelines.grasp_files.gripper_files import load_gripper
+from pipelines.storage.files import read_image
+from symgrasp_cli.app import app
+
+# As panda_hand: fingers slide along y, z is the approach; one finger is turned by half a turn.
+URDF = """<robot name="toy_hand">
+  <link name="hand"><collision><origin xyz="0 0 0.03"/>
+    <geometry><box size="0.05 0.2 0.06"/></geometry></collision></link>
+  <link name="left"><collision><origin xyz="0 0.006 0.025"/>
+    <geometry><box size="0.02 0.012 0.05"/></geometry></collision></link>
+  <link name="right"><collision><origin xyz="0 0.006 0.025"/>
+    <geometry><box size="0.02 0.012 0.05"/></geometry></collision></link>
+  <joint name="slide_left" type="prismatic"><parent link="hand"/><child link="left"/>
+    <origin xyz="0 0 0.06"/><axis xyz="0 1 0"/><limit lower="0" upper="0.04"/></joint>
+  <joint name="slide_right" type="prismatic"><parent link="hand"/><child link="right"/>
+    <origin xyz="0 0 0.06" rpy="0 0 3.14159265359"/><axis xyz="0 1 0"/>
+    <limit lower="0" upper="0.04"/><mimic joint="slide_left"/></joint>
+</robot>"""
+EXPECTED = {
+    "max_opening": 0.08,
+    "finger_length": 0.05,
+    "finger_thickness": 0.012,
+    "finger_height": 0.02,
+    "palm_depth": 0.06,
+    "palm_width": 0.2,
+    "palm_height": 0.05,
+    "flange_to_tip": 0.11,
+}
+
+
+def measured(tmp_path, text=URDF, **config):
+    (tmp_path / "g.urdf").write_text(text)
+    return gripper.gripper_of(str(tmp_path / "g.urdf"), GripperConfig(**config))
+
+
+def test_the_measures_are_those_of_the_bodies(tmp_path):
+    found = measured(tmp_path)
+    assert found.name == "toy_hand"
+    assert {key: getattr(found, key) for key in EXPECTED} == pytest.approx(EXPECTED, abs=1e-5)
+    assert gripper.oddities_of(found) == []
+
+
+def test_meshes_are_read_beside_the_file(tmp_path):
+    (tmp_path / "meshes").mkdir()
+    corners = [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
+    text = "".join(f"v {0.025 * x} {0.1 * y} {0.03 * z}\n" for x, y, z in corners)
+    (tmp_path / "meshes" / "hand.obj").write_text(f"{text}f 1 2 3\nf 6 7 8\nf 4 5 6\n")
+    mesh = '<mesh filename="package://toy/meshes/hand.obj"/>'
+    found = measured(tmp_path, URDF.replace('<box size="0.05 0.2 0.06"/>', mesh))
+    assert found.palm_width == pytest.approx(0.2, abs=1e-5)
+    with pytest.raises(FormatError, match="mesh that is not there"):
+        measured(tmp_path, URDF.replace('<box size="0.05 0.2 0.06"/>', mesh.replace("hand", "x")))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("prismatic", "revolute", "0 joints that slide"),
+        ("<robot", "<!DOCTYPE r [<!ENTITY a 'b'>]><robot", "not XML"),
+        ("</robot>", "", "not XML"),
+        ('size="0.05 0.2 0.06"', 'size="0.05 wide 0.06"', "for a number"),
+        ('size="0.05 0.2 0.06"', 'size="0.05"', "for three numbers"),
+        ('upper="0.04"', 'upper="0"', "measures of no gripper"),
+        ('upper="0.04"', 'upper="inf"', "for a number"),
+        ("robot", "model", "describes no robot"),
+        ('<child link="right"/>', '<child link="left"/>', "hangs on two joints"),
+    ],
+)
+def test_what_is_no_parallel_gripper_is_a_sentence(old, new, said, tmp_path):
+    with pytest.raises(FormatError, match=said):
+        measured(tmp_path, URDF.replace(old, new))
+
+
+def test_the_command_writes_a_file_that_infer_takes_and_a_picture(tmp_path):
+    (tmp_path / "g.urdf").write_text(URDF)
+    out = tmp_path / "mine.toml"
+    words = ["gripper", "from-urdf", str(tmp_path / "g.urdf"), "--out", str(out)]
+    assert CliRunner().invoke(app, words).exit_code == 0
+    assert load_gripper(str(out)).max_opening == pytest.approx(0.08)
+    picture = read_image(out.with_suffix(".png"))
+    assert np.ptp(picture) > 100
+    assert CliRunner().invoke(app, words).exit_code == 1  # both are there
+    checked = ["gripper", "check", str(out), "--picture", str(tmp_path / "again.png")]
+    assert CliRunner().invoke(app, checked).exit_code == 0
+    assert (tmp_path / "again.png").is_file()
+    assert CliRunner().invoke(app, ["gripper", "from-urdf", str(out)]).exit_code == 2
+
+
+def test_odd_measures_are_said(tmp_path):
+    config = GripperConfig(tip_reach=0.06)
+    (tmp_path / "g.urdf").write_text(URDF)
+    report = gripper.run(str(tmp_path / "g.urdf"), config)
+    assert "tip_reach is longer than the fingers" in report.notes["toy_hand"]
+    with pytest.raises(SymgraspError, match="gripper"):
+        gripper.run("no_such_preset", config)

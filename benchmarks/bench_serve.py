@@ -65,7 +65,7 @@ def _post(body: bytes) -> float:
     """Return the seconds that a post takes."""
     started = time.monotonic()
     request = urllib.request.Request(f"{URL}/grasps", body, {"Content-Type": "application/json"})
-    with urllib.request.urlopen(request, timeout=120) as answer:
+    with urllib.request.urlopen(request, timeout=600) as answer:
         answer.read()
     return time.monotonic() - started
 

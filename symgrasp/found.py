@@ -44,7 +44,8 @@ class FoundRegion:
     Attributes:
         box: (4,) float32 pixels x0, y0, x1, y1 of the mask; x1 and y1 are exclusive.
         confidence: 0 to 1, the detector's.
-        source: who found it: `detector`, `geometric` or `masks`.
+        source: who found it: `detector`, `geometric`, `color` or `masks`.
+        status: `measured`; `flat` if depth does not tell it from the table; `no_depth`.
         symmetries: those found, most confident first.
         affordance_mean: predicted affordance over the region's points, 0 to 1; nan without network.
         affordance_max: its largest.
@@ -54,6 +55,7 @@ class FoundRegion:
     box: NDArray[np.float32]
     confidence: float
     source: str
+    status: str
     symmetries: tuple[FoundSymmetry, ...]
     affordance_mean: float
     affordance_max: float
@@ -95,6 +97,7 @@ def _region(
         box=table.box[place],
         confidence=float(table.confidence[place]),
         source=str(table.source[place]),
+        status=str(table.status[place]),
         symmetries=_symmetries(table, place),
         affordance_mean=float(table.affordance_mean[place]),
         affordance_max=float(table.affordance_max[place]),

@@ -44,6 +44,7 @@ from pipelines.configs.learning import (
 )
 from pipelines.configs.planning import (
     CandidateConfig,
+    ColorConfig,
     FeasibilityConfig,
     LimitsConfig,
     RankingConfig,
@@ -58,6 +59,7 @@ __all__ = [
     "AnnotateSymmetryConfig",
     "AugmentationConfig",
     "CandidateConfig",
+    "ColorConfig",
     "CompareConfig",
     "ConvertFramesConfig",
     "DetectorConfig",

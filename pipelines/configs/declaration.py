@@ -26,6 +26,7 @@ UNITS = {
     "m": inf,
     "m2": inf,
     "1/m": inf,
+    "Lab": inf,  # CIE 1976
     "px": inf,
     "px2/px": inf,
     "rad": pi,

@@ -14,6 +14,44 @@ ROBOT = "user's robot"
 
 
 @dataclass(frozen=True)
+class ColorConfig:
+    """Pieces that stand out from the support plane by colour: thin things, things without depth."""
+
+    is_used: bool = choice(True, "Find regions by colour beside those from depth.", "D. 131")
+    min_contrast: float = setting(
+        9.0, "Lab", "Least difference of a thing's colour from the table's.", BY_EYE
+    )
+    lightness_weight: float = setting(
+        0.5, "weight", "Weight of lightness, which shadows change, against hue.", BY_EYE
+    )
+    deviations: float = setting(
+        3.5, "factor", "The same difference, by the standard deviation of the table.", BY_EYE
+    )
+    window: float = setting(
+        0.25, "share", "Side of the window of the table's mean colour, of the image.", BY_EYE
+    )
+    min_pixels: int = setting(150, "px", "Least number of pixels of a piece.", BY_EYE, low=1)
+    max_slenderness: float = setting(
+        45.0, "factor", "Length by width beyond which a piece is cables and what they join.", BY_EYE
+    )
+    min_thickness: float = setting(
+        7.0, "px", "Least width of a thing where it is widest; a cable has less.", BY_EYE
+    )
+    min_confined: float = setting(
+        0.6, "share", "Share of a region within a piece of colour that may complete it.", BY_EYE
+    )
+    max_low: float = setting(
+        2.5,
+        "factor",
+        "Height by that of noise up to which a region continues where the table is measured.",
+        BY_EYE,
+    )
+    min_convexity: float = setting(
+        0.9, "share", "Share of its convex outline that joins the low regions of a piece.", BY_EYE
+    )
+
+
+@dataclass(frozen=True)
 class RegionConfig:
     """Regions found without a network: things that stand on the support plane."""
 
@@ -48,6 +86,18 @@ class RegionConfig:
     max_cut_extent: float = setting(
         0.2, "m", "Largest diagonal of what the border of the image cuts off.", BY_EYE
     )
+    max_cut_height: float = setting(
+        0.05, "m", "Height up to which such a thing, a book say, may be as large as any.", BY_EYE
+    )
+    min_over_support: float = setting(
+        0.25, "share", "Share of a thing that lies over the support's visible extent.", "D. 132"
+    )
+    min_support_behind: float = setting(
+        0.02,
+        "share",
+        "Share of the support behind a large steep surface; a wall has less.",
+        "D. 132",
+    )
     max_border: float = setting(
         3.0,
         "px2/px",
@@ -67,6 +117,7 @@ class RegionConfig:
     crease_reach: float = setting(
         4.5, "factor", "Length of a crease's chord, by that of a level chord, at most.", BY_EYE
     )
+    color: ColorConfig = field(default_factory=ColorConfig)
 
 
 @dataclass(frozen=True)

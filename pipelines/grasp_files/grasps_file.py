@@ -23,6 +23,7 @@ from pipelines.contents import mapping_in
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.grasp_files.grasps_tables import (
+    REGION_MEASURED,
     FrameResult,
     FrameTable,
     GraspTable,
@@ -64,7 +65,7 @@ __all__ = [
     "write_shard",
 ]
 
-FORMAT_VERSION, OLDEST_VERSION = 3, 1
+FORMAT_VERSION, OLDEST_VERSION = 4, 1
 LONGEST_SHARD_NAME = 200  # characters of a shard's file name; file systems take 255 bytes
 AXES = "camera, OpenCV axes: x right, y down, z forward"
 GRASP_FRAME = "columns approach, closing, approach x closing; origin midway between the contacts"
@@ -80,6 +81,7 @@ SCHEMA = {"frames": FrameTable.SPEC, "regions": REGION_COLUMNS, "grasps": GraspT
 ADDED = {  # columns, by the version that brought them; `existence` was the confidence before 2
     2: ("symmetry_confidence", "ranker"),
     3: ("rank_in_frame", "worth_trying"),
+    4: ("status",),
 }
 
 
@@ -222,11 +224,13 @@ def stored_columns(file: h5py.File) -> dict[str, list[str]]:
     """Return the names of the columns that a file of its version holds, by group."""
     version = int(attribute(file, "format_version"))
     missing = [name for since, names in ADDED.items() if since > version for name in names]
-    return {group: [n for n in names if n not in missing] for group, names in SCHEMA.items()}
+    columns = {group: [n for n in names if n not in missing] for group, names in SCHEMA.items()}
+    return columns | {"frames": list(FrameTable.SPEC)}  # whose `status` is of all versions
 
 
 def complete_columns(regions: dict[str, Any], grasps: dict[str, Any], file: h5py.File) -> None:
     """Add the columns that older versions lack, from what the open `file` says of its run."""
+    regions.setdefault("status", np.full(len(regions["box"]), REGION_MEASURED, object))
     if "symmetry_confidence" not in regions:
         regions["symmetry_confidence"] = regions["existence"]
         regions["existence"] = np.full_like(regions["existence"], np.nan)

@@ -20,6 +20,11 @@ from pipelines.storage.masks_rle import box_of_mask, decode_mask, encode_mask
 from pipelines.storage.provenance import digest_text
 
 STATUSES = ("ok", "empty", "failed")
+REGION_MEASURED, REGION_FLAT, REGION_NO_DEPTH = (
+    "measured",
+    "flat",
+    "no_depth",
+)  # statuses of regions
 NO_COLUMN = np.zeros(0)
 
 
@@ -37,7 +42,8 @@ class RegionTable:
     symmetry_direction: NDArray[Any]  # f4 (r, 5, 3) unit, nan where there is none
     affordance_mean: NDArray[Any]  # f4 (r,) of the region's points
     affordance_max: NDArray[Any]  # f4 (r,)
-    source: NDArray[Any]  # str (r,): detector, geometric or masks
+    source: NDArray[Any]  # str (r,): detector, geometric, color or masks
+    status: NDArray[Any]  # str (r,): measured, flat or no_depth
     frame: NDArray[Any]  # i4 (r,) index into the frames
 
     SPEC: ClassVar[ColumnSpec] = {
@@ -51,6 +57,7 @@ class RegionTable:
         "affordance_mean": ((), np.float32),
         "affordance_max": ((), np.float32),
         "source": ((), np.object_),
+        "status": ((), np.object_),
     }
 
     def __post_init__(self) -> None:
@@ -75,10 +82,13 @@ class RegionTable:
         affordance_mean: ArrayLike,
         affordance_max: ArrayLike,
         existence: ArrayLike | None = None,
+        status: Sequence[str] | None = None,
     ) -> "RegionTable":
         """Return the table of one frame's regions, given their masks (H, W)."""
         if existence is None:
             existence = np.full((len(masks), NUM_SLOTS), np.nan)
+        if status is None:
+            status = [REGION_MEASURED] * len(masks)
         runs = [encode_mask(mask) for mask in masks]
         columns: dict[str, Any] = {
             "box": [box_of_mask(mask) for mask in masks],
@@ -86,6 +96,7 @@ class RegionTable:
             "mask_start": np.cumsum([0, *map(len, runs)]),
             "confidence": confidence,
             "source": np.array(list(source), dtype=object),
+            "status": np.array(list(status), dtype=object),
             "existence": existence,
             "symmetry_confidence": symmetry_confidence,
             "symmetry_point": symmetry_point,

@@ -3,6 +3,7 @@
 import time
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,11 +75,15 @@ class Planner:
             frame, self.config, rng, detector=self.detector, masks=masks, workspace=workspace
         )
         regions, clouds = seen.in_workspace()
-        plans = self._plans(clouds, seen.scene, rng)
+        graspable = [region.is_graspable for region in regions]
+        planned = iter(self._plans(list(compress(clouds, graspable)), seen.scene, rng))
+        plans = [next(planned) if each else Plan(RankedGrasps.empty()) for each in graspable]
         if self.config.method != "random":
             regions, plans = self._taken_apart(regions, plans, seen, rng)
             plans = [
-                plan if len(plan.grasps) else self._piecewise(plan, region.mask, seen)
+                self._piecewise(plan, region.mask, seen)
+                if region.is_graspable and not len(plan.grasps)
+                else plan
                 for plan, region in zip(plans, regions, strict=True)
             ]
         found = [plan.grasps for plan in plans]

@@ -6,20 +6,31 @@ see the same points of the same regions, and differ only in what they make of th
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.array_types import Mask
-from pipelines.configs import InferConfig
+from pipelines.configs import ColorConfig, InferConfig
 from pipelines.frames.rgbd import Frame
+from pipelines.geometry.numerics.quantiles import quantiles
+from pipelines.grasp_files.grasps_tables import REGION_FLAT, REGION_MEASURED, REGION_NO_DEPTH
 from pipelines.grasping.feasibility.limits import Limits
+from pipelines.grasping.planner import MIN_POINTS
 from pipelines.grasping.scene import RegionCloud, SceneCloud
-from pipelines.inference.regions import Detector, Region, find_regions
-from pipelines.tabletop.regions_geometric import GeometricRegions, geometric_regions
+from pipelines.inference.regions import Detector, Region, find_regions, with_color
+from pipelines.tabletop.regions.color import ColorPieces, color_pieces
+from pipelines.tabletop.regions_geometric import (
+    GeometricRegions,
+    enlarged,
+    geometric_regions,
+    working_step,
+)
 from pipelines.tabletop.sparse_depth import filled
+
+MIN_MEASURED = 0.1  # share of a region's pixels with depth below which it counts as without
 
 
 @dataclass(frozen=True)
@@ -83,5 +94,32 @@ def observe(
         found, too_small = [Region(mask, 1.0, "masks") for mask in regions], 0
     else:
         found, too_small = find_regions(frame.color, depth, lens, segments, config, detector, masks)
+        if masks is None and config.regions == "auto" and config.region.color.is_used:
+            pieces = _color_pieces(frame.color, segments, config.region.color)
+            found = with_color(found, pieces, segments, depth, lens, config)
     clouds = [RegionCloud.from_mask(region.mask, scene) for region in found]
+    found = [
+        replace(region, status=_status(cloud, segments))
+        for region, cloud in zip(found, clouds, strict=True)
+    ]
     return Observation(scene, segments, found, clouds, too_small)
+
+
+def _color_pieces(
+    color: NDArray[np.uint8], segments: GeometricRegions, config: ColorConfig
+) -> ColorPieces:
+    """Return the pieces of colour of `color` (H, W, 3), found at the working size."""
+    step = working_step(segments.bare.shape)
+    found = color_pieces(color[::step, ::step], segments.bare[::step, ::step], config)
+    return replace(found, labels=enlarged(found.labels, segments.bare.shape))
+
+
+def _status(cloud: RegionCloud, segments: GeometricRegions) -> str:
+    """Return whether the depth of a region shows a thing, the bare table, or hardly anything."""
+    if len(cloud) < max(MIN_POINTS, MIN_MEASURED * np.count_nonzero(cloud.mask)):
+        return REGION_NO_DEPTH
+    if segments.plane is None:
+        return REGION_MEASURED
+    height = quantiles(segments.plane.height(cloud.points), 0.9)
+    least = segments.least_height(float(cloud.middle[2]))
+    return REGION_MEASURED if height > least else REGION_FLAT

@@ -1,9 +1,10 @@
 """A frame's picture with its regions, symmetries and best grasps drawn onto it.
 
-Outlines: regions, each with its number and its best score. Translucent quads: symmetry planes;
-bars: rotation axes; rings: spheres. Wireframes: the gripper at each region's best grasp in the
-colour of its score, a dot at each contact; thin and without dots where it is not worth trying.
-The PNG holds the stamp of what is drawn, as the text `provenance`.
+Outlines: regions, each with its number and its best score, and "flat" or "no depth" where depth
+does not show it. Translucent quads: symmetry planes; bars: rotation axes; rings: spheres.
+Wireframes: the gripper at each region's best grasp in the colour of its score, a dot at each
+contact; thin and without dots where it is not worth trying. The PNG holds the stamp of what is
+drawn, as the text `provenance`.
 """
 
 import json
@@ -23,6 +24,7 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT, Symmetry, SymmetrySlots
 from pipelines.geometry.transforms import unit
 from pipelines.grasp_files.grasps_file import FrameResult
+from pipelines.grasp_files.grasps_tables import REGION_MEASURED
 from pipelines.pictures.color_images import Color, ColorImage
 from pipelines.pictures.palette import (
     AXIS_COLOR,
@@ -91,13 +93,15 @@ def draw_overlay(frame: Frame, result: FrameResult) -> ColorImage:
 def _write_number(
     picture: ColorImage, result: FrameResult, region: int, mask: NDArray[np.bool_]
 ) -> None:
-    """Write a region's number and the score of its best grasp above the middle of its mask."""
+    """Write a region's number, its best score, and its status if not measured, above its mask."""
     rows, columns = np.nonzero(mask)
     if not len(rows):
         return
     grasps = result.grasps
     best = grasps.rank_score[(grasps.region == region) & grasps.is_best]
+    status = str(result.regions.status[region])
     text = f"{region}" + (f": {best[0]:.2f}" if len(best) else "")
+    text += "" if status == REGION_MEASURED else f" {status.replace('_', ' ')}"
     scale = picture.shape[1] / 1280
     (width, height), _ = cv2.getTextSize(text, FONT, scale, 1)
     x = int(np.clip(np.median(columns) - width / 2, 0, picture.shape[1] - width))

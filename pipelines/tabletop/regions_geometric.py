@@ -12,18 +12,17 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.geometry.numerics.quantiles import median, quantiles
 from pipelines.geometry.pointcloud import Plane
-from pipelines.tabletop.depth_segments import Labels, extent, segment
+from pipelines.tabletop.depth_segments import Labels, segment
+from pipelines.tabletop.regions.things import Things
 from pipelines.tabletop.tabletop import Tabletop, find_tabletop
 
 Box = tuple[slice, slice]
 
 WORKING_WIDTH = 640  # pixels; larger images are thinned to about this width
-FOOT = 6  # pixels below and above a piece where a nearer piece may hide its foot
+FOOT = 6  # pixels below and above a piece where a nearer piece, or missing depth, may hide its foot
 FEET = 500  # points of a piece whose feet on the table are checked
 KNOWN_FEET = 0.5  # least share of these feet with measured depth
 TABLE_BENEATH = 0.25  # largest share of these feet that show the table
-TALL = 1.7  # least height of an object, over the height that stands out from noise
-MIN_BORDER = 20  # pixels on the image border from which an object continues outside
 
 
 @dataclass(frozen=True)
@@ -34,11 +33,24 @@ class GeometricRegions:
         labels: (H, W) 1, 2, ... for regions, 0 elsewhere.
         plane: support plane, camera frame, normal to the camera's side; None without one.
         foreground: (H, W) pixels above the plane, in a region or not.
+        bare: (H, W) pixels measured on the plane.
+        things: tests of further regions, at the working size.
     """
 
     labels: Labels
     plane: Plane | None
     foreground: Mask
+    bare: Mask
+    things: Things
+
+    def least_height(self, z: float) -> float:
+        """Return the height over the plane that stands out from noise at depth `z`, metres."""
+        return float(self.things.top.threshold(z, self.things.config))
+
+    def may_be_thing(self, mask: Mask) -> bool:
+        """Return whether `mask` (H, W) is no wall, no arm, and not too large, where depth tells."""
+        step = working_step(mask.shape)
+        return self.things.may_be(mask[::step, ::step])
 
     @property
     def masks(self) -> list[Mask]:
@@ -57,7 +69,7 @@ def geometric_regions(
 
     `ground`: (H, W) pixels that may show the support, if known.
     """
-    step = max(1, round(max(depth.shape) / WORKING_WIDTH))
+    step = working_step(depth.shape)
     small = depth[::step, ::step]
     camera = Intrinsics(
         intrinsics.fx / step,
@@ -68,15 +80,29 @@ def geometric_regions(
         small.shape[0],
     )
     xyz = camera.backproject(small)
-    bare = None if ground is None else ground[::step, ::step]
-    top = find_tabletop(xyz, camera, config, rng, bare)
+    ground_seen = None if ground is None else ground[::step, ::step]
+    top = find_tabletop(xyz, camera, config, rng, ground_seen)
     pieces, whole = segment(xyz, top.foreground, top.clear, camera.fx, config)
-    labels = _sound_regions(xyz, pieces, whole, top, camera, config)
-    scaled = [_enlarged(image, depth.shape) for image in (labels, top.foreground)]
-    return GeometricRegions(scaled[0].astype(np.int32), top.plane, scaled[1].astype(bool))
+    standing = _standing(xyz, whole, top, camera, config)
+    things = Things(xyz, top, ~standing[whole], config)
+    labels = _sound_regions(pieces, things)
+    above, bare = (enlarged(image, depth.shape) > 0 for image in (top.foreground, top.bare))
+    return GeometricRegions(
+        enlarged(labels, depth.shape),
+        top.plane,
+        above,
+        bare,
+        things,
+    )
 
 
-def _enlarged(image: NDArray[np.generic], shape: tuple[int, ...]) -> Labels:
+def working_step(shape: tuple[int, ...]) -> int:
+    """Return the stride of rows and columns that thins an image of `shape` to a working size."""
+    return max(1, round(max(shape) / WORKING_WIDTH))
+
+
+def enlarged(image: NDArray[np.generic], shape: tuple[int, ...]) -> Labels:
+    """Return a thinned `image` of labels at the size `shape`."""
     if image.shape == shape:
         return image.astype(np.int32)
     size = (shape[1], shape[0])
@@ -85,24 +111,16 @@ def _enlarged(image: NDArray[np.generic], shape: tuple[int, ...]) -> Labels:
     )
 
 
-def _sound_regions(
-    xyz: Array,
-    labels: Labels,
-    whole: Labels,
-    top: Tabletop,
-    camera: Intrinsics,
-    config: RegionConfig,
-) -> Labels:
+def _sound_regions(labels: Labels, things: Things) -> Labels:
     """Renumber the regions that may be objects, holes filled, nearest first; drop the others."""
     kept: list[tuple[float, Mask, Box]] = []
-    standing = _standing(xyz, whole, top, camera, config)
-    for piece in _pieces(labels, xyz, config.min_pixels):
-        if not standing[whole.take(piece.pixels[0])]:
+    for piece in _pieces(labels, things.xyz, things.config.min_pixels):
+        if things.hanging.ravel()[piece.pixels[0]]:
             continue
         mask = labels[piece.box] == piece.label
         border = _border_pixels(mask, *piece.box, labels.shape)
-        if _may_be_object(piece.points, border, top, config):
-            filled = _without_holes(mask) & ((labels[piece.box] == 0) | mask)
+        if things.has_size_and_place(piece.points, border) and things.stands_out(piece.points):
+            filled = without_holes(mask) & ((labels[piece.box] == 0) | mask)
             kept.append((float(median(piece.points[:, 2])), filled, piece.box))
     result = np.zeros(labels.shape, np.int32)
     for number, (_, mask, box) in enumerate(sorted(kept, key=lambda entry: entry[0]), 1):
@@ -151,7 +169,7 @@ def _by_label(labels: Labels, count: int) -> tuple[Indices, Indices]:
     return order, end
 
 
-def _without_holes(mask: Mask) -> Mask:
+def without_holes(mask: Mask) -> Mask:
     """Return `mask` (h, w) with its holes filled (4-connected)."""
     outside = np.pad(mask.astype(np.uint8), 1)
     cv2.floodFill(outside, None, (0, 0), 1)
@@ -163,21 +181,24 @@ def _standing(
 ) -> Mask:
     """Return a mask (pieces + 1,) of the connected pieces that may reach down to the table.
 
-    The foot may be hidden by a nearer piece, or by the piece itself in a view from above. An arm
-    that hangs into the image, or an object beyond the table, does not reach the table.
+    The foot may lack depth, or be hidden by a nearer piece, or by the piece itself in a view from
+    above. An arm that hangs into the image, or an object beyond the table, does not reach down.
     """
     result = np.ones(int(whole.max(initial=0)) + 1, bool)
     if top.plane is None:
         return result
+    foot = FOOT if top.plane.normal[1] <= 0.0 else 0  # down in the image, or up
     for piece in _pieces(whole, xyz, config.min_pixels):
         if quantiles(top.plane.height(piece.points), 0.02) < config.max_floating:
             continue
         rows, columns = (slice(max(0, s.start - FOOT), s.stop + FOOT) for s in piece.box)
         around = whole[rows, columns]
         inside = around == piece.label
-        below = cv2.dilate(inside.astype(np.uint8), np.ones((2 * FOOT + 1, 1), np.uint8)) > 0
-        neighbour = below & ~inside & (around > 0)
-        hidden = neighbour & (xyz[rows, columns, 2] < median(piece.points[:, 2]))
+        shape = inside.astype(np.uint8)
+        beside = (cv2.dilate(shape, np.ones((2 * FOOT + 1, 1), np.uint8)) > 0) & ~inside
+        nearer = (around > 0) & (xyz[rows, columns, 2] < median(piece.points[:, 2]))
+        beneath = cv2.dilate(shape, np.ones((FOOT + 1, 1), np.uint8), anchor=(0, foot)) > 0
+        hidden = beside & (nearer | (beneath & np.isnan(xyz[rows, columns, 2])))
         enough = FOOT * 0.3 * np.count_nonzero(inside.any(axis=0))
         result[piece.label] = hidden.sum() > enough or _hides_its_foot(
             piece, xyz, top.plane, camera, config
@@ -213,21 +234,3 @@ def _border_pixels(mask: Mask, rows: slice, columns: slice, shape: tuple[int, ..
         (columns.stop == shape[1], mask[:, -1]),
     )
     return sum(int(side.sum()) for touches, side in sides if touches)
-
-
-def _may_be_object(points: Array, border_pixels: int, top: Tabletop, config: RegionConfig) -> bool:
-    """Return whether the region of `points` (n, 3) has the size and place of an object."""
-    greatest = config.max_extent
-    if border_pixels > MIN_BORDER:
-        greatest = min(greatest, config.max_cut_extent)
-    # The diagonal is a cheap upper bound of the extent.
-    diagonal = np.linalg.norm(np.ptp(np.ascontiguousarray(points.T), axis=1))
-    if diagonal > greatest and extent(points) > greatest:
-        return False
-    # A strip along the image border, or a large object that reaches in from outside.
-    if border_pixels**2 > config.max_border * len(points):
-        return False
-    if top.plane is None:
-        return True
-    tall = quantiles(top.plane.height(points), 0.9)
-    return bool(tall > TALL * top.threshold(median(points[:, 2]), config))

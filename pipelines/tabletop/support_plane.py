@@ -7,6 +7,7 @@ metres at one metre means t z^2 metres at depth z.
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from pipelines.array_types import Array, Indices, Mask, Singles
@@ -26,6 +27,9 @@ FITTED = 20000  # pixels, about, to which planes are fitted, evenly spread
 CONSENSUS_SAMPLE = 4000  # of these pixels, on which hypotheses are compared
 MIN_PIXELS = 200  # fewer pixels determine no plane
 MAX_FITS = 20  # least-squares fits of a plane to its inliers, until these stay the same
+SIDE = np.cos(np.deg2rad(15.0))  # of the angle beyond which a plane may be the side of a bin
+CELL = 8  # pixels of a cell, of the image in which a floor's surroundings are looked at
+ENCLOSED = 0.9  # share of a floor's surroundings that are nearer than its plane
 CLOSEST_SHARE = 0.05  # the nearest pixels weigh no more than the pixel at this quantile
 
 
@@ -85,6 +89,10 @@ def find_support(
     best = max(found, key=seen.value, default=None)
     if best is None:
         return None
+    # The side of a bin may show more of itself than its floor does (D. 129).
+    best = max(
+        (each for each in found if _is_floor(each, best, seen)), key=seen.value, default=best
+    )
     # Pixels nearer than the plane weigh no more than those of the plane.
     most = float(quantiles(weight[best.evidence > 0], 1.0 - CLOSEST_SHARE))
     share = seen.value(best) / float(np.minimum(weight, most).sum())
@@ -120,6 +128,35 @@ def _candidates(
         evidence = _facing_weight(plane) * (own - config.beneath_weight * beneath)
         found.append(_Candidate(Support(affine, plane), evidence))
     return found
+
+
+def _is_floor(candidate: _Candidate, best: _Candidate, seen: _Seen) -> bool:
+    """Return whether `candidate` is the floor of a bin of which `best` is a side.
+
+    It is steep to that side, and nearly all around its outline lie nearer surfaces. None of its
+    outline is the border of the image.
+    """
+    if abs(candidate.support.plane.normal @ best.support.plane.normal) > SIDE:
+        return False
+    rows, columns = (np.asarray(axis, np.int64) // CELL + 2 for axis in (seen.v, seen.u))
+    shape = int(rows.max()) + 3, int(columns.max()) + 3
+    votes, counts, own = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    a, b, c = candidate.support.affine
+    over = seen.disparity - (a * seen.u + b * seen.v + c)
+    np.add.at(counts, (rows, columns), 1)
+    np.add.at(votes, (rows, columns), over > 0.0)
+    np.add.at(own, (rows, columns), candidate.evidence > 0)
+    cells = (own > 0.5 * counts).view(np.uint8)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(cells, connectivity=4)
+    if count < 2:
+        return False
+    largest = labels == 1 + np.argmax(stats[1:, cv2.CC_STAT_AREA])
+    outline = np.zeros(shape, np.uint8)
+    corners = np.argwhere(largest)[:, ::-1].astype(np.int32)
+    cv2.fillConvexPoly(outline, cv2.convexHull(np.ascontiguousarray(corners)), 1)
+    near, wide = (cv2.dilate(outline, np.ones((n, n), np.uint8)) > 0 for n in (3, 5))
+    around = wide & ~near
+    return bool(np.count_nonzero(votes[around] > 0.8 * counts[around]) > ENCLOSED * around.sum())
 
 
 def _seen_through(points: Array, behind: Mask, plane: Plane, inliers: Mask) -> Mask:

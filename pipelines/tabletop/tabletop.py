@@ -32,12 +32,14 @@ class Tabletop:
         plane: camera frame, normal to the camera's side; None if there is none.
         foreground: (H, W) pixels above the plane; all near pixels if there is no plane.
         clear: (H, W) foreground that clearly stands out, without bridges of noise between objects.
+        bare: (H, W) pixels measured on the plane; none if there is no plane.
         noise: standard deviation of the depth at one metre, metres; grows with z^2.
     """
 
     plane: Plane | None
     foreground: Mask
     clear: Mask
+    bare: Mask
     noise: float
 
     @property
@@ -68,13 +70,14 @@ def find_tabletop(
     near = near_pixels(z, config)
     bare = near if ground is None else near & ground
     support = find_support(xyz, bare, intrinsics, config, rng)
+    without = Tabletop(None, near, near, np.zeros_like(near), config.plane_tolerance / 3.0)
     if support is None:
-        return Tabletop(None, near, near, config.plane_tolerance / 3.0)
+        return without
     residual, inliers = _near_plane(z, near, support.affine, config.plane_tolerance)
     warp = _smooth(residual, inliers)
     some = _spread(inliers)
     noise = 1.4826 * float(median(np.abs(residual.take(some) - warp.take(some))))
-    top = Tabletop(support.plane, near, near, noise)
+    top = Tabletop(support.plane, near, near, inliers, noise)
     limits = config.min_height, top.height_noise, config.max_height
     above, clear = _above(z, near, warp, support.affine, float(support.plane.offset), limits)
     above = np.asarray(cv2.medianBlur(above.view(np.uint8), 3)).view(np.bool_) & near
@@ -84,8 +87,8 @@ def find_tabletop(
     at = _places(above, 1)
     above.ravel()[at] = table.contains(points.take(at, axis=0))
     if np.count_nonzero(above) < config.min_pixels and _is_lid(z, near, inliers, support, config):
-        return Tabletop(None, near, near, config.plane_tolerance / 3.0)
-    return replace(top, foreground=above, clear=above & clear)
+        return without
+    return replace(top, foreground=above, clear=above & clear, bare=inliers & ~above)
 
 
 def _is_lid(z: Array, near: Mask, inliers: Mask, support: Support, config: RegionConfig) -> bool:

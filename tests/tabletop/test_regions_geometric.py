@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import binary_fill_holes
 
-from pipelines.tabletop.regions_geometric import _pieces, _without_holes
+from pipelines.tabletop.regions_geometric import _pieces, without_holes
 
 
 @settings(max_examples=40, deadline=None)
@@ -31,4 +31,4 @@ def test_pieces_are_the_labels_with_enough_pixels(seed, most, least, share):
 @given(st.integers(0, 2**31), st.integers(1, 12), st.integers(1, 12), st.floats(0.0, 1.0))
 def test_holes_are_what_no_way_leads_out_of(seed, height, width, share):
     mask = np.random.default_rng(seed).random((height, width)) < share
-    np.testing.assert_array_equal(_without_holes(mask), binary_fill_holes(mask))
+    np.testing.assert_array_equal(without_holes(mask), binary_fill_holes(mask))

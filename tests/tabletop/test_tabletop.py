@@ -12,6 +12,7 @@ from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import unit
 from pipelines.tabletop.footprint import GRID_CELL, Footprint
 from pipelines.tabletop.organized import smooth_normals
+from pipelines.tabletop.regions.things import Things
 from pipelines.tabletop.regions_geometric import _sound_regions, geometric_regions
 from pipelines.tabletop.tabletop import (
     CLEARLY,
@@ -240,7 +241,7 @@ def test_what_is_above_is_high_over_the_plane_of_the_table_made_flat(share):
     z = rng.uniform(0.4, 1.2, (CAMERA.height, CAMERA.width))
     warp = rng.normal(0.0, 0.01, z.shape)
     near = rng.random(z.shape) < share
-    top = Tabletop(PLANE, near, near, 0.01)
+    top = Tabletop(PLANE, near, near, near, 0.01)
     height = PLANE.height(CAMERA.backproject(1.0 / (1.0 / z - warp)))
     threshold = top.threshold(z, CONFIG)
     limits = CONFIG.min_height, top.height_noise, CONFIG.max_height
@@ -326,9 +327,8 @@ def test_labels_with_gaps_are_regions_all_the_same():
     xyz = CAMERA.backproject(depth)
     top = find_tabletop(xyz, CAMERA, CONFIG, np.random.default_rng(0))
     labels = np.where(top.foreground, np.select([index == 0, index == 1], [3, 70], 0), 0)
-    found = _sound_regions(
-        xyz, labels.astype(np.int32), labels.astype(np.int32), top, CAMERA, CONFIG
-    )
+    things = Things(xyz, top, np.zeros(labels.shape, bool), CONFIG)
+    found = _sound_regions(labels.astype(np.int32), things)
     assert sorted(np.unique(found)) == [0, 1, 2]
     for number in (1, 2):
         assert len(np.unique(labels[(found == number) & (labels > 0)])) == 1

@@ -109,6 +109,7 @@ def _regions(
         {
             "color": region_color(region),
             "source": str(table.source[region]),
+            "status": str(table.status[region]),
             "confidence": _number(table.confidence[region]),
             "symmetries": region_symmetries(
                 table, region, points[measured & (labels == region + 1)]

@@ -113,7 +113,8 @@ const makeRegionList = (redraw, look) => {
     name.disabled = !mine.length;
     const sure = region.symmetries.filter((each) => each.confidence > 0.5).map(
       (each) => `${SLOTS[each.slot]} ${number(each.confidence, 2)}`);
-    const words = `${region.source} ${number(region.confidence, 2)}, ${mine.length} grasps`
+    const told = region.status === "measured" ? "" : ` ${region.status}`;
+    const words = `${region.source}${told} ${number(region.confidence, 2)}, ${mine.length} grasps`
       + (mine.length ? `, best ${number(mine[0].rank_score, 3)}` : "");
     by("regions").append(element("li", "", [box, swatch, name,
       element("small", [words, ...sure].join("; "))]));

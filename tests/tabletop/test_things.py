@@ -1,0 +1,74 @@
+"""Walls, arms and what lies beside the support are no things."""
+
+import numpy as np
+
+from pipelines.configs import RegionConfig
+from pipelines.tabletop.regions_geometric import geometric_regions
+from tests.geometry.tabletops import CAMERA, Box, render
+
+BOX = Box((0.08, 0.08, 0.1))
+WALL = Box((0.3, 0.02, 0.2), (0.0, 0.36, 0.0))
+
+
+def found(*shapes):
+    depth, index = render(shapes)
+    return geometric_regions(depth, CAMERA, RegionConfig(), np.random.default_rng(0)), index
+
+
+def is_region(regions, true):
+    return any((mask & true).sum() > 0.5 * true.sum() for mask in regions.masks)
+
+
+def test_a_wall_behind_the_table_is_no_region_and_the_box_before_it_is():
+    regions, index = found(BOX, WALL)
+    assert is_region(regions, index == 0)
+    assert not is_region(regions, index == 1)
+    assert not regions.may_be_thing(index == 1)
+    assert regions.may_be_thing(index == 0)
+
+
+def test_a_wall_of_the_same_size_in_the_middle_of_the_table_is_a_thing():
+    regions, index = found(Box((0.3, 0.02, 0.2)))
+    assert regions.may_be_thing(index == 0)
+
+
+def test_what_is_longer_than_an_object_is_no_thing():
+    regions, index = found(Box((0.7, 0.05, 0.05)))
+    assert not regions.may_be_thing(index == 0)
+
+
+def test_a_tall_thing_that_reaches_in_from_outside_is_none_and_a_book_there_is():
+    arm, index = found(Box((0.5, 0.06, 0.12), (-0.45, 0.0, 0.0)))
+    assert not arm.may_be_thing(index == 0)
+    book, index = found(Box((0.3, 0.2, 0.02), (-0.4, 0.0, 0.0)))
+    assert book.may_be_thing(index == 0)
+
+
+def test_a_rim_beside_the_support_is_no_thing():
+    regions, index = found(BOX, Box((0.3, 0.08, 0.04), (0.0, 0.4, 0.0)))
+    assert not regions.may_be_thing(index == 1)
+
+
+def bin_from_above(floor_edge, slope=0.6):
+    """Return the depth of a bin whose right side is seen larger than its floor."""
+    v, u = np.indices((240, 320), dtype=float)
+    rays = np.stack(
+        [(u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones(u.shape)], -1
+    )
+    depth = np.full(u.shape, 0.6)
+    for side, edge in (((1, 0), floor_edge), ((-1, 0), 0.3), ((0, 1), 0.12), ((0, -1), 0.12)):
+        inward = np.array([*(-np.sin(slope) * np.array(side)), -np.cos(slope)])
+        foot = np.array([side[0] * edge, side[1] * edge, 0.6])
+        depth = np.minimum(depth, (inward @ foot) / (rays @ inward))
+    return depth
+
+
+def test_the_floor_of_a_bin_is_its_support_where_a_side_shows_more():
+    depth = bin_from_above(floor_edge=0.03)
+    plane = geometric_regions(depth, CAMERA, RegionConfig(), np.random.default_rng(0)).plane
+    assert -plane.normal[2] > 0.99
+
+
+def test_without_depth_nothing_is_ruled_out():
+    regions, index = found(BOX)
+    assert regions.may_be_thing(np.zeros(index.shape, bool))

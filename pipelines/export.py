@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import ExportConfig, check_settings
+from pipelines.contents import mapping_in
 from pipelines.errors import SymgraspError
 from pipelines.grasp_files.exports import (
     contact_graspnet_predictions,
@@ -164,7 +165,7 @@ def _gripper(index: GraspsIndex, name_or_path: str, config: ExportConfig) -> Exp
     if config.tcp:
         behind = model.base_to_contacts - base_to_tool(config.tcp, model)
         origin = f"tool centre point ({config.tcp})"
-    checked = index.stamp.get("inputs", {}).get("gripper")  # old files do not say
+    checked = mapping_in(index.stamp, "inputs").get("gripper")  # old files do not say
     alike = gripper_digest(name_or_path) == checked if checked else name_or_path == index.gripper
     return ExportGripper(model, behind, index.gripper, alike, origin)
 

@@ -120,6 +120,9 @@ class _OpenScene:
         for name, dataset in rows.items():
             if not isinstance(dataset, h5py.Dataset) or len(dataset) != len(columns["name"]):
                 raise FormatError(path, f"/{name} is missing or cut off", "pack the scene again")
+        for name, column in {**columns, **rows}.items():
+            if name != "name" and column.dtype.kind not in "fiu":
+                raise FormatError(path, f"/{name} holds no numbers", "pack the scene again")
         return cls(rows, columns)
 
     def region(self, row: int) -> PackedRegion:

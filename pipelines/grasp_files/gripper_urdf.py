@@ -21,7 +21,7 @@ from pipelines.geometry.transforms import make_pose, transform_points, unit
 from pipelines.grasping.gripper import Gripper
 from pipelines.storage.files import existing
 
-BY_HAND = "a parallel gripper has two that slide; of others write the eleven measures by hand"
+WRITE_BY_HAND = "a parallel gripper has two that slide; of others write the eleven measures by hand"
 MAX_LINKS = 1000
 SQUARE = 0.9  # least cosine between a finger's way and an axis of the palm's frame
 
@@ -67,7 +67,7 @@ def read_urdf_gripper(
         raise FormatError(path, "has a link that hangs on two joints", "a tree is expected")
     fingers = [joint for joint in joints if joint.kind == "prismatic"]
     if len(fingers) != 2:
-        raise FormatError(path, f"has {len(fingers)} joints that slide", BY_HAND)
+        raise FormatError(path, f"has {len(fingers)} joints that slide", WRITE_BY_HAND)
     base = base_link or fingers[0].parent
     if base not in links:
         raise FormatError(path, f"has no link {base!r}", f"its links: {', '.join(links)[:300]}")
@@ -146,7 +146,7 @@ def _measured(
     closing = _closing(path, bodies, base)
     at = [list(bodies.placed(base, np.eye(4), share)) for share in (0.0, 1.0)]
     if not all(any(is_finger for is_finger, _ in each) for each in at):
-        raise FormatError(path, f"has no bodies on fingers below {base}", BY_HAND)
+        raise FormatError(path, f"has no bodies on fingers below {base}", WRITE_BY_HAND)
     middle = np.concatenate([points for is_finger, points in at[0] if is_finger]).mean(axis=0)
     approach = _approach(middle, closing)
     axes = np.stack([approach, closing, np.cross(approach, closing)])
@@ -160,7 +160,7 @@ def _measured(
         )
         first, second = (np.concatenate([np.zeros((0, 3)), *side]) for side in sides)
         if not len(first) or not len(second):
-            raise FormatError(path, "has fingers that do not face each other", BY_HAND)
+            raise FormatError(path, "has fingers that do not face each other", WRITE_BY_HAND)
         gaps.append(float(second[:, 1].min() - first[:, 1].max()))
         placed.append(second)
     finger = placed[int(np.argmax(gaps))]
@@ -183,7 +183,7 @@ def _measured(
     try:
         return Gripper(name, **{key: round(value, 5) for key, value in measures.items()})
     except ValueRangeError as error:
-        raise FormatError(path, f"has measures of no gripper ({error})", BY_HAND) from error
+        raise FormatError(path, f"has measures of no gripper ({error})", WRITE_BY_HAND) from error
 
 
 def _closing(path: Path, bodies: _Bodies, base: str) -> Array:
@@ -198,7 +198,7 @@ def _closing(path: Path, bodies: _Bodies, base: str) -> Array:
     axis = unit(joint.T_parent_joint[:3, :3] @ joint.axis)
     place = int(np.argmax(np.abs(axis)))
     if abs(axis[place]) < SQUARE:
-        raise FormatError(path, f"has fingers that slide askew to {base}", BY_HAND)
+        raise FormatError(path, f"has fingers that slide askew to {base}", WRITE_BY_HAND)
     return np.asarray(np.eye(3)[place])
 
 

@@ -15,11 +15,13 @@ from pipelines.grasp_files.gripper_urdf import read_urdf_gripper
 from pipelines.grasping.gripper import Gripper
 from pipelines.pictures.gripper_pictures import draw_gripper
 from pipelines.runtime.batch import StageReport
+from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import write_image, write_text
 
 STAGE = "gripper"
 
 
+@one_run_at_a_time(STAGE, "output", "picture")
 def run(
     source: str,
     config: GripperConfig,

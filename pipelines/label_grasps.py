@@ -102,8 +102,7 @@ def run(
         refuse_unfinished(meshes)
     sources = _sources(meshes, output)
     report = StageReport(STAGE)
-    if not options.dry_run:
-        mark_unfinished(output, STAGE)
+    was_finished = not options.dry_run and mark_unfinished(output, STAGE)
     if not in_place:
         items = [_model_item(root, source, mesh_scale) for source in sources]
         sources = _run_step(report, sources, items, _write_model, options)
@@ -117,7 +116,7 @@ def run(
     labelled = [source.object_id for source in sources if source.title in report.done]
     if note := collision_note(root, labelled):
         report.notes["collision labels"] = note
-    if not (options.dry_run or report.failed):
+    if not options.dry_run and (not report.failed or (was_finished and not report.done)):
         mark_finished(output, STAGE)
     return report
 

@@ -71,8 +71,7 @@ def run(
     """
     _check(config, models, output)
     sources = own_models(models, mesh_scale) if models else []
-    if not options.dry_run:
-        mark_unfinished(output, STAGE)
+    was_finished = not options.dry_run and mark_unfinished(output, STAGE)
     ids = _object_ids(config, len(sources))
     step = partial(_write_object, seed=seed)
     report = run_batch(
@@ -99,7 +98,7 @@ def run(
         report,
         run_batch("synthesize scenes", items, partial(_write_scene, config=config), options),
     )
-    if not (options.dry_run or report.failed):
+    if not options.dry_run and (not report.failed or (was_finished and not report.done)):
         mark_finished(output, STAGE)
     return report
 

@@ -19,6 +19,7 @@ import os, signal, sys
 from pathlib import Path
 from pipelines.ending import end_on_signals
 from pipelines.storage.files import atomic_folder, atomic_path
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup has it ignored
 end_on_signals()
 with atomic_path(Path(sys.argv[1]) / "a.txt"), atomic_folder(Path(sys.argv[1]) / "b") as folder:
     (folder / "c").write_text("c")

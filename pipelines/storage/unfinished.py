@@ -1,6 +1,7 @@
 """Mark of a folder that a command is still making: later commands refuse a folder that bears one.
 
-The mark goes when all is made. A run that was killed, or that failed in part, leaves it behind.
+The mark goes when all is made. A run that was killed, or that failed in part, leaves it behind; one
+that was refused and wrote nothing leaves a finished folder as it was.
 """
 
 from pathlib import Path
@@ -11,10 +12,13 @@ from pipelines.storage.files import write_text
 MARK = "UNFINISHED-{command}.txt"
 
 
-def mark_unfinished(folder: Path, command: str) -> None:
-    """Mark `folder` as being made by `symgrasp COMMAND`."""
+def mark_unfinished(folder: Path, command: str) -> bool:
+    """Mark `folder` as being made by `symgrasp COMMAND`; return whether it was finished before."""
+    mark = folder / MARK.format(command=command)
+    was_finished = folder.is_dir() and any(folder.iterdir()) and not mark.exists()
     text = f"`symgrasp {command}` writes this folder, or was stopped; run it again to finish it.\n"
-    write_text(folder / MARK.format(command=command), text)
+    write_text(mark, text)
+    return was_finished
 
 
 def mark_finished(folder: Path, command: str) -> None:

@@ -16,7 +16,7 @@ from pipelines.runtime.batch import BatchOptions
 from pipelines.runtime.one_run import OutputInUseError, held, one_run_at_a_time
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="nothing is locked there")
-WRITES_NOTHING = {"doctor", "inspect_frames"}
+WRITES_NOTHING = {"doctor", "inspect_frames", "serve"}
 HOLDER = """
 import sys, time
 from pathlib import Path

@@ -274,6 +274,15 @@ def test_weights_that_are_gone_are_written_again_from_the_checkpoint(tmp_path, w
     assert find_progress(output, STAMP, RunRequest()).finished
 
 
+@pytest.fixture
+def interruptible():
+    """SIGINT as Python handles it, even where a shell had it ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 def test_a_second_interrupt_does_not_wait():
     signals = StopSignals()
     with signals.heeded(patient=False):

@@ -114,11 +114,12 @@ def test_grasps_are_clicked_and_tell_their_figures(tmp_path):
     assert told["hidden"]
     best = toy_result(FRAME, INDEX).grasps
     rows = np.flatnonzero(best.is_best)
-    facts = {text.split("|")[1][0]: text.split("|") for text in told["hits"]}
+    facts = {text.split("|")[2][0]: text.split("|") for text in told["hits"]}
     assert sorted(facts) == ["0", "1"]  # only the best of each region is shown, and can be hit
     for row in rows:
-        score, region, source, symmetry, width, *_ = facts[str(best.region[row])]
-        assert score == f"{best.rank_score[row]:.4f}"
+        score, rank, region, source, symmetry, width, *_ = facts[str(best.region[row])]
+        assert score.partition(",")[0] == f"{best.rank_score[row]:.4f}"
+        assert rank.startswith(str(row))  # scores fall from row to row
         assert region.endswith("(best)")
         assert source == best.source[row]
         assert symmetry.startswith("rotation axis, confidence 0.80" if row == 0 else "none")

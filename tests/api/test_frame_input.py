@@ -1,4 +1,4 @@
-"""What a caller may give, and the sentence for everything else."""
+"""Input of a caller: the accepted kinds, and a sentence for every other one."""
 
 import numpy as np
 import pytest

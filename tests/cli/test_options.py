@@ -1,4 +1,4 @@
-"""How options of the command line become those of a batch."""
+"""Options of the command line as options of a batch."""
 
 from pathlib import Path
 

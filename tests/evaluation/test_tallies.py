@@ -1,4 +1,4 @@
-"""What is kept of a record: little."""
+"""Tallies of records: a few bytes a prediction."""
 
 import tracemalloc
 import weakref

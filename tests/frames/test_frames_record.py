@@ -1,4 +1,4 @@
-"""Where the frames of a `grasps.h5` lay is written down, and found again."""
+"""The places of the frames of a `grasps.h5`: written down, and found again."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What `--workspace` and `--approach-direction` may be."""
+"""Values of `--workspace` and `--approach-direction`."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What GPUs do, asked without one: on the CPU by their way, and with tensors without numbers.
+"""Paths of a GPU, tested without one: on the CPU by the same way, and with tensors without numbers.
 
 Such tensors say that they are on a GPU, which need not exist, and refuse to meet one that is not.
 Gradients cannot be asked so, as autograd wants the device itself; on the CPU they can.

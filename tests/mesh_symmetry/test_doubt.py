@@ -1,4 +1,4 @@
-"""How near decisions were to falling the other way."""
+"""Doubt: the nearness of decisions to the other outcome."""
 
 import numpy as np
 import pytest

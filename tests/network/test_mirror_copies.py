@@ -1,4 +1,4 @@
-"""What is told of regions and of their mirror images becomes one answer."""
+"""Predictions of regions and of their mirror images become one answer."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What is handed to rerun, seen through a stand-in; and the sentence where there is no rerun."""
+"""Recordings for rerun, seen through a stand-in; and the sentence where there is no rerun."""
 
 import sys
 from pathlib import Path

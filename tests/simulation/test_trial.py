@@ -1,4 +1,4 @@
-"""What physics must say of grasps that anybody can judge, both ways."""
+"""Trials of grasps whose outcome anybody can tell, good and bad."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What cuts frames into regions names a scene at fault and does the others, and sees new meshes."""
+"""Stages that cut frames into regions name a faulty scene, do the others, and see new meshes."""
 
 import shutil
 

@@ -1,4 +1,4 @@
-"""What a grasp label must say, computed slowly and obviously from triangles, one candidate a time.
+"""Grasp labels computed slowly and obviously from triangles, one candidate a time.
 
 It shares no code with the package: lines against all triangles by Moeller and Trumbore, boxes by
 clipping every triangle, frames from the formulas of the layout.

@@ -1,4 +1,4 @@
-"""What any hand could hold, by search among true meshes: boxes that stand, lie or are walled in."""
+"""Possible grasps among true meshes: boxes that stand, lie or are walled in."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Where lines cross meshes."""
+"""Crossings of lines and meshes."""
 
 import numpy as np
 import trimesh

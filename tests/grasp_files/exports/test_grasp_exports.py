@@ -1,4 +1,4 @@
-"""What all exporters share, and that each of them keeps the contacts."""
+"""All exporters: the parts that they share, and the contacts that each keeps."""
 
 import dataclasses
 import json

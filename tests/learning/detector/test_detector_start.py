@@ -1,4 +1,4 @@
-"""What a detector starts from: drawn from a seed, or given; what is not its own is refused."""
+"""First weights of a detector: drawn from a seed, or given; foreign ones are refused."""
 
 from dataclasses import replace
 

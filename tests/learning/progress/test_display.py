@@ -1,4 +1,4 @@
-"""What a running training says."""
+"""Progress lines of a running training."""
 
 import logging
 

@@ -1,4 +1,4 @@
-"""What a page is given to draw is what the file says."""
+"""The scene that a page draws is the content of the file."""
 
 import json
 from dataclasses import replace

@@ -17,15 +17,20 @@ from pipelines.configs.settings import changed
 from pipelines.configs.stages import InferSettings, part
 from pipelines.errors import printable
 from symgrasp_cli.options import (
+    AxisCriticWeights,
     Backend,
     CameraName,
     DatasetSplit,
     DepthUnitsPerMetre,
+    DetectorWeights,
     Device,
     DryRun,
     FrameFolder,
+    GraspCriticWeights,
     IntrinsicsText,
+    NetworkWeights,
     Overwrite,
+    PlaneCriticWeights,
     Seed,
     Workers,
     batch_options,
@@ -89,26 +94,11 @@ def infer(
     ] = 1,
     intrinsics: IntrinsicsText = None,
     depth_units_per_metre: DepthUnitsPerMetre = None,
-    detector: Annotated[
-        Path | None,
-        typer.Option(exists=True, help="Weights of the region detector, if not the default."),
-    ] = None,
-    network: Annotated[
-        Path | None,
-        typer.Option(exists=True, help="Weights of the grasp network, if not the default."),
-    ] = None,
-    axis_critic: Annotated[
-        Path | None,
-        typer.Option(exists=True, help="Weights of the axis critic, if not the default."),
-    ] = None,
-    plane_critic: Annotated[
-        Path | None,
-        typer.Option(exists=True, help="Weights of the plane critic, if not the default."),
-    ] = None,
-    grasp_critic: Annotated[
-        Path | None,
-        typer.Option(exists=True, help="Weights of the grasp critic, if not the default."),
-    ] = None,
+    detector: DetectorWeights = None,
+    network: NetworkWeights = None,
+    axis_critic: AxisCriticWeights = None,
+    plane_critic: PlaneCriticWeights = None,
+    grasp_critic: GraspCriticWeights = None,
     timings: Annotated[
         bool,
         typer.Option("--timings", help="Write each frame's seconds; files then differ by run."),

@@ -133,6 +133,26 @@ MeshUnit = Annotated[
         help="Metres by unit of the meshes' files; 0.001 for millimetres.",
     ),
 ]
+DetectorWeights = Annotated[
+    Path | None,
+    typer.Option(exists=True, help="Weights of the region detector, if not the default."),
+]
+NetworkWeights = Annotated[
+    Path | None,
+    typer.Option(exists=True, help="Weights of the grasp network, if not the default."),
+]
+AxisCriticWeights = Annotated[
+    Path | None,
+    typer.Option(exists=True, help="Weights of the axis critic, if not the default."),
+]
+PlaneCriticWeights = Annotated[
+    Path | None,
+    typer.Option(exists=True, help="Weights of the plane critic, if not the default."),
+]
+GraspCriticWeights = Annotated[
+    Path | None,
+    typer.Option(exists=True, help="Weights of the grasp critic, if not the default."),
+]
 With = Annotated[
     list[Path] | None,
     typer.Option(

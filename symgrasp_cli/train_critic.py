@@ -8,10 +8,14 @@ import typer
 
 from pipelines.configs import TrainCriticConfig
 from symgrasp_cli.options import (
+    AxisCriticWeights,
     Backend,
+    DetectorWeights,
     MaxMinutes,
     MaxSeconds,
+    NetworkWeights,
     Overwrite,
+    PlaneCriticWeights,
     Resume,
     Seed,
     Threads,
@@ -61,22 +65,10 @@ def train_critic(
         Path | None,
         typer.Option(exists=True, help="Critic of planes or grasps to start from."),
     ] = None,
-    detector: Annotated[
-        Path | None,
-        typer.Option(exists=True, help="Weights of the region detector, if not the default."),
-    ] = None,
-    network: Annotated[
-        Path | None,
-        typer.Option(exists=True, help="Weights of the grasp network, if not the default."),
-    ] = None,
-    axis_critic: Annotated[
-        Path | None,
-        typer.Option(exists=True, help="Weights of the axis critic, if not the default."),
-    ] = None,
-    plane_critic: Annotated[
-        Path | None,
-        typer.Option(exists=True, help="Weights of the plane critic, if not the default."),
-    ] = None,
+    detector: DetectorWeights = None,
+    network: NetworkWeights = None,
+    axis_critic: AxisCriticWeights = None,
+    plane_critic: PlaneCriticWeights = None,
     max_seconds: MaxSeconds = None,
     max_minutes: MaxMinutes = None,
     threads: Threads = 2,

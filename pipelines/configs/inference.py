@@ -15,7 +15,7 @@ from pipelines.configs.planning import (
 )
 
 RegionSource = Literal["auto", "detector", "geometric"]
-Method = Literal["network", "planar", "random"]
+Method = Literal["network", "planar", "random", "symmetry-icp"]
 ExportFormat = Literal["graspnet", "contact-graspnet", "isaac", "json", "csv", "ros-json"]
 
 TCP = (
@@ -36,7 +36,10 @@ class InferConfig:
         "D. 19",
     )
     method: Method = choice(
-        "network", "Planner: the network, or planar or random as baselines without it.", "Sec. IV-A"
+        "network",
+        "Planner: the network, or without it planar, random or symmetry-icp, which fits symmetries "
+        "to the points alone.",
+        "Sec. IV-A, IV-E",
     )
     mirrored: bool = choice(
         False, "Show the network the mirror image of each region too.", "D. 101"

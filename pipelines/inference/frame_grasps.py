@@ -21,7 +21,13 @@ from pipelines.grasping.symmetries.grounding import SymmetryCritics
 from pipelines.inference.empty_frames import why_empty, why_weak
 from pipelines.inference.observation import Observation, observe
 from pipelines.inference.plans import Plan, grasp_table, region_table
-from pipelines.inference.predicted_regions import Predictor, predicted_regions, region_models
+from pipelines.inference.predicted_regions import (
+    PredictedRegion,
+    Predictor,
+    fitted_regions,
+    predicted_regions,
+    region_models,
+)
 from pipelines.inference.regions import Detector, Region, pieces_of
 
 
@@ -51,9 +57,10 @@ class Planner:
 
     def __post_init__(self) -> None:
         selection = self.config.selection
-        if self.predictor is None:
+        if not self._knows_symmetries:
             return
-        if selection.symmetry.is_fitted and self.symmetry_critics is None:
+        needs_critics = selection.symmetry.is_fitted and not self._fits_alone
+        if needs_critics and self.symmetry_critics is None:
             raise SymgraspError("fitted symmetries need critics of them, or symmetry.is_fitted=no")
         if selection.ranking.uses_critic and self.grasp_critic is None:
             raise SymgraspError("ranked grasps need a grasp critic, or ranking.by=eq8")
@@ -103,28 +110,43 @@ class Planner:
     def _of_regions(self) -> RegionPlanner:
         """The planner of single regions."""
         selection = self.config.selection
-        predicts = self.predictor is not None and self.config.method != "random"
-        has_critic = predicts and selection.ranking.uses_critic
+        has_critic = self._knows_symmetries and selection.ranking.uses_critic
         return RegionPlanner(self.gripper, selection, self.grasp_critic if has_critic else None)
+
+    @property
+    def _fits_alone(self) -> bool:
+        """Whether symmetries are fitted without a network."""
+        return self.config.method == "symmetry-icp"
+
+    @property
+    def _knows_symmetries(self) -> bool:
+        """Whether grasps rest on symmetries."""
+        return self._fits_alone or (self.predictor is not None and self.config.method != "random")
 
     def _plans(
         self, clouds: list[RegionCloud], scene: SceneCloud, rng: np.random.Generator
     ) -> list[Plan]:
         """Return the plan of each of `clouds`, all regions of a frame."""
         planner, selection = self._of_regions, self.config.selection
-        if self.predictor is None or self.config.method == "random":
+        if not self._knows_symmetries:
             only = (Random(rng) if self.config.method == "random" else Planar(),)
             return [Plan(planner.plan(RegionModel(cloud), scene, only)) for cloud in clouds]
         large = [index for index, cloud in enumerate(clouds) if len(cloud) >= MIN_POINTS]
-        predicted = predicted_regions(
-            [clouds[i] for i in large], scene.plane, self.predictor, selection.symmetry.averaging
-        )
+        predicted = self._predicted([clouds[i] for i in large], scene)
         critics = self.symmetry_critics if selection.symmetry.is_fitted else None
+        critics = None if self._fits_alone else critics
         plans = [Plan(RankedGrasps.empty()) for _ in clouds]
         models = region_models(predicted, scene, selection, critics)
         for index, each, model in zip(large, predicted, models, strict=True):
             plans[index] = Plan(planner.plan(model, scene), model.symmetries, each)
         return plans
+
+    def _predicted(self, clouds: list[RegionCloud], scene: SceneCloud) -> list[PredictedRegion]:
+        """Return what the network, or the fit alone, says of `clouds`."""
+        if self.predictor is None or self._fits_alone:
+            return fitted_regions(clouds, scene)
+        averaging = self.config.selection.symmetry.averaging
+        return predicted_regions(clouds, scene.plane, self.predictor, averaging)
 
     def _taken_apart(
         self,
@@ -139,7 +161,7 @@ class Planner:
         other pieces that have some become regions of their own.
         """
         config, scene, labels = self.config, seen.scene, seen.segments.labels
-        if self.predictor is None or config.regions != "auto":
+        if not self._knows_symmetries or config.regions != "auto":
             return regions, plans
         parts = [
             (index, rank, mask)

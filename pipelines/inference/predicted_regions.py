@@ -14,10 +14,13 @@ from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.grasping.planner import RegionModel
 from pipelines.grasping.scene import RegionCloud, SceneCloud
+from pipelines.grasping.symmetries.by_fitting import symmetries_by_fitting
 from pipelines.grasping.symmetries.completion import completions
 from pipelines.grasping.symmetries.grounding import SymmetryCritics, ground_symmetries
 from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
 from pipelines.grasping.symmetries.votes import mean_slots, voted_slots
+
+NUM_FITTED_POINTS = 1500  # of a region that are grasped without a network, as many as with one
 
 
 class RegionOutput(Protocol):
@@ -92,6 +95,17 @@ def predicted_regions(
     """Return the predictions for `clouds` on `table`, camera frame."""
     predictions = predictor.predict([cloud.points for cloud in clouds], table)
     return [PredictedRegion.of(*each, averaging) for each in zip(clouds, predictions, strict=True)]
+
+
+def fitted_regions(clouds: Sequence[RegionCloud], scene: SceneCloud) -> list[PredictedRegion]:
+    """Return `clouds` with the symmetries that fit their points, all of which are graspable."""
+    regions = []
+    for cloud in clouds:
+        found = symmetries_by_fitting(cloud, scene)
+        slots = SymmetrySlots(found.confidence, found.point, found.direction)
+        chosen = np.random.default_rng(0).permutation(len(cloud))[:NUM_FITTED_POINTS]
+        regions.append(PredictedRegion(cloud[chosen], np.ones(len(chosen)), slots))
+    return regions
 
 
 def region_models(

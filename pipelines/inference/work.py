@@ -97,7 +97,8 @@ class Settings:
     @property
     def uses_grasp_critic(self) -> bool:
         """Whether grasps are ranked by the quality to expect."""
-        return self.uses_network and self.config.selection.ranking.uses_critic
+        rests_on_symmetry = self.config.method in ("network", "symmetry-icp")
+        return rests_on_symmetry and self.config.selection.ranking.uses_critic
 
     def weights(self) -> dict[str, str]:
         """Return the digests of the weights that are used."""

@@ -273,3 +273,11 @@ def test_masked_objects_are_grasped_without_any_depth_beside_them():
         planner = Planner(replace(CONFIG, method=method), load_gripper("rg2"), **CRITICS)
         result = planner.plan(alone, np.random.default_rng(0), masks)
         assert result.status == "ok", f"{method}: {result.message}"
+
+
+def test_symmetries_are_fitted_without_a_network_and_grasps_across_them_ranked_by_the_critic():
+    result = plan(None, method="symmetry-icp")
+    slot = int(result.regions.symmetry_confidence[0, :3].argmax())
+    assert result.regions.symmetry_confidence[0, slot] > 0.9
+    assert abs(result.regions.symmetry_direction[0, slot] @ POSE[:3, 0]) > 0.999
+    assert set(result.grasps.ranker) == {"critic"}

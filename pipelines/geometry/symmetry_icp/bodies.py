@@ -1,0 +1,147 @@
+"""Rotation axes and centres of spheres of the points of one view. Camera frame, metres.
+
+An axis meets the normal line of every surface point that it turns; all normal lines of a sphere
+meet at its centre. Spheres are not of the published method, which has none.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from pipelines.array_types import Array
+from pipelines.geometry.symmetry import RotationSymmetry, SphereSymmetry
+from pipelines.geometry.symmetry_icp.surface import FreeSpace, SeenSurface, largest_gaps, ramp
+from pipelines.geometry.transforms import basis_from_direction, unit
+
+THINNING = 0.005  # metres
+MIN_SURFACE = 20  # points within the rim below which the rim counts too
+MAX_ERROR = np.pi / 4  # radians, of one point in the fit
+FULL_FIT, FULL_MISS = 10.0, 60.0  # degrees, ramp of a point's error in the score
+TURNS = 2 * np.pi * np.arange(1, 12) / 12
+MAX_SYMMETRY, MAX_OCCLUSION, MAX_PERPENDICULARITY = 0.02, 0.012, 0.6
+MIN_COVERAGE, MIN_SPHERE_COVERAGE = 0.3, 0.1
+DIRECTIONS = 200  # over the sphere; a point covers those within the next angle of it
+COVER_COSINE = np.cos(np.radians(10.0))
+SPHERE_AXES = 3  # random ones that a sphere's points are turned about
+
+
+@dataclass(frozen=True)
+class BodyFit:
+    """An axis or a sphere and its scores, shares 0 to 1.
+
+    Attributes:
+        symmetry: the axis or the sphere.
+        error: of normals that do not meet it; 0 for none.
+        occlusion: how far turned points reach into free space; 0 for not at all.
+        coverage: share of the turn, or of the solid angle, that the points cover.
+        is_accepted: whether it passes the thresholds.
+    """
+
+    symmetry: RotationSymmetry | SphereSymmetry
+    error: float
+    occlusion: float
+    coverage: float
+    is_accepted: bool
+
+    @property
+    def confidence(self) -> float:
+        """Order for average precision; the published method only filters."""
+        return (1.0 - self.error) * (1.0 - self.occlusion) ** 10 * self.coverage
+
+
+def smooth_part(surface: SeenSurface) -> SeenSurface:
+    """Return the points of `surface` that axes and spheres are fitted to."""
+    thin = surface.thinned(THINNING)
+    inner = thin.without_rim()
+    return inner if len(inner) >= MIN_SURFACE else thin
+
+
+def axis_fit(surface: SeenSurface, space: FreeSpace) -> BodyFit:
+    """Return the best axis of `surface`, one of `smooth_part`.
+
+    Of accepted axes it is the one of least occlusion; without any, the most confident.
+    """
+    points = surface.points
+    mean = points.mean(axis=0)
+    axes = np.linalg.svd(points - mean, full_matrices=True)[2]
+    fits = [_scored_axis(_refined_axis(surface, axis, mean), surface, space) for axis in axes]
+    accepted = [fit for fit in fits if fit.is_accepted]
+    if accepted:
+        return min(accepted, key=lambda fit: (fit.occlusion, -fit.confidence))
+    return max(fits, key=lambda fit: fit.confidence)
+
+
+def _refined_axis(surface: SeenSurface, axis: Array, mean: Array) -> RotationSymmetry:
+    basis = basis_from_direction(axis)[:, 1:]
+
+    def moved(step: Array) -> tuple[Array, Array]:
+        return unit(axis + basis @ step[:2]), mean + basis @ step[2:]
+
+    def errors(step: Array) -> Array:
+        return np.minimum(_axis_errors(surface, *moved(step)), MAX_ERROR)
+
+    return RotationSymmetry(*moved(_least(errors, 4)))
+
+
+def _axis_errors(surface: SeenSurface, axis: Array, foot: Array) -> Array:
+    """Return (n,) radians by which normals leave the planes through the axis."""
+    tangents = unit(np.cross(surface.points - foot, axis))
+    sine = np.abs(np.einsum("ni,ni->n", surface.normals, tangents))
+    return np.asarray(np.arcsin(np.clip(sine, 0.0, 1.0)))
+
+
+def _least(errors: Callable[[Array], Array], unknowns: int) -> Array:
+    """Return the step (unknowns,) of least squared `errors`."""
+    return np.asarray(least_squares(errors, np.zeros(unknowns), x_scale="jac", max_nfev=60).x)
+
+
+def _scored_axis(axis: RotationSymmetry, surface: SeenSurface, space: FreeSpace) -> BodyFit:
+    points, normals = surface.points, surface.normals
+    error = _mean_error(_axis_errors(surface, axis.axis, axis.point))
+    occlusion = float(space.occupancy_error(axis.turn(points, TURNS)).max(axis=0).mean())
+    basis = basis_from_direction(axis.axis)[:, 1:]
+    flat = (points - axis.point) @ basis
+    coverage = 1.0 - float(largest_gaps(np.arctan2(flat[:, 1], flat[:, 0]))) / (2 * np.pi)
+    angle = np.arccos(np.clip(np.abs(normals @ axis.axis), 0.0, 1.0))
+    perpendicularity = float(np.mean(1.0 - angle / (np.pi / 2)))
+    accepted = error < MAX_SYMMETRY and occlusion < MAX_OCCLUSION and coverage > MIN_COVERAGE
+    accepted &= perpendicularity < MAX_PERPENDICULARITY
+    return BodyFit(axis, error, occlusion, coverage, accepted)
+
+
+def sphere_fit(surface: SeenSurface, space: FreeSpace, seed: int = 0) -> BodyFit:
+    """Return the sphere of `surface`, one of `smooth_part`; `seed`: of the axes it is turned by."""
+    points, normals = surface.points, surface.normals
+    across = np.eye(3) - normals[:, :, None] * normals[:, None]
+    meeting = np.linalg.pinv(across.sum(axis=0)) @ np.einsum("nij,nj->i", across, points)
+    step = _least(lambda s: np.minimum(_sphere_errors(surface, meeting + s), MAX_ERROR), 3)
+    centre = meeting + step
+    error = _mean_error(_sphere_errors(surface, centre))
+    axes = unit(np.random.default_rng(seed).normal(size=(SPHERE_AXES, 3)))
+    turned = [RotationSymmetry(axis, centre).turn(points, TURNS) for axis in axes]
+    occlusion = float(space.occupancy_error(np.concatenate(turned)).max(axis=0).mean())
+    covered = spread_directions(DIRECTIONS) @ unit(points - centre).T > COVER_COSINE
+    coverage = float(covered.any(axis=1).mean())
+    accepted = error < MAX_SYMMETRY and occlusion < MAX_OCCLUSION
+    accepted &= coverage > MIN_SPHERE_COVERAGE
+    return BodyFit(SphereSymmetry(centre), error, occlusion, coverage, accepted)
+
+
+def _sphere_errors(surface: SeenSurface, centre: Array) -> Array:
+    """Return (n,) radians between normals and the directions away from `centre`."""
+    cosine = np.einsum("ni,ni->n", surface.normals, unit(surface.points - centre))
+    return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
+def _mean_error(errors: Array) -> float:
+    return float(ramp(np.degrees(errors), FULL_FIT, FULL_MISS).mean())
+
+
+def spread_directions(count: int) -> Array:
+    """Return (count, 3) unit vectors, evenly spread over the sphere (Fibonacci's lattice)."""
+    height = 1.0 - (2 * np.arange(count) + 1) / count
+    turn = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)
+    radius = np.sqrt(1.0 - height**2)
+    return np.stack([radius * np.cos(turn), radius * np.sin(turn), height], axis=1)

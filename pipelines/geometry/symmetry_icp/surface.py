@@ -1,0 +1,124 @@
+"""Points of one view with normals, thinned, and the free space about them. Camera frame, metres."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt, map_coordinates
+from scipy.spatial import cKDTree
+
+from pipelines.array_types import Array, Mask
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.numerics.point_cells import cell_keys
+from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.transforms import basis_from_direction, unit
+
+CELL = 0.005  # metres, edge of a cell of the distance field
+REACH = 0.15  # metres about the region that the field covers
+FREE_MARGIN = 0.01  # metres before a measured surface, where a cell is not yet free
+MIN_FREE, MAX_FREE = 0.01, 0.03  # metres from the nearest obstacle: not at all, and wholly in free
+RIM = 0.01  # metres from the cloud's edge where points are left out
+RIM_NEIGHBOURS = 20
+RIM_GAP = np.pi / 2  # angle without a neighbour, seen from a point of the edge
+
+
+@dataclass(frozen=True)
+class SeenSurface:
+    """Points (n, 3) of a surface, and their unit normals (n, 3) toward the camera."""
+
+    points: Array
+    normals: Array
+
+    def thinned(self, size: float) -> "SeenSurface":
+        """Return the mean point and normal of each cube of edge `size` metres."""
+        _, place = np.unique(cell_keys(self.points, size), return_inverse=True)
+        count = np.bincount(place)[:, None]
+        points, normals = (
+            np.stack([np.bincount(place, axis) for axis in each.T], axis=1) / count
+            for each in (self.points, self.normals)
+        )
+        sound = np.linalg.norm(normals, axis=1) > 0.1  # two sides of a sheet have no common normal
+        return SeenSurface(points[sound], unit(normals[sound]))
+
+    def without_rim(self) -> "SeenSurface":
+        """Return the points farther than `RIM` from the edge of the cloud."""
+        rim = self._rim()
+        if not rim.any():
+            return self
+        inner = np.asarray(cKDTree(self.points[rim]).query(self.points)[0]) > RIM
+        return SeenSurface(self.points[inner], self.normals[inner])
+
+    def _rim(self) -> Mask:
+        """Return which points (n,) have neighbours in the tangent plane on one side only."""
+        count = min(RIM_NEIGHBOURS, len(self) - 1)
+        if count < 2:
+            return np.ones(len(self), bool)
+        near = np.asarray(cKDTree(self.points).query(self.points, count + 1)[1])[:, 1:]
+        basis = basis_from_direction(self.normals)[..., 1:]
+        flat = np.einsum("nki,nij->nkj", self.points[near] - self.points[:, None], basis)
+        return largest_gaps(np.arctan2(flat[..., 1], flat[..., 0])) > RIM_GAP
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+def largest_gaps(angles: Array) -> Array:
+    """Return the largest angle (...) between neighbours among `angles` (..., n), radians."""
+    around = np.sort(angles, axis=-1)
+    closed = np.concatenate([around, around[..., :1] + 2 * np.pi], axis=-1)
+    return np.asarray(np.diff(closed, axis=-1).max(axis=-1))
+
+
+@dataclass(frozen=True)
+class FreeSpace:
+    """The distance to the nearest obstacle in the space that the camera saw to be free.
+
+    Attributes:
+        low: (3,) centre of the first cell.
+        distance: (x, y, z) metres at the centres of cells of edge `CELL`.
+        table: the support plane, normal up; None where none is known.
+    """
+
+    low: Array
+    distance: Array
+    table: Plane | None
+
+    @classmethod
+    def around(
+        cls, points: Array, depth: Array, intrinsics: Intrinsics, table: Plane | None = None
+    ) -> "FreeSpace":
+        """Return the free space about `points` (n, 3), given `depth` (H, W), 0 where missing.
+
+        A cell is free where a measured surface lies more than `FREE_MARGIN` behind its centre; all
+        others, also those that nothing was measured behind, are obstacles.
+        """
+        low = points.min(axis=0) - REACH
+        size = np.ceil((points.max(axis=0) + REACH - low) / CELL).astype(int) + 1
+        grid = np.stack(np.meshgrid(*map(np.arange, size), indexing="ij"), axis=-1)
+        centres = (low + CELL * grid).reshape(-1, 3)
+        pixels, inside = intrinsics.pixels_of(centres)
+        free = np.zeros(len(centres), bool)
+        columns, rows = pixels[inside].T
+        free[inside] = depth[rows, columns] > centres[inside, 2] + FREE_MARGIN
+        distance = CELL * distance_transform_edt(free.reshape(size))
+        return cls(low, np.minimum(distance, MAX_FREE), table)
+
+    @classmethod
+    def unknown(cls) -> "FreeSpace":
+        """Return the space of which nothing was seen."""
+        return cls(np.zeros(3), np.zeros((1, 1, 1)), None)
+
+    def occupancy_error(self, points: Array) -> Array:
+        """Return (...) 0 where `points` (..., 3) may be real, to 1 where they float in free space.
+
+        Nor may they lie beneath the table.
+        """
+        places = np.moveaxis((points - self.low) / CELL, -1, 0)
+        distance = map_coordinates(self.distance, places, order=1, mode="constant")
+        if self.table is not None:
+            distance = np.maximum(distance, -self.table.height(points))
+        return ramp(distance, MIN_FREE, MAX_FREE)
+
+
+def ramp(values: Array, low: float, high: float) -> Array:
+    """Return 0 up to `low`, 1 from `high` on, and linearly between."""
+    return np.clip((values - low) / (high - low), 0.0, 1.0)

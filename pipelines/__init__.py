@@ -15,6 +15,7 @@ export_coco          ROOT frames, symmetry                       a COCO instance
 finetune_detector    ROOT or COCO frames, symmetry               detector.safetensors
 train                PACKED, or ROOT models and labels             network.safetensors
 train_critic         ROOT frames, symmetry, both networks        axis, plane, grasp critics
+train_baseline       ROOT frames, rect and other grasp labels     a compared method's weights
 inspect_frames       RGB-D frames of any layout                  nothing; says what they are
 convert_frames       RGB-D frames of any layout                  RGB-D frames as flat pairs
 gripper              a gripper's URDF or TOML file               a gripper's TOML file, its picture

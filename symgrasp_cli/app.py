@@ -28,6 +28,7 @@ from symgrasp_cli.serve import serve
 from symgrasp_cli.simulate import simulate
 from symgrasp_cli.synthesize import synthesize
 from symgrasp_cli.train import train
+from symgrasp_cli.train_baseline import train_baseline
 from symgrasp_cli.train_critic import train_critic
 from symgrasp_cli.view import view
 from symgrasp_cli.workspace import workspace
@@ -45,6 +46,7 @@ COMMANDS = (
     finetune_detector,
     train,
     train_critic,
+    train_baseline,
     inspect,
     convert_frames,
     gripper,

@@ -99,6 +99,10 @@ def infer(
     axis_critic: AxisCriticWeights = None,
     plane_critic: PlaneCriticWeights = None,
     grasp_critic: GraspCriticWeights = None,
+    weights: Annotated[
+        Path | None,
+        typer.Option(exists=True, help="Weights of a compared method, from train-baseline."),
+    ] = None,
     timings: Annotated[
         bool,
         typer.Option("--timings", help="Write each frame's seconds; files then differ by run."),
@@ -136,6 +140,7 @@ def infer(
         axis_critic=axis_critic,
         plane_critic=plane_critic,
         grasp_critic=grasp_critic,
+        peer=weights,
     )
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
     if workers is None:

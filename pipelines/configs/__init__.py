@@ -42,6 +42,7 @@ from pipelines.configs.learning import (
     TrainConfig,
     TrainCriticConfig,
 )
+from pipelines.configs.peers import TrainBaselineConfig
 from pipelines.configs.planning import (
     CandidateConfig,
     ColorConfig,
@@ -91,6 +92,7 @@ __all__ = [
     "Surrounding",
     "SymmetryConfig",
     "SynthesizeConfig",
+    "TrainBaselineConfig",
     "TrainConfig",
     "TrainCriticConfig",
     "ViewConfig",

@@ -14,7 +14,7 @@ DetectorInput = Literal["geometry", "color", "both"]
 PIFTVariant = Literal["spread", "convolution"]
 LossVariant = Literal["balanced", "paper"]
 
-MICRO_BATCH = "Items of a batch worked on together, gradients summed; 0 suits the device."
+MICRO_BATCH_MEANING = "Items of a batch worked on together, gradients summed; 0 suits the device."
 DECAY = "Factor of the learning rate every `decay_epochs` epochs."
 EMA_DECAY = "Share of the running mean of the weights that a step keeps; 0 for no mean."
 VAL_FRACTION = "Share of the scenes to validate on."
@@ -57,7 +57,7 @@ class FinetuneDetectorConfig:
     detector: DetectorConfig = field(default_factory=DetectorConfig)
     epochs: int = setting(12, "count", "Passes over the frames.", BY_EYE, low=1)
     batch_size: int = setting(4, "count", "Frames in a step.", BY_EYE, low=1)
-    micro_batch_size: int = setting(0, "count", MICRO_BATCH, "D. 58")
+    micro_batch_size: int = setting(0, "count", MICRO_BATCH_MEANING, "D. 58")
     learning_rate: float = setting(0.001, "factor", "Learning rate of Adam, at first.", BY_EYE)
     decay: float = setting(0.9, "share", DECAY, BY_EYE)
     decay_epochs: float = setting(
@@ -186,7 +186,7 @@ class TrainConfig:
     num_loss_points: int = setting(
         384, "count", "Points of a region that the loss is taken at.", "D. 113", low=1
     )
-    micro_batch_size: int = setting(0, "count", MICRO_BATCH, "D. 58")
+    micro_batch_size: int = setting(0, "count", MICRO_BATCH_MEANING, "D. 58")
     ema_decay: float = setting(0.998, "share", EMA_DECAY, "D. 113")
     augmentation: AugmentationConfig = field(default_factory=AugmentationConfig)
     endless: EndlessConfig = field(default_factory=EndlessConfig)

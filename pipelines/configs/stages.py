@@ -35,6 +35,7 @@ from pipelines.configs.learning import (
     TrainConfig,
     TrainCriticConfig,
 )
+from pipelines.configs.peers import TrainBaselineConfig
 from pipelines.errors import UnknownNameError
 
 Config = TypeVar("Config")
@@ -72,6 +73,7 @@ STAGE_SETTINGS: dict[str, type] = {
     "finetune-detector": FinetuneDetectorConfig,
     "train": TrainConfig,
     "train-critic": TrainCriticConfig,
+    "train-baseline": TrainBaselineConfig,
     "inspect": InspectConfig,
     "convert-frames": ConvertFramesConfig,
     "gripper": GripperConfig,

@@ -15,7 +15,12 @@ from scipy.spatial import KDTree
 from pipelines.array_types import Array, Mask
 from pipelines.configs import EvaluateConfig, InferConfig
 from pipelines.dataset.graspnet.graspnet import FrameFiles
-from pipelines.evaluation.frame_scores import RegionOwners, RegionRow, assign_regions
+from pipelines.evaluation.frame_scores import (
+    RegionOwners,
+    RegionRow,
+    assign_regions,
+    owned_by_nearest,
+)
 from pipelines.evaluation.predictions import FramePredictions, RowPredictions
 from pipelines.evaluation.rows import BASELINE_ROWS, OURS
 from pipelines.evaluation.truth import FrameTruth, TruthReader
@@ -135,6 +140,8 @@ def rows_of(
     """
     rows = {
         name: RegionRow(each.row, each.masks, assign_regions(each.masks, truth, config))
+        if each.anywhere is None
+        else owned_by_nearest(each.anywhere, truth)
         for name, each in predictions.items()
     }
     if baselines is not None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from pipelines.array_types import Mask
 from pipelines.configs import EvaluateConfig
-from pipelines.evaluation.predictions import FramePredictions, RowPredictions
+from pipelines.evaluation.predictions import FramePredictions, RowPredictions, ScoredGrasps
 from pipelines.evaluation.records import (
     FrameRecord,
     RowRecord,
@@ -16,6 +16,7 @@ from pipelines.evaluation.records import (
 )
 from pipelines.evaluation.truth import FrameTruth
 from pipelines.geometry.symmetry import SYMMETRY_KINDS
+from pipelines.geometry.transforms import invert, transform_points
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
 from pipelines.metrics.coco_masks import IOU_THRESHOLDS, match_masks
@@ -68,6 +69,28 @@ def assign_regions(
         return RegionOwners(objects, [-1] * len(masks))
     nearest = np.where(iou.max(axis=1) >= config.min_region_iou, iou.argmax(axis=1), -1)
     return RegionOwners(objects, nearest.tolist())
+
+
+def owned_by_nearest(found: ScoredGrasps, truth: FrameTruth) -> RegionRow:
+    """Return the best grasp of each visible object, among those that are nearest to it.
+
+    A grasp belongs to the object whose true surface is nearest to the middle of its contacts.
+    Truth only assigns: a method that finds grasps in the whole frame means no object.
+    """
+    scene, visible = truth.scene, truth.visible
+    ids = sorted(scene.poses)
+    distances = np.full((len(ids), len(found.score)), np.inf)
+    for place, object_id in enumerate(ids):
+        local = transform_points(invert(scene.poses[object_id]), found.grasps.translation)
+        distances[place] = scene.objects[object_id].tree.query(local)[0]
+    owner = np.array(ids)[distances.argmin(axis=0)] if ids else np.full(len(found.score), -1)
+    owned = [i for i in visible if (owner == i).any()]
+    best = [int(np.where(owner == i, found.score, -np.inf).argmax()) for i in owned]
+    row = RowPredictions(
+        [found.grasps[k : k + 1] for k in best], [float(found.score[k]) for k in best]
+    )
+    masks = [truth.label == i + 1 for i in owned]
+    return RegionRow(row, masks, RegionOwners(owned, [-1] * len(owned)))
 
 
 def best_region(object_id: int, row: RowPredictions, owners: RegionOwners) -> int | None:

@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipelines.array_types import Mask
+from pipelines.array_types import Array, Mask
+from pipelines.configs.peers import FRAME_PEERS
 from pipelines.geometry.symmetry import SPHERE_SLOT
-from pipelines.grasp_files.grasps_file import FrameResult, RegionTable
+from pipelines.grasp_files.grasps_file import FrameResult, GraspTable, RegionTable
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
@@ -36,6 +37,20 @@ class RowPredictions:
 
 
 @dataclass(frozen=True)
+class ScoredGrasps:
+    """Grasps of a frame, camera frame, with the score (n,) of each."""
+
+    grasps: GraspPoses
+    score: Array
+
+    @classmethod
+    def of(cls, table: GraspTable) -> "ScoredGrasps":
+        """Return the grasps of a frame's table."""
+        grasps = GraspPoses(table.rotation, table.translation, table.width)
+        return cls(grasps, table.rank_score.astype(np.float64))
+
+
+@dataclass(frozen=True)
 class FramePredictions:
     """What `infer` wrote about one frame; lists have one entry a region.
 
@@ -45,6 +60,7 @@ class FramePredictions:
         masks: (H, W) each.
         confidence: of the detector.
         row: best grasps and symmetries.
+        anywhere: grasps of a compared method that knows no regions; None for other methods.
     """
 
     name: str
@@ -52,6 +68,7 @@ class FramePredictions:
     masks: list[Mask]
     confidence: list[float]
     row: RowPredictions
+    anywhere: ScoredGrasps | None = None
 
     @classmethod
     def from_result(cls, result: FrameResult) -> "FramePredictions":
@@ -70,6 +87,7 @@ class FramePredictions:
             [regions.mask(region, *result.size) for region in range(len(regions))],
             [float(value) for value in regions.confidence],
             RowPredictions(best, score, symmetries),
+            ScoredGrasps.of(grasps) if np.isin(grasps.source, FRAME_PEERS).any() else None,
         )
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 OURS: Final = "ours"
+PAPER: Final = "SymmetryGrasp"  # in the paper's own tables
 
 
 @dataclass(frozen=True)
@@ -16,18 +17,29 @@ class ReportRow:
         title: in tables and charts.
         color: in charts, as CSS has it.
         meaning: for the note below the tables; empty for none.
+        published: the paper's name of the method, as in `published.py`; empty for none.
     """
 
     name: str
     title: str
     color: str
     meaning: str = ""
+    published: str = ""
+
+
+def _peer(name: str, color: str, published: str) -> ReportRow:
+    """Return the row of a compared method, of `infer --method NAME`."""
+    meaning = "the paper's compared method, trained by train-baseline"
+    return ReportRow(name, f"{published}, trained here", color, meaning, published)
 
 
 # In the order of the tables.
 KNOWN_ROWS = (
-    ReportRow(OURS, "SymGrasp", "#1668b8", "ours, on the dataset evaluated here"),
-    ReportRow("as-printed", "SymmetryGrasp as printed", "#7b3fa0", "ours with --preset paper"),
+    ReportRow(OURS, "SymGrasp", "#1668b8", "ours, on the dataset evaluated here", PAPER),
+    ReportRow(
+        "as-printed", "SymmetryGrasp as printed", "#7b3fa0", "ours with --preset paper", PAPER
+    ),
+    _peer("gg-cnn", "#00897b", "GG-CNN"),
     ReportRow(
         "oracle", "oracle", "#2a9d58", "true symmetries and affordance through the same selection"
     ),

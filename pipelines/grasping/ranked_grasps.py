@@ -18,7 +18,7 @@ class RankedGrasps:
         grasps: n grasps.
         affordance: (n,) of the first contact.
         slot: (n,) symmetry slot, -1 without symmetry.
-        source: (n,) `network`, `planar` or `random`.
+        source: (n,) `network`, `planar` or `random`, or a compared method.
         clearance: (n,) b of Eq. 8 in metres, capped.
         enclosed_height: (n,) h of Eq. 8 in metres, capped.
         rank_score: (n,) the quality that the grasp critic expects (D. 82), or s of Eq. 8, less

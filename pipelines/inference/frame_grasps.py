@@ -20,6 +20,8 @@ from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.grasping.symmetries.grounding import SymmetryCritics
 from pipelines.inference.empty_frames import why_empty, why_weak
 from pipelines.inference.observation import Observation, observe
+from pipelines.inference.peers.frame_method import FrameMethod
+from pipelines.inference.peers.frame_plans import MOST_GRASPS, OWN_SCORE, plans_of_whole
 from pipelines.inference.plans import Plan, grasp_table, region_table
 from pipelines.inference.predicted_regions import (
     PredictedRegion,
@@ -42,6 +44,7 @@ class Planner:
         predictor: of affordance and symmetries.
         symmetry_critics: score the symmetries that are fitted to a region.
         grasp_critic: scores grasps.
+        peer: a compared method, which finds the grasps instead, in the whole frame.
 
     Raises:
         SymgraspError: a network predicts symmetries, and a critic that the settings want is
@@ -54,6 +57,7 @@ class Planner:
     predictor: Predictor | None = None
     symmetry_critics: SymmetryCritics | None = None
     grasp_critic: Critic | None = None
+    peer: FrameMethod | None = None
 
     def __post_init__(self) -> None:
         selection = self.config.selection
@@ -81,20 +85,14 @@ class Planner:
         seen = observe(
             frame, self.config, rng, detector=self.detector, masks=masks, workspace=workspace
         )
-        regions, clouds = seen.in_workspace()
-        graspable = [region.is_graspable for region in regions]
-        planned = iter(self._plans(list(compress(clouds, graspable)), seen.scene, rng))
-        plans = [next(planned) if each else Plan(RankedGrasps.empty()) for each in graspable]
-        if self.config.method != "random":
-            regions, plans = self._taken_apart(regions, plans, seen, rng)
-            plans = [
-                self._piecewise(plan, region.mask, seen)
-                if region.is_graspable and not len(plan.grasps)
-                else plan
-                for plan, region in zip(plans, regions, strict=True)
-            ]
+        if self.peer is None:
+            regions, plans = self._region_by_region(seen, rng)
+            kept, ranker = self.config, self._of_regions.ranker
+        else:
+            regions, plans = plans_of_whole(self.peer, frame, seen, self.config.method, rng)
+            kept, ranker = replace(self.config, max_grasps_per_region=MOST_GRASPS), OWN_SCORE
         found = [plan.grasps for plan in plans]
-        grasps = grasp_table(found, self.config, self._of_regions.ranker)
+        grasps = grasp_table(found, kept, ranker)
         least = None if masks is None else self.config.min_region_pixels
         return FrameResult(
             name=frame.name,
@@ -105,6 +103,25 @@ class Planner:
             regions=region_table(regions, plans),
             grasps=grasps,
         )
+
+    def _region_by_region(
+        self, seen: Observation, rng: np.random.Generator
+    ) -> tuple[list[Region], list[Plan]]:
+        """Return the regions of a frame and the plan of each."""
+        regions, clouds = seen.in_workspace()
+        graspable = [region.is_graspable for region in regions]
+        planned = iter(self._plans(list(compress(clouds, graspable)), seen.scene, rng))
+        plans = [next(planned) if each else Plan(RankedGrasps.empty()) for each in graspable]
+        if self.config.method == "random":
+            return regions, plans
+        regions, plans = self._taken_apart(regions, plans, seen, rng)
+        plans = [
+            self._piecewise(plan, region.mask, seen)
+            if region.is_graspable and not len(plan.grasps)
+            else plan
+            for plan, region in zip(plans, regions, strict=True)
+        ]
+        return regions, plans
 
     @cached_property
     def _of_regions(self) -> RegionPlanner:

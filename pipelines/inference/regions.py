@@ -24,6 +24,7 @@ from pipelines.tabletop.regions_geometric import GeometricRegions, without_holes
 
 Depth = NDArray[np.float32]
 
+REST = "rest"  # source of the region of grasps that lie on no other
 LEAST_ADDED = 0.03  # share of a region's pixels below which nothing is added to it
 SAMPLE = 500  # pixels of a region, about, whose heights are measured
 CABLE = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))  # no part of a thing is narrower
@@ -68,7 +69,7 @@ class Region:
     Attributes:
         mask: (H, W) its pixels.
         confidence: 0 to 1, of the detector.
-        source: `detector`, `geometric`, `color` or `masks`.
+        source: `detector`, `geometric`, `color` or `masks`; `rest` for what lies beside them all.
         status: `measured`; `flat` where its depth is that of the table, as far as noise allows to
             tell; `no_depth` where hardly any depth was measured.
     """

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from pipelines.configs import InferConfig, check_settings
+from pipelines.configs.peers import FRAME_PEERS
 from pipelines.dataset.chosen_frames import ALL_FRAMES, ChosenFrames
 from pipelines.errors import ValueRangeError, WriteError
 from pipelines.frames.camera_files import CameraFile
@@ -28,6 +29,7 @@ from pipelines.grasp_files.gripper_files import gripper_digest, load_gripper
 from pipelines.grasping.feasibility.limits import check_limits
 from pipelines.inference import models
 from pipelines.inference.frame_grasps import Planner
+from pipelines.inference.peers.registry import frame_method, written_by
 from pipelines.pictures.overlays import write_overlay
 from pipelines.runtime.batch import WorkItem
 from pipelines.storage.files import within
@@ -51,6 +53,7 @@ class InferPaths:
         axis_critic: weights of the critic of axes and spheres.
         plane_critic: weights of the plane critic.
         grasp_critic: weights of the grasp critic.
+        peer: weights of a compared method.
     """
 
     frames: Path
@@ -63,6 +66,7 @@ class InferPaths:
     axis_critic: Path = models.AXIS_CRITIC_WEIGHTS
     plane_critic: Path = models.PLANE_CRITIC_WEIGHTS
     grasp_critic: Path = models.GRASP_CRITIC_WEIGHTS
+    peer: Path | None = None
 
     def with_weights(self, **weights: Path | None) -> "InferPaths":
         """Return the same paths with other weights, by field; None keeps what is there."""
@@ -100,6 +104,23 @@ class Settings:
         rests_on_symmetry = self.config.method in ("network", "symmetry-icp")
         return rests_on_symmetry and self.config.selection.ranking.uses_critic
 
+    @property
+    def uses_peer(self) -> bool:
+        """Whether a compared method finds the grasps of whole frames."""
+        return self.config.method in FRAME_PEERS
+
+    @property
+    def peer_weights(self) -> Path:
+        """The weights of the compared method.
+
+        Raises:
+            ValueRangeError: they are not given.
+        """
+        if self.paths.peer is None:
+            made_by = f"weights that `{written_by(self.config.method)}` writes"
+            raise ValueRangeError("--weights", "not given", made_by)
+        return self.paths.peer
+
     def weights(self) -> dict[str, str]:
         """Return the digests of the weights that are used."""
         wanted = {}
@@ -117,6 +138,9 @@ class Settings:
         if self.uses_grasp_critic:
             path = models.existing_weights(self.paths.grasp_critic, models.GRASP_CRITIC_BY)
             wanted["grasp_critic"] = digest(path)
+        if self.uses_peer:
+            path = models.existing_weights(self.peer_weights, written_by(self.config.method))
+            wanted["peer"] = digest(path)
         return wanted
 
     def other_inputs(self) -> dict[str, str]:
@@ -131,21 +155,23 @@ class Settings:
 
     def one_core(self) -> AbstractContextManager[None]:
         """Let networks, where there are some, use one core for each frame."""
-        uses = self.uses_detector or self.uses_network
+        uses = self.uses_detector or self.uses_network or self.uses_peer
         return models.one_thread_each() if uses else nullcontext()
 
     def planner(self) -> Planner:
         """Return the planner, its networks loaded once a process."""
         paths, device, mirrored = self.paths, self.device, self.config.mirrored
+        gripper, method = load_gripper(self.config.gripper), self.config.method
         return Planner(
             self.config,
-            load_gripper(self.config.gripper),
+            gripper,
             models.detector(paths.detector, device) if self.uses_detector else None,
             models.predictor(paths.network, device, mirrored) if self.uses_network else None,
             models.symmetry_critics(paths.axis_critic, paths.plane_critic)
             if self.uses_symmetry_critics
             else None,
             models.grasp_critic(paths.grasp_critic) if self.uses_grasp_critic else None,
+            frame_method(method, self.peer_weights, gripper, device) if self.uses_peer else None,
         )
 
 

@@ -2,9 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from pipelines.array_types import Array
 from pipelines.geometry.meshes.mesh import Mesh
@@ -30,6 +32,11 @@ class TrueObject:
     points: Array  # (m, 3) metres, object frame
     normals: Array  # (m, 3) unit
     collider: MeshCollider
+
+    @cached_property
+    def tree(self) -> KDTree:
+        """The tree of `points`."""
+        return KDTree(self.points)
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ SOURCE_COLORS = {
     "network": "#3cff5a",
     "planar": "#ffa01e",
     "random": "#bebebe",
+    "gg-cnn": "#00b39f",
 }  # if a page is set so
 REGION_COLORS = (  # by number, round and round
     "#4c9be8", "#f2a33c", "#c77dff", "#3ccfb4", "#ff7aa8", "#d8c63a",

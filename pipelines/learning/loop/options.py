@@ -2,11 +2,16 @@
 
 from dataclasses import dataclass, field
 
-from pipelines.configs import FinetuneDetectorConfig, TrainConfig, TrainCriticConfig
+from pipelines.configs import (
+    FinetuneDetectorConfig,
+    TrainBaselineConfig,
+    TrainConfig,
+    TrainCriticConfig,
+)
 from pipelines.learning.loop.runs import RunRequest
 from pipelines.learning.speed.acceleration import Acceleration
 
-LearningConfig = TrainConfig | FinetuneDetectorConfig | TrainCriticConfig
+LearningConfig = TrainConfig | FinetuneDetectorConfig | TrainCriticConfig | TrainBaselineConfig
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""Grasps as the methods represent them that the paper compares with."""

@@ -1,0 +1,90 @@
+"""Grasps as maps over an image, GG-CNN's representation: painted from rectangles, and read.
+
+At every pixel: the quality of a grasp centred there, cosine and sine of twice the angle of its
+opening line, and its opening.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.array_types import Array, Indices, Mask
+from pipelines.grasping.peers.rectangles import angles, corners, opening_pixels, rectangle_rows
+
+MAP_SIDE = 300  # pixels of the shorter side of the image that the maps lie over
+WIDEST = 150.0  # pixels that the map `width` is in units of
+MIDDLE = 1.0 / 3.0  # of a rectangle along its opening that is painted
+MIN_QUALITY = 0.2  # of a grasp that is read
+PEAK_DISTANCE = 20  # pixels, along the rows or the columns, between grasps that are read
+MOST_PEAKS = 50
+QUALITY_BLUR, ANGLE_BLUR, WIDTH_BLUR = 2.0, 2.0, 1.0  # pixels, standard deviations
+# Where qualities are equal, as in a painted rectangle, the better surroundings decide.
+TIE_BLUR, TIE_WEIGHT = 6.0, 0.01  # pixels; share of the quality
+
+
+@dataclass(frozen=True)
+class GraspMaps:
+    """The four maps (h, w) float32."""
+
+    quality: NDArray[np.float32]
+    cos: NDArray[np.float32]
+    sin: NDArray[np.float32]
+    width: NDArray[np.float32]
+
+    @classmethod
+    def painted(cls, rows: Array, shape: tuple[int, int]) -> "GraspMaps":
+        """Return the maps of rectangles `rows` (n, 7), pixels of the maps, better ones on top."""
+        order = np.argsort(rows[:, 5], kind="stable")
+        rows = rows[order]
+        index = np.zeros(shape, np.int32)
+        for number, shown in enumerate(np.rint(corners(rows, MIDDLE)).astype(np.int32), start=1):
+            cv2.fillConvexPoly(index, shown, number)
+        double = 2.0 * np.concatenate([[0.0], angles(rows)])
+        width = np.concatenate([[0.0], np.minimum(opening_pixels(rows) / WIDEST, 1.0)])
+        tables = (np.cos(double), np.sin(double), width)
+        cos, sin, opened = (table.astype(np.float32)[index] for table in tables)
+        return cls((index > 0).astype(np.float32), cos, sin, opened)
+
+    def rectangles(self) -> Array:
+        """Return the grasps read off the maps as rows (n, 7), pixels of the maps, best first."""
+        quality = _blurred(self.quality, QUALITY_BLUR)
+        cos, sin = _blurred(self.cos, ANGLE_BLUR), _blurred(self.sin, ANGLE_BLUR)
+        width = _blurred(self.width, WIDTH_BLUR)
+        y, x = peaks(quality)
+        q, c, s, w = (each[y, x].astype(np.float64) for each in (quality, cos, sin, width))
+        opening = WIDEST * np.clip(w, 0.0, 1.0)
+        centre = np.stack([x, y], axis=1).astype(np.float64)
+        return rectangle_rows(centre, 0.5 * np.arctan2(s, c), opening, 0.5 * opening, q)
+
+
+def peaks(quality: NDArray[np.float32]) -> tuple[Indices, Indices]:
+    """Return rows and columns of the maxima of `quality` (h, w), the highest first."""
+    window = np.ones((2 * PEAK_DISTANCE + 1,) * 2, np.uint8)
+    height = quality + TIE_WEIGHT * _blurred(quality, TIE_BLUR)
+    highest: Mask = height >= cv2.dilate(height, window)
+    y, x = np.nonzero(highest & (quality >= MIN_QUALITY))
+    order = np.argsort(-height[y, x], kind="stable")
+    taken, chosen = np.zeros(quality.shape, bool), []
+    for i in order.tolist():
+        if taken[y[i], x[i]]:
+            continue
+        chosen.append(i)
+        low = np.maximum([y[i] - PEAK_DISTANCE, x[i] - PEAK_DISTANCE], 0)
+        taken[low[0] : y[i] + PEAK_DISTANCE + 1, low[1] : x[i] + PEAK_DISTANCE + 1] = True
+        if len(chosen) == MOST_PEAKS:
+            break
+    return y[chosen], x[chosen]
+
+
+def scaled_rows(rows: Array, scale: float) -> Array:
+    """Return rectangles `rows` (n, 7) in an image `scale` times as large."""
+    moved = rows.copy()
+    moved[:, :4] = (rows[:, :4] + 0.5) * scale - 0.5
+    moved[:, 4] = rows[:, 4] * scale
+    return moved
+
+
+def _blurred(image: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma), np.float32)

@@ -1,0 +1,122 @@
+"""Grasp rectangles in the image, as GraspNet-1Billion's planar labels have them, and their poses.
+
+A row (7,) holds the rectangle's centre, the middle of one of its short sides, its height in pixels,
+a score, and the object's id: columns of `rect/NNNN.npy`. The gripper opens along the line from the
+centre to the side, by twice its length. Grasps come along the camera's axis.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.array_types import Array, Indices, Mask
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.transforms import cross, unit
+from pipelines.grasping.grasps import GRASPNET_DEPTH, GraspPoses
+from pipelines.grasping.gripper import Gripper
+
+MIN_WIDTH = 0.001  # metres between contacts; nothing is thinner
+MIN_LINE = 1e-6  # metres; a shorter one has no direction
+
+
+def rectangle_rows(
+    centre: Array, angle: Array, opening: Array, height: Array, score: Array
+) -> Array:
+    """Return rows (n, 7), object id -1, of rectangles.
+
+    Args:
+        centre: (n, 2) pixels.
+        angle: (n,) radians of the opening line, counter-clockwise on the screen.
+        opening: (n,) pixels.
+        height: (n,) pixels.
+        score: (n,).
+    """
+    along = np.stack([np.cos(angle), -np.sin(angle)], axis=1)
+    side = centre + 0.5 * opening[:, None] * along
+    return np.column_stack([centre, side, height, score, np.full(len(centre), -1.0)])
+
+
+def angles(rows: Array) -> Array:
+    """Return (n,) radians of the opening line, counter-clockwise, from -pi/2 to below pi/2."""
+    line = rows[:, 2:4] - rows[:, :2]
+    angle = np.arctan2(-line[:, 1], line[:, 0])
+    return np.asarray(np.mod(angle + 0.5 * np.pi, np.pi) - 0.5 * np.pi)
+
+
+def opening_pixels(rows: Array) -> Array:
+    """Return (n,) pixels between the open fingers."""
+    return np.asarray(2.0 * np.linalg.norm(rows[:, 2:4] - rows[:, :2], axis=1))
+
+
+def corners(rows: Array, share: float = 1.0) -> Array:
+    """Return (n, 4, 2) the corners; of the middle `share` along the opening alone."""
+    half = share * (rows[:, 2:4] - rows[:, :2])
+    length = np.maximum(np.linalg.norm(half, axis=1, keepdims=True), 1e-9)
+    across = np.stack([-half[:, 1], half[:, 0]], axis=1) / length * (0.5 * rows[:, 4:5])
+    centre = rows[:, :2]
+    ends = [centre + half + across, centre + half - across]
+    return np.stack([*ends, centre - half - across, centre - half + across], axis=1)
+
+
+def on_their_object(rows: Array, label: NDArray[np.integer]) -> Mask:
+    """Return (n,) of which rows the object is seen at the centre; no label says whether it is.
+
+    Args:
+        rows: (n, 7).
+        label: (H, W) object id + 1, 0 = background.
+    """
+    pixels = np.rint(rows[:, :2]).astype(np.int64)
+    inside = (pixels >= 0).all(axis=1)
+    inside &= (pixels[:, 0] < label.shape[1]) & (pixels[:, 1] < label.shape[0])
+    found = np.full(len(rows), -1, np.int64)
+    found[inside] = label[pixels[inside, 1], pixels[inside, 0]].astype(np.int64) - 1
+    return np.asarray(inside & (found == rows[:, 6].astype(np.int64)))
+
+
+def rectangle_grasps(
+    rows: Array, depth: Array, intrinsics: Intrinsics, gripper: Gripper
+) -> tuple[GraspPoses, Indices]:
+    """Return the grasps of `rows` (n, 7), and the row of each; some rows have none.
+
+    The rectangle is taken to lie at the depth of its centre, along the camera's axis; the finger
+    tips come to lie 2 cm below it. So GraspNet-1Billion's benchmark does.
+
+    Args:
+        rows: pixels of `depth`.
+        depth: (H, W) metres, 0 where missing: a rectangle with such a centre has no grasp.
+        intrinsics: of `depth`.
+        gripper: that grasps.
+    """
+    pixels = np.rint(rows[:, :2]).astype(np.int64)
+    index = np.flatnonzero(
+        (pixels >= 0).all(axis=1)
+        & (pixels[:, 0] < depth.shape[1])
+        & (pixels[:, 1] < depth.shape[0])
+    )
+    z = depth[pixels[index, 1], pixels[index, 0]].astype(np.float64)
+    index, z = index[z > 0], z[z > 0]
+    origin, side = (at_depth(rows[index, i : i + 2], z, intrinsics) for i in (0, 2))
+    line = side - origin
+    length = np.linalg.norm(line, axis=1)
+    long = length > MIN_LINE
+    index, origin, line, length = index[long], origin[long], line[long], length[long]
+    closing = unit(line)
+    approach = np.broadcast_to([0.0, 0.0, 1.0], closing.shape)
+    rotation = np.stack([approach, closing, cross(approach, closing)], axis=-1)
+    forward = (GRASPNET_DEPTH - gripper.tip_reach) * approach
+    return GraspPoses(rotation, origin + forward, contact_width(2.0 * length, gripper)), index
+
+
+def at_depth(pixels: Array, z: Array, intrinsics: Intrinsics) -> Array:
+    """Return (n, 3) the points of `pixels` (n, 2) at the depths `z` (n,)."""
+    x = (pixels[:, 0] - intrinsics.cx) / intrinsics.fx * z
+    y = (pixels[:, 1] - intrinsics.cy) / intrinsics.fy * z
+    return np.stack([x, y, z], axis=1)
+
+
+def contact_width(opening: Array, gripper: Gripper) -> Array:
+    """Return (n,) the distance of the contacts of grasps that open by `opening` (n,) metres.
+
+    Openings beyond the gripper's are its widest; its fingers keep their clearance.
+    """
+    widest = np.minimum(opening, gripper.max_opening)
+    return np.maximum(widest - 2.0 * gripper.clearance, MIN_WIDTH)

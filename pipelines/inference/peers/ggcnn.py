@@ -1,0 +1,69 @@
+"""GG-CNN on a frame: depth at 300 pixels, maps, their peaks, grasps along the camera's axis."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import cv2
+import numpy as np
+import torch
+
+from pipelines.array_types import Array, Singles
+from pipelines.configs.peers import PeerNetworkConfig
+from pipelines.frames.rgbd import Frame
+from pipelines.grasping.grasps import GraspPoses
+from pipelines.grasping.gripper import Gripper
+from pipelines.grasping.peers.grasp_maps import MAP_SIDE, GraspMaps, scaled_rows
+from pipelines.grasping.peers.rectangles import rectangle_grasps
+from pipelines.grasping.scene import SceneCloud
+from pipelines.network.devices import find_device
+from pipelines.network.peers.ggcnn import GGCNN, GGCNN_MODEL, SIDES_BY
+from pipelines.network.peers.ggcnn_input import normalised
+from pipelines.network.weights_files import fill, read_weights
+from pipelines.tabletop.whole_depth import whole_depth
+
+
+@dataclass(frozen=True)
+class GGCNNMethod:
+    """A `FrameMethod`: a trained GG-CNN or GG-CNN2."""
+
+    network: GGCNN
+    gripper: Gripper
+    device: torch.device
+
+    @classmethod
+    def load(cls, path: Path, gripper: Gripper, device: str = "auto") -> Self:
+        """Read weights that `symgrasp train-baseline gg-cnn` wrote.
+
+        Raises:
+            FormatError: the file holds no weights of this network.
+        """
+        found = find_device(device)
+        tensors, config = read_weights(path, GGCNN_MODEL, PeerNetworkConfig)
+        network = GGCNN(config)
+        fill(network, tensors, path)
+        return cls(network.to(found).eval(), gripper, found)
+
+    def grasps(
+        self, frame: Frame, scene: SceneCloud, rng: np.random.Generator
+    ) -> tuple[GraspPoses, Array]:
+        """Return grasps, camera frame, and the quality that the network predicts."""
+        del frame, rng  # it sees depth alone, and draws nothing
+        depth = whole_depth(scene.depth.astype(np.float32), scene.intrinsics, scene.plane)
+        rows = self.maps(depth).rectangles()
+        rows = scaled_rows(rows, min(depth.shape) / MAP_SIDE)
+        grasps, index = rectangle_grasps(rows, scene.depth, scene.intrinsics, self.gripper)
+        return grasps, rows[index, 5]
+
+    @torch.inference_mode()
+    def maps(self, depth: Singles) -> GraspMaps:
+        """Return the maps over `depth` (H, W), metres, with the shorter side at 300 pixels."""
+        height, width = (
+            max(MAP_SIDE, round(side * MAP_SIDE / min(depth.shape))) for side in depth.shape
+        )
+        small = cv2.resize(depth, (width, height), interpolation=cv2.INTER_AREA)
+        step = SIDES_BY[self.network.config.variant]
+        beyond = (0, -height % step), (0, -width % step)
+        padded = np.pad(normalised(np.asarray(small, np.float32)), beyond, mode="edge")
+        found = self.network(torch.from_numpy(padded)[None, None].to(self.device))
+        return GraspMaps(*(each[0, 0, :height, :width].cpu().numpy() for each in found))

@@ -1,0 +1,31 @@
+"""The compared methods of `infer`, by name, each loaded once a process."""
+
+from functools import lru_cache
+from pathlib import Path
+
+from pipelines.errors import MissingInputError
+from pipelines.grasping.gripper import Gripper
+from pipelines.inference.peers.frame_method import FrameMethod
+
+
+def frame_method(name: str, weights: Path, gripper: Gripper, device: str) -> FrameMethod:
+    """Return the method called `name`, one of `configs.peers.FRAME_PEERS`, with its weights.
+
+    Raises:
+        MissingInputError: the weights are not there.
+    """
+    if not weights.is_file():
+        raise MissingInputError(weights, written_by(name))
+    return _frame_method(name, weights, gripper, device)
+
+
+def written_by(name: str) -> str:
+    """Return the command that writes the weights of the method called `name`."""
+    return f"symgrasp train-baseline {name}"
+
+
+@lru_cache(maxsize=2)
+def _frame_method(name: str, weights: Path, gripper: Gripper, device: str) -> FrameMethod:
+    from pipelines.inference.peers.ggcnn import GGCNNMethod  # noqa: PLC0415 - torch is slow to load
+
+    return {"gg-cnn": GGCNNMethod}[name].load(weights, gripper, device)

@@ -1,0 +1,199 @@
+"""GG-CNN as the training engine sees it: crops of depth, maps painted from rectangles."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from pipelines.array_types import Array, Singles
+from pipelines.configs import TrainBaselineConfig, from_settings
+from pipelines.configs.peers import PeerSchedule
+from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot, read_rect
+from pipelines.grasping.peers.grasp_maps import MAP_SIDE, GraspMaps, scaled_rows
+from pipelines.grasping.peers.rectangles import on_their_object
+from pipelines.learning.loop.faults import Fault
+from pipelines.learning.peers.peer import (
+    Arrays,
+    Peer,
+    PeerFrames,
+    drawn_batches,
+    read_peer_frame,
+)
+from pipelines.learning.speed.processes import Processes
+from pipelines.learning.speed.shares import check_shares, micro_batch_size
+from pipelines.network.peers.ggcnn import GGCNN, GGCNN_MODEL, MAPS
+from pipelines.network.peers.ggcnn_input import normalised
+from pipelines.tabletop.depth_channels import find_plane, shrink
+from pipelines.tabletop.whole_depth import whole_depth
+
+STORED_SIDE = 480  # pixels, most of the shorter side of a frame that is kept
+DEPTH_UNITS = 10_000.0  # per metre
+MIN_SCORE = 0.7  # of a rectangle: 1.1 - mu, so mu is 0.4 or less
+MIN_ZOOM = 0.5  # share of the shorter side that a crop shows at least
+CPU_MICRO_BATCH = 4  # crops
+
+
+@dataclass(frozen=True)
+class Crops:
+    """Crops (B, 1, 300, 300) of depth, and their maps (B, 4, 300, 300)."""
+
+    depth: Tensor
+    maps: Tensor
+
+
+class GGCNNTraining:
+    """A `Trainee`: GG-CNN with the frames it learns from and those it is judged on."""
+
+    best_by = "loss"
+    higher_is_better = False
+
+    def __init__(
+        self,
+        frames: PeerFrames,
+        config: TrainBaselineConfig,
+        device: torch.device,
+        processes: Processes,
+    ) -> None:
+        network: nn.Module = GGCNN(config.network)
+        self.module = network.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.frames, self.config, self.device = frames, config, device
+        self.parallel = device.type == "cpu"
+        on_cpu = CPU_MICRO_BATCH if self.parallel else 0
+        size = micro_batch_size(config.micro_batch_size, config.batch_size, on_cpu, processes)
+        self.micro_batch_size = size
+        check_shares(config.batch_size, size, processes)
+
+    def epoch(self, number: int, rng: np.random.Generator) -> Sequence[NDArray[np.int64]]:
+        """Return the batches of frame numbers until the next validation."""
+        return drawn_batches(len(self.frames.train), self.config, number, rng)
+
+    def load(self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]) -> Crops:
+        """Return a random crop of each frame."""
+        pairs = zip(items, generators, strict=True)
+        return stacked(
+            [random_crop(read_peer_frame(*self.frames.train[int(i)]), rng) for i, rng in pairs]
+        )
+
+    def loss(
+        self, module: nn.Module, micro_batch: Crops, generator: torch.Generator
+    ) -> Mapping[str, Tensor]:
+        """Return the squared errors of the four maps, and their sum as `total`."""
+        del generator  # the network draws nothing
+        return map_errors(module, micro_batch, self.device)
+
+    def tensors(self, micro_batch: Crops) -> dict[str, Tensor]:
+        """Return a micro-batch as named tensors."""
+        return {"depth": micro_batch.depth, "maps": micro_batch.maps}
+
+    @torch.no_grad()
+    def validate(self) -> dict[str, float]:
+        """Return the loss on the middle crops of (at most `max_val_frames` of) the other frames."""
+        keys = self.frames.val
+        count = min(len(keys), self.config.max_val_frames)
+        totals = []
+        for i in range(count):
+            frame = read_peer_frame(*keys[i * len(keys) // count])
+            errors = map_errors(self.module, stacked([middle_crop(frame)]), self.device)
+            totals.append({name: float(error) for name, error in errors.items()})
+        means = {name: float(np.mean([each[name] for each in totals])) for name in totals[0]}
+        return {"loss": means.pop("total")} | means
+
+
+def ggcnn_frame(root: GraspNetRoot, files: FrameFiles) -> Arrays:
+    """Return the depth of a frame without holes, and the rectangles of what is seen in it.
+
+    `depth` (h, w) uint16 in tenths of a millimetre, the shorter side at most `STORED_SIDE`;
+    `rows` (n, 7) float32, pixels of `depth`.
+    """
+    depth, intrinsics = root.read_depth(files)
+    rows = read_rect(files.path("rect")).astype(np.float64)
+    rows = rows[rows[:, 5] >= MIN_SCORE]
+    rows = rows[on_their_object(rows, root.read_label(files))]
+    small = shrink(None, depth, intrinsics, STORED_SIDE, max(depth.shape))
+    if min(depth.shape) > STORED_SIDE:
+        rows = scaled_rows(rows, min(small.depth.shape) / min(depth.shape))
+    else:
+        small = shrink(None, depth, intrinsics, *sorted(depth.shape))
+    whole = whole_depth(small.depth, small.intrinsics, find_plane(small))
+    stored = np.clip(np.round(whole * DEPTH_UNITS), 1, 65535).astype(np.uint16)
+    return {"depth": stored, "rows": rows.astype(np.float32)}
+
+
+def random_crop(frame: Arrays, rng: np.random.Generator) -> tuple[Singles, GraspMaps]:
+    """Return a square part of a frame, 50 to 100 % of its shorter side, turned by right angles."""
+    height, width = frame["depth"].shape
+    side = int(min(height, width) * rng.uniform(MIN_ZOOM, 1.0))
+    x, y = (int(rng.integers(size - side + 1)) for size in (width, height))
+    return crop(frame, x, y, side, int(rng.integers(4)))
+
+
+def middle_crop(frame: Arrays) -> tuple[Singles, GraspMaps]:
+    """Return the central square of a frame, as the network was made for."""
+    height, width = frame["depth"].shape
+    side = min(height, width)
+    return crop(frame, (width - side) // 2, (height - side) // 2, side, 0)
+
+
+def crop(frame: Arrays, x: int, y: int, side: int, turns: int) -> tuple[Singles, GraspMaps]:
+    """Return the square at (x, y), turned counter-clockwise, at 300 pixels, and its maps."""
+    depth = frame["depth"][y : y + side, x : x + side].astype(np.float32) / np.float32(DEPTH_UNITS)
+    shrinks = side > MAP_SIDE
+    method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
+    resized = cv2.resize(np.rot90(depth, turns), (MAP_SIDE, MAP_SIDE), interpolation=method)
+    rows = frame["rows"].astype(np.float64)
+    rows[:, :4] -= np.array([x, y, x, y])
+    for _ in range(turns):
+        rows = turned_rows(rows, side)
+    painted = GraspMaps.painted(scaled_rows(rows, MAP_SIDE / side), (MAP_SIDE, MAP_SIDE))
+    return normalised(np.asarray(resized, np.float32)), painted
+
+
+def turned_rows(rows: Array, side: int) -> Array:
+    """Return rectangles `rows` (n, 7) of a square image that is turned counter-clockwise once."""
+    moved = rows.copy()
+    moved[:, [0, 2]], moved[:, [1, 3]] = rows[:, [1, 3]], side - 1 - rows[:, [0, 2]]
+    return moved
+
+
+def stacked(crops: Sequence[tuple[Singles, GraspMaps]]) -> Crops:
+    """Return crops and their maps as tensors."""
+    depth = torch.from_numpy(np.stack([each for each, _ in crops]))[:, None]
+    maps = np.stack([np.stack([getattr(each, name) for name in MAPS]) for _, each in crops])
+    return Crops(depth, torch.from_numpy(maps))
+
+
+def map_errors(module: nn.Module, crops: Crops, device: torch.device) -> dict[str, Tensor]:
+    """Return the mean squared error of each map, and their sum as `total`."""
+    depth = crops.depth.to(device, memory_format=torch.channels_last)
+    wanted = crops.maps.to(device)
+    found = module(depth)
+    terms = {
+        name: nn.functional.mse_loss(found[i], wanted[:, i : i + 1]) for i, name in enumerate(MAPS)
+    }
+    return {"total": torch.stack(list(terms.values())).sum()} | terms
+
+
+def replay_crops(fault: Fault) -> dict[str, float]:
+    """Return the loss terms of a kept micro-batch, on the CPU."""
+    config = from_settings(TrainBaselineConfig, fault.settings)
+    network = GGCNN(config.network)
+    network.load_state_dict(dict(fault.weights))
+    crops = Crops(fault.batch["depth"], fault.batch["maps"])
+    terms = map_errors(network, crops, torch.device("cpu"))
+    return {name: float(term.detach()) for name, term in terms.items()}
+
+
+GG_CNN = Peer(
+    model=GGCNN_MODEL,
+    schedule=PeerSchedule(
+        steps=5000, epoch_steps=250, batch_size=8, learning_rate=0.001, decay_steps=2000
+    ),
+    needs=("rect",),
+    prepare=ggcnn_frame,
+    training=GGCNNTraining,
+    replay=replay_crops,
+)

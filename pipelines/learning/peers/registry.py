@@ -1,0 +1,18 @@
+"""The compared methods that are trained, by name."""
+
+from pipelines.errors import UnknownNameError
+from pipelines.learning.peers.ggcnn_training import GG_CNN
+from pipelines.learning.peers.peer import Peer
+
+TRAINED_PEERS: dict[str, Peer] = {"gg-cnn": GG_CNN}
+
+
+def trained_peer(name: str) -> Peer:
+    """Return the compared method called `name`.
+
+    Raises:
+        UnknownNameError: there is none that is trained.
+    """
+    if name not in TRAINED_PEERS:
+        raise UnknownNameError("compared method", name, TRAINED_PEERS)
+    return TRAINED_PEERS[name]

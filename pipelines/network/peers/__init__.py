@@ -1,0 +1,1 @@
+"""The networks of the methods that the paper compares with."""

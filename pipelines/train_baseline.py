@@ -1,0 +1,183 @@
+"""Stage `train-baseline`: a method that the paper compares with, on a dataset of its labels.
+
+Reads   ROOT/scenes/scene_NNNN/CAMERA/  depth, label and what labels the method needs, as rect
+Writes  NAME.safetensors             the best weights so far by validation on unseen scenes
+        NAME.frames/*.h5             the frames as the method sees them, made once
+        NAME.checkpoint.safetensors  everything that `--resume` needs
+        NAME.curves.png              losses along the steps
+        NAME.logs/                   TensorBoard scalars
+        NAME.fault.safetensors       the batch, if a loss was not finite
+"""
+
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
+
+import torch
+
+from pipelines.configs import TrainBaselineConfig
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.scene_digests import inputs_of_scenes
+from pipelines.dataset.training.region_frames import held_out_scenes
+from pipelines.errors import SymgraspError, ValueRangeError
+from pipelines.learning.loop.faults import read_fault
+from pipelines.learning.loop.loop import TrainingRun
+from pipelines.learning.loop.options import LoopOptions
+from pipelines.learning.loop.runs import RunRequest, describe, find_progress
+from pipelines.learning.peers.peer import (
+    PeerFrames,
+    count_peer_frames,
+    labels_of,
+    refuse_lacking,
+    write_peer_frames,
+)
+from pipelines.learning.peers.registry import trained_peer
+from pipelines.learning.speed.processes import process_group
+from pipelines.network.weights_files import weights_metadata
+from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
+from pipelines.runtime.one_run import one_run_at_a_time
+from pipelines.storage.provenance import digest_text, make_stamp
+
+STAGE = "train-baseline"
+SCENE = len("scene_0000")
+
+
+@one_run_at_a_time(STAGE, "output")
+def run(
+    name: str,
+    root: Path,
+    output: Path,
+    config: TrainBaselineConfig,
+    request: RunRequest,
+    *,
+    split: str | None = "train",
+    camera: str | None = None,
+    options: BatchOptions | None = None,
+) -> StageReport:
+    """Prepare the frames of `split` (None: all) of `root` beside `output`, then train on them.
+
+    `name`: of the compared method.
+
+    Raises:
+        MissingInputError: the root lacks labels that the method needs.
+    """
+    peer = trained_peer(name)
+    config = config.with_schedule(peer.schedule)
+    with process_group(request.device) as (processes, device):
+        started, report = time.monotonic(), StageReport(STAGE)
+        items = peer_items(name, root, output, config, split, camera)
+        inputs = {"root": root.resolve().name, "split": split or "all", "camera": camera or "all"}
+        inputs["scenes"] = digest_text("\n".join(item.stamp.as_digest() for item in items))
+        settings = {"method": name, **asdict(config)}
+        stamp = make_stamp(STAGE, settings, seed=request.seed, inputs=inputs)
+        earlier = find_progress(output, stamp, request)
+        if earlier is not None and earlier.finished:
+            report.skipped.append(output.name)
+            return report
+        with processes.one_first():  # the others find all frames there
+            options = options or BatchOptions()
+            options = replace(options, overwrite=options.overwrite and processes.is_first)
+            prepared = _prepare(name, root, items, config, options)
+        if prepared.failed:
+            return prepared
+        frames = peer_frames([item.target for item in items], config, request.seed)
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(request.seed)  # layers are initialised from torch's own generator
+            trainee = peer.training(frames, config, device, processes)
+        metadata = weights_metadata(peer.model, config.network)
+        training = TrainingRun(
+            trainee, LoopOptions.of(config, request), output, stamp, metadata, processes
+        )
+        if earlier is not None:
+            training.resume()
+        progress = training.run()
+    report.done.append(output.name)
+    report.notes[output.name] = describe(progress)
+    report.seconds = time.monotonic() - started
+    return report
+
+
+def replay(fault: Path) -> dict[str, float]:
+    """Return the loss terms of the batch in `NAME.fault.safetensors`, computed again."""
+    found = read_fault(fault)
+    settings = dict(found.settings)
+    peer = trained_peer(str(settings.pop("method", "")))
+    return dict(peer.replay(replace(found, settings=settings)))
+
+
+def peer_items(
+    name: str,
+    root: Path,
+    output: Path,
+    config: TrainBaselineConfig,
+    split: str | None = None,
+    camera: str | None = None,
+) -> list[WorkItem]:
+    """Return the scenes to prepare of a root, an item a scene and camera.
+
+    Raises:
+        MissingInputError: the root lacks labels that the method `name` needs.
+        SymgraspError: it has no scene of the split or the camera.
+    """
+    dataset = GraspNetRoot.finished(root)
+    scenes = dataset.scenes(camera, split)
+    if not scenes:
+        raise SymgraspError(
+            f"{root} holds no {split or 'any'} scene; name another --split or --camera"
+        )
+    needs = trained_peer(name).needs
+    refuse_lacking(dataset, [frame for scene in scenes for frame in scene.frames()], needs)
+    folder = output.with_name(f"{output.stem}.frames")
+    settings = {"method": name, "frame_stride": config.frame_stride}
+    return [
+        WorkItem(
+            scene.name,
+            folder / f"{scene.name}.h5",
+            make_stamp(STAGE, settings, inputs=inputs | labels_of(dataset, scene, needs)),
+            (scene,),
+        )
+        for scene, inputs in zip(scenes, inputs_of_scenes(dataset, scenes), strict=True)
+    ]
+
+
+def _prepare(
+    name: str,
+    root: Path,
+    items: Sequence[WorkItem],
+    config: TrainBaselineConfig,
+    options: BatchOptions,
+) -> StageReport:
+    """Write the frames of each scene that has none yet, as the method called `name` sees them."""
+    step = partial(_prepare_scene, root=GraspNetRoot(root), peer=name, config=config)
+    return run_batch(STAGE, items, step, options)
+
+
+def _prepare_scene(
+    item: WorkItem, root: GraspNetRoot, peer: str, config: TrainBaselineConfig
+) -> str:
+    """Write the frames of one scene as the method called `peer` sees them; return the count."""
+    (scene,) = item.arguments
+    frames = scene.frames()[:: config.frame_stride]
+    prepare = trained_peer(peer).prepare
+    write_peer_frames(item.target, [prepare(root, frame) for frame in frames], item.stamp)
+    return f"{len(frames)} frames"
+
+
+def peer_frames(files: Sequence[Path], config: TrainBaselineConfig, seed: int) -> PeerFrames:
+    """Return the frames of most scenes to train on and of the others to validate on.
+
+    Raises:
+        ValueRangeError: there is only one scene.
+    """
+    scenes = {path.stem[:SCENE] for path in files}
+    if len(scenes) < 2:
+        raise ValueRangeError("number of scenes", len(scenes), "at least 2, one to validate on")
+    held_out = held_out_scenes(sorted(scenes), config.val_fraction, seed)
+    keys = [(path, row) for path in sorted(files) for row in range(count_peer_frames(path))]
+    is_val = [path.stem[:SCENE] in held_out for path, _ in keys]
+    return PeerFrames(
+        [key for key, val in zip(keys, is_val, strict=True) if not val],
+        [key for key, val in zip(keys, is_val, strict=True) if val],
+    )

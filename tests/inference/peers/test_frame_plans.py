@@ -1,0 +1,70 @@
+"""Compared methods that find grasps in whole frames, through the planner."""
+
+import numpy as np
+import pytest
+
+from pipelines.configs import InferConfig
+from pipelines.frames.rgbd import Frame
+from pipelines.geometry.transforms import transform_points
+from pipelines.grasp_files.gripper_files import load_gripper
+from pipelines.grasping.grasps import GraspPoses
+from pipelines.inference.frame_grasps import Planner
+from pipelines.inference.peers.frame_plans import MOST_GRASPS, chosen_grasps
+from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
+
+POSE = looking_at_table()
+DEPTH, INDEX = render([Box((0.06, 0.09, 0.1))], POSE)
+FRAME = Frame("f", np.full((240, 320, 3), 90, np.uint8), DEPTH.astype(np.float32), CAMERA)
+ON_BOX, OFF_BOX = (transform_points(POSE, place) for place in ([0, 0, 0.08], [0.3, 0.1, 0.02]))
+
+
+class Fixed:
+    """Finds the same grasps in every frame."""
+
+    def __init__(self, places, scores):
+        count = len(scores)
+        self.found = GraspPoses(np.tile(np.eye(3), (count, 1, 1)), places, np.full(count, 0.05))
+        self.score = np.array(scores, float)
+
+    def grasps(self, frame, scene, rng):
+        return self.found, self.score
+
+
+def plan(method):
+    config = InferConfig(method="gg-cnn", regions="geometric")
+    return Planner(config, load_gripper("rg2"), peer=method).plan(FRAME, np.random.default_rng(0))
+
+
+def test_grasps_lie_on_the_region_they_are_near_and_others_on_the_rest():
+    result = plan(Fixed([ON_BOX, OFF_BOX], [0.5, 0.9]))
+    assert result.regions.source.tolist() == ["geometric", "rest"]
+    assert result.grasps.region.tolist() == [0, 1]
+    assert result.grasps.source.tolist() == ["gg-cnn"] * 2
+    assert result.grasps.ranker.tolist() == ["own"] * 2
+    assert result.grasps.rank_in_frame.tolist() == [1, 0]
+    assert not (result.regions.mask(0, 320, 240) & result.regions.mask(1, 320, 240)).any()
+
+
+def test_without_grasps_beside_the_regions_there_is_no_rest():
+    assert plan(Fixed([ON_BOX], [0.5])).regions.source.tolist() == ["geometric"]
+
+
+def test_a_frame_without_a_grasp_is_empty():
+    assert plan(Fixed(np.zeros((0, 3)), [])).status == "empty"
+
+
+def test_of_alike_grasps_the_best_stays():
+    result = plan(Fixed([ON_BOX, ON_BOX + 0.01], [0.5, 0.9]))
+    assert result.grasps.rank_score.tolist() == pytest.approx([0.9])
+
+
+def test_no_more_than_300_grasps_are_kept():
+    places = np.stack(np.meshgrid(*[np.arange(8) * 0.1] * 3), -1).reshape(-1, 3)
+    method = Fixed(places, np.arange(len(places)))
+
+    class Scene:
+        limits = None
+
+    _, score = chosen_grasps(method.found, method.score, Scene())
+    assert len(score) == MOST_GRASPS
+    assert score[0] == len(places) - 1

@@ -1,0 +1,103 @@
+"""The train-baseline stage on a toy dataset: labels, resumed runs, and weights that find grasps."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipelines import infer, train_baseline
+from pipelines.configs import InferConfig, TrainBaselineConfig
+from pipelines.dataset.graspnet.graspnet import write_rect
+from pipelines.errors import MissingInputError, UnknownNameError, ValueRangeError
+from pipelines.grasp_files.grasps_stream import read_index, read_results
+from pipelines.learning.loop.runs import RunRequest
+from pipelines.runtime.batch import BatchOptions
+from tests.learning.stopped import stopped_after
+from tests.stages.toy_root import CAMERA, WIDTHS, best_grasp, frame_names, write_root
+
+CONFIG = TrainBaselineConfig(steps=2, epoch_steps=2, batch_size=2, micro_batch_size=1)
+REQUEST = RunRequest(device="cpu", threads=1)
+QUIET = BatchOptions(progress=False)
+
+
+def write_rects(root) -> None:
+    """Write a rectangle of the best grasp of each object, and one of an object that is not seen."""
+    for name in frame_names():
+        files, rows = root.frame(name), []
+        for object_id in WIDTHS:
+            grasp = best_grasp(object_id, files.frame_id)
+            ends = np.stack([grasp.translation[0], grasp.contacts[0, 1]])
+            (centre, side) = CAMERA.project(ends)
+            rows.append([*centre, *side, 10.0, 1.0, object_id])
+        rows.append([*rows[0][:6], 7])
+        write_rect(files.path("rect"), np.array(rows))
+
+
+@pytest.fixture(scope="module")
+def bare_root(tmp_path_factory):
+    return write_root(tmp_path_factory.mktemp("bare"))
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory):
+    root = write_root(tmp_path_factory.mktemp("root"))
+    write_rects(root)
+    return root
+
+
+def train(root, path, config=CONFIG, request=REQUEST, name="gg-cnn"):
+    return train_baseline.run(name, root.root, path, config, request, split=None, options=QUIET)
+
+
+@pytest.fixture(scope="module")
+def weights(root, tmp_path_factory):
+    path = tmp_path_factory.mktemp("out") / "ggcnn.safetensors"
+    assert train(root, path).done
+    return path
+
+
+def test_a_root_without_rectangles_is_refused_with_the_option_that_makes_them(bare_root, tmp_path):
+    with pytest.raises(MissingInputError, match=r"rect does not exist; .*--collision-labels"):
+        train(bare_root, tmp_path / "w.safetensors")
+
+
+def test_an_unknown_method_is_refused(root, tmp_path):
+    with pytest.raises(UnknownNameError, match="gg-cnn"):
+        train(root, tmp_path / "w.safetensors", name="gg-nn")
+
+
+def test_rectangles_of_what_is_not_seen_are_no_labels(root):
+    from pipelines.learning.peers.ggcnn_training import ggcnn_frame
+
+    frame = ggcnn_frame(root, root.frame(frame_names()[0]))
+    assert sorted(set(frame["rows"][:, 6].tolist())) == [0.0, 1.0, 2.0]
+
+
+def test_a_finished_training_is_skipped(root, weights):
+    assert train(root, weights).skipped == [weights.name]
+
+
+def test_a_resumed_training_equals_one_that_never_stopped(root, weights, tmp_path):
+    path = tmp_path / weights.name
+    with stopped_after(1):
+        report = train(root, path)
+    assert report.notes[path.name].startswith("1 steps")
+    assert train(root, path, request=replace(REQUEST, resume=True)).done
+    assert path.read_bytes() == weights.read_bytes()
+
+
+def test_a_method_without_weights_says_which_command_writes_them(root, tmp_path):
+    paths = infer.InferPaths(root.root, tmp_path / "grasps.h5")
+    with pytest.raises(ValueRangeError, match=r"--weights .*symgrasp train-baseline gg-cnn"):
+        infer.run(paths, InferConfig(method="gg-cnn"), QUIET)
+
+
+def test_infer_takes_the_weights(root, weights, tmp_path):
+    out = tmp_path / "grasps.h5"
+    paths = infer.InferPaths(root.root, out, peer=weights)
+    config = InferConfig(method="gg-cnn", regions="geometric")
+    report = infer.run(paths, config, QUIET)
+    assert not report.failed
+    assert len(report.done) == len(frame_names())
+    assert "peer" in read_index(out).stamp["inputs"]
+    assert {result.status for result in read_results(out, range(4))} <= {"ok", "empty"}

@@ -130,7 +130,8 @@ def peer_items(
     needs = trained_peer(name).needs
     refuse_lacking(dataset, [frame for scene in scenes for frame in scene.frames()], needs)
     folder = output.with_name(f"{output.stem}.frames")
-    settings = {"method": name, "frame_stride": config.frame_stride}
+    network = asdict(config.network)
+    settings = {"method": name, "network": network, "frame_stride": config.frame_stride}
     return [
         WorkItem(
             scene.name,
@@ -161,7 +162,9 @@ def _prepare_scene(
     (scene,) = item.arguments
     frames = scene.frames()[:: config.frame_stride]
     prepare = trained_peer(peer).prepare
-    write_peer_frames(item.target, [prepare(root, frame) for frame in frames], item.stamp)
+    write_peer_frames(
+        item.target, [prepare(root, frame, config.network) for frame in frames], item.stamp
+    )
     return f"{len(frames)} frames"
 
 

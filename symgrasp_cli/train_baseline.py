@@ -41,7 +41,7 @@ from symgrasp_cli.settings import with_settings
 )
 def train_baseline(
     config: TrainBaselineConfig,
-    method: Annotated[str, typer.Argument(help="A compared method: gg-cnn.")],
+    method: Annotated[str, typer.Argument(help="A compared method: gg-cnn or multi-grasp.")],
     root: Annotated[
         Path,
         typer.Argument(

@@ -15,7 +15,7 @@ from pipelines.configs.planning import (
 )
 
 RegionSource = Literal["auto", "detector", "geometric"]
-Method = Literal["network", "planar", "random", "gg-cnn", "symmetry-icp"]
+Method = Literal["network", "planar", "random", "gg-cnn", "multi-grasp", "symmetry-icp"]
 ExportFormat = Literal["graspnet", "contact-graspnet", "isaac", "json", "csv", "ros-json"]
 
 TCP = (
@@ -38,7 +38,8 @@ class InferConfig:
     method: Method = choice(
         "network",
         "Planner: the network, or without it planar, random or symmetry-icp, which fits symmetries "
-        "to the points alone; or a compared method with --weights: gg-cnn.",
+        "to the points alone; or a compared method with --weights: gg-cnn or "
+        "multi-grasp.",
         "Sec. IV-A, IV-E",
     )
     mirrored: bool = choice(

@@ -39,6 +39,7 @@ KNOWN_ROWS = (
     ReportRow(
         "as-printed", "SymmetryGrasp as printed", "#7b3fa0", "ours with --preset paper", PAPER
     ),
+    _peer("multi-grasp", "#6d4c41", "Multi-Grasp"),
     _peer("gg-cnn", "#00897b", "GG-CNN"),
     ReportRow(
         "oracle", "oracle", "#2a9d58", "true symmetries and affordance through the same selection"

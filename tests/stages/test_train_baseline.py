@@ -1,17 +1,26 @@
 """The train-baseline stage on a toy dataset: labels, resumed runs, and weights that find grasps."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
+from functools import cache
 
 import numpy as np
 import pytest
+import torch
 
 from pipelines import infer, train_baseline
 from pipelines.configs import InferConfig, TrainBaselineConfig
+from pipelines.configs.peers import FRAME_PEERS, PeerNetworkConfig
 from pipelines.dataset.graspnet.graspnet import write_rect
 from pipelines.errors import MissingInputError, UnknownNameError, ValueRangeError
 from pipelines.grasp_files.grasps_stream import read_index, read_results
+from pipelines.learning.loop.faults import save_fault
 from pipelines.learning.loop.runs import RunRequest
+from pipelines.learning.peers.registry import TRAINED_PEERS, trained_peer
+from pipelines.learning.speed.gradients import loss_seed
+from pipelines.learning.speed.processes import Processes
 from pipelines.runtime.batch import BatchOptions
+from pipelines.storage.checkpoints import load_weights
+from pipelines.storage.provenance import make_stamp
 from tests.learning.stopped import stopped_after
 from tests.stages.toy_root import CAMERA, WIDTHS, best_grasp, frame_names, write_root
 
@@ -50,10 +59,17 @@ def train(root, path, config=CONFIG, request=REQUEST, name="gg-cnn"):
 
 
 @pytest.fixture(scope="module")
-def weights(root, tmp_path_factory):
-    path = tmp_path_factory.mktemp("out") / "ggcnn.safetensors"
-    assert train(root, path).done
-    return path
+def trained(root, tmp_path_factory):
+    """Return the weights of each method, trained once."""
+    folder = tmp_path_factory.mktemp("out")
+
+    @cache
+    def of(name):
+        path = folder / f"{name}.safetensors"
+        assert train(root, path, name=name).done
+        return path
+
+    return of
 
 
 def test_a_root_without_rectangles_is_refused_with_the_option_that_makes_them(bare_root, tmp_path):
@@ -69,21 +85,23 @@ def test_an_unknown_method_is_refused(root, tmp_path):
 def test_rectangles_of_what_is_not_seen_are_no_labels(root):
     from pipelines.learning.peers.ggcnn_training import ggcnn_frame
 
-    frame = ggcnn_frame(root, root.frame(frame_names()[0]))
+    frame = ggcnn_frame(root, root.frame(frame_names()[0]), PeerNetworkConfig())
     assert sorted(set(frame["rows"][:, 6].tolist())) == [0.0, 1.0, 2.0]
 
 
-def test_a_finished_training_is_skipped(root, weights):
-    assert train(root, weights).skipped == [weights.name]
+def test_a_finished_training_is_skipped(root, trained):
+    assert train(root, trained("gg-cnn")).skipped == ["gg-cnn.safetensors"]
 
 
-def test_a_resumed_training_equals_one_that_never_stopped(root, weights, tmp_path):
-    path = tmp_path / weights.name
+@pytest.mark.parametrize("name", TRAINED_PEERS)
+def test_a_resumed_training_equals_one_that_never_stopped(name, root, trained, tmp_path):
+    whole = trained(name)
+    path = tmp_path / whole.name
     with stopped_after(1):
-        report = train(root, path)
+        report = train(root, path, name=name)
     assert report.notes[path.name].startswith("1 steps")
-    assert train(root, path, request=replace(REQUEST, resume=True)).done
-    assert path.read_bytes() == weights.read_bytes()
+    assert train(root, path, request=replace(REQUEST, resume=True), name=name).done
+    assert path.read_bytes() == whole.read_bytes()
 
 
 def test_a_method_without_weights_says_which_command_writes_them(root, tmp_path):
@@ -92,12 +110,34 @@ def test_a_method_without_weights_says_which_command_writes_them(root, tmp_path)
         infer.run(paths, InferConfig(method="gg-cnn"), QUIET)
 
 
-def test_infer_takes_the_weights(root, weights, tmp_path):
+@pytest.mark.parametrize("name", FRAME_PEERS)
+def test_infer_takes_the_weights(name, root, trained, tmp_path):
     out = tmp_path / "grasps.h5"
-    paths = infer.InferPaths(root.root, out, peer=weights)
-    config = InferConfig(method="gg-cnn", regions="geometric")
+    paths = infer.InferPaths(root.root, out, peer=trained(name))
+    config = InferConfig(method=name, regions="geometric")
     report = infer.run(paths, config, QUIET)
     assert not report.failed
     assert len(report.done) == len(frame_names())
     assert "peer" in read_index(out).stamp["inputs"]
     assert {result.status for result in read_results(out, range(4))} <= {"ok", "empty"}
+
+
+@pytest.mark.parametrize("name", TRAINED_PEERS)
+def test_a_kept_batch_has_the_same_loss_again(name, root, trained, tmp_path):
+    tensors, metadata = load_weights(trained(name))
+    items = train_baseline.peer_items(name, root.root, trained(name), CONFIG)
+    peer, config = trained_peer(name), CONFIG.with_schedule(trained_peer(name).schedule)
+    frames = train_baseline.peer_frames([item.target for item in items], config, 0)
+    trainee = peer.training(frames, config, torch.device("cpu"), Processes())
+    trainee.module.load_state_dict(tensors)
+    trainee.module.train()
+    batch = trainee.load(np.array([0]), [np.random.default_rng(0)])
+    place = (0, 1, 2, 0)
+    expected = trainee.loss(trainee.module, batch, torch.Generator().manual_seed(loss_seed(*place)))
+    path = tmp_path / "w.fault.safetensors"
+    stamp = make_stamp("train-baseline", {"method": name, **asdict(config)})
+    trainee.module.load_state_dict(tensors)
+    save_fault(path, trainee.module, trainee.tensors(batch), place, stamp)
+    again = train_baseline.replay(path)
+    assert again == pytest.approx({n: float(t.detach()) for n, t in expected.items()}, rel=1e-5)
+    assert metadata["model"] == peer.model

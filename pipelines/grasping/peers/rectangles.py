@@ -5,6 +5,9 @@ a score, and the object's id: columns of `rect/NNNN.npy`. The gripper opens alon
 centre to the side, by twice its length. Grasps come along the camera's axis.
 """
 
+from typing import Any
+
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,6 +18,7 @@ from pipelines.grasping.grasps import GRASPNET_DEPTH, GraspPoses
 from pipelines.grasping.gripper import Gripper
 
 MIN_WIDTH = 0.001  # metres between contacts; nothing is thinner
+MAX_TURN, LEAST_SHARED = np.radians(30.0), 0.25  # of a rectangle that is right
 MIN_LINE = 1e-6  # metres; a shorter one has no direction
 
 
@@ -70,6 +74,41 @@ def on_their_object(rows: Array, label: NDArray[np.integer]) -> Mask:
     found = np.full(len(rows), -1, np.int64)
     found[inside] = label[pixels[inside, 1], pixels[inside, 0]].astype(np.int64) - 1
     return np.asarray(inside & (found == rows[:, 6].astype(np.int64)))
+
+
+def rectangle_hits(found: Array, true: Array) -> Mask:
+    """Return (n,) which rectangles `found` (n, 7) are right, by the rectangle metric.
+
+    One is right that overlaps one of `true` (m, 7) by more than a quarter of their union and is
+    turned from it by less than 30 degrees.
+    """
+    turn = np.abs(angles(found)[:, None] - angles(true))
+    turn = np.minimum(turn, np.pi - turn)
+    boxes = [[_turned_box(row) for row in rows] for rows in (found, true)]
+    right = np.zeros(len(found), bool)
+    for i, j in np.argwhere(turn < MAX_TURN).tolist():
+        right[i] = right[i] or _overlap(boxes[0][i], boxes[1][j]) > LEAST_SHARED
+    return right
+
+
+def _turned_box(row: Array) -> tuple[tuple[float, ...], tuple[float, ...], float]:
+    """Return a rectangle as OpenCV has it: centre, size, angle clockwise in degrees."""
+    (angle,), (opening,) = angles(row[None]), opening_pixels(row[None])
+    return (
+        (float(row[0]), float(row[1])),
+        (float(opening), float(row[4])),
+        float(-np.degrees(angle)),
+    )
+
+
+def _overlap(one: Any, other: Any) -> float:  # noqa: ANN401 - OpenCV's rectangle
+    """Return the area that two rectangles share, as a share of their union."""
+    kind, shared = cv2.rotatedRectangleIntersection(one, other)
+    if kind == cv2.INTERSECT_NONE:
+        return 0.0
+    area = float(cv2.contourArea(cv2.convexHull(shared)))
+    union = float(one[1][0] * one[1][1] + other[1][0] * other[1][1]) - area
+    return area / max(union, 1e-9)
 
 
 def rectangle_grasps(

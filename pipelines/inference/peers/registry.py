@@ -1,5 +1,6 @@
 """The compared methods of `infer`, by name, each loaded once a process."""
 
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 
@@ -27,5 +28,10 @@ def written_by(name: str) -> str:
 @lru_cache(maxsize=2)
 def _frame_method(name: str, weights: Path, gripper: Gripper, device: str) -> FrameMethod:
     from pipelines.inference.peers.ggcnn import GGCNNMethod  # noqa: PLC0415 - torch is slow to load
+    from pipelines.inference.peers.multi_grasp import MultiGraspMethod  # noqa: PLC0415
 
-    return {"gg-cnn": GGCNNMethod}[name].load(weights, gripper, device)
+    load: dict[str, Callable[[Path, Gripper, str], FrameMethod]] = {
+        "gg-cnn": GGCNNMethod.load,
+        "multi-grasp": MultiGraspMethod.load,
+    }
+    return load[name](weights, gripper, device)

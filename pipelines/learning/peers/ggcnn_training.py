@@ -11,10 +11,11 @@ from torch import Tensor, nn
 
 from pipelines.array_types import Array, Singles
 from pipelines.configs import TrainBaselineConfig, from_settings
-from pipelines.configs.peers import PeerSchedule
+from pipelines.configs.peers import PeerNetworkConfig, PeerSchedule
 from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot, read_rect
 from pipelines.grasping.peers.grasp_maps import MAP_SIDE, GraspMaps, scaled_rows
 from pipelines.grasping.peers.rectangles import on_their_object
+from pipelines.learning.detector.detector_training import spread
 from pipelines.learning.loop.faults import Fault
 from pipelines.learning.peers.peer import (
     Arrays,
@@ -92,23 +93,22 @@ class GGCNNTraining:
     @torch.no_grad()
     def validate(self) -> dict[str, float]:
         """Return the loss on the middle crops of (at most `max_val_frames` of) the other frames."""
-        keys = self.frames.val
-        count = min(len(keys), self.config.max_val_frames)
         totals = []
-        for i in range(count):
-            frame = read_peer_frame(*keys[i * len(keys) // count])
-            errors = map_errors(self.module, stacked([middle_crop(frame)]), self.device)
+        for key in spread(self.frames.val, self.config.max_val_frames):
+            crops = stacked([middle_crop(read_peer_frame(*key))])
+            errors = map_errors(self.module, crops, self.device)
             totals.append({name: float(error) for name, error in errors.items()})
         means = {name: float(np.mean([each[name] for each in totals])) for name in totals[0]}
         return {"loss": means.pop("total")} | means
 
 
-def ggcnn_frame(root: GraspNetRoot, files: FrameFiles) -> Arrays:
+def ggcnn_frame(root: GraspNetRoot, files: FrameFiles, network: PeerNetworkConfig) -> Arrays:
     """Return the depth of a frame without holes, and the rectangles of what is seen in it.
 
     `depth` (h, w) uint16 in tenths of a millimetre, the shorter side at most `STORED_SIDE`;
     `rows` (n, 7) float32, pixels of `depth`.
     """
+    del network  # both sizes see the same
     depth, intrinsics = root.read_depth(files)
     rows = read_rect(files.path("rect")).astype(np.float64)
     rows = rows[rows[:, 5] >= MIN_SCORE]

@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 
 from pipelines.configs import TrainBaselineConfig
-from pipelines.configs.peers import PeerSchedule
+from pipelines.configs.peers import PeerNetworkConfig, PeerSchedule
 from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot, SceneFiles
 from pipelines.dataset.scene_digests import digest_of_images
 from pipelines.errors import MissingInputError
@@ -54,7 +54,7 @@ class Peer:
     model: str
     schedule: PeerSchedule
     needs: tuple[str, ...]
-    prepare: Callable[[GraspNetRoot, FrameFiles], Arrays]
+    prepare: Callable[[GraspNetRoot, FrameFiles, PeerNetworkConfig], Arrays]
     training: Callable[[PeerFrames, TrainBaselineConfig, torch.device, Processes], Trainee]
     replay: Callable[[Fault], Mapping[str, float]]
 

@@ -2,9 +2,10 @@
 
 from pipelines.errors import UnknownNameError
 from pipelines.learning.peers.ggcnn_training import GG_CNN
+from pipelines.learning.peers.multi_grasp_training import MULTI_GRASP
 from pipelines.learning.peers.peer import Peer
 
-TRAINED_PEERS: dict[str, Peer] = {"gg-cnn": GG_CNN}
+TRAINED_PEERS: dict[str, Peer] = {"gg-cnn": GG_CNN, "multi-grasp": MULTI_GRASP}
 
 
 def trained_peer(name: str) -> Peer:

@@ -1,0 +1,63 @@
+"""Grasp rectangles as boxes with a class of orientation, Multi-Grasp's representation.
+
+The box is the rectangle turned back to horizontal about its centre: as wide as the gripper opens.
+Class c, from 1, stands for an opening line at -90 + 10 (c - 1) degrees, counter-clockwise on the
+screen. The published network has a class 19 for +90 degrees, which is class 1 once more: no label
+has it, and it is read as class 1.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.array_types import Array, Indices
+from pipelines.grasping.peers.rectangles import angles, opening_pixels, rectangle_rows
+
+NUM_CLASSES = 20  # of the published network: no grasp, and 19 orientations
+NUM_ORIENTATIONS = 18  # that differ
+CLASS_DEGREES = 10.0
+
+
+def orientation_classes(rows: Array) -> NDArray[np.int64]:
+    """Return (n,) the classes, 1 to 18, of rectangles `rows` (n, 7)."""
+    steps = np.rint((np.degrees(angles(rows)) + 90.0) / CLASS_DEGREES).astype(np.int64)
+    return np.asarray(steps % NUM_ORIENTATIONS + 1)
+
+
+def horizontal_boxes(rows: Array) -> Array:
+    """Return (n, 4) x0, y0, x1, y1 of rectangles `rows` (n, 7), turned back to horizontal."""
+    half = 0.5 * np.stack([opening_pixels(rows), rows[:, 4]], axis=1)
+    return np.concatenate([rows[:, :2] - half, rows[:, :2] + half], axis=1)
+
+
+def rows_of_boxes(boxes: Array, classes: NDArray[np.integer], score: Array) -> Array:
+    """Return rectangles (n, 7) of `boxes` (n, 4) with `classes` (n,) and `score` (n,)."""
+    angle = np.radians(CLASS_DEGREES * (classes - 1) - 90.0)
+    size = boxes[:, 2:] - boxes[:, :2]
+    centre = 0.5 * (boxes[:, 2:] + boxes[:, :2])
+    return rectangle_rows(centre, angle, size[:, 0], size[:, 1], score)
+
+
+def spread_rows(rows: Array, most: int) -> Indices:
+    """Return which of `rows` (n, 7) to keep: of each object `most`, far from each other.
+
+    Distances are in pixels between centres; turns count as much as a rectangle's height for 30
+    degrees.
+    """
+    kept: list[Indices] = []
+    double = 2.0 * angles(rows)
+    turn = rows[:, 4:5] / np.radians(60.0) * np.stack([np.cos(double), np.sin(double)], axis=1)
+    places = np.concatenate([rows[:, :2], turn], axis=1)
+    for object_id in np.unique(rows[:, 6]):
+        own = np.flatnonzero(rows[:, 6] == object_id)
+        kept.append(own[_farthest_first(places[own], most)])
+    return np.sort(np.concatenate([np.zeros(0, np.int64), *kept]))
+
+
+def _farthest_first(places: Array, most: int) -> Indices:
+    """Return indices of up to `most` of `places` (n, d), each the farthest from those before."""
+    chosen = [0]
+    nearest = np.linalg.norm(places - places[0], axis=1)
+    while len(chosen) < min(most, len(places)):
+        chosen.append(int(nearest.argmax()))
+        nearest = np.minimum(nearest, np.linalg.norm(places - places[chosen[-1]], axis=1))
+    return np.array(chosen, np.int64)

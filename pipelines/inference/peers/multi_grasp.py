@@ -1,0 +1,69 @@
+"""Multi-Grasp on a frame: an RGD image, rectangles, grasps along the camera's axis."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+import torch
+from torchvision.models.detection import FasterRCNN
+
+from pipelines.array_types import Array
+from pipelines.configs.peers import PeerNetworkConfig
+from pipelines.frames.rgbd import Frame
+from pipelines.grasping.grasps import GraspPoses
+from pipelines.grasping.gripper import Gripper
+from pipelines.grasping.peers.grasp_maps import scaled_rows
+from pipelines.grasping.peers.oriented_boxes import rows_of_boxes
+from pipelines.grasping.peers.rectangles import rectangle_grasps
+from pipelines.grasping.scene import SceneCloud
+from pipelines.network.devices import find_device
+from pipelines.network.peers.multi_grasp import (
+    LONG_SIDES,
+    MULTI_GRASP_MODEL,
+    SHORT_SIDES,
+    build_multi_grasp,
+)
+from pipelines.network.peers.rgd import rgd_pixels, rgd_tensor
+from pipelines.network.weights_files import fill, read_weights
+from pipelines.tabletop.depth_channels import shrink
+
+
+@dataclass(frozen=True)
+class MultiGraspMethod:
+    """A `FrameMethod`: a trained Multi-Grasp of the size that `config` says."""
+
+    network: FasterRCNN
+    config: PeerNetworkConfig
+    gripper: Gripper
+    device: torch.device
+
+    @classmethod
+    def load(cls, path: Path, gripper: Gripper, device: str = "auto") -> Self:
+        """Read weights that `symgrasp train-baseline multi-grasp` wrote.
+
+        Raises:
+            FormatError: the file holds no weights of this network.
+        """
+        found = find_device(device)
+        tensors, config = read_weights(path, MULTI_GRASP_MODEL, PeerNetworkConfig)
+        network = build_multi_grasp(config)
+        fill(network, tensors, path)
+        return cls(network.to(found).eval(), config, gripper, found)
+
+    @torch.inference_mode()
+    def grasps(
+        self, frame: Frame, scene: SceneCloud, rng: np.random.Generator
+    ) -> tuple[GraspPoses, Array]:
+        """Return grasps, camera frame, and the probability of each."""
+        del rng  # it draws nothing
+        variant, depth = self.config.variant, scene.depth.astype(np.float32)
+        sides = SHORT_SIDES[variant], LONG_SIDES[variant]
+        small = shrink(frame.color, depth, scene.intrinsics, *sides)
+        image = rgd_tensor(rgd_pixels(small.color, small.depth)).to(self.device)
+        (found,) = self.network([image])
+        boxes, labels, score = (found[name].cpu().numpy() for name in ("boxes", "labels", "scores"))
+        rows = rows_of_boxes(boxes.astype(np.float64), labels, score.astype(np.float64))
+        rows = scaled_rows(rows, scene.intrinsics.width / small.intrinsics.width)
+        grasps, index = rectangle_grasps(rows, scene.depth, scene.intrinsics, self.gripper)
+        return grasps, rows[index, 5]

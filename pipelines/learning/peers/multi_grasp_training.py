@@ -1,0 +1,228 @@
+"""Multi-Grasp as the training engine sees it: turned RGD images, boxes with orientations."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import cast
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torchvision.models.detection import FasterRCNN
+
+from pipelines.array_types import Array
+from pipelines.configs import TrainBaselineConfig, from_settings
+from pipelines.configs.peers import PeerNetworkConfig, PeerSchedule
+from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot, read_rect
+from pipelines.grasping.peers.grasp_maps import scaled_rows
+from pipelines.grasping.peers.oriented_boxes import (
+    horizontal_boxes,
+    orientation_classes,
+    rows_of_boxes,
+    spread_rows,
+)
+from pipelines.grasping.peers.rectangles import on_their_object, rectangle_hits
+from pipelines.learning.detector.detector_training import spread
+from pipelines.learning.loop.faults import Fault
+from pipelines.learning.peers.peer import (
+    Arrays,
+    Peer,
+    PeerFrames,
+    drawn_batches,
+    read_peer_frame,
+)
+from pipelines.learning.speed.processes import Processes
+from pipelines.learning.speed.shares import check_shares, micro_batch_size
+from pipelines.network.detection.mask_rcnn import seed_samplers
+from pipelines.network.peers.multi_grasp import (
+    LONG_SIDES,
+    MULTI_GRASP_MODEL,
+    SHORT_SIDES,
+    build_multi_grasp,
+)
+from pipelines.network.peers.rgd import rgd_pixels, rgd_tensor
+from pipelines.tabletop.depth_channels import shrink
+
+MIN_SCORE = 0.8  # of a rectangle: 1.1 - mu, so mu is 0.2 at most, but for rounding
+MOST_ROWS = 60  # rectangles of an object in a frame
+SHIFT = 0.1  # share of the shorter side by which an image is moved at most
+FIRST = 10  # grasps of a frame, the best, whose hits are counted
+CPU_MICRO_BATCH = 2  # frames
+
+
+@dataclass(frozen=True)
+class GraspImage:
+    """An RGD image as the network takes it, and its grasps: `boxes` (n, 4), `labels` (n,)."""
+
+    image: Tensor
+    target: dict[str, Tensor]
+
+
+class MultiGraspTraining:
+    """A `Trainee`: Multi-Grasp with the frames it learns from and those it is judged on."""
+
+    best_by = "hits"
+    higher_is_better = True
+
+    def __init__(
+        self,
+        frames: PeerFrames,
+        config: TrainBaselineConfig,
+        device: torch.device,
+        processes: Processes,
+    ) -> None:
+        network: nn.Module = build_multi_grasp(config.network)
+        self.module = network.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.frames, self.config, self.device = frames, config, device
+        self.parallel = device.type == "cpu"
+        on_cpu = CPU_MICRO_BATCH if self.parallel else 0
+        size = micro_batch_size(config.micro_batch_size, config.batch_size, on_cpu, processes)
+        self.micro_batch_size = size
+        check_shares(config.batch_size, size, processes)
+
+    def epoch(self, number: int, rng: np.random.Generator) -> Sequence[NDArray[np.int64]]:
+        """Return the batches of frame numbers until the next validation."""
+        return drawn_batches(len(self.frames.train), self.config, number, rng)
+
+    def load(
+        self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]
+    ) -> list[GraspImage]:
+        """Return each frame, turned and moved at random."""
+        pairs = zip(items, generators, strict=True)
+        frames = [(read_peer_frame(*self.frames.train[int(i)]), rng) for i, rng in pairs]
+        return [grasp_image(*moved_at_random(frame, rng)) for frame, rng in frames]
+
+    def loss(
+        self, module: nn.Module, micro_batch: list[GraspImage], generator: torch.Generator
+    ) -> Mapping[str, Tensor]:
+        """Return the four losses of proposals and grasps, and their sum as `total`."""
+        return grasp_losses(cast(FasterRCNN, module), micro_batch, generator, self.device)
+
+    def tensors(self, micro_batch: list[GraspImage]) -> dict[str, Tensor]:
+        """Return a micro-batch as named tensors, NUMBER.NAME."""
+        return {
+            f"{number}.{name}": tensor
+            for number, each in enumerate(micro_batch)
+            for name, tensor in ({"image": each.image} | each.target).items()
+        }
+
+    @torch.no_grad()
+    def validate(self) -> dict[str, float]:
+        """Return the share of each frame's best grasps that are hits, and of frames with any."""
+        hits, first = [], []
+        for key in spread(self.frames.val, self.config.max_val_frames):
+            frame = read_peer_frame(*key)
+            (found,) = self.module([rgd_tensor(frame["pixels"]).to(self.device)])
+            rows = found_rows(found)[:FIRST]
+            right = rectangle_hits(rows, frame["rows"].astype(np.float64))
+            hits.append(right.sum() / FIRST)
+            first.append(bool(right[:1].any()))
+        return {"hits": float(np.mean(hits)), "first": float(np.mean(first))}
+
+
+def found_rows(found: Mapping[str, Tensor]) -> Array:
+    """Return the network's detections in one image as rectangles (n, 7), best first."""
+    boxes, labels, score = (found[name].cpu().numpy() for name in ("boxes", "labels", "scores"))
+    order = np.argsort(-score, kind="stable")
+    return rows_of_boxes(
+        boxes[order].astype(np.float64), labels[order], score[order].astype(np.float64)
+    )
+
+
+def multi_grasp_frame(root: GraspNetRoot, files: FrameFiles, network: PeerNetworkConfig) -> Arrays:
+    """Return a frame at the network's size: `pixels` (h, w, 3) RGD, `rows` (n, 7) float32."""
+    frame = root.read_frame(files)
+    rows = read_rect(files.path("rect")).astype(np.float64)
+    rows = rows[rows[:, 5] >= MIN_SCORE]
+    rows = rows[on_their_object(rows, root.read_label(files))]
+    rows = rows[spread_rows(rows, MOST_ROWS)]
+    variant = network.variant
+    sides = SHORT_SIDES[variant], LONG_SIDES[variant]
+    small = shrink(frame.color, frame.depth, frame.intrinsics, *sides)
+    scaled = scaled_rows(rows, small.intrinsics.width / frame.intrinsics.width)
+    return {
+        "pixels": rgd_pixels(small.color, small.depth),
+        "rows": scaled.astype(np.float32),
+    }
+
+
+def moved_at_random(frame: Arrays, rng: np.random.Generator) -> tuple[NDArray[np.uint8], Array]:
+    """Return the pixels and rectangles of a frame, turned by any angle and moved a little."""
+    height, width = frame["pixels"].shape[:2]
+    reach = SHIFT * min(height, width)
+    return moved_image(frame, float(rng.uniform(0.0, 360.0)), rng.uniform(-reach, reach, 2))
+
+
+def moved_image(frame: Arrays, degrees: float, shift: Array) -> tuple[NDArray[np.uint8], Array]:
+    """Return the pixels and rectangles of a frame, turned counter-clockwise, moved by `shift` (2,).
+
+    Depth takes the nearest pixel: a mean across an edge would lie between the surfaces.
+    """
+    pixels, rows = frame["pixels"], frame["rows"].astype(np.float64)
+    height, width = pixels.shape[:2]
+    T = cv2.getRotationMatrix2D((0.5 * (width - 1), 0.5 * (height - 1)), degrees, 1.0)
+    T[:, 2] = T[:, 2] + shift
+    turned = cv2.warpAffine(pixels, T, (width, height), flags=cv2.INTER_LINEAR)
+    turned[..., 2] = cv2.warpAffine(pixels[..., 2], T, (width, height), flags=cv2.INTER_NEAREST)
+    moved = rows.copy()
+    for i in (0, 2):
+        moved[:, i : i + 2] = rows[:, i : i + 2] @ T[:, :2].T + T[:, 2]
+    return np.asarray(turned, np.uint8), moved
+
+
+def grasp_image(pixels: NDArray[np.uint8], rows: Array) -> GraspImage:
+    """Return an image with its labels: rectangles whose box lies within it."""
+    boxes, classes = horizontal_boxes(rows), orientation_classes(rows)
+    size = np.array([pixels.shape[1], pixels.shape[0]])
+    inside = (boxes[:, :2] >= 0).all(axis=1) & (boxes[:, 2:] <= size).all(axis=1)
+    target = {
+        "boxes": torch.from_numpy(boxes[inside].astype(np.float32)).reshape(-1, 4),
+        "labels": torch.from_numpy(classes[inside]),
+    }
+    return GraspImage(rgd_tensor(pixels), target)
+
+
+def grasp_losses(
+    network: FasterRCNN,
+    images: Sequence[GraspImage],
+    generator: torch.Generator,
+    device: torch.device,
+) -> dict[str, Tensor]:
+    """Return the losses by name, and their sum as `total`."""
+    seed_samplers(network, generator)
+    inputs = [each.image.to(device) for each in images]
+    targets = [{name: tensor.to(device) for name, tensor in each.target.items()} for each in images]
+    terms: dict[str, Tensor] = network(inputs, targets)
+    return {"total": torch.stack(list(terms.values())).sum()} | {
+        name.removeprefix("loss_"): term for name, term in terms.items()
+    }
+
+
+def replay_images(fault: Fault) -> dict[str, float]:
+    """Return the loss terms of a kept micro-batch, on the CPU."""
+    config = from_settings(TrainBaselineConfig, fault.settings)
+    network = build_multi_grasp(config.network)
+    network.load_state_dict(dict(fault.weights))
+    numbers = sorted({int(name.split(".")[0]) for name in fault.batch})
+    images = [
+        GraspImage(
+            fault.batch[f"{number}.image"],
+            {name: fault.batch[f"{number}.{name}"] for name in ("boxes", "labels")},
+        )
+        for number in numbers
+    ]
+    terms = grasp_losses(network.train(), images, fault.generator(), torch.device("cpu"))
+    return {name: float(term.detach()) for name, term in terms.items()}
+
+
+MULTI_GRASP = Peer(
+    model=MULTI_GRASP_MODEL,
+    schedule=PeerSchedule(
+        steps=4000, epoch_steps=250, batch_size=4, learning_rate=0.001, decay_steps=1000
+    ),
+    needs=("rect",),
+    prepare=multi_grasp_frame,
+    training=MultiGraspTraining,
+    replay=replay_images,
+)

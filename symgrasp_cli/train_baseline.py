@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import TrainBaselineConfig
+from pipelines.configs.inference import FRAME_PEERS
 from symgrasp_cli.options import (
     Backend,
     CameraName,
@@ -41,7 +42,7 @@ from symgrasp_cli.settings import with_settings
 )
 def train_baseline(
     config: TrainBaselineConfig,
-    method: Annotated[str, typer.Argument(help="A compared method: gg-cnn or multi-grasp.")],
+    method: Annotated[str, typer.Argument(help=f"A compared method: {', '.join(FRAME_PEERS)}.")],
     root: Annotated[
         Path,
         typer.Argument(

@@ -15,7 +15,11 @@ from pipelines.configs.planning import (
 )
 
 RegionSource = Literal["auto", "detector", "geometric"]
-Method = Literal["network", "planar", "random", "gg-cnn", "multi-grasp", "symmetry-icp"]
+Method = Literal[
+    "network", "planar", "random", "symmetry-icp", "gg-cnn", "multi-grasp", "pointnetgpd"
+]
+# Those that find grasps in a whole frame, without regions.
+FRAME_PEERS = ("gg-cnn", "multi-grasp", "pointnetgpd")
 ExportFormat = Literal["graspnet", "contact-graspnet", "isaac", "json", "csv", "ros-json"]
 
 TCP = (
@@ -38,8 +42,7 @@ class InferConfig:
     method: Method = choice(
         "network",
         "Planner: the network, or without it planar, random or symmetry-icp, which fits symmetries "
-        "to the points alone; or a compared method with --weights: gg-cnn or "
-        "multi-grasp.",
+        f"to the points alone; or a compared method with --weights: {', '.join(FRAME_PEERS)}.",
         "Sec. IV-A, IV-E",
     )
     mirrored: bool = choice(

@@ -6,7 +6,6 @@ from typing import Literal
 from pipelines.configs.declaration import BY_EYE, choice, setting
 from pipelines.configs.learning import DECAY, EMA_DECAY, MICRO_BATCH_MEANING, VAL_FRACTION
 
-FRAME_PEERS = ("gg-cnn", "multi-grasp")  # find grasps in a whole frame, without regions
 Variant = Literal["light", "full"]
 
 OWN = "0 for the method's own."

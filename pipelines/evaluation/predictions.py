@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipelines.array_types import Array, Mask
-from pipelines.configs.peers import FRAME_PEERS
+from pipelines.configs.inference import FRAME_PEERS
 from pipelines.geometry.symmetry import SPHERE_SLOT
 from pipelines.grasp_files.grasps_file import FrameResult, GraspTable, RegionTable
 from pipelines.grasping.grasps import GraspPoses

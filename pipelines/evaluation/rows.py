@@ -41,6 +41,14 @@ KNOWN_ROWS = (
     ),
     _peer("multi-grasp", "#6d4c41", "Multi-Grasp"),
     _peer("gg-cnn", "#00897b", "GG-CNN"),
+    _peer("pointnetgpd", "#c0392b", "PointNetGPD"),
+    ReportRow(
+        "symmetry-icp",
+        "symmetry by fitting",
+        "#8d6e63",
+        "symmetries fitted to the points alone, then our selection",
+        "geometry [7]",
+    ),
     ReportRow(
         "oracle", "oracle", "#2a9d58", "true symmetries and affordance through the same selection"
     ),

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from pipelines.configs import InferConfig, check_settings
-from pipelines.configs.peers import FRAME_PEERS
+from pipelines.configs.inference import FRAME_PEERS
 from pipelines.dataset.chosen_frames import ALL_FRAMES, ChosenFrames
 from pipelines.errors import ValueRangeError, WriteError
 from pipelines.frames.camera_files import CameraFile

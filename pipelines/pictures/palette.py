@@ -19,6 +19,7 @@ SOURCE_COLORS = {
     "random": "#bebebe",
     "gg-cnn": "#00b39f",
     "multi-grasp": "#b07a5a",
+    "pointnetgpd": "#ff6e5a",
 }  # if a page is set so
 REGION_COLORS = (  # by number, round and round
     "#4c9be8", "#f2a33c", "#c77dff", "#3ccfb4", "#ff7aa8", "#d8c63a",

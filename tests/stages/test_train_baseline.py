@@ -9,7 +9,8 @@ import torch
 
 from pipelines import infer, train_baseline
 from pipelines.configs import InferConfig, TrainBaselineConfig
-from pipelines.configs.peers import FRAME_PEERS, PeerNetworkConfig
+from pipelines.configs.inference import FRAME_PEERS
+from pipelines.configs.peers import PeerNetworkConfig
 from pipelines.dataset.graspnet.graspnet import write_rect
 from pipelines.errors import MissingInputError, UnknownNameError, ValueRangeError
 from pipelines.grasp_files.grasps_stream import read_index, read_results
@@ -22,6 +23,7 @@ from pipelines.runtime.batch import BatchOptions
 from pipelines.storage.checkpoints import load_weights
 from pipelines.storage.provenance import make_stamp
 from tests.learning.stopped import stopped_after
+from tests.stages.toy_grasp_labels import write_labels
 from tests.stages.toy_root import CAMERA, WIDTHS, best_grasp, frame_names, write_root
 
 CONFIG = TrainBaselineConfig(steps=2, epoch_steps=2, batch_size=2, micro_batch_size=1)
@@ -51,6 +53,7 @@ def bare_root(tmp_path_factory):
 def root(tmp_path_factory):
     root = write_root(tmp_path_factory.mktemp("root"))
     write_rects(root)
+    write_labels(root)
     return root
 
 

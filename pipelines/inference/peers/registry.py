@@ -10,7 +10,7 @@ from pipelines.inference.peers.frame_method import FrameMethod
 
 
 def frame_method(name: str, weights: Path, gripper: Gripper, device: str) -> FrameMethod:
-    """Return the method called `name`, one of `configs.peers.FRAME_PEERS`, with its weights.
+    """Return the method called `name`, one of `configs.inference.FRAME_PEERS`, with its weights.
 
     Raises:
         MissingInputError: the weights are not there.
@@ -29,9 +29,11 @@ def written_by(name: str) -> str:
 def _frame_method(name: str, weights: Path, gripper: Gripper, device: str) -> FrameMethod:
     from pipelines.inference.peers.ggcnn import GGCNNMethod  # noqa: PLC0415 - torch is slow to load
     from pipelines.inference.peers.multi_grasp import MultiGraspMethod  # noqa: PLC0415
+    from pipelines.inference.peers.pointnetgpd import PointNetGPDMethod  # noqa: PLC0415
 
     load: dict[str, Callable[[Path, Gripper, str], FrameMethod]] = {
         "gg-cnn": GGCNNMethod.load,
         "multi-grasp": MultiGraspMethod.load,
+        "pointnetgpd": PointNetGPDMethod.load,
     }
     return load[name](weights, gripper, device)

@@ -4,8 +4,13 @@ from pipelines.errors import UnknownNameError
 from pipelines.learning.peers.ggcnn_training import GG_CNN
 from pipelines.learning.peers.multi_grasp_training import MULTI_GRASP
 from pipelines.learning.peers.peer import Peer
+from pipelines.learning.peers.pointnetgpd_training import POINTNETGPD
 
-TRAINED_PEERS: dict[str, Peer] = {"gg-cnn": GG_CNN, "multi-grasp": MULTI_GRASP}
+TRAINED_PEERS: dict[str, Peer] = {
+    "gg-cnn": GG_CNN,
+    "multi-grasp": MULTI_GRASP,
+    "pointnetgpd": POINTNETGPD,
+}
 
 
 def trained_peer(name: str) -> Peer:

@@ -1,0 +1,78 @@
+"""Grasp candidates of PointNetGPD: a hand at each of some points, in the surface's Darboux frame.
+
+The candidates are those of the adaptation that GraspNet-1Billion's benchmark compares with. Camera
+frame, metres.
+"""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from pipelines.array_types import Array, Indices, Mask
+from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.transforms import cross
+from pipelines.grasping.peers.hands import Hands, free_hands
+
+MIN_HEIGHT, MAX_HEIGHT = 0.006, 0.5  # metres over the table: lower is the table, higher no object
+NORMAL_NEIGHBOURS, FRAME_NEIGHBOURS = 10, 40
+RADIUS = 0.01  # metres, of the neighbours of a normal and of a frame
+DEPTH = 0.02  # metres from a candidate's point to its finger tips
+
+
+def over_table(points: Array, table: Plane | None) -> Array:
+    """Return those of `points` (n, 3) that are objects' by their height; all without a table."""
+    if table is None:
+        return points
+    height = table.height(points)
+    return points[(height > MIN_HEIGHT) & (height < MAX_HEIGHT)]
+
+
+def outward_normals(points: Array) -> Array:
+    """Return unit normals (n, 3) of a thinned cloud, toward the camera."""
+    index, there = _near(points, points, NORMAL_NEIGHBOURS)
+    about = np.where(there[..., None], points[index], 0.0)
+    mean = about.sum(axis=1) / there.sum(axis=1)[:, None]  # each is its own neighbour
+    centred = np.where(there[..., None], about - mean[:, None], 0.0)
+    normals = np.linalg.eigh(np.einsum("nki,nkj->nij", centred, centred))[1][..., 0]
+    away = np.einsum("ni,ni->n", normals, points) > 0
+    return np.where(away[:, None], -normals, normals)
+
+
+def darboux_frames(at: Array, points: Array, normals: Array) -> Array:
+    """Return (m, 3, 3) the frames of the surface at the points `at` (m, 3).
+
+    The approach goes against the normal; the binormal lies along the direction in which the normal
+    changes least, as along the axis of a cylinder.
+
+    Args:
+        at: on the surface.
+        points: (n, 3) of the surface.
+        normals: (n, 3) of `points`, outward.
+    """
+    index, there = _near(at, points, FRAME_NEIGHBOURS)
+    near = np.where(there[..., None], normals[index], 0.0)
+    axes = np.linalg.eigh(np.einsum("nki,nkj->nij", near, near))[1]
+    inward = np.einsum("ni,ni->n", axes[..., 2], near.sum(axis=1)) < 0
+    approach = np.where(inward[:, None], axes[..., 2], -axes[..., 2])
+    binormal = axes[..., 0]
+    return np.stack([approach, cross(binormal, approach), binormal], axis=-1)
+
+
+def candidate_hands(objects: Array, scene: Array, count: int, rng: np.random.Generator) -> Hands:
+    """Return hands at up to `count` random points of `objects` that no point of `scene` hinders.
+
+    `objects` and `scene`: (n, 3) and (m, 3), thinned.
+    """
+    if not len(objects):
+        return Hands(np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros(0))
+    at = objects[rng.permutation(len(objects))[:count]]
+    frames = darboux_frames(at, objects, outward_normals(objects))
+    hands = Hands(frames, at, np.full(len(at), DEPTH))
+    return hands[free_hands(hands, objects, scene)]
+
+
+def _near(at: Array, points: Array, count: int) -> tuple[Indices, Mask]:
+    """Return up to `count` of `points` near each of `at` (m, 3): indices (m, k), and which are."""
+    ranks = range(1, min(count, len(points)) + 1)
+    away, index = cKDTree(points).query(at, ranks, distance_upper_bound=RADIUS)
+    there = np.isfinite(away)
+    return np.where(there, index, 0), there

@@ -1,0 +1,86 @@
+"""PointNetGPD on a frame: hands at random points of what stands on the table, scored one by one."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+import torch
+
+from pipelines.array_types import Array, Singles
+from pipelines.configs.peers import PeerNetworkConfig
+from pipelines.frames.rgbd import Frame
+from pipelines.grasping.grasps import GraspPoses
+from pipelines.grasping.gripper import Gripper
+from pipelines.grasping.peers.darboux import candidate_hands, over_table
+from pipelines.grasping.peers.hands import MIN_CLOSED_ON, OPENING, Hands, drawn_points, thinned
+from pipelines.grasping.scene import MAX_RANGE, SceneCloud
+from pipelines.network.devices import find_device
+from pipelines.network.peers.pointnetgpd import POINTNETGPD_MODEL, PointNetGPD
+from pipelines.network.weights_files import fill, read_weights
+
+NUM_CANDIDATES = 2000
+MOST_SCORED = {"light": 400, "full": 2000}  # of the free ones
+FAIR_WEIGHT = 0.5  # of the fair class's probability in the score
+AT_ONCE = 64  # candidates
+MIN_WIDTH = 0.001  # metres between contacts
+
+
+@dataclass(frozen=True)
+class PointNetGPDMethod:
+    """A `FrameMethod`: a trained PointNetGPD."""
+
+    network: PointNetGPD
+    gripper: Gripper
+    device: torch.device
+
+    @classmethod
+    def load(cls, path: Path, gripper: Gripper, device: str = "auto") -> Self:
+        """Read weights that `symgrasp train-baseline pointnetgpd` wrote.
+
+        Raises:
+            FormatError: the file holds no weights of this network.
+        """
+        found = find_device(device)
+        tensors, config = read_weights(path, POINTNETGPD_MODEL, PeerNetworkConfig)
+        network = PointNetGPD(config)
+        fill(network, tensors, path)
+        return cls(network.to(found).eval(), gripper, found)
+
+    def grasps(
+        self, frame: Frame, scene: SceneCloud, rng: np.random.Generator
+    ) -> tuple[GraspPoses, Array]:
+        """Return grasps, camera frame, and the score of each: P(good) + P(fair) / 2."""
+        del frame  # it sees depth alone
+        near = (scene.depth > 0) & (scene.depth < MAX_RANGE) & ~scene.stray
+        points = scene.xyz[near]
+        objects = over_table(points, scene.plane)
+        hands = candidate_hands(thinned(objects), thinned(points), NUM_CANDIDATES, rng)
+        hands = hands[np.arange(len(hands))[: MOST_SCORED[self.network.config.variant]]]
+        return hand_grasps(hands, self.gripper), self.scores(hands, objects, rng)
+
+    def scores(self, hands: Hands, objects: Array, rng: np.random.Generator) -> Array:
+        """Return the score (n,) of each hand, 0 where it closes on too few of `objects` (m, 3)."""
+        score, count = np.zeros(len(hands)), self.network.num_points
+        clouds = [hands.closing_region(i, objects) for i in range(len(hands))]
+        seen = [i for i, cloud in enumerate(clouds) if len(cloud) >= MIN_CLOSED_ON]
+        for start in range(0, len(seen), AT_ONCE):
+            part = seen[start : start + AT_ONCE]
+            score[part] = self._judged(
+                np.stack([drawn_points(clouds[i], count, rng) for i in part])
+            )
+        return score
+
+    @torch.inference_mode()
+    def _judged(self, clouds: Singles) -> Array:
+        """Return the scores (k,) of `clouds` (k, n, 3)."""
+        probability = self.network(torch.from_numpy(clouds).to(self.device)).exp().cpu().numpy()
+        return np.asarray(probability[:, 2] + FAIR_WEIGHT * probability[:, 1], np.float64)
+
+
+def hand_grasps(hands: Hands, gripper: Gripper) -> GraspPoses:
+    """Return the grasps of `gripper` at `hands`, opened as wide as these where it can."""
+    reach = (hands.depth - gripper.tip_reach)[:, None]
+    width = min(OPENING, gripper.max_opening) - 2 * gripper.clearance
+    contacts = hands.origin + reach * hands.rotation[:, :, 0]
+    return GraspPoses(hands.rotation, contacts, np.full(len(hands), max(width, MIN_WIDTH)))

@@ -1,0 +1,193 @@
+"""PointNetGPD as the training engine sees it: the points that labelled hands close on."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from pipelines.array_types import Indices
+from pipelines.configs import TrainBaselineConfig, from_settings
+from pipelines.configs.peers import PeerNetworkConfig, PeerSchedule
+from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot
+from pipelines.errors import ValueRangeError
+from pipelines.grasping.peers.hands import Hands, drawn_points
+from pipelines.learning.loop.faults import Fault
+from pipelines.learning.peers.peer import (
+    Arrays,
+    FrameKeys,
+    Peer,
+    PeerFrames,
+    drawn_batches,
+    read_peer_frame,
+)
+from pipelines.learning.peers.pointnetgpd_labels import GOOD, labelled_hands
+from pipelines.learning.speed.processes import Processes
+from pipelines.learning.speed.shares import check_shares, micro_batch_size
+from pipelines.network.peers.pointnetgpd import POINTNETGPD_MODEL, PointNetGPD
+
+HANDS_A_FRAME = 16  # drawn for a step, half of them good
+HALF_TURN = np.array([1.0, -1.0, -1.0], np.float32)  # about the approach: the same hand
+CPU_FRAMES = 2  # frames
+
+
+@dataclass(frozen=True)
+class HandCrops:
+    """Points (B, N, 3) that hands close on, in their frames, and the classes (B,) of the hands."""
+
+    points: Tensor
+    kind: Tensor
+
+
+class PointNetGPDTraining:
+    """A `Trainee`: PointNetGPD with the frames it learns from and those it is judged on."""
+
+    best_by = "loss"
+    higher_is_better = False
+
+    def __init__(
+        self,
+        frames: PeerFrames,
+        config: TrainBaselineConfig,
+        device: torch.device,
+        processes: Processes,
+    ) -> None:
+        self.network = PointNetGPD(config.network).to(device)
+        self.module: nn.Module = self.network
+        self.train, self.val = _with_hands(frames.train), _with_hands(frames.val)
+        self.config, self.device = config, device
+        self.parallel = device.type == "cpu"
+        on_cpu = CPU_FRAMES if self.parallel else 0
+        size = micro_batch_size(config.micro_batch_size, config.batch_size, on_cpu, processes)
+        self.micro_batch_size = size
+        check_shares(config.batch_size, size, processes)
+
+    def epoch(self, number: int, rng: np.random.Generator) -> Sequence[NDArray[np.int64]]:
+        """Return the batches of frame numbers until the next validation."""
+        return drawn_batches(len(self.train), self.config, number, rng)
+
+    def load(
+        self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]
+    ) -> HandCrops:
+        """Return the crops of some hands of each frame."""
+        pairs = zip(items, generators, strict=True)
+        return joined_crops([self._crops(self.train[int(i)], rng) for i, rng in pairs])
+
+    def _crops(self, key: tuple[Path, int], rng: np.random.Generator) -> HandCrops:
+        return drawn_crops(read_peer_frame(*key), self.network.num_points, rng)
+
+    def loss(
+        self, module: nn.Module, micro_batch: HandCrops, generator: torch.Generator
+    ) -> Mapping[str, Tensor]:
+        """Return the negative log-likelihood of the classes as `total`."""
+        del generator  # the network draws nothing
+        return {"total": class_loss(module, micro_batch, self.device)[0]}
+
+    def tensors(self, micro_batch: HandCrops) -> dict[str, Tensor]:
+        """Return a micro-batch as named tensors."""
+        return {"points": micro_batch.points, "kind": micro_batch.kind}
+
+    @torch.no_grad()
+    def validate(self) -> dict[str, float]:
+        """Return loss, accuracy, and precision and recall of good hands on the other frames."""
+        count = min(len(self.val), self.config.max_val_frames)
+        keys = [self.val[i * len(self.val) // count] for i in range(count)]
+        losses, found, true = [], [], []
+        for number, key in enumerate(keys):
+            crops = self._crops(key, np.random.default_rng(number))
+            loss, scores = class_loss(self.module, crops, self.device)
+            losses.append(float(loss))
+            found.append(scores.argmax(dim=1).cpu().numpy())
+            true.append(crops.kind.numpy())
+        said, real = np.concatenate(found), np.concatenate(true)
+        hits = float(((said == GOOD) & (real == GOOD)).sum())
+        return {
+            "loss": float(np.mean(losses)),
+            "accuracy": float((said == real).mean()),
+            "good_precision": hits / max(int((said == GOOD).sum()), 1),
+            "good_recall": hits / max(int((real == GOOD).sum()), 1),
+        }
+
+
+def pointnetgpd_frame(
+    root: GraspNetRoot, files: FrameFiles, network: PeerNetworkConfig | None = None
+) -> Arrays:
+    """Return the labelled hands of a frame and the points of its objects, camera frame, metres.
+
+    `rotation` (n, 3, 3), `origin` (n, 3), `depth` (n,), `kind` (n,), `objects` (m, 3).
+    """
+    del network  # all variants learn from the same
+    found = labelled_hands(root, files)
+    floats = {name: getattr(found.hands, name) for name in ("rotation", "origin", "depth")}
+    arrays: Arrays = {name: each.astype(np.float32) for name, each in floats.items()}
+    return arrays | {"kind": found.kind, "objects": found.objects.astype(np.float32)}
+
+
+def drawn_crops(frame: Arrays, num_points: int, rng: np.random.Generator) -> HandCrops:
+    """Return the crops of `HANDS_A_FRAME` hands of a frame, half of them good if there are any."""
+    kind = frame["kind"]
+    hands = Hands(frame["rotation"], frame["origin"], frame["depth"])
+    clouds, chosen = [], _balanced(kind == GOOD, rng)
+    for hand in chosen.tolist():
+        points = drawn_points(hands.closing_region(hand, frame["objects"]), num_points, rng)
+        clouds.append(points * HALF_TURN if rng.random() < 0.5 else points)
+    kinds = torch.from_numpy(kind[chosen].astype(np.int64))
+    return HandCrops(torch.from_numpy(np.stack(clouds).astype(np.float32)), kinds)
+
+
+def _balanced(is_good: NDArray[np.bool_], rng: np.random.Generator) -> Indices:
+    """Return the numbers of `HANDS_A_FRAME` hands, half of them good; some twice if need be."""
+    good, other = np.flatnonzero(is_good), np.flatnonzero(~is_good)
+    halves = [each for each in (good, other) if len(each)]
+    size = HANDS_A_FRAME // len(halves)
+    return np.concatenate([rng.choice(each, size, replace=len(each) < size) for each in halves])
+
+
+def joined_crops(crops: Sequence[HandCrops]) -> HandCrops:
+    """Return several crops as one."""
+    return HandCrops(
+        torch.cat([each.points for each in crops]), torch.cat([each.kind for each in crops])
+    )
+
+
+def class_loss(module: nn.Module, crops: HandCrops, device: torch.device) -> tuple[Tensor, Tensor]:
+    """Return the mean negative log-likelihood, and the log-probabilities (B, 3)."""
+    scores = module(crops.points.to(device))
+    return nn.functional.nll_loss(scores, crops.kind.to(device)), scores
+
+
+def _with_hands(keys: FrameKeys) -> FrameKeys:
+    """Return the frames that have labelled hands.
+
+    Raises:
+        ValueRangeError: none has.
+    """
+    kept = [key for key in keys if len(read_peer_frame(*key)["kind"])]
+    if not kept:
+        expected = "at least 1; a root with more grasp points (--grasp-points 400) has some"
+        raise ValueRangeError("number of frames with labelled grasps", 0, expected)
+    return kept
+
+
+def replay_hands(fault: Fault) -> dict[str, float]:
+    """Return the loss of a kept micro-batch, on the CPU."""
+    config = from_settings(TrainBaselineConfig, fault.settings)
+    network = PointNetGPD(config.network)
+    network.load_state_dict(dict(fault.weights))
+    crops = HandCrops(fault.batch["points"], fault.batch["kind"])
+    return {"total": float(class_loss(network, crops, torch.device("cpu"))[0].detach())}
+
+
+POINTNETGPD = Peer(
+    model=POINTNETGPD_MODEL,
+    schedule=PeerSchedule(
+        steps=10_000, epoch_steps=500, batch_size=4, learning_rate=0.001, decay_steps=2500
+    ),
+    needs=("grasp_label", "collision_label"),
+    prepare=pointnetgpd_frame,
+    training=PointNetGPDTraining,
+    replay=replay_hands,
+)

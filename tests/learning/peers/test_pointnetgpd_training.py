@@ -1,0 +1,90 @@
+"""PointNetGPD's labelled hands of a frame, and a training that learns them by heart."""
+
+import numpy as np
+import pytest
+import torch
+
+from pipelines.configs import TrainBaselineConfig
+from pipelines.errors import ValueRangeError
+from pipelines.learning.peers.peer import PeerFrames, write_peer_frames
+from pipelines.learning.peers.pointnetgpd_labels import BAD, FAIR, GOOD, labelled_hands
+from pipelines.learning.peers.pointnetgpd_training import (
+    HANDS_A_FRAME,
+    POINTNETGPD,
+    PointNetGPDTraining,
+    class_loss,
+    drawn_crops,
+    pointnetgpd_frame,
+)
+from pipelines.learning.speed.processes import Processes
+from pipelines.network.peers.pointnetgpd import PointNetGPD
+from pipelines.storage.provenance import make_stamp
+from tests.stages.toy_grasp_labels import write_labels
+from tests.stages.toy_root import frame_names, write_root
+
+CONFIG = TrainBaselineConfig().with_schedule(POINTNETGPD.schedule)
+CPU = torch.device("cpu")
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory):
+    root = write_root(tmp_path_factory.mktemp("root"))
+    write_labels(root)
+    return root
+
+
+@pytest.fixture(scope="module")
+def frame(root):
+    return pointnetgpd_frame(root, root.frame(frame_names()[0]))
+
+
+def test_hands_have_the_class_of_their_objects_label(root):
+    found = labelled_hands(root, root.frame(frame_names()[0]))
+    assert set(found.kind.tolist()) == {BAD, FAIR, GOOD}
+    outward = -found.hands.rotation[:, :, 0]
+    toward_camera = -found.hands.origin / np.linalg.norm(found.hands.origin, axis=1)[:, None]
+    assert (np.einsum("ni,ni->n", outward, toward_camera) > 0).mean() > 0.9
+
+
+def test_hands_that_meet_the_scene_are_no_examples(tmp_path):
+    root = write_root(tmp_path)
+    write_labels(root, hindered={0})
+    assert GOOD not in labelled_hands(root, root.frame(frame_names()[0])).kind
+
+
+def test_half_of_the_drawn_hands_are_good_and_each_closes_on_enough_points(frame):
+    crops = drawn_crops(frame, 256, np.random.default_rng(0))
+    assert crops.points.shape == (HANDS_A_FRAME, 256, 3)
+    assert int((crops.kind == GOOD).sum()) == HANDS_A_FRAME // 2
+    assert float(crops.points.abs().amax()) < 0.05
+
+
+def test_crops_depend_on_their_generator_alone(frame):
+    first, again = (drawn_crops(frame, 64, np.random.default_rng(5)) for _ in range(2))
+    torch.testing.assert_close(first.points, again.points)
+
+
+def test_frames_without_labelled_hands_are_left_out_and_none_is_an_error(frame, tmp_path):
+    empty = frame | {"kind": frame["kind"][:0]}
+    path = tmp_path / "scene_0000.h5"
+    write_peer_frames(path, [frame, empty], make_stamp("test", {}))
+    both, second = [(path, 0), (path, 1)], [(path, 1)]
+    training = PointNetGPDTraining(PeerFrames(both, both), CONFIG, CPU, Processes())
+    assert training.train == [(path, 0)]
+    with pytest.raises(ValueRangeError, match="--grasp-points"):
+        PointNetGPDTraining(PeerFrames(both, second), CONFIG, CPU, Processes())
+
+
+def test_it_learns_some_hands_by_heart(frame):
+    torch.manual_seed(0)
+    network = PointNetGPD(CONFIG.network)
+    crops = drawn_crops(frame, 64, np.random.default_rng(0))
+    optimizer = torch.optim.Adam(network.parameters(), lr=0.001)
+    losses = []
+    for _ in range(25):
+        loss, _ = class_loss(network, crops, CPU)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        losses.append(float(loss.detach()))
+    assert losses[-1] < 0.1 * losses[0]

@@ -66,4 +66,4 @@ class GGCNNMethod:
         beyond = (0, -height % step), (0, -width % step)
         padded = np.pad(normalised(np.asarray(small, np.float32)), beyond, mode="edge")
         found = self.network(torch.from_numpy(padded)[None, None].to(self.device))
-        return GraspMaps(*(each[0, 0, :height, :width].cpu().numpy() for each in found))
+        return GraspMaps(*found[0, :, :height, :width].cpu().numpy())

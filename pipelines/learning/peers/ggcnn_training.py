@@ -172,7 +172,8 @@ def map_errors(module: nn.Module, crops: Crops, device: torch.device) -> dict[st
     wanted = crops.maps.to(device)
     found = module(depth)
     terms = {
-        name: nn.functional.mse_loss(found[i], wanted[:, i : i + 1]) for i, name in enumerate(MAPS)
+        name: nn.functional.mse_loss(found[:, i].float(), wanted[:, i])
+        for i, name in enumerate(MAPS)
     }
     return {"total": torch.stack(list(terms.values())).sum()} | terms
 

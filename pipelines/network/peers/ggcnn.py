@@ -23,20 +23,22 @@ class GGCNN(nn.Module):
         self.config = config
         layers, width, kernel = _LAYERS[config.variant]()
         self.body = nn.Sequential(*layers)
-        self.heads = nn.ModuleList(nn.Conv2d(width, 1, kernel) for _ in MAPS)
+        self.heads = nn.Conv2d(width, len(MAPS), kernel)  # one pass over the features for all
         for layer in self.modules():
             if isinstance(layer, nn.Conv2d | nn.ConvTranspose2d):
-                nn.init.xavier_uniform_(layer.weight)
-                if layer.bias is not None:
-                    nn.init.zeros_(layer.bias)
+                nn.init.constant_(layer.state_dict()["bias"], 0.0)
+                if layer is not self.heads:
+                    nn.init.xavier_uniform_(layer.weight)
+        for i in range(len(MAPS)):
+            nn.init.xavier_uniform_(self.heads.weight.data[i : i + 1])
 
     def forward(
         self,
         depth: Tensor,  # (B, 1, h, w) metres from the mean; sides by `SIDES_BY`
-    ) -> list[Tensor]:
-        """Return the maps (B, 1, h, w), in the order of `MAPS`."""
-        features = self.body(depth)
-        return [head(features) for head in self.heads]
+    ) -> Tensor:
+        """Return the maps (B, 4, h, w), in the order of `MAPS`."""
+        maps: Tensor = self.heads(self.body(depth))
+        return maps
 
 
 def _first() -> tuple[list[nn.Module], int, int]:

@@ -18,4 +18,4 @@ def test_the_networks_have_as_many_parameters_as_published(variant, parameters):
 def test_maps_are_as_large_as_the_image(variant, times):
     height, width = (SIDES_BY[variant] * each for each in times)
     maps = GGCNN(PeerNetworkConfig(variant))(torch.zeros(1, 1, height, width))
-    assert [tuple(each.shape) for each in maps] == [(1, 1, height, width)] * len(MAPS)
+    assert maps.shape == (1, len(MAPS), height, width)

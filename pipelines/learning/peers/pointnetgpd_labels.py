@@ -23,6 +23,7 @@ from pipelines.grasping.scene import MAX_RANGE, SceneCloud
 BAD, FAIR, GOOD, HINDERED = 0, 1, 2, 3  # classes; the last is of no use
 MAX_GOOD, MAX_FAIR = 0.2, 0.6  # friction coefficient up to which a hand of the class holds
 ROUNDING = 1e-4  # of a label's friction
+NEAREST_VIEWS = 3  # to the normal at a point; one would do where labelled points are dense
 MIN_VISIBLE = 50  # points of an object
 ON_SURFACE = 0.01  # metres from a labelled point to the visible surface
 MOST_OF_A_CLASS = 40  # hands of an object and frame that are kept
@@ -80,8 +81,8 @@ def _hands_at(
 ) -> tuple[Hands, NDArray[np.uint8]]:
     """Return the hands at the labelled points near `visible` (n, 3), and their classes.
 
-    At each point they are of the view nearest to the normal and of the angle nearest to the
-    surface's Darboux frame, at all depths.
+    At each point they are of the views nearest to the normal, and of each of the angle nearest to
+    the surface's Darboux frame, at all depths.
     """
     points = transform_points(T_cam_obj, label.points)
     if len(visible) < MIN_VISIBLE / 10:
@@ -90,7 +91,9 @@ def _hands_at(
         near = np.flatnonzero(cKDTree(visible).query(points)[0] < ON_SURFACE)
     frames = darboux_frames(points[near], visible, outward_normals(visible))
     turn = np.asarray(T_cam_obj)[:3, :3]
-    view = (-frames[:, :, 0] @ turn @ generate_views().T).argmax(axis=1)
+    along = -frames[:, :, 0] @ turn @ generate_views().T
+    view = np.argsort(-along, axis=1)[:, :NEAREST_VIEWS].reshape(-1)
+    near, frames = np.repeat(near, NEAREST_VIEWS), np.repeat(frames, NEAREST_VIEWS, axis=0)
     rotations = turn @ view_rotations()[view].astype(np.float64)  # (m, 12, 3, 3)
     angle = np.abs(np.einsum("maij,mi->maj", rotations, frames[:, :, 1])[..., 1]).argmax(axis=1)
     kind = label.kind[near, view, angle]

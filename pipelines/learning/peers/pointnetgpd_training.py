@@ -31,6 +31,7 @@ from pipelines.network.peers.pointnetgpd import POINTNETGPD_MODEL, PointNetGPD
 
 HANDS_A_FRAME = 16  # drawn for a step, half of them good
 HALF_TURN = np.array([1.0, -1.0, -1.0], np.float32)  # about the approach: the same hand
+UNITS = 10_000.0  # of stored points, per metre
 CPU_FRAMES = 2  # frames
 
 
@@ -115,24 +116,27 @@ class PointNetGPDTraining:
 def pointnetgpd_frame(
     root: GraspNetRoot, files: FrameFiles, network: PeerNetworkConfig | None = None
 ) -> Arrays:
-    """Return the labelled hands of a frame and the points of its objects, camera frame, metres.
+    """Return the labelled hands of a frame and the points of its objects, camera frame.
 
-    `rotation` (n, 3, 3), `origin` (n, 3), `depth` (n,), `kind` (n,), `objects` (m, 3).
+    `rotation` (n, 3, 3), `origin` (n, 3) and `depth` (n,) metres, `kind` (n,); `objects` (m, 3)
+    int16, tenths of a millimetre.
     """
     del network  # all variants learn from the same
     found = labelled_hands(root, files)
     floats = {name: getattr(found.hands, name) for name in ("rotation", "origin", "depth")}
     arrays: Arrays = {name: each.astype(np.float32) for name, each in floats.items()}
-    return arrays | {"kind": found.kind, "objects": found.objects.astype(np.float32)}
+    objects = np.round(found.objects * UNITS).astype(np.int16)
+    return arrays | {"kind": found.kind, "objects": objects}
 
 
 def drawn_crops(frame: Arrays, num_points: int, rng: np.random.Generator) -> HandCrops:
     """Return the crops of `HANDS_A_FRAME` hands of a frame, half of them good if there are any."""
     kind = frame["kind"]
     hands = Hands(frame["rotation"], frame["origin"], frame["depth"])
+    objects = frame["objects"] / UNITS
     clouds, chosen = [], _balanced(kind == GOOD, rng)
     for hand in chosen.tolist():
-        points = drawn_points(hands.closing_region(hand, frame["objects"]), num_points, rng)
+        points = drawn_points(hands.closing_region(hand, objects), num_points, rng)
         clouds.append(points * HALF_TURN if rng.random() < 0.5 else points)
     kinds = torch.from_numpy(kind[chosen].astype(np.int64))
     return HandCrops(torch.from_numpy(np.stack(clouds).astype(np.float32)), kinds)

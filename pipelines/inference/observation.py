@@ -20,7 +20,8 @@ from pipelines.grasp_files.grasps_tables import REGION_FLAT, REGION_MEASURED, RE
 from pipelines.grasping.feasibility.limits import Limits
 from pipelines.grasping.planner import MIN_POINTS
 from pipelines.grasping.scene import RegionCloud, SceneCloud
-from pipelines.inference.regions import Detector, Region, find_regions, with_color
+from pipelines.inference.regions import Detector, Region, find_regions, with_insides
+from pipelines.inference.regions_by_color import with_color
 from pipelines.tabletop.regions.color import ColorPieces, color_pieces
 from pipelines.tabletop.regions_geometric import (
     GeometricRegions,
@@ -97,6 +98,8 @@ def observe(
         if masks is None and config.regions == "auto" and config.region.color.is_used:
             pieces = _color_pieces(frame.color, segments, config.region.color)
             found = with_color(found, pieces, segments, depth, lens, config)
+        if masks is None and config.regions != "detector":
+            found = with_insides(found, segments)
     clouds = [RegionCloud.from_mask(region.mask, scene) for region in found]
     found = [
         replace(region, status=_status(cloud, segments))

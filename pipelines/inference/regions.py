@@ -1,9 +1,4 @@
-"""The regions of one frame: from the detector, from the depth alone, both, or the user's masks.
-
-Colour completes them (D. 131): a piece of colour around a single region is the rest of it, and a
-piece that no region explains is a region of its own: too thin for the depth's noise, or without
-depth.
-"""
+"""The regions of one frame: from the detector, from the depth alone, both, or the user's masks."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,20 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.array_types import Mask
-from pipelines.configs import ColorConfig, InferConfig
+from pipelines.configs import InferConfig
 from pipelines.geometry.camera import Intrinsics
-from pipelines.geometry.numerics.quantiles import median, quantiles
 from pipelines.geometry.pointcloud import Plane
 from pipelines.grasp_files.grasps_tables import REGION_MEASURED
-from pipelines.tabletop.regions.color import ColorPieces
-from pipelines.tabletop.regions_geometric import GeometricRegions, without_holes
+from pipelines.tabletop.regions.containers import insides
+from pipelines.tabletop.regions_geometric import GeometricRegions, working_step
 
 Depth = NDArray[np.float32]
 
 REST = "rest"  # source of the region of grasps that lie on no other
-LEAST_ADDED = 0.03  # share of a region's pixels below which nothing is added to it
-SAMPLE = 500  # pixels of a region, about, whose heights are measured
-CABLE = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))  # no part of a thing is narrower
+SOURCES = "masks", "detector", "geometric", "color"  # the most certain first
+CONFINED = 0.6  # share of a region within a segment that may complete it
+MARGIN = 21  # pixels, of the working size, by which masks of detections may be too small
 
 
 class DetectedRegion(Protocol):
@@ -147,16 +141,47 @@ def _standing(
 def _completed(
     regions: list[Region], segments: GeometricRegions, config: InferConfig
 ) -> list[Region]:
-    """Return `regions` and those `segments` that they leave mostly uncovered."""
-    covered = np.zeros(segments.labels.shape, bool)
+    """Return `regions`, completed by `segments`, and what else these show (D. 135).
+
+    A segment that is mostly uncovered is a region. Of another one, the only region within it takes
+    the rest; where there are several, thick parts of the rest are regions.
+    """
+    labels = segments.labels
+    sizes = np.bincount(labels.ravel())
+    inside = np.array([np.bincount(labels[r.mask], minlength=len(sizes)) for r in regions])
+    inside = inside.reshape(len(regions), len(sizes))
+    confined = inside > CONFINED * np.array([np.count_nonzero(r.mask) for r in regions])[:, None]
+    covered = np.zeros(labels.shape, np.bool_)
     for region in regions:
         covered |= region.mask
-    result = list(regions)
-    for mask in segments.masks:
-        rest = mask & ~covered
-        if np.count_nonzero(rest) > config.min_uncovered * np.count_nonzero(mask):
-            result.append(Region(rest, config.geometric_confidence, "geometric"))
-    return result
+    result, new = list(regions), []
+    for number in range(1, len(sizes)):
+        rest = (labels == number) & ~covered
+        uncovered, own = np.count_nonzero(rest), np.flatnonzero(confined[:, number])
+        if uncovered > config.min_uncovered * sizes[number]:
+            new.append(rest)
+        elif uncovered and len(own) == 1:
+            result[own[0]] = replace(result[own[0]], mask=result[own[0]].mask | rest)
+        elif uncovered:
+            new += _thick_parts(rest)
+    return result + [Region(mask, config.geometric_confidence, "geometric") for mask in new]
+
+
+def _thick_parts(mask: Mask) -> list[Mask]:
+    """Return the parts (H, W) of `mask` (H, W) that are wider than a detection's error."""
+    x, y, width, height = cv2.boundingRect(mask.view(np.uint8))
+    box = slice(y, y + height), slice(x, x + width)
+    size = MARGIN * working_step(mask.shape)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    cut = np.pad(mask[box].astype(np.uint8), size)
+    thick = cv2.morphologyEx(cut, cv2.MORPH_OPEN, disc)[size:-size, size:-size]
+    count, labels = cv2.connectedComponents(thick, connectivity=4)
+    parts = []
+    for number in range(1, count):
+        part = np.zeros_like(mask)
+        part[box] = labels == number
+        parts.append(part)
+    return parts
 
 
 def pieces_of(mask: Mask, labels: NDArray[np.int32], config: InferConfig) -> list[Mask]:
@@ -175,94 +200,17 @@ def pieces_of(mask: Mask, labels: NDArray[np.int32], config: InferConfig) -> lis
     return [mask & (labels == number) for number in numbers]
 
 
-def with_color(
-    regions: list[Region],
-    pieces: ColorPieces,
-    segments: GeometricRegions,
-    depth: Depth,
-    intrinsics: Intrinsics,
-    config: InferConfig,
-) -> list[Region]:
-    """Return `regions` (n) as the `pieces` of colour complete and join them, and new ones.
-
-    Args:
-        regions: disjoint.
-        pieces: of the same image.
-        segments: the support plane, and the pixels measured on it.
-        depth: (H, W) metres, 0 = missing.
-        intrinsics: of the image.
-        config: thresholds.
-    """
-    work = _Completion(pieces, segments, depth, intrinsics, config.region.color)
-    count = len(pieces.whole)
-    inside = np.array([np.bincount(pieces.labels[r.mask], minlength=count) for r in regions])
-    inside = inside.reshape(len(regions), count)
-    sizes = np.array([np.count_nonzero(region.mask) for region in regions])
-    covered = np.zeros(depth.shape, np.bool_)
-    for region in regions:
-        covered |= region.mask
-    result, gone, new = list(regions), set[int](), list[Region]()
-    for number in range(1, count):
-        piece = pieces.labels == number
-        members = np.flatnonzero(inside[:, number] > config.region.color.min_confined * sizes)
-        rest = piece & ~covered
-        if not len(members):
-            large = np.count_nonzero(rest) >= config.min_region_pixels
-            mostly = np.count_nonzero(rest) > config.min_uncovered * np.count_nonzero(piece)
-            # What clearly stands out is found by depth, or is a wall or an arm.
-            if pieces.whole[number] and large and mostly and work.is_low(rest):
-                new.append(Region(rest, config.geometric_confidence, "color"))
-            continue
-        own = [result[member] for member in members]
-        if len(members) > 1 and not work.are_one(own, piece):
-            continue
-        result[members[0]] = work.completed(own, rest)
-        gone.update(members[1:].tolist())
-    return [region for place, region in enumerate(result) if place not in gone] + new
-
-
-@dataclass(frozen=True)
-class _Completion:
-    pieces: ColorPieces
-    segments: GeometricRegions
-    depth: Depth
-    intrinsics: Intrinsics
-    config: ColorConfig
-
-    def are_one(self, regions: list[Region], piece: Mask) -> bool:
-        """Return whether `regions` within one `piece` are parts of a thing hardly above noise."""
-        outline = np.ascontiguousarray(np.argwhere(piece)[:, ::-1].astype(np.int32))
-        convex = cv2.contourArea(cv2.convexHull(outline))
-        solid = np.count_nonzero(piece) >= self.config.min_convexity * convex
-        return bool(solid) and all(self.is_low(region.mask) for region in regions)
-
-    def completed(self, regions: list[Region], rest: Mask) -> Region:
-        """Return the union of `regions` with what they leave of a piece, `rest`."""
-        mask = regions[0].mask.copy()
-        for region in regions[1:]:
-            mask |= region.mask
-        if np.count_nonzero(rest) < LEAST_ADDED * np.count_nonzero(mask):
-            return replace(regions[0], mask=mask)
-        x, y, width, height = cv2.boundingRect((mask | rest).view(np.uint8))
-        window = slice(y, y + height), slice(x, x + width)
-        own, free = mask[window], rest[window]
-        more = free if self.is_low(mask) else free & ~self.segments.bare[window]
-        thick = cv2.morphologyEx((own | more).astype(np.uint8), cv2.MORPH_OPEN, CABLE) > 0
-        count, labels = cv2.connectedComponents((thick | own).view(np.uint8), connectivity=8)
-        touched = np.bincount(labels[own], minlength=count) > 0
-        grown = own | (more & thick & touched[labels])
-        mask[window] = grown | (without_holes(grown) & free)
-        return replace(regions[0], mask=mask)
-
-    def is_low(self, mask: Mask) -> bool:
-        """Return whether most of `mask` (H, W) is not far above the noise over the plane."""
-        plane = self.segments.plane
-        at = np.flatnonzero(mask & (self.depth > 0))
-        if plane is None or not len(at):
-            return plane is not None
-        at = at[:: max(1, len(at) // SAMPLE)]
-        rows, columns = np.divmod(at, mask.shape[1])
-        z, lens = self.depth.ravel()[at].astype(np.float64), self.intrinsics
-        x, y = (columns - lens.cx) * z / lens.fx, (rows - lens.cy) * z / lens.fy
-        height = quantiles(plane.height(np.stack([x, y, z], axis=1)), 0.9)
-        return bool(height < self.config.max_low * self.segments.least_height(float(median(z))))
+def with_insides(regions: list[Region], segments: GeometricRegions) -> list[Region]:
+    """Return `regions`, disjoint, outside and inside of a container as one (D. 134)."""
+    if not regions:
+        return regions
+    step = working_step(segments.bare.shape)
+    labels = np.zeros(segments.things.xyz.shape[:2], np.int32)
+    for number, region in enumerate(regions, 1):
+        labels[region.mask[::step, ::step]] = number
+    result, found = list(regions), insides(labels, segments.things)
+    for inside, outside in found.items():
+        one, other = result[inside - 1], result[outside - 1]
+        best = min(one, other, key=lambda region: SOURCES.index(region.source))
+        result[outside - 1] = replace(best, mask=one.mask | other.mask)
+    return [region for number, region in enumerate(result, 1) if number not in found]

@@ -67,6 +67,30 @@ class Can:
         return np.minimum(side, top)
 
 
+@dataclass(frozen=True)
+class Cup:
+    """The outside, or the inside, of an upright cup with a thin wall that stands at `at` (3,)."""
+
+    radius: float
+    height: float
+    at: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    inside: bool = False
+
+    def cast(self, origin, rays):
+        o = origin - np.array(self.at)
+        a, b = (rays[..., :2] ** 2).sum(-1), rays[..., :2] @ o[:2]
+        root = b**2 - a * (o[:2] @ o[:2] - self.radius**2)
+        hit, width = root > 0, np.sqrt(np.maximum(root, 0))
+        front, back = (-b - width) / a, (-b + width) / a
+        enters, leaves = (o[2] + side * rays[..., 2] for side in (front, back))
+        if not self.inside:
+            return np.where(hit & (enters >= 0) & (enters <= self.height), front, np.inf)
+        wall_or_bottom = np.where(leaves >= 0, back, -o[2] / rays[..., 2])
+        return np.where(
+            hit & (enters > self.height) & (leaves < self.height), wall_or_bottom, np.inf
+        )
+
+
 def looking_at_table(distance=0.7, elevation=0.9):
     """Return T_cam_table of a camera that looks at the table's middle from `elevation` radians."""
     forward = np.array([0.0, np.cos(elevation), -np.sin(elevation)])

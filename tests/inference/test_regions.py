@@ -7,7 +7,7 @@ import numpy as np
 from pipelines.configs import InferConfig
 from pipelines.frames.rgbd import Frame
 from pipelines.inference.observation import observe
-from tests.geometry.tabletops import CAMERA, Box, Can, render
+from tests.geometry.tabletops import CAMERA, Box, Can, Cup, looking_at_table, render
 from tests.inference.stand_ins import Detection, Detector
 
 SHAPES = [Box((0.06, 0.09, 0.1)), Can(0.035, 0.12, (0.15, 0, 0))]
@@ -98,3 +98,40 @@ def test_a_detection_keeps_the_table_s_pixels_if_it_is_not_clipped():
     )
     np.testing.assert_array_equal(whole, wide)
     assert clipped.sum() < 0.9 * wide.sum()
+
+
+def test_the_only_detection_in_a_segment_takes_the_rest_of_it():
+    box = INDEX == 0
+    rows = np.arange(240)[:, None]
+    upper = box & (rows < np.quantile(np.nonzero(box)[0], 0.65))
+    found = regions(Detector([Detection(upper)]))
+    assert (found[0].mask & box).sum() > 0.95 * box.sum()
+    assert sum((region.mask & box).any() for region in found) == 1
+
+
+def test_what_several_detections_leave_of_a_segment_is_a_region_where_it_is_wide():
+    depth, index = render([Box((0.3, 0.06, 0.05))])
+    columns = np.nonzero(index == 0)[1]
+    u = np.arange(320)[None, :]
+
+    def left_of(gap):
+        """Return the sources of regions, where two detections leave a `gap` between them."""
+        middle = np.median(columns)
+        parts = [(index == 0) & (u < middle - gap / 2), (index == 0) & (u > middle + gap / 2)]
+        frame = replace(FRAME, depth=depth.astype(np.float32))
+        detector = Detector([Detection(part) for part in parts])
+        seen = observe(frame, InferConfig(), np.random.default_rng(0), detector=detector)
+        return [region.source for region in seen.regions]
+
+    assert left_of(gap=40) == ["detector", "detector", "geometric"]
+    assert left_of(gap=10) == ["detector", "detector"]
+
+
+def test_the_outside_and_the_inside_of_a_cup_are_one_region():
+    pose = looking_at_table(elevation=0.7)
+    depth, index = render([Cup(0.045, 0.08), Cup(0.045, 0.08, inside=True)], pose)
+    frame = replace(FRAME, depth=depth.astype(np.float32))
+    detector = Detector([Detection(index == 0), Detection(index == 1)])
+    seen = observe(frame, InferConfig(), np.random.default_rng(0), detector=detector)
+    assert len(seen.regions) == 1
+    assert (seen.regions[0].mask & (index >= 0)).sum() > 0.95 * (index >= 0).sum()

@@ -5,7 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import binary_fill_holes
 
-from pipelines.tabletop.regions_geometric import _pieces, without_holes
+from pipelines.tabletop.regions.pieces import pieces_of_labels
+from pipelines.tabletop.regions_geometric import without_holes
 
 
 @settings(max_examples=40, deadline=None)
@@ -16,7 +17,7 @@ def test_pieces_are_the_labels_with_enough_pixels(seed, most, least, share):
     labels[rng.random(labels.shape) < share] = 0
     xyz = rng.normal(size=(7, 9, 3))
     wanted = [n for n in range(1, most + 1) if np.count_nonzero(labels == n) >= least]
-    found = _pieces(labels, xyz, least)
+    found = pieces_of_labels(labels, xyz, least)
     assert [piece.label for piece in found] == wanted
     for piece in found:
         mask = labels == piece.label

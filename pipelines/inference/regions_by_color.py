@@ -1,0 +1,115 @@
+"""Regions that colour completes, joins and adds (D. 131).
+
+A piece of colour around a single region is the rest of it. A piece that no region explains is a
+region of its own: too thin for the depth's noise, or without depth.
+"""
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from pipelines.array_types import Mask
+from pipelines.configs import ColorConfig, InferConfig
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.numerics.quantiles import median, quantiles
+from pipelines.inference.regions import Depth, Region
+from pipelines.tabletop.regions.color import ColorPieces
+from pipelines.tabletop.regions_geometric import GeometricRegions, without_holes
+
+LEAST_ADDED = 0.03  # share of a region's pixels below which nothing is added to it
+SAMPLE = 500  # pixels of a region, about, whose heights are measured
+CABLE = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))  # no part of a thing is narrower
+
+
+def with_color(
+    regions: list[Region],
+    pieces: ColorPieces,
+    segments: GeometricRegions,
+    depth: Depth,
+    intrinsics: Intrinsics,
+    config: InferConfig,
+) -> list[Region]:
+    """Return `regions` (n) as the `pieces` of colour complete and join them, and new ones.
+
+    Args:
+        regions: disjoint.
+        pieces: of the same image.
+        segments: the support plane, and the pixels measured on it.
+        depth: (H, W) metres, 0 = missing.
+        intrinsics: of the image.
+        config: thresholds.
+    """
+    work = _Completion(pieces, segments, depth, intrinsics, config.region.color)
+    count = len(pieces.whole)
+    inside = np.array([np.bincount(pieces.labels[r.mask], minlength=count) for r in regions])
+    inside = inside.reshape(len(regions), count)
+    sizes = np.array([np.count_nonzero(region.mask) for region in regions])
+    covered = segments.hanging  # colour may join a thing to an arm behind it
+    for region in regions:
+        covered |= region.mask
+    result, gone, new = list(regions), set[int](), list[Region]()
+    for number in range(1, count):
+        piece = pieces.labels == number
+        members = np.flatnonzero(inside[:, number] > config.region.color.min_confined * sizes)
+        rest = piece & ~covered
+        if not len(members):
+            large = np.count_nonzero(rest) >= config.min_region_pixels
+            mostly = np.count_nonzero(rest) > config.min_uncovered * np.count_nonzero(piece)
+            # What clearly stands out is found by depth, or is a wall or an arm.
+            if pieces.whole[number] and large and mostly and work.is_low(rest):
+                new.append(Region(rest, config.geometric_confidence, "color"))
+            continue
+        own = [result[member] for member in members]
+        if len(members) > 1 and not work.are_one(own, piece):
+            continue
+        result[members[0]] = work.completed(own, rest)
+        gone.update(members[1:].tolist())
+    return [region for place, region in enumerate(result) if place not in gone] + new
+
+
+@dataclass(frozen=True)
+class _Completion:
+    pieces: ColorPieces
+    segments: GeometricRegions
+    depth: Depth
+    intrinsics: Intrinsics
+    config: ColorConfig
+
+    def are_one(self, regions: list[Region], piece: Mask) -> bool:
+        """Return whether `regions` within one `piece` are parts of a thing hardly above noise."""
+        outline = np.ascontiguousarray(np.argwhere(piece)[:, ::-1].astype(np.int32))
+        convex = cv2.contourArea(cv2.convexHull(outline))
+        solid = np.count_nonzero(piece) >= self.config.min_convexity * convex
+        return bool(solid) and all(self.is_low(region.mask) for region in regions)
+
+    def completed(self, regions: list[Region], rest: Mask) -> Region:
+        """Return the union of `regions` with what they leave of a piece, `rest`."""
+        mask = regions[0].mask.copy()
+        for region in regions[1:]:
+            mask |= region.mask
+        if np.count_nonzero(rest) < LEAST_ADDED * np.count_nonzero(mask):
+            return replace(regions[0], mask=mask)
+        x, y, width, height = cv2.boundingRect((mask | rest).view(np.uint8))
+        window = slice(y, y + height), slice(x, x + width)
+        own, free = mask[window], rest[window]
+        more = free if self.is_low(mask) else free & ~self.segments.bare[window]
+        thick = cv2.morphologyEx((own | more).astype(np.uint8), cv2.MORPH_OPEN, CABLE) > 0
+        count, labels = cv2.connectedComponents((thick | own).view(np.uint8), connectivity=8)
+        touched = np.bincount(labels[own], minlength=count) > 0
+        grown = own | (more & thick & touched[labels])
+        mask[window] = grown | (without_holes(grown) & free)
+        return replace(regions[0], mask=mask)
+
+    def is_low(self, mask: Mask) -> bool:
+        """Return whether most of `mask` (H, W) is not far above the noise over the plane."""
+        plane = self.segments.plane
+        at = np.flatnonzero(mask & (self.depth > 0))
+        if plane is None or not len(at):
+            return plane is not None
+        at = at[:: max(1, len(at) // SAMPLE)]
+        rows, columns = np.divmod(at, mask.shape[1])
+        z, lens = self.depth.ravel()[at].astype(np.float64), self.intrinsics
+        x, y = (columns - lens.cx) * z / lens.fx, (rows - lens.cy) * z / lens.fy
+        height = quantiles(plane.height(np.stack([x, y, z], axis=1)), 0.9)
+        return bool(height < self.config.max_low * self.segments.least_height(float(median(z))))

@@ -1,0 +1,52 @@
+"""Pieces of a labelled image: their pixels, points and bounding boxes."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipelines.array_types import Array, Indices
+from pipelines.geometry.numerics.compiled import compiled
+from pipelines.tabletop.depth_segments import Labels
+
+Box = tuple[slice, slice]
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A labelled piece: flat pixels (n,), their points (n, 3), bounding box in the image."""
+
+    label: int
+    pixels: Indices
+    points: Array
+    box: Box
+
+
+def pieces_of_labels(labels: Labels, xyz: Array, min_pixels: int) -> list[Piece]:
+    """Return the pieces of `labels` (H, W) with at least `min_pixels`, by ascending label."""
+    order, end = _by_label(labels.ravel(), int(labels.max(initial=0)))
+    found = []
+    for label in np.flatnonzero(np.diff(end) >= min_pixels) + 1:
+        pixels = order[end[label - 1] : end[label]]
+        rows, columns = np.divmod(pixels, labels.shape[1])
+        box = slice(rows[0], rows[-1] + 1), slice(columns.min(), columns.max() + 1)
+        found.append(Piece(int(label), pixels, xyz.reshape(-1, 3).take(pixels, axis=0), box))
+    return found
+
+
+@compiled
+def _by_label(labels: Labels, count: int) -> tuple[Indices, Indices]:
+    """Return the indices of labels 1 to `count`, label by label, and the ends (count + 1,).
+
+    `labels`: (n,). The indices of a label ascend; label 0 is left out and ends at 0.
+    """
+    end = np.zeros(count + 1, np.int64)
+    for n in range(len(labels)):
+        if labels[n] > 0:
+            end[labels[n]] += 1
+    end = np.cumsum(end)
+    free, order = end.copy(), np.empty(end[-1], np.int64)
+    for n in range(len(labels) - 1, -1, -1):
+        if labels[n] > 0:
+            free[labels[n]] -= 1
+            order[free[labels[n]]] = n
+    return order, end

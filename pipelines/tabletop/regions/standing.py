@@ -1,0 +1,129 @@
+"""Which connected pieces of a foreground reach down to the support plane.
+
+An arm that hangs into the image, or a thing beyond the table, does not.
+"""
+
+import cv2
+import numpy as np
+from scipy.spatial import KDTree
+
+from pipelines.array_types import Array, Mask
+from pipelines.configs import RegionConfig
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.numerics.quantiles import median, quantiles
+from pipelines.geometry.pointcloud import Plane
+from pipelines.tabletop.depth_segments import Labels, extent
+from pipelines.tabletop.regions.pieces import Box, Piece, pieces_of_labels
+from pipelines.tabletop.tabletop import Tabletop
+
+FOOT = 6  # pixels below and above a piece where a nearer piece, or missing depth, may hide its foot
+FEET = 500  # points of a piece whose feet on the table are checked
+KNOWN_FEET = 0.5  # least share of these feet with measured depth
+BORDER = 16  # pixels at the border of the image that a sensor may not measure
+LOWEST = 0.15  # share of a piece's points that are its lowest, or its highest
+DROPS = 0.04, 0.06, 0.1  # metres beneath the lowest points where the view may pass
+BEHIND = 0.03  # metres behind such a place from which the view passes it
+MIN_FREE = 0.6  # share of these places that the view must pass
+JOINT = 0.03  # metres between what hangs and its foot
+TABLE_BENEATH = 0.25  # largest share of these feet that show the table
+
+
+def standing(
+    xyz: Array, whole: Labels, top: Tabletop, camera: Intrinsics, config: RegionConfig
+) -> Mask:
+    """Return a mask (pieces + 1,) of the connected pieces that may reach down to the table.
+
+    The foot may lack depth, or be hidden by a nearer piece, or by the piece itself in a view from
+    above. An arm that hangs into the image, its foot, or an object beyond the table does not.
+    """
+    result = np.ones(int(whole.max(initial=0)) + 1, bool)
+    plane = top.plane
+    if plane is None:
+        return result
+    measured = _box_of(np.isfinite(xyz[..., 2]))
+    pieces, hanging = pieces_of_labels(whole, xyz, config.min_pixels), list[Piece]()
+    for piece in pieces:
+        if quantiles(plane.height(piece.points), 0.02) < config.max_floating:
+            continue
+        # What hangs free is held from outside the image, or by something unseen (D. 136).
+        if _reaches_out(piece.box, measured) and _hangs_free(piece, xyz, plane, camera):
+            hanging.append(piece)
+            result[piece.label] = False
+        elif not _foot_may_be_hidden(piece, xyz, whole, plane):
+            result[piece.label] = _hides_its_foot(piece, xyz, plane, camera, config)
+    for piece in pieces if hanging else ():
+        if result[piece.label] and extent(piece.points) > config.max_cut_extent:
+            result[piece.label] = not any(_carries(piece, each, plane) for each in hanging)
+    return result
+
+
+def _box_of(mask: Mask) -> Box:
+    """Return the rows and columns in which `mask` (H, W) is true."""
+    x, y, width, height = cv2.boundingRect(mask.view(np.uint8))
+    return slice(y, y + height), slice(x, x + width)
+
+
+def _reaches_out(box: Box, measured: Box) -> bool:
+    """Return whether a piece in `box` reaches the border of what is `measured`."""
+    return any(
+        own.start < whole.start + BORDER or own.stop > whole.stop - BORDER
+        for own, whole in zip(box, measured, strict=True)
+    )
+
+
+def _hangs_free(piece: Piece, xyz: Array, plane: Plane, camera: Intrinsics) -> bool:
+    """Return whether the view passes beneath the lowest points of a piece."""
+    height = plane.height(piece.points)
+    low = piece.points[height <= quantiles(height, LOWEST)]
+    low = low[:: max(1, len(low) // FEET)]
+    for drop in DROPS:
+        pixels, shown = camera.pixels_of(low - drop * plane.normal)
+        seen = xyz[pixels[shown, 1], pixels[shown, 0], 2]
+        expected = low[shown, 2] - drop * plane.normal[2]
+        if np.count_nonzero(seen > expected + BEHIND) > MIN_FREE * len(low):
+            return True
+    return False
+
+
+def _carries(piece: Piece, hanging: Piece, plane: Plane) -> bool:
+    """Return whether the lowest points of what hangs lie on the top of a piece."""
+    height, over = plane.height(piece.points), plane.height(hanging.points)
+    top = piece.points[height >= quantiles(height, 1.0 - LOWEST)]
+    foot = hanging.points[over <= quantiles(over, LOWEST)]
+    if foot.mean(axis=0) @ plane.normal < top.mean(axis=0) @ plane.normal:
+        return False
+    some = foot[:: max(1, len(foot) // FEET)]
+    return bool(np.min(KDTree(top).query(some)[0]) < JOINT)
+
+
+def _foot_may_be_hidden(piece: Piece, xyz: Array, whole: Labels, plane: Plane) -> bool:
+    """Return whether nearer pieces, or missing depth, lie along the lower side of a piece."""
+    foot = FOOT if plane.normal[1] <= 0.0 else 0  # down in the image, or up
+    rows, columns = (slice(max(0, s.start - FOOT), s.stop + FOOT) for s in piece.box)
+    around = whole[rows, columns]
+    inside = around == piece.label
+    shape = inside.astype(np.uint8)
+    beside = (cv2.dilate(shape, np.ones((2 * FOOT + 1, 1), np.uint8)) > 0) & ~inside
+    nearer = (around > 0) & (xyz[rows, columns, 2] < median(piece.points[:, 2]))
+    beneath = cv2.dilate(shape, np.ones((FOOT + 1, 1), np.uint8), anchor=(0, foot)) > 0
+    hidden = beside & (nearer | (beneath & np.isnan(xyz[rows, columns, 2])))
+    return bool(hidden.sum() > FOOT * 0.3 * np.count_nonzero(inside.any(axis=0)))
+
+
+def _hides_its_foot(
+    piece: Piece, xyz: Array, plane: Plane, camera: Intrinsics, config: RegionConfig
+) -> bool:
+    """Return whether no table is seen where vertical walls under a piece's outline would end.
+
+    False for a piece at the image border, which may be an arm.
+    """
+    rows, columns = piece.box
+    cut = rows.start == 0 or columns.start == 0
+    if cut or rows.stop == xyz.shape[0] or columns.stop == xyz.shape[1]:
+        return False
+    some = piece.points[:: max(1, len(piece.points) // FEET)]
+    pixels, shown = camera.pixels_of(some - plane.height(some)[:, None] * plane.normal)
+    seen = xyz[pixels[shown, 1], pixels[shown, 0]]
+    seen = seen[np.isfinite(seen[:, 2])]
+    on_table = np.count_nonzero(plane.height(seen) < config.max_floating / 2.0)
+    return bool(len(seen) > KNOWN_FEET * len(some) and on_table < TABLE_BENEATH * len(seen))

@@ -1,0 +1,43 @@
+"""What hangs into the image from outside does not stand, nor does the foot that carries it."""
+
+import numpy as np
+
+from pipelines.configs import RegionConfig
+from pipelines.tabletop.regions_geometric import geometric_regions
+from tests.geometry.tabletops import CAMERA, Box, Can, looking_at_table, render
+
+BOX = Box((0.08, 0.08, 0.1), (-0.2, 0.0, 0.0))
+FOOT = Can(0.05, 0.22, (0.1, 0.1, 0.0))
+ARM = Box((0.3, 0.08, 0.3), (0.2, 0.1, 0.235))  # most of it beside its foot
+FLOOR = Box((8.0, 8.0, 0.1), (0.0, 0.0, -0.8))
+VIEW = looking_at_table(elevation=0.6)
+
+
+def things_among(*shapes):
+    """Return for each of `shapes` whether it may be a thing; their outlines lack depth."""
+    depth, index = render((*shapes, FLOOR), VIEW)
+    for shape in range(len(shapes)):
+        own = index == shape
+        shadow = np.roll(own, 6, axis=0) | np.roll(own, 3, axis=0)
+        depth[shadow & ((index == -1) | (index == len(shapes)))] = 0.0
+    regions = geometric_regions(depth, CAMERA, RegionConfig(), np.random.default_rng(0))
+    return [regions.may_be_thing(index == shape) for shape in range(len(shapes))]
+
+
+def test_an_arm_that_hangs_in_from_above_is_no_thing_though_depth_lacks_beneath_it():
+    assert things_among(BOX, Box((0.06, 0.06, 0.3), (0.1, 0.0, 0.25))) == [True, False]
+
+
+def test_the_large_foot_on_which_a_hanging_arm_lies_is_no_thing():
+    assert things_among(BOX, FOOT, ARM) == [True, False, False]
+    assert things_among(BOX, FOOT) == [True, True]
+
+
+def test_a_small_thing_beneath_a_hanging_arm_stays_one():
+    low = Can(0.04, 0.08, (0.1, 0.1, 0.0))
+    assert things_among(low, Box((0.08, 0.08, 0.4), (0.1, 0.1, 0.1))) == [True, False]
+
+
+def test_a_mushroom_stands_though_the_view_passes_beneath_its_cap():
+    stem, cap = Can(0.012, 0.12), Can(0.05, 0.02, (0.0, 0.0, 0.12))
+    assert things_among(BOX, stem, cap)[2]

@@ -22,6 +22,7 @@ from pipelines.metrics.grasp_verdicts import REASONS
 
 TEST_SPLITS = ("seen", "similar", "novel")
 CURVE_FRICTIONS = np.round(np.arange(0.0, 1.001, 0.05), 2)  # of the share of objects held
+SWEEP_STEP = 0.1  # of the friction sweep of PointNetGPD, which the paper cites
 CURVE_RECALLS = np.round(np.linspace(0.0, 1.0, 51), 2)
 
 Figures = dict[str, Any]
@@ -99,9 +100,19 @@ def _splits(tally: ReportTally) -> list[str]:
 def _means(row: RowTally, counted: NDArray[np.bool_], suffix: str) -> dict[str, float | None]:
     return {
         f"grasp_quality{suffix}": _mean(row.quality, counted),
+        f"grasp_quality_swept{suffix}": _mean(swept_quality(row.quality), counted),
         f"antipodal_score{suffix}": _mean(row.antipodal, counted),
         f"antipodal_score_region{suffix}": _mean(row.antipodal_region, counted),
     }
+
+
+def swept_quality(quality: ArrayLike) -> NDArray[np.float64]:
+    """Return (n,) qualities of a sweep of the friction by `SWEEP_STEP`: each is rounded down.
+
+    A grasp of quality 1 - mu is found to hold at the next friction of the sweep.
+    """
+    steps = np.floor(np.asarray(quality, np.float64) / SWEEP_STEP + 1e-9)
+    return np.asarray(steps * SWEEP_STEP)
 
 
 def _mean(values: ArrayLike, counted: NDArray[np.bool_]) -> float | None:

@@ -9,10 +9,12 @@ from pipelines.configs import EvaluateConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.evaluation import reports
 from pipelines.evaluation.figures import Figures, report_curves, report_rows
+from pipelines.evaluation.intervals import RowIntervals
 from pipelines.evaluation.pages.gallery import FrameChoice, draw_gallery
 from pipelines.evaluation.pages.report_page import report_page
 from pipelines.evaluation.records import FrameRecord
 from pipelines.evaluation.rows import OURS
+from pipelines.evaluation.run_readers import threshold_keys
 from pipelines.evaluation.tables import TABLE_FRICTION
 from pipelines.evaluation.tallies import ReportTally
 from pipelines.grasp_files.grasps_stream import GraspsIndex
@@ -53,13 +55,16 @@ def write_report_files(
     Returns:
         What could not be drawn: frame to sentence.
     """
+    thresholds, sphere = evaluated.config.symmetry_thresholds, evaluated.config.sphere_threshold
     tally, choice = ReportTally(), FrameChoice()
+    intervals = RowIntervals(threshold_keys(thresholds[0], sphere))
     for records in scenes:
         choice.add(records)
         for record in records:
             tally.add(record)
-    thresholds, sphere = evaluated.config.symmetry_thresholds, evaluated.config.sphere_threshold
+            intervals.add(record)
     rows = report_rows(tally, thresholds, sphere)
+    intervals.add_to(rows)
     more: dict[str, Any] = {
         "failed": dict(failed or {}),
         "curves": report_curves(tally, thresholds, sphere),

@@ -134,12 +134,13 @@ def _read_records(
         with reading(scene, "a record", "run evaluate again"):
             for record in read_frame_records(scene):
                 if row in record.rows:
-                    _add_record(run, record, record.rows[row], keys)
+                    add_record(run, record, record.rows[row], keys)
 
 
-def _add_record(
+def add_record(
     run: EvaluatedRun, record: FrameRecord, row: RowRecord, keys: Mapping[str, str]
 ) -> None:
+    """Add one row of a frame's record to `run`; `keys` are of `threshold_keys`."""
     symmetries = [row.symmetries.get(kind) for kind in SYMMETRY_KINDS]
     truth = (
         tuple(sorted(verdict.object_id for verdict in row.verdicts)),
@@ -188,10 +189,20 @@ def _check_stamp(scene: Path, path: Path, stamp: Mapping[str, Any], names: tuple
 def _threshold_keys(path: Path, stamp: Mapping[str, Any]) -> dict[str, str]:
     """Return the threshold at which each metric of PRECISIONS is compared: the reported one."""
     try:
-        dense = threshold_key(stamp["config"]["symmetry_thresholds"][0])
-        sphere = threshold_key(stamp["config"]["sphere_threshold"])
+        dense, sphere = (
+            stamp["config"]["symmetry_thresholds"][0],
+            stamp["config"]["sphere_threshold"],
+        )
     except (KeyError, IndexError, TypeError) as error:
         expected = "a report of `symgrasp evaluate` is expected"
         raise FormatError(path, "does not say its thresholds", expected) from error
-    keys = [sphere if kind == "sphere" else dense for kind in SYMMETRY_KINDS]
+    return threshold_keys(dense, sphere)
+
+
+def threshold_keys(dense: float, sphere: float) -> dict[str, str]:
+    """Return the names of the thresholds at which each of PRECISIONS is counted.
+
+    `dense`: of the dense symmetry error. `sphere`: metres.
+    """
+    keys = [threshold_key(sphere if kind == "sphere" else dense) for kind in SYMMETRY_KINDS]
     return dict(zip(PRECISIONS, (*keys, threshold_key(IOU_THRESHOLDS[0])), strict=True))

@@ -51,6 +51,12 @@ def report_tables(report: Mapping[str, Any]) -> list[Table]:
         rows, "grasp_quality", published.GRASP_QUALITY, title="Table I. Grasp quality, 1 - mu"
     )
     quality = replace(quality, note=f"{quality.note} {rows_note(rows)}{_left_out(report)}")
+    swept = split_table(
+        rows,
+        "grasp_quality_swept",
+        published.GRASP_QUALITY,
+        title="Table I by a sweep of mu in steps of 0.1",
+    )
     pair = split_table(
         rows,
         "antipodal_score",
@@ -60,7 +66,7 @@ def report_tables(report: Mapping[str, Any]) -> list[Table]:
     region = split_table(
         rows, "antipodal_score_region", (), title="Antipodal score of the closing region (S4G's)"
     )
-    tables = [quality, pair, region, success_table(report), trial_table(report)]
+    tables = [quality, swept, pair, region, success_table(report), trial_table(report)]
     tables += [symmetry_table(rows), mask_table(rows), reason_table(rows)]
     return [table for table in tables if table is not None]
 
@@ -79,12 +85,17 @@ def split_table(rows: ReportRows, figure: str, paper: Sequence[PublishedRow], ti
     blank = ("",) * (len(splits) - 2)
     body = [(row.method, *map(_number, row.figures), *blank) for row in paper]
     for row, figures in rows.items():
-        body.append((report_row(row).title, *(_number(_mean(figures, figure, s)) for s in splits)))
-        if row == OURS:
-            found = (_number(_mean(figures, f"{figure}_predicted", s)) for s in splits)
-            body.append(("SymGrasp, if grasped", *found))
+        found = [_number(_mean(figures, figure, s)) for s in splits]
+        body.append((report_row(row).title, *found[:-1], found[-1] + _between(figures, figure)))
+        if any(_mean(figures, f"{figure}_predicted", s) is not None for s in splits):
+            found = [_number(_mean(figures, f"{figure}_predicted", s)) for s in splits]
+            body.append((f"{report_row(row).title}, if grasped", *found))
     source = f"First rows: {published.SOURCE}. " if paper else ""
-    note = f"{source}An object without a grasp counts 0; unseen is similar and novel together."
+    note = (
+        f"{source}An object without a grasp counts 0, but for the rows `if grasped`, the paper's "
+        "way of counting; unseen is similar and novel together. In brackets: 95 % interval, a "
+        "bootstrap over frames."
+    )
     return Table(title, ("method", *splits), tuple(body), note, len(paper))
 
 
@@ -163,7 +174,7 @@ def symmetry_table(rows: ReportRows) -> Table:
                 (
                     report_row(row).title,
                     split,
-                    *(_number(figures["symmetry_ap"][k]) for k in SYMMETRY_KINDS),
+                    *(_precision(figures, kind) for kind in SYMMETRY_KINDS),
                 )
             )
     for threshold, ap in rows.get(OURS, {}).get(ALL, {}).get("symmetry_ap_strict", {}).items():
@@ -223,6 +234,13 @@ def _cells(rows: ReportRows) -> Iterator[tuple[str, str, Figures]]:
                 yield row, split, figures
 
 
+def _precision(figures: Figures, kind: str) -> str:
+    """Return the average precision of symmetries of a kind with its interval."""
+    ends = figures.get("intervals", {}).get(f"symmetry_ap {kind}")
+    between = f" ({ends[0]:.2f} to {ends[1]:.2f})" if ends else ""
+    return _number(figures["symmetry_ap"][kind]) + between
+
+
 def _has(rows: ReportRows, split: str) -> bool:
     return any(figures.get(split, {}).get("frames") for figures in rows.values())
 
@@ -230,7 +248,7 @@ def _has(rows: ReportRows, split: str) -> bool:
 def _mean(figures: Mapping[str, Figures], name: str, split: str) -> float | None:
     """Return a mean over the objects of a split; of `unseen`, of both its parts together."""
     parts = [figures[part] for part in (UNSEEN if split == "unseen" else (split,))]
-    counted = [(part[name], _count(part, name)) for part in parts if part[name] is not None]
+    counted = [(part[name], _count(part, name)) for part in parts if part.get(name) is not None]
     total = sum(count for _, count in counted)
     return sum(mean * count for mean, count in counted) / total if total else None
 
@@ -239,6 +257,12 @@ def _count(figures: Figures, name: str) -> int:
     """Return how many objects the mean `name` is over."""
     missing = ("no region", "no grasp") if name.endswith("_predicted") else ()
     return int(figures["objects"] - sum(figures["reasons"].get(reason, 0) for reason in missing))
+
+
+def _between(figures: Mapping[str, Figures], name: str) -> str:
+    """Return the interval of a mean over all objects, in brackets."""
+    ends = figures[ALL].get("intervals", {}).get(name)
+    return f" ({ends[0]:.3f} to {ends[1]:.3f})" if ends else ""
 
 
 def _number(value: float | None) -> str:

@@ -148,14 +148,28 @@ def differences(
         return values, [Difference(v - values[0], np.nan, np.nan, units) for v in values[1:]]
     blocks = draws(units, resamples, np.random.default_rng(seed))
     drawn = np.hstack([np.stack([figure.at(w[:, group]) for figure in figures]) for w in blocks])
-    ends = _percentiles(level, units)
     found = []
     for value, row in zip(values[1:], drawn[1:] - drawn[0], strict=True):
-        defined = row[np.isfinite(row)]  # a draw may hold no truth at all
-        enough = 2 * len(defined) >= len(row)
-        low, high = np.percentile(defined, ends) if enough else (np.nan, np.nan)
-        found.append(Difference(value - values[0], float(low), float(high), units))
+        found.append(Difference(value - values[0], *_ends(row, level, units), units))
     return values, found
+
+
+def interval(
+    figure: FrameFigure, num_frames: int, resamples: int, level: float, seed: int
+) -> tuple[float, float]:
+    """Return the ends of the interval of one figure, frames drawn at random; nan if undefined."""
+    if num_frames < 2:
+        return np.nan, np.nan
+    blocks = draws(num_frames, resamples, np.random.default_rng(seed))
+    return _ends(np.concatenate([figure.at(weights) for weights in blocks]), level, num_frames)
+
+
+def _ends(drawn: Array, level: float, units: int) -> tuple[float, float]:
+    defined = drawn[np.isfinite(drawn)]  # a draw may hold no truth at all
+    if 2 * len(defined) < len(drawn):
+        return np.nan, np.nan
+    low, high = np.percentile(defined, _percentiles(level, units))
+    return float(low), float(high)
 
 
 def _percentiles(level: float, units: int) -> tuple[float, float]:

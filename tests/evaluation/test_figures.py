@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from pipelines.evaluation.figures import report_curves, report_rows
+from pipelines.evaluation.figures import report_curves, report_rows, swept_quality
 from pipelines.evaluation.records import FrameRecord, RowRecord, ScoredPredictions
 from pipelines.evaluation.tallies import ReportTally
 from pipelines.metrics.coco_masks import IOU_THRESHOLDS
@@ -115,3 +115,8 @@ def test_the_whole_is_all_splits_and_train_shows_only_if_evaluated():
 
 def test_friction_without_force_closure_stays_infinite_in_memory():
     assert math.isinf(Verdict(0, "no contact").min_friction)
+
+
+def test_a_sweep_finds_the_next_friction_at_which_a_grasp_holds():
+    found = swept_quality([0.0, 0.05, 0.1, 0.3, 0.38, 0.7, 0.999, 1.0])
+    np.testing.assert_allclose(found, [0.0, 0.0, 0.1, 0.3, 0.3, 0.7, 0.9, 1.0])

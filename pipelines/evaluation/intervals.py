@@ -1,0 +1,57 @@
+"""Intervals of a report's figures: a bootstrap over frames, by row and split."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from pipelines.evaluation.figures import Figures
+from pipelines.evaluation.paired_runs import EvaluatedRun
+from pipelines.evaluation.records import FrameRecord
+from pipelines.evaluation.run_readers import add_record
+from pipelines.metrics.paired_bootstrap import FrameFigure, FramePrecision, interval
+
+RESAMPLES, FEWEST_RESAMPLES = 1000, 100
+LEVEL = 0.95
+MOST_WEIGHTS = 100_000_000  # of predictions, drawn for one interval
+
+
+@dataclass
+class RowIntervals:
+    """Frames of a report, row by row.
+
+    Attributes:
+        keys: of `threshold_keys`.
+        runs: by row, its frames.
+    """
+
+    keys: Mapping[str, str]
+    runs: dict[str, EvaluatedRun] = field(default_factory=dict)
+
+    def add(self, record: FrameRecord) -> None:
+        """Add one frame."""
+        for name, row in record.rows.items():
+            add_record(self.runs.setdefault(name, EvaluatedRun(name, {})), record, row, self.keys)
+
+    def add_to(self, rows: Mapping[str, Mapping[str, Figures]]) -> None:
+        """Put `intervals` into the figures of each row and split: low and high end by metric."""
+        for name, splits in rows.items():
+            for split, figures in splits.items():
+                figures["intervals"] = self._intervals(name, split)
+
+    def _intervals(self, row: str, split: str) -> dict[str, tuple[float, float]]:
+        run = self.runs[row]
+        frames = run.names_in(split)
+        found = {}
+        for metric in sorted(run.metrics):
+            figure = run.figure(metric, frames)
+            ends = interval(figure, len(frames), _resamples(figure), LEVEL, seed=0)
+            if all(map(math.isfinite, ends)):
+                found[metric] = ends
+        return found
+
+
+def _resamples(figure: FrameFigure) -> int:
+    """Return how many draws are made: fewer of very many predictions."""
+    if not isinstance(figure, FramePrecision):
+        return RESAMPLES
+    return max(FEWEST_RESAMPLES, min(RESAMPLES, MOST_WEIGHTS // max(len(figure.frame), 1)))

@@ -1,0 +1,50 @@
+"""Intervals of a report's figures, by a bootstrap over frames."""
+
+import numpy as np
+import pytest
+
+from pipelines.evaluation.intervals import RowIntervals
+from pipelines.evaluation.records import FrameRecord, RowRecord, ScoredPredictions
+from pipelines.evaluation.run_readers import threshold_keys
+from pipelines.metrics.grasp_verdicts import Verdict
+
+
+def frame(number, split, qualities, correct=(1, 0)):
+    """A frame of objects with `qualities`, and predictions of planes that are right or wrong."""
+    verdicts = [Verdict(k, "held", quality, 1 - quality) for k, quality in enumerate(qualities)]
+    confidence = list(np.linspace(0.9, 0.1, len(correct)))
+    scored = ScoredPredictions(2, confidence, {"0.25": list(correct)})
+    masks = ScoredPredictions(2, [0.9], {"0.5": [1]})
+    rows = {"ours": RowRecord(verdicts, {"reflection": scored})}
+    return FrameRecord(f"scenes/{split}_{number:04d}", split, np.nan, masks, rows)
+
+
+def intervals_of(frames):
+    found = RowIntervals(threshold_keys(0.25, 0.05))
+    for each in frames:
+        found.add(each)
+    rows = {"ours": {split: {} for split in ("seen", "all")}}
+    found.add_to(rows)
+    return {split: figures["intervals"] for split, figures in rows["ours"].items()}
+
+
+def test_the_interval_of_a_mean_holds_it_as_often_as_it_says():
+    rng = np.random.default_rng(0)
+    held = 0
+    for _ in range(60):
+        found = intervals_of(frame(k, "seen", rng.random(4)) for k in range(30))
+        low, high = found["all"]["grasp_quality"]
+        assert 0.05 < high - low < 0.25
+        held += low <= 0.5 <= high
+    assert held >= 52
+
+
+def test_frames_that_are_alike_have_an_interval_without_width():
+    found = intervals_of(frame(k, "seen", [0.5, 0.7]) for k in range(8))
+    assert found["seen"]["grasp_quality"] == pytest.approx((0.6, 0.6))
+    low, high = found["seen"]["symmetry_ap reflection"]
+    assert low == pytest.approx(high)
+
+
+def test_one_frame_has_no_interval():
+    assert intervals_of([frame(0, "seen", [0.5])])["all"] == {}

@@ -409,20 +409,20 @@ def test_records_read_as_they_were_written(truth_report):
 def test_other_grasps_of_the_same_frames_are_a_row_on_regions_of_their_own(
     root, truth_file, tmp_path
 ):
-    other = tmp_path / "gg-cnn.h5"
+    other = tmp_path / "second.h5"
     write_grasps(other, [true_result(root, name, (0, 1)) for name in frame_names()])
     report = run(truth_file, root, tmp_path / "report.json", others=[other])
     assert report.exit_code == 0
-    ours, theirs = figures(tmp_path / "report.json"), figures(tmp_path / "report.json", "gg-cnn")
+    ours, theirs = figures(tmp_path / "report.json"), figures(tmp_path / "report.json", "second")
     assert ours["reasons"] == {"held": 12}
     assert theirs["reasons"] == {"no region": 4, "held": 8}
     assert theirs["objects"] == ours["objects"]
     titles = {row[0] for row in evaluate.tables(tmp_path / "report.json")[0].rows}
-    assert {"SymGrasp", "gg-cnn"} <= titles
+    assert {"SymGrasp", "second"} <= titles
 
 
 def test_other_grasps_of_other_frames_or_with_a_taken_name_are_refused(root, truth_file, tmp_path):
-    fewer = tmp_path / "gg-cnn.h5"
+    fewer = tmp_path / "second.h5"
     write_grasps(fewer, [true_result(root, name) for name in frame_names()[1:]])
     with pytest.raises(FormatError, match="lacks 1 frames of ours, as"):
         run(truth_file, root, tmp_path / "report.json", others=[fewer])

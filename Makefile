@@ -14,7 +14,7 @@ SET_sealed := --split similar,novel --families sealed --scenes-per-split 160 --v
 WEIGHTS := $(wildcard pipelines/weights/*.safetensors)
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test check docs eval dev sealed ablations weights weights-paper bench golden clean
+.PHONY: help install demo test check docs eval dev sealed ablations weights weights-paper tables bench golden clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -104,6 +104,10 @@ weights: install ## all default weights from nothing, in build/weights; SIZE=tin
 
 weights-paper: install ## both networks as the paper prints them, in build/weights-paper; COCO=FILE to start from
 	SYMGRASP=$(SYMGRASP) COCO=$(COCO) tools/make_weights.sh build/weights-paper/$(SIZE) $(SIZE) paper
+
+DATASET :=
+tables: install ## the paper's tables with compared methods and controls, build/tables; DATASET=ROOT; days of two cores
+	SYMGRASP=$(SYMGRASP) PYTHON=$(BIN)/python tools/make_tables.sh build/tables/$(SIZE) $(SIZE) $(DATASET)
 
 BENCH :=
 bench: install ## speeds of this machine, stage by stage

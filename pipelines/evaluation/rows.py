@@ -49,6 +49,14 @@ KNOWN_ROWS = (
         "symmetries fitted to the points alone, then our selection",
         "geometry [7]",
     ),
+    ReportRow("true-regions", "on true regions", "#0277bd", "ours on the true symmetric regions"),
+    ReportRow(
+        "constant-affordance",
+        "constant affordance",
+        "#5c8fbf",
+        "ours with the same affordance at all points",
+    ),
+    ReportRow("random-network", "random network", "#90a4ae", "ours with an untrained network"),
     ReportRow(
         "oracle", "oracle", "#2a9d58", "true symmetries and affordance through the same selection"
     ),

@@ -1,0 +1,98 @@
+"""The script of the paper's tables calls commands with options that exist, each step in order."""
+
+import os
+import shlex
+import subprocess
+from pathlib import Path
+
+import pytest
+from typer.main import get_command
+
+from pipelines.evaluation.rows import KNOWN_ROWS
+from symgrasp_cli.app import app
+from tools import controls
+
+SCRIPT = Path(__file__).parents[2] / "tools" / "make_tables.sh"
+GROUP = get_command(app)
+
+
+def calls(tmp_path, *arguments):
+    """The command lines of a run in which every command does nothing."""
+    log, stand_in = tmp_path / "calls.txt", tmp_path / "symgrasp"
+    stand_in.write_text(f'#!/bin/sh\nprintf "%s\\n" "$*" >> {log}\n', encoding="utf-8")
+    stand_in.chmod(0o755)
+    environment = {**os.environ, "SYMGRASP": str(stand_in), "PYTHON": str(stand_in)}
+    subprocess.run(
+        ["sh", SCRIPT, tmp_path / "out", *arguments],
+        env=environment,
+        check=True,
+        capture_output=True,
+    )
+    found = [shlex.split(line) for line in log.read_text(encoding="utf-8").splitlines()]
+    return [call for call in found if call[0] != "-m"], [call for call in found if call[0] == "-m"]
+
+
+@pytest.mark.parametrize("size", ["full", "tiny"])
+def test_every_step_is_a_command_with_options_that_it_has(size, tmp_path):
+    commands, tools = calls(tmp_path, size)
+    for name, *arguments in commands:
+        parameters = GROUP.commands[name].params
+        known = {option for each in parameters for option in (*each.opts, *each.secondary_opts)}
+        assert {each for each in arguments if each.startswith("--")} <= known, name
+    assert {call[1] for call in tools} == {"tools.controls"}
+
+
+def test_each_row_is_inferred_judged_and_known_to_the_tables(tmp_path):
+    commands, _ = calls(tmp_path, "tiny")
+    made = {call[call.index("--out") + 1] for call in commands if call[0] == "infer"}
+    for stage in ("simulate", "evaluate"):
+        (call,) = (each for each in commands if each[0] == stage)
+        read = {call[k + 1] for k, word in enumerate(call) if word == "--with"} | {call[1]}
+        assert read == made
+    known = {row.name for row in KNOWN_ROWS}
+    assert {Path(path).stem for path in made} <= known
+
+
+def test_given_weights_and_a_given_dataset_leave_out_their_making(tmp_path):
+    weights = tmp_path / "out" / "weights"
+    weights.mkdir(parents=True)
+    for name in ("multi-grasp", "gg-cnn", "pointnetgpd", "as-printed"):
+        (weights / f"{name}.safetensors").touch()
+    commands, _ = calls(tmp_path, "full", "ROOT")
+    assert {call[0] for call in commands} == {"infer", "simulate", "evaluate"}
+    assert all("ROOT" in call for call in commands)
+
+
+def test_the_networks_of_the_controls_differ_in_what_they_say(tmp_path, monkeypatch):
+    import torch
+
+    from pipelines.inference import models
+
+    points = torch.rand((1, 600, 3), generator=torch.Generator().manual_seed(0)) * 0.1
+    points -= points.mean(1, keepdim=True)
+    answers = {}
+    for name in ("random_network", "constant_affordance"):
+        path = tmp_path / f"{name}.safetensors"
+        getattr(controls, name)(path)
+        with torch.inference_mode():
+            answers[name] = models.predictor(path, "cpu").network(points)
+    with torch.inference_mode():
+        default = models.predictor(models.NETWORK_WEIGHTS, "cpu").network(points)
+    constant = answers["constant_affordance"]
+    torch.testing.assert_close(
+        constant.affordance, torch.full_like(constant.affordance, controls.AFFORDANCE)
+    )
+    torch.testing.assert_close(constant.existence, default.existence)
+    assert not torch.allclose(answers["random_network"].existence, default.existence, atol=0.1)
+
+
+def test_true_regions_are_numbered_in_the_pictures_that_infer_reads(tmp_path):
+    from pipelines.frames.masks import read_masks
+    from tests.stages.toy_root import write_root
+
+    made = write_root(tmp_path / "root")
+    frames = controls.true_regions(tmp_path / "regions", made.root)
+    assert frames > 0
+    name = next(iter(sorted((tmp_path / "regions").rglob("*_label.png"))))
+    relative = str(name.relative_to(tmp_path / "regions")).removesuffix("_label.png")
+    assert read_masks(tmp_path / "regions", relative).max() >= 1

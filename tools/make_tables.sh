@@ -1,0 +1,97 @@
+#!/bin/sh
+# The paper's tables on one data set, from nothing: tools/make_tables.sh FOLDER [full|tiny] [DATASET]
+#
+# FOLDER/report.html and report.json hold Tables I to III and Sec. IV-E: ours, the paper as printed, the
+# compared methods, and the controls. DATASET is a root in GraspNet-1Billion's layout, with symmetries and
+# affordance labels (annotate-symmetry, refine-grasps), or `dev`, the set of `make dev`, which is made.
+# Every step is a documented command. A step that is finished is skipped and an interrupted one goes on,
+# so that the same call resumes after a kill. `full` takes days of two cores, most of it the trainings;
+# `tiny` takes minutes, its figures are of no use.
+# Given weights are taken instead of trained ones: put them at FOLDER/weights/NAME.safetensors before.
+set -eu
+
+FOLDER=$1
+SIZE=${2:-full}
+DATASET=${3:-}
+SYMGRASP=${SYMGRASP:-symgrasp}
+PYTHON=${PYTHON:-python3}
+METHODS="multi-grasp gg-cnn pointnetgpd"
+
+case $SIZE in
+full)
+    SCENES=60 VIEWS=8 OBJECTS=72 PIXELS=640x480 GRASP_POINTS=400
+    DEV="--families wide --scenes-per-split 24 --views 4 --objects 96 --grasp-points 48
+        --surroundings plain,plain,bin,tray,wall,edge"
+    TRAINING="" PACK="" NETWORK="--epochs 40"
+    ;;
+tiny)
+    SCENES=3 VIEWS=2 OBJECTS=6 PIXELS=320x240 GRASP_POINTS=40
+    DEV="--scenes-per-split 1 --views 1 --objects 6 --grasp-points 8"
+    TRAINING="--steps 4" PACK="--set num_points=400"
+    NETWORK="--batch-size 4 --epochs 1 --set network.num_points=400"
+    ;;
+*)
+    echo "size is $SIZE; it must be full or tiny" >&2
+    exit 2
+    ;;
+esac
+
+DATA=$FOLDER/data
+WEIGHTS=$FOLDER/weights
+mkdir -p "$WEIGHTS"
+# A root of procedural objects: NAME SEED OPTIONS.
+root() {
+    name=$1 seed=$2
+    shift 2
+    $SYMGRASP synthesize "$DATA/$name" --size "$PIXELS" --sensor mixed --seed "$seed" "$@"
+    $SYMGRASP annotate-symmetry "$DATA/$name"
+    $SYMGRASP refine-grasps "$DATA/$name"
+}
+
+# 1. The set to evaluate on.
+if [ -z "$DATASET" ]; then
+    root dev 700 --split similar,novel $DEV --no-collision-labels
+    DATASET=$DATA/dev
+fi
+
+# 2. The compared methods and the paper as printed, all on the same frames of the same objects.
+wanted() { for name in "$@"; do [ -e "$WEIGHTS/$name.safetensors" ] || return 0; done; return 1; }
+if wanted $METHODS as-printed || [ -e "$DATA/train" ]; then
+    root train 0 --split train --scenes-per-split "$SCENES" --views "$VIEWS" --objects "$OBJECTS" \
+        --grasp-points "$GRASP_POINTS" --collision-labels
+    for name in $METHODS; do
+        $SYMGRASP train-baseline "$name" "$DATA/train" --out "$WEIGHTS/$name.safetensors" $TRAINING --resume
+    done
+    $SYMGRASP pack "$DATA/train" --out "$DATA/packed" $PACK
+    $SYMGRASP train "$DATA/packed" --out "$WEIGHTS/as-printed.safetensors" --preset paper $NETWORK --resume
+fi
+
+# 3. Grasps of every row on the same frames.
+row() {
+    name=$1
+    shift
+    $SYMGRASP infer "$DATASET" --split all --out "$FOLDER/rows/$name.h5" "$@"
+}
+row ours --timings
+row as-printed --preset paper --network "$WEIGHTS/as-printed.safetensors"
+for name in $METHODS; do
+    row "$name" --method "$name" --weights "$WEIGHTS/$name.safetensors"
+done
+row symmetry-icp --method symmetry-icp
+CONTROLS="random-network constant-affordance"
+for name in $CONTROLS; do
+    $PYTHON -m tools.controls "$name" "$WEIGHTS/$name.safetensors"
+    row "$name" --network "$WEIGHTS/$name.safetensors"
+done
+$PYTHON -m tools.controls true-regions "$FOLDER/true_regions" "$DATASET"
+row true-regions --masks "$FOLDER/true_regions"
+
+# 4. Judged: analytically and in physics.
+WITH=""
+for name in as-printed $METHODS symmetry-icp $CONTROLS true-regions; do
+    WITH="$WITH --with $FOLDER/rows/$name.h5"
+done
+$SYMGRASP simulate "$FOLDER/rows/ours.h5" --dataset "$DATASET" --out "$FOLDER/success.json" --baselines $WITH
+$SYMGRASP evaluate "$FOLDER/rows/ours.h5" --dataset "$DATASET" --out "$FOLDER/report.json" \
+    --success "$FOLDER/success.json" --baselines $WITH
+echo "report: $FOLDER/report.html"

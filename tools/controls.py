@@ -1,4 +1,4 @@
-"""What the controls of `make tables` need in place of a trained part: weights and true regions.
+"""Weights and true regions for the controls of `make tables`.
 
 `python tools/controls.py random-network OUT.safetensors`: the network as it is before training.
 `python tools/controls.py constant-affordance OUT.safetensors`: the default network, its affordance

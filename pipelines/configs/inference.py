@@ -45,6 +45,11 @@ class InferConfig:
         f"to the points alone; or a compared method with --weights: {', '.join(FRAME_PEERS)}.",
         "Sec. IV-A, IV-E",
     )
+    selects_for_peers: bool = choice(
+        False,
+        "Keep of a compared method's grasps those that our selection finds feasible (Sec. III-F).",
+        "D. 133",
+    )
     mirrored: bool = choice(
         False, "Show the network the mirror image of each region too.", "D. 101"
     )

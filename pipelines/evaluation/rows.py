@@ -33,6 +33,8 @@ def _peer(name: str, color: str, published: str) -> ReportRow:
     return ReportRow(name, f"{published}, trained here", color, meaning, published)
 
 
+SELECTED: Final = "-selected"
+
 # In the order of the tables.
 KNOWN_ROWS = (
     ReportRow(OURS, "SymGrasp", "#1668b8", "ours, on the dataset evaluated here", PAPER),
@@ -74,10 +76,17 @@ OTHER_COLORS = ("#c2185b", "#00838f", "#5d4037", "#7cb342", "#303f9f", "#f06292"
 
 
 def report_row(name: str) -> ReportRow:
-    """Return the row called `name`; a row of `--with NAME.h5` bears its file's name."""
+    """Return the row called `name`; a row of `--with NAME.h5` bears its file's name.
+
+    `METHOD-selected` is a compared method whose grasps went through our selection.
+    """
     known = {row.name: row for row in KNOWN_ROWS}
     if name in known:
         return known[name]
+    method = known.get(name.removesuffix(SELECTED))
+    if method is not None and name.endswith(SELECTED):
+        title, meaning = f"{method.published} + our selection", "its grasps that are feasible"
+        return ReportRow(name, title, method.color, meaning)
     color = OTHER_COLORS[sum(name.encode()) % len(OTHER_COLORS)]
     return ReportRow(name, name, color, f"grasps of {name}.h5")
 

@@ -89,7 +89,7 @@ class Planner:
             regions, plans = self._region_by_region(seen, rng)
             kept, ranker = self.config, self._of_regions.ranker
         else:
-            regions, plans = plans_of_whole(self.peer, frame, seen, self.config.method, rng)
+            regions, plans = plans_of_whole(self.peer, frame, seen, self.gripper, self.config, rng)
             kept, ranker = replace(self.config, max_grasps_per_region=MOST_GRASPS), OWN_SCORE
         found = [plan.grasps for plan in plans]
         grasps = grasp_table(found, kept, ranker)

@@ -421,6 +421,22 @@ def test_other_grasps_of_the_same_frames_are_a_row_on_regions_of_their_own(
     assert {"SymGrasp", "second"} <= titles
 
 
+def test_grasps_of_a_compared_method_belong_to_the_objects_they_are_nearest_to(
+    root, truth_file, tmp_path
+):
+    other, results = tmp_path / "gg-cnn.h5", []
+    for name in frame_names():
+        found = true_result(root, name, (0, 1))
+        found.grasps.source[:] = "gg-cnn"
+        found.grasps.region[:] = 0  # regions do not matter
+        results.append(found)
+    write_grasps(other, results)
+    assert run(truth_file, root, tmp_path / "report.json", others=[other]).exit_code == 0
+    assert figures(tmp_path / "report.json", "gg-cnn")["reasons"] == {"no region": 4, "held": 8}
+    titles = {row[0] for row in evaluate.tables(tmp_path / "report.json")[0].rows}
+    assert "GG-CNN, trained here" in titles
+
+
 def test_other_grasps_of_other_frames_or_with_a_taken_name_are_refused(root, truth_file, tmp_path):
     fewer = tmp_path / "second.h5"
     write_grasps(fewer, [true_result(root, name) for name in frame_names()[1:]])

@@ -3,9 +3,12 @@
 import numpy as np
 from scipy.spatial import KDTree
 
-from pipelines.array_types import Array, Indices
+from pipelines.array_types import Array, Indices, Mask
+from pipelines.configs import InferConfig, SelectionConfig
 from pipelines.frames.rgbd import Frame
+from pipelines.grasping.feasibility.feasibility import Feasibility
 from pipelines.grasping.grasps import GraspPoses
+from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.ranking.suppression import non_maximum_suppression
 from pipelines.grasping.scene import RegionCloud, SceneCloud
@@ -18,38 +21,75 @@ MOST_GRASPS = 300  # of a frame
 NMS_DISTANCE, NMS_ANGLE = 0.03, float(np.radians(30.0))  # as GraspNet-1Billion's benchmark has them
 MOST_COMPARED = 3000  # grasps, the best, among which alike ones are sought
 ON_REGION = 0.03  # metres from a region's points to the contacts' middle
+AS_GIVEN = np.zeros(1)  # radians: a compared method's grasps are not turned
 OWN_SCORE = "own"  # the origin of the scores: the method's
 
 
 def plans_of_whole(
-    peer: FrameMethod, frame: Frame, seen: Observation, method: str, rng: np.random.Generator
+    peer: FrameMethod,
+    frame: Frame,
+    seen: Observation,
+    gripper: Gripper,
+    config: InferConfig,
+    rng: np.random.Generator,
 ) -> tuple[list[Region], list[Plan]]:
     """Return the regions of a frame, and of the grasps that `peer` finds those on each.
 
-    Grasps on none of them belong to a last region, the rest of the image. `method`: the name.
+    Grasps on none of them belong to a last region, the rest of the image.
     """
-    grasps, score = chosen_grasps(*peer.grasps(frame, seen.scene, rng), seen.scene)
+    grasps, score = best_first(*peer.grasps(frame, seen.scene, rng), seen.scene)
     regions, clouds = seen.in_workspace()
     owner = region_of_each(grasps, clouds)
+    if config.selects_for_peers:
+        kept = feasible_grasps(grasps, owner, clouds, seen.scene, gripper, config.selection)
+        grasps, score, owner = grasps[kept], score[kept], owner[kept]
+    kept = non_maximum_suppression(grasps, NMS_DISTANCE, NMS_ANGLE, _all_sound)[:MOST_GRASPS]
+    owner = owner[kept]
     if (owner == len(regions)).any():
         taken = [region.mask for region in regions]
         rest = ~np.logical_or.reduce([np.zeros(frame.depth.shape, bool), *taken])
         regions = [*regions, Region(rest, 0.0, REST)]
-    found = own_ranking(grasps, score, method)
+    found = own_ranking(grasps[kept], score[kept], config.method)
     return regions, [Plan(found[owner == i]) for i in range(len(regions))]
 
 
-def chosen_grasps(grasps: GraspPoses, score: Array, scene: SceneCloud) -> tuple[GraspPoses, Array]:
-    """Return the best grasps, no two alike, within the robot's limits, and their scores."""
+def best_first(grasps: GraspPoses, score: Array, scene: SceneCloud) -> tuple[GraspPoses, Array]:
+    """Return the best grasps within the robot's limits, and their scores."""
     order = np.argsort(-score, kind="stable")
     if scene.limits is not None:
         order = order[scene.limits.allow(grasps[order])]
     order = order[:MOST_COMPARED]
-    kept = non_maximum_suppression(
-        grasps[order], NMS_DISTANCE, NMS_ANGLE, lambda some: np.ones(len(some), bool)
-    )
-    order = order[kept[:MOST_GRASPS]]
     return grasps[order], score[order]
+
+
+def _all_sound(grasps: GraspPoses) -> Mask:
+    return np.ones(len(grasps), bool)
+
+
+def feasible_grasps(
+    grasps: GraspPoses,
+    owner: Indices,
+    clouds: list[RegionCloud],
+    scene: SceneCloud,
+    gripper: Gripper,
+    config: SelectionConfig,
+) -> Indices:
+    """Return which grasps our selection finds feasible at their region (Sec. III-F).
+
+    `owner` (n,): of `clouds`; at none of them no grasp is feasible. The order is kept.
+    """
+    kept: list[Indices] = [np.zeros(0, np.int64)]
+    for place, cloud in enumerate(clouds):
+        own = np.flatnonzero(owner == place)
+        if not len(own) or not len(cloud):
+            continue
+        checks = config.feasibility, config.ranking.clearance_cap
+        feasibility = Feasibility.at(cloud, scene, gripper, *checks)
+        reached, row = feasibility.reachable(grasps[own], AS_GIVEN)
+        free, _ = feasibility.first_free(reached, np.ones(len(reached)), 0.0, len(reached))
+        free = free[feasibility.has_free_path(reached[free])]
+        kept.append(own[row[free]])
+    return np.sort(np.concatenate(kept))
 
 
 def region_of_each(grasps: GraspPoses, clouds: list[RegionCloud]) -> Indices:

@@ -9,7 +9,7 @@ from pipelines.geometry.transforms import transform_points
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.inference.frame_grasps import Planner
-from pipelines.inference.peers.frame_plans import MOST_GRASPS, chosen_grasps
+from pipelines.inference.peers.frame_plans import MOST_GRASPS
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
 
 POSE = looking_at_table()
@@ -30,8 +30,8 @@ class Fixed:
         return self.found, self.score
 
 
-def plan(method):
-    config = InferConfig(method="gg-cnn", regions="geometric")
+def plan(method, **settings):
+    config = InferConfig(method="gg-cnn", regions="geometric", **settings)
     return Planner(config, load_gripper("rg2"), peer=method).plan(FRAME, np.random.default_rng(0))
 
 
@@ -60,11 +60,20 @@ def test_of_alike_grasps_the_best_stays():
 
 def test_no_more_than_300_grasps_are_kept():
     places = np.stack(np.meshgrid(*[np.arange(8) * 0.1] * 3), -1).reshape(-1, 3)
-    method = Fixed(places, np.arange(len(places)))
+    found = plan(Fixed(places, np.arange(len(places)))).grasps.rank_score
+    assert len(found) == MOST_GRASPS
+    assert found.max() == len(places) - 1
 
-    class Scene:
-        limits = None
 
-    _, score = chosen_grasps(method.found, method.score, Scene())
-    assert len(score) == MOST_GRASPS
-    assert score[0] == len(places) - 1
+def test_our_selection_drops_grasps_that_collide_and_those_on_no_region():
+    """Of a grasp from above across the box, one a hand's breadth deeper, and one on the table."""
+    down = GraspPoses.from_contacts(
+        transform_points(POSE, [[[-0.03, 0, z], [0.03, 0, z]] for z in (0.08, 0.02)]),
+        np.tile(-POSE[:3, 2], (2, 1)),
+    )
+    method = Fixed([ON_BOX, ON_BOX, OFF_BOX], [0.5, 0.9, 0.7])
+    method.found = GraspPoses.concatenate([down, method.found[2:]])
+    assert len(plan(method).grasps) == 3
+    result = plan(method, selects_for_peers=True)
+    assert result.regions.source.tolist() == ["geometric"]
+    assert result.grasps.rank_score.tolist() == pytest.approx([0.5])

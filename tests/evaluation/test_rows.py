@@ -1,0 +1,26 @@
+"""Rows of reports: names, titles, order."""
+
+from pipelines.evaluation import published
+from pipelines.evaluation.rows import KNOWN_ROWS, ordered_rows, report_row
+
+
+def test_rows_with_figures_in_the_paper_bear_its_name_of_the_method():
+    tables = (published.GRASP_QUALITY, published.SYMMETRY_AP)
+    known = {row.method for table in tables for row in table}
+    named = {row.published for row in KNOWN_ROWS if row.published}
+    assert {"Multi-Grasp", "GG-CNN"} <= named <= known
+
+
+def test_a_compared_method_with_our_selection_is_a_row_of_its_own():
+    assert report_row("gg-cnn-selected").title == "GG-CNN + our selection"
+    assert report_row("mine-selected").title == "mine-selected"
+
+
+def test_rows_of_files_stand_before_the_baselines():
+    assert ordered_rows(["random", "zzz", "gg-cnn", "oracle", "ours"]) == [
+        "ours",
+        "gg-cnn",
+        "zzz",
+        "oracle",
+        "random",
+    ]

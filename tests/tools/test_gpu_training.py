@@ -1,17 +1,37 @@
 """Objects that travel to a GPU keep their labels; regions there are those of `symgrasp train`."""
 
+from dataclasses import replace
+
+import cv2
 import numpy as np
 import pytest
 import torch
 from scipy.spatial import KDTree
 
-from pipelines.configs import EndlessConfig, NetworkConfig, PackConfig, TrainConfig
+from pipelines.configs import (
+    DetectorConfig,
+    EndlessConfig,
+    FinetuneDetectorConfig,
+    NetworkConfig,
+    PackConfig,
+    TrainConfig,
+)
 from pipelines.dataset import object_list
 from pipelines.dataset.object_list import ObjectRecord
+from pipelines.dataset.training import detector_frames
+from pipelines.dataset.training.detector_frames import DetectorFrame
+from pipelines.geometry.camera import Intrinsics
+from pipelines.geometry.pointcloud import Plane
+from pipelines.learning.detector.detector_start import starting_detector
+from pipelines.learning.detector.frame_views import random_example
 from pipelines.learning.loop.loaders import draw_points
+from pipelines.network.detection.detector import MODEL_NAME
+from pipelines.network.weights_files import read_weights
 from pipelines.synthesis.endless import EndlessScenes
+from pipelines.tabletop.depth_channels import SmallFrame
 from tests.stages.toy_root import STAMP, write_root
-from tools.gpu_training import labelled_objects, rendering, train
+from tools.gpu_training import labelled_objects, rendering, schedule, small_frames, train
+from tools.gpu_training.train_detector import DetectorRun
 
 FEW = EndlessConfig(
     views=1, regions_per_scene=4, width=320, height=240, min_objects=2, max_objects=2
@@ -75,7 +95,72 @@ def test_a_region_in_the_ring_is_the_one_that_train_would_draw(objects):
 
 
 def test_the_rate_warms_up_and_falls_to_nothing():
-    schedule = train.Schedule(rate=1e-3, seconds=100.0, averaged=0.999)
-    assert schedule.rate_at(0, 0.0) < 1e-5
-    assert schedule.rate_at(train.WARM_UP_STEPS, 0.0) == pytest.approx(1e-3, rel=2e-3)
-    assert schedule.rate_at(10_000, 100.0) == pytest.approx(train.SMALLEST_RATE)
+    cosine = schedule.Schedule(rate=1e-3, seconds=100.0, averaged=0.999)
+    assert cosine.rate_at(0, 0.0) < 1e-5
+    assert cosine.rate_at(schedule.WARM_UP_STEPS, 0.0) == pytest.approx(1e-3, rel=2e-3)
+    assert cosine.rate_at(10_000, 100.0) == pytest.approx(schedule.SMALLEST_RATE)
+
+
+def test_the_rate_of_the_paper_falls_by_a_tenth_at_a_time():
+    steps = schedule.Schedule(rate=1e-3, seconds=100.0, averaged=0.0, drops=20)
+    found = [steps.rate_at(0, seconds) for seconds in (0.0, 4.9, 5.1, 100.0)]
+    assert found == pytest.approx([1e-3, 1e-3, 0.9e-3, 0.9**20 * 1e-3])
+
+
+def test_the_preset_takes_regions_in_the_axes_of_the_camera(objects):
+    config = train.train_config("paper")
+    assert config.loss == "paper"
+    region = EndlessScenes(objects[1], FEW, 1).regions(0)[0]
+    ring = rendering.RegionRing(1, CPU)
+    ring.add([np.asarray(each, np.float32)[None] for each in rendering._rows(region)])
+    found = ring.batch(torch.tensor([0]), config, lost_table=0.0)
+    own = region.points - region.points.mean(axis=0)
+    spread = np.linalg.svd(np.cov(found.points[0].numpy().T))[0][:, 0]
+    expected = np.linalg.svd(np.cov(own.T))[0][:, 0]
+    assert abs(spread @ expected) > 0.95
+    assert not found.ground.any()
+
+
+CAMERA = Intrinsics(120.0, 120.0, 60.0, 44.0, 128, 96)
+
+
+@pytest.fixture
+def frames():
+    rng = np.random.default_rng(0)
+    regions = np.zeros((96, 128), np.uint8)
+    regions[30:60, 20:50] = 1
+    depth = np.where(regions > 0, 0.55, 0.6).astype(np.float32)
+    depth[:5] = 0.0
+    plane, made = Plane(np.array([0.0, 0.0, -1.0]), 0.6), []
+    for _ in range(3):
+        color = cv2.resize(rng.integers(0, 255, (6, 8, 3), np.uint8), (128, 96))
+        made.append(DetectorFrame(SmallFrame(np.asarray(color), depth, CAMERA), plane, regions))
+    return made
+
+
+def test_frames_of_a_detector_arrive_as_they_were(frames, tmp_path):
+    detector_frames.write(tmp_path / "root" / "scene_0000_kinect.h5", frames, STAMP)
+    assert small_frames.write(tmp_path / "frames.npz", [tmp_path / "root"]) == 3
+    found = small_frames.SmallFrames(tmp_path / "frames.npz")
+    assert len(found) == 3
+    for before, after in zip(frames, (found[k] for k in range(3)), strict=True):
+        np.testing.assert_allclose(after.frame.depth, before.frame.depth, atol=0.0003)
+        np.testing.assert_array_equal(after.regions, before.regions)
+        assert after.frame.intrinsics == before.frame.intrinsics
+        np.testing.assert_allclose(after.plane.normal, before.plane.normal)
+        error = np.abs(after.frame.color.astype(int) - before.frame.color.astype(int))
+        assert error.mean() < 6
+
+
+def test_a_detector_learns_from_frames_and_keeps_the_mean_of_its_weights(frames, tmp_path):
+    config = replace(FinetuneDetectorConfig(), detector=DetectorConfig(input="both"))
+    rate = schedule.Schedule(rate=0.01, seconds=100.0, averaged=0.5)
+    run = DetectorRun(starting_detector(config, 0), config, CPU, rate)
+    before = {name: each.clone() for name, each in run.detector.state_dict().items()}
+    batch = [random_example(frames[0], "both", np.random.default_rng(k)) for k in range(2)]
+    for second in range(2):
+        run.step(batch, float(second))
+    run.save(tmp_path / "detector.safetensors")
+    found, _ = read_weights(tmp_path / "detector.safetensors", MODEL_NAME, DetectorConfig)
+    assert not torch.equal(found["backbone.stem.0.weight"], before["backbone.stem.0.weight"])
+    assert found.keys() == before.keys()

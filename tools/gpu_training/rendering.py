@@ -109,6 +109,8 @@ class RegionRing:
         lost = (torch.rand(count, device=device) < lost_table).long()
         each = torch.arange(count, device=device)
         axes, height = axes[each, lost], height[each, lost]
+        if config.network.input_frame == "camera":
+            axes, height = torch.eye(3, device=device).expand_as(axes), torch.zeros_like(height)
         order = torch.rand((count, POINTS), device=device).argsort(1)
         order = order[:, : config.network.num_points]
         points = points.gather(1, order[..., None].expand(-1, -1, 3))

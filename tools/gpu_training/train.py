@@ -1,16 +1,16 @@
 """Train the grasp network on one GPU, on regions that the host's cores render meanwhile."""
 
 import argparse
-import math
 import sys
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 import torch
 from torch import Tensor
 
 from pipelines.configs import TrainConfig
+from pipelines.configs.presets import PRESETS, preset_settings
+from pipelines.configs.settings import changed
 from pipelines.learning.grasp_network.grasp_training import Sample, sample_loss
 from pipelines.network import augmentation, sampling
 from pipelines.network.losses import NUM_ERROR_POINTS
@@ -19,39 +19,24 @@ from pipelines.network.regions import RegionBatch
 from pipelines.network.weights_files import weights_metadata
 from pipelines.storage.checkpoints import load_weights, save_weights
 from tools.gpu_training.rendering import RegionRing, Renderers
+from tools.gpu_training.schedule import CLIP_NORM, LOG_SECONDS, Schedule
 
-WARM_UP_STEPS = 300
-SMALLEST_RATE = 1e-6
-CLIP_NORM = 10.0  # as `symgrasp train`
 FIRST_REGIONS = 1500  # before the first step
-LOG_SECONDS = 20.0
-
-
-@dataclass(frozen=True)
-class Schedule:
-    """How fast weights change: a warm-up, then half a cosine over the time there is.
-
-    Attributes:
-        rate: the largest.
-        seconds: there are.
-        averaged: of the mean of the weights, that is kept in a step.
-    """
-
-    rate: float
-    seconds: float
-    averaged: float
-
-    def rate_at(self, step: int, seconds: float) -> float:
-        """Return the learning rate."""
-        cosine = 0.5 + 0.5 * math.cos(math.pi * min(1.0, seconds / self.seconds))
-        return self.rate * min(1.0, (step + 1) / WARM_UP_STEPS) * cosine + SMALLEST_RATE
 
 
 class GraphStep:
     """One step of the training, on a GPU as one CUDA graph: nothing in it waits for the host."""
 
-    def __init__(self, module: SymmetryGraspNet, sample: Sample, rate: float) -> None:
-        self.module, self.sample, self.config = module, sample, TrainConfig()
+    def __init__(
+        self,
+        module: SymmetryGraspNet,
+        sample: Sample,
+        config: TrainConfig,
+        rate: float,
+        *,
+        as_graph: bool = True,
+    ) -> None:
+        self.module, self.sample, self.config = module, sample, config
         self.device = sample.query.device
         on_gpu = self.device.type == "cuda"
         self.rate = torch.tensor(rate, device=self.device)
@@ -67,7 +52,7 @@ class GraphStep:
         self.mean = [each.detach().clone() for each in self.live]
         for parameter in self.parameters:
             parameter.grad = torch.zeros_like(parameter)
-        self._graph = self._captured() if on_gpu else None
+        self._graph = self._captured() if on_gpu and as_graph else None
 
     def run(self, sample: Sample, rate: float, averaged: float) -> None:
         """Learn from `sample`."""
@@ -161,9 +146,14 @@ def first_regions(renderers: Renderers, capacity: int, device: torch.device) -> 
     return ring
 
 
+def train_config(preset: str | None) -> TrainConfig:
+    """Return the settings of `symgrasp train`, those of a preset if one is named."""
+    return changed(TrainConfig(), preset_settings(preset, "train") if preset else {})
+
+
 def run_training(options: argparse.Namespace) -> None:
     """Train until the minutes are over, and write the mean of the weights."""
-    device, config = torch.device(options.device), TrainConfig()
+    device, config = torch.device(options.device), train_config(options.preset)
     renderers = Renderers(options.objects, options.seed, options.workers, options.limit)
     prepare_layers(device)
     torch.manual_seed(options.seed)
@@ -171,9 +161,10 @@ def run_training(options: argparse.Namespace) -> None:
     if options.init is not None:
         module.load_state_dict(load_weights(options.init)[0])
     began, ring = time.monotonic(), first_regions(renderers, options.capacity, device)
-    step = GraphStep(module, drawn_sample(ring, options.batch_size, config), options.rate)
+    first = drawn_sample(ring, options.batch_size, config)
+    step = GraphStep(module, first, config, options.rate, as_graph=options.graph)
     end, started = began + 60.0 * options.minutes, time.monotonic()
-    schedule, steps = Schedule(options.rate, end - started, options.averaged), 0
+    schedule, steps = Schedule(options.rate, end - started, options.averaged, options.drops), 0
     told = started
     while (now := time.monotonic()) < end and steps < options.max_steps:
         averaged = min(schedule.averaged, (steps + 1) / (steps + 11.0))
@@ -198,6 +189,9 @@ def main() -> None:
     parser.add_argument("--objects", type=Path, required=True, help="written by labelled_objects")
     parser.add_argument("--out", type=Path, required=True, help="weights to write")
     parser.add_argument("--init", type=Path, help="weights to start from")
+    parser.add_argument("--preset", choices=PRESETS, help="settings of `symgrasp train --preset`")
+    parser.add_argument("--drops", type=int, default=0, help="drops of the rate, not a cosine")
+    parser.add_argument("--graph", action=argparse.BooleanOptionalAction, default=True)
     parser.add_argument("--minutes", type=float, default=9.0, help="with the time to render first")
     parser.add_argument("--max-steps", type=int, default=10**9)
     parser.add_argument("--batch-size", type=int, default=64)

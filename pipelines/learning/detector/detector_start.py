@@ -15,6 +15,9 @@ from pipelines.storage.torch_weights import read_torch_weights
 
 log = logging.getLogger(__name__)
 
+GEOMETRY_ALONE = "--variant light --input geometry"
+BOTH_STREAMS = "--variant light --input both"
+
 
 def starting_detector(
     config: FinetuneDetectorConfig,
@@ -23,6 +26,9 @@ def starting_detector(
     init: Path | None = None,
 ) -> MaskRCNN:
     """Return the detector to start from, with COCO's weights or those of `init` if they are named.
+
+    A light detector of colour and geometry may start from one of geometry: its stream of colour
+    then starts anew.
 
     Raises:
         ValueRangeError: COCO weights are asked for a variant that has none.
@@ -40,7 +46,9 @@ def starting_detector(
     if init is not None:
         tensors, settings = read_weights(init, MODEL_NAME, DetectorConfig)
         found, wanted = _kind(settings), _kind(config.detector)
-        if found != wanted:
+        if (found, wanted) == (GEOMETRY_ALONE, BOTH_STREAMS):
+            tensors = model.state_dict() | tensors
+        elif found != wanted:
             raise FormatError(init, f"is of a detector with {found}", f"{wanted} is asked for")
         fill(model, tensors, init)
     return model

@@ -17,7 +17,7 @@ from pipelines.learning.detector.frame_views import (
     DetectorExample,
     as_example,
     masks_of,
-    random_view,
+    random_example,
 )
 from pipelines.learning.detector.mask_figures import MaskFigures
 from pipelines.learning.loop.faults import Fault
@@ -76,7 +76,7 @@ class DetectorTraining:
         examples = []
         for number, rng in zip(items, generators, strict=True):
             frame = detector_frames.read(*self.frames.train[int(number)])
-            examples.append(as_example(random_view(frame, rng), self.config.detector.input))
+            examples.append(random_example(frame, self.config.detector.input, rng))
         return examples
 
     def loss(

@@ -1,4 +1,4 @@
-"""Random views of a detector's training frame: mirrored, zoomed, with a worse depth sensor."""
+"""Random views of a detector's training frame: mirrored, zoomed, other colours, worse depth."""
 
 from dataclasses import dataclass, replace
 
@@ -11,6 +11,7 @@ from torch import Tensor
 from pipelines.dataset.training.detector_frames import DetectorFrame
 from pipelines.geometry.pointcloud import Plane
 from pipelines.network.detection.detector_input import detector_image
+from pipelines.network.detection.mask_rcnn import COLOR_CHANNELS
 from pipelines.tabletop.depth_channels import SmallFrame
 
 MAX_ZOOM = 1.5
@@ -20,6 +21,10 @@ MAX_HOLES = 12
 MAX_HOLE = 0.06  # of the image's width, half-axis of an elliptic hole in the depth
 MAX_EDGE_LOSS = 0.6  # share of the pixels at depth edges that lose their depth
 EDGE = 0.015  # metres between neighbouring pixels that make an edge
+HUE_CHANGES = 0.3  # share of views with other hues
+BLURS, MAX_BLUR = 0.4, 1.5  # share of views out of focus; standard deviation in pixels
+MAX_COLOR_NOISE = 0.05  # standard deviation, of full brightness
+STREAM_LOSS = 0.12  # share of views without colour, and of views without geometry
 MIN_REGION_PIXELS = 30  # at the detector's size; less cannot be learned from
 
 
@@ -37,8 +42,7 @@ def random_view(view: DetectorFrame, rng: np.random.Generator) -> DetectorFrame:
         view = mirrored(view)
     view = zoomed(view, 1.0 + (MAX_ZOOM - 1.0) * rng.random() ** 2, rng)
     depth = noisy_depth(view.frame.depth, rng)
-    tinted = np.clip(view.frame.color * rng.uniform(0.6, 1.4, 3), 0, 255)
-    color: NDArray[np.uint8] = tinted.astype(np.uint8)
+    color = random_colors(view.frame.color, rng)
     return replace(view, frame=replace(view.frame, depth=depth, color=color))
 
 
@@ -99,6 +103,37 @@ def noisy_depth(depth: NDArray[np.float32], rng: np.random.Generator) -> NDArray
     return np.where(lost, 0.0, np.maximum(noisy, 0.0)).astype(np.float32)
 
 
+def random_colors(color: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+    """Return `color` (h, w, 3) under another light, seen by another camera, with other hues."""
+    values = color.astype(np.float32) / 255.0
+    if rng.random() < HUE_CHANGES:
+        values = values[..., rng.permutation(3)]
+    if rng.random() < HUE_CHANGES:
+        gray = values.mean(axis=-1, keepdims=True)
+        values = gray + rng.uniform(0.0, 1.5) * (values - gray)
+    values = np.clip(values * rng.uniform(0.6, 1.4, 3), 0.0, 1.0) ** rng.uniform(0.6, 1.7)
+    if rng.random() < BLURS:
+        values = cv2.GaussianBlur(values, (0, 0), rng.uniform(0.3, MAX_BLUR))
+    noise = MAX_COLOR_NOISE * rng.random() * rng.standard_normal(values.shape, np.float32)
+    return np.asarray(np.clip(255.0 * (values + noise), 0.0, 255.0), np.uint8)
+
+
+def with_lost_stream(image: Tensor, kind: str, rng: np.random.Generator) -> Tensor:
+    """Return an image (C, h, w) of `detector_image` that lacks colour or geometry, at random.
+
+    A detector of both thus learns to do with either; other kinds stay as they are.
+    """
+    if kind != "both" or (which := rng.random()) > 2.0 * STREAM_LOSS:
+        return image
+    image = image.clone()
+    if which < STREAM_LOSS:
+        image[:COLOR_CHANNELS] = 0.0
+    else:
+        image[COLOR_CHANNELS:] = 0.0
+        image[-1] = 1.0  # all depth is missing
+    return image
+
+
 def as_example(view: DetectorFrame, kind: str) -> DetectorExample:
     """Return what the detector is shown of a frame and what it is to answer."""
     image = detector_image(view.frame, view.plane, kind)
@@ -110,6 +145,12 @@ def as_example(view: DetectorFrame, kind: str) -> DetectorExample:
         "masks": torch.from_numpy(masks.astype(np.uint8)),
     }
     return DetectorExample(image, target)
+
+
+def random_example(view: DetectorFrame, kind: str, rng: np.random.Generator) -> DetectorExample:
+    """Return a random view of a frame as what a detector of `kind` learns from."""
+    example = as_example(random_view(view, rng), kind)
+    return replace(example, image=with_lost_stream(example.image, kind, rng))
 
 
 def masks_of(regions: NDArray[np.uint8]) -> NDArray[np.bool_]:

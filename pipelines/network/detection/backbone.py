@@ -1,12 +1,14 @@
-"""Backbone of the light detector: a narrow residual network with a feature pyramid."""
+"""Backbones of the light detector: narrow residual networks with a feature pyramid."""
 
 from collections import OrderedDict
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor, nn
 from torchvision.ops.feature_pyramid_network import FeaturePyramidNetwork, LastLevelMaxPool
 
 WIDTHS = (24, 48, 96, 160, 192)  # of the stem and of the stages at strides 4, 8, 16, 32
+COLOR_WIDTHS = (16, 32, 64, 96, 96)  # of the stream of colour beside that of geometry
 BLOCKS = (1, 2, 2, 2)
 
 
@@ -30,19 +32,37 @@ class ResidualBlock(nn.Module):
         return torch.relu_(summed)
 
 
-class LightBackbone(nn.Module):
-    """Feature maps of `out_channels` channels at strides 4 to 64, named as RoI heads expect."""
+class ResidualStream(nn.Module):
+    """A stem and four stages of residual blocks, at strides 4, 8, 16 and 32."""
 
-    def __init__(self, in_channels: int, out_channels: int) -> None:
+    def __init__(self, in_channels: int, widths: Sequence[int] = WIDTHS) -> None:
         super().__init__()
-        self.out_channels = out_channels
-        self.stem = convolution(in_channels, WIDTHS[0], 3, 2)
+        self.stem = convolution(in_channels, widths[0], 3, 2)
         stages = []
         for i, blocks in enumerate(BLOCKS):
-            dims = [WIDTHS[i], *[WIDTHS[i + 1]] * blocks]
+            dims = [widths[i], *[widths[i + 1]] * blocks]
             layers = [ResidualBlock(dims[j], dims[j + 1], 2 - min(j, 1)) for j in range(blocks)]
             stages.append(nn.Sequential(*layers))
         self.stages = nn.ModuleList(stages)
+
+    def maps(
+        self,
+        image: Tensor,  # (B, C, h, w)
+    ) -> list[Tensor]:
+        """Return the output of each stage, finest first."""
+        found, image = [], torch.relu_(self.stem(image))
+        for stage in self.stages:
+            image = stage(image)
+            found.append(image)
+        return found
+
+
+class LightBackbone(ResidualStream):
+    """Feature maps of `out_channels` channels at strides 4 to 64, named as RoI heads expect."""
+
+    def __init__(self, in_channels: int, out_channels: int) -> None:
+        super().__init__(in_channels)
+        self.out_channels = out_channels
         self.pyramid = FeaturePyramidNetwork(
             list(WIDTHS[1:]), out_channels, extra_blocks=LastLevelMaxPool()
         )
@@ -52,13 +72,37 @@ class LightBackbone(nn.Module):
         image: Tensor,  # (B, C, h, w)
     ) -> dict[str, Tensor]:
         """Return the pyramid's maps, finest first."""
-        maps: OrderedDict[str, Tensor] = OrderedDict()
-        image = torch.relu_(self.stem(image))
-        for i, stage in enumerate(self.stages):
-            image = stage(image)
-            maps[str(i)] = image
-        pyramid: dict[str, Tensor] = self.pyramid(maps)
+        named = {str(i): each for i, each in enumerate(self.maps(image))}
+        pyramid: dict[str, Tensor] = self.pyramid(OrderedDict(named))
         return pyramid
+
+
+class TwoStreamBackbone(LightBackbone):
+    """A `LightBackbone` of geometry; a narrower stream of colour joins it before the pyramid.
+
+    The layers that join start at zero: with the weights of a detector of geometry the two streams
+    answer as that detector does, whatever the colours.
+    """
+
+    def __init__(self, color_channels: int, geometry_channels: int, out_channels: int) -> None:
+        super().__init__(geometry_channels, out_channels)
+        self.color_channels = color_channels
+        self.color = ResidualStream(color_channels, COLOR_WIDTHS)
+        pairs = zip(COLOR_WIDTHS[1:], WIDTHS[1:], strict=True)
+        self.joins = nn.ModuleList(nn.Conv2d(theirs, own, 1) for theirs, own in pairs)
+        for join in self.joins:
+            nn.init.zeros_(join.weight)
+            nn.init.zeros_(join.bias)
+
+    def maps(
+        self,
+        image: Tensor,  # (B, C, h, w): colour, then geometry
+    ) -> list[Tensor]:
+        """Return the output of each stage of both streams, finest first."""
+        colors = self.color.maps(image[:, : self.color_channels])
+        shapes = super().maps(image[:, self.color_channels :])
+        joined = zip(shapes, colors, self.joins, strict=True)
+        return [shape + join(color) for shape, color, join in joined]
 
 
 def convolution(in_dim: int, out_dim: int, size: int, stride: int) -> nn.Sequential:

@@ -14,7 +14,7 @@ from torchvision.ops import MultiScaleRoIAlign
 
 from pipelines.configs import DetectorConfig
 from pipelines.errors import FormatError, UnknownNameError
-from pipelines.network.detection.backbone import LightBackbone
+from pipelines.network.detection.backbone import LightBackbone, TwoStreamBackbone
 from pipelines.network.weights_files import tensor_differences
 
 NUM_CLASSES = 2  # background, symmetric region
@@ -133,7 +133,11 @@ def _limits(config: DetectorConfig) -> dict[str, Any]:
 
 
 def _light(in_channels: int, config: DetectorConfig) -> MaskRCNN:
-    backbone = LightBackbone(in_channels, LIGHT_WIDTH)
+    backbone = (
+        TwoStreamBackbone(COLOR_CHANNELS, GEOMETRY_CHANNELS, LIGHT_WIDTH)
+        if config.input == "both"
+        else LightBackbone(in_channels, LIGHT_WIDTH)
+    )
     names = ["0", "1", "2", "3"]
     return MaskRCNN(
         backbone,

@@ -41,6 +41,19 @@ def test_given_weights_of_another_detector_say_which(tmp_path):
         starting_detector(other, 6, init=path)
 
 
+def test_two_streams_start_with_the_answers_of_a_detector_of_geometry(tmp_path):
+    path = tmp_path / "detector.safetensors"
+    geometry = starting_detector(CONFIG, 5).eval()
+    save_weights(path, geometry.state_dict(), weights_metadata(MODEL_NAME, CONFIG.detector))
+    config = replace(CONFIG, detector=replace(CONFIG.detector, input="both"))
+    both = starting_detector(config, 6, init=path).eval()
+    image = torch.rand(2, 9, 64, 96, generator=torch.Generator().manual_seed(0))
+    with torch.inference_mode():
+        expected, found = geometry.backbone(image[:, 3:]), both.backbone(image)
+    for name in expected:
+        torch.testing.assert_close(found[name], expected[name])
+
+
 def test_coco_weights_are_for_resnet50_only():
     with pytest.raises(ValueRangeError, match="resnet50"):
         starting_detector(CONFIG, 0, "weights.pth")

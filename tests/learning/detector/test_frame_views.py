@@ -10,7 +10,9 @@ from pipelines.learning.detector.frame_views import (
     as_example,
     mirrored,
     noisy_depth,
+    random_colors,
     random_view,
+    with_lost_stream,
     zoomed,
 )
 from pipelines.tabletop.depth_channels import SmallFrame
@@ -72,3 +74,27 @@ def test_the_same_seed_gives_the_same_view(view):
     one, two = (random_view(view, np.random.default_rng(3)) for _ in range(2))
     assert np.array_equal(one.frame.depth, two.frame.depth)
     assert np.array_equal(one.frame.color, two.frame.color)
+
+
+def test_colors_change_and_stay_colors(view):
+    before = view.frame.color
+    for seed in range(8):
+        after = random_colors(before, np.random.default_rng(seed))
+        assert after.dtype == np.uint8
+        assert after.shape == before.shape
+        assert (after != before).any()
+
+
+def test_either_stream_is_lost_now_and_then_and_never_both(view):
+    image = as_example(view, "both").image
+    lost = {"color": 0, "geometry": 0}
+    for seed in range(200):
+        seen = with_lost_stream(image, "both", np.random.default_rng(seed))
+        color, geometry = not seen[:3].any(), not seen[3:-1].any()
+        assert not (color and geometry)
+        assert not geometry or (seen[-1] == 1.0).all()
+        lost["color"] += color
+        lost["geometry"] += geometry
+    assert all(8 < count < 45 for count in lost.values())
+    alone = as_example(view, "geometry").image
+    assert with_lost_stream(alone, "geometry", np.random.default_rng(0)) is alone

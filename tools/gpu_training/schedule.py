@@ -1,0 +1,33 @@
+"""Learning rate of a training that lasts a given time."""
+
+import math
+from dataclasses import dataclass
+
+WARM_UP_STEPS = 300
+SMALLEST_RATE = 1e-6
+CLIP_NORM = 10.0  # as `symgrasp train`
+LOG_SECONDS = 20.0
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """How fast weights change: a warm-up, then half a cosine over the time there is.
+
+    Attributes:
+        rate: the largest.
+        seconds: there are.
+        averaged: of the mean of the weights, that is kept in a step.
+        drops: the rate falls by a tenth so many times instead (Sec. III-G); 0 for the cosine.
+    """
+
+    rate: float
+    seconds: float
+    averaged: float
+    drops: int = 0
+
+    def rate_at(self, step: int, seconds: float) -> float:
+        """Return the learning rate."""
+        if self.drops:
+            return self.rate * 0.9 ** int(self.drops * min(1.0, seconds / self.seconds))
+        cosine = 0.5 + 0.5 * math.cos(math.pi * min(1.0, seconds / self.seconds))
+        return self.rate * min(1.0, (step + 1) / WARM_UP_STEPS) * cosine + SMALLEST_RATE

@@ -8,6 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from pipelines.array_types import Singles
 from pipelines.dataset.training.detector_frames import DetectorFrame
 from pipelines.geometry.pointcloud import Plane
 from pipelines.network.detection.detector_input import detector_image
@@ -105,15 +106,18 @@ def noisy_depth(depth: NDArray[np.float32], rng: np.random.Generator) -> NDArray
 
 def random_colors(color: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
     """Return `color` (h, w, 3) under another light, seen by another camera, with other hues."""
-    values = color.astype(np.float32) / 255.0
+    values: Singles = color.astype(np.float32) / 255.0
     if rng.random() < HUE_CHANGES:
         values = values[..., rng.permutation(3)]
     if rng.random() < HUE_CHANGES:
         gray = values.mean(axis=-1, keepdims=True)
         values = gray + rng.uniform(0.0, 1.5) * (values - gray)
-    values = np.clip(values * rng.uniform(0.6, 1.4, 3), 0.0, 1.0) ** rng.uniform(0.6, 1.7)
+    light = rng.uniform(0.6, 1.4, 3).astype(np.float32)
+    values = np.asarray(np.clip(values * light, 0.0, 1.0) ** rng.uniform(0.6, 1.7), np.float32)
     if rng.random() < BLURS:
-        values = cv2.GaussianBlur(values, (0, 0), rng.uniform(0.3, MAX_BLUR))
+        values = np.asarray(
+            cv2.GaussianBlur(values, (0, 0), rng.uniform(0.3, MAX_BLUR)), np.float32
+        )
     noise = MAX_COLOR_NOISE * rng.random() * rng.standard_normal(values.shape, np.float32)
     return np.asarray(np.clip(255.0 * (values + noise), 0.0, 255.0), np.uint8)
 

@@ -90,9 +90,8 @@ class TwoStreamBackbone(LightBackbone):
         self.color = ResidualStream(color_channels, COLOR_WIDTHS)
         pairs = zip(COLOR_WIDTHS[1:], WIDTHS[1:], strict=True)
         self.joins = nn.ModuleList(nn.Conv2d(theirs, own, 1) for theirs, own in pairs)
-        for join in self.joins:
-            nn.init.zeros_(join.weight)
-            nn.init.zeros_(join.bias)
+        for weights in self.joins.parameters():
+            nn.init.zeros_(weights)
 
     def maps(
         self,

@@ -72,7 +72,7 @@ def assign_regions(
 
 
 def owned_by_nearest(found: ScoredGrasps, truth: FrameTruth) -> RegionRow:
-    """Return the best grasp of each visible object, among those that are nearest to it.
+    """Return the best grasp of each visible object, among those that are nearest to it, or none.
 
     A grasp belongs to the object whose true surface is nearest to the middle of its contacts.
     Truth only assigns: a method that finds grasps in the whole frame means no object.
@@ -84,13 +84,15 @@ def owned_by_nearest(found: ScoredGrasps, truth: FrameTruth) -> RegionRow:
         local = transform_points(invert(scene.poses[object_id]), found.grasps.translation)
         distances[place] = scene.objects[object_id].tree.query(local)[0]
     owner = np.array(ids)[distances.argmin(axis=0)] if ids else np.full(len(found.score), -1)
-    owned = [i for i in visible if (owner == i).any()]
-    best = [int(np.where(owner == i, found.score, -np.inf).argmax()) for i in owned]
-    row = RowPredictions(
-        [found.grasps[k : k + 1] for k in best], [float(found.score[k]) for k in best]
-    )
-    masks = [truth.label == i + 1 for i in owned]
-    return RegionRow(row, masks, RegionOwners(owned, [-1] * len(owned)))
+    best, score = [], []
+    for object_id in visible:
+        own = np.flatnonzero(owner == object_id)
+        first = own[found.score[own].argmax()] if len(own) else len(found.score)
+        best.append(found.grasps[first : first + 1])
+        score.append(float(found.score[first]) if len(own) else -np.inf)
+    masks = [truth.label == object_id + 1 for object_id in visible]
+    owners = RegionOwners(list(visible), [-1] * len(visible))
+    return RegionRow(RowPredictions(best, score), masks, owners)
 
 
 def best_region(object_id: int, row: RowPredictions, owners: RegionOwners) -> int | None:

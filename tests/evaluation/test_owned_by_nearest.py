@@ -28,23 +28,25 @@ def found(*objects: int, score: list[float]) -> ScoredGrasps:
 
 def test_each_object_gets_the_best_grasp_that_is_nearest_to_it(truth):
     row = owned_by_nearest(found(1, 0, 1, score=[0.2, 0.9, 0.7]), truth)
-    assert row.owners.object_id == [0, 1]
-    assert row.predictions.rank_score == [0.9, 0.7]
+    assert row.owners.object_id == [0, 1, 2]
+    assert row.predictions.rank_score == [0.9, 0.7, -np.inf]
+    assert [len(best) for best in row.predictions.best] == [1, 1, 0]
     assert_allclose(row.predictions.best[1].translation, best_grasp(1, 0).translation)
     assert [mask.sum() for mask in row.masks] == [
-        (truth.label == object_id + 1).sum() for object_id in (0, 1)
+        (truth.label == object_id + 1).sum() for object_id in (0, 1, 2)
     ]
 
 
 def test_an_object_that_does_not_count_takes_its_grasps_from_the_others(truth):
     hidden = [i for i in truth.visible if i != 1]
     row = owned_by_nearest(found(1, score=[0.2]), type(truth)(**vars(truth) | {"visible": hidden}))
-    assert row.owners.object_id == []
+    assert row.owners.object_id == hidden
+    assert not any(map(len, row.predictions.best))
 
 
 def test_without_grasps_no_object_has_one(truth):
     row = owned_by_nearest(ScoredGrasps(GraspPoses.empty(), np.zeros(0)), truth)
-    assert row.owners.object_id == []
+    assert row.predictions.rank_score == [-np.inf] * 3
 
 
 def test_only_rows_of_methods_for_whole_frames_are_judged_so(truth, tmp_path):

@@ -432,7 +432,7 @@ def test_grasps_of_a_compared_method_belong_to_the_objects_they_are_nearest_to(
         results.append(found)
     write_grasps(other, results)
     assert run(truth_file, root, tmp_path / "report.json", others=[other]).exit_code == 0
-    assert figures(tmp_path / "report.json", "gg-cnn")["reasons"] == {"no region": 4, "held": 8}
+    assert figures(tmp_path / "report.json", "gg-cnn")["reasons"] == {"no grasp": 4, "held": 8}
     titles = {row[0] for row in evaluate.tables(tmp_path / "report.json")[0].rows}
     assert "GG-CNN, trained here" in titles
 

@@ -11,7 +11,6 @@ from pipelines import infer, train_baseline
 from pipelines.configs import InferConfig, TrainBaselineConfig
 from pipelines.configs.inference import FRAME_PEERS
 from pipelines.configs.peers import PeerNetworkConfig
-from pipelines.dataset.graspnet.graspnet import write_rect
 from pipelines.errors import MissingInputError, UnknownNameError, ValueRangeError
 from pipelines.grasp_files.grasps_stream import read_index, read_results
 from pipelines.learning.loop.faults import save_fault
@@ -23,25 +22,12 @@ from pipelines.runtime.batch import BatchOptions
 from pipelines.storage.checkpoints import load_weights
 from pipelines.storage.provenance import make_stamp
 from tests.learning.stopped import stopped_after
-from tests.stages.toy_grasp_labels import write_labels
-from tests.stages.toy_root import CAMERA, WIDTHS, best_grasp, frame_names, write_root
+from tests.stages.toy_grasp_labels import write_labels, write_rects
+from tests.stages.toy_root import frame_names, write_root
 
 CONFIG = TrainBaselineConfig(steps=2, epoch_steps=2, batch_size=2, micro_batch_size=1)
 REQUEST = RunRequest(device="cpu", threads=1)
 QUIET = BatchOptions(progress=False)
-
-
-def write_rects(root) -> None:
-    """Write a rectangle of the best grasp of each object, and one of an object that is not seen."""
-    for name in frame_names():
-        files, rows = root.frame(name), []
-        for object_id in WIDTHS:
-            grasp = best_grasp(object_id, files.frame_id)
-            ends = np.stack([grasp.translation[0], grasp.contacts[0, 1]])
-            (centre, side) = CAMERA.project(ends)
-            rows.append([*centre, *side, 10.0, 1.0, object_id])
-        rows.append([*rows[0][:6], 7])
-        write_rect(files.path("rect"), np.array(rows))
 
 
 @pytest.fixture(scope="module")

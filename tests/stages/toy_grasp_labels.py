@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipelines.dataset.graspnet.graspnet import GraspLabel, label_offsets
+from pipelines.dataset.graspnet.graspnet import GraspLabel, label_offsets, write_rect
 from pipelines.dataset.graspnet.graspnet_labels import (
     LABEL_GRID,
     write_collision_labels,
@@ -10,6 +10,7 @@ from pipelines.dataset.graspnet.graspnet_labels import (
 )
 from pipelines.dataset.meshes import read_mesh
 from pipelines.geometry.meshes.mesh import sample_surface
+from tests.stages.toy_root import CAMERA, WIDTHS, best_grasp, frame_names
 
 NUM_LABELLED = 30
 OPENING = np.float32(0.07)  # metres, of every hand
@@ -29,3 +30,16 @@ def write_labels(root, hindered=()):
     for scene in root.scenes():
         path = root.collision_label_path(scene.scene_id)
         write_collision_labels(path, [np.full(shape, i in hindered) for i in scene.object_ids])
+
+
+def write_rects(root) -> None:
+    """Write a rectangle of the best grasp of each object, and one of an object that is not seen."""
+    for name in frame_names():
+        files, rows = root.frame(name), []
+        for object_id in WIDTHS:
+            grasp = best_grasp(object_id, files.frame_id)
+            ends = np.stack([grasp.translation[0], grasp.contacts[0, 1]])
+            (centre, side) = CAMERA.project(ends)
+            rows.append([*centre, *side, 10.0, 1.0, object_id])
+        rows.append([*rows[0][:6], 7])
+        write_rect(files.path("rect"), np.array(rows))

@@ -1,0 +1,110 @@
+"""The best that a planar compared method could do: its own labels through its own post-processing.
+
+`python -m tools.peer_oracle gg-cnn ROOT OUT.h5` writes the grasps of a method that would predict
+exactly the labels it is trained on; `symgrasp evaluate OUT.h5 --dataset ROOT` judges them. ROOT has
+`rect/` labels. What these grasps lack, no training can give: they come along the camera's axis, and
+take the surface at their middle for the depth of the fingers.
+"""
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from pipelines.array_types import Array
+from pipelines.configs import InferConfig
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot, read_rect
+from pipelines.frames.rgbd import Frame
+from pipelines.grasp_files import grasps_file
+from pipelines.grasp_files.gripper_files import load_gripper
+from pipelines.grasping.grasps import GraspPoses
+from pipelines.grasping.gripper import Gripper
+from pipelines.grasping.peers.grasp_maps import MAP_SIDE, GraspMaps, scaled_rows
+from pipelines.grasping.peers.oriented_boxes import (
+    horizontal_boxes,
+    orientation_classes,
+    rows_of_boxes,
+)
+from pipelines.grasping.peers.rectangles import on_their_object, rectangle_grasps
+from pipelines.grasping.scene import SceneCloud
+from pipelines.inference.frame_grasps import Planner
+from pipelines.storage.provenance import make_stamp
+
+Planar = Literal["gg-cnn", "multi-grasp"]
+Represented = Callable[[Array, tuple[int, int]], Array]
+
+
+def as_maps(rows: Array, shape: tuple[int, int]) -> Array:
+    """Return rectangles `rows` (n, 7) of an image (H, W) painted as GG-CNN's maps, and read."""
+    scale = MAP_SIDE / min(shape)
+    height, width = (round(side * scale) for side in shape)
+    painted = GraspMaps.painted(scaled_rows(rows, scale), (height, width))
+    return scaled_rows(painted.rectangles(), 1.0 / scale)
+
+
+def as_boxes(rows: Array, shape: tuple[int, int]) -> Array:
+    """Return rectangles `rows` (n, 7) as Multi-Grasp's boxes with classes, and back."""
+    del shape  # boxes have no resolution
+    return rows_of_boxes(horizontal_boxes(rows), orientation_classes(rows), rows[:, 5])
+
+
+# Method -> its representation, and the least score of the rectangles that it learns.
+REPRESENTATIONS: dict[Planar, tuple[Represented, float]] = {
+    "gg-cnn": (as_maps, 0.7),
+    "multi-grasp": (as_boxes, 0.8),
+}
+
+
+@dataclass(frozen=True)
+class LabelMethod:
+    """A `FrameMethod` that knows the labels."""
+
+    root: GraspNetRoot
+    name: Planar
+    gripper: Gripper
+
+    def grasps(
+        self, frame: Frame, scene: SceneCloud, rng: np.random.Generator
+    ) -> tuple[GraspPoses, Array]:
+        """Return the labelled grasps of a frame of the dataset as the method would find them."""
+        del rng  # nothing is drawn
+        represented, least = REPRESENTATIONS[self.name]
+        files = self.root.frame(frame.name)
+        rows = read_rect(files.path("rect")).astype(np.float64)
+        rows = rows[(rows[:, 5] >= least) & on_their_object(rows, self.root.read_label(files))]
+        shape = scene.depth.shape[0], scene.depth.shape[1]
+        rows = represented(rows, shape)
+        grasps, index = rectangle_grasps(rows, scene.depth, scene.intrinsics, self.gripper)
+        return grasps, rows[index, 5]
+
+
+def write_oracle(name: Planar, root: GraspNetRoot, out: Path, scenes: int) -> int:
+    """Write the grasps of the first `scenes` scenes; return the number of frames."""
+    config, gripper = InferConfig(method=name, regions="geometric"), load_gripper("rg2")
+    planner = Planner(config, gripper, peer=LabelMethod(root, name, gripper))
+    results = [
+        planner.plan(root.read_frame(files), np.random.default_rng(0))
+        for scene in root.scenes()[:scenes]
+        for files in scene.frames()
+    ]
+    grasps_file.write(out, results, make_stamp("infer", config))
+    return len(results)
+
+
+def main() -> None:
+    """Read the options and write the grasps."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("method", choices=sorted(REPRESENTATIONS))
+    parser.add_argument("root", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--scenes", type=int, default=1000)
+    options = parser.parse_args()
+    root = GraspNetRoot.finished(options.root)
+    write_oracle(options.method, root, options.out, options.scenes)
+
+
+if __name__ == "__main__":
+    main()

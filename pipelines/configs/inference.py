@@ -16,17 +16,10 @@ from pipelines.configs.planning import (
 
 RegionSource = Literal["auto", "detector", "geometric"]
 Method = Literal[
-    "network",
-    "planar",
-    "random",
-    "symmetry-icp",
-    "gg-cnn",
-    "multi-grasp",
-    "pointnetgpd",
-    "graspnet",
+    "network", "planar", "random", "symmetry-icp", "gg-cnn", "multi-grasp", "pointnetgpd"
 ]
 # Those that find grasps in a whole frame, without regions.
-FRAME_PEERS = ("gg-cnn", "multi-grasp", "pointnetgpd", "graspnet")
+FRAME_PEERS = ("gg-cnn", "multi-grasp", "pointnetgpd")
 ExportFormat = Literal["graspnet", "contact-graspnet", "isaac", "json", "csv", "ros-json"]
 
 TCP = (

@@ -118,8 +118,11 @@ def _sound_regions(labels: Labels, things: Things) -> Labels:
         if things.hanging.ravel()[piece.pixels[0]]:
             continue
         mask = labels[piece.box] == piece.label
-        border = _border_pixels(mask, *piece.box, labels.shape)
-        if things.has_size_and_place(piece.points, border) and things.stands_out(piece.points):
+        if (
+            things.has_size_and_place(piece.points, piece.pixels)
+            and things.stands_out(piece.points)
+            and not things.is_smear(piece.points)
+        ):
             filled = without_holes(mask) & ((labels[piece.box] == 0) | mask)
             kept.append((float(median(piece.points[:, 2])), filled, piece.box))
     result = np.zeros(labels.shape, np.int32)
@@ -133,14 +136,3 @@ def without_holes(mask: Mask) -> Mask:
     outside = np.pad(mask.astype(np.uint8), 1)
     cv2.floodFill(outside, None, (0, 0), 1)
     return np.asarray((outside[1:-1, 1:-1] == 0) | mask)
-
-
-def _border_pixels(mask: Mask, rows: slice, columns: slice, shape: tuple[int, ...]) -> int:
-    """Return the number of pixels of `mask`, a cut-out of an image, on the image's border."""
-    sides = (
-        (rows.start == 0, mask[0]),
-        (rows.stop == shape[0], mask[-1]),
-        (columns.start == 0, mask[:, 0]),
-        (columns.stop == shape[1], mask[:, -1]),
-    )
-    return sum(int(side.sum()) for touches, side in sides if touches)

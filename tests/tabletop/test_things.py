@@ -3,6 +3,7 @@
 import numpy as np
 
 from pipelines.configs import RegionConfig
+from pipelines.geometry.camera import Intrinsics
 from pipelines.tabletop.regions_geometric import geometric_regions
 from tests.geometry.tabletops import CAMERA, Box, render
 
@@ -72,3 +73,34 @@ def test_the_floor_of_a_bin_is_its_support_where_a_side_shows_more():
 def test_without_depth_nothing_is_ruled_out():
     regions, index = found(BOX)
     assert regions.may_be_thing(np.zeros(index.shape, bool))
+
+
+def test_points_drawn_out_along_the_view_are_a_smear_and_a_steep_box_is_none():
+    regions, index = found(BOX)
+    things = regions.things
+    box = things.xyz[index == 0]
+    assert not things.is_smear(box)
+    middle = np.median(box, axis=0)
+    ray = middle / np.linalg.norm(middle)
+    stretched = box + 6.0 * np.outer((box - middle) @ ray, ray)
+    assert things.is_smear(stretched)
+
+
+def test_a_sliver_that_leads_from_a_table_toward_the_camera_is_no_region():
+    camera = Intrinsics(524.0, 524.0, 319.5, 239.5, 640, 480)
+    depth, _ = render([], camera=camera)
+    near = depth[240, 320] - np.linspace(0.01, 0.13, 20)
+    depth[233:247, 320:340] = near
+    regions = geometric_regions(depth, camera, RegionConfig(), np.random.default_rng(0))
+    assert not regions.masks
+
+
+def test_a_strip_along_the_border_of_what_is_measured_is_no_thing():
+    strip = Box((0.36, 0.03, 0.03), (0.0, -0.27, 0.0))
+    depth, index = render([BOX, strip])
+    last = np.nonzero(index == 1)[0].max()
+    cut = np.where(np.arange(len(depth))[:, None] < last - 2, depth, 0.0)
+    regions = geometric_regions(cut, CAMERA, RegionConfig(), np.random.default_rng(0))
+    assert last > len(depth) - 16
+    assert not regions.may_be_thing((index == 1) & (cut > 0))
+    assert regions.may_be_thing(index == 0)

@@ -9,19 +9,22 @@ from functools import cached_property
 
 import numpy as np
 
-from pipelines.array_types import Array, Mask
+from pipelines.array_types import Array, Indices, Mask
 from pipelines.configs import RegionConfig
 from pipelines.geometry.numerics.quantiles import median, quantiles
 from pipelines.geometry.pointcloud import Plane
+from pipelines.geometry.transforms import unit
 from pipelines.tabletop.depth_segments import extent
 from pipelines.tabletop.footprint import Footprint
 from pipelines.tabletop.tabletop import Tabletop
 
 TALL = 1.7  # least height of an object, over the height that stands out from noise
+UNMEASURED = 16  # pixels at the border of the image that a sensor may not measure
 MIN_BORDER = 20  # pixels on the image border from which an object continues outside
 FITTED = 500  # points of a piece, about, to which a plane is fitted
 BARE = 2000  # points of the support, about, whose side of a piece is looked at
 STEEP = np.cos(np.deg2rad(30.0))  # of the angle to the support beyond which a plane may be a wall
+MAX_DRAWN_OUT = 2.2  # length along the view by width across it; of real things up to 1.7
 BEHIND = 0.01  # metres behind a piece's plane from which the support counts
 
 
@@ -49,22 +52,20 @@ class Things:
             return True
         if np.count_nonzero(seen & self.hanging) > 0.5 * count:
             return False
-        border = sum(int(side.sum()) for side in (mask[0], mask[-1], mask[:, 0], mask[:, -1]))
-        return self.has_size_and_place(self.xyz[seen], border)
+        return self.has_size_and_place(self.xyz[seen], np.flatnonzero(mask))
 
-    def has_size_and_place(self, points: Array, border_pixels: int) -> bool:
-        """Return whether the piece of `points` (n, 3) may be a thing.
-
-        `border_pixels`: those of its pixels that lie on the image's border.
-        """
+    def has_size_and_place(self, points: Array, pixels: Indices) -> bool:
+        """Return whether the piece of `points` (n, 3) and flat `pixels` (m,) may be a thing."""
+        border = np.count_nonzero(self._border.take(pixels))
+        outermost = np.count_nonzero(self._outermost.take(pixels))
         plane, size = self.top.plane, extent(points)
         if size > self.config.max_extent:
             return False
         low = plane is not None and _high(plane, points) < self.config.max_cut_height
-        if border_pixels > MIN_BORDER and size > self.config.max_cut_extent and not low:
+        if border > MIN_BORDER and size > self.config.max_cut_extent and not low:
             return False
         # A strip along the image border, or a large object that reaches in from outside.
-        if border_pixels**2 > self.config.max_border * len(points):
+        if outermost**2 > self.config.max_border * len(points):
             return False
         if plane is None:
             return True
@@ -78,6 +79,19 @@ class Things:
             return True
         least = TALL * self.top.threshold(median(points[:, 2]), self.config)
         return bool(_high(self.top.plane, points) > least)
+
+    def is_smear(self, points: Array) -> bool:
+        """Return whether the piece of `points` (n, 3) is drawn out along the view (D. 137).
+
+        Between the edge of a thing and what lies behind it, a sensor invents such points.
+        """
+        middle = np.median(points, axis=0)
+        ray = unit(middle)
+        along = (points - middle) @ ray
+        across = points - middle - along[:, None] * ray
+        low, high = quantiles(along, (0.05, 0.95))
+        width = np.sqrt(12.0 * np.linalg.eigvalsh(across.T @ across / len(points))[-1])
+        return bool(high - low > MAX_DRAWN_OUT * width)
 
     def _lies_over_support(self, points: Array) -> bool:
         some = points[:: max(1, len(points) // FITTED)]
@@ -93,6 +107,28 @@ class Things:
         depth = (self._bare - middle) @ (normal * -np.sign(normal @ middle))
         behind = np.count_nonzero(depth < -BEHIND)
         return bool(behind < self.config.min_support_behind * len(depth))
+
+    @cached_property
+    def _outermost(self) -> Mask:
+        """The outermost measured pixels (H, W) of rows and columns, near the image's border.
+
+        Stereo and registered depth end a few pixels before the image does.
+        """
+        measured = np.isfinite(self.xyz[..., 2])
+        result = np.zeros_like(measured)
+        for image, out in ((measured, result), (measured.T, result.T)):
+            for turned, into in ((image, out), (image[::-1], out[::-1])):
+                first = turned.argmax(axis=0)
+                at = np.flatnonzero((first < UNMEASURED) & turned.any(axis=0))
+                into[first[at], at] = True
+        return result
+
+    @cached_property
+    def _border(self) -> Mask:
+        """The pixels (H, W) on the border of the image."""
+        border = np.ones(self.xyz.shape[:2], np.bool_)
+        border[1:-1, 1:-1] = False
+        return border
 
     @cached_property
     def _bare(self) -> Array:

@@ -33,7 +33,7 @@ from pipelines.grasping.scene import SceneCloud
 from pipelines.inference.frame_grasps import Planner
 from pipelines.storage.provenance import make_stamp
 
-Planar = Literal["gg-cnn", "multi-grasp"]
+PlanarMethod = Literal["gg-cnn", "multi-grasp"]
 Represented = Callable[[Array, tuple[int, int]], Array]
 
 
@@ -52,7 +52,7 @@ def as_boxes(rows: Array, shape: tuple[int, int]) -> Array:
 
 
 # Method -> its representation, and the least score of the rectangles that it learns.
-REPRESENTATIONS: dict[Planar, tuple[Represented, float]] = {
+REPRESENTATIONS: dict[PlanarMethod, tuple[Represented, float]] = {
     "gg-cnn": (as_maps, 0.7),
     "multi-grasp": (as_boxes, 0.8),
 }
@@ -63,7 +63,7 @@ class LabelMethod:
     """A `FrameMethod` that knows the labels."""
 
     root: GraspNetRoot
-    name: Planar
+    name: PlanarMethod
     gripper: Gripper
 
     def grasps(
@@ -81,7 +81,7 @@ class LabelMethod:
         return grasps, rows[index, 5]
 
 
-def write_oracle(name: Planar, root: GraspNetRoot, out: Path, scenes: int) -> int:
+def write_oracle(name: PlanarMethod, root: GraspNetRoot, out: Path, scenes: int) -> int:
     """Write the grasps of the first `scenes` scenes; return the number of frames."""
     config, gripper = InferConfig(method=name, regions="geometric"), load_gripper("rg2")
     planner = Planner(config, gripper, peer=LabelMethod(root, name, gripper))

@@ -93,11 +93,14 @@ class Planner:
             kept, ranker = replace(self.config, max_grasps_per_region=MOST_GRASPS), OWN_SCORE
         found = [plan.grasps for plan in plans]
         grasps = grasp_table(found, kept, ranker)
-        least = None if masks is None else self.config.min_region_pixels
+        if self.peer is None:
+            reason = why_empty(seen, None if masks is None else self.config.min_region_pixels)
+        else:
+            reason = f"{self.config.method} finds no grasp that is sure enough and allowed"
         return FrameResult(
             name=frame.name,
             status="ok" if len(grasps) else "empty",
-            message="" if len(grasps) else why_weak(found) or why_empty(seen, least),
+            message="" if len(grasps) else why_weak(found) or reason,
             intrinsics=frame.intrinsics,
             seconds=time.monotonic() - started,
             regions=region_table(regions, plans),

@@ -16,7 +16,9 @@ from pipelines.grasping.peers.rectangles import angles, corners, opening_pixels,
 MAP_SIDE = 300  # pixels of the shorter side of the image that the maps lie over
 WIDEST = 150.0  # pixels that the map `width` is in units of
 MIDDLE = 1.0 / 3.0  # of a rectangle along its opening that is painted
-MIN_QUALITY = 0.2  # of a grasp that is read
+MIN_QUALITY = (
+    0.1  # of a grasp that is read; 0.2 in the original, whose labels cover more of an image
+)
 PEAK_DISTANCE = 20  # pixels, along the rows or the columns, between grasps that are read
 MOST_PEAKS = 50
 QUALITY_BLUR, ANGLE_BLUR, WIDTH_BLUR = 2.0, 2.0, 1.0  # pixels, standard deviations

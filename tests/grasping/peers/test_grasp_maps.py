@@ -45,7 +45,7 @@ def test_elsewhere_there_is_no_quality_and_the_angle_is_0():
 
 def test_no_peak_lies_within_20_pixels_of_a_better_one():
     quality = np.zeros((100, 100), np.float32)
-    quality[50, 50], quality[60, 70], quality[50, 71], quality[5, 5] = 0.9, 0.8, 0.7, 0.1
+    quality[50, 50], quality[60, 70], quality[50, 71], quality[5, 5] = 0.9, 0.8, 0.7, 0.05
     y, x = peaks(quality)
     assert list(zip(x.tolist(), y.tolist(), strict=True)) == [(50, 50)]
     quality[60, 70] = 0.0

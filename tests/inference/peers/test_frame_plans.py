@@ -50,7 +50,11 @@ def test_without_grasps_beside_the_regions_there_is_no_rest():
 
 
 def test_a_frame_without_a_grasp_is_empty():
-    assert plan(Fixed(np.zeros((0, 3)), [])).status == "empty"
+    result = plan(Fixed(np.zeros((0, 3)), []))
+    assert (result.status, result.message) == (
+        "empty",
+        "gg-cnn finds no grasp that is sure enough and allowed",
+    )
 
 
 def test_of_alike_grasps_the_best_stays():

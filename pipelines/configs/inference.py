@@ -16,10 +16,17 @@ from pipelines.configs.planning import (
 
 RegionSource = Literal["auto", "detector", "geometric"]
 Method = Literal[
-    "network", "planar", "random", "symmetry-icp", "gg-cnn", "multi-grasp", "pointnetgpd"
+    "network",
+    "planar",
+    "random",
+    "symmetry-icp",
+    "gg-cnn",
+    "multi-grasp",
+    "pointnetgpd",
+    "graspnet",
 ]
 # Those that find grasps in a whole frame, without regions.
-FRAME_PEERS = ("gg-cnn", "multi-grasp", "pointnetgpd")
+FRAME_PEERS = ("gg-cnn", "multi-grasp", "pointnetgpd", "graspnet")
 ExportFormat = Literal["graspnet", "contact-graspnet", "isaac", "json", "csv", "ros-json"]
 
 TCP = (

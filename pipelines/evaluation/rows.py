@@ -44,6 +44,7 @@ KNOWN_ROWS = (
     _peer("multi-grasp", "#6d4c41", "Multi-Grasp"),
     _peer("gg-cnn", "#00897b", "GG-CNN"),
     _peer("pointnetgpd", "#c0392b", "PointNetGPD"),
+    _peer("graspnet", "#ad1457", "GraspNet"),
     ReportRow(
         "symmetry-icp",
         "symmetry by fitting",

@@ -20,6 +20,7 @@ SOURCE_COLORS = {
     "gg-cnn": "#00b39f",
     "multi-grasp": "#b07a5a",
     "pointnetgpd": "#ff6e5a",
+    "graspnet": "#e05a9b",
 }  # if a page is set so
 REGION_COLORS = (  # by number, round and round
     "#4c9be8", "#f2a33c", "#c77dff", "#3ccfb4", "#ff7aa8", "#d8c63a",

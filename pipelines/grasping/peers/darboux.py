@@ -63,10 +63,10 @@ def candidate_hands(objects: Array, scene: Array, count: int, rng: np.random.Gen
     `objects` and `scene`: (n, 3) and (m, 3), thinned.
     """
     if not len(objects):
-        return Hands(np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros(0))
+        return Hands.none()
     at = objects[rng.permutation(len(objects))[:count]]
     frames = darboux_frames(at, objects, outward_normals(objects))
-    hands = Hands(frames, at, np.full(len(at), DEPTH))
+    hands = Hands.equally_open(frames, at, np.full(len(at), DEPTH))
     return hands[free_hands(hands, objects, scene)]
 
 

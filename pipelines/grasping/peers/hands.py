@@ -1,7 +1,7 @@
-"""Hands of PointNetGPD: what hinders them, and the points that they close on.
+"""Hands of compared methods: what hinders them, and the points that they close on.
 
 A hand is a frame as `GraspPoses` has it, at a point of the surface; its finger tips reach `depth`
-past the point along the approach. All hands open equally wide. Camera frame, metres.
+past the point along the approach. GraspNet's baseline has such hands too. Camera frame, metres.
 """
 
 from dataclasses import dataclass
@@ -11,12 +11,16 @@ import numpy as np
 from pipelines.array_types import Array, Indices, Mask, Singles
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.geometry.pointcloud import voxel_downsample
+from pipelines.grasping.grasps import GraspPoses
+from pipelines.grasping.gripper import Gripper
 
 HAND_VOXEL = 0.005  # metres, of thinned clouds
-OPENING, HEIGHT = 0.08, 0.02  # metres, of every hand
+OPENING = 0.08  # metres, of PointNetGPD's hands
+HEIGHT = 0.02  # metres, of every hand
 BEHIND = 0.02  # metres behind the point that the closing region begins
 FINGER_LENGTH, THICKNESS, WAY_IN = 0.06, 0.01, 0.03  # metres, of a hand in the collision test
 MAX_FILLED = 0.01  # share of the cells of a hand's bodies that may hold points
+LEAST_WIDTH = 0.001  # metres between contacts; nothing is thinner
 MIN_CLOSED_ON = 20  # between the fingers; fewer show nothing
 
 
@@ -28,14 +32,27 @@ class Hands:
         rotation: (n, 3, 3) columns approach, closing, approach x closing.
         origin: (n, 3) metres.
         depth: (n,) metres from the origin to the finger tips.
+        opening: (n,) metres between the fingers.
     """
 
     rotation: Array
     origin: Array
     depth: Array
+    opening: Array
+
+    @classmethod
+    def equally_open(cls, rotation: Array, origin: Array, depth: Array) -> "Hands":
+        """Return hands of PointNetGPD; arguments as the attributes."""
+        return cls(rotation, origin, depth, np.full(len(depth), OPENING))
+
+    @classmethod
+    def none(cls) -> "Hands":
+        """Return no hands."""
+        return cls.equally_open(np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros(0))
 
     def __getitem__(self, index: Indices | Mask) -> "Hands":
-        return Hands(self.rotation[index], self.origin[index], self.depth[index])
+        rows = self.rotation[index], self.origin[index], self.depth[index]
+        return Hands(*rows, self.opening[index])
 
     def __len__(self) -> int:
         return len(self.depth)
@@ -44,28 +61,39 @@ class Hands:
         """Return (k, 3) those of `points` (n, 3) that a hand closes on, in the hand's frame."""
         local = (points - self.origin[hand]) @ self.rotation[hand]
         inside = (local[:, 0] > -BEHIND) & (local[:, 0] < self.depth[hand])
-        inside &= (np.abs(local[:, 1]) < OPENING / 2) & (np.abs(local[:, 2]) < HEIGHT)
+        inside &= (np.abs(local[:, 1]) < self.opening[hand] / 2) & (np.abs(local[:, 2]) < HEIGHT)
         return np.asarray(local[inside])
 
 
-def thinned(points: Array) -> Array:
+def hand_grasps(hands: Hands, gripper: Gripper) -> GraspPoses:
+    """Return the grasps of `gripper` at `hands`, opened as wide as these where it can."""
+    contacts = hands.origin + (hands.depth - gripper.tip_reach)[:, None] * hands.rotation[:, :, 0]
+    width = np.minimum(hands.opening, gripper.max_opening) - 2 * gripper.clearance
+    return GraspPoses(hands.rotation, contacts, np.maximum(width, LEAST_WIDTH))
+
+
+def thinned(points: Array, size: float = HAND_VOXEL) -> Array:
     """Return one of `points` (n, 3) in each cell of the clouds that hands are checked with."""
-    return points[voxel_downsample(points, HAND_VOXEL)] if len(points) else points
+    return points[voxel_downsample(points, size)] if len(points) else points
 
 
-def free_hands(hands: Hands, objects: Array, scene: Array) -> Mask:
+def free_hands(
+    hands: Hands, objects: Array, scene: Array, *, size: float = HAND_VOXEL, way_in: float = WAY_IN
+) -> Mask:
     """Return (n,) which hands do not meet the cloud `scene`, and close on some of `objects`.
 
-    Both clouds are thinned.
+    Both clouds are thinned to cells of edge `size` metres; `way_in`: metres behind the palm that
+    must be free too.
     """
-    body = (OPENING / 2, HEIGHT / 2, FINGER_LENGTH, THICKNESS, WAY_IN)
-    rotation, origin, depth, objects, scene = map(
-        np.ascontiguousarray, (hands.rotation, hands.origin, hands.depth, objects, scene)
+    body = (HEIGHT / 2, FINGER_LENGTH, THICKNESS, way_in)
+    rotation, origin, depth, half, objects, scene = map(
+        np.ascontiguousarray,
+        (hands.rotation, hands.origin, hands.depth, hands.opening / 2, objects, scene),
     )
-    filled, _ = _occupancy(rotation, origin, depth, scene, body)
-    _, inside = _occupancy(rotation, origin, depth, objects, body)
-    palm = (OPENING + 2 * THICKNESS) * (THICKNESS + WAY_IN)
-    cells = HEIGHT * (2 * FINGER_LENGTH * THICKNESS + palm) / HAND_VOXEL**3
+    filled, _ = _occupancy(rotation, origin, depth, half, scene, body)
+    _, inside = _occupancy(rotation, origin, depth, half, objects, body)
+    palm = (hands.opening + 2 * THICKNESS) * (THICKNESS + way_in)
+    cells = HEIGHT * (2 * FINGER_LENGTH * THICKNESS + palm) / size**3
     return np.asarray((filled <= MAX_FILLED * cells) & (inside > 0))
 
 
@@ -82,14 +110,15 @@ def _occupancy(
     rotation: Array,
     origin: Array,
     depth: Array,
+    half: Array,
     points: Array,
-    body: tuple[float, float, float, float, float],
+    body: tuple[float, float, float, float],
 ) -> tuple[Indices, Indices]:
     """Return how many of `points` lie in the bodies of each hand, and between its fingers.
 
-    `body`: half opening, half height, length and thickness of the fingers, and the way in.
+    `half`: (n,) half openings. `body`: half height, length and thickness of the fingers, way in.
     """
-    half, level, length, thick, way_in = body
+    level, length, thick, way_in = body
     filled, inside = np.zeros(len(depth), np.int64), np.zeros(len(depth), np.int64)
     for h in range(len(depth)):
         front = depth[h] - length
@@ -102,9 +131,9 @@ def _occupancy(
             if abs(up) >= level or along >= depth[h] or along <= back:
                 continue
             side = abs(x * rotation[h, 0, 1] + y * rotation[h, 1, 1] + z * rotation[h, 2, 1])
-            if side >= half + thick:
+            if side >= half[h] + thick:
                 continue
-            if along <= front or side > half:
+            if along <= front or side > half[h]:
                 filled[h] += 1
             else:
                 inside[h] += 1

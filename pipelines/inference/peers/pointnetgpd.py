@@ -13,7 +13,13 @@ from pipelines.frames.rgbd import Frame
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.peers.darboux import candidate_hands, over_table
-from pipelines.grasping.peers.hands import MIN_CLOSED_ON, OPENING, Hands, drawn_points, thinned
+from pipelines.grasping.peers.hands import (
+    MIN_CLOSED_ON,
+    Hands,
+    drawn_points,
+    hand_grasps,
+    thinned,
+)
 from pipelines.grasping.scene import MAX_RANGE, SceneCloud
 from pipelines.network.devices import find_device
 from pipelines.network.peers.pointnetgpd import POINTNETGPD_MODEL, PointNetGPD
@@ -23,7 +29,6 @@ NUM_CANDIDATES = 2000
 MOST_SCORED = {"light": 400, "full": 2000}  # of the free ones
 FAIR_WEIGHT = 0.5  # of the fair class's probability in the score
 AT_ONCE = 64  # candidates
-MIN_WIDTH = 0.001  # metres between contacts
 
 
 @dataclass(frozen=True)
@@ -52,11 +57,7 @@ class PointNetGPDMethod:
     ) -> tuple[GraspPoses, Array]:
         """Return grasps, camera frame, and the score of each: P(good) + P(fair) / 2."""
         del frame  # it sees depth alone
-        near = (scene.depth > 0) & (scene.depth < MAX_RANGE) & ~scene.stray
-        points = scene.xyz[near]
-        objects = over_table(points, scene.plane)
-        hands = candidate_hands(thinned(objects), thinned(points), NUM_CANDIDATES, rng)
-        hands = hands[np.arange(len(hands))[: MOST_SCORED[self.network.config.variant]]]
+        hands, objects = scene_hands(scene, rng, MOST_SCORED[self.network.config.variant])
         return hand_grasps(hands, self.gripper), self.scores(hands, objects, rng)
 
     def scores(self, hands: Hands, objects: Array, rng: np.random.Generator) -> Array:
@@ -78,9 +79,10 @@ class PointNetGPDMethod:
         return np.asarray(probability[:, 2] + FAIR_WEIGHT * probability[:, 1], np.float64)
 
 
-def hand_grasps(hands: Hands, gripper: Gripper) -> GraspPoses:
-    """Return the grasps of `gripper` at `hands`, opened as wide as these where it can."""
-    reach = (hands.depth - gripper.tip_reach)[:, None]
-    width = min(OPENING, gripper.max_opening) - 2 * gripper.clearance
-    contacts = hands.origin + reach * hands.rotation[:, :, 0]
-    return GraspPoses(hands.rotation, contacts, np.full(len(hands), max(width, MIN_WIDTH)))
+def scene_hands(scene: SceneCloud, rng: np.random.Generator, most: int) -> tuple[Hands, Array]:
+    """Return up to `most` candidates of a scene, and the points (m, 3) that may be objects'."""
+    near = (scene.depth > 0) & (scene.depth < MAX_RANGE) & ~scene.stray
+    points = scene.xyz[near]
+    objects = over_table(points, scene.plane)
+    hands = candidate_hands(thinned(objects), thinned(points), NUM_CANDIDATES, rng)
+    return hands[np.arange(len(hands))[:most]], objects

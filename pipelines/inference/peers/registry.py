@@ -28,6 +28,7 @@ def written_by(name: str) -> str:
 @lru_cache(maxsize=2)
 def _frame_method(name: str, weights: Path, gripper: Gripper, device: str) -> FrameMethod:
     from pipelines.inference.peers.ggcnn import GGCNNMethod  # noqa: PLC0415 - torch is slow to load
+    from pipelines.inference.peers.graspnet import GraspNetMethod  # noqa: PLC0415
     from pipelines.inference.peers.multi_grasp import MultiGraspMethod  # noqa: PLC0415
     from pipelines.inference.peers.pointnetgpd import PointNetGPDMethod  # noqa: PLC0415
 
@@ -35,5 +36,6 @@ def _frame_method(name: str, weights: Path, gripper: Gripper, device: str) -> Fr
         "gg-cnn": GGCNNMethod.load,
         "multi-grasp": MultiGraspMethod.load,
         "pointnetgpd": PointNetGPDMethod.load,
+        "graspnet": GraspNetMethod.load,
     }
     return load[name](weights, gripper, device)

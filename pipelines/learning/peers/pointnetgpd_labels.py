@@ -58,7 +58,12 @@ def labelled_hands(root: GraspNetRoot, files: FrameFiles) -> LabelledHands:
     objects, thin = over_table(cloud.xyz[sound], cloud.plane), thinned(cloud.xyz[sound])
     thin_objects, instances = thinned(objects), root.read_label(files)
     hindered = _scene_collisions(root.collision_label_path(files.scene_id))
-    found = [(Hands(np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros(0)), np.zeros(0, np.uint8))]
+    found = [
+        (
+            Hands.none(),
+            np.zeros(0, np.uint8),
+        )
+    ]
     for place, pose in enumerate(root.read_annotation(files)):
         visible = cloud.xyz[sound & (instances == pose.object_id + 1)]
         if len(visible) < MIN_VISIBLE:
@@ -73,7 +78,7 @@ def labelled_hands(root: GraspNetRoot, files: FrameFiles) -> LabelledHands:
         np.concatenate([getattr(hands, name) for hands in hands_of])
         for name in ("rotation", "origin", "depth")
     )
-    return LabelledHands(Hands(*columns), np.concatenate(kinds), objects)
+    return LabelledHands(Hands.equally_open(*columns), np.concatenate(kinds), objects)
 
 
 def _hands_at(
@@ -102,7 +107,7 @@ def _hands_at(
     depths = len(GRASP_DEPTHS)
     rotation = np.repeat(rotations[np.arange(len(near)), angle], depths, axis=0)
     origin = np.repeat(points[near], depths, axis=0)
-    return Hands(rotation, origin, np.tile(GRASP_DEPTHS, len(near))), kind.reshape(-1)
+    return Hands.equally_open(rotation, origin, np.tile(GRASP_DEPTHS, len(near))), kind.reshape(-1)
 
 
 def _some_of_each(

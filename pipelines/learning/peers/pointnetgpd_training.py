@@ -132,7 +132,7 @@ def pointnetgpd_frame(
 def drawn_crops(frame: Arrays, num_points: int, rng: np.random.Generator) -> HandCrops:
     """Return the crops of `HANDS_A_FRAME` hands of a frame, half of them good if there are any."""
     kind = frame["kind"]
-    hands = Hands(frame["rotation"], frame["origin"], frame["depth"])
+    hands = Hands.equally_open(frame["rotation"], frame["origin"], frame["depth"])
     objects = frame["objects"] / UNITS
     clouds, chosen = [], _balanced(kind == GOOD, rng)
     for hand in chosen.tolist():

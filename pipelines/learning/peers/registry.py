@@ -2,6 +2,7 @@
 
 from pipelines.errors import UnknownNameError
 from pipelines.learning.peers.ggcnn_training import GG_CNN
+from pipelines.learning.peers.graspnet_training import GRASPNET_BASELINE
 from pipelines.learning.peers.multi_grasp_training import MULTI_GRASP
 from pipelines.learning.peers.peer import Peer
 from pipelines.learning.peers.pointnetgpd_training import POINTNETGPD
@@ -10,6 +11,7 @@ TRAINED_PEERS: dict[str, Peer] = {
     "gg-cnn": GG_CNN,
     "multi-grasp": MULTI_GRASP,
     "pointnetgpd": POINTNETGPD,
+    "graspnet": GRASPNET_BASELINE,
 }
 
 

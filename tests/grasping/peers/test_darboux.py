@@ -27,7 +27,7 @@ def can():
 def a_hand(origin, depth=0.02):
     """One hand along z, closing along x."""
     rotation = np.array([[[0.0, 1, 0], [0, 0, 1], [1, 0, 0]]])
-    return Hands(rotation, np.array([origin], float), np.array([depth]))
+    return Hands.equally_open(rotation, np.array([origin], float), np.array([depth]))
 
 
 def test_hands_at_the_side_of_a_can_close_across_its_axis():

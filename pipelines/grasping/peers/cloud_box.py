@@ -1,0 +1,31 @@
+"""The part of a scene that GraspNet's baseline sees: a box about what stands on the table."""
+
+import numpy as np
+
+from pipelines.array_types import Mask
+from pipelines.geometry.transforms import transform_points
+from pipelines.grasping.peers.darboux import MAX_HEIGHT, MIN_HEIGHT
+from pipelines.grasping.scene import MAX_RANGE, SceneCloud
+from pipelines.tabletop.table_frame import table_from_camera
+
+MARGIN = 0.02  # metres about what stands on the table
+OUTLIERS = 0.5  # percent of the points, on each side, that do not widen the box
+
+
+def boxed_points(scene: SceneCloud) -> Mask:
+    """Return the pixels (H, W) of a box, upright on the table, about what stands on it.
+
+    Without a table all near pixels.
+    """
+    near = (scene.depth > 0) & (scene.depth < MAX_RANGE) & ~scene.stray
+    if scene.plane is None or not near.any():
+        return np.asarray(near)
+    local = transform_points(table_from_camera(scene.plane), scene.xyz[near])
+    height = local[:, 2]
+    standing = (height > MIN_HEIGHT) & (height < MAX_HEIGHT)
+    if not standing.any():
+        return np.zeros_like(near)
+    low, high = np.percentile(local[standing], [OUTLIERS, 100.0 - OUTLIERS], axis=0)
+    inside = near.copy()
+    inside[near] = ((local > low - MARGIN) & (local < high + MARGIN)).all(axis=1)
+    return np.asarray(inside)

@@ -1,0 +1,90 @@
+"""GraspNet's baseline on a frame: a hand at each seed, the free ones kept."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+import torch
+
+from pipelines.array_types import Array
+from pipelines.configs.peers import PeerNetworkConfig
+from pipelines.dataset.graspnet.graspnet_views import GRASP_DEPTHS, view_rotations
+from pipelines.frames.rgbd import Frame
+from pipelines.grasping.grasps import GraspPoses
+from pipelines.grasping.gripper import Gripper
+from pipelines.grasping.peers.cloud_box import boxed_points
+from pipelines.grasping.peers.hands import Hands, drawn_points, free_hands, hand_grasps, thinned
+from pipelines.grasping.scene import MAX_RANGE, SceneCloud
+from pipelines.network.devices import find_device
+from pipelines.network.peers.graspnet import GRASPNET_MODEL, WIDEST_OPENING, GraspNetBaseline
+from pipelines.network.weights_files import fill, read_weights
+
+WIDER = 1.2  # times the predicted opening, at most the widest
+COLLISION_CELL, COLLISION_WAY_IN = 0.01, 0.05  # metres, of the collision test
+
+
+@dataclass(frozen=True)
+class GraspNetMethod:
+    """A `FrameMethod`: GraspNet's baseline, trained."""
+
+    network: GraspNetBaseline
+    gripper: Gripper
+    device: torch.device
+
+    @classmethod
+    def load(cls, path: Path, gripper: Gripper, device: str = "auto") -> Self:
+        """Read weights that `symgrasp train-baseline graspnet` wrote.
+
+        Raises:
+            FormatError: the file holds no weights of this network.
+        """
+        found = find_device(device)
+        tensors, config = read_weights(path, GRASPNET_MODEL, PeerNetworkConfig)
+        network = GraspNetBaseline(config)
+        fill(network, tensors, path)
+        return cls(network.to(found).eval(), gripper, found)
+
+    def grasps(
+        self, frame: Frame, scene: SceneCloud, rng: np.random.Generator
+    ) -> tuple[GraspPoses, Array]:
+        """Return the grasps that meet nothing, camera frame, and the predicted score of each.
+
+        The score is the best value of a grasp there, ln(1 / friction), times the share of the
+        widest tolerance.
+        """
+        del frame  # it sees depth alone
+        cloud = scene.xyz[boxed_points(scene)]
+        if not len(cloud):
+            return GraspPoses.empty(), np.zeros(0)
+        hands, score = self.hands(cloud, rng)
+        near = scene.xyz[(scene.depth > 0) & (scene.depth < MAX_RANGE) & ~scene.stray]
+        clouds = thinned(cloud, COLLISION_CELL), thinned(near, COLLISION_CELL)
+        free = free_hands(hands, *clouds, size=COLLISION_CELL, way_in=COLLISION_WAY_IN)
+        return hand_grasps(hands[free], self.gripper), score[free]
+
+    @torch.inference_mode()
+    def hands(self, cloud: Array, rng: np.random.Generator) -> tuple[Hands, Array]:
+        """Return the hands at seeds on objects of `cloud` (n, 3), and their scores."""
+        drawn = drawn_points(cloud, self.network.sizes.input, rng)
+        points = torch.from_numpy(drawn)[None].to(self.device)
+        seeds, _ = self.network.seeds(points)
+        view = seeds.views[0].argmax(dim=1).cpu().numpy()
+        frames = view_rotations()
+        untwisted = torch.from_numpy(frames[view, 0])[None].to(self.device)
+        said = self.network.operations(points, seeds.points, untwisted)
+        best = said.angle[0].argmax(dim=2, keepdim=True)  # (S, 4, 1) angles
+        at_angle = (said.score, said.width, said.tolerance)
+        at_depths = [best[..., 0], *(each[0].gather(2, best)[..., 0] for each in at_angle)]
+        depth = at_depths[1].argmax(dim=1, keepdim=True)
+        rows = [each.gather(1, depth)[:, 0].cpu().numpy() for each in at_depths]
+        angle, score, width, tolerance = rows
+        opening = np.clip(WIDER * WIDEST_OPENING * np.clip(width, 0.0, 1.0), 0.0, WIDEST_OPENING)
+        hands = Hands(
+            frames[view, angle].astype(np.float64),
+            seeds.points[0].cpu().numpy().astype(np.float64),
+            GRASP_DEPTHS[depth[:, 0].cpu().numpy()],
+            opening.astype(np.float64),
+        )
+        on_object = (seeds.objectness[0].argmax(dim=1) == 1).cpu().numpy()
+        return hands[on_object], np.asarray((score * tolerance)[on_object], np.float64)

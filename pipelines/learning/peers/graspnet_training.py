@@ -1,0 +1,213 @@
+"""GraspNet's baseline as the training engine sees it: clouds, and what holds at labelled points."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn import functional
+
+from pipelines.configs import TrainBaselineConfig, from_settings
+from pipelines.configs.peers import PeerNetworkConfig, PeerSchedule
+from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot
+from pipelines.errors import ValueRangeError
+from pipelines.learning.detector.detector_training import spread
+from pipelines.learning.loop.faults import Fault
+from pipelines.learning.peers.graspnet_clouds import LabelledScene, labelled_scene
+from pipelines.learning.peers.graspnet_labels import graspnet_frame_arrays
+from pipelines.learning.peers.peer import (
+    Arrays,
+    FrameKeys,
+    Peer,
+    PeerFrames,
+    drawn_batches,
+    read_peer_frame,
+)
+from pipelines.learning.speed.processes import Processes
+from pipelines.learning.speed.shares import check_shares, micro_batch_size
+from pipelines.network.peers.graspnet import (
+    DEPTHS,
+    GRASPNET_MODEL,
+    GRASPNET_SIZES,
+    NUM_TURNS,
+    GraspNetBaseline,
+    Seeds,
+)
+
+OPERATION_WEIGHT = 0.2  # of the losses of operations and tolerances
+LEAST_VALUE = 0.1  # of a label that operations are learned from
+MOST_TURN = np.radians(30.0)  # about the table's normal, either way
+CPU_CLOUDS = 1
+
+
+class GraspNetTraining:
+    """A `Trainee`: GraspNet's baseline with the frames it learns from and those it is judged on."""
+
+    best_by = "loss"
+    higher_is_better = False
+
+    def __init__(
+        self,
+        frames: PeerFrames,
+        config: TrainBaselineConfig,
+        device: torch.device,
+        processes: Processes,
+    ) -> None:
+        self.module: nn.Module = _Losses(config.network).to(device)
+        self.train, self.val = with_labels(frames.train), with_labels(frames.val)
+        self.config, self.device = config, device
+        self.parallel = device.type == "cpu"
+        on_cpu = CPU_CLOUDS if self.parallel else 0
+        size = micro_batch_size(config.micro_batch_size, config.batch_size, on_cpu, processes)
+        self.micro_batch_size = size
+        check_shares(config.batch_size, size, processes)
+
+    def epoch(self, number: int, rng: np.random.Generator) -> Sequence[NDArray[np.int64]]:
+        """Return the batches of frame numbers until the next validation."""
+        return drawn_batches(len(self.train), self.config, number, rng)
+
+    def load(
+        self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]
+    ) -> list[LabelledScene]:
+        """Return each frame, turned at random about the table's normal."""
+        pairs = zip(items, generators, strict=True)
+        frames = [(read_peer_frame(*self.train[int(i)]), rng) for i, rng in pairs]
+        count = GRASPNET_SIZES[self.config.network.variant].input
+        return [
+            labelled_scene(frame, count, rng, rng.uniform(-MOST_TURN, MOST_TURN))
+            for frame, rng in frames
+        ]
+
+    def loss(
+        self, module: nn.Module, micro_batch: list[LabelledScene], generator: torch.Generator
+    ) -> Mapping[str, Tensor]:
+        """Return the loss terms, and their weighed sum as `total`."""
+        del generator  # the network draws nothing
+        return mean_terms(module, [each.to(self.device) for each in micro_batch])
+
+    def tensors(self, micro_batch: list[LabelledScene]) -> dict[str, Tensor]:
+        """Return a micro-batch as named tensors, NUMBER.NAME."""
+        return {
+            f"{number}.{field.name}": getattr(each, field.name)
+            for number, each in enumerate(micro_batch)
+            for field in fields(each)
+        }
+
+    @torch.no_grad()
+    def validate(self) -> dict[str, float]:
+        """Return the loss terms on the other frames, as they are."""
+        count, found = GRASPNET_SIZES[self.config.network.variant].input, []
+        for key in spread(self.val, self.config.max_val_frames):
+            cloud = labelled_scene(read_peer_frame(*key), count, np.random.default_rng(0), 0.0)
+            terms = mean_terms(self.module, [cloud.to(self.device)])
+            found.append({name: float(term) for name, term in terms.items()})
+        means = {name: float(np.mean([each[name] for each in found])) for name in found[0]}
+        return {"loss": means.pop("total")} | means
+
+
+class _Losses(GraspNetBaseline):
+    """The network with its loss as its output: what a step computes of one cloud."""
+
+    def forward(self, cloud: LabelledScene) -> dict[str, Tensor]:
+        """Return the loss terms of one cloud."""
+        points = cloud.points[None]
+        seeds, _ = self.seeds(points)
+        nearest = torch.cdist(seeds.points[0], cloud.places).argmin(dim=1)
+        on_object = cloud.on_object[seeds.index[0]]
+        top = seeds.views[0].detach().argmax(dim=1)
+        origin, rotation = cloud.places[nearest][None], cloud.turns[nearest, top][None]
+        said = self.operations(points, origin, rotation)
+        rows = nearest, top
+        value, width, tolerance = (
+            each[rows].view(-1, NUM_TURNS, DEPTHS).transpose(1, 2)
+            for each in (cloud.value, cloud.width, cloud.tolerance)
+        )
+        best = value.argmax(dim=2, keepdim=True)  # (S, 4, 1) the best angle
+        held = (value.gather(2, best)[..., 0] > LEAST_VALUE) & on_object[:, None]
+
+        def term(found: Tensor, wanted: Tensor) -> Tensor:
+            errors = functional.huber_loss(
+                found[0].gather(2, best), wanted.gather(2, best), reduction="none"
+            )
+            return _mean_where(errors[..., 0], held)
+
+        logits = functional.cross_entropy(
+            said.angle[0].flatten(0, 1), best.flatten(), reduction="none"
+        )
+        return _view_terms(seeds, cloud, nearest, on_object) | {
+            "score": term(said.score, value),
+            "angle": _mean_where(logits.view(held.shape), held),
+            "width": term(said.width, width),
+            "tolerance": term(said.tolerance, tolerance),
+        }
+
+
+def _view_terms(
+    seeds: Seeds, cloud: LabelledScene, nearest: Tensor, on_object: Tensor
+) -> dict[str, Tensor]:
+    wanted = cloud.value.amax(dim=2)[nearest]
+    errors = (seeds.views[0] - wanted).square().mean(dim=1)
+    return {
+        "objectness": functional.cross_entropy(seeds.objectness[0], on_object.long()),
+        "views": _mean_where(errors, on_object),
+    }
+
+
+def _mean_where(values: Tensor, chosen: Tensor) -> Tensor:
+    """Return the mean of the chosen of `values`; 0 where none is."""
+    return (values * chosen).sum() / chosen.sum().clamp(min=1)
+
+
+def mean_terms(module: nn.Module, clouds: Sequence[LabelledScene]) -> dict[str, Tensor]:
+    """Return the mean loss terms of clouds, and their weighed sum as `total`."""
+    each = [module(cloud) for cloud in clouds]
+    terms = {name: torch.stack([found[name] for found in each]).mean() for name in each[0]}
+    operation = terms["score"] + terms["angle"] + terms["width"] + terms["tolerance"]
+    total = terms["objectness"] + terms["views"] + OPERATION_WEIGHT * operation
+    return {"total": total} | terms
+
+
+def with_labels(keys: FrameKeys) -> FrameKeys:
+    """Return the frames where something holds.
+
+    Raises:
+        ValueRangeError: nowhere does anything.
+    """
+    kept = [key for key in keys if len(read_peer_frame(*key)["cell"])]
+    if not kept:
+        expected = "at least 1; a root with more grasp points (--grasp-points 400) has some"
+        raise ValueRangeError("number of frames where a labelled grasp holds", 0, expected)
+    return kept
+
+
+def graspnet_frame(
+    root: GraspNetRoot, files: FrameFiles, network: PeerNetworkConfig | None = None
+) -> Arrays:
+    """Return the arrays of a frame, as `graspnet_frame_arrays` has them."""
+    del network  # both variants learn from the same
+    return graspnet_frame_arrays(root, files)
+
+
+def replay_clouds(fault: Fault) -> dict[str, float]:
+    """Return the loss terms of a kept micro-batch, on the CPU."""
+    config = from_settings(TrainBaselineConfig, fault.settings)
+    network = _Losses(config.network)
+    network.load_state_dict(dict(fault.weights))
+    names = [field.name for field in fields(LabelledScene)]
+    count = len(fault.batch) // len(names)
+    clouds = [LabelledScene(*(fault.batch[f"{i}.{name}"] for name in names)) for i in range(count)]
+    return {name: float(term.detach()) for name, term in mean_terms(network, clouds).items()}
+
+
+GRASPNET_BASELINE = Peer(
+    model=GRASPNET_MODEL,
+    schedule=PeerSchedule(
+        steps=4000, epoch_steps=250, batch_size=2, learning_rate=0.001, decay_steps=1500
+    ),
+    needs=("grasp_label", "collision_label"),
+    prepare=graspnet_frame,
+    training=GraspNetTraining,
+    replay=replay_clouds,
+)

@@ -1,0 +1,118 @@
+"""Labels of GraspNet's baseline at the points of a frame, and a training that learns one."""
+
+import numpy as np
+import pytest
+import torch
+from numpy.testing import assert_allclose
+
+from pipelines.configs import TrainBaselineConfig
+from pipelines.dataset.graspnet.graspnet_views import generate_views
+from pipelines.errors import ValueRangeError
+from pipelines.learning.peers.graspnet_clouds import labelled_scene
+from pipelines.learning.peers.graspnet_labels import DENSE_POINTS, holding_cells, tolerances
+from pipelines.learning.peers.graspnet_training import (
+    GRASPNET_BASELINE,
+    GraspNetTraining,
+    graspnet_frame,
+    mean_terms,
+)
+from pipelines.learning.peers.peer import PeerFrames, write_peer_frames
+from pipelines.learning.speed.processes import Processes
+from pipelines.storage.provenance import make_stamp
+from tests.stages.toy_grasp_labels import FRICTION, NUM_LABELLED, write_labels
+from tests.stages.toy_root import frame_names, write_root
+
+CONFIG = TrainBaselineConfig().with_schedule(GRASPNET_BASELINE.schedule)
+CPU = torch.device("cpu")
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory):
+    root = write_root(tmp_path_factory.mktemp("root"))
+    write_labels(root)
+    return root
+
+
+@pytest.fixture(scope="module")
+def frame(root):
+    return graspnet_frame(root, root.frame(frame_names()[0]))
+
+
+def test_what_holds_is_kept_with_its_friction_and_width(root):
+    held = holding_cells(root.grasp_label_path(0))
+    assert len(held.point) == NUM_LABELLED * 14_400
+    assert set(held.friction.tolist()) == {round(100 * FRICTION[0])}
+    assert set(held.width.tolist()) == {70}
+    assert not len(holding_cells(root.grasp_label_path(2)).point)  # nothing holds the ball
+
+
+def test_hands_that_meet_the_scene_are_no_labels(tmp_path):
+    root = write_root(tmp_path)
+    write_labels(root, hindered={0, 1, 2})
+    assert not len(graspnet_frame(root, root.frame(frame_names()[0]))["cell"])
+
+
+def test_labelled_points_lie_on_what_is_seen(frame):
+    cloud = frame["cloud"] / 10_000.0
+    away = np.linalg.norm(frame["points"][:, None] - cloud, axis=-1).min(axis=1)
+    assert 0 < len(away) < 3 * NUM_LABELLED
+    assert away.max() < 0.01
+
+
+def test_a_turned_cloud_has_the_labels_of_the_turned_views(frame):
+    """A hand's approach in the camera's frame is against the view that the array names."""
+    cloud = labelled_scene(frame, 2000, np.random.default_rng(0), turn=0.4)
+    approach = cloud.turns[..., 0].numpy()
+    named = -generate_views()[None]
+    angle = np.degrees(np.arccos(np.clip((approach * named).sum(-1), -1, 1)))
+    assert angle.max() < 15.0
+    determinant = np.linalg.det(cloud.turns.numpy())
+    assert_allclose(determinant, 1.0, atol=1e-4)
+
+
+def test_values_are_logarithms_of_friction(frame):
+    cloud = labelled_scene(frame, 500, np.random.default_rng(0), turn=0.0)
+    assert_allclose(np.unique(cloud.value.numpy()), [0.0, np.log(2), np.log(5)], rtol=1e-6)
+
+
+def test_tolerance_ends_where_too_few_points_hold():
+    side = np.arange(0.0, 0.1, 0.004)
+    points = np.stack(np.meshgrid(side, side), -1).reshape(-1, 2)
+    points = np.pad(points, ((0, 0), (0, 1))).astype(np.float32)
+    assert len(points) > DENSE_POINTS
+    holds = np.flatnonzero(points[:, 0] < 0.05).astype(np.int32)
+    cell, friction = np.zeros(len(holds), np.int32), np.full(len(holds), 20, np.uint8)
+    found = tolerances(points, holds, cell, friction)
+    inner, rim = points[holds, 0] < 0.002, points[holds, 0] > 0.046
+    assert found[inner].min() > 0.045
+    assert found[rim].max() < 0.02
+
+
+def test_tolerances_of_sparse_labels_are_all_the_widest():
+    found = tolerances(np.zeros((5, 3), np.float32), np.arange(5), np.zeros(5), np.full(5, 90))
+    assert_allclose(found, 0.05)
+
+
+def test_frames_where_nothing_holds_are_refused(frame, tmp_path):
+    nothing = frame | {name: frame[name][:0] for name in ("cell", "point", "friction")}
+    path = tmp_path / "scene_0000.h5"
+    write_peer_frames(path, [nothing], make_stamp("test", {}))
+    with pytest.raises(ValueRangeError, match="--grasp-points"):
+        GraspNetTraining(PeerFrames([(path, 0)], [(path, 0)]), CONFIG, CPU, Processes())
+
+
+def test_it_learns_one_frame_by_heart(frame, tmp_path):
+    torch.manual_seed(0)
+    path = tmp_path / "scene_0000.h5"
+    write_peer_frames(path, [frame], make_stamp("test", {}))
+    training = GraspNetTraining(PeerFrames([(path, 0)], [(path, 0)]), CONFIG, CPU, Processes())
+    cloud = labelled_scene(frame, 256, np.random.default_rng(0), 0.0)
+    optimizer = torch.optim.Adam(training.module.parameters(), lr=0.003)
+    losses = []
+    for _ in range(8):
+        total = mean_terms(training.module, [cloud])["total"]
+        optimizer.zero_grad()
+        total.backward()
+        optimizer.step()
+        losses.append(float(total.detach()))
+    assert losses[-1] < 0.5 * losses[0]

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from pipelines.array_types import Array, Mask, Singles
@@ -30,7 +31,7 @@ TOLERANCE_STEPS = np.arange(0.005, 0.051, 0.005)  # metres
 HOLDING_SHARE, HOLDING_FRICTION = 0.8, 0.55  # of the points within the tolerance, and how well
 DENSE_POINTS = 400  # labelled points of an object below which its tolerances say nothing
 STREAMED_POINTS = 64  # labelled points read at a time
-KEPT_LABELS, KEPT_COLLISIONS = 12, 2
+KEPT_LABELS, KEPT_COLLISIONS = 40, 2
 CELLS = int(np.prod(LABEL_GRID))  # candidates at a point
 COLUMNS = {
     "object": np.int16,
@@ -169,14 +170,15 @@ def tolerances(
     """
     if len(points) < DENSE_POINTS:
         return np.full(len(point), TOLERANCE_STEPS[-1])
-    well = np.zeros((len(points), CELLS), np.float32)
-    good = friction <= HOLDING_FRICTION * LEVELS
-    well[point[good], cell[good]] = 1.0
+    good = np.flatnonzero(friction <= HOLDING_FRICTION * LEVELS)
+    ones = np.ones(len(good), np.float32)
+    well = csr_array((ones, (point[good], cell[good])), shape=(len(points), CELLS))
     away = np.linalg.norm(points[:, None] - points, axis=-1)
     found, holding = np.zeros(len(point)), np.ones(len(point), bool)
     for radius in TOLERANCE_STEPS:
         within = (away <= radius).astype(np.float32)
-        share = (within @ well)[point, cell] / within.sum(axis=1)[point]
+        counted = (csr_array(within) @ well).toarray()
+        share = counted[point, cell] / within.sum(axis=1)[point]
         holding &= share >= HOLDING_SHARE
         found[holding] = radius
     return found

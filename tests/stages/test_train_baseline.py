@@ -11,6 +11,7 @@ from pipelines import infer, train_baseline
 from pipelines.configs import InferConfig, TrainBaselineConfig
 from pipelines.configs.inference import FRAME_PEERS
 from pipelines.configs.peers import PeerNetworkConfig
+from pipelines.dataset.graspnet.graspnet import read_rect, write_rect
 from pipelines.errors import MissingInputError, UnknownNameError, ValueRangeError
 from pipelines.grasp_files.grasps_stream import read_index, read_results
 from pipelines.learning.loop.faults import save_fault
@@ -69,6 +70,17 @@ def test_a_root_without_rectangles_is_refused_with_the_option_that_makes_them(ba
 def test_an_unknown_method_is_refused(root, tmp_path):
     with pytest.raises(UnknownNameError, match="gg-cnn"):
         train(root, tmp_path / "w.safetensors", name="gg-nn")
+
+
+@pytest.mark.parametrize("name", ["gg-cnn", "multi-grasp"])
+def test_a_root_whose_rectangles_are_all_hidden_is_refused(name, tmp_path):
+    root = write_root(tmp_path / "root")
+    write_rects(root)
+    for frame in frame_names():
+        path = root.frame(frame).path("rect")
+        write_rect(path, read_rect(path)[-1:])
+    with pytest.raises(ValueRangeError, match=r"labelled grasps .* is 0; .*--grasp-points 400"):
+        train(root, tmp_path / "w.safetensors", name=name)
 
 
 def test_rectangles_of_what_is_not_seen_are_no_labels(root):

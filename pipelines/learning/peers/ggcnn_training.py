@@ -23,6 +23,7 @@ from pipelines.learning.peers.peer import (
     PeerFrames,
     drawn_batches,
     read_peer_frame,
+    refuse_unlabelled,
 )
 from pipelines.learning.speed.processes import Processes
 from pipelines.learning.speed.shares import check_shares, micro_batch_size
@@ -59,6 +60,7 @@ class GGCNNTraining:
         device: torch.device,
         processes: Processes,
     ) -> None:
+        refuse_unlabelled(frames.train, "rows")
         network: nn.Module = GGCNN(config.network)
         self.module = network.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.frames, self.config, self.device = frames, config, device

@@ -14,7 +14,7 @@ from pipelines.configs import TrainBaselineConfig
 from pipelines.configs.peers import PeerNetworkConfig, PeerSchedule
 from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot, SceneFiles
 from pipelines.dataset.scene_digests import digest_of_images
-from pipelines.errors import MissingInputError
+from pipelines.errors import MissingInputError, ValueRangeError
 from pipelines.learning.loop.faults import Fault
 from pipelines.learning.loop.loaders import epoch_batches
 from pipelines.learning.loop.trainee import Trainee
@@ -106,6 +106,13 @@ def read_peer_frame(path: Path, row: int) -> Arrays:
     """Read the arrays of one frame; they are shared and must not be changed."""
     with open_h5(path) as file:
         return {name: each[()] for name, each in file[f"{row:04d}"].items()}
+
+
+def refuse_unlabelled(keys: FrameKeys, name: str) -> None:
+    """Raise ValueRangeError if the array `name` of labels is empty in all frames."""
+    if not any(len(read_peer_frame(*key)[name]) for key in keys):
+        expected = "at least 1; a root with more grasp points (--grasp-points 400) has some"
+        raise ValueRangeError("number of labelled grasps that are seen", 0, expected)
 
 
 def drawn_batches(

@@ -31,7 +31,7 @@ SUPPORT_DISTANCE = 0.012  # of the diameter
 SUPPORT_COSINE = AGREEING_COSINE  # between the normals of image and surface
 
 # An octagonal column fits at 45 degrees and misses at 22; a dented can misses at all angles alike.
-_ROUND_MEAN, _ROUND_RATIO = 0.002, 3.0
+ROUND_MEAN, _ROUND_RATIO = 0.002, 3.0
 # Of the width: misses of round objects stay below 1 %, those of ovals begin at 2.5 %.
 _ROUND_ERROR = 0.017
 # |N(0, 2)|, the distance of two surfaces of unit noise: its mean, 95th and 99th percentile.
@@ -109,7 +109,7 @@ class SurfaceFit:
     @property
     def ovalness(self) -> float:
         """Misfit of a turn relative to the width, over the largest misfit of round objects."""
-        return self.miss / float(np.hypot(_ROUND_MEAN, _ROUND_ERROR * self.reach))
+        return self.miss / float(np.hypot(ROUND_MEAN, _ROUND_ERROR * self.reach))
 
     @property
     def error(self) -> float:
@@ -171,7 +171,7 @@ def _unseen(surface: Surface, before: Samples, image: Samples, distance: Array) 
 def are_round(fits: Sequence[SurfaceFit]) -> bool:
     """Return whether turns about one axis by generic angles fit equally well."""
     misses = [fit.miss for fit in fits]
-    return bool(max(misses) <= np.hypot(_ROUND_MEAN, _ROUND_RATIO * min(misses)))
+    return bool(max(misses) <= np.hypot(ROUND_MEAN, _ROUND_RATIO * min(misses)))
 
 
 def is_sphere(points: Array, center: Array, radius: float) -> bool:

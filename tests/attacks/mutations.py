@@ -1,11 +1,14 @@
 """Typed mutations of input files: right in form, wrong in content, and the reverse."""
 
+import contextlib
 import copy
 import json
 import os
 import random
 import re
+import sqlite3
 import struct
+import tempfile
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -52,7 +55,12 @@ def mutate(path: Path, rng: random.Random) -> str:
         return f"hdf5 {hdf5_mutations.mutated(data, path, rng)}"
     try:
         path.write_bytes(kind(data, rng))
-    except (ValueError, LookupError, OverflowError) as error:  # the kind does not suit the file
+    except (
+        ValueError,
+        LookupError,
+        OverflowError,
+        sqlite3.Error,
+    ) as error:  # the kind does not suit the file
         path.write_bytes(damaged(data, rng))
         return f"damaged ({type(error).__name__})"
     return kind.__name__
@@ -295,6 +303,33 @@ def safetensors_head(data: bytes, rng: random.Random) -> bytes:
     return struct.pack("<Q", len(text)) + text + data[8 + size :]
 
 
+def database_cell(data: bytes, rng: random.Random) -> bytes:
+    """Return an SQLite file with one cell of a table changed, or a table without a column."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "a.db3"
+        path.write_bytes(data)
+        with contextlib.closing(sqlite3.connect(path)) as base:
+            tables = [name for (name,) in base.execute("SELECT name FROM sqlite_master")]
+            table = rng.choice([name for name in tables if not name.startswith("sqlite")])
+            columns = [row[1] for row in base.execute(f"PRAGMA table_info('{table}')")]
+            if not columns:
+                raise LookupError
+            column = rng.choice(columns)
+            if rng.random() < 0.1:
+                base.execute(f"ALTER TABLE '{table}' RENAME COLUMN '{column}' TO 'x'")
+            else:
+                odd = (None, -1, 0, 2**62, 1e300, "", "x", "\x1b[31m", b"", b"\xff" * 40)
+                found = base.execute(f"SELECT rowid, {column} FROM '{table}'").fetchall()
+                row, value = rng.choice(found)
+                if isinstance(value, bytes) and rng.random() < 0.7:
+                    changed = rng.choice((damaged, odd_numbers))(value, rng)
+                else:
+                    changed = rng.choice(odd)
+                base.execute(f"UPDATE '{table}' SET {column} = ? WHERE rowid = ?", (changed, row))
+            base.commit()
+        return path.read_bytes()
+
+
 def with_link(path: Path, rng: random.Random) -> str:
     """Put what is no plain file in the place of `path`: a pipe, a folder, a link to itself."""
     path.unlink()
@@ -322,5 +357,9 @@ BY_SUFFIX: dict[str, tuple[Mutation, ...]] = {
     ".stl": (odd_numbers,),
     ".glb": (glb_value, glb_value, odd_numbers),
     ".mat": (odd_numbers,),
+    ".db3": (database_cell, database_cell, odd_numbers),
+    ".bag": (odd_numbers, odd_token),
+    ".mcap": (odd_numbers, odd_token),
+    ".exr": (odd_numbers, odd_numbers),
     ".safetensors": (safetensors_head, safetensors_head),
 }

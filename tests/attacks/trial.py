@@ -16,6 +16,7 @@ from pathlib import Path
 import h5py
 
 from tests.attacks.mutations import mutate, with_link
+from tests.attacks.services import POST, post
 from tests.attacks.world import Attack
 
 MEMORY = 2_500_000_000  # bytes
@@ -105,6 +106,8 @@ def _child(folder: Path, words: tuple[str, ...], log: Path, memory: int) -> None
         from symgrasp_cli.app import app
 
         try:
+            if words[0] == POST:
+                sys.exit(post(Path(words[1])))
             app(list(words))
         except SystemExit as end:
             code = end.code if isinstance(end.code, int) else 0 if end.code is None else 1

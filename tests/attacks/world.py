@@ -17,6 +17,7 @@ from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.meshes import write_mesh
 from pipelines.dataset.symmetry import bop_models_info
 from pipelines.geometry.meshes.mesh import Mesh
+from tests.attacks.services import BAGS, POST, write_services
 from tests.frames.layouts.build import LAYOUTS, K, color, depth
 from tests.geometry.tabletops import Box
 from tests.stages import dataset_root, toy_dump, toy_root
@@ -81,6 +82,27 @@ ATTACKS = (
     *(
         Attack(f"inspect frames/{name} {TUM.get(name, '')}", f"frames/{name}/**/*", small=True)
         for name in (*LAYOUTS, "yaml", "others")
+    ),
+    *(
+        Attack(f"inspect frames/{name}", f"frames/{name}/**/*", share=2.0, small=True)
+        for name in (*BAGS, "exr")
+    ),
+    Attack("convert-frames frames/compressed --out out", "frames/compressed/**/*", small=True),
+    Attack("gripper from-urdf hand.urdf --out h.toml", "hand.urdf", "h.toml", 2.0, small=True),
+    Attack("gripper check g.toml --picture out.png", "g.toml", "out.png", 2.0, small=True),
+    Attack(f"{POST} post.json", "post.json", share=6.0),
+    Attack("workspace table --out out", "table/*", share=2.0),
+    Attack(
+        "infer table --out out.h5 --method planar --regions geometric --device cpu --watch "
+        "--watch-timeout 3",
+        "table/*",
+        "out.h5",
+    ),
+    Attack(
+        "train-critic planes root --calibrate root --out out/c.safetensors --epochs 1 "
+        "--max-seconds 1 --threads 1 --set infer.regions=geometric --frame-stride 2",
+        SCENE,
+        share=0.5,
     ),
     *(
         Attack(
@@ -212,6 +234,7 @@ def build(folder: Path, run: Run, *, small: bool) -> None:
     results = [toy_root.true_result(root, name) for name in toy_root.frame_names()]
     toy_root.write_grasps(folder / "grasps.h5", results)
     np.save(folder / "rows.npy", toy_dump.dumped_rows(0, 0)[:5])
+    write_services(folder)
     (folder / "g.toml").write_bytes((PIPELINES / "grippers/rg2.toml").read_bytes())
     (folder / "infer.toml").write_text(as_toml(default_settings("infer"), "infer"))
     if not small:

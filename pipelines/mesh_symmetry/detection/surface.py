@@ -19,8 +19,11 @@ MAX_PRODUCTS = 4_000_000  # numbers held at a time
 NUM_SMOOTHED = 16  # samples over which a normal is averaged
 SAME_SIDE_COSINE = 0.3  # between normals; excludes the other faces of an edge and of a thin wall
 ROUGH_PASSES = 3  # of averaging, where noise has tilted the triangles
+ROUGH_AGREEMENT = 0.85  # several passes let neighbours share noise, a surface and its image not
 ROUGH_SLOPE = 0.03  # noise over the distance of the neighbours among which it is measured
 NUM_PROBES, NUM_NEIGHBOURS = 500, 40  # places where noise is measured, and samples around each
+NUM_NEAREST = 10  # neighbours from which the fit of a place starts
+TUKEY = 7.0  # of the median distance from the fit; farther neighbours are of another face
 FAR_NEIGHBOURS = 24  # neighbours from this one on do not share averaged normals
 AGREEING_COSINE = 0.85  # of two normals: 32 degrees
 
@@ -50,9 +53,12 @@ class Surface:
         data = np.arange(0, num_samples, max(1, num_samples // NUM_PROBES))
         found = tree.query(points[data], k=min(NUM_NEIGHBOURS, num_samples))
         distance, index = (np.asarray(part) for part in found)
-        noise, slope = _noise(points[index] - points[data][:, None], normals[index], distance)
-        passes = ROUGH_PASSES if slope > ROUGH_SLOPE else 1
-        normals = _smoothed(tree, normals, passes)
+        # Noise tilts triangles so far that their own normals do not tell the sides of a thin wall.
+        rough = _smoothed(tree, normals, ROUGH_PASSES)
+        noise, slope = _noise(points[index] - points[data][:, None], rough[index], distance)
+        is_rough = slope > ROUGH_SLOPE
+        normals = rough if is_rough else _smoothed(tree, normals, 1)
+        agreement = _agreement(normals[index[:, FAR_NEIGHBOURS:]], normals[data])
         return cls(
             triangles=mesh.triangles,
             points=points,
@@ -61,7 +67,7 @@ class Surface:
             tree=tree,
             rim=OpenBoundary.of(mesh),
             noise=noise,
-            agreement=_agreement(normals[index[:, FAR_NEIGHBOURS:]], normals[data]),
+            agreement=agreement * (ROUGH_AGREEMENT if is_rough else 1.0),
         )
 
     def normalised(self, center: Array, size: float) -> "Surface":
@@ -157,19 +163,30 @@ def _noise(near: Array, normals: Array, distance: Array) -> tuple[float, float]:
     """Return the noise of samples, in their unit, and its ratio to the neighbours' distance.
 
     The median, over p places, of the residual of a quadratic surface fitted to the k neighbours:
-    the fit removes curvature, the median removes edges. `near`, `normals`: (p, k, 3) neighbours
-    relative to each place, nearest first; `distance`: (p, k).
+    the fit removes curvature, the median removes edges, and weights remove the other face of a
+    thin wall. `near`, `normals`: (p, k, 3) neighbours relative to each place, nearest first;
+    `distance`: (p, k).
     """
     alike = np.einsum("pkd,pd->pk", normals, normals[:, 0]) > 0.0
     frame = basis_from_direction(np.einsum("pkd,pk->pd", normals, alike.astype(np.float64)))
     reach = np.maximum(distance[:, -1:], 1e-12)
     height, x, y = np.moveaxis(near @ frame, -1, 0) / reach
     terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
-    weighted = np.swapaxes(terms * alike[..., None], 1, 2)
-    system = weighted @ terms + 1e-9 * np.eye(terms.shape[-1])
-    left = height - (terms @ np.linalg.solve(system, weighted @ height[..., None]))[..., 0]
-    freedom = np.maximum(alike.sum(axis=1) - terms.shape[-1], 1)
-    slope = np.sqrt((np.square(left) * alike).sum(axis=1) / freedom)
+    # The nearest samples are of the same face; the others join if they go on from there.
+    weight = alike * (np.arange(near.shape[1]) < NUM_NEAREST)
+    left = height
+    for count in (3, 6, 6):  # terms: a plane first
+        used = terms[..., :count]
+        weighted = np.swapaxes(used * weight[..., None], 1, 2)
+        system = weighted @ used + 1e-9 * np.eye(count)
+        fitted = (used @ np.linalg.solve(system, weighted @ height[..., None]))[..., 0]
+        left = height - fitted
+        spread = np.nanmedian(np.where(weight > 0.0, np.abs(left), np.nan), axis=1)
+        scale = np.maximum(TUKEY * spread, 1e-9)[:, None]
+        weight = alike * np.square(np.clip(1.0 - np.square(left / scale), 0.0, None))
+    kept = weight > 0.0
+    freedom = np.maximum(kept.sum(axis=1) - terms.shape[-1], 1)
+    slope = np.sqrt((np.square(left) * kept).sum(axis=1) / freedom)
     return float(np.median(slope * reach[:, 0])), float(np.median(slope))
 
 

@@ -28,6 +28,7 @@ from pipelines.mesh_symmetry.detection.symmetry_search import (
     FINE_SAMPLES,
     FINE_SCALES,
     REFINEMENT_ANGLES,
+    SAME_OFFSET,
     UnitSurface,
     continuous_fit,
     fit_of_plane,
@@ -43,7 +44,16 @@ from pipelines.mesh_symmetry.symmetry_verification import SurfaceFit
 Accepted = tuple[Array, SurfaceFit]  # a plane (nx, ny, nz, d) and its fit
 
 ACROSS_COSINE = float(np.cos(np.radians(5.0)))
-SAME_COSINE = float(np.cos(np.radians(13.0)))
+CLOSEST_PLANES = float(np.radians(20.0))  # nearer ones imply more than eight planes
+GROUP_TOLERANCE = float(np.radians(4.0))  # of the angle between two planes
+GROUP_ROOM = 1.5  # on the limits of a plane that others imply
+MISS_LIMITS = ("max_mean", "max_p95", "max_p99", "max_error")
+LEAST_FAMILY = 4  # planes that meet in an axis
+IN_PLANE = float(np.sin(np.radians(4.0)))  # of the angle between an axis and a plane through it
+WIDEST = 98.0  # percentile of the distances from the axis
+ENDS_FLOOR = 0.001  # of the diameter, where ends differ by the tessellation alone
+MAX_ENDS = 0.02  # of the width; by how much the ends of a revolved body may differ
+LOSS_ROOM = 1.1  # times the loss before; by chance a better axis may miss more at the worst angle
 PAIR_TOLERANCE = float(np.radians(2.0))
 FACING_POWER = 8  # exponent of the cosine between a face's normal and the plane's
 
@@ -148,22 +158,56 @@ def _analyse(shape: UnitSurface, config: AnnotateSymmetryConfig) -> MeshSymmetri
         for plane, fit in zip(planes, plane_fits, strict=True)
         if not fit.holds(config)
     ]
-    accepted = _not_parallel(
-        [(plane, fit) for plane, fit in zip(planes, plane_fits, strict=True) if fit.holds(config)]
-    )
+    held = [each for each in zip(planes, plane_fits, strict=True) if each[1].holds(config)]
     rounds = [(axis, fit) for axis, (fit, yes) in zip(axes, axis_fits, strict=True) if yes]
+    if not rounds:
+        rounds = _round_by_planes(shape, [plane for plane, _ in held], config)
     rotation: RotationSymmetry | None
     if rounds:
         axis, fit = rounds[0]
-        axis = refined_axes(shape, axis[None], REFINEMENT_ANGLES, FINAL_SCALES, FINE_SAMPLES)[0]
-        accepted = _across(shape, axis, accepted, config)
+        finer = refined_axes(shape, axis[None], REFINEMENT_ANGLES, FINAL_SCALES, FINE_SAMPLES)[0]
+        better, continuous = continuous_fit(shape, finer, config)
+        if continuous and better.loss <= LOSS_ROOM * fit.loss:
+            axis, fit = finer, better
+        accepted = _across(shape, axis, held, config)
         rotation = _rotation(shape, axis, None, fit)
     else:
+        accepted = _consistent(shape, held, config)
         rotation = _discrete_rotation(shape, grid, [plane for plane, _ in accepted], config)
     symmetries: list[Symmetry] = [
         _reflection(shape, plane, fit) for plane, fit in _best_planes(shape, accepted, config)
     ]
     return MeshSymmetries(symmetries + ([rotation] if rotation is not None else []), partial)
+
+
+def _round_by_planes(
+    shape: UnitSurface, planes: Sequence[Array], config: AnnotateSymmetryConfig
+) -> list[tuple[Array, SurfaceFit]]:
+    """Return the continuous axis in which most `planes` (4,) meet, with its fit, if there is one.
+
+    The normals of grooves and dents mislead a search for axes, and holes move the centroid.
+    """
+    if len(planes) < LEAST_FAMILY:
+        return []
+    rows = np.stack(planes)
+    lines = [
+        _common_line(first, second)
+        for first, second in combinations(planes, 2)
+        if abs(first[:3] @ second[:3]) < np.cos(CLOSEST_PLANES)
+    ]
+    within = [
+        (np.abs(rows[:, :3] @ line[:3]) < IN_PLANE)
+        & (np.abs(rows[:, :3] @ line[3:] - rows[:, 3]) < SAME_OFFSET)
+        for line in lines
+    ]
+    if not within or max(mask.sum() for mask in within) < LEAST_FAMILY:
+        return []
+    family = rows[max(within, key=np.count_nonzero)]
+    direction = np.linalg.eigh(family[:, :3].T @ family[:, :3])[1][:, 0]
+    point = np.linalg.lstsq(family[:, :3], family[:, 3], rcond=1e-3)[0]
+    axis = np.concatenate([direction, point])
+    fit, continuous = continuous_fit(shape, axis, config)
+    return [(axis, fit)] if continuous else []
 
 
 def _reflection(shape: UnitSurface, plane: Array, fit: SurfaceFit) -> ReflectionSymmetry:
@@ -178,17 +222,50 @@ def _rotation(
     return RotationSymmetry(axis[:3], shape.to_mesh(foot), order, fit.error)
 
 
-def _not_parallel(planes: Sequence[Accepted]) -> list[Accepted]:
-    """Return the planes without those nearly parallel to a better plane.
+def _consistent(
+    shape: UnitSurface, planes: Sequence[Accepted], config: AnnotateSymmetryConfig
+) -> list[Accepted]:
+    """Return the planes, best first, without those that contradict a better one.
 
-    Two parallel mirrors imply a translation, which no bounded object has; two that meet at less
-    than 15 degrees imply a rotation of more than 12-fold symmetry, or are one plane found twice.
+    Two mirrors imply a turn by twice their angle, and all images of the two. A loose plane beside a
+    true one, as through the middle of a jug beside its spout, fails there.
     """
     kept: list[Accepted] = []
     for plane, fit in planes:
-        if all(abs(plane[:3] @ better[:3]) < SAME_COSINE for better, _ in kept):
+        if all(_form_a_group(shape, better, plane, config) for better, _ in kept):
             kept.append((plane, fit))
     return kept
+
+
+def _form_a_group(
+    shape: UnitSurface, first: Array, second: Array, config: AnnotateSymmetryConfig
+) -> bool:
+    """Return whether the planes (4,) that two planes imply hold, within wider limits.
+
+    Parallel mirrors imply a translation, which no bounded object has.
+    """
+    between = float(np.arccos(np.clip(abs(first[:3] @ second[:3]), 0.0, 1.0)))
+    if between < CLOSEST_PLANES:
+        return False
+    order = round(np.pi / between)
+    if abs(between - np.pi / order) > GROUP_TOLERANCE:
+        return False
+    wider = replace(
+        config,
+        **{name: GROUP_ROOM * getattr(config, name) for name in MISS_LIMITS},
+        min_agreement=config.min_agreement / GROUP_ROOM,
+    )
+    for _ in range(order - 2):
+        first, second = second, _mirrored(first, second)
+        if not fit_of_plane(shape, second, shape.samples).holds(wider):
+            return False
+    return True
+
+
+def _mirrored(plane: Array, mirror: Array) -> Array:
+    """Return the image of `plane` (4,) in `mirror` (4,)."""
+    cosine = float(plane[:3] @ mirror[:3])
+    return np.append(plane[:3] - 2.0 * cosine * mirror[:3], plane[3] - 2.0 * cosine * mirror[3])
 
 
 def _across(
@@ -201,8 +278,11 @@ def _across(
 
     The planes through the axis follow from the axis, and no other plane is possible.
     """
+    arm = shape.samples.points - axis[3:]
+    across = np.linalg.norm(np.cross(arm, axis[:3]), axis=1)
+    limit = float(np.hypot(ENDS_FLOOR, MAX_ENDS * 2.0 * np.percentile(across, WIDEST)))
     for plane, fit in accepted:
-        if abs(plane[:3] @ axis[:3]) > ACROSS_COSINE:
+        if abs(plane[:3] @ axis[:3]) > ACROSS_COSINE and fit.miss <= limit:
             return [(plane, fit)]
     # Halfway between the ends: if a lid is missing, the plane does not pass through the centroid.
     height = shape.samples.points @ axis[:3]
@@ -210,7 +290,8 @@ def _across(
         start = np.append(axis[:3], offset)[None]
         plane = refined_planes(shape, start, FINE_SCALES, FINAL_SAMPLES)[0]
         fit = fit_of_plane(shape, plane, shape.samples)
-        if abs(plane[:3] @ axis[:3]) > ACROSS_COSINE and fit.holds(config):
+        is_across = abs(plane[:3] @ axis[:3]) > ACROSS_COSINE
+        if is_across and fit.miss <= limit and fit.holds(config):
             return [(plane, fit)]
     return []
 

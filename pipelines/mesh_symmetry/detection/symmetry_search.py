@@ -15,6 +15,7 @@ from pipelines.array_types import Array
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.mesh_symmetry.detection.nearly_round import is_nearly_round, leans_in_pattern
 from pipelines.mesh_symmetry.detection.surface import Surface, diameter
 from pipelines.mesh_symmetry.detection.symmetry_candidates import (
     DistanceGrid,
@@ -155,23 +156,38 @@ def continuous_fit(
     fits: list[SurfaceFit] = []
     for angle in VERIFICATION_ANGLES:
         fits.append(staged_fit(shape, config, partial(fit_of_turn, shape, axis, angle)))
-        if fits[-1].ovalness > 1.0 or not fits[-1].holds(config, config.max_axis_mean):
+        if not fits[-1].holds(config, config.max_axis_mean):
             return fits[-1], False
-    return max(fits, key=attrgetter("miss")), are_round(fits)
+    worst = max(fits, key=attrgetter("miss"))
+    if leans_in_pattern(shape.samples, axis):
+        return worst, False
+    is_round = worst.ovalness <= 1.0 and are_round(fits)
+    return worst, is_round or is_nearly_round(shape.surface, shape.samples, axis)
 
 
 def search_axes(
     shape: UnitSurface, config: AnnotateSymmetryConfig
 ) -> tuple[Array, list[tuple[SurfaceFit, bool]]]:
-    """Return distinct refined axes (c, 6), and the (worst fit, is continuous) of each."""
-    axes = revolution_candidates(
+    """Return distinct axes (c, 6), and the (worst fit, is continuous) of each.
+
+    The start of a refinement and the principal axes stay candidates: on thin or rough surfaces a
+    refinement may lead away.
+    """
+    starts = revolution_candidates(
         shape.samples.points,
         shape.samples.normals,
         config.axis_candidates,
         np.radians(config.axis_separation_deg),
     )
-    axes = refined_axes(shape, axes, REFINEMENT_ANGLES, FINE_SCALES, FINE_SAMPLES)
-    fits = [continuous_fit(shape, axis, config) for axis in axes]
+    refined = refined_axes(shape, starts, REFINEMENT_ANGLES, FINE_SCALES, FINE_SAMPLES)
+    frame = principal_axis_rows(shape.samples.points)
+    principal = np.concatenate([frame, np.zeros((3, 3))], axis=1)
+    fits = [continuous_fit(shape, axis, config) for axis in refined]
+    axes = refined
+    if not any(continuous for _, continuous in fits):
+        others = np.concatenate([starts, principal])
+        axes = np.concatenate([refined, others])
+        fits += [continuous_fit(shape, axis, config) for axis in others]
     order = np.argsort([fit.loss for fit, _ in fits], kind="stable")
     return axes[order], [fits[index] for index in order]
 

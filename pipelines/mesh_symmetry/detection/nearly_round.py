@@ -1,0 +1,127 @@
+"""Roundness of bodies of revolution that are slightly bent, oval, engraved or dented (D. 137).
+
+A body counts as round about its bent middle line. What is left, as of a slight oval, misses at some
+angles and not at others, like an n-gon; but the normals of an n-gon lean to and fro by 2 / n, those
+of a slight oval hardly.
+Normalised coordinates: origin at the surface's centroid, unit diameter. An axis is a row
+(ux, uy, uz, px, py, pz).
+"""
+
+import numpy as np
+
+from pipelines.array_types import Array, Indices
+from pipelines.geometry.transforms import basis_from_direction, rotation_about
+from pipelines.mesh_symmetry.detection.revolution import (
+    HIGHEST_HARMONIC,
+    MAX_HARMONIC,
+    NEAR_AXIS,
+    Axis,
+    profile,
+)
+from pipelines.mesh_symmetry.detection.surface import Surface
+from pipelines.mesh_symmetry.symmetry_verification import (
+    VERIFICATION_ANGLES,
+    Samples,
+    are_round,
+    fit_of,
+    turn_samples,
+)
+
+LEAST_LATERAL = 0.25  # sine between normal and axis; the normals of flats do not show the middle
+BEND_SCALES = (0.03, 0.02, 0.015)  # Tukey scales, of the diameter, one a step of the fit
+BEND_ANGLES = VERIFICATION_ANGLES[2::2]
+MAX_BEND = 0.03  # of the diameter; what is bent farther is another shape
+MAX_OVALNESS = 0.6  # of the limit for misses that are alike at all angles
+STIFFNESS = 1.0  # samples' worth of a straight middle line
+NUM_BANDS = 8  # of the height, each with normals of its own
+LEAST_BAND = 60  # samples
+POLYGONS = np.arange(2, HIGHEST_HARMONIC + 1)
+MAX_OVAL_LEAN = 0.045  # radians; of an oval whose width varies by 4.5 %
+MIN_EXPLAINED = 0.4  # least share of the lean that one wave is; of an n-gon's, 0.6
+MIN_COHERENT = 0.05  # of a wave at all heights, where noise averages out
+
+
+def is_nearly_round(surface: Surface, samples: Samples, axis: Array) -> bool:
+    """Return whether a surface that turns about `axis` (6,) fit is round, if need be as bent.
+
+    That normals lean in a pattern is to be excluded first.
+    """
+    straight = np.zeros_like(samples.points)
+    return _turns_fit(surface, samples, axis, straight) or _turns_fit(
+        surface, samples, axis, _bend(surface, samples, axis)
+    )
+
+
+def _turns_fit(surface: Surface, samples: Samples, axis: Array, shift: Array) -> bool:
+    """Return whether turns about `axis`, shifted by `shift` (n, 3) at each sample, fit alike."""
+    fits = []
+    for angle in VERIFICATION_ANGLES:
+        moved = Samples(samples.points - shift, samples.normals)
+        image = turn_samples(moved, axis[:3], axis[3:], angle)
+        image = Samples(image.points + shift, image.normals)
+        fits.append(fit_of(surface, samples, image, angle))
+    worst = max(fit.ovalness for fit in fits)
+    return worst <= MAX_OVALNESS or (worst <= 1.0 and are_round(fits))
+
+
+def _bend(surface: Surface, samples: Samples, axis: Array) -> Array:
+    """Return the shift (n, 3) of the middle line across `axis` at the height of each sample.
+
+    It is quadratic in the height, and fits the turned samples to the surface.
+    """
+    points = samples.points
+    height = (points - axis[3:]) @ axis[:3]
+    share = (height - height.mean()) / max(float(np.ptp(height)), 1e-9)
+    powers = share[:, None] ** np.arange(3)  # (n, 3)
+    tangents = basis_from_direction(axis[:3])[:, 1:]  # (3, 2)
+    terms = np.zeros((3, 2))
+    for scale in BEND_SCALES:
+        shift = powers @ terms @ tangents.T
+        system, right = STIFFNESS * np.eye(6), np.zeros(6)
+        for angle in BEND_ANGLES:
+            turn = rotation_about(axis[:3], float(angle))
+            image = (points - shift - axis[3:]) @ turn.T + axis[3:] + shift
+            distance, index = surface.within(image, 2.0 * scale)
+            normals = surface.normals[index]
+            gap = np.einsum("nd,nd->n", image - surface.points[index], normals)
+            gap = np.where(np.isfinite(distance), gap, 0.0)
+            weight = np.square(np.clip(1.0 - np.square(gap / scale), 0.0, None))
+            weight *= np.isfinite(distance)
+            across = normals @ (np.eye(3) - turn) @ tangents  # (n, 2)
+            rows = (powers[:, :, None] * across[:, None]).reshape(-1, 6)
+            system = system + (rows * weight[:, None]).T @ rows
+            right = right - (rows * weight[:, None]).T @ gap
+        terms = terms + np.linalg.solve(system, right).reshape(3, 2)
+    shift = powers @ terms @ tangents.T
+    return shift if np.linalg.norm(shift, axis=1).max() < MAX_BEND else np.zeros_like(shift)
+
+
+def leans_in_pattern(samples: Samples, axis: Array) -> bool:
+    """Return whether normals lean to and fro around `axis` (6,), as those of an n-gon or oval."""
+    p = profile(Axis(axis[:3], axis[3:]), samples.points, samples.normals)
+    wall = (p.lateral > LEAST_LATERAL) & (p.radius > NEAR_AXIS)
+    if wall.sum() < LEAST_BAND:
+        return False
+    height, angle, lean = p.height[wall], p.angle[wall], p.lean[wall]
+    if _is_wave(angle, lean, POLYGONS[:1], MAX_OVAL_LEAN, MIN_EXPLAINED):
+        return True
+    if _is_wave(angle, lean, POLYGONS, MAX_HARMONIC, MIN_COHERENT):
+        return True
+    borders = np.linspace(height.min(), height.max(), NUM_BANDS + 1)[1:-1]
+    band = np.searchsorted(borders, height)
+    return any(
+        _is_wave(angle[band == number], lean[band == number], POLYGONS, MAX_HARMONIC, MIN_EXPLAINED)
+        for number in range(NUM_BANDS)
+        if np.count_nonzero(band == number) >= LEAST_BAND
+    )
+
+
+def _is_wave(angle: Array, lean: Array, orders: Indices, limit: float, least: float) -> bool:
+    """Return whether one wave of `orders`, of more than `limit` radians, is in `lean` (n,).
+
+    It explains more than the share `least` of its variance.
+    """
+    waves = np.exp(1j * np.outer(orders, angle))
+    amplitude = 2.0 * float(np.abs(waves @ lean).max()) / len(angle)
+    explained = 0.5 * amplitude**2 / max(float(np.mean(lean**2)), 1e-12)
+    return amplitude > limit and explained > least

@@ -24,6 +24,7 @@ NO_WORD_OF_LEAKS = "ignore:resource_tracker:UserWarning"
 SHARED_MEMORY = Path("/dev/shm")
 SHOW_CURSOR = "\x1b[?25h"  # a progress bar hides it
 
+_farewell = "the same command goes on from here"
 _temporary: set[Path] = set()
 _lock = threading.RLock()  # a handler may interrupt the main thread while it holds it
 
@@ -82,6 +83,12 @@ def end_on_signals() -> None:
             signal.signal(number, _end_by_signal)
 
 
+def set_farewell(sentence: str) -> None:
+    """Let the end by a signal say `sentence`, for a command that does not go on from anywhere."""
+    global _farewell  # noqa: PLW0603 - one process has one end
+    _farewell = sentence
+
+
 @contextmanager
 def signal_handlers_kept() -> Iterator[None]:
     """Undo what a library does meanwhile to the handlers of the signals that end this process."""
@@ -99,7 +106,7 @@ def _end_by_signal(number: int, _frame: object) -> NoReturn:
     if os.environ.get("RANK", "0") == "0":  # of the processes of torchrun the first one speaks
         shown = SHOW_CURSOR if os.isatty(2) else ""
         name = signal.Signals(number).name
-        _say(f"{shown}error: stopped by {name}; the same command goes on from here\n")
+        _say(f"{shown}error: stopped by {name}; {_farewell}\n")
     end(128 + number)
 
 

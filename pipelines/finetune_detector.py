@@ -21,6 +21,7 @@ from typing import Any
 
 from pipelines.configs import FinetuneDetectorConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot, SceneFiles
+from pipelines.dataset.held_back import refuse_held_back
 from pipelines.dataset.scene_digests import digest_of_images, inputs_of_scenes
 from pipelines.dataset.training import coco_instances, detector_frames
 from pipelines.dataset.training.coco_instances import CocoFrame
@@ -195,6 +196,7 @@ def scene_items(
     if coco_instances.is_coco(root):
         return _coco_items(root, folder, config)
     dataset = GraspNetRoot.finished(root)
+    refuse_held_back(dataset)
     scenes = dataset.scenes(camera, split)
     if not scenes:
         raise SymgraspError(

@@ -20,6 +20,7 @@ import numpy as np
 from pipelines.array_types import Mask
 from pipelines.configs import PackConfig, RegionConfig
 from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot, SceneFiles
+from pipelines.dataset.held_back import refuse_held_back
 from pipelines.dataset.scene_digests import inputs_of_scenes
 from pipelines.dataset.symmetry.regioned_objects import read_regioned_object
 from pipelines.dataset.training import affordance_labels, packed_regions
@@ -53,6 +54,7 @@ def run(
 ) -> StageReport:
     """Pack every scene of `split` (None: all) as seen by `camera` (None: by each camera)."""
     root = GraspNetRoot.finished(source)
+    refuse_held_back(root)
     scenes = root.scenes(camera, split)
     if not scenes:
         wanted = f"{split or 'any'} scene" + (f" seen by {camera}" if camera else "")

@@ -19,6 +19,7 @@ import torch
 
 from pipelines.configs import TrainBaselineConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.held_back import refuse_held_back
 from pipelines.dataset.scene_digests import inputs_of_scenes
 from pipelines.dataset.training.region_frames import held_out_scenes
 from pipelines.errors import SymgraspError, ValueRangeError
@@ -122,6 +123,7 @@ def peer_items(
         SymgraspError: it has no scene of the split or the camera.
     """
     dataset = GraspNetRoot.finished(root)
+    refuse_held_back(dataset)
     scenes = dataset.scenes(camera, split)
     if not scenes:
         raise SymgraspError(

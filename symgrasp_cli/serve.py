@@ -7,6 +7,7 @@ import typer
 
 from pipelines.configs import InferConfig, ServeConfig
 from pipelines.configs.stages import ServeSettings, part
+from pipelines.ending import set_farewell
 from symgrasp_cli.options import Device, Seed
 from symgrasp_cli.report import manner
 from symgrasp_cli.settings import with_settings
@@ -42,6 +43,7 @@ def serve(
     seed: Seed = 0,
 ) -> None:
     """Answer posted frames with their grasps over HTTP, models loaded once."""
+    set_farewell("the frames that it had begun are answered")
     from pipelines import serve as stage
     from symgrasp.detector import GraspDetector
 

@@ -5,10 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from typer.testing import CliRunner
 
 from pipelines import evaluate_dump
 from pipelines.configs import EvaluateDumpConfig
+from pipelines.dataset import convex_pieces
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.signed_distance import write_sdf
 from pipelines.dataset.meshes import read_mesh, write_mesh
@@ -276,3 +278,19 @@ def test_the_command_prints_the_figures(root, pristine, tmp_path):
 def test_what_does_not_go_together_is_wrong_usage(root, pristine, tmp_path, options):
     arguments = ["--dataset", str(root.root), "--out", str(tmp_path / "r.json"), *options]
     assert CliRunner().invoke(app, ["evaluate", str(pristine), *arguments]).exit_code == 2
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_grasps_inside_a_bin_collide_with_it(root, pristine, tmp_path, exact):
+    walled = GraspNetRoot(Path(shutil.copytree(root.root, tmp_path / "root")))
+    scene = walled.scene(100, walled.scenes()[0].camera)
+    slabs = [trimesh.creation.box((2.0, 2.0, 0.002)) for _ in range(60)]
+    for number, slab in enumerate(slabs):  # nothing in the scene is free of them
+        slab.apply_translation((0.0, 0.0, 0.004 * number))
+    convex_pieces.write(
+        scene.surroundings_path, [Mesh(np.asarray(s.vertices), np.asarray(s.faces)) for s in slabs]
+    )
+    run(pristine, walled, tmp_path / "r.json", exact=exact)
+    found = verdicts(tmp_path / "r.json", 100)
+    assert np.isinf(found["friction"][np.isfinite(found["friction"])]).sum() == 0
+    assert (found["friction"][0][np.isfinite(found["friction"][0])] < 0).all()

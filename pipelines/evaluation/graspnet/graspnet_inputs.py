@@ -30,9 +30,10 @@ class InputDigests:
         kinds = {"annotations": "*.xml"} | ({"meta": "*.mat"} if self._exact else {})
         parts = [digest_folder(files.camera_folder / kind, glob) for kind, glob in kinds.items()]
         cameras = ("camera_poses.npy", "cam0_wrt_table.npy")
-        return digest_text(
-            "".join([*parts, *(self._digest(files.camera_folder / name) for name in cameras)])
-        )
+        parts += [self._digest(files.camera_folder / name) for name in cameras]
+        around = files.surroundings_path
+        parts += [self._digest(around)] if around.is_file() else []
+        return digest_text("".join(parts))
 
     def _meshes(self, files: SceneFiles) -> str:
         paths = [

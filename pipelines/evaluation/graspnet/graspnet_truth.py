@@ -59,10 +59,22 @@ class SceneTruth:
         ids = [pose.object_id for pose in listed]
         if self.exact:
             solids = [solid_object(self.root, i) for i in ids]
-            return ids, ExactScene(solids, [pose.T_cam_obj for pose in listed], T_table_cam)
+            exact_poses = [pose.T_cam_obj for pose in listed]
+            return ids, ExactScene(solids, exact_poses, T_table_cam, self._walls)
         grids = [grid_object(self.root, i) for i in ids]
         poses = [pose.T_cam_obj.astype(np.float32) for pose in listed]
-        return ids, PeerScene(grids, poses, T_table_cam)
+        return ids, PeerScene(grids, poses, T_table_cam, self._wall_points)
+
+    @functools.cached_property
+    def _walls(self) -> list[MeshCollider]:
+        return [MeshCollider(each) for each in self.files.surroundings]
+
+    @functools.cached_property
+    def _wall_points(self) -> Array:
+        """The surroundings as the peer has objects: means of voxels of points on them."""
+        rng = np.random.default_rng(self.files.scene_id)
+        points = [sample_surface(m, NUM_CLOUD_SAMPLES, rng)[0] for m in self.files.surroundings]
+        return voxel_means(np.concatenate(points), VOXEL) if points else np.zeros((0, 3))
 
     def _poses(self, frame: FrameFiles) -> list[ObjectPose]:
         """Return poses; the peer takes the XML's four decimals, whatever the .mat says."""

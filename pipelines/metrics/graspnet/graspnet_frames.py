@@ -6,7 +6,7 @@ The exact way: contacts where rays meet triangles, collision of triangles, an en
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -86,11 +86,12 @@ class FrameScene(Protocol):
 
 @dataclass(frozen=True)
 class PeerScene:
-    """A frame as graspnetAPI sees it."""
+    """A frame as graspnetAPI sees it; `around` (k, 3): points of walls and bins, table frame."""
 
     objects: Sequence[GridObject]
     poses: Sequence[NDArray[np.float32]]  # T_cam_obj (4, 4)
     T_table_cam: Array
+    around: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     def clouds(self) -> list[Array]:
         """Return the objects' clouds."""
@@ -100,7 +101,8 @@ class PeerScene:
     def collisions(self, grasps: GraspPoses, depth: Array, owner: Indices) -> tuple[Mask, Mask]:
         """Look at the points around the box of each grasp's own object only."""
         clouds = self.clouds()
-        table = transform_points(invert(self.T_table_cam), TABLE)
+        fixed = np.concatenate([TABLE, self.around])
+        table = transform_points(invert(self.T_table_cam), fixed)
         everything = np.ascontiguousarray(np.concatenate([*clouds, table]).T)
         hit, inner = np.zeros(len(grasps), np.bool_), np.zeros(len(grasps), np.int64)
         for which in np.unique(owner):
@@ -124,11 +126,12 @@ class PeerScene:
 
 @dataclass(frozen=True)
 class ExactScene:
-    """A frame as it is."""
+    """A frame as it is; `around`: walls and bins, table frame."""
 
     objects: Sequence[SolidObject]
     poses: Sequence[Array]  # T_cam_obj (4, 4)
     T_table_cam: Array
+    around: Sequence[MeshCollider] = ()
 
     def clouds(self) -> list[Array]:
         """Return points of the objects' surfaces."""
@@ -142,6 +145,9 @@ class ExactScene:
             free = np.flatnonzero(~hit)
             local = grasps[free].transformed(invert(pose))
             hit[free] = meets_mesh(each.collider, local, depth[free])
+        for wall in self.around:
+            free = np.flatnonzero(~hit)
+            hit[free] = meets_mesh(wall, grasps[free].transformed(self.T_table_cam), depth[free])
         return hit, np.zeros(len(owner), np.bool_)
 
     def contacts(self, which: int, grasps: GraspPoses) -> Contacts:

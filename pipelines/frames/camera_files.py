@@ -102,7 +102,10 @@ class CameraFile:
 def check_units(name: str, units: float | None) -> None:
     """Raise a ValueRangeError if `units` cannot be units per metre; None is unknown, and fine."""
     low, high = UNITS_RANGE
-    if units is not None and not low <= units <= high:  # written so that nan fails too
+    if units is None:
+        return
+    is_number = isinstance(units, int | float | np.number)  # a post may hold anything
+    if not is_number or not low <= units <= high:  # written so that nan fails too
         raise ValueRangeError(name, units, f"between {low:g} and {high:g} units per metre")
 
 

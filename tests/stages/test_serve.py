@@ -23,6 +23,7 @@ from pipelines.configs import ServeConfig
 from pipelines.errors import SymgraspError
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.inference.models import WEIGHTS
+from symgrasp.frame_input import frame_of
 from tests.grasp_files.exports.gripper_toys import random_result
 
 testclient = pytest.importorskip("fastapi.testclient", reason="the extra serve")
@@ -106,6 +107,14 @@ def test_what_is_no_frame_is_one_sentence(frame, said):
     assert answer.status_code == 400
     assert said in answer.json()["error"]
     assert "\n" not in answer.json()["error"]
+
+
+@pytest.mark.parametrize("units", [[1000], "1000", {"x": 1000}, float("nan")])
+def test_units_that_are_no_number_are_one_sentence(units):
+    client = client_of(lambda color, depth, **options: frame_of(color, depth, [9] * 4, units))
+    answer = client.post("/grasps", json=post())
+    assert answer.status_code == 400
+    assert "depth_units_per_metre" in answer.json()["error"]
 
 
 def test_sizes_types_and_depths_of_bodies_have_limits():

@@ -28,7 +28,6 @@ from pipelines.mesh_symmetry.detection.symmetry_search import (
     FINE_SAMPLES,
     FINE_SCALES,
     REFINEMENT_ANGLES,
-    SAME_OFFSET,
     UnitSurface,
     continuous_fit,
     fit_of_plane,
@@ -49,6 +48,7 @@ GROUP_TOLERANCE = float(np.radians(4.0))  # of the angle between two planes
 GROUP_ROOM = 1.5  # on the limits of a plane that others imply
 MISS_LIMITS = ("max_mean", "max_p95", "max_p99", "max_error")
 LEAST_FAMILY = 4  # planes that meet in an axis
+MEET_OFFSET = 0.015  # of the diameter, between an axis and a plane through it
 IN_PLANE = float(np.sin(np.radians(4.0)))  # of the angle between an axis and a plane through it
 WIDEST = 98.0  # percentile of the distances from the axis
 ENDS_FLOOR = 0.001  # of the diameter, where ends differ by the tessellation alone
@@ -197,7 +197,7 @@ def _round_by_planes(
     ]
     within = [
         (np.abs(rows[:, :3] @ line[:3]) < IN_PLANE)
-        & (np.abs(rows[:, :3] @ line[3:] - rows[:, 3]) < SAME_OFFSET)
+        & (np.abs(rows[:, :3] @ line[3:] - rows[:, 3]) < MEET_OFFSET)
         for line in lines
     ]
     if not within or max(mask.sum() for mask in within) < LEAST_FAMILY:

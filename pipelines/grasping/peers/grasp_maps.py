@@ -50,15 +50,25 @@ class GraspMaps:
         return cls((index > 0).astype(np.float32), cos, sin, opened)
 
     def rectangles(self) -> Array:
-        """Return the grasps read off the maps as rows (n, 7), pixels of the maps, best first."""
+        """Return the grasps read off the maps as rows (n, 7), pixels of the maps, best first.
+
+        A network trained on squared errors mixes the labels of a pixel with those of no grasp
+        there (cosine 1, sine 0, width 0), by a share that is its quality: the mixture is undone.
+        """
         quality = _blurred(self.quality, QUALITY_BLUR)
         cos, sin = _blurred(self.cos, ANGLE_BLUR), _blurred(self.sin, ANGLE_BLUR)
-        width = _blurred(self.width, WIDTH_BLUR)
+        cos = cos - (1.0 - quality)
+        width = self.width_of_grasps()
         y, x = peaks(quality)
         q, c, s, w = (each[y, x].astype(np.float64) for each in (quality, cos, sin, width))
         opening = WIDEST * np.clip(w, 0.0, 1.0)
         centre = np.stack([x, y], axis=1).astype(np.float64)
         return rectangle_rows(centre, 0.5 * np.arctan2(s, c), opening, 0.5 * opening, q)
+
+    def width_of_grasps(self) -> NDArray[np.float32]:
+        """Return (h, w) the width that a grasp has where there is one."""
+        share = np.maximum(_blurred(self.quality, WIDTH_BLUR), MIN_QUALITY)
+        return np.asarray(_blurred(self.width, WIDTH_BLUR) / share, np.float32)
 
 
 def peaks(quality: NDArray[np.float32]) -> tuple[Indices, Indices]:

@@ -30,6 +30,17 @@ def test_a_painted_grasp_is_read_where_it_was(degrees):
     assert opening_pixels(found[None])[0] == pytest.approx(60.0, rel=0.03)
 
 
+def test_a_network_that_is_a_quarter_sure_means_the_same_grasp():
+    wanted = row(120.0, 160.0, 50.0, 60.0)
+    sure = GraspMaps.painted(wanted, (300, 300))
+    mixed = GraspMaps(
+        0.25 * sure.quality, 0.25 * sure.cos + 0.75, 0.25 * sure.sin, 0.25 * sure.width
+    )
+    (found,) = mixed.rectangles()
+    assert np.degrees(angles(found[None]))[0] == pytest.approx(50.0, abs=2.0)
+    assert opening_pixels(found[None])[0] == pytest.approx(60.0, rel=0.03)
+
+
 def test_the_better_of_two_grasps_lies_on_top():
     rows = np.concatenate([row(100, 100, 0.0, 90.0, 0.9), row(100, 100, 60.0, 30.0, 0.8)])
     maps = GraspMaps.painted(rows, (200, 200))

@@ -27,6 +27,7 @@ from pipelines.ending import (
     signal_handlers_kept,
 )
 from pipelines.errors import SymgraspError, UnknownNameError
+from pipelines.runtime.ray_watch import ended_with_owner
 from pipelines.storage.temporary import is_running
 
 RunTasks = Callable[[Iterable[Any]], Iterator[Any]]  # tasks of joblib's `delayed` to their results
@@ -188,10 +189,19 @@ def _ray(workers: int) -> Iterator[None]:
         raise SymgraspError(
             f"the ray cluster does not answer ({error}); start it, or unset RAY_ADDRESS"
         ) from error
-    try:
-        yield
-    finally:
-        ray.shutdown()
+    with ended_with_owner(_ray_processes()):
+        try:
+            yield
+        finally:
+            ray.shutdown()
+
+
+def _ray_processes() -> list[int]:
+    """Return the processes of the cluster that this process has started; none of another's."""
+    node = import_module("ray._private.worker")._global_node
+    if node is None or "RAY_ADDRESS" in os.environ:
+        return []
+    return [info.process.pid for infos in node.all_processes.values() for info in infos]
 
 
 def _extra(module: str, extra: str) -> ModuleType:

@@ -251,6 +251,10 @@ def _whole(folder: Path, run: Run) -> None:
     for name in WEIGHTS:
         found = PIPELINES / f"weights/{name.replace('-', '_')}.safetensors"
         (folder / f"weights/{name}.safetensors").write_bytes(found.read_bytes())
+    # Loops are compiled once, which takes longer than an attack may.
+    run(folder, "infer table --out warm.h5 --device cpu")
+    for file in folder.glob("warm.*"):
+        file.unlink()
     run(folder, "annotate-symmetry labels")
     run(folder, "pack root --out packed --split all --set num_points=64")
     run(folder, "evaluate grasps.h5 --dataset root --out report.json")

@@ -126,6 +126,20 @@ def test_workers_and_their_trackers_end_with_a_parent_that_is_killed():
     assert not left
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere ray ends its agents itself")
+def test_rays_agents_end_within_seconds_with_an_owner_that_is_killed():
+    pytest.importorskip("ray", reason="the extra `ray` is not installed")
+    owner = PARENT.replace('"loky"', '"ray"')
+    with subprocess.Popen([sys.executable, "-c", owner], stdout=subprocess.PIPE) as parent:
+        while not (line := parent.stdout.readline())[:1].isdigit():
+            assert line
+        children = psutil.Process(parent.pid).children(recursive=True)
+        assert len(children) > 3
+        parent.kill()
+    _, left = psutil.wait_procs(children, timeout=20)
+    assert not left
+
+
 def write_leak_limit(item):
     from joblib.externals.loky import process_executor
 

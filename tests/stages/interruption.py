@@ -12,6 +12,7 @@ import json
 import os
 import random
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
@@ -22,6 +23,9 @@ from pathlib import Path
 
 import trimesh
 
+from pipelines.dataset import object_list
+from pipelines.dataset.object_list import ObjectRecord
+from pipelines.storage.provenance import make_stamp
 from tests.learning.packed_toys import write_packed
 from tests.stages.toy_root import frame_names, true_result, write_grasps, write_root
 
@@ -57,11 +61,21 @@ COMMANDS = {
     f"--micro-batch 1 --device cpu --threads 1 --workers 2 {settings(SMALL_DETECTOR)}",
 }
 TRAININGS = ("train", "finetune-detector")
+# These go on until a signal; the seconds are those within which it comes.
+ENDLESS = {
+    "infer --watch": "{root} --out {out}/g.h5 --regions geometric --method planar",
+    "train --endless": "{root} {packed} --out {out}/n.safetensors --epochs 999 --batch-size 6 "
+    f"--micro-batch 3 --device cpu --threads 1 --workers 2 {settings(SMALL_NETWORK)}",
+    "serve": "--port {port} --set regions=geometric --set method=planar",
+}
+ENDLESS_SECONDS = 30.0
 
 
 def write_inputs(folder):
     """Write the inputs of all commands."""
     root = write_root(folder / "root")
+    records = [ObjectRecord(i, f"object{i}", "toy", "seen") for i in range(3)]
+    object_list.write(root.root / "objects.json", records, make_stamp("inputs", {}))
     write_packed(folder / "packed", scenes=4)
     write_grasps(folder / "grasps.h5", [true_result(root, name) for name in frame_names()])
     (folder / "meshes").mkdir()
@@ -85,10 +99,10 @@ class Stage:
     files: dict[str, str] = field(default_factory=dict)
 
     def command(self, out, *more):
-        places = {"out": out, "grasps": self.inputs / "grasps.h5"}
+        places = {"out": out, "grasps": self.inputs / "grasps.h5", "port": free_port()}
         places |= {name: self.inputs / name for name in ("root", "packed", "meshes")}
-        words = COMMANDS[self.name].format(**places).split()
-        return [sys.executable, "-m", "symgrasp", self.name.strip(), *words, *more]
+        words = (COMMANDS | ENDLESS)[self.name].format(**places).split()
+        return [sys.executable, "-m", "symgrasp", *self.name.split(), *words, *more]
 
     def run(self, out):
         """Run the command to its end; return its standard error."""
@@ -108,6 +122,12 @@ class Stage:
             self.run(Path(folder))
             self.files = digests(Path(folder))
         return self
+
+
+def free_port():
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        return found.getsockname()[1]
 
 
 def digests(folder):
@@ -208,8 +228,8 @@ def many(inputs, log, stages, numbers, trials, start_up, seed):
     rng, counts = random.Random(seed), Counter()
     referred = []
     for name in stages:
-        if start_up:
-            referred.append(Stage(name, inputs, start_up))
+        if start_up or name in ENDLESS:
+            referred.append(Stage(name, inputs, start_up or ENDLESS_SECONDS))
             continue
         referred.append(Stage(name, inputs).refer())
         sys.stdout.write(f"{name}: {referred[-1].seconds:.1f} s\n")
@@ -218,7 +238,8 @@ def many(inputs, log, stages, numbers, trials, start_up, seed):
     ):
         moment = rng.uniform(0.1, stage.seconds)
         to_group = number == signal.SIGINT and rng.random() < 0.5  # as a terminal sends it
-        again = not start_up and (number == signal.SIGKILL or rng.random() < 0.2)
+        is_whole = not start_up and stage.name not in ENDLESS
+        again = is_whole and (number == signal.SIGKILL or rng.random() < 0.2)
         outcome = trial(stage, number, moment, again=again, to_group=to_group)
         kind = signal.Signals(number).name
         counts[kind, "wrong" if outcome.wrong else "right"] += 1
@@ -227,6 +248,7 @@ def many(inputs, log, stages, numbers, trials, start_up, seed):
         record |= {"again": again, **asdict(outcome)}
         with log.open("a", encoding="utf-8") as stream:
             stream.write(json.dumps(record) + "\n")
+        counts["seconds at most"] = max(counts["seconds at most"], round(outcome.seconds, 1))
         sys.stdout.write(f"{count + 1} {dict(counts)} {outcome.wrong or ''}\n")
         sys.stdout.flush()
 

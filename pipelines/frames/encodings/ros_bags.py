@@ -248,6 +248,8 @@ def _messages(reader: Any, topic: str, recorded: int | None = None) -> Iterator[
     connections = [each for each in reader.connections if each.topic == topic]
     stop = None if recorded is None else recorded + 1
     for connection, time, raw in reader.messages(connections, start=recorded, stop=stop):
+        if not isinstance(time, int):  # SQLite keeps any type in any column
+            raise TypeError(f"a message's time is the {type(time).__name__} {str(time)[:40]!r}")
         yield time, reader.deserialize(raw, connection.msgtype)
 
 

@@ -1,7 +1,9 @@
 """Bags of compressed images, lone files of ROS 2, and lenses in CameraInfo."""
 
 import shutil
+import sqlite3
 import struct
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -152,3 +154,13 @@ def test_the_shared_bags_are_read(case: str, count: int) -> None:
     assert [frame.depth.shape for frame in frames] == [(360, 640)] * count
     near, far = np.percentile(frames[0].depth[frames[0].depth > 0], (1, 99))
     assert (round(float(near), 3), round(float(far), 3)) == (0.267, 0.585)
+
+
+def test_a_time_that_is_a_text_is_one_sentence(tmp_path: Path) -> None:
+    write_bag(tmp_path / "a")
+    (base,) = (tmp_path / "a").glob("*.db3")
+    with closing(sqlite3.connect(base)) as opened:
+        opened.execute("UPDATE messages SET timestamp = 'x'")
+        opened.commit()
+    with pytest.raises(FormatError, match="time"):
+        [source.read() for source in find_frames(tmp_path)]

@@ -11,12 +11,12 @@ from pipelines.errors import FormatError, SymgraspError, UnknownNameError
 from pipelines.grasping.gripper import Gripper
 from pipelines.storage.provenance import digest_text
 
-PRESETS = Path(__file__).parent.parent / "grippers"
+GRIPPERS = Path(__file__).parent.parent / "grippers"
 
 
 def preset_names() -> list[str]:
     """Return the names of the grippers that come with the toolkit."""
-    return sorted(path.stem for path in PRESETS.glob("*.toml"))
+    return sorted(path.stem for path in GRIPPERS.glob("*.toml"))
 
 
 def gripper_digest(name_or_path: str) -> str:
@@ -57,7 +57,7 @@ def load_gripper(name_or_path: str) -> Gripper:
     """
     path = Path(name_or_path)
     if not path.suffix:
-        path = PRESETS / f"{name_or_path}.toml"
+        path = GRIPPERS / f"{name_or_path}.toml"
     if not path.is_file():
         raise UnknownNameError("gripper", name_or_path, [*preset_names(), "a TOML file"])
     content = read_toml(path, "see pipelines/grippers")

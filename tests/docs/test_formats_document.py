@@ -28,7 +28,7 @@ from pipelines.evaluation.reports import write_report
 from pipelines.geometry.region_masks import RegionInstance
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry
 from pipelines.grasp_files import grasps_file
-from pipelines.grasp_files.gripper_files import PRESETS, load_gripper
+from pipelines.grasp_files.gripper_files import GRIPPERS, load_gripper
 from pipelines.inference.models import WEIGHTS
 from pipelines.learning.critics import critic_rows
 from pipelines.learning.critics.critic_rows import CriticRows
@@ -224,7 +224,7 @@ def test_the_keys_of_the_weights_manifest_are_documented() -> None:
     assert set(content["grasps"][0]) == keys_of(lines, depth=1)
 
 
-@pytest.mark.parametrize("path", sorted(PRESETS.glob("*.toml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", sorted(GRIPPERS.glob("*.toml")), ids=lambda path: path.stem)
 def test_the_keys_of_grippers_are_documented(path: Path) -> None:
     assert set(tomllib.loads(path.read_text())) == keys_of(block("keys", "gripper"))
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from pipelines.errors import FormatError, UnknownNameError, ValueRangeError
-from pipelines.grasp_files.gripper_files import PRESETS, gripper_digest, load_gripper, preset_names
+from pipelines.grasp_files.gripper_files import GRIPPERS, gripper_digest, load_gripper, preset_names
 
 
 def test_every_preset_loads_under_its_own_name():
@@ -32,12 +32,12 @@ def test_boxes_are_vectorised_over_widths():
 
 def test_a_user_gripper_is_read_from_toml(tmp_path):
     path = tmp_path / "mine.toml"
-    path.write_text((PRESETS / "rg2.toml").read_text().replace('"rg2"', '"mine"'))
+    path.write_text((GRIPPERS / "rg2.toml").read_text().replace('"rg2"', '"mine"'))
     assert load_gripper(str(path)) == replace(load_gripper("rg2"), name="mine")
 
 
 def test_the_digest_is_of_the_measures_alone(tmp_path):
-    content = (PRESETS / "rg2.toml").read_text()
+    content = (GRIPPERS / "rg2.toml").read_text()
     (tmp_path / "same.toml").write_text(content.replace('"rg2"', '"mine"'))
     (tmp_path / "other.toml").write_text(content.replace("0.110", "0.111"))
     same, other = (gripper_digest(str(tmp_path / f"{name}.toml")) for name in ("same", "other"))

@@ -23,7 +23,7 @@ from pipelines.evaluation.rows import BASELINE_ROWS
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_file import FrameResult
 from pipelines.grasp_files.grasps_stream import read_dataset_frames, read_index, read_results
-from pipelines.grasp_files.gripper_files import PRESETS
+from pipelines.grasp_files.gripper_files import GRIPPERS
 from pipelines.runtime.batch import BatchOptions, StageReport
 from pipelines.storage.files import read_json, write_json
 from pipelines.storage.provenance import digest, make_stamp
@@ -317,7 +317,7 @@ def test_what_is_true_of_nothing_judged_makes_no_report_stale(
 
 def test_a_gripper_file_that_changed_makes_a_report_stale(root, truth_file, tmp_path):
     hand, output = tmp_path / "hand.toml", tmp_path / "report.json"
-    content = (PRESETS / "rg2.toml").read_text()
+    content = (GRIPPERS / "rg2.toml").read_text()
     config = EvaluateConfig(min_visible_pixels=100, gripper=str(hand))
     options = BatchOptions(progress=False)
     hand.write_text(content)

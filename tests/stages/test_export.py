@@ -19,7 +19,7 @@ from pipelines.grasp_files.exports.grasp_exports import folds_case
 from pipelines.grasp_files.exports.graspnet_dump import dumped_scenes
 from pipelines.grasp_files.grasp_rows import read_grasp_rows
 from pipelines.grasp_files.grasps_file import FrameResult
-from pipelines.grasp_files.gripper_files import PRESETS, gripper_digest, load_gripper
+from pipelines.grasp_files.gripper_files import GRIPPERS, gripper_digest, load_gripper
 from pipelines.grasping.grasps import from_graspnet
 from pipelines.storage.files import read_npz, write_json
 from pipelines.storage.provenance import make_stamp
@@ -126,7 +126,7 @@ def test_json_has_every_frame_its_camera_and_how_it_was_made(grasps, tmp_path):
 def narrow(tmp_path) -> str:
     """A gripper that holds the box (4 cm), not the can (5 cm) and not the ball (6 cm)."""
     text = (
-        (PRESETS / "franka.toml").read_text().replace("max_opening = 0.080", "max_opening = 0.056")
+        (GRIPPERS / "franka.toml").read_text().replace("max_opening = 0.080", "max_opening = 0.056")
     )
     (tmp_path / "narrow.toml").write_text(text.replace('"franka"', '"narrow"'))
     return str(tmp_path / "narrow.toml")
@@ -236,7 +236,7 @@ def test_what_could_not_be_exported_is_named_again(to, grasps, tmp_path):
 def own_gripper(tmp_path, monkeypatch) -> Path:
     """A gripper's file, named as from the folder it lies in."""
     monkeypatch.chdir(tmp_path)
-    text = (PRESETS / "rg2.toml").read_text().replace("rg2", "mine")
+    text = (GRIPPERS / "rg2.toml").read_text().replace("rg2", "mine")
     Path("hand.toml").write_text(text)
     return Path("hand.toml")
 

@@ -91,7 +91,7 @@ class DetectorRun:
         save_weights(path, state, metadata | {"steps": str(self.steps)})
 
 
-def run_training(options: argparse.Namespace) -> None:
+def train_detector(options: argparse.Namespace) -> None:
     """Train until the minutes are over, and write the mean of the weights."""
     began = time.monotonic()
     config = replace(FinetuneDetectorConfig(), detector=DetectorConfig(input=options.input))
@@ -138,7 +138,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=14, help="processes that draw views")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--device", default="cuda")
-    run_training(parser.parse_args())
+    train_detector(parser.parse_args())
 
 
 if __name__ == "__main__":

@@ -16,9 +16,8 @@ from pipelines.array_types import Array, Mask
 from pipelines.geometry.numerics.quantiles import median, quantiles
 from pipelines.geometry.transforms import cross, unit
 from pipelines.tabletop.depth_segments import Labels
+from pipelines.tabletop.regions.pieces import Box
 from pipelines.tabletop.regions.things import Things
-
-Box = tuple[slice, slice]
 
 RIM = 0.012  # metres below the highest points that count as one rim
 HIGHEST = 0.97  # quantile of the heights of outside and inside that is the rim's

@@ -12,7 +12,7 @@ Box = tuple[slice, slice]
 
 
 @dataclass(frozen=True)
-class Piece:
+class LabelledPiece:
     """A labelled piece: flat pixels (n,), their points (n, 3), bounding box in the image."""
 
     label: int
@@ -21,7 +21,7 @@ class Piece:
     box: Box
 
 
-def pieces_of_labels(labels: Labels, xyz: Array, min_pixels: int) -> list[Piece]:
+def pieces_of_labels(labels: Labels, xyz: Array, min_pixels: int) -> list[LabelledPiece]:
     """Return the pieces of `labels` (H, W) with at least `min_pixels`, by ascending label."""
     order, end = _by_label(labels.ravel(), int(labels.max(initial=0)))
     found = []
@@ -29,7 +29,9 @@ def pieces_of_labels(labels: Labels, xyz: Array, min_pixels: int) -> list[Piece]
         pixels = order[end[label - 1] : end[label]]
         rows, columns = np.divmod(pixels, labels.shape[1])
         box = slice(rows[0], rows[-1] + 1), slice(columns.min(), columns.max() + 1)
-        found.append(Piece(int(label), pixels, xyz.reshape(-1, 3).take(pixels, axis=0), box))
+        found.append(
+            LabelledPiece(int(label), pixels, xyz.reshape(-1, 3).take(pixels, axis=0), box)
+        )
     return found
 
 

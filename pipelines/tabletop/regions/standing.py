@@ -13,7 +13,7 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.numerics.quantiles import median, quantiles
 from pipelines.geometry.pointcloud import Plane
 from pipelines.tabletop.depth_segments import Labels, extent
-from pipelines.tabletop.regions.pieces import Box, Piece, pieces_of_labels
+from pipelines.tabletop.regions.pieces import Box, LabelledPiece, pieces_of_labels
 from pipelines.tabletop.tabletop import Tabletop
 
 FOOT = 6  # pixels below and above a piece where a nearer piece, or missing depth, may hide its foot
@@ -41,7 +41,7 @@ def standing(
     if plane is None:
         return result
     measured = _box_of(np.isfinite(xyz[..., 2]))
-    pieces, hanging = pieces_of_labels(whole, xyz, config.min_pixels), list[Piece]()
+    pieces, hanging = pieces_of_labels(whole, xyz, config.min_pixels), list[LabelledPiece]()
     for piece in pieces:
         if quantiles(plane.height(piece.points), 0.02) < config.max_floating:
             continue
@@ -71,7 +71,7 @@ def _reaches_out(box: Box, measured: Box) -> bool:
     )
 
 
-def _hangs_free(piece: Piece, xyz: Array, plane: Plane, camera: Intrinsics) -> bool:
+def _hangs_free(piece: LabelledPiece, xyz: Array, plane: Plane, camera: Intrinsics) -> bool:
     """Return whether the view passes beneath the lowest points of a piece."""
     height = plane.height(piece.points)
     low = piece.points[height <= quantiles(height, LOWEST)]
@@ -85,7 +85,7 @@ def _hangs_free(piece: Piece, xyz: Array, plane: Plane, camera: Intrinsics) -> b
     return False
 
 
-def _carries(piece: Piece, hanging: Piece, plane: Plane) -> bool:
+def _carries(piece: LabelledPiece, hanging: LabelledPiece, plane: Plane) -> bool:
     """Return whether the lowest points of what hangs lie on the top of a piece."""
     height, over = plane.height(piece.points), plane.height(hanging.points)
     top = piece.points[height >= quantiles(height, 1.0 - LOWEST)]
@@ -96,7 +96,7 @@ def _carries(piece: Piece, hanging: Piece, plane: Plane) -> bool:
     return bool(np.min(KDTree(top).query(some)[0]) < JOINT)
 
 
-def _foot_may_be_hidden(piece: Piece, xyz: Array, whole: Labels, plane: Plane) -> bool:
+def _foot_may_be_hidden(piece: LabelledPiece, xyz: Array, whole: Labels, plane: Plane) -> bool:
     """Return whether nearer pieces, or missing depth, lie along the lower side of a piece."""
     foot = FOOT if plane.normal[1] <= 0.0 else 0  # down in the image, or up
     rows, columns = (slice(max(0, s.start - FOOT), s.stop + FOOT) for s in piece.box)
@@ -111,7 +111,7 @@ def _foot_may_be_hidden(piece: Piece, xyz: Array, whole: Labels, plane: Plane) -
 
 
 def _hides_its_foot(
-    piece: Piece, xyz: Array, plane: Plane, camera: Intrinsics, config: RegionConfig
+    piece: LabelledPiece, xyz: Array, plane: Plane, camera: Intrinsics, config: RegionConfig
 ) -> bool:
     """Return whether no table is seen where vertical walls under a piece's outline would end.
 

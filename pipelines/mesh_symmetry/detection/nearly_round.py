@@ -1,4 +1,4 @@
-"""Roundness of bodies of revolution that are slightly bent, oval, engraved or dented (D. 137).
+"""Roundness of bodies of revolution that are slightly bent, oval, engraved or dented (D. 138).
 
 A body counts as round about its bent middle line. What is left, as of a slight oval, misses at some
 angles and not at others, like an n-gon; but the normals of an n-gon lean to and fro by 2 / n, those

@@ -26,11 +26,20 @@ from pipelines.learning.detector.detector_start import starting_detector
 from pipelines.learning.detector.frame_views import random_example
 from pipelines.learning.loop.loaders import draw_points
 from pipelines.network.detection.detector import MODEL_NAME
-from pipelines.network.weights_files import read_weights
+from pipelines.network.detection.mask_rcnn import build_detector
+from pipelines.network.weights_files import read_weights, weights_metadata
+from pipelines.storage.checkpoints import save_weights
 from pipelines.synthesis.endless import EndlessScenes
 from pipelines.tabletop.depth_channels import SmallFrame
 from tests.stages.toy_root import STAMP, write_root
-from tools.gpu_training import labelled_objects, rendering, schedule, small_frames, train
+from tools.gpu_training import (
+    geometry_stream,
+    labelled_objects,
+    rendering,
+    schedule,
+    small_frames,
+    train,
+)
 from tools.gpu_training.train_detector import DetectorRun
 
 FEW = EndlessConfig(
@@ -164,3 +173,24 @@ def test_a_detector_learns_from_frames_and_keeps_the_mean_of_its_weights(frames,
     found, _ = read_weights(tmp_path / "detector.safetensors", MODEL_NAME, DetectorConfig)
     assert not torch.equal(found["backbone.stem.0.weight"], before["backbone.stem.0.weight"])
     assert found.keys() == before.keys()
+
+
+def test_the_stream_of_geometry_answers_as_both_do_where_colour_is_lost(tmp_path):
+    config = replace(FinetuneDetectorConfig(), detector=DetectorConfig(input="both"))
+    both = starting_detector(config, 0).eval()
+    generator = torch.Generator().manual_seed(0)
+    for weights in both.backbone.joins.parameters():
+        weights.data.normal_(0.0, 0.1, generator=generator)
+    path, out = tmp_path / "both.safetensors", tmp_path / "geometry.safetensors"
+    save_weights(path, both.state_dict(), weights_metadata(MODEL_NAME, config.detector))
+    geometry_stream.write(path, out)
+    tensors, found = read_weights(out, MODEL_NAME, DetectorConfig)
+    assert found.input == "geometry"
+    alone = build_detector(found).eval()
+    alone.load_state_dict(tensors)
+    image = torch.randn(1, 9, 512, 512, generator=generator)
+    image[:, :3] = 0.0
+    with torch.inference_mode():
+        expected, answer = both.backbone(image)["0"], alone.backbone(image[:, 3:])["0"]
+    middle = (..., slice(56, 72), slice(56, 72))
+    torch.testing.assert_close(answer[middle], expected[middle], atol=0.02, rtol=0.02)

@@ -48,8 +48,8 @@ class InferConfig:
     )
     method: Method = choice(
         "network",
-        "Planner: the network, or without it planar, random or symmetry-icp, which fits symmetries "
-        f"to the points alone; or a compared method with --weights: {', '.join(FRAME_PEERS)}.",
+        "Planner: the network; planar, random or symmetry-icp, which fits symmetries to the points "
+        f"alone; or a compared method with --weights: {', '.join(FRAME_PEERS)}.",
         "Sec. IV-A, IV-E",
     )
     selects_for_peers: bool = choice(

@@ -2,7 +2,7 @@
 
 // As in palette.py.
 const LOW_TO_HIGH = ["#8a929c", "#a3b07d", "#b4d25f", "#7ee95c", "#3cff5a"]; // scores 0 to 1
-const BY_SOURCE = { network: "#3cff5a", planar: "#ffa01e", random: "#bebebe", "gg-cnn": "#00b39f", "multi-grasp": "#b07a5a" };
+const BY_SOURCE = { network: "#3cff5a", planar: "#ffa01e", random: "#bebebe", "gg-cnn": "#00b39f", "multi-grasp": "#b07a5a", pointnetgpd: "#ff6e5a", graspnet: "#e05a9b" };
 const PLANES = ["#ff50c8", "#5a82ff", "#ffbe28"]; // mirror planes 0, 1, 2
 const AXIS = "#ff3c3c";
 const PICKED = "#ffffff";

@@ -1,10 +1,8 @@
 """Detection on made-up household objects with the defects of real ones, and true symmetries known.
 
-`SYMGRASP_VARIED=401,402 pytest tests/mesh_symmetry/test_varied_meshes.py` tries all objects of
-these seeds; `python -m tests.mesh_symmetry.varied SEED...` prints the table.
+`python -m tests.mesh_symmetry.varied SEED...` counts what is found of all objects of a seed, which
+takes minutes; here stand the kinds of defects, one object each.
 """
-
-import os
 
 import numpy as np
 import pytest
@@ -20,10 +18,8 @@ from tests.mesh_symmetry.detection.test_symmetry_detection import (
     planes_of,
 )
 from tests.mesh_symmetry.varied import defects, shapes
-from tests.mesh_symmetry.varied.__main__ import VARIANTS, counted
 
 Y, Z = np.eye(3)[1:]
-SEEDS = [int(seed) for seed in os.environ.get("SYMGRASP_VARIED", "").split(",") if seed]
 
 
 def rng():
@@ -78,13 +74,3 @@ def test_the_two_faces_of_a_thin_wall_are_not_taken_for_noise():
     faces = np.where(upward[:, None], wall.faces[:, ::-1], wall.faces)
     surface = Surface.from_mesh(Mesh(wall.vertices, faces), 30_000, rng())
     assert surface.noise < 1e-4 * wall.diagonal
-
-
-@pytest.mark.parametrize("variant", VARIANTS)
-@pytest.mark.parametrize("seed", SEEDS)
-def test_axes_and_planes_of_varied_objects_are_found(seed, variant):
-    counts = counted(variant, seed)
-    right = counts["axis"] + counts["plane"]
-    false = sum(count for what, count in counts.items() if what.startswith("false"))
-    assert counts["missed axis"] <= 1
-    assert right / (right + false) >= 0.95

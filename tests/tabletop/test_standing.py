@@ -1,4 +1,4 @@
-"""What hangs into the image from outside does not stand, nor does the foot that carries it."""
+"""Things that hang into the image from outside do not stand, nor does their foot."""
 
 import numpy as np
 

@@ -9,7 +9,6 @@ import numpy as np
 import torch
 
 from pipelines.array_types import Array, Singles
-from pipelines.configs.peers import PeerNetworkConfig
 from pipelines.frames.rgbd import Frame
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
@@ -19,7 +18,7 @@ from pipelines.grasping.scene import SceneCloud
 from pipelines.network.devices import find_device
 from pipelines.network.peers.ggcnn import GGCNN, GGCNN_MODEL, SIDES_BY
 from pipelines.network.peers.ggcnn_input import normalised
-from pipelines.network.weights_files import fill, read_weights
+from pipelines.network.peers.trained import trained_network
 from pipelines.tabletop.whole_depth import whole_depth
 
 
@@ -39,10 +38,8 @@ class GGCNNMethod:
             FormatError: the file holds no weights of this network.
         """
         found = find_device(device)
-        tensors, config = read_weights(path, GGCNN_MODEL, PeerNetworkConfig)
-        network = GGCNN(config)
-        fill(network, tensors, path)
-        return cls(network.to(found).eval(), gripper, found)
+        network, _ = trained_network(path, GGCNN_MODEL, GGCNN, found)
+        return cls(network, gripper, found)
 
     def grasps(
         self, frame: Frame, scene: SceneCloud, rng: np.random.Generator

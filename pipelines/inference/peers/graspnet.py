@@ -8,7 +8,6 @@ import numpy as np
 import torch
 
 from pipelines.array_types import Array
-from pipelines.configs.peers import PeerNetworkConfig
 from pipelines.dataset.graspnet.graspnet_views import GRASP_DEPTHS, view_rotations
 from pipelines.frames.rgbd import Frame
 from pipelines.grasping.grasps import GraspPoses
@@ -18,7 +17,7 @@ from pipelines.grasping.peers.hands import Hands, drawn_points, free_hands, hand
 from pipelines.grasping.scene import MAX_RANGE, SceneCloud
 from pipelines.network.devices import find_device
 from pipelines.network.peers.graspnet import GRASPNET_MODEL, WIDEST_OPENING, GraspNetBaseline
-from pipelines.network.weights_files import fill, read_weights
+from pipelines.network.peers.trained import trained_network
 
 WIDER = 1.2  # times the predicted opening, at most the widest
 COLLISION_CELL, COLLISION_WAY_IN = 0.01, 0.05  # metres, of the collision test
@@ -40,10 +39,8 @@ class GraspNetMethod:
             FormatError: the file holds no weights of this network.
         """
         found = find_device(device)
-        tensors, config = read_weights(path, GRASPNET_MODEL, PeerNetworkConfig)
-        network = GraspNetBaseline(config)
-        fill(network, tensors, path)
-        return cls(network.to(found).eval(), gripper, found)
+        network, _ = trained_network(path, GRASPNET_MODEL, GraspNetBaseline, found)
+        return cls(network, gripper, found)
 
     def grasps(
         self, frame: Frame, scene: SceneCloud, rng: np.random.Generator

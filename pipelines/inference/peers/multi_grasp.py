@@ -25,7 +25,7 @@ from pipelines.network.peers.multi_grasp import (
     build_multi_grasp,
 )
 from pipelines.network.peers.rgd import rgd_pixels, rgd_tensor
-from pipelines.network.weights_files import fill, read_weights
+from pipelines.network.peers.trained import trained_network
 from pipelines.tabletop.depth_channels import shrink
 
 
@@ -46,10 +46,8 @@ class MultiGraspMethod:
             FormatError: the file holds no weights of this network.
         """
         found = find_device(device)
-        tensors, config = read_weights(path, MULTI_GRASP_MODEL, PeerNetworkConfig)
-        network = build_multi_grasp(config)
-        fill(network, tensors, path)
-        return cls(network.to(found).eval(), config, gripper, found)
+        network, config = trained_network(path, MULTI_GRASP_MODEL, build_multi_grasp, found)
+        return cls(network, config, gripper, found)
 
     @torch.inference_mode()
     def grasps(

@@ -8,7 +8,6 @@ import numpy as np
 import torch
 
 from pipelines.array_types import Array, Singles
-from pipelines.configs.peers import PeerNetworkConfig
 from pipelines.frames.rgbd import Frame
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
@@ -23,7 +22,7 @@ from pipelines.grasping.peers.hands import (
 from pipelines.grasping.scene import MAX_RANGE, SceneCloud
 from pipelines.network.devices import find_device
 from pipelines.network.peers.pointnetgpd import POINTNETGPD_MODEL, PointNetGPD
-from pipelines.network.weights_files import fill, read_weights
+from pipelines.network.peers.trained import trained_network
 
 NUM_CANDIDATES = 2000
 MOST_SCORED = {"light": 400, "full": 2000}  # of the free ones
@@ -47,10 +46,8 @@ class PointNetGPDMethod:
             FormatError: the file holds no weights of this network.
         """
         found = find_device(device)
-        tensors, config = read_weights(path, POINTNETGPD_MODEL, PeerNetworkConfig)
-        network = PointNetGPD(config)
-        fill(network, tensors, path)
-        return cls(network.to(found).eval(), gripper, found)
+        network, _ = trained_network(path, POINTNETGPD_MODEL, PointNetGPD, found)
+        return cls(network, gripper, found)
 
     def grasps(
         self, frame: Frame, scene: SceneCloud, rng: np.random.Generator

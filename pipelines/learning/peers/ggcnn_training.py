@@ -15,18 +15,16 @@ from pipelines.configs.peers import PeerNetworkConfig, PeerSchedule
 from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot, read_rect
 from pipelines.grasping.peers.grasp_maps import MAP_SIDE, GraspMaps, scaled_rows
 from pipelines.grasping.peers.rectangles import on_their_object
-from pipelines.learning.detector.detector_training import spread
 from pipelines.learning.loop.faults import Fault
 from pipelines.learning.peers.peer import (
     Arrays,
     Peer,
     PeerFrames,
-    drawn_batches,
-    read_peer_frame,
-    refuse_unlabelled,
+    PeerTraining,
+    labelled,
+    mean_figures,
 )
 from pipelines.learning.speed.processes import Processes
-from pipelines.learning.speed.shares import check_shares, micro_batch_size
 from pipelines.network.peers.ggcnn import GGCNN, GGCNN_MODEL, MAPS
 from pipelines.network.peers.ggcnn_input import normalised
 from pipelines.tabletop.depth_channels import find_plane, shrink
@@ -47,11 +45,8 @@ class Crops:
     maps: Tensor
 
 
-class GGCNNTraining:
+class GGCNNTraining(PeerTraining):
     """A `Trainee`: GG-CNN with the frames it learns from and those it is judged on."""
-
-    best_by = "loss"
-    higher_is_better = False
 
     def __init__(
         self,
@@ -60,26 +55,16 @@ class GGCNNTraining:
         device: torch.device,
         processes: Processes,
     ) -> None:
-        refuse_unlabelled(frames.train, "rows")
+        labelled(frames.train, "rows")
         network: nn.Module = GGCNN(config.network)
-        self.module = network.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self.frames, self.config, self.device = frames, config, device
-        self.parallel = device.type == "cpu"
-        on_cpu = CPU_MICRO_BATCH if self.parallel else 0
-        size = micro_batch_size(config.micro_batch_size, config.batch_size, on_cpu, processes)
-        self.micro_batch_size = size
-        check_shares(config.batch_size, size, processes)
-
-    def epoch(self, number: int, rng: np.random.Generator) -> Sequence[NDArray[np.int64]]:
-        """Return the batches of frame numbers until the next validation."""
-        return drawn_batches(len(self.frames.train), self.config, number, rng)
+        network = network.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
+        super().__init__(
+            network, frames, config, device, processes, cpu_micro_batch=CPU_MICRO_BATCH
+        )
 
     def load(self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]) -> Crops:
         """Return a random crop of each frame."""
-        pairs = zip(items, generators, strict=True)
-        return stacked(
-            [random_crop(read_peer_frame(*self.frames.train[int(i)]), rng) for i, rng in pairs]
-        )
+        return stacked([random_crop(*drawn) for drawn in self.drawn_frames(items, generators)])
 
     def loss(
         self, module: nn.Module, micro_batch: Crops, generator: torch.Generator
@@ -95,13 +80,8 @@ class GGCNNTraining:
     @torch.no_grad()
     def validate(self) -> dict[str, float]:
         """Return the loss on the middle crops of (at most `max_val_frames` of) the other frames."""
-        totals = []
-        for key in spread(self.frames.val, self.config.max_val_frames):
-            crops = stacked([middle_crop(read_peer_frame(*key))])
-            errors = map_errors(self.module, crops, self.device)
-            totals.append({name: float(error) for name, error in errors.items()})
-        means = {name: float(np.mean([each[name] for each in totals])) for name in totals[0]}
-        return {"loss": means.pop("total")} | means
+        crops = (stacked([middle_crop(frame)]) for frame in self.judged_frames())
+        return mean_figures([map_errors(self.module, each, self.device) for each in crops])
 
 
 def ggcnn_frame(root: GraspNetRoot, files: FrameFiles, network: PeerNetworkConfig) -> Arrays:

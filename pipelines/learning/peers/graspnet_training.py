@@ -12,21 +12,18 @@ from torch.nn import functional
 from pipelines.configs import TrainBaselineConfig, from_settings
 from pipelines.configs.peers import PeerNetworkConfig, PeerSchedule
 from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot
-from pipelines.errors import ValueRangeError
-from pipelines.learning.detector.detector_training import spread
 from pipelines.learning.loop.faults import Fault
 from pipelines.learning.peers.graspnet_clouds import LabelledScene, labelled_scene
 from pipelines.learning.peers.graspnet_labels import graspnet_frame_arrays
 from pipelines.learning.peers.peer import (
     Arrays,
-    FrameKeys,
     Peer,
     PeerFrames,
-    drawn_batches,
-    read_peer_frame,
+    PeerTraining,
+    labelled,
+    mean_figures,
 )
 from pipelines.learning.speed.processes import Processes
-from pipelines.learning.speed.shares import check_shares, micro_batch_size
 from pipelines.network.peers.graspnet import (
     DEPTHS,
     GRASPNET_MODEL,
@@ -42,11 +39,8 @@ MOST_TURN = np.radians(30.0)  # about the table's normal, either way
 CPU_CLOUDS = 1
 
 
-class GraspNetTraining:
+class GraspNetTraining(PeerTraining):
     """A `Trainee`: GraspNet's baseline with the frames it learns from and those it is judged on."""
-
-    best_by = "loss"
-    higher_is_better = False
 
     def __init__(
         self,
@@ -55,29 +49,19 @@ class GraspNetTraining:
         device: torch.device,
         processes: Processes,
     ) -> None:
-        self.module: nn.Module = _Losses(config.network).to(device)
-        self.train, self.val = with_labels(frames.train), with_labels(frames.val)
-        self.config, self.device = config, device
-        self.parallel = device.type == "cpu"
-        on_cpu = CPU_CLOUDS if self.parallel else 0
-        size = micro_batch_size(config.micro_batch_size, config.batch_size, on_cpu, processes)
-        self.micro_batch_size = size
-        check_shares(config.batch_size, size, processes)
-
-    def epoch(self, number: int, rng: np.random.Generator) -> Sequence[NDArray[np.int64]]:
-        """Return the batches of frame numbers until the next validation."""
-        return drawn_batches(len(self.train), self.config, number, rng)
+        network = _Losses(config.network).to(device)
+        # Only frames where something holds: of the others nothing can be learned.
+        kept = PeerFrames(*(labelled(keys, "cell") for keys in (frames.train, frames.val)))
+        super().__init__(network, kept, config, device, processes, cpu_micro_batch=CPU_CLOUDS)
 
     def load(
         self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]
     ) -> list[LabelledScene]:
         """Return each frame, turned at random about the table's normal."""
-        pairs = zip(items, generators, strict=True)
-        frames = [(read_peer_frame(*self.train[int(i)]), rng) for i, rng in pairs]
         count = GRASPNET_SIZES[self.config.network.variant].input
         return [
             labelled_scene(frame, count, rng, rng.uniform(-MOST_TURN, MOST_TURN))
-            for frame, rng in frames
+            for frame, rng in self.drawn_frames(items, generators)
         ]
 
     def loss(
@@ -98,13 +82,12 @@ class GraspNetTraining:
     @torch.no_grad()
     def validate(self) -> dict[str, float]:
         """Return the loss terms on the other frames, as they are."""
-        count, found = GRASPNET_SIZES[self.config.network.variant].input, []
-        for key in spread(self.val, self.config.max_val_frames):
-            cloud = labelled_scene(read_peer_frame(*key), count, np.random.default_rng(0), 0.0)
-            terms = mean_terms(self.module, [cloud.to(self.device)])
-            found.append({name: float(term) for name, term in terms.items()})
-        means = {name: float(np.mean([each[name] for each in found])) for name in found[0]}
-        return {"loss": means.pop("total")} | means
+        count = GRASPNET_SIZES[self.config.network.variant].input
+        clouds = (
+            labelled_scene(frame, count, np.random.default_rng(0), 0.0)
+            for frame in self.judged_frames()
+        )
+        return mean_figures([mean_terms(self.module, [each.to(self.device)]) for each in clouds])
 
 
 class _Losses(GraspNetBaseline):
@@ -167,19 +150,6 @@ def mean_terms(module: nn.Module, clouds: Sequence[LabelledScene]) -> dict[str, 
     operation = terms["score"] + terms["angle"] + terms["width"] + terms["tolerance"]
     total = terms["objectness"] + terms["views"] + OPERATION_WEIGHT * operation
     return {"total": total} | terms
-
-
-def with_labels(keys: FrameKeys) -> FrameKeys:
-    """Return the frames where something holds.
-
-    Raises:
-        ValueRangeError: nowhere does anything.
-    """
-    kept = [key for key in keys if len(read_peer_frame(*key)["cell"])]
-    if not kept:
-        expected = "at least 1; a root with more grasp points (--grasp-points 400) has some"
-        raise ValueRangeError("number of frames where a labelled grasp holds", 0, expected)
-    return kept
 
 
 def graspnet_frame(

@@ -23,18 +23,15 @@ from pipelines.grasping.peers.oriented_boxes import (
     spread_rows,
 )
 from pipelines.grasping.peers.rectangles import on_their_object, rectangle_hits
-from pipelines.learning.detector.detector_training import spread
 from pipelines.learning.loop.faults import Fault
 from pipelines.learning.peers.peer import (
     Arrays,
     Peer,
     PeerFrames,
-    drawn_batches,
-    read_peer_frame,
-    refuse_unlabelled,
+    PeerTraining,
+    labelled,
 )
 from pipelines.learning.speed.processes import Processes
-from pipelines.learning.speed.shares import check_shares, micro_batch_size
 from pipelines.network.detection.mask_rcnn import seed_samplers
 from pipelines.network.peers.multi_grasp import (
     LONG_SIDES,
@@ -60,7 +57,7 @@ class GraspImage:
     target: dict[str, Tensor]
 
 
-class MultiGraspTraining:
+class MultiGraspTraining(PeerTraining):
     """A `Trainee`: Multi-Grasp with the frames it learns from and those it is judged on."""
 
     best_by = "hits"
@@ -73,27 +70,19 @@ class MultiGraspTraining:
         device: torch.device,
         processes: Processes,
     ) -> None:
-        refuse_unlabelled(frames.train, "rows")
+        labelled(frames.train, "rows")
         network: nn.Module = build_multi_grasp(config.network)
-        self.module = network.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self.frames, self.config, self.device = frames, config, device
-        self.parallel = device.type == "cpu"
-        on_cpu = CPU_MICRO_BATCH if self.parallel else 0
-        size = micro_batch_size(config.micro_batch_size, config.batch_size, on_cpu, processes)
-        self.micro_batch_size = size
-        check_shares(config.batch_size, size, processes)
-
-    def epoch(self, number: int, rng: np.random.Generator) -> Sequence[NDArray[np.int64]]:
-        """Return the batches of frame numbers until the next validation."""
-        return drawn_batches(len(self.frames.train), self.config, number, rng)
+        network = network.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
+        super().__init__(
+            network, frames, config, device, processes, cpu_micro_batch=CPU_MICRO_BATCH
+        )
 
     def load(
         self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]
     ) -> list[GraspImage]:
         """Return each frame, turned and moved at random."""
-        pairs = zip(items, generators, strict=True)
-        frames = [(read_peer_frame(*self.frames.train[int(i)]), rng) for i, rng in pairs]
-        return [grasp_image(*moved_at_random(frame, rng)) for frame, rng in frames]
+        drawn = self.drawn_frames(items, generators)
+        return [grasp_image(*moved_at_random(frame, rng)) for frame, rng in drawn]
 
     def loss(
         self, module: nn.Module, micro_batch: list[GraspImage], generator: torch.Generator
@@ -113,8 +102,7 @@ class MultiGraspTraining:
     def validate(self) -> dict[str, float]:
         """Return the share of each frame's best grasps that are hits, and of frames with any."""
         hits, first = [], []
-        for key in spread(self.frames.val, self.config.max_val_frames):
-            frame = read_peer_frame(*key)
+        for frame in self.judged_frames():
             (found,) = self.module([rgd_tensor(frame["pixels"]).to(self.device)])
             rows = found_rows(found)[:FIRST]
             right = rectangle_hits(rows, frame["rows"].astype(np.float64))

@@ -9,16 +9,19 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor, nn
 
 from pipelines.configs import TrainBaselineConfig
 from pipelines.configs.peers import PeerNetworkConfig, PeerSchedule
 from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot, SceneFiles
 from pipelines.dataset.scene_digests import digest_of_images
 from pipelines.errors import MissingInputError, ValueRangeError
+from pipelines.learning.detector.detector_training import spread
 from pipelines.learning.loop.faults import Fault
 from pipelines.learning.loop.loaders import epoch_batches
 from pipelines.learning.loop.trainee import Trainee
 from pipelines.learning.speed.processes import Processes
+from pipelines.learning.speed.shares import check_shares, micro_batch_size
 from pipelines.storage.h5_columns import check_version
 from pipelines.storage.h5_files import new_h5, open_h5
 from pipelines.storage.provenance import Stamp
@@ -108,11 +111,17 @@ def read_peer_frame(path: Path, row: int) -> Arrays:
         return {name: each[()] for name, each in file[f"{row:04d}"].items()}
 
 
-def refuse_unlabelled(keys: FrameKeys, name: str) -> None:
-    """Raise ValueRangeError if the array `name` of labels is empty in all frames."""
-    if not any(len(read_peer_frame(*key)[name]) for key in keys):
+def labelled(keys: FrameKeys, name: str) -> FrameKeys:
+    """Return the frames whose array `name` of labels is not empty.
+
+    Raises:
+        ValueRangeError: all are.
+    """
+    kept = [key for key in keys if len(read_peer_frame(*key)[name])]
+    if not kept:
         expected = "at least 1; a root with more grasp points (--grasp-points 400) has some"
-        raise ValueRangeError("number of labelled grasps that are seen", 0, expected)
+        raise ValueRangeError("number of frames with a labelled grasp that is seen", 0, expected)
+    return kept
 
 
 def drawn_batches(
@@ -127,3 +136,50 @@ def drawn_batches(
     while len(batches) < steps:
         batches += epoch_batches(range(count), config.batch_size, rng)
     return batches[:steps]
+
+
+class PeerTraining:
+    """What the trainees of all compared methods have: a network, frames, batches of them."""
+
+    best_by = "loss"
+    higher_is_better = False
+
+    def __init__(
+        self,
+        module: nn.Module,
+        frames: PeerFrames,
+        config: TrainBaselineConfig,
+        device: torch.device,
+        processes: Processes,
+        *,
+        cpu_micro_batch: int,
+    ) -> None:
+        self.module, self.frames, self.config, self.device = module, frames, config, device
+        self.parallel = device.type == "cpu"
+        on_cpu = cpu_micro_batch if self.parallel else 0
+        size = micro_batch_size(config.micro_batch_size, config.batch_size, on_cpu, processes)
+        self.micro_batch_size = size
+        check_shares(config.batch_size, size, processes)
+
+    def epoch(self, number: int, rng: np.random.Generator) -> Sequence[NDArray[np.int64]]:
+        """Return the batches of frame numbers until the next validation."""
+        return drawn_batches(len(self.frames.train), self.config, number, rng)
+
+    def drawn_frames(
+        self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]
+    ) -> list[tuple[Arrays, np.random.Generator]]:
+        """Return the frames `items` of those to train on, each with its generator."""
+        pairs = zip(items, generators, strict=True)
+        return [(read_peer_frame(*self.frames.train[int(i)]), rng) for i, rng in pairs]
+
+    def judged_frames(self) -> list[Arrays]:
+        """Return at most `max_val_frames` of the frames to validate on, evenly spread."""
+        return [
+            read_peer_frame(*key) for key in spread(self.frames.val, self.config.max_val_frames)
+        ]
+
+
+def mean_figures(found: Sequence[Mapping[str, Tensor]]) -> dict[str, float]:
+    """Return the means of the loss terms of frames, `total` as `loss`."""
+    means = {name: float(np.mean([float(each[name]) for each in found])) for name in found[0]}
+    return {"loss": means.pop("total")} | means

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -13,20 +12,17 @@ from pipelines.array_types import Indices
 from pipelines.configs import TrainBaselineConfig, from_settings
 from pipelines.configs.peers import PeerNetworkConfig, PeerSchedule
 from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot
-from pipelines.errors import ValueRangeError
 from pipelines.grasping.peers.hands import Hands, drawn_points
 from pipelines.learning.loop.faults import Fault
 from pipelines.learning.peers.peer import (
     Arrays,
-    FrameKeys,
     Peer,
     PeerFrames,
-    drawn_batches,
-    read_peer_frame,
+    PeerTraining,
+    labelled,
 )
 from pipelines.learning.peers.pointnetgpd_labels import GOOD, labelled_hands
 from pipelines.learning.speed.processes import Processes
-from pipelines.learning.speed.shares import check_shares, micro_batch_size
 from pipelines.network.peers.pointnetgpd import POINTNETGPD_MODEL, PointNetGPD
 
 HANDS_A_FRAME = 16  # drawn for a step, half of them good
@@ -43,11 +39,8 @@ class HandCrops:
     kind: Tensor
 
 
-class PointNetGPDTraining:
+class PointNetGPDTraining(PeerTraining):
     """A `Trainee`: PointNetGPD with the frames it learns from and those it is judged on."""
-
-    best_by = "loss"
-    higher_is_better = False
 
     def __init__(
         self,
@@ -56,29 +49,17 @@ class PointNetGPDTraining:
         device: torch.device,
         processes: Processes,
     ) -> None:
-        self.network = PointNetGPD(config.network).to(device)
-        self.module: nn.Module = self.network
-        self.train, self.val = _with_hands(frames.train), _with_hands(frames.val)
-        self.config, self.device = config, device
-        self.parallel = device.type == "cpu"
-        on_cpu = CPU_FRAMES if self.parallel else 0
-        size = micro_batch_size(config.micro_batch_size, config.batch_size, on_cpu, processes)
-        self.micro_batch_size = size
-        check_shares(config.batch_size, size, processes)
-
-    def epoch(self, number: int, rng: np.random.Generator) -> Sequence[NDArray[np.int64]]:
-        """Return the batches of frame numbers until the next validation."""
-        return drawn_batches(len(self.train), self.config, number, rng)
+        network = PointNetGPD(config.network).to(device)
+        self.num_points = network.num_points
+        kept = PeerFrames(*(labelled(keys, "kind") for keys in (frames.train, frames.val)))
+        super().__init__(network, kept, config, device, processes, cpu_micro_batch=CPU_FRAMES)
 
     def load(
         self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]
     ) -> HandCrops:
         """Return the crops of some hands of each frame."""
-        pairs = zip(items, generators, strict=True)
-        return joined_crops([self._crops(self.train[int(i)], rng) for i, rng in pairs])
-
-    def _crops(self, key: tuple[Path, int], rng: np.random.Generator) -> HandCrops:
-        return drawn_crops(read_peer_frame(*key), self.network.num_points, rng)
+        drawn = self.drawn_frames(items, generators)
+        return joined_crops([drawn_crops(frame, self.num_points, rng) for frame, rng in drawn])
 
     def loss(
         self, module: nn.Module, micro_batch: HandCrops, generator: torch.Generator
@@ -94,11 +75,9 @@ class PointNetGPDTraining:
     @torch.no_grad()
     def validate(self) -> dict[str, float]:
         """Return loss, accuracy, and precision and recall of good hands on the other frames."""
-        count = min(len(self.val), self.config.max_val_frames)
-        keys = [self.val[i * len(self.val) // count] for i in range(count)]
         losses, found, true = [], [], []
-        for number, key in enumerate(keys):
-            crops = self._crops(key, np.random.default_rng(number))
+        for number, frame in enumerate(self.judged_frames()):
+            crops = drawn_crops(frame, self.num_points, np.random.default_rng(number))
             loss, scores = class_loss(self.module, crops, self.device)
             losses.append(float(loss))
             found.append(scores.argmax(dim=1).cpu().numpy())
@@ -161,19 +140,6 @@ def class_loss(module: nn.Module, crops: HandCrops, device: torch.device) -> tup
     """Return the mean negative log-likelihood, and the log-probabilities (B, 3)."""
     scores = module(crops.points.to(device))
     return nn.functional.nll_loss(scores, crops.kind.to(device)), scores
-
-
-def _with_hands(keys: FrameKeys) -> FrameKeys:
-    """Return the frames that have labelled hands.
-
-    Raises:
-        ValueRangeError: none has.
-    """
-    kept = [key for key in keys if len(read_peer_frame(*key)["kind"])]
-    if not kept:
-        expected = "at least 1; a root with more grasp points (--grasp-points 400) has some"
-        raise ValueRangeError("number of frames with labelled grasps", 0, expected)
-    return kept
 
 
 def replay_hands(fault: Fault) -> dict[str, float]:

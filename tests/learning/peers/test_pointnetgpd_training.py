@@ -70,7 +70,7 @@ def test_frames_without_labelled_hands_are_left_out_and_none_is_an_error(frame, 
     write_peer_frames(path, [frame, empty], make_stamp("test", {}))
     both, second = [(path, 0), (path, 1)], [(path, 1)]
     training = PointNetGPDTraining(PeerFrames(both, both), CONFIG, CPU, Processes())
-    assert training.train == [(path, 0)]
+    assert training.frames.train == [(path, 0)]
     with pytest.raises(ValueRangeError, match="--grasp-points"):
         PointNetGPDTraining(PeerFrames(both, second), CONFIG, CPU, Processes())
 

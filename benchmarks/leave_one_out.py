@@ -35,7 +35,7 @@ from pipelines.evaluation.truth import FrameTruth, TruthReader
 from pipelines.geometry.pointcloud import Plane
 from pipelines.inference import models
 from pipelines.inference.predicted_regions import Predictor, RegionOutput
-from pipelines.inference.work import InferPaths
+from pipelines.inference.run_settings import InferPaths
 from pipelines.metrics.grasp_verdicts import TrueScene
 from pipelines.metrics.symmetry_matching import TrueRegion
 from pipelines.runtime.batch import BatchOptions

@@ -22,13 +22,11 @@ from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_stream import read_results
 from pipelines.inference.earlier import refuse_other_settings, refuse_others_work
 from pipelines.inference.pictures import draw_missing, of_output
+from pipelines.inference.run_settings import InferPaths, Settings, check_names
 from pipelines.inference.side_by_side import load, side_by_side
 from pipelines.inference.work import (
     STAGE,
-    InferPaths,
-    Settings,
     Work,
-    check_names,
     finished_of,
     infer_frame,
     overlay_path,

@@ -22,14 +22,12 @@ from pipelines.frames.frames import FrameSource
 from pipelines.grasp_files import grasps_file
 from pipelines.inference.earlier import earlier_frames, refuse_others_work, refuse_stale
 from pipelines.inference.pictures import draw_missing, of_shards
+from pipelines.inference.run_settings import InferPaths, Settings, check_names
 from pipelines.inference.side_by_side import side_by_side
 from pipelines.inference.watching import Arrival, Clock, Lister, Watcher
 from pipelines.inference.work import (
     STAGE,
-    InferPaths,
-    Settings,
     Work,
-    check_names,
     has_shard,
     infer_frame,
 )

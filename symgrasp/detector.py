@@ -16,7 +16,7 @@ from pipelines.errors import ValueRangeError
 from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.gripper import Gripper
-from pipelines.inference import work
+from pipelines.inference.run_settings import InferPaths, Settings, check_names
 from symgrasp.frame_input import IntrinsicsLike, frame_of, instance_masks, workspace_of
 from symgrasp.grasps import Grasps, ordered_grasps
 
@@ -72,7 +72,7 @@ class GraspDetector:
             name = str(gripper or config.gripper)
             self.gripper = load_gripper(name)
         self.settings = replace(config, gripper=name)
-        work.check_names(self.settings)
+        check_names(self.settings)
         weights = {
             "detector": detector,
             "network": network,
@@ -80,10 +80,10 @@ class GraspDetector:
             "plane_critic": plane_critic,
             "grasp_critic": grasp_critic,
         }
-        paths = work.InferPaths(Path(), Path()).with_weights(
+        paths = InferPaths(Path(), Path()).with_weights(
             **{name: None if path is None else Path(path) for name, path in weights.items()}
         )
-        self._work = work.Settings(paths, self.settings, seed, device, timings=False)
+        self._work = Settings(paths, self.settings, seed, device, timings=False)
         self._planner = replace(self._work.planner(), gripper=self.gripper)
 
     def __call__(

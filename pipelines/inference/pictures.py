@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pipelines.grasp_files.grasps_stream import read_index, read_results
-from pipelines.inference.work import STAGE, Settings, overlay_path, writing
+from pipelines.inference.run_settings import Settings
+from pipelines.inference.work import STAGE, overlay_path, writing
 from pipelines.pictures.overlays import is_drawn, write_overlay
 from pipelines.runtime.batch import BatchOptions, WorkItem, run_batch
 

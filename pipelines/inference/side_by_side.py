@@ -5,7 +5,7 @@ from dataclasses import replace
 from joblib import cpu_count, delayed
 
 from pipelines.inference import models
-from pipelines.inference.work import Settings
+from pipelines.inference.run_settings import Settings
 from pipelines.runtime.batch import CHOSEN, BatchOptions
 from pipelines.runtime.clusters import CLUSTERS, workers_of
 

@@ -5,15 +5,13 @@ Each finished frame is a shard beside the output until the output is put togethe
 
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from pipelines.configs import InferConfig, check_settings
-from pipelines.configs.inference import FRAME_PEERS
 from pipelines.dataset.chosen_frames import ALL_FRAMES, ChosenFrames
 from pipelines.errors import ValueRangeError, WriteError
 from pipelines.frames.camera_files import CameraFile
@@ -25,154 +23,13 @@ from pipelines.frames.workspace_files import read_workspace_mask
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_file import FrameResult
 from pipelines.grasp_files.grasps_stream import merge_shards
-from pipelines.grasp_files.gripper_files import gripper_digest, load_gripper
-from pipelines.grasping.feasibility.limits import check_limits
-from pipelines.inference import models
-from pipelines.inference.frame_grasps import Planner
-from pipelines.inference.peers.registry import frame_method, written_by
+from pipelines.inference.run_settings import Settings
 from pipelines.pictures.overlays import write_overlay
 from pipelines.runtime.batch import WorkItem
 from pipelines.storage.files import within
-from pipelines.storage.provenance import Stamp, digest, digest_text, make_stamp, read_stamp
+from pipelines.storage.provenance import Stamp, digest_text, make_stamp, read_stamp
 
 STAGE = "infer"
-
-
-@dataclass(frozen=True)
-class InferPaths:
-    """Where `infer` reads from and writes to; None where something is not wanted.
-
-    Attributes:
-        frames: folder of RGB-D frames.
-        output: `grasps.h5`.
-        overlays: folder for pictures.
-        masks: folder of the user's instance masks, instead of found regions.
-        workspace: picture, black where nothing may be grasped.
-        detector: weights of the region detector.
-        network: weights of the grasp network.
-        axis_critic: weights of the critic of axes and spheres.
-        plane_critic: weights of the plane critic.
-        grasp_critic: weights of the grasp critic.
-        peer: weights of a compared method.
-    """
-
-    frames: Path
-    output: Path
-    overlays: Path | None = None
-    masks: Path | None = None
-    workspace: Path | None = None
-    detector: Path = models.DETECTOR_WEIGHTS
-    network: Path = models.NETWORK_WEIGHTS
-    axis_critic: Path = models.AXIS_CRITIC_WEIGHTS
-    plane_critic: Path = models.PLANE_CRITIC_WEIGHTS
-    grasp_critic: Path = models.GRASP_CRITIC_WEIGHTS
-    peer: Path | None = None
-
-    def with_weights(self, **weights: Path | None) -> "InferPaths":
-        """Return the same paths with other weights, by field; None keeps what is there."""
-        return replace(self, **{name: path for name, path in weights.items() if path is not None})
-
-
-@dataclass(frozen=True)
-class Settings:
-    """Settings and inputs that all frames of a run share; picklable."""
-
-    paths: InferPaths
-    config: InferConfig
-    seed: int
-    device: str
-    timings: bool
-
-    @property
-    def uses_detector(self) -> bool:
-        """Whether the region detector runs."""
-        return self.config.regions in ("auto", "detector") and self.paths.masks is None
-
-    @property
-    def uses_network(self) -> bool:
-        """Whether the grasp network runs."""
-        return self.config.method == "network"
-
-    @property
-    def uses_symmetry_critics(self) -> bool:
-        """Whether symmetries are fitted to the seen surface."""
-        return self.uses_network and self.config.selection.symmetry.is_fitted
-
-    @property
-    def uses_grasp_critic(self) -> bool:
-        """Whether grasps are ranked by the quality to expect."""
-        rests_on_symmetry = self.config.method in ("network", "symmetry-icp")
-        return rests_on_symmetry and self.config.selection.ranking.uses_critic
-
-    @property
-    def uses_peer(self) -> bool:
-        """Whether a compared method finds the grasps of whole frames."""
-        return self.config.method in FRAME_PEERS
-
-    @property
-    def peer_weights(self) -> Path:
-        """The weights of the compared method.
-
-        Raises:
-            ValueRangeError: they are not given.
-        """
-        if self.paths.peer is None:
-            made_by = f"weights that `{written_by(self.config.method)}` writes"
-            raise ValueRangeError("--weights", "not given", made_by)
-        return self.paths.peer
-
-    def weights(self) -> dict[str, str]:
-        """Return the digests of the weights that are used."""
-        wanted = {}
-        if self.uses_detector:
-            path = models.existing_weights(self.paths.detector, models.DETECTOR_BY)
-            wanted["detector"] = digest(path)
-        if self.uses_network:
-            path = models.existing_weights(self.paths.network, models.NETWORK_BY)
-            wanted["network"] = digest(path)
-        if self.uses_symmetry_critics:
-            path = models.existing_weights(self.paths.axis_critic, models.AXIS_CRITIC_BY)
-            wanted["axis_critic"] = digest(path)
-            path = models.existing_weights(self.paths.plane_critic, models.PLANE_CRITIC_BY)
-            wanted["plane_critic"] = digest(path)
-        if self.uses_grasp_critic:
-            path = models.existing_weights(self.paths.grasp_critic, models.GRASP_CRITIC_BY)
-            wanted["grasp_critic"] = digest(path)
-        if self.uses_peer:
-            path = models.existing_weights(self.peer_weights, written_by(self.config.method))
-            wanted["peer"] = digest(path)
-        return wanted
-
-    def other_inputs(self) -> dict[str, str]:
-        """Return the digests of the gripper, the user's masks and the workspace."""
-        others = {"gripper": gripper_digest(self.config.gripper)}
-        if self.paths.masks is not None:
-            pictures = sorted(p for p in self.paths.masks.rglob("*.png") if p.is_file())
-            others["masks"] = digest_text("".join(f"{p.name} {digest(p)}" for p in pictures))
-        if self.paths.workspace is not None:
-            others["workspace"] = digest(self.paths.workspace)
-        return others
-
-    def one_core(self) -> AbstractContextManager[None]:
-        """Let networks, where there are some, use one core for each frame."""
-        uses = self.uses_detector or self.uses_network or self.uses_peer
-        return models.one_thread_each() if uses else nullcontext()
-
-    def planner(self) -> Planner:
-        """Return the planner, its networks loaded once a process."""
-        paths, device, mirrored = self.paths, self.device, self.config.mirrored
-        gripper, method = load_gripper(self.config.gripper), self.config.method
-        return Planner(
-            self.config,
-            gripper,
-            models.detector(paths.detector, device) if self.uses_detector else None,
-            models.predictor(paths.network, device, mirrored) if self.uses_network else None,
-            models.symmetry_critics(paths.axis_critic, paths.plane_critic)
-            if self.uses_symmetry_critics
-            else None,
-            models.grasp_critic(paths.grasp_critic) if self.uses_grasp_critic else None,
-            frame_method(method, self.peer_weights, gripper, device) if self.uses_peer else None,
-        )
 
 
 @dataclass(frozen=True)
@@ -308,13 +165,6 @@ def writing(path: Path) -> Iterator[None]:
 def overlay_path(folder: Path, frame_name: str) -> Path:
     """Return where the picture of a frame goes; errors as `within`."""
     return within(folder, folder / f"{frame_name}.png")
-
-
-def check_names(config: InferConfig) -> None:
-    """Raise SymgraspError unless all values in `config` are known, and its limits can be meant."""
-    check_settings(config)
-    check_limits(config.limits)
-    load_gripper(config.gripper)
 
 
 def finished_of(items: Sequence[WorkItem]) -> list[WorkItem]:

@@ -7,8 +7,8 @@ import pytest
 from pipelines.configs import InferConfig
 from pipelines.errors import SymgraspError
 from pipelines.inference import side_by_side as module
+from pipelines.inference.run_settings import InferPaths, Settings
 from pipelines.inference.side_by_side import load, side_by_side
-from pipelines.inference.work import InferPaths, Settings
 from pipelines.runtime.batch import CHOSEN, BatchOptions
 
 OPTIONS = BatchOptions(progress=False)

@@ -31,6 +31,7 @@ from pipelines.frames.frames import find_frames
 from pipelines.grasp_files import grasps_file
 from pipelines.inference import work
 from pipelines.inference.models import GRASP_CRITIC_WEIGHTS
+from pipelines.inference.run_settings import Settings
 from pipelines.runtime.batch import BatchOptions
 from pipelines.storage import provenance
 from pipelines.storage.files import read_image, write_image, write_json
@@ -107,7 +108,7 @@ def test_several_workers_write_the_same_bytes(frames, tmp_path):
 def test_frames_side_by_side_on_networks_write_the_bytes_of_one_thread(frames, tmp_path, threads):
     config, before = InferConfig(), torch.get_num_threads()
     paths = infer.InferPaths(frames, tmp_path / "one.h5")
-    settings = work.Settings(paths, config, 0, "cpu", timings=False)
+    settings = Settings(paths, config, 0, "cpu", timings=False)
     sources = find_frames(frames)
     with settings.one_core():
         results = [
@@ -137,7 +138,7 @@ def test_frames_side_by_side_on_networks_write_the_bytes_of_one_thread(frames, t
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_the_network_sees_mirror_images_where_that_is_set(frames, tmp_path, mirrored):
     paths = infer.InferPaths(frames, tmp_path / "g.h5")
-    settings = work.Settings(paths, InferConfig(mirrored=mirrored), 0, "cpu", timings=False)
+    settings = Settings(paths, InferConfig(mirrored=mirrored), 0, "cpu", timings=False)
     assert settings.planner().predictor.mirrored == mirrored
 
 
@@ -284,7 +285,7 @@ def test_overlays_are_drawn_of_grasps_that_are_there_already(frames, tmp_path):
     run(frames, tmp_path / "g.h5", overlays=tmp_path / "finished")
     assert pictures_of(tmp_path / "finished") == pictures_of(tmp_path / "whole")
     # As a killed run that drew no pictures leaves it.
-    settings = work.Settings(infer.InferPaths(frames, tmp_path / "k.h5"), CONFIG, 0, "auto", False)
+    settings = Settings(infer.InferPaths(frames, tmp_path / "k.h5"), CONFIG, 0, "auto", False)
     (item, *_) = work.Work(settings).items(find_frames(frames))
     grasps_file.write_shard(item.target, shards[0], item.stamp)
     assert run(frames, tmp_path / "k.h5", overlays=tmp_path / "killed").skipped == ["a"]

@@ -25,6 +25,7 @@ import torch
 
 from pipelines.configs import EvaluateConfig, TrainCriticConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.held_back import refuse_held_back
 from pipelines.dataset.scene_digests import inputs_of_scenes
 from pipelines.dataset.training.region_frames import strided_frames
 from pipelines.errors import SymgraspError, ValueRangeError
@@ -113,7 +114,7 @@ def replay(fault: Path) -> dict[str, float]:
 
 
 def _check_roots(kind: CriticKind, roots: Sequence[Path], held_out: Sequence[Path]) -> None:
-    """Raise ValueRangeError unless the roots are what the kind of critic needs."""
+    """Raise SymgraspError unless the roots are what the kind of critic needs, and may be used."""
     names = [_name(root) for root in (*roots, *held_out)]
     if len(names) != len(set(names)):
         raise ValueRangeError("roots", ", ".join(names), "folders of different names")
@@ -122,6 +123,8 @@ def _check_roots(kind: CriticKind, roots: Sequence[Path], held_out: Sequence[Pat
         raise ValueRangeError("--calibrate", "not given", needed)
     if held_out and not kind.is_network:
         raise ValueRangeError("--calibrate", held_out[0], f"left out: {kind.name} need none")
+    for root in (*roots, *held_out):
+        refuse_held_back(GraspNetRoot(root))
 
 
 def _start(kind: CriticKind, init: Path | None) -> PointCritic | None:

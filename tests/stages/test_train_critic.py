@@ -9,6 +9,8 @@ from typer.testing import CliRunner
 
 from pipelines import train_critic
 from pipelines.configs import InferConfig, TrainCriticConfig
+from pipelines.dataset import object_list
+from pipelines.dataset.object_list import ObjectRecord
 from pipelines.errors import MissingInputError, StaleOutputError, SymgraspError, ValueRangeError
 from pipelines.geometry.symmetry import REFLECTION_SLOTS, ROTATION_SLOT, SPHERE_SLOT
 from pipelines.grasping.ranking import critic_files
@@ -179,6 +181,11 @@ def test_wrong_roots_are_refused_in_a_sentence(roots, tmp_path):
     (tmp_path / "scenes").mkdir()
     with pytest.raises(SymgraspError, match="holds no scene"):
         run("axes", [tmp_path], path)
+    records = [ObjectRecord(0, "o", "can", "wide_similar")]
+    object_list.write(tmp_path / "objects.json", records, make_stamp("test", {}))
+    for learned, held_out in (([tmp_path], roots[1:]), (roots[:1], [tmp_path])):
+        with pytest.raises(SymgraspError, match="kept for judging"):
+            run("planes", learned, path, held_out=held_out)
     with pytest.raises(ValueRangeError, match="safetensors"):
         run("axes", roots, tmp_path / "x.bin")
     with pytest.raises(SymgraspError, match="critic 'hands'"):

@@ -15,7 +15,7 @@ SIZE=${2:-full}
 DATASET=${3:-}
 SYMGRASP=${SYMGRASP:-symgrasp}
 PYTHON=${PYTHON:-python3}
-METHODS="multi-grasp gg-cnn pointnetgpd"
+METHODS="multi-grasp gg-cnn pointnetgpd graspnet"
 
 case $SIZE in
 full)
@@ -41,11 +41,11 @@ WEIGHTS=$FOLDER/weights
 mkdir -p "$WEIGHTS"
 # A root of procedural objects: NAME SEED OPTIONS.
 root() {
-    name=$1 seed=$2
+    folder=$DATA/$1 seed=$2
     shift 2
-    $SYMGRASP synthesize "$DATA/$name" --size "$PIXELS" --sensor mixed --seed "$seed" "$@"
-    $SYMGRASP annotate-symmetry "$DATA/$name"
-    $SYMGRASP refine-grasps "$DATA/$name"
+    $SYMGRASP synthesize "$folder" --size "$PIXELS" --sensor mixed --seed "$seed" "$@"
+    $SYMGRASP annotate-symmetry "$folder"
+    $SYMGRASP refine-grasps "$folder"
 }
 
 # 1. The set to evaluate on.
@@ -68,14 +68,17 @@ fi
 
 # 3. Grasps of every row on the same frames.
 row() {
-    name=$1
+    grasps=$FOLDER/rows/$1.h5
     shift
-    $SYMGRASP infer "$DATASET" --split all --out "$FOLDER/rows/$name.h5" "$@"
+    $SYMGRASP infer "$DATASET" --split all --out "$grasps" "$@"
 }
+SELECTED=""
 row ours --timings
 row as-printed --preset paper --network "$WEIGHTS/as-printed.safetensors"
 for name in $METHODS; do
     row "$name" --method "$name" --weights "$WEIGHTS/$name.safetensors"
+    row "$name-selected" --method "$name" --weights "$WEIGHTS/$name.safetensors" --set selects_for_peers=true
+    SELECTED="$SELECTED $name-selected"
 done
 row symmetry-icp --method symmetry-icp
 CONTROLS="random-network constant-affordance"
@@ -88,7 +91,7 @@ row true-regions --masks "$FOLDER/true_regions"
 
 # 4. Judged: analytically and in physics.
 WITH=""
-for name in as-printed $METHODS symmetry-icp $CONTROLS true-regions; do
+for name in as-printed $METHODS $SELECTED symmetry-icp $CONTROLS true-regions; do
     WITH="$WITH --with $FOLDER/rows/$name.h5"
 done
 $SYMGRASP simulate "$FOLDER/rows/ours.h5" --dataset "$DATASET" --out "$FOLDER/success.json" --baselines $WITH

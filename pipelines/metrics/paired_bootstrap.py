@@ -157,8 +157,11 @@ def differences(
 def interval(
     figure: FrameFigure, num_frames: int, resamples: int, level: float, seed: int
 ) -> tuple[float, float]:
-    """Return the ends of the interval of one figure, frames drawn at random; nan if undefined."""
-    if num_frames < 2:
+    """Return the ends of the interval of one figure, frames drawn at random; nan if undefined.
+
+    Of fewer than `FEWEST_UNITS` frames an interval would look more certain than they are.
+    """
+    if num_frames < FEWEST_UNITS:
         return np.nan, np.nan
     blocks = draws(num_frames, resamples, np.random.default_rng(seed))
     return _ends(np.concatenate([figure.at(weights) for weights in blocks]), level, num_frames)

@@ -46,5 +46,7 @@ def test_frames_that_are_alike_have_an_interval_without_width():
     assert low == pytest.approx(high)
 
 
-def test_one_frame_has_no_interval():
-    assert intervals_of([frame(0, "seen", [0.5])])["all"] == {}
+def test_few_frames_have_no_interval():
+    frames = [frame(k, "seen", [0.1 * k, 0.7]) for k in range(6)]
+    assert intervals_of(frames[:5])["all"] == {}
+    assert "grasp_quality" in intervals_of(frames)["all"]

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import TrainBaselineConfig
-from pipelines.configs.inference import FRAME_PEERS
+from pipelines.configs.inference import TRAINED_METHODS
 from symgrasp_cli.options import (
     Backend,
     CameraName,
@@ -42,14 +42,16 @@ from symgrasp_cli.settings import with_settings
 )
 def train_baseline(
     config: TrainBaselineConfig,
-    method: Annotated[str, typer.Argument(help=f"A compared method: {', '.join(FRAME_PEERS)}.")],
+    method: Annotated[
+        str, typer.Argument(help=f"A compared method: {', '.join(TRAINED_METHODS)}.")
+    ],
     root: Annotated[
         Path,
         typer.Argument(
             exists=True,
             file_okay=False,
             help="Dataset root with the labels that the method needs: of `synthesize OUT "
-            "--collision-labels`, or GraspNet-1Billion.",
+            "--collision-labels`, or GraspNet-1Billion; for symmetrynet of `annotate-symmetry`.",
         ),
     ],
     out: Annotated[Path, typer.Option(help="Weights to write, NAME.safetensors.")],

@@ -24,9 +24,12 @@ Method = Literal[
     "multi-grasp",
     "pointnetgpd",
     "graspnet",
+    "symmetrynet",
 ]
 # Those that find grasps in a whole frame, without regions.
 FRAME_PEERS = ("gg-cnn", "multi-grasp", "pointnetgpd", "graspnet")
+REGION_PEERS = ("symmetrynet",)  # those that find symmetries of regions
+TRAINED_METHODS = (*FRAME_PEERS, *REGION_PEERS)
 ExportFormat = Literal["graspnet", "contact-graspnet", "isaac", "json", "csv", "ros-json"]
 
 TCP = (
@@ -49,7 +52,7 @@ class InferConfig:
     method: Method = choice(
         "network",
         "Planner: the network; planar, random or symmetry-icp, which fits symmetries to the points "
-        f"alone; or a compared method with --weights: {', '.join(FRAME_PEERS)}.",
+        f"alone; or a compared method with --weights: {', '.join(TRAINED_METHODS)}.",
         "Sec. IV-A, IV-E",
     )
     selects_for_peers: bool = choice(

@@ -16,7 +16,7 @@ from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.planner import MIN_POINTS, Planar, Random, RegionModel, RegionPlanner
 from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.ranking.ranking import Critic
-from pipelines.grasping.scene import RegionCloud, SceneCloud
+from pipelines.grasping.scene import RegionCloud
 from pipelines.grasping.symmetries.grounding import SymmetryCritics
 from pipelines.inference.empty_frames import why_empty, why_weak
 from pipelines.inference.observation import Observation, observe
@@ -26,7 +26,8 @@ from pipelines.inference.plans import Plan, grasp_table, region_table
 from pipelines.inference.predicted_regions import (
     PredictedRegion,
     Predictor,
-    fitted_regions,
+    RegionMethod,
+    compared_regions,
     predicted_regions,
     region_models,
 )
@@ -45,6 +46,7 @@ class Planner:
         symmetry_critics: score the symmetries that are fitted to a region.
         grasp_critic: scores grasps.
         peer: a compared method, which finds the grasps instead, in the whole frame.
+        symmetry_peer: a compared method, which finds the symmetries instead; they are not fitted.
 
     Raises:
         SymgraspError: a network predicts symmetries, and a critic that the settings want is
@@ -58,12 +60,13 @@ class Planner:
     symmetry_critics: SymmetryCritics | None = None
     grasp_critic: Critic | None = None
     peer: FrameMethod | None = None
+    symmetry_peer: RegionMethod | None = None
 
     def __post_init__(self) -> None:
         selection = self.config.selection
         if not self._knows_symmetries:
             return
-        needs_critics = selection.symmetry.is_fitted and not self._fits_alone
+        needs_critics = selection.symmetry.is_fitted and self.symmetry_peer is None
         if needs_critics and self.symmetry_critics is None:
             raise SymgraspError("fitted symmetries need critics of them, or symmetry.is_fitted=no")
         if selection.ranking.uses_critic and self.grasp_critic is None:
@@ -113,7 +116,7 @@ class Planner:
         """Return the regions of a frame and the plan of each."""
         regions, clouds = seen.in_workspace()
         graspable = [region.is_graspable for region in regions]
-        planned = iter(self._plans(list(compress(clouds, graspable)), seen.scene, rng))
+        planned = iter(self._plans(list(compress(clouds, graspable)), seen, rng))
         plans = [next(planned) if each else Plan(RankedGrasps.empty()) for each in graspable]
         if self.config.method == "random":
             return regions, plans
@@ -134,39 +137,36 @@ class Planner:
         return RegionPlanner(self.gripper, selection, self.grasp_critic if has_critic else None)
 
     @property
-    def _fits_alone(self) -> bool:
-        """Whether symmetries are fitted without a network."""
-        return self.config.method == "symmetry-icp"
-
-    @property
     def _knows_symmetries(self) -> bool:
         """Whether grasps rest on symmetries."""
-        return self._fits_alone or (self.predictor is not None and self.config.method != "random")
+        by_network = self.predictor is not None and self.config.method != "random"
+        return by_network or self.symmetry_peer is not None
 
     def _plans(
-        self, clouds: list[RegionCloud], scene: SceneCloud, rng: np.random.Generator
+        self, clouds: list[RegionCloud], seen: Observation, rng: np.random.Generator
     ) -> list[Plan]:
         """Return the plan of each of `clouds`, all regions of a frame."""
-        planner, selection = self._of_regions, self.config.selection
+        planner, selection, scene = self._of_regions, self.config.selection, seen.scene
         if not self._knows_symmetries:
             only = (Random(rng) if self.config.method == "random" else Planar(),)
             return [Plan(planner.plan(RegionModel(cloud), scene, only)) for cloud in clouds]
         large = [index for index, cloud in enumerate(clouds) if len(cloud) >= MIN_POINTS]
-        predicted = self._predicted([clouds[i] for i in large], scene)
+        predicted = self._predicted([clouds[i] for i in large], seen)
         critics = self.symmetry_critics if selection.symmetry.is_fitted else None
-        critics = None if self._fits_alone else critics
+        critics = critics if self.symmetry_peer is None else None
         plans = [Plan(RankedGrasps.empty()) for _ in clouds]
         models = region_models(predicted, scene, selection, critics)
         for index, each, model in zip(large, predicted, models, strict=True):
             plans[index] = Plan(planner.plan(model, scene), model.symmetries, each)
         return plans
 
-    def _predicted(self, clouds: list[RegionCloud], scene: SceneCloud) -> list[PredictedRegion]:
-        """Return what the network, or the fit alone, says of `clouds`."""
-        if self.predictor is None or self._fits_alone:
-            return fitted_regions(clouds, scene)
+    def _predicted(self, clouds: list[RegionCloud], seen: Observation) -> list[PredictedRegion]:
+        """Return what the network, or a compared method, says of `clouds`."""
+        if self.symmetry_peer is not None:
+            return compared_regions(clouds, seen.scene, seen.color, self.symmetry_peer)
+        assert self.predictor is not None
         averaging = self.config.selection.symmetry.averaging
-        return predicted_regions(clouds, scene.plane, self.predictor, averaging)
+        return predicted_regions(clouds, seen.scene.plane, self.predictor, averaging)
 
     def _taken_apart(
         self,
@@ -180,7 +180,7 @@ class Planner:
         Such a region's symmetries and grasps are those of its largest piece, if that has grasps;
         other pieces that have some become regions of their own.
         """
-        config, scene, labels = self.config, seen.scene, seen.segments.labels
+        config, labels = self.config, seen.segments.labels
         if not self._knows_symmetries or config.regions != "auto":
             return regions, plans
         parts = [
@@ -189,9 +189,9 @@ class Planner:
             if region.source == "detector" and not plan.rests_on_symmetry
             for rank, mask in enumerate(pieces_of(region.mask, labels, config))
         ]
-        clouds = [RegionCloud.from_mask(mask, scene) for _, _, mask in parts]
+        clouds = [RegionCloud.from_mask(mask, seen.scene) for _, _, mask in parts]
         regions, plans = list(regions), list(plans)
-        for (index, rank, mask), plan in zip(parts, self._plans(clouds, scene, rng), strict=True):
+        for (index, rank, mask), plan in zip(parts, self._plans(clouds, seen, rng), strict=True):
             if len(plan.grasps) and rank == 0:
                 plans[index] = plan
             elif len(plan.grasps):

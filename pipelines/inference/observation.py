@@ -39,6 +39,7 @@ class Observation:
     """One frame, observed. Camera frame, metres.
 
     Attributes:
+        color: (H, W, 3) RGB.
         scene: depth without the holes of sparse sensors, support plane, limits of grasps.
         segments: the pieces that the depth alone shows.
         regions: in the order in which they were found.
@@ -46,6 +47,7 @@ class Observation:
         too_small: how many more regions there are with fewer than `min_region_pixels`.
     """
 
+    color: NDArray[np.uint8]
     scene: SceneCloud
     segments: GeometricRegions
     regions: list[Region]
@@ -105,7 +107,7 @@ def observe(
         replace(region, status=_status(cloud, segments))
         for region, cloud in zip(found, clouds, strict=True)
     ]
-    return Observation(scene, segments, found, clouds, too_small)
+    return Observation(frame.color, scene, segments, found, clouds, too_small)
 
 
 def _color_pieces(

@@ -58,6 +58,15 @@ class Predictor(Protocol):
         """Return one prediction for each cloud (n, 3) on `table`, camera frame."""
 
 
+class RegionMethod(Protocol):
+    """A compared method that finds the symmetries of regions."""
+
+    def symmetries(
+        self, clouds: Sequence[RegionCloud], scene: SceneCloud, color: NDArray[np.uint8]
+    ) -> Sequence[RegionSymmetries]:
+        """Return the symmetries of each cloud, camera frame; `color` (H, W, 3) of the frame."""
+
+
 @dataclass(frozen=True)
 class PredictedRegion:
     """A region as the network sees it.
@@ -97,11 +106,26 @@ def predicted_regions(
     return [PredictedRegion.of(*each, averaging) for each in zip(clouds, predictions, strict=True)]
 
 
-def fitted_regions(clouds: Sequence[RegionCloud], scene: SceneCloud) -> list[PredictedRegion]:
-    """Return `clouds` with the symmetries that fit their points, all of which are graspable."""
+class Fitting:
+    """A `RegionMethod`: symmetries that fit the points, without any network."""
+
+    def symmetries(
+        self, clouds: Sequence[RegionCloud], scene: SceneCloud, color: NDArray[np.uint8]
+    ) -> list[RegionSymmetries]:
+        """Return the symmetries that fit the points of each cloud."""
+        del color  # points say it all
+        return [symmetries_by_fitting(cloud, scene) for cloud in clouds]
+
+
+def compared_regions(
+    clouds: Sequence[RegionCloud],
+    scene: SceneCloud,
+    color: NDArray[np.uint8],
+    method: RegionMethod,
+) -> list[PredictedRegion]:
+    """Return `clouds` with the symmetries that `method` finds; all their points are graspable."""
     regions = []
-    for cloud in clouds:
-        found = symmetries_by_fitting(cloud, scene)
+    for cloud, found in zip(clouds, method.symmetries(clouds, scene, color), strict=True):
         slots = SymmetrySlots(found.confidence, found.point, found.direction)
         chosen = np.random.default_rng(0).permutation(len(cloud))[:NUM_FITTED_POINTS]
         regions.append(PredictedRegion(cloud[chosen], np.ones(len(chosen)), slots))

@@ -5,13 +5,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pipelines.configs import InferConfig, check_settings
-from pipelines.configs.inference import FRAME_PEERS
+from pipelines.configs.inference import FRAME_PEERS, REGION_PEERS, TRAINED_METHODS
 from pipelines.errors import ValueRangeError
 from pipelines.grasp_files.gripper_files import gripper_digest, load_gripper
 from pipelines.grasping.feasibility.limits import check_limits
 from pipelines.inference import models
 from pipelines.inference.frame_grasps import Planner
-from pipelines.inference.peers.registry import frame_method, written_by
+from pipelines.inference.peers.registry import frame_method, region_method, written_by
+from pipelines.inference.predicted_regions import Fitting, RegionMethod
 from pipelines.storage.provenance import digest, digest_text
 
 
@@ -78,13 +79,13 @@ class Settings:
     @property
     def uses_grasp_critic(self) -> bool:
         """Whether grasps are ranked by the quality to expect."""
-        rests_on_symmetry = self.config.method in ("network", "symmetry-icp")
+        rests_on_symmetry = self.config.method in ("network", "symmetry-icp", *REGION_PEERS)
         return rests_on_symmetry and self.config.selection.ranking.uses_critic
 
     @property
     def uses_peer(self) -> bool:
-        """Whether a compared method finds the grasps of whole frames."""
-        return self.config.method in FRAME_PEERS
+        """Whether a compared method with weights of its own runs."""
+        return self.config.method in TRAINED_METHODS
 
     @property
     def peer_weights(self) -> Path:
@@ -148,8 +149,18 @@ class Settings:
             if self.uses_symmetry_critics
             else None,
             models.grasp_critic(paths.grasp_critic) if self.uses_grasp_critic else None,
-            frame_method(method, self.peer_weights, gripper, device) if self.uses_peer else None,
+            frame_method(method, self.peer_weights, gripper, device)
+            if method in FRAME_PEERS
+            else None,
+            self._symmetry_peer(),
         )
+
+    def _symmetry_peer(self) -> RegionMethod | None:
+        """Return the compared method that finds symmetries of regions, if that is wanted."""
+        method = self.config.method
+        if method in REGION_PEERS:
+            return region_method(method, self.peer_weights, self.device)
+        return Fitting() if method == "symmetry-icp" else None
 
 
 def check_names(config: InferConfig) -> None:

@@ -17,6 +17,7 @@ from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.ranking.suppression import are_near
 from pipelines.inference import models
 from pipelines.inference.frame_grasps import Planner
+from pipelines.inference.predicted_regions import Fitting
 from pipelines.pictures.overlays import draw_overlay
 from tests.geometry.tabletops import CAMERA, Box, looking_at_table, render
 from tests.inference.stand_ins import Detection, Detector, Prediction
@@ -53,9 +54,13 @@ class Oracle:
         ]
 
 
-def plan(predictor, **settings):
+def plan(predictor, symmetry_peer=None, **settings):
     planner = Planner(
-        replace(CONFIG, **settings), load_gripper("rg2"), predictor=predictor, **CRITICS
+        replace(CONFIG, **settings),
+        load_gripper("rg2"),
+        predictor=predictor,
+        symmetry_peer=symmetry_peer,
+        **CRITICS,
     )
     return planner.plan(FRAME, np.random.default_rng(0))
 
@@ -276,7 +281,7 @@ def test_masked_objects_are_grasped_without_any_depth_beside_them():
 
 
 def test_symmetries_are_fitted_without_a_network_and_grasps_across_them_ranked_by_the_critic():
-    result = plan(None, method="symmetry-icp")
+    result = plan(None, Fitting(), method="symmetry-icp")
     slot = int(result.regions.symmetry_confidence[0, :3].argmax())
     assert result.regions.symmetry_confidence[0, slot] > 0.9
     assert abs(result.regions.symmetry_direction[0, slot] @ POSE[:3, 0]) > 0.999

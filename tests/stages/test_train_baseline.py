@@ -9,7 +9,7 @@ import torch
 
 from pipelines import infer, train_baseline
 from pipelines.configs import InferConfig, TrainBaselineConfig
-from pipelines.configs.inference import FRAME_PEERS
+from pipelines.configs.inference import TRAINED_METHODS
 from pipelines.configs.peers import PeerNetworkConfig
 from pipelines.dataset.graspnet.graspnet import read_rect, write_rect
 from pipelines.errors import MissingInputError, UnknownNameError, ValueRangeError
@@ -111,7 +111,7 @@ def test_a_method_without_weights_says_which_command_writes_them(root, tmp_path)
         infer.run(paths, InferConfig(method="gg-cnn"), QUIET)
 
 
-@pytest.mark.parametrize("name", FRAME_PEERS)
+@pytest.mark.parametrize("name", TRAINED_METHODS)
 def test_infer_takes_the_weights(name, root, trained, tmp_path):
     out = tmp_path / "grasps.h5"
     paths = infer.InferPaths(root.root, out, peer=trained(name))

@@ -7,6 +7,7 @@ from pathlib import Path
 from pipelines.errors import MissingInputError
 from pipelines.grasping.gripper import Gripper
 from pipelines.inference.peers.frame_method import FrameMethod
+from pipelines.inference.predicted_regions import RegionMethod
 
 
 def frame_method(name: str, weights: Path, gripper: Gripper, device: str) -> FrameMethod:
@@ -18,6 +19,17 @@ def frame_method(name: str, weights: Path, gripper: Gripper, device: str) -> Fra
     if not weights.is_file():
         raise MissingInputError(weights, written_by(name))
     return _frame_method(name, weights, gripper, device)
+
+
+def region_method(name: str, weights: Path, device: str) -> RegionMethod:
+    """Return the method called `name`, one of `configs.inference.REGION_PEERS`, with its weights.
+
+    Raises:
+        MissingInputError: the weights are not there.
+    """
+    if not weights.is_file():
+        raise MissingInputError(weights, written_by(name))
+    return _region_method(name, weights, device)
 
 
 def written_by(name: str) -> str:
@@ -39,3 +51,11 @@ def _frame_method(name: str, weights: Path, gripper: Gripper, device: str) -> Fr
         "graspnet": GraspNetMethod.load,
     }
     return load[name](weights, gripper, device)
+
+
+@lru_cache(maxsize=2)
+def _region_method(name: str, weights: Path, device: str) -> RegionMethod:
+    from pipelines.inference.peers.symmetrynet import SymmetryNetMethod  # noqa: PLC0415
+
+    load: dict[str, Callable[[Path, str], RegionMethod]] = {"symmetrynet": SymmetryNetMethod.load}
+    return load[name](weights, device)

@@ -65,7 +65,7 @@ class Peer:
 def refuse_lacking(root: GraspNetRoot, frames: Sequence[FrameFiles], needs: Sequence[str]) -> None:
     """Raise MissingInputError if the root has none of the labels that a method `needs`.
 
-    Names: `rect` and `collision_label`, which come with each other; `grasp_label`.
+    Names: `rect` and `collision_label`, which come with each other; `grasp_label`; `symmetry`.
     """
     made_by = "symgrasp synthesize OUT --collision-labels"
     for need in needs:
@@ -73,7 +73,9 @@ def refuse_lacking(root: GraspNetRoot, frames: Sequence[FrameFiles], needs: Sequ
             if not any(frame.path("rect").is_file() for frame in frames):
                 raise MissingInputError(root.root / "scenes/scene_NNNN/CAMERA/rect", made_by)
         elif not any((root.root / need).glob("*")):
-            raise MissingInputError(root.root / need, made_by)
+            by_itself = need == "symmetry"
+            maker = f"symgrasp annotate-symmetry {root.root}" if by_itself else made_by
+            raise MissingInputError(root.root / need, maker)
 
 
 def labels_of(root: GraspNetRoot, scene: SceneFiles, needs: Sequence[str]) -> dict[str, str]:
@@ -82,6 +84,7 @@ def labels_of(root: GraspNetRoot, scene: SceneFiles, needs: Sequence[str]) -> di
         "rect": [frame.path("rect") for frame in scene.frames()],
         "collision_label": [root.collision_label_path(scene.scene_id)],
         "grasp_label": [root.grasp_label_path(i) for i in scene.object_ids],
+        "symmetry": [root.symmetry_path(i) for i in scene.object_ids],
     }
     return {need: digest_of_images(files[need]) for need in needs}
 

@@ -6,12 +6,14 @@ from pipelines.learning.peers.graspnet_training import GRASPNET_BASELINE
 from pipelines.learning.peers.multi_grasp_training import MULTI_GRASP
 from pipelines.learning.peers.peer import Peer
 from pipelines.learning.peers.pointnetgpd_training import POINTNETGPD
+from pipelines.learning.peers.symmetrynet_training import SYMMETRYNET
 
 TRAINED_PEERS: dict[str, Peer] = {
     "gg-cnn": GG_CNN,
     "multi-grasp": MULTI_GRASP,
     "pointnetgpd": POINTNETGPD,
     "graspnet": GRASPNET_BASELINE,
+    "symmetrynet": SYMMETRYNET,
 }
 
 

@@ -1,0 +1,63 @@
+"""SymmetryNet on the regions of a frame."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from pipelines.grasping.peers.hands import drawn_points
+from pipelines.grasping.scene import RegionCloud, SceneCloud
+from pipelines.grasping.symmetries.by_offsets import SymmetryOffsets, symmetries_by_offsets
+from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
+from pipelines.network.devices import find_device
+from pipelines.network.peers.symmetrynet import SYMMETRYNET_MODEL, SymmetryNet
+from pipelines.network.peers.symmetrynet_input import normalised, region_crop
+from pipelines.network.peers.trained import trained_network
+
+
+@dataclass(frozen=True)
+class SymmetryNetMethod:
+    """A `RegionMethod`: SymmetryNet, trained."""
+
+    network: SymmetryNet
+    device: torch.device
+
+    @classmethod
+    def load(cls, path: Path, device: str = "auto") -> Self:
+        """Read weights that `symgrasp train-baseline symmetrynet` wrote.
+
+        Raises:
+            FormatError: the file holds no weights of this network.
+        """
+        found = find_device(device)
+        network, _ = trained_network(path, SYMMETRYNET_MODEL, SymmetryNet, found)
+        return cls(network, found)
+
+    def symmetries(
+        self, clouds: Sequence[RegionCloud], scene: SceneCloud, color: NDArray[np.uint8]
+    ) -> list[RegionSymmetries]:
+        """Return the symmetries of each cloud, camera frame."""
+        return [symmetries_by_offsets(self.offsets(cloud, scene, color), scene) for cloud in clouds]
+
+    @torch.inference_mode()
+    def offsets(
+        self, cloud: RegionCloud, scene: SceneCloud, color: NDArray[np.uint8]
+    ) -> SymmetryOffsets:
+        """Return what some of the points of a region say of its symmetries."""
+        count = self.network.sizes.num_points
+        points = drawn_points(cloud.points, count, np.random.default_rng(0))
+        pixels, _ = scene.intrinsics.pixels_of(points.astype(np.float64))
+        crop = region_crop(color, cloud.mask, pixels)
+        inputs = [normalised(torch.from_numpy(crop.image)[None].to(self.device))]
+        inputs += [torch.from_numpy(each)[None].to(self.device) for each in (crop.pixels, points)]
+        said = self.network(*inputs)
+        of_points = {
+            name: getattr(said, name)[0].double().cpu().numpy()
+            for name in ("center", "mirrored", "axis_foot", "existence")
+        }
+        mode = said.mode[0].mean(dim=0).double().softmax(dim=0).cpu().numpy()
+        return SymmetryOffsets(points.astype(np.float64), mode=mode, **of_points)

@@ -1,0 +1,207 @@
+"""SymmetryNet as the training engine sees it: regions, and what each of their points should say."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn import functional
+
+from pipelines.configs import TrainBaselineConfig, from_settings
+from pipelines.configs.peers import PeerSchedule
+from pipelines.errors import ValueRangeError
+from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT
+from pipelines.learning.detector.detector_training import spread
+from pipelines.learning.loop.faults import Fault
+from pipelines.learning.peers.peer import (
+    FrameKeys,
+    Peer,
+    PeerFrames,
+    PeerTraining,
+    drawn_batches,
+    mean_figures,
+)
+from pipelines.learning.peers.symmetrynet_regions import (
+    FOREIGN,
+    RegionCrops,
+    SeenRegion,
+    drawn_region,
+    plain_region,
+    read_regions,
+    stacked,
+    symmetrynet_frame,
+)
+from pipelines.learning.speed.processes import Processes
+from pipelines.network.matching import assign
+from pipelines.network.peers.symmetrynet import (
+    MODES,
+    PLANES,
+    SYMMETRYNET_MODEL,
+    SYMMETRYNET_SIZES,
+    SymmetryNet,
+    SymmetryOutput,
+)
+from pipelines.network.peers.symmetrynet_input import normalised
+
+SIZE = 0.05  # metres, about an object's: the unit of lengths in the loss
+ROUNDING = 0.01  # metres, added to the length that an error is a share of
+EXISTENCE_WEIGHT, CONSISTENCY_WEIGHT = 2.0, 0.5
+NONE = 1e-6  # lengths and probabilities below it are as good as 0
+CPU_REGIONS = 4
+JUDGED_TOGETHER = 16  # regions
+
+
+class SymmetryNetTraining(PeerTraining):
+    """A `Trainee`: SymmetryNet with the regions it learns from and those it is judged on."""
+
+    def __init__(
+        self,
+        frames: PeerFrames,
+        config: TrainBaselineConfig,
+        device: torch.device,
+        processes: Processes,
+    ) -> None:
+        network = SymmetryNet(config.network).to(device)
+        super().__init__(network, frames, config, device, processes, cpu_micro_batch=CPU_REGIONS)
+        self.num_points = SYMMETRYNET_SIZES[config.network.variant].num_points
+        self.regions = _numbered(frames.train)
+        if not self.regions or not _numbered(frames.val):
+            expected = "at least 1 to train on and 1 to validate on"
+            raise ValueRangeError("number of regions that are seen well enough", 0, expected)
+
+    def epoch(self, number: int, rng: np.random.Generator) -> Sequence[NDArray[np.int64]]:
+        """Return the batches of region numbers until the next validation."""
+        return drawn_batches(len(self.regions), self.config, number, rng)
+
+    def load(
+        self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]
+    ) -> RegionCrops:
+        """Return each region with the points and the noise that its generator draws."""
+        pairs = zip(items.tolist(), generators, strict=True)
+        return stacked([self._drawn(number, rng) for number, rng in pairs])
+
+    def _drawn(self, number: int, rng: np.random.Generator) -> tuple[NDArray[np.generic], ...]:
+        others = rng.integers(len(self.regions), size=FOREIGN).tolist()
+        region, *foreign = (self._region(each) for each in (number, *others))
+        return drawn_region(region, foreign, self.num_points, rng)
+
+    def _region(self, number: int) -> SeenRegion:
+        frame, row = self.regions[number]
+        return read_regions(*self.frames.train[frame])[row]
+
+    def loss(
+        self, module: nn.Module, micro_batch: RegionCrops, generator: torch.Generator
+    ) -> Mapping[str, Tensor]:
+        """Return the loss terms, and their weighed sum as `total`."""
+        del generator  # the network draws nothing
+        return symmetry_terms(module, micro_batch.to(self.device))
+
+    def tensors(self, micro_batch: RegionCrops) -> dict[str, Tensor]:
+        """Return a micro-batch as named tensors."""
+        return {field.name: getattr(micro_batch, field.name) for field in fields(micro_batch)}
+
+    @torch.no_grad()
+    def validate(self) -> dict[str, float]:
+        """Return the loss terms on the regions of the other frames, as they are."""
+        batches = (each.to(self.device) for each in self._judged())
+        return mean_figures([symmetry_terms(self.module, each) for each in batches])
+
+    def _judged(self) -> Iterator[RegionCrops]:
+        keys = spread(self.frames.val, self.config.max_val_frames)
+        regions = [each for key in keys for each in read_regions(*key)]
+        for start in range(0, len(regions), JUDGED_TOGETHER):
+            some = regions[start : start + JUDGED_TOGETHER]
+            yield stacked([plain_region(each, self.num_points) for each in some])
+
+
+def _numbered(keys: FrameKeys) -> list[tuple[int, int]]:
+    """Return the frame and the row in it of each region."""
+    return [(i, row) for i, key in enumerate(keys) for row in range(len(read_regions(*key)))]
+
+
+def symmetry_terms(module: nn.Module, seen: RegionCrops) -> dict[str, Tensor]:
+    """Return the mean loss terms of regions, and their weighed sum as `total`."""
+    found: SymmetryOutput = module(normalised(seen.image, seen.jitter), seen.pixels, seen.points)
+    exists = seen.existence > 0
+    has_axis, has_any = exists[:, ROTATION_SLOT], exists.any(dim=1)
+    terms, has_plane = _plane_terms(found, seen)
+    counts = seen.existence.sum(dim=1, keepdim=True).clamp(min=1.0)
+    center = (seen.place.sum(dim=1) / counts)[:, None] - seen.points
+    axis, on_axis = seen.direction[:, None, ROTATION_SLOT], seen.place[:, None, ROTATION_SLOT]
+    foot = on_axis - seen.points
+    foot = foot - (foot * axis).sum(-1, keepdim=True) * axis
+    along = (found.axis_foot * axis).sum(-1) / SIZE
+    terms["consistency"] = terms["consistency"] + (along.square().mean(dim=1) * has_axis).mean()
+    existence = found.existence.mean(dim=1).clamp(NONE, 1.0 - NONE)
+    wanted = has_plane.float()
+    likelihood = wanted * existence.log() + (1.0 - wanted) * (1.0 - existence).log()
+    terms |= {
+        "center": (_length(found.center - center).mean(dim=1) * has_any).mean() / SIZE,
+        "axis": (_length(found.axis_foot - foot).mean(dim=1) * has_axis).mean() / SIZE,
+        "existence": -likelihood.mean(),
+        "mode": functional.cross_entropy(found.mode.mean(dim=1), true_modes(exists)),
+    }
+    total = terms["center"] + terms["mirrored"] + terms["feet"] + terms["axis"] + terms["mode"]
+    total = total + EXISTENCE_WEIGHT * terms["existence"]
+    return {"total": total + CONSISTENCY_WEIGHT * terms["consistency"]} | terms
+
+
+def _plane_terms(found: SymmetryOutput, seen: RegionCrops) -> tuple[dict[str, Tensor], Tensor]:
+    """Return the terms of the planes, and which predicted planes (B, 3) are assigned to a true."""
+    exists, normal = seen.existence[:, :PLANES] > 0, seen.direction[:, :PLANES]
+    across = ((seen.points[:, :, None] - seen.place[:, None, :PLANES]) * normal[:, None]).sum(-1)
+    with torch.no_grad():
+        said = functional.normalize(found.mirrored, dim=-1, eps=NONE)
+        cosine = torch.einsum("bnsc,bpc->bnsp", said, normal).abs()
+        cost = cosine.clamp(max=1.0).acos().mean(dim=1)  # (B, slot, plane)
+        order = assign(torch.where(exists[:, None], cost, 0.0))
+    assigned = exists.gather(1, order)
+    normal = normal.gather(1, order[..., None].expand(-1, -1, 3))
+    across = across.gather(2, order[:, None].expand(-1, across.shape[1], -1))
+    foot = -across[..., None] * normal[:, None]  # (B, N, slot, 3)
+    wrong = _length(found.mirrored - 2.0 * foot) / (2.0 * across.abs() + ROUNDING)
+    half = ((found.feet - 0.5 * found.mirrored) / SIZE).square().sum(-1)
+    errors = {"mirrored": wrong, "feet": _length(found.feet - foot) / SIZE, "consistency": half}
+    terms = {
+        name: (error.mean(dim=1) * assigned).sum(dim=1).mean() for name, error in errors.items()
+    }
+    return terms, assigned
+
+
+def true_modes(exists: Tensor) -> Tensor:
+    """Return the number (B,) in `MODES` of regions with the slots `exists` (B, 5).
+
+    Without a plane, an axis or a sphere it is that of a plane, of which none exists.
+    """
+    plane, axis = exists[:, :PLANES].any(dim=1), exists[:, ROTATION_SLOT]
+    mode = torch.where(axis, MODES.index("axis") + plane.long(), MODES.index("plane"))
+    return torch.where(exists[:, SPHERE_SLOT], MODES.index("sphere"), mode)
+
+
+def _length(vectors: Tensor) -> Tensor:
+    length: Tensor = torch.linalg.vector_norm(vectors, dim=-1)
+    return length
+
+
+def replay_regions(fault: Fault) -> dict[str, float]:
+    """Return the loss terms of a kept micro-batch, on the CPU."""
+    config = from_settings(TrainBaselineConfig, fault.settings)
+    network = SymmetryNet(config.network)
+    network.load_state_dict(dict(fault.weights))
+    crops = RegionCrops(**fault.batch)
+    return {name: float(term.detach()) for name, term in symmetry_terms(network, crops).items()}
+
+
+SYMMETRYNET = Peer(
+    model=SYMMETRYNET_MODEL,
+    schedule=PeerSchedule(
+        steps=4000, epoch_steps=200, batch_size=8, learning_rate=3e-4, decay_steps=1500
+    ),
+    needs=("symmetry",),
+    prepare=symmetrynet_frame,
+    training=SymmetryNetTraining,
+    replay=replay_regions,
+)
+"""SymmetryNet, the learned symmetry method of Sec. IV-E."""

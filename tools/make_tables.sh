@@ -16,6 +16,7 @@ DATASET=${3:-}
 SYMGRASP=${SYMGRASP:-symgrasp}
 PYTHON=${PYTHON:-python3}
 METHODS="multi-grasp gg-cnn pointnetgpd graspnet"
+TRAINED="$METHODS symmetrynet"
 
 case $SIZE in
 full)
@@ -56,10 +57,10 @@ fi
 
 # 2. The compared methods and the paper as printed, all on the same frames of the same objects.
 wanted() { for name in "$@"; do [ -e "$WEIGHTS/$name.safetensors" ] || return 0; done; return 1; }
-if wanted $METHODS as-printed || [ -e "$DATA/train" ]; then
+if wanted $TRAINED as-printed || [ -e "$DATA/train" ]; then
     root train 0 --split train --scenes-per-split "$SCENES" --views "$VIEWS" --objects "$OBJECTS" \
         --grasp-points "$GRASP_POINTS" --collision-labels
-    for name in $METHODS; do
+    for name in $TRAINED; do
         $SYMGRASP train-baseline "$name" "$DATA/train" --out "$WEIGHTS/$name.safetensors" $TRAINING --resume
     done
     $SYMGRASP pack "$DATA/train" --out "$DATA/packed" $PACK
@@ -80,6 +81,7 @@ for name in $METHODS; do
     row "$name-selected" --method "$name" --weights "$WEIGHTS/$name.safetensors" --set selects_for_peers=true
     SELECTED="$SELECTED $name-selected"
 done
+row symmetrynet --method symmetrynet --weights "$WEIGHTS/symmetrynet.safetensors"
 row symmetry-icp --method symmetry-icp
 CONTROLS="random-network constant-affordance"
 for name in $CONTROLS; do
@@ -91,7 +93,7 @@ row true-regions --masks "$FOLDER/true_regions"
 
 # 4. Judged: analytically and in physics.
 WITH=""
-for name in as-printed $METHODS $SELECTED symmetry-icp $CONTROLS true-regions; do
+for name in as-printed $METHODS $SELECTED symmetrynet symmetry-icp $CONTROLS true-regions; do
     WITH="$WITH --with $FOLDER/rows/$name.h5"
 done
 $SYMGRASP simulate "$FOLDER/rows/ours.h5" --dataset "$DATASET" --out "$FOLDER/success.json" --baselines $WITH

@@ -46,6 +46,13 @@ KNOWN_ROWS = (
     _peer("pointnetgpd", "#c0392b", "PointNetGPD"),
     _peer("graspnet", "#ad1457", "GraspNet"),
     ReportRow(
+        "symmetrynet",
+        "SymmetryNet, trained here",
+        "#4527a0",
+        "its symmetries, trained by train-baseline, then our selection",
+        "SymmetryNet [32]",
+    ),
+    ReportRow(
         "symmetry-icp",
         "symmetry by fitting",
         "#8d6e63",

@@ -56,7 +56,7 @@ def test_each_row_is_inferred_judged_and_known_to_the_tables(tmp_path):
 def test_given_weights_and_a_given_dataset_leave_out_their_making(tmp_path):
     weights = tmp_path / "out" / "weights"
     weights.mkdir(parents=True)
-    for name in ("multi-grasp", "gg-cnn", "pointnetgpd", "graspnet", "as-printed"):
+    for name in ("multi-grasp", "gg-cnn", "pointnetgpd", "graspnet", "symmetrynet", "as-printed"):
         (weights / f"{name}.safetensors").touch()
     commands, _ = calls(tmp_path, "full", "ROOT")
     assert {call[0] for call in commands} == {"infer", "simulate", "evaluate"}

@@ -139,10 +139,10 @@ def test_a_pasted_instance_takes_the_points_under_it(regions):
 def test_it_learns_one_batch_by_heart(regions):
     torch.manual_seed(0)
     network = SymmetryNet(PeerNetworkConfig())
-    seen = stacked([plain_region(each, 60) for each in regions])
-    optimizer = torch.optim.Adam(network.parameters(), lr=1e-3)
+    seen = stacked([plain_region(each, 40) for each in regions])
+    optimizer = torch.optim.Adam(network.parameters(), lr=2e-3)
     losses = []
-    for _ in range(150):
+    for _ in range(130):
         total = symmetry_terms(network, seen)["total"]
         optimizer.zero_grad()
         total.backward()

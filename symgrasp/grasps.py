@@ -49,6 +49,7 @@ class Grasp:
     is_best: bool
     rank_in_frame: int
     worth_trying: bool
+    symmetry_source: str
     symmetry: FoundSymmetry | None
     opening: float
     gripper: Gripper
@@ -84,6 +85,8 @@ class Grasps:
         is_best: (n,) bool, the one to try first of its region.
         rank_in_frame: (n,) int32 place in the order of the frame, 0 the one to try first.
         worth_trying: (n,) bool, whether `rank_score` is not below the setting `weak_below`.
+        symmetry_source: (n,) str, who proposed that symmetry: `network`, `shape` or `both`; empty
+            without.
         regions: all regions of the frame, those without grasps too.
         gripper: the gripper of `poses` and `opening`.
         name: of the frame, in a file.
@@ -107,6 +110,7 @@ class Grasps:
     is_best: Mask
     rank_in_frame: NDArray[np.int32]
     worth_trying: Mask
+    symmetry_source: NDArray[np.object_]
     regions: tuple[FoundRegion, ...]
     gripper: Gripper
     name: str = ""

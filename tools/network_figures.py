@@ -53,7 +53,8 @@ def undone(network: SymmetryGraspNet, regions: RegionSet, config: TrainConfig) -
 
 def deformed_points(network: SymmetryGraspNet, regions: RegionBatch) -> Tensor:
     """Return (B, N, 3) the points as the first level sees them."""
-    deformation = network.features(regions.points, regions.ground).deformation
+    seen = regions.points, regions.ground
+    deformation = network.features(*seen, camera=regions.camera).deformation
     if deformation is None:
         raise ValueError("the network deforms no points")
     return deformation.deform(regions.points * UNITS_PER_METER)

@@ -13,6 +13,7 @@ DetectorVariant = Literal["light", "resnet50"]
 DetectorInput = Literal["geometry", "color", "both"]
 PIFTVariant = Literal["spread", "convolution"]
 LossVariant = Literal["balanced", "paper"]
+ExistenceTarget = Literal["listed", "right"]
 
 MICRO_BATCH_MEANING = "Items of a batch worked on together, gradients summed; 0 suits the device."
 DECAY = "Factor of the learning rate every `decay_epochs` epochs."
@@ -75,6 +76,9 @@ class NetworkConfig:
     """PointNet++ with PIFT (Sec. III-E, III-G)."""
 
     input_frame: ReferenceFrame = choice("table", "Axes that it sees a region in.", "D. 69")
+    sees_camera: bool = choice(
+        False, "Show it the direction to the camera at each point.", "D. 140"
+    )
     num_points: int = setting(1500, "count", "Points of a region.", "Sec. III-G", low=1)
     feature_dim: int = setting(128, "count", "Features of a point.", BY_EYE, low=1)
     set_points: tuple[int, int, int, int] = setting(
@@ -179,6 +183,11 @@ class TrainConfig:
         "balanced",
         "Terms: balanced, L^f by the features' variance and L^a by class; or paper, as printed.",
         "D. 96, D. 1",
+    )
+    existence: ExistenceTarget = choice(
+        "listed",
+        "Existence is that a symmetry is listed, or that the predicted one is right as well.",
+        "D. 140",
     )
     use_siamese: bool = choice(
         True, "Ask for the same features in a scaled copy (Fig. 3).", "Sec. III-E"

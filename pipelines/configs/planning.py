@@ -9,6 +9,7 @@ from pipelines.configs.declaration import BY_EYE, choice, setting
 RankingMethod = Literal["critic", "eq8"]
 ReferenceFrame = Literal["camera", "table"]
 Averaging = Literal["median", "mean"]
+SymmetrySource = Literal["network", "network+shape", "shape"]
 
 ROBOT = "user's robot"
 
@@ -138,6 +139,11 @@ class SymmetryConfig:
 
     is_fitted: bool = choice(
         True, "Fit predicted symmetries to the seen surface; the paper does not.", "D. 31"
+    )
+    candidates: SymmetrySource = choice(
+        "network+shape",
+        "Source of the symmetries that are fitted: the network, the region's shape, or both.",
+        "D. 65, D. 140",
     )
     averaging: Averaging = choice(
         "median",

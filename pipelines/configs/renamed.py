@@ -50,7 +50,7 @@ REMOVED: dict[str, dict[str, str]] = {
     }
 }
 # Settings that weights of before need not name: these networks were made with the default.
-NOT_NAMED_BEFORE: dict[str, frozenset[str]] = {"NetworkConfig": frozenset({"pift"})}
+NOT_NAMED_BEFORE: dict[str, frozenset[str]] = {"NetworkConfig": frozenset({"pift", "sees_camera"})}
 # Values of before -> of now, by the name of now.
 RENAMED_VALUES: dict[str, dict[str, dict[str, str]]] = {
     "InferConfig": {"selection.ranking.by": {"judge": "critic"}},

@@ -65,7 +65,7 @@ __all__ = [
     "write_shard",
 ]
 
-FORMAT_VERSION, OLDEST_VERSION = 4, 1
+FORMAT_VERSION, OLDEST_VERSION = 5, 1
 LONGEST_SHARD_NAME = 200  # characters of a shard's file name; file systems take 255 bytes
 AXES = "camera, OpenCV axes: x right, y down, z forward"
 GRASP_FRAME = "columns approach, closing, approach x closing; origin midway between the contacts"
@@ -82,6 +82,7 @@ ADDED = {  # columns, by the version that brought them; `existence` was the conf
     2: ("symmetry_confidence", "ranker"),
     3: ("rank_in_frame", "worth_trying"),
     4: ("status",),
+    5: ("symmetry_source",),
 }
 
 
@@ -231,6 +232,7 @@ def stored_columns(file: h5py.File) -> dict[str, list[str]]:
 def complete_columns(regions: dict[str, Any], grasps: dict[str, Any], file: h5py.File) -> None:
     """Add the columns that older versions lack, from what the open `file` says of its run."""
     regions.setdefault("status", np.full(len(regions["box"]), REGION_MEASURED, object))
+    grasps.setdefault("symmetry_source", np.full(len(grasps["width"]), "", object))
     if "symmetry_confidence" not in regions:
         regions["symmetry_confidence"] = regions["existence"]
         regions["existence"] = np.full_like(regions["existence"], np.nan)

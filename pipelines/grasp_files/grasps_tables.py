@@ -151,6 +151,8 @@ class GraspTable:
     ranker: NDArray[Any] = field(default_factory=lambda: np.zeros(0))  # str (g,): critic or eq8
     rank_in_frame: NDArray[Any] = field(default_factory=lambda: np.zeros(0))  # i4 (g,) 0 = first
     worth_trying: NDArray[Any] = field(default_factory=lambda: np.zeros(0))  # bool (g,) by score
+    # str (g,): network, shape or both; empty without symmetry, or where it is not known
+    symmetry_source: NDArray[Any] = field(default_factory=lambda: np.zeros(0))
 
     SPEC: ClassVar[ColumnSpec] = {
         "frame": ((), np.int32),
@@ -169,14 +171,16 @@ class GraspTable:
         "is_best": ((), np.bool_),
         "rank_in_frame": ((), np.int32),
         "worth_trying": ((), np.bool_),
+        "symmetry_source": ((), np.object_),
     }
 
     def __post_init__(self) -> None:
         count = len(self.width)
         if len(self.frame) == 0:  # the table of one frame
             object.__setattr__(self, "frame", np.zeros(count))
-        if len(self.ranker) == 0:  # not known
-            object.__setattr__(self, "ranker", np.full(count, "", object))
+        for name in ("ranker", "symmetry_source"):
+            if len(getattr(self, name)) == 0:  # not known
+                object.__setattr__(self, name, np.full(count, "", object))
         if len(self.rank_in_frame) == 0:
             ranks = ranks_in_frame(np.asarray(self.frame), np.asarray(self.rank_score))
             object.__setattr__(self, "rank_in_frame", ranks)

@@ -95,7 +95,7 @@ class Planner:
             regions, plans = plans_of_whole(self.peer, frame, seen, self.gripper, self.config, rng)
             kept, ranker = replace(self.config, max_grasps_per_region=MOST_GRASPS), OWN_SCORE
         found = [plan.grasps for plan in plans]
-        grasps = grasp_table(found, kept, ranker)
+        grasps = grasp_table(plans, kept, ranker)
         if self.peer is None:
             reason = why_empty(seen, None if masks is None else self.config.min_region_pixels)
         else:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.array_types import Array
+from pipelines.array_types import Array, Indices
 from pipelines.configs import InferConfig
 from pipelines.grasp_files.grasps_tables import GraspTable, RegionTable, are_worth_trying
 from pipelines.grasping.ranked_grasps import RankedGrasps
@@ -39,6 +39,12 @@ class Plan:
         """(5,) the network's probability of each symmetry slot; nan where none was predicted."""
         return np.full(5, np.nan) if self.predicted is None else self.predicted.slots.existence
 
+    def sources(self, slot: Indices) -> NDArray[np.object_]:
+        """Return (n,) the source of the symmetry in each `slot` (n,); empty where it is none."""
+        if self.symmetries is None:
+            return np.full(len(slot), "", object)
+        return np.where(slot >= 0, self.symmetries.source[slot], "").astype(object)
+
     @property
     def affordance(self) -> Array:
         """(n,) of the region's points; nan where none was predicted."""
@@ -62,16 +68,17 @@ def region_table(regions: list[Region], plans: list[Plan]) -> RegionTable:
     )
 
 
-def grasp_table(ranked: list[RankedGrasps], config: InferConfig, ranker: str) -> GraspTable:
+def grasp_table(plans: list[Plan], config: InferConfig, ranker: str) -> GraspTable:
     """Return the best grasps of each region as columns, the first of each marked best.
 
     Args:
-        ranked: of each region, best first.
+        plans: of each region.
         config: how many of a region are kept, and the scores that leave out and mark grasps.
         ranker: of their scores, `critic` or `eq8`.
     """
-    good = [grasps[~(grasps.rank_score < config.min_score)] for grasps in ranked]
+    good = [plan.grasps[~(plan.grasps.rank_score < config.min_score)] for plan in plans]
     kept = [grasps[: config.max_grasps_per_region] for grasps in good]
+    sources = [plan.sources(grasps.slot) for plan, grasps in zip(plans, kept, strict=True)]
     counts = [len(grasps) for grasps in kept]
 
     def column(name: str) -> NDArray[Any]:
@@ -90,6 +97,7 @@ def grasp_table(ranked: list[RankedGrasps], config: InferConfig, ranker: str) ->
         contacts=geometry("contacts", (2, 3)),
         affordance=column("affordance"),
         symmetry_slot=column("slot"),
+        symmetry_source=np.concatenate([np.zeros(0, object), *sources]),
         source=np.concatenate([np.zeros(0, object), *(g.source.astype(object) for g in kept)]),
         clearance=column("clearance"),
         enclosed_height=column("enclosed_height"),

@@ -75,11 +75,13 @@ class PredictedRegion:
         cloud: the n points that it looked at.
         affordance: (n,) 0 to 1.
         slots: its symmetries, averaged over the points; camera frame.
+        source: of the symmetries: `network`, or `shape` where they were fitted without one.
     """
 
     cloud: RegionCloud
     affordance: Array
     slots: SymmetrySlots
+    source: str = "network"
 
     @classmethod
     def of(
@@ -128,7 +130,7 @@ def compared_regions(
     for cloud, found in zip(clouds, method.symmetries(clouds, scene, color), strict=True):
         slots = SymmetrySlots(found.confidence, found.point, found.direction)
         chosen = np.random.default_rng(0).permutation(len(cloud))[:NUM_FITTED_POINTS]
-        regions.append(PredictedRegion(cloud[chosen], np.ones(len(chosen)), slots))
+        regions.append(PredictedRegion(cloud[chosen], np.ones(len(chosen)), slots, "shape"))
     return regions
 
 
@@ -140,10 +142,12 @@ def region_models(
 ) -> list[RegionModel]:
     """Return the models of all regions of a frame; without critics, symmetries as predicted."""
     if critics is None:
-        symmetries = [RegionSymmetries.unfitted(each.slots) for each in predicted]
+        symmetries = [RegionSymmetries.unfitted(each.slots, each.source) for each in predicted]
     else:
+        candidates = config.symmetry.candidates
         symmetries = [
-            ground_symmetries(each.slots, each.cloud, scene, critics) for each in predicted
+            ground_symmetries(each.slots, each.cloud, scene, critics, candidates)
+            for each in predicted
         ]
     clouds, resolution = [each.cloud for each in predicted], config.feasibility.scene_resolution
     unseen = completions(clouds, scene, symmetries, config.symmetry, resolution)

@@ -32,6 +32,7 @@ MIN_EXTENT_SHARE = 0.3
 GRASPABLE = 0.05  # affordance above which a point counts as positive
 MAX_BALANCE = 4.0  # a rare class weighs at most this many times a common one
 MIN_VARIANCE = 1e-6  # of features, where they are all the same
+RIGHT = 0.134  # error of a symmetry, relative to its extent, below which grasps can rest on it
 NUM_ERROR_POINTS = 16  # points of the region on which dense errors are measured
 
 
@@ -76,8 +77,12 @@ def total_loss(
     matched = match_reflections(
         truth, points, prediction.direction[:, :, :3], prediction.center[:, :, :3], weight
     )
-    existence = (weight * existence_loss(prediction.existence, matched)).sum(-1) @ labelled
-    parameters = (weight * parameter_loss(prediction, matched, points)).sum(-1) @ labelled
+    errors = slot_errors(prediction, matched, points)
+    is_right = errors < RIGHT if config.existence == "right" else None
+    existence_terms = existence_loss(prediction.existence, matched, is_right)
+    existence = (weight * existence_terms).sum(-1) @ labelled
+    parameter_terms = (errors * matched.existence[:, None]).sum(-1)
+    parameters = (weight * parameter_terms).sum(-1) @ labelled
     existence, parameters = existence / len(labelled), parameters / len(labelled)
     symmetry = config.weight_existence * existence + config.weight_parameters * parameters
     total = (
@@ -155,18 +160,24 @@ def symmetry_weights(
 def existence_loss(
     logits: Tensor,  # (B, Q, 5)
     truth: RegionBatch,
+    is_right: Tensor | None = None,  # (B, Q, 5)
 ) -> Tensor:
-    """Return L_c of each point (B, Q): five binary cross-entropies, summed (D. 12)."""
+    """Return L_c of each point (B, Q): five binary cross-entropies, summed (D. 12).
+
+    With `is_right`, a symmetry that is listed exists where the point's prediction of it is right.
+    """
     target = truth.existence[:, None].expand_as(logits)
+    if is_right is not None:
+        target = target * is_right
     return functional.binary_cross_entropy_with_logits(logits, target, reduction="none").sum(-1)
 
 
-def parameter_loss(
+def slot_errors(
     prediction: Prediction,
     truth: RegionBatch,
     points: Tensor,  # (B, S, 3)
 ) -> Tensor:
-    """Return L_r of each point (B, Q), summed over the slots that exist.
+    """Return the errors (B, Q, 5) of each point's symmetries; L_r sums those that exist.
 
     Reflection and rotation: dense error relative to the true extent. Sphere: squared distance of
     the centre in units of the radius, dimensionless as the others.
@@ -186,7 +197,7 @@ def parameter_loss(
         scale = torch.maximum(extent(points, direction, center), smallest)
         losses.append(error(points, *predicted, direction, center) / scale[:, None])
     losses.append(_sphere_loss(prediction, truth, points, smallest))
-    return (torch.stack(losses, -1) * truth.existence[:, None]).sum(-1)
+    return torch.stack(losses, -1)
 
 
 def _sphere_loss(

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from pipelines.configs import NetworkConfig
 from pipelines.geometry.symmetry import ROTATION_SLOT
@@ -63,8 +64,10 @@ class SymmetryGraspNet(nn.Module):
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
         self.sees_height = config.input_frame == "table"
+        self.sees_camera = config.sees_camera
         self.is_canonical = config.use_pift and config.canonical_frame
-        dims = [4 if self.sees_height else 3, *(widths[-1] for widths in SET_DIMS)]
+        seen = 3 + self.sees_height + 3 * self.sees_camera
+        dims = [seen, *(widths[-1] for widths in SET_DIMS)]
         sizes = zip(config.set_points, config.set_neighbors, config.set_strides, strict=True)
         self.set_abstractions = nn.ModuleList(
             SetAbstraction(dims[i], SET_DIMS[i], *size) for i, size in enumerate(sizes)
@@ -94,6 +97,7 @@ class SymmetryGraspNet(nn.Module):
         points: Tensor,  # (B, N, 3)
         ground: Tensor | None = None,  # (B,)
         query: Tensor | None = None,  # (B, Q)
+        camera: Tensor | None = None,  # (B, 3)
     ) -> PointFeatures:
         """Return the features of the points with indices `query`, by default of all.
 
@@ -102,12 +106,16 @@ class SymmetryGraspNet(nn.Module):
             ground: metres from the table up to the centroid, 0 (as by default) where it is not
                 known; for networks with the input frame `table`.
             query: indices of points.
+            camera: metres, its place in the frame of the points; for networks that see it.
         """
         points = points * UNITS_PER_METER
         first = points  # P_0; its own coordinates, and heights, are its first features
         if self.sees_height:
             ground = points.new_zeros(len(points)) if ground is None else ground
             first = torch.cat([points, _heights(points, ground * UNITS_PER_METER)], -1)
+        if self.sees_camera:
+            place = torch.zeros_like(points[:, 0]) if camera is None else camera * UNITS_PER_METER
+            first = torch.cat([first, functional.normalize(place[:, None] - points, dim=-1)], -1)
         canonical = self._deformation(0, points, first)
         if canonical is not None and self.is_canonical:
             # Predictions in that frame are made from coordinates in it (D. 95).
@@ -155,12 +163,13 @@ class SymmetryGraspNet(nn.Module):
         ground: Tensor | None = None,  # (B,)
         query: Tensor | None = None,  # (B, Q)
         stride: int = 1,
+        camera: Tensor | None = None,  # (B, 3)
     ) -> Prediction:
         """Return predictions at the points `query`, by default at all; units as `features`.
 
         Every `stride`-th of them votes for symmetries.
         """
-        return self.predict(self.features(points, ground, query), stride)
+        return self.predict(self.features(points, ground, query, camera), stride)
 
 
 def _pifts(dims: Sequence[int], config: NetworkConfig) -> Iterator[nn.Module]:

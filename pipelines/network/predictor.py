@@ -98,11 +98,14 @@ class GraspPredictor:
         axes = self._axes(centroid[:, 0], table)
         height = np.zeros(len(drawn)) if table is None else table.height(centroid[:, 0])
         ground = height.astype(np.float32)
-        centered = ((drawn - centroid) @ axes.transpose(0, 2, 1)).astype(np.float32)
-        outputs = self._outputs(centered, ground)
+        turned = axes.transpose(0, 2, 1)
+        centered = ((drawn - centroid) @ turned).astype(np.float32)
+        camera = (-centroid @ turned)[:, 0].astype(np.float32)
+        outputs = self._outputs(centered, ground, camera)
         voting = np.arange(0, index.shape[1], VOTING_STRIDE)
         if self.mirrored:
-            outputs = with_copy(outputs, self._outputs(centered @ MIRROR, ground).mirrored())
+            copies = centered @ MIRROR, ground, camera @ MIRROR
+            outputs = with_copy(outputs, self._outputs(*copies).mirrored())
             voting = np.tile(voting, 2)
         back = axes[:, None].astype(np.float32)
         centers = outputs.center @ back + centroid[:, :, None].astype(np.float32)
@@ -119,13 +122,15 @@ class GraspPredictor:
             return np.broadcast_to(np.eye(3), (len(centroids), 3, 3))
         return np.stack([level_axes(center, table) for center in centroids])
 
-    def _outputs(self, points: Singles, ground: Singles) -> RegionOutputs:
-        """Return the output for (B, N, 3) centred points, `ground` (B,) metres over the table."""
-        return RegionOutputs(
-            *self._run(*(torch.from_numpy(each).to(self.device) for each in (points, ground)))
-        )
+    def _outputs(self, points: Singles, ground: Singles, camera: Singles) -> RegionOutputs:
+        """Return the output for (B, N, 3) centred points, `ground` (B,) metres over the table.
 
-    def _run(self, points: Tensor, ground: Tensor) -> tuple[Singles, ...]:
+        `camera` (B, 3): its place among the points.
+        """
+        seen = points, ground, camera
+        return RegionOutputs(*self._run(*(torch.from_numpy(x).to(self.device) for x in seen)))
+
+    def _run(self, points: Tensor, ground: Tensor, camera: Tensor) -> tuple[Singles, ...]:
         """Return affordance at (B, N, 3) centred points; existence, centres, directions at some.
 
         On a CPU each thread takes some of the clouds: most operations are too small to be spread
@@ -133,15 +138,15 @@ class GraspPredictor:
         """
         threads = torch.get_num_threads()
         if self.device.type != "cpu" or threads == 1:
-            return self._run_together(points, ground)
+            return self._run_together(points, ground, camera)
         threads = min(threads, len(points))
-        shares = (each.tensor_split(threads) for each in (points, ground))
+        shares = (each.tensor_split(threads) for each in (points, ground, camera))
         parts = list(threads_of_one_core().map(self._run_together, *shares))
         return tuple(np.concatenate(column) for column in zip(*parts, strict=True))
 
     @torch.inference_mode()
-    def _run_together(self, points: Tensor, ground: Tensor) -> tuple[Singles, ...]:
-        prediction = self.network(points, ground, stride=VOTING_STRIDE)
+    def _run_together(self, points: Tensor, ground: Tensor, camera: Tensor) -> tuple[Singles, ...]:
+        prediction = self.network(points, ground, stride=VOTING_STRIDE, camera=camera)
         columns = (
             prediction.affordance.clamp(0.0, 1.0),
             # Cloud by cloud: the last numbers of a long row are rounded otherwise than the first.

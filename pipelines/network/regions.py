@@ -22,6 +22,7 @@ class RegionBatch:
         center: (B, 5, 3) metres; zeros where the slot is empty.
         direction: (B, 5, 3) unit; zeros where the slot is empty or has no direction.
         ground: (B,) metres from the table up to the centroid; 0 where no table is known.
+        camera: (B, 3) metres, the place of the camera.
     """
 
     points: Tensor
@@ -30,6 +31,7 @@ class RegionBatch:
     center: Tensor
     direction: Tensor
     ground: Tensor
+    camera: Tensor
 
     def __len__(self) -> int:
         return len(self.points)
@@ -71,6 +73,7 @@ class RegionBatch:
             center=self.center @ matrix.transpose(1, 2),
             direction=turned,
             ground=self.ground * matrix[:, 2, 2],  # but for small turns of the table
+            camera=torch.einsum("bij,bj->bi", matrix, self.camera),
         )
 
     def _each(self, function: Callable[[Tensor], Tensor]) -> "RegionBatch":

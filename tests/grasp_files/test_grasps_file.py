@@ -121,7 +121,7 @@ def test_attributes_say_how_the_file_was_made(tmp_path: Path) -> None:
     assert file.attrs["config"] == {"gripper": "rg2"}
     assert file.attrs["weights"] == {"network": "sha256:00"}
     assert file.attrs["seed"] == 3
-    assert file.attrs["format_version"] == 4
+    assert file.attrs["format_version"] == 5
 
 
 def test_the_public_columns_have_their_types_and_units(
@@ -191,6 +191,7 @@ def written_by_version_1(path: Path, results: list[FrameResult]) -> None:
     with h5py.File(path, "r+") as file:
         file.attrs["format_version"] = 1
         del file["grasps/ranker"], file["regions/existence"], file["regions/status"]
+        del file["grasps/symmetry_source"]
         file.move("regions/symmetry_confidence", "regions/existence")
 
 
@@ -232,6 +233,8 @@ def test_a_file_of_version_2_gets_its_order_and_what_is_worth_trying(tmp_path: P
     with h5py.File(path, "a") as file:
         file.attrs["format_version"] = 2
         del file["grasps/rank_in_frame"], file["grasps/worth_trying"], file["regions/status"]
+        del file["grasps/symmetry_source"]
+    assert grasps_file.read(path).grasps.symmetry_source.tolist() == [""] * 6
     assert grasps_file.read(path).regions.status.tolist() == ["measured"] * 2
     for table in (grasps_file.read(path).grasps, next(read_results(path, [0])).grasps):
         assert table.rank_in_frame.tolist() == critic.rank_in_frame.tolist()

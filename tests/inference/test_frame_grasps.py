@@ -5,7 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipelines.configs import InferConfig, LimitsConfig, RankingConfig, SelectionConfig
+from pipelines.configs import (
+    InferConfig,
+    LimitsConfig,
+    RankingConfig,
+    SelectionConfig,
+    SymmetryConfig,
+)
 from pipelines.configs.presets import preset_settings
 from pipelines.configs.settings import from_settings
 from pipelines.errors import SymgraspError
@@ -135,6 +141,17 @@ def test_without_a_network_the_boundary_serves_and_no_affordance_is_claimed():
     assert np.isnan(result.regions.affordance_mean[0])
     assert np.isnan(result.regions.existence).all()
     assert set(result.grasps.ranker) == {"eq8"}
+
+
+def test_each_grasp_tells_who_proposed_its_symmetry():
+    assert set(plan(None).grasps.symmetry_source) == {""}
+    for candidates in ("network", "shape"):
+        chosen = SelectionConfig(symmetry=SymmetryConfig(candidates=candidates))
+        grasps = plan(Oracle(), selection=chosen).grasps
+        rests = grasps.symmetry_slot >= 0
+        assert rests.any()
+        assert set(grasps.symmetry_source[rests]) == {candidates}
+        assert set(grasps.symmetry_source[~rests]) <= {""}
 
 
 def test_at_most_so_many_grasps_a_region_are_kept():

@@ -14,6 +14,11 @@ from tests.network.toy_regions import toy_batch
 CONFIG = TrainConfig()
 
 
+def parameter_loss(prediction, truth, points):
+    """L_r of each point: the errors of the symmetries that exist."""
+    return (losses.slot_errors(prediction, truth, points) * truth.existence[:, None]).sum(-1)
+
+
 def random_prediction(size, count, seed=0):
     g = torch.Generator().manual_seed(seed)
     direction = torch.nn.functional.normalize(torch.randn(size, count, 5, 3, generator=g), dim=-1)
@@ -133,7 +138,7 @@ TERMS = {
     "feature": lambda p, t, o: losses.consistency_loss(p.features, o),
     "affordance": lambda p, t, o: losses.affordance_loss(p.affordance, t.affordance),
     "existence": lambda p, t, o: losses.existence_loss(p.existence, t).sum(),
-    "parameters": lambda p, t, o: losses.parameter_loss(p, t, t.points).sum(),
+    "parameters": lambda p, t, o: parameter_loss(p, t, t.points).sum(),
 }
 
 
@@ -161,11 +166,13 @@ def test_a_sphere_costs_the_squared_distance_of_its_centre_in_radii():
     points = torch.nn.functional.normalize(torch.randn(1, 60, 3), dim=-1) * 0.04
     existence = torch.tensor([[0.0, 0.0, 0.0, 0.0, 1.0]])
     nothing = torch.zeros(1, 5, 3)
-    truth = RegionBatch(points, torch.zeros(1, 60), existence, nothing, nothing, torch.zeros(1))
+    truth = RegionBatch(
+        points, torch.zeros(1, 60), existence, nothing, nothing, torch.zeros(1), torch.zeros(1, 3)
+    )
     prediction = random_prediction(1, 60)
     offset = prediction.center[:, :, 4]
     expected = offset.square().sum(-1) / 0.04**2
-    torch.testing.assert_close(losses.parameter_loss(prediction, truth, points), expected)
+    torch.testing.assert_close(parameter_loss(prediction, truth, points), expected)
 
 
 def test_eq_7_weighs_each_point_by_its_affordance():
@@ -178,7 +185,7 @@ def test_eq_7_weighs_each_point_by_its_affordance():
         prediction.center[:, :, :3],
         losses.symmetry_weights(prediction.affordance),
     )
-    each = losses.parameter_loss(prediction, matched, truth.points[:, :8])
+    each = parameter_loss(prediction, matched, truth.points[:, :8])
     share = prediction.affordance + 0.1
     expected = ((each * share).sum(1) / share.sum(1)).mean()
     torch.testing.assert_close(terms.parameters, expected)
@@ -188,7 +195,7 @@ def test_predicting_no_affordance_does_not_lower_the_symmetry_loss():
     truth, prediction = toy_batch(3, 20), random_prediction(3, 20)
     prediction = replace(prediction, affordance=torch.zeros(3, 20, requires_grad=True))
     assert float(losses.symmetry_weights(prediction.affordance).sum()) == pytest.approx(3.0)
-    matched = losses.parameter_loss(prediction, truth, truth.points[:, :8])
+    matched = parameter_loss(prediction, truth, truth.points[:, :8])
     assert not (losses.symmetry_weights(prediction.affordance) * matched).requires_grad
 
 
@@ -229,3 +236,17 @@ def test_the_loss_as_printed_leaves_unlabelled_regions_out():
         prediction.affordance[:1], truth.affordance[:1], torch.ones(1)
     )
     torch.testing.assert_close(found, 0.5 * first)
+
+
+def test_existence_may_ask_for_a_right_prediction_and_not_a_listed_one_alone():
+    truth, right = toy_batch(1, 40), perfect_prediction(toy_batch(1, 40))  # a box
+    wrong = replace(right, center=right.center + 0.05)
+    asks = replace(CONFIG, existence="right")
+
+    def existence(prediction, config):
+        terms = losses.total_loss(prediction, truth, None, config, truth.points[:, :16])
+        return float(terms.existence)
+
+    assert existence(right, asks) == pytest.approx(existence(right, CONFIG), abs=1e-4)
+    assert existence(wrong, CONFIG) < 0.1
+    assert existence(wrong, asks) > 5.0

@@ -66,7 +66,7 @@ def test_affordances_are_averaged_and_axes_and_spheres_stay_in_their_slots():
 class Echo(torch.nn.Module):
     """Tells of each point where it is."""
 
-    def forward(self, points, ground, stride):
+    def forward(self, points, ground, stride, camera):
         center = points[:, ::stride, None].repeat(1, 1, 5, 1)
         existence = torch.zeros(*center.shape[:3])
         return Prediction(points, 0.5 + 0.0 * points[..., 2], existence, center, center)

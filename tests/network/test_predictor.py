@@ -60,7 +60,7 @@ def test_points_are_drawn_twice_only_where_there_are_too_few(predictor, count, d
 class Echo(torch.nn.Module):
     """Says of each point how near it is to the camera, as its affordance."""
 
-    def forward(self, points, ground, stride):
+    def forward(self, points, ground, stride, camera):
         voting = points[:, ::stride]
         center, existence = (
             voting[:, :, None].repeat(1, 1, 5, 1),

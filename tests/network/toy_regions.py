@@ -48,7 +48,7 @@ def region(kind: int, count: int, rng: np.random.Generator, tumbled: bool = Fals
     centroid = points[seen].mean(0)
     where[existence > 0] = center - centroid
     noisy = points[seen] - centroid + 0.001 * rng.normal(size=(len(seen), 3))
-    return noisy, affordance, existence, where, direction, np.zeros(())
+    return noisy, affordance, existence, where, direction, np.zeros(()), -centroid
 
 
 def toy_batch(size: int, count: int = 128, seed: int = 0, tumbled: bool = False) -> RegionBatch:

@@ -27,6 +27,7 @@ from pipelines.learning.detector.frame_views import random_example
 from pipelines.learning.loop.loaders import draw_points
 from pipelines.network.detection.detector import MODEL_NAME
 from pipelines.network.detection.mask_rcnn import build_detector
+from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.weights_files import read_weights, weights_metadata
 from pipelines.storage.checkpoints import save_weights
 from pipelines.synthesis.endless import EndlessScenes
@@ -89,7 +90,7 @@ def test_a_region_in_the_ring_is_the_one_that_train_would_draw(objects):
         ring.add([np.asarray(each, np.float32)[None] for each in rendering._rows(region)])
     assert len(ring) == 3
     found = ring.batch(torch.tensor([2]), CONFIG, lost_table=0.0)
-    points, affordance, existence, center, direction, ground = draw_points(
+    points, affordance, existence, center, direction, ground, camera = draw_points(
         region, CONFIG.network, np.random.default_rng(0)
     )
     moved = found.points[0].numpy()
@@ -101,6 +102,20 @@ def test_a_region_in_the_ring_is_the_one_that_train_would_draw(objects):
     np.testing.assert_allclose(found.center[0][exists], center[exists], atol=1e-5)
     np.testing.assert_allclose(found.direction[0][exists], direction[exists], atol=1e-5)
     np.testing.assert_allclose(found.ground[0], ground, atol=1e-5)
+    np.testing.assert_allclose(found.camera[0], camera, atol=1e-5)
+
+
+def test_weights_of_a_network_that_does_not_see_the_camera_begin_as_what_they_were():
+    config = train.train_config(None, ["network.sees_camera=true", "existence=right"])
+    assert config.existence == "right"
+    torch.manual_seed(0)
+    narrow, wide = (SymmetryGraspNet(each).eval() for each in (NetworkConfig(), config.network))
+    wide.load_state_dict(train.widened(narrow.state_dict(), wide))
+    points, camera = 0.05 * torch.randn(2, 1500, 3), torch.randn(2, 3)
+    with torch.no_grad():
+        before, after = narrow(points), wide(points, camera=camera)
+    torch.testing.assert_close(after.center, before.center)
+    torch.testing.assert_close(after.existence, before.existence)
 
 
 def test_the_rate_warms_up_and_falls_to_nothing():

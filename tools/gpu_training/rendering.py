@@ -21,8 +21,9 @@ from tools.gpu_training.labelled_objects import scenes_of_file
 
 POINTS = 2048  # of a rendered region
 # Of a region: points about their centroid, affordance, existence, centres, directions, and the
-# network's axes and the height of the centroid with its table and without one.
-SHAPES = ((POINTS, 3), (POINTS,), (5,), (5, 3), (5, 3), (2, 3, 3), (2,))
+# network's axes and the height of the centroid with its table and without one, and the camera's
+# place from the centroid.
+SHAPES = ((POINTS, 3), (POINTS,), (5,), (5, 3), (5, 3), (2, 3, 3), (2,), (3,))
 
 
 class Renderers:
@@ -69,7 +70,8 @@ def _rows(region: PackedRegion) -> tuple[np.ndarray, ...]:
     height = np.array([table.height(center) if table else 0.0, 0.0])
     point, direction = np.nan_to_num(region.point - center), np.nan_to_num(region.direction)
     points = region.points - center
-    return points, region.affordance, region.existence, point, direction, axes, height
+    labels = region.affordance, region.existence, point, direction
+    return points, *labels, axes, height, -center
 
 
 class RegionRing:
@@ -103,7 +105,7 @@ class RegionRing:
     def batch(self, rows: Tensor, config: TrainConfig, lost_table: float) -> RegionBatch:
         """Return the regions `rows` (B,) as `draw_points` of `symgrasp train` makes them."""
         device, count = rows.device, len(rows)
-        points, affordance, existence, center, direction, axes, height = (
+        points, affordance, existence, center, direction, axes, height, camera = (
             column[rows] for column in self.columns
         )
         lost = (torch.rand(count, device=device) < lost_table).long()
@@ -124,4 +126,5 @@ class RegionRing:
             (center - middle) @ turned,
             direction @ turned,
             torch.where(height != 0, height + lift, height),
+            ((camera[:, None] - middle) @ turned)[:, 0],
         )

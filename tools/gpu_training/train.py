@@ -3,14 +3,16 @@
 import argparse
 import sys
 import time
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import torch
 from torch import Tensor
+from torch.nn import functional
 
 from pipelines.configs import TrainConfig
 from pipelines.configs.presets import PRESETS, preset_settings
-from pipelines.configs.settings import changed
+from pipelines.configs.settings import changed, changed_by_text
 from pipelines.learning.grasp_network.grasp_training import Sample, sample_loss
 from pipelines.network import augmentation, sampling
 from pipelines.network.losses import NUM_ERROR_POINTS
@@ -146,20 +148,39 @@ def first_regions(renderers: Renderers, capacity: int, device: torch.device) -> 
     return ring
 
 
-def train_config(preset: str | None) -> TrainConfig:
-    """Return the settings of `symgrasp train`, those of a preset if one is named."""
-    return changed(TrainConfig(), preset_settings(preset, "train") if preset else {})
+def train_config(preset: str | None, settings: Sequence[str] = ()) -> TrainConfig:
+    """Return the settings of `symgrasp train`, those of a preset if one is named.
+
+    `settings`: others, each NAME=VALUE.
+    """
+    config = changed(TrainConfig(), preset_settings(preset, "train") if preset else {})
+    for name, _, value in (setting.partition("=") for setting in settings):
+        config = changed_by_text(config, name, value)
+    return config
+
+
+def widened(tensors: Mapping[str, Tensor], module: SymmetryGraspNet) -> dict[str, Tensor]:
+    """Return weights of a network that sees less, so that `module` does with them as it did.
+
+    What it sees more comes last of a layer's inputs, with weights of zero.
+    """
+    shapes = {name: each.shape for name, each in module.state_dict().items()}
+    return {
+        name: functional.pad(each, (0, shapes[name][-1] - each.shape[-1])) if each.ndim else each
+        for name, each in tensors.items()
+    }
 
 
 def run_training(options: argparse.Namespace) -> None:
     """Train until the minutes are over, and write the mean of the weights."""
-    device, config = torch.device(options.device), train_config(options.preset)
+    device = torch.device(options.device)
+    config = train_config(options.preset, options.set)
     renderers = Renderers(options.objects, options.seed, options.workers, options.limit)
     prepare_layers(device)
     torch.manual_seed(options.seed)
     module = SymmetryGraspNet(config.network).to(device).train()
     if options.init is not None:
-        module.load_state_dict(load_weights(options.init)[0])
+        module.load_state_dict(widened(load_weights(options.init)[0], module))
     began, ring = time.monotonic(), first_regions(renderers, options.capacity, device)
     first = drawn_sample(ring, options.batch_size, config)
     step = GraphStep(module, first, config, options.rate, as_graph=options.graph)
@@ -190,6 +211,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True, help="weights to write")
     parser.add_argument("--init", type=Path, help="weights to start from")
     parser.add_argument("--preset", choices=PRESETS, help="settings of `symgrasp train --preset`")
+    parser.add_argument("--set", action="append", default=[], help="a setting of `symgrasp train`")
     parser.add_argument("--drops", type=int, default=0, help="drops of the rate, not a cosine")
     parser.add_argument("--graph", action=argparse.BooleanOptionalAction, default=True)
     parser.add_argument("--minutes", type=float, default=9.0, help="with the time to render first")

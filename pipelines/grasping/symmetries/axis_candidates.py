@@ -7,7 +7,7 @@ a tin of which only the lid is seen turns about the lid's normal, through the mi
 import cv2
 import numpy as np
 
-from pipelines.array_types import Array
+from pipelines.array_types import Array, Indices
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import ROTATION_SLOT, RotationSymmetry, SymmetrySlots
 from pipelines.geometry.transforms import basis_from_direction, cross
@@ -18,28 +18,49 @@ from pipelines.grasping.symmetries.plane_candidates import (
     largest_face,
     level_directions,
 )
+from pipelines.grasping.symmetries.sources import NETWORK, SHAPE
 
 
 def starting_axes(
-    slots: SymmetrySlots, points: Array, normals: Array, table: Plane | None
-) -> list[RotationSymmetry]:
-    """Return axes worth a fit.
+    slots: SymmetrySlots,
+    points: Array,
+    normals: Array,
+    table: Plane | None,
+    allowed: int = NETWORK | SHAPE,
+) -> tuple[list[RotationSymmetry], Indices]:
+    """Return k axes worth a fit, and their sources (k,).
 
     Args:
         slots: predicted for the region, camera frame.
         points: (n, 3) metres, camera frame.
         normals: (n, 3) unit.
         table: normal toward the camera; None where none is known.
+        allowed: sources to look at.
     """
-    named, face = slots.point[ROTATION_SLOT], largest_face(normals)
-    lines = [(slots.direction[ROTATION_SLOT], named)]
-    lines += [(direction, named) for direction in axes_of_spread(points).T]
-    lines.append((face, middle_of_outline(points, face)))
+    named, lines = slots.point[ROTATION_SLOT], []
+    if allowed & NETWORK:
+        lines.append((slots.direction[ROTATION_SLOT], named, NETWORK))
+    if allowed & SHAPE:
+        if not allowed & NETWORK:
+            named = points.mean(axis=0)
+        lines += _from_shape(points, normals, table, named, allowed)
+    axes = [RotationSymmetry(direction, point) for direction, point, _ in lines]
+    return axes, np.array([source for _, _, source in lines])
+
+
+def _from_shape(
+    points: Array, normals: Array, table: Plane | None, named: Array, through_named: int
+) -> list[tuple[Array, Array, int]]:
+    """Return direction, point and source of axes by shape, some through the point `named`."""
+    face = largest_face(normals)
+    lines = [(direction, named, through_named) for direction in axes_of_spread(points).T]
+    lines.append((face, middle_of_outline(points, face), SHAPE))
     if table is not None:
         up = table.normal
-        lines += [(up, named), (up, middle_of_outline(points, up))]
-        lines += _lying(points, level_directions(points, table), table)
-    return [RotationSymmetry(direction, point) for direction, point in lines]
+        lines += [(up, named, through_named), (up, middle_of_outline(points, up), SHAPE)]
+        along = level_directions(points, table)
+        lines += [(*line, SHAPE) for line in _lying(points, along, table)]
+    return lines
 
 
 def middle_of_outline(points: Array, direction: Array) -> Array:

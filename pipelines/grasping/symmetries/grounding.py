@@ -10,7 +10,8 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from pipelines.array_types import Array
+from pipelines.array_types import Array, Indices
+from pipelines.configs.planning import SymmetrySource
 from pipelines.geometry.symmetry import (
     REFLECTION_SLOTS,
     ROTATION_SLOT,
@@ -21,14 +22,20 @@ from pipelines.geometry.symmetry import (
     SymmetrySlots,
 )
 from pipelines.geometry.symmetry_fitting import fit_rotations, fit_sphere
-from pipelines.geometry.transforms import rotation_about
+from pipelines.geometry.transforms import cross, rotation_about
 from pipelines.grasping.ranking.point_critic import PointCritic
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.grasping.symmetries.axis_candidates import starting_axes
 from pipelines.grasping.symmetries.axis_critic import AxisCritic
 from pipelines.grasping.symmetries.observed_frustum import in_observed_frustum
-from pipelines.grasping.symmetries.plane_evidence import RegionEvidence, likely_planes
+from pipelines.grasping.symmetries.plane_evidence import SAME_FIT, RegionEvidence, likely_planes
 from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
+from pipelines.grasping.symmetries.sources import (
+    ALLOWED,
+    NETWORK,
+    SHAPE,
+    SOURCE_NAMES,
+)
 
 NUM_POINTS = 400  # of the region that are fitted; chosen by eye, as the next two
 STRIDE = 4  # of these, between the points that are turned about each axis
@@ -53,16 +60,30 @@ class Evidence(Generic[Fitted]):
         symmetries: k of one kind, camera frame.
         rows: (k, 3), 0 to 1: the network's existence; the share of the seen surface that the fit
             explains; the share of images that lie on or behind the observed surface.
+        sources: (k,) bits, as in `sources.py`.
     """
 
     symmetries: list[Fitted]
     rows: Array
+    sources: Indices
 
-    def best(self, critic: AxisCritic) -> tuple[Fitted, float]:
-        """Return the most likely symmetry and the confidence in it."""
+    def best(self, critic: AxisCritic) -> tuple[Fitted, float, int]:
+        """Return the most likely symmetry, the confidence in it, and the sources that led to it."""
         kind = self.symmetries[0].kind
         chosen = int(critic.log_odds(kind, self.rows).argmax())
-        return self.symmetries[chosen], float(critic.probability(kind, self.rows[chosen]))
+        best = self.symmetries[chosen]
+        alike = [_are_one(best, each) for each in self.symmetries]
+        source = int(np.bitwise_or.reduce(self.sources[alike]))
+        return best, float(critic.probability(kind, self.rows[chosen])), source
+
+
+def _are_one(first: Fitted, second: Fitted) -> bool:
+    """Return whether two axes of a region are one line; a sphere is one with itself."""
+    if isinstance(first, SphereSymmetry) or isinstance(second, SphereSymmetry):
+        return first is second
+    angle, offset = SAME_FIT
+    away = np.linalg.norm(cross(second.point - first.point, first.axis))
+    return bool(abs(first.axis @ second.axis) > np.cos(angle) and away < offset)
 
 
 def ground_symmetries(
@@ -70,23 +91,27 @@ def ground_symmetries(
     region: RegionCloud,
     scene: SceneCloud,
     critics: SymmetryCritics,
+    candidates: SymmetrySource = "network+shape",
 ) -> RegionSymmetries:
     """Return the predicted `slots` fitted to `region`, with the confidence in each.
 
     Planes are ordered by confidence: they leave the slots that predicted them.
     """
-    points, normals = fitted_points(region)
-    axis, axis_confidence = axis_evidence(slots, points, normals, scene).best(critics.axes)
-    sphere, sphere_confidence = sphere_evidence(slots, points, normals, scene).best(critics.axes)
-    planes = likely_planes(
-        RegionEvidence(slots, axis, points, normals, region.mask, scene), critics.planes
-    )
-    fitted: list[tuple[int, Symmetry, float]] = [
+    allowed = ALLOWED[candidates]
+    seen = slots, *fitted_points(region), scene
+    axis = axis_evidence(*seen, allowed).best(critics.axes)
+    sphere = sphere_evidence(*seen, allowed).best(critics.axes)
+    _, points, normals, _ = seen
+    known = RegionEvidence(slots, axis[0], points, normals, region.mask, scene, allowed)
+    planes = likely_planes(known, critics.planes)
+    fitted: list[tuple[int, Symmetry, float, int]] = [
         (slot, *plane) for slot, plane in zip(REFLECTION_SLOTS, planes, strict=False)
     ]
-    fitted.append((ROTATION_SLOT, axis, axis_confidence))
-    fitted.append((SPHERE_SLOT, sphere, sphere_confidence))
-    return RegionSymmetries.of(fitted)
+    fitted += [(ROTATION_SLOT, *axis), (SPHERE_SLOT, *sphere)]
+    found = RegionSymmetries.of(each[:3] for each in fitted)
+    for slot, _, _, source in fitted:
+        found.source[slot] = SOURCE_NAMES[source]
+    return found
 
 
 def fitted_points(region: RegionCloud) -> tuple[Array, Array]:
@@ -96,10 +121,14 @@ def fitted_points(region: RegionCloud) -> tuple[Array, Array]:
 
 
 def axis_evidence(
-    slots: SymmetrySlots, points: Array, normals: Array, scene: SceneCloud
+    slots: SymmetrySlots,
+    points: Array,
+    normals: Array,
+    scene: SceneCloud,
+    allowed: int = NETWORK | SHAPE,
 ) -> Evidence[RotationSymmetry]:
     """Return all candidate axes, fitted to `points` (n, 3) with `normals` (n, 3)."""
-    starts = starting_axes(slots, points, normals, scene.plane)
+    starts, sources = starting_axes(slots, points, normals, scene.plane, allowed)
     fits = fit_rotations(starts, points, normals)
     axes, feet = np.array([fit.direction for fit in fits]), np.array([fit.point for fit in fits])
     images = _turned(points[::STRIDE], axes, feet)
@@ -107,7 +136,8 @@ def axis_evidence(
     existence = np.full(len(fits), slots.existence[ROTATION_SLOT])
     support = np.array([fit.support for fit in fits])
     rows = np.stack([existence, support, free.mean(axis=(0, 2))], axis=1)
-    return Evidence([RotationSymmetry(*each) for each in zip(axes, feet, strict=True)], rows)
+    symmetries = [RotationSymmetry(*each) for each in zip(axes, feet, strict=True)]
+    return Evidence(symmetries, rows, sources)
 
 
 def _turned(points: Array, axes: Array, feet: Array) -> Array:
@@ -118,11 +148,21 @@ def _turned(points: Array, axes: Array, feet: Array) -> Array:
 
 
 def sphere_evidence(
-    slots: SymmetrySlots, points: Array, normals: Array, scene: SceneCloud
+    slots: SymmetrySlots,
+    points: Array,
+    normals: Array,
+    scene: SceneCloud,
+    allowed: int = NETWORK | SHAPE,
 ) -> Evidence[SphereSymmetry]:
-    """Return the network's sphere, fitted to `points` (n, 3) with `normals` (n, 3)."""
-    fit = fit_sphere(slots.point[SPHERE_SLOT], points, normals)
+    """Return the network's sphere, fitted to `points` (n, 3) with `normals` (n, 3).
+
+    Without the network, that of a start in the middle of the points.
+    """
+    by_network = bool(allowed & NETWORK)
+    start = slots.point[SPHERE_SLOT] if by_network else points.mean(axis=0)
+    fit = fit_sphere(start, points, normals)
     sphere = SphereSymmetry(fit.point)
     free = in_observed_frustum(sphere.counterpart(points), scene)
     existence = float(slots.existence[SPHERE_SLOT])
-    return Evidence([sphere], np.array([[existence, fit.support, free.mean()]]))
+    row = np.array([[existence, fit.support, free.mean()]])
+    return Evidence([sphere], row, np.array([NETWORK if by_network else SHAPE]))

@@ -21,6 +21,7 @@ from pipelines.geometry.symmetry import (
     SymmetrySlots,
 )
 from pipelines.geometry.transforms import basis_from_direction, cross, unit
+from pipelines.grasping.symmetries.sources import NETWORK, SHAPE
 
 ENDS = (0.015, 0.985)  # of the points along a direction, against flying pixels
 TOP = 0.97  # of a region's heights, likewise
@@ -31,6 +32,8 @@ MIN_SIDE_POINTS = 10
 SAME_ANGLE = np.radians(8.0)  # starts closer than both lead to one fit
 SAME_OFFSET = 0.004  # metres
 
+NamedPlane = tuple[Array, Array, int]  # normal, point, source
+
 
 def candidate_planes(
     slots: SymmetrySlots,
@@ -38,8 +41,9 @@ def candidate_planes(
     points: Array,
     normals: Array,
     table: Plane | None,
-) -> list[ReflectionSymmetry]:
-    """Return planes worth a look, each with its point next to the region's middle.
+    allowed: int = NETWORK | SHAPE,
+) -> tuple[list[ReflectionSymmetry], Indices]:
+    """Return k planes worth a look, each with its point next to the region's middle; their sources.
 
     Args:
         slots: predicted for the region, camera frame.
@@ -47,23 +51,35 @@ def candidate_planes(
         points: (n, 3) metres, camera frame.
         normals: (n, 3) unit.
         table: normal toward the camera; None where none is known.
+        allowed: sources to look at.
     """
     middle = points.mean(axis=0)
+    named = [(slots.direction[k], slots.point[k], NETWORK) for k in REFLECTION_SLOTS]
+    if allowed & SHAPE:
+        first, last = _from_shape(axis, points, normals, table)
+        named = [*first, *named, *last]
+    chosen = [each for each in named if each[2] & allowed]
+    normal = unit(np.array([direction for direction, _, _ in chosen]))
+    offset = np.einsum("ki,ki->k", np.array([point for _, point, _ in chosen]) - middle, normal)
+    foot = middle + offset[:, None] * normal  # nearest to the middle
+    planes = [ReflectionSymmetry(*each) for each in zip(normal, foot, strict=True)]
+    sources = np.array([source for _, _, source in chosen])
+    return merged_planes(planes, sources, SAME_ANGLE, SAME_OFFSET)
+
+
+def _from_shape(
+    axis: RotationSymmetry, points: Array, normals: Array, table: Plane | None
+) -> tuple[list[NamedPlane], list[NamedPlane]]:
+    """Return planes by the region's shape, and those whose place the axis gives."""
     directions, named = face_directions(points, normals), []
     if table is not None:
         directions += level_directions(points, table)
-        named.append((table.normal, halfway_up(points, table)))
+        named.append((table.normal, halfway_up(points, table), SHAPE))
     across = [*directions, axis.direction]
     middles = half_between_ends(points, np.array(across))
-    named += [(d, middle * d) for d, middle in zip(across, middles, strict=True)]
-    named += [(slots.direction[k], slots.point[k]) for k in REFLECTION_SLOTS]
+    named += [(d, middle * d, SHAPE) for d, middle in zip(across, middles, strict=True)]
     # The middle of a half hidden object is not that of its seen part: the axis may know it.
-    named += [(d, axis.point) for d in directions]
-    normal = unit(np.array([direction for direction, _ in named]))
-    offset = np.einsum("ki,ki->k", np.array([point for _, point in named]) - middle, normal)
-    foot = middle + offset[:, None] * normal  # nearest to the middle
-    kept = _distinct(normal, foot, float(np.cos(SAME_ANGLE)), SAME_OFFSET)
-    return [ReflectionSymmetry(*each) for each in zip(normal[kept], foot[kept], strict=True)]
+    return named, [(d, axis.point, SHAPE) for d in directions]
 
 
 def half_between_ends(points: Array, directions: Array) -> Array:
@@ -148,15 +164,31 @@ def distinct_planes(
 
     `offset` is taken along the earlier plane's normal.
     """
+    return merged_planes(planes, np.zeros(len(planes), np.int64), angle, offset)[0]
+
+
+def merged_planes(
+    planes: Sequence[ReflectionSymmetry], sources: Indices, angle: float, offset: float
+) -> tuple[list[ReflectionSymmetry], Indices]:
+    """Return the planes that `distinct_planes` keeps, and the sources of all that each stands for.
+
+    `sources` (k,) are bits, as in `sources.py`.
+    """
     normal = np.array([plane.normal for plane in planes]).reshape(-1, 3)
     point = np.array([plane.point for plane in planes]).reshape(-1, 3)
-    return [planes[number] for number in _distinct(normal, point, float(np.cos(angle)), offset)]
+    kept, joined = _distinct(normal, point, sources, float(np.cos(angle)), offset)
+    return [planes[number] for number in kept], joined
 
 
 @compiled
-def _distinct(normal: Array, point: Array, cosine: float, offset: float) -> Indices:
-    """Return which planes of `normal` and `point` (k, 3) are kept, in their order."""
-    kept, count = np.empty(len(normal), np.int64), 0
+def _distinct(
+    normal: Array, point: Array, sources: Indices, cosine: float, offset: float
+) -> tuple[Indices, Indices]:
+    """Return which planes of `normal` and `point` (k, 3) are kept, in their order.
+
+    And the bits of `sources` (k,) of each and of those that it stands for.
+    """
+    kept, joined, count = np.empty(len(normal), np.int64), np.empty(len(normal), np.int64), 0
     for k in range(len(normal)):
         new = True
         for place in range(count):
@@ -165,11 +197,13 @@ def _distinct(normal: Array, point: Array, cosine: float, offset: float) -> Indi
             for i in range(3):
                 alike += normal[k, i] * normal[before, i]
                 away += (point[k, i] - point[before, i]) * normal[before, i]
-            new = new and (abs(alike) <= cosine or abs(away) >= offset)
+            if abs(alike) > cosine and abs(away) < offset:
+                new = False
+                joined[place] |= sources[k]
         if new:
-            kept[count] = k
+            kept[count], joined[count] = k, sources[k]
             count += 1
-    return kept[:count].copy()
+    return kept[:count].copy(), joined[:count].copy()
 
 
 @compiled

@@ -5,11 +5,12 @@ and lies in the middle. The plane critic, a `PointCritic`, makes a probability o
 """
 
 from dataclasses import dataclass
+from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.array_types import Array, Singles
+from pipelines.array_types import Array, Indices, Singles
 from pipelines.geometry.numerics.fitting_sums import MATCH_NORMAL
 from pipelines.geometry.symmetry import (
     REFLECTION_SLOTS,
@@ -29,8 +30,10 @@ from pipelines.grasping.symmetries.observed_frustum import in_observed_frustum
 from pipelines.grasping.symmetries.plane_candidates import (
     candidate_planes,
     distinct_planes,
+    merged_planes,
     region_top,
 )
+from pipelines.grasping.symmetries.sources import NETWORK, SHAPE
 
 # All chosen by eye, but for RIVALS (D. 65); the shipped weights were trained with them.
 BESIDE = 0.008  # metres from an image to the nearest seen point: it lies beside the surface
@@ -67,6 +70,7 @@ class RegionEvidence:
         normals: (n, 3) unit.
         mask: (H, W) pixels of the region.
         scene: measured points and table.
+        allowed: sources of planes to look at.
     """
 
     slots: SymmetrySlots
@@ -75,27 +79,37 @@ class RegionEvidence:
     normals: Array
     mask: NDArray[np.bool_]
     scene: SceneCloud
+    allowed: int = NETWORK | SHAPE
 
 
 def likely_planes(
     region: RegionEvidence, critic: PointCritic
-) -> list[tuple[ReflectionSymmetry, float]]:
-    """Return at most three distinct planes with the confidence in each, the most likely first."""
-    planes = fitted_planes(region)
+) -> list[tuple[ReflectionSymmetry, float, int]]:
+    """Return at most three distinct planes, the most likely first.
+
+    Each with the confidence in it and its source.
+    """
+    planes, sources = fitted_planes(region)
     confidence = critic.probability(*critic_inputs(planes, region))
     order = np.argsort(-confidence, kind="stable")
     chosen = distinct_planes([planes[i] for i in order], RIVALS)[: len(REFLECTION_SLOTS)]
-    known = {id(planes[i]): float(confidence[i]) for i in order}
-    return [(plane, known[id(plane)]) for plane in chosen]
+    known = {id(planes[i]): (float(confidence[i]), int(sources[i])) for i in order}
+    return [(plane, *known[id(plane)]) for plane in chosen]
 
 
-def fitted_planes(region: RegionEvidence) -> list[ReflectionSymmetry]:
-    """Return all candidate planes, and beside them their fits to the seen surface."""
+def fitted_planes(region: RegionEvidence) -> tuple[list[ReflectionSymmetry], Indices]:
+    """Return all k candidate planes, and beside them their fits to the seen surface; the sources.
+
+    Planes that are alike have the sources of all of them.
+    """
     points, normals, table = region.points, region.normals, region.scene.plane
-    starts = candidate_planes(region.slots, region.axis, points, normals, table)
+    seen = points, normals, table
+    starts, sources = candidate_planes(region.slots, region.axis, *seen, region.allowed)
     fits = fit_reflections(starts, points, normals)
-    better = [ReflectionSymmetry(f.direction, f.point) for f in fits if f.support >= MIN_OVERLAP]
-    return distinct_planes([*starts, *better], *SAME_FIT)
+    has_fit = np.array([fit.support >= MIN_OVERLAP for fit in fits])
+    better = [ReflectionSymmetry(f.direction, f.point) for f in compress(fits, has_fit)]
+    both = np.concatenate([sources, sources[has_fit]])
+    return merged_planes([*starts, *better], both, *SAME_FIT)
 
 
 def critic_inputs(

@@ -1,9 +1,10 @@
 """The symmetries of a region with the confidence in each, slot by slot."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipelines.array_types import Array
 from pipelines.geometry.symmetry import NUM_SLOTS, Symmetry, SymmetrySlots, symmetry_of_slot
@@ -17,11 +18,13 @@ class RegionSymmetries:
         confidence: (5,) 0 to 1, the belief in each symmetry; 0 where there is none.
         point: (5, 3) metres; nan where there is none.
         direction: (5, 3) unit; nan where there is none, and for the sphere.
+        source: (5,) of the candidate: `network`, `shape` or `both`; empty where it is not known.
     """
 
     confidence: Array
     point: Array
     direction: Array
+    source: NDArray[np.str_] = field(default_factory=lambda: np.full(NUM_SLOTS, "", "U7"))
 
     @classmethod
     def of(cls, symmetries: Iterable[tuple[int, Symmetry, float]]) -> "RegionSymmetries":
@@ -34,9 +37,10 @@ class RegionSymmetries:
         return found
 
     @classmethod
-    def unfitted(cls, slots: SymmetrySlots) -> "RegionSymmetries":
+    def unfitted(cls, slots: SymmetrySlots, source: str = "") -> "RegionSymmetries":
         """Return symmetries as they are predicted, or as they truly are: existence is believed."""
-        return cls(slots.existence, slots.point, slots.direction)
+        sources = np.full(NUM_SLOTS, source, "U7")
+        return cls(slots.existence, slots.point, slots.direction, sources)
 
     def between(self, above: float, below: float = np.inf) -> list[tuple[int, Symmetry]]:
         """Return slot and symmetry where the confidence lies `above` and `below` these."""

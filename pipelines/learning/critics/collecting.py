@@ -134,10 +134,10 @@ class Collector:
         axes = models.axis_critic(self.paths.axis_critic)
         for region, truth in zip(frame.regions, frame.truths, strict=True):
             points, normals = fitted_points(region.cloud)
-            axis, _ = axis_evidence(region.slots, points, normals, frame.scene).best(axes)
+            axis = axis_evidence(region.slots, points, normals, frame.scene).best(axes)[0]
             seen = region.slots, axis, points, normals, region.cloud.mask
             known = RegionEvidence(*seen, frame.scene)
-            planes = fitted_planes(known)
+            planes = fitted_planes(known)[0]
             true = np.array([plane_truth(plane, truth) for plane in planes])
             slot = np.full(len(planes), REFLECTION_SLOTS[0])
             yield CriticRows.of_group(*critic_inputs(planes, known), true, slot)

@@ -118,7 +118,7 @@ class GraspTraining:
             generators = [np.random.default_rng(int(index)) for index in indices]
             loaded = load_regions(self.val_set.reader, indices, network, generators)
             truth = loaded.to(self.device)
-            prediction = module(truth.points, truth.ground)
+            prediction = module(truth.points, truth.ground, camera=truth.camera)
             points = truth.points[:, :: max(1, network.num_points // NUM_ERROR_POINTS)]
             losses.append(float(total_loss(prediction, truth, None, self.config, points).total))
             weights.append(len(truth))
@@ -151,7 +151,7 @@ def sample_loss(
     query, measured = (
         torch.cat([each, each]).to(device) for each in (sample.query, sample.measured)
     )
-    features = network.features(both.points, both.ground, query)
+    features = network.features(both.points, both.ground, query, both.camera)
     initial, scaled = features.values.chunk(2)
     pair = (initial, scaled) if config.use_siamese else None
     is_labelled = both.existence[:, SPHERE_SLOT] == 0

@@ -108,7 +108,8 @@ def draw_points(
     center: NDArray[np.float32] = np.nan_to_num(region.point - centroid) @ axes.T
     direction: NDArray[np.float32] = np.nan_to_num(region.direction) @ axes.T
     affordance = np.nan_to_num(region.affordance[chosen])
-    return (points - centroid) @ axes.T, affordance, region.existence, center, direction, ground
+    labels = affordance, region.existence, center, direction
+    return (points - centroid) @ axes.T, *labels, ground, -axes @ centroid
 
 
 def prefetch(

@@ -8,6 +8,7 @@ from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.geometry.transforms import make_pose, random_rotation, rotate_vectors, unit
 from pipelines.geometry.transforms import transform_points as moved
 from pipelines.grasping.symmetries.axis_candidates import middle_of_outline, starting_axes
+from pipelines.grasping.symmetries.sources import NETWORK, SHAPE
 
 NOTHING = SymmetrySlots(np.zeros(5), np.full((5, 3), 9.0), np.tile(unit([1.0, 2.0, 3.0]), (5, 1)))
 TABLE = Plane(np.array([0, 0, 1.0]), 0.0)
@@ -36,7 +37,7 @@ def test_a_lying_object_turns_about_a_level_line_at_half_its_height(seed):
     turn = rng.uniform(0, np.pi)
     along, centre = np.array([np.cos(turn), np.sin(turn), 0]), np.array([0.1, 0.2, 0.03])
     points, normals = cylinder(rng, along, centre)
-    assert nearest(starting_axes(NOTHING, points, normals, TABLE), along, centre, 5) < 0.006
+    assert nearest(starting_axes(NOTHING, points, normals, TABLE)[0], along, centre, 5) < 0.006
 
 
 def test_a_tin_of_which_only_the_lid_is_seen_turns_about_its_middle():
@@ -47,16 +48,30 @@ def test_a_tin_of_which_only_the_lid_is_seen_turns_about_its_middle():
     points = np.column_stack([flat, np.full(len(flat), 0.04)])
     normals = np.tile([0, 0, 1.0], (len(points), 1))
     pose = make_pose(random_rotation(rng), rng.normal(size=3))
-    axes = starting_axes(NOTHING, moved(pose, points), rotate_vectors(pose, normals), None)
+    axes, _ = starting_axes(NOTHING, moved(pose, points), rotate_vectors(pose, normals), None)
     assert nearest(axes, pose[:3, 2], moved(pose, [0, 0, 0.04]), 2) < 0.003
 
 
 def test_the_axis_that_the_network_names_comes_first():
     rng = np.random.default_rng(1)
     points, normals = cylinder(rng, np.array([0, 0, 1.0]), np.array([0, 0, 0.05]))
-    first = starting_axes(NOTHING, points, normals, TABLE)[0]
+    axes, sources = starting_axes(NOTHING, points, normals, TABLE)
+    first = axes[0]
     np.testing.assert_allclose(first.axis, NOTHING.direction[3])
     np.testing.assert_allclose(first.point, NOTHING.point[3])
+    assert sources[0] == NETWORK
+    alone, _ = starting_axes(NOTHING, points, normals, TABLE, NETWORK)
+    assert len(alone) == 1
+    np.testing.assert_allclose(alone[0].axis, first.axis)
+
+
+def test_axes_by_shape_do_not_depend_on_the_network():
+    points, normals = cylinder(np.random.default_rng(1), np.array([0, 0, 1.0]), np.zeros(3))
+    elsewhere = SymmetrySlots(np.ones(5), np.full((5, 3), 3.0), np.tile([1.0, 0, 0], (5, 1)))
+    found = [starting_axes(s, points, normals, TABLE, SHAPE) for s in (NOTHING, elsewhere)]
+    assert set(found[0][1]) == {SHAPE}
+    for one, other in zip(found[0][0], found[1][0], strict=True):
+        np.testing.assert_array_equal([one.axis, one.point], [other.axis, other.point])
 
 
 def test_the_middle_of_an_outline_is_that_of_its_circle_wherever_it_lies():

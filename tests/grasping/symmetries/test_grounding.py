@@ -14,6 +14,7 @@ from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, Sy
 from pipelines.geometry.transforms import invert, make_pose, rotate_vectors, unit
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.grasping.symmetries.grounding import Evidence, ground_symmetries
+from pipelines.grasping.symmetries.sources import NETWORK, SHAPE
 from pipelines.inference import models
 
 CAMERA = Intrinsics(460.0, 460.0, 159.5, 119.5, 320, 240)
@@ -107,6 +108,31 @@ def test_more_support_and_fewer_floating_images_mean_more_confidence():
     good, loose, floating = ([0.5, 0.8, 1.0], [0.5, 0.3, 1.0], [0.5, 0.8, 0.5])
     other = RotationSymmetry([1, 0, 0], [0, 0, 0])
     for worse in (loose, floating):
-        best, confidence = Evidence([other, axis], np.array([worse, good])).best(CRITICS.axes)
+        both = Evidence([other, axis], np.array([worse, good]), np.array([NETWORK, SHAPE]))
+        best, confidence, source = both.best(CRITICS.axes)
         assert best is axis
-        assert confidence > Evidence([other], np.array([worse])).best(CRITICS.axes)[1]
+        assert source == SHAPE
+        alone = Evidence([other], np.array([worse]), np.array([NETWORK]))
+        assert confidence > alone.best(CRITICS.axes)[1]
+
+
+def test_an_axis_that_several_starts_lead_to_has_all_their_sources():
+    axis, same = RotationSymmetry([0, 0, 1], [0, 0, 0]), RotationSymmetry([0, 0, -1], [0, 0, 0.1])
+    beside = RotationSymmetry([0, 0, 1], [0.01, 0, 0])
+    rows = np.array([[0.5, 0.8, 1.0], [0.5, 0.7, 1.0], [0.5, 0.3, 1.0]])
+    for other, expected in ((same, NETWORK | SHAPE), (beside, NETWORK)):
+        found = Evidence([axis, other, other], rows, np.array([NETWORK, SHAPE, SHAPE]))
+        assert found.best(CRITICS.axes)[2] == expected
+
+
+def test_symmetries_tell_whether_network_or_shape_proposed_them(box):
+    scene, region, pose = box
+    across = ReflectionSymmetry([1, 0, 0], [0, 0, 0]).transformed(pose)
+    slots = uncertain([across])
+    slots.point[:] = across.point
+    for candidates in ("network", "shape"):
+        found = ground_symmetries(slots, region, scene, CRITICS, candidates)
+        assert set(found.source[found.confidence > 0]) == {candidates}
+    found = ground_symmetries(slots, region, scene, CRITICS)
+    assert set(found.source) <= {"network", "shape", "both"}
+    assert len(set(found.source)) > 1

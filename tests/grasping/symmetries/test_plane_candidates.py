@@ -20,6 +20,7 @@ from pipelines.grasping.symmetries.plane_candidates import (
     largest_face,
     level_directions,
 )
+from pipelines.grasping.symmetries.sources import NETWORK, SHAPE
 
 UPRIGHT = RotationSymmetry([0, 0, 1], [9, 9, 9])
 NOTHING = SymmetrySlots(np.zeros(5), np.full((5, 3), 9.0), np.tile(unit([1.0, 2.0, 3.0]), (5, 1)))
@@ -54,7 +55,7 @@ def test_all_planes_of_a_box_are_candidates_however_it_lies(seed):
     pose = make_pose(random_rotation(rng), rng.normal(0, 0.3, 3))
     rotation, centre = pose[:3, :3], pose[:3, 3]
     axis = RotationSymmetry(unit(rng.normal(size=3)), [9, 9, 9])
-    found = candidate_planes(NOTHING, axis, moved(pose, points), normals @ rotation.T, None)
+    found, _ = candidate_planes(NOTHING, axis, moved(pose, points), normals @ rotation.T, None)
     for axis in rotation.T:
         assert has_plane(found, axis, centre)
 
@@ -63,9 +64,27 @@ def test_two_seen_faces_of_a_standing_box_suffice_for_its_upright_planes():
     rng = np.random.default_rng(0)
     points, normals = seen_box(np.array([0.05, 0.08, 0.1]), [0.0, -0.7, 0.7], rng)
     table = Plane(np.array([0, 0, 1.0]), 0.05)
-    found = candidate_planes(NOTHING, UPRIGHT, points, normals, table)
+    found, _ = candidate_planes(NOTHING, UPRIGHT, points, normals, table)
     for axis in np.eye(3):
         assert has_plane(found, axis, np.zeros(3))
+
+
+def test_a_plane_that_shape_and_network_name_is_one_candidate_of_both():
+    size = np.array([0.05, 0.08, 0.1])
+    points, normals = seen_box(size, [0.4, -0.7, 0.7], np.random.default_rng(0))
+    named = SymmetrySlots(NOTHING.existence, np.zeros((5, 3)), NOTHING.direction.copy())
+    named.direction[0] = [1.0, 0.0, 0.0]
+    seen = named, UPRIGHT, points, normals, Plane(np.array([0, 0, 1.0]), 0.05)
+    both, sources = candidate_planes(*seen)
+    middle = [k for k, p in enumerate(both) if has_plane([p], [1.0, 0.0, 0.0], np.zeros(3))]
+    assert NETWORK | SHAPE in sources[middle]
+    assert set(sources) == {NETWORK, SHAPE, NETWORK | SHAPE}
+    for source in (NETWORK, SHAPE):
+        planes, only = candidate_planes(*seen, source)
+        assert set(only) == {source}
+        assert len(planes) < len(both)
+        assert has_plane(planes, [1.0, 0.0, 0.0], np.zeros(3))
+    assert not has_plane(planes, NOTHING.direction[1], np.zeros(3), degrees=1.0)
 
 
 def test_the_axis_tells_where_the_middle_of_half_hidden_things_is():
@@ -76,7 +95,7 @@ def test_the_axis_tells_where_the_middle_of_half_hidden_things_is():
     table = Plane(np.array([0, 0, 1.0]), 0.05)
     for point, known in (([0, 0, 0], True), ([9, 9, 9], False)):
         axis = RotationSymmetry([0, 0, 1], point)
-        found = candidate_planes(NOTHING, axis, points[seen], normals[seen], table)
+        found, _ = candidate_planes(NOTHING, axis, points[seen], normals[seen], table)
         assert has_plane(found, [1.0, 0.0, 0.0], np.zeros(3)) == known
 
 

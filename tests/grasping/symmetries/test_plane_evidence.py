@@ -55,7 +55,7 @@ def row(plane, known):
 def test_a_box_alone_shows_its_three_planes_without_a_network(box):
     found = likely_planes(evidence_of(box), CRITIC)
     assert len(found) == 3
-    confidence = [each for _, each in found]
+    confidence = [each for _, each, _ in found]
     assert confidence == sorted(confidence, reverse=True)
     for truth in box_planes(box[2]):
         best = max(found, key=lambda pair: abs(float(pair[0].normal @ truth.normal)))
@@ -81,12 +81,14 @@ def test_of_oblique_planes_only_the_more_likely_is_kept(box, monkeypatch):
     ]
     said = np.array([0.9, 0.8, 0.3, 0.2])
     monkeypatch.setattr(
-        "pipelines.grasping.symmetries.plane_evidence.fitted_planes", lambda _: oblique
+        "pipelines.grasping.symmetries.plane_evidence.fitted_planes",
+        lambda _: (oblique, np.array([1, 2, 3, 1])),
     )
     monkeypatch.setattr(type(CRITIC), "probability", lambda *_: said)
     found = likely_planes(evidence_of(box), CRITIC)
-    assert [each for _, each in found] == [0.9, 0.3]  # 90 degrees is within 30 of what is kept
+    assert [each for _, each, _ in found] == [0.9, 0.3]  # 90 degrees is within 30 of what is kept
     assert found[0][0] is oblique[0]
+    assert [source for _, _, source in found] == [1, 3]
 
 
 def test_numbers_are_what_they_are_called(box):
@@ -111,7 +113,7 @@ def test_a_plane_that_the_network_names_is_a_candidate():
     said = SymmetrySlots(SILENT.existence.copy(), SILENT.point.copy(), SILENT.direction.copy())
     said.existence[1], said.point[1], said.direction[1] = 0.9, across.point, across.normal
     for slots, named in ((said, True), (SILENT, False)):
-        found = candidate_planes(slots, UPRIGHT, points, unit(points), None)
+        found, _ = candidate_planes(slots, UPRIGHT, points, unit(points), None)
         near = [abs(float(plane.normal @ across.normal)) > 0.9999 for plane in found]
         assert any(near) == named
 
@@ -119,7 +121,7 @@ def test_a_plane_that_the_network_names_is_a_candidate():
 def test_without_a_table_nothing_is_level_and_planes_are_found(box):
     scene, region, pose = box
     known = evidence_of((SceneCloud(scene.depth, scene.intrinsics, None), region, pose))
-    values = features(fitted_planes(known), known)
+    values = features(fitted_planes(known)[0], known)
     assert (values[:, FEATURES.index("level")] == 0).all()
     assert np.isfinite(values).all()
     assert len(likely_planes(known, CRITIC)) == 3

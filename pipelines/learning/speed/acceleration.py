@@ -32,8 +32,10 @@ class _HalfLinear(nn.Linear):
 class _HalfConv(nn.Conv2d):
     def forward(self, features: Tensor) -> Tensor:
         bias = None if self.bias is None else self.bias.bfloat16()
-        placing = self.stride, self.padding, self.dilation, self.groups
-        made = nn.functional.conv2d(features.bfloat16(), self.weight.bfloat16(), bias, *placing)
+        weight, (stride, padding) = self.weight.bfloat16(), (self.stride, self.padding)
+        made = nn.functional.conv2d(
+            features.bfloat16(), weight, bias, stride, padding, self.dilation, self.groups
+        )
         return made.float()
 
 

@@ -12,6 +12,7 @@ from symgrasp_cli.options import (
     Compile,
     DatasetSplit,
     Device,
+    Loaders,
     MaxMinutes,
     MaxSeconds,
     Overwrite,
@@ -67,6 +68,7 @@ def finetune_detector(
     backend: Backend = "loky",
     precision: Precision = "float32",
     compiled: Compile = False,
+    loaders: Loaders = 0,
     seed: Seed = 0,
     resume: Resume = False,
     overwrite: Overwrite = False,
@@ -77,7 +79,9 @@ def finetune_detector(
 
     bar = show_training()
     limit = seconds_allowed(max_seconds, max_minutes)
-    request = RunRequest(seed, device, threads, limit, resume, overwrite, bar, precision, compiled)
+    request = RunRequest(
+        seed, device, threads, limit, resume, overwrite, bar, precision, compiled, loaders
+    )
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=False)
     report = stage.run(
         roots,

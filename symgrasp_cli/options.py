@@ -98,6 +98,15 @@ Precision = Annotated[
         help="Of the large products of a training step: float32, or bf16 for GPUs.",
     ),
 ]
+Loaders = Annotated[
+    int,
+    typer.Option(
+        metavar="N",
+        min=0,
+        rich_help_panel=RUNNING,
+        help="Processes that load batches ahead, so that a GPU need not wait; 0: a thread.",
+    ),
+]
 Compile = Annotated[
     bool,
     typer.Option(

@@ -13,6 +13,7 @@ from symgrasp_cli.options import (
     Compile,
     DatasetSplit,
     Device,
+    Loaders,
     MaxSeconds,
     Overwrite,
     Precision,
@@ -64,6 +65,7 @@ def train_baseline(
     backend: Backend = "loky",
     precision: Precision = "float32",
     compiled: Compile = False,
+    loaders: Loaders = 0,
     seed: Seed = 0,
     resume: Resume = False,
     overwrite: Overwrite = False,
@@ -74,7 +76,7 @@ def train_baseline(
 
     bar = show_training()
     request = RunRequest(
-        seed, device, threads, max_seconds, resume, overwrite, bar, precision, compiled
+        seed, device, threads, max_seconds, resume, overwrite, bar, precision, compiled, loaders
     )
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=False)
     report = stage.run(

@@ -105,6 +105,12 @@ def test_a_resumed_training_equals_one_that_never_stopped(name, root, trained, t
     assert path.read_bytes() == whole.read_bytes()
 
 
+def test_processes_that_load_batches_change_nothing(root, trained, tmp_path):
+    path = tmp_path / "gg-cnn.safetensors"
+    assert train(root, path, request=replace(REQUEST, loaders=2)).done
+    assert path.read_bytes() == trained("gg-cnn").read_bytes()
+
+
 def test_a_method_without_weights_says_which_command_writes_them(root, tmp_path):
     paths = infer.InferPaths(root.root, tmp_path / "grasps.h5")
     with pytest.raises(ValueRangeError, match=r"--weights .*symgrasp train-baseline gg-cnn"):

@@ -1,14 +1,15 @@
-"""Batches of packed regions, drawn by seed and step, and loading ahead in a thread."""
+"""Batches of packed regions, drawn by seed and step, and loading ahead."""
 
 import queue
 import re
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from typing import TypeVar
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch.utils.data import DataLoader, Dataset
 
 from pipelines.array_types import Indices
 from pipelines.configs import NetworkConfig
@@ -110,6 +111,43 @@ def draw_points(
     affordance = np.nan_to_num(region.affordance[chosen])
     labels = affordance, region.existence, center, direction
     return (points - centroid) @ axes.T, *labels, ground, -axes @ centroid
+
+
+class _Steps(Dataset[Result | Exception]):
+    """The loaded batch of each step, or the error of loading it, for torch's loader."""
+
+    def __init__(self, load: Callable[[int], Result]) -> None:
+        self.load = load
+
+    def __getitem__(self, step: int) -> Result | Exception:
+        try:
+            return self.load(step)
+        except Exception as error:  # torch's loader would raise it as another class
+            return error
+
+
+def load_ahead(
+    load: Callable[[int], Result], steps: range, processes: int = 0
+) -> Generator[Result]:
+    """Yield `load(step)` for each step, in order, loaded ahead.
+
+    In `processes` forked ones, or with 0 in a thread. What is loaded is the same either way.
+    """
+    if not processes or not len(steps):
+        yield from prefetch(load, steps)
+        return
+    loader = DataLoader(
+        _Steps(load),
+        batch_size=None,
+        sampler=steps,
+        num_workers=min(processes, len(steps)),
+        collate_fn=lambda batch: batch,
+        multiprocessing_context="fork",
+    )
+    for loaded in loader:
+        if isinstance(loaded, Exception):
+            raise loaded
+        yield loaded
 
 
 def prefetch(

@@ -18,7 +18,7 @@ from pipelines.errors import ValueRangeError
 from pipelines.learning.loop.draws import generator
 from pipelines.learning.loop.faults import describe_losses, save_fault
 from pipelines.learning.loop.keeping import Keeper
-from pipelines.learning.loop.loaders import prefetch
+from pipelines.learning.loop.loaders import load_ahead
 from pipelines.learning.loop.options import LoopOptions
 from pipelines.learning.loop.runs import Progress, checkpoint_path, fault_path, log_folder
 from pipelines.learning.loop.trainee import Items, Trainee
@@ -136,7 +136,7 @@ class TrainingRun:
             pieces = cut(batches[step], self.trainee.micro_batch_size, self.processes)
             return [(piece, piece.load(self.trainee, seed, epoch, step)) for piece in pieces]
 
-        reason, loaded = Reason.NONE, prefetch(load, remaining)
+        reason, loaded = Reason.NONE, load_ahead(load, remaining, self.options.loaders)
         for step, pieces in zip(remaining, loaded, strict=True):
             self._set_learning_rate(epoch + step / len(batches))
             try:
@@ -148,7 +148,7 @@ class TrainingRun:
             self._report_and_save(batches)
             if reason := self._why_stop():
                 break
-        loaded.close()  # type: ignore[attr-defined]  # a generator: stops its thread
+        loaded.close()  # stops what loads
         self._save_checkpoint()
         whole_epoch = self.progress.step >= len(batches)
         if reason <= Reason.TIME_LIMIT and (whole_epoch or reason is Reason.TIME_LIMIT):

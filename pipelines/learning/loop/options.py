@@ -32,6 +32,7 @@ class LoopOptions:
         log_seconds: between log lines.
         progress: a bar on stderr instead of log lines.
         acceleration: how gradients are computed faster.
+        loaders: processes that load batches ahead; 0 for a thread of this one.
     """
 
     epochs: int
@@ -47,6 +48,7 @@ class LoopOptions:
     log_seconds: float = 20.0
     progress: bool = False
     acceleration: Acceleration = field(default_factory=Acceleration)
+    loaders: int = 0
 
     @classmethod
     def of(cls, config: LearningConfig, request: RunRequest) -> "LoopOptions":
@@ -62,4 +64,5 @@ class LoopOptions:
             max_seconds=request.max_seconds,
             progress=request.progress,
             acceleration=Acceleration(request.precision, request.compiled),
+            loaders=request.loaders,
         )

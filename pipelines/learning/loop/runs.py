@@ -25,6 +25,7 @@ class RunRequest:
         progress: show a progress bar on stderr instead of lines.
         precision: of the large products of a step, float32 or bf16.
         compiled: compile chains of layers.
+        loaders: processes that load batches ahead; 0 for a thread of this one.
     """
 
     seed: int = 0
@@ -36,6 +37,7 @@ class RunRequest:
     progress: bool = False
     precision: str = "float32"
     compiled: bool = False
+    loaders: int = 0
 
 
 @dataclass

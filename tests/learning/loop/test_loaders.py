@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import torch
 
 from pipelines.configs import NetworkConfig
 from pipelines.dataset.training.packed_regions import PackedReader
@@ -15,6 +16,7 @@ from pipelines.geometry.transforms import unit
 from pipelines.learning.loop.loaders import (
     draw_points,
     epoch_batches,
+    load_ahead,
     load_regions,
     prefetch,
     split_by_scene,
@@ -124,3 +126,27 @@ def test_a_prefetch_that_is_left_stops_its_thread():
     next(got)
     got.close()
     assert len(loaded) < 10
+
+
+@pytest.mark.parametrize("processes", [0, 2])
+def test_batches_loaded_ahead_come_in_the_order_of_their_steps(processes):
+    got = list(load_ahead(lambda step: [step, torch.full((2,), step)], range(3, 8), processes))
+    assert [(step, numbers.tolist()) for step, numbers in got] == [(i, [i, i]) for i in range(3, 8)]
+
+
+@pytest.mark.parametrize("processes", [0, 2])
+def test_of_no_step_nothing_is_loaded_ahead(processes):
+    assert list(load_ahead(lambda step: step, range(0), processes)) == []
+
+
+def test_a_fault_in_a_loading_process_names_its_cause():
+    def load(step):
+        if step == 3:
+            raise ValueRangeError("item", step, "another")
+        return step
+
+    got = load_ahead(load, range(9), 2)
+    assert [next(got) for _ in range(3)] == [0, 1, 2]
+    with pytest.raises(ValueRangeError, match="item"):
+        next(got)
+    got.close()

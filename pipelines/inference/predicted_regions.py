@@ -61,6 +61,10 @@ class Predictor(Protocol):
 class RegionMethod(Protocol):
     """A compared method that finds the symmetries of regions."""
 
+    @property
+    def source(self) -> str:
+        """The source of the symmetries: `network` or `shape`."""
+
     def symmetries(
         self, clouds: Sequence[RegionCloud], scene: SceneCloud, color: NDArray[np.uint8]
     ) -> Sequence[RegionSymmetries]:
@@ -111,6 +115,8 @@ def predicted_regions(
 class Fitting:
     """A `RegionMethod`: symmetries that fit the points, without any network."""
 
+    source = "shape"
+
     def symmetries(
         self, clouds: Sequence[RegionCloud], scene: SceneCloud, color: NDArray[np.uint8]
     ) -> list[RegionSymmetries]:
@@ -130,7 +136,7 @@ def compared_regions(
     for cloud, found in zip(clouds, method.symmetries(clouds, scene, color), strict=True):
         slots = SymmetrySlots(found.confidence, found.point, found.direction)
         chosen = np.random.default_rng(0).permutation(len(cloud))[:NUM_FITTED_POINTS]
-        regions.append(PredictedRegion(cloud[chosen], np.ones(len(chosen)), slots, "shape"))
+        regions.append(PredictedRegion(cloud[chosen], np.ones(len(chosen)), slots, method.source))
     return regions
 
 

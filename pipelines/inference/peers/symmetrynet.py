@@ -3,25 +3,27 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
 from pipelines.grasping.peers.hands import drawn_points
+from pipelines.grasping.peers.symmetry_offsets import SymmetryOffsets, symmetries_by_offsets
 from pipelines.grasping.scene import RegionCloud, SceneCloud
-from pipelines.grasping.symmetries.by_offsets import SymmetryOffsets, symmetries_by_offsets
 from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
 from pipelines.network.devices import find_device
 from pipelines.network.peers.symmetrynet import SYMMETRYNET_MODEL, SymmetryNet
-from pipelines.network.peers.symmetrynet_input import normalised, region_crop
+from pipelines.network.peers.symmetrynet_input import normalised_colors, region_crop
 from pipelines.network.peers.trained import trained_network
 
 
 @dataclass(frozen=True)
 class SymmetryNetMethod:
     """A `RegionMethod`: SymmetryNet, trained."""
+
+    source: ClassVar[str] = "network"
 
     network: SymmetryNet
     device: torch.device
@@ -52,7 +54,7 @@ class SymmetryNetMethod:
         points = drawn_points(cloud.points, count, np.random.default_rng(0))
         pixels, _ = scene.intrinsics.pixels_of(points.astype(np.float64))
         crop = region_crop(color, cloud.mask, pixels)
-        inputs = [normalised(torch.from_numpy(crop.image)[None].to(self.device))]
+        inputs = [normalised_colors(torch.from_numpy(crop.image)[None].to(self.device))]
         inputs += [torch.from_numpy(each)[None].to(self.device) for each in (crop.pixels, points)]
         said = self.network(*inputs)
         of_points = {

@@ -28,7 +28,7 @@ UNITS = 10_000.0  # of stored points, per metre
 JPEG_QUALITY = 95
 MOST_SHIFT = 0.03  # metres, each way
 JITTER = (0.2, 0.2, 0.2, 0.05)  # of brightness, contrast, saturation; of the turn of the hue
-FOREIGN = 2  # instances that are pasted in front
+NUM_PASTED = 2  # instances that are pasted in front
 LEAST_LEFT = 0.5  # share of the points that a pasted instance leaves
 LUMA = np.array([0.299, 0.587, 0.114])
 YIQ = np.array([LUMA, [0.596, -0.274, -0.322], [0.211, -0.523, 0.312]])
@@ -67,7 +67,7 @@ class RegionCrops:
 
     Attributes:
         image: (B, S, S, 3) uint8.
-        jitter: (B, 3, 4) of the colours, as `normalised` takes it.
+        jitter: (B, 3, 4) of the colours, as `normalised_colors` takes it.
         pixels: (B, N, 2) uint8 columns and rows.
         points: (B, N, 3) metres, camera frame.
     """
@@ -192,7 +192,7 @@ def plain_region(region: SeenRegion, count: int) -> tuple[NDArray[Any], ...]:
     return region.crop.image, unchanged, pixels, points, *truth
 
 
-def stacked(regions: Sequence[tuple[NDArray[Any], ...]]) -> RegionCrops:
+def stacked_regions(regions: Sequence[tuple[NDArray[Any], ...]]) -> RegionCrops:
     """Return drawn regions as one batch."""
     columns = [torch.from_numpy(np.stack(each)) for each in zip(*regions, strict=True)]
     return RegionCrops(*columns)

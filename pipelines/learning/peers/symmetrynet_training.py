@@ -24,26 +24,25 @@ from pipelines.learning.peers.peer import (
     mean_figures,
 )
 from pipelines.learning.peers.symmetrynet_regions import (
-    FOREIGN,
+    NUM_PASTED,
     RegionCrops,
     SeenRegion,
     drawn_region,
     plain_region,
     read_regions,
-    stacked,
+    stacked_regions,
     symmetrynet_frame,
 )
 from pipelines.learning.speed.processes import Processes
-from pipelines.network.matching import assign
+from pipelines.network.matching import NUM_REFLECTIONS, assign
 from pipelines.network.peers.symmetrynet import (
-    MODES,
-    PLANES,
+    SYMMETRY_MODES,
     SYMMETRYNET_MODEL,
     SYMMETRYNET_SIZES,
     SymmetryNet,
     SymmetryOutput,
 )
-from pipelines.network.peers.symmetrynet_input import normalised
+from pipelines.network.peers.symmetrynet_input import normalised_colors
 
 SIZE = 0.05  # metres, about an object's: the unit of lengths in the loss
 ROUNDING = 0.01  # metres, added to the length that an error is a share of
@@ -80,10 +79,10 @@ class SymmetryNetTraining(PeerTraining):
     ) -> RegionCrops:
         """Return each region with the points and the noise that its generator draws."""
         pairs = zip(items.tolist(), generators, strict=True)
-        return stacked([self._drawn(number, rng) for number, rng in pairs])
+        return stacked_regions([self._drawn(number, rng) for number, rng in pairs])
 
     def _drawn(self, number: int, rng: np.random.Generator) -> tuple[NDArray[np.generic], ...]:
-        others = rng.integers(len(self.regions), size=FOREIGN).tolist()
+        others = rng.integers(len(self.regions), size=NUM_PASTED).tolist()
         region, *foreign = (self._region(each) for each in (number, *others))
         return drawn_region(region, foreign, self.num_points, rng)
 
@@ -113,7 +112,7 @@ class SymmetryNetTraining(PeerTraining):
         regions = [each for key in keys for each in read_regions(*key)]
         for start in range(0, len(regions), JUDGED_TOGETHER):
             some = regions[start : start + JUDGED_TOGETHER]
-            yield stacked([plain_region(each, self.num_points) for each in some])
+            yield stacked_regions([plain_region(each, self.num_points) for each in some])
 
 
 def _numbered(keys: FrameKeys) -> list[tuple[int, int]]:
@@ -123,7 +122,9 @@ def _numbered(keys: FrameKeys) -> list[tuple[int, int]]:
 
 def symmetry_terms(module: nn.Module, seen: RegionCrops) -> dict[str, Tensor]:
     """Return the mean loss terms of regions, and their weighed sum as `total`."""
-    found: SymmetryOutput = module(normalised(seen.image, seen.jitter), seen.pixels, seen.points)
+    found: SymmetryOutput = module(
+        normalised_colors(seen.image, seen.jitter), seen.pixels, seen.points
+    )
     exists = seen.existence > 0
     has_axis, has_any = exists[:, ROTATION_SLOT], exists.any(dim=1)
     terms, has_plane = _plane_terms(found, seen)
@@ -150,8 +151,10 @@ def symmetry_terms(module: nn.Module, seen: RegionCrops) -> dict[str, Tensor]:
 
 def _plane_terms(found: SymmetryOutput, seen: RegionCrops) -> tuple[dict[str, Tensor], Tensor]:
     """Return the terms of the planes, and which predicted planes (B, 3) are assigned to a true."""
-    exists, normal = seen.existence[:, :PLANES] > 0, seen.direction[:, :PLANES]
-    across = ((seen.points[:, :, None] - seen.place[:, None, :PLANES]) * normal[:, None]).sum(-1)
+    exists, normal = seen.existence[:, :NUM_REFLECTIONS] > 0, seen.direction[:, :NUM_REFLECTIONS]
+    across = (
+        (seen.points[:, :, None] - seen.place[:, None, :NUM_REFLECTIONS]) * normal[:, None]
+    ).sum(-1)
     with torch.no_grad():
         said = functional.normalize(found.mirrored, dim=-1, eps=NONE)
         cosine = torch.einsum("bnsc,bpc->bnsp", said, normal).abs()
@@ -171,13 +174,15 @@ def _plane_terms(found: SymmetryOutput, seen: RegionCrops) -> tuple[dict[str, Te
 
 
 def true_modes(exists: Tensor) -> Tensor:
-    """Return the number (B,) in `MODES` of regions with the slots `exists` (B, 5).
+    """Return the number (B,) in `SYMMETRY_MODES` of regions with the slots `exists` (B, 5).
 
     Without a plane, an axis or a sphere it is that of a plane, of which none exists.
     """
-    plane, axis = exists[:, :PLANES].any(dim=1), exists[:, ROTATION_SLOT]
-    mode = torch.where(axis, MODES.index("axis") + plane.long(), MODES.index("plane"))
-    return torch.where(exists[:, SPHERE_SLOT], MODES.index("sphere"), mode)
+    plane, axis = exists[:, :NUM_REFLECTIONS].any(dim=1), exists[:, ROTATION_SLOT]
+    mode = torch.where(
+        axis, SYMMETRY_MODES.index("axis") + plane.long(), SYMMETRY_MODES.index("plane")
+    )
+    return torch.where(exists[:, SPHERE_SLOT], SYMMETRY_MODES.index("sphere"), mode)
 
 
 def _length(vectors: Tensor) -> Tensor:

@@ -15,16 +15,16 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from pipelines.configs.peers import PeerNetworkConfig
+from pipelines.network.matching import NUM_REFLECTIONS
 from pipelines.network.peers.symmetrynet_input import CROP_SIDE
 
 SYMMETRYNET_MODEL = "SymmetryNet"
-PLANES = 3
-MODES = ("plane", "axis", "both", "sphere")
+SYMMETRY_MODES = ("plane", "axis", "both", "sphere")
 COLOR_DIM = 32
 
 
 @dataclass(frozen=True)
-class Sizes:
+class SymmetryNetSizes:
     """Points of a region, and widths of layers: points', colours', of both, of the heads."""
 
     num_points: int
@@ -35,8 +35,8 @@ class Sizes:
 
 
 SYMMETRYNET_SIZES = {
-    "light": Sizes(500, (32, 64), (32, 64), (256, 512), (320, 128, 64)),
-    "full": Sizes(1000, (64, 128), (64, 128), (512, 1024), (640, 256, 128)),
+    "light": SymmetryNetSizes(500, (32, 64), (32, 64), (256, 512), (320, 128, 64)),
+    "full": SymmetryNetSizes(1000, (64, 128), (64, 128), (512, 1024), (640, 256, 128)),
 }
 
 
@@ -50,7 +50,7 @@ class SymmetryOutput:
         feet: (B, N, 3, 3) to its feet on the planes.
         axis_foot: (B, N, 3) to its foot on the axis.
         existence: (B, N, 3) probabilities of the planes.
-        mode: (B, N, 4) logits of `MODES`.
+        mode: (B, N, 4) logits of `SYMMETRY_MODES`.
     """
 
     center: Tensor
@@ -75,7 +75,7 @@ class SymmetryNet(nn.Module):
         self.joined = nn.Sequential(*_steps(*sizes.joined, first=both))
         width = sizes.of_points[1] + both + sizes.joined[1]
         outs = {"center": 3, "mirrored": 9, "feet": 9, "axis_foot": 3, "existence": 3}
-        outs["mode"] = len(MODES)
+        outs["mode"] = len(SYMMETRY_MODES)
         self.heads = nn.ModuleDict(
             {
                 name: nn.Sequential(
@@ -103,7 +103,7 @@ class SymmetryNet(nn.Module):
         whole = self.joined(both).mean(dim=1, keepdim=True).expand(-1, both.shape[1], -1)
         each = torch.cat([point, color, both, whole], dim=-1)
         said = {name: head(each).float() for name, head in self.heads.items()}
-        planes = (*points.shape[:2], PLANES, 3)
+        planes = (*points.shape[:2], NUM_REFLECTIONS, 3)
         said["mirrored"], said["feet"] = (said[n].view(planes) for n in ("mirrored", "feet"))
         said["existence"] = said["existence"].sigmoid()
         return SymmetryOutput(**said)

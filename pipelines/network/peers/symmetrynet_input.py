@@ -1,4 +1,4 @@
-"""What SymmetryNet sees of a region: a square of the colour image, and pixels in it."""
+"""Input of SymmetryNet: a square of the colour image about a region, and pixels in it."""
 
 from dataclasses import dataclass
 
@@ -54,7 +54,7 @@ def region_crop(color: NDArray[np.uint8], mask: Mask, pixels: Indices) -> Region
     return RegionCrop(np.asarray(parts[0], np.uint8), np.asarray(parts[1]) > 0, at)
 
 
-def normalised(
+def normalised_colors(
     image: Tensor,  # (B, S, S, 3) uint8
     jitter: Tensor | None = None,  # (B, 3, 4)
 ) -> Tensor:

@@ -14,7 +14,7 @@ from pipelines.learning.peers.symmetrynet_regions import (
     drawn_region,
     plain_region,
     restored,
-    stacked,
+    stacked_regions,
     stored,
     symmetrynet_frame,
 )
@@ -104,13 +104,13 @@ def test_points_that_know_the_truth_have_no_loss(regions, is_noisy):
         if is_noisy
         else [plain_region(each, 300) for each in regions]
     )
-    seen = stacked(drawn)
+    seen = stacked_regions(drawn)
     terms = symmetry_terms(lambda *_: told(seen), seen)
     assert float(terms["total"]) < 0.02
 
 
 def test_planes_may_be_said_in_any_order(regions):
-    seen = stacked([plain_region(regions[BOX], 300)])
+    seen = stacked_regions([plain_region(regions[BOX], 300)])
     known, order = told(seen), [2, 0, 1]
     turned = SymmetryOutput(
         known.center,
@@ -139,7 +139,7 @@ def test_a_pasted_instance_takes_the_points_under_it(regions):
 def test_it_learns_one_batch_by_heart(regions):
     torch.manual_seed(0)
     network = SymmetryNet(PeerNetworkConfig())
-    seen = stacked([plain_region(each, 40) for each in regions])
+    seen = stacked_regions([plain_region(each, 40) for each in regions])
     optimizer = torch.optim.Adam(network.parameters(), lr=2e-3)
     losses = []
     for _ in range(130):

@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from pipelines.configs.peers import PeerNetworkConfig
-from pipelines.network.peers.symmetrynet import MODES, SYMMETRYNET_SIZES, SymmetryNet
-from pipelines.network.peers.symmetrynet_input import CROP_SIDE, normalised, region_crop
+from pipelines.network.peers.symmetrynet import SYMMETRY_MODES, SYMMETRYNET_SIZES, SymmetryNet
+from pipelines.network.peers.symmetrynet_input import CROP_SIDE, normalised_colors, region_crop
 
 PUBLISHED, CLASSIFIER, INDEX_WEIGHTS, SPHERE_MODE = 24_728_510, 71_189, 1_000, 129
 
@@ -27,7 +27,7 @@ def test_each_point_speaks_and_the_order_of_points_does_not_matter(variant):
         found = network(crop, pixels, points)
         shuffled = network(crop, pixels[:, order], points[:, order])
     assert found.mirrored.shape == (1, 20, 3, 3)
-    assert found.mode.shape == (1, 20, len(MODES))
+    assert found.mode.shape == (1, 20, len(SYMMETRY_MODES))
     torch.testing.assert_close(found.mirrored[:, order], shuffled.mirrored)
     torch.testing.assert_close(found.existence[:, order], shuffled.existence)
 
@@ -49,5 +49,5 @@ def test_points_lie_on_their_pixels_in_the_crop_even_at_the_border_of_the_image(
 def test_a_jitter_that_changes_nothing_leaves_the_colours():
     image = torch.randint(0, 256, (2, 8, 8, 3), dtype=torch.uint8)
     torch.testing.assert_close(
-        normalised(image, torch.eye(3, 4).expand(2, 3, 4)), normalised(image)
+        normalised_colors(image, torch.eye(3, 4).expand(2, 3, 4)), normalised_colors(image)
     )

@@ -5,7 +5,7 @@ import pytest
 
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SphereSymmetry
 from pipelines.geometry.transforms import transform_points
-from pipelines.grasping.symmetries.by_offsets import SymmetryOffsets, symmetries_by_offsets
+from pipelines.grasping.peers.symmetry_offsets import SymmetryOffsets, symmetries_by_offsets
 from tests.geometry.tabletops import Box
 from tests.grasping.seen_regions import seen
 

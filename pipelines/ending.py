@@ -80,7 +80,7 @@ def end_on_signals() -> None:
         number = getattr(signal, name, None)  # Windows has no SIGHUP
         is_nohup = name == "SIGHUP" and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
         if number is not None and not is_nohup:
-            signal.signal(number, _end_by_signal)
+            signal.signal(number, end_by_signal)
 
 
 def set_farewell(sentence: str) -> None:
@@ -102,7 +102,8 @@ def signal_handlers_kept() -> Iterator[None]:
                 signal.signal(number, handler)
 
 
-def _end_by_signal(number: int, _frame: object) -> NoReturn:
+def end_by_signal(number: int, _frame: object = None) -> NoReturn:
+    """End this process at once as a signal does, with a sentence."""
     if os.environ.get("RANK", "0") == "0":  # of the processes of torchrun the first one speaks
         shown = SHOW_CURSOR if os.isatty(2) else ""
         name = signal.Signals(number).name

@@ -4,15 +4,18 @@ Reads   frames, posted to /grasps as JSON
 Writes  nothing; answers with the grasps of the frame, as `export --to json` has them
 
 The server listens on this machine alone unless told otherwise: it knows no passwords. It ends with
-SIGTERM or Ctrl-C, after the frames that it has begun.
+SIGTERM or Ctrl-C, after the frames that it has begun, or without those that outlast the grace.
 """
 
 import json
+import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import FrameType
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from pipelines.configs import ExportConfig, ServeConfig
+from pipelines.ending import end_by_signal, set_farewell
 from pipelines.errors import SymgraspError
 from pipelines.grasp_files.exports.export_poses import ExportGripper, base_to_tool, pose_frame
 from pipelines.grasp_files.exports.grasp_exports import FrameGrasps
@@ -69,7 +72,9 @@ def app_of(
 
 
 def run(app: "FastAPI", config: ServeConfig) -> None:
-    """Serve until SIGTERM or Ctrl-C; frames that are begun are answered first.
+    """Serve until SIGTERM or Ctrl-C; frames that are begun are answered first, within the grace.
+
+    A second signal waits for none.
 
     Raises:
         SymgraspError: the extra is not installed.
@@ -78,12 +83,26 @@ def run(app: "FastAPI", config: ServeConfig) -> None:
         import uvicorn  # noqa: PLC0415 - an extra
     except ImportError as error:
         raise SymgraspError('serve needs uvicorn: pip install "symgrasp[serve]"') from error
+
+    def cut_off(number: int) -> NoReturn:
+        set_farewell(f"frames that it had begun and that take over {config.grace} s are lost")
+        end_by_signal(number)
+
+    class Server(uvicorn.Server):
+        # uvicorn's own limit cancels the frames, with a traceback for each.
+        def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+            if self.should_exit:
+                cut_off(sig)
+            limit = threading.Timer(config.grace, cut_off, [sig])
+            limit.daemon = True
+            limit.start()
+            super().handle_exit(sig, frame)
+
     settings = uvicorn.Config(
         app,
         host=config.host,
         port=config.port,
         log_level="warning",
-        timeout_graceful_shutdown=config.grace,
         limit_concurrency=2 * config.max_waiting,
     )
-    uvicorn.Server(settings).run()
+    Server(settings).run()

@@ -20,7 +20,7 @@ from pipelines.geometry.meshes.mesh import Mesh
 from tests.attacks.services import BAGS, POST, write_services
 from tests.frames.layouts.build import LAYOUTS, K, color, depth
 from tests.geometry.tabletops import Box
-from tests.stages import dataset_root, toy_dump, toy_root
+from tests.stages import dataset_root, toy_dump, toy_grasp_labels, toy_root
 from tests.stages.test_infer import write_frame
 
 Run = Callable[[Path, str], None]
@@ -77,6 +77,13 @@ FORMATS = {"graspnet": "", "contact-graspnet": "", "isaac": "", "json": ".json",
 MESHES = ("box.obj", "box.stl", "box.off", "box.glb", "box.ply", "textured.obj")
 WEIGHTS = ("axis-critic", "plane-critic", "grasp-critic", "network", "detector")
 TRAINING = "--epochs 1 --max-seconds 1 --device cpu --threads 1"
+PEER_TRAINING = "--split all --steps 1 --batch-size 1 --max-seconds 1 --device cpu --threads 1"
+PEERS = {
+    "gg-cnn": "labelled/scenes/**/rect/*",
+    "multi-grasp": "labelled/scenes/**/rect/*",
+    "pointnetgpd": "labelled/grasp_label/* labelled/collision_label/**/*",
+    "graspnet": "labelled/grasp_label/* labelled/collision_label/**/*",
+}
 
 ATTACKS = (
     *(
@@ -172,6 +179,24 @@ ATTACKS = (
         "packed/*.h5",
         share=0.5,
     ),
+    *(
+        Attack(
+            f"train-baseline {name} labelled --out out/n.safetensors {PEER_TRAINING}",
+            f"{labels} labelled/scenes/**/* labelled/models/*/*",
+            share=0.5,
+        )
+        for name, labels in PEERS.items()
+    ),
+    *(
+        Attack(
+            f"infer table --out out.h5 --method {name} --weights weights/{name}.safetensors "
+            "--device cpu",
+            f"weights/{name}.safetensors",
+            "out.h5",
+            0.5,
+        )
+        for name in PEERS
+    ),
     Attack(
         "infer frames/flat --out out.h5 --method planar --regions geometric --gripper g.toml "
         "--config infer.toml --device cpu",
@@ -247,6 +272,9 @@ def _whole(folder: Path, run: Run) -> None:
     _table(folder)
     toy_dump.write_dump(folder / "dump")
     dataset_root.write_root(folder / "labels", num_frames=1, num_points=1)
+    labelled = toy_root.write_root(folder / "labelled")
+    toy_grasp_labels.write_rects(labelled)
+    toy_grasp_labels.write_labels(labelled)
     (folder / "weights").mkdir()
     for name in WEIGHTS:
         found = PIPELINES / f"weights/{name.replace('-', '_')}.safetensors"
@@ -255,6 +283,11 @@ def _whole(folder: Path, run: Run) -> None:
     run(folder, "infer table --out warm.h5 --device cpu")
     for file in folder.glob("warm.*"):
         file.unlink()
+    for name in PEERS:
+        run(
+            folder,
+            f"train-baseline {name} labelled --out weights/{name}.safetensors {PEER_TRAINING}",
+        )
     run(folder, "annotate-symmetry labels")
     run(folder, "pack root --out packed --split all --set num_points=64")
     run(folder, "evaluate grasps.h5 --dataset root --out report.json")

@@ -1,13 +1,16 @@
 """`serve`: posted frames are answered with their grasps, and nothing that is posted ends it."""
 
 import base64
+import http.client
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
 import time
+import urllib.error
 import urllib.request
 from concurrent.futures import ThreadPoolExecutor
 from io import BytesIO
@@ -189,3 +192,57 @@ def test_the_command_answers_the_example_and_ends_with_sigterm(tmp_path):
         said = server.stderr.read().decode().splitlines()
         assert said[-1] == "error: stopped by SIGTERM; the frames that it had begun are answered"
         assert not any("Traceback" in line for line in said)
+
+
+SLOW = """
+import sys, time
+from pipelines import serve
+from pipelines.configs import ServeConfig
+from pipelines.ending import end_on_signals
+from pipelines.grasp_files.gripper_files import load_gripper
+
+def detect(*_args, **_options):
+    print("begun", flush=True)
+    time.sleep(60)
+
+end_on_signals()
+config = ServeConfig(port=int(sys.argv[1]), grace=int(sys.argv[2]))
+serve.run(serve.app_of(detect, load_gripper("rg2"), config), config)
+"""
+
+
+@pytest.mark.parametrize(("grace", "signals"), [(1, 1), (50, 2)])
+def test_a_frame_that_outlasts_the_grace_or_a_second_signal_ends_in_one_sentence(grace, signals):
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        port = found.getsockname()[1]
+    command = [sys.executable, "-c", SLOW, str(port), str(grace)]
+    pipe = subprocess.PIPE
+    with (
+        subprocess.Popen(command, cwd=ROOT, stdout=pipe, stderr=pipe, text=True) as server,
+        ThreadPoolExecutor(1) as pool,
+    ):
+        lost = pool.submit(patiently_post, f"http://127.0.0.1:{port}/grasps", server)
+        assert server.stdout.readline() == "begun\n", server.stderr.read()
+        for _ in range(signals):
+            server.send_signal(signal.SIGTERM)
+            time.sleep(0.5)
+        assert server.wait(timeout=20) == 143
+        said = server.stderr.read()
+        assert isinstance(lost.exception(), OSError | http.client.HTTPException)
+    assert said == (
+        "error: stopped by SIGTERM; frames that it had begun and that take over "
+        f"{grace} s are lost\n"
+    )
+
+
+def patiently_post(url, server):
+    body = json.dumps(post()).encode()
+    while server.poll() is None:
+        request = urllib.request.Request(url, body, {"Content-Type": "application/json"})
+        try:
+            urllib.request.urlopen(request, timeout=60).close()
+        except urllib.error.URLError as error:
+            if not isinstance(error.reason, ConnectionRefusedError):
+                raise
+            time.sleep(0.1)

@@ -35,8 +35,22 @@ def hull_of_points(points: Array) -> Mesh:
     return Mesh(np.asarray(hull.vertices), np.asarray(hull.faces))
 
 
+def without_small_holes(mesh: Mesh) -> Mesh:
+    """Return `mesh` without triangles that have no area, and with holes of 3 or 4 edges filled.
+
+    coacd takes a solid that lacks one triangle for a shell, and cuts it for a minute.
+    """
+    if mesh.is_watertight:
+        return mesh
+    corners = mesh.faces[(mesh.faces != np.roll(mesh.faces, 1, axis=1)).all(axis=1)]
+    filled = trimesh.Trimesh(mesh.vertices, corners, process=False)
+    trimesh.repair.fill_holes(filled)
+    return Mesh(mesh.vertices, np.asarray(filled.faces))
+
+
 def is_nearly_convex(mesh: Mesh, convex_enough: float = CONVEX_ENOUGH) -> bool:
-    """Return whether a mesh fills its hull; False with holes, where its volume is unknown."""
+    """Return whether a mesh fills its hull; False with large holes, which leave no volume."""
+    mesh = without_small_holes(mesh)
     hull = hull_of_points(mesh.vertices)
     return mesh.is_watertight and mesh.volume > convex_enough * hull.volume
 
@@ -62,5 +76,5 @@ def physics_pieces(
         "preprocess_resolution": MANIFOLD_CELLS,
         "seed": seed,
     }
-    pieces = convex_decomposition.decomposed(mesh, settings)
+    pieces = convex_decomposition.decomposed(without_small_holes(mesh), settings)
     return tuple(hull_of_points(corners) for corners in pieces) or (hull,)

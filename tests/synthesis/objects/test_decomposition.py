@@ -1,0 +1,42 @@
+"""Convex pieces of meshes: what is cut, and what is a hull as it is."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from pipelines.geometry.meshes import convex_decomposition
+from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.synthesis.objects.decomposition import physics_pieces, without_small_holes
+
+BOX = trimesh.creation.box((0.06, 0.04, 0.1))
+VERTICES, FACES = np.asarray(BOX.vertices), np.asarray(BOX.faces)
+
+
+def refuse(*_args):
+    raise AssertionError("a convex solid needs no cut")
+
+
+@pytest.mark.parametrize(
+    "faces",
+    [
+        FACES[1:],
+        FACES[2:],
+        np.vstack([[[1, 0, 0]], FACES[1:]]),
+        FACES[[*range(1, 7), *range(8, 12)]],
+    ],
+    ids=["a triangle", "a square", "a triangle without area", "two triangles"],
+)
+def test_a_convex_solid_that_lacks_a_triangle_or_two_is_its_hull(faces, monkeypatch):
+    monkeypatch.setattr(convex_decomposition, "decomposed", refuse)
+    (piece,) = physics_pieces(Mesh(VERTICES, faces))
+    assert piece.volume == pytest.approx(BOX.volume)
+
+
+def test_filled_holes_face_outward_and_large_holes_stay():
+    filled = without_small_holes(Mesh(VERTICES, FACES[1:]))
+    assert filled.is_watertight
+    assert filled.volume == pytest.approx(BOX.volume)
+    ball = trimesh.creation.icosphere(2, 0.03)
+    is_kept = (ball.triangles[:, :, 2] < 0.02).all(axis=1)
+    bowl = Mesh(np.asarray(ball.vertices), np.asarray(ball.faces[is_kept]))
+    assert len(without_small_holes(bowl).faces) == len(bowl.faces)

@@ -2,7 +2,7 @@
 
 Reads   a folder that RGB-D frames are written into; weights
 Writes  `grasps.h5.parts/FRAME.h5` as soon as a frame's grasps are found, and `grasps.h5` of all
-        frames so far whenever nothing new comes, and at the end
+        frames so far when nothing new comes, in a tenth of the time at most, and at the end
 
 Both appear by renaming, so that a reader always sees whole files. The parts stay: the same command
 goes on from them, and `infer` without `--watch` ends with the same bytes and removes them.
@@ -38,6 +38,7 @@ from pipelines.runtime.stopping import Reason, StopSignals
 log = logging.getLogger(__name__)
 
 LONGEST_PAUSE = 1.0  # seconds until a signal is heeded
+WRITING_SHARE = 9  # the output's time is waited this many times, as it grows with all frames
 LISTING_SHARE = 4  # a listing's time is waited this many times, so that large folders cost little
 
 
@@ -138,6 +139,8 @@ class _Follower:
     listed: Sequence[FrameSource] = ()
     is_changed: bool = False  # since the output was put together
     writing: Future[None] | None = None  # while it is
+    begun: float = 0.0  # when that began, the last time
+    rested: float = 0.0  # when it may begin again
 
     def __post_init__(self) -> None:
         self.watcher = Watcher(self.watch)
@@ -172,7 +175,7 @@ class _Follower:
         now = self.clock.now()
         if self.writing is not None and self.writing.done():
             self._await_output()
-        is_quiet = now - self.active >= self.watch.quiet
+        is_quiet = now - self.active >= self.watch.quiet and now >= self.rested
         if self.is_changed and is_quiet and self.writing is None:
             self._put_together()
         pause = max(self.watch.poll, LISTING_SHARE * (now - looked))
@@ -259,7 +262,7 @@ class _Follower:
     def _put_together(self) -> None:
         """Write the output of all frames so far, as `infer` would order them; those gone first.
 
-        It takes a hundredth of a second a frame, in which the next frame is not to wait.
+        It takes a hundredth of a second a frame, in which the next one is not to wait.
         """
         self._await_output()
         self._forget_lost()
@@ -267,6 +270,7 @@ class _Follower:
         gone = [name for name in self.items if name not in {*listed, *self.failed}]
         order = [*gone, *(name for name in listed if name in self.items)]
         items = [self.items[name] for name in order]
+        self.begun = self.clock.now()
         self.writing = self.beside.submit(self.work.put_together, items, dict(self.failed))
         self.is_changed = False
 
@@ -282,6 +286,8 @@ class _Follower:
         writing, self.writing = self.writing, None
         if writing is not None:
             writing.result()
+            now = self.clock.now()
+            self.rested = now + WRITING_SHARE * (now - self.begun)
 
 
 def _check_wishes(paths: InferPaths, options: BatchOptions) -> None:

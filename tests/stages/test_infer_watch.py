@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from concurrent.futures import Executor, Future
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -220,6 +221,38 @@ def test_frames_do_not_wait_for_the_output_unless_they_are_in_it(cell):
     assert seen == [False, {"a": "ok"}]  # begun before b came, ended before a is written anew
     assert cell.names_told()[:2] == [("a", "ok"), ("b", "ok")]
     assert cell.statuses() == {"a": "empty", "b": "ok"}
+
+
+class Slow(Executor):
+    """Does what it is given in 2 seconds of the cell's time."""
+
+    def __init__(self, cell):
+        self.cell, self.begun = cell, []
+
+    def submit(self, task, /, *arguments, **options):
+        cell, due = self.cell, self.cell.time + 2.0
+        self.begun.append(cell.time)
+
+        class Later(Future):
+            def done(self):
+                return cell.time >= due
+
+            def result(self, timeout=None):
+                cell.time = max(cell.time, due)
+                return task(*arguments, **options)
+
+        return Later()
+
+
+def test_an_output_that_takes_long_is_put_together_in_a_tenth_of_the_time(cell):
+    cell.beside = Slow(cell)
+    for count in range(12):
+        cell.at(1.0 + 4.0 * count, lambda name=f"a{count}": cell.write("c", as_name=name))
+    cell.follow(timeout=60.0)
+    pauses = [after - before for before, after in pairwise(cell.beside.begun)]
+    assert len(pauses) >= 2
+    assert min(pauses) >= 20.0
+    assert cell.statuses().keys() == {f"a{count}" for count in range(12)}
 
 
 def test_an_output_that_cannot_be_written_is_no_secret(cell, monkeypatch):

@@ -179,9 +179,13 @@ def write_object_ids(path: Path, object_ids: Sequence[int]) -> None:
 
 
 def read_object_ids(path: Path) -> list[int]:
-    """Read `object_id_list.txt`."""
-    lines = existing(path).read_text(encoding="utf-8").split()
-    if not all(line.isdigit() for line in lines):
+    """Read `object_id_list.txt`.
+
+    Raises:
+        FormatError: what is no number of at most nine digits.
+    """
+    lines = existing(path).read_text(encoding="utf-8", errors="replace").split()
+    if not all(line.isdecimal() and len(line) < 10 for line in lines):
         raise FormatError(path, "a line that is no object id", "one integer a line, from 0")
     return [int(line) for line in lines]
 

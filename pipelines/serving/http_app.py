@@ -103,7 +103,7 @@ async def _answered(
 async def _body(request: Request, most: int) -> bytes | None:
     """Return the body of a request; None as soon as it is larger than `most` bytes."""
     declared = request.headers.get("content-length", "0")
-    if declared.isdigit() and int(declared) > most:
+    if declared.isdecimal() and int(declared) > most:
         return None
     parts, size = [], 0
     async for part in request.stream():

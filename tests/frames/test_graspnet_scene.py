@@ -221,8 +221,9 @@ def test_object_ids_are_one_a_line(tmp_path: Path) -> None:
     assert scene.read_object_ids(tmp_path / "object_id_list.txt") == [14, 2, 70]
 
 
-def test_a_line_that_is_no_object_id_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "object_id_list.txt").write_text("14\nbanana\n")
+@pytest.mark.parametrize("line", [b"banana", b"\xc6", b"9" * 5000, "\u00b2".encode(), b"-1"])
+def test_a_line_that_is_no_object_id_is_refused(tmp_path: Path, line: bytes) -> None:
+    (tmp_path / "object_id_list.txt").write_bytes(b"14\n" + line)
     with pytest.raises(FormatError, match="object id"):
         scene.read_object_ids(tmp_path / "object_id_list.txt")
 

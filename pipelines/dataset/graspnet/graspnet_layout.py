@@ -87,7 +87,7 @@ class SceneFiles:
     def ids_of(self, kind: str) -> list[int]:
         """Return the ids of the frames with a file of `kind`, one of those of `FrameFiles.path`."""
         files = (self.camera_folder / kind).glob("*" + self.frame(0).path(kind).suffix)
-        return sorted(int(file.stem) for file in files if file.stem.isdigit())
+        return sorted(int(file.stem) for file in files if file.stem.isdecimal())
 
     @property
     def camera_poses(self) -> Array:

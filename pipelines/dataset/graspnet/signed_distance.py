@@ -13,6 +13,7 @@ from pipelines.errors import FormatError
 from pipelines.geometry.meshes.signed_distance import SignedDistanceGrid
 from pipelines.storage.files import atomic_path, existing
 
+LARGEST = 1e6  # cells along a side, metres
 HEADER_NUMBERS = 7
 DIGITS = 6  # significant, the original's precision
 EXACT_POWER = 22  # the largest power of ten that a float64 holds exactly
@@ -61,6 +62,8 @@ def read_sdf(path: Path) -> SignedDistanceGrid:
             f"only {len(numbers)} numbers",
             "nx ny nz, origin, spacing and values are expected",
         )
+    if not (np.abs(numbers[:HEADER_NUMBERS]) < LARGEST).all():
+        raise FormatError(path, "a header without a size", "nx ny nz, origin, spacing")
     shape = tuple(int(n) for n in numbers[:3])
     values = numbers[HEADER_NUMBERS:]
     if len(values) != np.prod(shape):

@@ -52,22 +52,26 @@ class PackedScene:
 
     def __post_init__(self) -> None:
         regions, count = np.shape(self.points)[:2]
-        spec: ColumnSpec = {
-            "points": ((count, 3), np.float32),
-            "affordance": ((count,), np.float32),
-            "existence": ((NUM_SLOTS,), np.float32),
-            "point": ((NUM_SLOTS, 3), np.float32),
-            "direction": ((NUM_SLOTS, 3), np.float32),
-            "table": ((4,), np.float32),
-            "object_id": ((), np.int32),
-            "frame_id": ((), np.int32),
-            "name": ((), np.object_),
-        }
-        coerce_columns(self, spec, regions)
+        coerce_columns(self, _spec(count), regions)
 
     def __len__(self) -> int:
         """Return the number of regions."""
         return len(self.points)
+
+
+def _spec(count: int) -> ColumnSpec:
+    """Return the columns of regions of `count` points."""
+    return {
+        "points": ((count, 3), np.float32),
+        "affordance": ((count,), np.float32),
+        "existence": ((NUM_SLOTS,), np.float32),
+        "point": ((NUM_SLOTS, 3), np.float32),
+        "direction": ((NUM_SLOTS, 3), np.float32),
+        "table": ((4,), np.float32),
+        "object_id": ((), np.int32),
+        "frame_id": ((), np.int32),
+        "name": ((), np.object_),
+    }
 
 
 @dataclass(frozen=True)
@@ -118,9 +122,14 @@ class _OpenScene:
         small = [name for name in COLUMNS if name not in BY_ROW]
         columns, rows = read_columns(path, file, small), {name: file.get(name) for name in BY_ROW}
         for name, dataset in rows.items():
-            if not isinstance(dataset, h5py.Dataset) or len(dataset) != len(columns["name"]):
+            if not isinstance(dataset, h5py.Dataset) or dataset.ndim < 2:
                 raise FormatError(path, f"/{name} is missing or cut off", "pack the scene again")
+        regions, count = rows["points"].shape[:2]
         for name, column in {**columns, **rows}.items():
+            shape = (regions, *_spec(count)[name][0])
+            if column.shape != shape:
+                found = f"/{name} has the shape {column.shape}, not {shape}"
+                raise FormatError(path, found, "pack the scene again")
             if name != "name" and column.dtype.kind not in "fiu":
                 raise FormatError(path, f"/{name} holds no numbers", "pack the scene again")
         return cls(rows, columns)
@@ -190,6 +199,7 @@ class PackedReader:
 def _count(path: Path) -> int:
     with open_h5(path, checked=False) as file:  # unchecked: all files are opened before training
         check_version(path, file.attrs.get("format_version"), FORMAT_VERSION)
-        if "points" not in file:
-            raise FormatError(path, "has no dataset /points", "pack the scene again")
-        return int(file["points"].shape[0])
+        points = file.get("points")
+        if not isinstance(points, h5py.Dataset) or points.ndim != 3:
+            raise FormatError(path, "has no clouds in /points", "pack the scene again")
+        return int(points.shape[0])

@@ -37,7 +37,7 @@ class DumpedScene:
     @property
     def frame_ids(self) -> list[int]:
         """The ids of the frames that are there, ascending."""
-        return sorted(int(file.stem) for file in self.folder.glob("*.npy") if file.stem.isdigit())
+        return sorted(int(file.stem) for file in self.folder.glob("*.npy") if file.stem.isdecimal())
 
 
 def dumped_scenes(dump: Path) -> list[DumpedScene]:

@@ -23,7 +23,16 @@ def test_a_grid_is_written_with_x_fastest_and_read_again(tmp_path: Path) -> None
     assert again.spacing == grid.spacing
 
 
-@pytest.mark.parametrize("text", ["2 3", "2 2 2\n0 0 0\n0.1\n1 2 3\n", "not a grid"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "2 3",
+        "2 2 2\n0 0 0\n0.1\n1 2 3\n",
+        "not a grid",
+        "inf 2 2\n0 0 0\n1\n1",
+        "nan 0 0\n0 0 0\n1",
+    ],
+)
 def test_a_damaged_grid_is_one_sentence(tmp_path: Path, text: str) -> None:
     (tmp_path / "textured.sdf").write_text(text)
     with pytest.raises(FormatError, match=r"textured\.sdf"):

@@ -138,3 +138,13 @@ def test_damaged_scenes_are_sentences(folder: Path) -> None:
     path.write_bytes(path.read_bytes()[:1000])
     with pytest.raises(FormatError, match="scene_0002"):
         PackedReader(folder)
+
+
+@pytest.mark.parametrize("name", COLUMNS)
+def test_columns_of_another_shape_are_sentences(folder: Path, name: str) -> None:
+    with h5py.File(folder / "scene_0000.h5", "a") as file:
+        column = file[name][()]
+        del file[name]
+        file[name] = column[..., None]
+    with pytest.raises(FormatError, match=f"/{name}"):
+        PackedReader(folder)[0]

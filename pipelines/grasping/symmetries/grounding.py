@@ -31,7 +31,7 @@ from pipelines.grasping.symmetries.observed_frustum import in_observed_frustum
 from pipelines.grasping.symmetries.plane_evidence import SAME_FIT, RegionEvidence, likely_planes
 from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
 from pipelines.grasping.symmetries.sources import (
-    ALLOWED,
+    BY_CANDIDATES,
     NETWORK,
     SHAPE,
     SOURCE_NAMES,
@@ -97,7 +97,7 @@ def ground_symmetries(
 
     Planes are ordered by confidence: they leave the slots that predicted them.
     """
-    allowed = ALLOWED[candidates]
+    allowed = BY_CANDIDATES[candidates]
     seen = slots, *fitted_points(region), scene
     axis = axis_evidence(*seen, allowed).best(critics.axes)
     sphere = sphere_evidence(*seen, allowed).best(critics.axes)

@@ -4,7 +4,7 @@ from pipelines.configs.planning import SymmetrySource
 
 NETWORK, SHAPE = 1, 2
 SOURCE_NAMES = ("", "network", "shape", "both")
-ALLOWED: dict[SymmetrySource, int] = {
+BY_CANDIDATES: dict[SymmetrySource, int] = {
     "network": NETWORK,
     "shape": SHAPE,
     "network+shape": NETWORK | SHAPE,

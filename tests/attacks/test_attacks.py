@@ -4,16 +4,21 @@ A few cheap ones by default; `SYMGRASP_ATTACKS=N` runs N, on every input of ever
 """
 
 import os
+import time
 from pathlib import Path
 
 import pytest
 
+from tests.attacks import trial
 from tests.attacks.campaign import attacked, made_world
+from tests.attacks.services import POST
 
 FEW = 20
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="attacks are made in forks")
+pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="attacks are made in forks")
+
+
 def test_no_attack_ends_in_a_traceback_a_hang_a_crash_or_a_file_half_written(
     tmp_path: Path,
 ) -> None:
@@ -25,3 +30,11 @@ def test_no_attack_ends_in_a_traceback_a_hang_a_crash_or_a_file_half_written(
         if outcome.fault
     ]
     assert not faults
+
+
+def test_a_command_that_stands_still_is_a_hang(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(trial, "post", lambda _path: time.sleep(600))
+    monkeypatch.setattr(trial, "SECONDS", 0.1)
+    monkeypatch.setattr(trial, "STILL", 0.1)
+    ended = trial.run(tmp_path, (POST, "x"))
+    assert (ended.is_hang, ended.code) == (True, -9)

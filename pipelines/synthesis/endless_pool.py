@@ -51,6 +51,9 @@ class EndlessPool:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        # Nobody reads the scenes that are being rendered; without an end they would be waited for.
+        for process in list((getattr(self._pool, "_processes", None) or {}).values()):
+            process.kill()
         self._pool.shutdown(cancel_futures=True)
 
     def region(self, scene: int, slot: int) -> PackedRegion:

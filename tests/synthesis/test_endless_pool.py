@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -60,3 +61,12 @@ def test_a_missing_label_is_told_to_whoever_asks(tmp_path):
         pytest.raises(SymgraspError, match=r"001\.json does not exist; .*annotate-symmetry"),
     ):
         pool.region(0, 0)
+
+
+def test_the_end_does_not_wait_for_scenes_that_are_rendered(root):
+    with EndlessPool(root, FEW, 0, 1) as pool:
+        pool.region(0, 0)
+        forever = pool._pool.submit(time.sleep, 3600.0)
+        (process,) = pool._pool._processes.values()
+    assert not process.is_alive()
+    assert forever.done()

@@ -18,6 +18,8 @@ from pipelines.errors import ValueRangeError
 from pipelines.network.regions import RegionBatch
 from pipelines.tabletop.levelling import level_axes, table_of_row
 
+STOP_SECONDS = 0.5  # between looks at whether to stop
+
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -127,14 +129,18 @@ class _Steps(Dataset[Result | Exception]):
 
 
 def load_ahead(
-    load: Callable[[int], Result], steps: range, processes: int = 0
+    load: Callable[[int], Result],
+    steps: range,
+    processes: int = 0,
+    is_stopped: Callable[[], bool] = lambda: False,
 ) -> Generator[Result]:
     """Yield `load(step)` for each step, in order, loaded ahead.
 
-    In `processes` forked ones, or with 0 in a thread. What is loaded is the same either way.
+    In `processes` forked ones, or with 0 in a thread. What is loaded is the same either way. Ends
+    early where `is_stopped` says so while a batch of the thread is waited for.
     """
     if not processes or not len(steps):
-        yield from prefetch(load, steps)
+        yield from prefetch(load, steps, is_stopped=is_stopped)
         return
     loader = DataLoader(
         _Steps(load),
@@ -150,12 +156,28 @@ def load_ahead(
         yield loaded
 
 
+def _waited_for(
+    ready: "queue.Queue[Result | BaseException | None]", is_stopped: Callable[[], bool]
+) -> Result | BaseException | None:
+    """Return the next of `ready`, or None once `is_stopped` says so."""
+    while True:
+        try:
+            return ready.get(timeout=STOP_SECONDS)
+        except queue.Empty:
+            if is_stopped():
+                return None
+
+
 def prefetch(
-    load: Callable[[Item], Result], items: Iterable[Item], depth: int = 2
+    load: Callable[[Item], Result],
+    items: Iterable[Item],
+    depth: int = 2,
+    is_stopped: Callable[[], bool] = lambda: False,
 ) -> Iterator[Result]:
     """Yield `load(item)` for each item, `depth` of them loaded ahead in a thread.
 
-    An exception of `load` is raised where its result was due.
+    An exception of `load` is raised where its result was due. Ends early if `is_stopped` while a
+    result is waited for.
     """
     ready: queue.Queue[Result | BaseException | None] = queue.Queue(depth)
     stopped = threading.Event()
@@ -173,13 +195,14 @@ def prefetch(
     thread = threading.Thread(target=work, daemon=True)
     thread.start()
     try:
-        while (result := ready.get()) is not None:
+        while (result := _waited_for(ready, is_stopped)) is not None:
             if isinstance(result, BaseException):
                 raise result
             yield result
     finally:
         stopped.set()
-        while thread.is_alive():  # it may wait for room in the queue
+        # It may wait for room in the queue. Where the training is to stop, nobody waits for it.
+        while thread.is_alive() and not is_stopped():
             while not ready.empty():
                 ready.get_nowait()
             thread.join(0.01)

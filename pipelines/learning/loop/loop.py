@@ -7,7 +7,7 @@ so far: `NAME.checkpoint.safetensors`, from which it goes on exactly, `NAME.curv
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -119,8 +119,7 @@ class TrainingRun:
         acceleration = self.options.acceleration
         alone = not self.trainee.parallel or acceleration.compiled  # the compiler is of one thread
         threads = 1 if alone else self.options.threads
-        # Several processes must stop after the same step.
-        stop = self._is_stopped if self.processes.count == 1 else None
+        stop = self._stop_alone()
         return GradientWorkers(self.trainee, threads, self.processes, acceleration, stop)
 
     def _run_epoch(self, workers: GradientWorkers) -> Reason:
@@ -136,8 +135,9 @@ class TrainingRun:
             pieces = cut(batches[step], self.trainee.micro_batch_size, self.processes)
             return [(piece, piece.load(self.trainee, seed, epoch, step)) for piece in pieces]
 
-        reason, loaded = Reason.NONE, load_ahead(load, remaining, self.options.loaders)
-        for step, pieces in zip(remaining, loaded, strict=True):
+        reason = Reason.NONE
+        loaded = load_ahead(load, remaining, self.options.loaders, self._stop_alone())
+        for step, pieces in zip(remaining, loaded, strict=False):  # fewer where it is to stop
             self._set_learning_rate(epoch + step / len(batches))
             try:
                 self._step(workers, pieces)
@@ -149,6 +149,8 @@ class TrainingRun:
             if reason := self._why_stop():
                 break
         loaded.close()  # stops what loads
+        if self.progress.step < len(batches) and not reason:
+            reason = self._why_stop()
         self._save_checkpoint()
         whole_epoch = self.progress.step >= len(batches)
         if reason <= Reason.TIME_LIMIT and (whole_epoch or reason is Reason.TIME_LIMIT):
@@ -245,8 +247,10 @@ class TrainingRun:
     def _elapsed(self) -> float:
         return time.monotonic() - self._began
 
-    def _is_stopped(self) -> bool:
-        return self.signals.reason is not Reason.NONE
+    def _stop_alone(self) -> Callable[[], bool]:
+        """Return what says in mid-step to stop; several processes must stop after the same step."""
+        alone = self.processes.count == 1
+        return lambda: alone and self.signals.reason is not Reason.NONE
 
     def _why_stop(self) -> Reason:
         """Return why to stop, the same in all processes."""

@@ -1,6 +1,7 @@
 """Batches: what is drawn, from where, and what becomes of faults."""
 
 import dataclasses
+import threading
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -150,3 +151,10 @@ def test_a_fault_in_a_loading_process_names_its_cause():
     with pytest.raises(ValueRangeError, match="item"):
         next(got)
     got.close()
+
+
+def test_a_batch_that_does_not_come_is_not_waited_for_once_the_training_is_to_stop():
+    never = threading.Event()
+    got = load_ahead(lambda step: never.wait() if step else step, range(3), is_stopped=lambda: True)
+    assert list(got) == [0]
+    never.set()

@@ -108,7 +108,6 @@ def test_the_detectors_convolutions_take_part():
     assert {each.dtype for each in made.values()} == {torch.float32}
 
 
-@pytest.mark.filterwarnings("ignore:The .grad attribute")  # torch's own, while it compiles
 def test_dilated_convolutions_reach_as_far_in_bf16():
     torch.manual_seed(0)
     exact = nn.Sequential(nn.Conv2d(16, 16, 3, padding=2, dilation=2))
@@ -117,6 +116,7 @@ def test_dilated_convolutions_reach_as_far_in_bf16():
     torch.testing.assert_close(half(image), exact(image), atol=0.02, rtol=0.02)
 
 
+@pytest.mark.filterwarnings("ignore:The .grad attribute")  # torch's own, while it compiles
 def test_every_chain_is_compiled_and_steps_are_those_of_float32(trainee, exact):
     compiled = []
 

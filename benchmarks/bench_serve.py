@@ -28,16 +28,17 @@ def measure() -> list[Measurement]:
     command = [sys.executable, "-m", "symgrasp", "serve", "--port", str(PORT), *LIGHT, "-q"]
     with subprocess.Popen(command) as server:
         try:
-            _wait_for(server)
+            wait_for(server, PORT)
             return _posted(psutil.Process(server.pid))
         finally:
             server.terminate()
 
 
-def _wait_for(server: "subprocess.Popen[bytes]") -> None:
+def wait_for(server: "subprocess.Popen[bytes]", port: int) -> None:
+    """Wait until `server` answers."""
     while server.poll() is None:
         try:
-            urllib.request.urlopen(f"{URL}/health", timeout=1).close()
+            urllib.request.urlopen(f"http://127.0.0.1:{port}/health", timeout=1).close()
             return
         except OSError:
             time.sleep(0.2)

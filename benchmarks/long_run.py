@@ -25,6 +25,7 @@ import cv2
 import numpy as np
 import psutil
 
+from benchmarks.bench_serve import wait_for
 from pipelines.inference.models import WEIGHTS
 
 PORT = 18767
@@ -114,17 +115,6 @@ def run(out: Path, minutes: float, pause: float) -> list[HeldSample]:
             process.terminate()
         for name, process in running.items():
             sys.stdout.write(f"{name} ended with {process.wait(END)}\n")
-
-
-def wait_for(server: "subprocess.Popen[bytes]", port: int) -> None:
-    """Wait until `server` answers."""
-    while server.poll() is None:
-        try:
-            urllib.request.urlopen(f"http://127.0.0.1:{port}/health", timeout=1).close()
-            return
-        except OSError:
-            time.sleep(0.2)
-    raise SystemExit("the server did not start")
 
 
 def _fed(

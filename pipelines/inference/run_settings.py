@@ -101,21 +101,19 @@ class Settings:
 
     def weights(self) -> dict[str, str]:
         """Return the digests of the weights that are used."""
-        wanted = {}
-        if self.uses_detector:
-            path = models.existing_weights(self.paths.detector, models.DETECTOR_BY)
-            wanted["detector"] = digest(path)
-        if self.uses_network:
-            path = models.existing_weights(self.paths.network, models.NETWORK_BY)
-            wanted["network"] = digest(path)
-        if self.uses_symmetry_critics:
-            path = models.existing_weights(self.paths.axis_critic, models.AXIS_CRITIC_BY)
-            wanted["axis_critic"] = digest(path)
-            path = models.existing_weights(self.paths.plane_critic, models.PLANE_CRITIC_BY)
-            wanted["plane_critic"] = digest(path)
-        if self.uses_grasp_critic:
-            path = models.existing_weights(self.paths.grasp_critic, models.GRASP_CRITIC_BY)
-            wanted["grasp_critic"] = digest(path)
+        paths, fits = self.paths, self.uses_symmetry_critics
+        used = (
+            ("detector", self.uses_detector, paths.detector, models.DETECTOR_BY),
+            ("network", self.uses_network, paths.network, models.NETWORK_BY),
+            ("axis_critic", fits, paths.axis_critic, models.AXIS_CRITIC_BY),
+            ("plane_critic", fits, paths.plane_critic, models.PLANE_CRITIC_BY),
+            ("grasp_critic", self.uses_grasp_critic, paths.grasp_critic, models.GRASP_CRITIC_BY),
+        )
+        wanted = {
+            name: digest(models.existing_weights(path, made_by))
+            for name, is_used, path, made_by in used
+            if is_used
+        }
         if self.uses_peer:
             path = models.existing_weights(self.peer_weights, written_by(self.config.method))
             wanted["peer"] = digest(path)

@@ -6,11 +6,13 @@ Writes  OUT/long_run.csv  a row a minute and process: frames, megabytes, handles
         OUT/long_run.md   medians of the first and last quarter, the first five minutes left out
 
 A frame is posted and one is written into the watched folder every `--pause` seconds: the bundled
-frames at half size with noise in the depth, so that no two are equal.
+frames at half size with noise in the depth, so that no two are equal. For `--backlog` minutes
+two are written for each that is posted, which is more than `infer --watch` can do.
 """
 
 import argparse
 import csv
+import itertools
 import json
 import subprocess
 import sys
@@ -33,7 +35,8 @@ SCALE = 0.5
 NOISE = 0.002  # metres
 WARM = 5.0  # minutes that the summary leaves out: compiled loops, caches
 SAMPLE = 60.0  # seconds
-END = 60.0  # seconds that a command has to end after SIGTERM
+END = 300.0  # seconds that a command has to end after SIGTERM, which writes all grasps
+BACKLOG_FRAMES = 2  # that are written for one that is posted
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,7 @@ class HeldSample:
     minute: float
     command: str
     frames: int
+    waiting: int  # frames that are written and not done
     megabytes: float
     handles: int
     threads: int
@@ -94,7 +98,7 @@ def _smaller(
     return PngFrame(*data, scaled)
 
 
-def run(out: Path, minutes: float, pause: float) -> list[HeldSample]:
+def run(out: Path, minutes: float, pause: float, backlog: float = 0.0) -> list[HeldSample]:
     """Feed both commands for so many minutes; return all samples, which are written meanwhile."""
     watched = out / "frames"
     watched.mkdir(parents=True)
@@ -109,7 +113,7 @@ def run(out: Path, minutes: float, pause: float) -> list[HeldSample]:
             with (out / f"{words[0]}.log").open("wb") as log:
                 running[name] = subprocess.Popen(command, stdout=log, stderr=log)
         wait_for(running["serve"], PORT)
-        return _fed(running, out, minutes, pause)
+        return _fed(running, out, minutes, pause, backlog)
     finally:
         for process in running.values():
             process.terminate()
@@ -118,25 +122,32 @@ def run(out: Path, minutes: float, pause: float) -> list[HeldSample]:
 
 
 def _fed(
-    running: "dict[str, subprocess.Popen[bytes]]", out: Path, minutes: float, pause: float
+    running: "dict[str, subprocess.Popen[bytes]]",
+    out: Path,
+    minutes: float,
+    pause: float,
+    backlog: float,
 ) -> list[HeldSample]:
     samples: list[HeldSample] = []
+    made, written, posted = frames(), 0, 0
     started = sampled = time.monotonic()
-    for count, frame in enumerate(frames()):
-        began = time.monotonic()
-        frame.write(out / "frames", f"f{count:06d}")
+    while (began := time.monotonic()) - started <= 60 * minutes:
+        each = BACKLOG_FRAMES if began - started < 60 * backlog else 1
+        for frame in itertools.islice(made, each):
+            frame.write(out / "frames", f"f{written:06d}")
+            written += 1
         _post(frame.posted())
+        posted += 1
         ended = [name for name, process in running.items() if process.poll() is not None]
         if ended:
             raise SystemExit(f"{ended[0]} has ended; its log is in {out}")
         if time.monotonic() - sampled >= SAMPLE:
             sampled = time.monotonic()
+            done = len(list(out.glob("*.parts/*.h5")))
+            counts = {"serve": (posted, 0), "infer --watch": (done, written - done)}
             minute = (sampled - started) / 60
-            frames_by = {"serve": count + 1, "infer --watch": len(list(out.glob("*.parts/*.h5")))}
-            samples += [_sample(minute, n, frames_by[n], p.pid) for n, p in running.items()]
+            samples += [_sample(minute, n, *counts[n], p.pid) for n, p in running.items()]
             write_samples(out, samples)
-        if time.monotonic() - started > 60 * minutes:
-            break
         time.sleep(max(0.0, pause - (time.monotonic() - began)))
     return samples
 
@@ -148,13 +159,13 @@ def _post(body: bytes) -> None:
         answer.read()
 
 
-def _sample(minute: float, name: str, count: int, process: int) -> HeldSample:
+def _sample(minute: float, name: str, count: int, waiting: int, process: int) -> HeldSample:
     seen = psutil.Process(process)
     tree = [seen, *seen.children(recursive=True)]
     memory = sum(each.memory_info().rss for each in tree) / 1e6
     handles = sum(each.num_fds() for each in tree)
     threads = sum(each.num_threads() for each in tree)
-    return HeldSample(round(minute, 2), name, count, round(memory, 1), handles, threads)
+    return HeldSample(round(minute, 2), name, count, waiting, round(memory, 1), handles, threads)
 
 
 def write_samples(out: Path, samples: Sequence[HeldSample]) -> None:
@@ -170,8 +181,8 @@ def held_summary(samples: Sequence[HeldSample]) -> str:
     """Return medians of the first and the last quarter of each command, as a Markdown table."""
     lines = [
         "| command | frames | minutes | MB, first quarter | MB, last quarter | MB at most "
-        "| handles, first | handles, last | threads, first | threads, last |",
-        "|---|---|---|---|---|---|---|---|---|---|",
+        "| handles, first | handles, last | threads, first | threads, last | waiting at most |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for name in dict.fromkeys(sample.command for sample in samples):
         own = [each for each in samples if each.command == name and each.minute >= WARM]
@@ -184,6 +195,7 @@ def held_summary(samples: Sequence[HeldSample]) -> str:
             cells += [f"{np.median(part):.0f}" for part in (values[:quarter], values[-quarter:])]
             if kind == "megabytes":
                 cells.append(f"{max(values):.0f}")
+        cells.append(max(each.waiting for each in own))
         lines.append(f"| {' | '.join(map(str, cells))} |")
     return "\n".join(lines) + "\n"
 
@@ -197,8 +209,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("out", type=Path, help="folder that does not exist")
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--pause", type=float, default=8.0, help="seconds from frame to frame")
+    parser.add_argument(
+        "--backlog", type=float, default=0.0, help="minutes of more frames than can be done"
+    )
     given = parser.parse_args(arguments)
-    sys.stdout.write(held_summary(run(given.out, given.minutes, given.pause)))
+    sys.stdout.write(held_summary(run(given.out, given.minutes, given.pause, given.backlog)))
 
 
 if __name__ == "__main__":

@@ -106,15 +106,11 @@ def run(
     settings = Settings(paths, config, seed, device, timings)
     work = Work(settings, camera, depth_units_per_metre, choice)
     signals = StopSignals()
-    thread = ThreadPoolExecutor(1)
-    with thread, signals.heeded(patient=False), work.settings.one_core():
+    options = side_by_side(options, 0, device)
+    threads, thread = ThreadPoolExecutor(options.workers), ThreadPoolExecutor(1)
+    with threads, thread, signals.heeded(patient=False), work.settings.one_core():
         follower = _Follower(
-            work,
-            watch,
-            side_by_side(options, 0, device),
-            notify,
-            clock or Clock(),
-            beside or thread,
+            work, watch, options, notify, clock or Clock(), threads, beside or thread
         )
         follower.begin(overwrite=options.overwrite)
         while signals.reason is Reason.NONE and not follower.is_timed_out():
@@ -131,6 +127,9 @@ class _Follower:
     options: BatchOptions
     notify: Callable[[Followed], None]
     clock: Clock
+    # The same for all frames: the C library keeps what a thread gave back for the next thread, and
+    # new threads for each two frames came to hold 250 MB so.
+    threads: Executor
     beside: Executor
     items: dict[str, WorkItem] = field(default_factory=dict)
     failed: dict[str, str] = field(default_factory=dict)
@@ -220,7 +219,8 @@ class _Follower:
         todo = [item for item in items if item not in finished]
         step = partial(infer_frame, settings=self.work.settings)
         # Over the shards of earlier files: these stay until there is another result.
-        report = run_batch(STAGE, todo, step, replace(self.options, overwrite=True))
+        options = replace(self.options, overwrite=True)
+        report = run_batch(STAGE, todo, step, options, self.threads)
         self.report.notes.update(report.notes)
         for arrival, item in zip(arrivals, items, strict=True):
             sentence = report.failed.get(item.name)

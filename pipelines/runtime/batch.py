@@ -4,6 +4,8 @@ import dataclasses
 import logging
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -83,8 +85,9 @@ def run_batch(
     items: Sequence[WorkItem],
     step: Callable[[WorkItem], str | None],
     options: BatchOptions,
+    threads: Executor | None = None,
 ) -> StageReport:
-    """Run `step` on every item that is not finished yet.
+    """Run `step` on every item that is not finished yet, in `threads` where the caller keeps some.
 
     Whatever `step` raises fails its item alone: what is not a `SymgraspError` or `OSError` is
     called unforeseen, and `--verbose` shows where it arose. A `WriteError` ends the batch, as there
@@ -101,7 +104,9 @@ def run_batch(
     if options.dry_run:
         report.notes.update({item.name: f"would write {item.target}" for item in todo})
         return report
-    for item, (note, failure) in zip(todo, _outcomes(stage, todo, step, options), strict=True):
+    for item, (note, failure) in zip(
+        todo, _outcomes(stage, todo, step, options, threads), strict=True
+    ):
         if failure is not None:
             report.failed[item.name] = failure
             continue
@@ -147,13 +152,14 @@ def _outcomes(
     todo: Sequence[WorkItem],
     step: Callable[[WorkItem], str | None],
     options: BatchOptions,
+    threads: Executor | None,
 ) -> Iterable[tuple[str | None, str | None]]:
     results: Iterator[tuple[str | None, str | None]]
     if not todo:
         return
     options = options.for_items(len(todo))
-    if options.is_here:
-        results = (_attempt(step, item) for item in todo)
+    if threads is not None or options.is_here:
+        results = (threads.map if threads else map)(partial(_attempt, step), todo)
         yield from shown(results, stage, len(todo)) if options.progress else results
         return
     with workers_of(options.backend, max(1, options.workers)) as run:

@@ -7,17 +7,21 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from concurrent.futures import Executor, Future
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from joblib import cpu_count
 from typer.testing import CliRunner
 
 from pipelines import infer, infer_watch
 from pipelines.configs import InferConfig, WatchConfig
 from pipelines.errors import StaleOutputError, SymgraspError, WriteError
 from pipelines.grasp_files import grasps_file
+from pipelines.inference.side_by_side import MAX_THREADS
 from pipelines.inference.watching import Clock
 from pipelines.runtime.batch import BatchOptions
 from symgrasp_cli.app import app
@@ -121,6 +125,21 @@ def test_frames_are_reported_as_they_come_and_the_end_is_as_infer_writes_it(cell
         assert grasps_file.read_shard(Path(frame.text)).name == frame.name
     cell.infer(tmp_path / "plain.h5")
     assert cell.output.read_bytes() == (tmp_path / "plain.h5").read_bytes()
+
+
+def test_all_frames_are_worked_on_in_the_same_few_threads(cell, monkeypatch):
+    used, work = set(), infer_watch.infer_frame
+
+    def noted(item, settings):
+        used.add(threading.current_thread())
+        return work(item, settings)
+
+    monkeypatch.setattr(infer_watch, "infer_frame", noted)
+    for count, time in enumerate([1.0, 1.0, 2.0, 3.0, 4.0, 4.0, 5.0, 5.0]):
+        cell.at(time, partial(cell.write, as_name=f"c{count}"), "c")
+    assert len(cell.follow().done) == 8
+    assert threading.main_thread() not in used
+    assert len(used) <= min(cpu_count(), MAX_THREADS)
 
 
 def test_infer_without_watch_finds_it_finished_and_removes_the_parts(cell):

@@ -106,7 +106,7 @@ def run(
     settings = Settings(paths, config, seed, device, timings)
     work = Work(settings, camera, depth_units_per_metre, choice)
     signals = StopSignals()
-    options = side_by_side(options, 0, device)
+    options = replace(side_by_side(options, 0, device), progress=False)  # a line a frame instead
     threads, thread = ThreadPoolExecutor(options.workers), ThreadPoolExecutor(1)
     with threads, thread, signals.heeded(patient=False), work.settings.one_core():
         follower = _Follower(

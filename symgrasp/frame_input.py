@@ -55,6 +55,7 @@ def frame_of(
             integers=units or camera.units_per_metre or MILLIMETRES_PER_METRE,
             floats=units or 1.0,
             option="depth_units_per_metre",
+            is_stated=units is not None,
         ),
     )
 

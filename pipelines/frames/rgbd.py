@@ -31,6 +31,7 @@ CANDIDATE_UNITS = (1000.0, 10000.0, 5000.0, 1.0)  # mm; 0.1 mm; TUM; metres
 NEAREST_SHARE = 0.3  # far background must not hide a table near the camera
 SAMPLE = 20_000  # pixels are enough for a median
 LIKELY_DEPTH = (0.15, 4.0)  # m, of the median of the nearest share
+CLOSEST_DEPTH = 0.05  # m, of the same; a RealSense D405 on a wrist measures from 0.07
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,8 @@ class DepthUnits:
     integers: float = 1000.0
     floats: float = 1.0  # depth stored as floats is metres, as a rule
     option: str = "--depth-units-per-metre"  # by which a user says otherwise
+    is_stated: bool = False  # by the user: a close view is no reason to doubt them
+    is_certain: bool = False  # of a data set that says them: nothing is doubted
 
 
 def read_depth(path: Path, units: DepthUnits) -> NDArray[np.float32]:
@@ -138,6 +141,7 @@ def make_frame(
     fitted = fit_color(path, image, width, height)
     if fitted is not image:
         notes += (f"colour of {image.shape[1]}x{image.shape[0]} is resampled to the depth",)
+    notes += _close_views(measured)
     frame = Frame(name, fitted, measured, intrinsics, unit, notes)
     return _without_distortion(frame, camera)
 
@@ -204,7 +208,8 @@ def _metres(
     depth = values / np.float32(unit)
     if not valid.any():
         raise FormatError(path, *_nothing_measured(stored))
-    _check_plausible(path, values, depth, units.option)
+    if not units.is_certain:
+        _check_plausible(path, values, depth, units)
     return depth, unit
 
 
@@ -236,25 +241,41 @@ def _nothing_measured(stored: NDArray[Any]) -> tuple[str, str]:
     )
 
 
-def _check_plausible(path: Path, values: NDArray[Any], depth: NDArray[Any], option: str) -> None:
-    valid = values > 0
+def _check_plausible(
+    path: Path, values: NDArray[Any], depth: NDArray[np.float32], units: DepthUnits
+) -> None:
+    """Raise FormatError where `depth` (H, W) looks like another unit, or like inverse depth.
+
+    Closer than most cameras measure is no fault where no common unit makes a likelier scene.
+    """
     near, far = LIKELY_DEPTH
-    if near <= _nearest_median(depth[valid]) <= far:
+    nearest, typical = _nearest_median(depth), _nearest_median(values)
+    if near <= nearest <= far:
         return
     if is_inverse(depth):
-        found = f"the nearest depths are about {_nearest_median(depth[valid]):.4g} m"
-        raise FormatError(path, found, LOOKS_INVERSE)
-    typical = _nearest_median(values[valid])
+        raise FormatError(path, f"the nearest depths are about {nearest:.4g} m", LOOKS_INVERSE)
+    has_likelier = any(near <= typical / unit <= far for unit in CANDIDATE_UNITS)
+    if CLOSEST_DEPTH <= nearest < near and (units.is_stated or not has_likelier):
+        return
     options = ", ".join(f"{typical / unit:.4g} m under {unit:g}" for unit in CANDIDATE_UNITS)
     raise FormatError(
         path,
-        f"the nearest depths are about {_nearest_median(depth[valid]):.4g} m, "
-        f"outside {near:g} to {far:g} m",
-        f"give the units per metre with {option}: they would be {options}",
+        f"the nearest depths are about {nearest:.4g} m, outside {near:g} to {far:g} m",
+        f"give the units per metre with {units.option}: they would be {options}",
     )
 
 
+def _close_views(depth: NDArray[np.float32]) -> tuple[str, ...]:
+    """Return a remark on `depth` (H, W) that is closer than most cameras measure."""
+    nearest = _nearest_median(depth)
+    if nearest >= LIKELY_DEPTH[0]:
+        return ()
+    return (f"the nearest depths are about {nearest:.2g} m, closer than most cameras measure",)
+
+
 def _nearest_median(depth: NDArray[np.float32]) -> float:
+    """Return the median of the nearest share of the depths (H, W); 0 = missing."""
+    depth = depth[depth > 0]
     depth = depth[:: max(1, depth.size // SAMPLE)]
     count = max(1, int(NEAREST_SHARE * depth.size))
     return float(np.median(np.partition(depth, count - 1)[:count]))

@@ -40,7 +40,7 @@ class FrameOptions:
             says, else `written`, else `usual`, which hold of whole numbers: floats are metres.
         """
         if (stated := self.depth_units_per_metre) is not None:
-            return DepthUnits(stated, stated)
+            return DepthUnits(stated, stated, is_stated=True)
         return DepthUnits((self.camera and self.camera.units_per_metre) or written or usual)
 
 

@@ -250,7 +250,7 @@ def test_one_truncated_png_fails_alone(flat: Path) -> None:
         (np.zeros((HEIGHT, WIDTH), np.uint16), "missing"),
         (np.full((HEIGHT, WIDTH), 65535, np.uint16), "saturated"),
         (np.full((HEIGHT, WIDTH), 7000, np.uint16), "0.7 m under 10000"),
-        (np.full((HEIGHT, WIDTH), 80, np.uint16), "80 m under 1"),
+        (np.full((HEIGHT, WIDTH), 40, np.uint16), "40 m under 1"),
     ],
 )
 def test_depth_that_cannot_be_depth_is_refused(
@@ -260,6 +260,24 @@ def test_depth_that_cannot_be_depth_is_refused(
     with pytest.raises(FormatError, match=r"a_depth\.png") as caught:
         find_frames(flat)[0].read()
     assert sentence in str(caught.value)
+
+
+@pytest.mark.parametrize("millimetres", [70, 135])
+def test_a_camera_on_a_wrist_may_be_close(flat: Path, millimetres: int) -> None:
+    cv2.imwrite(str(flat / "a_depth.png"), np.full((HEIGHT, WIDTH), millimetres, np.uint16))
+    frame = find_frames(flat)[0].read()
+    assert_allclose(frame.depth, millimetres / 1000)
+    (note,) = frame.notes
+    assert f"about {millimetres / 1000:.2g} m, closer than most cameras measure" in note
+
+
+def test_close_views_that_another_unit_makes_likelier_have_to_be_stated(flat: Path) -> None:
+    cv2.imwrite(str(flat / "a_depth.png"), np.full((HEIGHT, WIDTH), 1000, np.uint16))
+    in_file = CameraFile(60.0, 61.0, 31.5, 23.5, units_per_metre=10000.0)
+    with pytest.raises(FormatError, match="1 m under 1000"):
+        find_frames(flat, intrinsics=in_file)[0].read()
+    frame = find_frames(flat, intrinsics=in_file, depth_units_per_metre=10000.0)[0].read()
+    assert_allclose(frame.depth, 0.1)
 
 
 def test_a_far_background_does_not_hide_a_near_table(flat: Path) -> None:

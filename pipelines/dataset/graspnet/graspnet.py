@@ -43,7 +43,7 @@ from pipelines.dataset.graspnet.graspnet_layout import (
 )
 from pipelines.dataset.graspnet.graspnet_views import generate_views, view_rotation, view_rotations
 from pipelines.errors import FormatError, MissingInputError, SymgraspError, UnknownNameError
-from pipelines.frames.camera_files import read_camera_file
+from pipelines.frames.camera_files import CameraFile, read_camera_file
 from pipelines.frames.graspnet_scene import (
     FrameMeta,
     ObjectPose,
@@ -55,8 +55,7 @@ from pipelines.frames.graspnet_scene import (
     write_object_ids,
     write_pose_array,
 )
-from pipelines.frames.rgbd import DepthUnits, Frame, read_depth
-from pipelines.frames.rgbd_folder import FrameOptions, read_with_camera
+from pipelines.frames.rgbd import DepthUnits, Frame, read_depth, read_pair
 from pipelines.geometry.camera import Intrinsics
 from pipelines.storage.files import read_image, write_image, write_npy
 from pipelines.storage.unfinished import refuse_unfinished
@@ -98,6 +97,7 @@ __all__ = [
 ]
 
 DEPTH_SCALE = 1000.0  # depth units per metre
+DEPTH_UNITS = DepthUnits(DEPTH_SCALE, DEPTH_SCALE, is_certain=True)
 LARGEST_DEPTH = 65534  # 65535 reads as missing
 
 
@@ -211,16 +211,17 @@ class GraspNetRoot:
 
     def read_depth(self, frame: FrameFiles) -> tuple[Singles, Intrinsics]:
         """Read a frame's depth (H, W), metres, 0 = missing, with the camera of `camK.npy`."""
-        depth = read_depth(frame.path("depth"), DepthUnits(DEPTH_SCALE, DEPTH_SCALE))
-        camera = read_camera_file(frame.camera_folder / "camK.npy", frame.path("depth").stem)
+        depth = read_depth(frame.path("depth"), DEPTH_UNITS)
+        camera = self._camera_file(frame)
         return depth, camera.at(depth.shape[1], depth.shape[0])
 
     def read_frame(self, frame: FrameFiles) -> Frame:
         """Read a frame's images, with the camera of `camK.npy`."""
-        camera_file = frame.camera_folder / "camK.npy"
-        options = FrameOptions(depth_units_per_metre=DEPTH_SCALE)
         color, depth = frame.path("rgb"), frame.path("depth")
-        return read_with_camera(frame.name, color, depth, camera_file, options)
+        return read_pair(frame.name, color, depth, self._camera_file(frame), DEPTH_UNITS)
+
+    def _camera_file(self, frame: FrameFiles) -> CameraFile:
+        return read_camera_file(frame.camera_folder / "camK.npy", frame.path("depth").stem)
 
 
 def write_color(path: Path, color: NDArray[np.uint8]) -> None:

@@ -94,6 +94,16 @@ def test_a_frame_reads_as_it_was_written(root: GraspNetRoot) -> None:
     assert [pose.object_id for pose in root.read_annotation(files)] == [5, 2]
 
 
+@pytest.mark.parametrize("metres", [0.03, 0.135, 9.0])
+def test_the_unit_of_a_root_is_known_and_no_depth_makes_it_doubtful(
+    root: GraspNetRoot, metres: float
+) -> None:
+    files = root.scene(0).frame(1)
+    graspnet.write_depth(files.path("depth"), np.full(DEPTH.shape, metres))
+    assert_allclose(root.read_frame(files).depth, metres, rtol=1e-5)
+    assert_allclose(root.read_depth(files)[0], metres, rtol=1e-5)
+
+
 def test_infer_finds_the_same_frames_under_the_same_names(root: GraspNetRoot) -> None:
     sources = find_frames(root.root)
     names = [frame.name for scene in root.scenes() for frame in scene.frames()]

@@ -67,7 +67,7 @@ def test_a_file_given_as_the_option_says_its_unit(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "expected"),
     [
-        (FrameOptions(IN_FILE, 9.0), DepthUnits(9.0, 9.0)),
+        (FrameOptions(IN_FILE, 9.0), DepthUnits(9.0, 9.0, is_stated=True)),
         (FrameOptions(IN_FILE), DepthUnits(UNITS, 1.0)),
         (FrameOptions(CameraFile(*build.FOUR)), DepthUnits(7.0, 1.0)),
         (FrameOptions(), DepthUnits(7.0, 1.0)),

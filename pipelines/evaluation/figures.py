@@ -19,6 +19,7 @@ from pipelines.geometry.symmetry import SYMMETRY_KINDS
 from pipelines.metrics.average_precision import average_precision, interpolated_precision
 from pipelines.metrics.coco_masks import IOU_THRESHOLDS, coco_average_precision
 from pipelines.metrics.grasp_verdicts import REASONS
+from pipelines.metrics.graspnet.graspnet_ap import AP_FIGURES, ap_figures
 
 TEST_SPLITS = ("seen", "similar", "novel")
 CURVE_FRICTIONS = np.round(np.arange(0.0, 1.001, 0.05), 2)  # of the share of objects held
@@ -64,6 +65,7 @@ def split_figures(
             for threshold in stricter
         },
         **_mask_ap(masks),
+        **_graspnet_ap(row),
         "frames": row.frames,
         "objects": len(row.predicted),
         "reasons": {reason: row.reasons[reason] for reason in REASONS if row.reasons[reason]},
@@ -158,6 +160,13 @@ def _held_share(row: RowTally) -> list[float]:
     friction = np.sort(np.array(row.held_friction))
     held = np.searchsorted(friction, CURVE_FRICTIONS, side="right")
     return [float(share) for share in held / len(friction)]
+
+
+def _graspnet_ap(row: RowTally) -> dict[str, float | None]:
+    """Return AP by GraspNet's protocol, over all its frictions and at two of them."""
+    if not row.with_accuracy:
+        return dict.fromkeys(AP_FIGURES)
+    return {**ap_figures(row.accuracy / row.with_accuracy)}
 
 
 def _mask_ap(masks: PredictionTally) -> dict[str, float | None]:

@@ -17,10 +17,12 @@ from pipelines.evaluation.records import (
 from pipelines.evaluation.truth import FrameTruth
 from pipelines.geometry.symmetry import SYMMETRY_KINDS
 from pipelines.geometry.transforms import invert, transform_points
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
 from pipelines.metrics.coco_masks import IOU_THRESHOLDS, match_masks
 from pipelines.metrics.grasp_verdicts import Verdict, grasp_verdict
+from pipelines.metrics.graspnet.graspnet_ap import AP_FRICTIONS
 from pipelines.metrics.mask_overlap import mask_iou, owner_of
 from pipelines.metrics.symmetry_matching import (
     CORRECT,
@@ -92,7 +94,7 @@ def owned_by_nearest(found: ScoredGrasps, truth: FrameTruth) -> RegionRow:
         score.append(float(found.score[first]) if len(own) else -np.inf)
     masks = [truth.label == object_id + 1 for object_id in visible]
     owners = RegionOwners(list(visible), [-1] * len(visible))
-    return RegionRow(RowPredictions(best, score), masks, owners)
+    return RegionRow(RowPredictions(best, score, every=found), masks, owners)
 
 
 def best_region(object_id: int, row: RowPredictions, owners: RegionOwners) -> int | None:
@@ -135,9 +137,20 @@ def _scored_row(
     verdicts = [
         _object_verdict(object_id, found, owners, truth, gripper) for object_id in truth.visible
     ]
-    if found.symmetries is None:
-        return RowRecord(verdicts)
-    return RowRecord(verdicts, _scored_slots(found.symmetries, owners, truth, config))
+    slots: dict[str, ScoredPredictions] = {}
+    if found.symmetries is not None:
+        slots = _scored_slots(found.symmetries, owners, truth, config)
+    return RowRecord(verdicts, slots, _accuracy(found.every, truth, gripper))
+
+
+def _accuracy(found: ScoredGrasps | None, truth: FrameTruth, gripper: Gripper) -> list[float]:
+    """Return the mean accuracy over ranks at each of `AP_FRICTIONS`, by GraspNet's protocol."""
+    if found is None:
+        return [0.0] * len(AP_FRICTIONS)
+    u, _, v = np.linalg.svd(found.grasps.rotation)  # stored in single precision
+    grasps = GraspPoses(u @ v, found.grasps.translation, found.grasps.width)
+    mean: list[float] = truth.scene.accuracy(grasps, found.score, gripper).mean(axis=0).tolist()
+    return mean
 
 
 def _object_verdict(

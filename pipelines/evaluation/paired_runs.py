@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pipelines.errors import SymgraspError
 from pipelines.evaluation.records import ScoredPredictions
 from pipelines.evaluation.tallies import ALL
+from pipelines.metrics.graspnet.graspnet_ap import AP_FIGURES
 from pipelines.metrics.paired_bootstrap import FrameFigure, FrameMeans, FramePrecision
 from pipelines.metrics.symmetry_matching import CORRECT, IGNORED
 
@@ -70,7 +71,8 @@ class EvaluatedRun:
         frames: name to place.
         splits, truth: of each frame.
         counts: how many objects (or whatever means are over) each frame has.
-        sums: by metric that is a mean, of each frame the sum over its objects.
+        sums: by metric that is a mean, of each frame the sum over its objects; of `AP_FIGURES`
+            the frame's own.
         predictions: by metric that is an average precision over all frames.
     """
 
@@ -112,7 +114,8 @@ class EvaluatedRun:
         """Return `metric` over the frames called `names`, in that order."""
         places = np.array([self.frames[name] for name in names], np.int64)
         if metric in self.sums:
-            return FrameMeans(np.array(self.sums[metric])[places], np.array(self.counts)[places])
+            sums, counts = np.array(self.sums[metric])[places], np.array(self.counts)[places]
+            return FrameMeans(sums, np.ones_like(counts) if metric in AP_FIGURES else counts)
         return self.predictions[metric].at(places, coco=metric == MASKS)
 
     def names_in(self, split: str) -> list[str]:

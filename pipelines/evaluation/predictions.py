@@ -21,11 +21,13 @@ class RowPredictions:
         best: best grasp, camera frame; empty or one grasp.
         rank_score: of the best grasp; -inf where there is none.
         symmetries: camera frame; None for a method that predicts none.
+        every: all grasps of the frame, camera frame; None for none.
     """
 
     best: list[GraspPoses]
     rank_score: list[float]
     symmetries: list[RegionSymmetries] | None = None
+    every: "ScoredGrasps | None" = None
 
     @classmethod
     def from_ranked(
@@ -33,7 +35,9 @@ class RowPredictions:
     ) -> "RowPredictions":
         """Return the best of each region's grasps, which are in order."""
         score = [float(r.rank_score[0]) if len(r) else -np.inf for r in ranked]
-        return cls([r.grasps[:1] for r in ranked], score, symmetries)
+        every = RankedGrasps.concatenate([RankedGrasps.empty(), *ranked])
+        scored = ScoredGrasps(every.grasps, every.rank_score)
+        return cls([r.grasps[:1] for r in ranked], score, symmetries, scored)
 
 
 @dataclass(frozen=True)
@@ -81,13 +85,14 @@ class FramePredictions:
             best[region] = GraspPoses(grasps.rotation[i], grasps.translation[i], grasps.width[i])
             score[region] = float(grasps.rank_score[i])
         symmetries = [_symmetries(regions, region) for region in range(len(regions))]
+        every = ScoredGrasps.of(grasps)
         return cls(
             result.name,
             result.seconds,
             [regions.mask(region, *result.size) for region in range(len(regions))],
             [float(value) for value in regions.confidence],
-            RowPredictions(best, score, symmetries),
-            ScoredGrasps.of(grasps) if np.isin(grasps.source, FRAME_PEERS).any() else None,
+            RowPredictions(best, score, symmetries, every),
+            every if np.isin(grasps.source, FRAME_PEERS).any() else None,
         )
 
 

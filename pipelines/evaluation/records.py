@@ -40,10 +40,13 @@ class RowRecord:
     Attributes:
         verdicts: one for every visible object.
         symmetries: by kind; empty for a method that predicts none.
+        accuracy: by GraspNet's protocol, at each of `AP_FRICTIONS`, the mean over ranks; empty in
+            records of before.
     """
 
     verdicts: list[Verdict]
     symmetries: dict[str, ScoredPredictions] = field(default_factory=dict)
+    accuracy: list[float] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

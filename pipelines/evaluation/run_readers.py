@@ -31,11 +31,10 @@ from pipelines.evaluation.trial_records import (
 )
 from pipelines.geometry.symmetry import SYMMETRY_KINDS
 from pipelines.metrics.coco_masks import IOU_THRESHOLDS
-from pipelines.metrics.graspnet.graspnet_ap import AP_FRICTIONS
+from pipelines.metrics.graspnet.graspnet_ap import ap_figures
 from pipelines.storage.provenance import COMPARED, read_stamp
 
 PRECISIONS = (*(f"symmetry_ap {kind}" for kind in SYMMETRY_KINDS), MASKS)
-DUMP_FRICTIONS = {"ap": AP_FRICTIONS, "ap_0.8": (0.8,), "ap_0.4": (0.4,)}
 DEFAULT_ROW = OURS
 SUCCESS = "success"
 
@@ -154,6 +153,8 @@ def add_record(
         "share_held": [float(verdict.reason == "held") for verdict in row.verdicts],
     }
     sums = {name: float(np.sum(each)) for name, each in values.items()}
+    if row.accuracy:
+        sums |= ap_figures(row.accuracy)
     place = run.add(record.name, record.split, truth, len(row.verdicts), sums)
     for metric, scored in zip(PRECISIONS, (*symmetries, record.masks), strict=True):
         run.add_predictions(place, metric, scored, keys[metric])
@@ -171,12 +172,8 @@ def _read_dump(run: EvaluatedRun, path: Path, scenes: list[Path], camera: str) -
             found, split = read_dump_verdicts(path_of_scene), split_of_scene(int(scene[-4:]))
             by_friction = np.asarray(found["accuracy"], np.float64).mean(axis=1)
             for frame_id, accuracy in zip(found["frame_id"].tolist(), by_friction, strict=True):
-                sums = {
-                    metric: float(np.mean([accuracy[AP_FRICTIONS.index(mu)] for mu in frictions]))
-                    for metric, frictions in DUMP_FRICTIONS.items()
-                }
                 name = f"scenes/{scene}/{seen_by}/{frame_id:04d}"
-                run.add(name, split, ((), 0, ()), 1, sums)
+                run.add(name, split, ((), 0, ()), 1, ap_figures(accuracy))
 
 
 def _check_stamp(scene: Path, path: Path, stamp: Mapping[str, Any], names: tuple[str, ...]) -> None:

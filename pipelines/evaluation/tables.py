@@ -15,6 +15,7 @@ from pipelines.evaluation.rows import OURS, report_row, rows_note
 from pipelines.evaluation.tallies import ALL
 from pipelines.geometry.symmetry import SYMMETRY_KINDS
 from pipelines.metrics.grasp_verdicts import REASONS
+from pipelines.metrics.graspnet.graspnet_ap import AP_FIGURES
 
 ReportRows = Mapping[str, Mapping[str, Figures]]
 
@@ -67,7 +68,7 @@ def report_tables(report: Mapping[str, Any]) -> list[Table]:
         rows, "antipodal_score_region", (), title="Antipodal score of the closing region (S4G's)"
     )
     tables = [quality, swept, pair, region, success_table(report), trial_table(report)]
-    tables += [symmetry_table(rows), mask_table(rows), reason_table(rows)]
+    tables += [symmetry_table(rows), graspnet_table(rows), mask_table(rows), reason_table(rows)]
     return [table for table in tables if table is not None]
 
 
@@ -187,6 +188,28 @@ def symmetry_table(rows: ReportRows) -> Table:
     header = ("method", "split", *SYMMETRY_KINDS)
     title = "Symmetry, average precision"
     return Table(title, header, tuple(body), note, len(published.SYMMETRY_AP), names=2)
+
+
+def graspnet_table(rows: ReportRows) -> Table | None:
+    """Return AP by GraspNet's protocol by method and split; None of a report without it."""
+    body = tuple(
+        (report_row(row).title, split, *(_ap(figures, name) for name in AP_FIGURES))
+        for row, split, figures in _cells(rows)
+        if figures.get("ap") is not None
+    )
+    note = (
+        "The 50 best grasps of a frame, 10 an object at most; contacts and collisions are exact. "
+        "graspnetAPI's own figures: `symgrasp export`, `symgrasp evaluate --protocol graspnet`."
+    )
+    title = "Average precision of grasps by GraspNet's protocol, percent"
+    header = ("method", "split", "AP", "AP 0.8", "AP 0.4")
+    return Table(title, header, body, note, names=2) if body else None
+
+
+def _ap(figures: Figures, name: str) -> str:
+    ends = figures.get("intervals", {}).get(name)
+    between = f" ({100 * ends[0]:.1f} to {100 * ends[1]:.1f})" if ends else ""
+    return f"{100 * figures[name]:.1f}{between}"
 
 
 def mask_table(rows: ReportRows) -> Table:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pipelines.evaluation.records import FrameRecord, RowRecord, ScoredPredictions
 from pipelines.metrics.grasp_verdicts import Verdict
+from pipelines.metrics.graspnet.graspnet_ap import AP_FRICTIONS
 from pipelines.metrics.symmetry_matching import CORRECT, IGNORED
 
 ALL = "all"
@@ -63,6 +64,7 @@ class RowTally:
         predicted: 1 where there was a grasp to evaluate.
         reasons: how often each.
         symmetries: by kind.
+        accuracy: (6,) sums over `with_accuracy` frames by `AP_FRICTIONS`, by GraspNet's protocol.
     """
 
     frames: int = 0
@@ -75,6 +77,8 @@ class RowTally:
     symmetries: defaultdict[str, PredictionTally] = field(
         default_factory=lambda: defaultdict(PredictionTally)
     )
+    accuracy: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(AP_FRICTIONS)))
+    with_accuracy: int = 0
 
     def add(self, row: RowRecord) -> None:
         """Add one frame's."""
@@ -83,6 +87,9 @@ class RowTally:
             self._add_verdict(verdict)
         for kind, scored in row.symmetries.items():
             self.symmetries[kind].add(scored)
+        if row.accuracy:
+            self.accuracy += row.accuracy
+            self.with_accuracy += 1
 
     def _add_verdict(self, verdict: Verdict) -> None:
         self.quality.append(verdict.quality)

@@ -11,16 +11,20 @@ from scipy.spatial import KDTree
 from pipelines.array_types import Array
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import invert, transform_points
-from pipelines.grasping.grasps import GraspPoses
+from pipelines.grasping.grasps import GraspPoses, to_graspnet
 from pipelines.grasping.gripper import Gripper
 from pipelines.metrics.antipodal import closing_region_score, contact_pair_score
 from pipelines.metrics.contacts import Contacts, close_fingers
 from pipelines.metrics.force_closure import MAX_FRICTION, min_friction, quality
+from pipelines.metrics.graspnet.graspnet_ap import accuracy
+from pipelines.metrics.graspnet.graspnet_frames import ExactScene, SolidObject, score_rows
+from pipelines.metrics.graspnet.peer_collision import VOXEL, voxel_means
 from pipelines.metrics.mesh_collision import MeshCollider, hits_table
 
 # Why an object scored what it did, in the order in which a grasp can fail.
 REASONS = ("no region", "no grasp", "too wide", "collision", "no contact", "friction", "held")
 
+GRASPNET_WIDTH = 0.1  # metres, that graspnetAPI's gripper opens to at most
 WIDTH_SLACK = 1e-6  # metres; widths are stored in single precision
 
 
@@ -38,6 +42,11 @@ class TrueObject:
         """The tree of `points`."""
         return KDTree(self.points)
 
+    @cached_property
+    def solid(self) -> SolidObject:
+        """The object as GraspNet's protocol wants it."""
+        return SolidObject(voxel_means(self.points, VOXEL), self.mesh, self.collider)
+
 
 @dataclass(frozen=True)
 class TrueScene:
@@ -54,6 +63,24 @@ class TrueScene:
     poses: Mapping[int, Array]
     T_table_cam: Array
     surroundings: Sequence[MeshCollider] = ()
+
+    def accuracy(self, grasps: GraspPoses, score: Array, gripper: Gripper) -> Array:
+        """Return the accuracy (50, 6) of a frame's `grasps` by GraspNet's protocol, exactly.
+
+        `grasps`: n, camera frame, of `gripper` open; wider ones than `GRASPNET_WIDTH` are cut.
+        `score`: (n,) higher is better.
+        """
+        solids = [self.objects[each].solid for each in self.poses]
+        scene = ExactScene(
+            solids, list(self.poses.values()), self.T_table_cam, list(self.surroundings)
+        )
+        rows = to_graspnet(
+            grasps,
+            score,
+            opening=np.minimum(gripper.opening(grasps.width), GRASPNET_WIDTH),
+            tip_reach=gripper.tip_reach,
+        )
+        return accuracy(score_rows(rows, scene).friction)
 
 
 @dataclass(frozen=True)

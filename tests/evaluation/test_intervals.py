@@ -50,3 +50,12 @@ def test_few_frames_have_no_interval():
     frames = [frame(k, "seen", [0.1 * k, 0.7]) for k in range(6)]
     assert intervals_of(frames[:5])["all"] == {}
     assert "grasp_quality" in intervals_of(frames)["all"]
+
+
+def test_ap_by_graspnets_protocol_is_a_mean_over_frames_whatever_their_objects():
+    frames = [frame(k, "seen", [0.5] * (1 + 3 * (k % 2))) for k in range(8)]
+    for k, each in enumerate(frames):
+        each.rows["ours"].accuracy.extend([0.2 * (k % 2)] * 6)
+    low, high = intervals_of(frames)["all"]["ap"]
+    assert low < 0.1 < high
+    assert (low + high) / 2 == pytest.approx(0.1, abs=0.02)

@@ -56,6 +56,15 @@ def test_means_have_three_digits_and_what_is_unknown_a_dash():
     assert cell(table, "SymGrasp", "unseen") == "-"
 
 
+def test_ap_by_graspnets_protocol_is_in_percent_and_absent_from_reports_of_before():
+    one = record("seen", [0.5])
+    one.rows["ours"].accuracy.extend([0.0, 0.1, 0.2, 0.3, 0.4, 0.5])
+    table = table_of(report_tables(report(one)), "Average precision of grasps")
+    assert cell(table, "SymGrasp", "AP") == "25.0"
+    assert cell(table, "SymGrasp", "AP 0.8") == "30.0"
+    assert not any("of grasps" in each.title for each in TABLES)
+
+
 def test_unseen_is_the_mean_over_the_objects_of_both_splits():
     pooled = report(record("similar", [0.9]), record("novel", [0.3, 0.6, 0.6]))
     table = table_of(report_tables(pooled), "Table I.")

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipelines import evaluate
-from pipelines.configs import EvaluateConfig
+from pipelines import evaluate, evaluate_dump, export
+from pipelines.configs import EvaluateConfig, EvaluateDumpConfig, ExportConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.meshes import read_mesh, write_mesh
 from pipelines.errors import FormatError, StaleOutputError, ValueRangeError
@@ -83,6 +83,27 @@ def test_perfect_grasps_have_quality_and_antipodal_score_one(truth_report):
     assert found["antipodal_score"] == pytest.approx(1.0, abs=0.01)
     assert 0.5 < found["antipodal_score_region"] <= 1.0
     assert found["reasons"] == {"held": 12}
+
+
+def test_ap_by_graspnets_protocol_is_that_of_the_exported_grasps(root, truth_file, tmp_path):
+    results = [true_result(root, name) for name in frame_names()]
+    few = [replace(each, grasps=each.grasps.taken(np.arange(2))) for each in results[::2]]
+    write_grasps(tmp_path / "few.h5", few + results[1::2])
+    run(tmp_path / "few.h5", root, tmp_path / "report.json")
+    export.run(tmp_path / "few.h5", tmp_path / "dump", ExportConfig(to="graspnet"))
+    config = EvaluateDumpConfig(exact=True)
+    evaluate_dump.run(tmp_path / "dump", root.root, tmp_path / "dump.json", config, QUIET)
+    dumped = [each["all"] for each in reports.read_report(tmp_path / "dump.json")["rows"].values()]
+    found = figures(tmp_path / "report.json")
+    for name in ("ap", "ap_0.8", "ap_0.4"):
+        exported = np.average([d[name] for d in dumped], weights=[d["frames"] for d in dumped])
+        assert found[name] == pytest.approx(exported)
+    assert 0.0 < found["ap_0.4"] < figures_of_whole(truth_file, root, tmp_path)["ap_0.4"]
+
+
+def figures_of_whole(grasps: Path, root: GraspNetRoot, folder: Path) -> dict:
+    run(grasps, root, folder / "whole.json")
+    return figures(folder / "whole.json")
 
 
 def test_a_stray_picture_that_infer_failed_on_is_left_out(root, tmp_path):

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from pipelines.array_types import Array, Indices, Mask
 
 AP_FRICTIONS = (0.2, 0.4, 0.6, 0.8, 1.0, 1.2)
+AP_FIGURES = {"ap": AP_FRICTIONS, "ap_0.8": (0.8,), "ap_0.4": (0.4,)}  # by name, over which
 RANKS = 50  # grasps of a frame that count
 PER_OBJECT = 10
 NMS_DISTANCE = 0.03  # metres
@@ -81,3 +82,9 @@ def accuracy(friction: ArrayLike) -> Array:
     found[: len(first)] = first
     holds = (found[:, None] > 0.0) & (found[:, None] <= np.asarray(AP_FRICTIONS))
     return np.asarray(np.cumsum(holds, axis=0) / np.arange(1, RANKS + 1)[:, None])
+
+
+def ap_figures(by_friction: ArrayLike) -> dict[str, float]:
+    """Return `AP_FIGURES` of the mean accuracy (6,) at each of `AP_FRICTIONS`."""
+    found = dict(zip(AP_FRICTIONS, np.asarray(by_friction, np.float64).tolist(), strict=True))
+    return {name: float(np.mean([found[mu] for mu in mus])) for name, mus in AP_FIGURES.items()}

@@ -13,6 +13,9 @@ from typing import Any
 import numpy as np
 
 from pipelines.array_types import Array
+from pipelines.configs import InferConfig
+from pipelines.configs.presets import preset_settings
+from pipelines.configs.settings import changed, settings_of
 from pipelines.errors import UnknownNameError
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SymmetrySlots
@@ -341,7 +344,56 @@ REGIONS = (
         "sparse", "filling of sparse depth", replaced={"pipelines.tabletop.sparse_depth.DENSE": 0.0}
     ),
 )
-RULES = (Rule(EVERY_RULE, "nothing"), *SELECTION, *SYMMETRIES, *REGIONS)
+# Departures from the paper, each undone alone: the rows of docs/method/departures.md.
+PRINTED = {
+    "printed-regions": ("regions of the detector alone", ("regions",)),
+    "printed-masks": ("masks as detected", ("clip_detections", "min_foreground")),
+    "printed-average": ("mean of the points' symmetries", (f"{SYMMETRY}averaging",)),
+    "printed-symmetries": ("symmetries as predicted", (f"{SYMMETRY}is_fitted",)),
+    "printed-pairs": ("each point and its counterpart is a pair", (CANDIDATES,)),
+    "printed-collision": (
+        "collision with the input points",
+        (
+            f"{FEASIBILITY}min_enclosed",
+            f"{FEASIBILITY}scene_resolution",
+            f"{FEASIBILITY}body_margin",
+            f"{FEASIBILITY}max_points_inside",
+            f"{FEASIBILITY}approach_distance",
+            f"{SYMMETRY}min_completion_confidence",
+            f"{SYMMETRY}min_neighbour_confidence",
+        ),
+    ),
+    "printed-limits": (
+        "grasps from below the table, from behind, beyond the image",
+        (
+            f"{FEASIBILITY}keeps_off_plane",
+            f"{FEASIBILITY}keeps_within_image",
+            f"{FEASIBILITY}max_view_angle",
+        ),
+    ),
+    "printed-openings": ("contacts as predicted", (f"{FEASIBILITY}opening_margins",)),
+    "printed-ranking": ("Eq. 8 alone ranks", (RANKING,)),
+}
+
+
+def printed_settings() -> dict[str, Any]:
+    """Return the settings of `infer` that the preset `paper` changes, by dotted name."""
+    ours, paper = InferConfig(), changed(InferConfig(), preset_settings("paper", "infer"))
+    pairs = zip(settings_of(ours), settings_of(paper), strict=True)
+    return {theirs.name: theirs.value for own, theirs in pairs if own.value != theirs.value}
+
+
+def departures() -> tuple[Rule, ...]:
+    """Return a rule for each of `PRINTED`, with the settings of the preset `paper`."""
+    printed = printed_settings()
+    return tuple(
+        Rule(key, meaning, {name: value for name, value in printed.items() if name.startswith(of)})
+        for key, (meaning, of) in PRINTED.items()
+    )
+
+
+DEPARTURES = (*departures(), Rule("printed", "all of these", printed_settings()))
+RULES = (Rule(EVERY_RULE, "nothing"), *SELECTION, *SYMMETRIES, *REGIONS, *DEPARTURES)
 
 
 def rules_named(keys: Sequence[str]) -> tuple[Rule, ...]:

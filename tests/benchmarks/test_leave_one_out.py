@@ -7,9 +7,10 @@ import pytest
 
 from benchmarks import leave_one_out
 from benchmarks.leave_one_out import Memory, left_out, measure, page
-from benchmarks.rules import EVERY_RULE, RULES, Rule, rules_named
+from benchmarks.rules import EVERY_RULE, RULES, Rule, departures, rules_named
 from pipelines.compare import Figure
 from pipelines.configs import InferConfig
+from pipelines.configs.presets import preset_settings
 from pipelines.configs.settings import changed
 from pipelines.errors import UnknownNameError
 from pipelines.grasping import planner
@@ -89,3 +90,10 @@ def test_the_table_shows_figures_of_all_rules_then_differences_with_intervals():
     assert any(line.startswith("| all | nothing | 0.700 | - |") for line in lines)
     assert any("| -0.0100 (-0.012 to -0.009) |" in line for line in lines)
     assert any(line.startswith("| stray |") and "| same |" in line for line in lines)
+
+
+def test_the_departures_together_are_the_preset_of_the_paper():
+    alone = {name: value for rule in departures() for name, value in rule.settings.items()}
+    assert changed(InferConfig(), alone) == changed(
+        InferConfig(), preset_settings("paper", "infer")
+    )

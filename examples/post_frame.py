@@ -1,6 +1,6 @@
 """Grasps of a frame from `symgrasp serve`, with standard Python alone.
 
-python post_frame.py color.png depth.png camera.json
+python post_frame.py color.png depth.png camera.json [http://127.0.0.1:8765/grasps]
 """
 
 import base64
@@ -9,6 +9,7 @@ import sys
 import urllib.request
 from pathlib import Path
 from typing import Any
+from urllib.error import HTTPError
 
 URL = "http://127.0.0.1:8765/grasps"
 
@@ -27,6 +28,10 @@ def grasps_of(color: Path, depth: Path, camera: Path, url: str = URL) -> dict[st
 
 
 if __name__ == "__main__":
-    color, depth, camera = map(Path, sys.argv[1:4])
-    for grasp in grasps_of(color, depth, camera)["grasps"][:3]:
+    files = map(Path, sys.argv[1:4])
+    try:
+        found = grasps_of(*files, *sys.argv[4:5])
+    except HTTPError as refused:
+        sys.exit(refused.read().decode())  # one sentence says what is wrong with the frame
+    for grasp in found["grasps"][:3]:
         print(grasp["rank_score"], grasp["opening"], grasp["pose"])

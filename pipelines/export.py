@@ -315,9 +315,10 @@ def _notes(
     output: str, num_frames: int, tally: _Tally, gripper: ExportGripper, config: ExportConfig
 ) -> dict[str, str]:
     name = gripper.model.name
+    behind = 1000 * gripper.base_to_contacts
     made = (
         f"{tally.written} grasps in {num_frames} frames; gripper {name}, origin of the "
-        f"poses {1000 * gripper.base_to_contacts:.1f} mm behind the contacts"
+        f"poses {abs(behind):.1f} mm {'behind' if behind >= 0 else 'beyond'} the contacts"
     )
     if not gripper.is_the_one_checked:
         made += f"; collisions were checked with {gripper.checked_with}, not with {name}"

@@ -145,6 +145,8 @@ def infer(
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
     if workers is None:
         options = replace(options, workers=CHOSEN, most_chosen=options.workers)
+    if watch and frames.is_dir() and not manner().quiet:
+        typer.echo(printable(f"watching {frames} until Ctrl-C"), err=True)
     followed = partial(infer_watch.run, watch=config.watch, notify=_print_followed)
     report = (followed if watch else stage.run)(
         paths,

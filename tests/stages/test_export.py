@@ -173,6 +173,13 @@ def contacts_of(to: str, out: Path, rows: int) -> np.ndarray:
     return found[np.lexsort(found[:, 0].T)]
 
 
+@pytest.mark.parametrize(("tcp", "side"), [("", "behind"), ("tips", "beyond")])
+def test_the_report_says_on_which_side_of_the_contacts_the_poses_lie(grasps, tmp_path, tcp, side):
+    report = run(grasps, tmp_path / "x.json", to="json", tcp=tcp)
+    assert f"mm {side} the contacts" in "".join(report.notes.values())
+    assert "-" not in "".join(report.notes.values())
+
+
 @pytest.mark.parametrize("to", OUTPUTS)
 @pytest.mark.parametrize("tcp", ["", "tips", "contacts", "0.12"])
 def test_every_format_gives_poses_of_the_tool_in_the_frame_of_the_robot(to, tcp, grasps, tmp_path):

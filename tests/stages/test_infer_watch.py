@@ -404,8 +404,13 @@ def test_the_command_prints_a_line_a_frame_and_heeds_signals(cell, number):
     command = [sys.executable, "-c", code, "infer", str(cell.frames), "--out", str(cell.output)]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     with subprocess.Popen(
-        [*command, *options], env=environment, stdout=subprocess.PIPE, text=True
+        [*command, *options],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
     ) as process:
+        assert process.stderr.readline() == f"watching {cell.frames} until Ctrl-C\n"
         first = process.stdout.readline().split("  ")
         cell.write("b")
         second = process.stdout.readline().split("  ")

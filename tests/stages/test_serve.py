@@ -186,6 +186,11 @@ def test_the_command_answers_the_example_and_ends_with_sigterm(tmp_path):
             answer = post_frame.grasps_of(*files, tmp_path / "camera.json", f"{url}/grasps")
             assert len(answer["grasps"]) > 3
             assert [grasp["rank_in_frame"] for grasp in answer["grasps"]][:2] == [0, 1]
+            wrong = [files[0], files[0], tmp_path / "camera.json", f"{url}/grasps"]
+            command = [sys.executable, post_frame.__file__, *map(str, wrong)]
+            refused = subprocess.run(command, capture_output=True, text=True, check=False)
+            assert refused.returncode == 1
+            assert refused.stderr.startswith('{"error":"depth')
         finally:
             server.send_signal(signal.SIGTERM)
         assert server.wait(timeout=30) == 143

@@ -28,9 +28,9 @@ def grasps_of(color: Path, depth: Path, camera: Path, url: str = URL) -> dict[st
 
 
 if __name__ == "__main__":
-    files = map(Path, sys.argv[1:4])
+    color, depth, camera = map(Path, sys.argv[1:4])
     try:
-        found = grasps_of(*files, *sys.argv[4:5])
+        found = grasps_of(color, depth, camera, *sys.argv[4:5])
     except HTTPError as refused:
         sys.exit(refused.read().decode())  # one sentence says what is wrong with the frame
     for grasp in found["grasps"][:3]:

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.contents import mapping_in
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.encodings.ros_images import (
@@ -27,12 +28,15 @@ from pipelines.frames.encodings.ros_images import (
     raw_topic,
     shown_by,
 )
+from pipelines.frames.encodings.yaml_files import read_yaml
 from pipelines.frames.lens import NO_DISTORTION, distortion_in
+from pipelines.storage.files import existing
 
 IMAGE, CAMERA = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
 # In the depth topic's name, as drivers have it; Azure Kinect's is depth_to_rgb.
 ALIGNED = ("aligned", "registered", "depth_to_rgb", "depth_to_color")
+METADATA = "metadata.yaml"  # of a ROS 2 folder
 EXTRA = "install it with `pip install symgrasp[ros]`"
 
 
@@ -93,14 +97,16 @@ def open_bag(path: Path) -> Iterator[Any]:
     """Yield rosbags' reader of a `.bag`, `.mcap` or `.db3` file or a ROS 2 folder.
 
     Raises:
-        FormatError: the bag is damaged, here or while it is read.
-        SymgraspError: `rosbags` is not installed.
+        FormatError: the bag is damaged, here or while it is read, or names files elsewhere.
+        SymgraspError: `rosbags` is not installed, or a part is a pipe or a device.
     """
     try:
         from rosbags.highlevel import AnyReader  # noqa: PLC0415 - an extra
         from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415 - an extra
     except ImportError as error:
         raise SymgraspError(f"{path} is a ROS bag, which needs rosbags; {EXTRA}") from error
+    if path.is_dir():
+        _check_parts(path)
     try:
         types = get_typestore(Stores.ROS2_HUMBLE)
         with AnyReader([path], default_typestore=types) as reader:
@@ -111,6 +117,17 @@ def open_bag(path: Path) -> Iterator[Any]:
         raise FormatError(
             path, f"this bag is damaged ({error})", "record or copy it again"
         ) from error
+
+
+def _check_parts(folder: Path) -> None:
+    """Refuse a ROS 2 folder whose `metadata.yaml` names other than plain files of its own."""
+    path = folder / METADATA
+    stored = mapping_in(read_yaml(path), "rosbag2_bagfile_information").get("relative_file_paths")
+    for name in stored if isinstance(stored, list) else []:
+        if not isinstance(name, str) or Path(name).name != name:
+            raise FormatError(path, f"names the file {name}", "its bag's own files are expected")
+        if (folder / name).exists():
+            existing(folder / name)
 
 
 def find_cameras(path: Path, reader: Any) -> tuple[list[Topics], list[str]]:  # noqa: ANN401

@@ -13,7 +13,7 @@ from numpy.testing import assert_array_equal
 
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames.camera_files import CameraFile
-from pipelines.frames.encodings.ros_bags import CAMERA, COMPRESSED, IMAGE
+from pipelines.frames.encodings.ros_bags import CAMERA, COMPRESSED, IMAGE, open_bag
 from pipelines.frames.frames import find_frames
 from tests.frames.layouts import build
 from tests.frames.layouts.test_damaged import MUTATIONS, mutations, read_everything
@@ -201,3 +201,30 @@ def test_a_real_bag_is_the_flat_folder(shared: Path, tmp_path: Path) -> None:
     assert_array_equal(frame.depth, flat.depth)
     assert_array_equal(frame.color, flat.color)
     assert frame.intrinsics == flat.intrinsics
+
+
+@pytest.mark.parametrize("suffix", [".mcap", ".db3"])
+def test_a_pipe_in_the_place_of_a_part_is_refused_and_not_waited_for(tmp_path, suffix):
+    write_bag(tmp_path / "bag")
+    (part,) = (tmp_path / "bag").glob("*.db3")
+    metadata = tmp_path / "bag" / "metadata.yaml"
+    metadata.write_text(metadata.read_text().replace(part.name, f"part{suffix}"))
+    part.unlink()
+    os.mkfifo(tmp_path / "bag" / f"part{suffix}")
+    with (
+        pytest.raises(SymgraspError, match=f"part{suffix} is no plain file"),
+        open_bag(tmp_path / "bag"),
+    ):
+        pass
+
+
+def test_a_bag_that_names_files_of_others_is_refused(tmp_path):
+    write_bag(tmp_path / "bag")
+    metadata = tmp_path / "bag" / "metadata.yaml"
+    (part,) = (tmp_path / "bag").glob("*.db3")
+    metadata.write_text(metadata.read_text().replace(part.name, f"../{part.name}"))
+    with (
+        pytest.raises(SymgraspError, match=f"names the file ../{part.name}"),
+        open_bag(tmp_path / "bag"),
+    ):
+        pass

@@ -37,6 +37,7 @@ COMPRESSED = "sensor_msgs/msg/CompressedImage"
 # In the depth topic's name, as drivers have it; Azure Kinect's is depth_to_rgb.
 ALIGNED = ("aligned", "registered", "depth_to_rgb", "depth_to_color")
 METADATA = "metadata.yaml"  # of a ROS 2 folder
+SQLITE_SIDES = ("-journal", "-wal", "-shm")  # files that SQLite opens beside a database
 EXTRA = "install it with `pip install symgrasp[ros]`"
 
 
@@ -105,8 +106,7 @@ def open_bag(path: Path) -> Iterator[Any]:
         from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415 - an extra
     except ImportError as error:
         raise SymgraspError(f"{path} is a ROS bag, which needs rosbags; {EXTRA}") from error
-    if path.is_dir():
-        _check_parts(path)
+    _check_parts(path)
     try:
         types = get_typestore(Stores.ROS2_HUMBLE)
         with AnyReader([path], default_typestore=types) as reader:
@@ -119,15 +119,23 @@ def open_bag(path: Path) -> Iterator[Any]:
         ) from error
 
 
-def _check_parts(folder: Path) -> None:
-    """Refuse a ROS 2 folder whose `metadata.yaml` names other than plain files of its own."""
+def _check_parts(bag: Path) -> None:
+    """Refuse a bag of which something is no plain file: opening a pipe waits without end."""
+    for part in _named_parts(bag) if bag.is_dir() else [bag]:
+        for each in (part, *(part.with_name(part.name + side) for side in SQLITE_SIDES)):
+            if each.exists():
+                existing(each)
+
+
+def _named_parts(folder: Path) -> list[Path]:
+    """Return the files that the `metadata.yaml` of a ROS 2 folder names, all of its own."""
     path = folder / METADATA
     stored = mapping_in(read_yaml(path), "rosbag2_bagfile_information").get("relative_file_paths")
-    for name in stored if isinstance(stored, list) else []:
+    names = stored if isinstance(stored, list) else []
+    for name in names:
         if not isinstance(name, str) or Path(name).name != name:
             raise FormatError(path, f"names the file {name}", "its bag's own files are expected")
-        if (folder / name).exists():
-            existing(folder / name)
+    return [folder / name for name in names]
 
 
 def find_cameras(path: Path, reader: Any) -> tuple[list[Topics], list[str]]:  # noqa: ANN401

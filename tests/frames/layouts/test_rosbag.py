@@ -228,3 +228,13 @@ def test_a_bag_that_names_files_of_others_is_refused(tmp_path):
         open_bag(tmp_path / "bag"),
     ):
         pass
+
+
+@pytest.mark.parametrize("side", ["-journal", "-wal"])
+def test_a_pipe_that_sqlite_would_open_beside_a_database_is_refused(tmp_path, side):
+    write_bag(tmp_path / "bag")
+    (part,) = (tmp_path / "bag").glob("*.db3")
+    os.mkfifo(part.with_name(part.name + side))
+    for bag in (part, tmp_path / "bag"):
+        with pytest.raises(SymgraspError, match=f"{side} is no plain file"), open_bag(bag):
+            pass

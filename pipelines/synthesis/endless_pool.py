@@ -54,6 +54,9 @@ class EndlessPool:
         # Nobody reads the scenes that are being rendered; without an end they would be waited for.
         for process in list((getattr(self._pool, "_processes", None) or {}).values()):
             process.kill()
+        # One may have written half a result. The rest is waited for as long as a pipe has a writer.
+        if results := getattr(self._pool, "_result_queue", None):
+            results._writer.close()
         self._pool.shutdown(cancel_futures=True)
 
     def region(self, scene: int, slot: int) -> PackedRegion:

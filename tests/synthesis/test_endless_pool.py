@@ -2,6 +2,8 @@
 
 import os
 import signal
+import struct
+import sys
 import time
 from dataclasses import replace
 
@@ -70,3 +72,21 @@ def test_the_end_does_not_wait_for_scenes_that_are_rendered(root):
         (process,) = pool._pool._processes.values()
     assert not process.is_alive()
     assert forever.done()
+
+
+def write_half_a_result(marker):
+    """Write the head of a result to the pool's pipe, and nothing after it."""
+    frame = sys._getframe()
+    while "result_queue" not in frame.f_locals:
+        frame = frame.f_back
+    os.write(frame.f_locals["result_queue"]._writer.fileno(), struct.pack("!i", 1000))
+    marker.touch()
+    time.sleep(3600.0)
+
+
+def test_the_end_does_not_wait_for_the_rest_of_a_result(root, tmp_path):
+    with EndlessPool(root, FEW, 0, 1) as pool:
+        cut_off = pool._pool.submit(write_half_a_result, tmp_path / "half")
+        while not (tmp_path / "half").exists():
+            time.sleep(0.05)
+    assert cut_off.done()

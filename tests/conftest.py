@@ -1,6 +1,7 @@
 """Settings and fixtures of all tests: the folder of real data, and how workers share a machine."""
 
 import os
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,6 +15,10 @@ MEMORY_OF_WORKER = 2e9  # bytes; the largest tests train a detector
 # ten times the work, and workers share the cores.
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(name, "1")
+
+# Else each worker, and each command that a test starts, would compile all modules anew.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # No test may fail because a machine is busy, nor by luck: the examples are the same everywhere.
 settings.register_profile("untimed", deadline=None, derandomize=True)

@@ -5,8 +5,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from pipelines.configs.stages import default_settings
 from tests.tool_scripts import load
 
@@ -14,7 +12,6 @@ ROOT = Path(__file__).resolve().parents[2]
 docs_records = load("docs_records")
 RECORDS = docs_records.read_records(ROOT)
 BY_NUMBER = {record.number: record for record in RECORDS}
-each_record = pytest.mark.parametrize("record", RECORDS, ids=lambda record: record.path.stem)
 MAX_WORDS = 150
 MEASURED = re.compile(r"\b0\.\d{3}\b|±")
 
@@ -51,35 +48,34 @@ def cited_files() -> Iterator[Path]:
     yield from (ROOT / "tests").rglob("*.py")
 
 
-@each_record
-def test_a_record_has_status_context_decision_and_consequence(record):
-    status = record.header["Status"]
-    assert re.fullmatch(r"accepted|withdrawn|superseded by D\. \d+", status)
-    parts = re.findall(r"^\*\*(\w+)\.\*\*", record.text, re.MULTILINE)
-    assert parts == ["Context", "Decision", "Consequence"]
-    assert record.header["Subject"]
-    assert record.path.name.startswith(f"{record.number:04d}-")
+def test_a_record_has_status_context_decision_and_consequence():
+    for record in RECORDS:
+        status = record.header["Status"]
+        assert re.fullmatch(r"accepted|withdrawn|superseded by D\. \d+", status), record.path
+        parts = re.findall(r"^\*\*(\w+)\.\*\*", record.text, re.MULTILINE)
+        assert parts == ["Context", "Decision", "Consequence"], record.path
+        assert record.header["Subject"], record.path
+        assert record.path.name.startswith(f"{record.number:04d}-"), record.path
 
 
-@each_record
-def test_a_record_has_at_most_150_words(record):
-    assert len(record.text.split()) <= MAX_WORDS
+def test_a_record_has_at_most_150_words():
+    words = {record.path.stem: len(record.text.split()) for record in RECORDS}
+    assert not {stem: count for stem, count in words.items() if count > MAX_WORDS}
 
 
-@each_record
-def test_a_record_names_settings_that_exist_and_repeats_none_of_their_numbers(record):
-    held: set[str] = set()
-    for name in settings_of(record):
-        value = setting(name)
-        values = value if isinstance(value, tuple) else (value,)
-        numbers = [v for v in values if isinstance(v, int | float) and not isinstance(v, bool)]
-        held |= set().union(*map(spellings, numbers))
-    assert not held & numbers_in(record)
+def test_a_record_names_settings_that_exist_and_repeats_none_of_their_numbers():
+    for record in RECORDS:
+        held: set[str] = set()
+        for name in settings_of(record):
+            value = setting(name)
+            values = value if isinstance(value, tuple) else (value,)
+            numbers = [v for v in values if isinstance(v, int | float) and not isinstance(v, bool)]
+            held |= set().union(*map(spellings, numbers))
+        assert not held & numbers_in(record), record.path
 
 
-@each_record
-def test_a_record_holds_no_measured_figures(record):
-    assert not MEASURED.search(record.text)
+def test_a_record_holds_no_measured_figures():
+    assert not [record.path.stem for record in RECORDS if MEASURED.search(record.text)]
 
 
 def test_every_citation_resolves():

@@ -30,10 +30,6 @@ OTHERS_OPTIONS = {"--nproc-per-node", "--no-python", "--force-reinstall"}  # tor
 RUN_ELSEWHERE = {"README.md", "api.md", "formats.md"}  # by tests that look at the result
 MAX_LINE = 120
 
-each_page = pytest.mark.parametrize(
-    "page", PAGES, ids=lambda path: path.relative_to(ROOT).as_posix()
-)
-
 
 def text_of(page: Path) -> str:
     return page.read_text(encoding="utf-8")
@@ -67,57 +63,59 @@ def anchors_of(page: Path) -> set[str]:
     return {slugify(re.sub(r"[`*]", "", heading), "-") for heading in headings}
 
 
-@each_page
-def test_prose_lines_have_at_most_120_characters(page):
-    lines = prose_of(page).splitlines()
-    assert not [line for line in lines if len(line) > MAX_LINE and not line.startswith("|")]
+def test_prose_lines_have_at_most_120_characters():
+    for page in PAGES:
+        lines = prose_of(page).splitlines()
+        long = [line for line in lines if len(line) > MAX_LINE and not line.startswith("|")]
+        assert not long, page
 
 
-@each_page
-def test_links_lead_to_files_and_headings_that_exist(page):
-    for target, anchor in re.findall(r"\]\(([^)#\s]*)(?:#([^)\s]+))?\)", prose_of(page)):
-        if target.startswith("http"):
-            continue
-        path = (page.parent / target).resolve() if target else page
-        assert path.exists(), target
-        made = "made from code" in (text_of(path) if path.suffix == ".md" else "")
-        assert not anchor or made or anchor in anchors_of(path), f"{target}#{anchor}"
+def test_links_lead_to_files_and_headings_that_exist():
+    for page in PAGES:
+        for target, anchor in re.findall(r"\]\(([^)#\s]*)(?:#([^)\s]+))?\)", prose_of(page)):
+            if target.startswith("http"):
+                continue
+            path = (page.parent / target).resolve() if target else page
+            assert path.exists(), f"{page}: {target}"
+            made = "made from code" in (text_of(path) if path.suffix == ".md" else "")
+            known = not anchor or made or anchor in anchors_of(path)
+            assert known, f"{page}: {target}#{anchor}"
 
 
-@each_page
-def test_commands_in_shell_blocks_exist_with_their_options(page):
-    for words in shell_lines(page):
+def test_commands_in_shell_blocks_exist_with_their_options():
+    targets = re.findall(r"^([a-z-]+):", text_of(ROOT / "Makefile"), re.MULTILINE)
+    for page, words in [(each, words) for each in PAGES for words in shell_lines(each)]:
         if words[0] == "make":
-            targets = re.findall(r"^([a-z-]+):", text_of(ROOT / "Makefile"), re.MULTILINE)
-            assert words[1] in targets
+            assert words[1] in targets, page
         elif words[0] == "python":
-            assert words[1] in {"-m", "-c"} or (ROOT / words[1]).is_file(), words
+            assert words[1] in {"-m", "-c"} or (ROOT / words[1]).is_file(), (page, words)
         else:
-            assert words[1] in COMMANDS, words
+            assert words[1] in COMMANDS, (page, words)
             used = {word for word in words[2:] if re.match(r"--?[a-z]", word)}
-            assert used <= options_of(words[1]), f"{words[1]}: {used - options_of(words[1])}"
+            unknown = used - options_of(words[1])
+            assert not unknown, f"{page}: {words[1]}: {unknown}"
 
 
-@each_page
-def test_options_in_the_text_exist(page):
+def test_options_in_the_text_exist():
     known = ROOT_OPTIONS.union(*map(options_of, COMMANDS), OTHERS_OPTIONS)
-    spans = re.findall(r"`([^`\n]+)`", prose_of(page))
-    used = {name for span in spans for name in re.findall(r"(?<![\w-])--[a-z][\w-]+", span)}
-    assert used <= known, used - known
+    for page in PAGES:
+        spans = re.findall(r"`([^`\n]+)`", prose_of(page))
+        used = {name for span in spans for name in re.findall(r"(?<![\w-])--[a-z][\w-]+", span)}
+        assert used <= known, (page, used - known)
 
 
-@each_page
-def test_source_files_in_the_text_exist(page):
-    spans = re.findall(
-        r"`((?:pipelines|symgrasp|symgrasp_cli|tests|tools|examples)/[\w/.]*)`", prose_of(page)
-    )
-    assert not [span for span in spans if not (ROOT / span).exists() and "NAME" not in span]
+def test_source_files_in_the_text_exist():
+    kinds = "pipelines|symgrasp|symgrasp_cli|tests|tools|examples"
+    for page in PAGES:
+        spans = re.findall(rf"`((?:{kinds})/[\w/.]*)`", prose_of(page))
+        lost = [span for span in spans if not (ROOT / span).exists() and "NAME" not in span]
+        assert not lost, page
 
 
-@each_page
-def test_python_blocks_compile(page):
-    for code in blocks_of(page, "python"):
-        compile(code, page.name, "exec")
+def test_python_blocks_compile():
+    for page in PAGES:
+        for code in blocks_of(page, "python"):
+            compile(code, page.name, "exec")
 
 
 @pytest.fixture(scope="module")

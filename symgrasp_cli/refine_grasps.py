@@ -36,4 +36,5 @@ def refine_grasps(
 
     options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
     report = stage.run(root, config, seed=seed, options=options)
-    conclude(report, root / "affordance", then=("pack", root, "--out", "packed"))
+    then = ("pack", root, "--out", "packed") if (root / "scenes").is_dir() else ()
+    conclude(report, root / "affordance", then=then)

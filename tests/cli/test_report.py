@@ -6,6 +6,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from pipelines import refine_grasps
 from pipelines.evaluation.tables import Table
 from pipelines.runtime.batch import StageReport
 from symgrasp_cli.app import app
@@ -54,6 +55,16 @@ def test_a_report_says_what_was_done_where_it_lies_and_what_is_next(capsys, tmp_
         f"output: {tmp_path / 'out file'}",
         f"next: symgrasp view '{tmp_path / 'out file'}'",
     ]
+
+
+@pytest.mark.parametrize("has_scenes", [True, False])
+def test_pack_is_next_after_labels_only_where_there_are_scenes(tmp_path, monkeypatch, has_scenes):
+    if has_scenes:
+        (tmp_path / "scenes").mkdir()
+    report = StageReport("refine-grasps", ["000"])
+    monkeypatch.setattr(refine_grasps, "run", lambda *_, **__: report)
+    result = CliRunner().invoke(app, ["refine-grasps", str(tmp_path)])
+    assert ("next: symgrasp pack" in result.stderr) == has_scenes
 
 
 def test_nothing_is_next_where_nothing_is_finished(capsys, tmp_path):

@@ -137,6 +137,7 @@ def end_workers() -> None:
 def _dask(workers: int) -> Iterator[None]:
     """Be the client of a scheduler, or of workers started here, until the context ends."""
     distributed = _extra("distributed", "dask")
+    logging.getLogger("distributed").setLevel(logging.ERROR)  # a line for each connection
     try:
         distributed.get_client()
     except ValueError:  # this program is no client yet

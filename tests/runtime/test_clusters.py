@@ -1,5 +1,6 @@
 """Batches on clusters: the same work in other processes, the same bytes whatever their number."""
 
+import logging
 import os
 import signal
 import subprocess
@@ -241,6 +242,13 @@ def test_a_client_that_is_there_is_used(client, tmp_path):
     with client.as_current():
         run_batch("toy", items(tmp_path, ["a"]), write_process, dask_of(1))
     assert read_json(tmp_path / "a.json")["process"] in processes
+
+
+def test_dask_says_nothing_of_its_connections(client, tmp_path):
+    logging.getLogger("distributed").setLevel(logging.INFO)  # as its import does
+    with client.as_current():
+        run_batch("toy", items(tmp_path, ["a"]), write_process, dask_of(1))
+    assert not logging.getLogger("distributed.core").isEnabledFor(logging.INFO)
 
 
 def test_dask_writes_the_same_bytes_with_1_2_and_4_workers(client, frames, alone):

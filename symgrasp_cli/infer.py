@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from pipelines.runtime.batch import StageReport
 
 DEFAULT_FRAME = LimitsConfig.box_frame
+HDF5_SUFFIXES = ("", ".h5", ".hdf5")
 
 
 @with_settings(
@@ -128,6 +129,8 @@ def infer(
 
     if math.isfinite(config.watch.timeout) and not watch:
         raise typer.BadParameter("--watch-timeout goes with --watch")
+    if out.suffix not in HDF5_SUFFIXES:
+        raise typer.BadParameter(f"--out is {out}; it must be a file name that ends in .h5")
     room = parse_workspace(workspace)
     if room.box:
         config = changed(config, {"limits.box": room.box}, option="--workspace")

@@ -180,6 +180,7 @@ def _ray(workers: int) -> Iterator[None]:
     try:
         settings: dict[str, Any] = {
             "log_to_driver": False,
+            "logging_level": logging.ERROR,
             "runtime_env": {"env_vars": SEE_ALL_GPUS},
         }
         if "RAY_ADDRESS" not in os.environ:

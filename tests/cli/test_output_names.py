@@ -26,3 +26,9 @@ def test_an_output_of_another_suffix_is_wrong_usage(command, suffix, name, tmp_p
     assert result.stderr.startswith("error: --out is ")
     assert f"ends in {suffix}" in result.stderr
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder"]
+
+
+def test_grasps_are_not_written_under_the_name_of_a_picture(tmp_path):
+    result = CliRunner().invoke(app, ["infer", str(tmp_path), "--out", str(tmp_path / "a.png")])
+    assert result.exit_code == 2
+    assert "must be a file name that ends in .h5" in " ".join(result.output.split())

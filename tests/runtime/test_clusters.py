@@ -279,6 +279,7 @@ def test_ray_hides_no_gpu_from_workers(tmp_path, monkeypatch):
     monkeypatch.setattr(ray, "init", partial(ray.init, num_gpus=1))
     monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
     run_batch("toy", items(tmp_path, ["b", "c"]), write_visible_gpus, options)
+    assert not logging.getLogger("ray.util").isEnabledFor(logging.WARNING)  # no lines of its own
     assert {read_json(tmp_path / f"{name}.json")["gpus"] for name in "bc"} == {"all"}
 
 

@@ -14,6 +14,7 @@ from pipelines.grasping.grasps import GraspPoses
 from pipelines.tabletop.table_frame import table_from_camera
 
 ANY_DIRECTION = 180.0  # degrees
+FARTHEST = 50.0  # metres, of a workspace's corner; beyond it are millimetres
 ROUNDING = 1e-9  # of a cosine
 
 
@@ -91,6 +92,9 @@ def check_limits(config: LimitsConfig) -> None:
             list(config.box),
             "x0,y0,z0,x1,y1,z1 in metres, each first below its last",
         )
+    if len(box) and np.abs(box).max() > FARTHEST:
+        expected = f"within {FARTHEST:g} m; divide millimetres by 1000"
+        raise ValueRangeError("--workspace", list(config.box), expected)
     direction = np.asarray(config.approach_direction, np.float64)
     if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
         raise ValueRangeError(

@@ -105,6 +105,12 @@ def test_impossible_limits_are_refused(settings):
         check_limits(LimitsConfig(**settings))
 
 
+def test_a_workspace_in_millimetres_is_refused():
+    with pytest.raises(ValueRangeError, match="within 50 m; divide millimetres by 1000"):
+        check_limits(LimitsConfig(box=(-300.0, -200.0, 0.0, 300.0, 200.0, 900.0)))
+    check_limits(LimitsConfig(box=(-50.0, -50.0, -50.0, 50.0, 50.0, 50.0)))
+
+
 @pytest.mark.parametrize("settings", [{"box_frame": "base"}, {"approach_frame": "base"}])
 def test_unknown_frames_are_refused(settings):
     with pytest.raises(UnknownNameError, match="camera, table"):

@@ -18,6 +18,7 @@ MOVES = {"copy_", "_to_copy", "_foreach_copy_"}
 INDEXED = {"index", "index_put", "index_put_", "_index_put_impl_", "_unsafe_index_put"}
 JOINED = {"cat", "stack"}  # that take no single numbers from elsewhere either
 ARRAYS = {torch.Tensor.numpy, torch.Tensor.__array__}
+SEQUENCES = (list, tuple)
 BESIDE = {torch.Tensor.__deepcopy__, torch.Tensor.new_tensor}  # made without an operation on it
 
 
@@ -27,10 +28,10 @@ def tensors_of(*trees):
     for tree in trees:
         if isinstance(tree, torch.Tensor):
             found.append(tree)
-        elif isinstance(tree, list | tuple):
-            found += tensors_of(*tree)
+        elif isinstance(tree, SEQUENCES):
+            found += tensors_of(*tree) if tree else ()
         elif isinstance(tree, dict):
-            found += tensors_of(*tree.values())
+            found += tensors_of(*tree.values()) if tree else ()
     return found
 
 

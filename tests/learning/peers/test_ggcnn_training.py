@@ -17,6 +17,7 @@ from pipelines.learning.peers.ggcnn_training import (
 )
 from pipelines.learning.peers.peer import drawn_batches
 from pipelines.network.peers.ggcnn import GGCNN
+from tests.learning.by_heart import learned
 
 CONFIG = TrainBaselineConfig().with_schedule(GG_CNN.schedule)
 
@@ -75,13 +76,9 @@ def test_it_learns_one_frame_by_heart():
     torch.manual_seed(0)
     network = GGCNN(CONFIG.network)
     small = stacked([crop(frame(), 40, 0, 120, 0)])
-    optimizer = torch.optim.Adam(network.parameters(), lr=0.003)
-    losses = []
-    for _ in range(40):
-        loss = map_errors(network, small, torch.device("cpu"))["total"]
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
-        losses.append(float(loss.detach()))
-    assert losses[-1] < 0.2 * losses[0]
+
+    def loss():
+        return map_errors(network, small, torch.device("cpu"))["total"]
+
+    assert learned(network, loss, share=0.2, rate=3e-3, most_steps=40)
     assert DEPTH_UNITS == 10_000

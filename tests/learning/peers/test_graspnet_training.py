@@ -19,6 +19,7 @@ from pipelines.learning.peers.graspnet_training import (
 from pipelines.learning.peers.peer import PeerFrames, write_peer_frames
 from pipelines.learning.speed.processes import Processes
 from pipelines.storage.provenance import make_stamp
+from tests.learning.by_heart import learned
 from tests.stages.toy_grasp_labels import FRICTION, NUM_LABELLED, write_labels
 from tests.stages.toy_root import frame_names, write_root
 
@@ -107,12 +108,8 @@ def test_it_learns_one_frame_by_heart(frame, tmp_path):
     write_peer_frames(path, [frame], make_stamp("test", {}))
     training = GraspNetTraining(PeerFrames([(path, 0)], [(path, 0)]), CONFIG, CPU, Processes())
     cloud = labelled_scene(frame, 256, np.random.default_rng(0), 0.0)
-    optimizer = torch.optim.Adam(training.module.parameters(), lr=0.003)
-    losses = []
-    for _ in range(8):
-        total = mean_terms(training.module, [cloud])["total"]
-        optimizer.zero_grad()
-        total.backward()
-        optimizer.step()
-        losses.append(float(total.detach()))
-    assert losses[-1] < 0.5 * losses[0]
+
+    def loss():
+        return mean_terms(training.module, [cloud])["total"]
+
+    assert learned(training.module, loss, share=0.5, rate=3e-3, most_steps=8)

@@ -19,6 +19,7 @@ from pipelines.learning.peers.pointnetgpd_training import (
 from pipelines.learning.speed.processes import Processes
 from pipelines.network.peers.pointnetgpd import PointNetGPD
 from pipelines.storage.provenance import make_stamp
+from tests.learning.by_heart import learned
 from tests.stages.toy_grasp_labels import write_labels
 from tests.stages.toy_root import frame_names, write_root
 
@@ -79,12 +80,8 @@ def test_it_learns_some_hands_by_heart(frame):
     torch.manual_seed(0)
     network = PointNetGPD(CONFIG.network)
     crops = drawn_crops(frame, 64, np.random.default_rng(0))
-    optimizer = torch.optim.Adam(network.parameters(), lr=0.001)
-    losses = []
-    for _ in range(25):
-        loss, _ = class_loss(network, crops, CPU)
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
-        losses.append(float(loss.detach()))
-    assert losses[-1] < 0.1 * losses[0]
+
+    def loss():
+        return class_loss(network, crops, CPU)[0]
+
+    assert learned(network, loss, share=0.1, rate=1e-3, most_steps=25)

@@ -27,6 +27,7 @@ from pipelines.learning.peers.symmetrynet_training import (
 from pipelines.learning.speed.processes import Processes
 from pipelines.network.peers.symmetrynet import SymmetryNet, SymmetryOutput
 from pipelines.storage.provenance import make_stamp
+from tests.learning.by_heart import learned
 from tests.stages.toy_root import frame_names, poses_in_camera, write_root
 
 CONFIG = TrainBaselineConfig().with_schedule(SYMMETRYNET.schedule)
@@ -140,12 +141,8 @@ def test_it_learns_one_batch_by_heart(regions):
     torch.manual_seed(0)
     network = SymmetryNet(PeerNetworkConfig())
     seen = stacked_regions([plain_region(each, 40) for each in regions])
-    optimizer = torch.optim.Adam(network.parameters(), lr=2e-3)
-    losses = []
-    for _ in range(130):
-        total = symmetry_terms(network, seen)["total"]
-        optimizer.zero_grad()
-        total.backward()
-        optimizer.step()
-        losses.append(float(total.detach()))
-    assert losses[-1] < 0.1 * losses[0]
+
+    def loss():
+        return symmetry_terms(network, seen)["total"]
+
+    assert learned(network, loss, share=0.2, rate=4e-3, most_steps=100)

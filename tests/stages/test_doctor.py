@@ -2,11 +2,9 @@
 
 import json
 import shutil
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from pipelines import doctor, infer
 from pipelines.configs import DoctorConfig, InferConfig
@@ -16,24 +14,18 @@ from pipelines.health.checks import Check, Status
 from pipelines.inference import models
 from pipelines.runtime.batch import BatchOptions
 from pipelines.storage.weights_manifest import MADE_BY, manifest_path, read_manifest
+from symgrasp_cli.app import app
 from tests import tool_scripts
 
-ROOT = Path(doctor.__file__).parents[1]
 STALE = f"the manifest of the default weights is not of these weights: run `{MADE_BY}`"
-COMMAND = "from symgrasp_cli.main import main; main()"
-
-
-def ran(*arguments):
-    command = [sys.executable, "-c", COMMAND, "doctor", *arguments]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
 
 
 def test_this_machine_is_fit_and_everything_is_named():
-    result = ran("--json")
+    result = CliRunner().invoke(app, ["doctor", "--json"])
     content = json.loads(result.stdout)
     wrong = [check for check in content["checks"] if check["status"] == "FAIL"]
     assert not wrong, f"{wrong}; if grasps were changed on purpose, run `{MADE_BY}`"
-    assert (result.returncode, content["ok"]) == (0, True)
+    assert (result.exit_code, content["ok"]) == (0, True)
     names = [check["name"] for check in content["checks"]]
     assert len(set(names)) == len(names)
     assert {"python", "symgrasp", "torch", "torchvision", "numpy", "h5py", "cores", "memory"} < {

@@ -120,6 +120,14 @@ def smaller(frame: LabelledFrame) -> LabelledFrame:
     return frame.with_depth(NEARER * frame.metres())
 
 
+def mirrored_and_larger(frame: LabelledFrame) -> LabelledFrame:
+    return larger(mirrored(frame))
+
+
+def upside_down_and_smaller(frame: LabelledFrame) -> LabelledFrame:
+    return smaller(upside_down(frame))
+
+
 def noisier(frame: LabelledFrame) -> LabelledFrame:
     """Add noise that neighbours share, as stereo matching makes it, and lose single pixels."""
     random, depth = np.random.default_rng(0), frame.metres()
@@ -139,12 +147,10 @@ def without_edges(frame: LabelledFrame) -> LabelledFrame:
 
 CHANGES = (
     as_taken,
-    mirrored,
-    upside_down,
+    mirrored_and_larger,
+    upside_down_and_smaller,
     rolled,
     fewer_pixels,
-    larger,
-    smaller,
     noisier,
     without_edges,
 )

@@ -284,9 +284,9 @@ def test_what_does_not_go_together_is_wrong_usage(root, pristine, tmp_path, opti
 def test_grasps_inside_a_bin_collide_with_it(root, pristine, tmp_path, exact):
     walled = GraspNetRoot(Path(shutil.copytree(root.root, tmp_path / "root")))
     scene = walled.scene(100, walled.scenes()[0].camera)
-    slabs = [trimesh.creation.box((2.0, 2.0, 0.002)) for _ in range(60)]
+    slabs = [trimesh.creation.box((0.36, 0.36, 0.002)) for _ in range(8)]
     for number, slab in enumerate(slabs):  # nothing in the scene is free of them
-        slab.apply_translation((0.0, 0.0, 0.004 * number))
+        slab.apply_translation((0.0, 0.0, 0.03 * number))
     convex_pieces.write(
         scene.surroundings_path, [Mesh(np.asarray(s.vertices), np.asarray(s.faces)) for s in slabs]
     )

@@ -3,7 +3,8 @@
 GRASPS is what `symgrasp infer` wrote for ROOT, a dataset with convex pieces (`symgrasp synthesize`
 makes them). Of every STRIDE-th frame (1), the best grasp of each region that lies on an object and
 one other, drawn by chance, are tried in physics as `symgrasp simulate` tries the best, at FRICTION
-(0.5). Prints a table: scores in ten bins, how many of each bin succeeded, and with what interval.
+(0.5). Prints a table: scores in ten bins, how many of each bin succeeded, and with what interval;
+then by how much the mean score exceeds the success, with its interval over scenes.
 """
 
 import sys
@@ -30,13 +31,15 @@ from pipelines.simulation.trial import Trial
 from pipelines.simulation.world import at_rest
 
 BINS = 10
+DRAWS = 1000  # of the bootstrap over scenes
 NO_CACHE = Path("no-cache")  # the dataset has its convex pieces
 
 
 @dataclass(frozen=True)
 class Tried:
-    """A grasp's score, and whether it succeeded."""
+    """A grasp's score and whether it succeeded, in which scene."""
 
+    scene: int
     score: float
     held: bool
 
@@ -58,7 +61,8 @@ def tried_grasps(
 ) -> Iterator[Tried]:
     """Yield the chosen grasps of a frame with what became of them in its true scene."""
     rules, config = EvaluateConfig(), SimulateConfig()
-    truth = TruthReader(root, rules).read(root.frame(result.name))
+    files = root.frame(result.name)
+    truth = TruthReader(root, rules).read(files)
     masks = FramePredictions.from_result(result).masks
     owners = assign_regions(masks, truth, rules).object_id
     pieces, T_table_cam = PiecesReader(root, NO_CACHE), truth.scene.T_table_cam
@@ -69,7 +73,8 @@ def tried_grasps(
         grasp = GraspPoses(table.rotation[row], table.translation[row], table.width[row])
         target, placed = owners[int(table.region[row])], grasp.transformed(T_table_cam)
         trial = Trial.of(objects, poses, target, placed, gripper, config)
-        yield Tried(float(table.rank_score[row]), trial.run(friction).reason == HELD)
+        held = trial.run(friction).reason == HELD
+        yield Tried(files.scene_id, float(table.rank_score[row]), held)
 
 
 def reliability_rows(tried: list[Tried]) -> list[str]:
@@ -89,6 +94,19 @@ def reliability_rows(tried: list[Tried]) -> list[str]:
     return lines
 
 
+def excess(tried: list[Tried]) -> tuple[float, float, float]:
+    """Return by how much the mean score exceeds the success, and its 95 % interval over scenes."""
+    by_scene: dict[int, list[float]] = {}
+    for each in tried:
+        by_scene.setdefault(each.scene, []).append(each.score - each.held)
+    sums = np.array([(sum(values), len(values)) for values in by_scene.values()])
+    rng = np.random.default_rng(0)
+    drawn = sums[rng.integers(0, len(sums), (DRAWS, len(sums)))].sum(axis=1)
+    low, high = np.quantile(drawn[:, 0] / drawn[:, 1], [0.025, 0.975])
+    total = sums.sum(axis=0)
+    return float(total[0] / total[1]), float(low), float(high)
+
+
 def main(grasps: Path, root: GraspNetRoot, stride: int = 1, friction: float = 0.5) -> None:
     """Print the table of a file's grasps."""
     index = read_index(grasps)
@@ -96,12 +114,13 @@ def main(grasps: Path, root: GraspNetRoot, stride: int = 1, friction: float = 0.
     for result in read_dataset_frames(grasps, range(0, len(index.names), stride)):
         tried += list(tried_grasps(result, root, gripper, friction))
         sys.stderr.write(f"{result.name}: {len(tried)} grasps tried\n")
+    sys.stdout.write("\n".join(reliability_rows(tried)) + "\n")
+    more, low, high = excess(tried)
     held = np.mean([each.held for each in tried])
     expected = np.mean([each.score for each in tried])
-    sys.stdout.write("\n".join(reliability_rows(tried)) + "\n")
     sys.stdout.write(
         f"{gripper.name}, friction {friction:g}: {len(tried)} grasps, mean score {expected:.3f}, "
-        f"success {held:.3f}\n"
+        f"success {held:.3f}, more by {more:.3f} ({low:.3f} to {high:.3f})\n"
     )
 
 

@@ -48,10 +48,21 @@ def new_h5(path: Path) -> Iterator[h5py.File]:
                 stream.write(seal)
 
 
-def open_h5(path: Path, cache_bytes: int | None = None, *, checked: bool = True) -> h5py.File:
+def open_h5(
+    path: Path,
+    cache_bytes: int | None = None,
+    *,
+    checked: bool = True,
+    root_attributes_only: bool = False,
+) -> h5py.File:
     """Open the HDF5 file `path` for reading, with a chunk cache of `cache_bytes` a dataset.
 
-    `checked`: whether to compare it with its check sum; once in a process, unless it is changed.
+    Args:
+        path: the file.
+        cache_bytes: of a dataset's chunk cache; HDF5's own if None.
+        checked: whether to compare it with its check sum; once in a process, unless it is changed.
+        root_attributes_only: nothing else is read, and these lie in the file itself; so its
+            datasets, of which a list takes milliseconds, are not looked at.
 
     Raises:
         FormatError: the file is truncated, damaged or not HDF5.
@@ -62,7 +73,8 @@ def open_h5(path: Path, cache_bytes: int | None = None, *, checked: bool = True)
             path, "is damaged: its check sum is another", "write it again, or take a sound copy"
         )
     try:
-        _refuse_outside(path, found.st_size, found.st_mtime_ns)
+        if not root_attributes_only:
+            _refuse_outside(path, found.st_size, found.st_mtime_ns)
         return h5py.File(path, "r", rdcc_nbytes=cache_bytes)
     except (OSError, RuntimeError, KeyError) as error:  # HDF5's, of what it finds damaged
         raise FormatError(

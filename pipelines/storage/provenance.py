@@ -148,7 +148,7 @@ def read_stamp(target: Path) -> dict[str, Any] | None:
     """Return the stamp of `target`, or None if it has none: what is no JSON object is no stamp."""
     match target.suffix:
         case ".h5" | ".hdf5":
-            with open_h5(target) as file:
+            with open_h5(target, root_attributes_only=True) as file:
                 return _stamp_of(attribute(file, "provenance"))
         case ".json":
             # What a person wrote by hand may say anything there; that is no stamp.

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.storage.h5_columns import write_columns
 from pipelines.storage.h5_files import MARK, SEAL, new_h5, open_h5
+from pipelines.storage.provenance import read_stamp
 
 COLUMNS = {"name": ["a", "bb", "ü"], "value": np.arange(300.0).reshape(3, 100)}
 
@@ -147,6 +148,14 @@ def test_what_leads_outside_a_file_or_beyond_memory_is_refused(tmp_path, harm, s
             harm(file, pipe)
     with pytest.raises(FormatError, match=r"in the file itself is read|datasets of .* bytes"):
         open_h5(path)
+
+
+def test_a_stamp_is_read_without_a_look_at_the_datasets_and_their_files(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with new_h5(tmp_path / "x.h5") as file:
+        file.attrs["provenance"] = '{"stage": "infer"}'
+        _raw(file, tmp_path / "pipe")
+    assert read_stamp(tmp_path / "x.h5") == {"stage": "infer"}
 
 
 def test_a_pipe_in_the_place_of_a_file_is_refused(tmp_path):

@@ -6,14 +6,8 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import AnnotateSymmetryConfig
-from symgrasp_cli.options import (
-    Backend,
-    DryRun,
-    Overwrite,
-    Seed,
-    Workers,
-    batch_options,
-)
+from symgrasp_cli.arguments import Batch
+from symgrasp_cli.options import Seed
 from symgrasp_cli.report import conclude
 from symgrasp_cli.settings import with_settings
 
@@ -32,6 +26,7 @@ def annotate_symmetry(
             "stl. Convert STEP first, as `gmsh NAME.step -2 -o NAME.stl` does.",
         ),
     ],
+    *,
     out: Annotated[
         Path | None,
         typer.Option(help="Folder for NAME.json of loose meshes; a dataset has symmetry/."),
@@ -56,17 +51,13 @@ def annotate_symmetry(
         Path | None,
         typer.Option(help="BOP's models_info.json to write: sizes and rotations."),
     ] = None,
-    workers: Workers = None,
-    backend: Backend = "loky",
+    options: Batch,
     seed: Seed = 0,
-    overwrite: Overwrite = False,
-    dry_run: DryRun = False,
 ) -> None:
     """Find the symmetries and the symmetric regions of meshes."""
     from pipelines import annotate_symmetry as stage
     from pipelines.annotation.extras import AnnotationExtras
 
-    options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
     extras = AnnotationExtras(edit, bop_symmetries, bop, pictures)
     report = stage.run(source, out, config, extras=extras, seed=seed, options=options)
     symmetries = source / "symmetry" if out is None else out

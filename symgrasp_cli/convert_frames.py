@@ -6,7 +6,8 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import ConvertFramesConfig
-from symgrasp_cli.options import DepthUnitsPerMetre, FrameFolder, IntrinsicsText, Overwrite
+from symgrasp_cli.arguments import GivenCamera
+from symgrasp_cli.options import DepthUnitsPerMetre, FrameFolder, Overwrite
 from symgrasp_cli.report import conclude
 from symgrasp_cli.settings import with_settings
 
@@ -20,19 +21,18 @@ def convert_frames(
     frames: FrameFolder,
     *,
     out: Annotated[Path, typer.Option(help="Folder to write.")],
-    intrinsics: IntrinsicsText = None,
+    camera: GivenCamera,
     depth_units_per_metre: DepthUnitsPerMetre = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Write RGB-D frames of any layout as colour and depth images with camera files."""
     from pipelines import convert_frames as stage
-    from pipelines.frames.camera_files import parse_camera
 
     report = stage.run(
         frames,
         out,
         config,
-        camera=None if intrinsics is None else parse_camera(intrinsics),
+        camera=camera,
         depth_units_per_metre=depth_units_per_metre,
         overwrite=overwrite,
     )

@@ -7,16 +7,8 @@ import typer
 
 from pipelines.configs import EvaluateConfig
 from pipelines.configs.stages import EvaluateSettings, part
-from symgrasp_cli.options import (
-    Backend,
-    DatasetRoot,
-    DryRun,
-    Overwrite,
-    Seed,
-    With,
-    Workers,
-    batch_options,
-)
+from symgrasp_cli.arguments import Batch
+from symgrasp_cli.options import DatasetRoot, Seed, With
 from symgrasp_cli.report import conclude
 from symgrasp_cli.settings import with_settings
 
@@ -65,11 +57,8 @@ def evaluate(
         Path | None,
         typer.Option(exists=True, dir_okay=False, help="success.json of `simulate`: Table III."),
     ] = None,
-    workers: Workers = None,
-    backend: Backend = "loky",
+    options: Batch,
     seed: Seed = 0,
-    overwrite: Overwrite = False,
-    dry_run: DryRun = False,
 ) -> None:
     """Score grasps, symmetries and masks against a dataset: report, tables, baselines."""
     from pipelines.storage.provenance import refuse_other_suffix
@@ -77,12 +66,11 @@ def evaluate(
     refuse_other_suffix(out, ".json")
     needs_grasps = baselines or success is not None
     _refuse_mixtures(grasps, protocol, exact=config.graspnet.exact, needs_grasps=needs_grasps)
-    options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
     if protocol == "graspnet":
         from pipelines import evaluate_dump
 
         report = evaluate_dump.run(grasps, dataset, out, config.graspnet, options)
-        tables = [] if dry_run else evaluate_dump.tables(out)
+        tables = [] if options.dry_run else evaluate_dump.tables(out)
     else:
         from pipelines import evaluate as stage
 
@@ -97,7 +85,7 @@ def evaluate(
             success=success,
             seed=seed,
         )
-        tables = [] if dry_run else stage.tables(out)
+        tables = [] if options.dry_run else stage.tables(out)
     conclude(report, out, out.with_suffix(".html"), tables=tables)
 
 

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import ExportConfig
-from symgrasp_cli.options import Overwrite
+from symgrasp_cli.options import CameraToBase, GraspsToRead, Overwrite
 from symgrasp_cli.report import conclude
 from symgrasp_cli.settings import with_settings
 
@@ -23,21 +23,10 @@ from symgrasp_cli.settings import with_settings
 )
 def export(
     config: ExportConfig,
-    grasps: Annotated[
-        Path, typer.Argument(exists=True, dir_okay=False, help="grasps.h5 of `infer`.")
-    ],
+    grasps: GraspsToRead,
     *,
     out: Annotated[Path, typer.Option(help="Folder to write; for json and csv the file.")],
-    camera_to_base: Annotated[
-        Path | None,
-        typer.Option(
-            exists=True,
-            dir_okay=False,
-            metavar="FILE",
-            help="Hand-eye calibration (4 x 4 matrix, easy_handeye, MoveIt): poses are then in "
-            "the robot's base frame.",
-        ),
-    ] = None,
+    camera_to_base: CameraToBase = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Write grasps in the formats of other tools."""

@@ -6,26 +6,8 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import FinetuneDetectorConfig
-from symgrasp_cli.options import (
-    Backend,
-    CameraName,
-    Compile,
-    DatasetSplit,
-    Device,
-    Loaders,
-    MaxMinutes,
-    MaxSeconds,
-    Overwrite,
-    Precision,
-    Resume,
-    Seed,
-    Threads,
-    Workers,
-    batch_options,
-    seconds_allowed,
-    show_training,
-    split_or_all,
-)
+from symgrasp_cli.arguments import LoadedRun, Preparation
+from symgrasp_cli.options import CameraName, DatasetSplit, StartWeights, WeightsToWrite
 from symgrasp_cli.report import conclude
 from symgrasp_cli.settings import with_settings
 
@@ -50,45 +32,27 @@ def finetune_detector(
             exists=True, help="Dataset roots with scenes/ and symmetry/, or what export-coco wrote."
         ),
     ],
-    out: Annotated[Path, typer.Option(help="Weights to write, NAME.safetensors.")],
+    *,
+    out: WeightsToWrite,
     split: DatasetSplit = "train",
     camera: CameraName = None,
     coco_weights: Annotated[
         str | None,
         typer.Option(help="Start of resnet50: a file of torchvision's weights, or download."),
     ] = None,
-    init: Annotated[
-        Path | None, typer.Option(exists=True, help="Weights of an earlier training to start from.")
-    ] = None,
-    max_seconds: MaxSeconds = None,
-    max_minutes: MaxMinutes = None,
-    threads: Threads = 2,
-    device: Device = "auto",
-    workers: Workers = None,
-    backend: Backend = "loky",
-    precision: Precision = "float32",
-    compiled: Compile = False,
-    loaders: Loaders = 0,
-    seed: Seed = 0,
-    resume: Resume = False,
-    overwrite: Overwrite = False,
+    init: StartWeights = None,
+    request: LoadedRun,
+    options: Preparation,
 ) -> None:
     """Train the detector of symmetric regions on the frames of datasets."""
     from pipelines import finetune_detector as stage
-    from pipelines.learning.loop.runs import RunRequest
 
-    bar = show_training()
-    limit = seconds_allowed(max_seconds, max_minutes)
-    request = RunRequest(
-        seed, device, threads, limit, resume, overwrite, bar, precision, compiled, loaders
-    )
-    options = batch_options(workers, backend, overwrite=overwrite, dry_run=False)
     report = stage.run(
         roots,
         out,
         config,
         request,
-        split=split_or_all(split),
+        split=split,
         camera=camera,
         coco_weights=coco_weights,
         init=init,

@@ -1,7 +1,5 @@
 """`symgrasp infer`."""
 
-from __future__ import annotations
-
 import json
 import math
 import sys
@@ -16,35 +14,65 @@ from pipelines.configs import InferConfig, LimitsConfig
 from pipelines.configs.settings import changed
 from pipelines.configs.stages import InferSettings, part
 from pipelines.errors import printable
+from symgrasp_cli.arguments import Batch, GivenCamera, MadeOf
 from symgrasp_cli.options import (
     AxisCriticWeights,
-    Backend,
     CameraName,
     DatasetSplit,
     DepthUnitsPerMetre,
     DetectorWeights,
     Device,
-    DryRun,
     FrameFolder,
     GraspCriticWeights,
-    IntrinsicsText,
     NetworkWeights,
-    Overwrite,
     PlaneCriticWeights,
     Seed,
     Workers,
-    batch_options,
-    split_or_all,
 )
 from symgrasp_cli.report import conclude, manner
 from symgrasp_cli.settings import with_settings
 
 if TYPE_CHECKING:
     from pipelines.infer_watch import Followed
-    from pipelines.runtime.batch import StageReport
+    from pipelines.runtime.batch import BatchOptions, StageReport
 
 DEFAULT_FRAME = LimitsConfig.box_frame
 HDF5_SUFFIXES = ("", ".h5", ".hdf5")
+
+
+def _weights(
+    detector: DetectorWeights = None,
+    network: NetworkWeights = None,
+    axis_critic: AxisCriticWeights = None,
+    plane_critic: PlaneCriticWeights = None,
+    grasp_critic: GraspCriticWeights = None,
+    weights: Annotated[
+        Path | None,
+        typer.Option(exists=True, help="Weights of a compared method, from train-baseline."),
+    ] = None,
+) -> dict[str, Path | None]:
+    """Return the weights that are named, by what they are of."""
+    return {
+        "detector": detector,
+        "network": network,
+        "axis_critic": axis_critic,
+        "plane_critic": plane_critic,
+        "grasp_critic": grasp_critic,
+        "peer": weights,
+    }
+
+
+def _batch(options: Batch, workers: Workers = None) -> "BatchOptions":
+    """Return the options of the batch; `infer` chooses how many workers, if the user does not."""
+    from pipelines.runtime.batch import CHOSEN
+
+    if workers is not None:
+        return options
+    return replace(options, workers=CHOSEN, most_chosen=options.workers)
+
+
+InferWeights = Annotated[dict[str, Path | None], MadeOf(_weights)]
+InferBatch = Annotated["BatchOptions", MadeOf(_batch)]
 
 
 @with_settings(
@@ -69,6 +97,7 @@ HDF5_SUFFIXES = ("", ".h5", ".hdf5")
 def infer(
     config: InferSettings,
     frames: FrameFolder,
+    *,
     out: Annotated[Path, typer.Option(help="The file of grasps to write.")] = Path("grasps.h5"),
     overlays: Annotated[
         Path | None, typer.Option(help="Folder for a picture of every frame's grasps.")
@@ -93,17 +122,9 @@ def infer(
     frame_stride: Annotated[
         int, typer.Option(min=1, metavar="N", help="Of every folder's frames each N-th.")
     ] = 1,
-    intrinsics: IntrinsicsText = None,
+    of_all: GivenCamera,
     depth_units_per_metre: DepthUnitsPerMetre = None,
-    detector: DetectorWeights = None,
-    network: NetworkWeights = None,
-    axis_critic: AxisCriticWeights = None,
-    plane_critic: PlaneCriticWeights = None,
-    grasp_critic: GraspCriticWeights = None,
-    weights: Annotated[
-        Path | None,
-        typer.Option(exists=True, help="Weights of a compared method, from train-baseline."),
-    ] = None,
+    weights: InferWeights,
     timings: Annotated[
         bool,
         typer.Option("--timings", help="Write each frame's seconds; files then differ by run."),
@@ -113,19 +134,14 @@ def infer(
         typer.Option("--watch", help="Follow a folder that a camera writes into, until Ctrl-C."),
     ] = False,
     device: Device = "auto",
-    workers: Workers = None,
-    backend: Backend = "loky",
+    options: InferBatch,
     seed: Seed = 0,
-    overwrite: Overwrite = False,
-    dry_run: DryRun = False,
 ) -> None:
     """Find ranked grasps in RGB-D frames."""
     from pipelines import infer as stage
     from pipelines import infer_watch
     from pipelines.dataset.chosen_frames import ChosenFrames
-    from pipelines.frames.camera_files import parse_camera
     from pipelines.frames.workspace_files import parse_workspace
-    from pipelines.runtime.batch import CHOSEN
 
     if math.isfinite(config.watch.timeout) and not watch:
         raise typer.BadParameter("--watch-timeout goes with --watch")
@@ -136,18 +152,7 @@ def infer(
         config = changed(config, {"limits.box": room.box}, option="--workspace")
     if workspace is None and not config.limits.box and config.limits.box_frame != DEFAULT_FRAME:
         raise typer.BadParameter("--workspace-frame goes with a box of --workspace")
-    paths = stage.InferPaths(frames, out, overlays, masks, room.mask)
-    paths = paths.with_weights(
-        detector=detector,
-        network=network,
-        axis_critic=axis_critic,
-        plane_critic=plane_critic,
-        grasp_critic=grasp_critic,
-        peer=weights,
-    )
-    options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
-    if workers is None:
-        options = replace(options, workers=CHOSEN, most_chosen=options.workers)
+    paths = stage.InferPaths(frames, out, overlays, masks, room.mask).with_weights(**weights)
     if watch and frames.is_dir() and not manner().quiet:
         typer.echo(printable(f"watching {frames} until Ctrl-C"), err=True)
     followed = partial(infer_watch.run, watch=config.watch, notify=_print_followed)
@@ -155,17 +160,17 @@ def infer(
         paths,
         part(InferConfig, config),
         options,
-        camera=None if intrinsics is None else parse_camera(intrinsics),
+        camera=of_all,
         depth_units_per_metre=depth_units_per_metre,
         seed=seed,
         device=device,
         timings=timings,
-        choice=ChosenFrames(split_or_all(split), camera, frame_stride),
+        choice=ChosenFrames(split, camera, frame_stride),
     )
     _conclude(report, out, overlays)
 
 
-def _conclude(report: StageReport, out: Path, overlays: Path | None) -> None:
+def _conclude(report: "StageReport", out: Path, overlays: Path | None) -> None:
     """Report how many grasps lie where, and which frames have none, with the reason."""
     from pipelines.grasp_files.grasps_summary import summary_of
 
@@ -180,7 +185,7 @@ def _conclude(report: StageReport, out: Path, overlays: Path | None) -> None:
     conclude(report, out, overlays, then=then, lines=list(summary.lines()), facts=facts)
 
 
-def _print_followed(frame: Followed) -> None:
+def _print_followed(frame: "Followed") -> None:
     """Print one frame's line on stdout at once, for whoever reads it through a pipe."""
     if manner().as_json:
         typer.echo(json.dumps({**asdict(frame), "seconds": round(frame.seconds, 3)}))

@@ -4,7 +4,8 @@ import typer
 
 from pipelines.configs import InspectConfig
 from pipelines.errors import printable
-from symgrasp_cli.options import DepthUnitsPerMetre, FrameFolder, IntrinsicsText
+from symgrasp_cli.arguments import GivenCamera
+from symgrasp_cli.options import DepthUnitsPerMetre, FrameFolder
 from symgrasp_cli.report import conclude, manner
 from symgrasp_cli.settings import with_settings
 
@@ -17,17 +18,16 @@ def inspect(
     config: InspectConfig,
     frames: FrameFolder,
     *,
-    intrinsics: IntrinsicsText = None,
+    camera: GivenCamera,
     depth_units_per_metre: DepthUnitsPerMetre = None,
 ) -> None:
     """Say what would be read of RGB-D frames, and what is odd about them."""
     from pipelines import inspect_frames as stage
-    from pipelines.frames.camera_files import parse_camera
 
     findings = stage.run(
         frames,
         config,
-        camera=None if intrinsics is None else parse_camera(intrinsics),
+        camera=camera,
         depth_units_per_metre=depth_units_per_metre,
     )
     lines = list(stage.findings_lines(findings))

@@ -6,7 +6,8 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import LabelGraspsConfig
-from symgrasp_cli.options import Backend, DryRun, MeshUnit, Overwrite, Seed, Workers, batch_options
+from symgrasp_cli.arguments import Batch
+from symgrasp_cli.options import MeshUnit, Seed
 from symgrasp_cli.report import conclude
 from symgrasp_cli.settings import with_settings
 
@@ -24,6 +25,7 @@ def label_grasps(
             exists=True, help="A mesh, a folder of meshes, or a dataset root with models/."
         ),
     ],
+    *,
     out: Annotated[Path, typer.Option(help="Dataset root to write; may be the root that is read.")],
     mesh_scale: MeshUnit = None,
     sdf: Annotated[
@@ -32,16 +34,12 @@ def label_grasps(
     compress: Annotated[
         bool, typer.Option("--compress", help="Zip the labels: far smaller, slower to read.")
     ] = False,
+    options: Batch,
     seed: Seed = 0,
-    workers: Workers = None,
-    backend: Backend = "loky",
-    overwrite: Overwrite = False,
-    dry_run: DryRun = False,
 ) -> None:
     """Label grasps on your own meshes, in GraspNet-1Billion's layout."""
     from pipelines import label_grasps as stage
 
-    options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
     report = stage.run(
         meshes,
         out,

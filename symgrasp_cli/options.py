@@ -1,18 +1,10 @@
-"""Options that several commands share, and how they become `BatchOptions`."""
-
-from __future__ import annotations
+"""Options that several commands share."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from symgrasp_cli.report import manner
-
-if TYPE_CHECKING:
-    from pipelines.runtime.batch import BatchOptions
-
-WORKER_MEMORY = 1e9  # bytes; workers were seen to take half of it (docs/experiments/speed.md)
 LARGEST_SEED = 2**63 - 1
 
 
@@ -126,8 +118,12 @@ Quiet = Annotated[
     typer.Option("--quiet", "-q", rich_help_panel=REPORT, help="Print errors only on stderr."),
 ]
 DatasetSplit = Annotated[
-    str,
-    typer.Option(metavar="NAME", help="Scenes to take: train, seen, similar, novel or all."),
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        callback=lambda split: None if split == "all" else split,
+        help="Scenes to take: train, seen, similar, novel or all.",
+    ),
 ]
 CameraName = Annotated[
     str | None,
@@ -205,58 +201,20 @@ DepthUnitsPerMetre = Annotated[
 ]
 
 
-def batch_options(
-    workers: int | None, backend: str, *, overwrite: bool, dry_run: bool
-) -> BatchOptions:
-    """Return the options of a batch, its progress shown unless the user wants quiet.
-
-    Without `workers` there are as many as cores and free memory allow. More than cores only take
-    each other's memory: there are as many as cores then.
-
-    Raises:
-        UnknownNameError: no such backend.
-    """
-    import logging
-
-    from joblib import cpu_count
-
-    from pipelines.health.machine import free_memory
-    from pipelines.runtime.batch import BatchOptions
-    from pipelines.runtime.clusters import check_backend
-
-    check_backend(backend)
-    cores = cpu_count()
-    if workers is None:
-        free = free_memory()
-        workers = cores if free is None else min(cores, max(1, int(free / WORKER_MEMORY)))
-    elif backend == "loky" and workers > cores:
-        warning = "--workers %d is more than this machine's %d cores: %d work at a time"
-        logging.getLogger(__name__).warning(warning, workers, cores, cores)
-        workers = cores
-    return BatchOptions(
-        workers=workers,
-        backend=backend,
-        overwrite=overwrite,
-        dry_run=dry_run,
-        progress=not manner().quiet,
-    )
-
-
-def seconds_allowed(max_seconds: float | None, minutes: float | None) -> float | None:
-    """Return the time limit of a training in seconds; None for none."""
-    return max_seconds if minutes is None else 60.0 * minutes
-
-
-def split_or_all(split: str) -> str | None:
-    """Return the split that `DatasetSplit` names; None for all of them."""
-    return None if split == "all" else split
-
-
-def show_training() -> bool:
-    """Return whether stderr is a terminal, for a progress bar; else let log lines reach it."""
-    import logging
-    import sys
-
-    level = logging.WARNING if manner().quiet else logging.INFO
-    logging.getLogger("pipelines.learning").setLevel(level)
-    return sys.stderr.isatty() and not manner().quiet
+GraspsToRead = Annotated[
+    Path, typer.Argument(exists=True, dir_okay=False, help="grasps.h5 of `infer`.")
+]
+CameraToBase = Annotated[
+    Path | None,
+    typer.Option(
+        exists=True,
+        dir_okay=False,
+        metavar="FILE",
+        help="Hand-eye calibration (4 x 4 matrix, easy_handeye, MoveIt): poses are then in "
+        "the robot's base frame.",
+    ),
+]
+WeightsToWrite = Annotated[Path, typer.Option(help="Weights to write, NAME.safetensors.")]
+StartWeights = Annotated[
+    Path | None, typer.Option(exists=True, help="Weights of an earlier training to start from.")
+]

@@ -6,7 +6,8 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import RefineGraspsConfig
-from symgrasp_cli.options import Backend, DryRun, Overwrite, Seed, Workers, batch_options
+from symgrasp_cli.arguments import Batch
+from symgrasp_cli.options import Seed
 from symgrasp_cli.report import conclude
 from symgrasp_cli.settings import with_settings
 
@@ -25,16 +26,13 @@ def refine_grasps(
         Path,
         typer.Argument(exists=True, help="Dataset root with models/, grasp_label/ and symmetry/."),
     ],
-    workers: Workers = None,
-    backend: Backend = "loky",
+    *,
+    options: Batch,
     seed: Seed = 0,
-    overwrite: Overwrite = False,
-    dry_run: DryRun = False,
 ) -> None:
     """Make grasp labels symmetric and spread them to per-point affordance."""
     from pipelines import refine_grasps as stage
 
-    options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
     report = stage.run(root, config, seed=seed, options=options)
     then = ("pack", root, "--out", "packed") if (root / "scenes").is_dir() else ()
     conclude(report, root / "affordance", then=then)

@@ -1,14 +1,11 @@
 """`symgrasp serve`."""
 
-from pathlib import Path
-from typing import Annotated
-
 import typer
 
 from pipelines.configs import InferConfig, ServeConfig
 from pipelines.configs.stages import ServeSettings, part
 from pipelines.ending import set_farewell
-from symgrasp_cli.options import Device, Seed
+from symgrasp_cli.options import CameraToBase, Device, Seed
 from symgrasp_cli.report import manner
 from symgrasp_cli.settings import with_settings
 
@@ -29,16 +26,7 @@ from symgrasp_cli.settings import with_settings
 def serve(
     config: ServeSettings,
     *,
-    camera_to_base: Annotated[
-        Path | None,
-        typer.Option(
-            exists=True,
-            dir_okay=False,
-            metavar="FILE",
-            help="Hand-eye calibration (4 x 4 matrix, easy_handeye, MoveIt): poses are then in "
-            "the robot's base frame.",
-        ),
-    ] = None,
+    camera_to_base: CameraToBase = None,
     device: Device = "auto",
     seed: Seed = 0,
 ) -> None:

@@ -15,6 +15,7 @@ from pipelines.configs.settings import Setting, changed, changed_by_text, settin
 from pipelines.configs.stages import default_settings
 from pipelines.configs.toml_files import read_toml
 from pipelines.errors import SettingError
+from symgrasp_cli.arguments import arguments_of, options_of
 from symgrasp_cli.options import AsJson, Quiet
 from symgrasp_cli.report import Manner, failure_as_json, speaking
 
@@ -124,7 +125,8 @@ def with_settings(
 ) -> Callable[[Command], Command]:
     """Give a command the settings of `stage`: it is called with them as `config`.
 
-    The command gets `--config` and `--set` too, and `--json` and `--quiet` for its report.
+    The command gets `--config` and `--set` too, and `--json` and `--quiet` for its report. Its
+    arguments that are made of several options (`MadeOf`) stand for these.
 
     Args:
         stage: name in `pipelines.configs.stages`.
@@ -146,12 +148,13 @@ def with_settings(
             given = _given(context, made, values)
             with speaking(wanted), failure_as_json(stage):
                 chosen = settings_chosen(stage, file, given, assignments or (), preset)
-                command(config=chosen, **values)
+                command(config=chosen, **arguments_of(own, values))
 
-        own = inspect.signature(command, eval_str=True).parameters.values()
+        asked = inspect.signature(command, eval_str=True).parameters.values()
+        own = [each for each in asked if each.name != "config"]
         parameters = [
             _keyword("context", typer.Context),
-            *(_keyword(p.name, p.annotation, p.default) for p in own if p.name != "config"),
+            *(_keyword(p.name, p.annotation, p.default) for p in options_of(own).values()),
             *(each.parameter() for each in made),
             *([_keyword("preset", Preset, None)] if presets_of(stage) else []),
             _keyword("settings_file", SettingsFile, None),

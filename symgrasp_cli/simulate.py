@@ -7,16 +7,8 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import SimulateConfig
-from symgrasp_cli.options import (
-    Backend,
-    DatasetRoot,
-    DryRun,
-    Overwrite,
-    Seed,
-    With,
-    Workers,
-    batch_options,
-)
+from symgrasp_cli.arguments import Batch
+from symgrasp_cli.options import DatasetRoot, Seed, With
 from symgrasp_cli.report import conclude
 from symgrasp_cli.settings import with_settings
 
@@ -48,11 +40,8 @@ def simulate(
             help="Also try what `evaluate --baselines` scores: ground truth, boundary, chance.",
         ),
     ] = False,
-    workers: Workers = None,
-    backend: Backend = "loky",
+    options: Batch,
     seed: Seed = 0,
-    overwrite: Overwrite = False,
-    dry_run: DryRun = False,
 ) -> None:
     """Try the grasps in physics: approach, close, lift, five tugs; success by symmetry."""
     from pipelines import simulate as stage
@@ -60,9 +49,8 @@ def simulate(
     if not config.frictions:
         raise typer.BadParameter("no number is given; 0.3,0.5,0.8 are", param_hint="--friction")
     config = replace(config, frictions=tuple(sorted(set(config.frictions))))
-    options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
     report = stage.run(
         grasps, dataset, out, config, options, others=with_ or (), baselines=baselines, seed=seed
     )
     then = ("evaluate", grasps, "--dataset", dataset, "--success", out)
-    conclude(report, out, then=then, tables=() if dry_run else stage.tables(out))
+    conclude(report, out, then=then, tables=() if options.dry_run else stage.tables(out))

@@ -7,7 +7,8 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import SynthesizeConfig
-from symgrasp_cli.options import Backend, DryRun, MeshUnit, Overwrite, Seed, Workers, batch_options
+from symgrasp_cli.arguments import Batch
+from symgrasp_cli.options import MeshUnit, Seed
 from symgrasp_cli.report import conclude
 from symgrasp_cli.settings import with_settings
 
@@ -33,6 +34,7 @@ from symgrasp_cli.settings import with_settings
 def synthesize(
     config: SynthesizeConfig,
     output: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of the dataset.")],
+    *,
     models: Annotated[
         Path | None,
         typer.Option(
@@ -54,11 +56,8 @@ def synthesize(
         bool,
         typer.Option("--sdf", help="Write textured.sdf too, as dex-net does: 10 MB an object."),
     ] = False,
+    options: Batch,
     seed: Seed = 0,
-    workers: Workers = None,
-    backend: Backend = "loky",
-    overwrite: Overwrite = False,
-    dry_run: DryRun = False,
 ) -> None:
     """Make a dataset in GraspNet-1Billion's layout, of procedural objects or your meshes."""
     from pipelines import synthesize as stage
@@ -69,7 +68,6 @@ def synthesize(
     if size is not None:
         width, height = parse_pair(size, "x", "--size")
         config = replace(config, width=width, height=height)
-    options = batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run)
     report = stage.run(
         output, config, options, seed=seed, models=models, mesh_scale=mesh_scale, sdf=sdf
     )

@@ -7,19 +7,8 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import TrainConfig
-from symgrasp_cli.options import (
-    Compile,
-    Device,
-    MaxMinutes,
-    MaxSeconds,
-    Overwrite,
-    Precision,
-    Resume,
-    Seed,
-    Threads,
-    seconds_allowed,
-    show_training,
-)
+from symgrasp_cli.arguments import DeviceRun
+from symgrasp_cli.options import StartWeights, WeightsToWrite
 from symgrasp_cli.report import conclude
 from symgrasp_cli.settings import with_settings
 
@@ -41,7 +30,8 @@ from symgrasp_cli.settings import with_settings
 )
 def train(
     config: TrainConfig,
-    out: Annotated[Path, typer.Option(help="Weights to write, NAME.safetensors.")],
+    *,
+    out: WeightsToWrite,
     packed: Annotated[
         Path | None,
         typer.Argument(
@@ -64,33 +54,19 @@ def train(
             help="Packed regions to validate on; by default a tenth of PACKED's scenes.",
         ),
     ] = None,
-    init: Annotated[
-        Path | None, typer.Option(exists=True, help="Weights of an earlier training to start from.")
-    ] = None,
-    max_seconds: MaxSeconds = None,
-    max_minutes: MaxMinutes = None,
-    threads: Threads = 2,
-    device: Device = "auto",
+    init: StartWeights = None,
     workers: Annotated[
         int, typer.Option(min=1, help="Processes that render the regions of --endless.")
     ] = 1,
-    precision: Precision = "float32",
-    compiled: Compile = False,
-    seed: Seed = 0,
-    resume: Resume = False,
-    overwrite: Overwrite = False,
+    request: DeviceRun,
 ) -> None:
     """Train the symmetry-aware grasp network on packed regions."""
     from pipelines import train as stage
-    from pipelines.learning.loop.runs import RunRequest
 
     share = 0.0 if endless is None else 1.0 if packed is None else config.endless.share or 0.5
     config = replace(config, endless=replace(config.endless, share=share))
-    bar = show_training()
     if packed is None and endless is None:
         raise typer.BadParameter("give PACKED, --endless ROOT, or both")
-    limit = seconds_allowed(max_seconds, max_minutes)
-    request = RunRequest(seed, device, threads, limit, resume, overwrite, bar, precision, compiled)
     report = stage.run(
         packed, val, out, config, request, endless=endless, init=init, workers=workers
     )

@@ -7,24 +7,8 @@ import typer
 
 from pipelines.configs import TrainBaselineConfig
 from pipelines.configs.inference import TRAINED_METHODS
-from symgrasp_cli.options import (
-    Backend,
-    CameraName,
-    Compile,
-    DatasetSplit,
-    Device,
-    Loaders,
-    MaxSeconds,
-    Overwrite,
-    Precision,
-    Resume,
-    Seed,
-    Threads,
-    Workers,
-    batch_options,
-    show_training,
-    split_or_all,
-)
+from symgrasp_cli.arguments import LoadedRun, Preparation
+from symgrasp_cli.options import CameraName, DatasetSplit, WeightsToWrite
 from symgrasp_cli.report import conclude
 from symgrasp_cli.settings import with_settings
 
@@ -55,37 +39,23 @@ def train_baseline(
             "--collision-labels`, or GraspNet-1Billion; for symmetrynet of `annotate-symmetry`.",
         ),
     ],
-    out: Annotated[Path, typer.Option(help="Weights to write, NAME.safetensors.")],
+    *,
+    out: WeightsToWrite,
     split: DatasetSplit = "train",
     camera: CameraName = None,
-    max_seconds: MaxSeconds = None,
-    threads: Threads = 2,
-    device: Device = "auto",
-    workers: Workers = None,
-    backend: Backend = "loky",
-    precision: Precision = "float32",
-    compiled: Compile = False,
-    loaders: Loaders = 0,
-    seed: Seed = 0,
-    resume: Resume = False,
-    overwrite: Overwrite = False,
+    request: LoadedRun,
+    options: Preparation,
 ) -> None:
     """Train a method that the paper compares with, on a dataset of its labels."""
     from pipelines import train_baseline as stage
-    from pipelines.learning.loop.runs import RunRequest
 
-    bar = show_training()
-    request = RunRequest(
-        seed, device, threads, max_seconds, resume, overwrite, bar, precision, compiled, loaders
-    )
-    options = batch_options(workers, backend, overwrite=overwrite, dry_run=False)
     report = stage.run(
         method,
         root,
         out,
         config,
         request,
-        split=split_or_all(split),
+        split=split,
         camera=camera,
         options=options,
     )

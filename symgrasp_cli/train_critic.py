@@ -7,22 +7,13 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import TrainCriticConfig
+from symgrasp_cli.arguments import CpuRun, Preparation
 from symgrasp_cli.options import (
     AxisCriticWeights,
-    Backend,
     DetectorWeights,
-    MaxMinutes,
-    MaxSeconds,
     NetworkWeights,
-    Overwrite,
     PlaneCriticWeights,
-    Resume,
-    Seed,
-    Threads,
-    Workers,
-    batch_options,
-    seconds_allowed,
-    show_training,
+    WeightsToWrite,
 )
 from symgrasp_cli.report import conclude
 from symgrasp_cli.settings import with_settings
@@ -51,7 +42,8 @@ def train_critic(
             "that neither network was trained on.",
         ),
     ],
-    out: Annotated[Path, typer.Option(help="Weights to write, NAME.safetensors.")],
+    *,
+    out: WeightsToWrite,
     calibrate: Annotated[
         list[Path] | None,
         typer.Option(
@@ -69,20 +61,13 @@ def train_critic(
     network: NetworkWeights = None,
     axis_critic: AxisCriticWeights = None,
     plane_critic: PlaneCriticWeights = None,
-    max_seconds: MaxSeconds = None,
-    max_minutes: MaxMinutes = None,
-    threads: Threads = 2,
-    workers: Workers = None,
-    backend: Backend = "loky",
-    seed: Seed = 0,
-    resume: Resume = False,
-    overwrite: Overwrite = False,
+    request: CpuRun,
+    options: Preparation,
 ) -> None:
     """Train a critic on candidates of datasets: of axes, planes or grasps."""
     from pipelines import train_critic as stage
     from pipelines.learning.critics.collecting import ModelPaths
     from pipelines.learning.critics.kinds import critic_kind
-    from pipelines.learning.loop.runs import RunRequest
 
     kind = critic_kind(critic)
     given = {
@@ -92,10 +77,6 @@ def train_critic(
         "plane_critic": plane_critic,
     }
     paths = replace(ModelPaths(), **{name: path for name, path in given.items() if path})
-    bar = show_training()
-    limit = seconds_allowed(max_seconds, max_minutes)
-    request = RunRequest(seed, "cpu", threads, limit, resume, overwrite, bar)
-    options = batch_options(workers, backend, overwrite=overwrite, dry_run=False)
     report = stage.run(
         kind,
         roots,

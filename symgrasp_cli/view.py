@@ -6,13 +6,8 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import ViewConfig
-from symgrasp_cli.options import (
-    Backend,
-    DryRun,
-    Overwrite,
-    Workers,
-    batch_options,
-)
+from symgrasp_cli.arguments import Batch
+from symgrasp_cli.options import GraspsToRead
 from symgrasp_cli.report import conclude
 from symgrasp_cli.settings import with_settings
 
@@ -23,9 +18,7 @@ from symgrasp_cli.settings import with_settings
 )
 def view(
     config: ViewConfig,
-    grasps: Annotated[
-        Path, typer.Argument(exists=True, dir_okay=False, help="grasps.h5 of `infer`.")
-    ],
+    grasps: GraspsToRead,
     *,
     out: Annotated[Path, typer.Option(help="Folder to write; open its index.html.")],
     frames: Annotated[
@@ -37,10 +30,7 @@ def view(
     rerun: Annotated[
         bool, typer.Option("--rerun", help="Also write NAME.rrd for rerun's viewer (extra: viz).")
     ] = False,
-    workers: Workers = None,
-    backend: Backend = "loky",
-    overwrite: Overwrite = False,
-    dry_run: DryRun = False,
+    options: Batch,
 ) -> None:
     """Make a page a frame, with cloud, symmetries and grasps to turn around in a browser."""
     from pipelines import view as stage
@@ -48,7 +38,7 @@ def view(
     report = stage.run(
         stage.ViewPaths(grasps, out, frames),
         config,
-        batch_options(workers, backend, overwrite=overwrite, dry_run=dry_run),
+        options,
         rerun=rerun,
     )
     conclude(report, out / "index.html")

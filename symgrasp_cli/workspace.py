@@ -6,7 +6,8 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import WorkspaceConfig
-from symgrasp_cli.options import DepthUnitsPerMetre, FrameFolder, IntrinsicsText, Overwrite
+from symgrasp_cli.arguments import GivenCamera
+from symgrasp_cli.options import DepthUnitsPerMetre, FrameFolder, Overwrite
 from symgrasp_cli.report import conclude, manner
 from symgrasp_cli.settings import with_settings
 
@@ -27,19 +28,18 @@ def workspace(
     out: Annotated[Path, typer.Option(help="Folder of pictures and masks to write.")] = (
         Path("workspace")
     ),
-    intrinsics: IntrinsicsText = None,
+    camera: GivenCamera,
     depth_units_per_metre: DepthUnitsPerMetre = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Draw the table's frame and a workspace into frames, and print its options for infer."""
     from pipelines import workspace as stage
-    from pipelines.frames.camera_files import parse_camera
 
     found = stage.run(
         frames,
         out,
         config,
-        camera=None if intrinsics is None else parse_camera(intrinsics),
+        camera=camera,
         depth_units_per_metre=depth_units_per_metre,
         overwrite=overwrite,
     )

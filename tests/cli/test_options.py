@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from pipelines.health import machine
 from pipelines.runtime.batch import CHOSEN
 from symgrasp_cli.app import app
-from symgrasp_cli.options import batch_options, seconds_allowed
+from symgrasp_cli.arguments import preparation, run_on_cpu
 
 FRAMES = Path(__file__).resolve().parents[2] / "pipelines" / "weights" / "frames"
 
@@ -24,7 +24,7 @@ def four_cores(monkeypatch):
     ("backend", "workers", "used"), [("loky", 4, 4), ("loky", 100, 4), ("dask", 100, 100)]
 )
 def test_processes_of_this_machine_are_no_more_than_its_cores(caplog, backend, workers, used):
-    options = batch_options(workers, backend, overwrite=False, dry_run=False)
+    options = preparation(workers, backend)
     assert options.workers == used
     said = [f"--workers {workers} is more than this machine's 4 cores: 4 work at a time"]
     assert [record.getMessage() for record in caplog.records] == said * (used < workers)
@@ -35,11 +35,11 @@ def test_without_a_number_there_are_as_many_workers_as_cores_and_memory_allow(
     monkeypatch, free, used
 ):
     monkeypatch.setattr(machine, "free_memory", lambda: free)
-    assert batch_options(None, "loky", overwrite=False, dry_run=False).workers == used
+    assert preparation().workers == used
 
 
 def test_infer_chooses_its_workers_itself():
-    options = batch_options(CHOSEN, "loky", overwrite=False, dry_run=False)
+    options = preparation(CHOSEN)
     assert options.workers == CHOSEN
 
 
@@ -66,9 +66,9 @@ def test_a_variable_is_used_unless_the_option_is_given(tmp_path):
 
 
 def test_a_time_limit_is_in_seconds_and_its_old_name_in_minutes():
-    assert seconds_allowed(90.0, None) == 90.0
-    assert seconds_allowed(None, 1.5) == 90.0
-    assert seconds_allowed(None, None) is None
+    assert run_on_cpu(max_seconds=90.0).max_seconds == 90.0
+    assert run_on_cpu(max_minutes=1.5).max_seconds == 90.0
+    assert run_on_cpu().max_seconds is None
 
 
 def test_a_seed_that_no_generator_takes_is_wrong_usage(tmp_path):

@@ -1,0 +1,171 @@
+"""Arguments of commands that are made of several options, which commands share as well."""
+
+import inspect
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Annotated, Any
+
+from symgrasp_cli.options import (
+    Backend,
+    Compile,
+    Device,
+    DryRun,
+    IntrinsicsText,
+    Loaders,
+    MaxMinutes,
+    MaxSeconds,
+    Overwrite,
+    Precision,
+    Resume,
+    Seed,
+    Threads,
+    Workers,
+)
+from symgrasp_cli.report import manner
+
+if TYPE_CHECKING:
+    from pipelines.frames.camera_files import CameraFile
+    from pipelines.learning.loop.runs import RunRequest
+    from pipelines.runtime.batch import BatchOptions
+
+WORKER_MEMORY = 1e9  # bytes; workers were seen to take half of it (docs/experiments/speed.md)
+
+
+@dataclass(frozen=True)
+class MadeOf:
+    """Makes one argument of a command of several options: the parameters of `make`.
+
+    A parameter of `make` may be such an argument itself; options of one name are one option.
+    """
+
+    make: Callable[..., Any]
+
+    @property
+    def parameters(self) -> Iterable[inspect.Parameter]:
+        """The parameters of `make`."""
+        return inspect.signature(self.make).parameters.values()
+
+    @staticmethod
+    def of(parameter: inspect.Parameter) -> "MadeOf | None":
+        """Return what makes the argument; None where it is one option."""
+        known = getattr(parameter.annotation, "__metadata__", ())
+        return next((each for each in known if isinstance(each, MadeOf)), None)
+
+
+def options_of(parameters: Iterable[inspect.Parameter]) -> dict[str, inspect.Parameter]:
+    """Return the options by name that a command with these parameters has."""
+    found: dict[str, inspect.Parameter] = {}
+    for each in parameters:
+        made = MadeOf.of(each)
+        found |= options_of(made.parameters) if made else {each.name: each}
+    return found
+
+
+def arguments_of(
+    parameters: Iterable[inspect.Parameter], values: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the arguments of a command with these parameters, of the `values` of its options."""
+    pairs = ((each.name, MadeOf.of(each)) for each in parameters)
+    return {
+        name: made.make(**arguments_of(made.parameters, values)) if made else values[name]
+        for name, made in pairs
+    }
+
+
+def preparation(
+    workers: Workers = None, backend: Backend = "loky", overwrite: Overwrite = False
+) -> "BatchOptions":
+    """Return the options of a batch, its progress shown unless the user wants quiet.
+
+    Without `workers` there are as many as cores and free memory allow. More than cores only take
+    each other's memory: there are as many as cores then.
+
+    Raises:
+        UnknownNameError: no such backend.
+    """
+    import logging
+
+    from joblib import cpu_count
+
+    from pipelines.health.machine import free_memory
+    from pipelines.runtime.batch import BatchOptions
+    from pipelines.runtime.clusters import check_backend
+
+    check_backend(backend)
+    cores = cpu_count()
+    if workers is None:
+        free = free_memory()
+        workers = cores if free is None else min(cores, max(1, int(free / WORKER_MEMORY)))
+    elif backend == "loky" and workers > cores:
+        warning = "--workers %d is more than this machine's %d cores: %d work at a time"
+        logging.getLogger(__name__).warning(warning, workers, cores, cores)
+        workers = cores
+    return BatchOptions(
+        workers=workers, backend=backend, overwrite=overwrite, progress=not manner().quiet
+    )
+
+
+Preparation = Annotated["BatchOptions", MadeOf(preparation)]
+
+
+def batch_options(options: Preparation, dry_run: DryRun = False) -> "BatchOptions":
+    """Return the options of a batch that may be tried dry."""
+    return replace(options, dry_run=dry_run)
+
+
+Batch = Annotated["BatchOptions", MadeOf(batch_options)]
+
+
+def run_on_cpu(
+    max_seconds: MaxSeconds = None,
+    max_minutes: MaxMinutes = None,
+    threads: Threads = 2,
+    seed: Seed = 0,
+    resume: Resume = False,
+    overwrite: Overwrite = False,
+) -> "RunRequest":
+    """Return the request of a training; a bar shows it on a terminal, else log lines do."""
+    import logging
+    import sys
+
+    from pipelines.learning.loop.runs import RunRequest
+
+    level = logging.WARNING if manner().quiet else logging.INFO
+    logging.getLogger("pipelines.learning").setLevel(level)
+    bar = sys.stderr.isatty() and not manner().quiet
+    limit = max_seconds if max_minutes is None else 60.0 * max_minutes
+    return RunRequest(seed, "cpu", threads, limit, resume, overwrite, bar)
+
+
+CpuRun = Annotated["RunRequest", MadeOf(run_on_cpu)]
+
+
+def run_on_device(
+    request: CpuRun,
+    device: Device = "auto",
+    precision: Precision = "float32",
+    compiled: Compile = False,
+) -> "RunRequest":
+    """Return the request of a training that may run on a GPU."""
+    return replace(request, device=device, precision=precision, compiled=compiled)
+
+
+DeviceRun = Annotated["RunRequest", MadeOf(run_on_device)]
+
+
+def run_with_loaders(request: DeviceRun, loaders: Loaders = 0) -> "RunRequest":
+    """Return the request of a training that reads its batches from files."""
+    return replace(request, loaders=loaders)
+
+
+LoadedRun = Annotated["RunRequest", MadeOf(run_with_loaders)]
+
+
+def given_camera(intrinsics: IntrinsicsText = None) -> "CameraFile | None":
+    """Return the camera of all frames that the user names; None for those beside the frames."""
+    from pipelines.frames.camera_files import parse_camera
+
+    return None if intrinsics is None else parse_camera(intrinsics)
+
+
+GivenCamera = Annotated["CameraFile | None", MadeOf(given_camera)]

@@ -21,7 +21,9 @@ from pipelines.configs import (
     LabelConfig,
     SynthesizeConfig,
 )
-from pipelines.dataset.graspnet.graspnet import GraspNetRoot, SceneFiles, write_pose_array
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.graspnet.graspnet_layout import SceneFiles
+from pipelines.frames.graspnet_scene import write_pose_array
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.inference.frame_grasps import Planner

@@ -61,7 +61,7 @@ def run(
     to_correct = {item.name for item in items if is_to_correct(item)}
     report = run_batch(STAGE, [i for i in items if i.name not in to_correct], step, options)
     corrections = [item for item in items if item.name in to_correct]
-    _add(report, run_batch(STAGE, corrections, step, replace(options, overwrite=True)))
+    report.add(run_batch(STAGE, corrections, step, replace(options, overwrite=True)))
     _refuse_unknown(report, sources.edits, [item.name for item in items])
     if given is not None and missing:
         report.notes[given.name] = f"has no entry of {', '.join(missing)}; what was found stays"
@@ -92,14 +92,6 @@ def annotate_file(item: WorkItem, config: AnnotateSymmetryConfig, seed: int) -> 
         )  # fmt: skip
     symmetry_labels.write(item.target, labels, item.stamp)
     return "; ".join([_summary(labels), *notes])
-
-
-def _add(report: StageReport, more: StageReport) -> None:
-    report.done += more.done
-    report.skipped += more.skipped
-    report.failed |= more.failed
-    report.notes |= more.notes
-    report.seconds += more.seconds
 
 
 def _refuse_unknown(

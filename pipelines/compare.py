@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from pipelines.configs import CompareConfig, check_settings
 from pipelines.contents import mapping_in
-from pipelines.dataset.graspnet.graspnet import frame_key
+from pipelines.dataset.graspnet.graspnet_layout import frame_key
 from pipelines.errors import SymgraspError
 from pipelines.evaluation.figures import TEST_SPLITS
 from pipelines.evaluation.pages.report_page import TEMPLATES

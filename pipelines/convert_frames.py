@@ -20,7 +20,8 @@ from pipelines.frames.frames import FrameSource, find_frames
 from pipelines.frames.rgbd import Frame
 from pipelines.runtime.batch import StageReport
 from pipelines.runtime.one_run import one_run_at_a_time
-from pipelines.storage.files import atomic_folder, write_image, write_json, write_npz
+from pipelines.storage.files import atomic_folder, write_json, write_npz
+from pipelines.storage.images import write_image
 from pipelines.storage.provenance import digest, digest_text, is_finished, make_stamp, write_sidecar
 
 STAGE = "convert-frames"

@@ -21,7 +21,8 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from pipelines.configs import EvaluateConfig
-from pipelines.dataset.graspnet.graspnet import GraspNetRoot, SceneFiles
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.graspnet.graspnet_layout import SceneFiles
 from pipelines.evaluation import reports
 from pipelines.evaluation.baselines import Baselines, rows_of
 from pipelines.evaluation.frame_scores import score_frame
@@ -38,8 +39,8 @@ from pipelines.evaluation.rows import OURS
 from pipelines.evaluation.tables import Table, report_tables
 from pipelines.evaluation.truth import TruthReader
 from pipelines.evaluation.truth_inputs import truth_digests
-from pipelines.grasp_files.grasps_file import FrameResult
 from pipelines.grasp_files.grasps_stream import read_index
+from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasp_files.gripper_files import gripper_digest, gripper_to_use, load_gripper
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time

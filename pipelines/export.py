@@ -17,12 +17,9 @@ beside it, OUT.json in it.
 
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-
-import numpy as np
-from numpy.typing import NDArray
 
 from pipelines.configs import ExportConfig, check_settings
 from pipelines.contents import mapping_in
@@ -38,16 +35,15 @@ from pipelines.grasp_files.exports import (
 from pipelines.grasp_files.exports.export_poses import (
     ExportGripper,
     PoseFrame,
-    base_to_tool,
     pose_frame,
 )
+from pipelines.grasp_files.exports.export_tally import ExportTally
 from pipelines.grasp_files.exports.grasp_exports import (
     LONGEST_PREFIX,
     LONGEST_SUFFIX,
     Claims,
     ExportHeader,
     FrameGrasps,
-    as_ranges,
     folds_case,
     frame_path,
 )
@@ -83,14 +79,6 @@ AFFIXES = {  # of a frame's file, before and behind the frame's name
 }
 STAMP_FILE = Path("provenance.json")  # in a folder
 TO_FILE: dict[str, FileWriter] = {"json": grasp_json.write, "csv": grasp_csv.write}
-NAMED_AT_MOST = 10  # frames in a sentence
-
-
-@dataclass
-class _Tally:
-    written: int = 0
-    left_out: dict[str, NDArray[np.int64]] = field(default_factory=dict)  # frame to rows
-    low: int = 0
 
 
 @one_run_at_a_time(STAGE, "output")
@@ -102,14 +90,9 @@ def run(
     camera_to_base: Path | None = None,
     overwrite: bool = False,
 ) -> StageReport:
-    """Write the grasps of `grasps`.
+    """Write the grasps of `grasps` to `output`: the folder or, as json and csv are, the file.
 
-    Args:
-        grasps: a `grasps.h5`.
-        output: the folder or, as json and csv are, the file.
-        config: format, gripper, origin of the poses.
-        camera_to_base: hand-eye calibration, for poses in the robot's base frame.
-        overwrite: make the output again if it exists.
+    `camera_to_base`: hand-eye calibration, for poses in the robot's base frame.
 
     Raises:
         SymgraspError: `grasps` or the calibration cannot be read, the format or gripper is not
@@ -125,14 +108,15 @@ def run(
     frame = pose_frame(camera_to_base, config.frame_id)
     stamp = _stamp(grasps, name_or_path, gripper, config, camera_to_base)
     finished = is_finished(output, stamp, overwrite=overwrite)
-    tally = _Tally()
+    tally = ExportTally()
     frames = _exported(grasps, index, gripper, frame, config.min_score, report)
     if config.to in TO_FOLDER:
-        write_frame, path_of = _of_a_frame(config.to, index, report)
+        path_of = _paths(config.to, index, report)
         frames = _with_path(frames, path_of, Claims(folds_case=folds_case(output)), index, report)
-    frames = _counted(frames, tally)
+    frames = tally.counted(frames)
     if finished:
-        _pass_over(frames)  # what could not be exported is named again
+        for _frame in frames:  # what could not be exported is named again
+            pass
         report.skipped.append(output.name)
         return report
     _refuse_others_work(output)
@@ -140,9 +124,12 @@ def run(
     if config.to in TO_FILE:
         _write_file(output, stamp, lambda path: TO_FILE[config.to](path, frames, header))
     else:
-        _write_folder(output, stamp, frames, lambda folder, each: write_frame(folder, each, header))
+        with atomic_folder(output) as folder:
+            for each in frames:
+                TO_FOLDER[config.to](folder / path_of(each.result.name), each, header)
+            write_sidecar(folder, stamp)
     report.done.append(output.name)
-    report.notes |= _notes(output.name, len(index.names), tally, gripper, config)
+    report.notes |= tally.notes(output.name, len(index.names), gripper, config.min_score)
     report.seconds = time.monotonic() - started
     return report
 
@@ -161,13 +148,9 @@ def _gripper(index: GraspsIndex, name_or_path: str, config: ExportConfig) -> Exp
         behind = GRASPNET_DEPTH - model.tip_reach
     elif config.to == "contact-graspnet" and not config.gripper:  # it has a gripper of its own
         behind = contact_graspnet_predictions.BASE_TO_CONTACTS
-    origin = "base"
-    if config.tcp:
-        behind = model.base_to_contacts - base_to_tool(config.tcp, model)
-        origin = f"tool centre point ({config.tcp})"
     checked = mapping_in(index.stamp, "inputs").get("gripper")  # old files do not say
     alike = gripper_digest(name_or_path) == checked if checked else name_or_path == index.gripper
-    return ExportGripper(model, behind, index.gripper, alike, origin)
+    return ExportGripper.at(config.tcp, model, behind, index.gripper, is_the_one_checked=alike)
 
 
 def _stamp(
@@ -193,8 +176,8 @@ def _refuse_others_work(output: Path) -> None:
     if not output.exists():
         return
     ours = (read_stamp(output) or {}).get("stage") == STAGE
-    if output.suffix == ".csv":  # killed before its stamp was written beside it
-        ours = ours or grasp_csv.is_ours(output)
+    # Of a run that was killed before it wrote the stamp beside it:
+    ours = ours or (output.suffix == ".csv" and grasp_csv.is_ours(output))
     if not ours:
         raise SymgraspError(f"{output} exists and is no export of ours; choose another output")
 
@@ -223,16 +206,6 @@ def _exported(
     _refuse_nothing(index, report)
 
 
-def _counted(frames: Iterable[FrameGrasps], tally: _Tally) -> Iterator[FrameGrasps]:
-    """Yield the frames that are written, and count what of them is and what is left out."""
-    for frame in frames:
-        tally.written += len(frame)
-        tally.low += len(frame.low)
-        if len(frame.left_out):
-            tally.left_out[frame.result.name] = frame.left_out
-        yield frame
-
-
 def _write_file(output: Path, stamp: Stamp, write: Callable[[Path], None]) -> None:
     beside = output.suffix == ".csv"  # a JSON text has its stamp within
     if beside:  # never the stamp of one file beside another
@@ -242,37 +215,18 @@ def _write_file(output: Path, stamp: Stamp, write: Callable[[Path], None]) -> No
         write_sidecar(output, stamp)
 
 
-def _write_folder(
-    output: Path,
-    stamp: Stamp,
-    frames: Iterable[FrameGrasps],
-    write_frame: Callable[[Path, FrameGrasps], None],
-) -> None:
-    with atomic_folder(output) as folder:
-        for frame in frames:
-            write_frame(folder, frame)
-        write_sidecar(folder, stamp)
-
-
-def _of_a_frame(
-    to: str, index: GraspsIndex, report: StageReport
-) -> tuple[FrameWriter, Callable[[str], Path]]:
-    """Return what writes a frame's file, and what says where in the folder it lies, by name."""
+def _paths(to: str, index: GraspsIndex, report: StageReport) -> Callable[[str], Path]:
+    """Return what says where in the folder the file of a frame lies, by its name."""
     if to != "graspnet":
-        prefix, suffix = AFFIXES[to]
-        return TO_FOLDER[to], lambda name: frame_path(Path(), name, suffix, prefix)
+        return lambda name: frame_path(name, *AFFIXES[to])
     states = zip(index.names, index.statuses, strict=True)
     shared = graspnet_dump.shared_place(name for name, status in states if status != "failed")
-    by_name = shared is not None
     if shared is not None:  # of several datasets: none of them may take the others' place
         report.notes["names"] = (
             f"{shared[0]} and {shared[1]} would have one file in a dump; so all files are named as "
             "the frames are, and what is before scene_NNNN in a name is a dump of its own"
         )
-    return (
-        partial(graspnet_dump.write_frame, by_name=by_name),
-        partial(graspnet_dump.frame_file, Path(), by_name=by_name),
-    )
+    return partial(graspnet_dump.frame_file, by_name=shared is not None)
 
 
 def _with_path(
@@ -287,18 +241,13 @@ def _with_path(
     for frame in frames:
         name = frame.result.name
         try:
-            frame_path(Path(), name, LONGEST_SUFFIX, LONGEST_PREFIX)
+            frame_path(name, LONGEST_PREFIX, LONGEST_SUFFIX)
             claims.claim(path_of(name), f"that of {name}")
         except SymgraspError as error:
             report.failed[name] = str(error)
         if name not in report.failed:
             yield frame
     _refuse_nothing(index, report)
-
-
-def _pass_over(frames: Iterable[FrameGrasps]) -> None:
-    for _frame in frames:
-        pass
 
 
 def _refuse_nothing(index: GraspsIndex, report: StageReport) -> None:
@@ -309,32 +258,3 @@ def _refuse_nothing(index: GraspsIndex, report: StageReport) -> None:
             f"none of {len(index.names)} frames can be exported, nothing is written; "
             f"{name}: {sentence}"
         )
-
-
-def _notes(
-    output: str, num_frames: int, tally: _Tally, gripper: ExportGripper, config: ExportConfig
-) -> dict[str, str]:
-    name = gripper.model.name
-    behind = 1000 * gripper.base_to_contacts
-    made = (
-        f"{tally.written} grasps in {num_frames} frames; gripper {name}, origin of the "
-        f"poses {abs(behind):.1f} mm {'behind' if behind >= 0 else 'beyond'} the contacts"
-    )
-    if not gripper.is_the_one_checked:
-        made += f"; collisions were checked with {gripper.checked_with}, not with {name}"
-    if tally.low:
-        made += f"; {tally.low} grasps score below {config.min_score:g} and are left out"
-    if not tally.left_out:
-        return {output: made}
-    places = [
-        f"{frame} {as_ranges(rows)}" for frame, rows in list(tally.left_out.items())[:NAMED_AT_MOST]
-    ]
-    if len(tally.left_out) > NAMED_AT_MOST:
-        places.append(f"and more in {len(tally.left_out) - NAMED_AT_MOST} frames")
-    count = sum(map(len, tally.left_out.values()))
-    wide = (
-        f"{count} of {tally.written + tally.low + count} grasps, wider than the "
-        f"{1000 * gripper.model.max_width:.0f} mm that {name} takes, by their places in "
-        f"/grasps: {'; '.join(places)}"
-    )
-    return {output: made, "left out": wide}

@@ -15,7 +15,8 @@ from functools import partial
 from pathlib import Path
 
 from pipelines.configs import ExportCocoConfig, check_settings
-from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot, SceneFiles
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.graspnet.graspnet_layout import FrameFiles, SceneFiles
 from pipelines.dataset.scene_digests import inputs_of_scenes
 from pipelines.dataset.training import coco_instances
 from pipelines.dataset.training.region_frames import (
@@ -47,10 +48,7 @@ def run(
     options = options or BatchOptions()
     check_settings(config)
     root = GraspNetRoot.finished(source)
-    scenes = root.scenes(camera, split)
-    if not scenes:
-        wanted = f"{split or 'any'} scene" + (f" seen by {camera}" if camera else "")
-        raise SymgraspError(f"{source} holds no {wanted}; name another --split or --camera")
+    scenes = root.chosen_scenes(camera, split)
     items = [
         _item(scene, output_dir, config, inputs)
         for scene, inputs in zip(scenes, inputs_of_scenes(root, scenes), strict=True)

@@ -20,21 +20,22 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.configs import FinetuneDetectorConfig
-from pipelines.dataset.graspnet.graspnet import GraspNetRoot, SceneFiles
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.graspnet.graspnet_layout import SceneFiles
 from pipelines.dataset.held_back import refuse_held_back
 from pipelines.dataset.scene_digests import digest_of_images, inputs_of_scenes
 from pipelines.dataset.training import coco_instances, detector_frames
 from pipelines.dataset.training.coco_instances import CocoFrame
-from pipelines.dataset.training.region_frames import held_out_scenes
-from pipelines.errors import SymgraspError, ValueRangeError
+from pipelines.dataset.training.region_frames import SCENE, FrameSets, split_frames
+from pipelines.errors import ValueRangeError
 from pipelines.learning.detector import detector_training
 from pipelines.learning.detector.detector_preparation import frames_of_coco, frames_of_scene
 from pipelines.learning.detector.detector_start import starting_detector
-from pipelines.learning.detector.detector_training import DetectorTraining, FrameSets
+from pipelines.learning.detector.detector_training import DetectorTraining
 from pipelines.learning.loop.faults import read_fault
 from pipelines.learning.loop.loop import TrainingRun
 from pipelines.learning.loop.options import LoopOptions
-from pipelines.learning.loop.runs import RunRequest, describe, find_progress
+from pipelines.learning.loop.runs import RunRequest, find_progress
 from pipelines.learning.speed.processes import process_group
 from pipelines.network.detection.detector import MODEL_NAME
 from pipelines.network.weights_files import weights_metadata
@@ -44,7 +45,6 @@ from pipelines.storage.files import existing
 from pipelines.storage.provenance import digest, digest_folder, digest_text, make_stamp
 
 STAGE = "finetune-detector"
-SCENE = len("scene_0000")
 
 
 @one_run_at_a_time(STAGE, "output")
@@ -66,7 +66,7 @@ def run(
     `init`: weights of an earlier training to start from, the default ones for example.
     """
     with process_group(request.device) as (processes, device):
-        started, report = time.monotonic(), StageReport(STAGE)
+        started = time.monotonic()
         inputs = _inputs(roots, init, coco_weights)
         scenes = {root: scene_items(root, output, config, split, camera) for root in roots}
         stamps = [item.stamp.as_digest() for items in scenes.values() for item in items]
@@ -75,8 +75,7 @@ def run(
         stamp = make_stamp(STAGE, config, seed=request.seed, inputs=inputs)
         earlier = find_progress(output, stamp, request)
         if earlier is not None and earlier.finished:
-            report.skipped.append(output.name)
-            return report
+            return StageReport(STAGE, skipped=[output.name])
         with processes.one_first():  # the others find all frames there
             options = options or BatchOptions()
             # What the first has made anew the others must not make once more.
@@ -90,13 +89,7 @@ def run(
         metadata = weights_metadata(MODEL_NAME, config.detector)
         loop_options = LoopOptions.of(config, request)
         training = TrainingRun(trainee, loop_options, output, stamp, metadata, processes)
-        if earlier is not None:
-            training.resume()
-        progress = training.run()
-    report.done.append(output.name)
-    report.notes[output.name] = describe(progress)
-    report.seconds = time.monotonic() - started
-    return report
+        return training.report(STAGE, started, resumes=earlier is not None)
 
 
 def replay(fault: Path) -> dict[str, float]:
@@ -110,11 +103,7 @@ def _prepare(
     """Prepare the scenes of all roots; they are reported as ROOT/SCENE."""
     report = StageReport(STAGE)
     for root, items in scenes.items():
-        part = prepare(root, items, config, options)
-        report.done += [f"{_name(root)}/{scene}" for scene in part.done]
-        report.skipped += [f"{_name(root)}/{scene}" for scene in part.skipped]
-        report.failed |= {f"{_name(root)}/{scene}": why for scene, why in part.failed.items()}
-        report.seconds += part.seconds
+        report.add(prepare(root, items, config, options), f"{_name(root)}/")
     return report
 
 
@@ -158,7 +147,9 @@ def frames_of(
         folder = frames_folder(output, root)
         files = sorted(folder.parent / f"{each}.h5" for each in scenes)
         files = [path for path in files if path.parent == folder]
-        sets.append(split_frames(files, config, seed, _given_split(root)))
+        count, given = detector_frames.count, _given_split(root)
+        sets.append(split_frames(files, count, config.val_fraction, seed, given))
+        _refuse_none(sets[-1], folder)
     return FrameSets(
         [key for each in sets for key in each.train], [key for each in sets for key in each.val]
     )
@@ -197,11 +188,7 @@ def scene_items(
         return _coco_items(root, folder, config)
     dataset = GraspNetRoot.finished(root)
     refuse_held_back(dataset)
-    scenes = dataset.scenes(camera, split)
-    if not scenes:
-        raise SymgraspError(
-            f"{root} holds no {split or 'any'} scene; name another --split or --camera"
-        )
+    scenes = dataset.chosen_scenes(camera, split)
     return [
         _item(folder, scene.name, config, inputs, scene)
         for scene, inputs in zip(scenes, inputs_of_scenes(dataset, scenes), strict=True)
@@ -255,34 +242,8 @@ def prepare_scene(item: WorkItem, root: GraspNetRoot, config: FinetuneDetectorCo
     return f"{len(frames)} frames"
 
 
-def split_frames(
-    files: list[Path],
-    config: FinetuneDetectorConfig,
-    seed: int,
-    held_out: set[str] | None = None,
-) -> FrameSets:
-    """Return the frames of most scenes to train on and of the others to validate on.
-
-    `held_out`: the scenes to validate on, where they are given.
-
-    Raises:
-        ValueRangeError: there is only one scene, or no frame to train or to validate on.
-    """
-    scenes = {path.stem[:SCENE] for path in files}
-    if len(scenes) < 2:
-        where = "number of scenes" + (f" in {files[0].parent}" if files else "")
-        raise ValueRangeError(where, len(scenes), "at least 2, one to validate on")
-    if held_out is None:
-        held_out = held_out_scenes(sorted(scenes), config.val_fraction, seed)
-    keys = [(path, row) for path in files for row in range(detector_frames.count(path))]
-    is_val = [path.stem[:SCENE] in held_out for path, _ in keys]
-    frames = FrameSets(
-        [key for key, val in zip(keys, is_val, strict=True) if not val],
-        [key for key, val in zip(keys, is_val, strict=True) if val],
-    )
+def _refuse_none(frames: FrameSets, folder: Path) -> None:
+    """Raise ValueRangeError if there is no frame to train or to validate on."""
     for of_what, which in (("to train on", frames.train), ("to validate on", frames.val)):
         if not which:
-            raise ValueRangeError(
-                f"number of frames {of_what} in {files[0].parent}", 0, "at least 1"
-            )
-    return frames
+            raise ValueRangeError(f"number of frames {of_what} in {folder}", 0, "at least 1")

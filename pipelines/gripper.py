@@ -16,7 +16,8 @@ from pipelines.grasping.gripper import Gripper
 from pipelines.pictures.gripper_pictures import draw_gripper
 from pipelines.runtime.batch import StageReport
 from pipelines.runtime.one_run import one_run_at_a_time
-from pipelines.storage.files import write_image, write_text
+from pipelines.storage.files import write_text
+from pipelines.storage.images import write_image
 
 STAGE = "gripper"
 

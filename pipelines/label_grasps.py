@@ -130,9 +130,7 @@ def _run_step(
 ) -> list[Source]:
     """Run one step for every object, add it to `report`, and return the objects that passed."""
     part = run_batch(STAGE, items, step, options)
-    report.failed |= part.failed
-    report.notes |= part.notes
-    report.seconds += part.seconds
+    report.add(replace(part, done=[], skipped=[]))
     return [source for source in sources if source.title not in part.failed]
 
 

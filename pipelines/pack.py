@@ -19,14 +19,15 @@ import numpy as np
 
 from pipelines.array_types import Mask
 from pipelines.configs import PackConfig, RegionConfig
-from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot, SceneFiles
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.graspnet.graspnet_layout import FrameFiles, SceneFiles
 from pipelines.dataset.held_back import refuse_held_back
 from pipelines.dataset.scene_digests import inputs_of_scenes
 from pipelines.dataset.symmetry.regioned_objects import read_regioned_object
 from pipelines.dataset.training import affordance_labels, packed_regions
 from pipelines.dataset.training.packed_regions import PackedScene
 from pipelines.dataset.training.region_frames import read_posed_label, strided_frames
-from pipelines.errors import MissingInputError, SymgraspError
+from pipelines.errors import MissingInputError
 from pipelines.geometry.region_masks import RegionInstance, visible_regions
 from pipelines.geometry.symmetry import NUM_SLOTS
 from pipelines.grasping.labelled_regions import LabelledCloud, LabelledSurface, labelled_clouds
@@ -55,10 +56,7 @@ def run(
     """Pack every scene of `split` (None: all) as seen by `camera` (None: by each camera)."""
     root = GraspNetRoot.finished(source)
     refuse_held_back(root)
-    scenes = root.scenes(camera, split)
-    if not scenes:
-        wanted = f"{split or 'any'} scene" + (f" seen by {camera}" if camera else "")
-        raise SymgraspError(f"{source} holds no {wanted}; name another --split or --camera")
+    scenes = root.chosen_scenes(camera, split)
     inputs = inputs_of_scenes(root, scenes, with_affordance=True)
     items = [
         _item(scene, output_dir, config, seed, of_scene)

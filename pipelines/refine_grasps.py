@@ -20,14 +20,14 @@ import numpy as np
 
 from pipelines.array_types import Array
 from pipelines.configs import RefineGraspsConfig
-from pipelines.dataset.graspnet.graspnet import (
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.graspnet.graspnet_label_stream import grasp_label_pieces
+from pipelines.dataset.graspnet.graspnet_labels import (
+    LABEL_GRID,
     GraspLabel,
-    GraspNetRoot,
     LabelledGrasps,
     holding_grasps,
 )
-from pipelines.dataset.graspnet.graspnet_label_stream import grasp_label_pieces
-from pipelines.dataset.graspnet.graspnet_labels import LABEL_GRID
 from pipelines.dataset.meshes import read_solid_mesh
 from pipelines.dataset.symmetry import symmetry_labels
 from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries

@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from pipelines.configs import ExportConfig, ServeConfig
 from pipelines.ending import end_by_signal, set_farewell
 from pipelines.errors import SymgraspError
-from pipelines.grasp_files.exports.export_poses import ExportGripper, base_to_tool, pose_frame
+from pipelines.grasp_files.exports.export_poses import ExportGripper, pose_frame
 from pipelines.grasp_files.exports.grasp_exports import FrameGrasps
 from pipelines.grasp_files.exports.grasp_json import frame_text
-from pipelines.grasp_files.grasps_file import FrameResult
+from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasping.gripper import Gripper
 
 if TYPE_CHECKING:
@@ -55,11 +55,7 @@ def app_of(
     except ImportError as error:
         raise SymgraspError('serve needs FastAPI: pip install "symgrasp[serve]"') from error
     frame = pose_frame(camera_to_base, ExportConfig.frame_id)
-    behind, origin = gripper.base_to_contacts, "base"
-    if config.tcp:
-        behind -= base_to_tool(config.tcp, gripper)
-        origin = f"tool centre point ({config.tcp})"
-    exported = ExportGripper(gripper, behind, gripper.name, origin=origin)
+    exported = ExportGripper.at(config.tcp, gripper, gripper.base_to_contacts, gripper.name)
     facts: dict[str, Any] = {"gripper": exported.facts(), "axes": frame.axes}
     head = json.dumps(facts).removesuffix("}")
 

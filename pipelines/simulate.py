@@ -20,7 +20,8 @@ from pathlib import Path
 
 from pipelines.configs import SimulateConfig
 from pipelines.dataset import convex_pieces as convex_file
-from pipelines.dataset.graspnet.graspnet import GraspNetRoot, SceneFiles
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.graspnet.graspnet_layout import SceneFiles
 from pipelines.dataset.meshes import read_solid_mesh
 from pipelines.evaluation.other_runs import ComparedRuns, RowPlaces, frames_by_row
 from pipelines.evaluation.rows import OURS
@@ -95,11 +96,12 @@ def run(
     is_finished(output, stamp, overwrite=options.overwrite)  # raises if it is stale
     models = _model_items(scenes, root, output, config, seed)
     drop_stale(models, options)
-    report = run_batch("simulate models", models, functools.partial(_cut_model, config), options)
+    report = StageReport("simulate")
+    report.add(run_batch("simulate models", models, functools.partial(_cut_model, config), options))
     items = _scene_items(scenes, output, stamp)
     drop_stale(items, options)
     step = functools.partial(_simulate_scene, dataset, output, config, baselines)
-    report = _joined(report, run_batch("simulate", items, step, options))
+    report.add(run_batch("simulate", items, step, options))
     if not options.dry_run:
         write_success(output, _finished(items), config.frictions, stamp)
     return report
@@ -194,15 +196,3 @@ def _digest_of_pieces(scenes: Iterable[SceneFiles], root: GraspNetRoot, output: 
 
 def _object_ids(scenes: Iterable[SceneFiles]) -> list[int]:
     return sorted({object_id for scene in scenes for object_id in scene.object_ids})
-
-
-def _joined(first: StageReport, second: StageReport) -> StageReport:
-    """Return the joint report of two steps."""
-    return StageReport(
-        second.stage,
-        first.done + second.done,
-        first.skipped + second.skipped,
-        first.failed | second.failed,
-        first.notes | second.notes,
-        first.seconds + second.seconds,
-    )

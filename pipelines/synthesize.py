@@ -74,30 +74,24 @@ def run(
     was_finished = not options.dry_run and mark_unfinished(output, STAGE)
     ids = _object_ids(config, len(sources))
     step = partial(_write_object, seed=seed)
-    report = run_batch(
-        "synthesize objects", _object_items(output, config, seed, ids, sources), step, options
-    )
+    items = _object_items(output, config, seed, ids, sources)
+    report = StageReport(STAGE)
+    report.add(run_batch("synthesize objects", items, step, options))
     if config.labels.num_points and not report.failed:
         items = _label_items(output, config, seed, sorted(ids))
-        _merge(
-            report,
-            run_batch(
-                "synthesize labels", items, partial(_write_label, seed=seed, config=config), options
-            ),
-        )
+        label = partial(_write_label, seed=seed, config=config)
+        report.add(run_batch("synthesize labels", items, label, options))
     if sdf and not report.failed:
         grids = _grid_items(output, sorted(ids))
-        _merge(report, run_batch("synthesize distance grids", grids, _write_grid, options))
+        report.add(run_batch("synthesize distance grids", grids, _write_grid, options))
     if report.failed:
         report.notes["scenes"] = "scenes are made once all objects and their labels are finished"
         return report
     if not options.dry_run:
         _write_object_list(output, config, seed, ids, sources)
     items = _scene_items(output, config, seed, ids, sources)
-    _merge(
-        report,
-        run_batch("synthesize scenes", items, partial(_write_scene, config=config), options),
-    )
+    scene = partial(_write_scene, config=config)
+    report.add(run_batch("synthesize scenes", items, scene, options))
     if not options.dry_run and (not report.failed or (was_finished and not report.done)):
         mark_finished(output, STAGE)
     return report
@@ -275,13 +269,3 @@ def _scene_settings(config: SynthesizeConfig) -> dict[str, object]:
 def _write_scene(item: WorkItem, *, config: SynthesizeConfig) -> str:
     output, scene_id, members = item.arguments
     return write_scene(GraspNetRoot(output), scene_id, members, config, item.stamp)
-
-
-def _merge(report: StageReport, part: StageReport) -> None:
-    """Add the results of one step to `report`, that of the whole stage."""
-    report.stage = STAGE
-    report.done += part.done
-    report.skipped += part.skipped
-    report.failed |= part.failed
-    report.notes |= part.notes
-    report.seconds += part.seconds

@@ -27,7 +27,7 @@ from pipelines.learning.loop.faults import read_fault
 from pipelines.learning.loop.loaders import split_by_scene
 from pipelines.learning.loop.loop import TrainingRun
 from pipelines.learning.loop.options import LoopOptions
-from pipelines.learning.loop.runs import RunRequest, describe, find_progress
+from pipelines.learning.loop.runs import RunRequest, find_progress
 from pipelines.learning.speed.processes import process_group
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.weights_files import fill, read_weights, weights_metadata
@@ -59,13 +59,12 @@ def run(
     objects by `workers` processes. `init`: weights of an earlier training to start from.
     """
     with process_group(request.device) as (processes, device), ExitStack() as stack:
-        started, report = time.monotonic(), StageReport(STAGE)
+        started = time.monotonic()
         inputs = _inputs(packed, validation, endless, init)
         stamp = make_stamp(STAGE, config, seed=request.seed, inputs=inputs)
         earlier = find_progress(output, stamp, request)
         if earlier is not None and earlier.finished:
-            report.skipped.append(output.name)
-            return report
+            return StageReport(STAGE, skipped=[output.name])
         train_set, val_set = region_sets(packed, validation, config, request.seed)
         rendered = None
         if endless is not None:
@@ -79,13 +78,7 @@ def run(
         metadata = weights_metadata(SymmetryGraspNet.__name__, config.network)
         options = LoopOptions.of(config, request)
         training = TrainingRun(trainee, options, output, stamp, metadata, processes)
-        if earlier is not None:
-            training.resume()
-        progress = training.run()
-    report.done.append(output.name)
-    report.notes[output.name] = describe(progress)
-    report.seconds = time.monotonic() - started
-    return report
+        return training.report(STAGE, started, resumes=earlier is not None)
 
 
 def build(config: TrainConfig, seed: int, init: Path | None) -> SymmetryGraspNet:

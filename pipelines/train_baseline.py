@@ -21,14 +21,12 @@ from pipelines.configs import TrainBaselineConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.held_back import refuse_held_back
 from pipelines.dataset.scene_digests import inputs_of_scenes
-from pipelines.dataset.training.region_frames import held_out_scenes
-from pipelines.errors import SymgraspError, ValueRangeError
+from pipelines.dataset.training.region_frames import split_frames
 from pipelines.learning.loop.faults import read_fault
 from pipelines.learning.loop.loop import TrainingRun
 from pipelines.learning.loop.options import LoopOptions
-from pipelines.learning.loop.runs import RunRequest, describe, find_progress
+from pipelines.learning.loop.runs import RunRequest, find_progress
 from pipelines.learning.peers.peer import (
-    PeerFrames,
     count_peer_frames,
     labels_of,
     refuse_lacking,
@@ -42,7 +40,6 @@ from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.provenance import digest_text, make_stamp
 
 STAGE = "train-baseline"
-SCENE = len("scene_0000")
 
 
 @one_run_at_a_time(STAGE, "output")
@@ -64,10 +61,10 @@ def run(
     Raises:
         MissingInputError: the root lacks labels that the method needs.
     """
-    peer = trained_peer(name)
-    config = config.with_schedule(peer.schedule)
+    method = trained_peer(name)
+    config = config.with_schedule(method.peer.schedule)
     with process_group(request.device) as (processes, device):
-        started, report = time.monotonic(), StageReport(STAGE)
+        started = time.monotonic()
         items = peer_items(name, root, output, config, split, camera)
         inputs = {"root": root.resolve().name, "split": split or "all", "camera": camera or "all"}
         inputs["scenes"] = digest_text("\n".join(item.stamp.as_digest() for item in items))
@@ -75,37 +72,31 @@ def run(
         stamp = make_stamp(STAGE, settings, seed=request.seed, inputs=inputs)
         earlier = find_progress(output, stamp, request)
         if earlier is not None and earlier.finished:
-            report.skipped.append(output.name)
-            return report
+            return StageReport(STAGE, skipped=[output.name])
         with processes.one_first():  # the others find all frames there
             options = options or BatchOptions()
             options = replace(options, overwrite=options.overwrite and processes.is_first)
             prepared = _prepare(name, root, items, config, options)
         if prepared.failed:
             return prepared
-        frames = peer_frames([item.target for item in items], config, request.seed)
+        targets = [item.target for item in items]
+        frames = split_frames(targets, count_peer_frames, config.val_fraction, request.seed)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(request.seed)  # layers are initialised from torch's own generator
-            trainee = peer.training(frames, config, device, processes)
-        metadata = weights_metadata(peer.model, config.network)
+            trainee = method(frames, config, device, processes)
+        metadata = weights_metadata(method.peer.model, config.network)
         training = TrainingRun(
             trainee, LoopOptions.of(config, request), output, stamp, metadata, processes
         )
-        if earlier is not None:
-            training.resume()
-        progress = training.run()
-    report.done.append(output.name)
-    report.notes[output.name] = describe(progress)
-    report.seconds = time.monotonic() - started
-    return report
+        return training.report(STAGE, started, resumes=earlier is not None)
 
 
 def replay(fault: Path) -> dict[str, float]:
     """Return the loss terms of the batch in `NAME.fault.safetensors`, computed again."""
     found = read_fault(fault)
     settings = dict(found.settings)
-    peer = trained_peer(str(settings.pop("method", "")))
-    return dict(peer.replay(replace(found, settings=settings)))
+    method = trained_peer(str(settings.pop("method", "")))
+    return method.replay(replace(found, settings=settings))
 
 
 def peer_items(
@@ -124,12 +115,8 @@ def peer_items(
     """
     dataset = GraspNetRoot.finished(root)
     refuse_held_back(dataset)
-    scenes = dataset.scenes(camera, split)
-    if not scenes:
-        raise SymgraspError(
-            f"{root} holds no {split or 'any'} scene; name another --split or --camera"
-        )
-    needs = trained_peer(name).needs
+    scenes = dataset.chosen_scenes(camera, split)
+    needs = trained_peer(name).peer.needs
     refuse_lacking(dataset, [frame for scene in scenes for frame in scene.frames()], needs)
     folder = output.with_name(f"{output.stem}.frames")
     network = asdict(config.network)
@@ -163,26 +150,8 @@ def _prepare_scene(
     """Write the frames of one scene as the method called `peer` sees them; return the count."""
     (scene,) = item.arguments
     frames = scene.frames()[:: config.frame_stride]
-    prepare = trained_peer(peer).prepare
+    prepare = trained_peer(peer).peer.prepare
     write_peer_frames(
         item.target, [prepare(root, frame, config.network) for frame in frames], item.stamp
     )
     return f"{len(frames)} frames"
-
-
-def peer_frames(files: Sequence[Path], config: TrainBaselineConfig, seed: int) -> PeerFrames:
-    """Return the frames of most scenes to train on and of the others to validate on.
-
-    Raises:
-        ValueRangeError: there is only one scene.
-    """
-    scenes = {path.stem[:SCENE] for path in files}
-    if len(scenes) < 2:
-        raise ValueRangeError("number of scenes", len(scenes), "at least 2, one to validate on")
-    held_out = held_out_scenes(sorted(scenes), config.val_fraction, seed)
-    keys = [(path, row) for path in sorted(files) for row in range(count_peer_frames(path))]
-    is_val = [path.stem[:SCENE] in held_out for path, _ in keys]
-    return PeerFrames(
-        [key for key, val in zip(keys, is_val, strict=True) if not val],
-        [key for key, val in zip(keys, is_val, strict=True) if val],
-    )

@@ -28,7 +28,7 @@ from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.held_back import refuse_held_back
 from pipelines.dataset.scene_digests import inputs_of_scenes
 from pipelines.dataset.training.region_frames import strided_frames
-from pipelines.errors import SymgraspError, ValueRangeError
+from pipelines.errors import ValueRangeError
 from pipelines.evaluation.truth import TruthReader
 from pipelines.grasping.ranking import critic_files
 from pipelines.grasping.ranking.point_critic import PointCritic
@@ -174,9 +174,7 @@ def row_items(
     """Return the scenes of `root` whose candidates are to be collected beside `output`."""
     dataset = GraspNetRoot.finished(root)
     folder = output.with_name(f"{output.stem}.rows") / _name(root)
-    scenes = dataset.scenes()
-    if not scenes:
-        raise SymgraspError(f"{root} holds no scene; `symgrasp synthesize` writes some")
+    scenes = dataset.chosen_scenes(None, None)
     settings = {
         "kind": kind.name,
         "features": vars(kind.features),

@@ -25,9 +25,8 @@ from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames.frames import FrameSource
 from pipelines.frames.frames_record import FramesRecord
 from pipelines.frames.rgbd import Frame
-from pipelines.grasp_files.grasps_file import FrameResult
 from pipelines.grasp_files.grasps_stream import read_index, read_results
-from pipelines.grasp_files.grasps_tables import result_digest
+from pipelines.grasp_files.grasps_tables import FrameResult, result_digest
 from pipelines.grasp_files.gripper_files import gripper_digest, gripper_to_use, load_gripper
 from pipelines.pictures.grasp_page.page import IndexEntry, frame_page, index_page, result_words
 from pipelines.pictures.grasp_page.scene import frame_scene
@@ -35,7 +34,8 @@ from pipelines.pictures.overlays import draw_overlay
 from pipelines.pictures.rerun_recording import need_rerun, write_recording
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
-from pipelines.storage.files import LONGEST_NAME, within, write_image, write_text
+from pipelines.storage.files import LONGEST_NAME, within, write_text
+from pipelines.storage.images import write_image
 from pipelines.storage.provenance import Stamp, digest, is_finished, make_stamp, read_stamp
 
 STAGE = "view"

@@ -27,7 +27,8 @@ from pipelines.inference.observation import Observation, observe
 from pipelines.pictures.workspace_pictures import draw_workspace
 from pipelines.runtime.batch import StageReport
 from pipelines.runtime.one_run import one_run_at_a_time
-from pipelines.storage.files import atomic_folder, write_image
+from pipelines.storage.files import atomic_folder
+from pipelines.storage.images import write_image
 from pipelines.storage.provenance import digest, is_finished, make_stamp, write_sidecar
 from pipelines.tabletop.table_frame import table_from_camera
 

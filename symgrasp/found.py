@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from pipelines.array_types import Mask
 from pipelines.geometry.symmetry import NUM_SLOTS, ROTATION_SLOT, SPHERE_SLOT
-from pipelines.grasp_files.grasps_file import RegionTable, decode_mask
+from pipelines.grasp_files.grasps_tables import RegionTable
+from pipelines.storage.masks_rle import decode_mask
 
 Kind = Literal["reflection", "rotation", "sphere"]
 

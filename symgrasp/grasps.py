@@ -11,7 +11,7 @@ from pipelines.array_types import Array, Mask, Singles
 from pipelines.errors import SymgraspError, UnknownNameError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.transforms import nearest_orthogonal
-from pipelines.grasp_files.grasps_file import FrameResult, GraspTable
+from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.gripper_poses import CLOSING_ALONG_X, CLOSING_ALONG_Y, gripper_poses

@@ -19,7 +19,7 @@ from pipelines.inference.models import NETWORK_WEIGHTS
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.weights_files import read_weights, weights_metadata
 from pipelines.storage.checkpoints import save_weights
-from pipelines.storage.files import write_image
+from pipelines.storage.images import write_image
 
 SEED = 0
 AFFORDANCE = 0.9  # of every point

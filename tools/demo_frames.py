@@ -13,7 +13,8 @@ from pipelines import synthesize
 from pipelines.configs import LabelConfig, SynthesizeConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.runtime.batch import BatchOptions
-from pipelines.storage.files import write_image, write_json
+from pipelines.storage.files import write_json
+from pipelines.storage.images import write_image
 
 FOLDER = Path(__file__).parent.parent / "pipelines" / "weights" / "frames"
 SEED = 2026

@@ -16,7 +16,8 @@ import numpy as np
 
 from pipelines.array_types import Array
 from pipelines.configs import InferConfig
-from pipelines.dataset.graspnet.graspnet import GraspNetRoot, read_rect
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.graspnet.graspnet_labels import read_rect
 from pipelines.frames.rgbd import Frame
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.gripper_files import load_gripper

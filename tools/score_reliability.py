@@ -20,8 +20,8 @@ from pipelines.evaluation.frame_scores import assign_regions
 from pipelines.evaluation.predictions import FramePredictions
 from pipelines.evaluation.trial_records import HELD
 from pipelines.evaluation.truth import TruthReader
-from pipelines.grasp_files.grasps_file import FrameResult, GraspTable
 from pipelines.grasp_files.grasps_stream import read_dataset_frames, read_index
+from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper

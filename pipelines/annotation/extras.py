@@ -13,7 +13,8 @@ from pipelines.errors import StaleOutputError
 from pipelines.pictures import contact_sheet
 from pipelines.pictures.symmetry_pictures import object_views
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
-from pipelines.storage.files import read_image, read_json, write_image
+from pipelines.storage.files import read_json
+from pipelines.storage.images import read_image, write_image
 from pipelines.storage.provenance import (
     Stamp,
     digest,

@@ -45,15 +45,14 @@ from pipelines.configs.learning import (
 from pipelines.configs.peers import TrainBaselineConfig
 from pipelines.configs.planning import (
     CandidateConfig,
-    ColorConfig,
     FeasibilityConfig,
     LimitsConfig,
     RankingConfig,
-    RegionConfig,
     SelectionConfig,
     SensorConfig,
     SymmetryConfig,
 )
+from pipelines.configs.regions import ColorConfig, RegionConfig
 from pipelines.configs.settings import check_settings, from_settings
 
 __all__ = [

@@ -9,10 +9,10 @@ from pipelines.configs.planning import (
     ROBOT,
     LimitsConfig,
     ReferenceFrame,
-    RegionConfig,
     SelectionConfig,
     SensorConfig,
 )
+from pipelines.configs.regions import RegionConfig
 
 RegionSource = Literal["auto", "detector", "geometric"]
 Method = Literal[

@@ -3,39 +3,14 @@
 from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar
 
-from pipelines.configs.dataset import (
-    AnnotateSymmetryConfig,
-    ExportCocoConfig,
-    LabelGraspsConfig,
-    PackConfig,
-    RefineGraspsConfig,
-    SynthesizeConfig,
-)
-from pipelines.configs.evaluation import (
-    CompareConfig,
+from pipelines import configs
+from pipelines.configs import (
     EvaluateConfig,
     EvaluateDumpConfig,
-    ScoreGraspsConfig,
-    SimulateConfig,
-)
-from pipelines.configs.inference import (
-    ConvertFramesConfig,
-    DoctorConfig,
-    ExportConfig,
-    GripperConfig,
     InferConfig,
-    InspectConfig,
     ServeConfig,
-    ViewConfig,
     WatchConfig,
-    WorkspaceConfig,
 )
-from pipelines.configs.learning import (
-    FinetuneDetectorConfig,
-    TrainConfig,
-    TrainCriticConfig,
-)
-from pipelines.configs.peers import TrainBaselineConfig
 from pipelines.errors import UnknownNameError
 
 Config = TypeVar("Config")
@@ -63,29 +38,29 @@ class EvaluateSettings(EvaluateConfig):
 
 
 STAGE_SETTINGS: dict[str, type] = {
-    "doctor": DoctorConfig,
-    "synthesize": SynthesizeConfig,
-    "label-grasps": LabelGraspsConfig,
-    "annotate-symmetry": AnnotateSymmetryConfig,
-    "refine-grasps": RefineGraspsConfig,
-    "pack": PackConfig,
-    "export-coco": ExportCocoConfig,
-    "finetune-detector": FinetuneDetectorConfig,
-    "train": TrainConfig,
-    "train-critic": TrainCriticConfig,
-    "train-baseline": TrainBaselineConfig,
-    "inspect": InspectConfig,
-    "convert-frames": ConvertFramesConfig,
-    "gripper": GripperConfig,
-    "workspace": WorkspaceConfig,
+    "doctor": configs.DoctorConfig,
+    "synthesize": configs.SynthesizeConfig,
+    "label-grasps": configs.LabelGraspsConfig,
+    "annotate-symmetry": configs.AnnotateSymmetryConfig,
+    "refine-grasps": configs.RefineGraspsConfig,
+    "pack": configs.PackConfig,
+    "export-coco": configs.ExportCocoConfig,
+    "finetune-detector": configs.FinetuneDetectorConfig,
+    "train": configs.TrainConfig,
+    "train-critic": configs.TrainCriticConfig,
+    "train-baseline": configs.TrainBaselineConfig,
+    "inspect": configs.InspectConfig,
+    "convert-frames": configs.ConvertFramesConfig,
+    "gripper": configs.GripperConfig,
+    "workspace": configs.WorkspaceConfig,
     "infer": InferSettings,
     "serve": ServeSettings,
-    "view": ViewConfig,
-    "export": ExportConfig,
-    "score-grasps": ScoreGraspsConfig,
-    "simulate": SimulateConfig,
+    "view": configs.ViewConfig,
+    "export": configs.ExportConfig,
+    "score-grasps": configs.ScoreGraspsConfig,
+    "simulate": configs.SimulateConfig,
     "evaluate": EvaluateSettings,
-    "compare": CompareConfig,
+    "compare": configs.CompareConfig,
 }
 
 

@@ -8,7 +8,8 @@ may change at equal size, are read.
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from pipelines.dataset.graspnet.graspnet import GraspNetRoot, SceneFiles
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.graspnet.graspnet_layout import SceneFiles
 from pipelines.errors import SymgraspError
 from pipelines.storage.provenance import digest_folder, digest_if_there, digest_text
 

@@ -14,7 +14,7 @@ from scipy.spatial import KDTree
 
 from pipelines.array_types import Array, Mask
 from pipelines.configs import EvaluateConfig, InferConfig
-from pipelines.dataset.graspnet.graspnet import FrameFiles
+from pipelines.dataset.graspnet.graspnet_layout import FrameFiles
 from pipelines.evaluation.frame_scores import (
     RegionOwners,
     RegionRow,

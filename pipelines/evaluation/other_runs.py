@@ -4,11 +4,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipelines.dataset.graspnet.graspnet import GraspNetRoot, SceneFiles
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.graspnet.graspnet_layout import SceneFiles
 from pipelines.errors import FormatError, ValueRangeError
 from pipelines.evaluation.rows import BASELINE_ROWS, OURS
-from pipelines.grasp_files.grasps_file import FrameResult
 from pipelines.grasp_files.grasps_stream import places_by_scene, read_dataset_frames, read_index
+from pipelines.grasp_files.grasps_tables import FrameResult
 
 RowPlaces = dict[str, tuple[Path, list[int]]]
 

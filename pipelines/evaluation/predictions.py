@@ -7,7 +7,7 @@ import numpy as np
 from pipelines.array_types import Array, Mask
 from pipelines.configs.inference import FRAME_PEERS
 from pipelines.geometry.symmetry import SPHERE_SLOT
-from pipelines.grasp_files.grasps_file import FrameResult, GraspTable, RegionTable
+from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable, RegionTable
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries

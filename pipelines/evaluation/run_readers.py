@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pipelines.contents import mapping_in, reading
-from pipelines.dataset.graspnet.graspnet import split_of_scene
+from pipelines.dataset.graspnet.graspnet_layout import split_of_scene
 from pipelines.errors import FormatError, MissingInputError, UnknownNameError
 from pipelines.evaluation import reports
 from pipelines.evaluation.graspnet.dump_verdicts import read_dump_verdicts, scenes_folder

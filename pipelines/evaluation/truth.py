@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from pipelines.array_types import Array
 from pipelines.configs import EvaluateConfig
-from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot, SceneFiles, split_of_scene
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.graspnet.graspnet_layout import FrameFiles, SceneFiles, split_of_scene
 from pipelines.dataset.meshes import read_solid_mesh
 from pipelines.dataset.symmetry.regioned_objects import read_regioned_object
 from pipelines.dataset.training import affordance_labels

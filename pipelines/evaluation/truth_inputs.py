@@ -2,7 +2,8 @@
 
 from collections.abc import Iterable
 
-from pipelines.dataset.graspnet.graspnet import GraspNetRoot, SceneFiles
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.graspnet.graspnet_layout import SceneFiles
 from pipelines.dataset.scene_digests import CAMERA_FILES, POSES, digest_of_files
 from pipelines.frames.graspnet_scene import annotated_ids
 from pipelines.inference import models

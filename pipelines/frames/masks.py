@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.errors import FormatError, SymgraspError
-from pipelines.storage.files import read_image
+from pipelines.storage.images import read_image
 
 PNG, KIND_AT, PALETTE = b"\x89PNG", 25, b"\x03"  # where one says of what kind it is, and the kind
 VOID = 255  # PASCAL VOC's place of outlines, which are nothing's

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.errors import FormatError, ValueRangeError
-from pipelines.storage.files import read_image
+from pipelines.storage.images import read_image
 
 FORMS = "x0,y0,z0,x1,y1,z1 in metres, or a mask picture's path"
 

@@ -44,26 +44,7 @@ from pipelines.storage.h5_columns import (
     write_columns,
 )
 from pipelines.storage.h5_files import new_h5, open_h5
-from pipelines.storage.masks_rle import decode_mask, encode_mask
 from pipelines.storage.provenance import Stamp
-
-__all__ = [
-    "FrameResult",
-    "FrameTable",
-    "GraspTable",
-    "GraspsFile",
-    "RegionTable",
-    "decode_mask",
-    "encode_mask",
-    "opened",
-    "parts_folder",
-    "read",
-    "read_shard",
-    "remove_shards",
-    "shard_path",
-    "write",
-    "write_shard",
-]
 
 FORMAT_VERSION, OLDEST_VERSION = 5, 1
 LONGEST_SHARD_NAME = 200  # characters of a shard's file name; file systems take 255 bytes
@@ -278,13 +259,6 @@ def shard_path(path: Path, frame_name: str) -> Path:
     if len(safe) > LONGEST_SHARD_NAME:
         safe = safe[-LONGEST_SHARD_NAME:] + hashlib.sha256(frame_name.encode()).hexdigest()[:16]
     return parts_folder(path) / f"{safe}.h5"
-
-
-def write_shard(
-    path: Path, result: FrameResult, stamp: Stamp, weights: Mapping[str, str] | None = None
-) -> None:
-    """Write one frame's result to `path`, a `shard_path`."""
-    write(path, [result], stamp, weights)
 
 
 def read_shard(path: Path) -> FrameResult:

@@ -1,6 +1,6 @@
 """The columns of many shards of `grasps.h5`, to be put together.
 
-A shard that is just as `grasps_file.write_shard` leaves it needs no tables to be made of it: its
+A shard that is just as `grasps_file.write` leaves it needs no tables to be made of it: its
 columns are read, looked over and joined. Any other is left to `grasps_file.read_shard`, which
 takes what can be taken, or says what is wrong.
 """

@@ -17,8 +17,8 @@ import h5py
 import numpy as np
 
 from pipelines.contents import mapping_in
-from pipelines.dataset.graspnet.graspnet import GraspNetRoot, SceneFiles
-from pipelines.dataset.graspnet.graspnet_layout import FrameFiles, frame_key
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.graspnet.graspnet_layout import FrameFiles, SceneFiles, frame_key
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.grasp_files.grasps_file import (
     UNITS,

@@ -7,7 +7,7 @@ when it is made, so that what is written and read again is what it was.
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,50 +15,34 @@ from numpy.typing import ArrayLike, NDArray
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.symmetry import NUM_SLOTS
-from pipelines.storage.h5_columns import ColumnSpec, coerce_columns
+from pipelines.storage.h5_columns import ColumnSpec, ColumnTable, coerce_columns, column
 from pipelines.storage.masks_rle import box_of_mask, decode_mask, encode_mask
 from pipelines.storage.provenance import digest_text
 
 STATUSES = ("ok", "empty", "failed")
-REGION_MEASURED, REGION_FLAT, REGION_NO_DEPTH = (
-    "measured",
-    "flat",
-    "no_depth",
-)  # statuses of regions
+REGION_MEASURED, REGION_FLAT, REGION_NO_DEPTH = "measured", "flat", "no_depth"  # statuses
 NO_COLUMN = np.zeros(0)
 
 
-@dataclass(frozen=True)
-class RegionTable:
-    """The r detected regions of a frame, or of a file."""
+@dataclass(frozen=True, kw_only=True)
+class RegionTable(ColumnTable):
+    """The r detected regions of a frame, or of a file; all shapes begin with r."""
 
-    box: NDArray[Any]  # f4 (r, 4) x0, y0, x1, y1 pixels, x1 and y1 exclusive
-    confidence: NDArray[Any]  # f4 (r,) the detector's, 0..1
+    frame: NDArray[Any] = column((), np.int32)  # index into the frames
+    box: NDArray[Any] = column((4,), np.float32)  # x0, y0, x1, y1 pixels, x1 and y1 exclusive
+    confidence: NDArray[Any] = column((), np.float32)  # the detector's, 0..1
+    # The network's probability of each slot, nan without it; belief in the symmetries below, after
+    # their fit. Points in metres, directions unit; nan where there is none.
+    existence: NDArray[Any] = column((NUM_SLOTS,), np.float32)
+    symmetry_confidence: NDArray[Any] = column((NUM_SLOTS,), np.float32)
+    symmetry_point: NDArray[Any] = column((NUM_SLOTS, 3), np.float32)
+    symmetry_direction: NDArray[Any] = column((NUM_SLOTS, 3), np.float32)
+    affordance_mean: NDArray[Any] = column((), np.float32)  # of the region's points
+    affordance_max: NDArray[Any] = column((), np.float32)
+    source: NDArray[Any] = column((), np.object_)  # detector, geometric, color or masks
+    status: NDArray[Any] = column((), np.object_)  # measured, flat or no_depth
     mask_counts: NDArray[Any]  # u4 (sum,) run lengths of all masks, see masks_rle.py
     mask_start: NDArray[Any]  # i8 (r + 1,) where each mask's runs start and end
-    existence: NDArray[Any]  # f4 (r, 5) the network's probability of each slot, nan without it
-    symmetry_confidence: NDArray[Any]  # f4 (r, 5) belief in the symmetries below, after their fit
-    symmetry_point: NDArray[Any]  # f4 (r, 5, 3) metres, nan where there is none
-    symmetry_direction: NDArray[Any]  # f4 (r, 5, 3) unit, nan where there is none
-    affordance_mean: NDArray[Any]  # f4 (r,) of the region's points
-    affordance_max: NDArray[Any]  # f4 (r,)
-    source: NDArray[Any]  # str (r,): detector, geometric, color or masks
-    status: NDArray[Any]  # str (r,): measured, flat or no_depth
-    frame: NDArray[Any]  # i4 (r,) index into the frames
-
-    SPEC: ClassVar[ColumnSpec] = {
-        "frame": ((), np.int32),
-        "box": ((4,), np.float32),
-        "confidence": ((), np.float32),
-        "existence": ((NUM_SLOTS,), np.float32),
-        "symmetry_confidence": ((NUM_SLOTS,), np.float32),
-        "symmetry_point": ((NUM_SLOTS, 3), np.float32),
-        "symmetry_direction": ((NUM_SLOTS, 3), np.float32),
-        "affordance_mean": ((), np.float32),
-        "affordance_max": ((), np.float32),
-        "source": ((), np.object_),
-        "status": ((), np.object_),
-    }
 
     def __post_init__(self) -> None:
         coerce_columns(self, self.SPEC, len(self.box))
@@ -131,48 +115,28 @@ class RegionTable:
         return RegionTable(**columns)
 
 
-@dataclass(frozen=True)
-class GraspTable:
+@dataclass(frozen=True, kw_only=True)
+class GraspTable(ColumnTable):
     """The g grasps of a frame, or of a file; frame and units as in `grasping/grasps.py`."""
 
-    region: NDArray[Any]  # i4 (g,) index into the regions
-    rotation: NDArray[Any]  # f4 (g, 3, 3) columns approach, closing, approach x closing
-    translation: NDArray[Any]  # f4 (g, 3) metres, midpoint of the contacts
-    width: NDArray[Any]  # f4 (g,) metres, distance of the contacts
-    contacts: NDArray[Any]  # f4 (g, 2, 3) metres
-    affordance: NDArray[Any]  # f4 (g,) predicted, 0..1
-    symmetry_slot: NDArray[Any]  # i4 (g,) slot that gave the counterpart, -1 for planar
-    source: NDArray[Any]  # str (g,): network or planar
-    clearance: NDArray[Any]  # f4 (g,) metres, b of Eq. 8
-    enclosed_height: NDArray[Any]  # f4 (g,) metres, h of Eq. 8
-    rank_score: NDArray[Any]  # f4 (g,) expected quality, or s of Eq. 8; higher is better
-    is_best: NDArray[Any]  # bool (g,) the one best of its region
-    frame: NDArray[Any] = field(default_factory=lambda: np.zeros(0))  # i4 (g,) as in RegionTable
-    ranker: NDArray[Any] = field(default_factory=lambda: np.zeros(0))  # str (g,): critic or eq8
-    rank_in_frame: NDArray[Any] = field(default_factory=lambda: np.zeros(0))  # i4 (g,) 0 = first
-    worth_trying: NDArray[Any] = field(default_factory=lambda: np.zeros(0))  # bool (g,) by score
-    # str (g,): network, shape or both; empty without symmetry, or where it is not known
-    symmetry_source: NDArray[Any] = field(default_factory=lambda: np.zeros(0))
-
-    SPEC: ClassVar[ColumnSpec] = {
-        "frame": ((), np.int32),
-        "region": ((), np.int32),
-        "rotation": ((3, 3), np.float32),
-        "translation": ((3,), np.float32),
-        "width": ((), np.float32),
-        "contacts": ((2, 3), np.float32),
-        "affordance": ((), np.float32),
-        "symmetry_slot": ((), np.int32),
-        "source": ((), np.object_),
-        "clearance": ((), np.float32),
-        "enclosed_height": ((), np.float32),
-        "rank_score": ((), np.float32),
-        "ranker": ((), np.object_),
-        "is_best": ((), np.bool_),
-        "rank_in_frame": ((), np.int32),
-        "worth_trying": ((), np.bool_),
-        "symmetry_source": ((), np.object_),
-    }
+    frame: NDArray[Any] = column((), np.int32, optional=True)  # as in RegionTable
+    region: NDArray[Any] = column((), np.int32)  # index into the regions
+    rotation: NDArray[Any] = column((3, 3), np.float32)  # approach, closing, approach x closing
+    translation: NDArray[Any] = column((3,), np.float32)  # metres, midpoint of the contacts
+    width: NDArray[Any] = column((), np.float32)  # metres, distance of the contacts
+    contacts: NDArray[Any] = column((2, 3), np.float32)  # metres
+    affordance: NDArray[Any] = column((), np.float32)  # predicted, 0..1
+    symmetry_slot: NDArray[Any] = column((), np.int32)  # that gave the counterpart, -1 for planar
+    source: NDArray[Any] = column((), np.object_)  # network or planar
+    clearance: NDArray[Any] = column((), np.float32)  # metres, b of Eq. 8
+    enclosed_height: NDArray[Any] = column((), np.float32)  # metres, h of Eq. 8
+    rank_score: NDArray[Any] = column((), np.float32)  # expected quality, or s of Eq. 8
+    ranker: NDArray[Any] = column((), np.object_, optional=True)  # critic or eq8
+    is_best: NDArray[Any] = column((), np.bool_)  # the one best of its region
+    rank_in_frame: NDArray[Any] = column((), np.int32, optional=True)  # 0 = first
+    worth_trying: NDArray[Any] = column((), np.bool_, optional=True)  # by score
+    # network, shape or both; empty without symmetry, or where it is not known
+    symmetry_source: NDArray[Any] = column((), np.object_, optional=True)
 
     def __post_init__(self) -> None:
         count = len(self.width)
@@ -207,25 +171,16 @@ class GraspTable:
         return GraspTable(**{name: getattr(self, name)[index] for name in self.SPEC})
 
 
-@dataclass(frozen=True)
-class FrameTable:
+@dataclass(frozen=True, kw_only=True)
+class FrameTable(ColumnTable):
     """What became of each of f frames."""
 
-    name: NDArray[Any]  # str (f,), relative to the folder given
-    status: NDArray[Any]  # str (f,): ok, empty (nothing to grasp) or failed
-    message: NDArray[Any]  # str (f,): why it is empty or failed, or a note
-    size: NDArray[Any]  # i4 (f, 2) width, height; 0 where unknown
-    intrinsics: NDArray[Any]  # f8 (f, 4) fx, fy, cx, cy pixels; nan where unknown
-    seconds: NDArray[Any]  # f4 (f,) time spent
-
-    SPEC: ClassVar[ColumnSpec] = {
-        "name": ((), np.object_),
-        "status": ((), np.object_),
-        "message": ((), np.object_),
-        "size": ((2,), np.int32),
-        "intrinsics": ((4,), np.float64),
-        "seconds": ((), np.float32),
-    }
+    name: NDArray[Any] = column((), np.object_)  # relative to the folder given
+    status: NDArray[Any] = column((), np.object_)  # ok, empty (nothing to grasp) or failed
+    message: NDArray[Any] = column((), np.object_)  # why it is empty or failed, or a note
+    size: NDArray[Any] = column((2,), np.int32)  # width, height; 0 where unknown
+    intrinsics: NDArray[Any] = column((4,), np.float64)  # fx, fy, cx, cy pixels; nan if unknown
+    seconds: NDArray[Any] = column((), np.float32)  # time spent
 
     def __post_init__(self) -> None:
         coerce_columns(self, self.SPEC, len(self.name))

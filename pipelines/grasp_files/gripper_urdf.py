@@ -150,26 +150,14 @@ def _measured(
     middle = np.concatenate([points for is_finger, points in at[0] if is_finger]).mean(axis=0)
     approach = _approach(middle, closing)
     axes = np.stack([approach, closing, np.cross(approach, closing)])
-    gaps, placed = [], []
-    for each in at:
-        fingers = [points @ axes.T for is_finger, points in each if is_finger]
-        centre = float(np.mean([points[:, 1].mean() for points in fingers]))
-        sides = (
-            [f for f in fingers if f[:, 1].mean() < centre],
-            [f for f in fingers if f[:, 1].mean() >= centre],
-        )
-        first, second = (np.concatenate([np.zeros((0, 3)), *side]) for side in sides)
-        if not len(first) or not len(second):
-            raise FormatError(path, "has fingers that do not face each other", WRITE_BY_HAND)
-        gaps.append(float(second[:, 1].min() - first[:, 1].max()))
-        placed.append(second)
-    finger = placed[int(np.argmax(gaps))]
+    fingers = [_facing(path, [p @ axes.T for is_finger, p in each if is_finger]) for each in at]
+    gap, finger = max(fingers, key=lambda each: each[0])
     palms = [points @ axes.T for is_finger, points in at[0] if not is_finger]
     palm = np.concatenate(palms) if palms else np.zeros((1, 3))
     low, high, size = palm.min(axis=0), palm.max(axis=0), np.ptp(palm, axis=0)
     tips = float(finger[:, 0].max())
     measures = {
-        "max_opening": max(gaps),
+        "max_opening": gap,
         "finger_length": tips - float(high[0]),
         "finger_thickness": float(np.ptp(finger[:, 1])),
         "finger_height": float(np.ptp(finger[:, 2])),
@@ -184,6 +172,24 @@ def _measured(
         return Gripper(name, **{key: round(value, 5) for key, value in measures.items()})
     except ValueRangeError as error:
         raise FormatError(path, f"has measures of no gripper ({error})", WRITE_BY_HAND) from error
+
+
+def _facing(path: Path, fingers: list[Array]) -> tuple[float, Array]:
+    """Return the gap between the fingers of both sides, and the points (n, 3) of the second side.
+
+    `fingers`: points of each body, axes approach, closing and their cross product.
+
+    Raises:
+        FormatError: all are on one side.
+    """
+    centre = float(np.mean([points[:, 1].mean() for points in fingers]))
+    sides: tuple[list[Array], list[Array]] = ([], [])
+    for points in fingers:
+        sides[points[:, 1].mean() >= centre].append(points)
+    if not all(sides):
+        raise FormatError(path, "has fingers that do not face each other", WRITE_BY_HAND)
+    first, second = map(np.concatenate, sides)
+    return float(second[:, 1].min() - first[:, 1].max()), second
 
 
 def _closing(path: Path, bodies: _Bodies, base: str) -> Array:

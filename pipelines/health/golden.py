@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pipelines.configs import DoctorConfig, InferConfig
 from pipelines.errors import MissingInputError
 from pipelines.frames.frames import find_frames
-from pipelines.grasp_files.grasps_file import FrameResult
+from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.health.checks import Check, Status
 from pipelines.inference import models

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pipelines.configs import InferConfig
 from pipelines.errors import SymgraspError
 from pipelines.frames.rgbd import Frame
-from pipelines.grasp_files.grasps_file import FrameResult
+from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.planner import MIN_POINTS, Planar, Random, RegionModel, RegionPlanner
 from pipelines.grasping.ranked_grasps import RankedGrasps

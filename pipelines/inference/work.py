@@ -21,8 +21,8 @@ from pipelines.frames.frames_record import FramesRecord
 from pipelines.frames.registration import oddities
 from pipelines.frames.workspace_files import read_workspace_mask
 from pipelines.grasp_files import grasps_file
-from pipelines.grasp_files.grasps_file import FrameResult
 from pipelines.grasp_files.grasps_stream import merge_shards
+from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.inference.run_settings import Settings
 from pipelines.pictures.overlays import write_overlay
 from pipelines.runtime.batch import WorkItem
@@ -149,7 +149,7 @@ def _infer_frame(item: WorkItem, settings: Settings) -> str | None:
             write_overlay(picture, frame, result, item.stamp)
     with writing(item.target):
         stamp = replace(item.stamp, recorded={"files": signatures})
-        grasps_file.write_shard(item.target, result, stamp)
+        grasps_file.write(item.target, [result], stamp)
     return "; ".join(filter(None, (*oddities(frame), result.message))) or None
 
 

@@ -15,7 +15,8 @@ from pipelines.dataset.symmetry.symmetry_labels import FOUND, ObjectSymmetries
 from pipelines.geometry.symmetry import RotationSymmetry, Symmetry
 from pipelines.pictures.color_images import Color, ColorImage
 from pipelines.pictures.pages import rendered
-from pipelines.storage.files import write_image, write_text
+from pipelines.storage.files import write_text
+from pipelines.storage.images import write_image
 
 SHEET_COLUMNS, SHEET_ROWS = 4, 6
 CAPTION, GAP, TITLE = 62, 10, 44  # pixels

@@ -14,7 +14,7 @@ from pipelines.array_types import Array
 from pipelines.errors import SymgraspError
 from pipelines.frames.rgbd import Frame
 from pipelines.geometry.transforms import basis_from_direction, matrix_to_quaternion
-from pipelines.grasp_files.grasps_file import FrameResult
+from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasping.gripper import Gripper
 from pipelines.pictures.grasp_page.scene import places_in_region, region_symmetries
 from pipelines.pictures.palette import region_color, rgb, score_colors

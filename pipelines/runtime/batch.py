@@ -79,6 +79,14 @@ class StageReport:
         """0 if nothing failed, else 1."""
         return 1 if self.failed else 0
 
+    def add(self, part: "StageReport", prefix: str = "") -> None:
+        """Add what a part of the stage did, its names behind `prefix`."""
+        self.done += [f"{prefix}{name}" for name in part.done]
+        self.skipped += [f"{prefix}{name}" for name in part.skipped]
+        self.failed |= {f"{prefix}{name}": why for name, why in part.failed.items()}
+        self.notes |= {f"{prefix}{name}": note for name, note in part.notes.items()}
+        self.seconds += part.seconds
+
 
 def run_batch(
     stage: str,

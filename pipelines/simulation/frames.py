@@ -22,7 +22,7 @@ from pipelines.evaluation.trial_records import (
     friction_key,
 )
 from pipelines.evaluation.truth import FrameTruth, TruthReader
-from pipelines.grasp_files.grasps_file import FrameResult
+from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.simulation.trial import Trial

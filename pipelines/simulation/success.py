@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pipelines.dataset.graspnet.graspnet import SPLITS
+from pipelines.dataset.graspnet.graspnet_layout import SPLITS
 from pipelines.evaluation.rows import OURS, ordered_rows, report_row, rows_note
 from pipelines.evaluation.tables import Table
 from pipelines.evaluation.trial_records import (

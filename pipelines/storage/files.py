@@ -15,22 +15,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.contents import MAX_JSON_BYTES, MAX_PIXELS, UNFIT, json_value
+from pipelines.contents import MAX_JSON_BYTES, UNFIT, json_value
 from pipelines.ending import remove_temporary
 from pipelines.errors import FormatError, SymgraspError
-from pipelines.storage.image_sizes import pixels_of
 from pipelines.storage.temporary import new_temporary
 
-TO_RGB = {3: cv2.COLOR_BGR2RGB, 4: cv2.COLOR_BGRA2RGB}  # by the number of channels
-COLOR_TYPES = (np.uint8, np.uint16, np.float32)  # that OpenCV converts; TIFF has others too
-JPEG_TAIL = 4096  # bytes in which the end mark must lie; some cameras pad with zeros
 LONGEST_NAME = 255  # bytes that file systems take
 MAX_UNPACK_BYTES = 2**28  # of all arrays of an .npz: a frame of MAX_PIXELS and its colours
-MAX_IMAGE_BYTES = 2**29  # 16 bit RGB of MAX_PIXELS, not compressed, and more
 NPY_MAGIC = b"\x93NUMPY"
 NPY_HEADERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
@@ -264,72 +258,3 @@ def _refuse_bomb(path: Path, archive: zipfile.ZipFile, most_bytes: int) -> None:
     for member in archive.infolist():
         with archive.open(member) as stream:
             _refuse_npy(path, io.BytesIO(stream.read(NPY_HEADER_BYTES)), member.file_size)
-
-
-def read_image(path: Path) -> NDArray[Any]:
-    """Read an image as stored: (H, W) or (H, W, 3) RGB, 8 or 16 bit.
-
-    Raises:
-        FormatError: truncated or not an image.
-    """
-    return decode_image(path, read_bytes(path, MAX_IMAGE_BYTES))
-
-
-def decode_image(path: Path, data: bytes) -> NDArray[Any]:
-    """Return the image in `data`, the bytes of an image file in `path`; see `read_image`."""
-    _refuse_truncated(path, data)
-    _refuse_many_pixels(path, data)
-    try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
-    except cv2.error:  # damage that OpenCV notices too late for an answer of None
-        image = None
-    if image is None:
-        raise FormatError(path, "this is not a whole image", "a PNG, JPEG or TIFF file is expected")
-    return _as_rgb(image) if image.ndim == 3 else image
-
-
-def _as_rgb(image: NDArray[Any]) -> NDArray[Any]:
-    """Return an image (H, W, 3 or more) as OpenCV reads it, BGR and perhaps alpha, as RGB."""
-    code = TO_RGB.get(image.shape[2])
-    if code is not None and image.dtype in COLOR_TYPES:
-        return cv2.cvtColor(image, code)  # much quicker than a copy of strides
-    if image.shape[2] == 4:
-        image = image[:, :, :3]
-    return np.ascontiguousarray(image[:, :, ::-1])
-
-
-def _refuse_truncated(path: Path, data: bytes) -> None:
-    # OpenCV fills the missing rows of a cut-off image and says nothing.
-    if data.startswith(b"\x89PNG") and b"IEND" not in data[-16:]:
-        raise FormatError(path, "this PNG is cut off", "copy the whole file again")
-    if data.startswith(b"\xff\xd8") and b"\xff\xd9" not in data[-JPEG_TAIL:]:
-        raise FormatError(path, "this JPEG is cut off", "copy the whole file again")
-
-
-def _refuse_many_pixels(path: Path, data: bytes) -> None:
-    pixels = pixels_of(data)
-    if pixels is None:
-        raise FormatError(path, "this is not a whole image", "a PNG, JPEG or TIFF file is expected")
-    if pixels > MAX_PIXELS:
-        raise FormatError(
-            path, f"an image of {pixels} pixels", f"at most {MAX_PIXELS} are read: make it smaller"
-        )
-
-
-def write_image(path: Path, image: NDArray[Any]) -> None:
-    """Write `image`, (H, W) or (H, W, 3) RGB, 8 or 16 bit, atomically; the suffix says the kind."""
-    try:
-        data = encode_image(image, path.suffix)
-    except SymgraspError as error:
-        raise FormatError(path, str(error), "use uint8 or uint16") from error
-    write_bytes(path, data)
-
-
-def encode_image(image: NDArray[Any], suffix: str, jpeg_quality: int = 95) -> bytes:
-    """Return `image`, (H, W) or (H, W, 3) RGB, as the bytes of a file with that suffix."""
-    stored = image[:, :, ::-1] if image.ndim == 3 else image
-    options = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality] if suffix == ".jpg" else []
-    done, data = cv2.imencode(suffix, np.ascontiguousarray(stored), options)
-    if not done:
-        raise SymgraspError(f"an image of {image.dtype} cannot be stored as {suffix}")
-    return data.tobytes()

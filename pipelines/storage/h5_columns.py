@@ -5,9 +5,10 @@ its objects for groups, datasets and attributes take several times longer than H
 """
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import Field, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import h5py
 import numpy as np
@@ -20,6 +21,7 @@ from pipelines.errors import FormatError, ValueRangeError
 Column = NDArray[Any] | Sequence[str]
 Handle = Any  # what h5py calls the `id` of a file, group or dataset, or a type
 ColumnSpec = Mapping[str, tuple[tuple[int, ...], type]]  # shape after the first axis, type
+COLUMN = "column"  # in the metadata of a field
 NUMBERS = "biuf"  # kinds of numpy's types
 TEXT = h5py.string_dtype("utf-8")
 SCALAR = h5s.create(h5s.SCALAR)
@@ -179,6 +181,26 @@ def check_version(
         versions = f"{known}" if first == known else f"{first} to {known}"
         shown = reason(ValueError(found))
         raise FormatError(path, f"has format_version {shown}", f"this symgrasp reads {versions}")
+
+
+def column(shape: tuple[int, ...], dtype: type, *, optional: bool = False) -> Any:  # noqa: ANN401
+    """Declare a column as a field of a `ColumnTable`: its shape after the first axis, and its type.
+
+    `optional`: without rows where it is not given.
+    """
+    if optional:
+        return field(default_factory=lambda: np.zeros(0), metadata={COLUMN: (shape, dtype)})
+    return field(metadata={COLUMN: (shape, dtype)})
+
+
+class ColumnTable:
+    """Columns of equal length, a dataclass whose fields are declared by `column`."""
+
+    SPEC: ClassVar[ColumnSpec]
+
+    def __init_subclass__(cls) -> None:
+        declared = {name: each for name, each in vars(cls).items() if isinstance(each, Field)}
+        cls.SPEC = {n: f.metadata[COLUMN] for n, f in declared.items() if COLUMN in f.metadata}
 
 
 def coerce_columns(table: object, spec: ColumnSpec, length: int) -> None:

@@ -6,7 +6,8 @@ import pytest
 from pipelines.errors import SymgraspError, UnknownNameError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.inference.models import WEIGHTS
-from pipelines.storage.files import read_image, read_json
+from pipelines.storage.files import read_json
+from pipelines.storage.images import read_image
 from symgrasp import bundled_frame
 from symgrasp.frame_input import frame_of, instance_masks, workspace_of
 

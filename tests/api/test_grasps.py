@@ -8,7 +8,7 @@ import pytest
 from pipelines.errors import SymgraspError, UnknownNameError
 from pipelines.grasp_files.exports.export_poses import ExportGripper
 from pipelines.grasp_files.exports.grasp_exports import FrameGrasps
-from pipelines.grasp_files.grasps_file import FrameResult, GraspTable, RegionTable
+from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable, RegionTable
 from symgrasp import Grasps
 from symgrasp.grasps import ordered_grasps
 from tests.grasp_files.exports.gripper_toys import CAMERA, random_gripper, random_result

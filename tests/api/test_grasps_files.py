@@ -7,7 +7,7 @@ import pytest
 
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.grasp_files import grasps_file
-from pipelines.grasp_files.grasps_file import FrameResult
+from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasp_files.gripper_files import gripper_digest, load_gripper
 from pipelines.storage.provenance import make_stamp
 from symgrasp import read_grasps

@@ -11,13 +11,13 @@ import pytest
 
 from pipelines import compare
 from pipelines.configs import CompareConfig, ViewConfig
-from pipelines.dataset.graspnet.graspnet import FrameFiles
 from pipelines.dataset.graspnet.graspnet_labels import (
     LABEL_GRID,
     GraspLabel,
     label_offsets,
     write_grasp_label,
 )
+from pipelines.dataset.graspnet.graspnet_layout import FrameFiles
 from pipelines.dataset.symmetry import symmetry_labels
 from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries, RegionLabel
 from pipelines.dataset.training import affordance_labels, coco_instances, packed_regions

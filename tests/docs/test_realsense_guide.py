@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 from typer.testing import CliRunner
 
-from pipelines.storage.files import read_image, write_image, write_json
+from pipelines.storage.files import write_json
+from pipelines.storage.images import read_image, write_image
 from symgrasp_cli.app import app
 
 ROOT = Path(__file__).resolve().parents[2]

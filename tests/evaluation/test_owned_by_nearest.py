@@ -8,7 +8,7 @@ from pipelines.configs import EvaluateConfig
 from pipelines.evaluation.frame_scores import owned_by_nearest
 from pipelines.evaluation.predictions import FramePredictions, ScoredGrasps
 from pipelines.evaluation.truth import TruthReader
-from pipelines.grasp_files.grasps_file import FrameResult
+from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasping.grasps import GraspPoses
 from tests.stages.toy_root import best_grasp, frame_names, grasp_table, true_result, write_root
 

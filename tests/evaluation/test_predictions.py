@@ -4,7 +4,7 @@ import numpy as np
 
 from pipelines.evaluation.predictions import FramePredictions, RowPredictions
 from pipelines.geometry.camera import Intrinsics
-from pipelines.grasp_files.grasps_file import FrameResult, GraspTable, RegionTable
+from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable, RegionTable
 from pipelines.grasping.ranked_grasps import RankedGrasps
 
 CAMERA = Intrinsics(10.0, 10.0, 1.5, 1.0, 4, 3)

@@ -6,7 +6,8 @@ import numpy as np
 
 from examples import folder_loop
 from pipelines.geometry.transforms import nearest_orthogonal
-from pipelines.storage.files import write_image, write_json
+from pipelines.storage.files import write_json
+from pipelines.storage.images import write_image
 from tests.examples.tabletop_frame import COLOR, DEPTH, LENS, light_detector
 
 

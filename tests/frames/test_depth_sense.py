@@ -11,7 +11,7 @@ from pipelines.frames.depth_sense import LOOKS_INVERSE, SWAPPED, depth_oddities
 from pipelines.frames.frames import find_frames
 from pipelines.frames.rgbd import DepthUnits, read_depth
 from pipelines.geometry.camera import Intrinsics
-from pipelines.storage.files import write_image
+from pipelines.storage.images import write_image
 
 CASES = Path(__file__).parents[3] / "shared/cases"
 LENS = Intrinsics(300.0, 300.0, 159.5, 119.5, 320, 240)

@@ -9,7 +9,7 @@ from pipelines.frames.workspace_files import (
     parse_workspace,
     read_workspace_mask,
 )
-from pipelines.storage.files import write_image
+from pipelines.storage.images import write_image
 
 
 def test_six_numbers_are_a_box_a_file_is_a_mask_nothing_is_everywhere(tmp_path):

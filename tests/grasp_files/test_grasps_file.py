@@ -12,9 +12,8 @@ from numpy.testing import assert_array_equal
 from pipelines.errors import FormatError, ValueRangeError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.grasp_files import grasps_file
-from pipelines.grasp_files.grasps_file import FrameResult, GraspTable, RegionTable
 from pipelines.grasp_files.grasps_stream import merge_shards, read_results
-from pipelines.grasp_files.grasps_tables import result_digest
+from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable, RegionTable, result_digest
 from pipelines.storage.provenance import make_stamp, read_stamp
 
 CAMERA = Intrinsics(60.0, 60.0, 32.0, 24.0, 64, 48)
@@ -84,7 +83,7 @@ def test_a_resumed_run_gives_the_bytes_of_an_uninterrupted_one(
     grasps_file.write(whole, results, STAMP)
     time.sleep(1.05)  # a file with dates in it would differ
     for item in results:
-        grasps_file.write_shard(grasps_file.shard_path(resumed, item.name), item, STAMP)
+        grasps_file.write(grasps_file.shard_path(resumed, item.name), [item], STAMP)
     paths = [grasps_file.shard_path(resumed, item.name) for item in results]
     grasps_file.write(resumed, [grasps_file.read_shard(path) for path in paths], STAMP)
     grasps_file.remove_shards(resumed)
@@ -97,7 +96,7 @@ def test_shards_are_stamped_and_named_apart(tmp_path: Path) -> None:
     paths = [grasps_file.shard_path(tmp_path / "g.h5", name) for name in names]
     assert len(set(paths)) == len(names)
     for path in paths:
-        grasps_file.write_shard(path, result("n", 1, 1), STAMP)
+        grasps_file.write(path, [result("n", 1, 1)], STAMP)
         assert (read_stamp(path) or {})["seed"] == 3
 
 

@@ -9,9 +9,10 @@ from numpy.testing import assert_array_equal
 
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.grasp_files import grasps_file, grasps_shards
-from pipelines.grasp_files.grasps_file import FrameResult, read_shard, tables_of
+from pipelines.grasp_files.grasps_file import read_shard, tables_of
 from pipelines.grasp_files.grasps_shards import joined_shards, shard_sizes, shard_tables
 from pipelines.grasp_files.grasps_stream import merge_shards
+from pipelines.grasp_files.grasps_tables import FrameResult
 from tests.grasp_files.test_grasps_file import CAMERA, STAMP, result
 
 FRAMES = [
@@ -24,7 +25,7 @@ FRAMES = [
 
 @pytest.fixture
 def shard(tmp_path: Path) -> Path:
-    grasps_file.write_shard(tmp_path / "a.h5", FRAMES[3], STAMP)
+    grasps_file.write(tmp_path / "a.h5", [FRAMES[3]], STAMP)
     return tmp_path / "a.h5"
 
 
@@ -40,7 +41,7 @@ def assert_same_tables(found: grasps_shards.Tables, expected: grasps_shards.Tabl
 @pytest.mark.parametrize("frame", FRAMES)
 def test_a_shard_gives_the_columns_of_its_frame(tmp_path: Path, frame: FrameResult) -> None:
     path = tmp_path / "a.h5"
-    grasps_file.write_shard(path, frame, STAMP)
+    grasps_file.write(path, [frame], STAMP)
     assert_same_tables(shard_tables(path), tables_of([frame]))
     runs = len(frame.regions.mask_counts)
     assert shard_sizes(path) == (len(frame.regions), len(frame.grasps), runs)

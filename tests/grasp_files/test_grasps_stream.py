@@ -10,8 +10,8 @@ from numpy.testing import assert_array_equal
 
 from pipelines.errors import FormatError
 from pipelines.grasp_files import grasps_file
-from pipelines.grasp_files.grasps_file import FrameResult
 from pipelines.grasp_files.grasps_stream import merge_shards, read_index, read_results
+from pipelines.grasp_files.grasps_tables import FrameResult
 from tests.grasp_files.test_grasps_file import STAMP, result
 
 
@@ -57,7 +57,7 @@ def test_shards_put_together_are_the_file_written_at_once(
             parts.append(frames[place])
             continue
         parts.append(tmp_path / f"{number}.h5")
-        grasps_file.write_shard(parts[-1], frames[place], STAMP)
+        grasps_file.write(parts[-1], [frames[place]], STAMP)
     merge_shards(tmp_path / "merged.h5", parts, STAMP, {"network": "abc"})
     grasps_file.write(tmp_path / "g.h5", [frames[i] for i in places], STAMP, {"network": "abc"})
     merged, whole = (grasps_file.read(tmp_path / name) for name in ("merged.h5", "g.h5"))

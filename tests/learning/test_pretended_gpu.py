@@ -8,7 +8,9 @@ import torch
 
 from pipelines import finetune_detector, train
 from pipelines.configs import DetectorConfig, FinetuneDetectorConfig
+from pipelines.dataset.training import detector_frames
 from pipelines.dataset.training.packed_regions import PackedReader
+from pipelines.dataset.training.region_frames import split_frames
 from pipelines.errors import SymgraspError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.pointcloud import Plane
@@ -141,7 +143,7 @@ def test_a_step_of_the_detector_stays_on_the_gpu(root, tmp_path, variant, precis
     items = finetune_detector.scene_items(root, path, config)
     finetune_detector.prepare(root, items, config, BatchOptions(progress=False))
     files = sorted(finetune_detector.frames_folder(path, root).glob("*.h5"))
-    frames = finetune_detector.split_frames(files, config, 0)
+    frames = split_frames(files, detector_frames.count, config.val_fraction, 0)
     with pretended_gpu():
         detector = starting_detector(config, 0)
         trainee = DetectorTraining(detector, frames, config, torch.device("cuda"))

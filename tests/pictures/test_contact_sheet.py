@@ -10,7 +10,7 @@ from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, Sp
 from pipelines.pictures import contact_sheet
 from pipelines.pictures.contact_sheet import SHEET_COLUMNS, SHEET_ROWS, Tile, write_sheets
 from pipelines.pictures.symmetry_pictures import PLANES, REGIONS, marks_of, object_views
-from pipelines.storage.files import read_image
+from pipelines.storage.images import read_image
 from tests.evaluation.page_reader import Reader
 
 X, Y, Z = np.eye(3)

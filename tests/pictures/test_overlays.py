@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pipelines.pictures.overlays import draw_overlay, is_drawn, write_overlay
-from pipelines.storage.files import read_image
+from pipelines.storage.images import read_image
 from pipelines.storage.provenance import make_stamp
 from tests.pictures.grasp_page.toys import toy_frame, toy_result
 

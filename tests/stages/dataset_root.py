@@ -6,22 +6,22 @@ import numpy as np
 import trimesh
 
 from pipelines.dataset.graspnet.graspnet import (
-    GraspLabel,
     GraspNetRoot,
-    ObjectPose,
-    label_offsets,
-    view_rotations,
-    write_annotation,
     write_camera_matrix,
     write_color,
     write_depth,
-    write_grasp_label,
     write_label,
+)
+from pipelines.dataset.graspnet.graspnet_labels import GraspLabel, label_offsets, write_grasp_label
+from pipelines.dataset.graspnet.graspnet_views import view_rotations
+from pipelines.dataset.meshes import write_mesh
+from pipelines.frames.graspnet_scene import (
+    ObjectPose,
+    write_annotation,
     write_meta,
     write_object_ids,
     write_pose_array,
 )
-from pipelines.dataset.meshes import write_mesh
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.geometry.rendering import Scene, cast_view

@@ -17,7 +17,7 @@ from pipelines.dataset.symmetry import symmetry_labels
 from pipelines.errors import SymgraspError
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.runtime.batch import BatchOptions
-from pipelines.storage.files import read_image
+from pipelines.storage.images import read_image
 from pipelines.storage.provenance import sidecar_of
 from tests.stages.dataset_root import shapes
 

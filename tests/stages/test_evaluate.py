@@ -21,8 +21,8 @@ from pipelines.evaluation import other_runs, reports
 from pipelines.evaluation.records import read_frame_records, records_folder
 from pipelines.evaluation.rows import BASELINE_ROWS
 from pipelines.grasp_files import grasps_file
-from pipelines.grasp_files.grasps_file import FrameResult
 from pipelines.grasp_files.grasps_stream import read_dataset_frames, read_index, read_results
+from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasp_files.gripper_files import GRIPPERS
 from pipelines.runtime.batch import BatchOptions, StageReport
 from pipelines.storage.files import read_json, write_json

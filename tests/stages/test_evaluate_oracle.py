@@ -14,7 +14,7 @@ from pipelines.evaluation.baselines import Baselines
 from pipelines.evaluation.frame_scores import assign_regions
 from pipelines.evaluation.predictions import FramePredictions
 from pipelines.evaluation.truth import TruthReader
-from pipelines.grasp_files.grasps_file import FrameResult
+from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.runtime.batch import BatchOptions

@@ -18,7 +18,7 @@ from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.exports.grasp_exports import folds_case
 from pipelines.grasp_files.exports.graspnet_dump import dumped_scenes
 from pipelines.grasp_files.grasp_rows import read_grasp_rows
-from pipelines.grasp_files.grasps_file import FrameResult
+from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasp_files.gripper_files import GRIPPERS, gripper_digest, load_gripper
 from pipelines.grasping.grasps import from_graspnet
 from pipelines.storage.files import read_npz, write_json

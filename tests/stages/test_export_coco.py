@@ -14,7 +14,11 @@ from pipelines import export_coco, finetune_detector
 from pipelines.configs import DetectorConfig, ExportCocoConfig, FinetuneDetectorConfig
 from pipelines.dataset.graspnet.graspnet_layout import SceneFiles
 from pipelines.dataset.training import coco_instances, detector_frames
-from pipelines.dataset.training.region_frames import held_out_scenes, read_region_frame
+from pipelines.dataset.training.region_frames import (
+    held_out_scenes,
+    read_region_frame,
+    split_frames,
+)
 from pipelines.errors import FormatError, StaleOutputError, SymgraspError, UnknownNameError
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SphereSymmetry
 from pipelines.learning.loop.runs import RunRequest
@@ -132,7 +136,7 @@ def test_the_detector_validates_on_the_datasets_own_split(exported, tmp_path):
     finetune_detector.prepare(exported, items, DETECTOR, QUIET)
     files = sorted(finetune_detector.frames_folder(output, exported).glob("*.h5"))
     for scene in (f"scene_{number:04d}" for number in SCENES):
-        sets = finetune_detector.split_frames(files, DETECTOR, 0, {scene})
+        sets = split_frames(files, detector_frames.count, 0.1, 0, {scene})
         assert {path.stem[:10] for path, _ in sets.val} == {scene}
         assert {path.stem[:10] for path, _ in sets.train} == {
             f"scene_{number:04d}" for number in SCENES

@@ -13,6 +13,7 @@ from pipelines import finetune_detector
 from pipelines.configs import DetectorConfig, FinetuneDetectorConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.training import detector_frames
+from pipelines.dataset.training.region_frames import split_frames
 from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.learning.detector.detector_start import starting_detector
 from pipelines.learning.detector.detector_training import DetectorTraining, spread
@@ -150,12 +151,11 @@ def test_other_coco_weights_are_another_training(root, output):
         )  # fmt: skip
 
 
-def test_the_frames_of_a_scenes_two_cameras_are_on_one_side(monkeypatch):
-    monkeypatch.setattr(detector_frames, "count", lambda _: 2)
+def test_the_frames_of_a_scenes_two_cameras_are_on_one_side():
     cameras = ("kinect", "realsense")
     files = [Path(f"scene_{n:04d}_{camera}.h5") for n in range(12) for camera in cameras]
     for seed in range(10):
-        frames = finetune_detector.split_frames(files, replace(CONFIG, val_fraction=0.3), seed)
+        frames = split_frames(files, lambda _: 2, 0.3, seed)
         sides = [{path.stem[:10] for path, _ in keys} for keys in (frames.train, frames.val)]
         assert sides[0].isdisjoint(sides[1])
         assert len(sides[0]) + len(sides[1]) == 12
@@ -163,7 +163,7 @@ def test_the_frames_of_a_scenes_two_cameras_are_on_one_side(monkeypatch):
 
 def test_a_kept_batch_gives_its_losses_again(root, output, tmp_path):
     files = sorted(finetune_detector.frames_folder(output, root.root).glob("*.h5"))
-    frames = finetune_detector.split_frames(files, CONFIG, 0)
+    frames = split_frames(files, detector_frames.count, CONFIG.val_fraction, 0)
     detector = starting_detector(CONFIG, 0)
     trainee = DetectorTraining(detector, frames, CONFIG, torch.device("cpu"))
     batch = trainee.load(np.arange(2), [np.random.default_rng(i) for i in range(2)])

@@ -8,7 +8,7 @@ from pipelines import gripper
 from pipelines.configs import GripperConfig
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.grasp_files.gripper_files import load_gripper
-from pipelines.storage.files import read_image
+from pipelines.storage.images import read_image
 from symgrasp_cli.app import app
 
 # As panda_hand: fingers slide along y, z is the approach; one finger is turned by half a turn.

@@ -34,8 +34,9 @@ from pipelines.inference.models import GRASP_CRITIC_WEIGHTS
 from pipelines.inference.run_settings import Settings
 from pipelines.runtime.batch import BatchOptions
 from pipelines.storage import provenance
-from pipelines.storage.files import read_image, write_image, write_json
+from pipelines.storage.files import write_json
 from pipelines.storage.h5_files import new_h5
+from pipelines.storage.images import read_image, write_image
 from pipelines.storage.provenance import make_stamp
 from tests.geometry.tabletops import CAMERA, Box, Can, render
 
@@ -216,7 +217,7 @@ def test_shards_of_other_settings_are_made_again(frames, tmp_path):
     run(frames, tmp_path / "other.h5", config=dataclasses.replace(CONFIG, gripper="franka"))
     other = grasps_file.read(tmp_path / "other.h5")
     stamp = make_stamp("infer", {}, inputs={"weights": "other"})
-    grasps_file.write_shard(grasps_file.shard_path(output, "a"), other.results()[0], stamp)
+    grasps_file.write(grasps_file.shard_path(output, "a"), [other.results()[0]], stamp)
     assert run(frames, output).done == ["a", "b", "c"]
 
 
@@ -287,7 +288,7 @@ def test_overlays_are_drawn_of_grasps_that_are_there_already(frames, tmp_path):
     # As a killed run that drew no pictures leaves it.
     settings = Settings(infer.InferPaths(frames, tmp_path / "k.h5"), CONFIG, 0, "auto", False)
     (item, *_) = work.Work(settings).items(find_frames(frames))
-    grasps_file.write_shard(item.target, shards[0], item.stamp)
+    grasps_file.write(item.target, [shards[0]], item.stamp)
     assert run(frames, tmp_path / "k.h5", overlays=tmp_path / "killed").skipped == ["a"]
     assert pictures_of(tmp_path / "killed") == pictures_of(tmp_path / "whole")
 

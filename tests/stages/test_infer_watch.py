@@ -293,7 +293,7 @@ def test_a_frame_that_cannot_be_written_ends_it_and_it_goes_on_later(cell, monke
     cell.follow(timeout=5.0)
     cell.write("b")
     with monkeypatch.context() as patch:
-        patch.setattr(grasps_file, "write_shard", full)
+        patch.setattr(grasps_file, "write", full)
         with pytest.raises(WriteError, match="no space left"):
             cell.follow()
     cell.follow()

@@ -15,20 +15,15 @@ from typer.testing import CliRunner
 from pipelines import evaluate, simulate
 from pipelines.configs import EvaluateConfig, SimulateConfig
 from pipelines.dataset import convex_pieces
-from pipelines.dataset.graspnet.graspnet import (
-    GraspNetRoot,
-    ObjectPose,
-    write_annotation,
-    write_label,
-    write_meta,
-)
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot, write_label
 from pipelines.dataset.meshes import read_mesh, write_mesh
 from pipelines.errors import FormatError, StaleOutputError, SymgraspError, UnknownNameError
 from pipelines.evaluation.rows import BASELINE_ROWS
 from pipelines.evaluation.trial_records import read_trials
+from pipelines.frames.graspnet_scene import ObjectPose, write_annotation, write_meta
 from pipelines.geometry.meshes import convex_decomposition
 from pipelines.geometry.transforms import invert, make_pose
-from pipelines.grasp_files.grasps_file import FrameResult
+from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.runtime.batch import BatchOptions, StageReport
 from pipelines.storage.files import read_json

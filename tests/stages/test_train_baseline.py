@@ -11,11 +11,13 @@ from pipelines import infer, train_baseline
 from pipelines.configs import InferConfig, TrainBaselineConfig
 from pipelines.configs.inference import TRAINED_METHODS
 from pipelines.configs.peers import PeerNetworkConfig
-from pipelines.dataset.graspnet.graspnet import read_rect, write_rect
+from pipelines.dataset.graspnet.graspnet_labels import read_rect, write_rect
+from pipelines.dataset.training.region_frames import split_frames
 from pipelines.errors import MissingInputError, UnknownNameError, ValueRangeError
 from pipelines.grasp_files.grasps_stream import read_index, read_results
 from pipelines.learning.loop.faults import save_fault
 from pipelines.learning.loop.runs import RunRequest
+from pipelines.learning.peers.peer import count_peer_frames
 from pipelines.learning.peers.registry import TRAINED_PEERS, trained_peer
 from pipelines.learning.speed.gradients import loss_seed
 from pipelines.learning.speed.processes import Processes
@@ -133,9 +135,9 @@ def test_infer_takes_the_weights(name, root, trained, tmp_path):
 def test_a_kept_batch_has_the_same_loss_again(name, root, trained, tmp_path):
     tensors, metadata = load_weights(trained(name))
     items = train_baseline.peer_items(name, root.root, trained(name), CONFIG)
-    peer, config = trained_peer(name), CONFIG.with_schedule(trained_peer(name).schedule)
-    frames = train_baseline.peer_frames([item.target for item in items], config, 0)
-    trainee = peer.training(frames, config, torch.device("cpu"), Processes())
+    peer, config = trained_peer(name), CONFIG.with_schedule(trained_peer(name).peer.schedule)
+    frames = split_frames([item.target for item in items], count_peer_frames, 0.1, 0)
+    trainee = peer(frames, config, torch.device("cpu"), Processes())
     trainee.module.load_state_dict(tensors)
     trainee.module.train()
     batch = trainee.load(np.array([0]), [np.random.default_rng(0)])
@@ -147,4 +149,4 @@ def test_a_kept_batch_has_the_same_loss_again(name, root, trained, tmp_path):
     save_fault(path, trainee.module, trainee.tensors(batch), place, stamp)
     again = train_baseline.replay(path)
     assert again == pytest.approx({n: float(t.detach()) for n, t in expected.items()}, rel=1e-5)
-    assert metadata["model"] == peer.model
+    assert metadata["model"] == peer.peer.model

@@ -13,10 +13,11 @@ from pipelines.configs import ViewConfig
 from pipelines.errors import FormatError, StaleOutputError, SymgraspError, UnknownNameError
 from pipelines.frames.frames_record import FramesRecord
 from pipelines.grasp_files import grasps_file
-from pipelines.grasp_files.grasps_file import FrameResult
+from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.runtime.batch import BatchOptions, StageReport
-from pipelines.storage.files import read_image, write_image, write_json
+from pipelines.storage.files import write_json
+from pipelines.storage.images import read_image, write_image
 from pipelines.storage.provenance import digest_folder, make_stamp, write_sidecar
 from symgrasp_cli.app import app
 from tests.evaluation.page_reader import Reader

@@ -14,7 +14,7 @@ from pipelines.frames.workspace_files import parse_workspace
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.inference.frame_grasps import Planner
 from pipelines.inference.models import WEIGHTS
-from pipelines.storage.files import read_image
+from pipelines.storage.images import read_image
 from symgrasp_cli.app import app
 
 FRAMES = WEIGHTS / "frames"

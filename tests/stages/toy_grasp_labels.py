@@ -2,11 +2,13 @@
 
 import numpy as np
 
-from pipelines.dataset.graspnet.graspnet import GraspLabel, label_offsets, write_rect
 from pipelines.dataset.graspnet.graspnet_labels import (
     LABEL_GRID,
+    GraspLabel,
+    label_offsets,
     write_collision_labels,
     write_grasp_label,
+    write_rect,
 )
 from pipelines.dataset.meshes import read_mesh
 from pipelines.geometry.meshes.mesh import sample_surface

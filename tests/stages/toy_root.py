@@ -7,12 +7,14 @@ import trimesh
 from numpy.typing import NDArray
 
 from pipelines.dataset.graspnet import graspnet
-from pipelines.dataset.graspnet.graspnet import GraspNetRoot, ObjectPose
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.meshes import read_mesh, write_mesh
 from pipelines.dataset.symmetry import symmetry_labels
 from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries, RegionLabel
 from pipelines.dataset.training import affordance_labels
 from pipelines.dataset.training.affordance_labels import AffordanceLabels
+from pipelines.frames import graspnet_scene
+from pipelines.frames.graspnet_scene import ObjectPose
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.geometry.rendering import Scene, cast_view
@@ -24,7 +26,7 @@ from pipelines.geometry.symmetry import (
 )
 from pipelines.geometry.transforms import invert, make_pose
 from pipelines.grasp_files import grasps_file
-from pipelines.grasp_files.grasps_file import FrameResult, GraspTable, RegionTable
+from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable, RegionTable
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.storage.provenance import make_stamp
 
@@ -96,11 +98,11 @@ def poses_in_camera(frame_id: int) -> dict[int, Array]:
 def _write_scene(root: GraspNetRoot, scene_id: int, meshes: dict[int, Mesh]) -> None:
     folder = root.scene_folder(scene_id)
     camera = folder / "realsense"
-    graspnet.write_object_ids(folder / "object_id_list.txt", list(meshes))
+    graspnet_scene.write_object_ids(folder / "object_id_list.txt", list(meshes))
     graspnet.write_camera_matrix(camera / "camK.npy", CAMERA)
     views = np.stack([camera_in_table(frame_id) for frame_id in FRAMES])
-    graspnet.write_pose_array(camera / "cam0_wrt_table.npy", views[0])
-    graspnet.write_pose_array(camera / "camera_poses.npy", invert(views[0]) @ views)
+    graspnet_scene.write_pose_array(camera / "cam0_wrt_table.npy", views[0])
+    graspnet_scene.write_pose_array(camera / "camera_poses.npy", invert(views[0]) @ views)
     table = trimesh.creation.box((1.0, 1.0, 0.02))
     table_mesh = Mesh(np.asarray(table.vertices), np.asarray(table.faces))
     for frame_id in FRAMES:
@@ -116,8 +118,8 @@ def _write_scene(root: GraspNetRoot, scene_id: int, meshes: dict[int, Mesh]) -> 
         graspnet.write_depth(files.path("depth"), hits.depth)
         graspnet.write_color(files.path("rgb"), np.full((240, 320, 3), 128, np.uint8))
         listed = [ObjectPose(i, pose) for i, pose in poses.items()]
-        graspnet.write_annotation(files.path("annotations"), listed)
-        graspnet.write_meta(files.path("meta"), listed, CAMERA.matrix)
+        graspnet_scene.write_annotation(files.path("annotations"), listed)
+        graspnet_scene.write_meta(files.path("meta"), listed, CAMERA.matrix)
 
 
 def best_grasp(object_id: int, frame_id: int) -> GraspPoses:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pipelines.errors import FormatError, SymgraspError
-from pipelines.storage import files
+from pipelines.storage import files, images
 from pipelines.storage.files import atomic_folder, read_json, read_npy, within
 
 
@@ -91,29 +91,29 @@ def test_a_zip_bomb_is_refused_before_it_unpacks(tmp_path):
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 def test_images_round_trip(tmp_path, dtype):
     grey = np.random.default_rng(0).integers(0, 250, (7, 9)).astype(dtype)
-    files.write_image(tmp_path / "a.png", grey)
-    np.testing.assert_array_equal(files.read_image(tmp_path / "a.png"), grey)
+    images.write_image(tmp_path / "a.png", grey)
+    np.testing.assert_array_equal(images.read_image(tmp_path / "a.png"), grey)
 
 
 def test_colour_is_rgb_on_both_sides(tmp_path):
     red = np.zeros((4, 4, 3), np.uint8)
     red[..., 0] = 255
-    files.write_image(tmp_path / "a.png", red)
-    np.testing.assert_array_equal(files.read_image(tmp_path / "a.png"), red)
+    images.write_image(tmp_path / "a.png", red)
+    np.testing.assert_array_equal(images.read_image(tmp_path / "a.png"), red)
 
 
 def test_a_truncated_png_is_refused(tmp_path):
     path = tmp_path / "a.png"
-    files.write_image(path, np.random.default_rng(0).integers(0, 255, (50, 50)).astype(np.uint8))
+    images.write_image(path, np.random.default_rng(0).integers(0, 255, (50, 50)).astype(np.uint8))
     path.write_bytes(path.read_bytes()[:1000])
     with pytest.raises(FormatError, match="cut off"):
-        files.read_image(path)
+        images.read_image(path)
     path.write_bytes(b"hello")
     with pytest.raises(FormatError, match="not a whole image"):
-        files.read_image(path)
+        images.read_image(path)
     path.write_bytes(b"")
     with pytest.raises(FormatError, match="not a whole image"):
-        files.read_image(path)
+        images.read_image(path)
 
 
 @pytest.mark.parametrize("channels", [1, 3, 4])
@@ -125,7 +125,7 @@ def test_images_are_read_as_stored_red_first_and_without_alpha(tmp_path, channel
     image = np.random.default_rng(0).integers(0, 255, (5, 7, channels)).astype(dtype)
     path = tmp_path / f"a{suffix}"
     assert cv2.imwrite(str(path), image)
-    found = files.read_image(path)
+    found = images.read_image(path)
     expected = image[:, :, 0] if channels == 1 else image[:, :, 2::-1]
     assert found.dtype == dtype
     assert found.flags.c_contiguous

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from pipelines.configs import EndlessConfig, PackConfig
 from pipelines.dataset import object_list
-from pipelines.dataset.graspnet.graspnet import write_object_ids
 from pipelines.dataset.object_list import ObjectRecord
 from pipelines.errors import MissingInputError, SymgraspError
+from pipelines.frames.graspnet_scene import write_object_ids
 from pipelines.geometry.rendering import Scene, cast_view
 from pipelines.geometry.transforms import invert, make_pose
 from pipelines.synthesis.endless import (

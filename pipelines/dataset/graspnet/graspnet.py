@@ -19,19 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.array_types import Singles
-from pipelines.dataset.graspnet.graspnet_labels import (
-    GraspLabel,
-    LabelledGrasps,
-    holding_grasps,
-    label_offsets,
-    read_collision_labels,
-    read_grasp_label,
-    read_labelled_grasps,
-    read_rect,
-    write_collision_labels,
-    write_grasp_label,
-    write_rect,
-)
 from pipelines.dataset.graspnet.graspnet_layout import (
     BLOCK,
     CAMERAS,
@@ -39,62 +26,18 @@ from pipelines.dataset.graspnet.graspnet_layout import (
     FrameFiles,
     SceneFiles,
     frame_key,
-    split_of_scene,
 )
-from pipelines.dataset.graspnet.graspnet_views import generate_views, view_rotation, view_rotations
 from pipelines.errors import FormatError, MissingInputError, SymgraspError, UnknownNameError
 from pipelines.frames.camera_files import CameraFile, read_camera_file
 from pipelines.frames.graspnet_scene import (
-    FrameMeta,
     ObjectPose,
-    read_meta,
-    read_pose_array,
     read_poses,
-    write_annotation,
-    write_meta,
-    write_object_ids,
-    write_pose_array,
 )
 from pipelines.frames.rgbd import DepthUnits, Frame, read_depth, read_pair
 from pipelines.geometry.camera import Intrinsics
-from pipelines.storage.files import read_image, write_image, write_npy
+from pipelines.storage.files import write_npy
+from pipelines.storage.images import read_image, write_image
 from pipelines.storage.unfinished import refuse_unfinished
-
-__all__ = [
-    "CAMERAS",
-    "SPLITS",
-    "FrameFiles",
-    "FrameMeta",
-    "GraspLabel",
-    "GraspNetRoot",
-    "LabelledGrasps",
-    "ObjectPose",
-    "SceneFiles",
-    "frame_key",
-    "generate_views",
-    "holding_grasps",
-    "label_offsets",
-    "read_collision_labels",
-    "read_grasp_label",
-    "read_labelled_grasps",
-    "read_meta",
-    "read_pose_array",
-    "read_rect",
-    "split_of_scene",
-    "view_rotation",
-    "view_rotations",
-    "write_annotation",
-    "write_camera_matrix",
-    "write_collision_labels",
-    "write_color",
-    "write_depth",
-    "write_grasp_label",
-    "write_label",
-    "write_meta",
-    "write_object_ids",
-    "write_pose_array",
-    "write_rect",
-]
 
 DEPTH_SCALE = 1000.0  # depth units per metre
 DEPTH_UNITS = DepthUnits(DEPTH_SCALE, DEPTH_SCALE, is_certain=True)
@@ -152,6 +95,18 @@ class GraspNetRoot:
             for name in self.cameras(scene_id)
             if camera in (None, name)
         ]
+
+    def chosen_scenes(self, camera: str | None, split: str | None) -> list[SceneFiles]:
+        """Return the scenes as `scenes` does.
+
+        Raises:
+            SymgraspError: there is none.
+        """
+        scenes = self.scenes(camera, split)
+        if not scenes:
+            wanted = f"{split or 'any'} scene" + (f" seen by {camera}" if camera else "")
+            raise SymgraspError(f"{self.root} holds no {wanted}; name another --split or --camera")
+        return scenes
 
     def frame(self, name: str) -> FrameFiles:
         """Return the frame of a name that ends in `scene_NNNN/CAMERA/NNNN`."""

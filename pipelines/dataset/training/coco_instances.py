@@ -19,7 +19,7 @@ import numpy as np
 from pycocotools import mask as coco_mask
 
 from pipelines.array_types import Mask
-from pipelines.dataset.graspnet.graspnet import CAMERAS, FrameFiles
+from pipelines.dataset.graspnet.graspnet_layout import CAMERAS, FrameFiles
 from pipelines.dataset.symmetry.symmetry_labels import symmetry_to_json
 from pipelines.errors import FormatError
 from pipelines.geometry.region_masks import RegionInstance

@@ -1,19 +1,31 @@
 """Frames of a dataset with their visible symmetric regions, checked for consistency."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.array_types import Array
-from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot, SceneFiles
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.graspnet.graspnet_layout import FrameFiles, SceneFiles
 from pipelines.dataset.symmetry.regioned_objects import read_regioned_object
-from pipelines.errors import FormatError
+from pipelines.errors import FormatError, ValueRangeError
 from pipelines.frames.rgbd import Frame
 from pipelines.geometry.region_masks import RegionInstance, visible_regions
 
 MAX_REGIONS = 255  # of one frame; the smallest are left out
+SCENE = len("scene_0000")
+FileRows = Sequence[tuple[Path, int]]  # file and row of each frame
+
+
+@dataclass(frozen=True)
+class FrameSets:
+    """Frames to train on and frames of other scenes to validate on."""
+
+    train: FileRows
+    val: FileRows
 
 
 @dataclass(frozen=True)
@@ -87,6 +99,40 @@ def _poses(root: GraspNetRoot, files: FrameFiles) -> dict[int, Array]:
             "object_id_list.txt names it",
         )
     return poses
+
+
+def split_frames(
+    files: Iterable[Path],
+    count: Callable[[Path], int],
+    fraction: float,
+    seed: int,
+    held_out: set[str] | None = None,
+) -> FrameSets:
+    """Return the frames of most scenes to train on and of the others to validate on.
+
+    Args:
+        files: one a scene and camera, `scene_NNNN_CAMERA.h5`.
+        count: frames of a file.
+        fraction: of the scenes, drawn to validate on.
+        seed: of that draw.
+        held_out: the scenes to validate on, where they are given.
+
+    Raises:
+        ValueRangeError: there is only one scene.
+    """
+    files = sorted(files)
+    scenes = {path.stem[:SCENE] for path in files}
+    if len(scenes) < 2:
+        where = "number of scenes" + (f" in {files[0].parent}" if files else "")
+        raise ValueRangeError(where, len(scenes), "at least 2, one to validate on")
+    if held_out is None:
+        held_out = held_out_scenes(sorted(scenes), fraction, seed)
+    rows = [(path, row) for path in files for row in range(count(path))]
+    is_val = [path.stem[:SCENE] in held_out for path, _ in rows]
+    return FrameSets(
+        [each for each, val in zip(rows, is_val, strict=True) if not val],
+        [each for each, val in zip(rows, is_val, strict=True) if val],
+    )
 
 
 def held_out_scenes(scenes: Sequence[str], fraction: float, seed: int) -> set[str]:

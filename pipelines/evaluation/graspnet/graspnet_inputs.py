@@ -2,7 +2,8 @@
 
 import functools
 
-from pipelines.dataset.graspnet.graspnet import GraspNetRoot, SceneFiles
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.graspnet.graspnet_layout import SceneFiles
 from pipelines.evaluation.graspnet.graspnet_truth import object_files
 from pipelines.frames.graspnet_scene import annotated_ids
 from pipelines.grasp_files.exports.graspnet_dump import DumpedScene

@@ -3,7 +3,8 @@
 import numpy as np
 
 from pipelines.configs import EvaluateDumpConfig
-from pipelines.dataset.graspnet.graspnet import GraspNetRoot, SceneFiles
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.graspnet.graspnet_layout import SceneFiles
 from pipelines.errors import SymgraspError
 from pipelines.evaluation.graspnet.dump_verdicts import FrameVerdicts
 from pipelines.evaluation.graspnet.graspnet_truth import SceneTruth

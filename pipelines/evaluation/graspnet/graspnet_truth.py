@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from pipelines.array_types import Array
-from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot, ObjectPose, SceneFiles
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.graspnet.graspnet_layout import FrameFiles, SceneFiles
 from pipelines.dataset.graspnet.signed_distance import as_stored, read_sdf
 from pipelines.dataset.meshes import read_mesh, read_solid_mesh, read_vertices
 from pipelines.errors import FormatError
-from pipelines.frames.graspnet_scene import read_annotation_xml
+from pipelines.frames.graspnet_scene import ObjectPose, read_annotation_xml
 from pipelines.geometry.meshes.mesh import sample_surface
 from pipelines.geometry.numerics.single_precision import single_precision_grid
 from pipelines.metrics.graspnet.graspnet_frames import (

@@ -20,7 +20,7 @@ from pipelines.evaluation.rows import OURS
 from pipelines.grasp_files.grasps_stream import GraspsIndex, read_results
 from pipelines.metrics.grasp_verdicts import Verdict
 from pipelines.pictures.overlays import draw_overlay
-from pipelines.storage.files import encode_image
+from pipelines.storage.images import encode_image
 
 ROW = OURS
 NUM_FRAMES = 6  # best ones, and as many worst ones

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipelines.grasp_files.exports.grasp_exports import ExportHeader, FrameGrasps, frame_path
+from pipelines.grasp_files.exports.grasp_exports import ExportHeader, FrameGrasps
 from pipelines.grasping.gripper_poses import CLOSING_ALONG_X, gripper_poses
 from pipelines.storage.files import write_npz
 
@@ -18,8 +18,8 @@ from pipelines.storage.files import write_npz
 BASE_TO_CONTACTS = 0.1034
 
 
-def write_frame(folder: Path, frame: FrameGrasps, _header: ExportHeader) -> None:
-    """Write `folder`/predictions_NAME.npz of a frame; without grasps it holds no segment."""
+def write_frame(path: Path, frame: FrameGrasps, _header: ExportHeader) -> None:
+    """Write the file of a frame, predictions_NAME.npz; without grasps it holds no segment."""
     gripper, region = frame.gripper, frame.result.grasps.region
     columns = {
         "pred_grasps_cam": gripper_poses(frame.grasps, gripper.base_to_contacts, CLOSING_ALONG_X),
@@ -34,5 +34,4 @@ def write_frame(folder: Path, frame: FrameGrasps, _header: ExportHeader) -> None
         for key, column in columns.items()
         for segment in np.unique(region).tolist()
     }
-    path = frame_path(folder, frame.result.name, ".npz", prefix="predictions_")
     write_npz(path, **arrays, base_to_contacts=np.array(gripper.base_to_contacts))

@@ -35,6 +35,29 @@ class ExportGripper:
     is_the_one_checked: bool = True
     origin: str = "base"
 
+    @classmethod
+    def at(
+        cls,
+        tcp: str,
+        model: Gripper,
+        behind: float,
+        checked_with: str,
+        *,
+        is_the_one_checked: bool = True,
+    ) -> "ExportGripper":
+        """Return the gripper with its poses at the tool centre point `tcp`; empty for its base.
+
+        `behind`: metres from that base to the contact line.
+
+        Raises:
+            ValueRangeError: `tcp` is no name of a point, and no distance.
+        """
+        if not tcp:
+            return cls(model, behind, checked_with, is_the_one_checked)
+        origin = f"tool centre point ({tcp})"
+        behind = model.base_to_contacts - base_to_tool(tcp, model)
+        return cls(model, behind, checked_with, is_the_one_checked, origin)
+
     @property
     def words(self) -> str:
         """What the poses are of."""

@@ -132,14 +132,8 @@ def symmetry_kind(slot: int) -> str:
     return {ROTATION_SLOT: "rotation", SPHERE_SLOT: "sphere"}.get(slot, "reflection")
 
 
-def as_ranges(places: NDArray[np.int64]) -> str:
-    """Return ascending whole numbers as text, runs as first-last: 3, 5-9."""
-    runs = np.split(places, np.flatnonzero(np.diff(places) != 1) + 1)
-    return ", ".join(str(r[0]) if len(r) == 1 else f"{r[0]}-{r[-1]}" for r in runs if len(r))
-
-
-def frame_path(folder: Path, name: str, suffix: str, prefix: str = "") -> Path:
-    """Return where the file of the frame `name` goes: its own path in `folder`.
+def frame_path(name: str, prefix: str, suffix: str) -> Path:
+    """Return where in a folder the file of the frame `name` goes.
 
     Raises:
         SymgraspError: the name leads out of the folder, or is longer than a file's may be.
@@ -150,7 +144,7 @@ def frame_path(folder: Path, name: str, suffix: str, prefix: str = "") -> Path:
     below = place.parent / f"{prefix}{place.name}{suffix}"
     if max(len(os.fsencode(part)) for part in below.parts) > LONGEST_NAME:
         raise SymgraspError(f"the frame's name {name!r} is too long for a file's; rename it")
-    return folder / below
+    return Path(below)
 
 
 class Claims:

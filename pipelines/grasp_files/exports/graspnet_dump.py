@@ -63,20 +63,20 @@ def dumped_scenes(dump: Path) -> list[DumpedScene]:
     return found
 
 
-def frame_file(folder: Path, name: str, *, by_name: bool = False) -> Path:
-    """Return where graspnetAPI looks for the grasps of the frame `name` in the dump `folder`.
+def frame_file(name: str, *, by_name: bool = False) -> Path:
+    """Return where in a dump graspnetAPI looks for the grasps of the frame `name`.
 
-    A frame that is none of a dataset has `folder`/NAME.npy, which graspnetAPI's GraspGroup reads;
-    and, with `by_name`, every frame has.
+    A frame that is none of a dataset has NAME.npy, which graspnetAPI's GraspGroup reads; and, with
+    `by_name`, every frame has.
 
     Raises:
         SymgraspError: the frame's name leads out of the folder.
     """
-    path, key = frame_path(folder, name, ".npy"), frame_key(name)
+    path, key = frame_path(name, "", ".npy"), frame_key(name)
     if key is None or by_name:
         return path
     scene_id, camera, frame_id = key
-    return DumpedScene(folder / f"scene_{scene_id:04d}" / camera, scene_id, camera).path(frame_id)
+    return DumpedScene(Path(f"scene_{scene_id:04d}", camera), scene_id, camera).path(frame_id)
 
 
 def shared_place(names: Iterable[str]) -> tuple[str, str] | None:
@@ -92,15 +92,8 @@ def shared_place(names: Iterable[str]) -> tuple[str, str] | None:
     return None
 
 
-def write_frame(
-    folder: Path, frame: FrameGrasps, _header: ExportHeader, *, by_name: bool = False
-) -> None:
-    """Write the grasps of a frame into the dump `folder`, where `frame_file` says.
-
-    Raises:
-        SymgraspError: the frame's name leads out of the folder.
-    """
-    path = frame_file(folder, frame.result.name, by_name=by_name)
+def write_frame(path: Path, frame: FrameGrasps, _header: ExportHeader) -> None:
+    """Write the grasps of a frame to `path` in a dump, `frame_file`."""
     rank, reach = frame.result.grasps.rank_score, frame.gripper.model.tip_reach
     depth = frame.gripper.base_to_contacts + reach  # the origin's, from the finger tips
     rows = to_graspnet(frame.grasps, rank, opening=frame.opening, tip_reach=reach, depth=depth)

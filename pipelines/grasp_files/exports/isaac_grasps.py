@@ -11,17 +11,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.grasp_files.exports.grasp_exports import ExportHeader, FrameGrasps, frame_path
+from pipelines.grasp_files.exports.grasp_exports import ExportHeader, FrameGrasps
 from pipelines.storage.files import write_text
 
 # Joints whose position is half the distance of the fingers. Files of other grippers name no joint.
 FINGER_JOINTS = {"franka": "panda_finger_joint1"}
 
 
-def write_frame(folder: Path, frame: FrameGrasps, header: ExportHeader) -> None:
-    """Write `folder`/NAME.yaml of a frame."""
+def write_frame(path: Path, frame: FrameGrasps, header: ExportHeader) -> None:
+    """Write the file of a frame, NAME.yaml."""
     lines = [*_head(header), *(_grasps(frame) if len(frame) else ["grasps: {}"])]
-    write_text(frame_path(folder, frame.result.name, ".yaml"), "\n".join(lines) + "\n")
+    write_text(path, "\n".join(lines) + "\n")
 
 
 def _head(header: ExportHeader) -> list[str]:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from pipelines.grasp_files.exports.grasp_exports import (
     ExportHeader,
     FrameGrasps,
-    frame_path,
     rounded,
 )
 from pipelines.storage.files import write_json
@@ -24,8 +23,8 @@ SECONDS = re.compile(r"(?<!\d)(\d{10})\.(\d{1,9})(?!\d)")
 WHOLE = re.compile(r"(?<!\d)(\d{13}|\d{16}|\d{19})(?!\d)")
 
 
-def write_frame(folder: Path, frame: FrameGrasps, header: ExportHeader) -> None:
-    """Write `folder`/NAME.json of a frame."""
+def write_frame(path: Path, frame: FrameGrasps, header: ExportHeader) -> None:
+    """Write the file of a frame, NAME.json."""
     table = frame.result.grasps
     content = {
         "format": "symgrasp-ros",
@@ -50,7 +49,7 @@ def write_frame(folder: Path, frame: FrameGrasps, header: ExportHeader) -> None:
         "worth_trying": table.worth_trying.tolist(),
         "provenance": header.stamp,
     }
-    write_json(frame_path(folder, frame.result.name, ".json"), content)
+    write_json(path, content)
 
 
 def time_of(name: str) -> dict[str, int]:

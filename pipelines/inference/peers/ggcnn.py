@@ -1,8 +1,6 @@
 """GG-CNN on a frame: depth at 300 pixels, maps, their peaks, grasps along the camera's axis."""
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Self
 
 import cv2
 import numpy as np
@@ -15,10 +13,8 @@ from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.peers.grasp_maps import MAP_SIDE, GraspMaps, scaled_rows
 from pipelines.grasping.peers.rectangles import rectangle_grasps
 from pipelines.grasping.scene import SceneCloud
-from pipelines.network.devices import find_device
-from pipelines.network.peers.ggcnn import GGCNN, GGCNN_MODEL, SIDES_BY
+from pipelines.network.peers.ggcnn import GGCNN, SIDES_BY
 from pipelines.network.peers.ggcnn_input import normalised
-from pipelines.network.peers.trained import trained_network
 from pipelines.tabletop.whole_depth import whole_depth
 
 
@@ -29,17 +25,6 @@ class GGCNNMethod:
     network: GGCNN
     gripper: Gripper
     device: torch.device
-
-    @classmethod
-    def load(cls, path: Path, gripper: Gripper, device: str = "auto") -> Self:
-        """Read weights that `symgrasp train-baseline gg-cnn` wrote.
-
-        Raises:
-            FormatError: the file holds no weights of this network.
-        """
-        found = find_device(device)
-        network, _ = trained_network(path, GGCNN_MODEL, GGCNN, found)
-        return cls(network, gripper, found)
 
     def grasps(
         self, frame: Frame, scene: SceneCloud, rng: np.random.Generator

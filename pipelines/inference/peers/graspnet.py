@@ -1,8 +1,6 @@
 """GraspNet's baseline on a frame: a hand at each seed, the free ones kept."""
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Self
 
 import numpy as np
 import torch
@@ -15,9 +13,7 @@ from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.peers.cloud_box import boxed_points
 from pipelines.grasping.peers.hands import Hands, drawn_points, free_hands, hand_grasps, thinned
 from pipelines.grasping.scene import MAX_RANGE, SceneCloud
-from pipelines.network.devices import find_device
-from pipelines.network.peers.graspnet import GRASPNET_MODEL, WIDEST_OPENING, GraspNetBaseline
-from pipelines.network.peers.trained import trained_network
+from pipelines.network.peers.graspnet import WIDEST_OPENING, GraspNetBaseline
 
 WIDER = 1.2  # times the predicted opening, at most the widest
 COLLISION_CELL, COLLISION_WAY_IN = 0.01, 0.05  # metres, of the collision test
@@ -30,17 +26,6 @@ class GraspNetMethod:
     network: GraspNetBaseline
     gripper: Gripper
     device: torch.device
-
-    @classmethod
-    def load(cls, path: Path, gripper: Gripper, device: str = "auto") -> Self:
-        """Read weights that `symgrasp train-baseline graspnet` wrote.
-
-        Raises:
-            FormatError: the file holds no weights of this network.
-        """
-        found = find_device(device)
-        network, _ = trained_network(path, GRASPNET_MODEL, GraspNetBaseline, found)
-        return cls(network, gripper, found)
 
     def grasps(
         self, frame: Frame, scene: SceneCloud, rng: np.random.Generator

@@ -1,8 +1,6 @@
 """Multi-Grasp on a frame: an RGD image, rectangles, grasps along the camera's axis."""
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Self
 
 import numpy as np
 import torch
@@ -17,15 +15,11 @@ from pipelines.grasping.peers.grasp_maps import scaled_rows
 from pipelines.grasping.peers.oriented_boxes import rows_of_boxes
 from pipelines.grasping.peers.rectangles import rectangle_grasps
 from pipelines.grasping.scene import SceneCloud
-from pipelines.network.devices import find_device
 from pipelines.network.peers.multi_grasp import (
     LONG_SIDES,
-    MULTI_GRASP_MODEL,
     SHORT_SIDES,
-    build_multi_grasp,
 )
 from pipelines.network.peers.rgd import rgd_pixels, rgd_tensor
-from pipelines.network.peers.trained import trained_network
 from pipelines.tabletop.depth_channels import shrink
 
 
@@ -34,20 +28,9 @@ class MultiGraspMethod:
     """A `FrameMethod`: a trained Multi-Grasp of the size that `config` says."""
 
     network: FasterRCNN
-    config: PeerNetworkConfig
     gripper: Gripper
     device: torch.device
-
-    @classmethod
-    def load(cls, path: Path, gripper: Gripper, device: str = "auto") -> Self:
-        """Read weights that `symgrasp train-baseline multi-grasp` wrote.
-
-        Raises:
-            FormatError: the file holds no weights of this network.
-        """
-        found = find_device(device)
-        network, config = trained_network(path, MULTI_GRASP_MODEL, build_multi_grasp, found)
-        return cls(network, config, gripper, found)
+    config: PeerNetworkConfig
 
     @torch.inference_mode()
     def grasps(

@@ -1,8 +1,6 @@
 """PointNetGPD on a frame: hands at random points of what stands on the table, scored one by one."""
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Self
 
 import numpy as np
 import torch
@@ -20,9 +18,7 @@ from pipelines.grasping.peers.hands import (
     thinned,
 )
 from pipelines.grasping.scene import MAX_RANGE, SceneCloud
-from pipelines.network.devices import find_device
-from pipelines.network.peers.pointnetgpd import POINTNETGPD_MODEL, PointNetGPD
-from pipelines.network.peers.trained import trained_network
+from pipelines.network.peers.pointnetgpd import PointNetGPD
 
 NUM_CANDIDATES = 2000
 MOST_SCORED = {"light": 400, "full": 2000}  # of the free ones
@@ -37,17 +33,6 @@ class PointNetGPDMethod:
     network: PointNetGPD
     gripper: Gripper
     device: torch.device
-
-    @classmethod
-    def load(cls, path: Path, gripper: Gripper, device: str = "auto") -> Self:
-        """Read weights that `symgrasp train-baseline pointnetgpd` wrote.
-
-        Raises:
-            FormatError: the file holds no weights of this network.
-        """
-        found = find_device(device)
-        network, _ = trained_network(path, POINTNETGPD_MODEL, PointNetGPD, found)
-        return cls(network, gripper, found)
 
     def grasps(
         self, frame: Frame, scene: SceneCloud, rng: np.random.Generator

@@ -43,19 +43,23 @@ def _frame_method(name: str, weights: Path, gripper: Gripper, device: str) -> Fr
     from pipelines.inference.peers.graspnet import GraspNetMethod  # noqa: PLC0415
     from pipelines.inference.peers.multi_grasp import MultiGraspMethod  # noqa: PLC0415
     from pipelines.inference.peers.pointnetgpd import PointNetGPDMethod  # noqa: PLC0415
+    from pipelines.network.peers.trained import trained_network  # noqa: PLC0415
 
-    load: dict[str, Callable[[Path, Gripper, str], FrameMethod]] = {
-        "gg-cnn": GGCNNMethod.load,
-        "multi-grasp": MultiGraspMethod.load,
-        "pointnetgpd": PointNetGPDMethod.load,
-        "graspnet": GraspNetMethod.load,
+    network, config, found = trained_network(name, weights, device)
+    if name == "multi-grasp":
+        return MultiGraspMethod(network, gripper, found, config)
+    methods: dict[str, Callable[..., FrameMethod]] = {
+        "gg-cnn": GGCNNMethod,
+        "pointnetgpd": PointNetGPDMethod,
+        "graspnet": GraspNetMethod,
     }
-    return load[name](weights, gripper, device)
+    return methods[name](network, gripper, found)
 
 
 @lru_cache(maxsize=2)
 def _region_method(name: str, weights: Path, device: str) -> RegionMethod:
     from pipelines.inference.peers.symmetrynet import SymmetryNetMethod  # noqa: PLC0415
+    from pipelines.network.peers.trained import trained_network  # noqa: PLC0415
 
-    load: dict[str, Callable[[Path, str], RegionMethod]] = {"symmetrynet": SymmetryNetMethod.load}
-    return load[name](weights, device)
+    network, _, found = trained_network(name, weights, device)
+    return SymmetryNetMethod(network, found)

@@ -2,8 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -13,10 +12,8 @@ from pipelines.grasping.peers.hands import drawn_points
 from pipelines.grasping.peers.symmetry_offsets import SymmetryOffsets, symmetries_by_offsets
 from pipelines.grasping.scene import RegionCloud, SceneCloud
 from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
-from pipelines.network.devices import find_device
-from pipelines.network.peers.symmetrynet import SYMMETRYNET_MODEL, SymmetryNet
+from pipelines.network.peers.symmetrynet import SymmetryNet
 from pipelines.network.peers.symmetrynet_input import normalised_colors, region_crop
-from pipelines.network.peers.trained import trained_network
 
 
 @dataclass(frozen=True)
@@ -27,17 +24,6 @@ class SymmetryNetMethod:
 
     network: SymmetryNet
     device: torch.device
-
-    @classmethod
-    def load(cls, path: Path, device: str = "auto") -> Self:
-        """Read weights that `symgrasp train-baseline symmetrynet` wrote.
-
-        Raises:
-            FormatError: the file holds no weights of this network.
-        """
-        found = find_device(device)
-        network, _ = trained_network(path, SYMMETRYNET_MODEL, SymmetryNet, found)
-        return cls(network, found)
 
     def symmetries(
         self, clouds: Sequence[RegionCloud], scene: SceneCloud, color: NDArray[np.uint8]

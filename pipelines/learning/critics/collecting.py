@@ -9,7 +9,7 @@ import numpy as np
 
 from pipelines.array_types import Array
 from pipelines.configs import TrainCriticConfig
-from pipelines.dataset.graspnet.graspnet import FrameFiles
+from pipelines.dataset.graspnet.graspnet_layout import FrameFiles
 from pipelines.evaluation.frame_scores import assign_regions
 from pipelines.evaluation.truth import TruthReader
 from pipelines.geometry.symmetry import REFLECTION_SLOTS, ROTATION_SLOT, SPHERE_SLOT

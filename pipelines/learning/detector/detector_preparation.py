@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.configs import FinetuneDetectorConfig
-from pipelines.dataset.graspnet.graspnet import GraspNetRoot, SceneFiles
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.graspnet.graspnet_layout import SceneFiles
 from pipelines.dataset.training.coco_instances import CocoFrame
 from pipelines.dataset.training.detector_frames import DetectorFrame
 from pipelines.dataset.training.region_frames import MAX_REGIONS, read_region_frame, strided_frames

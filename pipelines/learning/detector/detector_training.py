@@ -1,8 +1,6 @@
 """The region detector as the training engine sees it: frames, Mask R-CNN's losses, mask AP."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
 from typing import cast
 
 import numpy as np
@@ -13,6 +11,7 @@ from torchvision.models.detection import MaskRCNN
 
 from pipelines.configs import FinetuneDetectorConfig, from_settings
 from pipelines.dataset.training import detector_frames
+from pipelines.dataset.training.region_frames import FileRows, FrameSets
 from pipelines.learning.detector.frame_views import (
     DetectorExample,
     as_example,
@@ -20,24 +19,14 @@ from pipelines.learning.detector.frame_views import (
     random_example,
 )
 from pipelines.learning.detector.mask_figures import MaskFigures
-from pipelines.learning.loop.faults import Fault
+from pipelines.learning.loop.faults import Fault, numbered, unnumbered
 from pipelines.learning.loop.loaders import epoch_batches
 from pipelines.learning.speed.processes import Processes
-from pipelines.learning.speed.shares import check_shares, micro_batch_size
+from pipelines.learning.speed.shares import micro_batch_size
 from pipelines.network.detection.detector import draw_mask
 from pipelines.network.detection.mask_rcnn import build_detector, seed_samplers
 
-Keys = Sequence[tuple[Path, int]]  # file and row of each frame
-
 CPU_MICRO_BATCH = 2  # frames
-
-
-@dataclass(frozen=True)
-class FrameSets:
-    """Frames to train on and frames of other scenes to validate on."""
-
-    train: Keys
-    val: Keys
 
 
 class DetectorTraining:
@@ -58,11 +47,7 @@ class DetectorTraining:
         self.frames, self.config, self.device = frames, config, device
         self.parallel = device.type == "cpu"
         on_cpu = CPU_MICRO_BATCH if self.parallel else 0
-        processes = processes or Processes()
-        self.micro_batch_size = micro_batch_size(
-            config.micro_batch_size, config.batch_size, on_cpu, processes
-        )
-        check_shares(config.batch_size, self.micro_batch_size, processes)
+        self.micro_batch_size = micro_batch_size(config, on_cpu, processes or Processes())
 
     def epoch(self, number: int, rng: np.random.Generator) -> Sequence[NDArray[np.int64]]:
         """Return one epoch's batches of frame numbers."""
@@ -87,11 +72,7 @@ class DetectorTraining:
 
     def tensors(self, micro_batch: list[DetectorExample]) -> dict[str, Tensor]:
         """Return a micro-batch as named tensors, NUMBER.NAME."""
-        return {
-            f"{number}.{name}": tensor
-            for number, example in enumerate(micro_batch)
-            for name, tensor in ({"image": example.image} | example.target).items()
-        }
+        return numbered([{"image": each.image} | each.target for each in micro_batch])
 
     @torch.no_grad()
     def validate(self) -> dict[str, float]:
@@ -113,7 +94,7 @@ class DetectorTraining:
         return figures.figures()
 
 
-def spread(keys: Keys, most: int) -> Keys:
+def spread(keys: FileRows, most: int) -> FileRows:
     """Return `keys`, or `most` of them, evenly spread, if there are more."""
     count = min(len(keys), most)
     return [keys[i * len(keys) // count] for i in range(count)]
@@ -142,10 +123,9 @@ def replay(fault: Fault) -> dict[str, float]:
     config = from_settings(FinetuneDetectorConfig, fault.settings)
     detector = build_detector(config.detector)
     detector.load_state_dict(dict(fault.weights))
-    numbers = sorted({int(name.split(".")[0]) for name in fault.batch})
-    examples = []
-    for number in numbers:
-        target = {name: fault.batch[f"{number}.{name}"] for name in ("boxes", "labels", "masks")}
-        examples.append(DetectorExample(fault.batch[f"{number}.image"], target))
+    examples = [
+        DetectorExample(each["image"], {name: each[name] for name in ("boxes", "labels", "masks")})
+        for each in unnumbered(fault.batch)
+    ]
     terms = frames_loss(detector.train(), examples, fault.generator(), torch.device("cpu"))
     return {name: float(term.detach()) for name, term in terms.items()}

@@ -16,7 +16,7 @@ from pipelines.learning.grasp_network.region_sources import RegionSet, TrainingR
 from pipelines.learning.loop.faults import Fault
 from pipelines.learning.loop.loaders import load_regions
 from pipelines.learning.speed.processes import Processes
-from pipelines.learning.speed.shares import check_shares, micro_batch_size
+from pipelines.learning.speed.shares import micro_batch_size
 from pipelines.network.augmentation import augment, scaled_copy
 from pipelines.network.cpu.folding import folded
 from pipelines.network.losses import NUM_ERROR_POINTS, total_loss
@@ -81,11 +81,7 @@ class GraspTraining:
         self.config, self.device = config, device
         self.parallel = device.type == "cpu"
         on_cpu = CPU_MICRO_BATCH if self.parallel else 0
-        processes = processes or Processes()
-        self.micro_batch_size = micro_batch_size(
-            config.micro_batch_size, config.batch_size, on_cpu, processes
-        )
-        check_shares(config.batch_size, self.micro_batch_size, processes)
+        self.micro_batch_size = micro_batch_size(config, on_cpu, processes or Processes())
 
     def epoch(self, number: int, rng: np.random.Generator) -> Sequence[Indices]:
         """Return the items of one epoch's batches of regions."""

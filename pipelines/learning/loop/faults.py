@@ -7,7 +7,7 @@ the loss terms again.
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -72,3 +72,21 @@ def describe_losses(losses: Losses) -> str:
     """Return the loss terms in one line, those that are not finite first."""
     ordered = sorted(losses.items(), key=lambda item: math.isfinite(item[1]))
     return ", ".join(f"{name} {value:.4g}" for name, value in ordered)
+
+
+def numbered(items: Sequence[Mapping[str, Tensor]]) -> dict[str, Tensor]:
+    """Return the named tensors of items as one mapping, NUMBER.NAME."""
+    return {
+        f"{number}.{name}": tensor
+        for number, item in enumerate(items)
+        for name, tensor in item.items()
+    }
+
+
+def unnumbered(tensors: Mapping[str, Tensor]) -> list[dict[str, Tensor]]:
+    """Return the items of which `numbered` made one mapping."""
+    items: dict[int, dict[str, Tensor]] = {}
+    for key, tensor in tensors.items():
+        number, name = key.split(".", 1)
+        items.setdefault(int(number), {})[name] = tensor
+    return [items[number] for number in sorted(items)]

@@ -20,7 +20,13 @@ from pipelines.learning.loop.faults import describe_losses, save_fault
 from pipelines.learning.loop.keeping import Keeper
 from pipelines.learning.loop.loaders import load_ahead
 from pipelines.learning.loop.options import LoopOptions
-from pipelines.learning.loop.runs import Progress, checkpoint_path, fault_path, log_folder
+from pipelines.learning.loop.runs import (
+    Progress,
+    checkpoint_path,
+    describe,
+    fault_path,
+    log_folder,
+)
 from pipelines.learning.loop.trainee import Items, Trainee
 from pipelines.learning.progress.display import Display
 from pipelines.learning.speed.gradients import (
@@ -33,6 +39,7 @@ from pipelines.learning.speed.gradients import (
 from pipelines.learning.speed.processes import Processes
 from pipelines.learning.speed.shares import cut
 from pipelines.learning.speed.weight_average import WeightAverage
+from pipelines.runtime.batch import StageReport
 from pipelines.runtime.stopping import Reason, StopSignals, TrainingStopped
 from pipelines.storage.provenance import Stamp
 
@@ -66,6 +73,16 @@ class TrainingRun:
     def resume(self) -> None:
         """Go back to where the checkpoint stands."""
         self.progress = self.keeper.restore()
+
+    def report(self, stage: str, started: float, *, resumes: bool) -> StageReport:
+        """Train, from the checkpoint if it `resumes`; return the report of the stage.
+
+        `started`: when the stage began, of the monotonic clock.
+        """
+        if resumes:
+            self.resume()
+        name, note = self.output.name, describe(self.run())
+        return StageReport(stage, [name], notes={name: note}, seconds=time.monotonic() - started)
 
     def run(self) -> Progress:
         """Train, validate after each epoch and at the end, and return where it stands.

@@ -1,6 +1,6 @@
 """GG-CNN as the training engine sees it: crops of depth, maps painted from rectangles."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -10,21 +10,18 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from pipelines.array_types import Array, Singles
-from pipelines.configs import TrainBaselineConfig, from_settings
 from pipelines.configs.peers import PeerNetworkConfig, PeerSchedule
-from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot, read_rect
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.graspnet.graspnet_labels import read_rect
+from pipelines.dataset.graspnet.graspnet_layout import FrameFiles
 from pipelines.grasping.peers.grasp_maps import MAP_SIDE, GraspMaps, scaled_rows
 from pipelines.grasping.peers.rectangles import on_their_object
-from pipelines.learning.loop.faults import Fault
 from pipelines.learning.peers.peer import (
     Arrays,
     Peer,
-    PeerFrames,
     PeerTraining,
-    labelled,
     mean_figures,
 )
-from pipelines.learning.speed.processes import Processes
 from pipelines.network.peers.ggcnn import GGCNN, GGCNN_MODEL, MAPS
 from pipelines.network.peers.ggcnn_input import normalised
 from pipelines.tabletop.depth_channels import find_plane, shrink
@@ -34,7 +31,6 @@ STORED_SIDE = 480  # pixels, most of the shorter side of a frame that is kept
 DEPTH_UNITS = 10_000.0  # per metre
 MIN_SCORE = 0.7  # of a rectangle: 1.1 - mu, so mu is 0.4 or less
 MIN_ZOOM = 0.5  # share of the shorter side that a crop shows at least
-CPU_MICRO_BATCH = 4  # crops
 
 
 @dataclass(frozen=True)
@@ -45,52 +41,14 @@ class Crops:
     maps: Tensor
 
 
-class GGCNNTraining(PeerTraining):
-    """A `Trainee`: GG-CNN with the frames it learns from and those it is judged on."""
-
-    def __init__(
-        self,
-        frames: PeerFrames,
-        config: TrainBaselineConfig,
-        device: torch.device,
-        processes: Processes,
-    ) -> None:
-        labelled(frames.train, "rows")
-        network: nn.Module = GGCNN(config.network)
-        network = network.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
-        super().__init__(
-            network, frames, config, device, processes, cpu_micro_batch=CPU_MICRO_BATCH
-        )
-
-    def load(self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]) -> Crops:
-        """Return a random crop of each frame."""
-        return stacked([random_crop(*drawn) for drawn in self.drawn_frames(items, generators)])
-
-    def loss(
-        self, module: nn.Module, micro_batch: Crops, generator: torch.Generator
-    ) -> Mapping[str, Tensor]:
-        """Return the squared errors of the four maps, and their sum as `total`."""
-        del generator  # the network draws nothing
-        return map_errors(module, micro_batch, self.device)
-
-    def tensors(self, micro_batch: Crops) -> dict[str, Tensor]:
-        """Return a micro-batch as named tensors."""
-        return {"depth": micro_batch.depth, "maps": micro_batch.maps}
-
-    @torch.no_grad()
-    def validate(self) -> dict[str, float]:
-        """Return the loss on the middle crops of (at most `max_val_frames` of) the other frames."""
-        crops = (stacked([middle_crop(frame)]) for frame in self.judged_frames())
-        return mean_figures([map_errors(self.module, each, self.device) for each in crops])
-
-
-def ggcnn_frame(root: GraspNetRoot, files: FrameFiles, network: PeerNetworkConfig) -> Arrays:
+def ggcnn_frame(
+    root: GraspNetRoot, files: FrameFiles, config: PeerNetworkConfig | None = None
+) -> Arrays:
     """Return the depth of a frame without holes, and the rectangles of what is seen in it.
 
     `depth` (h, w) uint16 in tenths of a millimetre, the shorter side at most `STORED_SIDE`;
     `rows` (n, 7) float32, pixels of `depth`.
     """
-    del network  # both sizes see the same
     depth, intrinsics = root.read_depth(files)
     rows = read_rect(files.path("rect")).astype(np.float64)
     rows = rows[rows[:, 5] >= MIN_SCORE]
@@ -148,7 +106,12 @@ def stacked(crops: Sequence[tuple[Singles, GraspMaps]]) -> Crops:
     return Crops(depth, torch.from_numpy(maps))
 
 
-def map_errors(module: nn.Module, crops: Crops, device: torch.device) -> dict[str, Tensor]:
+def map_errors(
+    module: nn.Module,
+    crops: Crops,
+    device: torch.device,
+    generator: torch.Generator | None = None,
+) -> dict[str, Tensor]:
     """Return the mean squared error of each map, and their sum as `total`."""
     depth = crops.depth.to(device, memory_format=torch.channels_last)
     wanted = crops.maps.to(device)
@@ -160,23 +123,31 @@ def map_errors(module: nn.Module, crops: Crops, device: torch.device) -> dict[st
     return {"total": torch.stack(list(terms.values())).sum()} | terms
 
 
-def replay_crops(fault: Fault) -> dict[str, float]:
-    """Return the loss terms of a kept micro-batch, on the CPU."""
-    config = from_settings(TrainBaselineConfig, fault.settings)
-    network = GGCNN(config.network)
-    network.load_state_dict(dict(fault.weights))
-    crops = Crops(fault.batch["depth"], fault.batch["maps"])
-    terms = map_errors(network, crops, torch.device("cpu"))
-    return {name: float(term.detach()) for name, term in terms.items()}
+class GGCNNTraining(PeerTraining):
+    """A `Trainee`: GG-CNN with the frames it learns from and those it is judged on."""
 
+    peer = Peer(
+        model=GGCNN_MODEL,
+        schedule=PeerSchedule(
+            steps=5000, epoch_steps=250, batch_size=8, learning_rate=0.001, decay_steps=2000
+        ),
+        needs=("rect",),
+        labels="rows",
+        learns_without=True,
+        build=GGCNN,
+        prepare=ggcnn_frame,
+        item=Crops,
+        terms=map_errors,
+        cpu_micro_batch=4,  # crops
+        layout=torch.channels_last,
+    )
 
-GG_CNN = Peer(
-    model=GGCNN_MODEL,
-    schedule=PeerSchedule(
-        steps=5000, epoch_steps=250, batch_size=8, learning_rate=0.001, decay_steps=2000
-    ),
-    needs=("rect",),
-    prepare=ggcnn_frame,
-    training=GGCNNTraining,
-    replay=replay_crops,
-)
+    def load(self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]) -> Crops:
+        """Return a random crop of each frame."""
+        return stacked([random_crop(*drawn) for drawn in self.drawn_frames(items, generators)])
+
+    @torch.no_grad()
+    def validate(self) -> dict[str, float]:
+        """Return the loss on the middle crops of (at most `max_val_frames` of) the other frames."""
+        crops = (stacked([middle_crop(frame)]) for frame in self.judged_frames())
+        return mean_figures([map_errors(self.module, each, self.device) for each in crops])

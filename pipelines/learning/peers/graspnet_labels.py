@@ -11,9 +11,11 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from pipelines.array_types import Array, Mask, Singles
-from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot
+from pipelines.configs.peers import PeerNetworkConfig
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_label_stream import grasp_label_pieces
 from pipelines.dataset.graspnet.graspnet_labels import LABEL_GRID, read_collision_labels
+from pipelines.dataset.graspnet.graspnet_layout import FrameFiles
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import transform_points
 from pipelines.grasping.peers.cloud_box import boxed_points
@@ -65,7 +67,9 @@ class HoldingCells:
     tolerance: NDArray[np.uint8]
 
 
-def graspnet_frame_arrays(root: GraspNetRoot, files: FrameFiles) -> Arrays:
+def graspnet_frame_arrays(
+    root: GraspNetRoot, files: FrameFiles, config: PeerNetworkConfig | None = None
+) -> Arrays:
     """Return the cloud of a frame and its labels, camera frame.
 
     `cloud` (n, 3) int16 tenths of a millimetre, `on_object` (n,), `up` (3,) of the table;

@@ -1,7 +1,6 @@
 """GraspNet's baseline as the training engine sees it: clouds, and what holds at labelled points."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -9,21 +8,14 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from pipelines.configs import TrainBaselineConfig, from_settings
-from pipelines.configs.peers import PeerNetworkConfig, PeerSchedule
-from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot
-from pipelines.learning.loop.faults import Fault
+from pipelines.configs.peers import PeerSchedule
 from pipelines.learning.peers.graspnet_clouds import LabelledScene, labelled_scene
 from pipelines.learning.peers.graspnet_labels import graspnet_frame_arrays
 from pipelines.learning.peers.peer import (
-    Arrays,
     Peer,
-    PeerFrames,
     PeerTraining,
-    labelled,
     mean_figures,
 )
-from pipelines.learning.speed.processes import Processes
 from pipelines.network.peers.graspnet import (
     DEPTHS,
     GRASPNET_MODEL,
@@ -36,58 +28,6 @@ from pipelines.network.peers.graspnet import (
 OPERATION_WEIGHT = 0.2  # of the losses of operations and tolerances
 LEAST_VALUE = 0.1  # of a label that operations are learned from
 MOST_TURN = np.radians(30.0)  # about the table's normal, either way
-CPU_CLOUDS = 1
-
-
-class GraspNetTraining(PeerTraining):
-    """A `Trainee`: GraspNet's baseline with the frames it learns from and those it is judged on."""
-
-    def __init__(
-        self,
-        frames: PeerFrames,
-        config: TrainBaselineConfig,
-        device: torch.device,
-        processes: Processes,
-    ) -> None:
-        network = _Losses(config.network).to(device)
-        # Only frames where something holds: of the others nothing can be learned.
-        kept = PeerFrames(*(labelled(keys, "cell") for keys in (frames.train, frames.val)))
-        super().__init__(network, kept, config, device, processes, cpu_micro_batch=CPU_CLOUDS)
-
-    def load(
-        self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]
-    ) -> list[LabelledScene]:
-        """Return each frame, turned at random about the table's normal."""
-        count = GRASPNET_SIZES[self.config.network.variant].input
-        return [
-            labelled_scene(frame, count, rng, rng.uniform(-MOST_TURN, MOST_TURN))
-            for frame, rng in self.drawn_frames(items, generators)
-        ]
-
-    def loss(
-        self, module: nn.Module, micro_batch: list[LabelledScene], generator: torch.Generator
-    ) -> Mapping[str, Tensor]:
-        """Return the loss terms, and their weighed sum as `total`."""
-        del generator  # the network draws nothing
-        return mean_terms(module, [each.to(self.device) for each in micro_batch])
-
-    def tensors(self, micro_batch: list[LabelledScene]) -> dict[str, Tensor]:
-        """Return a micro-batch as named tensors, NUMBER.NAME."""
-        return {
-            f"{number}.{field.name}": getattr(each, field.name)
-            for number, each in enumerate(micro_batch)
-            for field in fields(each)
-        }
-
-    @torch.no_grad()
-    def validate(self) -> dict[str, float]:
-        """Return the loss terms on the other frames, as they are."""
-        count = GRASPNET_SIZES[self.config.network.variant].input
-        clouds = (
-            labelled_scene(frame, count, np.random.default_rng(0), 0.0)
-            for frame in self.judged_frames()
-        )
-        return mean_figures([mean_terms(self.module, [each.to(self.device)]) for each in clouds])
 
 
 class _Losses(GraspNetBaseline):
@@ -143,41 +83,53 @@ def _mean_where(values: Tensor, chosen: Tensor) -> Tensor:
     return (values * chosen).sum() / chosen.sum().clamp(min=1)
 
 
-def mean_terms(module: nn.Module, clouds: Sequence[LabelledScene]) -> dict[str, Tensor]:
+def mean_terms(
+    module: nn.Module,
+    clouds: Sequence[LabelledScene],
+    device: torch.device,
+    generator: torch.Generator | None = None,
+) -> dict[str, Tensor]:
     """Return the mean loss terms of clouds, and their weighed sum as `total`."""
-    each = [module(cloud) for cloud in clouds]
+    each = [module(cloud.to(device)) for cloud in clouds]
     terms = {name: torch.stack([found[name] for found in each]).mean() for name in each[0]}
     operation = terms["score"] + terms["angle"] + terms["width"] + terms["tolerance"]
     total = terms["objectness"] + terms["views"] + OPERATION_WEIGHT * operation
     return {"total": total} | terms
 
 
-def graspnet_frame(
-    root: GraspNetRoot, files: FrameFiles, network: PeerNetworkConfig | None = None
-) -> Arrays:
-    """Return the arrays of a frame, as `graspnet_frame_arrays` has them."""
-    del network  # both variants learn from the same
-    return graspnet_frame_arrays(root, files)
+class GraspNetTraining(PeerTraining):
+    """A `Trainee`: GraspNet's baseline with the frames it learns from and those it is judged on."""
 
+    peer = Peer(
+        model=GRASPNET_MODEL,
+        schedule=PeerSchedule(
+            steps=4000, epoch_steps=250, batch_size=2, learning_rate=0.001, decay_steps=1500
+        ),
+        needs=("grasp_label", "collision_label"),
+        labels="cell",
+        build=_Losses,
+        prepare=graspnet_frame_arrays,
+        item=LabelledScene,
+        terms=mean_terms,
+        cpu_micro_batch=1,  # clouds
+    )
 
-def replay_clouds(fault: Fault) -> dict[str, float]:
-    """Return the loss terms of a kept micro-batch, on the CPU."""
-    config = from_settings(TrainBaselineConfig, fault.settings)
-    network = _Losses(config.network)
-    network.load_state_dict(dict(fault.weights))
-    names = [field.name for field in fields(LabelledScene)]
-    count = len(fault.batch) // len(names)
-    clouds = [LabelledScene(*(fault.batch[f"{i}.{name}"] for name in names)) for i in range(count)]
-    return {name: float(term.detach()) for name, term in mean_terms(network, clouds).items()}
+    def load(
+        self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]
+    ) -> list[LabelledScene]:
+        """Return each frame, turned at random about the table's normal."""
+        count = GRASPNET_SIZES[self.config.network.variant].input
+        return [
+            labelled_scene(frame, count, rng, rng.uniform(-MOST_TURN, MOST_TURN))
+            for frame, rng in self.drawn_frames(items, generators)
+        ]
 
-
-GRASPNET_BASELINE = Peer(
-    model=GRASPNET_MODEL,
-    schedule=PeerSchedule(
-        steps=4000, epoch_steps=250, batch_size=2, learning_rate=0.001, decay_steps=1500
-    ),
-    needs=("grasp_label", "collision_label"),
-    prepare=graspnet_frame,
-    training=GraspNetTraining,
-    replay=replay_clouds,
-)
+    @torch.no_grad()
+    def validate(self) -> dict[str, float]:
+        """Return the loss terms on the other frames, as they are."""
+        count = GRASPNET_SIZES[self.config.network.variant].input
+        clouds = (
+            labelled_scene(frame, count, np.random.default_rng(0), 0.0)
+            for frame in self.judged_frames()
+        )
+        return mean_figures([mean_terms(self.module, [each], self.device) for each in clouds])

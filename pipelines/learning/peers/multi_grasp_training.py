@@ -2,19 +2,19 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import cast
 
 import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
+from torch import Tensor
 from torchvision.models.detection import FasterRCNN
 
 from pipelines.array_types import Array
-from pipelines.configs import TrainBaselineConfig, from_settings
 from pipelines.configs.peers import PeerNetworkConfig, PeerSchedule
-from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot, read_rect
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.graspnet.graspnet_labels import read_rect
+from pipelines.dataset.graspnet.graspnet_layout import FrameFiles
 from pipelines.grasping.peers.grasp_maps import scaled_rows
 from pipelines.grasping.peers.oriented_boxes import (
     horizontal_boxes,
@@ -23,15 +23,11 @@ from pipelines.grasping.peers.oriented_boxes import (
     spread_rows,
 )
 from pipelines.grasping.peers.rectangles import on_their_object, rectangle_hits
-from pipelines.learning.loop.faults import Fault
 from pipelines.learning.peers.peer import (
     Arrays,
     Peer,
-    PeerFrames,
     PeerTraining,
-    labelled,
 )
-from pipelines.learning.speed.processes import Processes
 from pipelines.network.detection.mask_rcnn import seed_samplers
 from pipelines.network.peers.multi_grasp import (
     LONG_SIDES,
@@ -46,7 +42,6 @@ MIN_SCORE = 0.8  # of a rectangle: 1.1 - mu, so mu is 0.2 at most, but for round
 MOST_ROWS = 60  # rectangles of an object in a frame
 SHIFT = 0.1  # share of the shorter side by which an image is moved at most
 FIRST = 10  # grasps of a frame, the best, whose hits are counted
-CPU_MICRO_BATCH = 2  # frames
 
 
 @dataclass(frozen=True)
@@ -54,61 +49,8 @@ class GraspImage:
     """An RGD image as the network takes it, and its grasps: `boxes` (n, 4), `labels` (n,)."""
 
     image: Tensor
-    target: dict[str, Tensor]
-
-
-class MultiGraspTraining(PeerTraining):
-    """A `Trainee`: Multi-Grasp with the frames it learns from and those it is judged on."""
-
-    best_by = "hits"
-    higher_is_better = True
-
-    def __init__(
-        self,
-        frames: PeerFrames,
-        config: TrainBaselineConfig,
-        device: torch.device,
-        processes: Processes,
-    ) -> None:
-        labelled(frames.train, "rows")
-        network: nn.Module = build_multi_grasp(config.network)
-        network = network.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
-        super().__init__(
-            network, frames, config, device, processes, cpu_micro_batch=CPU_MICRO_BATCH
-        )
-
-    def load(
-        self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]
-    ) -> list[GraspImage]:
-        """Return each frame, turned and moved at random."""
-        drawn = self.drawn_frames(items, generators)
-        return [grasp_image(*moved_at_random(frame, rng)) for frame, rng in drawn]
-
-    def loss(
-        self, module: nn.Module, micro_batch: list[GraspImage], generator: torch.Generator
-    ) -> Mapping[str, Tensor]:
-        """Return the four losses of proposals and grasps, and their sum as `total`."""
-        return grasp_losses(cast(FasterRCNN, module), micro_batch, generator, self.device)
-
-    def tensors(self, micro_batch: list[GraspImage]) -> dict[str, Tensor]:
-        """Return a micro-batch as named tensors, NUMBER.NAME."""
-        return {
-            f"{number}.{name}": tensor
-            for number, each in enumerate(micro_batch)
-            for name, tensor in ({"image": each.image} | each.target).items()
-        }
-
-    @torch.no_grad()
-    def validate(self) -> dict[str, float]:
-        """Return the share of each frame's best grasps that are hits, and of frames with any."""
-        hits, first = [], []
-        for frame in self.judged_frames():
-            (found,) = self.module([rgd_tensor(frame["pixels"]).to(self.device)])
-            rows = found_rows(found)[:FIRST]
-            right = rectangle_hits(rows, frame["rows"].astype(np.float64))
-            hits.append(right.sum() / FIRST)
-            first.append(bool(right[:1].any()))
-        return {"hits": float(np.mean(hits)), "first": float(np.mean(first))}
+    boxes: Tensor
+    labels: Tensor
 
 
 def found_rows(found: Mapping[str, Tensor]) -> Array:
@@ -166,53 +108,68 @@ def grasp_image(pixels: NDArray[np.uint8], rows: Array) -> GraspImage:
     boxes, classes = horizontal_boxes(rows), orientation_classes(rows)
     size = np.array([pixels.shape[1], pixels.shape[0]])
     inside = (boxes[:, :2] >= 0).all(axis=1) & (boxes[:, 2:] <= size).all(axis=1)
-    target = {
-        "boxes": torch.from_numpy(boxes[inside].astype(np.float32)).reshape(-1, 4),
-        "labels": torch.from_numpy(classes[inside]),
-    }
-    return GraspImage(rgd_tensor(pixels), target)
+    return GraspImage(
+        rgd_tensor(pixels),
+        torch.from_numpy(boxes[inside].astype(np.float32)).reshape(-1, 4),
+        torch.from_numpy(classes[inside]),
+    )
 
 
 def grasp_losses(
     network: FasterRCNN,
     images: Sequence[GraspImage],
-    generator: torch.Generator,
     device: torch.device,
+    generator: torch.Generator,
 ) -> dict[str, Tensor]:
     """Return the losses by name, and their sum as `total`."""
     seed_samplers(network, generator)
     inputs = [each.image.to(device) for each in images]
-    targets = [{name: tensor.to(device) for name, tensor in each.target.items()} for each in images]
+    targets = [
+        {"boxes": each.boxes.to(device), "labels": each.labels.to(device)} for each in images
+    ]
     terms: dict[str, Tensor] = network(inputs, targets)
     return {"total": torch.stack(list(terms.values())).sum()} | {
         name.removeprefix("loss_"): term for name, term in terms.items()
     }
 
 
-def replay_images(fault: Fault) -> dict[str, float]:
-    """Return the loss terms of a kept micro-batch, on the CPU."""
-    config = from_settings(TrainBaselineConfig, fault.settings)
-    network = build_multi_grasp(config.network)
-    network.load_state_dict(dict(fault.weights))
-    numbers = sorted({int(name.split(".")[0]) for name in fault.batch})
-    images = [
-        GraspImage(
-            fault.batch[f"{number}.image"],
-            {name: fault.batch[f"{number}.{name}"] for name in ("boxes", "labels")},
-        )
-        for number in numbers
-    ]
-    terms = grasp_losses(network.train(), images, fault.generator(), torch.device("cpu"))
-    return {name: float(term.detach()) for name, term in terms.items()}
+class MultiGraspTraining(PeerTraining):
+    """A `Trainee`: Multi-Grasp with the frames it learns from and those it is judged on."""
 
+    best_by = "hits"
+    higher_is_better = True
 
-MULTI_GRASP = Peer(
-    model=MULTI_GRASP_MODEL,
-    schedule=PeerSchedule(
-        steps=4000, epoch_steps=250, batch_size=4, learning_rate=0.001, decay_steps=1000
-    ),
-    needs=("rect",),
-    prepare=multi_grasp_frame,
-    training=MultiGraspTraining,
-    replay=replay_images,
-)
+    peer = Peer(
+        model=MULTI_GRASP_MODEL,
+        schedule=PeerSchedule(
+            steps=4000, epoch_steps=250, batch_size=4, learning_rate=0.001, decay_steps=1000
+        ),
+        needs=("rect",),
+        labels="rows",
+        learns_without=True,
+        build=build_multi_grasp,
+        prepare=multi_grasp_frame,
+        item=GraspImage,
+        terms=grasp_losses,
+        cpu_micro_batch=2,  # frames
+        layout=torch.channels_last,
+    )
+
+    def load(
+        self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]
+    ) -> list[GraspImage]:
+        """Return each frame, turned and moved at random."""
+        drawn = self.drawn_frames(items, generators)
+        return [grasp_image(*moved_at_random(frame, rng)) for frame, rng in drawn]
+
+    @torch.no_grad()
+    def validate(self) -> dict[str, float]:
+        """Return the share of each frame's best grasps that are hits, and of frames with any."""
+        hits, first = [], []
+        for frame in self.judged_frames():
+            (found,) = self.module([rgd_tensor(frame["pixels"]).to(self.device)])
+            rows = found_rows(found)[:FIRST]
+            right = rectangle_hits(rows, frame["rows"].astype(np.float64))
+            hits.append(right.sum() / FIRST)
+            first.append(bool(right[:1].any()))
+        return {"hits": float(np.mean(hits)), "first": float(np.mean(first))}

@@ -1,27 +1,30 @@
-"""A compared method as `train-baseline` sees it, and the frames that it learns from."""
+"""A compared method as `train-baseline` trains it, and the frames that it learns from."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from pipelines.configs import TrainBaselineConfig
+from pipelines.configs import TrainBaselineConfig, from_settings
 from pipelines.configs.peers import PeerNetworkConfig, PeerSchedule
-from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot, SceneFiles
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.graspnet.graspnet_layout import FrameFiles, SceneFiles
 from pipelines.dataset.scene_digests import digest_of_images
+from pipelines.dataset.training.region_frames import FileRows, FrameSets
 from pipelines.errors import MissingInputError, ValueRangeError
 from pipelines.learning.detector.detector_training import spread
-from pipelines.learning.loop.faults import Fault
+from pipelines.learning.loop.faults import Fault, numbered, unnumbered
 from pipelines.learning.loop.loaders import epoch_batches
-from pipelines.learning.loop.trainee import Trainee
+from pipelines.learning.loop.trainee import MicroBatch
 from pipelines.learning.speed.processes import Processes
-from pipelines.learning.speed.shares import check_shares, micro_batch_size
+from pipelines.learning.speed.shares import micro_batch_size
 from pipelines.storage.h5_columns import check_version
 from pipelines.storage.h5_files import new_h5, open_h5
 from pipelines.storage.provenance import Stamp
@@ -30,36 +33,6 @@ FORMAT_VERSION = 1
 KEPT = 2048  # frames kept in memory once they are read
 
 Arrays = dict[str, NDArray[Any]]
-FrameKeys = Sequence[tuple[Path, int]]  # file and row of each frame
-
-
-@dataclass(frozen=True)
-class PeerFrames:
-    """Frames to train on and frames of other scenes to validate on."""
-
-    train: FrameKeys
-    val: FrameKeys
-
-
-@dataclass(frozen=True)
-class Peer:
-    """A compared method.
-
-    Attributes:
-        model: name of its network in weights files.
-        schedule: of its training.
-        needs: files of a root that its labels are made of, as `needed` has them.
-        prepare: makes a frame's arrays, once; everything random is left to the training.
-        training: makes the trainee of the frames; layers draw from torch's own generator.
-        replay: computes a kept micro-batch's loss terms again.
-    """
-
-    model: str
-    schedule: PeerSchedule
-    needs: tuple[str, ...]
-    prepare: Callable[[GraspNetRoot, FrameFiles, PeerNetworkConfig], Arrays]
-    training: Callable[[PeerFrames, TrainBaselineConfig, torch.device, Processes], Trainee]
-    replay: Callable[[Fault], Mapping[str, float]]
 
 
 def refuse_lacking(root: GraspNetRoot, frames: Sequence[FrameFiles], needs: Sequence[str]) -> None:
@@ -114,7 +87,7 @@ def read_peer_frame(path: Path, row: int) -> Arrays:
         return {name: each[()] for name, each in file[f"{row:04d}"].items()}
 
 
-def labelled(keys: FrameKeys, name: str) -> FrameKeys:
+def labelled(keys: FileRows, name: str) -> FileRows:
     """Return the frames whose array `name` of labels is not empty.
 
     Raises:
@@ -141,28 +114,95 @@ def drawn_batches(
     return batches[:steps]
 
 
-class PeerTraining:
-    """What the trainees of all compared methods have: a network, frames, batches of them."""
+@dataclass(frozen=True)
+class Peer:
+    """A compared method.
 
+    Attributes:
+        model: name of its network in weights files.
+        schedule: of its training.
+        needs: files of a root that its labels are made of, as `refuse_lacking` has them.
+        build: makes the network; layers draw from torch's own generator.
+        prepare: makes a frame's arrays, once; everything random is left to the training.
+        item: dataclass of tensors, of which a micro-batch is one or a list.
+        terms: computes the loss terms of a micro-batch, their weighed sum as `total`.
+        cpu_micro_batch: items that a CPU works on together.
+        labels: the array of labels that one frame at least must have; None for no such check.
+        learns_without: whether frames without labels are learned from as well.
+        layout: order of the network's numbers in memory.
+    """
+
+    model: str
+    schedule: PeerSchedule
+    needs: tuple[str, ...]
+    build: Callable[[PeerNetworkConfig], nn.Module]
+    prepare: Callable[[GraspNetRoot, FrameFiles, PeerNetworkConfig], Arrays]
+    item: Callable[..., Any]
+    terms: Callable[[Any, Any, torch.device, torch.Generator], dict[str, Tensor]]
+    cpu_micro_batch: int
+    labels: str | None = None
+    learns_without: bool = False
+    layout: torch.memory_format = torch.preserve_format
+
+
+class PeerTraining(ABC):
+    """A `Trainee`: the network of a compared method with the frames that it learns from."""
+
+    peer: ClassVar[Peer]
     best_by = "loss"
     higher_is_better = False
 
     def __init__(
         self,
-        module: nn.Module,
-        frames: PeerFrames,
+        frames: FrameSets,
         config: TrainBaselineConfig,
         device: torch.device,
         processes: Processes,
-        *,
-        cpu_micro_batch: int,
     ) -> None:
-        self.module, self.frames, self.config, self.device = module, frames, config, device
+        peer = self.peer
+        if peer.labels is not None:
+            train = labelled(frames.train, peer.labels)
+            if not peer.learns_without:
+                frames = FrameSets(train, labelled(frames.val, peer.labels))
+        self.frames, self.config, self.device = frames, config, device
+        network: Any = peer.build(config.network)
+        self.module: nn.Module = network.to(device, memory_format=peer.layout)
         self.parallel = device.type == "cpu"
-        on_cpu = cpu_micro_batch if self.parallel else 0
-        size = micro_batch_size(config.micro_batch_size, config.batch_size, on_cpu, processes)
-        self.micro_batch_size = size
-        check_shares(config.batch_size, size, processes)
+        on_cpu = peer.cpu_micro_batch if self.parallel else 0
+        self.micro_batch_size = micro_batch_size(config, on_cpu, processes)
+
+    @abstractmethod
+    def load(
+        self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]
+    ) -> MicroBatch:
+        """Return the micro-batch of `items`, each drawing from its own generator."""
+
+    @abstractmethod
+    def validate(self) -> dict[str, float]:
+        """Return validation figures by name, of the module's present weights."""
+
+    @classmethod
+    def replay(cls, fault: Fault) -> dict[str, float]:
+        """Return the loss terms of a kept micro-batch, on the CPU."""
+        network = cls.peer.build(from_settings(TrainBaselineConfig, fault.settings).network)
+        network.load_state_dict(dict(fault.weights))
+        of_items = any("." in name for name in fault.batch)
+        items = [cls.peer.item(**each) for each in unnumbered(fault.batch)] if of_items else None
+        batch = items or cls.peer.item(**fault.batch)
+        terms = cls.peer.terms(network.train(), batch, torch.device("cpu"), fault.generator())
+        return {name: float(term.detach()) for name, term in terms.items()}
+
+    def loss(
+        self, module: nn.Module, micro_batch: MicroBatch, generator: torch.Generator
+    ) -> Mapping[str, Tensor]:
+        """Return the loss terms by name, and their weighed sum as `total`."""
+        return self.peer.terms(module, micro_batch, self.device, generator)
+
+    def tensors(self, micro_batch: MicroBatch) -> dict[str, Tensor]:
+        """Return a micro-batch as named tensors; of a list of items, NUMBER.NAME."""
+        if isinstance(micro_batch, list):
+            return numbered([vars(each) for each in micro_batch])
+        return dict(vars(micro_batch))
 
     def epoch(self, number: int, rng: np.random.Generator) -> Sequence[NDArray[np.int64]]:
         """Return the batches of frame numbers until the next validation."""

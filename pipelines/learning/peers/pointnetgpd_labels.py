@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from pipelines.array_types import Array, Indices, Mask, Singles
-from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_label_stream import grasp_label_pieces
 from pipelines.dataset.graspnet.graspnet_labels import read_collision_labels
+from pipelines.dataset.graspnet.graspnet_layout import FrameFiles
 from pipelines.dataset.graspnet.graspnet_views import GRASP_DEPTHS, generate_views, view_rotations
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import transform_points

@@ -1,6 +1,6 @@
 """PointNetGPD as the training engine sees it: the points that labelled hands close on."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,26 +9,21 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from pipelines.array_types import Indices
-from pipelines.configs import TrainBaselineConfig, from_settings
 from pipelines.configs.peers import PeerNetworkConfig, PeerSchedule
-from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.graspnet.graspnet_layout import FrameFiles
 from pipelines.grasping.peers.hands import Hands, drawn_points
-from pipelines.learning.loop.faults import Fault
 from pipelines.learning.peers.peer import (
     Arrays,
     Peer,
-    PeerFrames,
     PeerTraining,
-    labelled,
 )
 from pipelines.learning.peers.pointnetgpd_labels import GOOD, labelled_hands
-from pipelines.learning.speed.processes import Processes
-from pipelines.network.peers.pointnetgpd import POINTNETGPD_MODEL, PointNetGPD
+from pipelines.network.peers.pointnetgpd import NUM_POINTS, POINTNETGPD_MODEL, PointNetGPD
 
 HANDS_A_FRAME = 16  # drawn for a step, half of them good
 HALF_TURN = np.array([1.0, -1.0, -1.0], np.float32)  # about the approach: the same hand
 UNITS = 10_000.0  # of stored points, per metre
-CPU_FRAMES = 2  # frames
 
 
 @dataclass(frozen=True)
@@ -39,68 +34,14 @@ class HandCrops:
     kind: Tensor
 
 
-class PointNetGPDTraining(PeerTraining):
-    """A `Trainee`: PointNetGPD with the frames it learns from and those it is judged on."""
-
-    def __init__(
-        self,
-        frames: PeerFrames,
-        config: TrainBaselineConfig,
-        device: torch.device,
-        processes: Processes,
-    ) -> None:
-        network = PointNetGPD(config.network).to(device)
-        self.num_points = network.num_points
-        kept = PeerFrames(*(labelled(keys, "kind") for keys in (frames.train, frames.val)))
-        super().__init__(network, kept, config, device, processes, cpu_micro_batch=CPU_FRAMES)
-
-    def load(
-        self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]
-    ) -> HandCrops:
-        """Return the crops of some hands of each frame."""
-        drawn = self.drawn_frames(items, generators)
-        return joined_crops([drawn_crops(frame, self.num_points, rng) for frame, rng in drawn])
-
-    def loss(
-        self, module: nn.Module, micro_batch: HandCrops, generator: torch.Generator
-    ) -> Mapping[str, Tensor]:
-        """Return the negative log-likelihood of the classes as `total`."""
-        del generator  # the network draws nothing
-        return {"total": class_loss(module, micro_batch, self.device)[0]}
-
-    def tensors(self, micro_batch: HandCrops) -> dict[str, Tensor]:
-        """Return a micro-batch as named tensors."""
-        return {"points": micro_batch.points, "kind": micro_batch.kind}
-
-    @torch.no_grad()
-    def validate(self) -> dict[str, float]:
-        """Return loss, accuracy, and precision and recall of good hands on the other frames."""
-        losses, found, true = [], [], []
-        for number, frame in enumerate(self.judged_frames()):
-            crops = drawn_crops(frame, self.num_points, np.random.default_rng(number))
-            loss, scores = class_loss(self.module, crops, self.device)
-            losses.append(float(loss))
-            found.append(scores.argmax(dim=1).cpu().numpy())
-            true.append(crops.kind.numpy())
-        said, real = np.concatenate(found), np.concatenate(true)
-        hits = float(((said == GOOD) & (real == GOOD)).sum())
-        return {
-            "loss": float(np.mean(losses)),
-            "accuracy": float((said == real).mean()),
-            "good_precision": hits / max(int((said == GOOD).sum()), 1),
-            "good_recall": hits / max(int((real == GOOD).sum()), 1),
-        }
-
-
 def pointnetgpd_frame(
-    root: GraspNetRoot, files: FrameFiles, network: PeerNetworkConfig | None = None
+    root: GraspNetRoot, files: FrameFiles, config: PeerNetworkConfig | None = None
 ) -> Arrays:
     """Return the labelled hands of a frame and the points of its objects, camera frame.
 
     `rotation` (n, 3, 3), `origin` (n, 3) and `depth` (n,) metres, `kind` (n,); `objects` (m, 3)
     int16, tenths of a millimetre.
     """
-    del network  # all variants learn from the same
     found = labelled_hands(root, files)
     floats = {name: getattr(found.hands, name) for name in ("rotation", "origin", "depth")}
     arrays: Arrays = {name: each.astype(np.float32) for name, each in floats.items()}
@@ -136,28 +77,66 @@ def joined_crops(crops: Sequence[HandCrops]) -> HandCrops:
     )
 
 
+def class_terms(
+    module: nn.Module,
+    crops: HandCrops,
+    device: torch.device,
+    generator: torch.Generator | None = None,
+) -> dict[str, Tensor]:
+    """Return the negative log-likelihood of the classes as `total`."""
+    return {"total": class_loss(module, crops, device)[0]}
+
+
 def class_loss(module: nn.Module, crops: HandCrops, device: torch.device) -> tuple[Tensor, Tensor]:
     """Return the mean negative log-likelihood, and the log-probabilities (B, 3)."""
     scores = module(crops.points.to(device))
     return nn.functional.nll_loss(scores, crops.kind.to(device)), scores
 
 
-def replay_hands(fault: Fault) -> dict[str, float]:
-    """Return the loss of a kept micro-batch, on the CPU."""
-    config = from_settings(TrainBaselineConfig, fault.settings)
-    network = PointNetGPD(config.network)
-    network.load_state_dict(dict(fault.weights))
-    crops = HandCrops(fault.batch["points"], fault.batch["kind"])
-    return {"total": float(class_loss(network, crops, torch.device("cpu"))[0].detach())}
+class PointNetGPDTraining(PeerTraining):
+    """A `Trainee`: PointNetGPD with the frames it learns from and those it is judged on."""
 
+    peer = Peer(
+        model=POINTNETGPD_MODEL,
+        schedule=PeerSchedule(
+            steps=10_000, epoch_steps=500, batch_size=4, learning_rate=0.001, decay_steps=2500
+        ),
+        needs=("grasp_label", "collision_label"),
+        labels="kind",
+        build=PointNetGPD,
+        prepare=pointnetgpd_frame,
+        item=HandCrops,
+        terms=class_terms,
+        cpu_micro_batch=2,  # frames
+    )
 
-POINTNETGPD = Peer(
-    model=POINTNETGPD_MODEL,
-    schedule=PeerSchedule(
-        steps=10_000, epoch_steps=500, batch_size=4, learning_rate=0.001, decay_steps=2500
-    ),
-    needs=("grasp_label", "collision_label"),
-    prepare=pointnetgpd_frame,
-    training=PointNetGPDTraining,
-    replay=replay_hands,
-)
+    @property
+    def num_points(self) -> int:
+        """Points of a hand that the network takes."""
+        return NUM_POINTS[self.config.network.variant]
+
+    def load(
+        self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]
+    ) -> HandCrops:
+        """Return the crops of some hands of each frame."""
+        drawn = self.drawn_frames(items, generators)
+        return joined_crops([drawn_crops(frame, self.num_points, rng) for frame, rng in drawn])
+
+    @torch.no_grad()
+    def validate(self) -> dict[str, float]:
+        """Return loss, accuracy, and precision and recall of good hands on the other frames."""
+        losses, found, true = [], [], []
+        for number, frame in enumerate(self.judged_frames()):
+            crops = drawn_crops(frame, self.num_points, np.random.default_rng(number))
+            loss, scores = class_loss(self.module, crops, self.device)
+            losses.append(float(loss))
+            found.append(scores.argmax(dim=1).cpu().numpy())
+            true.append(crops.kind.numpy())
+        said, real = np.concatenate(found), np.concatenate(true)
+        hits = float(((said == GOOD) & (real == GOOD)).sum())
+        return {
+            "loss": float(np.mean(losses)),
+            "accuracy": float((said == real).mean()),
+            "good_precision": hits / max(int((said == GOOD).sum()), 1),
+            "good_recall": hits / max(int((real == GOOD).sum()), 1),
+        }

@@ -1,23 +1,23 @@
 """The compared methods that are trained, by name."""
 
 from pipelines.errors import UnknownNameError
-from pipelines.learning.peers.ggcnn_training import GG_CNN
-from pipelines.learning.peers.graspnet_training import GRASPNET_BASELINE
-from pipelines.learning.peers.multi_grasp_training import MULTI_GRASP
-from pipelines.learning.peers.peer import Peer
-from pipelines.learning.peers.pointnetgpd_training import POINTNETGPD
-from pipelines.learning.peers.symmetrynet_training import SYMMETRYNET
+from pipelines.learning.peers.ggcnn_training import GGCNNTraining
+from pipelines.learning.peers.graspnet_training import GraspNetTraining
+from pipelines.learning.peers.multi_grasp_training import MultiGraspTraining
+from pipelines.learning.peers.peer import PeerTraining
+from pipelines.learning.peers.pointnetgpd_training import PointNetGPDTraining
+from pipelines.learning.peers.symmetrynet_training import SymmetryNetTraining
 
-TRAINED_PEERS: dict[str, Peer] = {
-    "gg-cnn": GG_CNN,
-    "multi-grasp": MULTI_GRASP,
-    "pointnetgpd": POINTNETGPD,
-    "graspnet": GRASPNET_BASELINE,
-    "symmetrynet": SYMMETRYNET,
+TRAINED_PEERS: dict[str, type[PeerTraining]] = {
+    "gg-cnn": GGCNNTraining,
+    "multi-grasp": MultiGraspTraining,
+    "pointnetgpd": PointNetGPDTraining,
+    "graspnet": GraspNetTraining,
+    "symmetrynet": SymmetryNetTraining,
 }
 
 
-def trained_peer(name: str) -> Peer:
+def trained_peer(name: str) -> type[PeerTraining]:
     """Return the compared method called `name`.
 
     Raises:

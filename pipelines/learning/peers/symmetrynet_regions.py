@@ -15,7 +15,8 @@ from torch import Tensor
 from pipelines.array_types import Mask, Singles
 from pipelines.configs import PackConfig
 from pipelines.configs.peers import PeerNetworkConfig
-from pipelines.dataset.graspnet.graspnet import FrameFiles, GraspNetRoot
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.graspnet.graspnet_layout import FrameFiles
 from pipelines.dataset.training.region_frames import read_region_frame
 from pipelines.geometry.symmetry import NUM_SLOTS, SymmetrySlots
 from pipelines.grasping.scene import RegionCloud, SceneCloud
@@ -93,7 +94,6 @@ def symmetrynet_frame(
     Of r regions: `jpeg` bytes of all crops and `jpeg_end` (r,); `mask` (r, S, S/8) bits; `pixels`
     and `points` of all regions, `points_end` (r,); `existence`, `place`, `direction`.
     """
-    del network  # both variants learn from the same
     config = PackConfig()
     seen = read_region_frame(root, files, config.min_pixels)
     frame = seen.frame

@@ -1,7 +1,6 @@
 """SymmetryNet as the training engine sees it: regions, and what each of their points should say."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import fields
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import torch
@@ -9,16 +8,14 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from pipelines.configs import TrainBaselineConfig, from_settings
+from pipelines.configs import TrainBaselineConfig
 from pipelines.configs.peers import PeerSchedule
+from pipelines.dataset.training.region_frames import FileRows, FrameSets
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT
 from pipelines.learning.detector.detector_training import spread
-from pipelines.learning.loop.faults import Fault
 from pipelines.learning.peers.peer import (
-    FrameKeys,
     Peer,
-    PeerFrames,
     PeerTraining,
     drawn_batches,
     mean_figures,
@@ -48,80 +45,22 @@ SIZE = 0.05  # metres, about an object's: the unit of lengths in the loss
 ROUNDING = 0.01  # metres, added to the length that an error is a share of
 EXISTENCE_WEIGHT, CONSISTENCY_WEIGHT = 2.0, 0.5
 NONE = 1e-6  # lengths and probabilities below it are as good as 0
-CPU_REGIONS = 4
 JUDGED_TOGETHER = 16  # regions
 
 
-class SymmetryNetTraining(PeerTraining):
-    """A `Trainee`: SymmetryNet with the regions it learns from and those it is judged on."""
-
-    def __init__(
-        self,
-        frames: PeerFrames,
-        config: TrainBaselineConfig,
-        device: torch.device,
-        processes: Processes,
-    ) -> None:
-        network = SymmetryNet(config.network).to(device)
-        super().__init__(network, frames, config, device, processes, cpu_micro_batch=CPU_REGIONS)
-        self.num_points = SYMMETRYNET_SIZES[config.network.variant].num_points
-        self.regions = _numbered(frames.train)
-        if not self.regions or not _numbered(frames.val):
-            expected = "at least 1 to train on and 1 to validate on"
-            raise ValueRangeError("number of regions that are seen well enough", 0, expected)
-
-    def epoch(self, number: int, rng: np.random.Generator) -> Sequence[NDArray[np.int64]]:
-        """Return the batches of region numbers until the next validation."""
-        return drawn_batches(len(self.regions), self.config, number, rng)
-
-    def load(
-        self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]
-    ) -> RegionCrops:
-        """Return each region with the points and the noise that its generator draws."""
-        pairs = zip(items.tolist(), generators, strict=True)
-        return stacked_regions([self._drawn(number, rng) for number, rng in pairs])
-
-    def _drawn(self, number: int, rng: np.random.Generator) -> tuple[NDArray[np.generic], ...]:
-        others = rng.integers(len(self.regions), size=NUM_PASTED).tolist()
-        region, *foreign = (self._region(each) for each in (number, *others))
-        return drawn_region(region, foreign, self.num_points, rng)
-
-    def _region(self, number: int) -> SeenRegion:
-        frame, row = self.regions[number]
-        return read_regions(*self.frames.train[frame])[row]
-
-    def loss(
-        self, module: nn.Module, micro_batch: RegionCrops, generator: torch.Generator
-    ) -> Mapping[str, Tensor]:
-        """Return the loss terms, and their weighed sum as `total`."""
-        del generator  # the network draws nothing
-        return symmetry_terms(module, micro_batch.to(self.device))
-
-    def tensors(self, micro_batch: RegionCrops) -> dict[str, Tensor]:
-        """Return a micro-batch as named tensors."""
-        return {field.name: getattr(micro_batch, field.name) for field in fields(micro_batch)}
-
-    @torch.no_grad()
-    def validate(self) -> dict[str, float]:
-        """Return the loss terms on the regions of the other frames, as they are."""
-        batches = (each.to(self.device) for each in self._judged())
-        return mean_figures([symmetry_terms(self.module, each) for each in batches])
-
-    def _judged(self) -> Iterator[RegionCrops]:
-        keys = spread(self.frames.val, self.config.max_val_frames)
-        regions = [each for key in keys for each in read_regions(*key)]
-        for start in range(0, len(regions), JUDGED_TOGETHER):
-            some = regions[start : start + JUDGED_TOGETHER]
-            yield stacked_regions([plain_region(each, self.num_points) for each in some])
-
-
-def _numbered(keys: FrameKeys) -> list[tuple[int, int]]:
+def _numbered(keys: FileRows) -> list[tuple[int, int]]:
     """Return the frame and the row in it of each region."""
     return [(i, row) for i, key in enumerate(keys) for row in range(len(read_regions(*key)))]
 
 
-def symmetry_terms(module: nn.Module, seen: RegionCrops) -> dict[str, Tensor]:
+def symmetry_terms(
+    module: nn.Module,
+    seen: RegionCrops,
+    device: torch.device,
+    generator: torch.Generator | None = None,
+) -> dict[str, Tensor]:
     """Return the mean loss terms of regions, and their weighed sum as `total`."""
+    seen = seen.to(device)
     found: SymmetryOutput = module(
         normalised_colors(seen.image, seen.jitter), seen.pixels, seen.points
     )
@@ -190,23 +129,65 @@ def _length(vectors: Tensor) -> Tensor:
     return length
 
 
-def replay_regions(fault: Fault) -> dict[str, float]:
-    """Return the loss terms of a kept micro-batch, on the CPU."""
-    config = from_settings(TrainBaselineConfig, fault.settings)
-    network = SymmetryNet(config.network)
-    network.load_state_dict(dict(fault.weights))
-    crops = RegionCrops(**fault.batch)
-    return {name: float(term.detach()) for name, term in symmetry_terms(network, crops).items()}
+class SymmetryNetTraining(PeerTraining):
+    """A `Trainee`: SymmetryNet with the regions it learns from and those it is judged on."""
 
+    peer = Peer(
+        model=SYMMETRYNET_MODEL,
+        schedule=PeerSchedule(
+            steps=4000, epoch_steps=200, batch_size=8, learning_rate=3e-4, decay_steps=1500
+        ),
+        needs=("symmetry",),
+        build=SymmetryNet,
+        prepare=symmetrynet_frame,
+        item=RegionCrops,
+        terms=symmetry_terms,
+        cpu_micro_batch=4,  # regions
+    )
 
-SYMMETRYNET = Peer(
-    model=SYMMETRYNET_MODEL,
-    schedule=PeerSchedule(
-        steps=4000, epoch_steps=200, batch_size=8, learning_rate=3e-4, decay_steps=1500
-    ),
-    needs=("symmetry",),
-    prepare=symmetrynet_frame,
-    training=SymmetryNetTraining,
-    replay=replay_regions,
-)
-"""SymmetryNet, the learned symmetry method of Sec. IV-E."""
+    def __init__(
+        self,
+        frames: FrameSets,
+        config: TrainBaselineConfig,
+        device: torch.device,
+        processes: Processes,
+    ) -> None:
+        super().__init__(frames, config, device, processes)
+        self.num_points = SYMMETRYNET_SIZES[config.network.variant].num_points
+        self.regions = _numbered(frames.train)
+        if not self.regions or not _numbered(frames.val):
+            expected = "at least 1 to train on and 1 to validate on"
+            raise ValueRangeError("number of regions that are seen well enough", 0, expected)
+
+    def epoch(self, number: int, rng: np.random.Generator) -> Sequence[NDArray[np.int64]]:
+        """Return the batches of region numbers until the next validation."""
+        return drawn_batches(len(self.regions), self.config, number, rng)
+
+    def load(
+        self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]
+    ) -> RegionCrops:
+        """Return each region with the points and the noise that its generator draws."""
+        pairs = zip(items.tolist(), generators, strict=True)
+        return stacked_regions([self._drawn(number, rng) for number, rng in pairs])
+
+    def _drawn(self, number: int, rng: np.random.Generator) -> tuple[NDArray[np.generic], ...]:
+        others = rng.integers(len(self.regions), size=NUM_PASTED).tolist()
+        region, *foreign = (self._region(each) for each in (number, *others))
+        return drawn_region(region, foreign, self.num_points, rng)
+
+    def _region(self, number: int) -> SeenRegion:
+        frame, row = self.regions[number]
+        return read_regions(*self.frames.train[frame])[row]
+
+    @torch.no_grad()
+    def validate(self) -> dict[str, float]:
+        """Return the loss terms on the regions of the other frames, as they are."""
+        judged = self._judged()
+        return mean_figures([symmetry_terms(self.module, each, self.device) for each in judged])
+
+    def _judged(self) -> Iterator[RegionCrops]:
+        keys = spread(self.frames.val, self.config.max_val_frames)
+        regions = [each for key in keys for each in read_regions(*key)]
+        for start in range(0, len(regions), JUDGED_TOGETHER):
+            some = regions[start : start + JUDGED_TOGETHER]
+            yield stacked_regions([plain_region(each, self.num_points) for each in some])

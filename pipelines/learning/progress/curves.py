@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.learning.loop.history import History
-from pipelines.storage.files import write_image
+from pipelines.storage.images import write_image
 
 WIDTH, HEIGHT = 380, 250  # pixels of a chart
 LEFT, RIGHT, TOP, BOTTOM = 62, 14, 30, 30  # pixels around its plot

@@ -5,6 +5,7 @@ of batch norm: with two processes a step differs from that with one by rounding 
 """
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -50,23 +51,34 @@ def cut(batch: Items, size: int, processes: Processes) -> list[Piece]:
     return own or [replace(pieces[0], share=0.0)]
 
 
-def check_shares(batch_size: int, micro_batch_size: int, processes: Processes) -> None:
-    """Raise ValueRangeError if the processes cannot share out a batch evenly."""
-    pieces = -(-batch_size // micro_batch_size)
-    if pieces % processes.count:
-        raise ValueRangeError(
-            f"number of micro-batches of {micro_batch_size} in a batch of {batch_size}",
-            pieces,
-            f"a multiple of the {processes.count} processes; change --batch-size or --micro-batch",
-        )
+class BatchConfig(Protocol):
+    """The settings of batches: their size, and that of micro-batches; 0 suits the device."""
+
+    @property
+    def batch_size(self) -> int:
+        """Items in a step."""
+
+    @property
+    def micro_batch_size(self) -> int:
+        """Items that are worked on together."""
 
 
-def micro_batch_size(asked: int, batch_size: int, on_cpu: int, processes: Processes) -> int:
-    """Return the size of micro-batches; `asked` 0 suits the device.
+def micro_batch_size(config: BatchConfig, on_cpu: int, processes: Processes) -> int:
+    """Return the size of micro-batches.
 
     A CPU is quickest on a few items at a time, in several threads; a GPU on its whole share.
     `on_cpu` is 0 where there is a GPU.
+
+    Raises:
+        ValueRangeError: the processes cannot share out a batch evenly.
     """
-    if asked:
-        return min(asked, batch_size)
-    return min(on_cpu or -(-batch_size // processes.count), batch_size)
+    wanted = config.micro_batch_size or on_cpu or -(-config.batch_size // processes.count)
+    size = min(wanted, config.batch_size)
+    pieces = -(-config.batch_size // size)
+    if pieces % processes.count:
+        raise ValueRangeError(
+            f"number of micro-batches of {size} in a batch of {config.batch_size}",
+            pieces,
+            f"a multiple of the {processes.count} processes; change --batch-size or --micro-batch",
+        )
+    return size

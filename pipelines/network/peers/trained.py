@@ -2,27 +2,40 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import Any
 
 import torch
 from torch import nn
 
 from pipelines.configs.peers import PeerNetworkConfig
+from pipelines.network.devices import find_device
+from pipelines.network.peers.ggcnn import GGCNN, GGCNN_MODEL
+from pipelines.network.peers.graspnet import GRASPNET_MODEL, GraspNetBaseline
+from pipelines.network.peers.multi_grasp import MULTI_GRASP_MODEL, build_multi_grasp
+from pipelines.network.peers.pointnetgpd import POINTNETGPD_MODEL, PointNetGPD
+from pipelines.network.peers.symmetrynet import SYMMETRYNET_MODEL, SymmetryNet
 from pipelines.network.weights_files import fill, read_weights
 
-Network = TypeVar("Network", bound=nn.Module)
+# Of each method its network's name in weights files, and what makes the network.
+NETWORKS: dict[str, tuple[str, Callable[[PeerNetworkConfig], nn.Module]]] = {
+    "gg-cnn": (GGCNN_MODEL, GGCNN),
+    "multi-grasp": (MULTI_GRASP_MODEL, build_multi_grasp),
+    "pointnetgpd": (POINTNETGPD_MODEL, PointNetGPD),
+    "graspnet": (GRASPNET_MODEL, GraspNetBaseline),
+    "symmetrynet": (SYMMETRYNET_MODEL, SymmetryNet),
+}
 
 
 def trained_network(
-    path: Path, model: str, build: Callable[[PeerNetworkConfig], Network], device: torch.device
-) -> tuple[Network, PeerNetworkConfig]:
-    """Return the network called `model`, as `build` makes it, for inference; and its settings.
+    name: str, path: Path, device: str
+) -> tuple[Any, PeerNetworkConfig, torch.device]:
+    """Return the network of the method called `name` for inference, its settings and device.
 
     Raises:
         FormatError: the file holds no weights of this network.
     """
+    model, build = NETWORKS[name]
     tensors, config = read_weights(path, model, PeerNetworkConfig)
-    network = build(config)
+    network, found = build(config), find_device(device)
     fill(network, tensors, path)
-    network.to(device).eval()
-    return network, config
+    return network.to(found).eval(), config, found

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pipelines.array_types import Array
 from pipelines.frames.rgbd import Frame
 from pipelines.geometry.camera import Intrinsics
-from pipelines.grasp_files.grasps_file import FrameResult
+from pipelines.grasp_files.grasps_tables import FrameResult
 
 FINEST_STEP = 1e-4  # metres; finer than any sensor
 STEPS = 65535  # of 16 bits

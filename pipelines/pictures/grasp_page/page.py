@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pipelines.grasp_files.grasps_file import FrameResult
+from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.pictures.pages import rendered
 from pipelines.storage.provenance import Stamp
 

@@ -14,7 +14,7 @@ from pipelines.array_types import Array
 from pipelines.configs import RegionConfig, ViewConfig
 from pipelines.frames.rgbd import Frame
 from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT
-from pipelines.grasp_files.grasps_file import FrameResult, GraspTable, RegionTable
+from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable, RegionTable
 from pipelines.grasping.gripper import Gripper
 from pipelines.pictures.grasp_page.cloud import PixelCloud
 from pipelines.pictures.palette import region_color

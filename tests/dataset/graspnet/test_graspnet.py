@@ -8,9 +8,11 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from pipelines.dataset.graspnet import graspnet, graspnet_layout
-from pipelines.dataset.graspnet.graspnet import GraspNetRoot, ObjectPose
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.errors import FormatError, MissingInputError, SymgraspError, UnknownNameError
+from pipelines.frames import graspnet_scene
 from pipelines.frames.frames import find_frames
+from pipelines.frames.graspnet_scene import ObjectPose
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.transforms import make_pose, random_rotation
 
@@ -25,19 +27,19 @@ def root(tmp_path: Path) -> GraspNetRoot:
     dataset = GraspNetRoot(tmp_path)
     for scene_id in (0, 130):
         folder = dataset.scene_folder(scene_id)
-        graspnet.write_object_ids(folder / "object_id_list.txt", [5, 2])
+        graspnet_scene.write_object_ids(folder / "object_id_list.txt", [5, 2])
         camera = folder / "realsense"
         graspnet.write_camera_matrix(camera / "camK.npy", CAMERA)
-        graspnet.write_pose_array(camera / "camera_poses.npy", np.tile(np.eye(4), (3, 1, 1)))
-        graspnet.write_pose_array(camera / "cam0_wrt_table.npy", np.eye(4))
+        graspnet_scene.write_pose_array(camera / "camera_poses.npy", np.tile(np.eye(4), (3, 1, 1)))
+        graspnet_scene.write_pose_array(camera / "cam0_wrt_table.npy", np.eye(4))
         for frame_id in range(3):
-            frame = graspnet.FrameFiles(camera, scene_id, "realsense", frame_id)
+            frame = graspnet_layout.FrameFiles(camera, scene_id, "realsense", frame_id)
             poses = [ObjectPose(i, make_pose(random_rotation(rng), rng.random(3))) for i in (5, 2)]
             graspnet.write_color(frame.path("rgb"), np.full((48, 64, 3), frame_id, np.uint8))
             graspnet.write_depth(frame.path("depth"), DEPTH)
             graspnet.write_label(frame.path("label"), np.full((48, 64), 6))
-            graspnet.write_annotation(frame.path("annotations"), poses)
-            graspnet.write_meta(frame.path("meta"), poses, CAMERA.matrix)
+            graspnet_scene.write_annotation(frame.path("annotations"), poses)
+            graspnet_scene.write_meta(frame.path("meta"), poses, CAMERA.matrix)
     (tmp_path / "models/005").mkdir(parents=True)
     (tmp_path / "models/notes").mkdir()
     return dataset
@@ -114,7 +116,7 @@ def test_infer_finds_the_same_frames_under_the_same_names(root: GraspNetRoot) ->
 @pytest.mark.parametrize("prefix", ["", "scenes/", "anything/scenes/"])
 def test_frames_are_known_by_the_end_of_their_name(root: GraspNetRoot, prefix: str) -> None:
     assert root.frame(f"{prefix}scene_0130/realsense/0002") == root.scene(130).frame(2)
-    assert graspnet.frame_key("mosd/learn6") is None
+    assert graspnet_layout.frame_key("mosd/learn6") is None
     with pytest.raises(SymgraspError, match="learn6"):
         root.frame("mosd/learn6")
 
@@ -138,18 +140,18 @@ def test_a_colour_picture_is_no_label(root: GraspNetRoot) -> None:
 
 
 def test_every_scene_has_one_split() -> None:
-    splits = [graspnet.split_of_scene(scene) for scene in range(190)]
-    assert [splits.count(name) for name in graspnet.SPLITS] == [100, 30, 30, 30]
+    splits = [graspnet_layout.split_of_scene(scene) for scene in range(190)]
+    assert [splits.count(name) for name in graspnet_layout.SPLITS] == [100, 30, 30, 30]
     for lost in (190, 1190):
         with pytest.raises(SymgraspError, match=str(lost)):
-            graspnet.split_of_scene(lost)
+            graspnet_layout.split_of_scene(lost)
 
 
 def test_splits_go_on_a_thousand_above() -> None:
     novel = graspnet_layout.scenes_of_split("novel")
     assert novel[:30] == list(range(160, 190))
     assert novel[30:32] == [1160, 1161]
-    assert {graspnet.split_of_scene(scene) for scene in novel} == {"novel"}
+    assert {graspnet_layout.split_of_scene(scene) for scene in novel} == {"novel"}
     assert max(graspnet_layout.scenes_of_split("train")) <= 9999  # scene_NNNN
 
 
@@ -177,6 +179,6 @@ def test_a_frame_without_a_camera_pose_is_one_sentence(root: GraspNetRoot) -> No
     assert_array_equal(scene.table_from_camera(2), np.eye(4))
     with pytest.raises(FormatError, match="frame 3 has none"):
         scene.table_from_camera(3)
-    graspnet.write_pose_array(scene.camera_folder / "camera_poses.npy", np.eye(4))
+    graspnet_scene.write_pose_array(scene.camera_folder / "camera_poses.npy", np.eye(4))
     with pytest.raises(FormatError, match=r"\(n, 4, 4\)"):
         scene.table_from_camera(0)

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pipelines.errors import FormatError
 from pipelines.frames.frames import find_frames
 from pipelines.frames.lens import BROWN, NO_DISTORTION, Distortion
-from pipelines.storage.files import encode_image
+from pipelines.storage.images import encode_image
 from tests.frames.layouts import build
 from tests.frames.layouts.test_rosbag import TOPICS, write_bag
 

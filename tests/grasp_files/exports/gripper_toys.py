@@ -6,7 +6,7 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.transforms import random_rotation
 from pipelines.grasp_files.exports.export_poses import ExportGripper, PoseFrame
 from pipelines.grasp_files.exports.grasp_exports import ExportHeader, FrameGrasps
-from pipelines.grasp_files.grasps_file import FrameResult, RegionTable
+from pipelines.grasp_files.grasps_tables import FrameResult, RegionTable
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from tests.stages.toy_root import grasp_table

@@ -17,7 +17,7 @@ DOCUMENT = Path(__file__).resolve().parents[3] / "docs/reference/formats.md"
 @pytest.fixture
 def frame(tmp_path, monkeypatch):
     frame, header = random_frame(np.random.default_rng(3), 6, name="x")
-    predictions.write_frame(tmp_path, frame, header)
+    predictions.write_frame(tmp_path / "predictions_x.npz", frame, header)
     monkeypatch.chdir(tmp_path)
     return frame
 
@@ -54,5 +54,5 @@ def test_the_documented_lines_give_contact_graspnets_own_dicts(frame):
 
 def test_a_frame_without_grasps_has_no_segments(tmp_path):
     frame, header = random_frame(np.random.default_rng(3), 0, name="x")
-    predictions.write_frame(tmp_path, frame, header)
+    predictions.write_frame(tmp_path / "predictions_x.npz", frame, header)
     assert set(read_npz(tmp_path / "predictions_x.npz")) == {"base_to_contacts"}

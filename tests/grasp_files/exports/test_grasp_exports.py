@@ -14,7 +14,8 @@ from numpy.testing import assert_allclose
 from pipelines.errors import SymgraspError
 from pipelines.export import TO_FILE, TO_FOLDER
 from pipelines.grasp_files.exports.export_poses import ExportGripper
-from pipelines.grasp_files.exports.grasp_exports import FrameGrasps, as_ranges, frame_path
+from pipelines.grasp_files.exports.export_tally import as_ranges
+from pipelines.grasp_files.exports.grasp_exports import FrameGrasps, frame_path
 from pipelines.grasp_files.grasps_tables import GraspTable
 from tests.docs.test_formats_document import block, keys_of
 from tests.grasp_files.exports import export_readers
@@ -38,8 +39,8 @@ def exported(to: str, frame, header):
             path = Path(folder) / f"x.{to}"
             TO_FILE[to](path, [frame], header)
             return WHOLE[to](path, frame.result.name)
-        TO_FOLDER[to](Path(folder), frame, header)
         name, read = FILES[to]
+        TO_FOLDER[to](Path(folder) / name, frame, header)
         return read(Path(folder) / name, frame.gripper.model)
 
 
@@ -107,9 +108,9 @@ def test_numbers_that_are_not_finite_are_a_sentence():
 
 
 @pytest.mark.parametrize("name", ["../x", "/etc/x", "a/../../x", "..", "", "a\\..\\x"])
-def test_names_that_lead_out_of_the_folder_are_refused(name, tmp_path):
+def test_names_that_lead_out_of_the_folder_are_refused(name):
     with pytest.raises(SymgraspError, match="rename it"):
-        frame_path(tmp_path, name, ".npy")
+        frame_path(name, "", ".npy")
 
 
 def test_runs_of_places_are_said_as_ranges():
@@ -122,7 +123,7 @@ def written(to: str, folder: Path, count: int = 4) -> Path:
     if to in TO_FILE:
         TO_FILE[to](folder / f"x.{to}", [frame], header)
         return folder / f"x.{to}"
-    TO_FOLDER[to](folder, frame, header)
+    TO_FOLDER[to](folder / FILES[to][0], frame, header)
     return folder / FILES[to][0]
 
 

@@ -18,7 +18,7 @@ def test_frankas_finger_joint_is_half_the_distance(tmp_path):
     gripper = load_gripper("franka")
     exported = ExportGripper(gripper, gripper.base_to_contacts, "franka")
     frame = FrameGrasps.of(random_result(np.random.default_rng(0), 9, "x"), 0, exported)
-    isaac_grasps.write_frame(tmp_path, frame, replace(header, gripper=exported))
+    isaac_grasps.write_frame(tmp_path / "x.yaml", frame, replace(header, gripper=exported))
     found = yaml_content(tmp_path / "x.yaml")["grasps"]
     assert len(found) == len(frame) > 2
     for grasp, width in zip(found.values(), frame.grasps.width, strict=True):
@@ -31,12 +31,12 @@ def test_frankas_finger_joint_is_half_the_distance(tmp_path):
 
 def test_a_frame_without_grasps_is_an_empty_mapping(tmp_path):
     frame, header = random_frame(np.random.default_rng(0), 0, name="x")
-    isaac_grasps.write_frame(tmp_path, frame, header)
+    isaac_grasps.write_frame(tmp_path / "x.yaml", frame, header)
     assert yaml_content(tmp_path / "x.yaml")["grasps"] == {}
 
 
 def test_small_numbers_are_numbers(tmp_path):
     frame, header = random_frame(np.random.default_rng(0), 2, name="x")
     moved = replace(frame.grasps, translation=frame.grasps.translation * 1e-7)
-    isaac_grasps.write_frame(tmp_path, replace(frame, grasps=moved), header)
+    isaac_grasps.write_frame(tmp_path / "x.yaml", replace(frame, grasps=moved), header)
     assert "e-" not in (tmp_path / "x.yaml").read_text().split("grasps:")[1]

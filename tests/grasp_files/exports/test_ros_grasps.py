@@ -12,7 +12,7 @@ from tests.grasp_files.exports.gripper_toys import random_frame
 def test_the_pose_array_has_the_messages_fields(tmp_path):
     typesys = pytest.importorskip("rosbags.typesys", reason="knows the messages of ROS")
     frame, header = random_frame(np.random.default_rng(0), 3, name="x")
-    ros_grasps.write_frame(tmp_path, frame, header)
+    ros_grasps.write_frame(tmp_path / "x.json", frame, header)
     found = json.loads((tmp_path / "x.json").read_text())["pose_array"]
     types = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE).types
     pose, point = types["geometry_msgs/msg/Pose"], types["geometry_msgs/msg/Point"]

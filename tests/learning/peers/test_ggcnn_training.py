@@ -8,7 +8,7 @@ from pipelines.configs import TrainBaselineConfig
 from pipelines.grasping.peers.rectangles import angles, rectangle_rows
 from pipelines.learning.peers.ggcnn_training import (
     DEPTH_UNITS,
-    GG_CNN,
+    GGCNNTraining,
     crop,
     map_errors,
     random_crop,
@@ -19,7 +19,7 @@ from pipelines.learning.peers.peer import drawn_batches
 from pipelines.network.peers.ggcnn import GGCNN
 from tests.learning.by_heart import learned
 
-CONFIG = TrainBaselineConfig().with_schedule(GG_CNN.schedule)
+CONFIG = TrainBaselineConfig().with_schedule(GGCNNTraining.peer.schedule)
 
 
 def frame() -> dict[str, np.ndarray]:

@@ -7,23 +7,27 @@ from numpy.testing import assert_allclose
 
 from pipelines.configs import TrainBaselineConfig
 from pipelines.dataset.graspnet.graspnet_views import generate_views
+from pipelines.dataset.training.region_frames import FrameSets
 from pipelines.errors import ValueRangeError
 from pipelines.learning.peers.graspnet_clouds import labelled_scene
-from pipelines.learning.peers.graspnet_labels import DENSE_POINTS, holding_cells, tolerances
+from pipelines.learning.peers.graspnet_labels import (
+    DENSE_POINTS,
+    graspnet_frame_arrays,
+    holding_cells,
+    tolerances,
+)
 from pipelines.learning.peers.graspnet_training import (
-    GRASPNET_BASELINE,
     GraspNetTraining,
-    graspnet_frame,
     mean_terms,
 )
-from pipelines.learning.peers.peer import PeerFrames, write_peer_frames
+from pipelines.learning.peers.peer import write_peer_frames
 from pipelines.learning.speed.processes import Processes
 from pipelines.storage.provenance import make_stamp
 from tests.learning.by_heart import learned
 from tests.stages.toy_grasp_labels import FRICTION, NUM_LABELLED, write_labels
 from tests.stages.toy_root import frame_names, write_root
 
-CONFIG = TrainBaselineConfig().with_schedule(GRASPNET_BASELINE.schedule)
+CONFIG = TrainBaselineConfig().with_schedule(GraspNetTraining.peer.schedule)
 CPU = torch.device("cpu")
 
 
@@ -36,7 +40,7 @@ def root(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def frame(root):
-    return graspnet_frame(root, root.frame(frame_names()[0]))
+    return graspnet_frame_arrays(root, root.frame(frame_names()[0]))
 
 
 def test_what_holds_is_kept_with_its_friction_and_width(root):
@@ -50,7 +54,7 @@ def test_what_holds_is_kept_with_its_friction_and_width(root):
 def test_hands_that_meet_the_scene_are_no_labels(tmp_path):
     root = write_root(tmp_path)
     write_labels(root, hindered={0, 1, 2})
-    assert not len(graspnet_frame(root, root.frame(frame_names()[0]))["cell"])
+    assert not len(graspnet_frame_arrays(root, root.frame(frame_names()[0]))["cell"])
 
 
 def test_labelled_points_lie_on_what_is_seen(frame):
@@ -99,17 +103,17 @@ def test_frames_where_nothing_holds_are_refused(frame, tmp_path):
     path = tmp_path / "scene_0000.h5"
     write_peer_frames(path, [nothing], make_stamp("test", {}))
     with pytest.raises(ValueRangeError, match="--grasp-points"):
-        GraspNetTraining(PeerFrames([(path, 0)], [(path, 0)]), CONFIG, CPU, Processes())
+        GraspNetTraining(FrameSets([(path, 0)], [(path, 0)]), CONFIG, CPU, Processes())
 
 
 def test_it_learns_one_frame_by_heart(frame, tmp_path):
     torch.manual_seed(0)
     path = tmp_path / "scene_0000.h5"
     write_peer_frames(path, [frame], make_stamp("test", {}))
-    training = GraspNetTraining(PeerFrames([(path, 0)], [(path, 0)]), CONFIG, CPU, Processes())
+    training = GraspNetTraining(FrameSets([(path, 0)], [(path, 0)]), CONFIG, CPU, Processes())
     cloud = labelled_scene(frame, 256, np.random.default_rng(0), 0.0)
 
     def loss():
-        return mean_terms(training.module, [cloud])["total"]
+        return mean_terms(training.module, [cloud], CPU)["total"]
 
     assert learned(training.module, loss, share=0.5, rate=3e-3, most_steps=8)

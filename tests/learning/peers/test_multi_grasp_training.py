@@ -33,14 +33,14 @@ def test_pixels_and_grasps_are_turned_alike():
 
 
 def test_grasps_whose_box_leaves_the_image_are_no_labels():
-    assert len(grasp_image(*moved_image(frame(), 0.0, STILL)).target["boxes"]) == 1
-    assert len(grasp_image(*moved_image(frame(), 0.0, np.array([50.0, 0.0]))).target["boxes"]) == 0
+    assert len(grasp_image(*moved_image(frame(), 0.0, STILL)).boxes) == 1
+    assert len(grasp_image(*moved_image(frame(), 0.0, np.array([50.0, 0.0]))).boxes) == 0
 
 
 def test_an_image_without_a_grasp_has_a_finite_loss():
     image = grasp_image(*moved_image(frame(), 0.0, np.array([50.0, 0.0])))
     network = build_multi_grasp(PeerNetworkConfig("light")).train()
-    terms = grasp_losses(network, [image], torch.Generator().manual_seed(0), torch.device("cpu"))
+    terms = grasp_losses(network, [image], torch.device("cpu"), torch.Generator().manual_seed(0))
     assert all(torch.isfinite(term) for term in terms.values())
 
 
@@ -51,6 +51,6 @@ def test_it_learns_one_frame_by_heart():
     generator = torch.Generator().manual_seed(0)
 
     def loss():
-        return grasp_losses(network, [image, image], generator, torch.device("cpu"))["total"]
+        return grasp_losses(network, [image, image], torch.device("cpu"), generator)["total"]
 
     assert learned(network, loss, share=0.35, rate=1e-3, most_steps=25)

@@ -5,12 +5,12 @@ import pytest
 import torch
 
 from pipelines.configs import TrainBaselineConfig
+from pipelines.dataset.training.region_frames import FrameSets
 from pipelines.errors import ValueRangeError
-from pipelines.learning.peers.peer import PeerFrames, write_peer_frames
+from pipelines.learning.peers.peer import write_peer_frames
 from pipelines.learning.peers.pointnetgpd_labels import BAD, FAIR, GOOD, labelled_hands
 from pipelines.learning.peers.pointnetgpd_training import (
     HANDS_A_FRAME,
-    POINTNETGPD,
     PointNetGPDTraining,
     class_loss,
     drawn_crops,
@@ -23,7 +23,7 @@ from tests.learning.by_heart import learned
 from tests.stages.toy_grasp_labels import write_labels
 from tests.stages.toy_root import frame_names, write_root
 
-CONFIG = TrainBaselineConfig().with_schedule(POINTNETGPD.schedule)
+CONFIG = TrainBaselineConfig().with_schedule(PointNetGPDTraining.peer.schedule)
 CPU = torch.device("cpu")
 
 
@@ -70,10 +70,10 @@ def test_frames_without_labelled_hands_are_left_out_and_none_is_an_error(frame, 
     path = tmp_path / "scene_0000.h5"
     write_peer_frames(path, [frame, empty], make_stamp("test", {}))
     both, second = [(path, 0), (path, 1)], [(path, 1)]
-    training = PointNetGPDTraining(PeerFrames(both, both), CONFIG, CPU, Processes())
+    training = PointNetGPDTraining(FrameSets(both, both), CONFIG, CPU, Processes())
     assert training.frames.train == [(path, 0)]
     with pytest.raises(ValueRangeError, match="--grasp-points"):
-        PointNetGPDTraining(PeerFrames(both, second), CONFIG, CPU, Processes())
+        PointNetGPDTraining(FrameSets(both, second), CONFIG, CPU, Processes())
 
 
 def test_it_learns_some_hands_by_heart(frame):

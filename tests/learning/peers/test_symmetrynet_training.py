@@ -7,8 +7,9 @@ from numpy.testing import assert_allclose
 
 from pipelines.configs import TrainBaselineConfig
 from pipelines.configs.peers import PeerNetworkConfig
+from pipelines.dataset.training.region_frames import FrameSets
 from pipelines.errors import MissingInputError, ValueRangeError
-from pipelines.learning.peers.peer import PeerFrames, refuse_lacking, write_peer_frames
+from pipelines.learning.peers.peer import refuse_lacking, write_peer_frames
 from pipelines.learning.peers.symmetrynet_regions import (
     covered,
     drawn_region,
@@ -19,7 +20,6 @@ from pipelines.learning.peers.symmetrynet_regions import (
     symmetrynet_frame,
 )
 from pipelines.learning.peers.symmetrynet_training import (
-    SYMMETRYNET,
     SymmetryNetTraining,
     symmetry_terms,
     true_modes,
@@ -30,7 +30,7 @@ from pipelines.storage.provenance import make_stamp
 from tests.learning.by_heart import learned
 from tests.stages.toy_root import frame_names, poses_in_camera, write_root
 
-CONFIG = TrainBaselineConfig().with_schedule(SYMMETRYNET.schedule)
+CONFIG = TrainBaselineConfig().with_schedule(SymmetryNetTraining.peer.schedule)
 CPU = torch.device("cpu")
 BOX, CAN, BALL = range(3)  # rows of `regions`
 
@@ -71,14 +71,14 @@ def test_a_prepared_region_takes_few_bytes(arrays):
 def test_a_root_without_symmetries_is_refused_with_the_command_that_finds_them(root, tmp_path):
     bare = type(root)(tmp_path)
     with pytest.raises(MissingInputError, match="symgrasp annotate-symmetry"):
-        refuse_lacking(bare, [], SYMMETRYNET.needs)
+        refuse_lacking(bare, [], SymmetryNetTraining.peer.needs)
 
 
 def test_frames_without_a_region_are_refused(tmp_path):
     path = tmp_path / "scene_0000.h5"
     write_peer_frames(path, [stored([])], make_stamp("test", {}))
     with pytest.raises(ValueRangeError, match="number of regions"):
-        SymmetryNetTraining(PeerFrames([(path, 0)], [(path, 0)]), CONFIG, CPU, Processes())
+        SymmetryNetTraining(FrameSets([(path, 0)], [(path, 0)]), CONFIG, CPU, Processes())
 
 
 def told(seen):
@@ -106,7 +106,7 @@ def test_points_that_know_the_truth_have_no_loss(regions, is_noisy):
         else [plain_region(each, 300) for each in regions]
     )
     seen = stacked_regions(drawn)
-    terms = symmetry_terms(lambda *_: told(seen), seen)
+    terms = symmetry_terms(lambda *_: told(seen), seen, CPU)
     assert float(terms["total"]) < 0.02
 
 
@@ -121,7 +121,7 @@ def test_planes_may_be_said_in_any_order(regions):
         known.existence[..., order],
         known.mode,
     )
-    assert float(symmetry_terms(lambda *_: turned, seen)["total"]) < 0.01
+    assert float(symmetry_terms(lambda *_: turned, seen, CPU)["total"]) < 0.01
 
 
 def test_modes_are_planes_axis_both_and_sphere():
@@ -143,6 +143,6 @@ def test_it_learns_one_batch_by_heart(regions):
     seen = stacked_regions([plain_region(each, 40) for each in regions])
 
     def loss():
-        return symmetry_terms(network, seen)["total"]
+        return symmetry_terms(network, seen, CPU)["total"]
 
     assert learned(network, loss, share=0.2, rate=4e-3, most_steps=100)

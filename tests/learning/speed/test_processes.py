@@ -11,10 +11,11 @@ import pytest
 import torch
 
 from pipelines import train
+from pipelines.configs import TrainConfig
 from pipelines.errors import ValueRangeError
 from pipelines.learning.loop.runs import RunRequest, checkpoint_path
 from pipelines.learning.speed.processes import Processes, process_group
-from pipelines.learning.speed.shares import check_shares, cut, micro_batch_size
+from pipelines.learning.speed.shares import cut, micro_batch_size
 from pipelines.storage.checkpoints import load_weights
 from tests.learning.packed_toys import CONFIG, write_packed
 
@@ -90,14 +91,18 @@ def test_who_has_nothing_of_a_short_batch_adds_nothing():
     assert idle.share == 0.0
 
 
+def batches_of(size: int, micro: int = 0) -> TrainConfig:
+    return TrainConfig(batch_size=size, micro_batch_size=micro)
+
+
 def test_processes_that_cannot_share_evenly_are_refused():
     with pytest.raises(ValueRangeError, match="6; it must be a multiple of the 4 processes"):
-        check_shares(36, 6, Processes(0, 4))
-    check_shares(36, 6, Processes(0, 3))
+        micro_batch_size(batches_of(36), 6, Processes(0, 4))
+    assert micro_batch_size(batches_of(36), 6, Processes(0, 3)) == 6
 
 
 def test_micro_batches_are_small_on_a_cpu_and_the_whole_share_on_a_gpu():
-    assert micro_batch_size(0, 36, 6, Processes(0, 2)) == 6
-    assert micro_batch_size(0, 36, 0, Processes(0, 2)) == 18
-    assert micro_batch_size(9, 36, 0, Processes(0, 2)) == 9
-    assert micro_batch_size(0, 4, 6, Processes()) == 4
+    assert micro_batch_size(batches_of(36), 6, Processes(0, 2)) == 6
+    assert micro_batch_size(batches_of(36), 0, Processes(0, 2)) == 18
+    assert micro_batch_size(batches_of(36, 9), 0, Processes(0, 2)) == 9
+    assert micro_batch_size(batches_of(4), 6, Processes()) == 4

@@ -7,7 +7,7 @@ from numpy.testing import assert_array_equal
 
 from pipelines.frames.rgbd import Frame
 from pipelines.geometry.camera import Intrinsics
-from pipelines.grasp_files.grasps_file import FrameResult, RegionTable
+from pipelines.grasp_files.grasps_tables import FrameResult, RegionTable
 from pipelines.pictures.grasp_page.cloud import FINEST_STEP, STEPS, PixelCloud, label_image
 
 

@@ -9,7 +9,7 @@ from numpy.testing import assert_array_equal
 from pipelines.configs import ViewConfig
 from pipelines.frames.rgbd import Frame
 from pipelines.geometry.camera import Intrinsics
-from pipelines.grasp_files.grasps_file import FrameResult
+from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.pictures.grasp_page.page import IndexEntry, frame_page, index_page, result_words
 from pipelines.pictures.grasp_page.scene import frame_scene

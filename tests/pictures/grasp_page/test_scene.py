@@ -7,7 +7,7 @@ import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
 from pipelines.configs import ViewConfig
-from pipelines.grasp_files.grasps_file import GraspTable, RegionTable
+from pipelines.grasp_files.grasps_tables import GraspTable, RegionTable
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.pictures.grasp_page.cloud import _stride
 from pipelines.pictures.grasp_page.scene import frame_scene, places_in_region, region_symmetries

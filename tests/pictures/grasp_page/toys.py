@@ -8,7 +8,7 @@ import numpy as np
 
 from pipelines.frames.rgbd import Frame
 from pipelines.geometry.transforms import random_rotation
-from pipelines.grasp_files.grasps_file import FrameResult, GraspTable, RegionTable
+from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable, RegionTable
 from tests.geometry.tabletops import CAMERA, Box, Can, render
 
 

@@ -10,8 +10,7 @@ import pytest
 
 from pipelines.contents import MAX_PIXELS
 from pipelines.errors import FormatError
-from pipelines.storage.files import read_image
-from pipelines.storage.image_sizes import pixels_of
+from pipelines.storage.images import pixels_of, read_image
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32])

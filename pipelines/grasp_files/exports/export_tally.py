@@ -1,0 +1,63 @@
+"""Tally of an export: how many grasps are written and left out, and why, as notes."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.grasp_files.exports.export_poses import ExportGripper
+from pipelines.grasp_files.exports.grasp_exports import FrameGrasps
+
+NAMED_AT_MOST = 10  # frames in a sentence
+
+
+@dataclass
+class ExportTally:
+    """Numbers of grasps; `left_out`: of each frame, places of those too wide for the gripper."""
+
+    written: int = 0
+    low: int = 0
+    left_out: dict[str, NDArray[np.int64]] = field(default_factory=dict)
+
+    def counted(self, frames: Iterable[FrameGrasps]) -> Iterator[FrameGrasps]:
+        """Yield the frames that are written, and count what of them is and what is left out."""
+        for frame in frames:
+            self.written += len(frame)
+            self.low += len(frame.low)
+            if len(frame.left_out):
+                self.left_out[frame.result.name] = frame.left_out
+            yield frame
+
+    def notes(
+        self, output: str, num_frames: int, gripper: ExportGripper, min_score: float
+    ) -> dict[str, str]:
+        """Return sentences on the export called `output`."""
+        name, behind = gripper.model.name, 1000 * gripper.base_to_contacts
+        made = (
+            f"{self.written} grasps in {num_frames} frames; gripper {name}, origin of the "
+            f"poses {abs(behind):.1f} mm {'behind' if behind >= 0 else 'beyond'} the contacts"
+        )
+        if not gripper.is_the_one_checked:
+            made += f"; collisions were checked with {gripper.checked_with}, not with {name}"
+        if self.low:
+            made += f"; {self.low} grasps score below {min_score:g} and are left out"
+        if not self.left_out:
+            return {output: made}
+        named = list(self.left_out.items())[:NAMED_AT_MOST]
+        places = [f"{frame} {as_ranges(rows)}" for frame, rows in named]
+        if len(self.left_out) > NAMED_AT_MOST:
+            places.append(f"and more in {len(self.left_out) - NAMED_AT_MOST} frames")
+        count = sum(map(len, self.left_out.values()))
+        wide = (
+            f"{count} of {self.written + self.low + count} grasps, wider than the "
+            f"{1000 * gripper.model.max_width:.0f} mm that {name} takes, by their places in "
+            f"/grasps: {'; '.join(places)}"
+        )
+        return {output: made, "left out": wide}
+
+
+def as_ranges(places: NDArray[np.int64]) -> str:
+    """Return ascending whole numbers as text, runs as first-last: 3, 5-9."""
+    runs = np.split(places, np.flatnonzero(np.diff(places) != 1) + 1)
+    return ", ".join(str(r[0]) if len(r) == 1 else f"{r[0]}-{r[-1]}" for r in runs if len(r))

@@ -1,0 +1,158 @@
+"""Images as arrays: read whole, of bounded size, and written at once."""
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.contents import MAX_PIXELS
+from pipelines.errors import FormatError, SymgraspError
+from pipelines.storage.files import read_bytes, write_bytes
+
+TO_RGB = {3: cv2.COLOR_BGR2RGB, 4: cv2.COLOR_BGRA2RGB}  # by the number of channels
+COLOR_TYPES = (np.uint8, np.uint16, np.float32)  # that OpenCV converts; TIFF has others too
+JPEG_TAIL = 4096  # bytes in which the end mark must lie; some cameras pad with zeros
+MAX_IMAGE_BYTES = 2**29  # 16 bit RGB of MAX_PIXELS, not compressed, and more
+# JPEG's starts of frame, which hold its size; the gaps are tables.
+FRAME_STARTS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+TIFF_ORDERS = {b"II": "<", b"MM": ">"}
+TIFF_SIDES = ((256, 257), (322, 323))  # tags of width and height, of the image and of a tile
+TIFF_INTEGERS = {3: "H", 4: "I", 16: "Q"}
+MOST_TAGS = 4096
+EXR_WINDOW = b"dataWindow\0box2i\0"
+
+
+def read_image(path: Path) -> NDArray[Any]:
+    """Read an image as stored: (H, W) or (H, W, 3) RGB, 8 or 16 bit.
+
+    Raises:
+        FormatError: truncated or not an image.
+    """
+    return decode_image(path, read_bytes(path, MAX_IMAGE_BYTES))
+
+
+def decode_image(path: Path, data: bytes) -> NDArray[Any]:
+    """Return the image in `data`, the bytes of an image file in `path`; see `read_image`."""
+    _refuse_truncated(path, data)
+    _refuse_many_pixels(path, data)
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+    except cv2.error:  # damage that OpenCV notices too late for an answer of None
+        image = None
+    if image is None:
+        raise FormatError(path, "this is not a whole image", "a PNG, JPEG or TIFF file is expected")
+    return _as_rgb(image) if image.ndim == 3 else image
+
+
+def _as_rgb(image: NDArray[Any]) -> NDArray[Any]:
+    """Return an image (H, W, 3 or more) as OpenCV reads it, BGR and perhaps alpha, as RGB."""
+    code = TO_RGB.get(image.shape[2])
+    if code is not None and image.dtype in COLOR_TYPES:
+        return cv2.cvtColor(image, code)  # much quicker than a copy of strides
+    if image.shape[2] == 4:
+        image = image[:, :, :3]
+    return np.ascontiguousarray(image[:, :, ::-1])
+
+
+def _refuse_truncated(path: Path, data: bytes) -> None:
+    # OpenCV fills the missing rows of a cut-off image and says nothing.
+    if data.startswith(b"\x89PNG") and b"IEND" not in data[-16:]:
+        raise FormatError(path, "this PNG is cut off", "copy the whole file again")
+    if data.startswith(b"\xff\xd8") and b"\xff\xd9" not in data[-JPEG_TAIL:]:
+        raise FormatError(path, "this JPEG is cut off", "copy the whole file again")
+
+
+def _refuse_many_pixels(path: Path, data: bytes) -> None:
+    pixels = pixels_of(data)
+    if pixels is None:
+        raise FormatError(path, "this is not a whole image", "a PNG, JPEG or TIFF file is expected")
+    if pixels > MAX_PIXELS:
+        raise FormatError(
+            path, f"an image of {pixels} pixels", f"at most {MAX_PIXELS} are read: make it smaller"
+        )
+
+
+def write_image(path: Path, image: NDArray[Any]) -> None:
+    """Write `image`, (H, W) or (H, W, 3) RGB, 8 or 16 bit, atomically; the suffix says the kind."""
+    try:
+        data = encode_image(image, path.suffix)
+    except SymgraspError as error:
+        raise FormatError(path, str(error), "use uint8 or uint16") from error
+    write_bytes(path, data)
+
+
+def encode_image(image: NDArray[Any], suffix: str, jpeg_quality: int = 95) -> bytes:
+    """Return `image`, (H, W) or (H, W, 3) RGB, as the bytes of a file with that suffix."""
+    stored = image[:, :, ::-1] if image.ndim == 3 else image
+    options = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality] if suffix == ".jpg" else []
+    done, data = cv2.imencode(suffix, np.ascontiguousarray(stored), options)
+    if not done:
+        raise SymgraspError(f"an image of {image.dtype} cannot be stored as {suffix}")
+    return data.tobytes()
+
+
+def pixels_of(data: bytes) -> int | None:
+    """Return the number of pixels that a PNG, JPEG, TIFF, BMP or EXR announces.
+
+    None if the header is cut off, or of another format.
+    """
+    try:
+        if data.startswith(b"\x89PNG"):
+            width, height = struct.unpack_from(">II", data, 16)
+        elif data.startswith(b"\xff\xd8"):
+            height, width = _jpeg_size(data)
+        elif data[:2] in TIFF_ORDERS:
+            return _tiff_pixels(data, TIFF_ORDERS[data[:2]])
+        elif data.startswith(b"BM"):
+            width, height = struct.unpack_from("<ii", data, 18)
+        elif data.startswith(b"\x76\x2f\x31\x01") and EXR_WINDOW in data:
+            left, top, right, bottom = struct.unpack_from(
+                "<iiii", data, data.index(EXR_WINDOW) + len(EXR_WINDOW) + 4
+            )
+            width, height = right - left + 1, bottom - top + 1
+        else:
+            return None
+    except (struct.error, LookupError):
+        return None
+    return abs(int(width) * int(height))
+
+
+def _jpeg_size(data: bytes) -> tuple[int, int]:
+    at = 2
+    while True:
+        mark, kind, length = struct.unpack_from(">BBH", data, at)
+        if mark != 0xFF:
+            raise LookupError("no marker where one is due")
+        if kind in FRAME_STARTS:
+            height, width = struct.unpack_from(">HH", data, at + 5)
+            return height, width
+        at += 1 if kind == 0xFF else 2 + length
+
+
+def _tiff_pixels(data: bytes, order: str) -> int:
+    """Return the pixels of the first image of a TIFF, or of one of its tiles if that is larger."""
+    tags = dict(_tiff_tags(data, order))
+    sides = [(tags.get(width, 0), tags.get(height, 0)) for width, height in TIFF_SIDES]
+    if not all(sides[0]):
+        raise LookupError("no size")
+    return max(width * height for width, height in sides)
+
+
+def _tiff_tags(data: bytes, order: str) -> Iterator[tuple[int, int]]:
+    """Yield the tags of the first directory that hold one whole number, with it."""
+    is_big = struct.unpack_from(f"{order}H", data, 2)[0] == 43
+    at = struct.unpack_from(f"{order}{'Q' if is_big else 'I'}", data, 8 if is_big else 4)[0]
+    count, size, value_at = (
+        *struct.unpack_from(f"{order}{'Q' if is_big else 'H'}", data, at),
+        *((20, 12) if is_big else (12, 8)),
+    )
+    at += 8 if is_big else 2
+    for entry in range(min(count, MOST_TAGS)):
+        tag, kind = struct.unpack_from(f"{order}HH", data, at + entry * size)
+        if kind in TIFF_INTEGERS:
+            place = at + entry * size + value_at
+            yield tag, struct.unpack_from(f"{order}{TIFF_INTEGERS[kind]}", data, place)[0]

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.symmetry import NUM_SLOTS
-from pipelines.storage.h5_columns import ColumnSpec, ColumnTable, coerce_columns, column
+from pipelines.storage.h5_columns import ColumnSpec, ColumnTable, coerce_columns, table_column
 from pipelines.storage.masks_rle import box_of_mask, decode_mask, encode_mask
 from pipelines.storage.provenance import digest_text
 
@@ -28,19 +28,19 @@ NO_COLUMN = np.zeros(0)
 class RegionTable(ColumnTable):
     """The r detected regions of a frame, or of a file; all shapes begin with r."""
 
-    frame: NDArray[Any] = column((), np.int32)  # index into the frames
-    box: NDArray[Any] = column((4,), np.float32)  # x0, y0, x1, y1 pixels, x1 and y1 exclusive
-    confidence: NDArray[Any] = column((), np.float32)  # the detector's, 0..1
+    frame: NDArray[Any] = table_column((), np.int32)  # index into the frames
+    box: NDArray[Any] = table_column((4,), np.float32)  # x0, y0, x1, y1 pixels, x1 and y1 exclusive
+    confidence: NDArray[Any] = table_column((), np.float32)  # the detector's, 0..1
     # The network's probability of each slot, nan without it; belief in the symmetries below, after
     # their fit. Points in metres, directions unit; nan where there is none.
-    existence: NDArray[Any] = column((NUM_SLOTS,), np.float32)
-    symmetry_confidence: NDArray[Any] = column((NUM_SLOTS,), np.float32)
-    symmetry_point: NDArray[Any] = column((NUM_SLOTS, 3), np.float32)
-    symmetry_direction: NDArray[Any] = column((NUM_SLOTS, 3), np.float32)
-    affordance_mean: NDArray[Any] = column((), np.float32)  # of the region's points
-    affordance_max: NDArray[Any] = column((), np.float32)
-    source: NDArray[Any] = column((), np.object_)  # detector, geometric, color or masks
-    status: NDArray[Any] = column((), np.object_)  # measured, flat or no_depth
+    existence: NDArray[Any] = table_column((NUM_SLOTS,), np.float32)
+    symmetry_confidence: NDArray[Any] = table_column((NUM_SLOTS,), np.float32)
+    symmetry_point: NDArray[Any] = table_column((NUM_SLOTS, 3), np.float32)
+    symmetry_direction: NDArray[Any] = table_column((NUM_SLOTS, 3), np.float32)
+    affordance_mean: NDArray[Any] = table_column((), np.float32)  # of the region's points
+    affordance_max: NDArray[Any] = table_column((), np.float32)
+    source: NDArray[Any] = table_column((), np.object_)  # detector, geometric, color or masks
+    status: NDArray[Any] = table_column((), np.object_)  # measured, flat or no_depth
     mask_counts: NDArray[Any]  # u4 (sum,) run lengths of all masks, see masks_rle.py
     mask_start: NDArray[Any]  # i8 (r + 1,) where each mask's runs start and end
 
@@ -119,24 +119,28 @@ class RegionTable(ColumnTable):
 class GraspTable(ColumnTable):
     """The g grasps of a frame, or of a file; frame and units as in `grasping/grasps.py`."""
 
-    frame: NDArray[Any] = column((), np.int32, optional=True)  # as in RegionTable
-    region: NDArray[Any] = column((), np.int32)  # index into the regions
-    rotation: NDArray[Any] = column((3, 3), np.float32)  # approach, closing, approach x closing
-    translation: NDArray[Any] = column((3,), np.float32)  # metres, midpoint of the contacts
-    width: NDArray[Any] = column((), np.float32)  # metres, distance of the contacts
-    contacts: NDArray[Any] = column((2, 3), np.float32)  # metres
-    affordance: NDArray[Any] = column((), np.float32)  # predicted, 0..1
-    symmetry_slot: NDArray[Any] = column((), np.int32)  # that gave the counterpart, -1 for planar
-    source: NDArray[Any] = column((), np.object_)  # network or planar
-    clearance: NDArray[Any] = column((), np.float32)  # metres, b of Eq. 8
-    enclosed_height: NDArray[Any] = column((), np.float32)  # metres, h of Eq. 8
-    rank_score: NDArray[Any] = column((), np.float32)  # expected quality, or s of Eq. 8
-    ranker: NDArray[Any] = column((), np.object_, optional=True)  # critic or eq8
-    is_best: NDArray[Any] = column((), np.bool_)  # the one best of its region
-    rank_in_frame: NDArray[Any] = column((), np.int32, optional=True)  # 0 = first
-    worth_trying: NDArray[Any] = column((), np.bool_, optional=True)  # by score
+    frame: NDArray[Any] = table_column((), np.int32, optional=True)  # as in RegionTable
+    region: NDArray[Any] = table_column((), np.int32)  # index into the regions
+    rotation: NDArray[Any] = table_column(
+        (3, 3), np.float32
+    )  # approach, closing, approach x closing
+    translation: NDArray[Any] = table_column((3,), np.float32)  # metres, midpoint of the contacts
+    width: NDArray[Any] = table_column((), np.float32)  # metres, distance of the contacts
+    contacts: NDArray[Any] = table_column((2, 3), np.float32)  # metres
+    affordance: NDArray[Any] = table_column((), np.float32)  # predicted, 0..1
+    symmetry_slot: NDArray[Any] = table_column(
+        (), np.int32
+    )  # that gave the counterpart, -1 for planar
+    source: NDArray[Any] = table_column((), np.object_)  # network or planar
+    clearance: NDArray[Any] = table_column((), np.float32)  # metres, b of Eq. 8
+    enclosed_height: NDArray[Any] = table_column((), np.float32)  # metres, h of Eq. 8
+    rank_score: NDArray[Any] = table_column((), np.float32)  # expected quality, or s of Eq. 8
+    ranker: NDArray[Any] = table_column((), np.object_, optional=True)  # critic or eq8
+    is_best: NDArray[Any] = table_column((), np.bool_)  # the one best of its region
+    rank_in_frame: NDArray[Any] = table_column((), np.int32, optional=True)  # 0 = first
+    worth_trying: NDArray[Any] = table_column((), np.bool_, optional=True)  # by score
     # network, shape or both; empty without symmetry, or where it is not known
-    symmetry_source: NDArray[Any] = column((), np.object_, optional=True)
+    symmetry_source: NDArray[Any] = table_column((), np.object_, optional=True)
 
     def __post_init__(self) -> None:
         count = len(self.width)
@@ -175,12 +179,14 @@ class GraspTable(ColumnTable):
 class FrameTable(ColumnTable):
     """What became of each of f frames."""
 
-    name: NDArray[Any] = column((), np.object_)  # relative to the folder given
-    status: NDArray[Any] = column((), np.object_)  # ok, empty (nothing to grasp) or failed
-    message: NDArray[Any] = column((), np.object_)  # why it is empty or failed, or a note
-    size: NDArray[Any] = column((2,), np.int32)  # width, height; 0 where unknown
-    intrinsics: NDArray[Any] = column((4,), np.float64)  # fx, fy, cx, cy pixels; nan if unknown
-    seconds: NDArray[Any] = column((), np.float32)  # time spent
+    name: NDArray[Any] = table_column((), np.object_)  # relative to the folder given
+    status: NDArray[Any] = table_column((), np.object_)  # ok, empty (nothing to grasp) or failed
+    message: NDArray[Any] = table_column((), np.object_)  # why it is empty or failed, or a note
+    size: NDArray[Any] = table_column((2,), np.int32)  # width, height; 0 where unknown
+    intrinsics: NDArray[Any] = table_column(
+        (4,), np.float64
+    )  # fx, fy, cx, cy pixels; nan if unknown
+    seconds: NDArray[Any] = table_column((), np.float32)  # time spent
 
     def __post_init__(self) -> None:
         coerce_columns(self, self.SPEC, len(self.name))

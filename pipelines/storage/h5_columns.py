@@ -183,7 +183,7 @@ def check_version(
         raise FormatError(path, f"has format_version {shown}", f"this symgrasp reads {versions}")
 
 
-def column(shape: tuple[int, ...], dtype: type, *, optional: bool = False) -> Any:  # noqa: ANN401
+def table_column(shape: tuple[int, ...], dtype: type, *, optional: bool = False) -> Any:  # noqa: ANN401
     """Declare a column as a field of a `ColumnTable`: its shape after the first axis, and its type.
 
     `optional`: without rows where it is not given.
@@ -194,7 +194,7 @@ def column(shape: tuple[int, ...], dtype: type, *, optional: bool = False) -> An
 
 
 class ColumnTable:
-    """Columns of equal length, a dataclass whose fields are declared by `column`."""
+    """Columns of equal length, a dataclass whose fields are declared by `table_column`."""
 
     SPEC: ClassVar[ColumnSpec]
 

@@ -19,7 +19,7 @@ from pipelines.learning.peers.peer import (
     PeerTraining,
 )
 from pipelines.learning.peers.pointnetgpd_labels import GOOD, labelled_hands
-from pipelines.network.peers.pointnetgpd import NUM_POINTS, POINTNETGPD_MODEL, PointNetGPD
+from pipelines.network.peers.pointnetgpd import HAND_POINTS, POINTNETGPD_MODEL, PointNetGPD
 
 HANDS_A_FRAME = 16  # drawn for a step, half of them good
 HALF_TURN = np.array([1.0, -1.0, -1.0], np.float32)  # about the approach: the same hand
@@ -113,7 +113,7 @@ class PointNetGPDTraining(PeerTraining):
     @property
     def num_points(self) -> int:
         """Points of a hand that the network takes."""
-        return NUM_POINTS[self.config.network.variant]
+        return HAND_POINTS[self.config.network.variant]
 
     def load(
         self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]

@@ -12,7 +12,7 @@ from pipelines.configs.peers import PeerNetworkConfig
 
 POINTNETGPD_MODEL = "PointNetGPD"
 CLASSES = 3  # bad, fair, good
-NUM_POINTS = {"light": 256, "full": 750}  # between the fingers
+HAND_POINTS = {"light": 256, "full": 750}  # between the fingers
 
 
 class PointNetGPD(nn.Module):
@@ -27,7 +27,7 @@ class PointNetGPD(nn.Module):
     @property
     def num_points(self) -> int:
         """Points of a candidate that the network sees."""
-        return NUM_POINTS[self.config.variant]
+        return HAND_POINTS[self.config.variant]
 
     def forward(
         self,

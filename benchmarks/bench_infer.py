@@ -19,8 +19,8 @@ from benchmarks.timing import Measurement
 from pipelines import infer
 from pipelines.configs import InferConfig
 from pipelines.errors import SymgraspError
-from pipelines.frames.frames import FrameSource, find_frames
-from pipelines.frames.rgbd import Frame
+from pipelines.frames.frames import find_frames
+from pipelines.frames.rgbd import Frame, FrameSource
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.planner import RegionPlanner
 from pipelines.inference import models, observation, predicted_regions

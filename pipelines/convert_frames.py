@@ -16,8 +16,8 @@ import numpy as np
 from pipelines.configs import ConvertFramesConfig
 from pipelines.errors import SymgraspError
 from pipelines.frames.camera_files import CameraFile
-from pipelines.frames.frames import FrameSource, find_frames
-from pipelines.frames.rgbd import Frame
+from pipelines.frames.frames import find_frames
+from pipelines.frames.rgbd import Frame, FrameSource
 from pipelines.runtime.batch import StageReport
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import atomic_folder, write_json, write_npz

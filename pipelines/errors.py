@@ -4,6 +4,7 @@ import difflib
 import re
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 # Bytes that are no UTF-8, as file names may hold; what moves a terminal's cursor or ends a line;
 # what turns the direction of writing.
@@ -29,10 +30,15 @@ class SymgraspError(Exception):
     """
 
     exit_code: int = 1
+    arguments: tuple[object, ...] | None = None  # of a constructor that takes no sentence
 
     def __str__(self) -> str:
         """Return the sentence, in one line."""
         return printable(super().__str__())
+
+    def __reduce__(self) -> str | tuple[Any, ...]:
+        """Let the error go from a worker to its parent."""
+        return super().__reduce__() if self.arguments is None else (type(self), self.arguments)
 
 
 class FormatError(SymgraspError):
@@ -41,9 +47,6 @@ class FormatError(SymgraspError):
     def __init__(self, path: Path | str, found: str, expected: str) -> None:
         super().__init__(f"{path}: {found}; {expected}")
         self.arguments = (path, found, expected)
-
-    def __reduce__(self) -> tuple[type["FormatError"], tuple[Path | str, str, str]]:
-        return type(self), self.arguments
 
 
 class WriteError(SymgraspError):
@@ -55,9 +58,6 @@ class WriteError(SymgraspError):
         )
         self.arguments = (path, why)
 
-    def __reduce__(self) -> tuple[type["WriteError"], tuple[Path | str, str]]:
-        return type(self), self.arguments
-
 
 class MissingInputError(SymgraspError):
     """A stage's input is not there yet."""
@@ -65,9 +65,6 @@ class MissingInputError(SymgraspError):
     def __init__(self, path: Path | str, written_by: str) -> None:
         super().__init__(f"{path} does not exist; `{written_by}` writes it")
         self.arguments = (path, written_by)
-
-    def __reduce__(self) -> tuple[type["MissingInputError"], tuple[Path | str, str]]:
-        return type(self), self.arguments
 
 
 class UnknownNameError(SymgraspError):
@@ -84,11 +81,6 @@ class UnknownNameError(SymgraspError):
         super().__init__(f"{kind} {name!r} is not known{hint}; known are {', '.join(known)}")
         self.arguments = (kind, name, known, nearest)
 
-    def __reduce__(
-        self,
-    ) -> tuple[type["UnknownNameError"], tuple[str, str, list[str], str | None]]:
-        return type(self), self.arguments
-
 
 class StaleOutputError(SymgraspError):
     """An output exists that was made with other settings or from other inputs."""
@@ -100,9 +92,6 @@ class StaleOutputError(SymgraspError):
         )
         self.arguments = (path,)
 
-    def __reduce__(self) -> tuple[type["StaleOutputError"], tuple[Path | str]]:
-        return type(self), self.arguments
-
 
 class ValueRangeError(SymgraspError):
     """A value is outside what it may be; of an option, as `--top`, that is wrong usage."""
@@ -111,9 +100,6 @@ class ValueRangeError(SymgraspError):
         super().__init__(f"{name} is {found}; it must be {expected}")
         self.exit_code = 2 if name.startswith("--") else 1
         self.arguments = (name, found, expected)
-
-    def __reduce__(self) -> tuple[type["ValueRangeError"], tuple[str, object, str]]:
-        return type(self), self.arguments
 
 
 class SettingError(ValueRangeError):

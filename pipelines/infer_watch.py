@@ -18,7 +18,7 @@ from pipelines.configs import InferConfig, WatchConfig
 from pipelines.dataset.chosen_frames import ALL_FRAMES, ChosenFrames
 from pipelines.errors import SymgraspError
 from pipelines.frames.camera_files import CameraFile
-from pipelines.frames.frames import FrameSource
+from pipelines.frames.rgbd import FrameSource
 from pipelines.grasp_files import grasps_file
 from pipelines.inference.earlier import earlier_frames, refuse_others_work, refuse_stale
 from pipelines.inference.pictures import draw_missing, of_shards

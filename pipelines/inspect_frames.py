@@ -18,9 +18,9 @@ import numpy as np
 from pipelines.configs import InspectConfig
 from pipelines.errors import SymgraspError
 from pipelines.frames.camera_files import CameraFile
-from pipelines.frames.frames import FrameSource, find_frames
+from pipelines.frames.frames import find_frames
 from pipelines.frames.registration import oddities
-from pipelines.frames.rgbd import Frame
+from pipelines.frames.rgbd import Frame, FrameSource
 from pipelines.geometry.camera import Intrinsics
 from pipelines.runtime.batch import StageReport
 

@@ -13,7 +13,7 @@ that cannot be read any more, are named and listed without a page.
 """
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -22,9 +22,8 @@ import cv2
 
 from pipelines.configs import ViewConfig
 from pipelines.errors import FormatError, SymgraspError
-from pipelines.frames.frames import FrameSource
 from pipelines.frames.frames_record import FramesRecord
-from pipelines.frames.rgbd import Frame
+from pipelines.frames.rgbd import Frame, FrameSource
 from pipelines.grasp_files.grasps_stream import read_index, read_results
 from pipelines.grasp_files.grasps_tables import FrameResult, result_digest
 from pipelines.grasp_files.gripper_files import gripper_digest, gripper_to_use, load_gripper
@@ -39,7 +38,6 @@ from pipelines.storage.images import write_image
 from pipelines.storage.provenance import Stamp, digest, is_finished, make_stamp, read_stamp
 
 STAGE = "view"
-PageStep = Callable[[WorkItem], str | None]
 
 
 @dataclass(frozen=True)

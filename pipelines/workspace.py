@@ -19,8 +19,8 @@ from pipelines.array_types import Mask
 from pipelines.configs import InferConfig, LimitsConfig, WorkspaceConfig
 from pipelines.errors import SymgraspError
 from pipelines.frames.camera_files import CameraFile
-from pipelines.frames.frames import FrameSource, find_frames
-from pipelines.frames.rgbd import Frame
+from pipelines.frames.frames import find_frames
+from pipelines.frames.rgbd import Frame, FrameSource
 from pipelines.grasping.feasibility.limits import check_limits
 from pipelines.grasping.feasibility.workspace_box import WorkspaceBox, suggested_box
 from pipelines.inference.observation import Observation, observe

@@ -12,7 +12,7 @@ from typing import Any
 
 from pipelines.contents import reading, typed
 from pipelines.metrics.grasp_verdicts import Verdict
-from pipelines.storage.files import read_json, write_json
+from pipelines.storage.files import finite_json, read_json, write_json
 from pipelines.storage.provenance import Stamp
 
 FORMAT_VERSION = 1
@@ -77,7 +77,7 @@ def write_frame_records(path: Path, records: Sequence[FrameRecord], stamp: Stamp
     """Write the records of one scene."""
     content = {
         "format_version": FORMAT_VERSION,
-        "frames": [_finite(asdict(record)) for record in records],
+        "frames": [finite_json(asdict(record)) for record in records],
         "provenance": stamp.as_json(),
     }
     write_json(path, content)
@@ -92,15 +92,6 @@ def read_frame_records(path: Path) -> list[FrameRecord]:
     content = read_json(path)
     with reading(path, "the record of a scene", "delete it and run `evaluate` again"):
         return [_record(entry) for entry in content["frames"]]
-
-
-def _finite(value: Any) -> Any:  # noqa: ANN401 - JSON is any of many types
-    """Return `value` with None for numbers that JSON has not: no force closure is null."""
-    if isinstance(value, dict):
-        return {key: _finite(entry) for key, entry in value.items()}
-    if isinstance(value, list):
-        return [_finite(entry) for entry in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _record(entry: Mapping[str, Any]) -> FrameRecord:

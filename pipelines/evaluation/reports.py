@@ -1,13 +1,12 @@
 """`report.json` of `evaluate`, figures by row and split, and `success.json` of `simulate`."""
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from pipelines.contents import mapping_in
 from pipelines.errors import FormatError
-from pipelines.storage.files import read_json, write_json
+from pipelines.storage.files import finite_json, read_json, write_json
 from pipelines.storage.provenance import Stamp
 
 FORMAT_VERSION = 1
@@ -38,7 +37,7 @@ def write_report(
         "format_version": FORMAT_VERSION,
         "provenance": stamp.as_json(),
     }
-    write_json(path, _finite(content))
+    write_json(path, finite_json(content))
 
 
 def read_report(path: Path) -> dict[str, Any]:
@@ -96,17 +95,4 @@ def read_success_of(path: Path, inputs: Mapping[str, str]) -> dict[str, Any]:
             f"was simulated with other inputs ({', '.join(other)})",
             "run simulate with this gripper on this dataset",
         )
-    return content
-
-
-def _finite(content: Any) -> Any:  # noqa: ANN401 - JSON is any of many types
-    """Return `content` with numbers as Python's own and nan as None: JSON has no nan."""
-    if isinstance(content, Mapping):
-        return {str(key): _finite(value) for key, value in content.items()}
-    if isinstance(content, list | tuple):
-        return [_finite(value) for value in content]
-    if hasattr(content, "tolist"):  # numpy's scalars and arrays
-        return _finite(content.tolist())
-    if isinstance(content, float) and not math.isfinite(content):
-        return None
     return content

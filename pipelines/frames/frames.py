@@ -8,14 +8,11 @@ from pathlib import Path
 from pipelines.errors import SymgraspError
 from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.layouts.registry import frames_in, pickled_in
-from pipelines.frames.masks import read_masks
-from pipelines.frames.rgbd import Frame, FrameSource
+from pipelines.frames.rgbd import FrameSource
 from pipelines.frames.rgbd_folder import FrameOptions
 from pipelines.frames.unread_files import why_no_frames
 from pipelines.geometry.camera import Intrinsics
 from pipelines.storage.unfinished import refuse_unfinished
-
-__all__ = ["Frame", "FrameSource", "find_frames", "read_masks"]
 
 GRASPNET_CAMERAS = ("kinect", "realsense")
 

@@ -9,8 +9,9 @@ from typing import Any
 from pipelines.contents import json_object, reading
 from pipelines.errors import FormatError
 from pipelines.frames.camera_files import CameraFile
-from pipelines.frames.frames import FrameSource, find_frames
+from pipelines.frames.frames import find_frames
 from pipelines.frames.lens import Distortion
+from pipelines.frames.rgbd import FrameSource
 
 
 @dataclass(frozen=True)

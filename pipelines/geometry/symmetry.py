@@ -202,10 +202,6 @@ class SymmetrySlots:
         slots: Sequence[int] = np.flatnonzero(self.existence > threshold).tolist()
         return [(slot, self.symmetry(slot)) for slot in slots]
 
-    def to_symmetries(self, threshold: float = 0.5) -> list[Symmetry]:
-        """Return the symmetries whose existence exceeds `threshold`."""
-        return [symmetry for _, symmetry in self.existing(threshold)]
-
     def transformed(self, T: ArrayLike) -> "SymmetrySlots":
         """Return the slots of the object moved by the (4, 4) transform `T`."""
         return SymmetrySlots(

@@ -13,7 +13,7 @@ from pipelines.array_types import Array
 from pipelines.dataset.graspnet.graspnet_labels import RECT_COLUMNS
 from pipelines.errors import FormatError
 from pipelines.geometry.transforms import nearest_orthogonal
-from pipelines.storage.files import read_npy, read_npz, write_npz
+from pipelines.storage.files import read_npy, write_npz
 from pipelines.storage.provenance import Stamp, stamp_ahead
 
 COLUMNS = 17
@@ -107,8 +107,3 @@ def write_verdicts(path: Path, arrays: dict[str, NDArray[np.generic]], stamp: St
     """Write one array for each of `VERDICT_ARRAYS`, and the stamp beside them."""
     stamp_ahead(path, stamp)
     write_npz(path, compress=True, **{name: arrays[name] for name in VERDICT_ARRAYS})
-
-
-def read_verdicts(path: Path) -> dict[str, NDArray[np.generic]]:
-    """Read what `write_verdicts` wrote."""
-    return dict(read_npz(path, VERDICT_ARRAYS))

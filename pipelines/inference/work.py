@@ -16,9 +16,11 @@ from pipelines.dataset.chosen_frames import ALL_FRAMES, ChosenFrames
 from pipelines.errors import ValueRangeError, WriteError
 from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.frame_inputs import FrameInputs
-from pipelines.frames.frames import FrameSource, find_frames, read_masks
+from pipelines.frames.frames import find_frames
 from pipelines.frames.frames_record import FramesRecord
+from pipelines.frames.masks import read_masks
 from pipelines.frames.registration import oddities
+from pipelines.frames.rgbd import FrameSource
 from pipelines.frames.workspace_files import read_workspace_mask
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_stream import merge_shards

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipelines.array_types import Array, Mask
+from pipelines.array_types import Array
 from pipelines.metrics.contacts import Contacts
 
 MAX_FRICTION = 1.0  # Sec. IV: friction is swept over (0, 1]
@@ -33,20 +33,6 @@ def friction_of_cosine(cosine: Array) -> Array:
     closes = cosine > 0.0
     cosine = np.where(closes, np.minimum(cosine, 1.0), 1.0)
     return np.where(closes, np.sqrt(1.0 - cosine**2) / cosine, np.inf)
-
-
-def is_force_closure(contacts: Contacts, friction_coef: float) -> Mask:
-    """Return (n,) whether the contact line lies in both friction cones."""
-    angles = np.arccos(np.clip(contacts.cosines, -1.0, 1.0))
-    return np.asarray(contacts.found & (angles <= np.arctan(friction_coef)).all(axis=1))
-
-
-def friction_sweep(contacts: Contacts, grid: Sequence[float] = FRICTION_GRID) -> Array:
-    """Return (n,) the smallest friction of `grid` that gives force closure; inf where none."""
-    smallest = np.full(len(contacts.found), np.inf)
-    for friction_coef in sorted(grid, reverse=True):
-        smallest[is_force_closure(contacts, friction_coef)] = friction_coef
-    return smallest
 
 
 def on_grid(friction: ArrayLike, grid: Sequence[float] = FRICTION_GRID) -> Array:

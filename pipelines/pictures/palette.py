@@ -13,15 +13,6 @@ SCORE_COLORS = ("#8a929c", "#a3b07d", "#b4d25f", "#7ee95c", "#3cff5a")  # of 0, 
 PLANE_COLORS = ("#ff50c8", "#5a82ff", "#ffbe28")  # mirror planes 0, 1, 2
 AXIS_COLOR = "#ff3c3c"  # of spheres too
 CONTACT_COLOR = "#ff2828"
-SOURCE_COLORS = {
-    "network": "#3cff5a",
-    "planar": "#ffa01e",
-    "random": "#bebebe",
-    "gg-cnn": "#00b39f",
-    "multi-grasp": "#b07a5a",
-    "pointnetgpd": "#ff6e5a",
-    "graspnet": "#e05a9b",
-}  # if a page is set so
 REGION_COLORS = (  # by number, round and round
     "#4c9be8", "#f2a33c", "#c77dff", "#3ccfb4", "#ff7aa8", "#d8c63a",
     "#8aa0ff", "#ff8a5c", "#63c7ff", "#b58a5a", "#9ad14b", "#e08ad6",

@@ -43,9 +43,6 @@ class OutputInUseError(SymgraspError):
         )
         self.arguments = (output, stage, holder)
 
-    def __reduce__(self) -> tuple[type["OutputInUseError"], tuple[Path, str, Mapping[str, Any]]]:
-        return type(self), self.arguments
-
 
 def one_run_at_a_time(stage: str, *names: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Let the `run` of `stage` refuse an output that another run of the stage is writing.

@@ -10,7 +10,7 @@ import tokenize
 import warnings
 import zipfile
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
@@ -106,6 +106,19 @@ def write_text(path: Path, text: str) -> None:
 def write_json(path: Path, content: Any) -> None:  # noqa: ANN401 - JSON is any of many types
     """Write `content` as indented JSON to `path` atomically."""
     write_text(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+
+def finite_json(content: Any) -> Any:  # noqa: ANN401 - JSON is any of many types
+    """Return `content` with numbers as Python's own and nan as None: JSON has no nan."""
+    if isinstance(content, Mapping):
+        return {str(key): finite_json(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [finite_json(value) for value in content]
+    if hasattr(content, "tolist"):  # numpy's scalars and arrays
+        return finite_json(content.tolist())
+    if isinstance(content, float) and not math.isfinite(content):
+        return None
+    return content
 
 
 def read_json(path: Path) -> Any:  # noqa: ANN401 - JSON is any of many types
@@ -223,17 +236,15 @@ def _refuse_npy(path: Path, stream: IO[bytes], size: int) -> None:
         raise FormatError(path, found, f"its {size} bytes do not hold it")
 
 
-def read_npz(
-    path: Path, required: Sequence[str] = (), most_bytes: int = MAX_UNPACK_BYTES
-) -> dict[str, NDArray[Any]]:
-    """Read all arrays of an .npz file, `most_bytes` at most.
+def read_npz(path: Path, required: Sequence[str] = ()) -> dict[str, NDArray[Any]]:
+    """Read all arrays of an .npz file, `MAX_UNPACK_BYTES` at most.
 
     Raises:
         FormatError: truncated, not .npz, pickled, larger, or a required array is missing.
     """
     try:
         with zipfile.ZipFile(existing(path)) as archive:
-            _refuse_bomb(path, archive, most_bytes)
+            _refuse_bomb(path, archive)
         with _old_headers_unmentioned(), np.load(path, allow_pickle=False) as content:
             missing = sorted(set(required) - set(content.files))
             if missing:
@@ -251,10 +262,11 @@ def read_npz(
         ) from error
 
 
-def _refuse_bomb(path: Path, archive: zipfile.ZipFile, most_bytes: int) -> None:
+def _refuse_bomb(path: Path, archive: zipfile.ZipFile) -> None:
     unpacked = sum(member.file_size for member in archive.infolist())
-    if unpacked > most_bytes:
-        raise FormatError(path, f"unpacks to {unpacked} bytes", f"at most {most_bytes} are read")
+    if unpacked > MAX_UNPACK_BYTES:
+        expected = f"at most {MAX_UNPACK_BYTES} are read"
+        raise FormatError(path, f"unpacks to {unpacked} bytes", expected)
     for member in archive.infolist():
         with archive.open(member) as stream:
             _refuse_npy(path, io.BytesIO(stream.read(NPY_HEADER_BYTES)), member.file_size)

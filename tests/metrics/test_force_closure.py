@@ -11,7 +11,6 @@ from pipelines.grasping.grasps import GraspPoses
 from pipelines.metrics.contacts import Contacts, close_fingers
 from pipelines.metrics.force_closure import (
     FRICTION_GRID,
-    friction_sweep,
     min_friction,
     on_grid,
     quality,
@@ -21,6 +20,18 @@ from tests.metrics.shapes import box
 few = settings(max_examples=25, deadline=None)
 seeds = st.integers(0, 2**32 - 1)
 FINE_GRID = np.linspace(0.02, 2.0, 100).tolist()
+
+
+def is_force_closure(contacts, friction_coef):
+    angles = np.arccos(np.clip(contacts.cosines, -1.0, 1.0))
+    return contacts.found & (angles <= np.arctan(friction_coef)).all(axis=1)
+
+
+def friction_sweep(contacts, grid=FRICTION_GRID):
+    smallest = np.full(len(contacts.found), np.inf)
+    for friction_coef in sorted(grid, reverse=True):
+        smallest[is_force_closure(contacts, friction_coef)] = friction_coef
+    return smallest
 
 
 def random_contacts(rng: np.random.Generator, count: int = 60) -> Contacts:

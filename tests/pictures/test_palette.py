@@ -16,7 +16,6 @@ def test_scripts_of_pages_have_the_colours_of_pictures():
     }
     assert found["LOW_TO_HIGH"] == list(palette.SCORE_COLORS)
     assert found["PLANES"] == list(palette.PLANE_COLORS)
-    assert found["BY_SOURCE"] == list(palette.SOURCE_COLORS.values())
     assert found["AXIS"] == [palette.AXIS_COLOR]
     assert found["CONTACT"] == [palette.CONTACT_COLOR]
 

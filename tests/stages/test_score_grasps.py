@@ -14,7 +14,7 @@ from pipelines.errors import FormatError, StaleOutputError
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.meshes.signed_distance import SignedDistanceGrid
 from pipelines.geometry.transforms import make_pose, random_rotation, rotation_about
-from pipelines.grasp_files.grasp_rows import VERDICT_ARRAYS, read_verdicts
+from pipelines.grasp_files.grasp_rows import VERDICT_ARRAYS
 from pipelines.grasping.grasps import GraspPoses, to_graspnet
 from pipelines.storage.files import read_npz, write_npy
 from symgrasp_cli.app import app
@@ -44,7 +44,7 @@ def run(mesh_path, rows, *, compatible=False, overwrite=False):
     write_npy(path, rows)
     config = ScoreGraspsConfig(compatible=compatible)
     report = score_grasps.run(mesh_path, path, out, config, overwrite=overwrite)
-    return report, read_verdicts(out)
+    return report, read_npz(out)
 
 
 def test_a_mesh_turned_inside_out_is_scored_as_it_is_meant(mesh_path):

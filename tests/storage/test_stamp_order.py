@@ -7,7 +7,8 @@ import pytest
 
 from pipelines.errors import ValueRangeError
 from pipelines.grasp_files import grasp_rows
-from pipelines.grasp_files.grasp_rows import VERDICT_ARRAYS, read_verdicts, write_verdicts
+from pipelines.grasp_files.grasp_rows import VERDICT_ARRAYS, write_verdicts
+from pipelines.storage.files import read_npz
 from pipelines.storage.provenance import (
     is_finished,
     make_stamp,
@@ -48,7 +49,7 @@ def test_verdicts_of_a_killed_run_are_made_again(
     assert is_finished(path, OLD) == (function == "write_npz")  # neither refused nor half there
     write_verdicts(path, ARRAYS, OLD)
     assert is_finished(path, OLD)
-    assert set(read_verdicts(path)) == set(VERDICT_ARRAYS)
+    assert set(read_npz(path)) == set(VERDICT_ARRAYS)
 
 
 def test_another_suffix_than_the_one_that_says_where_the_stamp_lies_is_wrong_usage() -> None:

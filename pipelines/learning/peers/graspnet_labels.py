@@ -44,6 +44,7 @@ COLUMNS = {
     "tolerance": np.uint8,
 }
 VIEW_CELLS = (LABEL_GRID[0], CELLS // LABEL_GRID[0])  # views, angles times depths
+_collisions = lru_cache(maxsize=KEPT_COLLISIONS)(read_collision_labels)
 
 
 @dataclass(frozen=True)
@@ -186,8 +187,3 @@ def tolerances(
         holding &= share >= HOLDING_SHARE
         found[holding] = radius
     return found
-
-
-@lru_cache(maxsize=KEPT_COLLISIONS)
-def _collisions(path: Path) -> list[Mask]:
-    return read_collision_labels(path)

@@ -30,6 +30,7 @@ ON_SURFACE = 0.01  # metres from a labelled point to the visible surface
 MOST_OF_A_CLASS = 40  # hands of an object and frame that are kept
 POINTS_A_PIECE = 64  # labelled points read at a time
 KEPT_OBJECTS, KEPT_SCENES = 12, 2
+_scene_collisions = lru_cache(maxsize=KEPT_SCENES)(read_collision_labels)
 
 
 @dataclass(frozen=True)
@@ -145,8 +146,3 @@ def _pieces(path: Path) -> Iterator[tuple[Singles, NDArray[np.uint8]]]:
         kind[holds & (friction <= MAX_GOOD + ROUNDING)] = GOOD
         kind[holds & label.collision] = HINDERED
         yield label.points, kind
-
-
-@lru_cache(maxsize=KEPT_SCENES)
-def _scene_collisions(path: Path) -> list[Mask]:
-    return read_collision_labels(path)

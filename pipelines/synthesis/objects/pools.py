@@ -59,19 +59,14 @@ class SyntheticObject:
     pieces: tuple[Mesh, ...]
 
 
-def make_pool(pool: str, count: int, seed: int) -> list[SyntheticObject]:
-    """Return the first `count` objects of `pool`; the same for the same seed, none in two pools.
+def make_object(pool: str, index: int, seed: int) -> SyntheticObject:
+    """Return object `index` of `pool`; the same for the same seed, none in two pools.
 
-    Families alternate, so all families occur if `count` is at least their number.
+    Families alternate, so that many first objects have as many families.
 
     Raises:
         UnknownNameError: there is no such pool.
     """
-    return [make_object(pool, index, seed) for index in range(count)]
-
-
-def make_object(pool: str, index: int, seed: int) -> SyntheticObject:
-    """Return object `index` of `pool`; see `make_pool`."""
     if pool not in FAMILIES_OF_POOL:
         raise UnknownNameError("pool", pool, FAMILIES_OF_POOL)
     families, number = FAMILIES_OF_POOL[pool], list(FAMILIES_OF_POOL).index(pool)

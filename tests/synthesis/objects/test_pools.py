@@ -17,10 +17,14 @@ from pipelines.geometry.symmetry import (
 )
 from pipelines.geometry.transforms import unit
 from pipelines.synthesis.objects.families.catalogue import FAMILIES, make_shape
-from pipelines.synthesis.objects.pools import FAMILIES_OF_POOL, make_object, make_pool
+from pipelines.synthesis.objects.pools import FAMILIES_OF_POOL, make_object
 
 ASYMMETRIC = ("lumpy", "sculpture", "stone", "heap", "decoy_carton", "slipper", "carved")
 every_family = pytest.mark.parametrize("family", FAMILIES)
+
+
+def make_pool(pool, count, seed):
+    return [make_object(pool, index, seed) for index in range(count)]
 
 
 @cache

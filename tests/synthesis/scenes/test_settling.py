@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pipelines.errors import SymgraspError
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.synthesis.objects.decomposition import hull_of_points
-from pipelines.synthesis.objects.pools import make_pool
+from pipelines.synthesis.objects.pools import make_object
 from pipelines.synthesis.scenes.settling import drop_objects, refuse_bodiless
 from pipelines.synthesis.scenes.tables import TABLE_SIZE, SceneObject, settle
 from tests.metrics.shapes import box
@@ -58,7 +58,7 @@ def test_cameras_aim_at_the_objects_and_not_at_their_origins():
 def test_of_procedural_objects_the_origin_is_the_middle_to_the_last_bit(pool):
     items = [
         SceneObject(i, made.name, made.mesh, made.pieces)
-        for i, made in enumerate(make_pool(pool, 24, 3))
+        for i, made in enumerate(make_object(pool, index, 3) for index in range(24))
     ]
     assert all((item.centre == 0.0).all() for item in items)
     pieces = [item.pieces for item in items[:4]]

@@ -104,8 +104,11 @@ class GraspNetRoot:
         """
         scenes = self.scenes(camera, split)
         if not scenes:
-            wanted = f"{split or 'any'} scene" + (f" seen by {camera}" if camera else "")
-            raise SymgraspError(f"{self.root} holds no {wanted}; name another --split or --camera")
+            wanted = f"{split} scene" if split else "scene"
+            wanted += f" seen by {camera}" if camera else ""
+            chosen = "name another --split or --camera"
+            advice = chosen if split or camera else "`symgrasp synthesize` writes some"
+            raise SymgraspError(f"{self.root} holds no {wanted}; {advice}")
         return scenes
 
     def frame(self, name: str) -> FrameFiles:

@@ -33,6 +33,7 @@ from symgrasp_cli.report import conclude, manner
 from symgrasp_cli.settings import with_settings
 
 if TYPE_CHECKING:
+    from pipelines.dataset.chosen_frames import ChosenFrames
     from pipelines.infer_watch import Followed
     from pipelines.runtime.batch import BatchOptions, StageReport
 
@@ -71,6 +72,20 @@ def _batch(options: Batch, workers: Workers = None) -> "BatchOptions":
     return replace(options, workers=CHOSEN, most_chosen=options.workers)
 
 
+def _choice(
+    split: DatasetSplit = "all",
+    camera: CameraName = None,
+    frame_stride: Annotated[
+        int, typer.Option(min=1, metavar="N", help="Of every folder's frames each N-th.")
+    ] = 1,
+) -> "ChosenFrames":
+    """Return which of the frames are taken."""
+    from pipelines.dataset.chosen_frames import ChosenFrames
+
+    return ChosenFrames(split, camera, frame_stride)
+
+
+InferChoice = Annotated["ChosenFrames", MadeOf(_choice)]
 InferWeights = Annotated[dict[str, Path | None], MadeOf(_weights)]
 InferBatch = Annotated["BatchOptions", MadeOf(_batch)]
 
@@ -117,12 +132,8 @@ def infer(
             "box x0,y0,z0,x1,y1,z1 in metres."
         ),
     ] = None,
-    split: DatasetSplit = "all",
-    camera: CameraName = None,
-    frame_stride: Annotated[
-        int, typer.Option(min=1, metavar="N", help="Of every folder's frames each N-th.")
-    ] = 1,
-    of_all: GivenCamera,
+    choice: InferChoice,
+    camera: GivenCamera,
     depth_units_per_metre: DepthUnitsPerMetre = None,
     weights: InferWeights,
     timings: Annotated[
@@ -140,19 +151,13 @@ def infer(
     """Find ranked grasps in RGB-D frames."""
     from pipelines import infer as stage
     from pipelines import infer_watch
-    from pipelines.dataset.chosen_frames import ChosenFrames
-    from pipelines.frames.workspace_files import parse_workspace
 
     if math.isfinite(config.watch.timeout) and not watch:
         raise typer.BadParameter("--watch-timeout goes with --watch")
     if out.suffix not in HDF5_SUFFIXES:
         raise typer.BadParameter(f"--out is {out}; it must be a file name that ends in .h5")
-    room = parse_workspace(workspace)
-    if room.box:
-        config = changed(config, {"limits.box": room.box}, option="--workspace")
-    if workspace is None and not config.limits.box and config.limits.box_frame != DEFAULT_FRAME:
-        raise typer.BadParameter("--workspace-frame goes with a box of --workspace")
-    paths = stage.InferPaths(frames, out, overlays, masks, room.mask).with_weights(**weights)
+    config, room = _with_workspace(config, workspace)
+    paths = stage.InferPaths(frames, out, overlays, masks, room).with_weights(**weights)
     if watch and frames.is_dir() and not manner().quiet:
         typer.echo(printable(f"watching {frames} until Ctrl-C"), err=True)
     followed = partial(infer_watch.run, watch=config.watch, notify=_print_followed)
@@ -160,14 +165,28 @@ def infer(
         paths,
         part(InferConfig, config),
         options,
-        camera=of_all,
+        camera=camera,
         depth_units_per_metre=depth_units_per_metre,
         seed=seed,
         device=device,
         timings=timings,
-        choice=ChosenFrames(split, camera, frame_stride),
+        choice=choice,
     )
     _conclude(report, out, overlays)
+
+
+def _with_workspace(
+    config: InferSettings, workspace: str | None
+) -> tuple[InferSettings, Path | None]:
+    """Return the settings with the box that `workspace` is, and the mask if it is one."""
+    from pipelines.frames.workspace_files import parse_workspace
+
+    room = parse_workspace(workspace)
+    if room.box:
+        config = changed(config, {"limits.box": room.box}, option="--workspace")
+    if workspace is None and not config.limits.box and config.limits.box_frame != DEFAULT_FRAME:
+        raise typer.BadParameter("--workspace-frame goes with a box of --workspace")
+    return config, room.mask
 
 
 def _conclude(report: "StageReport", out: Path, overlays: Path | None) -> None:

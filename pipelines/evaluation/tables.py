@@ -82,7 +82,8 @@ def _left_out(report: Mapping[str, Any]) -> str:
 
 def split_table(rows: ReportRows, figure: str, paper: Sequence[PublishedRow], title: str) -> Table:
     """Return a mean over objects by method and split, the paper's rows first."""
-    splits = ["seen", "unseen", *UNSEEN, *(["train"] if _has(rows, "train") else []), ALL]
+    is_trained_on = any(figures.get("train", {}).get("frames") for figures in rows.values())
+    splits = ["seen", "unseen", *UNSEEN, *(["train"] if is_trained_on else []), ALL]
     blank = ("",) * (len(splits) - 2)
     body = [(row.method, *map(_number, row.figures), *blank) for row in paper]
     for row, figures in rows.items():
@@ -262,10 +263,6 @@ def _precision(figures: Figures, kind: str) -> str:
     ends = figures.get("intervals", {}).get(f"symmetry_ap {kind}")
     between = f" ({ends[0]:.2f} to {ends[1]:.2f})" if ends else ""
     return _number(figures["symmetry_ap"][kind]) + between
-
-
-def _has(rows: ReportRows, split: str) -> bool:
-    return any(figures.get(split, {}).get("frames") for figures in rows.values())
 
 
 def _mean(figures: Mapping[str, Figures], name: str, split: str) -> float | None:

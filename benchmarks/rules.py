@@ -21,7 +21,6 @@ from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SymmetrySlots
 from pipelines.grasping.symmetries.axis_candidates import starting_axes
 from pipelines.grasping.symmetries.plane_candidates import candidate_planes
-from pipelines.grasping.symmetries.votes import voted_slots
 
 EVERY_RULE = "all"  # key of the run with every rule
 FAR = 10.0  # metres: planes there are never likely
@@ -86,13 +85,6 @@ def planes_without_axis_point(
     """Return `candidate_planes`; those through the axis lie far from the region."""
     far = RotationSymmetry(axis.direction, axis.point + FAR)
     return candidate_planes(slots, far, points, normals, table)
-
-
-def slots_of_equal_votes(
-    existence: Array, point: Array, direction: Array, affordance: Array
-) -> SymmetrySlots:
-    """Return `voted_slots`, each point's vote of one weight."""
-    return voted_slots(existence, point, direction, np.ones_like(affordance))
 
 
 SELECTION = (
@@ -307,11 +299,6 @@ SYMMETRIES = (
         "angle between two planes at least",
         replaced={f"{FITS}plane_evidence.RIVALS": np.radians(8.0)},
     ),
-    Rule(
-        "equal-votes",
-        "votes weighed by affordance",
-        replaced={"pipelines.inference.predicted_regions.voted_slots": slots_of_equal_votes},
-    ),
 )
 REGIONS = (
     Rule("foreground", "share of a detection above the table", {"min_foreground": 0.0}),
@@ -348,7 +335,6 @@ REGIONS = (
 PRINTED = {
     "printed-regions": ("regions of the detector alone", ("regions",)),
     "printed-masks": ("masks as detected", ("clip_detections", "min_foreground")),
-    "printed-average": ("mean of the points' symmetries", (f"{SYMMETRY}averaging",)),
     "printed-symmetries": ("symmetries as predicted", (f"{SYMMETRY}is_fitted",)),
     "printed-pairs": ("each point and its counterpart is a pair", (CANDIDATES,)),
     "printed-collision": (

@@ -8,7 +8,6 @@ from pipelines.configs.declaration import BY_EYE, choice, setting
 
 RankingMethod = Literal["critic", "eq8"]
 ReferenceFrame = Literal["camera", "table"]
-Averaging = Literal["median", "mean"]
 SymmetrySource = Literal["network", "network+shape", "shape"]
 
 ROBOT = "user's robot"
@@ -37,11 +36,6 @@ class SymmetryConfig:
         "network+shape",
         "Source of the symmetries that are fitted: the network, the region's shape, or both.",
         "D. 65, D. 140",
-    )
-    averaging: Averaging = choice(
-        "median",
-        "Symmetry of a region, of its points' votes: median, by affordance, or mean.",
-        "D. 4",
     )
     min_existence: float = setting(
         0.5, "share", "Least existence of a symmetry that is not fitted.", "D. 4"

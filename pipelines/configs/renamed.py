@@ -47,6 +47,7 @@ REMOVED: dict[str, dict[str, str]] = {
     "InferConfig": {
         "selection.weak_affordance": NO_EFFECT,
         "selection.candidates.weak_affordance": NO_EFFECT,
+        "selection.symmetry.averaging": NO_EFFECT,
     }
 }
 # Settings that weights of before need not name: these networks were made with the default.

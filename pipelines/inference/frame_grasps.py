@@ -165,8 +165,7 @@ class Planner:
         if self.symmetry_peer is not None:
             return compared_regions(clouds, seen.scene, seen.color, self.symmetry_peer)
         assert self.predictor is not None
-        averaging = self.config.selection.symmetry.averaging
-        return predicted_regions(clouds, seen.scene.plane, self.predictor, averaging)
+        return predicted_regions(clouds, seen.scene.plane, self.predictor)
 
     def _taken_apart(
         self,

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from pipelines.array_types import Array
 from pipelines.configs import SelectionConfig
-from pipelines.configs.planning import Averaging
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.grasping.planner import RegionModel
@@ -18,7 +17,7 @@ from pipelines.grasping.symmetries.by_fitting import symmetries_by_fitting
 from pipelines.grasping.symmetries.completion import completions
 from pipelines.grasping.symmetries.grounding import SymmetryCritics, ground_symmetries
 from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
-from pipelines.grasping.symmetries.votes import mean_slots, voted_slots
+from pipelines.grasping.symmetries.votes import mean_slots
 
 NUM_FITTED_POINTS = 1500  # of a region that are grasped without a network, as many as with one
 
@@ -33,10 +32,6 @@ class RegionOutput(Protocol):
     @property
     def affordance(self) -> NDArray[Any]:
         """(n,) 0 to 1."""
-
-    @property
-    def voting(self) -> NDArray[Any]:
-        """(m,) which of the n vote for symmetries."""
 
     @property
     def existence(self) -> NDArray[Any]:
@@ -88,28 +83,19 @@ class PredictedRegion:
     source: str = "network"
 
     @classmethod
-    def of(
-        cls, cloud: RegionCloud, prediction: RegionOutput, averaging: Averaging
-    ) -> "PredictedRegion":
-        """Return the region `cloud` with the votes of its points put together by `averaging`."""
+    def of(cls, cloud: RegionCloud, prediction: RegionOutput) -> "PredictedRegion":
+        """Return the region `cloud` with the mean of what its points predict."""
         affordance = np.asarray(prediction.affordance, np.float64)
-        votes = prediction.existence, prediction.center, prediction.direction
-        if averaging == "mean":
-            slots = mean_slots(*votes)
-        else:
-            slots = voted_slots(*votes, affordance[prediction.voting])
+        slots = mean_slots(prediction.existence, prediction.center, prediction.direction)
         return cls(cloud[prediction.index], affordance, slots)
 
 
 def predicted_regions(
-    clouds: Sequence[RegionCloud],
-    table: Plane | None,
-    predictor: Predictor,
-    averaging: Averaging = "median",
+    clouds: Sequence[RegionCloud], table: Plane | None, predictor: Predictor
 ) -> list[PredictedRegion]:
     """Return the predictions for `clouds` on `table`, camera frame."""
     predictions = predictor.predict([cloud.points for cloud in clouds], table)
-    return [PredictedRegion.of(*each, averaging) for each in zip(clouds, predictions, strict=True)]
+    return [PredictedRegion.of(*each) for each in zip(clouds, predictions, strict=True)]
 
 
 class Fitting:

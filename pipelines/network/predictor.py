@@ -33,15 +33,14 @@ class RegionPrediction:
     Attributes:
         index: (N,) indices of the region's points that were drawn; some twice where it has fewer.
         affordance: (N,) in [0, 1].
-        voting: (M,) which of the N vote for symmetries; each twice where a mirrored copy votes.
-        existence: (M, 5) probabilities; slots 0-2 reflection, 3 rotation, 4 sphere.
+        existence: (M, 5) probabilities, of every third point, with a mirrored copy twice; slots 0-2
+            reflection, 3 rotation, 4 sphere.
         center: (M, 5, 3).
         direction: (M, 5, 3) unit; zeros for the sphere.
     """
 
     index: NDArray[np.int64]
     affordance: Singles
-    voting: NDArray[np.int64]
     existence: Singles
     center: Singles
     direction: Singles
@@ -102,19 +101,14 @@ class GraspPredictor:
         centered = ((drawn - centroid) @ turned).astype(np.float32)
         camera = (-centroid @ turned)[:, 0].astype(np.float32)
         outputs = self._outputs(centered, ground, camera)
-        voting = np.arange(0, index.shape[1], VOTING_STRIDE)
         if self.mirrored:
             copies = centered @ MIRROR, ground, camera @ MIRROR
             outputs = with_copy(outputs, self._outputs(*copies).mirrored())
-            voting = np.tile(voting, 2)
         back = axes[:, None].astype(np.float32)
         centers = outputs.center @ back + centroid[:, :, None].astype(np.float32)
         direction = outputs.direction @ back
         columns = (index, outputs.affordance, outputs.existence, centers, direction)
-        return [
-            RegionPrediction(drawn, graspable, voting, *symmetries)
-            for drawn, graspable, *symmetries in zip(*columns, strict=True)
-        ]
+        return [RegionPrediction(*each) for each in zip(*columns, strict=True)]
 
     def _axes(self, centroids: NDArray[np.float64], table: Plane | None) -> NDArray[np.float64]:
         """Return (B, 3, 3) rotations from camera axes to those of the input frame."""

@@ -31,7 +31,6 @@ class Prediction:
 
     index: np.ndarray
     affordance: np.ndarray
-    voting: np.ndarray
     existence: np.ndarray
     center: np.ndarray
     direction: np.ndarray

@@ -50,7 +50,6 @@ class Oracle:
             Prediction(
                 np.arange(0, len(cloud), 2),
                 np.ones(len(cloud[::2])),
-                np.arange(0, len(cloud[::2]), 3),
                 *(
                     np.tile(each, (len(cloud[::6]),) + (1,) * each.ndim)
                     for each in (slots.existence, point, direction)

@@ -27,7 +27,6 @@ class NoSymmetry:
             Prediction(
                 np.arange(len(cloud)),
                 np.ones(len(cloud)),
-                np.arange(0, len(cloud), 3),
                 np.zeros((len(cloud[::3]), 5)),
                 np.zeros((len(cloud[::3]), 5, 3)),
                 np.zeros((len(cloud[::3]), 5, 3)),
@@ -50,8 +49,7 @@ class TwoPlanes(NoSymmetry):
             Prediction(
                 each.index,
                 each.affordance,
-                each.voting,
-                *(np.tile(part, (len(each.voting),) + (1,) * part.ndim) for part in votes),
+                *(np.tile(part, (len(each.existence),) + (1,) * part.ndim) for part in votes),
             )
             for each in super().predict(clouds, table)
         ]

@@ -131,7 +131,6 @@ SELECTION = (
     ),
     Rule("pair-spacing", "spacing of contact pairs", {f"{CANDIDATES}pair_spacing": 0.0005}),
     Rule("all-pairs", "limit of contact pairs", {f"{CANDIDATES}max_pairs": 4096}),
-    Rule("contact-angle", "largest contact angle", {f"{CANDIDATES}max_contact_angle": pi / 2}),
     Rule(
         "off-centre",
         "less stability off the centre",

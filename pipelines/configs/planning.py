@@ -70,9 +70,6 @@ class CandidateConfig:
     pair_spacing: float = setting(
         0.006, "m", "Least distance between the first contacts of pairs that are tried.", "D. 85"
     )
-    max_contact_angle: float = setting(
-        0.7, "rad", "Largest angle between a contact's normal and the contact line.", "D. 79"
-    )
     num_approach_angles: int = setting(
         12,
         "count",

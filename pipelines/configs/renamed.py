@@ -48,6 +48,7 @@ REMOVED: dict[str, dict[str, str]] = {
         "selection.weak_affordance": NO_EFFECT,
         "selection.candidates.weak_affordance": NO_EFFECT,
         "selection.symmetry.averaging": NO_EFFECT,
+        "selection.candidates.max_contact_angle": NO_EFFECT,
     }
 }
 # Settings that weights of before need not name: these networks were made with the default.

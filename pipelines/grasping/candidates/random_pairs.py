@@ -10,6 +10,7 @@ from pipelines.grasping.feasibility.feasibility import Feasibility
 from pipelines.grasping.scene import RegionCloud
 
 DRAWS = 4000  # pairs of points
+LEAST_COSINE = np.cos(0.7)  # of the angle between both normals and the line, radians
 
 
 def random_candidates(
@@ -20,7 +21,7 @@ def random_candidates(
 ) -> GraspCandidates:
     """Return random pairs of the points of `region` that the gripper's width allows.
 
-    Both normals are within the contact angle of the line between the points, where such pairs are
+    Both normals are within 40 degrees of the line between the points, where such pairs are
     seen from one side; where none is drawn, all pairs are returned, the least bad first.
     """
     contacts = _drawn_pairs(region, feasibility.widths, config, rng)
@@ -47,7 +48,7 @@ def _drawn_pairs(
     )
     width = np.linalg.norm(contacts[:, 1] - contacts[:, 0], axis=1)
     fits = (width >= widths[0]) & (width <= widths[1])
-    chosen = np.flatnonzero(fits & (cosine > np.cos(config.max_contact_angle)))
+    chosen = np.flatnonzero(fits & (cosine > LEAST_COSINE))
     if not len(chosen):  # nothing antipodal is seen
         order = np.argsort(-cosine, kind="stable")
         chosen = order[fits[order]]

@@ -14,8 +14,6 @@ from pipelines.grasping.feasibility.feasibility import Feasibility
 from pipelines.grasping.scene import RegionCloud
 from pipelines.grasping.symmetries.observed_frustum import in_observed_frustum
 
-Bounds = tuple[float, float, float]
-
 
 def symmetric_candidates(
     region: RegionCloud,
@@ -44,8 +42,7 @@ def symmetric_candidates(
     points, normals = region.points[chosen], region.normals[chosen]
     images = np.stack([symmetry.counterpart(points) for _, symmetry in symmetries], 1)
     real = in_observed_frustum(images.reshape(-1, 3), scene).reshape(images.shape[:2])
-    bounds = (float(np.cos(config.max_contact_angle)), *feasibility.widths)
-    best, cosine = _best_images(points, normals, images, real, bounds)
+    best, cosine = _best_images(points, normals, images, real, feasibility.widths)
     kept = np.flatnonzero(best >= 0)
     kept = kept[np.argsort(-affordance[chosen[kept]] * cosine[kept], kind="stable")]
     kept = kept[voxel_downsample(points[kept], config.pair_spacing)[: config.max_pairs]]
@@ -63,14 +60,13 @@ def symmetric_candidates(
 
 @compiled
 def _best_images(
-    points: Array, normals: Array, images: Array, real: Mask, bounds: Bounds
+    points: Array, normals: Array, images: Array, real: Mask, widths: tuple[float, float]
 ) -> tuple[Indices, Array]:
     """Return which of its `images` (n, k, 3) each of `points` (n, 3) is paired with, -1 for none.
 
-    And the cosine (n,) between its normal and the line to it. `bounds`: the least cosine, the
-    least and greatest width.
+    And the cosine (n,) between its normal and the line to it. `widths`: the least and greatest.
     """
-    least, narrow, wide = bounds
+    narrow, wide = widths
     best, cosine = np.full(len(points), -1, np.int64), np.zeros(len(points))
     for n in range(len(points)):
         for k in range(images.shape[1]):
@@ -82,6 +78,6 @@ def _best_images(
                 continue
             x, y, z = x / width, y / width, z / width
             facing = abs(x * normals[n, 0] + y * normals[n, 1] + z * normals[n, 2])
-            if facing > max(least, cosine[n]):
+            if facing > cosine[n]:
                 best[n], cosine[n] = k, facing
     return best, cosine

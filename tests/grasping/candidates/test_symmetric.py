@@ -44,7 +44,8 @@ def test_counterparts_lie_across_the_box():
     _, scene, region, planes = box_seen()
     pairs = pairs_of(region, scene, planes)
     assert len(pairs) > 5
-    np.testing.assert_allclose(widths(pairs)[pairs.slot == 1], 0.09, atol=0.004)
+    facing = (pairs.slot == 1) & (pairs.quality > 0.9)  # the first contact lies on a side
+    np.testing.assert_allclose(widths(pairs)[facing], 0.09, atol=0.004)
 
 
 def test_of_two_planes_the_one_across_the_points_normal_is_taken():
@@ -53,7 +54,6 @@ def test_of_two_planes_the_one_across_the_points_normal_is_taken():
     line = unit(pairs.contacts[:, 1] - pairs.contacts[:, 0])
     across = np.abs(line @ pose[:3, :2])  # cosines to the two planes' normals
     np.testing.assert_array_equal(across.argmax(axis=1), pairs.slot)
-    assert (pairs.quality > np.cos(CONFIG.candidates.max_contact_angle)).all()  # affordance is 1
 
 
 def test_points_of_low_affordance_are_in_no_pair():
@@ -94,11 +94,11 @@ def test_a_point_is_paired_with_the_possible_image_that_its_normal_faces_most(se
     images = points[:, None] + rng.normal(size=(count, 4, 3))
     images[:, 3] = points  # a point on the plane is its own image
     real = rng.uniform(size=(count, 4)) < 0.8
-    best, cosine = _best_images(points, normals, images, real, (0.3, 0.5, 2.0))
+    best, cosine = _best_images(points, normals, images, real, (0.5, 2.0))
     line = images - points[:, None]
     width = np.linalg.norm(line, axis=-1)
     facing = np.abs(np.einsum("nki,ni->nk", unit(line), normals))
-    sound = real & (facing > 0.3) & (width > 0.5) & (width < 2.0)
+    sound = real & (width > 0.5) & (width < 2.0)
     facing = np.where(sound, facing, 0.0)
     none = np.where(sound.any(axis=1), facing.argmax(axis=1), -1)
     np.testing.assert_array_equal(best, none)

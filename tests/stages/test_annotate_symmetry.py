@@ -72,12 +72,6 @@ def test_the_file_says_what_the_symmetries_are_and_how_it_was_made(tmp_path):
     assert abs(axis["axis"][2]) > 0.9999
 
 
-def test_a_second_run_skips_what_is_finished(tmp_path):
-    mesh = write_meshes(tmp_path / "meshes") / "box.ply"
-    run(mesh, tmp_path / "out")
-    assert run(mesh, tmp_path / "out").skipped == ["box"]
-
-
 def test_a_dataset_root_gets_its_symmetry_folder_and_regions_by_hand_win(tmp_path):
     root = GraspNetRoot(tmp_path)
     write_mesh(root.model_path(0), shapes()[0])
@@ -99,14 +93,6 @@ def test_changed_regions_make_the_annotation_stale(tmp_path):
     assert "--overwrite" in run(tmp_path).failed["000"]
 
 
-def test_a_damaged_mesh_fails_alone(tmp_path):
-    folder = write_meshes(tmp_path / "meshes")
-    (folder / "damaged.ply").write_text("ply\nformat ascii 1.0\nelement")
-    report = run(folder, tmp_path / "out")
-    assert len(report.done) == 3
-    assert "damaged.ply" in report.failed["damaged"]
-
-
 def test_loose_meshes_need_a_folder_to_write_to(tmp_path):
     with pytest.raises(SymgraspError, match="--out"):
         run(write_meshes(tmp_path))
@@ -118,15 +104,17 @@ def test_a_folder_without_meshes_is_one_sentence(tmp_path):
 
 
 def test_two_meshes_of_one_name_fail_with_a_sentence_each_and_the_rest_is_done(tmp_path):
-    folder = write_meshes(tmp_path / "meshes")
-    write_mesh(folder / "box.obj", shapes()[0])
-    report = run(folder, tmp_path / "out")
-    assert report.done == ["can", "pair"]
+    box, can, _ = shapes()
+    for name, mesh in (("box.ply", box), ("box.obj", box), ("can.ply", can)):
+        write_mesh(tmp_path / "meshes" / name, mesh)
+    report = run(tmp_path / "meshes", tmp_path / "out")
+    assert report.done == ["can"]
     assert set(report.failed) == {"box.obj", "box.ply"}
     assert "rename one" in report.failed["box.obj"]
 
 
 BAD = {
+    "damaged.ply": b"ply\nformat ascii 1.0\nelement",
     "empty.ply": b"",
     "points.ply": b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\n"
     b"property float y\nproperty float z\nend_header\n0 0 0\n",
@@ -145,6 +133,7 @@ def test_bad_meshes_are_a_sentence_each_and_the_rest_is_done(tmp_path):
     assert report.done == ["can"]
     assert set(report.failed) == {name.split(".")[0] for name in BAD}
     assert report.exit_code == 1
+    assert "damaged.ply" in report.failed["damaged"]
     assert not any("\n" in sentence for sentence in report.failed.values())
 
 
@@ -201,6 +190,10 @@ def box(finished_box, tmp_path):
     """A folder with `box.ply` and its annotation."""
     shutil.copytree(finished_box, tmp_path, dirs_exist_ok=True)
     return tmp_path
+
+
+def test_a_second_run_skips_what_is_finished(box):
+    assert run(box / "box.ply", box / "out").skipped == ["box"]
 
 
 DROP = {"drop": {"kind": "reflection", "index": 1}}

@@ -18,6 +18,9 @@ MOVES = {"copy_", "_to_copy", "_foreach_copy_"}
 INDEXED = {"index", "index_put", "index_put_", "_index_put_impl_", "_unsafe_index_put"}
 JOINED = {"cat", "stack"}  # that take no single numbers from elsewhere either
 ARRAYS = {torch.Tensor.numpy, torch.Tensor.__array__}
+DEVICE, IS_CUDA = torch.Tensor.device.__get__, torch.Tensor.is_cuda.__get__
+PLACES = {DEVICE, IS_CUDA}
+MOVED = {torch.Tensor.cuda, torch.Tensor.cpu}
 SEQUENCES = (list, tuple)
 BESIDE = {torch.Tensor.__deepcopy__, torch.Tensor.new_tensor}  # made without an operation on it
 
@@ -72,6 +75,10 @@ class Operations(TorchDispatchMode):
         super().__init__()
         self.memory = memory
 
+    @classmethod
+    def _should_skip_dynamo(cls):
+        return False  # nothing is compiled here, and the guard against it is slow
+
     def __torch_dispatch__(self, func, types, args=(), kwargs=None):
         kwargs, name = kwargs or {}, func._schema.name.split("::")[1]
         given = tensors_of(args, kwargs)
@@ -104,15 +111,17 @@ class Calls(TorchFunctionMode):
         self.memory = memory
 
     def __torch_function__(self, func, types, args=(), kwargs=None):
+        if func.__name__ == "__get__" and func not in PLACES:  # a shape, a type of numbers
+            return func(*args)
         kwargs, memory = dict(kwargs or {}), self.memory
         there = any(memory.holds(each) for each in tensors_of(args, kwargs))
-        if func == torch.Tensor.device.__get__:
+        if func == DEVICE:
             return GPU if there else func(*args)
-        if func == torch.Tensor.is_cuda.__get__:
+        if func == IS_CUDA:
             return there
         if func in ARRAYS and there:
             raise TypeError("can't convert a tensor on cuda:0 to an array")
-        if func in {torch.Tensor.cuda, torch.Tensor.cpu}:
+        if func in MOVED:
             return memory.moved(args[0], func is torch.Tensor.cuda)
         if func is torch.Tensor.to:
             return self._to(*args, **kwargs)
@@ -160,6 +169,8 @@ def pretended_gpu():
         patch.setattr(torch.cuda, "device_count", lambda: 1)
         graphs = "_accelerator_graph_capture_health_check"  # asks the driver
         patch.setattr(torch.optim.Optimizer, graphs, lambda _: None)
+        # Two threads of an operation wait for each other longer than toy networks take.
+        patch.setattr(torch, "set_num_threads", lambda _: None)
         memory = Memory()
         with Calls(memory), Operations(memory):
             yield memory

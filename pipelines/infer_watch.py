@@ -128,7 +128,7 @@ class _Follower:
     notify: Callable[[Followed], None]
     clock: Clock
     # The same for all frames: the C library keeps what a thread gave back for the next thread, and
-    # new threads for each two frames came to hold 250 MB so.
+    # new threads for each two frames came to hold 150 MB more so.
     threads: Executor
     beside: Executor
     items: dict[str, WorkItem] = field(default_factory=dict)

@@ -96,7 +96,8 @@ class TrainingRun:
         self._began = self.keeper.saved = self._logged = time.monotonic()
         with ExitStack() as stack:
             stack.enter_context(self.signals.heeded(patient=self.processes.count > 1))
-            self.writer = self._open_writer(stack)
+            with self.signals.at_once():  # before the first step nothing is lost
+                self.writer = self._open_writer(stack)
             self.display = stack.enter_context(self._make_display())
             stack.enter_context(intra_op_threads(self.options.threads))
             workers = stack.enter_context(self._make_workers())

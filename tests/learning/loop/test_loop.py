@@ -214,31 +214,54 @@ def test_a_signal_stops_after_the_step_with_a_checkpoint(tmp_path, whole, number
     assert_same(output, whole[Line])
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_signal_during_validation_ends_at_once_and_loses_no_step(tmp_path, whole, number):
-    output, trainee = tmp_path / "line.safetensors", Line()
+class EndedError(Exception):
+    pass
 
-    class EndedError(Exception):
-        pass
+
+@contextlib.contextmanager
+def ending_at_once(number):
+    """Expect that the handler of the command line ends what is within."""
 
     def end(*_):
         raise EndedError
 
-    def validate():
+    before = signal.signal(number, end)
+    try:
+        with pytest.raises(EndedError):
+            yield
+    finally:
+        signal.signal(number, before)
+
+
+def signalled_by(number):
+    """Return what sends a signal, and is not gone on with."""
+
+    def signalled(*_):
         os.kill(os.getpid(), number)
         raise AssertionError("it goes on")
 
-    trainee.validate = validate
-    before = signal.signal(number, end)  # as the command line has one
-    try:
-        with pytest.raises(EndedError):
-            trained(output, trainee=trainee)
-    finally:
-        signal.signal(number, before)
+    return signalled
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_during_validation_ends_at_once_and_loses_no_step(tmp_path, whole, number):
+    output, trainee = tmp_path / "line.safetensors", Line()
+    trainee.validate = signalled_by(number)
+    with ending_at_once(number):
+        trained(output, trainee=trainee)
     steps = find_progress(output, STAMP, RunRequest(resume=True)).total_steps
     assert steps == len(Line().epoch(0, generator(0, 0)))
     trained(output, resume=True)
     assert_same(output, whole[Line])
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_before_the_first_step_ends_at_once(tmp_path, monkeypatch, number):
+    output = tmp_path / "line.safetensors"
+    monkeypatch.setattr(TrainingRun, "_open_writer", signalled_by(number))
+    with ending_at_once(number):
+        trained(output)
+    assert not output.exists()
 
 
 def test_a_step_that_takes_long_is_abandoned_between_its_micro_batches(tmp_path, whole):

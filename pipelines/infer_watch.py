@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
+from math import inf
 
 from pipelines.configs import InferConfig, WatchConfig
 from pipelines.dataset.chosen_frames import ALL_FRAMES, ChosenFrames
@@ -25,12 +26,7 @@ from pipelines.inference.pictures import draw_missing, of_shards
 from pipelines.inference.run_settings import InferPaths, Settings, check_names
 from pipelines.inference.side_by_side import side_by_side
 from pipelines.inference.watching import Arrival, Clock, Lister, Watcher
-from pipelines.inference.work import (
-    STAGE,
-    Work,
-    has_shard,
-    infer_frame,
-)
+from pipelines.inference.work import STAGE, Work, has_shard, infer_frame
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.runtime.stopping import Reason, StopSignals
@@ -38,6 +34,7 @@ from pipelines.runtime.stopping import Reason, StopSignals
 log = logging.getLogger(__name__)
 
 LONGEST_PAUSE = 1.0  # seconds until a signal is heeded
+LONGEST_END = 5.0  # seconds that the output may take after a signal
 WRITING_SHARE = 9  # the output's time is waited this many times, as it grows with all frames
 LISTING_SHARE = 4  # a listing's time is waited this many times, so that large folders cost little
 
@@ -115,7 +112,11 @@ def run(
         follower.begin(overwrite=options.overwrite)
         while signals.reason is Reason.NONE and not follower.is_timed_out():
             follower.go_on()
-        return follower.end()
+        return follower.end(is_stopped=signals.reason is not Reason.NONE)
+
+
+class _TakesTooLong(Exception):  # noqa: N818 - it ends a thread of ours
+    """The output is not put together before the process has to end."""
 
 
 @dataclass
@@ -140,6 +141,7 @@ class _Follower:
     writing: Future[None] | None = None  # while it is
     begun: float = 0.0  # when that began, the last time
     rested: float = 0.0  # when it may begin again
+    deadline: float = inf  # by which it must have ended
 
     def __post_init__(self) -> None:
         self.watcher = Watcher(self.watch)
@@ -187,15 +189,24 @@ class _Follower:
         active = max(self.active, self.watcher.last_change() or self.active)
         return self.clock.now() - active >= self.watch.timeout
 
-    def end(self) -> StageReport:
-        """Put the output together and return the report."""
+    def end(self, *, is_stopped: bool) -> StageReport:
+        """Put the output together and return the report; if it `is_stopped`, do not take long."""
+        self.deadline = self.clock.now() + (LONGEST_END if is_stopped else inf)
         names = {source.name for source in self.listed}
         for name in sorted(names & set(self.pending)):
             arrival, item, sentence = self.pending[name]
             self._conclude(name, arrival, item, sentence)
-        if self.is_changed:
-            self._put_together()
-        self._await_output()
+        try:
+            if self.is_changed:
+                self._put_together()
+            self._await_output()
+        except _TakesTooLong:
+            log.warning(
+                "%s is not of all frames: that would take over %g s; the same command without "
+                "--watch puts it together",
+                self.work.output,
+                LONGEST_END,
+            )
         self.report.failed = {name: why for name, why in self.failed.items() if name in names}
         self.report.seconds = self.clock.now() - self.started
         return self.report
@@ -271,8 +282,13 @@ class _Follower:
         order = [*gone, *(name for name in listed if name in self.items)]
         items = [self.items[name] for name in order]
         self.begun = self.clock.now()
-        self.writing = self.beside.submit(self.work.put_together, items, dict(self.failed))
+        arguments = items, dict(self.failed), self._check_deadline
+        self.writing = self.beside.submit(self.work.put_together, *arguments)
         self.is_changed = False
+
+    def _check_deadline(self) -> None:
+        if self.clock.now() > self.deadline:
+            raise _TakesTooLong
 
     def _forget_lost(self) -> None:
         """Leave out the frames whose parts somebody removed, rather than fail without them."""

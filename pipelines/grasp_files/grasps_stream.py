@@ -7,7 +7,7 @@ these are read. To write, the rows of all shards are counted first, then filled 
 import os
 from bisect import bisect_left
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -157,18 +157,22 @@ def merge_shards(
     parts: Sequence[FrameResult | Path],
     stamp: Stamp,
     weights: Mapping[str, str] | None = None,
+    check: Callable[[], None] = lambda: None,
 ) -> None:
     """Write the file that `grasps_file.write` would of the frames `parts`, shards or results.
+
+    `check`: called between parts; if it raises, nothing is written.
 
     Raises:
         FormatError: a shard is damaged.
     """
-    sizes = _Sizes.of(parts)
+    sizes = _Sizes.of(parts, check)
     with new_h5(path) as file:
         write_attributes(file, stamp, weights)
         _make_columns(file, sizes)
         done = _Sizes(0, 0, 0, 0)
         for start in range(0, len(parts), BATCH):
+            check()
             done = _fill(
                 file, joined_shards([_tables(part) for part in parts[start : start + BATCH]]), done
             )
@@ -184,8 +188,11 @@ class _Sizes:
     runs: int  # of all masks
 
     @classmethod
-    def of(cls, parts: Sequence[FrameResult | Path]) -> "_Sizes":
-        sizes = [shard_sizes(p) if isinstance(p, Path) else _size(p) for p in parts]
+    def of(cls, parts: Sequence[FrameResult | Path], check: Callable[[], None]) -> "_Sizes":
+        sizes = []
+        for part in parts:
+            check()
+            sizes.append(shard_sizes(part) if isinstance(part, Path) else _size(part))
         regions, grasps, runs = (sum(each) for each in zip((0, 0, 0), *sizes, strict=True))
         return cls(len(parts), regions, grasps, runs)
 

@@ -3,7 +3,7 @@
 Each finished frame is a shard beside the output until the output is put together from them.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -105,8 +105,13 @@ class Work:
         ).beside(self.output)
         return replace(self.stamp({**self.common, "frames": frames}), recorded=record)
 
-    def put_together(self, items: Sequence[WorkItem], failed: Mapping[str, str]) -> None:
-        """Write the output of the shards of `items`, or why there is none."""
+    def put_together(
+        self,
+        items: Sequence[WorkItem],
+        failed: Mapping[str, str],
+        check: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Write the output of the shards of `items`, or why there is none; `check` may end it."""
         parts = [
             FrameResult(item.name, "failed", failed[item.name], seconds=np.nan)
             if item.name in failed
@@ -116,7 +121,7 @@ class Work:
         for item in items:
             if item.name not in failed and not inputs_of(item).are_known:
                 inputs_of(item).take_over(read_stamp(item.target) or {}, unseen=True)
-        merge_shards(self.output, parts, self.whole_stamp(items), self.weights)
+        merge_shards(self.output, parts, self.whole_stamp(items), self.weights, check)
 
 
 def infer_frame(item: WorkItem, settings: Settings) -> str | None:

@@ -127,6 +127,21 @@ def test_frames_are_reported_as_they_come_and_the_end_is_as_infer_writes_it(cell
     assert cell.output.read_bytes() == (tmp_path / "plain.h5").read_bytes()
 
 
+def test_a_signal_does_not_wait_long_for_the_output_which_infer_puts_together(
+    cell, tmp_path, monkeypatch, caplog
+):
+    monkeypatch.setattr(infer_watch, "LONGEST_END", -1.0)
+    cell.at(1.0, cell.write, "a")
+    cell.at(1.5, signal.raise_signal, signal.SIGTERM)
+    report = cell.follow()
+    assert (report.done, report.exit_code) == (["a"], 0)
+    assert "g.h5 is not of all frames" in caplog.text
+    assert not cell.output.exists()
+    assert cell.infer(cell.output).skipped == ["a"]
+    cell.infer(tmp_path / "plain.h5")
+    assert cell.output.read_bytes() == (tmp_path / "plain.h5").read_bytes()
+
+
 def test_all_frames_are_worked_on_in_the_same_few_threads(cell, monkeypatch):
     used, work = set(), infer_watch.infer_frame
 

@@ -34,7 +34,7 @@ from symgrasp_cli.settings import with_settings
 
 if TYPE_CHECKING:
     from pipelines.dataset.chosen_frames import ChosenFrames
-    from pipelines.infer_watch import Followed
+    from pipelines.inference.following import Followed
     from pipelines.runtime.batch import BatchOptions, StageReport
 
 DEFAULT_FRAME = LimitsConfig.box_frame

@@ -21,6 +21,7 @@ from pipelines import infer, infer_watch
 from pipelines.configs import InferConfig, WatchConfig
 from pipelines.errors import StaleOutputError, SymgraspError, WriteError
 from pipelines.grasp_files import grasps_file
+from pipelines.inference import following
 from pipelines.inference.side_by_side import MAX_THREADS
 from pipelines.inference.watching import Clock
 from pipelines.runtime.batch import BatchOptions
@@ -130,7 +131,7 @@ def test_frames_are_reported_as_they_come_and_the_end_is_as_infer_writes_it(cell
 def test_a_signal_does_not_wait_long_for_the_output_which_infer_puts_together(
     cell, tmp_path, monkeypatch, caplog
 ):
-    monkeypatch.setattr(infer_watch, "LONGEST_END", -1.0)
+    monkeypatch.setattr(following, "LONGEST_END", -1.0)
     cell.at(1.0, cell.write, "a")
     cell.at(1.5, signal.raise_signal, signal.SIGTERM)
     report = cell.follow()
@@ -143,13 +144,13 @@ def test_a_signal_does_not_wait_long_for_the_output_which_infer_puts_together(
 
 
 def test_all_frames_are_worked_on_in_the_same_few_threads(cell, monkeypatch):
-    used, work = set(), infer_watch.infer_frame
+    used, work = set(), following.infer_frame
 
     def noted(item, settings):
         used.add(threading.current_thread())
         return work(item, settings)
 
-    monkeypatch.setattr(infer_watch, "infer_frame", noted)
+    monkeypatch.setattr(following, "infer_frame", noted)
     for count, time in enumerate([1.0, 1.0, 2.0, 3.0, 4.0, 4.0, 5.0, 5.0]):
         cell.at(time, partial(cell.write, as_name=f"c{count}"), "c")
     assert len(cell.follow().done) == 8

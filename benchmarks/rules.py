@@ -7,20 +7,23 @@ What a leave-one-out deleted is in docs/experiments/leave-one-out.md.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import compress
 from math import inf, pi
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
-from pipelines.array_types import Array
+from pipelines.array_types import Indices
 from pipelines.configs import InferConfig
 from pipelines.configs.presets import preset_settings
 from pipelines.configs.settings import changed, settings_of
 from pipelines.errors import UnknownNameError
-from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SymmetrySlots
 from pipelines.grasping.symmetries.axis_candidates import starting_axes
 from pipelines.grasping.symmetries.plane_candidates import candidate_planes
+
+Kind = TypeVar("Kind")
+Starts = tuple[list[Kind], Indices]  # symmetries to fit, and their sources
 
 EVERY_RULE = "all"  # key of the run with every rule
 FAR = 10.0  # metres: planes there are never likely
@@ -63,14 +66,13 @@ def nothing(*_: object) -> None:
     """Return None, whatever is asked."""
 
 
-def axes_without(left_out: Sequence[int]) -> Callable[..., list[RotationSymmetry]]:
+def axes_without(left_out: Sequence[int]) -> Callable[..., Starts[RotationSymmetry]]:
     """Return `starting_axes` without those at the places `left_out` of its list."""
 
-    def axes(
-        slots: SymmetrySlots, points: Array, normals: Array, table: Plane | None
-    ) -> list[RotationSymmetry]:
-        found = starting_axes(slots, points, normals, table)
-        return [axis for place, axis in enumerate(found) if place not in left_out]
+    def axes(*arguments: Any) -> Starts[RotationSymmetry]:  # noqa: ANN401 - whatever it takes
+        found, sources = starting_axes(*arguments)
+        kept = np.array([place not in left_out for place in range(len(found))], np.bool_)
+        return list(compress(found, kept)), sources[kept]
 
     return axes
 
@@ -78,13 +80,11 @@ def axes_without(left_out: Sequence[int]) -> Callable[..., list[RotationSymmetry
 def planes_without_axis_point(
     slots: SymmetrySlots,
     axis: RotationSymmetry,
-    points: Array,
-    normals: Array,
-    table: Plane | None,
-) -> list[ReflectionSymmetry]:
+    *more: Any,  # noqa: ANN401 - whatever it takes
+) -> Starts[ReflectionSymmetry]:
     """Return `candidate_planes`; those through the axis lie far from the region."""
     far = RotationSymmetry(axis.direction, axis.point + FAR)
-    return candidate_planes(slots, far, points, normals, table)
+    return candidate_planes(slots, far, *more)
 
 
 SELECTION = (

@@ -7,13 +7,23 @@ import pytest
 
 from benchmarks import leave_one_out
 from benchmarks.leave_one_out import Memory, left_out, measure, page
-from benchmarks.rules import EVERY_RULE, RULES, Rule, departures, rules_named
+from benchmarks.rules import (
+    EVERY_RULE,
+    RULES,
+    Rule,
+    axes_without,
+    departures,
+    planes_without_axis_point,
+    rules_named,
+)
 from pipelines.compare import Figure
 from pipelines.configs import InferConfig
 from pipelines.configs.presets import preset_settings
 from pipelines.configs.settings import changed
 from pipelines.errors import UnknownNameError
+from pipelines.geometry.symmetry import SymmetrySlots
 from pipelines.grasping import planner
+from pipelines.grasping.symmetries.axis_candidates import starting_axes
 from pipelines.metrics.paired_bootstrap import Difference
 from pipelines.runtime.batch import StageReport
 
@@ -97,3 +107,18 @@ def test_the_departures_together_are_the_preset_of_the_paper():
     assert changed(InferConfig(), alone) == changed(
         InferConfig(), preset_settings("paper", "infer")
     )
+
+
+def test_candidates_are_left_out_of_what_the_code_proposes():
+    points, normals = np.random.default_rng(0).normal(size=(2, 60, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    slots = SymmetrySlots.empty()
+    slots.existence[:], slots.point[:], slots.direction[:] = 1.0, 0.0, [0.0, 0.0, 1.0]
+    every, sources = starting_axes(slots, points, normals, None)
+    fewer, kept = axes_without([0])(slots, points, normals, None)
+    assert [axis.direction.tolist() for axis in fewer] == [
+        axis.direction.tolist() for axis in every[1:]
+    ]
+    np.testing.assert_array_equal(kept, sources[1:])
+    planes, origins = planes_without_axis_point(slots, every[0], points, normals, None)
+    assert len(planes) == len(origins)

@@ -34,6 +34,9 @@ class EndlessPool:
     def __init__(self, root: Path, config: EndlessConfig, seed: int, workers: int) -> None:
         self.together = config.scenes_together
         self._futures: dict[int, Future[list[PackedRegion]]] = {}
+        # A thread that loads ahead may begin a process while the pool ends: nobody would end it.
+        self._beginning = threading.Lock()
+        self._is_ended = False
         # A forked process may wait forever for a lock that a thread of its parent held.
         self._pool = ProcessPoolExecutor(
             workers,
@@ -52,6 +55,8 @@ class EndlessPool:
         trace: TracebackType | None,
     ) -> None:
         # Nobody reads the scenes that are being rendered; without an end they would be waited for.
+        with self._beginning:
+            self._is_ended = True
         for process in list((getattr(self._pool, "_processes", None) or {}).values()):
             process.kill()
         # One may have written half a result. The rest is waited for as long as a pipe has a writer.
@@ -63,14 +68,12 @@ class EndlessPool:
         """Return region `slot` of scene number `scene`.
 
         Raises:
-            SymgraspError: a label is missing or faulty, or a process has ended.
+            SymgraspError: a label is missing or faulty, or a process or the pool has ended.
         """
         group = scene // self.together
         try:
-            for number in range(group * self.together, (group + 2) * self.together):
-                if number not in self._futures:
-                    with ctrl_c_put_off():
-                        self._futures[number] = self._pool.submit(_regions, number)
+            with self._beginning:
+                self._begin(range(group * self.together, (group + 2) * self.together))
             for number in [each for each in self._futures if each < (group - 1) * self.together]:
                 del self._futures[number]
             return self._futures[scene].result()[slot]
@@ -79,6 +82,15 @@ class EndlessPool:
                 "a process that renders regions has ended, perhaps for lack of memory; "
                 "--resume goes on, with fewer --workers"
             ) from error
+
+    def _begin(self, numbers: range) -> None:
+        """Let the scenes `numbers` be rendered, if they are not."""
+        if self._is_ended:
+            raise SymgraspError("no scene is rendered after the end of the training")
+        for number in numbers:
+            if number not in self._futures:
+                with ctrl_c_put_off():
+                    self._futures[number] = self._pool.submit(_regions, number)
 
 
 def _start(root: Path, config: EndlessConfig, seed: int, parent: int) -> None:

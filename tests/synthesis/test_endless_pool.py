@@ -1,5 +1,6 @@
 """Scenes rendered ahead by other processes are those rendered here, and faults are sentences."""
 
+import multiprocessing
 import os
 import signal
 import struct
@@ -90,3 +91,11 @@ def test_the_end_does_not_wait_for_the_rest_of_a_result(root, tmp_path):
         while not (tmp_path / "half").exists():
             time.sleep(0.05)
     assert cut_off.done()
+
+
+def test_a_thread_that_loads_ahead_begins_no_process_once_the_pool_has_ended(root):
+    with EndlessPool(root, FEW, 0, 1) as pool:
+        pass
+    with pytest.raises(SymgraspError, match="after the end of the training"):
+        pool.region(0, 0)
+    assert not multiprocessing.active_children()

@@ -32,7 +32,7 @@ from pipelines.evaluation.tables import Table
 from pipelines.grasp_files.exports.graspnet_dump import DumpedScene, dumped_scenes
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
-from pipelines.storage.files import write_text
+from pipelines.storage.files import real_path, write_text
 from pipelines.storage.provenance import Stamp, digest_text, is_finished, make_stamp
 
 STAGE = "evaluate"
@@ -76,7 +76,7 @@ def run(
         reports.write_report(
             output, tally.rows(), stamp, protocol=PROTOCOL, exact=config.exact, **more
         )
-        page = dump_page(reports.read_report(output), dump.resolve().name, report.failed)
+        page = dump_page(reports.read_report(output), real_path(dump).name, report.failed)
         write_text(output.with_suffix(".html"), page)
     return report
 

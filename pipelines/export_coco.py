@@ -27,7 +27,7 @@ from pipelines.dataset.training.region_frames import (
 from pipelines.errors import SymgraspError
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
-from pipelines.storage.files import atomic_path, within
+from pipelines.storage.files import atomic_path, real_path, within
 from pipelines.storage.provenance import is_finished, make_stamp
 
 STAGE = "export-coco"
@@ -157,7 +157,7 @@ def _place(source: Path, target: Path, *, link: bool) -> None:
     if link:
         target.parent.mkdir(parents=True, exist_ok=True)
         target.unlink(missing_ok=True)
-        target.symlink_to(source.resolve())
+        target.symlink_to(real_path(source))
         return
     target.unlink(missing_ok=True)  # writing through a link of an earlier run would change `source`
     with atomic_path(target) as temporary:

@@ -41,7 +41,7 @@ from pipelines.network.detection.detector import MODEL_NAME
 from pipelines.network.weights_files import weights_metadata
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
-from pipelines.storage.files import existing
+from pipelines.storage.files import existing, real_path
 from pipelines.storage.provenance import digest, digest_folder, digest_text, make_stamp
 
 STAGE = "finetune-detector"
@@ -128,7 +128,7 @@ def _inputs(roots: Sequence[Path], init: Path | None, coco_weights: str | None) 
 
 
 def _name(root: Path) -> str:
-    return root.resolve().name
+    return real_path(root).name
 
 
 def frames_of(

@@ -41,7 +41,7 @@ from pipelines.geometry.meshes.signed_distance import signed_distance_grid
 from pipelines.geometry.meshes.winding import turned_outward
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
-from pipelines.storage.files import atomic_folder
+from pipelines.storage.files import atomic_folder, real_path
 from pipelines.storage.provenance import (
     Stamp,
     digest_if_there,
@@ -95,7 +95,7 @@ def run(
     """
     options = options or BatchOptions()
     root = GraspNetRoot(output)
-    in_place = (meshes / "models").is_dir() and meshes.resolve() == output.resolve()
+    in_place = (meshes / "models").is_dir() and real_path(meshes) == real_path(output)
     if in_place and mesh_scale is not None:
         raise ValueRangeError("--mesh-scale", mesh_scale, "left out for a root labelled in place")
     if not in_place:

@@ -37,6 +37,7 @@ from pipelines.learning.speed.processes import process_group
 from pipelines.network.weights_files import weights_metadata
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
+from pipelines.storage.files import real_path
 from pipelines.storage.provenance import digest_text, make_stamp
 
 STAGE = "train-baseline"
@@ -66,7 +67,7 @@ def run(
     with process_group(request.device) as (processes, device):
         started = time.monotonic()
         items = peer_items(name, root, output, config, split, camera)
-        inputs = {"root": root.resolve().name, "split": split or "all", "camera": camera or "all"}
+        inputs = {"root": real_path(root).name, "split": split or "all", "camera": camera or "all"}
         inputs["scenes"] = digest_text("\n".join(item.stamp.as_digest() for item in items))
         settings = {"method": name, **asdict(config)}
         stamp = make_stamp(STAGE, settings, seed=request.seed, inputs=inputs)

@@ -46,6 +46,7 @@ from pipelines.learning.loop.runs import RunRequest, describe, find_progress
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.checkpoints import save_weights
+from pipelines.storage.files import real_path
 from pipelines.storage.provenance import (
     Stamp,
     digest,
@@ -142,7 +143,7 @@ def _start(kind: CriticKind, init: Path | None) -> PointCritic | None:
 
 
 def _name(root: Path) -> str:
-    return root.resolve().name
+    return real_path(root).name
 
 
 def weights_used(kind: CriticKind, paths: ModelPaths) -> dict[str, str]:

@@ -33,7 +33,7 @@ from pipelines.pictures.overlays import draw_overlay
 from pipelines.pictures.rerun_recording import need_rerun, write_recording
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
-from pipelines.storage.files import LONGEST_NAME, within, write_text
+from pipelines.storage.files import LONGEST_NAME, real_path, within, write_text
 from pipelines.storage.images import write_image
 from pipelines.storage.provenance import Stamp, digest, is_finished, make_stamp, read_stamp
 
@@ -65,7 +65,7 @@ class ViewPaths:
         if (
             not name
             or longest > LONGEST_NAME
-            or not path.resolve().is_relative_to(folder.resolve())
+            or not real_path(path).is_relative_to(real_path(folder))
         ):
             raise FormatError(
                 self.grasps, f"the frame's name {name!r} is no file name", "run infer"

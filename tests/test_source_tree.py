@@ -88,3 +88,14 @@ def test_a_public_name_is_defined_in_one_module_only():
         if len(files) > 1 and (name in shared or not name.isupper())
     }
     assert twice.keys() <= TWICE
+
+
+def test_paths_are_followed_by_the_function_that_bears_links_in_a_circle():
+    calls = [
+        f"{name}:{node.lineno}"
+        for name, module in sources().items()
+        if name.startswith("pipelines/")
+        for node in ast.walk(module)
+        if isinstance(node, ast.Attribute) and node.attr == "resolve"
+    ]
+    assert calls == [], "take pipelines.storage.files.real_path"

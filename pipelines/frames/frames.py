@@ -12,6 +12,7 @@ from pipelines.frames.rgbd import FrameSource
 from pipelines.frames.rgbd_folder import FrameOptions
 from pipelines.frames.unread_files import why_no_frames
 from pipelines.geometry.camera import Intrinsics
+from pipelines.storage.files import real_path
 from pipelines.storage.unfinished import refuse_unfinished
 
 GRASPNET_CAMERAS = ("kinect", "realsense")
@@ -93,7 +94,7 @@ def _search(folder: Path, prefix: str, options: FrameOptions, wanted: _Wanted) -
     below = [folder / "scenes"] if (folder / "scenes").is_dir() else sorted(folder.iterdir())
     sources = []
     for child in below:
-        if child.is_symlink() and folder.resolve().is_relative_to(child.resolve()):
+        if child.is_symlink() and real_path(folder).is_relative_to(real_path(child)):
             continue  # a link to a folder above would be searched for ever
         if child.is_dir() and not child.name.startswith("."):
             name = f"{prefix}/{child.name}" if prefix else child.name

@@ -12,6 +12,7 @@ from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.frames import find_frames
 from pipelines.frames.lens import Distortion
 from pipelines.frames.rgbd import FrameSource
+from pipelines.storage.files import real_path
 
 
 @dataclass(frozen=True)
@@ -28,9 +29,9 @@ class FramesRecord:
         So both may be moved together, and no folder of a user's is named needlessly.
         """
         try:
-            folder = os.path.relpath(self.folder.resolve(), output.resolve().parent)
+            folder = os.path.relpath(real_path(self.folder), real_path(output).parent)
         except ValueError:  # on another drive
-            folder = str(self.folder.resolve())
+            folder = str(real_path(self.folder))
         return {
             "frames": Path(folder).as_posix(),
             "camera": None if self.camera is None else asdict(self.camera),
@@ -56,7 +57,7 @@ class FramesRecord:
             stored = dict(stamp.get("recorded", {}))
             camera = stored.get("camera")
             record = cls(
-                grasps.resolve().parent / stored.get("frames", "."),
+                real_path(grasps).parent / stored.get("frames", "."),
                 None if camera is None else _camera(camera),
                 stored.get("depth_units_per_metre"),
             )

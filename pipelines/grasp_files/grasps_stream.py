@@ -38,7 +38,7 @@ from pipelines.grasp_files.grasps_shards import (
     shard_tables,
 )
 from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable, RegionTable
-from pipelines.storage.files import DAMAGED
+from pipelines.storage.files import DAMAGED, real_path
 from pipelines.storage.h5_columns import json_attributes, make_column, read_columns, read_rows
 from pipelines.storage.h5_files import new_h5
 from pipelines.storage.provenance import Stamp
@@ -79,7 +79,7 @@ class GraspsIndex:
         of which scene they are. Names that are of no GraspNet layout stay.
         """
         frames = mapping_in(self.stamp, "recorded").get("frames", "")
-        folder = os.path.normpath(path.resolve().parent / str(frames))
+        folder = os.path.normpath(real_path(path).parent / str(frames))
         return [_dataset_name(Path(folder).as_posix(), name) for name in self.names]
 
 

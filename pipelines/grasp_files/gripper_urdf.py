@@ -19,7 +19,7 @@ from pipelines.dataset.meshes import read_vertices
 from pipelines.errors import FormatError, ValueRangeError
 from pipelines.geometry.transforms import make_pose, transform_points, unit
 from pipelines.grasping.gripper import Gripper
-from pipelines.storage.files import existing
+from pipelines.storage.files import existing, real_path
 
 WRITE_BY_HAND = "a parallel gripper has two that slide; of others write the eleven measures by hand"
 MAX_LINKS = 1000
@@ -130,7 +130,7 @@ class _Bodies:
         plain = name.removeprefix("file://")
         below = plain.removeprefix("package://")
         inside = below.partition("/")[2] if below != plain else below
-        for folder in (self.path.parent, *self.path.resolve().parents[:4]):
+        for folder in (self.path.parent, *real_path(self.path).parents[:4]):
             for place in (below, inside):
                 if place and (folder / place).is_file():
                     return folder / place

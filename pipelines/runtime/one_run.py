@@ -20,6 +20,7 @@ from typing import Any, ParamSpec, TypeVar
 from pipelines.ending import create_temporary, remove_temporary
 from pipelines.errors import SymgraspError
 from pipelines.runtime.batch import BatchOptions
+from pipelines.storage.files import real_path
 
 if sys.platform != "win32":  # runs there do not know of each other
     import fcntl
@@ -93,7 +94,7 @@ def held(output: Path, stage: str) -> Iterator[None]:
     Raises:
         OutputInUseError: another process holds it.
     """
-    whole = output.resolve()
+    whole = real_path(output)
     made = _missing_parents(whole)
     lock = whole.with_name(f".{whole.name}.{stage}.lock")
     handle = None

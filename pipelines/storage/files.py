@@ -66,7 +66,7 @@ def atomic_folder(path: Path) -> Iterator[Path]:
 
     Where `path` is a link, what it leads to is replaced.
     """
-    path = path.resolve() if path.is_symlink() else path
+    path = real_path(path) if path.is_symlink() else path
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = new_temporary(path, lambda made: made.mkdir(mode=0o700))
     try:
@@ -163,13 +163,21 @@ def existing(path: Path) -> Path:
     return path
 
 
+def real_path(path: Path) -> Path:
+    """Return the absolute `path` without links; of links that run in a circle, as far as it goes.
+
+    `Path.resolve` raises RuntimeError there.
+    """
+    return Path(os.path.realpath(path))
+
+
 def within(folder: Path, path: Path) -> Path:
     """Return `path`, somewhere below the output folder `folder`.
 
     Raises:
         SymgraspError: a link on the way leads out of the folder.
     """
-    if not path.parent.resolve().is_relative_to(folder.resolve()):
+    if not real_path(path.parent).is_relative_to(real_path(folder)):
         raise SymgraspError(
             f"{path.parent} is a link that leads out of {folder}; remove it, or name another output"
         )

@@ -5,10 +5,13 @@ import os
 import random
 import sys
 from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 
 from tests.attacks import world
-from tests.attacks.trial import Outcome, attack, run
+from tests.attacks.mutations import LINKS
+from tests.attacks.services import POST
+from tests.attacks.trial import Outcome, attack, link_attack, matching, run
 
 
 def made_world(folder: Path, *, small: bool = False) -> Path:
@@ -32,6 +35,15 @@ def attacked(
     for seed in range(first, first + count):
         (chosen,) = random.Random(seed).choices(attacks, shares)
         yield attack(made, folder / f"try{seed}", chosen, seed)
+
+
+def swept_by_links(made: Path, folder: Path) -> Iterator[Outcome]:
+    """Yield what becomes of each command with each of `LINKS` in the place of each input."""
+    for chosen in world.ATTACKS:
+        if chosen.words[0] != POST:  # a body is no file
+            files = {p for each in chosen.inputs.split() for p in matching(made, each)}
+            for number, (file, kind) in enumerate(product(sorted(files), LINKS)):
+                yield link_attack(made, folder / f"link{number}", chosen, file, kind)
 
 
 def import_stages() -> None:

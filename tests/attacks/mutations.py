@@ -330,19 +330,24 @@ def database_cell(data: bytes, rng: random.Random) -> bytes:
         return path.read_bytes()
 
 
-def with_link(path: Path, rng: random.Random) -> str:
-    """Put what is no plain file in the place of `path`: a pipe, a folder, a link to itself."""
+LINKS = ("a pipe", "a folder", "a link to itself", "a device", "a link to nothing", "nothing")
+
+
+def with_link(path: Path, kind: str) -> str:
+    """Put what is no plain file, one of `LINKS`, in the place of `path`; return the kind."""
     path.unlink()
-    kind = rng.randrange(4)
-    if kind == 0:
-        os.mkfifo(path)
-    elif kind == 1:
-        path.mkdir()
-    elif kind == 2:
-        path.symlink_to(path.name)
-    else:
-        path.symlink_to("/dev/zero")
-    return ("a pipe", "a folder", "a link to itself", "a device")[kind]
+    match kind:
+        case "a pipe":
+            os.mkfifo(path)
+        case "a folder":
+            path.mkdir()
+        case "a link to itself":
+            path.symlink_to(path.name)
+        case "a device":
+            path.symlink_to("/dev/zero")
+        case "a link to nothing":
+            path.symlink_to("nothing")
+    return kind
 
 
 BY_SUFFIX: dict[str, tuple[Mutation, ...]] = {

@@ -10,13 +10,14 @@ import signal
 import sys
 import time
 import traceback
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
 import psutil
 
-from tests.attacks.mutations import mutate, with_link
+from tests.attacks.mutations import LINKS, mutate, with_link
 from tests.attacks.services import POST, post
 from tests.attacks.world import Attack
 
@@ -55,17 +56,44 @@ class Outcome:
 def attack(world: Path, folder: Path, chosen: Attack, seed: int) -> Outcome:
     """Copy `world` to `folder`, mutate an input of `chosen`, run it, and say what happened."""
     rng = random.Random(seed)
-    shutil.copytree(world, folder, copy_function=os.link, symlinks=True)
-    pattern = rng.choice(chosen.inputs.split())
-    files = sorted(p for p in folder.glob(pattern) if p.is_file() and not p.name.startswith("."))
-    file = rng.choice(files)
+    file = rng.choice(matching(world, rng.choice(chosen.inputs.split())))
     is_link = rng.random() < LINK_SHARE and chosen.words[0] != POST  # a body is no file
-    done = with_link(file, rng) if is_link else mutate(file, rng)
+    kind = rng.choice(LINKS) if is_link else ""
+    return _tried(
+        world,
+        folder,
+        chosen,
+        seed,
+        file,
+        lambda path: with_link(path, kind) if kind else mutate(path, rng),
+    )
+
+
+def link_attack(
+    world: Path, folder: Path, chosen: Attack, file: Path, kind: str, seed: int = 0
+) -> Outcome:
+    """Put what `kind` names in the place of `file` of `world`, run, and say what happened."""
+    return _tried(world, folder, chosen, seed, file, lambda path: with_link(path, kind))
+
+
+def matching(world: Path, pattern: str) -> list[Path]:
+    """Return the files of `world` that match a pattern of an attack's inputs."""
+    return sorted(
+        p.relative_to(world)
+        for p in world.glob(pattern)
+        if p.is_file() and not p.name.startswith(".")
+    )
+
+
+def _tried(
+    world: Path, folder: Path, chosen: Attack, seed: int, file: Path, change: Callable[[Path], str]
+) -> Outcome:
+    shutil.copytree(world, folder, copy_function=os.link, symlinks=True)
+    done = change(folder / file)
     ended = run(folder, chosen.words)
     fault = _fault(ended) or _half_written(folder, chosen)
-    name = file.relative_to(folder).as_posix()
     shutil.rmtree(folder, ignore_errors=True)
-    return Outcome(chosen.line, seed, name, done, ended, fault)
+    return Outcome(chosen.line, seed, file.as_posix(), done, ended, fault)
 
 
 def run(folder: Path, words: tuple[str, ...], memory: int = MEMORY) -> Ended:

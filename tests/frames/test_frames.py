@@ -147,6 +147,13 @@ def test_a_link_to_a_folder_above_ends_the_search(tmp_path: Path, save: Save) ->
     assert [source.name for source in find_frames(tmp_path)] == ["one/x"]
 
 
+def test_a_link_to_itself_is_passed_over(tmp_path: Path, save: Save) -> None:
+    below = tmp_path / "below"
+    save(below / "x_color.png", below / "x_depth.png", None)
+    (tmp_path / "loop").symlink_to("loop")
+    assert [source.name for source in find_frames(tmp_path)] == ["below/x"]
+
+
 def test_a_demo_folder_is_named_after_itself(tmp_path: Path, save: Save) -> None:
     folder = tmp_path / "demo"
     save(folder / "color.png", folder / "depth.png", None)

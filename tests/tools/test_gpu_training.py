@@ -25,6 +25,7 @@ from pipelines.geometry.pointcloud import Plane
 from pipelines.learning.detector.detector_start import starting_detector
 from pipelines.learning.detector.frame_views import random_example
 from pipelines.learning.loop.loaders import draw_points
+from pipelines.network import augmentation
 from pipelines.network.detection.detector import MODEL_NAME
 from pipelines.network.detection.mask_rcnn import build_detector
 from pipelines.network.model import SymmetryGraspNet
@@ -40,6 +41,7 @@ from tools.gpu_training import (
     schedule,
     small_frames,
     train,
+    train_together,
 )
 from tools.gpu_training.train_detector import DetectorRun
 
@@ -48,6 +50,7 @@ FEW = EndlessConfig(
 )
 CONFIG = TrainConfig(network=NetworkConfig(num_points=rendering.POINTS))
 CPU = torch.device("cpu")
+WEIGHT = "heads.affordance.0.weight"
 
 
 @pytest.fixture(scope="module")
@@ -209,3 +212,37 @@ def test_the_stream_of_geometry_answers_as_both_do_where_colour_is_lost(tmp_path
         expected, answer = both.backbone(image)["0"], alone.backbone(image[:, 3:])["0"]
     middle = (..., slice(56, 72), slice(56, 72))
     torch.testing.assert_close(answer[middle], expected[middle], atol=0.02, rtol=0.02)
+
+
+def test_rows_of_one_seed_learn_from_the_same_regions_each_by_itself(
+    objects, monkeypatch, tmp_path
+):
+    for name in ("_normal", "_uniform", "_rotations"):  # the tool's are for the whole process
+        monkeypatch.setattr(augmentation, name, getattr(augmentation, name))
+    train.prepare_layers(CPU)
+    region = EndlessScenes(objects[1], FEW, 1).regions(0)[0]
+    ring = rendering.RegionRing(2, CPU)
+    ring.add([np.asarray(each, np.float32)[None] for each in rendering._rows(region)])
+    monkeypatch.setattr(ring, "take_in", lambda renderers, scenes: None)
+    settings = ["batch_size=2", "network.num_points=300", "num_loss_points=40"]
+    rows = [
+        train_together.TrainedRow.of(name, seed, config, ring, as_graph=False)
+        for name, own in (("full", []), ("no_pift", ["network.use_pift=false"]))
+        for config in [train.train_config("paper", settings + own)]
+        for seed in (0, 1)
+    ]
+    for steps in train_together.run_rounds(rows, ring, None, 60.0):
+        if steps == 2:
+            break
+    points = [row.step.sample.regions.points for row in rows]
+    assert torch.equal(points[0], points[2])
+    assert not torch.equal(points[0], points[1])
+    for row in rows:
+        row.write(tmp_path, 2)
+    full, other, no_pift, _ = (
+        read_weights(tmp_path / name, SymmetryGraspNet.__name__, NetworkConfig)
+        for name in sorted(f"{row.name}_{row.seed}.safetensors" for row in rows)
+    )
+    assert full[1].use_pift
+    assert not no_pift[1].use_pift
+    assert not torch.equal(full[0][WEIGHT], other[0][WEIGHT])

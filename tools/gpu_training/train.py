@@ -74,7 +74,7 @@ class GraphStep:
             for _ in range(4):
                 self._once()
         torch.cuda.current_stream().wait_stream(side)
-        with torch.cuda.graph(graph):
+        with torch.cuda.graph(graph, stream=side):  # a workspace of its own
             self._once()
         return graph
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from pipelines.errors import printable
 from pipelines.frames.rgbd import FrameSource
 from pipelines.frames.rgbd_folder import FrameOptions
+from pipelines.storage.files import real_path
 
 Find = Callable[[Path, str, FrameOptions], list[FrameSource]]
 
@@ -33,4 +34,4 @@ def frame_name(folder: Path, prefix: str, stem: str) -> str:
     every file can hold it as text.
     """
     parts = [part for part in (*prefix.split("/"), *stem.split("/")) if part not in ("", ".", "..")]
-    return printable("/".join(parts) or folder.resolve().name)
+    return printable("/".join(parts) or real_path(folder).name)

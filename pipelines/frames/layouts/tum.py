@@ -12,7 +12,7 @@ from pipelines.frames.camera_search import find_camera_file
 from pipelines.frames.layouts.layout import Layout, frame_name
 from pipelines.frames.rgbd import FrameSource
 from pipelines.frames.rgbd_folder import FrameOptions, read_with_camera
-from pipelines.storage.files import existing, is_file
+from pipelines.storage.files import existing, is_file, real_path
 
 NAME = "TUM RGB-D"
 UNITS_PER_METRE = 5000.0
@@ -110,7 +110,7 @@ def _time(index: Path, text: str) -> float:
 
 def _published(folder: Path) -> CameraFile | None:
     # The nearest folder's name counts: sequences of one camera may lie below another's.
-    names = re.findall(r"freiburg[123]", str(folder.resolve()))
+    names = re.findall(r"freiburg[123]", str(real_path(folder)))
     if not names:
         return None
     return CameraFile(*CALIBRATIONS[names[-1]], 640, 480, origin=f"calibration of {names[-1]}")

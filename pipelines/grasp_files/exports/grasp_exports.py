@@ -17,7 +17,7 @@ from pipelines.grasp_files.exports.export_poses import ExportGripper, PoseFrame
 from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper_poses import CLOSING_ALONG_Y, gripper_poses
-from pipelines.storage.files import LONGEST_NAME
+from pipelines.storage.files import LONGEST_NAME, real_path
 
 LONGEST_PREFIX, LONGEST_SUFFIX = "predictions_", ".yaml"  # that any format puts to a frame's name
 SLACK = 1e-6  # metres; widths are stored in single precision
@@ -175,7 +175,7 @@ class Claims:
 
 def folds_case(folder: Path) -> bool:
     """Return whether names in `folder` that differ in case alone are one, as macOS takes them."""
-    folder = folder.resolve()
+    folder = real_path(folder)
     for place in (folder, *folder.parents):
         swapped = place.parent / place.name.swapcase()
         if swapped != place and place.exists():

@@ -12,6 +12,7 @@ from pipelines.dataset.meshes import (
 )
 from pipelines.errors import SymgraspError, ValueRangeError
 from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.storage.files import real_path
 from pipelines.synthesis.objects.decomposition import physics_pieces
 from pipelines.synthesis.objects.pools import SyntheticObject
 from pipelines.synthesis.scenes.settling import refuse_bodiless
@@ -62,7 +63,7 @@ def refuse_own_output(source: Path, output: Path) -> None:
 
     The models of that dataset would be renumbered, and their labels be replaced.
     """
-    here, there = source.resolve(), output.resolve()
+    here, there = real_path(source), real_path(output)
     if here == there or here.is_relative_to(there / "models"):
         expected = (
             "outside of OUT, whose models and labels would be numbered and made anew; "

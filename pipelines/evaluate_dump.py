@@ -42,11 +42,7 @@ NAMED = 5  # frames of a scene that a sentence names
 
 @one_run_at_a_time(STAGE, "output")
 def run(
-    dump: Path,
-    dataset: Path,
-    output: Path,
-    config: EvaluateDumpConfig,
-    options: BatchOptions,
+    dump: Path, dataset: Path, output: Path, config: EvaluateDumpConfig, options: BatchOptions
 ) -> StageReport:
     """Evaluate the dump against `dataset` and write `output` and what lies beside it.
 

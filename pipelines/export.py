@@ -32,11 +32,7 @@ from pipelines.grasp_files.exports import (
     isaac_grasps,
     ros_grasps,
 )
-from pipelines.grasp_files.exports.export_poses import (
-    ExportGripper,
-    PoseFrame,
-    pose_frame,
-)
+from pipelines.grasp_files.exports.export_poses import ExportGripper, PoseFrame, pose_frame
 from pipelines.grasp_files.exports.export_tally import ExportTally
 from pipelines.grasp_files.exports.grasp_exports import (
     LONGEST_PREFIX,

@@ -133,11 +133,7 @@ def _stacked(
 
 
 def _item(
-    scene: SceneFiles,
-    output_dir: Path,
-    config: PackConfig,
-    seed: int,
-    inputs: Mapping[str, str],
+    scene: SceneFiles, output_dir: Path, config: PackConfig, seed: int, inputs: Mapping[str, str]
 ) -> WorkItem:
     name = f"scene_{scene.scene_id:04d}_{scene.camera}"
     stamp = make_stamp(STAGE, config, seed=seed, inputs=inputs)

@@ -49,11 +49,7 @@ NUM_SURFACE_SAMPLES = 30000
 
 @one_run_at_a_time(STAGE, "source")
 def run(
-    source: Path,
-    config: RefineGraspsConfig,
-    *,
-    seed: int = 0,
-    options: BatchOptions | None = None,
+    source: Path, config: RefineGraspsConfig, *, seed: int = 0, options: BatchOptions | None = None
 ) -> StageReport:
     """Refine the grasp labels of every object of the dataset root `source`."""
     root = GraspNetRoot.finished(source)

@@ -34,10 +34,7 @@ Detect = Callable[..., FrameResult]  # (color, depth, intrinsics, **options)
 
 
 def app_of(
-    detect: Detect,
-    gripper: Gripper,
-    config: ServeConfig,
-    camera_to_base: Path | None = None,
+    detect: Detect, gripper: Gripper, config: ServeConfig, camera_to_base: Path | None = None
 ) -> "FastAPI":
     """Return the HTTP application.
 

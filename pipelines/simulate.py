@@ -26,12 +26,7 @@ from pipelines.dataset.meshes import read_solid_mesh
 from pipelines.evaluation.other_runs import ComparedRuns, RowPlaces, frames_by_row
 from pipelines.evaluation.rows import OURS
 from pipelines.evaluation.tables import Table
-from pipelines.evaluation.trial_records import (
-    FrameTrials,
-    read_trials,
-    trials_folder,
-    write_trials,
-)
+from pipelines.evaluation.trial_records import FrameTrials, read_trials, trials_folder, write_trials
 from pipelines.evaluation.truth_inputs import truth_digests
 from pipelines.grasp_files.grasps_stream import read_index
 from pipelines.grasp_files.gripper_files import gripper_digest, gripper_to_use, load_gripper

@@ -101,10 +101,7 @@ def run(
     else:
         note = _regress(kind, rows, output, stamp)
     return StageReport(
-        STAGE,
-        [output.name],
-        notes={output.name: note},
-        seconds=time.monotonic() - started,
+        STAGE, [output.name], notes={output.name: note}, seconds=time.monotonic() - started
     )
 
 

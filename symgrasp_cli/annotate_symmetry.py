@@ -12,10 +12,7 @@ from symgrasp_cli.report import conclude
 from symgrasp_cli.settings import with_settings
 
 
-@with_settings(
-    "annotate-symmetry",
-    {"--cut/--no-cut": "cut_objects", "--mesh-scale": "mesh_scale"},
-)
+@with_settings("annotate-symmetry", {"--cut/--no-cut": "cut_objects", "--mesh-scale": "mesh_scale"})
 def annotate_symmetry(
     config: AnnotateSymmetryConfig,
     source: Annotated[
@@ -48,8 +45,7 @@ def annotate_symmetry(
         ),
     ] = None,
     bop: Annotated[
-        Path | None,
-        typer.Option(help="BOP's models_info.json to write: sizes and rotations."),
+        Path | None, typer.Option(help="BOP's models_info.json to write: sizes and rotations.")
     ] = None,
     options: Batch,
     seed: Seed = 0,

@@ -11,10 +11,7 @@ from symgrasp_cli.report import conclude
 from symgrasp_cli.settings import with_settings
 
 
-@with_settings(
-    "compare",
-    {"--row": "row", "--unit": "unit", "--resamples": "resamples"},
-)
+@with_settings("compare", {"--row": "row", "--unit": "unit", "--resamples": "resamples"})
 def compare(
     config: CompareConfig,
     reports: Annotated[

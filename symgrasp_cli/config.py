@@ -23,8 +23,7 @@ def config(
     stage: Annotated[
         str,
         typer.Argument(
-            help="Command whose settings to print.",
-            autocompletion=lambda: list(STAGE_SETTINGS),
+            help="Command whose settings to print.", autocompletion=lambda: list(STAGE_SETTINGS)
         ),
     ],
     *,

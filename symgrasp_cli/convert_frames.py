@@ -12,10 +12,7 @@ from symgrasp_cli.report import conclude
 from symgrasp_cli.settings import with_settings
 
 
-@with_settings(
-    "convert-frames",
-    {"--trust-pickle": "trust_pickle"},
-)
+@with_settings("convert-frames", {"--trust-pickle": "trust_pickle"})
 def convert_frames(
     config: ConvertFramesConfig,
     frames: FrameFolder,

@@ -20,8 +20,7 @@ class Task(StrEnum):
 
 
 @with_settings(
-    "gripper",
-    {"--base-link": "base_link", "--tip-reach": "tip_reach", "--clearance": "clearance"},
+    "gripper", {"--base-link": "base_link", "--tip-reach": "tip_reach", "--clearance": "clearance"}
 )
 def gripper(
     config: GripperConfig,

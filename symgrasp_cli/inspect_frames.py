@@ -10,10 +10,7 @@ from symgrasp_cli.report import conclude, manner
 from symgrasp_cli.settings import with_settings
 
 
-@with_settings(
-    "inspect",
-    {"--max-frames": "max_frames"},
-)
+@with_settings("inspect", {"--max-frames": "max_frames"})
 def inspect(
     config: InspectConfig,
     frames: FrameFolder,
@@ -24,12 +21,7 @@ def inspect(
     """Say what would be read of RGB-D frames, and what is odd about them."""
     from pipelines import inspect_frames as stage
 
-    findings = stage.run(
-        frames,
-        config,
-        camera=camera,
-        depth_units_per_metre=depth_units_per_metre,
-    )
+    findings = stage.run(frames, config, camera=camera, depth_units_per_metre=depth_units_per_metre)
     lines = list(stage.findings_lines(findings))
     if not manner().as_json:
         for line in lines:

@@ -66,8 +66,7 @@ Resume = Annotated[
     typer.Option("--resume", rich_help_panel=RUNNING, help="Go on with an unfinished training."),
 ]
 Threads = Annotated[
-    int,
-    typer.Option(min=1, metavar="N", rich_help_panel=RUNNING, help="CPU cores to train on."),
+    int, typer.Option(min=1, metavar="N", rich_help_panel=RUNNING, help="CPU cores to train on.")
 ]
 MaxSeconds = Annotated[
     float | None,
@@ -114,8 +113,7 @@ AsJson = Annotated[
     ),
 ]
 Quiet = Annotated[
-    bool,
-    typer.Option("--quiet", "-q", rich_help_panel=REPORT, help="Print errors only on stderr."),
+    bool, typer.Option("--quiet", "-q", rich_help_panel=REPORT, help="Print errors only on stderr.")
 ]
 DatasetSplit = Annotated[
     str | None,
@@ -126,8 +124,7 @@ DatasetSplit = Annotated[
     ),
 ]
 CameraName = Annotated[
-    str | None,
-    typer.Option(metavar="NAME", help="kinect or realsense; every camera if not given."),
+    str | None, typer.Option(metavar="NAME", help="kinect or realsense; every camera if not given.")
 ]
 MeshUnit = Annotated[
     float | None,
@@ -143,20 +140,16 @@ DetectorWeights = Annotated[
     typer.Option(exists=True, help="Weights of the region detector, if not the default."),
 ]
 NetworkWeights = Annotated[
-    Path | None,
-    typer.Option(exists=True, help="Weights of the grasp network, if not the default."),
+    Path | None, typer.Option(exists=True, help="Weights of the grasp network, if not the default.")
 ]
 AxisCriticWeights = Annotated[
-    Path | None,
-    typer.Option(exists=True, help="Weights of the axis critic, if not the default."),
+    Path | None, typer.Option(exists=True, help="Weights of the axis critic, if not the default.")
 ]
 PlaneCriticWeights = Annotated[
-    Path | None,
-    typer.Option(exists=True, help="Weights of the plane critic, if not the default."),
+    Path | None, typer.Option(exists=True, help="Weights of the plane critic, if not the default.")
 ]
 GraspCriticWeights = Annotated[
-    Path | None,
-    typer.Option(exists=True, help="Weights of the grasp critic, if not the default."),
+    Path | None, typer.Option(exists=True, help="Weights of the grasp critic, if not the default.")
 ]
 With = Annotated[
     list[Path] | None,

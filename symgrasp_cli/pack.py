@@ -13,8 +13,7 @@ from symgrasp_cli.settings import with_settings
 
 
 @with_settings(
-    "pack",
-    {"--frame-stride": "frame_stride", "--mask-noise/--exact-masks": "mask_noise"},
+    "pack", {"--frame-stride": "frame_stride", "--mask-noise/--exact-masks": "mask_noise"}
 )
 def pack(
     config: PackConfig,

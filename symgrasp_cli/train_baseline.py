@@ -50,13 +50,6 @@ def train_baseline(
     from pipelines import train_baseline as stage
 
     report = stage.run(
-        method,
-        root,
-        out,
-        config,
-        request,
-        split=split,
-        camera=camera,
-        options=options,
+        method, root, out, config, request, split=split, camera=camera, options=options
     )
     conclude(report, out, then=("infer", "FRAMES", "--method", method, "--weights", out))

@@ -54,8 +54,7 @@ def train_critic(
         ),
     ] = None,
     init: Annotated[
-        Path | None,
-        typer.Option(exists=True, help="Critic of planes or grasps to start from."),
+        Path | None, typer.Option(exists=True, help="Critic of planes or grasps to start from.")
     ] = None,
     detector: DetectorWeights = None,
     network: NetworkWeights = None,

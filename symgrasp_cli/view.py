@@ -12,10 +12,7 @@ from symgrasp_cli.report import conclude
 from symgrasp_cli.settings import with_settings
 
 
-@with_settings(
-    "view",
-    {"--gripper": "gripper", "--max-pixels": "max_pixels"},
-)
+@with_settings("view", {"--gripper": "gripper", "--max-pixels": "max_pixels"})
 def view(
     config: ViewConfig,
     grasps: GraspsToRead,
@@ -35,10 +32,5 @@ def view(
     """Make a page a frame, with cloud, symmetries and grasps to turn around in a browser."""
     from pipelines import view as stage
 
-    report = stage.run(
-        stage.ViewPaths(grasps, out, frames),
-        config,
-        options,
-        rerun=rerun,
-    )
+    report = stage.run(stage.ViewPaths(grasps, out, frames), config, options, rerun=rerun)
     conclude(report, out / "index.html")

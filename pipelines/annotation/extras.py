@@ -80,10 +80,7 @@ def _write_pictures(
         for item in items
     ]
     drawn = run_batch(
-        PICTURES,
-        drawings,
-        partial(draw_file, config=config),
-        replace(options, overwrite=True),
+        PICTURES, drawings, partial(draw_file, config=config), replace(options, overwrite=True)
     )
     report.failed |= drawn.failed
     tiles = [

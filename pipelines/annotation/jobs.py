@@ -149,12 +149,7 @@ def _refused(path: Path) -> Job:
 
 
 def _item(
-    name: str,
-    target: Path,
-    job: Job,
-    config: AnnotateSymmetryConfig,
-    seed: int,
-    sources: Sources,
+    name: str, target: Path, job: Job, config: AnnotateSymmetryConfig, seed: int, sources: Sources
 ) -> WorkItem:
     key = object_key(name)
     given = sources.given.get(name, sources.given.get(key or ""))

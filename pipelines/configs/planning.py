@@ -186,9 +186,7 @@ class LimitsConfig:
         (), "m", "Corners x0,y0,z0,x1,y1,z1 of the workspace; empty for none.", ROBOT, low=-inf
     )
     box_frame: ReferenceFrame = choice(
-        "camera",
-        "Frame of the box; table: z up from it, its origin nearest to the camera.",
-        ROBOT,
+        "camera", "Frame of the box; table: z up from it, its origin nearest to the camera.", ROBOT
     )
     approach_cone: float = setting(
         180.0, "deg", "Largest angle between approach and approach direction.", ROBOT

@@ -55,5 +55,5 @@ REMOVED: dict[str, dict[str, str]] = {
 NOT_NAMED_BEFORE: dict[str, frozenset[str]] = {"NetworkConfig": frozenset({"pift", "sees_camera"})}
 # Values of before -> of now, by the name of now.
 RENAMED_VALUES: dict[str, dict[str, dict[str, str]]] = {
-    "InferConfig": {"selection.ranking.by": {"judge": "critic"}},
+    "InferConfig": {"selection.ranking.by": {"judge": "critic"}}
 }

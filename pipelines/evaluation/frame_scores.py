@@ -8,12 +8,7 @@ import numpy as np
 from pipelines.array_types import Mask
 from pipelines.configs import EvaluateConfig
 from pipelines.evaluation.predictions import FramePredictions, RowPredictions, ScoredGrasps
-from pipelines.evaluation.records import (
-    FrameRecord,
-    RowRecord,
-    ScoredPredictions,
-    threshold_key,
-)
+from pipelines.evaluation.records import FrameRecord, RowRecord, ScoredPredictions, threshold_key
 from pipelines.evaluation.truth import FrameTruth
 from pipelines.geometry.symmetry import SYMMETRY_KINDS
 from pipelines.geometry.transforms import invert, transform_points

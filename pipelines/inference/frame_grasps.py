@@ -168,11 +168,7 @@ class Planner:
         return predicted_regions(clouds, seen.scene.plane, self.predictor)
 
     def _taken_apart(
-        self,
-        regions: list[Region],
-        plans: list[Plan],
-        seen: Observation,
-        rng: np.random.Generator,
+        self, regions: list[Region], plans: list[Plan], seen: Observation, rng: np.random.Generator
     ) -> tuple[list[Region], list[Plan]]:
         """Return regions and plans; detections without a symmetric grasp by pieces (D. 97).
 

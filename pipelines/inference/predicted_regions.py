@@ -112,10 +112,7 @@ class Fitting:
 
 
 def compared_regions(
-    clouds: Sequence[RegionCloud],
-    scene: SceneCloud,
-    color: NDArray[np.uint8],
-    method: RegionMethod,
+    clouds: Sequence[RegionCloud], scene: SceneCloud, color: NDArray[np.uint8], method: RegionMethod
 ) -> list[PredictedRegion]:
     """Return `clouds` with the symmetries that `method` finds; all their points are graspable."""
     regions = []

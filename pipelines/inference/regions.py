@@ -40,11 +40,7 @@ class Detector(Protocol):
     """A network that finds regions in a frame."""
 
     def detect(
-        self,
-        color: NDArray[np.uint8],
-        depth: Depth,
-        intrinsics: Intrinsics,
-        plane: Plane | None,
+        self, color: NDArray[np.uint8], depth: Depth, intrinsics: Intrinsics, plane: Plane | None
     ) -> Sequence[DetectedRegion]:
         """Return the regions of a frame, most confident first.
 

@@ -24,11 +24,7 @@ from pipelines.geometry.symmetry import (
 )
 from pipelines.mesh_symmetry.detection.canonical_pose import CanonicalPose
 from pipelines.mesh_symmetry.detection.symmetry_refinement import robust_sphere
-from pipelines.mesh_symmetry.detection.symmetry_search import (
-    UnitSurface,
-    fit_of_plane,
-    fit_of_turn,
-)
+from pipelines.mesh_symmetry.detection.symmetry_search import UnitSurface, fit_of_plane, fit_of_turn
 from pipelines.mesh_symmetry.symmetry_verification import VERIFICATION_ANGLES, SurfaceFit
 
 NUM_SURFACE, NUM_SAMPLES = 10_000, 800

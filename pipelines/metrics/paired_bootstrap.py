@@ -126,11 +126,7 @@ def draws(num_drawn: int, resamples: int, rng: np.random.Generator) -> Iterator[
 
 
 def differences(
-    figures: list[FrameFigure],
-    group: NDArray[np.int64],
-    resamples: int,
-    level: float,
-    seed: int,
+    figures: list[FrameFigure], group: NDArray[np.int64], resamples: int, level: float, seed: int
 ) -> tuple[list[float], list[Difference]]:
     """Return each run's figure on all frames, and the differences of all but the first to it.
 

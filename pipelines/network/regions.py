@@ -55,9 +55,7 @@ class RegionBatch:
     ) -> "RegionBatch":
         """Return the batch with only the points of the indices `query`."""
         return replace(
-            self,
-            points=gather(self.points, query),
-            affordance=self.affordance.gather(1, query),
+            self, points=gather(self.points, query), affordance=self.affordance.gather(1, query)
         )
 
     def mapped(

@@ -15,12 +15,7 @@ from pipelines.evaluation.baselines import Baselines, rows_of
 from pipelines.evaluation.frame_scores import RegionRow, best_region
 from pipelines.evaluation.predictions import FramePredictions
 from pipelines.evaluation.rows import OURS
-from pipelines.evaluation.trial_records import (
-    FrameTrials,
-    Outcome,
-    TrialRecord,
-    friction_key,
-)
+from pipelines.evaluation.trial_records import FrameTrials, Outcome, TrialRecord, friction_key
 from pipelines.evaluation.truth import FrameTruth, TruthReader
 from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasping.grasps import GraspPoses

@@ -25,12 +25,7 @@ from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.region_masks import RegionedObject, RegionInstance, visible_regions
 from pipelines.geometry.rendering import Scene, cast_view
-from pipelines.geometry.transforms import (
-    invert,
-    make_pose,
-    random_rotation,
-    transform_points,
-)
+from pipelines.geometry.transforms import invert, make_pose, random_rotation, transform_points
 from pipelines.grasping.labelled_regions import LabelledCloud, LabelledSurface, labelled_clouds
 from pipelines.grasping.scene import SceneCloud
 from pipelines.synthesis.objects.decomposition import hull_of_points

@@ -63,9 +63,7 @@ def _segment(
     large = _too_large(xyz, labels, config).take(labels)
     if large.any():
         finer = replace(
-            config,
-            crease_fold=FINER * config.crease_fold,
-            depth_step=FINER * config.depth_step,
+            config, crease_fold=FINER * config.crease_fold, depth_step=FINER * config.depth_step
         )
         again = _cut(xyz, large, connected(xyz, large, finer), fold, finer)
         labels = np.where(large, again + labels.max(initial=0), labels)

@@ -87,13 +87,7 @@ def geometric_regions(
     things = Things(xyz, top, ~standing[whole], config)
     labels = _sound_regions(pieces, things)
     above, bare = (enlarged(image, depth.shape) > 0 for image in (top.foreground, top.bare))
-    return GeometricRegions(
-        enlarged(labels, depth.shape),
-        top.plane,
-        above,
-        bare,
-        things,
-    )
+    return GeometricRegions(enlarged(labels, depth.shape), top.plane, above, bare, things)
 
 
 def working_step(shape: tuple[int, ...]) -> int:

@@ -29,10 +29,7 @@ from pipelines.dataset.graspnet.graspnet_layout import (
 )
 from pipelines.errors import FormatError, MissingInputError, SymgraspError, UnknownNameError
 from pipelines.frames.camera_files import CameraFile, read_camera_file
-from pipelines.frames.graspnet_scene import (
-    ObjectPose,
-    read_poses,
-)
+from pipelines.frames.graspnet_scene import ObjectPose, read_poses
 from pipelines.frames.rgbd import DepthUnits, Frame, read_depth, read_pair
 from pipelines.geometry.camera import Intrinsics
 from pipelines.storage.files import write_npy

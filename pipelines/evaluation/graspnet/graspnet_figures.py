@@ -126,17 +126,7 @@ def scene_table(scenes: Mapping[str, DumpFigures]) -> Table:
     """Return a row a scene."""
     return Table(
         "Average precision and what became of the ranked grasps, percent",
-        (
-            "scene",
-            "split",
-            "AP",
-            "AP 0.8",
-            "AP 0.4",
-            *DUMP_REASONS,
-            "grasps",
-            "frames",
-            "absent",
-        ),
+        ("scene", "split", "AP", "AP 0.8", "AP 0.4", *DUMP_REASONS, "grasps", "frames", "absent"),
         tuple(
             (
                 *(name, f["split"], *(percent(f[key]) for key in ("ap", *SHOWN))),

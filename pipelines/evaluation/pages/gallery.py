@@ -127,11 +127,7 @@ def draw_gallery(
 
 
 def _draw(
-    record: FrameRecord,
-    grasps: Path,
-    index: GraspsIndex,
-    root: GraspNetRoot,
-    names: dict[int, str],
+    record: FrameRecord, grasps: Path, index: GraspsIndex, root: GraspNetRoot, names: dict[int, str]
 ) -> Picture:
     files = root.frame(record.name)
     place = index.dataset_names(grasps).index(record.name)

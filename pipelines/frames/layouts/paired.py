@@ -104,7 +104,7 @@ GRASPNET_SCENE = paired_layout(
             ("meta/{stem}.mat", "camK.npy")),
 )  # fmt: skip
 GRASPNET_DEMO = paired_layout(
-    Pairing("GraspNet demo folder", ("meta.mat",), flat_pairs, ("meta.mat",)),
+    Pairing("GraspNet demo folder", ("meta.mat",), flat_pairs, ("meta.mat",))
 )
 BOP_IMAGE = paired_layout(
     Pairing("BOP single image", ("camera.json", "camera_data.json"), flat_pairs,
@@ -115,21 +115,13 @@ RECORDER = paired_layout(
             sister_pairs, ("camera_intrinsic.json", "intrinsic.json"), key="intrinsic_matrix"),
 )  # fmt: skip
 FOUNDATION_POSE = paired_layout(
-    Pairing("FoundationPose", ("cam_K.txt",), sister_pairs, ("cam_K.txt",)),
+    Pairing("FoundationPose", ("cam_K.txt",), sister_pairs, ("cam_K.txt",))
 )
-YCB_VIDEO = paired_layout(
-    Pairing("YCB-Video", ("*-meta.mat",), flat_pairs, ("{stem}-meta.mat",)),
-)
+YCB_VIDEO = paired_layout(Pairing("YCB-Video", ("*-meta.mat",), flat_pairs, ("{stem}-meta.mat",)))
 PRINCETON = paired_layout(
     Pairing("7-Scenes / Princeton", ("frame-*.depth.png",), flat_pairs,
             (*PRINCETON_CAMERAS, *(f"../{name}" for name in PRINCETON_CAMERAS))),
 )  # fmt: skip
-GQCNN = paired_layout(
-    Pairing("gqcnn", ("*.intr",), flat_pairs),
-)
-FLAT = paired_layout(
-    Pairing("flat pairs", ("*",), flat_pairs),
-)
-SISTERS = paired_layout(
-    Pairing("colour and depth folders", ("depth",), sister_pairs),
-)
+GQCNN = paired_layout(Pairing("gqcnn", ("*.intr",), flat_pairs))
+FLAT = paired_layout(Pairing("flat pairs", ("*",), flat_pairs))
+SISTERS = paired_layout(Pairing("colour and depth folders", ("depth",), sister_pairs))

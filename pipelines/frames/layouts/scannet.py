@@ -14,13 +14,7 @@ from numpy.typing import NDArray
 from pipelines.frames.camera_files import CameraFile, read_camera_file
 from pipelines.frames.layouts.layout import Layout, frame_name
 from pipelines.frames.layouts.paired import read_frame
-from pipelines.frames.rgbd import (
-    Frame,
-    FrameSource,
-    make_frame,
-    read_color,
-    stored_depth,
-)
+from pipelines.frames.rgbd import Frame, FrameSource, make_frame, read_color, stored_depth
 from pipelines.frames.rgbd_folder import FrameOptions, ImagePair, sister_pairs
 from pipelines.geometry.camera import Intrinsics
 

@@ -10,11 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.grasp_files.exports.grasp_exports import (
-    ExportHeader,
-    FrameGrasps,
-    rounded,
-)
+from pipelines.grasp_files.exports.grasp_exports import ExportHeader, FrameGrasps, rounded
 from pipelines.storage.files import write_json
 
 FORMAT_VERSION = 2
@@ -35,10 +31,7 @@ def write_frame(path: Path, frame: FrameGrasps, header: ExportHeader) -> None:
         "gripper": header.gripper.facts(),
         "frame": frame.result.name,
         "pose_array": {
-            "header": {
-                "stamp": time_of(frame.result.name),
-                "frame_id": header.frame.frame_id,
-            },
+            "header": {"stamp": time_of(frame.result.name), "frame_id": header.frame.frame_id},
             "poses": _poses(frame),
         },
         "widths": rounded(frame.grasps.width),

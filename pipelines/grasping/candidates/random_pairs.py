@@ -14,10 +14,7 @@ LEAST_COSINE = np.cos(0.7)  # of the angle between both normals and the line, ra
 
 
 def random_candidates(
-    region: RegionCloud,
-    config: CandidateConfig,
-    feasibility: Feasibility,
-    rng: np.random.Generator,
+    region: RegionCloud, config: CandidateConfig, feasibility: Feasibility, rng: np.random.Generator
 ) -> GraspCandidates:
     """Return random pairs of the points of `region` that the gripper's width allows.
 

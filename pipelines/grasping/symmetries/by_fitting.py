@@ -1,11 +1,6 @@
 """Symmetries of a region by fitting alone, the geometric rival of Sec. IV-E."""
 
-from pipelines.geometry.symmetry import (
-    REFLECTION_SLOTS,
-    ROTATION_SLOT,
-    SPHERE_SLOT,
-    Symmetry,
-)
+from pipelines.geometry.symmetry import REFLECTION_SLOTS, ROTATION_SLOT, SPHERE_SLOT, Symmetry
 from pipelines.geometry.symmetry_icp.bodies import BodyFit, axis_fit, smooth_part, sphere_fit
 from pipelines.geometry.symmetry_icp.planes import PlaneFit, plane_fits
 from pipelines.geometry.symmetry_icp.surface import FreeSpace, SeenSurface

@@ -30,12 +30,7 @@ from pipelines.grasping.symmetries.axis_critic import AxisCritic
 from pipelines.grasping.symmetries.observed_frustum import in_observed_frustum
 from pipelines.grasping.symmetries.plane_evidence import SAME_FIT, RegionEvidence, likely_planes
 from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
-from pipelines.grasping.symmetries.sources import (
-    BY_CANDIDATES,
-    NETWORK,
-    SHAPE,
-    SOURCE_NAMES,
-)
+from pipelines.grasping.symmetries.sources import BY_CANDIDATES, NETWORK, SHAPE, SOURCE_NAMES
 
 NUM_POINTS = 400  # of the region that are fitted; chosen by eye, as the next two
 STRIDE = 4  # of these, between the points that are turned about each axis

@@ -106,10 +106,7 @@ def plane_features(planes: list[ReflectionSymmetry], region: Array, scene: Scene
 
 
 def point_features(
-    planes: list[ReflectionSymmetry],
-    mirrored: MirrorImages,
-    mask: Mask,
-    scene: SceneCloud,
+    planes: list[ReflectionSymmetry], mirrored: MirrorImages, mask: Mask, scene: SceneCloud
 ) -> Singles:
     """Return (k, 128, 14) the `POINT_FEATURES` of points under each plane.
 
@@ -147,12 +144,7 @@ def _plane_axes(
 
 @compiled
 def _meetings(
-    images: Array,
-    nearest: Indices,
-    points: Array,
-    normals: Array,
-    moved: Indices,
-    planes: Array,
+    images: Array, nearest: Indices, points: Array, normals: Array, moved: Indices, planes: Array
 ) -> tuple[Array, Array]:
     """Return (k, m) distances of images from the `nearest` of `points` (n, 3), along its normal.
 

@@ -21,11 +21,7 @@ from pipelines.geometry.symmetry import (
 from pipelines.geometry.symmetry_fitting import MIN_OVERLAP, fit_reflections
 from pipelines.grasping.ranking.point_critic import PointCritic
 from pipelines.grasping.scene import SceneCloud
-from pipelines.grasping.symmetries.mirror_views import (
-    MirrorImages,
-    plane_features,
-    point_features,
-)
+from pipelines.grasping.symmetries.mirror_views import MirrorImages, plane_features, point_features
 from pipelines.grasping.symmetries.observed_frustum import in_observed_frustum
 from pipelines.grasping.symmetries.plane_candidates import (
     candidate_planes,
@@ -126,9 +122,7 @@ def critic_inputs(
 
 
 def _evidence(
-    planes: list[ReflectionSymmetry],
-    mirrored: MirrorImages,
-    region: RegionEvidence,
+    planes: list[ReflectionSymmetry], mirrored: MirrorImages, region: RegionEvidence
 ) -> dict[str, Array]:
     """Return the `FEATURES` (k,) of k planes by name."""
     points, scene = region.points, region.scene

@@ -15,10 +15,7 @@ from pipelines.grasping.peers.grasp_maps import scaled_rows
 from pipelines.grasping.peers.oriented_boxes import rows_of_boxes
 from pipelines.grasping.peers.rectangles import rectangle_grasps
 from pipelines.grasping.scene import SceneCloud
-from pipelines.network.peers.multi_grasp import (
-    LONG_SIDES,
-    SHORT_SIDES,
-)
+from pipelines.network.peers.multi_grasp import LONG_SIDES, SHORT_SIDES
 from pipelines.network.peers.rgd import rgd_pixels, rgd_tensor
 from pipelines.tabletop.depth_channels import shrink
 

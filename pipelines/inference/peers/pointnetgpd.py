@@ -10,13 +10,7 @@ from pipelines.frames.rgbd import Frame
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.peers.darboux import candidate_hands, over_table
-from pipelines.grasping.peers.hands import (
-    MIN_CLOSED_ON,
-    Hands,
-    drawn_points,
-    hand_grasps,
-    thinned,
-)
+from pipelines.grasping.peers.hands import MIN_CLOSED_ON, Hands, drawn_points, hand_grasps, thinned
 from pipelines.grasping.scene import MAX_RANGE, SceneCloud
 from pipelines.network.peers.pointnetgpd import PointNetGPD
 

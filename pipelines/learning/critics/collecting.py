@@ -35,11 +35,7 @@ from pipelines.grasping.symmetries.plane_evidence import (
 )
 from pipelines.inference import models
 from pipelines.inference.observation import observe
-from pipelines.inference.predicted_regions import (
-    PredictedRegion,
-    predicted_regions,
-    region_models,
-)
+from pipelines.inference.predicted_regions import PredictedRegion, predicted_regions, region_models
 from pipelines.learning.critics.critic_rows import CriticRows
 from pipelines.learning.critics.kinds import CriticKind
 from pipelines.learning.critics.truth import axis_truth, plane_truth

@@ -20,12 +20,7 @@ from pipelines.learning.loop.trainee import Trainee
 from pipelines.learning.progress.curves import write_curves
 from pipelines.learning.speed.weight_average import WeightAverage
 from pipelines.network.weights_files import fill
-from pipelines.storage.checkpoints import (
-    TrainingState,
-    load_training,
-    save_training,
-    save_weights,
-)
+from pipelines.storage.checkpoints import TrainingState, load_training, save_training, save_weights
 from pipelines.storage.provenance import Stamp
 
 

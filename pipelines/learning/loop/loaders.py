@@ -88,10 +88,7 @@ def batch_of(regions: Sequence[tuple[NDArray[np.float32], ...]]) -> RegionBatch:
 
 
 def draw_points(
-    region: PackedRegion,
-    network: NetworkConfig,
-    rng: np.random.Generator,
-    lost_table: float = 0.0,
+    region: PackedRegion, network: NetworkConfig, rng: np.random.Generator, lost_table: float = 0.0
 ) -> tuple[NDArray[np.float32], ...]:
     """Return some of a region's points, centred, axes of the network, and their labels.
 

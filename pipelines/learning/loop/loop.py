@@ -20,13 +20,7 @@ from pipelines.learning.loop.faults import describe_losses, save_fault
 from pipelines.learning.loop.keeping import Keeper
 from pipelines.learning.loop.loaders import load_ahead
 from pipelines.learning.loop.options import LoopOptions
-from pipelines.learning.loop.runs import (
-    Progress,
-    checkpoint_path,
-    describe,
-    fault_path,
-    log_folder,
-)
+from pipelines.learning.loop.runs import Progress, checkpoint_path, describe, fault_path, log_folder
 from pipelines.learning.loop.trainee import Items, Trainee
 from pipelines.learning.progress.display import Display
 from pipelines.learning.speed.gradients import (

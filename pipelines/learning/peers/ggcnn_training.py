@@ -16,12 +16,7 @@ from pipelines.dataset.graspnet.graspnet_labels import read_rect
 from pipelines.dataset.graspnet.graspnet_layout import FrameFiles
 from pipelines.grasping.peers.grasp_maps import MAP_SIDE, GraspMaps, scaled_rows
 from pipelines.grasping.peers.rectangles import on_their_object
-from pipelines.learning.peers.peer import (
-    Arrays,
-    Peer,
-    PeerTraining,
-    mean_figures,
-)
+from pipelines.learning.peers.peer import Arrays, Peer, PeerTraining, mean_figures
 from pipelines.network.peers.ggcnn import GGCNN, GGCNN_MODEL, MAPS
 from pipelines.network.peers.ggcnn_input import normalised
 from pipelines.tabletop.depth_channels import find_plane, shrink
@@ -107,10 +102,7 @@ def stacked(crops: Sequence[tuple[Singles, GraspMaps]]) -> Crops:
 
 
 def map_errors(
-    module: nn.Module,
-    crops: Crops,
-    device: torch.device,
-    generator: torch.Generator | None = None,
+    module: nn.Module, crops: Crops, device: torch.device, generator: torch.Generator | None = None
 ) -> dict[str, Tensor]:
     """Return the mean squared error of each map, and their sum as `total`."""
     depth = crops.depth.to(device, memory_format=torch.channels_last)

@@ -158,10 +158,7 @@ def _streamed(path: Path) -> Iterator[tuple[Singles, tuple[NDArray[np.number], .
 
 
 def tolerances(
-    points: Singles,
-    point: NDArray[np.int32],
-    cell: NDArray[np.int32],
-    friction: NDArray[np.uint8],
+    points: Singles, point: NDArray[np.int32], cell: NDArray[np.int32], friction: NDArray[np.uint8]
 ) -> Array:
     """Return (n,) metres about each candidate's point within which most points hold as well.
 

@@ -11,11 +11,7 @@ from torch.nn import functional
 from pipelines.configs.peers import PeerSchedule
 from pipelines.learning.peers.graspnet_clouds import LabelledScene, labelled_scene
 from pipelines.learning.peers.graspnet_labels import graspnet_frame_arrays
-from pipelines.learning.peers.peer import (
-    Peer,
-    PeerTraining,
-    mean_figures,
-)
+from pipelines.learning.peers.peer import Peer, PeerTraining, mean_figures
 from pipelines.network.peers.graspnet import (
     DEPTHS,
     GRASPNET_MODEL,

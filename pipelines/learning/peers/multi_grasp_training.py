@@ -23,11 +23,7 @@ from pipelines.grasping.peers.oriented_boxes import (
     spread_rows,
 )
 from pipelines.grasping.peers.rectangles import on_their_object, rectangle_hits
-from pipelines.learning.peers.peer import (
-    Arrays,
-    Peer,
-    PeerTraining,
-)
+from pipelines.learning.peers.peer import Arrays, Peer, PeerTraining
 from pipelines.network.detection.mask_rcnn import seed_samplers
 from pipelines.network.peers.multi_grasp import (
     LONG_SIDES,
@@ -73,10 +69,7 @@ def multi_grasp_frame(root: GraspNetRoot, files: FrameFiles, network: PeerNetwor
     sides = SHORT_SIDES[variant], LONG_SIDES[variant]
     small = shrink(frame.color, frame.depth, frame.intrinsics, *sides)
     scaled = scaled_rows(rows, small.intrinsics.width / frame.intrinsics.width)
-    return {
-        "pixels": rgd_pixels(small.color, small.depth),
-        "rows": scaled.astype(np.float32),
-    }
+    return {"pixels": rgd_pixels(small.color, small.depth), "rows": scaled.astype(np.float32)}
 
 
 def moved_at_random(frame: Arrays, rng: np.random.Generator) -> tuple[NDArray[np.uint8], Array]:

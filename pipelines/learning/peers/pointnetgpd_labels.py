@@ -60,12 +60,7 @@ def labelled_hands(root: GraspNetRoot, files: FrameFiles) -> LabelledHands:
     objects, thin = over_table(cloud.xyz[sound], cloud.plane), thinned(cloud.xyz[sound])
     thin_objects, instances = thinned(objects), root.read_label(files)
     hindered = _scene_collisions(root.collision_label_path(files.scene_id))
-    found = [
-        (
-            Hands.none(),
-            np.zeros(0, np.uint8),
-        )
-    ]
+    found = [(Hands.none(), np.zeros(0, np.uint8))]
     for place, pose in enumerate(root.read_annotation(files)):
         visible = cloud.xyz[sound & (instances == pose.object_id + 1)]
         if len(visible) < MIN_VISIBLE:

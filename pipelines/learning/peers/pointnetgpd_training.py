@@ -13,11 +13,7 @@ from pipelines.configs.peers import PeerNetworkConfig, PeerSchedule
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_layout import FrameFiles
 from pipelines.grasping.peers.hands import Hands, drawn_points
-from pipelines.learning.peers.peer import (
-    Arrays,
-    Peer,
-    PeerTraining,
-)
+from pipelines.learning.peers.peer import Arrays, Peer, PeerTraining
 from pipelines.learning.peers.pointnetgpd_labels import GOOD, labelled_hands
 from pipelines.network.peers.pointnetgpd import HAND_POINTS, POINTNETGPD_MODEL, PointNetGPD
 

@@ -14,12 +14,7 @@ from pipelines.dataset.training.region_frames import FileRows, FrameSets
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT
 from pipelines.learning.detector.detector_training import spread
-from pipelines.learning.peers.peer import (
-    Peer,
-    PeerTraining,
-    drawn_batches,
-    mean_figures,
-)
+from pipelines.learning.peers.peer import Peer, PeerTraining, drawn_batches, mean_figures
 from pipelines.learning.peers.symmetrynet_regions import (
     NUM_PASTED,
     RegionCrops,

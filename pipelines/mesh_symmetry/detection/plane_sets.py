@@ -77,10 +77,7 @@ def _mirrored(plane: Array, mirror: Array) -> Array:
 
 
 def plane_across(
-    shape: UnitSurface,
-    axis: Array,
-    accepted: Sequence[Accepted],
-    config: AnnotateSymmetryConfig,
+    shape: UnitSurface, axis: Array, accepted: Sequence[Accepted], config: AnnotateSymmetryConfig
 ) -> list[Accepted]:
     """Return the plane perpendicular to the continuous axis, if it is one of symmetry.
 

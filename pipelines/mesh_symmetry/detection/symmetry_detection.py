@@ -13,11 +13,7 @@ import numpy as np
 from pipelines.array_types import Array
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.geometry.meshes.mesh import Mesh
-from pipelines.geometry.symmetry import (
-    ReflectionSymmetry,
-    RotationSymmetry,
-    Symmetry,
-)
+from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, Symmetry
 from pipelines.mesh_symmetry.detection.canonical_pose import CanonicalPose
 from pipelines.mesh_symmetry.detection.plane_sets import (
     ACROSS_COSINE,
@@ -217,10 +213,7 @@ def _rotation(
 
 
 def _discrete_rotation(
-    shape: UnitSurface,
-    grid: DistanceGrid,
-    planes: Sequence[Array],
-    config: AnnotateSymmetryConfig,
+    shape: UnitSurface, grid: DistanceGrid, planes: Sequence[Array], config: AnnotateSymmetryConfig
 ) -> RotationSymmetry | None:
     """Return the n-fold rotation of highest order: from pairs of planes, else by search."""
     guesses: list[tuple[int, Array]] = []

@@ -126,9 +126,7 @@ def refined_planes(shape: UnitSurface, planes: Array, scales: Sequence[float], c
 
 
 def staged_fit(
-    shape: UnitSurface,
-    config: AnnotateSymmetryConfig,
-    measure: Callable[[Samples], SurfaceFit],
+    shape: UnitSurface, config: AnnotateSymmetryConfig, measure: Callable[[Samples], SurfaceFit]
 ) -> SurfaceFit:
     """Return the fit that `measure` finds on all samples, or on few if it is hopeless."""
     fit = measure(shape.few)
@@ -193,11 +191,7 @@ def search_axes(
 
 
 def refined_axes(
-    shape: UnitSurface,
-    axes: Array,
-    angles: Sequence[float],
-    scales: Sequence[float],
-    count: int,
+    shape: UnitSurface, axes: Array, angles: Sequence[float], scales: Sequence[float], count: int
 ) -> Array:
     """Return `axes` (c, 6) after one Gauss-Newton step for each scale; `angles` in radians."""
     points = shape.points(count)

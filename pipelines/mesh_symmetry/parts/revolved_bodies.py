@@ -83,12 +83,7 @@ def _largest_body(
 
 
 def _grown(
-    parts: SampledParts,
-    axis: Axis,
-    points: Array,
-    normals: Array,
-    held: Mask,
-    min_lateral: float,
+    parts: SampledParts, axis: Axis, points: Array, normals: Array, held: Mask, min_lateral: float
 ) -> Body | None:
     """Return the body about `axis` that is the largest connected part of `held` (n,)."""
     lateral = profile(axis, points, normals).lateral

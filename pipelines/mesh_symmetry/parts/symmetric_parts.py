@@ -58,10 +58,7 @@ class _Cutting:
 
 
 def symmetric_regions(
-    mesh: Mesh,
-    detection: MeshSymmetries,
-    config: AnnotateSymmetryConfig,
-    rng: np.random.Generator,
+    mesh: Mesh, detection: MeshSymmetries, config: AnnotateSymmetryConfig, rng: np.random.Generator
 ) -> list[SymmetricRegion]:
     """Return the symmetric regions of `mesh`, mesh frame, given the `detection` of the whole.
 

@@ -17,10 +17,7 @@ WIDTH = 640  # pixels, of the pictures that lengths are given for
 
 
 def with_faults(
-    depth: Array,
-    color: NDArray[np.uint8],
-    surface: Indices,
-    rng: np.random.Generator,
+    depth: Array, color: NDArray[np.uint8], surface: Indices, rng: np.random.Generator
 ) -> Array:
     """Return `depth` (H, W) metres, 0 = missing, with faults of strengths drawn anew each time.
 

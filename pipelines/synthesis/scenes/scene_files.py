@@ -42,13 +42,7 @@ from pipelines.synthesis.scenes.cameras import (
     sensor_intrinsics,
 )
 from pipelines.synthesis.scenes.depth_sensors import SENSORS
-from pipelines.synthesis.scenes.tables import (
-    SceneLayout,
-    SceneObject,
-    View,
-    drawn_layout,
-    record,
-)
+from pipelines.synthesis.scenes.tables import SceneLayout, SceneObject, View, drawn_layout, record
 
 TAG_SCENE, TAG_SENSOR = 2, 4  # purposes of child seeds
 
@@ -143,10 +137,7 @@ def _write_planar(
 
 
 def _write_collisions(
-    root: GraspNetRoot,
-    scene_id: int,
-    layout: SceneLayout,
-    stamp: Stamp,
+    root: GraspNetRoot, scene_id: int, layout: SceneLayout, stamp: Stamp
 ) -> list[FreeGrasps]:
     labels = [read_grasp_label(root.grasp_label_path(item.object_id)) for item in layout.objects]
     meshes = [item.mesh for item in layout.objects]

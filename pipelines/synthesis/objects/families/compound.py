@@ -10,15 +10,7 @@ from pipelines.geometry.transforms import rotation_about
 from pipelines.synthesis.objects.families.lathed import rounded_lathe, smooth, vessel
 from pipelines.synthesis.objects.revolved import lathe
 from pipelines.synthesis.objects.shape import Rng, Shape, mirror_axes
-from pipelines.synthesis.objects.solids import (
-    Solid,
-    ball,
-    bent_tube,
-    box,
-    lump,
-    prism,
-    rounded_box,
-)
+from pipelines.synthesis.objects.solids import Solid, ball, bent_tube, box, lump, prism, rounded_box
 
 Z_TO_X = rotation_about([0.0, 1.0, 0.0], np.pi / 2)  # z axis to +x, x axis to -z
 Z_TO_Y = rotation_about([1.0, 0.0, 0.0], -np.pi / 2)  # z axis to +y

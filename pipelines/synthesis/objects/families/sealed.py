@@ -20,15 +20,7 @@ from pipelines.synthesis.objects.shape import (
     polygon_symmetries,
     revolution,
 )
-from pipelines.synthesis.objects.solids import (
-    Solid,
-    ball,
-    bent_tube,
-    box,
-    hull,
-    prism,
-    solid_of,
-)
+from pipelines.synthesis.objects.solids import Solid, ball, bent_tube, box, hull, prism, solid_of
 
 
 def _on_circle(count: int) -> Array:
@@ -252,7 +244,6 @@ def carved(rng: Rng) -> Shape:
     points = np.asarray(Manifold.sphere(1.0, 72).to_mesh64().vert_properties)[:, :3] * half
     points = points[points[:, 2] > -rng.uniform(0.3, 0.6) * half[2]]
     fin = box((0.9 * half[0], 0.006, 0.02)).moved(
-        rotation_about([0, 0, 1], rng.uniform(0.4, 1.1)),
-        (0.5 * half[0], 0.0, half[2]),
+        rotation_about([0, 0, 1], rng.uniform(0.4, 1.1)), (0.5 * half[0], 0.0, half[2])
     )
     return Shape(hull(points) | fin)

@@ -27,13 +27,13 @@ from pipelines.dataset.symmetry.regioned_objects import read_regioned_object
 from pipelines.dataset.training import affordance_labels, packed_regions
 from pipelines.dataset.training.packed_regions import PackedScene
 from pipelines.dataset.training.region_frames import read_posed_label, strided_frames
-from pipelines.errors import MissingInputError
 from pipelines.geometry.region_masks import RegionInstance, visible_regions
 from pipelines.geometry.symmetry import NUM_SLOTS
 from pipelines.grasping.labelled_regions import LabelledCloud, LabelledSurface, labelled_clouds
 from pipelines.grasping.scene import SceneCloud
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
+from pipelines.storage.files import FileVersion, existing
 from pipelines.storage.provenance import make_stamp
 from pipelines.tabletop.levelling import table_row
 from pipelines.tabletop.mask_noise import MaskNoise
@@ -98,22 +98,16 @@ def pack_frame(
         return noise.applied(instance.mask, rng) if config.mask_noise else instance.mask
 
     def surface_of(object_id: int) -> LabelledSurface:
-        return _surface(*_version(root.affordance_path(object_id)))
+        path = existing(root.affordance_path(object_id), "symgrasp refine-grasps")
+        return _surface(FileVersion.of(path))
 
     return labelled_clouds(shown, scene, poses, surface_of, mask_of, config, rng)
 
 
-def _version(path: Path) -> tuple[Path, int]:
-    """Return `path` and its time of change, the key of the cache of surfaces."""
-    if not path.is_file():
-        raise MissingInputError(path, "symgrasp refine-grasps")
-    return path, path.stat().st_mtime_ns
-
-
 @lru_cache(maxsize=256)
-def _surface(path: Path, written: int) -> LabelledSurface:
+def _surface(labels: FileVersion) -> LabelledSurface:
     """Return the labelled points of the surface, object frame."""
-    return LabelledSurface.of(affordance_labels.read_surface(path))
+    return LabelledSurface.of(affordance_labels.read_surface(labels.path))
 
 
 def _stacked(
@@ -135,6 +129,5 @@ def _stacked(
 def _item(
     scene: SceneFiles, output_dir: Path, config: PackConfig, seed: int, inputs: Mapping[str, str]
 ) -> WorkItem:
-    name = f"scene_{scene.scene_id:04d}_{scene.camera}"
     stamp = make_stamp(STAGE, config, seed=seed, inputs=inputs)
-    return WorkItem(name, output_dir / f"{name}.h5", stamp, (scene,))
+    return WorkItem(scene.name, output_dir / f"{scene.name}.h5", stamp, (scene,))

@@ -33,7 +33,7 @@ from pipelines.dataset.symmetry import symmetry_labels
 from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries
 from pipelines.dataset.training import affordance_labels
 from pipelines.dataset.training.affordance_labels import AffordanceLabels, RefinementCounts
-from pipelines.errors import MissingInputError, SymgraspError
+from pipelines.errors import SymgraspError
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.rated_grasps import BestOfPlaces, GraspSample, RatedGrasps
@@ -41,6 +41,7 @@ from pipelines.mesh_symmetry.detection.surface import Surface
 from pipelines.refinement.copies import PLACE_SHARE, Copier, closed_contacts
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
+from pipelines.storage.files import existing
 from pipelines.storage.provenance import digest_if_there, make_stamp
 
 STAGE = "refine-grasps"
@@ -61,8 +62,8 @@ def run(
 def refine_file(item: WorkItem, root: GraspNetRoot, config: RefineGraspsConfig, seed: int) -> str:
     """Refine the labels of one object; `item.arguments`: its id. Return the counts."""
     (object_id,) = item.arguments
-    symmetry = _existing(root.symmetry_path(object_id), "symgrasp annotate-symmetry")
-    label = _existing(root.grasp_label_path(object_id), "symgrasp label-grasps")
+    symmetry = existing(root.symmetry_path(object_id), "symgrasp annotate-symmetry")
+    label = existing(root.grasp_label_path(object_id), "symgrasp label-grasps")
     pieces = grasp_label_pieces(label, max(1, config.chunk // int(np.prod(LABEL_GRID))))
     mesh = read_solid_mesh(root.model_path(object_id))
     labels = refine(mesh, pieces, symmetry_labels.read(symmetry), config, seed)
@@ -159,12 +160,6 @@ def _note(labels: AffordanceLabels) -> str:
         f"{dropped}; affordance on {counts.num_points_before} of {points} surface points before, "
         f"{counts.num_points_after} after"
     )
-
-
-def _existing(path: Path, written_by: str) -> Path:
-    if not path.is_file():
-        raise MissingInputError(path, written_by)
-    return path
 
 
 def _item(root: GraspNetRoot, object_id: int, config: RefineGraspsConfig, seed: int) -> WorkItem:

@@ -46,7 +46,7 @@ from pipelines.learning.loop.runs import RunRequest, describe, find_progress
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.checkpoints import save_weights
-from pipelines.storage.files import real_path
+from pipelines.storage.files import existing, real_path
 from pipelines.storage.provenance import (
     Stamp,
     digest,
@@ -155,10 +155,7 @@ def weights_used(kind: CriticKind, paths: ModelPaths) -> dict[str, str]:
         "axis_critic": models.AXIS_CRITIC_BY,
         "plane_critic": models.PLANE_CRITIC_BY,
     }
-    return {
-        name: digest(models.existing_weights(getattr(paths, name), written_by[name]))
-        for name in kind.needs
-    }
+    return {name: digest(existing(getattr(paths, name), written_by[name])) for name in kind.needs}
 
 
 def row_items(

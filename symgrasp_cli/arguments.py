@@ -3,18 +3,23 @@
 import inspect
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from symgrasp_cli.options import (
+    AxisCriticWeights,
     Backend,
     Compile,
+    DetectorWeights,
     Device,
     DryRun,
     IntrinsicsText,
     Loaders,
     MaxMinutes,
     MaxSeconds,
+    NetworkWeights,
     Overwrite,
+    PlaneCriticWeights,
     Precision,
     Resume,
     Seed,
@@ -169,3 +174,21 @@ def given_camera(intrinsics: IntrinsicsText = None) -> "CameraFile | None":
 
 
 GivenCamera = Annotated["CameraFile | None", MadeOf(given_camera)]
+
+
+def models_for_symmetries(
+    detector: DetectorWeights = None,
+    network: NetworkWeights = None,
+    axis_critic: AxisCriticWeights = None,
+    plane_critic: PlaneCriticWeights = None,
+) -> dict[str, Path | None]:
+    """Return the weights that the user names, by what they are of; None for those that we ship."""
+    return {
+        "detector": detector,
+        "network": network,
+        "axis_critic": axis_critic,
+        "plane_critic": plane_critic,
+    }
+
+
+SymmetryModels = Annotated[dict[str, Path | None], MadeOf(models_for_symmetries)]

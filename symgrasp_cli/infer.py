@@ -14,18 +14,14 @@ from pipelines.configs import InferConfig, LimitsConfig
 from pipelines.configs.settings import changed
 from pipelines.configs.stages import InferSettings, part
 from pipelines.errors import printable
-from symgrasp_cli.arguments import Batch, GivenCamera, MadeOf
+from symgrasp_cli.arguments import Batch, GivenCamera, MadeOf, SymmetryModels
 from symgrasp_cli.options import (
-    AxisCriticWeights,
     CameraName,
     DatasetSplit,
     DepthUnitsPerMetre,
-    DetectorWeights,
     Device,
     FrameFolder,
     GraspCriticWeights,
-    NetworkWeights,
-    PlaneCriticWeights,
     Seed,
     Workers,
 )
@@ -42,10 +38,7 @@ HDF5_SUFFIXES = ("", ".h5", ".hdf5")
 
 
 def _weights(
-    detector: DetectorWeights = None,
-    network: NetworkWeights = None,
-    axis_critic: AxisCriticWeights = None,
-    plane_critic: PlaneCriticWeights = None,
+    models: SymmetryModels,
     grasp_critic: GraspCriticWeights = None,
     weights: Annotated[
         Path | None,
@@ -53,14 +46,7 @@ def _weights(
     ] = None,
 ) -> dict[str, Path | None]:
     """Return the weights that are named, by what they are of."""
-    return {
-        "detector": detector,
-        "network": network,
-        "axis_critic": axis_critic,
-        "plane_critic": plane_critic,
-        "grasp_critic": grasp_critic,
-        "peer": weights,
-    }
+    return {**models, "grasp_critic": grasp_critic, "peer": weights}
 
 
 def _batch(options: Batch, workers: Workers = None) -> "BatchOptions":

@@ -1,11 +1,12 @@
 """Options that several commands share."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 LARGEST_SEED = 2**63 - 1
+RUNNING, READING, REPORT = "Running", "Reading frames", "Report"  # panels of help
 
 
 def _check_seed(seed: int) -> int:
@@ -14,68 +15,51 @@ def _check_seed(seed: int) -> int:
     return seed
 
 
-RUNNING, READING, REPORT = "Running", "Reading frames", "Report"  # panels of help
+def _running(help_text: str, *names: str, **options: Any) -> Any:  # noqa: ANN401 - typer's own
+    """Return an option of how a command runs, as help groups them."""
+    return typer.Option(*names, rich_help_panel=RUNNING, help=help_text, **options)
+
+
+def _weights(what: str) -> Any:  # noqa: ANN401 - typer's own
+    """Return the option of a file of weights that the package ships too."""
+    return typer.Option(exists=True, help=f"Weights of the {what}, if not the default.")
+
 
 Workers = Annotated[
     int | None,
-    typer.Option(
+    _running(
+        "Processes that work at a time; by default as many as help.",
         min=1,
         metavar="N",
         envvar="SYMGRASP_WORKERS",
-        rich_help_panel=RUNNING,
-        help="Processes that work at a time; by default as many as help.",
     ),
 ]
 Backend = Annotated[
     str,
-    typer.Option(
+    _running(
+        "joblib's backend: loky, or dask or ray with that extra installed.",
         metavar="NAME",
         envvar="SYMGRASP_BACKEND",
-        rich_help_panel=RUNNING,
-        help="joblib's backend: loky, or dask or ray with that extra installed.",
     ),
 ]
 Seed = Annotated[
-    int,
-    typer.Option(
-        metavar="N",
-        rich_help_panel=RUNNING,
-        callback=_check_seed,
-        help="Seed of everything that is drawn at random.",
-    ),
+    int, _running("Seed of everything that is drawn at random.", metavar="N", callback=_check_seed)
 ]
-Overwrite = Annotated[
-    bool,
-    typer.Option("--overwrite", rich_help_panel=RUNNING, help="Make outputs again that exist."),
-]
-DryRun = Annotated[
-    bool,
-    typer.Option("--dry-run", rich_help_panel=RUNNING, help="Say what would be done, do nothing."),
-]
+Overwrite = Annotated[bool, _running("Make outputs again that exist.", "--overwrite")]
+DryRun = Annotated[bool, _running("Say what would be done, do nothing.", "--dry-run")]
 Device = Annotated[
     str,
-    typer.Option(
+    _running(
+        "auto, cpu, cuda or cuda:N; auto takes a GPU if there is one.",
         metavar="NAME",
         envvar="SYMGRASP_DEVICE",
-        rich_help_panel=RUNNING,
-        help="auto, cpu, cuda or cuda:N; auto takes a GPU if there is one.",
     ),
 ]
-Resume = Annotated[
-    bool,
-    typer.Option("--resume", rich_help_panel=RUNNING, help="Go on with an unfinished training."),
-]
-Threads = Annotated[
-    int, typer.Option(min=1, metavar="N", rich_help_panel=RUNNING, help="CPU cores to train on.")
-]
+Resume = Annotated[bool, _running("Go on with an unfinished training.", "--resume")]
+Threads = Annotated[int, _running("CPU cores to train on.", min=1, metavar="N")]
 MaxSeconds = Annotated[
     float | None,
-    typer.Option(
-        min=0.0,
-        metavar="SECONDS",
-        rich_help_panel=RUNNING,
-        help="Time after which to stop cleanly; --resume goes on.",
-    ),
+    _running("Time after which to stop cleanly; --resume goes on.", min=0.0, metavar="SECONDS"),
 ]
 MaxMinutes = Annotated[
     float | None,
@@ -83,28 +67,20 @@ MaxMinutes = Annotated[
 ]
 Precision = Annotated[
     str,
-    typer.Option(
-        metavar="NAME",
-        rich_help_panel=RUNNING,
-        help="Of the large products of a training step: float32, or bf16 for GPUs.",
+    _running(
+        "Of the large products of a training step: float32, or bf16 for GPUs.", metavar="NAME"
     ),
 ]
 Loaders = Annotated[
     int,
-    typer.Option(
-        metavar="N",
+    _running(
+        "Processes that load batches ahead, so that a GPU need not wait; 0: a thread.",
         min=0,
-        rich_help_panel=RUNNING,
-        help="Processes that load batches ahead, so that a GPU need not wait; 0: a thread.",
+        metavar="N",
     ),
 ]
 Compile = Annotated[
-    bool,
-    typer.Option(
-        "--compile",
-        rich_help_panel=RUNNING,
-        help="Compile chains of layers, for GPUs; slow to start.",
-    ),
+    bool, _running("Compile chains of layers, for GPUs; slow to start.", "--compile")
 ]
 AsJson = Annotated[
     bool,
@@ -135,22 +111,11 @@ MeshUnit = Annotated[
         help="Metres by unit of the meshes' files; 0.001 for millimetres.",
     ),
 ]
-DetectorWeights = Annotated[
-    Path | None,
-    typer.Option(exists=True, help="Weights of the region detector, if not the default."),
-]
-NetworkWeights = Annotated[
-    Path | None, typer.Option(exists=True, help="Weights of the grasp network, if not the default.")
-]
-AxisCriticWeights = Annotated[
-    Path | None, typer.Option(exists=True, help="Weights of the axis critic, if not the default.")
-]
-PlaneCriticWeights = Annotated[
-    Path | None, typer.Option(exists=True, help="Weights of the plane critic, if not the default.")
-]
-GraspCriticWeights = Annotated[
-    Path | None, typer.Option(exists=True, help="Weights of the grasp critic, if not the default.")
-]
+DetectorWeights = Annotated[Path | None, _weights("region detector")]
+NetworkWeights = Annotated[Path | None, _weights("grasp network")]
+AxisCriticWeights = Annotated[Path | None, _weights("axis critic")]
+PlaneCriticWeights = Annotated[Path | None, _weights("plane critic")]
+GraspCriticWeights = Annotated[Path | None, _weights("grasp critic")]
 With = Annotated[
     list[Path] | None,
     typer.Option(

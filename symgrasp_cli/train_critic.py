@@ -7,14 +7,8 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import TrainCriticConfig
-from symgrasp_cli.arguments import CpuRun, Preparation
-from symgrasp_cli.options import (
-    AxisCriticWeights,
-    DetectorWeights,
-    NetworkWeights,
-    PlaneCriticWeights,
-    WeightsToWrite,
-)
+from symgrasp_cli.arguments import CpuRun, Preparation, SymmetryModels
+from symgrasp_cli.options import WeightsToWrite
 from symgrasp_cli.report import conclude
 from symgrasp_cli.settings import with_settings
 
@@ -56,10 +50,7 @@ def train_critic(
     init: Annotated[
         Path | None, typer.Option(exists=True, help="Critic of planes or grasps to start from.")
     ] = None,
-    detector: DetectorWeights = None,
-    network: NetworkWeights = None,
-    axis_critic: AxisCriticWeights = None,
-    plane_critic: PlaneCriticWeights = None,
+    models: SymmetryModels,
     request: CpuRun,
     options: Preparation,
 ) -> None:
@@ -69,13 +60,7 @@ def train_critic(
     from pipelines.learning.critics.kinds import critic_kind
 
     kind = critic_kind(critic)
-    given = {
-        "detector": detector,
-        "network": network,
-        "axis_critic": axis_critic,
-        "plane_critic": plane_critic,
-    }
-    paths = replace(ModelPaths(), **{name: path for name, path in given.items() if path})
+    paths = replace(ModelPaths(), **{name: path for name, path in models.items() if path})
     report = stage.run(
         kind,
         roots,

@@ -14,7 +14,6 @@ from pipelines.dataset.meshes import read_solid_mesh
 from pipelines.dataset.symmetry.regioned_objects import read_regioned_object
 from pipelines.dataset.training import affordance_labels
 from pipelines.dataset.training.affordance_labels import AffordanceLabels
-from pipelines.errors import MissingInputError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import sample_surface
 from pipelines.geometry.region_masks import RegionInstance, visible_regions
@@ -22,6 +21,7 @@ from pipelines.geometry.transforms import rotate_vectors, transform_points
 from pipelines.metrics.grasp_verdicts import TrueObject, TrueScene
 from pipelines.metrics.mesh_collision import MeshCollider
 from pipelines.metrics.symmetry_matching import TrueRegion
+from pipelines.storage.files import existing
 
 SURFACE_POINTS = 20000  # a point every 2 mm on an object of the size of a hand
 ERROR_POINTS = 500  # of a region, that the dense symmetry error is averaged over
@@ -93,9 +93,7 @@ class TruthReader:
     def affordance(self, object_id: int) -> AffordanceLabels:
         """Return what `refine-grasps` found of an object."""
         if object_id not in self._affordance:
-            path = self.root.affordance_path(object_id)
-            if not path.is_file():
-                raise MissingInputError(path, "symgrasp refine-grasps")
+            path = existing(self.root.affordance_path(object_id), "symgrasp refine-grasps")
             self._affordance[object_id] = affordance_labels.read(path)
         return self._affordance[object_id]
 

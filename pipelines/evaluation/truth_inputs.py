@@ -7,6 +7,7 @@ from pipelines.dataset.graspnet.graspnet_layout import SceneFiles
 from pipelines.dataset.scene_digests import CAMERA_FILES, POSES, digest_of_files
 from pipelines.frames.graspnet_scene import annotated_ids
 from pipelines.inference import models
+from pipelines.storage.files import existing
 from pipelines.storage.provenance import digest, digest_folder, digest_text
 
 LABELS = {"symmetry": "*.json", "regions": "*.json"}
@@ -31,7 +32,7 @@ def truth_digests(
     ids = {i for scene in scenes for i in annotated_ids(scene.camera_folder / "annotations")}
     if baselines:
         found["grasp_critic"] = digest(
-            models.existing_weights(models.GRASP_CRITIC_WEIGHTS, models.GRASP_CRITIC_BY)
+            existing(models.GRASP_CRITIC_WEIGHTS, models.GRASP_CRITIC_BY)
         )
     return found | {
         "meshes": digest_of_files(root.model_path(object_id) for object_id in sorted(ids)),

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 import cv2
 from threadpoolctl import OpenBLASController, ThreadpoolController
 
-from pipelines.errors import MissingInputError
 from pipelines.grasping.ranking import critic_files
 from pipelines.grasping.ranking.point_critic import PointCritic
 from pipelines.grasping.ranking.ranking import GraspCritic
 from pipelines.grasping.symmetries.axis_critic import AxisCritic
 from pipelines.grasping.symmetries.grounding import SymmetryCritics
+from pipelines.storage.files import existing
 
 if TYPE_CHECKING:
     from pipelines.network.detection.detector import RegionDetector
@@ -38,18 +38,6 @@ DETECTOR_BY, NETWORK_BY = "symgrasp finetune-detector", "symgrasp train"
 AXIS_CRITIC_BY = critic_files.WRITTEN_BY[critic_files.AXES]
 PLANE_CRITIC_BY = critic_files.WRITTEN_BY[critic_files.PLANES]
 GRASP_CRITIC_BY = critic_files.WRITTEN_BY[critic_files.GRASPS]
-
-
-def existing_weights(path: Path, written_by: str) -> Path:
-    """Return `path` if it is there.
-
-    Raises:
-        MissingInputError: it is not; the message names the command that writes it.
-    """
-    if not path.is_file():
-        raise MissingInputError(path, written_by)
-    return path
-
 
 _LOADING = Lock()  # several threads may work on frames
 
@@ -170,22 +158,22 @@ def _matrix_products() -> ThreadpoolController:
 def _detector(path: Path, device: str) -> RegionDetector:
     from pipelines.network.detection.detector import RegionDetector  # noqa: PLC0415 - torch is slow to load
 
-    return RegionDetector.load(existing_weights(path, DETECTOR_BY), device)
+    return RegionDetector.load(existing(path, DETECTOR_BY), device)
 
 
 @lru_cache(maxsize=2)
 def _predictor(path: Path, device: str, mirrored: bool) -> GraspPredictor:
     from pipelines.network.predictor import GraspPredictor  # noqa: PLC0415 - torch is slow to load
 
-    return GraspPredictor.load(existing_weights(path, NETWORK_BY), device, mirrored)
+    return GraspPredictor.load(existing(path, NETWORK_BY), device, mirrored)
 
 
 @lru_cache(maxsize=4)
 def _critic(path: Path, model: str) -> PointCritic:
-    weights = existing_weights(path, critic_files.WRITTEN_BY[model])
+    weights = existing(path, critic_files.WRITTEN_BY[model])
     return critic_files.read_point_critic(weights, model)
 
 
 @lru_cache(maxsize=2)
 def _axis_critic(path: Path) -> AxisCritic:
-    return critic_files.read_axis_critic(existing_weights(path, AXIS_CRITIC_BY))
+    return critic_files.read_axis_critic(existing(path, AXIS_CRITIC_BY))

@@ -13,6 +13,7 @@ from pipelines.inference import models
 from pipelines.inference.frame_grasps import Planner
 from pipelines.inference.peers.registry import frame_method, region_method, written_by
 from pipelines.inference.predicted_regions import Fitting, RegionMethod
+from pipelines.storage.files import existing
 from pipelines.storage.provenance import digest, digest_text
 
 
@@ -110,12 +111,12 @@ class Settings:
             ("grasp_critic", self.uses_grasp_critic, paths.grasp_critic, models.GRASP_CRITIC_BY),
         )
         wanted = {
-            name: digest(models.existing_weights(path, made_by))
+            name: digest(existing(path, made_by))
             for name, is_used, path, made_by in used
             if is_used
         }
         if self.uses_peer:
-            path = models.existing_weights(self.peer_weights, written_by(self.config.method))
+            path = existing(self.peer_weights, written_by(self.config.method))
             wanted["peer"] = digest(path)
         return wanted
 

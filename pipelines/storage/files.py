@@ -12,6 +12,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 
 from pipelines.contents import MAX_JSON_BYTES, UNFIT, json_value
 from pipelines.ending import remove_temporary
-from pipelines.errors import FormatError, SymgraspError
+from pipelines.errors import FormatError, MissingInputError, SymgraspError
 from pipelines.storage.temporary import new_temporary
 
 LONGEST_NAME = 255  # bytes that file systems take
@@ -151,16 +152,42 @@ def is_file(path: Path) -> bool:
         return False
 
 
-def existing(path: Path) -> Path:
+def existing(path: Path, made_by: str = "") -> Path:
     """Return `path` if it is a file, not a pipe or a device, which may never end.
 
     Raises:
-        SymgraspError: there is no such file.
+        MissingInputError: there is no such file, which the command `made_by` writes.
+        SymgraspError: there is no such file, and no command is named.
     """
     if not is_file(path):
+        if made_by:
+            raise MissingInputError(path, made_by)
         found = "is no plain file" if path.exists() else "does not exist"
         raise SymgraspError(f"{path} {found}; give the path of an existing file")
     return path
+
+
+@dataclass(frozen=True)
+class FileVersion:
+    """A file as it was last written, the key of a cache: what is in memory is good for that only.
+
+    Attributes:
+        path: of the file.
+        written: nanoseconds; 0 where there is no such file, which reading it then says.
+        size: bytes.
+    """
+
+    path: Path
+    written: int = 0
+    size: int = 0
+
+    @classmethod
+    def of(cls, path: Path) -> "FileVersion":
+        """Return the file `path` as it is now."""
+        if not path.is_file():
+            return cls(path)
+        status = path.stat()
+        return cls(path, status.st_mtime_ns, status.st_size)
 
 
 def real_path(path: Path) -> Path:

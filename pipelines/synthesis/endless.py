@@ -19,7 +19,7 @@ from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.symmetry.regioned_objects import read_regioned_object
 from pipelines.dataset.training import affordance_labels
 from pipelines.dataset.training.packed_regions import PackedRegion
-from pipelines.errors import MissingInputError, SymgraspError
+from pipelines.errors import SymgraspError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.pointcloud import Plane
@@ -28,6 +28,7 @@ from pipelines.geometry.rendering import Scene, cast_view
 from pipelines.geometry.transforms import invert, make_pose, random_rotation, transform_points
 from pipelines.grasping.labelled_regions import LabelledCloud, LabelledSurface, labelled_clouds
 from pipelines.grasping.scene import SceneCloud
+from pipelines.storage.files import existing
 from pipelines.synthesis.objects.decomposition import hull_of_points
 from pipelines.synthesis.objects.pools import UNSEEN_POOLS
 from pipelines.synthesis.scenes.cameras import LENSES, drawn_viewpoints, sensor_intrinsics
@@ -84,9 +85,7 @@ def read_object(root: GraspNetRoot, object_id: int) -> LabelledObject:
     Raises:
         MissingInputError: a label has not been made yet.
     """
-    labels = root.affordance_path(object_id)
-    if not labels.is_file():
-        raise MissingInputError(labels, "symgrasp refine-grasps")
+    labels = existing(root.affordance_path(object_id), "symgrasp refine-grasps")
     regioned = read_regioned_object(root.root, object_id)
     pieces_path = root.model_path(object_id).with_name("convex.npz")
     pieces: Sequence[Mesh] = (

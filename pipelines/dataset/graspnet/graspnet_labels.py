@@ -99,16 +99,11 @@ def read_grasp_label(path: Path) -> GraspLabel:
     )
 
 
-def read_labelled_grasps(path: Path, max_friction: float = 1.0) -> LabelledGrasps:
-    """Read the grasps that hold at `max_friction` without self-collision, in label order.
-
-    A label of GraspNet has some fifty million candidates; their poses are never built.
-    """
-    return holding_grasps(read_grasp_label(path), max_friction)
-
-
 def holding_grasps(label: GraspLabel, max_friction: float = 1.0) -> LabelledGrasps:
-    """Select the grasps of `label` that hold at `max_friction` without self-collision."""
+    """Select the grasps of `label` that hold at `max_friction` without self-collision.
+
+    A label of GraspNet has some fifty million candidates; the poses of the others are never built.
+    """
     # The nearest float32 to 0.4 is larger than 0.4.
     holds = (label.min_friction > 0) & (label.min_friction <= max_friction + 1e-4)
     point, view, angle, depth = np.nonzero(holds & ~label.collision)

@@ -31,12 +31,6 @@ def generate_views(count: int = NUM_VIEWS) -> Singles:
     return np.stack([radius * np.cos(turn), radius * np.sin(turn), z], axis=1)
 
 
-def view_rotation(view: NDArray[np.floating], angle: float) -> Singles:
-    """Return the grasp rotation (3, 3) of one view direction (3,) and in-plane angle (radians)."""
-    rotations = view_rotations(np.asarray(view)[None], np.asarray([angle]))
-    return np.asarray(rotations[0, 0], dtype=np.float32)
-
-
 def view_rotations(
     views: NDArray[np.floating] | None = None, angles: NDArray[np.floating] | None = None
 ) -> Singles:

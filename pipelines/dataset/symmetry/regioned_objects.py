@@ -7,8 +7,9 @@ from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.meshes import read_mesh
 from pipelines.dataset.symmetry import symmetry_labels
 from pipelines.dataset.symmetry.regions import check_triangles
-from pipelines.errors import FormatError, MissingInputError
+from pipelines.errors import FormatError
 from pipelines.geometry.region_masks import ObjectRegion, RegionedObject
+from pipelines.storage.files import FileVersion, existing
 from pipelines.storage.provenance import digest, read_stamp
 
 
@@ -22,25 +23,15 @@ def read_regioned_object(root: Path, object_id: int) -> RegionedObject:
     """
     files = GraspNetRoot(root)
     mesh, labels = files.model_path(object_id), files.symmetry_path(object_id)
-    if not labels.is_file():
-        raise MissingInputError(labels, "symgrasp annotate-symmetry")
-    return _read(mesh, labels, _version(mesh), _version(labels))
-
-
-def _version(path: Path) -> tuple[int, int]:
-    if not path.is_file():
-        return 0, 0  # reading the file raises the error
-    status = path.stat()
-    return status.st_mtime_ns, status.st_size
+    existing(labels, "symgrasp annotate-symmetry")
+    return _read(FileVersion.of(mesh), FileVersion.of(labels))
 
 
 @lru_cache(maxsize=32)
-def _read(
-    mesh_path: Path, labels_path: Path, _mesh: tuple[int, int], _labels: tuple[int, int]
-) -> RegionedObject:
-    mesh, labels = read_mesh(mesh_path), symmetry_labels.read(labels_path)
-    _check_mesh(mesh_path, labels_path)
-    check_triangles(labels_path, ((r.name, r.triangles) for r in labels.regions), mesh)
+def _read(mesh_file: FileVersion, labels_file: FileVersion) -> RegionedObject:
+    mesh, labels = read_mesh(mesh_file.path), symmetry_labels.read(labels_file.path)
+    _check_mesh(mesh_file.path, labels_file.path)
+    check_triangles(labels_file.path, ((r.name, r.triangles) for r in labels.regions), mesh)
     regions = tuple(
         ObjectRegion(region.name, region.triangles, region.symmetries)
         for region in labels.regions

@@ -23,6 +23,7 @@ from pipelines.metrics.graspnet.graspnet_frames import (
 )
 from pipelines.metrics.graspnet.peer_collision import NUM_CLOUD_SAMPLES, VOXEL, voxel_means
 from pipelines.metrics.mesh_collision import MeshCollider
+from pipelines.storage.files import FileVersion
 
 KEPT_OBJECTS = 28  # in memory, a grid of 8 MB each; GraspNet-1Billion's splits have no more
 
@@ -99,32 +100,16 @@ def grid_object(root: GraspNetRoot, object_id: int) -> GridObject:
     Without that file the grid is computed from the mesh, as it would be read from the file: its six
     digits decide on flat faces.
     """
-    return _grid_object(*map(_version, object_files(root, object_id, exact=False)))
+    return _grid_object(*map(FileVersion.of, object_files(root, object_id, exact=False)))
 
 
 def solid_object(root: GraspNetRoot, object_id: int) -> SolidObject:
     """Return an object as it is; whose a grasp is, points all over its surface say."""
-    return _solid_object(*map(_version, object_files(root, object_id, exact=True)), object_id)
-
-
-@dataclass(frozen=True)
-class _Version:
-    """A file as it was when it was last written: what is in memory is good for that only."""
-
-    path: Path
-    written: int = 0  # nanoseconds
-    size: int = 0
-
-
-def _version(path: Path) -> _Version:
-    if not path.is_file():
-        return _Version(path)  # reading it says what is missing
-    status = path.stat()
-    return _Version(path, status.st_mtime_ns, status.st_size)
+    return _solid_object(*map(FileVersion.of, object_files(root, object_id, exact=True)), object_id)
 
 
 @functools.lru_cache(maxsize=KEPT_OBJECTS)
-def _grid_object(model: _Version, grid: _Version) -> GridObject:
+def _grid_object(model: FileVersion, grid: FileVersion) -> GridObject:
     points = voxel_means(read_vertices(model.path), VOXEL)
     if grid.path.suffix == ".sdf":
         return GridObject(points, read_sdf(grid.path))
@@ -132,7 +117,7 @@ def _grid_object(model: _Version, grid: _Version) -> GridObject:
 
 
 @functools.lru_cache(maxsize=KEPT_OBJECTS)
-def _solid_object(surface: _Version, seed: int) -> SolidObject:
+def _solid_object(surface: FileVersion, seed: int) -> SolidObject:
     mesh = read_solid_mesh(surface.path)
     samples = sample_surface(mesh, NUM_CLOUD_SAMPLES, np.random.default_rng(seed))[0]
     return SolidObject(voxel_means(samples, VOXEL), mesh, MeshCollider(mesh))

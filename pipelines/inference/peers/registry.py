@@ -4,10 +4,10 @@ from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 
-from pipelines.errors import MissingInputError
 from pipelines.grasping.gripper import Gripper
 from pipelines.inference.peers.frame_method import FrameMethod
 from pipelines.inference.predicted_regions import RegionMethod
+from pipelines.storage.files import existing
 
 
 def frame_method(name: str, weights: Path, gripper: Gripper, device: str) -> FrameMethod:
@@ -16,9 +16,7 @@ def frame_method(name: str, weights: Path, gripper: Gripper, device: str) -> Fra
     Raises:
         MissingInputError: the weights are not there.
     """
-    if not weights.is_file():
-        raise MissingInputError(weights, written_by(name))
-    return _frame_method(name, weights, gripper, device)
+    return _frame_method(name, existing(weights, written_by(name)), gripper, device)
 
 
 def region_method(name: str, weights: Path, device: str) -> RegionMethod:
@@ -27,9 +25,7 @@ def region_method(name: str, weights: Path, device: str) -> RegionMethod:
     Raises:
         MissingInputError: the weights are not there.
     """
-    if not weights.is_file():
-        raise MissingInputError(weights, written_by(name))
-    return _region_method(name, weights, device)
+    return _region_method(name, existing(weights, written_by(name)), device)
 
 
 def written_by(name: str) -> str:

@@ -8,7 +8,6 @@ from numpy.testing import assert_allclose
 from pipelines.dataset.graspnet.graspnet_views import (
     IN_PLANE_ANGLES,
     generate_views,
-    view_rotation,
     view_rotations,
 )
 
@@ -57,15 +56,16 @@ def test_all_rotations_agree_with_the_definition() -> None:
 
 
 def test_a_vertical_view_takes_the_y_axis_for_closing() -> None:
-    expected = naive_rotation(np.array([0.0, 0.0, 1.0]), 0.3)
-    assert_allclose(view_rotation(np.array([0.0, 0.0, 1.0]), 0.3), expected, atol=1e-6)
+    view = np.array([0.0, 0.0, 1.0])
+    found = view_rotations(view[None], np.array([0.3]))[0, 0]
+    assert_allclose(found, naive_rotation(view, 0.3), atol=1e-6)
 
 
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 299), st.floats(0.0, np.pi))
 def test_rotations_are_proper_and_approach_against_the_view(view: int, angle: float) -> None:
     direction = generate_views()[view]
-    R = view_rotation(direction, angle).astype(float)
+    R = view_rotations(direction[None], np.array([angle]))[0, 0].astype(float)
     assert_allclose(R.T @ R, np.eye(3), atol=1e-5)
     assert_allclose(np.linalg.det(R), 1.0, atol=1e-5)
     assert_allclose(R[:, 0], -direction, atol=1e-6)

@@ -17,10 +17,16 @@ from functools import partial
 
 from pipelines.configs import InferConfig
 from pipelines.dataset.chosen_frames import ALL_FRAMES, ChosenFrames
+from pipelines.errors import StaleOutputError
 from pipelines.frames.camera_files import CameraFile
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_stream import read_results
-from pipelines.inference.earlier import refuse_other_settings, refuse_others_work
+from pipelines.inference.earlier import (
+    earlier_frames,
+    refuse_other_settings,
+    refuse_others_work,
+    refuse_stale,
+)
 from pipelines.inference.pictures import draw_missing, of_output
 from pipelines.inference.run_settings import InferPaths, Settings, check_names
 from pipelines.inference.side_by_side import load, side_by_side
@@ -103,11 +109,20 @@ def _make(work: Work, items: Sequence[WorkItem], options: BatchOptions) -> Stage
 def _is_whole(work: Work, items: Sequence[WorkItem]) -> bool:
     """Return whether the output is that of `items`.
 
+    A run that followed the frames, and left its parts, may have ended before more of them came.
+
     Raises:
         StaleOutputError: it was made otherwise. Settings are compared before any image is read.
+        SymgraspError: it was followed, and holds frames that are nowhere else.
     """
     refuse_other_settings(work)
-    return is_finished(work.output, work.whole_stamp(items))
+    try:
+        return is_finished(work.output, work.whole_stamp(items))
+    except StaleOutputError:
+        if not earlier_frames(work):
+            raise
+        refuse_stale(work, {item.name for item in items})
+        return False
 
 
 def _finished_report(paths: InferPaths, count: int) -> StageReport:

@@ -119,6 +119,7 @@ class Work:
             for item in items
         ]
         for item in items:
+            check()
             if item.name not in failed and not inputs_of(item).are_known:
                 inputs_of(item).take_over(read_stamp(item.target) or {}, unseen=True)
         merge_shards(self.output, parts, self.whole_stamp(items), self.weights, check)

@@ -166,6 +166,19 @@ def test_infer_without_watch_finds_it_finished_and_removes_the_parts(cell):
     assert not grasps_file.parts_folder(cell.output).exists()
 
 
+def test_infer_without_watch_goes_on_where_the_output_lacks_later_frames(cell, tmp_path):
+    cell.write("a")
+    cell.follow()
+    cell.write("b")
+    report = cell.infer(cell.output)
+    assert (report.skipped, report.done) == (["a"], ["b"])
+    cell.infer(tmp_path / "plain.h5")
+    assert cell.output.read_bytes() == (tmp_path / "plain.h5").read_bytes()
+    cell.write("c")
+    with pytest.raises(StaleOutputError):  # no parts lie beside the output any more
+        cell.infer(cell.output)
+
+
 def test_a_pair_that_is_half_written_is_waited_for(cell):
     cell.write("a", files=("camera.json", "color.png"))
     cell.at(1.0, cell.write_half, "a")

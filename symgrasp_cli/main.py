@@ -1,5 +1,6 @@
 """Start of the command line: signals are heeded before anything heavy is imported."""
 
+import gc
 import sys
 
 from pipelines.ending import end_on_signals
@@ -15,3 +16,4 @@ def main() -> None:
     finally:
         if "pipelines.runtime.clusters" in sys.modules:  # else no command can have started workers
             sys.modules["pipelines.runtime.clusters"].end_workers()
+        gc.freeze()  # the interpreter would look through all of torch for cycles before it ends

@@ -114,3 +114,15 @@ def test_handlers_that_a_library_sets_are_undone():
     with ending.signal_handlers_kept():
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
     assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_a_command_ends_without_a_last_search_for_cycles():
+    watch = "import atexit, gc; atexit.register(lambda: print('frozen', gc.get_freeze_count())); "
+    ended = subprocess.run(
+        [sys.executable, "-c", f"{watch}{START}main()", "config", "--help"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ended.returncode == 0
+    assert int(ended.stdout.split("frozen ")[1]) > 0

@@ -226,4 +226,6 @@ def coerce_columns(table: object, spec: ColumnSpec, length: int) -> None:
         if array.shape != (length, *trailing):
             expected = f"of shape {(length, *trailing)}"
             raise ValueRangeError(f"{owner}.{name}", array.shape, expected)
+        if array.dtype == object and not all(isinstance(each, str) for each in array.flat):
+            raise ValueRangeError(f"{owner}.{name}", "of another type", "texts")
         object.__setattr__(table, name, array)

@@ -255,3 +255,5 @@ def test_results_that_make_no_sense_are_refused() -> None:
         FrameResult("a", "fine")
     with pytest.raises(ValueRangeError, match="region"):
         FrameResult("a", "ok", grasps=result("a", 2, 3).grasps)
+    with pytest.raises(ValueRangeError, match="must be texts"):
+        replace(result("a", 2, 3).grasps, symmetry_source=np.ones(3))

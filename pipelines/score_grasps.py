@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.configs import ScoreGraspsConfig
 from pipelines.dataset.graspnet.signed_distance import read_sdf
 from pipelines.dataset.meshes import read_mesh
@@ -81,10 +82,7 @@ def run(
 
 
 def score(
-    mesh: Mesh,
-    rows: NDArray[np.float64],
-    config: ScoreGraspsConfig,
-    grid: SignedDistanceGrid | None = None,
+    mesh: Mesh, rows: Array, config: ScoreGraspsConfig, grid: SignedDistanceGrid | None = None
 ) -> dict[str, NDArray[np.generic]]:
     """Return the verdicts on `rows` (n, 17), mesh frame, metres; see `VERDICT_ARRAYS`.
 

@@ -2,17 +2,14 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.array_types import Mask
-from pipelines.geometry.symmetry import NUM_SLOTS, ROTATION_SLOT, SPHERE_SLOT
+from pipelines.array_types import Mask, Singles
+from pipelines.geometry.symmetry import KIND_OF_SLOT, NUM_SLOTS, SymmetryKind
 from pipelines.grasp_files.grasps_tables import RegionTable
 from pipelines.storage.masks_rle import decode_mask
-
-Kind = Literal["reflection", "rotation", "sphere"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,11 +28,11 @@ class FoundSymmetry:
 
     region: int
     slot: int
-    kind: Kind
+    kind: SymmetryKind
     existence: float
     confidence: float
-    point: NDArray[np.float32]
-    direction: NDArray[np.float32]
+    point: Singles
+    direction: Singles
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +50,7 @@ class FoundRegion:
         instance: id of the caller's mask, or its index in a stack of masks; None without masks.
     """
 
-    box: NDArray[np.float32]
+    box: Singles
     confidence: float
     source: str
     status: str
@@ -117,7 +114,7 @@ def _symmetries(table: RegionTable, place: int) -> tuple[FoundSymmetry, ...]:
         FoundSymmetry(
             place,
             slot,
-            slot_kind(slot),
+            KIND_OF_SLOT[slot],
             float(table.existence[place, slot]),
             float(confidence[slot]),
             point[slot],
@@ -125,10 +122,3 @@ def _symmetries(table: RegionTable, place: int) -> tuple[FoundSymmetry, ...]:
         )
         for slot in sorted(slots, key=lambda slot: -confidence[slot])
     )
-
-
-def slot_kind(slot: int) -> Kind:
-    """Return what the slot of a symmetry stands for."""
-    if slot == ROTATION_SLOT:
-        return "rotation"
-    return "sphere" if slot == SPHERE_SLOT else "reflection"

@@ -10,8 +10,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pipelines.array_types import Array, Mask
 from pipelines.evaluation.records import threshold_key
 from pipelines.evaluation.rows import ordered_rows
 from pipelines.evaluation.tallies import ALL, PredictionTally, ReportTally, RowTally
@@ -99,7 +100,7 @@ def _splits(tally: ReportTally) -> list[str]:
     return [*(["train"] if "train" in tally.masks else []), *TEST_SPLITS, ALL]
 
 
-def _means(row: RowTally, counted: NDArray[np.bool_], suffix: str) -> dict[str, float | None]:
+def _means(row: RowTally, counted: Mask, suffix: str) -> dict[str, float | None]:
     return {
         f"grasp_quality{suffix}": _mean(row.quality, counted),
         f"grasp_quality_swept{suffix}": _mean(swept_quality(row.quality), counted),
@@ -108,7 +109,7 @@ def _means(row: RowTally, counted: NDArray[np.bool_], suffix: str) -> dict[str, 
     }
 
 
-def swept_quality(quality: ArrayLike) -> NDArray[np.float64]:
+def swept_quality(quality: ArrayLike) -> Array:
     """Return (n,) qualities of a sweep of the friction by `SWEEP_STEP`: each is rounded down.
 
     A grasp of quality 1 - mu is found to hold at the next friction of the sweep.
@@ -117,7 +118,7 @@ def swept_quality(quality: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(steps * SWEEP_STEP)
 
 
-def _mean(values: ArrayLike, counted: NDArray[np.bool_]) -> float | None:
+def _mean(values: ArrayLike, counted: Mask) -> float | None:
     return float(np.mean(np.asarray(values)[counted])) if counted.any() else None
 
 

@@ -9,8 +9,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Mask
 from pipelines.evaluation.records import FrameRecord, RowRecord, ScoredPredictions
 from pipelines.metrics.grasp_verdicts import Verdict
 from pipelines.metrics.graspnet.graspnet_ap import AP_FRICTIONS
@@ -45,7 +45,7 @@ class PredictionTally:
         for key, verdicts in scored.verdicts.items():
             self.verdicts.setdefault(key, array("b")).extend(verdicts)
 
-    def pooled(self, key: str) -> tuple[NDArray[np.float64], NDArray[np.bool_], int]:
+    def pooled(self, key: str) -> tuple[Array, Mask, int]:
         """Return confidences (p,), whether each is right (p,), and the number of truths."""
         verdicts = np.array(self.verdicts.get(key, []), np.int8)
         counted = verdicts != IGNORED
@@ -77,7 +77,7 @@ class RowTally:
     symmetries: defaultdict[str, PredictionTally] = field(
         default_factory=lambda: defaultdict(PredictionTally)
     )
-    accuracy: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(AP_FRICTIONS)))
+    accuracy: Array = field(default_factory=lambda: np.zeros(len(AP_FRICTIONS)))
     with_accuracy: int = 0
 
     def add(self, row: RowRecord) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.errors import FormatError, SymgraspError, ValueRangeError
 from pipelines.frames.encodings.yaml_files import read_yaml
 from pipelines.frames.graspnet_scene import read_meta
@@ -227,7 +228,7 @@ def _units(content: dict[str, Any]) -> float | None:
     return 1.0 / scale if 0 < scale < 1 else scale  # below one: RealSense's metres per unit
 
 
-def _matrix(path: Path, stored: Any) -> NDArray[np.float64]:  # noqa: ANN401 - JSON
+def _matrix(path: Path, stored: Any) -> Array:  # noqa: ANN401 - JSON
     values = stored.get("data") if isinstance(stored, dict) else stored
     numbers = np.asarray(values, dtype=np.float64).ravel()
     if numbers.size != 9:

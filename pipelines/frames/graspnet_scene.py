@@ -19,6 +19,7 @@ import scipy.io
 from defusedxml.ElementTree import parse as parse_xml
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Floats
 from pipelines.errors import FormatError
 from pipelines.frames.encodings.mat_files import read_mat
 from pipelines.geometry.transforms import (
@@ -49,7 +50,7 @@ class ObjectPose:
     """One object of a frame."""
 
     object_id: int
-    T_cam_obj: NDArray[np.float64]  # (4, 4) object to camera coordinates, metres
+    T_cam_obj: Array  # (4, 4) object to camera coordinates, metres
     name: str = ""
 
 
@@ -57,10 +58,10 @@ class ObjectPose:
 class FrameMeta:
     """What `meta/NNNN.mat` (and a demo folder's `meta.mat`) says of a frame."""
 
-    intrinsic_matrix: NDArray[np.float64]  # (3, 3)
+    intrinsic_matrix: Array  # (3, 3)
     factor_depth: float  # depth units per metre
     object_ids: tuple[int, ...] = ()
-    poses: NDArray[np.float64] | None = None  # (N, 4, 4) object to camera, or not in the file
+    poses: Array | None = None  # (N, 4, 4) object to camera, or not in the file
 
 
 def write_annotation(path: Path, poses: Sequence[ObjectPose]) -> None:
@@ -129,10 +130,7 @@ def read_poses(annotation: Path, meta: Path) -> list[ObjectPose]:
 
 
 def write_meta(
-    path: Path,
-    poses: Sequence[ObjectPose],
-    intrinsic_matrix: NDArray[np.floating],
-    factor_depth: float = 1000.0,
+    path: Path, poses: Sequence[ObjectPose], intrinsic_matrix: Floats, factor_depth: float = 1000.0
 ) -> None:
     """Write `meta/NNNN.mat` (YCB-Video style); same content, same bytes."""
     stacked = np.zeros((3, 4, len(poses)), dtype=np.float32)
@@ -190,14 +188,14 @@ def read_object_ids(path: Path) -> list[int]:
     return [int(line) for line in lines]
 
 
-def write_pose_array(path: Path, poses: NDArray[np.floating]) -> None:
+def write_pose_array(path: Path, poses: Floats) -> None:
     """Write camera_poses.npy (n, 4, 4), rs_wrt_kn.npy (n, 4, 4) or cam0_wrt_table.npy (4, 4)."""
     if poses.shape[-2:] != (4, 4):
         raise FormatError(path, f"poses to write are {poses.shape}", "they must be (..., 4, 4)")
     write_npy(path, np.asarray(poses, dtype=np.float64))
 
 
-def read_pose_array(path: Path, ndim: int | None = None) -> NDArray[np.float64]:
+def read_pose_array(path: Path, ndim: int | None = None) -> Array:
     """Read a file of `write_pose_array`: (..., 4, 4) float64, of `ndim` dimensions if given.
 
     Rotations that are a little off, as few decimals leave them, are made exact.
@@ -214,7 +212,7 @@ def read_pose_array(path: Path, ndim: int | None = None) -> NDArray[np.float64]:
     return _straightened(poses.astype(np.float64))
 
 
-def _straightened(poses: NDArray[np.float64]) -> NDArray[np.float64]:
+def _straightened(poses: Array) -> Array:
     """Return `poses` (..., 4, 4) with rotations that are off by rounding made exact.
 
     Those that are exact in single precision, and those that are no rotations, stay as they are.
@@ -238,7 +236,7 @@ def _are_rigid(poses: NDArray[Any]) -> bool:
     return bool(misfit <= RIGID_TOLERANCE) and right_handed and bool(np.isfinite(poses).all())
 
 
-def _four(values: NDArray[np.floating]) -> str:
+def _four(values: Floats) -> str:
     return " ".join(f"{value:.4f}" for value in values)
 
 
@@ -271,9 +269,7 @@ def _read_object(path: Path, element: ElementTree.Element) -> ObjectPose:
     return ObjectPose(object_id, pose, texts.get("obj_name", "").removesuffix(".ply"))
 
 
-def _read_mat_poses(
-    path: Path, stored: NDArray[Any] | None, count: int
-) -> NDArray[np.float64] | None:
+def _read_mat_poses(path: Path, stored: NDArray[Any] | None, count: int) -> Array | None:
     if stored is None:
         return None
     poses = np.asarray(stored, dtype=np.float64)

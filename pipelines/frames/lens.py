@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.errors import FormatError
 from pipelines.geometry.camera import Intrinsics
 
@@ -82,7 +83,7 @@ def _plain(name: str) -> str:
     return name.rpartition(".")[2].strip().lower().replace("-", "_").replace(" ", "_")
 
 
-def _coefficients(content: Mapping[str, Any], model: str) -> NDArray[np.float64]:
+def _coefficients(content: Mapping[str, Any], model: str) -> Array:
     stored = next(
         (content[key] for key in LIST_KEYS if isinstance(content.get(key), list | dict)), None
     )
@@ -140,7 +141,7 @@ def _places(camera: Intrinsics, lens: Distortion) -> tuple[Places, Places]:
     return u.reshape(shape), v.reshape(shape)
 
 
-def _bend(rays: NDArray[np.float64], lens: Distortion) -> NDArray[np.float64]:
+def _bend(rays: Array, lens: Distortion) -> Array:
     """Return where the lens shows rays (n, 1, 2), both at depth 1."""
     size = next(size for size in SIZES[lens.model] if size >= len(lens.coefficients))
     D = np.zeros(size)

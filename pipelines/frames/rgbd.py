@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Singles
 from pipelines.errors import FormatError
 from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.camera_search import where_a_camera_may_be
@@ -41,7 +42,7 @@ class Frame:
 
     name: str
     color: NDArray[np.uint8]  # (H, W, 3) RGB
-    depth: NDArray[np.float32]  # (H, W) metres along the optical axis, 0 = missing
+    depth: Singles  # (H, W) metres along the optical axis, 0 = missing
     intrinsics: Intrinsics
     units_per_metre: float | None = None  # what the file's numbers were divided by, if known
     notes: tuple[str, ...] = ()  # what was odd, a sentence each
@@ -85,7 +86,7 @@ class DepthUnits:
     is_certain: bool = False  # of a data set that says them: nothing is doubted
 
 
-def read_depth(path: Path, units: DepthUnits) -> NDArray[np.float32]:
+def read_depth(path: Path, units: DepthUnits) -> Singles:
     """Read a depth image (H, W) in metres, 0 = missing.
 
     Args:
@@ -179,9 +180,7 @@ def fit_color(path: Path, color: NDArray[np.uint8], width: int, height: int) -> 
     return np.asarray(cv2.resize(color, (width, height), interpolation=how), dtype=np.uint8)
 
 
-def _metres(
-    path: Path, stored: NDArray[Any], units: DepthUnits
-) -> tuple[NDArray[np.float32], float]:
+def _metres(path: Path, stored: NDArray[Any], units: DepthUnits) -> tuple[Singles, float]:
     """Return depth (H, W) in metres, 0 = missing, and its unit, of the numbers `path` holds."""
     if stored.ndim == 3 and stored.shape[2] == 1:
         stored = stored[:, :, 0]
@@ -242,9 +241,7 @@ def _nothing_measured(stored: NDArray[Any]) -> tuple[str, str]:
     )
 
 
-def _check_plausible(
-    path: Path, values: NDArray[Any], depth: NDArray[np.float32], units: DepthUnits
-) -> None:
+def _check_plausible(path: Path, values: NDArray[Any], depth: Singles, units: DepthUnits) -> None:
     """Raise FormatError where `depth` (H, W) looks like another unit, or like inverse depth.
 
     Closer than most cameras measure is no fault where no common unit makes a likelier scene.
@@ -266,7 +263,7 @@ def _check_plausible(
     )
 
 
-def _close_views(depth: NDArray[np.float32]) -> tuple[str, ...]:
+def _close_views(depth: Singles) -> tuple[str, ...]:
     """Return a remark on `depth` (H, W) that is closer than most cameras measure."""
     nearest = _nearest_median(depth)
     if nearest >= LIKELY_DEPTH[0]:
@@ -274,7 +271,7 @@ def _close_views(depth: NDArray[np.float32]) -> tuple[str, ...]:
     return (f"the nearest depths are about {nearest:.2g} m, closer than most cameras measure",)
 
 
-def _nearest_median(depth: NDArray[np.float32]) -> float:
+def _nearest_median(depth: Singles) -> float:
     """Return the median of the nearest share of the depths (H, W); 0 = missing."""
     depth = depth[depth > 0]
     depth = depth[:: max(1, depth.size // SAMPLE)]

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Mask
 from pipelines.errors import FormatError, ValueRangeError
 from pipelines.storage.images import read_image
 
@@ -46,7 +46,7 @@ def numbers_of(text: str) -> tuple[float, ...]:
     return tuple(float(part) for part in re.split(r"[,\s]+", text.strip()))
 
 
-def read_workspace_mask(path: Path, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+def read_workspace_mask(path: Path, shape: tuple[int, ...]) -> Mask:
     """Return (H, W) which pixels of a mask picture are not black; `shape` is the depth's.
 
     Raises:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,11 +12,13 @@ from pipelines.array_types import Array
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.transforms import rotate_vectors, rotation_about, transform_points
 
-SYMMETRY_KINDS = ("reflection", "rotation", "sphere")
+SymmetryKind = Literal["reflection", "rotation", "sphere"]
+SYMMETRY_KINDS: tuple[SymmetryKind, ...] = ("reflection", "rotation", "sphere")
 NUM_SLOTS = 5  # M of Eq. 7: three reflections, one rotation, one sphere
 REFLECTION_SLOTS = (0, 1, 2)
 ROTATION_SLOT = 3
 SPHERE_SLOT = 4
+KIND_OF_SLOT: tuple[SymmetryKind, ...] = (*("reflection",) * 3, "rotation", "sphere")
 MAX_ORDER = 360  # repeats by less than a degree are a continuous symmetry to any gripper
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.array_types import Array
+from pipelines.array_types import Array, Floats, Mask
 from pipelines.dataset.graspnet.graspnet_labels import RECT_COLUMNS
 from pipelines.errors import FormatError
 from pipelines.geometry.transforms import nearest_orthogonal
@@ -45,7 +45,7 @@ class GraspRows:
 
     rows: Array
     faults: dict[int, str]
-    straightened: NDArray[np.bool_]
+    straightened: Mask
 
 
 def read_grasp_rows(
@@ -87,7 +87,7 @@ def read_grasp_rows(
     return GraspRows(rows, faults, rounded)
 
 
-def _numbers(path: Path) -> NDArray[np.floating]:
+def _numbers(path: Path) -> Floats:
     rows = read_npy(path)
     if rows.size == 0 and rows.dtype.kind in "fiu":
         return np.zeros((0, COLUMNS))

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pipelines.array_types import Mask
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.symmetry import NUM_SLOTS
@@ -56,7 +57,7 @@ class RegionTable(ColumnTable):
     @classmethod
     def from_masks(
         cls,
-        masks: Sequence[NDArray[np.bool_]],
+        masks: Sequence[Mask],
         *,
         confidence: ArrayLike,
         source: Sequence[str],
@@ -101,7 +102,7 @@ class RegionTable(ColumnTable):
         """Return the number of regions."""
         return len(self.box)
 
-    def mask(self, region: int, width: int, height: int) -> NDArray[np.bool_]:
+    def mask(self, region: int, width: int, height: int) -> Mask:
         """Return the mask (H, W) of one region, given the size of its frame."""
         start, end = self.mask_start[region : region + 2]
         return decode_mask(self.mask_counts[start:end], width, height)
@@ -121,16 +122,12 @@ class GraspTable(ColumnTable):
 
     frame: NDArray[Any] = table_column((), np.int32, optional=True)  # as in RegionTable
     region: NDArray[Any] = table_column((), np.int32)  # index into the regions
-    rotation: NDArray[Any] = table_column(
-        (3, 3), np.float32
-    )  # approach, closing, approach x closing
+    rotation: NDArray[Any] = table_column((3, 3), np.float32)  # approach, closing, binormal
     translation: NDArray[Any] = table_column((3,), np.float32)  # metres, midpoint of the contacts
     width: NDArray[Any] = table_column((), np.float32)  # metres, distance of the contacts
     contacts: NDArray[Any] = table_column((2, 3), np.float32)  # metres
     affordance: NDArray[Any] = table_column((), np.float32)  # predicted, 0..1
-    symmetry_slot: NDArray[Any] = table_column(
-        (), np.int32
-    )  # that gave the counterpart, -1 for planar
+    symmetry_slot: NDArray[Any] = table_column((), np.int32)  # of the counterpart, -1 for planar
     source: NDArray[Any] = table_column((), np.object_)  # network or planar
     clearance: NDArray[Any] = table_column((), np.float32)  # metres, b of Eq. 8
     enclosed_height: NDArray[Any] = table_column((), np.float32)  # metres, h of Eq. 8
@@ -183,9 +180,7 @@ class FrameTable(ColumnTable):
     status: NDArray[Any] = table_column((), np.object_)  # ok, empty (nothing to grasp) or failed
     message: NDArray[Any] = table_column((), np.object_)  # why it is empty or failed, or a note
     size: NDArray[Any] = table_column((2,), np.int32)  # width, height; 0 where unknown
-    intrinsics: NDArray[Any] = table_column(
-        (4,), np.float64
-    )  # fx, fy, cx, cy pixels; nan if unknown
+    intrinsics: NDArray[Any] = table_column((4,), np.float64)  # fx, fy, cx, cy px; nan if unknown
     seconds: NDArray[Any] = table_column((), np.float32)  # time spent
 
     def __post_init__(self) -> None:
@@ -236,9 +231,7 @@ def ranks_in_frame(frame: NDArray[Any], rank_score: NDArray[Any]) -> NDArray[np.
     return ranks
 
 
-def are_worth_trying(
-    ranker: NDArray[Any], rank_score: NDArray[Any], least: float
-) -> NDArray[np.bool_]:
+def are_worth_trying(ranker: NDArray[Any], rank_score: NDArray[Any], least: float) -> Mask:
     """Return (g,) which grasps score `least` or more; of Eq. 8, which expects nothing, all."""
     return np.asarray((ranker != "critic") | (rank_score >= np.float32(least)))
 

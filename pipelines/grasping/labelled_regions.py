@@ -4,10 +4,9 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from pipelines.array_types import Array, Mask
+from pipelines.array_types import Array, Mask, Singles
 from pipelines.configs import PackConfig
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.region_masks import RegionInstance
@@ -24,7 +23,7 @@ class LabelledSurface:
     affordance: Array
 
     @classmethod
-    def of(cls, surface: Mapping[str, NDArray[np.float32]]) -> "LabelledSurface":
+    def of(cls, surface: Mapping[str, Singles]) -> "LabelledSurface":
         """Return the `points` (n, 3) and `affordance` (n,) of an affordance label."""
         points, affordance = (surface[name].astype(np.float64) for name in ("points", "affordance"))
         return cls(KDTree(points), affordance)

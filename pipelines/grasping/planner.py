@@ -270,9 +270,7 @@ class RegionPlanner:
         both = RankedGrasps.concatenate([first, second])
         both = both[np.argsort(-both.rank_score, kind="stable")]
         near = self.config.ranking.nms_distance, self.config.ranking.nms_angle
-        return both[
-            non_maximum_suppression(both.grasps, *near, lambda some: np.ones(len(some), bool))
-        ]
+        return both[non_maximum_suppression(both.grasps, *near)]
 
 
 def _centredness(grasps: GraspPoses, region: RegionCloud) -> Array:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.array_types import Array
+from pipelines.array_types import Array, Singles
 from pipelines.grasping.grasps import GraspPoses, Index
 from pipelines.grasping.symmetrize import CELL_FACTORS, cell_numbers
 
@@ -40,9 +40,9 @@ class RatedGrasps:
 class _Pairs:
     """Contact pairs as a file has them, in a third of the memory of grasps, and their cells."""
 
-    contacts: NDArray[np.float32]  # (n, 2, 3)
-    approach: NDArray[np.float32]  # (n, 3)
-    quality: NDArray[np.float32]  # (n,)
+    contacts: Singles  # (n, 2, 3)
+    approach: Singles  # (n, 3)
+    quality: Singles  # (n,)
     cell: NDArray[np.uint64]  # (n,)
     draw: NDArray[np.uint64]  # (n,) by which cells are drawn
 

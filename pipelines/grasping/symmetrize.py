@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
-from pipelines.array_types import Array, Indices
+from pipelines.array_types import Array, Indices, Mask
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.symmetry import (
     ReflectionSymmetry,
@@ -170,7 +170,7 @@ def cell_numbers(contacts: Array, merge_distance: float) -> NDArray[np.uint64]:
     return np.asarray((cells.astype(np.uint64) * CELL_FACTORS).sum(axis=1, dtype=np.uint64))
 
 
-def _near(grasps: GraspPoses, others: GraspPoses, distance: float) -> NDArray[np.bool_]:
+def _near(grasps: GraspPoses, others: GraspPoses, distance: float) -> Mask:
     """Return which `grasps` have the contacts of one of `others`, fingers in either order."""
     tree = KDTree(others.contacts.reshape(-1, 6))
     found = np.zeros(len(grasps), dtype=bool)

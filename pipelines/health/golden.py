@@ -4,8 +4,8 @@ import time
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array, Mask
 from pipelines.configs import DoctorConfig, InferConfig
 from pipelines.errors import MissingInputError
 from pipelines.frames.frames import find_frames
@@ -81,7 +81,7 @@ def best_grasps(result: FrameResult) -> GoldenGrasps:
     )
 
 
-def agree(found: GoldenGrasps, expected: GoldenGrasps, config: DoctorConfig) -> NDArray[np.bool_]:
+def agree(found: GoldenGrasps, expected: GoldenGrasps, config: DoctorConfig) -> Mask:
     """Return, for each expected grasp, whether one that was found is the same within `config`.
 
     The hand is symmetric: turned by half a turn about its approach it is the same grasp.
@@ -97,7 +97,7 @@ def agree(found: GoldenGrasps, expected: GoldenGrasps, config: DoctorConfig) -> 
     return np.asarray(same.any(axis=0))
 
 
-def _angles(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+def _angles(one: Array, other: Array) -> Array:
     """Return the angles (n, m) in radians between rotations (n, 3, 3) and (m, 3, 3)."""
     cosine = (np.einsum("nij,mij->nm", one, other) - 1) / 2
     return np.asarray(np.arccos(np.clip(cosine, -1, 1)))

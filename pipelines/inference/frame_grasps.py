@@ -8,6 +8,7 @@ from itertools import compress
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Mask
 from pipelines.configs import InferConfig
 from pipelines.errors import SymgraspError
 from pipelines.frames.rgbd import Frame
@@ -77,7 +78,7 @@ class Planner:
         frame: Frame,
         rng: np.random.Generator,
         masks: NDArray[np.int32] | None = None,
-        workspace: NDArray[np.bool_] | None = None,
+        workspace: Mask | None = None,
     ) -> FrameResult:
         """Return the regions and grasps of `frame`.
 
@@ -194,7 +195,7 @@ class Planner:
                 plans.append(plan)
         return regions, plans
 
-    def _piecewise(self, plan: Plan, mask: NDArray[np.bool_], seen: Observation) -> Plan:
+    def _piecewise(self, plan: Plan, mask: Mask, seen: Observation) -> Plan:
         """Return planar grasps of the geometric pieces of a region that has none as a whole."""
         inside, scene = self.config.min_piece_inside, seen.scene
         for piece in seen.segments.masks if self.config.regions != "detector" else ():

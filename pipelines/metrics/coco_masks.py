@@ -10,20 +10,18 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pycocotools import mask as run_lengths
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
-from pipelines.array_types import Mask
+from pipelines.array_types import Array, Mask
 
 IOU_THRESHOLDS = tuple(round(0.5 + 0.05 * step, 2) for step in range(10))
 ANY_AREA = [0.0, 1e10]
 
 
-def match_masks(
-    masks: Sequence[Mask], confidence: Sequence[float], truth: Sequence[Mask]
-) -> NDArray[np.bool_]:
+def match_masks(masks: Sequence[Mask], confidence: Sequence[float], truth: Sequence[Mask]) -> Mask:
     """Return (10, p) whether each predicted mask is right, at each of IOU_THRESHOLDS.
 
     Each true mask is found once, by the most confident prediction; all of one image and one class.
@@ -43,9 +41,7 @@ def match_masks(
     return right
 
 
-def coco_average_precision(
-    confidence: ArrayLike, correct: ArrayLike, num_truth: int
-) -> NDArray[np.float64]:
+def coco_average_precision(confidence: ArrayLike, correct: ArrayLike, num_truth: int) -> Array:
     """Return (k,) COCO's average precision at each of k thresholds; nan without any truth.
 
     Args:

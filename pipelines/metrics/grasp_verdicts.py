@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from pipelines.array_types import Array
+from pipelines.array_types import Array, Mask
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import invert, transform_points
 from pipelines.grasping.grasps import GraspPoses, to_graspnet
@@ -130,8 +129,8 @@ class _Outcomes:
 
     contacts: Contacts
     friction: Array  # (n,) the smallest that holds
-    too_wide: NDArray[np.bool_]
-    colliding: NDArray[np.bool_]
+    too_wide: Mask
+    colliding: Mask
 
     @property
     def quality(self) -> Array:
@@ -151,7 +150,7 @@ def _outcomes(scene: TrueScene, object_id: int, grasps: GraspPoses, gripper: Gri
     )
 
 
-def collides(scene: TrueScene, grasps: GraspPoses, gripper: Gripper) -> NDArray[np.bool_]:
+def collides(scene: TrueScene, grasps: GraspPoses, gripper: Gripper) -> Mask:
     """Return (n,) whether the open gripper touches an object, the table or what stands around.
 
     `grasps`: camera frame.

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from pipelines.array_types import Array
+from pipelines.array_types import Array, Mask
 from pipelines.metrics.average_precision import last_equals
 
 COCO_RECALLS = np.linspace(0.0, 1.0, 101)
@@ -57,7 +57,7 @@ class FramePrecision:
     def ranked(
         cls,
         confidence: Array,
-        correct: NDArray[np.bool_],
+        correct: Mask,
         frame: NDArray[np.int64],
         num_truth: Array,
         *,

@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from pipelines.array_types import Singles
+from pipelines.array_types import Array, Floats, Singles
 from pipelines.configs import NetworkConfig
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.pointcloud import Plane
@@ -76,7 +76,7 @@ class GraspPredictor:
         return cls(network, config, found, mirrored)
 
     def predict(
-        self, clouds: Sequence[NDArray[np.floating]], table: Plane | None = None, seed: int = 0
+        self, clouds: Sequence[Floats], table: Plane | None = None, seed: int = 0
     ) -> list[RegionPrediction]:
         """Return predictions for regions of (n, 3) points each, metres, camera frame.
 
@@ -110,7 +110,7 @@ class GraspPredictor:
         columns = (index, outputs.affordance, outputs.existence, centers, direction)
         return [RegionPrediction(*each) for each in zip(*columns, strict=True)]
 
-    def _axes(self, centroids: NDArray[np.float64], table: Plane | None) -> NDArray[np.float64]:
+    def _axes(self, centroids: Array, table: Plane | None) -> Array:
         """Return (B, 3, 3) rotations from camera axes to those of the input frame."""
         if self.config.input_frame == "camera":
             return np.broadcast_to(np.eye(3), (len(centroids), 3, 3))
@@ -150,7 +150,7 @@ class GraspPredictor:
         )
         return tuple(column.cpu().numpy() for column in columns)
 
-    def _draw(self, cloud: NDArray[np.floating], seed: int) -> NDArray[np.int64]:
+    def _draw(self, cloud: Floats, seed: int) -> NDArray[np.int64]:
         """Return the indices (N,) of the points of `cloud` that the network sees."""
         points = np.asarray(cloud)
         if points.ndim != 2 or points.shape[1] != 3 or not len(points):

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-from pipelines.array_types import Array
+from pipelines.array_types import Array, Mask
 from pipelines.frames.rgbd import Frame
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT, Symmetry, SymmetrySlots
@@ -89,9 +89,7 @@ def draw_overlay(frame: Frame, result: FrameResult) -> ColorImage:
     return picture
 
 
-def _write_number(
-    picture: ColorImage, result: FrameResult, region: int, mask: NDArray[np.bool_]
-) -> None:
+def _write_number(picture: ColorImage, result: FrameResult, region: int, mask: Mask) -> None:
     """Write a region's number, its best score, and its status if not measured, above its mask."""
     rows, columns = np.nonzero(mask)
     if not len(rows):
@@ -138,7 +136,7 @@ def _draw_gripper(
 
 
 def _draw_symmetries(
-    picture: ColorImage, frame: Frame, result: FrameResult, region: int, mask: NDArray[np.bool_]
+    picture: ColorImage, frame: Frame, result: FrameResult, region: int, mask: Mask
 ) -> None:
     table = result.regions
     slots = SymmetrySlots(

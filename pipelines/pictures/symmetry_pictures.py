@@ -11,9 +11,8 @@ from itertools import pairwise
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from pipelines.array_types import Array
+from pipelines.array_types import Array, Mask
 from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh
@@ -172,7 +171,7 @@ def _draw_plane(view: _View, mark: Mark, plane: ReflectionSymmetry) -> None:
         _label(view.picture, str(mark.number), pixels[pixels[:, 1].argmin()], mark.color)
 
 
-def _cut(view: _View, plane: ReflectionSymmetry) -> NDArray[np.bool_]:
+def _cut(view: _View, plane: ReflectionSymmetry) -> Mask:
     """Return the pixels (H, W) in which the surface passes through `plane`."""
     seen = view.hits.depth > 0
     points = view.lens.rays() * view.hits.depth[..., None]
@@ -252,7 +251,7 @@ def _line(
             )
 
 
-def _tint(picture: ColorImage, mask: NDArray[np.bool_], color: Color, opacity: float) -> None:
+def _tint(picture: ColorImage, mask: Mask, color: Color, opacity: float) -> None:
     mixed = (1.0 - opacity) * picture[mask] + opacity * np.array(color)
     picture[mask] = np.rint(mixed).astype(np.uint8)
 

@@ -3,11 +3,12 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Mask, Singles
 from pipelines.contents import MAX_PIXELS
 from pipelines.errors import ValueRangeError
 
 
-def encode_mask(mask: NDArray[np.bool_]) -> NDArray[np.uint32]:
+def encode_mask(mask: Mask) -> NDArray[np.uint32]:
     """Return the run lengths (k,) of `mask` (H, W) read down the columns; the first is of zeros."""
     flat = np.asarray(mask, dtype=bool).ravel(order="F")
     changes = np.flatnonzero(flat[1:] != flat[:-1]) + 1
@@ -17,7 +18,7 @@ def encode_mask(mask: NDArray[np.bool_]) -> NDArray[np.uint32]:
     return np.concatenate([[0], counts] if starts_with_one else [counts]).astype(np.uint32)
 
 
-def decode_mask(counts: NDArray[np.integer], width: int, height: int) -> NDArray[np.bool_]:
+def decode_mask(counts: NDArray[np.integer], width: int, height: int) -> Mask:
     """Return the mask (H, W) of the run lengths `counts` (k,).
 
     Raises:
@@ -29,7 +30,7 @@ def decode_mask(counts: NDArray[np.integer], width: int, height: int) -> NDArray
     return np.repeat(values, counts).reshape((height, width), order="F")
 
 
-def box_of_mask(mask: NDArray[np.bool_]) -> NDArray[np.float32]:
+def box_of_mask(mask: Mask) -> Singles:
     """Return the box (4,) x0, y0, x1, y1 of `mask` (H, W): pixel edges, x1 and y1 exclusive."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if len(rows) == 0:

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.contents import reading
 from pipelines.errors import FormatError
 from pipelines.storage.files import read_json, write_json
@@ -23,9 +23,9 @@ MADE_BY = "python tools/golden_frame.py"
 class GoldenGrasps:
     """The best grasp of each region of the golden frame, camera frame."""
 
-    rotation: NDArray[np.float64]  # (n, 3, 3) columns approach, closing, approach x closing
-    translation: NDArray[np.float64]  # (n, 3) metres, midpoint of the contacts
-    width: NDArray[np.float64]  # (n,) metres
+    rotation: Array  # (n, 3, 3) columns approach, closing, approach x closing
+    translation: Array  # (n, 3) metres, midpoint of the contacts
+    width: Array  # (n,) metres
 
     def __len__(self) -> int:
         """Return the number of grasps."""

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.array_types import Mask
+from pipelines.array_types import Floats, Mask
 from pipelines.configs import RegionConfig
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.numerics.quantiles import median
@@ -59,7 +59,7 @@ class GeometricRegions:
 
 
 def geometric_regions(
-    depth: NDArray[np.floating],
+    depth: Floats,
     intrinsics: Intrinsics,
     config: RegionConfig,
     rng: np.random.Generator,

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.array_types import Singles
+from pipelines.array_types import Floats, Singles
 from pipelines.dataset.graspnet.graspnet_layout import (
     BLOCK,
     CAMERAS,
@@ -184,7 +184,7 @@ def write_color(path: Path, color: NDArray[np.uint8]) -> None:
     write_image(path, color)
 
 
-def write_depth(path: Path, depth: NDArray[np.floating]) -> None:
+def write_depth(path: Path, depth: Floats) -> None:
     """Write `depth/NNNN.png` from metres (H, W), 0 or nan = missing: uint16 millimetres."""
     millimetres = np.rint(np.nan_to_num(depth, nan=0.0, posinf=0.0, neginf=0.0) * DEPTH_SCALE)
     measured = (millimetres > 0) & (millimetres <= LARGEST_DEPTH)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.array_types import Indices, Mask, Singles
+from pipelines.array_types import Floats, Indices, Mask, Singles
 from pipelines.dataset.graspnet.graspnet_views import (
     GRASP_DEPTHS,
     IN_PLANE_ANGLES,
@@ -58,7 +58,7 @@ class LabelledGrasps:
         return len(self.index)
 
 
-def label_offsets(width: NDArray[np.floating]) -> Singles:
+def label_offsets(width: Floats) -> Singles:
     """Return `offsets` (P, 300, 12, 4, 3) for openings `width` (P, 300, 12, 4) in metres."""
     offsets = np.zeros((*width.shape, 3), dtype=np.float32)
     offsets[..., 0] = IN_PLANE_ANGLES[:, None]
@@ -142,7 +142,7 @@ def read_collision_labels(path: Path) -> list[Mask]:
     return [arrays[name].astype(bool, copy=False) for name in names]
 
 
-def write_rect(path: Path, rows: NDArray[np.floating]) -> None:
+def write_rect(path: Path, rows: Floats) -> None:
     """Write planar grasps (N, 7), pixels, as float32; see RECT_COLUMNS."""
     if rows.ndim != 2 or rows.shape[1] != RECT_COLUMNS:
         raise FormatError(path, f"rows to write are {rows.shape}", "they must be (N, 7)")

@@ -5,9 +5,8 @@ code gives float64, with differences up to 8e-5. Here float32 is explicit.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipelines.array_types import Singles
+from pipelines.array_types import Floats, Singles
 
 NUM_VIEWS = 300
 NUM_ANGLES = 12  # in-plane rotations, k * pi / 12
@@ -31,9 +30,7 @@ def generate_views(count: int = NUM_VIEWS) -> Singles:
     return np.stack([radius * np.cos(turn), radius * np.sin(turn), z], axis=1)
 
 
-def view_rotations(
-    views: NDArray[np.floating] | None = None, angles: NDArray[np.floating] | None = None
-) -> Singles:
+def view_rotations(views: Floats | None = None, angles: Floats | None = None) -> Singles:
     """Return the grasp rotations of every view at every angle.
 
     Args:
@@ -54,7 +51,7 @@ def view_rotations(
     return np.asarray(frames[:, None] @ twist[None], dtype=np.float32)
 
 
-def _untwisted_frames(approach: NDArray[np.floating]) -> NDArray[np.floating]:
+def _untwisted_frames(approach: Floats) -> Floats:
     """Return frames (V, 3, 3) with `approach` as first column and a level second column."""
     closing = np.stack([-approach[:, 1], approach[:, 0], np.zeros_like(approach[:, 0])], axis=1)
     length = np.linalg.norm(closing, axis=1, keepdims=True)

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Mask
 from pipelines.dataset import object_list
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.errors import SymgraspError
@@ -152,7 +152,7 @@ def _draw(
     return Picture(record.name, record.split, mean_quality(record), jpeg, size, tags)
 
 
-def _window(objects: NDArray[np.bool_]) -> tuple[int, int, int, int]:
+def _window(objects: Mask) -> tuple[int, int, int, int]:
     """Return x0, y0, x1, y1 of a part of the image, of its aspect, with room around `objects`."""
     height, width = objects.shape
     v, u = np.nonzero(objects)
@@ -166,7 +166,7 @@ def _window(objects: NDArray[np.bool_]) -> tuple[int, int, int, int]:
     return left, top, left + across, top + down
 
 
-def _middle(mask: NDArray[np.bool_], window: tuple[int, int, int, int]) -> tuple[float, float]:
+def _middle(mask: Mask, window: tuple[int, int, int, int]) -> tuple[float, float]:
     """Return (x, y) of the pixel of `mask` nearest to its mean, as shares of the window."""
     v, u = np.nonzero(mask)
     if not len(v):

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.errors import FormatError
 from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.encodings.pcd_files import read_pcd
@@ -33,7 +34,7 @@ def _find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]
     return sources
 
 
-def fit_camera(path: Path, points: NDArray[np.float64]) -> CameraFile:
+def fit_camera(path: Path, points: Array) -> CameraFile:
     """Return the pinhole camera that sees `points` (H, W, 3), metres, each in its own pixel.
 
     Raises:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.array_types import Array
+from pipelines.array_types import Array, Mask
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.rendering import first_hits
 
@@ -26,7 +26,7 @@ class Crossings:
     distance: Array
     cosine: Array
 
-    def __getitem__(self, index: NDArray[np.bool_] | np.bool_) -> "Crossings":
+    def __getitem__(self, index: Mask | np.bool_) -> "Crossings":
         distance = self.distance[index]
         used = int(np.isfinite(distance).any(axis=0).sum())
         return Crossings(distance[:, :used], self.cosine[index][:, :used])
@@ -37,7 +37,7 @@ class Crossings:
         return np.asarray(np.isfinite(self.distance).sum(axis=1))
 
     @property
-    def leave(self) -> NDArray[np.bool_]:
+    def leave(self) -> Mask:
         """(n, k) whether the line leaves the object there."""
         return np.asarray(self.cosine > 0.0)
 

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipelines.array_types import Array, Indices
+from pipelines.array_types import Array, Indices, Mask
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.transforms import transform_points, unit
 
@@ -90,7 +90,7 @@ class Mesh:
         """Return the mesh moved by the (4, 4) transform `T`."""
         return replace(self, vertices=transform_points(T, self.vertices))
 
-    def submesh(self, faces: NDArray[np.integer] | NDArray[np.bool_]) -> "Mesh":
+    def submesh(self, faces: NDArray[np.integer] | Mask) -> "Mesh":
         """Return the mesh of some of the triangles, by index or mask; the vertices are kept."""
         return replace(self, faces=self.faces[faces])
 

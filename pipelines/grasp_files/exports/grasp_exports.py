@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pipelines.array_types import Array
 from pipelines.errors import SymgraspError
-from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT
+from pipelines.geometry.symmetry import KIND_OF_SLOT
 from pipelines.geometry.transforms import matrix_to_quaternion
 from pipelines.grasp_files.exports.export_poses import ExportGripper, PoseFrame
 from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable
@@ -104,7 +104,8 @@ class FrameGrasps:
     @property
     def symmetries(self) -> list[str]:
         """The kind of symmetry that gave each grasp's second contact; none where none did."""
-        return [symmetry_kind(int(slot)) for slot in self.result.grasps.symmetry_slot]
+        slots = self.result.grasps.symmetry_slot.tolist()
+        return [KIND_OF_SLOT[slot] if slot >= 0 else "none" for slot in slots]
 
 
 @dataclass(frozen=True)
@@ -123,13 +124,6 @@ def _with_best(held: GraspTable) -> GraspTable:
     for region in np.setdiff1d(held.region, held.region[is_best]).tolist():
         is_best[np.flatnonzero(held.region == region)[0]] = True
     return replace(held, is_best=is_best)
-
-
-def symmetry_kind(slot: int) -> str:
-    """Return what `symmetry_slot` of grasps.h5 means: none, reflection, rotation or sphere."""
-    if slot < 0:
-        return "none"
-    return {ROTATION_SLOT: "rotation", SPHERE_SLOT: "sphere"}.get(slot, "reflection")
 
 
 def frame_path(name: str, prefix: str, suffix: str) -> Path:

@@ -8,9 +8,7 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
+from pipelines.array_types import Array
 from pipelines.grasp_files.exports.grasp_exports import ExportHeader, FrameGrasps
 from pipelines.storage.files import write_text
 
@@ -56,6 +54,6 @@ def _grasps(frame: FrameGrasps) -> Iterator[str]:
         yield f"    opening: {opening[i]:.9f}"
 
 
-def _row(values: NDArray[np.float64]) -> str:
+def _row(values: Array) -> str:
     # No exponents: YAML 1.1 takes 1e-05 for a text.
     return "[" + ", ".join(f"{value:.9f}" for value in values) + "]"

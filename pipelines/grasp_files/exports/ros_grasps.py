@@ -8,8 +8,8 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Array
 from pipelines.grasp_files.exports.grasp_exports import ExportHeader, FrameGrasps, rounded
 from pipelines.storage.files import write_json
 
@@ -65,5 +65,5 @@ def _poses(frame: FrameGrasps) -> list[dict[str, Any]]:
     ]
 
 
-def _named(values: NDArray[np.float64]) -> dict[str, float]:
+def _named(values: Array) -> dict[str, float]:
     return dict(zip("xyzw", rounded(values), strict=False))

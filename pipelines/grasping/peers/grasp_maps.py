@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from pipelines.array_types import Array, Indices, Mask
+from pipelines.array_types import Array, Indices, Mask, Singles
 from pipelines.grasping.peers.rectangles import angles, corners, opening_pixels, rectangle_rows
 
 MAP_SIDE = 300  # pixels of the shorter side of the image that the maps lie over
@@ -30,10 +29,10 @@ TIE_BLUR, TIE_WEIGHT = 6.0, 0.01  # pixels; share of the quality
 class GraspMaps:
     """The four maps (h, w) float32."""
 
-    quality: NDArray[np.float32]
-    cos: NDArray[np.float32]
-    sin: NDArray[np.float32]
-    width: NDArray[np.float32]
+    quality: Singles
+    cos: Singles
+    sin: Singles
+    width: Singles
 
     @classmethod
     def painted(cls, rows: Array, shape: tuple[int, int]) -> "GraspMaps":
@@ -65,13 +64,13 @@ class GraspMaps:
         centre = np.stack([x, y], axis=1).astype(np.float64)
         return rectangle_rows(centre, 0.5 * np.arctan2(s, c), opening, 0.5 * opening, q)
 
-    def width_of_grasps(self) -> NDArray[np.float32]:
+    def width_of_grasps(self) -> Singles:
         """Return (h, w) the width that a grasp has where there is one."""
         share = np.maximum(_blurred(self.quality, WIDTH_BLUR), MIN_QUALITY)
         return np.asarray(_blurred(self.width, WIDTH_BLUR) / share, np.float32)
 
 
-def peaks(quality: NDArray[np.float32]) -> tuple[Indices, Indices]:
+def peaks(quality: Singles) -> tuple[Indices, Indices]:
     """Return rows and columns of the maxima of `quality` (h, w), the highest first."""
     window = np.ones((2 * PEAK_DISTANCE + 1,) * 2, np.uint8)
     height = quality + TIE_WEIGHT * _blurred(quality, TIE_BLUR)
@@ -98,5 +97,5 @@ def scaled_rows(rows: Array, scale: float) -> Array:
     return moved
 
 
-def _blurred(image: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
+def _blurred(image: Singles, sigma: float) -> Singles:
     return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma), np.float32)

@@ -12,9 +12,8 @@ from enum import IntEnum, auto
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipelines.array_types import Array, Indices, Singles
+from pipelines.array_types import Array, Indices, Mask, Singles
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.geometry.symmetry import NUM_SLOTS, ROTATION_SLOT, SPHERE_SLOT
 from pipelines.geometry.transforms import unit
@@ -111,7 +110,7 @@ class Block:
     """Features of grasps that are worked out together: their names and their columns (k, names)."""
 
     names: tuple[str, ...]
-    values: Callable[[GraspFeatures], Array | Singles | NDArray[np.bool_]]
+    values: Callable[[GraspFeatures], Array | Singles | Mask]
 
 
 def _along_axes(name: str, axes: int = 3) -> tuple[str, ...]:

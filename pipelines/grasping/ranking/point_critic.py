@@ -16,10 +16,9 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit
 
-from pipelines.array_types import Singles
+from pipelines.array_types import Array, Singles
 from pipelines.geometry.numerics.compiled import compiled
 
 Numbers = Any  # an array of numpy or a tensor of torch; all of one call are of one kind
@@ -107,7 +106,7 @@ class PointCritic:
         points: Singles,  # (k, n, p)
         shared: Singles,  # (k, s)
         candidates: Singles,  # (k, c)
-    ) -> NDArray[np.float64]:
+    ) -> Array:
         """Return the probability (k,) that candidates are right, or the quality to expect."""
         bias, slope = self.weights["calibration"].astype(np.float64)
         return np.asarray(expit(bias + slope * self.fast_logits(points, shared, candidates)))

@@ -12,7 +12,10 @@ ROUNDING = 1e-6  # radians; two approach angles exactly as far apart as the limi
 
 
 def non_maximum_suppression(
-    grasps: GraspPoses, distance: float, angle: float, sound: Callable[[GraspPoses], Mask]
+    grasps: GraspPoses,
+    distance: float,
+    angle: float,
+    sound: Callable[[GraspPoses], Mask | bool] = lambda _some: True,
 ) -> Indices:
     """Return the indices of `grasps`, best first, that are sound and differ from all better ones.
 

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from itertools import compress
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipelines.array_types import Array, Indices, Singles
+from pipelines.array_types import Array, Indices, Mask, Singles
 from pipelines.geometry.numerics.fitting_sums import MATCH_NORMAL
 from pipelines.geometry.symmetry import (
     REFLECTION_SLOTS,
@@ -73,7 +72,7 @@ class RegionEvidence:
     axis: RotationSymmetry
     points: Array
     normals: Array
-    mask: NDArray[np.bool_]
+    mask: Mask
     scene: SceneCloud
     allowed: int = NETWORK | SHAPE
 

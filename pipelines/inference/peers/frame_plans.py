@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial import KDTree
 
-from pipelines.array_types import Array, Indices, Mask
+from pipelines.array_types import Array, Indices
 from pipelines.configs import InferConfig, SelectionConfig
 from pipelines.frames.rgbd import Frame
 from pipelines.grasping.feasibility.feasibility import Feasibility
@@ -43,7 +43,7 @@ def plans_of_whole(
     if config.selects_for_peers:
         kept = feasible_grasps(grasps, owner, clouds, seen.scene, gripper, config.selection)
         grasps, score, owner = grasps[kept], score[kept], owner[kept]
-    kept = non_maximum_suppression(grasps, NMS_DISTANCE, NMS_ANGLE, _all_sound)[:MOST_GRASPS]
+    kept = non_maximum_suppression(grasps, NMS_DISTANCE, NMS_ANGLE)[:MOST_GRASPS]
     owner = owner[kept]
     if (owner == len(regions)).any():
         taken = [region.mask for region in regions]
@@ -60,10 +60,6 @@ def best_first(grasps: GraspPoses, score: Array, scene: SceneCloud) -> tuple[Gra
         order = order[scene.limits.allow(grasps[order])]
     order = order[:MOST_COMPARED]
     return grasps[order], score[order]
-
-
-def _all_sound(grasps: GraspPoses) -> Mask:
-    return np.ones(len(grasps), bool)
 
 
 def feasible_grasps(

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipelines.array_types import Mask
 from pipelines.configs import FinetuneDetectorConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_layout import SceneFiles
@@ -50,7 +50,7 @@ def frames_of_coco(
 
 
 def prepare_frame(
-    frame: Frame, masks: Sequence[NDArray[np.bool_]], config: FinetuneDetectorConfig
+    frame: Frame, masks: Sequence[Mask], config: FinetuneDetectorConfig
 ) -> DetectorFrame:
     """Return a frame at the detector's size with its regions, numbered from 1."""
     detector = config.detector

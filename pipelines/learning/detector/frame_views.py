@@ -8,7 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from pipelines.array_types import Singles
+from pipelines.array_types import Mask, Singles
 from pipelines.dataset.training.detector_frames import DetectorFrame
 from pipelines.geometry.pointcloud import Plane
 from pipelines.network.detection.detector_input import detector_image
@@ -84,7 +84,7 @@ def zoomed(view: DetectorFrame, zoom: float, rng: np.random.Generator) -> Detect
     return DetectorFrame(frame, view.plane, np.asarray(regions, np.uint8))
 
 
-def noisy_depth(depth: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:
+def noisy_depth(depth: Singles, rng: np.random.Generator) -> Singles:
     """Return `depth` (h, w) metres with smooth errors, holes and frayed edges."""
     height, width = depth.shape
     coarse = rng.standard_normal((height // NOISE_CELL + 2, width // NOISE_CELL + 2))
@@ -157,7 +157,7 @@ def random_example(view: DetectorFrame, kind: str, rng: np.random.Generator) -> 
     return replace(example, image=with_lost_stream(example.image, kind, rng))
 
 
-def masks_of(regions: NDArray[np.uint8]) -> NDArray[np.bool_]:
+def masks_of(regions: NDArray[np.uint8]) -> Mask:
     """Return the masks (n, h, w) of the regions large enough to be learned from."""
     sizes = np.bincount(regions.ravel(), minlength=1)
     numbers = [n for n in range(1, len(sizes)) if sizes[n] >= MIN_REGION_PIXELS]
@@ -168,6 +168,6 @@ def masks_of(regions: NDArray[np.uint8]) -> NDArray[np.bool_]:
     )
 
 
-def _box(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
+def _box(mask: Mask) -> tuple[int, int, int, int]:
     rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
     return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1

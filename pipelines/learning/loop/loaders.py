@@ -8,10 +8,9 @@ from typing import TypeVar
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch.utils.data import DataLoader, Dataset
 
-from pipelines.array_types import Indices
+from pipelines.array_types import Indices, Singles
 from pipelines.configs import NetworkConfig
 from pipelines.dataset.training.packed_regions import PackedReader, PackedRegion
 from pipelines.errors import ValueRangeError
@@ -82,14 +81,14 @@ def load_regions(
     return batch_of([draw_points(reader[int(i)], network, rng) for i, rng in pairs])
 
 
-def batch_of(regions: Sequence[tuple[NDArray[np.float32], ...]]) -> RegionBatch:
+def batch_of(regions: Sequence[tuple[Singles, ...]]) -> RegionBatch:
     """Return regions of `draw_points` as one batch."""
     return RegionBatch(*(torch.from_numpy(np.stack(each)) for each in zip(*regions, strict=True)))
 
 
 def draw_points(
     region: PackedRegion, network: NetworkConfig, rng: np.random.Generator, lost_table: float = 0.0
-) -> tuple[NDArray[np.float32], ...]:
+) -> tuple[Singles, ...]:
     """Return some of a region's points, centred, axes of the network, and their labels.
 
     `lost_table`: probability that the table is treated as unknown.
@@ -105,8 +104,8 @@ def draw_points(
         table = table_of_row(region.table) if rng.random() >= lost_table else None
         axes = level_axes(centroid, table).astype(np.float32)
         ground = table.height(centroid).astype(np.float32) if table else ground
-    center: NDArray[np.float32] = np.nan_to_num(region.point - centroid) @ axes.T
-    direction: NDArray[np.float32] = np.nan_to_num(region.direction) @ axes.T
+    center: Singles = np.nan_to_num(region.point - centroid) @ axes.T
+    direction: Singles = np.nan_to_num(region.direction) @ axes.T
     affordance = np.nan_to_num(region.affordance[chosen])
     labels = affordance, region.existence, center, direction
     return (points - centroid) @ axes.T, *labels, ground, -axes @ centroid

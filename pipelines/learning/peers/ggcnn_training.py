@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from pipelines.array_types import Array, Singles
@@ -16,8 +15,8 @@ from pipelines.dataset.graspnet.graspnet_labels import read_rect
 from pipelines.dataset.graspnet.graspnet_layout import FrameFiles
 from pipelines.grasping.peers.grasp_maps import MAP_SIDE, GraspMaps, scaled_rows
 from pipelines.grasping.peers.rectangles import on_their_object
-from pipelines.learning.peers.peer import Arrays, Peer, PeerTraining, mean_figures
-from pipelines.network.peers.ggcnn import GGCNN, GGCNN_MODEL, MAPS
+from pipelines.learning.peers.peer import Arrays, Drawn, Peer, PeerTraining, mean_figures
+from pipelines.network.peers.ggcnn import GGCNN, MAPS
 from pipelines.network.peers.ggcnn_input import normalised
 from pipelines.tabletop.depth_channels import find_plane, shrink
 from pipelines.tabletop.whole_depth import whole_depth
@@ -119,7 +118,6 @@ class GGCNNTraining(PeerTraining):
     """A `Trainee`: GG-CNN with the frames it learns from and those it is judged on."""
 
     peer = Peer(
-        model=GGCNN_MODEL,
         schedule=PeerSchedule(
             steps=5000, epoch_steps=250, batch_size=8, learning_rate=0.001, decay_steps=2000
         ),
@@ -134,9 +132,9 @@ class GGCNNTraining(PeerTraining):
         layout=torch.channels_last,
     )
 
-    def load(self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]) -> Crops:
+    def examples(self, drawn: Drawn) -> Crops:
         """Return a random crop of each frame."""
-        return stacked([random_crop(*drawn) for drawn in self.drawn_frames(items, generators)])
+        return stacked([random_crop(frame, rng) for frame, rng in drawn])
 
     @torch.no_grad()
     def validate(self) -> dict[str, float]:

@@ -7,6 +7,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from pipelines.array_types import Singles
 from pipelines.dataset.graspnet.graspnet_views import generate_views, view_rotations
 from pipelines.geometry.transforms import rotation_about
 from pipelines.learning.peers.graspnet_labels import LEVELS, STORED_PER_METRE, UNITS, VIEW_CELLS
@@ -81,7 +82,7 @@ def labelled_scene(
     )
 
 
-def _dense_cells(frame: Arrays, labelled: NDArray[np.int64]) -> tuple[NDArray[np.float32], ...]:
+def _dense_cells(frame: Arrays, labelled: NDArray[np.int64]) -> tuple[Singles, ...]:
     """Return value, width and tolerance (p, 300, 48) of the points `labelled` (p,)."""
     place = np.full(len(frame["points"]), -1)
     place[labelled] = np.arange(len(labelled))

@@ -4,17 +4,15 @@ from collections.abc import Sequence
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
 from pipelines.configs.peers import PeerSchedule
 from pipelines.learning.peers.graspnet_clouds import LabelledScene, labelled_scene
 from pipelines.learning.peers.graspnet_labels import graspnet_frame_arrays
-from pipelines.learning.peers.peer import Peer, PeerTraining, mean_figures
+from pipelines.learning.peers.peer import Drawn, Peer, PeerTraining, mean_figures
 from pipelines.network.peers.graspnet import (
     DEPTHS,
-    GRASPNET_MODEL,
     GRASPNET_SIZES,
     NUM_TURNS,
     GraspNetBaseline,
@@ -97,7 +95,6 @@ class GraspNetTraining(PeerTraining):
     """A `Trainee`: GraspNet's baseline with the frames it learns from and those it is judged on."""
 
     peer = Peer(
-        model=GRASPNET_MODEL,
         schedule=PeerSchedule(
             steps=4000, epoch_steps=250, batch_size=2, learning_rate=0.001, decay_steps=1500
         ),
@@ -110,14 +107,12 @@ class GraspNetTraining(PeerTraining):
         cpu_micro_batch=1,  # clouds
     )
 
-    def load(
-        self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]
-    ) -> list[LabelledScene]:
+    def examples(self, drawn: Drawn) -> list[LabelledScene]:
         """Return each frame, turned at random about the table's normal."""
         count = GRASPNET_SIZES[self.config.network.variant].input
         return [
             labelled_scene(frame, count, rng, rng.uniform(-MOST_TURN, MOST_TURN))
-            for frame, rng in self.drawn_frames(items, generators)
+            for frame, rng in drawn
         ]
 
     @torch.no_grad()

@@ -23,14 +23,9 @@ from pipelines.grasping.peers.oriented_boxes import (
     spread_rows,
 )
 from pipelines.grasping.peers.rectangles import on_their_object, rectangle_hits
-from pipelines.learning.peers.peer import Arrays, Peer, PeerTraining
+from pipelines.learning.peers.peer import Arrays, Drawn, Peer, PeerTraining
 from pipelines.network.detection.mask_rcnn import seed_samplers
-from pipelines.network.peers.multi_grasp import (
-    LONG_SIDES,
-    MULTI_GRASP_MODEL,
-    SHORT_SIDES,
-    build_multi_grasp,
-)
+from pipelines.network.peers.multi_grasp import LONG_SIDES, SHORT_SIDES, build_multi_grasp
 from pipelines.network.peers.rgd import rgd_pixels, rgd_tensor
 from pipelines.tabletop.depth_channels import shrink
 
@@ -133,7 +128,6 @@ class MultiGraspTraining(PeerTraining):
     higher_is_better = True
 
     peer = Peer(
-        model=MULTI_GRASP_MODEL,
         schedule=PeerSchedule(
             steps=4000, epoch_steps=250, batch_size=4, learning_rate=0.001, decay_steps=1000
         ),
@@ -148,11 +142,8 @@ class MultiGraspTraining(PeerTraining):
         layout=torch.channels_last,
     )
 
-    def load(
-        self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]
-    ) -> list[GraspImage]:
+    def examples(self, drawn: Drawn) -> list[GraspImage]:
         """Return each frame, turned and moved at random."""
-        drawn = self.drawn_frames(items, generators)
         return [grasp_image(*moved_at_random(frame, rng)) for frame, rng in drawn]
 
     @torch.no_grad()

@@ -33,6 +33,7 @@ FORMAT_VERSION = 1
 KEPT = 2048  # frames kept in memory once they are read
 
 Arrays = dict[str, NDArray[Any]]
+Drawn = Sequence[tuple[Any, np.random.Generator]]  # items with their generators
 
 
 def refuse_lacking(root: GraspNetRoot, frames: Sequence[FrameFiles], needs: Sequence[str]) -> None:
@@ -119,7 +120,6 @@ class Peer:
     """A compared method.
 
     Attributes:
-        model: name of its network in weights files.
         schedule: of its training.
         needs: files of a root that its labels are made of, as `refuse_lacking` has them.
         build: makes the network; layers draw from torch's own generator.
@@ -132,7 +132,6 @@ class Peer:
         layout: order of the network's numbers in memory.
     """
 
-    model: str
     schedule: PeerSchedule
     needs: tuple[str, ...]
     build: Callable[[PeerNetworkConfig], nn.Module]
@@ -160,22 +159,29 @@ class PeerTraining(ABC):
         processes: Processes,
     ) -> None:
         peer = self.peer
-        if peer.labels is not None:
-            train = labelled(frames.train, peer.labels)
-            if not peer.learns_without:
-                frames = FrameSets(train, labelled(frames.val, peer.labels))
         self.frames, self.config, self.device = frames, config, device
+        self.choose_items()
         network: Any = peer.build(config.network)
         self.module: nn.Module = network.to(device, memory_format=peer.layout)
         self.parallel = device.type == "cpu"
         on_cpu = peer.cpu_micro_batch if self.parallel else 0
         self.micro_batch_size = micro_batch_size(config, on_cpu, processes)
 
+    def choose_items(self) -> None:
+        """Leave out frames without labels, where the method learns nothing of them.
+
+        Raises:
+            ValueRangeError: none has labels.
+        """
+        name = self.peer.labels
+        if name is not None:
+            train = labelled(self.frames.train, name)
+            if not self.peer.learns_without:
+                self.frames = FrameSets(train, labelled(self.frames.val, name))
+
     @abstractmethod
-    def load(
-        self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]
-    ) -> MicroBatch:
-        """Return the micro-batch of `items`, each drawing from its own generator."""
+    def examples(self, drawn: Drawn) -> MicroBatch:
+        """Return the micro-batch of the items `drawn`, each with its generator."""
 
     @abstractmethod
     def validate(self) -> dict[str, float]:
@@ -208,12 +214,16 @@ class PeerTraining(ABC):
         """Return the batches of frame numbers until the next validation."""
         return drawn_batches(len(self.frames.train), self.config, number, rng)
 
-    def drawn_frames(
+    def load(
         self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]
-    ) -> list[tuple[Arrays, np.random.Generator]]:
-        """Return the frames `items` of those to train on, each with its generator."""
-        pairs = zip(items, generators, strict=True)
-        return [(read_peer_frame(*self.frames.train[int(i)]), rng) for i, rng in pairs]
+    ) -> MicroBatch:
+        """Return the micro-batch of `items`, each drawing from its own generator."""
+        pairs = zip(items.tolist(), generators, strict=True)
+        return self.examples([(self.source(number), rng) for number, rng in pairs])
+
+    def source(self, number: int) -> Any:  # noqa: ANN401 - what the method learns from
+        """Return the arrays of the frame `number` of those to train on."""
+        return read_peer_frame(*self.frames.train[number])
 
     def judged_frames(self) -> list[Arrays]:
         """Return at most `max_val_frames` of the frames to validate on, evenly spread."""

@@ -5,17 +5,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from pipelines.array_types import Indices
+from pipelines.array_types import Indices, Mask
 from pipelines.configs.peers import PeerNetworkConfig, PeerSchedule
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_layout import FrameFiles
 from pipelines.grasping.peers.hands import Hands, drawn_points
-from pipelines.learning.peers.peer import Arrays, Peer, PeerTraining
+from pipelines.learning.peers.peer import Arrays, Drawn, Peer, PeerTraining
 from pipelines.learning.peers.pointnetgpd_labels import GOOD, labelled_hands
-from pipelines.network.peers.pointnetgpd import HAND_POINTS, POINTNETGPD_MODEL, PointNetGPD
+from pipelines.network.peers.pointnetgpd import HAND_POINTS, PointNetGPD
 
 HANDS_A_FRAME = 16  # drawn for a step, half of them good
 HALF_TURN = np.array([1.0, -1.0, -1.0], np.float32)  # about the approach: the same hand
@@ -58,7 +57,7 @@ def drawn_crops(frame: Arrays, num_points: int, rng: np.random.Generator) -> Han
     return HandCrops(torch.from_numpy(np.stack(clouds).astype(np.float32)), kinds)
 
 
-def _balanced(is_good: NDArray[np.bool_], rng: np.random.Generator) -> Indices:
+def _balanced(is_good: Mask, rng: np.random.Generator) -> Indices:
     """Return the numbers of `HANDS_A_FRAME` hands, half of them good; some twice if need be."""
     good, other = np.flatnonzero(is_good), np.flatnonzero(~is_good)
     halves = [each for each in (good, other) if len(each)]
@@ -93,7 +92,6 @@ class PointNetGPDTraining(PeerTraining):
     """A `Trainee`: PointNetGPD with the frames it learns from and those it is judged on."""
 
     peer = Peer(
-        model=POINTNETGPD_MODEL,
         schedule=PeerSchedule(
             steps=10_000, epoch_steps=500, batch_size=4, learning_rate=0.001, decay_steps=2500
         ),
@@ -111,11 +109,8 @@ class PointNetGPDTraining(PeerTraining):
         """Points of a hand that the network takes."""
         return HAND_POINTS[self.config.network.variant]
 
-    def load(
-        self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]
-    ) -> HandCrops:
+    def examples(self, drawn: Drawn) -> HandCrops:
         """Return the crops of some hands of each frame."""
-        drawn = self.drawn_frames(items, generators)
         return joined_crops([drawn_crops(frame, self.num_points, rng) for frame, rng in drawn])
 
     @torch.no_grad()

@@ -8,13 +8,12 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from pipelines.configs import TrainBaselineConfig
 from pipelines.configs.peers import PeerSchedule
-from pipelines.dataset.training.region_frames import FileRows, FrameSets
+from pipelines.dataset.training.region_frames import FileRows
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT
 from pipelines.learning.detector.detector_training import spread
-from pipelines.learning.peers.peer import Peer, PeerTraining, drawn_batches, mean_figures
+from pipelines.learning.peers.peer import Drawn, Peer, PeerTraining, drawn_batches, mean_figures
 from pipelines.learning.peers.symmetrynet_regions import (
     NUM_PASTED,
     RegionCrops,
@@ -25,11 +24,9 @@ from pipelines.learning.peers.symmetrynet_regions import (
     stacked_regions,
     symmetrynet_frame,
 )
-from pipelines.learning.speed.processes import Processes
 from pipelines.network.matching import NUM_REFLECTIONS, assign
 from pipelines.network.peers.symmetrynet import (
     SYMMETRY_MODES,
-    SYMMETRYNET_MODEL,
     SYMMETRYNET_SIZES,
     SymmetryNet,
     SymmetryOutput,
@@ -128,7 +125,6 @@ class SymmetryNetTraining(PeerTraining):
     """A `Trainee`: SymmetryNet with the regions it learns from and those it is judged on."""
 
     peer = Peer(
-        model=SYMMETRYNET_MODEL,
         schedule=PeerSchedule(
             steps=4000, epoch_steps=200, batch_size=8, learning_rate=3e-4, decay_steps=1500
         ),
@@ -140,17 +136,15 @@ class SymmetryNetTraining(PeerTraining):
         cpu_micro_batch=4,  # regions
     )
 
-    def __init__(
-        self,
-        frames: FrameSets,
-        config: TrainBaselineConfig,
-        device: torch.device,
-        processes: Processes,
-    ) -> None:
-        super().__init__(frames, config, device, processes)
-        self.num_points = SYMMETRYNET_SIZES[config.network.variant].num_points
-        self.regions = _numbered(frames.train)
-        if not self.regions or not _numbered(frames.val):
+    def choose_items(self) -> None:
+        """Number the regions of the frames.
+
+        Raises:
+            ValueRangeError: no region is seen well enough.
+        """
+        self.num_points = SYMMETRYNET_SIZES[self.config.network.variant].num_points
+        self.regions = _numbered(self.frames.train)
+        if not self.regions or not _numbered(self.frames.val):
             expected = "at least 1 to train on and 1 to validate on"
             raise ValueRangeError("number of regions that are seen well enough", 0, expected)
 
@@ -158,19 +152,18 @@ class SymmetryNetTraining(PeerTraining):
         """Return the batches of region numbers until the next validation."""
         return drawn_batches(len(self.regions), self.config, number, rng)
 
-    def load(
-        self, items: NDArray[np.int64], generators: Sequence[np.random.Generator]
-    ) -> RegionCrops:
+    def examples(self, drawn: Drawn) -> RegionCrops:
         """Return each region with the points and the noise that its generator draws."""
-        pairs = zip(items.tolist(), generators, strict=True)
-        return stacked_regions([self._drawn(number, rng) for number, rng in pairs])
+        return stacked_regions([self._example(region, rng) for region, rng in drawn])
 
-    def _drawn(self, number: int, rng: np.random.Generator) -> tuple[NDArray[np.generic], ...]:
+    def _example(
+        self, region: SeenRegion, rng: np.random.Generator
+    ) -> tuple[NDArray[np.generic], ...]:
         others = rng.integers(len(self.regions), size=NUM_PASTED).tolist()
-        region, *foreign = (self._region(each) for each in (number, *others))
-        return drawn_region(region, foreign, self.num_points, rng)
+        return drawn_region(region, [self.source(each) for each in others], self.num_points, rng)
 
-    def _region(self, number: int) -> SeenRegion:
+    def source(self, number: int) -> SeenRegion:
+        """Return the region `number` of those to train on."""
         frame, row = self.regions[number]
         return read_regions(*self.frames.train[frame])[row]
 

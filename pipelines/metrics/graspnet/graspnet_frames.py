@@ -10,10 +10,9 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from pipelines.array_types import Array, Indices, Mask
+from pipelines.array_types import Array, Indices, Mask, Singles
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.meshes.signed_distance import SignedDistanceGrid
 from pipelines.geometry.transforms import invert, transform_points
@@ -89,7 +88,7 @@ class PeerScene:
     """A frame as graspnetAPI sees it; `around` (k, 3): points of walls and bins, table frame."""
 
     objects: Sequence[GridObject]
-    poses: Sequence[NDArray[np.float32]]  # T_cam_obj (4, 4)
+    poses: Sequence[Singles]  # T_cam_obj (4, 4)
     T_table_cam: Array
     around: Array = field(default_factory=lambda: np.zeros((0, 3)))
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torchvision.models.detection import MaskRCNN
 
+from pipelines.array_types import Array, Mask, Singles
 from pipelines.configs import DetectorConfig
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.camera import Intrinsics
@@ -35,8 +36,8 @@ class Detection:
         confidence: in [0, 1].
     """
 
-    mask: NDArray[np.bool_]
-    box: NDArray[np.float64]
+    mask: Mask
+    box: Array
     confidence: float
 
 
@@ -67,7 +68,7 @@ class RegionDetector:
     def detect(
         self,
         color: NDArray[np.uint8],
-        depth: NDArray[np.float32],
+        depth: Singles,
         intrinsics: Intrinsics,
         plane: Plane | None = None,
     ) -> list[Detection]:
@@ -94,7 +95,7 @@ class RegionDetector:
         return self._detections(found_regions, scale, size)
 
     def resized(
-        self, color: NDArray[np.uint8], depth: NDArray[np.float32], intrinsics: Intrinsics
+        self, color: NDArray[np.uint8], depth: Singles, intrinsics: Intrinsics
     ) -> SmallFrame:
         """Return the frame at the size of the network's input: larger than in training (D. 84)."""
         trained = self.config.min_size, self.config.max_size
@@ -103,7 +104,7 @@ class RegionDetector:
         return shrink(seen, depth, intrinsics, *sides)
 
     def _detections(
-        self, found: dict[str, Tensor], scale: NDArray[np.float64], size: tuple[int, int]
+        self, found: dict[str, Tensor], scale: Array, size: tuple[int, int]
     ) -> list[Detection]:
         detections = []
         for box, confidence, soft in zip(
@@ -121,12 +122,7 @@ class RegionDetector:
         return detections
 
 
-def draw_mask(
-    soft: NDArray[np.float32],
-    box: NDArray[np.float64],
-    size: tuple[int, int],
-    threshold: float = 0.5,
-) -> NDArray[np.bool_]:
+def draw_mask(soft: Singles, box: Array, size: tuple[int, int], threshold: float = 0.5) -> Mask:
     """Return the mask (H, W) = `size` of probabilities (28, 28) spread over `box`, in pixels.
 
     The outermost probabilities fade to zero within half a cell beyond the box.

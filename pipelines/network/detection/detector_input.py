@@ -2,9 +2,9 @@
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from pipelines.array_types import Singles
 from pipelines.geometry.pointcloud import Plane
 from pipelines.tabletop.depth_channels import SmallFrame, depth_channels
 
@@ -17,7 +17,7 @@ def detector_image(frame: SmallFrame, plane: Plane, kind: str) -> Tensor:
 
     `kind`: geometry, color or both. `plane`: the support plane, camera frame.
     """
-    parts: list[NDArray[np.float32]] = []
+    parts: list[Singles] = []
     if kind in {"color", "both"}:
         normalised = (frame.color / 255.0 - np.array(COLOR_MEAN)) / np.array(COLOR_STD)
         parts.append(np.ascontiguousarray(np.moveaxis(normalised, -1, 0), np.float32))

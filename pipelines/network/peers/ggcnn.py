@@ -10,7 +10,6 @@ from torch import Tensor, nn
 
 from pipelines.configs.peers import PeerNetworkConfig
 
-GGCNN_MODEL = "GG-CNN"
 MAPS = ("quality", "cos", "sin", "width")  # in the order of the output's channels
 SIDES_BY = {"light": 12, "full": 4}  # sides of an image are multiples of it
 

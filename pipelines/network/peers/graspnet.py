@@ -16,7 +16,6 @@ from pipelines.network.peers.point_groups import first_inside, interpolated, poi
 from pipelines.network.pointnet2 import PointNorm
 from pipelines.network.sampling import farthest_points, gather
 
-GRASPNET_MODEL = "GraspNet baseline"
 VIEWS, NUM_TURNS, DEPTHS = 300, 12, 4
 RADII = (0.04, 0.1, 0.2, 0.3)  # metres, of the balls of each level
 CROP_RADIUS, CROP_BEHIND, DEPTH_STEP = 0.05, 0.02, 0.01  # metres, of the cylinders

@@ -18,7 +18,6 @@ from pipelines.configs.peers import PeerNetworkConfig
 from pipelines.network.detection.backbone import LightBackbone
 from pipelines.network.detection.mask_rcnn import PreparedImages, SeededSampler
 
-MULTI_GRASP_MODEL = "Multi-Grasp"
 ORIENTATIONS = 20  # outputs: no grasp, and 19 orientations, of which the last is the first again
 RGD = 3  # channels
 SHORT_SIDES = {"light": 288, "full": 600}  # pixels of the image that the network sees

@@ -10,7 +10,6 @@ from torch import Tensor, nn
 
 from pipelines.configs.peers import PeerNetworkConfig
 
-POINTNETGPD_MODEL = "PointNetGPD"
 CLASSES = 3  # bad, fair, good
 HAND_POINTS = {"light": 256, "full": 750}  # between the fingers
 

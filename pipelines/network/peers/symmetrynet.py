@@ -18,7 +18,6 @@ from pipelines.configs.peers import PeerNetworkConfig
 from pipelines.network.matching import NUM_REFLECTIONS
 from pipelines.network.peers.symmetrynet_input import CROP_SIDE
 
-SYMMETRYNET_MODEL = "SymmetryNet"
 SYMMETRY_MODES = ("plane", "axis", "both", "sphere")
 COLOR_DIM = 32
 

@@ -9,20 +9,20 @@ from torch import nn
 
 from pipelines.configs.peers import PeerNetworkConfig
 from pipelines.network.devices import find_device
-from pipelines.network.peers.ggcnn import GGCNN, GGCNN_MODEL
-from pipelines.network.peers.graspnet import GRASPNET_MODEL, GraspNetBaseline
-from pipelines.network.peers.multi_grasp import MULTI_GRASP_MODEL, build_multi_grasp
-from pipelines.network.peers.pointnetgpd import POINTNETGPD_MODEL, PointNetGPD
-from pipelines.network.peers.symmetrynet import SYMMETRYNET_MODEL, SymmetryNet
+from pipelines.network.peers.ggcnn import GGCNN
+from pipelines.network.peers.graspnet import GraspNetBaseline
+from pipelines.network.peers.multi_grasp import build_multi_grasp
+from pipelines.network.peers.pointnetgpd import PointNetGPD
+from pipelines.network.peers.symmetrynet import SymmetryNet
 from pipelines.network.weights_files import fill, read_weights
 
 # Of each method its network's name in weights files, and what makes the network.
 NETWORKS: dict[str, tuple[str, Callable[[PeerNetworkConfig], nn.Module]]] = {
-    "gg-cnn": (GGCNN_MODEL, GGCNN),
-    "multi-grasp": (MULTI_GRASP_MODEL, build_multi_grasp),
-    "pointnetgpd": (POINTNETGPD_MODEL, PointNetGPD),
-    "graspnet": (GRASPNET_MODEL, GraspNetBaseline),
-    "symmetrynet": (SYMMETRYNET_MODEL, SymmetryNet),
+    "gg-cnn": ("GG-CNN", GGCNN),
+    "multi-grasp": ("Multi-Grasp", build_multi_grasp),
+    "pointnetgpd": ("PointNetGPD", PointNetGPD),
+    "graspnet": ("GraspNet baseline", GraspNetBaseline),
+    "symmetrynet": ("SymmetryNet", SymmetryNet),
 }
 
 

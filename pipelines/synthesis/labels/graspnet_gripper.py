@@ -8,9 +8,8 @@ surface points are rotated once per view and then about the approach for the ang
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipelines.array_types import Array, Indices, Mask, Singles
+from pipelines.array_types import Array, Floats, Indices, Mask, Singles
 from pipelines.dataset.graspnet.graspnet_labels import LABEL_GRID
 from pipelines.dataset.graspnet.graspnet_views import GRASP_DEPTHS, IN_PLANE_ANGLES, view_rotations
 from pipelines.geometry.meshes.surface_patches import SurfacePatches, meet_boxes
@@ -22,9 +21,7 @@ SLAB_BACK = -0.03  # metres along approach, where the slab begins
 SCOUT_STRIDE = 3  # every third patch is tried before the others
 
 
-def hits_surface(
-    surface: SurfacePatches, origin: Array, candidates: Mask, width: NDArray[np.floating]
-) -> Mask:
+def hits_surface(surface: SurfacePatches, origin: Array, candidates: Mask, width: Floats) -> Mask:
     """Return the mask (300, 12, 4) of one grasp point's candidates whose gripper meets a surface.
 
     Exact: if no patch centre is in a box, the triangles of nearby patches are tried.
@@ -61,11 +58,7 @@ def hits_surface(
 
 
 def _patches_meet(
-    surface: SurfacePatches,
-    origin: Array,
-    index: Indices,
-    patch: Indices,
-    width: NDArray[np.floating],
+    surface: SurfacePatches, origin: Array, index: Indices, patch: Indices, width: Floats
 ) -> Mask:
     """Return the mask (m,) of candidates `index` (3, m) whose gripper meets `patch` (m,)."""
     frames = view_rotations().astype(np.float64)[index[0], index[1]]
@@ -163,7 +156,7 @@ def _inside(along: Singles, side: Singles, half: Singles, grow: float) -> Mask:
     return (finger | slab) & (side < half + np.float32(FINGER_THICKNESS + grow))
 
 
-def hits_plane(width: NDArray[np.floating], normal: Array, height: Array) -> Mask:
+def hits_plane(width: Floats, normal: Array, height: Array) -> Mask:
     """Return the mask (p, 300, 12, 4) of candidates whose gripper reaches below a plane.
 
     Args:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.array_types import Mask, Singles
+from pipelines.array_types import Array, Mask, Singles
 from pipelines.configs import ColorConfig
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.tabletop.depth_segments import Labels
@@ -91,7 +91,7 @@ def _whole_pieces(parts: Bytes, outline: Bytes, config: ColorConfig) -> ColorPie
     return ColorPieces(numbers.take(labels), np.concatenate([[False], whole[kept]]))
 
 
-def _lengths(parts: Bytes, labels: Labels, count: int) -> NDArray[np.float64]:
+def _lengths(parts: Bytes, labels: Labels, count: int) -> Array:
     """Return half the number (count,) of pixels on the borders of the pieces `labels`."""
     inner = np.asarray(cv2.erode(parts, SQUARE), np.uint8)
     return np.bincount(labels[parts > inner], minlength=count) / 2.0

@@ -8,11 +8,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 from torchvision.ops import MultiScaleRoIAlign
 
-from pipelines.array_types import Indices, Singles
+from pipelines.array_types import Array, Indices, Singles
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.network import devices
 
@@ -62,7 +61,7 @@ class ChannelsLastRoIAlign(MultiScaleRoIAlign):  # type: ignore[misc] # untyped 
     def _levels(
         self,
         boxes: Tensor,  # (n, 4)
-        scales: NDArray[np.float64],  # (m,)
+        scales: Array,  # (m,)
     ) -> Tensor:
         """Return (n,) the map of each box: by its size (Eq. 1 of Feature Pyramid Networks)."""
         size = torch.sqrt((boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1]))

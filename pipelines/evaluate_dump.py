@@ -55,13 +55,9 @@ def run(
     """
     root = GraspNetRoot.finished(dataset)
     items = _scene_items(dumped_scenes(dump), root, output, config)
-    stamp = _stamp(
-        config,
-        {
-            kind: digest_text("".join(item.stamp.inputs[kind] for item in items))
-            for kind in items[0].stamp.inputs
-        },
-    )
+    inputs = [item.stamp.inputs for item in items]
+    joined = {kind: digest_text("".join(each[kind] for each in inputs)) for kind in inputs[0]}
+    stamp = _stamp(config, joined)
     is_finished(output, stamp, overwrite=options.overwrite)  # refuses to replace another report
     drop_stale(items, options)
     report = run_batch(STAGE, items, functools.partial(_evaluate_scene, root, config), options)

@@ -261,10 +261,8 @@ def _train(
     trainee: CriticTraining, kind: CriticKind, output: Path, request: RunRequest, stamp: Stamp
 ) -> str:
     """Train a network, calibrated on what is held out; return a note."""
-    options, metadata = (
-        LoopOptions.of(trainee.config, request),
-        critic_files.metadata_of(kind.model),
-    )
+    options = LoopOptions.of(trainee.config, request)
+    metadata = critic_files.metadata_of(kind.model)
     training = TrainingRun(trainee, options, output, stamp, metadata)
     if find_progress(output, stamp, request) is not None:
         training.resume()

@@ -8,10 +8,10 @@ import typer
 from pipelines.configs import CompareConfig
 from symgrasp_cli.options import Overwrite, Seed
 from symgrasp_cli.report import conclude
-from symgrasp_cli.settings import with_settings
+from symgrasp_cli.settings import named_as, with_settings
 
 
-@with_settings("compare", {"--row": "row", "--unit": "unit", "--resamples": "resamples"})
+@with_settings("compare", named_as("row", "unit", "resamples"))
 def compare(
     config: CompareConfig,
     reports: Annotated[

@@ -9,10 +9,10 @@ from pipelines.configs import ConvertFramesConfig
 from symgrasp_cli.arguments import GivenCamera
 from symgrasp_cli.options import DepthUnitsPerMetre, FrameFolder, Overwrite
 from symgrasp_cli.report import conclude
-from symgrasp_cli.settings import with_settings
+from symgrasp_cli.settings import named_as, with_settings
 
 
-@with_settings("convert-frames", {"--trust-pickle": "trust_pickle"})
+@with_settings("convert-frames", named_as("trust_pickle"))
 def convert_frames(
     config: ConvertFramesConfig,
     frames: FrameFolder,

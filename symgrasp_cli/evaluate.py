@@ -10,19 +10,12 @@ from pipelines.configs.stages import EvaluateSettings, part
 from symgrasp_cli.arguments import Batch
 from symgrasp_cli.options import DatasetRoot, Seed, With
 from symgrasp_cli.report import conclude
-from symgrasp_cli.settings import with_settings
+from symgrasp_cli.settings import named_as, with_settings
 
 PROTOCOLS = ("symgrasp", "graspnet")
 
 
-@with_settings(
-    "evaluate",
-    {
-        "--exact": "graspnet.exact",
-        "--gripper": "gripper",
-        "--min-visible-pixels": "min_visible_pixels",
-    },
-)
+@with_settings("evaluate", named_as("graspnet.exact", "gripper", "min_visible_pixels"))
 def evaluate(
     config: EvaluateSettings,
     grasps: Annotated[

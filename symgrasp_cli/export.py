@@ -8,19 +8,10 @@ import typer
 from pipelines.configs import ExportConfig
 from symgrasp_cli.options import CameraToBase, GraspsToRead, Overwrite
 from symgrasp_cli.report import conclude
-from symgrasp_cli.settings import with_settings
+from symgrasp_cli.settings import named_as, with_settings
 
 
-@with_settings(
-    "export",
-    {
-        "--to": "to",
-        "--gripper": "gripper",
-        "--min-score": "min_score",
-        "--tcp": "tcp",
-        "--frame-id": "frame_id",
-    },
-)
+@with_settings("export", named_as("to", "gripper", "min_score", "tcp", "frame_id"))
 def export(
     config: ExportConfig,
     grasps: GraspsToRead,

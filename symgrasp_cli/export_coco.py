@@ -9,18 +9,11 @@ from pipelines.configs import ExportCocoConfig
 from symgrasp_cli.arguments import Batch
 from symgrasp_cli.options import CameraName, DatasetSplit, Seed
 from symgrasp_cli.report import conclude
-from symgrasp_cli.settings import with_settings
+from symgrasp_cli.settings import named_as, with_settings
 
 
 @with_settings(
-    "export-coco",
-    {
-        "--categories": "categories",
-        "--min-pixels": "min_pixels",
-        "--frame-stride": "frame_stride",
-        "--val-fraction": "val_fraction",
-        "--link": "link",
-    },
+    "export-coco", named_as("categories", "min_pixels", "frame_stride", "val_fraction", "link")
 )
 def export_coco(
     config: ExportCocoConfig,

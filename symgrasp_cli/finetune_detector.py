@@ -9,18 +9,14 @@ from pipelines.configs import FinetuneDetectorConfig
 from symgrasp_cli.arguments import LoadedRun, Preparation
 from symgrasp_cli.options import CameraName, DatasetSplit, StartWeights, WeightsToWrite
 from symgrasp_cli.report import conclude
-from symgrasp_cli.settings import with_settings
+from symgrasp_cli.settings import named_as, with_settings
 
 
 @with_settings(
     "finetune-detector",
     {
-        "--variant": "detector.variant",
-        "--input": "detector.input",
-        "--epochs": "epochs",
-        "--batch-size": "batch_size",
-        "--learning-rate": "learning_rate",
-        "--decay-epochs": "decay_epochs",
+        **named_as("detector.variant", "detector.input"),
+        **named_as("epochs", "batch_size", "learning_rate", "decay_epochs"),
         "--micro-batch": "micro_batch_size",
     },
 )

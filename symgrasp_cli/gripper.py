@@ -9,7 +9,7 @@ import typer
 from pipelines.configs import GripperConfig
 from symgrasp_cli.options import Overwrite
 from symgrasp_cli.report import conclude
-from symgrasp_cli.settings import with_settings
+from symgrasp_cli.settings import named_as, with_settings
 
 
 class Task(StrEnum):
@@ -19,9 +19,7 @@ class Task(StrEnum):
     CHECK = "check"
 
 
-@with_settings(
-    "gripper", {"--base-link": "base_link", "--tip-reach": "tip_reach", "--clearance": "clearance"}
-)
+@with_settings("gripper", named_as("base_link", "tip_reach", "clearance"))
 def gripper(
     config: GripperConfig,
     task: Annotated[

@@ -26,7 +26,7 @@ from symgrasp_cli.options import (
     Workers,
 )
 from symgrasp_cli.report import conclude, manner
-from symgrasp_cli.settings import with_settings
+from symgrasp_cli.settings import named_as, with_settings
 
 if TYPE_CHECKING:
     from pipelines.dataset.chosen_frames import ChosenFrames
@@ -79,18 +79,13 @@ InferBatch = Annotated["BatchOptions", MadeOf(_batch)]
 @with_settings(
     "infer",
     {
-        "--regions": "regions",
-        "--gripper": "gripper",
-        "--method": "method",
-        "--mirrored": "mirrored",
+        **named_as("regions", "gripper", "method", "mirrored"),
         "--grounding/--no-grounding": "selection.symmetry.is_fitted",
         "--rank-by": "selection.ranking.by",
         "--top": "max_grasps_per_region",
         "--min-score": "min_score",
         "--workspace-frame": "limits.box_frame",
-        "--approach-cone": "limits.approach_cone",
-        "--approach-direction": "limits.approach_direction",
-        "--approach-frame": "limits.approach_frame",
+        **named_as("limits.approach_cone", "limits.approach_direction", "limits.approach_frame"),
         "--watch-timeout": "watch.timeout",
     },
     variables={"--gripper": "SYMGRASP_GRIPPER"},

@@ -7,10 +7,10 @@ from pipelines.errors import printable
 from symgrasp_cli.arguments import GivenCamera
 from symgrasp_cli.options import DepthUnitsPerMetre, FrameFolder
 from symgrasp_cli.report import conclude, manner
-from symgrasp_cli.settings import with_settings
+from symgrasp_cli.settings import named_as, with_settings
 
 
-@with_settings("inspect", {"--max-frames": "max_frames"})
+@with_settings("inspect", named_as("max_frames"))
 def inspect(
     config: InspectConfig,
     frames: FrameFolder,

@@ -8,12 +8,12 @@ import typer
 from pipelines.configs import ScoreGraspsConfig
 from symgrasp_cli.options import Overwrite
 from symgrasp_cli.report import conclude
-from symgrasp_cli.settings import with_settings
+from symgrasp_cli.settings import named_as, with_settings
 
 
 @with_settings(
     "score-grasps",
-    {"--compatible": "compatible", "--mesh-scale": "mesh_scale", "--clip-width": "clip_width"},
+    named_as("compatible", "mesh_scale", "clip_width"),
     hidden={"--max-width": "clip_width"},
 )
 def score_grasps(

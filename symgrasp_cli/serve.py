@@ -7,19 +7,14 @@ from pipelines.configs.stages import ServeSettings, part
 from pipelines.ending import set_farewell
 from symgrasp_cli.options import CameraToBase, Device, Seed
 from symgrasp_cli.report import manner
-from symgrasp_cli.settings import with_settings
+from symgrasp_cli.settings import named_as, with_settings
 
 
 @with_settings(
     "serve",
     {
-        "--gripper": "gripper",
-        "--min-score": "http.min_score",
-        "--tcp": "http.tcp",
-        "--host": "http.host",
-        "--port": "http.port",
-        "--parallel": "http.parallel",
-        "--max-waiting": "http.max_waiting",
+        **named_as("gripper", "http.min_score", "http.tcp"),
+        **named_as("http.host", "http.port", "http.parallel", "http.max_waiting"),
     },
     variables={"--gripper": "SYMGRASP_GRIPPER"},
 )

@@ -116,6 +116,11 @@ class GivenOption:
         return changed_by_text(config, name, self.value, option=shown)
 
 
+def named_as(*settings: str) -> dict[str, str]:
+    """Return options that are called as the last part of the settings' names."""
+    return {f"--{name.rpartition('.')[2].replace('_', '-')}": name for name in settings}
+
+
 def with_settings(
     stage: str,
     options: Mapping[str, str],

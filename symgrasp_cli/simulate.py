@@ -10,17 +10,10 @@ from pipelines.configs import SimulateConfig
 from symgrasp_cli.arguments import Batch
 from symgrasp_cli.options import DatasetRoot, Seed, With
 from symgrasp_cli.report import conclude
-from symgrasp_cli.settings import with_settings
+from symgrasp_cli.settings import named_as, with_settings
 
 
-@with_settings(
-    "simulate",
-    {
-        "--friction": "frictions",
-        "--gripper": "gripper",
-        "--min-visible-pixels": "min_visible_pixels",
-    },
-)
+@with_settings("simulate", {"--friction": "frictions", **named_as("gripper", "min_visible_pixels")})
 def simulate(
     config: SimulateConfig,
     grasps: Annotated[

@@ -10,22 +10,17 @@ from pipelines.configs import SynthesizeConfig
 from symgrasp_cli.arguments import Batch
 from symgrasp_cli.options import MeshUnit, Seed
 from symgrasp_cli.report import conclude
-from symgrasp_cli.settings import with_settings
+from symgrasp_cli.settings import named_as, with_settings
 
 
 @with_settings(
     "synthesize",
     {
         "--split": "splits",
-        "--scenes-per-split": "scenes_per_split",
-        "--views": "views",
+        **named_as("scenes_per_split", "views"),
         "--objects": "objects_per_pool",
-        "--families": "families",
-        "--sensor": "sensor",
-        "--surroundings": "scenery.surroundings",
-        "--robot-hands": "scenery.robot_hands",
-        "--colors": "scenery.colors",
-        "--depth-faults": "scenery.depth_faults",
+        **named_as("families", "sensor", "scenery.surroundings"),
+        **named_as("scenery.robot_hands", "scenery.colors", "scenery.depth_faults"),
         "--grasp-points": "labels.num_points",
         "--collision-labels/--no-collision-labels": "collision_labels",
     },

@@ -10,7 +10,7 @@ from pipelines.configs import TrainConfig
 from symgrasp_cli.arguments import DeviceRun
 from symgrasp_cli.options import StartWeights, WeightsToWrite
 from symgrasp_cli.report import conclude
-from symgrasp_cli.settings import with_settings
+from symgrasp_cli.settings import named_as, with_settings
 
 
 @with_settings(
@@ -18,10 +18,7 @@ from symgrasp_cli.settings import with_settings
     {
         "--endless-share": "endless.share",
         "--epoch-regions": "endless.epoch_regions",
-        "--epochs": "epochs",
-        "--batch-size": "batch_size",
-        "--learning-rate": "learning_rate",
-        "--decay-epochs": "decay_epochs",
+        **named_as("epochs", "batch_size", "learning_rate", "decay_epochs"),
         "--pift/--no-pift": "network.use_pift",
         "--canonical-frame/--no-canonical-frame": "network.canonical_frame",
         "--siamese/--no-siamese": "use_siamese",

@@ -10,17 +10,13 @@ from pipelines.configs.inference import TRAINED_METHODS
 from symgrasp_cli.arguments import LoadedRun, Preparation
 from symgrasp_cli.options import CameraName, DatasetSplit, WeightsToWrite
 from symgrasp_cli.report import conclude
-from symgrasp_cli.settings import with_settings
+from symgrasp_cli.settings import named_as, with_settings
 
 
 @with_settings(
     "train-baseline",
     {
-        "--variant": "network.variant",
-        "--steps": "steps",
-        "--batch-size": "batch_size",
-        "--learning-rate": "learning_rate",
-        "--decay-steps": "decay_steps",
+        **named_as("network.variant", "steps", "batch_size", "learning_rate", "decay_steps"),
         "--micro-batch": "micro_batch_size",
         "--frame-stride": "frame_stride",
     },

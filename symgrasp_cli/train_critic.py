@@ -10,19 +10,14 @@ from pipelines.configs import TrainCriticConfig
 from symgrasp_cli.arguments import CpuRun, Preparation, SymmetryModels
 from symgrasp_cli.options import WeightsToWrite
 from symgrasp_cli.report import conclude
-from symgrasp_cli.settings import with_settings
+from symgrasp_cli.settings import named_as, with_settings
 
 
 @with_settings(
     "train-critic",
-    {
-        "--gripper": "infer.gripper",
-        "--frame-stride": "frame_stride",
-        "--epochs": "epochs",
-        "--batch-size": "batch_size",
-        "--learning-rate": "learning_rate",
-        "--decay-epochs": "decay_epochs",
-    },
+    named_as(
+        "infer.gripper", "frame_stride", "epochs", "batch_size", "learning_rate", "decay_epochs"
+    ),
 )
 def train_critic(
     config: TrainCriticConfig,

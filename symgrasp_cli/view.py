@@ -9,10 +9,10 @@ from pipelines.configs import ViewConfig
 from symgrasp_cli.arguments import Batch
 from symgrasp_cli.options import GraspsToRead
 from symgrasp_cli.report import conclude
-from symgrasp_cli.settings import with_settings
+from symgrasp_cli.settings import named_as, with_settings
 
 
-@with_settings("view", {"--gripper": "gripper", "--max-pixels": "max_pixels"})
+@with_settings("view", named_as("gripper", "max_pixels"))
 def view(
     config: ViewConfig,
     grasps: GraspsToRead,

@@ -9,17 +9,12 @@ from pipelines.configs import WorkspaceConfig
 from symgrasp_cli.arguments import GivenCamera
 from symgrasp_cli.options import DepthUnitsPerMetre, FrameFolder, Overwrite
 from symgrasp_cli.report import conclude, manner
-from symgrasp_cli.settings import with_settings
+from symgrasp_cli.settings import named_as, with_settings
 
 
 @with_settings(
     "workspace",
-    {
-        "--workspace": "box",
-        "--workspace-frame": "box_frame",
-        "--margin": "margin",
-        "--max-frames": "max_frames",
-    },
+    {"--workspace": "box", "--workspace-frame": "box_frame", **named_as("margin", "max_frames")},
 )
 def workspace(
     config: WorkspaceConfig,

@@ -186,10 +186,8 @@ def _check_stamp(scene: Path, path: Path, stamp: Mapping[str, Any], names: tuple
 def _threshold_keys(path: Path, stamp: Mapping[str, Any]) -> dict[str, str]:
     """Return the threshold at which each metric of PRECISIONS is compared: the reported one."""
     try:
-        dense, sphere = (
-            stamp["config"]["symmetry_thresholds"][0],
-            stamp["config"]["sphere_threshold"],
-        )
+        config = stamp["config"]
+        dense, sphere = config["symmetry_thresholds"][0], config["sphere_threshold"]
     except (KeyError, IndexError, TypeError) as error:
         expected = "a report of `symgrasp evaluate` is expected"
         raise FormatError(path, "does not say its thresholds", expected) from error

@@ -48,25 +48,15 @@ class Table:
 def report_tables(report: Mapping[str, Any]) -> list[Table]:
     """Return the tables of a `report.json`, in the order in which they are read."""
     rows: ReportRows = report["rows"]
-    quality = split_table(
-        rows, "grasp_quality", published.GRASP_QUALITY, title="Table I. Grasp quality, 1 - mu"
-    )
+    title = "Table I. Grasp quality, 1 - mu"
+    quality = split_table(rows, "grasp_quality", published.GRASP_QUALITY, title)
     quality = replace(quality, note=f"{quality.note} {rows_note(rows)}{_left_out(report)}")
-    swept = split_table(
-        rows,
-        "grasp_quality_swept",
-        published.GRASP_QUALITY,
-        title="Table I by a sweep of mu in steps of 0.1",
-    )
-    pair = split_table(
-        rows,
-        "antipodal_score",
-        published.ANTIPODAL_SCORE,
-        title="Table II. Antipodal score of the contact pair",
-    )
-    region = split_table(
-        rows, "antipodal_score_region", (), title="Antipodal score of the closing region (S4G's)"
-    )
+    title = "Table I by a sweep of mu in steps of 0.1"
+    swept = split_table(rows, "grasp_quality_swept", published.GRASP_QUALITY, title)
+    title = "Table II. Antipodal score of the contact pair"
+    pair = split_table(rows, "antipodal_score", published.ANTIPODAL_SCORE, title)
+    title = "Antipodal score of the closing region (S4G's)"
+    region = split_table(rows, "antipodal_score_region", (), title)
     tables = [quality, swept, pair, region, success_table(report), trial_table(report)]
     tables += [symmetry_table(rows), graspnet_table(rows), mask_table(rows), reason_table(rows)]
     return [table for table in tables if table is not None]
@@ -155,16 +145,12 @@ def trial_table(report: Mapping[str, Any]) -> Table | None:
     ]
     names = list(dict.fromkeys(name for _, _, counts in cells for name in counts))
     names.sort(key="held".__eq__)  # last, as in the other tables
-    body = tuple(
-        (
-            report_row(row).title,
-            key,
-            *(f"{100 * counts.get(n, 0) / sum(counts.values()):.0f}" for n in names),
-        )
-        for row, key, counts in cells
-    )
+    body = []
+    for row, key, counts in cells:
+        shares = (f"{100 * counts.get(n, 0) / sum(counts.values()):.0f}" for n in names)
+        body.append((report_row(row).title, key, *shares))
     title = "What became of the simulated trials, percent"
-    return Table(title, ("method", "mu", *names), body, names=2) if body else None
+    return Table(title, ("method", "mu", *names), tuple(body), names=2) if body else None
 
 
 def symmetry_table(rows: ReportRows) -> Table:
@@ -172,13 +158,8 @@ def symmetry_table(rows: ReportRows) -> Table:
     body = [(row.method, "test set", *map(_number, row.figures)) for row in published.SYMMETRY_AP]
     for row, split, figures in _cells(rows):
         if any(value is not None for value in figures["symmetry_ap"].values()):
-            body.append(
-                (
-                    report_row(row).title,
-                    split,
-                    *(_precision(figures, kind) for kind in SYMMETRY_KINDS),
-                )
-            )
+            found = (_precision(figures, kind) for kind in SYMMETRY_KINDS)
+            body.append((report_row(row).title, split, *found))
     for threshold, ap in rows.get(OURS, {}).get(ALL, {}).get("symmetry_ap_strict", {}).items():
         cells = (_number(ap[kind]) if kind != "sphere" else "" for kind in SYMMETRY_KINDS)
         body.append((report_row(OURS).title, f"all, error < {threshold}", *cells))
@@ -217,19 +198,13 @@ def mask_table(rows: ReportRows) -> Table:
     """Return the average precision of region masks by split."""
     seen, unseen = published.MASK_AP50[0].figures
     method = published.MASK_AP50[0].method
-    body: list[tuple[str, ...]] = [
-        (method, "seen", _number(seen), "", ""),
-        (method, "unseen", _number(unseen), "", ""),
-    ]
-    body += [
-        (
-            report_row(OURS).title,
-            split,
-            *(_number(found[k]) for k in ("mask_ap50", "mask_ap75", "mask_ap")),
-        )
-        for row, split, found in _cells(rows)
-        if row == OURS
-    ]
+    pairs = (("seen", seen), ("unseen", unseen))
+    body: list[tuple[str, ...]] = []
+    body += [(method, split, _number(figure), "", "") for split, figure in pairs]
+    for row, split, found in _cells(rows):
+        if row == OURS:
+            cells = (_number(found[name]) for name in ("mask_ap50", "mask_ap75", "mask_ap"))
+            body.append((report_row(OURS).title, split, *cells))
     note = f"First rows: {published.SOURCE}. AP: mean over overlaps 0.5 to 0.95, by pycocotools."
     header = ("method", "split", "AP50", "AP75", "AP")
     return Table("Average precision of region masks", header, tuple(body), note, 2, names=2)

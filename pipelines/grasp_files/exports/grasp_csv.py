@@ -71,16 +71,9 @@ def _head(header: ExportHeader) -> dict[str, str]:
 
 def _rows(frame: FrameGrasps) -> Iterator[list[Any]]:
     table, quaternions = frame.result.grasps, frame.quaternions
-    numbers = np.concatenate(
-        [
-            frame.grasps.contacts.reshape(-1, 6),
-            frame.grasps.width[:, None],
-            frame.opening[:, None],
-            frame.poses[:, :3, 3],
-            quaternions[:, [1, 2, 3, 0]],
-        ],
-        axis=1,
-    )
+    contacts, position = frame.grasps.contacts.reshape(-1, 6), frame.poses[:, :3, 3]
+    widths = frame.grasps.width, frame.opening
+    numbers = np.column_stack([contacts, *widths, position, quaternions[:, [1, 2, 3, 0]]])
     for i, (row, symmetry) in enumerate(zip(rounded(numbers), frame.symmetries, strict=True)):
         yield [
             _as_text(frame.result.name),

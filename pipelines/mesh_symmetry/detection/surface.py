@@ -73,15 +73,13 @@ class Surface:
     def normalised(self, center: Array, size: float) -> "Surface":
         """Return the surface moved by -`center` (3,) and divided by `size`."""
         points = (self.points - center) / size
-        return Surface(
+        return replace(
+            self,
             triangles=(self.triangles - center) / size,
             points=points,
-            normals=self.normals,
-            faces=self.faces,
             tree=_tree(points),
             rim=self.rim.moved(center, size),
             noise=self.noise / size,
-            agreement=self.agreement,
         )
 
     def with_walls(self, reach: float) -> "Surface":

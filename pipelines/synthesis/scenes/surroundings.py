@@ -120,7 +120,8 @@ def drawn_surroundings(
 
 def slab(half: ArrayLike, low: float, high: float) -> Mesh:
     """Return the upright block about the z axis of `half` (2,) extents from `low` to `high`."""
-    return _prismatoid(np.asarray(half, np.float64), np.asarray(half, np.float64), low, high)
+    signs = np.array([[x, y] for x in (-1.0, 1.0) for y in (-1.0, 1.0)])
+    return _prism(signs * np.asarray(half, np.float64), low, high)
 
 
 def frame(
@@ -197,10 +198,7 @@ def _edge(footprint: Array, rng: np.random.Generator) -> SceneSurroundings:
         ends[1] = FAR
     corners = np.array([[x, y] for x in (-FAR, ends[0]) for y in (-FAR, ends[1])])
     thickness = rng.uniform(0.015, 0.06)
-    points = [np.column_stack([corners, np.full(4, z)]) for z in (0.0, -thickness)]
-    return SceneSurroundings(
-        table=hull_of_points(np.concatenate(points)).transformed(_turn(azimuth))
-    )
+    return SceneSurroundings(table=_prism(corners, 0.0, -thickness).transformed(_turn(azimuth)))
 
 
 def _base(footprint: Array, rng: np.random.Generator) -> SceneSurroundings:
@@ -222,18 +220,13 @@ def _base(footprint: Array, rng: np.random.Generator) -> SceneSurroundings:
 def column(radius: float, sides: int, low: float, high: float) -> Mesh:
     """Return the upright prism of a regular polygon about the z axis from `low` to `high`."""
     angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
-    round_ = radius * np.column_stack([np.cos(angle), np.sin(angle)])
-    return hull_of_points(
-        np.concatenate([np.column_stack([round_, np.full(sides, z)]) for z in (low, high)])
-    )
+    return _prism(radius * np.column_stack([np.cos(angle), np.sin(angle)]), low, high)
 
 
-def _prismatoid(low_half: Array, high_half: Array, low: float, high: float) -> Mesh:
-    signs = np.array([[x, y] for x in (-1.0, 1.0) for y in (-1.0, 1.0)])
-    levels = ((low_half, low), (high_half, high))
-    return hull_of_points(
-        np.concatenate([np.column_stack([signs * half, np.full(4, z)]) for half, z in levels])
-    )
+def _prism(outline: Array, first: float, second: float) -> Mesh:
+    """Return the upright prism of a convex `outline` (n, 2) between two heights, metres."""
+    levels = [np.column_stack([outline, np.full(len(outline), z)]) for z in (first, second)]
+    return hull_of_points(np.concatenate(levels))
 
 
 def _reach(footprint: Array, azimuth: float) -> float:

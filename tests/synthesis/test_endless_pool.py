@@ -94,8 +94,9 @@ def test_the_end_does_not_wait_for_the_rest_of_a_result(root, tmp_path):
 
 
 def test_a_thread_that_loads_ahead_begins_no_process_once_the_pool_has_ended(root):
+    others = set(multiprocessing.active_children())
     with EndlessPool(root, FEW, 0, 1) as pool:
         pass
     with pytest.raises(SymgraspError, match="after the end of the training"):
         pool.region(0, 0)
-    assert not multiprocessing.active_children()
+    assert set(multiprocessing.active_children()) <= others

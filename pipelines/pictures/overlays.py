@@ -76,17 +76,19 @@ def draw_overlay(frame: Frame, result: FrameResult) -> ColorImage:
     masks = [result.regions.mask(i, width, height) for i in range(len(result.regions))]
     for region, mask in enumerate(masks):
         _draw_symmetries(picture, frame, result, region, mask)
-        contours, _ = cv2.findContours(
-            mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
-        )
-        color = rgb(region_color(region))
-        cv2.drawContours(picture, contours, -1, color, thick, cv2.LINE_AA)
+        draw_outline(picture, mask, region, thick)
     best = np.flatnonzero(result.grasps.is_best)
     for grasp in best[np.argsort(-result.grasps.rank_in_frame[best])]:  # the first one on top
         _draw_gripper(picture, frame.intrinsics, result, int(grasp), thick)
     for region, mask in enumerate(masks):
         _write_number(picture, result, region, mask)
     return picture
+
+
+def draw_outline(picture: ColorImage, mask: Mask, region: int, thick: int) -> None:
+    """Draw the outline of a region's `mask` (H, W) in its colour, `thick` pixels wide."""
+    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    cv2.drawContours(picture, contours, -1, rgb(region_color(region)), thick, cv2.LINE_AA)
 
 
 def _write_number(picture: ColorImage, result: FrameResult, region: int, mask: Mask) -> None:

@@ -12,6 +12,7 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.transforms import invert, transform_points
 from pipelines.grasping.feasibility.workspace_box import WorkspaceBox
 from pipelines.pictures.color_images import Color, ColorImage
+from pipelines.pictures.overlays import draw_outline
 from pipelines.pictures.palette import region_color, rgb
 
 AXIS_COLORS: tuple[Color, ...] = ((255, 70, 70), (70, 230, 70), (90, 140, 255))  # x, y, z
@@ -39,14 +40,10 @@ def draw_workspace(
     picture[~inside] = (picture[~inside] * SHADE).astype(np.uint8)
     thick = max(1, round(picture.shape[1] / 640))
     for number, mask in enumerate(regions):
-        contours, _ = cv2.findContours(
-            mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
-        )
-        color = rgb(region_color(number))
-        cv2.drawContours(picture, contours, -1, color, thick, cv2.LINE_AA)
+        draw_outline(picture, mask, number, thick)
         rows, columns = np.nonzero(mask)
         place = np.array([np.median(columns), np.median(rows)])
-        _letter(picture, str(number), place, color, thick)
+        _letter(picture, str(number), place, rgb(region_color(number)), thick)
     T_cam_box, lens = invert(box.T_box_cam), frame.intrinsics
     corners = np.array(list(product(*box.corners.T)))
     for first, second in combinations(range(8), 2):

@@ -34,7 +34,7 @@ from pipelines.learning.peers.peer import (
 )
 from pipelines.learning.peers.registry import trained_peer
 from pipelines.learning.speed.processes import process_group
-from pipelines.network.peers.trained import NETWORKS
+from pipelines.network.peers.trained import PEER_NETWORKS
 from pipelines.network.weights_files import weights_metadata
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
@@ -86,7 +86,7 @@ def run(
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(request.seed)  # layers are initialised from torch's own generator
             trainee = method(frames, config, device, processes)
-        metadata = weights_metadata(NETWORKS[name][0], config.network)
+        metadata = weights_metadata(PEER_NETWORKS[name][0], config.network)
         training = TrainingRun(
             trainee, LoopOptions.of(config, request), output, stamp, metadata, processes
         )

@@ -21,7 +21,7 @@ from pipelines.learning.peers.peer import count_peer_frames
 from pipelines.learning.peers.registry import TRAINED_PEERS, trained_peer
 from pipelines.learning.speed.gradients import loss_seed
 from pipelines.learning.speed.processes import Processes
-from pipelines.network.peers.trained import NETWORKS
+from pipelines.network.peers.trained import PEER_NETWORKS
 from pipelines.runtime.batch import BatchOptions
 from pipelines.storage.checkpoints import load_weights
 from pipelines.storage.provenance import make_stamp
@@ -150,4 +150,4 @@ def test_a_kept_batch_has_the_same_loss_again(name, root, trained, tmp_path):
     save_fault(path, trainee.module, trainee.tensors(batch), place, stamp)
     again = train_baseline.replay(path)
     assert again == pytest.approx({n: float(t.detach()) for n, t in expected.items()}, rel=1e-5)
-    assert metadata["model"] == NETWORKS[name][0]
+    assert metadata["model"] == PEER_NETWORKS[name][0]

@@ -17,7 +17,7 @@ from pipelines.network.peers.symmetrynet import SymmetryNet
 from pipelines.network.weights_files import fill, read_weights
 
 # Of each method its network's name in weights files, and what makes the network.
-NETWORKS: dict[str, tuple[str, Callable[[PeerNetworkConfig], nn.Module]]] = {
+PEER_NETWORKS: dict[str, tuple[str, Callable[[PeerNetworkConfig], nn.Module]]] = {
     "gg-cnn": ("GG-CNN", GGCNN),
     "multi-grasp": ("Multi-Grasp", build_multi_grasp),
     "pointnetgpd": ("PointNetGPD", PointNetGPD),
@@ -34,7 +34,7 @@ def trained_network(
     Raises:
         FormatError: the file holds no weights of this network.
     """
-    model, build = NETWORKS[name]
+    model, build = PEER_NETWORKS[name]
     tensors, config = read_weights(path, model, PeerNetworkConfig)
     network, found = build(config), find_device(device)
     fill(network, tensors, path)

@@ -6,13 +6,13 @@ without turning, as on an arm much stronger than its load; the fingers move symm
 
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
 from pipelines.array_types import Array, Indices
 from pipelines.geometry.transforms import matrix_to_quaternion
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
+from pipelines.runtime.physics import mujoco
 from pipelines.simulation.world import GRIPPER_BIT, HARD, STIFF, WORLD_BIT
 
 PALM_MASS, FINGER_MASS = 1.0, 0.1  # kg

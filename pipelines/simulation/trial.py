@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
 from pipelines.array_types import Array
@@ -11,6 +10,7 @@ from pipelines.configs import SimulateConfig
 from pipelines.evaluation.trial_records import HELD, Outcome
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
+from pipelines.runtime.physics import mujoco
 from pipelines.simulation.gripper_model import SimulatedGripper, add_gripper, stroke
 from pipelines.simulation.world import TIME_STEP, Pieces, add_object, empty_world
 from pipelines.synthesis.scenes.settling import compiled_world

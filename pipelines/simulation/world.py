@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 
-import mujoco
 import numpy as np
 
 from pipelines.array_types import Array
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, matrix_to_quaternion, quaternion_to_matrix
+from pipelines.runtime.physics import mujoco
 from pipelines.synthesis.scenes.settling import DENSITY, FRICTION, add_convex, compiled_world
 
 Pieces = Sequence[Mesh]

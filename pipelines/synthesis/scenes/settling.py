@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
 from pipelines.array_types import Array, Indices
 from pipelines.errors import SymgraspError
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, quaternion_to_matrix
+from pipelines.runtime.physics import mujoco
 from pipelines.synthesis.scenes.surroundings import Container
 
 TABLE_RADIUS = 0.30  # metres from the middle; objects that roll farther are removed

@@ -1,0 +1,19 @@
+"""MuJoCo as the stages import it."""
+
+import subprocess
+import sys
+
+CODE = """
+import os, sys
+from pathlib import Path
+started = []
+sys.addaudithook(lambda event, given: event == "subprocess.Popen" and started.append(given[0]))
+import pipelines.simulate, pipelines.synthesize
+print(*(Path(os.fsdecode(each)).name for each in started), os.environ.get("MUJOCO_GL"))
+"""
+
+
+def test_no_process_looks_for_a_renderer():
+    said = subprocess.run([sys.executable, "-c", CODE], capture_output=True, text=True, check=True)
+    assert "python" not in said.stdout
+    assert said.stdout.strip().endswith("None")

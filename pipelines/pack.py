@@ -33,8 +33,8 @@ from pipelines.grasping.labelled_regions import LabelledCloud, LabelledSurface, 
 from pipelines.grasping.scene import SceneCloud
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
-from pipelines.storage.files import FileVersion, existing
-from pipelines.storage.provenance import make_stamp
+from pipelines.storage.files import existing
+from pipelines.storage.provenance import FileVersion, make_stamp
 from pipelines.tabletop.levelling import table_row
 from pipelines.tabletop.mask_noise import MaskNoise
 from pipelines.tabletop.tabletop import find_tabletop

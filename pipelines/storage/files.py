@@ -12,7 +12,6 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
@@ -165,29 +164,6 @@ def existing(path: Path, made_by: str = "") -> Path:
         found = "is no plain file" if path.exists() else "does not exist"
         raise SymgraspError(f"{path} {found}; give the path of an existing file")
     return path
-
-
-@dataclass(frozen=True)
-class FileVersion:
-    """A file as it was last written, the key of a cache: what is in memory is good for that only.
-
-    Attributes:
-        path: of the file.
-        written: nanoseconds; 0 where there is no such file, which reading it then says.
-        size: bytes.
-    """
-
-    path: Path
-    written: int = 0
-    size: int = 0
-
-    @classmethod
-    def of(cls, path: Path) -> "FileVersion":
-        """Return the file `path` as it is now."""
-        if not path.is_file():
-            return cls(path)
-        status = path.stat()
-        return cls(path, status.st_mtime_ns, status.st_size)
 
 
 def real_path(path: Path) -> Path:

@@ -198,3 +198,26 @@ def _tell_of_version(found: str, installed: str) -> None:
         found,
         installed,
     )
+
+
+@dataclasses.dataclass(frozen=True)
+class FileVersion:
+    """A file as it was last written, the key of a cache: what is in memory is good for that only.
+
+    Attributes:
+        path: of the file.
+        written: nanoseconds; 0 where there is no such file, which reading it then says.
+        size: bytes.
+    """
+
+    path: Path
+    written: int = 0
+    size: int = 0
+
+    @classmethod
+    def of(cls, path: Path) -> "FileVersion":
+        """Return the file `path` as it is now."""
+        if not path.is_file():
+            return cls(path)
+        status = path.stat()
+        return cls(path, status.st_mtime_ns, status.st_size)

@@ -219,6 +219,7 @@ def test_rows_of_one_seed_learn_from_the_same_regions_each_by_itself(
 ):
     for name in ("_normal", "_uniform", "_rotations"):  # the tool's are for the whole process
         monkeypatch.setattr(augmentation, name, getattr(augmentation, name))
+    monkeypatch.setattr(torch, "set_default_device", lambda device: None)
     train.prepare_layers(CPU)
     region = EndlessScenes(objects[1], FEW, 1).regions(0)[0]
     ring = rendering.RegionRing(2, CPU)

@@ -9,8 +9,8 @@ from pipelines.dataset.symmetry import symmetry_labels
 from pipelines.dataset.symmetry.regions import check_triangles
 from pipelines.errors import FormatError
 from pipelines.geometry.region_masks import ObjectRegion, RegionedObject
-from pipelines.storage.files import FileVersion, existing
-from pipelines.storage.provenance import digest, read_stamp
+from pipelines.storage.files import existing
+from pipelines.storage.provenance import FileVersion, digest, read_stamp
 
 
 def read_regioned_object(root: Path, object_id: int) -> RegionedObject:

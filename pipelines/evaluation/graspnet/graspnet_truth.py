@@ -23,7 +23,7 @@ from pipelines.metrics.graspnet.graspnet_frames import (
 )
 from pipelines.metrics.graspnet.peer_collision import NUM_CLOUD_SAMPLES, VOXEL, voxel_means
 from pipelines.metrics.mesh_collision import MeshCollider
-from pipelines.storage.files import FileVersion
+from pipelines.storage.provenance import FileVersion
 
 KEPT_OBJECTS = 28  # in memory, a grid of 8 MB each; GraspNet-1Billion's splits have no more
 

@@ -9,15 +9,16 @@ folder appears whole; frames that cannot be read are failed and left out.
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from pipelines.configs import ConvertFramesConfig
 from pipelines.errors import SymgraspError
-from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.frames import find_frames
 from pipelines.frames.rgbd import Frame, FrameSource
+from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.runtime.batch import StageReport
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import atomic_folder, write_json, write_npz
@@ -34,8 +35,7 @@ def run(
     output: Path,
     config: ConvertFramesConfig,
     *,
-    camera: CameraFile | None = None,
-    depth_units_per_metre: float | None = None,
+    stated: FrameOptions = NOTHING_STATED,
     overwrite: bool = False,
 ) -> StageReport:
     """Write the frames of `frames`, a folder or one file of a frame, into the folder `output`.
@@ -44,21 +44,16 @@ def run(
         frames: what to read.
         output: the folder to write.
         config: whether pickles are trusted.
-        camera: intrinsics of all frames, instead of the files beside them.
-        depth_units_per_metre: unit of the depth files, instead of what the files say.
+        stated: camera and unit of all frames, instead of what the files beside them say.
         overwrite: replace an output that was made otherwise.
 
     Raises:
         SymgraspError: no frames, or `output` is somebody else's folder or was made otherwise.
     """
     started, report = time.monotonic(), StageReport(STAGE)
-    sources = find_frames(
-        frames,
-        intrinsics=camera,
-        depth_units_per_metre=depth_units_per_metre,
-        trust_pickles=config.trust_pickle,
-    )
-    inputs = {"frames": _digest(sources), "overrides": f"{camera} {depth_units_per_metre}"}
+    sources = find_frames(frames, replace(stated, trust_pickles=config.trust_pickle))
+    overrides = f"{stated.camera} {stated.depth_units_per_metre}"
+    inputs = {"frames": _digest(sources), "overrides": overrides}
     stamp = make_stamp(STAGE, config, inputs=inputs)
     if is_finished(output, stamp, overwrite=overwrite):
         report.skipped += [source.name for source in sources]

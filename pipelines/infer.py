@@ -18,7 +18,7 @@ from functools import partial
 from pipelines.configs import InferConfig
 from pipelines.dataset.chosen_frames import ALL_FRAMES, ChosenFrames
 from pipelines.errors import StaleOutputError
-from pipelines.frames.camera_files import CameraFile
+from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_stream import read_results
 from pipelines.inference.earlier import (
@@ -44,8 +44,7 @@ def run(
     config: InferConfig,
     options: BatchOptions,
     *,
-    camera: CameraFile | None = None,
-    depth_units_per_metre: float | None = None,
+    stated: FrameOptions = NOTHING_STATED,
     seed: int = 0,
     device: str = "auto",
     timings: bool = False,
@@ -57,8 +56,7 @@ def run(
         paths: what to read and write.
         config: how.
         options: workers, overwrite, dry run.
-        camera: intrinsics of all frames, instead of the files beside them.
-        depth_units_per_metre: unit of the depth files, instead of what the files say.
+        stated: camera and unit of all frames, instead of what the files beside them say.
         seed: of everything that is drawn at random.
         device: for the networks.
         timings: write the seconds a frame took; the file then differs from run to run.
@@ -72,7 +70,7 @@ def run(
     check_names(config)
     refuse_others_work(paths.output)
     settings = Settings(paths, config, seed, device, timings)
-    work = Work(settings, camera, depth_units_per_metre, choice)
+    work = Work(settings, stated, choice)
     items = work.items(work.find())
     if not options.overwrite and paths.output.exists() and _is_whole(work, items):
         if not options.dry_run:

@@ -16,7 +16,7 @@ from dataclasses import replace
 from pipelines.configs import InferConfig, WatchConfig
 from pipelines.dataset.chosen_frames import ALL_FRAMES, ChosenFrames
 from pipelines.errors import SymgraspError
-from pipelines.frames.camera_files import CameraFile
+from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.inference.earlier import refuse_others_work
 from pipelines.inference.following import Followed, Follower
 from pipelines.inference.run_settings import InferPaths, Settings, check_names
@@ -36,8 +36,7 @@ def run(
     *,
     watch: WatchConfig,
     notify: Callable[[Followed], None],
-    camera: CameraFile | None = None,
-    depth_units_per_metre: float | None = None,
+    stated: FrameOptions = NOTHING_STATED,
     seed: int = 0,
     device: str = "auto",
     timings: bool = False,
@@ -53,8 +52,7 @@ def run(
         options: whether to begin anew; the work is done in threads of this process.
         watch: how long to wait for what.
         notify: called with each frame that was worked on.
-        camera: intrinsics of all frames, instead of the files beside them.
-        depth_units_per_metre: unit of the depth files, instead of what the files say.
+        stated: camera and unit of all frames, instead of what the files beside them say.
         seed: of everything that is drawn at random.
         device: for the networks.
         timings: write the seconds a frame took.
@@ -71,7 +69,7 @@ def run(
     refuse_others_work(paths.output)
     _check_wishes(paths, options)
     settings = Settings(paths, config, seed, device, timings)
-    work = Work(settings, camera, depth_units_per_metre, choice)
+    work = Work(settings, stated, choice)
     signals = StopSignals()
     options = replace(side_by_side(options, 0, device), progress=False)  # a line a frame instead
     threads, thread = ThreadPoolExecutor(options.workers), ThreadPoolExecutor(1)

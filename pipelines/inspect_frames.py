@@ -17,10 +17,10 @@ import numpy as np
 
 from pipelines.configs import InspectConfig
 from pipelines.errors import SymgraspError
-from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.frames import find_frames
 from pipelines.frames.registration import oddities
 from pipelines.frames.rgbd import Frame, FrameSource
+from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.geometry.camera import Intrinsics
 from pipelines.runtime.batch import StageReport
 
@@ -60,22 +60,20 @@ def run(
     frames: Path,
     config: InspectConfig,
     *,
-    camera: CameraFile | None = None,
-    depth_units_per_metre: float | None = None,
+    stated: FrameOptions = NOTHING_STATED,
 ) -> Findings:
     """Read frames of `frames`, evenly spread where there are many, and say what they are.
 
     Args:
         frames: a folder, or one file of a frame.
         config: how many frames are read.
-        camera: intrinsics of all frames, instead of the files beside them.
-        depth_units_per_metre: unit of the depth files, instead of what the files say.
+        stated: camera and unit of all frames, instead of what the files beside them say.
 
     Raises:
         SymgraspError: no frames.
     """
     started, report = time.monotonic(), StageReport(STAGE)
-    sources = find_frames(frames, intrinsics=camera, depth_units_per_metre=depth_units_per_metre)
+    sources = find_frames(frames, stated)
     groups: dict[object, list[FrameFacts]] = {}
     for source in _spread(sources, config.max_frames):
         try:

@@ -18,9 +18,9 @@ import numpy as np
 from pipelines.array_types import Mask
 from pipelines.configs import InferConfig, LimitsConfig, WorkspaceConfig
 from pipelines.errors import SymgraspError
-from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.frames import find_frames
 from pipelines.frames.rgbd import Frame, FrameSource
+from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.grasping.feasibility.limits import check_limits
 from pipelines.grasping.feasibility.workspace_box import WorkspaceBox, suggested_box
 from pipelines.inference.observation import Observation, observe
@@ -64,8 +64,7 @@ def run(
     output: Path,
     config: WorkspaceConfig,
     *,
-    camera: CameraFile | None = None,
-    depth_units_per_metre: float | None = None,
+    stated: FrameOptions = NOTHING_STATED,
     overwrite: bool = False,
 ) -> Workspaces:
     """Draw workspaces of `frames` into the folder `output`.
@@ -74,8 +73,7 @@ def run(
         frames: a folder, or one file of a frame.
         output: the folder to write.
         config: how many frames, the margin, or a box to draw instead of the suggested one.
-        camera: intrinsics of all frames, instead of the files beside them.
-        depth_units_per_metre: unit of the depth files, instead of what the files say.
+        stated: camera and unit of all frames, instead of what the files beside them say.
         overwrite: replace an output that was made otherwise.
 
     Raises:
@@ -83,7 +81,7 @@ def run(
     """
     started, found = time.monotonic(), Workspaces()
     check_limits(LimitsConfig(box=config.box, box_frame=config.box_frame))
-    sources = find_frames(frames, intrinsics=camera, depth_units_per_metre=depth_units_per_metre)
+    sources = find_frames(frames, stated)
     sources = sources[: config.max_frames]
     inputs = {f"{s.name} {path.name}": digest(path) for s in sources for path in s.files}
     stamp = make_stamp(STAGE, config, inputs=inputs)

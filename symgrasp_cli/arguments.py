@@ -10,6 +10,7 @@ from symgrasp_cli.options import (
     AxisCriticWeights,
     Backend,
     Compile,
+    DepthUnitsPerMetre,
     DetectorWeights,
     Device,
     DryRun,
@@ -29,7 +30,7 @@ from symgrasp_cli.options import (
 from symgrasp_cli.report import manner
 
 if TYPE_CHECKING:
-    from pipelines.frames.camera_files import CameraFile
+    from pipelines.frames.rgbd_folder import FrameOptions
     from pipelines.learning.loop.runs import RunRequest
     from pipelines.runtime.batch import BatchOptions
 
@@ -166,14 +167,18 @@ def run_with_loaders(request: DeviceRun, loaders: Loaders = 0) -> "RunRequest":
 LoadedRun = Annotated["RunRequest", MadeOf(run_with_loaders)]
 
 
-def given_camera(intrinsics: IntrinsicsText = None) -> "CameraFile | None":
-    """Return the camera of all frames that the user names; None for those beside the frames."""
+def frame_options(
+    intrinsics: IntrinsicsText = None, depth_units_per_metre: DepthUnitsPerMetre = None
+) -> "FrameOptions":
+    """Return what the user states of all frames, instead of the files beside them."""
     from pipelines.frames.camera_files import parse_camera
+    from pipelines.frames.rgbd_folder import FrameOptions
 
-    return None if intrinsics is None else parse_camera(intrinsics)
+    camera = None if intrinsics is None else parse_camera(intrinsics)
+    return FrameOptions(camera, depth_units_per_metre)
 
 
-GivenCamera = Annotated["CameraFile | None", MadeOf(given_camera)]
+Stated = Annotated["FrameOptions", MadeOf(frame_options)]
 
 
 def models_for_symmetries(

@@ -6,8 +6,8 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import ConvertFramesConfig
-from symgrasp_cli.arguments import GivenCamera
-from symgrasp_cli.options import DepthUnitsPerMetre, FrameFolder, Overwrite
+from symgrasp_cli.arguments import Stated
+from symgrasp_cli.options import FrameFolder, Overwrite
 from symgrasp_cli.report import conclude
 from symgrasp_cli.settings import named_as, with_settings
 
@@ -18,19 +18,11 @@ def convert_frames(
     frames: FrameFolder,
     *,
     out: Annotated[Path, typer.Option(help="Folder to write.")],
-    camera: GivenCamera,
-    depth_units_per_metre: DepthUnitsPerMetre = None,
+    stated: Stated,
     overwrite: Overwrite = False,
 ) -> None:
     """Write RGB-D frames of any layout as colour and depth images with camera files."""
     from pipelines import convert_frames as stage
 
-    report = stage.run(
-        frames,
-        out,
-        config,
-        camera=camera,
-        depth_units_per_metre=depth_units_per_metre,
-        overwrite=overwrite,
-    )
+    report = stage.run(frames, out, config, stated=stated, overwrite=overwrite)
     conclude(report, out, then=("infer", out))

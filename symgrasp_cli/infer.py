@@ -14,11 +14,10 @@ from pipelines.configs import InferConfig, LimitsConfig
 from pipelines.configs.settings import changed
 from pipelines.configs.stages import InferSettings, part
 from pipelines.errors import printable
-from symgrasp_cli.arguments import Batch, GivenCamera, MadeOf, SymmetryModels
+from symgrasp_cli.arguments import Batch, MadeOf, Stated, SymmetryModels
 from symgrasp_cli.options import (
     CameraName,
     DatasetSplit,
-    DepthUnitsPerMetre,
     Device,
     FrameFolder,
     GraspCriticWeights,
@@ -114,8 +113,7 @@ def infer(
         ),
     ] = None,
     choice: InferChoice,
-    camera: GivenCamera,
-    depth_units_per_metre: DepthUnitsPerMetre = None,
+    stated: Stated,
     weights: InferWeights,
     timings: Annotated[
         bool,
@@ -146,8 +144,7 @@ def infer(
         paths,
         part(InferConfig, config),
         options,
-        camera=camera,
-        depth_units_per_metre=depth_units_per_metre,
+        stated=stated,
         seed=seed,
         device=device,
         timings=timings,

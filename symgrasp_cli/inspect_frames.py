@@ -4,8 +4,8 @@ import typer
 
 from pipelines.configs import InspectConfig
 from pipelines.errors import printable
-from symgrasp_cli.arguments import GivenCamera
-from symgrasp_cli.options import DepthUnitsPerMetre, FrameFolder
+from symgrasp_cli.arguments import Stated
+from symgrasp_cli.options import FrameFolder
 from symgrasp_cli.report import conclude, manner
 from symgrasp_cli.settings import named_as, with_settings
 
@@ -15,13 +15,12 @@ def inspect(
     config: InspectConfig,
     frames: FrameFolder,
     *,
-    camera: GivenCamera,
-    depth_units_per_metre: DepthUnitsPerMetre = None,
+    stated: Stated,
 ) -> None:
     """Say what would be read of RGB-D frames, and what is odd about them."""
     from pipelines import inspect_frames as stage
 
-    findings = stage.run(frames, config, camera=camera, depth_units_per_metre=depth_units_per_metre)
+    findings = stage.run(frames, config, stated=stated)
     lines = list(stage.findings_lines(findings))
     if not manner().as_json:
         for line in lines:

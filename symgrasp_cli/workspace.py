@@ -6,8 +6,8 @@ from typing import Annotated
 import typer
 
 from pipelines.configs import WorkspaceConfig
-from symgrasp_cli.arguments import GivenCamera
-from symgrasp_cli.options import DepthUnitsPerMetre, FrameFolder, Overwrite
+from symgrasp_cli.arguments import Stated
+from symgrasp_cli.options import FrameFolder, Overwrite
 from symgrasp_cli.report import conclude, manner
 from symgrasp_cli.settings import named_as, with_settings
 
@@ -23,21 +23,13 @@ def workspace(
     out: Annotated[Path, typer.Option(help="Folder of pictures and masks to write.")] = (
         Path("workspace")
     ),
-    camera: GivenCamera,
-    depth_units_per_metre: DepthUnitsPerMetre = None,
+    stated: Stated,
     overwrite: Overwrite = False,
 ) -> None:
     """Draw the table's frame and a workspace into frames, and print its options for infer."""
     from pipelines import workspace as stage
 
-    found = stage.run(
-        frames,
-        out,
-        config,
-        camera=camera,
-        depth_units_per_metre=depth_units_per_metre,
-        overwrite=overwrite,
-    )
+    found = stage.run(frames, out, config, stated=stated, overwrite=overwrite)
     options = found.options()
     if options is not None and not manner().as_json:
         typer.echo(options)

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipelines.errors import SymgraspError
-from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.layouts.registry import frames_in, pickled_in
 from pipelines.frames.rgbd import FrameSource
-from pipelines.frames.rgbd_folder import FrameOptions
+from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.frames.unread_files import why_no_frames
-from pipelines.geometry.camera import Intrinsics
 from pipelines.storage.files import real_path
 from pipelines.storage.unfinished import refuse_unfinished
 
@@ -34,12 +32,10 @@ class _Wanted:
 
 def find_frames(
     folder: Path,
+    stated: FrameOptions = NOTHING_STATED,
     *,
-    intrinsics: CameraFile | Intrinsics | None = None,
-    depth_units_per_metre: float | None = None,
     camera: str | None = None,
     scenes: Container[int] | None = None,
-    trust_pickles: bool = False,
     may_be_empty: bool = False,
 ) -> list[FrameSource]:
     """List the RGB-D frames of `folder`, sorted by folder and name.
@@ -50,26 +46,22 @@ def find_frames(
 
     Args:
         folder: where to look, or one file of a frame (an image, `.npz`, `.pcd`).
-        intrinsics: the camera of all frames, instead of the files beside the images;
-            `camera_files.parse_camera` makes one of `--intrinsics`.
-        depth_units_per_metre: unit of the depth files, instead of what the camera files say.
+        stated: camera and unit of all frames, instead of what the files beside the images say;
+            whether to take the arrays out of pickles too, with `plain_pickle`.
         camera: of GraspNet scenes only this camera, `kinect` or `realsense`; all if None.
         scenes: of GraspNet roots only the scenes of these numbers; all if None.
-        trust_pickles: take the arrays out of pickles too, with `plain_pickle`.
         may_be_empty: a folder without frames is an empty list, no error.
 
     Raises:
         SymgraspError: no such folder, no frames in it, or a dataset that is unfinished.
     """
-    stated = CameraFile.of(intrinsics) if isinstance(intrinsics, Intrinsics) else intrinsics
-    options = FrameOptions(stated, depth_units_per_metre, trust_pickles)
     if not folder.is_dir():
-        sources = [found for found in _beside(folder, options) if folder in found.files]
+        sources = [found for found in _beside(folder, stated) if folder in found.files]
         if not sources:
             raise SymgraspError(f"{folder} is not a folder; give the folder that holds the frames")
         return sources
     refuse_unfinished(folder)
-    sources = _search(folder, "", options, _Wanted(camera, scenes))
+    sources = _search(folder, "", stated, _Wanted(camera, scenes))
     if not sources and not may_be_empty:
         raise SymgraspError(why_no_frames(folder))
     return sources

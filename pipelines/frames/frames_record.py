@@ -12,6 +12,7 @@ from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.frames import find_frames
 from pipelines.frames.lens import Distortion
 from pipelines.frames.rgbd import FrameSource
+from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.storage.files import real_path
 
 
@@ -20,8 +21,7 @@ class FramesRecord:
     """A folder of frames, and what was said of them in place of the files beside them."""
 
     folder: Path
-    camera: CameraFile | None = None
-    depth_units_per_metre: float | None = None
+    stated: FrameOptions = NOTHING_STATED
 
     def beside(self, output: Path) -> dict[str, Any]:
         """Return it as a JSON object; the folder relative to that of `output`, if it can be.
@@ -32,10 +32,11 @@ class FramesRecord:
             folder = os.path.relpath(real_path(self.folder), real_path(output).parent)
         except ValueError:  # on another drive
             folder = str(real_path(self.folder))
+        camera, units = self.stated.camera, self.stated.depth_units_per_metre
         return {
             "frames": Path(folder).as_posix(),
-            "camera": None if self.camera is None else asdict(self.camera),
-            "depth_units_per_metre": self.depth_units_per_metre,
+            "camera": None if camera is None else asdict(camera),
+            "depth_units_per_metre": units,
         }
 
     @classmethod
@@ -56,11 +57,9 @@ class FramesRecord:
             stamp = json_object(grasps, attrs.get("provenance", "{}"), "provenance")
             stored = dict(stamp.get("recorded", {}))
             camera = stored.get("camera")
-            record = cls(
-                real_path(grasps).parent / stored.get("frames", "."),
-                None if camera is None else _camera(camera),
-                stored.get("depth_units_per_metre"),
-            )
+            camera = None if camera is None else _camera(camera)
+            stated = FrameOptions(camera, stored.get("depth_units_per_metre"))
+            record = cls(real_path(grasps).parent / stored.get("frames", "."), stated)
         if folder is not None:
             return replace(record, folder=folder)
         if "frames" not in stored:
@@ -72,10 +71,7 @@ class FramesRecord:
 
     def sources(self) -> dict[str, FrameSource]:
         """Return the frames by name; errors as `find_frames`."""
-        found = find_frames(
-            self.folder, intrinsics=self.camera, depth_units_per_metre=self.depth_units_per_metre
-        )
-        return {source.name: source for source in found}
+        return {source.name: source for source in find_frames(self.folder, self.stated)}
 
 
 def _camera(stored: Mapping[str, Any]) -> CameraFile:

@@ -44,6 +44,9 @@ class FrameOptions:
         return DepthUnits((self.camera and self.camera.units_per_metre) or written or usual)
 
 
+NOTHING_STATED = FrameOptions()
+
+
 @dataclass(frozen=True)
 class ImagePair:
     """The colour and depth files of one frame; one of them may be missing."""

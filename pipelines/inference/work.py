@@ -14,13 +14,13 @@ import numpy as np
 
 from pipelines.dataset.chosen_frames import ALL_FRAMES, ChosenFrames
 from pipelines.errors import ValueRangeError, WriteError
-from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.frame_inputs import FrameInputs
 from pipelines.frames.frames import find_frames
 from pipelines.frames.frames_record import FramesRecord
 from pipelines.frames.masks import read_masks
 from pipelines.frames.registration import oddities
 from pipelines.frames.rgbd import FrameSource
+from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.frames.workspace_files import read_workspace_mask
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_stream import merge_shards
@@ -40,14 +40,12 @@ class Work:
 
     Attributes:
         settings: of every frame.
-        camera: intrinsics of all frames, instead of the files beside them.
-        depth_units_per_metre: unit of the depth files, instead of what the files say.
+        stated: camera and unit of all frames, instead of what the files beside them say.
         choice: which frames of the folder.
     """
 
     settings: Settings
-    camera: CameraFile | None = None
-    depth_units_per_metre: float | None = None
+    stated: FrameOptions = NOTHING_STATED
     choice: ChosenFrames = ALL_FRAMES
 
     @property
@@ -63,7 +61,8 @@ class Work:
     @cached_property
     def common(self) -> Mapping[str, str]:
         """Digests of all inputs that the frames share."""
-        stated = f"{self.camera} {self.depth_units_per_metre} {self.settings.timings}"
+        camera, units = self.stated.camera, self.stated.depth_units_per_metre
+        stated = f"{camera} {units} {self.settings.timings}"
         others = self.settings.other_inputs()
         return {**self.weights, **others, "overrides": digest_text(stated)}
 
@@ -71,8 +70,7 @@ class Work:
         """List the frames that are there; see `find_frames`."""
         found = find_frames(
             self.settings.paths.frames,
-            intrinsics=self.camera,
-            depth_units_per_metre=self.depth_units_per_metre,
+            self.stated,
             camera=self.choice.camera,
             scenes=self.choice.scenes,
             may_be_empty=may_be_empty,
@@ -100,9 +98,7 @@ class Work:
         with ThreadPoolExecutor() as threads:  # digests leave Python's lock
             list(threads.map(dict, unknown))
         frames = digest_text("\n".join(f"{item.name} {item.stamp.as_digest()}" for item in items))
-        record = FramesRecord(
-            self.settings.paths.frames, self.camera, self.depth_units_per_metre
-        ).beside(self.output)
+        record = FramesRecord(self.settings.paths.frames, self.stated).beside(self.output)
         return replace(self.stamp({**self.common, "frames": frames}), recorded=record)
 
     def put_together(

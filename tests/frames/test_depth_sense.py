@@ -10,6 +10,7 @@ from pipelines.frames.camera_files import parse_camera
 from pipelines.frames.depth_sense import LOOKS_INVERSE, SWAPPED, depth_oddities
 from pipelines.frames.frames import find_frames
 from pipelines.frames.rgbd import DepthUnits, read_depth
+from pipelines.frames.rgbd_folder import FrameOptions
 from pipelines.geometry.camera import Intrinsics
 from pipelines.storage.images import write_image
 
@@ -89,6 +90,6 @@ def test_the_shared_cases_are_said() -> None:
     assert depth_oddities(frame.depth, frame.intrinsics.fx) == [LOOKS_INVERSE]
     camera = parse_camera("540,540,480,270")
     with pytest.raises(FormatError, match=r"66% of the pixels are 65535.*saturated"):
-        find_frames(CASES / "mask_as_depth", intrinsics=camera)[0].read()
+        find_frames(CASES / "mask_as_depth", FrameOptions(camera))[0].read()
     depth = find_frames(CASES / "lens_distortion")[0].read().depth
     assert depth_oddities(depth, 463.6) == []

@@ -17,6 +17,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.frames import find_frames
+from pipelines.frames.rgbd_folder import FrameOptions
 from pipelines.geometry.camera import Intrinsics
 
 WIDTH, HEIGHT = 64, 48
@@ -42,8 +43,8 @@ PAIRS = [
 ]
 
 
-def only_error(folder: Path, **options: object) -> str:
-    sources = find_frames(folder, **options)
+def only_error(folder: Path, *stated: FrameOptions) -> str:
+    sources = find_frames(folder, *stated)
     assert len(sources) == 1
     with pytest.raises(SymgraspError) as caught:
         sources[0].read()
@@ -209,7 +210,7 @@ def test_a_frame_without_intrinsics_asks_for_them(tmp_path: Path, save: Save) ->
 
 def test_stated_intrinsics_and_units_win_over_files(flat: Path) -> None:
     camera = Intrinsics(70.0, 70.0, 32.0, 24.0, WIDTH, HEIGHT)
-    frame = find_frames(flat, intrinsics=camera, depth_units_per_metre=2000.0)[0].read()
+    frame = find_frames(flat, FrameOptions(CameraFile.of(camera), 2000.0))[0].read()
     assert frame.intrinsics == camera
     assert_allclose(frame.depth[0, 2], 0.35)
 
@@ -217,15 +218,15 @@ def test_stated_intrinsics_and_units_win_over_files(flat: Path) -> None:
 @pytest.mark.parametrize("units", [0.0, -1000.0, float("nan"), float("inf")])
 def test_units_that_are_none_are_refused(flat: Path, units: float) -> None:
     with pytest.raises(SymgraspError, match="--depth-units-per-metre is"):
-        find_frames(flat, depth_units_per_metre=units)
+        find_frames(flat, FrameOptions(None, units))
 
 
 def test_intrinsics_of_another_size_are_refused(tmp_path: Path, save: Save) -> None:
     save(tmp_path / "x_color.png", tmp_path / "x_depth.png", None)
     other = Intrinsics(120.0, 120.0, 64.0, 48.0, 128, 96)
-    assert "128x96" in only_error(tmp_path, intrinsics=other)
+    assert "128x96" in only_error(tmp_path, FrameOptions(CameraFile.of(other)))
     unsized = CameraFile(120.0, 120.0, 64.0, 48.0)
-    assert "principal point" in only_error(tmp_path, intrinsics=unsized)
+    assert "principal point" in only_error(tmp_path, FrameOptions(unsized))
 
 
 def test_a_missing_partner_fails_its_frame_alone(flat: Path) -> None:
@@ -282,8 +283,8 @@ def test_close_views_that_another_unit_makes_likelier_have_to_be_stated(flat: Pa
     cv2.imwrite(str(flat / "a_depth.png"), np.full((HEIGHT, WIDTH), 1000, np.uint16))
     in_file = CameraFile(60.0, 61.0, 31.5, 23.5, units_per_metre=10000.0)
     with pytest.raises(FormatError, match="1 m under 1000"):
-        find_frames(flat, intrinsics=in_file)[0].read()
-    frame = find_frames(flat, intrinsics=in_file, depth_units_per_metre=10000.0)[0].read()
+        find_frames(flat, FrameOptions(in_file))[0].read()
+    frame = find_frames(flat, FrameOptions(in_file, 10000.0))[0].read()
     assert_allclose(frame.depth, 0.1)
 
 

@@ -8,6 +8,7 @@ import pytest
 from pipelines.errors import FormatError
 from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.frames_record import FramesRecord
+from pipelines.frames.rgbd_folder import FrameOptions
 from pipelines.storage.provenance import Stamp, make_stamp
 
 
@@ -20,24 +21,24 @@ def test_a_record_comes_back_also_when_file_and_frames_move_together(tmp_path: P
     camera = CameraFile(500.0, 501.0, 319.5, 239.5)
     grasps = tmp_path / "old/out/grasps.h5"
     (tmp_path / "old/frames").mkdir(parents=True)
-    attrs = attributes(FramesRecord(tmp_path / "old/frames", camera, 5000.0), grasps)
+    attrs = attributes(FramesRecord(tmp_path / "old/frames", FrameOptions(camera, 5000.0)), grasps)
     assert str(tmp_path) not in attrs["provenance"]
     (tmp_path / "old").rename(tmp_path / "new")
     (tmp_path / "new/out").mkdir()
     back = FramesRecord.of(tmp_path / "new/out/grasps.h5", attrs)
     assert back.folder.resolve() == (tmp_path / "new/frames").resolve()
-    assert (back.camera, back.depth_units_per_metre) == (camera, 5000.0)
+    assert back.stated == FrameOptions(camera, 5000.0)
 
 
 def test_frames_that_are_gone_or_unknown_are_a_sentence_unless_given(tmp_path: Path) -> None:
     grasps = tmp_path / "grasps.h5"
-    attrs = attributes(FramesRecord(tmp_path / "frames", None, 10.0), grasps)
+    attrs = attributes(FramesRecord(tmp_path / "frames", FrameOptions(None, 10.0)), grasps)
     with pytest.raises(FormatError, match="give --frames"):
         FramesRecord.of(grasps, attrs)
     with pytest.raises(FormatError, match="does not say"):
         FramesRecord.of(grasps, {"provenance": make_stamp("infer", {}).as_text()})
     given = FramesRecord.of(grasps, attrs, tmp_path / "elsewhere")
-    assert given == FramesRecord(tmp_path / "elsewhere", None, 10.0)
+    assert given == FramesRecord(tmp_path / "elsewhere", FrameOptions(None, 10.0))
 
 
 @pytest.mark.parametrize("record", [{"frames": ".", "camera": {"fx": 1}}, [1], {"frames": 7}])

@@ -14,6 +14,7 @@ from pipelines.configs import ConvertFramesConfig
 from pipelines.errors import StaleOutputError, SymgraspError
 from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.frames import find_frames
+from pipelines.frames.rgbd_folder import FrameOptions
 from symgrasp_cli.app import app
 from tests.frames.layouts import build
 
@@ -25,9 +26,9 @@ METRES = build.depth(0).astype(np.float32) / 1000
 def test_every_layout_is_the_same_after_conversion(tmp_path: Path, key: str) -> None:
     (tmp_path / "in").mkdir()
     build.LAYOUTS[key][1](tmp_path / "in")
-    camera = CameraFile(*build.FOUR) if key == "tum" else None
-    report = convert_frames.run(tmp_path / "in", tmp_path / "out", CONFIG, camera=camera)
-    before = [source.read() for source in find_frames(tmp_path / "in", intrinsics=camera)]
+    stated = FrameOptions(CameraFile(*build.FOUR) if key == "tum" else None)
+    report = convert_frames.run(tmp_path / "in", tmp_path / "out", CONFIG, stated=stated)
+    before = [source.read() for source in find_frames(tmp_path / "in", stated)]
     after = [source.read() for source in find_frames(tmp_path / "out")]
     assert [frame.name for frame in after] == [frame.name for frame in before] == report.done
     for one, other in zip(before, after, strict=True):
@@ -76,7 +77,7 @@ def test_a_second_run_skips_and_other_settings_are_refused(pickled: Path, tmp_pa
     convert_frames.run(pickled, tmp_path / "out", TRUSTING)
     assert convert_frames.run(pickled, tmp_path / "out", TRUSTING).skipped == ["mug"]
     with pytest.raises(StaleOutputError):
-        convert_frames.run(pickled, tmp_path / "out", TRUSTING, depth_units_per_metre=0.9)
+        convert_frames.run(pickled, tmp_path / "out", TRUSTING, stated=FrameOptions(None, 0.9))
     (tmp_path / "mine").mkdir()
     with pytest.raises(SymgraspError, match="no conversion of ours"):
         convert_frames.run(pickled, tmp_path / "mine", TRUSTING, overwrite=True)

@@ -317,11 +317,11 @@ def test_a_dry_run_draws_nothing(frames, tmp_path):
 def test_a_picture_that_cannot_be_drawn_is_named_and_the_grasps_stay(frames, tmp_path, monkeypatch):
     run(frames, tmp_path / "g.h5")
 
-    def away(folder, **options):
+    def away(folder, *stated, **options):
         def read():
             raise SymgraspError("the images are away")
 
-        sources = find_frames(folder, **options)
+        sources = find_frames(folder, *stated, **options)
         return [dataclasses.replace(sources[0], read=read), *sources[1:]]
 
     monkeypatch.setattr(work, "find_frames", away)

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from pipelines.errors import SymgraspError
 from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.frames import find_frames
+from pipelines.frames.rgbd_folder import FrameOptions
 from tests.frames.layouts import build
 
 CAMERA = CameraFile(*build.FOUR)
@@ -57,8 +58,9 @@ ODD_VALUES: list[Any] = [None, True, -1, 0, 1e308, "x", "", [], {}, [[]], {"data
 
 def read_everything(folder: Path) -> None:
     """Find and read; what cannot be read must say so in a sentence."""
+    stated = FrameOptions(CAMERA if (folder / "rgb.txt").exists() else None)
     try:
-        sources = find_frames(folder, intrinsics=CAMERA if (folder / "rgb.txt").exists() else None)
+        sources = find_frames(folder, stated)
     except SymgraspError:
         return
     for source in sources:
@@ -130,7 +132,7 @@ def test_the_undamaged_are_read(bytes_file: Path) -> None:
     folder = bytes_file.parent
     folder = folder.parent if folder.name in ("depth", "rgb") else folder
     camera = CAMERA if bytes_file.name == "rgb.txt" else None
-    for source in find_frames(folder, intrinsics=camera):
+    for source in find_frames(folder, FrameOptions(camera)):
         source.read()
 
 

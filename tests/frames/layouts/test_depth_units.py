@@ -25,27 +25,27 @@ def test_the_unit_in_the_stated_cameras_file_counts_in_every_layout(
     tmp_path: Path, key: str
 ) -> None:
     build.LAYOUTS[key][1](tmp_path)
-    frame = find_frames(tmp_path, intrinsics=IN_FILE)[0].read()
+    frame = find_frames(tmp_path, FrameOptions(IN_FILE))[0].read()
     if key in OF_FLOATS:  # floats are metres, whatever the unit of whole numbers
         assert frame.units_per_metre == 1.0
         return
     assert frame.units_per_metre == UNITS
     camera = CameraFile(*build.FOUR)
-    stated = find_frames(tmp_path, intrinsics=camera, depth_units_per_metre=UNITS)[0].read()
+    stated = find_frames(tmp_path, FrameOptions(camera, UNITS))[0].read()
     assert_array_equal(frame.depth, stated.depth)
 
 
 def test_whole_numbers_in_arrays_have_that_unit(tmp_path: Path) -> None:
     np.savez(tmp_path / "x.npz", depth=build.depth(0), K=build.K, rgb=build.color(0))
     assert find_frames(tmp_path)[0].read().units_per_metre == 1000.0
-    frame = find_frames(tmp_path, intrinsics=IN_FILE)[0].read()
+    frame = find_frames(tmp_path, FrameOptions(IN_FILE))[0].read()
     assert_array_equal(frame.depth, build.depth(0) / np.float32(UNITS))
 
 
 def test_so_do_images_of_a_scan_that_has_both_cameras(tmp_path: Path) -> None:
     build.scannet(tmp_path)
     shutil.copy(tmp_path / DEPTH_CAMERA, tmp_path / COLOR_CAMERA)
-    assert find_frames(tmp_path, intrinsics=IN_FILE)[0].read().units_per_metre == UNITS
+    assert find_frames(tmp_path, FrameOptions(IN_FILE))[0].read().units_per_metre == UNITS
 
 
 def test_so_do_images_in_bags(tmp_path: Path) -> None:
@@ -53,7 +53,7 @@ def test_so_do_images_in_bags(tmp_path: Path) -> None:
     from tests.frames.layouts.test_rosbag import write_bag
 
     write_bag(tmp_path / "a")
-    assert find_frames(tmp_path, intrinsics=IN_FILE)[0].read().units_per_metre == UNITS
+    assert find_frames(tmp_path, FrameOptions(IN_FILE))[0].read().units_per_metre == UNITS
 
 
 def test_a_file_given_as_the_option_says_its_unit(tmp_path: Path) -> None:
@@ -61,7 +61,7 @@ def test_a_file_given_as_the_option_says_its_unit(tmp_path: Path) -> None:
     names = dict(zip(("fx", "fy", "cx", "cy"), build.FOUR, strict=True))
     (tmp_path / "l515.json").write_text(json.dumps(names | {"depth_scale": UNITS}))
     camera = parse_camera(str(tmp_path / "l515.json"))
-    assert find_frames(tmp_path, intrinsics=camera)[0].read().units_per_metre == UNITS
+    assert find_frames(tmp_path, FrameOptions(camera))[0].read().units_per_metre == UNITS
 
 
 @pytest.mark.parametrize(

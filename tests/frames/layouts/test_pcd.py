@@ -8,8 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipelines.errors import FormatError
+from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.frames import find_frames
 from pipelines.frames.layouts.pcd import fit_camera
+from pipelines.frames.rgbd_folder import FrameOptions
 from pipelines.geometry.camera import Intrinsics
 from tests.frames.layouts import build
 
@@ -72,4 +74,4 @@ def test_without_colour_grey_is_taken_and_said(tmp_path: Path) -> None:
 def test_stated_intrinsics_win(tmp_path: Path) -> None:
     write(tmp_path / "x.pcd", build.cloud(0))
     camera = Intrinsics(70.0, 70.0, 24.0, 18.0, 48, 36)
-    assert find_frames(tmp_path, intrinsics=camera)[0].read().intrinsics == camera
+    assert find_frames(tmp_path, FrameOptions(CameraFile.of(camera)))[0].read().intrinsics == camera

@@ -13,6 +13,7 @@ from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.frames import find_frames
 from pipelines.frames.layouts.registry import LAST_RESORT, LAYOUTS
 from pipelines.frames.rgbd import Frame
+from pipelines.frames.rgbd_folder import FrameOptions
 from tests.frames.layouts import build
 
 CAMERA = CameraFile(*build.FOUR)
@@ -25,7 +26,7 @@ JPEGS = {"open3d_realsense", "scannet"}
 def test_each_layout_is_recognised_and_read(tmp_path: Path, key: str) -> None:
     name, write = build.LAYOUTS[key]
     write(tmp_path)
-    sources = find_frames(tmp_path, intrinsics=CAMERA if key == "tum" else None)
+    sources = find_frames(tmp_path, FrameOptions(CAMERA if key == "tum" else None))
     assert {source.layout for source in sources} == {name}
     for i, source in enumerate(sources):
         frame, index = source.read(), 0 if key == "pcd" else i
@@ -116,7 +117,7 @@ def test_real_frames_are_the_same_in_every_layout(
 ) -> None:
     expected = flat_frames(shared)
     camera = CameraFile.of(expected[0].intrinsics) if layout == "tum" else None
-    frames = [source.read() for source in find_frames(laid_out / layout, intrinsics=camera)]
+    frames = [source.read() for source in find_frames(laid_out / layout, FrameOptions(camera))]
     assert len(frames) == (1 if layout == "graspnet_demo" else 2)
     for frame, flat in zip(frames, expected, strict=False):
         seen = flat.depth < 65534 / 5000 if layout == "tum" else np.full(flat.depth.shape, True)

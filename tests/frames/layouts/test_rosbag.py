@@ -15,6 +15,7 @@ from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.encodings.ros_bags import CAMERA, COMPRESSED, IMAGE, open_bag
 from pipelines.frames.frames import find_frames
+from pipelines.frames.rgbd_folder import FrameOptions
 from tests.frames.layouts import build
 from tests.frames.layouts.test_damaged import MUTATIONS, mutations, read_everything
 
@@ -151,7 +152,7 @@ def test_without_a_camera_it_is_asked_for(tmp_path: Path) -> None:
     write_bag(tmp_path / "a", topics={key: TOPICS[key] for key in ("color", "depth")})
     with pytest.raises(FormatError, match="--intrinsics"):
         find_frames(tmp_path)[0].read()
-    frame = find_frames(tmp_path, intrinsics=CameraFile(*build.FOUR))[0].read()
+    frame = find_frames(tmp_path, FrameOptions(CameraFile(*build.FOUR)))[0].read()
     assert frame.intrinsics.fx == build.FOUR[0]
 
 

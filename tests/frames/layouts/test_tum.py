@@ -8,6 +8,7 @@ from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.frames import find_frames
 from pipelines.frames.layouts.tum import associate
+from pipelines.frames.rgbd_folder import FrameOptions
 from tests.frames.layouts import build
 
 CAMERA = CameraFile(*build.FOUR)
@@ -34,7 +35,7 @@ def test_an_association_file_wins_in_either_order(tmp_path: Path) -> None:
     colors, depths = (sorted((tmp_path / name).iterdir()) for name in ("rgb", "depth"))
     lines = [f"1.0 depth/{depths[1].name} 1.0 rgb/{colors[0].name}"]
     (tmp_path / "associations.txt").write_text("\n".join(lines))
-    (source,) = find_frames(tmp_path, intrinsics=CAMERA)
+    (source,) = find_frames(tmp_path, FrameOptions(CAMERA))
     assert source.files == (colors[0], depths[1])
 
 

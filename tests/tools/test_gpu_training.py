@@ -1,5 +1,6 @@
 """Objects that travel to a GPU keep their labels; regions there are those of `symgrasp train`."""
 
+import argparse
 from dataclasses import replace
 
 import cv2
@@ -226,8 +227,9 @@ def test_rows_of_one_seed_learn_from_the_same_regions_each_by_itself(
     ring.add([np.asarray(each, np.float32)[None] for each in rendering._rows(region)])
     monkeypatch.setattr(ring, "take_in", lambda renderers, scenes: None)
     settings = ["batch_size=2", "network.num_points=300", "num_loss_points=40"]
+    options = argparse.Namespace(out=tmp_path, graph=False)
     rows = [
-        train_together.TrainedRow.of(name, seed, config, ring, as_graph=False)
+        train_together.TrainedRow.of(name, seed, config, ring, options)
         for name, own in (("full", []), ("no_pift", ["network.use_pift=false"]))
         for config in [train.train_config("paper", settings + own)]
         for seed in (0, 1)
@@ -247,3 +249,7 @@ def test_rows_of_one_seed_learn_from_the_same_regions_each_by_itself(
     assert full[1].use_pift
     assert not no_pift[1].use_pift
     assert not torch.equal(full[0][WEIGHT], other[0][WEIGHT])
+    resumed = train_together.TrainedRow.of("full", 0, rows[0].config, ring, options)
+    assert resumed.earlier == 2
+    assert torch.equal(resumed.step.averaged_weights()[WEIGHT], full[0][WEIGHT])
+    assert not torch.equal(resumed.step.sample.regions.points, points[0])

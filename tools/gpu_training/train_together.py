@@ -1,7 +1,8 @@
 """Train several networks on one GPU at a time, in one process: the rows and seeds of Table IV.
 
 A step of a network is thousands of short kernels that leave most of a GPU idle, so the steps of
-different networks run at the same time, each in a stream of its own.
+different networks run at the same time, each in a stream of its own. A row whose weights lie in the
+output folder goes on from them.
 """
 
 import argparse
@@ -19,7 +20,7 @@ from pipelines.configs.presets import PRESETS
 from pipelines.learning.grasp_network.grasp_training import Sample
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.weights_files import weights_metadata
-from pipelines.storage.checkpoints import save_weights
+from pipelines.storage.checkpoints import load_weights, save_weights
 from tools.gpu_training.rendering import RegionRing, Renderers
 from tools.gpu_training.schedule import LOG_SECONDS, Schedule
 from tools.gpu_training.train import (
@@ -30,6 +31,7 @@ from tools.gpu_training.train import (
     train_config,
 )
 
+SEEDS_APART = 1000  # a run that goes on draws other regions
 DROPS = 20  # of the learning rate, by a tenth each (Sec. III-G)
 
 
@@ -43,6 +45,7 @@ class TrainedRow:
         config: of its training.
         step: its network and how it learns.
         stream: that it runs in; None on the CPU.
+        earlier: steps that an earlier run made.
     """
 
     name: str
@@ -50,19 +53,30 @@ class TrainedRow:
     config: TrainConfig
     step: GraphStep
     stream: torch.cuda.Stream | None
+    earlier: int
 
     @classmethod
     def of(
-        cls, name: str, seed: int, config: TrainConfig, ring: RegionRing, *, as_graph: bool
+        cls,
+        name: str,
+        seed: int,
+        config: TrainConfig,
+        ring: RegionRing,
+        options: argparse.Namespace,
     ) -> "TrainedRow":
-        """Return a row that has learned nothing yet."""
-        torch.manual_seed(seed)
+        """Return a row that has learned nothing yet, or what its weights hold."""
+        path = weights_path(options.out, name, seed)
+        weights, metadata = load_weights(path) if path.exists() else ({}, {})
+        earlier = int(metadata.get("steps", 0))
+        torch.manual_seed(seed + SEEDS_APART * earlier)
         first = drawn_sample(ring, config.batch_size, config)
         device = first.query.device
         module = SymmetryGraspNet(config.network).to(device).train()
-        step = GraphStep(module, first, config, config.learning_rate, as_graph=as_graph)
+        if weights:
+            module.load_state_dict(weights)
+        step = GraphStep(module, first, config, config.learning_rate, as_graph=options.graph)
         stream = torch.cuda.Stream() if device.type == "cuda" else None
-        return cls(name, seed, config, step, stream)
+        return cls(name, seed, config, step, stream, earlier)
 
     def learn(self, sample: Sample, rate: float) -> None:
         """Make a step once all that was asked of the GPU before is done."""
@@ -79,10 +93,15 @@ class TrainedRow:
     def write(self, folder: Path, steps: int) -> None:
         """Write the weights after so many steps."""
         metadata = weights_metadata(SymmetryGraspNet.__name__, self.config.network)
-        metadata |= {"steps": str(steps), "seed": str(self.seed)}
+        metadata |= {"steps": str(self.earlier + steps), "seed": str(self.seed)}
         metadata |= {"batch_size": str(self.config.batch_size)}
-        path = folder / f"{self.name}_{self.seed}.safetensors"
+        path = weights_path(folder, self.name, self.seed)
         save_weights(path, self.step.averaged_weights(), metadata)
+
+
+def weights_path(folder: Path, name: str, seed: int) -> Path:
+    """Return where a row's weights lie."""
+    return folder / f"{name}_{seed}.safetensors"
 
 
 def run_rounds(
@@ -95,7 +114,7 @@ def run_rounds(
     began, steps = time.monotonic(), 0
     while (now := time.monotonic() - began) < seconds:
         if steps % 4 == 0:
-            ring.take_in(renderers, 2)
+            ring.take_in(renderers, 4)
         samples: dict[str, Sample] = {}
         for row in rows:
             key = sample_key(row)
@@ -126,7 +145,7 @@ def train_rows(options: argparse.Namespace) -> None:
     prepare_layers(device)
     ring = first_regions(renderers, options.capacity, device)
     rows = [
-        TrainedRow.of(name, seed, config, ring, as_graph=options.graph)
+        TrainedRow.of(name, seed, config, ring, options)
         for name, config in configs.items()
         for seed in options.seeds
     ]

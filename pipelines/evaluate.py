@@ -22,11 +22,10 @@ from pathlib import Path
 
 from pipelines.configs import EvaluateConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
-from pipelines.dataset.graspnet.graspnet_layout import SceneFiles
 from pipelines.evaluation import reports
 from pipelines.evaluation.baselines import Baselines, rows_of
 from pipelines.evaluation.frame_scores import score_frame
-from pipelines.evaluation.other_runs import ComparedRuns, RowPlaces, frames_by_row
+from pipelines.evaluation.other_runs import ComparedRuns, frames_by_row
 from pipelines.evaluation.predictions import FramePredictions
 from pipelines.evaluation.records import (
     FrameRecord,
@@ -38,13 +37,11 @@ from pipelines.evaluation.report_files import EvaluatedGrasps, write_report_file
 from pipelines.evaluation.rows import OURS
 from pipelines.evaluation.tables import Table, report_tables
 from pipelines.evaluation.truth import TruthReader
-from pipelines.evaluation.truth_inputs import truth_digests
-from pipelines.grasp_files.grasps_stream import read_index
 from pipelines.grasp_files.grasps_tables import FrameResult
-from pipelines.grasp_files.gripper_files import gripper_digest, gripper_to_use, load_gripper
-from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
+from pipelines.grasp_files.gripper_files import load_gripper
+from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
-from pipelines.storage.provenance import Stamp, digest, is_finished, make_stamp
+from pipelines.storage.provenance import is_finished, make_stamp
 
 
 @one_run_at_a_time("evaluate", "output")
@@ -73,23 +70,18 @@ def run(
         success: `success.json` that `simulate` made of the same grasps, gripper and dataset.
         seed: of the baselines' random draws.
     """
-    root, found = GraspNetRoot.finished(dataset), read_index(grasps)
-    gripper = gripper_to_use(config.gripper, found.gripper, found.stamp)
-    config = replace(config, gripper=gripper)
+    runs = ComparedRuns.of(grasps, others, dataset)
+    config = replace(config, gripper=runs.gripper(config.gripper))
     settings = {**asdict(config), "baselines": baselines}
-    inputs = {"grasps": digest(grasps), "gripper": gripper_digest(gripper)}
-    runs = ComparedRuns.of(grasps, others)
-    inputs |= {f"with {row}": digest(path) for row, path in runs.paths.items() if row != OURS}
-    scenes = runs.scenes(root)
-    inputs |= truth_digests(root, scenes, baselines=baselines)
+    inputs = runs.inputs(config.gripper, baselines=baselines)
     stamp = make_stamp("evaluate", settings, seed=seed, inputs=inputs)
     is_finished(output, stamp, overwrite=options.overwrite)  # refuses to replace another report
     simulated = reports.read_success_of(success, inputs) if success else None
-    items = _scene_items(scenes, output, stamp, options)
+    items = runs.items(records_folder(output), stamp, options)
     step = functools.partial(_evaluate_scene, dataset, config, baselines)
     report = run_batch("evaluate", items, step, options)
     if not options.dry_run:
-        evaluated = EvaluatedGrasps(grasps, found, root, config, stamp)
+        evaluated = EvaluatedGrasps(grasps, runs.index, runs.root, config, stamp)
         report.notes |= write_report_files(
             output, _finished(items), evaluated, simulated, report.failed
         )
@@ -125,19 +117,6 @@ def _evaluate_scene(
     records = [evaluate_frame(results, reader, others, item.stamp.seed) for results in frames]
     write_frame_records(item.target, records, item.stamp)
     return None
-
-
-def _scene_items(
-    scenes: Mapping[SceneFiles, RowPlaces], output: Path, stamp: Stamp, options: BatchOptions
-) -> list[WorkItem]:
-    """Return one item a scene and camera, with the places of the frames `infer` was given."""
-    folder = records_folder(output)
-    items = [
-        WorkItem(scene.name, folder / f"{scene.name}.json", stamp, (places,))
-        for scene, places in scenes.items()
-    ]
-    drop_stale(items, options)
-    return items
 
 
 def _finished(items: Sequence[WorkItem]) -> Iterator[list[FrameRecord]]:

@@ -14,7 +14,7 @@ Finished scenes are not tried again. The dataset is only read.
 """
 
 import functools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -23,20 +23,16 @@ from pipelines.dataset import convex_pieces as convex_file
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_layout import SceneFiles
 from pipelines.dataset.meshes import read_solid_mesh
-from pipelines.evaluation.other_runs import ComparedRuns, RowPlaces, frames_by_row
-from pipelines.evaluation.rows import OURS
+from pipelines.evaluation.other_runs import ComparedRuns, frames_by_row
 from pipelines.evaluation.tables import Table
 from pipelines.evaluation.trial_records import FrameTrials, read_trials, trials_folder, write_trials
-from pipelines.evaluation.truth_inputs import truth_digests
-from pipelines.grasp_files.grasps_stream import read_index
-from pipelines.grasp_files.gripper_files import gripper_digest, gripper_to_use, load_gripper
+from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, drop_stale, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.simulation.frames import FrameSimulator, PiecesReader
 from pipelines.simulation.success import success_tables, write_success
 from pipelines.storage.files import read_json
 from pipelines.storage.provenance import (
-    Stamp,
     digest,
     digest_text,
     is_finished,
@@ -77,14 +73,10 @@ def run(
         ValueRangeError: `output` does not end in .json.
     """
     refuse_other_suffix(output, ".json")
-    root, found = GraspNetRoot.finished(dataset), read_index(grasps)
-    gripper = gripper_to_use(config.gripper, found.gripper, found.stamp)
-    config = replace(config, gripper=gripper)
-    runs = ComparedRuns.of(grasps, others)
-    scenes = runs.scenes(root)
-    inputs = {"grasps": digest(grasps), "gripper": gripper_digest(gripper)}
-    inputs |= {f"with {row}": digest(path) for row, path in runs.paths.items() if row != OURS}
-    inputs |= truth_digests(root, scenes, baselines=baselines)
+    runs = ComparedRuns.of(grasps, others, dataset)
+    root, scenes = runs.root, runs.scenes
+    config = replace(config, gripper=runs.gripper(config.gripper))
+    inputs = runs.inputs(config.gripper, baselines=baselines)
     inputs["pieces"] = _digest_of_pieces(scenes, root, output)
     settings = {**asdict(config), "baselines": baselines}
     stamp = make_stamp("simulate", settings, seed=seed, inputs=inputs)
@@ -93,8 +85,7 @@ def run(
     drop_stale(models, options)
     report = StageReport("simulate")
     report.add(run_batch("simulate models", models, functools.partial(_cut_model, config), options))
-    items = _scene_items(scenes, output, stamp)
-    drop_stale(items, options)
+    items = runs.items(trials_folder(output), stamp, options)
     step = functools.partial(_simulate_scene, dataset, output, config, baselines)
     report.add(run_batch("simulate", items, step, options))
     if not options.dry_run:
@@ -149,16 +140,6 @@ def _cut_model(config: SimulateConfig, item: WorkItem) -> str | None:
     if len(pieces) > 1 or is_nearly_convex(mesh, config.convex_enough):
         return None
     return f"coacd cannot cut {model}: it is simulated as its convex hull, without cavities"
-
-
-def _scene_items(
-    scenes: Mapping[SceneFiles, RowPlaces], output: Path, stamp: Stamp
-) -> list[WorkItem]:
-    folder = trials_folder(output)
-    return [
-        WorkItem(scene.name, folder / f"{scene.name}.json", stamp, (places,))
-        for scene, places in scenes.items()
-    ]
 
 
 def _simulate_scene(

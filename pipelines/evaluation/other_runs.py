@@ -8,58 +8,91 @@ from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_layout import SceneFiles
 from pipelines.errors import FormatError, ValueRangeError
 from pipelines.evaluation.rows import BASELINE_ROWS, OURS
-from pipelines.grasp_files.grasps_stream import places_by_scene, read_dataset_frames, read_index
+from pipelines.evaluation.truth_inputs import truth_digests
+from pipelines.grasp_files.grasps_stream import (
+    GraspsIndex,
+    places_by_scene,
+    read_dataset_frames,
+    read_index,
+)
 from pipelines.grasp_files.grasps_tables import FrameResult
+from pipelines.grasp_files.gripper_files import gripper_digest, gripper_to_use
+from pipelines.runtime.batch import BatchOptions, WorkItem, drop_stale
+from pipelines.storage.provenance import Stamp, digest
 
 RowPlaces = dict[str, tuple[Path, list[int]]]
 
 
 @dataclass(frozen=True)
 class ComparedRuns:
-    """Files of grasps by row: ours, and those of `--with`.
+    """Grasps on the frames of a dataset by row: ours, and those of `--with`.
 
     Attributes:
+        root: the dataset.
+        index: of our `grasps.h5`.
         paths: row -> grasps.h5; the row of another file is called as its file.
+        scenes: where the frames of each scene and camera lie, by row.
     """
 
+    root: GraspNetRoot
+    index: GraspsIndex
     paths: Mapping[str, Path]
+    scenes: Mapping[SceneFiles, RowPlaces]
 
     @classmethod
-    def of(cls, grasps: Path, others: Sequence[Path]) -> "ComparedRuns":
-        """Return our `grasps` and the files `others`.
+    def of(cls, grasps: Path, others: Sequence[Path], dataset: Path) -> "ComparedRuns":
+        """Return our `grasps` and the files `others`, of frames of `dataset`.
 
         Raises:
             ValueRangeError: two rows would have one name.
+            FormatError: a file holds no frames, frames of another dataset, or not those of ours.
         """
+        root, index = GraspNetRoot.finished(dataset), read_index(grasps)
         paths = {OURS: grasps}
         for path in others:
             if path.stem in (*paths, *BASELINE_ROWS):
                 expected = f"another file name: {path.stem} is the name of another row"
                 raise ValueRangeError("--with", path, expected)
             paths[path.stem] = path
-        return cls(paths)
+        return cls(root, index, paths, _scenes(paths, root))
 
-    def scenes(self, root: GraspNetRoot) -> dict[SceneFiles, RowPlaces]:
-        """Return where the frames of each scene and camera lie, by row.
+    def gripper(self, wanted: str) -> str:
+        """Return the gripper of the trials: `wanted`, else that of our grasps."""
+        return gripper_to_use(wanted, self.index.gripper, self.index.stamp)
 
-        Raises:
-            FormatError: a file holds no frames, frames of another dataset, or not those of ours.
-        """
-        found: dict[SceneFiles, RowPlaces] = {}
-        expected: dict[SceneFiles, list[str]] = {}
-        for row, path in self.paths.items():
-            index = read_index(path)
-            names = index.dataset_names(path)
-            scenes = places_by_scene(path, index, root)
-            if row == OURS:
-                found = {scene: {} for scene in scenes}
-            for scene, rows in found.items():
-                places = scenes.get(scene, [])
-                there = [names[place] for place in places]
-                if there != expected.setdefault(scene, there):
-                    raise FormatError(path, _difference(there, expected[scene]), "run infer on all")
-                rows[row] = path, places
-        return found
+    def inputs(self, gripper: str, *, baselines: bool) -> dict[str, str]:
+        """Return the digests of the grasps, the gripper and the truth."""
+        inputs = {"grasps": digest(self.paths[OURS]), "gripper": gripper_digest(gripper)}
+        inputs |= {f"with {row}": digest(path) for row, path in self.paths.items() if row != OURS}
+        return inputs | truth_digests(self.root, self.scenes, baselines=baselines)
+
+    def items(self, folder: Path, stamp: Stamp, options: BatchOptions) -> list[WorkItem]:
+        """Return an item a scene and camera, with the places of its frames; drop stale ones."""
+        items = [
+            WorkItem(scene.name, folder / f"{scene.name}.json", stamp, (places,))
+            for scene, places in self.scenes.items()
+        ]
+        drop_stale(items, options)
+        return items
+
+
+def _scenes(paths: Mapping[str, Path], root: GraspNetRoot) -> dict[SceneFiles, RowPlaces]:
+    """Return where the frames of each scene and camera lie, by row; errors as `ComparedRuns.of`."""
+    found: dict[SceneFiles, RowPlaces] = {}
+    expected: dict[SceneFiles, list[str]] = {}
+    for row, path in paths.items():
+        index = read_index(path)
+        names = index.dataset_names(path)
+        scenes = places_by_scene(path, index, root)
+        if row == OURS:
+            found = {scene: {} for scene in scenes}
+        for scene, rows in found.items():
+            places = scenes.get(scene, [])
+            there = [names[place] for place in places]
+            if there != expected.setdefault(scene, there):
+                raise FormatError(path, _difference(there, expected[scene]), "run infer on all")
+            rows[row] = path, places
+    return found
 
 
 def frames_by_row(places: RowPlaces) -> Iterator[dict[str, FrameResult]]:

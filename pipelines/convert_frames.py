@@ -62,15 +62,11 @@ def run(
         raise SymgraspError(f"{output} exists and is no conversion of ours; choose another folder")
     with atomic_folder(output) as folder:
         for source in sources:
-            try:
+            with report.attempting(source.name):
                 write_flat_pair(folder, source.read())
-            except (SymgraspError, OSError) as error:
-                report.failed[source.name] = str(error)
-                continue
-            report.done.append(source.name)
         write_sidecar(folder, stamp)
         if not report.done:
-            raise SymgraspError(_nothing(report))
+            raise SymgraspError(report.why_none("can be read, nothing is written"))
     report.seconds = time.monotonic() - started
     return report
 
@@ -98,10 +94,3 @@ def _digest(sources: Sequence[FrameSource]) -> str:
     digests = {path: digest(path) for path in {path for each in sources for path in each.files}}
     lines = [f"{each.name} {' '.join(digests[path] for path in each.files)}" for each in sources]
     return digest_text("\n".join(lines))
-
-
-def _nothing(report: StageReport) -> str:
-    name, sentence = next(iter(report.failed.items()))
-    return (
-        f"none of {len(report.failed)} frames can be read, nothing is written; {name}: {sentence}"
-    )

@@ -249,8 +249,4 @@ def _with_path(
 def _refuse_nothing(index: GraspsIndex, report: StageReport) -> None:
     """Raise SymgraspError if not one frame could be written."""
     if index.names and set(index.names) <= set(report.failed):
-        name, sentence = next(iter(report.failed.items()))
-        raise SymgraspError(
-            f"none of {len(index.names)} frames can be exported, nothing is written; "
-            f"{name}: {sentence}"
-        )
+        raise SymgraspError(report.why_none("can be exported, nothing is written"))

@@ -16,7 +16,6 @@ from pathlib import Path
 import numpy as np
 
 from pipelines.configs import InspectConfig
-from pipelines.errors import SymgraspError
 from pipelines.frames.frames import find_frames
 from pipelines.frames.registration import oddities
 from pipelines.frames.rgbd import Frame, FrameSource
@@ -76,14 +75,10 @@ def run(
     sources = find_frames(frames, stated)
     groups: dict[object, list[FrameFacts]] = {}
     for source in _spread(sources, config.max_frames):
-        try:
+        with report.attempting(source.name):
             look = _look(source, source.read())
-        except (SymgraspError, OSError) as error:
-            report.failed[source.name] = str(error)
-            continue
-        report.done.append(source.name)
-        alike = (look.layout, look.intrinsics, look.units_per_metre)
-        groups.setdefault(alike, []).append(look)
+            alike = (look.layout, look.intrinsics, look.units_per_metre)
+            groups.setdefault(alike, []).append(look)
     report.seconds = time.monotonic() - started
     found = Counter(source.layout for source in sources)
     return Findings(found, list(groups.values()), report)

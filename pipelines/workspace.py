@@ -90,9 +90,10 @@ def run(
     is_finished(output, stamp, overwrite=overwrite)  # the boxes are said again
     with atomic_folder(output) as folder:
         for source in sources:
-            _try_frame(source, folder, config, found)
+            with found.report.attempting(source.name):
+                _draw(source, folder, config, found)
         if not found.boxes:
-            raise SymgraspError(_why_none(found.report))
+            raise SymgraspError(found.report.why_none("has a workspace"))
         write_sidecar(folder, stamp)
     found.report.seconds = time.monotonic() - started
     return found
@@ -116,31 +117,19 @@ def frame_box(seen: Observation, config: WorkspaceConfig) -> WorkspaceBox:
     return suggested_box([cloud.points for cloud in seen.clouds], plane, config.margin)
 
 
-def _try_frame(
-    source: FrameSource, folder: Path, config: WorkspaceConfig, found: Workspaces
-) -> None:
-    """Draw one frame, or note why it has no workspace."""
-    try:
-        frame = source.read()
-        seen = observe(frame, GEOMETRIC, np.random.default_rng(0))
-        box = frame_box(seen, config)
-        inside = _pixels_inside(frame, seen, box)
-        masks: Sequence[Mask] = [region.mask for region in seen.regions]
-        write_image(folder / f"{source.name}.png", draw_workspace(frame, box, inside, masks))
-        write_image(folder / f"{source.name}_mask.png", inside.astype(np.uint8) * 255)
-    except (SymgraspError, OSError) as error:
-        found.report.failed[source.name] = str(error)
-        return
+def _draw(source: FrameSource, folder: Path, config: WorkspaceConfig, found: Workspaces) -> None:
+    """Draw one frame and keep its box."""
+    frame = source.read()
+    seen = observe(frame, GEOMETRIC, np.random.default_rng(0))
+    box = frame_box(seen, config)
+    inside = _pixels_inside(frame, seen, box)
+    masks: Sequence[Mask] = [region.mask for region in seen.regions]
+    write_image(folder / f"{source.name}.png", draw_workspace(frame, box, inside, masks))
+    write_image(folder / f"{source.name}_mask.png", inside.astype(np.uint8) * 255)
     found.boxes[source.name] = box
-    found.report.done.append(source.name)
     found.report.notes[source.name] = f"{len(masks)} regions; {box.options}"
 
 
 def _pixels_inside(frame: Frame, seen: Observation, box: WorkspaceBox) -> Mask:
     """Return (H, W) pixels whose points lie in the box, and those without depth."""
     return box.contains(seen.scene.xyz) | (frame.depth <= 0)
-
-
-def _why_none(report: StageReport) -> str:
-    name, sentence = next(iter(report.failed.items()))
-    return f"none of {len(report.failed)} frames has a workspace; {name}: {sentence}"

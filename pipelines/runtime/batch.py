@@ -5,6 +5,7 @@ import logging
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -78,6 +79,21 @@ class StageReport:
     def exit_code(self) -> int:
         """0 if nothing failed, else 1."""
         return 1 if self.failed else 0
+
+    @contextmanager
+    def attempting(self, name: str) -> Iterator[None]:
+        """Count `name` as done, or as failed with the sentence of what the block raises."""
+        try:
+            yield
+        except (SymgraspError, OSError) as error:
+            self.failed[name] = str(error)
+        else:
+            self.done.append(name)
+
+    def why_none(self, what: str) -> str:
+        """Return the sentence of a stage all of whose frames failed, with the first reason."""
+        name, sentence = next(iter(self.failed.items()))
+        return f"none of {len(self.failed)} frames {what}; {name}: {sentence}"
 
     def add(self, part: "StageReport", prefix: str = "") -> None:
         """Add what a part of the stage did, its names behind `prefix`."""

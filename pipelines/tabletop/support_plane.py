@@ -6,6 +6,7 @@ metres at one metre means t z^2 metres at depth z.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -29,6 +30,7 @@ MIN_PIXELS = 200  # fewer pixels determine no plane
 MAX_FITS = 20  # least-squares fits of a plane to its inliers, until these stay the same
 SIDE = np.cos(np.deg2rad(15.0))  # of the angle beyond which a plane may be the side of a bin
 CELL = 8  # pixels of a cell, of the image in which a floor's surroundings are looked at
+LARGE_PART = 0.1  # of the largest part of a plane, from which a part belongs to its extent
 ENCLOSED = 0.9  # share of a floor's surroundings that are nearer than its plane
 CLOSEST_SHARE = 0.05  # the nearest pixels weigh no more than the pixel at this quantile
 
@@ -61,6 +63,14 @@ class _Seen:
     def value(self, candidate: _Candidate) -> float:
         """Return the weighted evidence of all pixels for a candidate."""
         return float(self.weight @ candidate.evidence)
+
+    @cached_property
+    def cells(self) -> tuple[Indices, tuple[int, int], Indices]:
+        """The cell (n,) of each pixel, rows and columns of the cells, and their pixels (r, c)."""
+        rows, columns = (np.asarray(axis, np.int64) // CELL + 2 for axis in (self.v, self.u))
+        shape = int(rows.max()) + 3, int(columns.max()) + 3
+        places = rows * shape[1] + columns
+        return places, shape, np.bincount(places, minlength=shape[0] * shape[1]).reshape(shape)
 
 
 def find_support(
@@ -124,7 +134,7 @@ def _candidates(
             seen.weight[own] = 0.0
             continue
         plane, behind = _plane_of(affine, intrinsics), residual < -2.0 * config.plane_tolerance
-        beneath = _seen_through(seen.points, behind, plane, inliers)
+        beneath = _seen_through(seen.points, behind, plane, _in_large_parts(seen, inliers))
         evidence = _facing_weight(plane) * (own - config.beneath_weight * beneath)
         found.append(_Candidate(Support(affine, plane), evidence))
     return found
@@ -138,14 +148,11 @@ def _is_floor(candidate: _Candidate, best: _Candidate, seen: _Seen) -> bool:
     """
     if abs(candidate.support.plane.normal @ best.support.plane.normal) > SIDE:
         return False
-    rows, columns = (np.asarray(axis, np.int64) // CELL + 2 for axis in (seen.v, seen.u))
-    shape = int(rows.max()) + 3, int(columns.max()) + 3
-    votes, counts, own = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    places, shape, counts = seen.cells
     a, b, c = candidate.support.affine
     over = seen.disparity - (a * seen.u + b * seen.v + c)
-    np.add.at(counts, (rows, columns), 1)
-    np.add.at(votes, (rows, columns), over > 0.0)
-    np.add.at(own, (rows, columns), candidate.evidence > 0)
+    votes = np.bincount(places[over > 0.0], minlength=counts.size).reshape(shape)
+    own = np.bincount(places[candidate.evidence > 0], minlength=counts.size).reshape(shape)
     cells = (own > 0.5 * counts).view(np.uint8)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(cells, connectivity=4)
     if count < 2:
@@ -157,6 +164,21 @@ def _is_floor(candidate: _Candidate, best: _Candidate, seen: _Seen) -> bool:
     near, wide = (cv2.dilate(outline, np.ones((n, n), np.uint8)) > 0 for n in (3, 5))
     around = wide & ~near
     return bool(np.count_nonzero(votes[around] > 0.8 * counts[around]) > ENCLOSED * around.sum())
+
+
+def _in_large_parts(seen: _Seen, inliers: Mask) -> Mask:
+    """Return the `inliers` (n,) of the large parts that they cover in the image (D. 141).
+
+    A cable beside a tray, as high as the tray, is no part of the tray's extent.
+    """
+    places, shape, counts = seen.cells
+    own = np.bincount(places[inliers], minlength=counts.size).reshape(shape)
+    cells = (own > 0.5 * counts).view(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(cells, connectivity=8)
+    area = stats[:, cv2.CC_STAT_AREA]
+    large = area > LARGE_PART * max(area[1:], default=0)
+    large[0] = False
+    return inliers & large[np.asarray(labels, np.int32)].ravel().take(places)
 
 
 def _seen_through(points: Array, behind: Mask, plane: Plane, inliers: Mask) -> Mask:

@@ -351,3 +351,11 @@ def test_a_table_with_nothing_on_it_is_a_table(shape):
     found = regions_of(depth)
     assert found.plane is not None
     assert not found.masks
+
+
+def test_a_cable_beside_a_tray_and_as_high_does_not_widen_the_tray():
+    depth = np.full((CAMERA.height, CAMERA.width), 0.8, np.float32)
+    depth[20:220, 65:240] = 0.7  # the tray, on a bench
+    depth[100:120, 300:305] = 0.7  # the cable
+    top = find_tabletop(CAMERA.backproject(depth), CAMERA, CONFIG, np.random.default_rng(0))
+    np.testing.assert_allclose(top.plane.offset, 0.7, atol=1e-3)

@@ -100,17 +100,12 @@ def read_depth(path: Path, units: DepthUnits) -> Singles:
 
 
 def read_pair(
-    name: str,
-    color_path: Path,
-    depth_path: Path,
-    camera: CameraFile | None,
-    units: DepthUnits,
-    notes: tuple[str, ...] = (),
+    name: str, color_path: Path, depth_path: Path, camera: CameraFile | None, units: DepthUnits
 ) -> Frame:
     """Read a frame from its two images; see `make_frame`."""
     color = functools.partial(read_color, color_path)
     stored = stored_depth(depth_path)
-    return make_frame(name, (color_path, color), (depth_path, stored), camera, units, notes)
+    return make_frame(name, (color_path, color), (depth_path, stored), camera, units)
 
 
 def make_frame(

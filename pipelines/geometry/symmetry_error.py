@@ -17,7 +17,6 @@ from pipelines.geometry.symmetry import (
     Symmetry,
 )
 
-HALF_TURN = (np.pi,)
 TURNS = tuple(np.pi * k / 8 for k in range(1, 16))
 
 
@@ -39,7 +38,7 @@ def rotation_error(
 ) -> float:
     """Return the error of `reflection_error` for turns, averaged over `angles` (radians).
 
-    `HALF_TURN` gives the variant of SymmetryNet's released evaluation. An axis has no sign: the
+    Half a turn alone is the variant of SymmetryNet's released evaluation. An axis has no sign: the
     predicted axis is taken in the direction closer to the true axis.
     `points`: (n, 3) metres, any frame that both symmetries share, n >= 1.
     """
@@ -56,9 +55,7 @@ def sphere_distance(predicted: SphereSymmetry, truth: SphereSymmetry) -> float:
     return float(np.linalg.norm(predicted.point - truth.point))
 
 
-def symmetry_error(
-    points: Array, predicted: Symmetry, truth: Symmetry, *, half_turn: bool = False
-) -> float:
+def symmetry_error(points: Array, predicted: Symmetry, truth: Symmetry) -> float:
     """Return the dense error of two symmetries of one kind; for spheres the distance in metres.
 
     Raises `ValueRangeError` when the kinds differ, because their maps cannot be compared.
@@ -66,7 +63,7 @@ def symmetry_error(
     if isinstance(predicted, ReflectionSymmetry) and isinstance(truth, ReflectionSymmetry):
         return reflection_error(points, predicted, truth)
     if isinstance(predicted, RotationSymmetry) and isinstance(truth, RotationSymmetry):
-        return rotation_error(points, predicted, truth, HALF_TURN if half_turn else TURNS)
+        return rotation_error(points, predicted, truth)
     if isinstance(predicted, SphereSymmetry) and isinstance(truth, SphereSymmetry):
         return sphere_distance(predicted, truth)
     raise ValueRangeError("predicted symmetry", predicted.kind, f"a {truth.kind} like the truth")

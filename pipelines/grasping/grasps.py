@@ -175,7 +175,6 @@ def to_graspnet(
     opening: ArrayLike | None = None,
     tip_reach: float = 0.005,
     depth: float = GRASPNET_DEPTH,
-    object_id: ArrayLike = -1,
 ) -> Array:
     """Return graspnetAPI's rows (n, 17).
 
@@ -185,7 +184,6 @@ def to_graspnet(
         opening: (n,) metres between the open fingers; the contact width if None.
         tip_reach: metres by which the finger tips pass the contact line along approach.
         depth: metres from GraspNet's origin to the finger tips.
-        object_id: (n,) or one number; -1 for unknown.
     """
     rows = np.zeros((len(grasps), 17))
     rows[:, 0] = rank
@@ -193,7 +191,7 @@ def to_graspnet(
     rows[:, 2], rows[:, 3] = GRASPNET_HEIGHT, depth
     rows[:, 4:13] = grasps.rotation.reshape(-1, 9)
     rows[:, 13:16] = grasps.translation + (tip_reach - depth) * grasps.approach
-    rows[:, 16] = object_id
+    rows[:, 16] = -1  # of no known object
     return rows
 
 

@@ -9,7 +9,6 @@ from numpy.testing import assert_allclose
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SphereSymmetry
 from pipelines.geometry.symmetry_error import (
-    HALF_TURN,
     reflection_error,
     rotation_error,
     sphere_distance,
@@ -69,7 +68,7 @@ def test_a_small_tilt_of_the_axis_costs_about_its_sine():
     points[1] = (1.0, 0.0, 0.0)
     truth = RotationSymmetry(np.array([0, 0, 1.0]), np.zeros(3))
     tilted = RotationSymmetry(np.array([0.0, np.sin(0.1), np.cos(0.1)]), np.zeros(3))
-    error = rotation_error(points, tilted, truth, HALF_TURN)
+    error = rotation_error(points, tilted, truth, [np.pi])
     # Half a turn sends (0, 0, 1) to 2 sin(0.1) aside, (1, 0, 0) to itself negated both times.
     assert_allclose(error, 2 * (2 * np.sin(0.1)) / 3 / 2, rtol=1e-9)
 

@@ -19,12 +19,14 @@ from pipelines.configs.presets import preset_settings
 from pipelines.configs.settings import changed, settings_of
 from pipelines.errors import UnknownNameError
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SymmetrySlots
+from pipelines.grasping.planner import Pass, RegionPlanner
 from pipelines.grasping.symmetries.axis_candidates import starting_axes
 from pipelines.grasping.symmetries.plane_candidates import candidate_planes
 
 Kind = TypeVar("Kind")
 Starts = tuple[list[Kind], Indices]  # symmetries to fit, and their sources
 
+EVERY_PASS = RegionPlanner.passes
 EVERY_RULE = "all"  # key of the run with every rule
 FAR = 10.0  # metres: planes there are never likely
 
@@ -87,16 +89,16 @@ def planes_without_axis_point(
     return candidate_planes(slots, far, *more)
 
 
+def passes_without_doubtful(planner: RegionPlanner) -> tuple[Pass, ...]:
+    """Return the passes over a region but the one across doubtful symmetries."""
+    return EVERY_PASS(planner)[:2]
+
+
 SELECTION = (
     Rule(
         "no-doubtful",
         "pass across doubtful symmetries",
-        {f"{SYMMETRY}min_doubtful_confidence": 0.2},
-    ),
-    Rule(
-        "all-doubtful",
-        "least confidence of doubtful symmetries",
-        {f"{SYMMETRY}min_doubtful_confidence": 0.0},
+        replaced={f"{GRASPING}planner.RegionPlanner.passes": passes_without_doubtful},
     ),
     Rule("no-confidence", "least confidence of symmetries", {f"{SYMMETRY}min_confidence": 0.0}),
     Rule(
@@ -160,12 +162,7 @@ SELECTION = (
     ),
     Rule("approach-path", "free approach path", {f"{FEASIBILITY}approach_distance": 0.0}),
     Rule("no-opening", "opening margin", {f"{FEASIBILITY}opening_margins": ()}),
-    Rule("one-opening", "smaller opening margins", {f"{FEASIBILITY}opening_margins": (0.008,)}),
-    Rule(
-        "two-openings",
-        "opening margins of 6 and 2 mm",
-        {f"{FEASIBILITY}opening_margins": (0.008, 0.004)},
-    ),
+    Rule("one-opening", "smaller opening margin", {f"{FEASIBILITY}opening_margins": (0.008,)}),
     Rule(
         "opening-share",
         "opening margin of a share of the width at most",
@@ -213,11 +210,6 @@ SELECTION = (
         replaced={f"{PLANAR}ANGLES": np.zeros(1)},
     ),
     Rule(
-        "planar-hidden",
-        "penalty of outlines turned away",
-        replaced={f"{PLANAR}HIDDEN_PENALTY": 0.0},
-    ),
-    Rule(
         "planar-table",
         "planar slices lifted off the table",
         replaced={f"{PLANAR}STEEP_APPROACH": 2.0},
@@ -244,24 +236,14 @@ SYMMETRIES = (
         replaced={f"{FITS}grounding.starting_axes": axes_without((1, 2, 3))},
     ),
     Rule(
-        "axes-face",
-        "axis of the largest face",
-        replaced={f"{FITS}grounding.starting_axes": axes_without((4,))},
-    ),
-    Rule(
         "axes-up",
         "upright axis through the predicted point",
-        replaced={f"{FITS}grounding.starting_axes": axes_without((5,))},
+        replaced={f"{FITS}grounding.starting_axes": axes_without((4,))},
     ),
     Rule(
         "axes-outline",
         "upright axis through the outline's middle",
-        replaced={f"{FITS}grounding.starting_axes": axes_without((6,))},
-    ),
-    Rule(
-        "axes-lying",
-        "lying axes",
-        replaced={f"{FITS}grounding.starting_axes": axes_without((7, 8, 9, 10))},
+        replaced={f"{FITS}grounding.starting_axes": axes_without((5,))},
     ),
     Rule(
         "planes-network",
@@ -287,11 +269,6 @@ SYMMETRIES = (
         "planes-level",
         "upright planes of the outline from above",
         replaced={f"{FITS}plane_candidates.level_directions": none_at_all},
-    ),
-    Rule(
-        "planes-unfitted",
-        "candidate planes as they are, beside their fits",
-        replaced={f"{FITS}plane_evidence.MIN_OVERLAP": 0.0},
     ),
     Rule(
         "rivals",

@@ -43,9 +43,6 @@ class SymmetryConfig:
     min_confidence: float = setting(
         0.2, "share", "Least confidence of a fitted symmetry that grasps rest on.", "D. 66, D. 85"
     )
-    min_doubtful_confidence: float = setting(
-        0.03, "share", "The same where all other grasps of the region are poor.", "D. 88"
-    )
     min_completion_confidence: float = setting(
         0.5, "share", "Least confidence of a symmetry that completes the unseen side.", "D. 32"
     )
@@ -118,7 +115,7 @@ class FeasibilityConfig:
         0.10, "m", "Length of the approach path that must be free.", "D. 77"
     )
     opening_margins: tuple[float, ...] = setting(
-        (0.008, 0.006, 0.004, 0.002), "m", "Opening margins to try, the largest first.", "D. 92"
+        (0.008, 0.004), "m", "Opening margins to try, the largest first.", "D. 92"
     )
     opening_margin_share: float = setting(
         0.25, "share", "Largest opening margin, of the width.", "D. 102"

@@ -32,7 +32,6 @@ RENAMED: dict[str, dict[str, str]] = {
         "selection.behind_tolerance": "sensor.behind_tolerance",
         "selection.depth_noise": "sensor.depth_noise",
         "selection.min_trust": "selection.symmetry.min_confidence",
-        "selection.doubted_trust": "selection.symmetry.min_doubtful_confidence",
         "selection.min_completion": "selection.symmetry.min_completion_confidence",
         "selection.min_completion_beside": "selection.symmetry.min_neighbour_confidence",
         "selection.spare_room": "selection.feasibility.opening_margins",
@@ -49,6 +48,8 @@ REMOVED: dict[str, dict[str, str]] = {
         "selection.candidates.weak_affordance": NO_EFFECT,
         "selection.symmetry.averaging": NO_EFFECT,
         "selection.candidates.max_contact_angle": NO_EFFECT,
+        "selection.doubted_trust": NO_EFFECT,
+        "selection.symmetry.min_doubtful_confidence": NO_EFFECT,
     }
 }
 # Settings that weights of before need not name: these networks were made with the default.

@@ -145,12 +145,10 @@ class RegionPlanner:
         )
         if self.critic is None or not symmetry.is_fitted:
             return passes
-        doubtful = Symmetric(
-            above=symmetry.min_doubtful_confidence,
-            below=symmetry.min_confidence,
-            unless_expected=sufficient,
+        return (
+            *passes,
+            Symmetric(above=0.0, below=symmetry.min_confidence, unless_expected=sufficient),
         )
-        return (*passes, doubtful)
 
     def plan(
         self, region: RegionModel, scene: SceneCloud, passes: Sequence[Pass] | None = None

@@ -5,7 +5,6 @@ and lies in the middle. The plane critic, a `PointCritic`, makes a probability o
 """
 
 from dataclasses import dataclass
-from itertools import compress
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from pipelines.geometry.symmetry import (
     RotationSymmetry,
     SymmetrySlots,
 )
-from pipelines.geometry.symmetry_fitting import MIN_OVERLAP, fit_reflections
+from pipelines.geometry.symmetry_fitting import fit_reflections
 from pipelines.grasping.ranking.point_critic import PointCritic
 from pipelines.grasping.scene import SceneCloud
 from pipelines.grasping.symmetries.mirror_views import MirrorImages, plane_features, point_features
@@ -101,10 +100,8 @@ def fitted_planes(region: RegionEvidence) -> tuple[list[ReflectionSymmetry], Ind
     seen = points, normals, table
     starts, sources = candidate_planes(region.slots, region.axis, *seen, region.allowed)
     fits = fit_reflections(starts, points, normals)
-    has_fit = np.array([fit.support >= MIN_OVERLAP for fit in fits])
-    better = [ReflectionSymmetry(f.direction, f.point) for f in compress(fits, has_fit)]
-    both = np.concatenate([sources, sources[has_fit]])
-    return merged_planes([*starts, *better], both, *SAME_FIT)
+    better = [ReflectionSymmetry(fit.direction, fit.point) for fit in fits]
+    return merged_planes([*starts, *better], np.concatenate([sources, sources]), *SAME_FIT)
 
 
 def critic_inputs(

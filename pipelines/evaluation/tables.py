@@ -78,7 +78,8 @@ def split_table(rows: ReportRows, figure: str, paper: Sequence[PublishedRow], ti
     body = [(row.method, *map(_number, row.figures), *blank) for row in paper]
     for row, figures in rows.items():
         found = [_number(_mean(figures, figure, s)) for s in splits]
-        body.append((report_row(row).title, *found[:-1], found[-1] + _between(figures, figure)))
+        found[-1] += _between(figures[ALL], figure)
+        body.append((report_row(row).title, *found))
         if any(_mean(figures, f"{figure}_predicted", s) is not None for s in splits):
             found = [_number(_mean(figures, f"{figure}_predicted", s)) for s in splits]
             body.append((f"{report_row(row).title}, if grasped", *found))
@@ -189,9 +190,7 @@ def graspnet_table(rows: ReportRows) -> Table | None:
 
 
 def _ap(figures: Figures, name: str) -> str:
-    ends = figures.get("intervals", {}).get(name)
-    between = f" ({100 * ends[0]:.1f} to {100 * ends[1]:.1f})" if ends else ""
-    return f"{100 * figures[name]:.1f}{between}"
+    return f"{100 * figures[name]:.1f}" + _between(figures, name, ".1f", 100.0)
 
 
 def mask_table(rows: ReportRows) -> Table:
@@ -235,9 +234,7 @@ def _cells(rows: ReportRows) -> Iterator[tuple[str, str, Figures]]:
 
 def _precision(figures: Figures, kind: str) -> str:
     """Return the average precision of symmetries of a kind with its interval."""
-    ends = figures.get("intervals", {}).get(f"symmetry_ap {kind}")
-    between = f" ({ends[0]:.2f} to {ends[1]:.2f})" if ends else ""
-    return _number(figures["symmetry_ap"][kind]) + between
+    return _number(figures["symmetry_ap"][kind]) + _between(figures, f"symmetry_ap {kind}", ".2f")
 
 
 def _mean(figures: Mapping[str, Figures], name: str, split: str) -> float | None:
@@ -254,10 +251,10 @@ def _count(figures: Figures, name: str) -> int:
     return int(figures["objects"] - sum(figures["reasons"].get(reason, 0) for reason in missing))
 
 
-def _between(figures: Mapping[str, Figures], name: str) -> str:
-    """Return the interval of a mean over all objects, in brackets."""
-    ends = figures[ALL].get("intervals", {}).get(name)
-    return f" ({ends[0]:.3f} to {ends[1]:.3f})" if ends else ""
+def _between(figures: Figures, name: str, shown: str = ".3f", scale: float = 1.0) -> str:
+    """Return the interval of a figure in brackets; nothing where it has none."""
+    ends = figures.get("intervals", {}).get(name)
+    return f" ({scale * ends[0]:{shown}} to {scale * ends[1]:{shown}})" if ends else ""
 
 
 def _number(value: float | None) -> str:

@@ -54,6 +54,18 @@ def test_a_many_sided_column_is_not_round_for_all_that(sides):
     assert all(axis.order is not None for axis in axes_of(detect(cylinder(sections=sides))))
 
 
+def test_noise_does_not_make_a_many_sided_column_round():
+    column = defects.noisy(cylinder(sections=10), rng())
+    assert all(axis.order is not None for axis in axes_of(detect(column)))
+
+
+def test_a_noisy_marker_with_a_clip_has_the_plane_through_it_alone():
+    found = detect(defects.noisy(shapes.marker_with_clip(rng()).mesh, rng()))
+    assert axes_of(found) == []
+    (plane,) = planes_of(found)
+    assert angle_deg(plane.normal, Y) < 5.0
+
+
 def test_the_ends_of_a_marker_differ_by_its_width_not_by_its_length():
     assert planes_of(detect(spoiled(shapes.marker, lambda points: points))) == []
 

@@ -154,10 +154,10 @@ def continuous_fit(
     fits: list[SurfaceFit] = []
     for angle in VERIFICATION_ANGLES:
         fits.append(staged_fit(shape, config, partial(fit_of_turn, shape, axis, angle)))
-        if not fits[-1].holds(config, config.max_axis_mean):
+        if fits[-1].has_feature or not fits[-1].holds(config, config.max_axis_mean):
             return fits[-1], False
     worst = max(fits, key=attrgetter("miss"))
-    if leans_in_pattern(shape.samples, axis):
+    if leans_in_pattern(shape.samples, axis, shape.surface.noise):
         return worst, False
     is_round = worst.ovalness <= 1.0 and are_round(fits)
     return worst, is_round or is_nearly_round(shape.surface, shape.samples, axis)

@@ -61,9 +61,13 @@ class OpenBoundary:
 
     def near(self, points: Array, reach: float) -> Mask:
         """Return the mask (n,) of `points` (n, 3) within `reach` of a rim."""
+        return self.distances(points, reach) < np.inf
+
+    def distances(self, points: Array, reach: float) -> Array:
+        """Return the distances (n,) of `points` (n, 3) to the nearest rim, inf beyond `reach`."""
         if self.tree is None:
-            return np.zeros(len(points), dtype=bool)
-        return np.isfinite(self.tree.query(points, distance_upper_bound=reach)[0])
+            return np.full(len(points), np.inf)
+        return np.asarray(self.tree.query(points, distance_upper_bound=reach)[0])
 
 
 def linked(points: Array) -> Indices:
@@ -74,15 +78,18 @@ def linked(points: Array) -> Indices:
     return np.column_stack([first, index[:, 1:].ravel()])
 
 
-def cut_off(missed: Mask, at_rim: Mask, links: Indices) -> Mask:
+def cut_off(missed: Mask, at_rim: Mask, rim_is_nearest: Mask, links: Indices) -> Mask:
     """Return the mask (n,) of samples whose image lies beyond a rim of the surface.
 
     `missed`: (n,) samples whose image is off the surface, `at_rim`: (n,) samples whose image is
-    near a rim, `links`: (e, 2) pairs of neighbouring samples. Linked samples of `missed` form
-    patches. A patch with a rim along its border has landed in a hole; without one the surface
-    continues there in another shape, such as a handle.
+    near a rim, `rim_is_nearest`: (n,) samples whose image has no part of the surface much nearer
+    than the rim, `links`: (e, 2) pairs of neighbouring samples. Linked samples of `missed` form
+    patches, those with and without a nearest rim apart: a hole may lie beside a dent. A patch with
+    a rim along its border has landed in a hole; without one the surface continues there in another
+    shape, such as a handle.
     """
-    inside = links[missed[links].all(axis=1)]
+    alike = rim_is_nearest[links[:, 0]] == rim_is_nearest[links[:, 1]]
+    inside = links[missed[links].all(axis=1) & alike]
     count = len(missed)
     graph = coo_matrix((np.ones(len(inside)), (inside[:, 0], inside[:, 1])), (count, count))
     patch = connected_components(graph, directed=False)[1]

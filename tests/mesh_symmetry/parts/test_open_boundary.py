@@ -50,11 +50,18 @@ def test_points_near_the_rim_are_those_within_reach():
     assert not OpenBoundary.of(box()).near(points, 1.0).any()
 
 
+def test_a_dent_beside_a_hole_is_not_cut_off_with_it():
+    links = np.array([(i, i + s) for i in range(12) for s in (-1, 1) if 0 <= i + s < 12])
+    in_hole, in_dent = (np.isin(np.arange(12), some) for some in ([3, 4, 5], [6, 7, 8, 9]))
+    at_rim = np.isin(np.arange(12), [2, 3, 5])
+    np.testing.assert_array_equal(cut_off(in_hole | in_dent, at_rim, in_hole, links), in_hole)
+
+
 def test_a_patch_is_cut_off_when_its_border_is_at_a_rim_and_not_otherwise():
     # Ten samples in a row; those in the middle miss.
     links = np.array([(i, i + s) for i in range(10) for s in (-1, 1) if 0 <= i + s < 10])
     missed = np.isin(np.arange(10), [3, 4, 5])
     at_rim = np.isin(np.arange(10), [2, 6])
-    np.testing.assert_array_equal(cut_off(missed, at_rim, links), missed)
-    assert not cut_off(missed, np.zeros(10, bool), links).any()
-    assert not cut_off(np.ones(10, bool), at_rim, links).any()
+    np.testing.assert_array_equal(cut_off(missed, at_rim, missed, links), missed)
+    assert not cut_off(missed, np.zeros(10, bool), missed, links).any()
+    assert not cut_off(np.ones(10, bool), at_rim, missed, links).any()

@@ -35,9 +35,9 @@ ROUND_MEAN, _ROUND_RATIO = 0.002, 3.0
 # Of the width: misses of round objects stay below 1 %, those of ovals begin at 2.5 %.
 _ROUND_ERROR = 0.017
 # A noisy marker with a clip is 0.25 wide and misses by 0.042 of 0.044, 0.17 of its width; turned
-# bodies of revolution miss by 0.05 of theirs.
+# bodies of revolution miss by 0.05 of theirs, a slim pen with a hole by 0.12.
 SLIM_WIDTH, SLIMMEST = 0.33, 0.7  # of the diameter; least factor on the limit of slim objects
-MAX_FEATURE = 0.1  # of the width
+MAX_FEATURE = 0.14  # of the width
 # |N(0, 2)|, the distance of two surfaces of unit noise: its mean, 95th and 99th percentile.
 _NOISE_MEAN, _NOISE_P95, _NOISE_P99 = 1.13, 2.77, 3.64
 _RIM_REACH = 1.5  # sample spacings from a rim within which an image is at the rim

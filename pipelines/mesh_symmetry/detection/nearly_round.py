@@ -130,16 +130,18 @@ def leans_in_pattern(samples: Samples, axis: Array, noise: float = 0.0) -> bool:
 def _is_wave(angle: Array, lean: Array, orders: Indices, limit: float, least: float) -> bool:
     """Return whether one wave of `orders`, of more than `limit` radians, is in `lean` (n,).
 
-    It explains more than the share `least` of its variance. The wave of an axis beside the middle,
-    once around, is fitted along: where a hole interrupts the circle, it resembles the others.
+    It explains more than the share `least` of its variance, both by itself and beside the wave of
+    an axis beside the middle, once around: where a hole interrupts the circle, the two resemble
+    each other.
     """
     waves = np.exp(1j * np.outer(np.arange(int(orders[-1]) + 1), angle))
     once = np.stack([waves[0].real, waves[1].real, waves[1].imag])
-    for order in orders:
+    amplitudes = np.empty((2, len(orders)))
+    amplitudes[0] = 2.0 * np.abs(waves[orders] @ lean) / len(angle)
+    for column, order in enumerate(orders):
         terms = np.concatenate([once, [waves[order].real, waves[order].imag]])
         system = terms @ terms.T + RIDGE * len(angle) * np.eye(len(terms))
-        amplitude = float(np.linalg.norm(np.linalg.solve(system, terms @ lean)[3:]))
-        explained = 0.5 * amplitude**2 / max(float(np.mean(lean**2)), 1e-12)
-        if amplitude > limit and explained > least:
-            return True
-    return False
+        amplitudes[1, column] = np.linalg.norm(np.linalg.solve(system, terms @ lean)[3:])
+    amplitude = amplitudes.min(axis=0)
+    explained = 0.5 * amplitude**2 / max(float(np.mean(lean**2)), 1e-12)
+    return bool(((amplitude > limit) & (explained > least)).any())

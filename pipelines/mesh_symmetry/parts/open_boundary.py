@@ -24,6 +24,7 @@ MIN_SEAM_SHARE = 0.5  # of an edge's points
 MAX_RIM_POINTS = 60000
 NUM_LINKS = 8  # neighbours of a sample
 MIN_RIM_SHARE = 0.5  # least share of rim on the border of a patch that landed in a hole
+MIN_ENCLOSED = 0.8  # the same of a patch inside others, whose samples count as rim
 NUM_NEAREST = 6
 
 
@@ -85,18 +86,23 @@ def cut_off(missed: Mask, at_rim: Mask, rim_is_nearest: Mask, links: Indices) ->
     near a rim, `rim_is_nearest`: (n,) samples whose image has no part of the surface much nearer
     than the rim, `links`: (e, 2) pairs of neighbouring samples. Linked samples of `missed` form
     patches, those with and without a nearest rim apart: a hole may lie beside a dent. A patch with
-    a rim along its border has landed in a hole; without one the surface continues there in another
-    shape, such as a handle.
+    a rim along its border has landed in a hole, and so has a patch inside such a patch; without one
+    the surface continues there in another shape, such as a handle.
     """
     alike = rim_is_nearest[links[:, 0]] == rim_is_nearest[links[:, 1]]
     inside = links[missed[links].all(axis=1) & alike]
     count = len(missed)
     graph = coo_matrix((np.ones(len(inside)), (inside[:, 0], inside[:, 1])), (count, count))
     patch = connected_components(graph, directed=False)[1]
-    border = links[missed[links[:, 0]] & ~missed[links[:, 1]]]
-    total = np.bincount(patch[border[:, 0]], minlength=count)
-    ended = np.bincount(patch[border[:, 0]], weights=at_rim[border[:, 1]], minlength=count)
-    return missed & ((total > 0) & (ended >= MIN_RIM_SHARE * total))[patch]
+    border = links[missed[links[:, 0]] & (patch[links[:, 0]] != patch[links[:, 1]])]
+    beyond = np.zeros(count, dtype=bool)
+    outer = border[~missed[border[:, 1]]]
+    for counted, least in ((outer, MIN_RIM_SHARE), (border, MIN_ENCLOSED)):
+        total = np.bincount(patch[counted[:, 0]], minlength=count)
+        ends = beyond | (at_rim & ~missed)
+        ended = np.bincount(patch[counted[:, 0]], weights=ends[counted[:, 1]], minlength=count)
+        beyond |= missed & ((total > 0) & (ended >= least * total))[patch]
+    return beyond
 
 
 def _single_edges(mesh: Mesh, tolerance: float) -> tuple[Array, Array]:

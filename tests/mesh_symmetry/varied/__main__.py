@@ -23,7 +23,7 @@ Spoil = Callable[[Varied, np.random.Generator], Mesh]
 VARIANTS: dict[str, Spoil] = {
     "clean": lambda truth, _: truth.mesh,
     "noise": lambda truth, rng: defects.noisy(truth.mesh, rng),
-    "hole": lambda truth, rng: defects.holed(truth.mesh, rng, truth.feature),
+    "hole": lambda truth, rng: defects.holed(truth.mesh, rng, truth.feature, truth.images),
 }
 
 

@@ -4,6 +4,8 @@ A defect is a map from vertices (n, 3) to vertices, sizes in shares of the bound
 The upright axis is z.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 import trimesh
 
@@ -108,10 +110,16 @@ def noisy(mesh: Mesh, rng: np.random.Generator) -> Mesh:
     return Mesh(mesh.vertices + shift, mesh.faces)
 
 
-def holed(mesh: Mesh, rng: np.random.Generator, feature: Array | None = None) -> Mesh:
+def holed(
+    mesh: Mesh,
+    rng: np.random.Generator,
+    feature: Array | None = None,
+    images: Sequence[Array] = (),
+) -> Mesh:
     """Return `mesh` without the surface around a random place.
 
-    The place is in the half away from `feature`, without which the object would be another one.
+    The place is in the half away from `feature`, without which the object would be another one. The
+    surface stays at `images`, where a symmetry that is none would need another such feature.
     """
     mesh = _divided(mesh, HOLED_FACES)
     centers, area = mesh.triangles.mean(axis=1), mesh.face_areas
@@ -120,10 +128,13 @@ def holed(mesh: Mesh, rng: np.random.Generator, feature: Array | None = None) ->
         away = np.linalg.norm(centers - feature, axis=1)
         share = share * (away > np.average(away, weights=area))
         share /= share.sum()
-    place = centers[rng.choice(len(centers), p=share)]
-    order = np.argsort(np.linalg.norm(centers - place, axis=1))
-    cut = int(np.searchsorted(np.cumsum(area[order]), HOLE_SHARE * area.sum()))
-    return mesh.submesh(np.sort(order[cut:]))
+    needed = [np.linalg.norm(centers - image, axis=1).argmin() for image in images]
+    while True:
+        place = centers[rng.choice(len(centers), p=share)]
+        order = np.argsort(np.linalg.norm(centers - place, axis=1))
+        cut = int(np.searchsorted(np.cumsum(area[order]), HOLE_SHARE * area.sum()))
+        if not np.isin(needed, order[:cut]).any():
+            return mesh.submesh(np.sort(order[cut:]))
 
 
 def _divided(mesh: Mesh, faces: int) -> Mesh:

@@ -28,7 +28,7 @@ class Varied:
     """An object with its true symmetries; planes that contain the axis are true as well.
 
     `planes` must be found, or three of them; `unclear` ones may be. Holes stay away from `feature`,
-    which breaks the other symmetries.
+    which breaks the other symmetries, and from its `images` under those that the rest has.
     """
 
     mesh: Mesh
@@ -36,6 +36,7 @@ class Varied:
     planes: tuple[Plane, ...] = ()
     unclear: tuple[Plane, ...] = ()
     feature: Array | None = None
+    images: tuple[Array, ...] = ()
 
 
 Profile = Callable[[np.random.Generator], list[tuple[float, float]]]
@@ -406,8 +407,11 @@ def knob_box(rng):
     x, y, z = rng.uniform(0.08, 0.12), rng.uniform(0.05, 0.07), rng.uniform(0.05, 0.07)
     r = rng.uniform(0.008, 0.011)
     knob = turned([(0, 0), (r, 0), (r, 2 * r), (0, 2 * r)])
-    knob.apply_translation((rng.uniform(0.2, 0.3) * x, 0, z / 2))
-    return Varied(_joined(_box(x, y, z), knob), planes=_through(Y), feature=0.25 * x * X + z * Z)
+    place = np.array([rng.uniform(0.2, 0.3) * x, 0.0, z / 2])
+    knob.apply_translation(place)
+    images = tuple(place * signs for signs in ((-1, 1, 1), (1, 1, -1), (-1, 1, -1)))
+    made, near = _joined(_box(x, y, z), knob), 0.25 * x * X + z * Z
+    return Varied(made, planes=_through(Y), feature=near, images=images)
 
 
 def spray(rng):

@@ -210,6 +210,11 @@ SELECTION = (
         replaced={f"{PLANAR}ANGLES": np.zeros(1)},
     ),
     Rule(
+        "planar-hidden",
+        "penalty of outlines turned away",
+        replaced={f"{PLANAR}HIDDEN_PENALTY": 0.0},
+    ),
+    Rule(
         "planar-table",
         "planar slices lifted off the table",
         replaced={f"{PLANAR}STEEP_APPROACH": 2.0},

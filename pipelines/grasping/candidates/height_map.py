@@ -30,6 +30,10 @@ class HeightMap:
         low, cell, depth = _nearest_in_cells(points @ axes)
         return cls(axes, low - MARGIN * cell, cell, _holes_filled(depth))
 
+    def across(self, direction: Array) -> Array:
+        """Return (2,) the part of `direction` (3,) on the plane across the approach."""
+        return np.asarray(direction @ self.axes[:, 1:])
+
     def points_at(self, pixels: Array, depth: float) -> Array:
         """Return (n, 3) camera-frame points of `pixels` (n, 2) as (column, row) at `depth`."""
         flat = self.low + (pixels + 0.5) * self.cell

@@ -28,6 +28,7 @@ MAX_PAIRS = 24  # pairs a slice
 PLACE = 4.0  # cells: one pair whose middle lies in such a square
 MIN_HOLDING = 0.8  # cosine of the contact angle; rubber pads slip at about 0.75, 37 degrees
 ANGLES = np.radians([0.0, 20.0, -20.0, 40.0, -40.0])  # about the contact line
+HIDDEN_PENALTY = 0.3  # of the confidence that a boundary that faces away is the object's end
 
 
 def planar_candidates(region: RegionCloud, feasibility: Feasibility) -> GraspCandidates:
@@ -36,7 +37,7 @@ def planar_candidates(region: RegionCloud, feasibility: Feasibility) -> GraspCan
     for approach in approach_directions(region, feasibility.scene):
         view = HeightMap.of(region.points, approach)
         for depth, contact_depth in _slice_depths(view, feasibility):
-            pairs, held = _slice_pairs(view, depth, feasibility.widths)
+            pairs, held = _slice_pairs(view, depth, region, feasibility)
             contacts.append(view.points_at(pairs.reshape(-1, 2), contact_depth).reshape(-1, 2, 3))
             quality.append(held)
             approaches.append(np.broadcast_to(approach, (len(held), 3)))
@@ -75,7 +76,7 @@ def _slice_depths(view: HeightMap, feasibility: Feasibility) -> list[tuple[float
 
 
 def _slice_pairs(
-    view: HeightMap, depth: float, fitting: tuple[float, float]
+    view: HeightMap, depth: float, region: RegionCloud, feasibility: Feasibility
 ) -> tuple[Array, Array]:
     """Return the best pairs of one slice: cells (k, 2, 2) as (column, row), and quality (k,)."""
     inside = np.asarray(cv2.medianBlur((view.depth <= depth).astype(np.uint8), 3), np.uint8)
@@ -84,7 +85,8 @@ def _slice_pairs(
         return np.zeros((0, 2, 2)), np.zeros(0)
     contact = boundary + 0.5 * outward  # from a cell's centre to its outer edge
     steep = _wall_steepness(view.depth, depth, view.cell, boundary, outward)
-    pairs, quality = _holding_pairs(contact, outward, steep, view.cell, fitting)
+    ends = 1.0 - HIDDEN_PENALTY * np.maximum(outward @ view.across(region.view_ray), 0.0)
+    pairs, quality = _holding_pairs(contact, outward, steep, ends, view.cell, feasibility.widths)
     best = _spread(contact, pairs, np.argsort(-quality, kind="stable"))
     return contact[pairs[best]], quality[best]
 
@@ -134,11 +136,17 @@ def _wall_steepness(depth: Array, at: float, cell: float, cells: Array, outward:
 
 @compiled
 def _holding_pairs(
-    contact: Array, outward: Array, steep: Array, cell: float, fitting: tuple[float, float]
+    contact: Array,
+    outward: Array,
+    steep: Array,
+    ends: Array,
+    cell: float,
+    fitting: tuple[float, float],
 ) -> tuple[Indices, Array]:
     """Return the pairs (k, 2) of n boundary points that fingers hold, and their quality (k,).
 
-    `contact` (n, 2) are in cells; `fitting`: the least and greatest metres between two.
+    `contact` (n, 2) are in cells; `ends` (n,): confidence that each is the object's end; `fitting`:
+    the least and greatest metres between two.
     """
     narrow, wide = fitting
     most = len(contact) * (len(contact) - 1) // 2
@@ -154,7 +162,7 @@ def _holding_pairs(
             holding = cosine * min(steep[i], steep[j])
             if holding > MIN_HOLDING:
                 pairs[count, 0], pairs[count, 1] = i, j
-                quality[count] = holding * holding
+                quality[count] = holding * holding * min(ends[i], ends[j])
                 count += 1
     return pairs[:count].copy(), quality[:count].copy()
 

@@ -19,11 +19,12 @@ GRIPPER = load_gripper("rg2")
 seeds = st.integers(0, 2**31)
 
 
-def naive_pairs(view, depth):
+def naive_pairs(view, depth, region):
     """Holding pairs of one slice, (first, second) contact on the plane and quality."""
     inside = planar.cv2.medianBlur((view.depth <= depth).astype(np.uint8), 3)
     boundary, outward = planar._boundary(inside)
     steep = planar._wall_steepness(view.depth, depth, view.cell, boundary, outward)
+    ray = region.view_ray @ view.axes[:, 1:]
     contact, found = boundary + 0.5 * outward, {}
     for i in range(len(contact)):
         for j in range(i + 1, len(contact)):
@@ -33,7 +34,8 @@ def naive_pairs(view, depth):
             line = (contact[j] - contact[i]) / width
             holding = min(-line @ outward[i], line @ outward[j]) * min(steep[i], steep[j])
             if holding > planar.MIN_HOLDING:
-                found[tuple(contact[i]), tuple(contact[j])] = holding**2
+                ends = [1.0 - planar.HIDDEN_PENALTY * max(outward[k] @ ray, 0.0) for k in (i, j)]
+                found[tuple(contact[i]), tuple(contact[j])] = holding**2 * min(ends)
     return found
 
 
@@ -59,8 +61,8 @@ def test_the_pairs_of_a_slice_are_those_of_a_loop(shape):
     for approach in planar.approach_directions(region, scene):
         view = height_map.HeightMap.of(region.points, approach)
         for at, _ in planar._slice_depths(view, checks):
-            expected = naive_pairs(view, at)
-            cells, quality = planar._slice_pairs(view, at, checks.widths)
+            expected = naive_pairs(view, at, region)
+            cells, quality = planar._slice_pairs(view, at, region, checks)
             keys = np.array([np.ravel(pair) for pair in expected]).reshape(-1, 4)
             values = np.array(list(expected.values()))
             assert len(cells) <= planar.MAX_PAIRS

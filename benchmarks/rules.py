@@ -241,14 +241,24 @@ SYMMETRIES = (
         replaced={f"{FITS}grounding.starting_axes": axes_without((1, 2, 3))},
     ),
     Rule(
+        "axes-face",
+        "axis of the largest face",
+        replaced={f"{FITS}grounding.starting_axes": axes_without((4,))},
+    ),
+    Rule(
         "axes-up",
         "upright axis through the predicted point",
-        replaced={f"{FITS}grounding.starting_axes": axes_without((4,))},
+        replaced={f"{FITS}grounding.starting_axes": axes_without((5,))},
     ),
     Rule(
         "axes-outline",
         "upright axis through the outline's middle",
-        replaced={f"{FITS}grounding.starting_axes": axes_without((5,))},
+        replaced={f"{FITS}grounding.starting_axes": axes_without((6,))},
+    ),
+    Rule(
+        "axes-lying",
+        "lying axes",
+        replaced={f"{FITS}grounding.starting_axes": axes_without((7, 8, 9, 10))},
     ),
     Rule(
         "planes-network",

@@ -114,8 +114,8 @@ def test_candidates_are_left_out_of_what_the_code_proposes():
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     slots = SymmetrySlots.empty()
     slots.existence[:], slots.point[:], slots.direction[:] = 1.0, 0.0, [0.0, 0.0, 1.0]
-    every, sources = starting_axes(slots, points, None)
-    fewer, kept = axes_without([0])(slots, points, None)
+    every, sources = starting_axes(slots, points, normals, None)
+    fewer, kept = axes_without([0])(slots, points, normals, None)
     assert [axis.direction.tolist() for axis in fewer] == [
         axis.direction.tolist() for axis in every[1:]
     ]

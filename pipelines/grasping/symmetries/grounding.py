@@ -123,7 +123,7 @@ def axis_evidence(
     allowed: int = NETWORK | SHAPE,
 ) -> Evidence[RotationSymmetry]:
     """Return all candidate axes, fitted to `points` (n, 3) with `normals` (n, 3)."""
-    starts, sources = starting_axes(slots, points, scene.plane, allowed)
+    starts, sources = starting_axes(slots, points, normals, scene.plane, allowed)
     fits = fit_rotations(starts, points, normals)
     axes, feet = np.array([fit.direction for fit in fits]), np.array([fit.point for fit in fits])
     images = _turned(points[::STRIDE], axes, feet)

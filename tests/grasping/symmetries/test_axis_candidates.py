@@ -1,10 +1,11 @@
-"""Axes that a region may have: named by the network, of upright objects, of a tin from above."""
+"""Axes that a region may have: of upright and lying objects, of a tin seen from above."""
 
 import numpy as np
+import pytest
 
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.symmetry import SymmetrySlots
-from pipelines.geometry.transforms import make_pose, random_rotation, unit
+from pipelines.geometry.transforms import make_pose, random_rotation, rotate_vectors, unit
 from pipelines.geometry.transforms import transform_points as moved
 from pipelines.grasping.symmetries.axis_candidates import middle_of_outline, starting_axes
 from pipelines.grasping.symmetries.sources import NETWORK, SHAPE
@@ -21,7 +22,7 @@ def cylinder(rng, along, centre, radius=0.03, length=0.1, toward=(0.0, -0.7, 0.7
     normals = np.outer(np.cos(angle), first) + np.outer(np.sin(angle), second)
     points = centre + radius * normals + np.outer(height, along)
     front = normals @ unit(toward) > 0.1
-    return points[front]
+    return points[front], normals[front]
 
 
 def nearest(axes, direction, point, degrees):
@@ -30,35 +31,44 @@ def nearest(axes, direction, point, degrees):
     return min(float(np.linalg.norm(np.cross(point - a.point, a.axis))) for a in close)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_lying_object_turns_about_a_level_line_at_half_its_height(seed):
+    rng = np.random.default_rng(seed)
+    turn = rng.uniform(0, np.pi)
+    along, centre = np.array([np.cos(turn), np.sin(turn), 0]), np.array([0.1, 0.2, 0.03])
+    points, normals = cylinder(rng, along, centre)
+    assert nearest(starting_axes(NOTHING, points, normals, TABLE)[0], along, centre, 5) < 0.006
+
+
 def test_a_tin_of_which_only_the_lid_is_seen_turns_about_its_middle():
     rng = np.random.default_rng(0)
     flat = rng.uniform(-0.05, 0.05, (4000, 2))
     flat = flat[np.linalg.norm(flat, axis=1) < 0.05]
     flat = flat[(flat[:, 1] < 0.03)]  # another object hides a part of it
     points = np.column_stack([flat, np.full(len(flat), 0.04)])
+    normals = np.tile([0, 0, 1.0], (len(points), 1))
     pose = make_pose(random_rotation(rng), rng.normal(size=3))
-    table = Plane(pose[:3, 2], float(-pose[:3, 2] @ pose[:3, 3]))
-    axes, _ = starting_axes(NOTHING, moved(pose, points), table)
+    axes, _ = starting_axes(NOTHING, moved(pose, points), rotate_vectors(pose, normals), None)
     assert nearest(axes, pose[:3, 2], moved(pose, [0, 0, 0.04]), 2) < 0.003
 
 
 def test_the_axis_that_the_network_names_comes_first():
     rng = np.random.default_rng(1)
-    points = cylinder(rng, np.array([0, 0, 1.0]), np.array([0, 0, 0.05]))
-    axes, sources = starting_axes(NOTHING, points, TABLE)
+    points, normals = cylinder(rng, np.array([0, 0, 1.0]), np.array([0, 0, 0.05]))
+    axes, sources = starting_axes(NOTHING, points, normals, TABLE)
     first = axes[0]
     np.testing.assert_allclose(first.axis, NOTHING.direction[3])
     np.testing.assert_allclose(first.point, NOTHING.point[3])
     assert sources[0] == NETWORK
-    alone, _ = starting_axes(NOTHING, points, TABLE, NETWORK)
+    alone, _ = starting_axes(NOTHING, points, normals, TABLE, NETWORK)
     assert len(alone) == 1
     np.testing.assert_allclose(alone[0].axis, first.axis)
 
 
 def test_axes_by_shape_do_not_depend_on_the_network():
-    points = cylinder(np.random.default_rng(1), np.array([0, 0, 1.0]), np.zeros(3))
+    points, normals = cylinder(np.random.default_rng(1), np.array([0, 0, 1.0]), np.zeros(3))
     elsewhere = SymmetrySlots(np.ones(5), np.full((5, 3), 3.0), np.tile([1.0, 0, 0], (5, 1)))
-    found = [starting_axes(s, points, TABLE, SHAPE) for s in (NOTHING, elsewhere)]
+    found = [starting_axes(s, points, normals, TABLE, SHAPE) for s in (NOTHING, elsewhere)]
     assert set(found[0][1]) == {SHAPE}
     for one, other in zip(found[0][0], found[1][0], strict=True):
         np.testing.assert_array_equal([one.axis, one.point], [other.axis, other.point])

@@ -18,7 +18,7 @@ from tests.stages.interruption import COMMANDS, LONGEST_RUN, ROOT, digests, writ
 
 # Commands that work on what an earlier one of the same line wrote.
 CHAINS = COMMANDS | {
-    "labels": f"{COMMANDS['synthesize']}; annotate-symmetry {{out}}/root --workers 2; "
+    "labels": f"synthesize {COMMANDS['synthesize']}; annotate-symmetry {{out}}/root --workers 2; "
     "refine-grasps {out}/root --workers 2; pack {out}/root --out {out}/packed --workers 2; "
     "export-coco {out}/root --out {out}/coco --workers 2",
     "frames": "convert-frames {root} --out {out}/pairs; infer {out}/pairs --out {out}/g.h5 "

@@ -4,12 +4,16 @@
 takes minutes; here stand the kinds of defects, one object each.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
 
+from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.mesh_symmetry.detection.surface import Surface
+from pipelines.mesh_symmetry.symmetry_verification import SurfaceFit
 from tests.geometry.symmetric_shapes import cylinder, mesh_of
 from tests.mesh_symmetry.detection.test_symmetry_detection import (
     angle_deg,
@@ -72,6 +76,16 @@ def test_the_ends_of_a_marker_differ_by_its_width_not_by_its_length():
 
 def test_parts_that_lie_loose_break_the_planes_of_a_box():
     assert planes_of(detect(shapes.tray_of_parts(rng()).mesh)) == []
+
+
+def test_a_hundredth_of_the_surface_that_misses_far_breaks_a_symmetry():
+    config = AnnotateSymmetryConfig()
+    fit = SurfaceFit(
+        mean=0.001, p95=0.004, p99=0.03, p995=0.05, agreement=1.0, displacement=0.5, reach=1.0,
+        unseen=0.0, noise=0.0, own_agreement=1.0, loss=0.001,
+    )  # fmt: skip
+    assert fit.holds(config)
+    assert not replace(fit, p995=0.07).holds(config)
 
 
 def test_a_noisy_jug_has_the_plane_of_its_spout_and_none_beside_it():

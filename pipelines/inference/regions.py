@@ -21,8 +21,6 @@ Depth = NDArray[np.float32]
 REST = "rest"  # source of the region of grasps that lie on no other
 SOURCES = "masks", "detector", "geometric", "color"  # the most certain first
 CONFINED = 0.6  # share of a region within a segment that may complete it
-AGREEING = 0.8  # common share from which a region and a segment show the same thing
-MOST_IN_ERROR = 0.1  # share of a region's pixels that the error of its mask may add
 MARGIN = 21  # pixels, of the working size, by which masks of detections may be too small
 
 
@@ -105,7 +103,6 @@ def find_regions(
             found = detector.detect(color, depth, intrinsics, segments.plane)
             regions = _standing(found, depth > 0, segments, config)
         if config.regions != "detector":
-            regions = _parted(regions, segments.labels)
             regions = _completed(regions, segments, config)
     large = [r for r in regions if np.count_nonzero(r.mask) >= config.min_region_pixels]
     return large, len(regions) - len(large)
@@ -135,29 +132,6 @@ def _standing(
         free &= ~mask
         regions.append(Region(mask, float(detection.confidence), "detector"))
     return regions
-
-
-def _parted(regions: list[Region], labels: NDArray[np.int32]) -> list[Region]:
-    """Return `regions`, disjoint, with the borders that depth shows between them (D. 143).
-
-    Where two regions each agree with a segment of `labels` (H, W), and one holds a little of the
-    other's segment, that is the error of its mask.
-    """
-    sizes, result = np.bincount(labels.ravel()), list(regions)
-    inside = [np.bincount(labels[region.mask], minlength=len(sizes)) for region in regions]
-    owners = {
-        int(np.argmax(shares)): index
-        for index, shares in enumerate(inside)
-        if shares.max() > AGREEING * max(shares.sum(), sizes[np.argmax(shares)])
-    }
-    for index in owners.values():
-        shares = inside[index]
-        for number, owner in owners.items():
-            if owner != index and 0 < shares[number] < MOST_IN_ERROR * shares.sum():
-                strip = result[index].mask & (labels == number)
-                result[index] = replace(result[index], mask=result[index].mask & ~strip)
-                result[owner] = replace(result[owner], mask=result[owner].mask | strip)
-    return result
 
 
 def _completed(

@@ -109,19 +109,6 @@ def test_the_only_detection_in_a_segment_takes_the_rest_of_it():
     assert sum((region.mask & box).any() for region in found) == 1
 
 
-def test_two_detections_meet_where_depth_parts_the_things():
-    depth, index = render([Box((0.1, 0.1, 0.04)), Box((0.06, 0.06, 0.1), (0, 0, 0.04))])
-    lower, upper = index == 0, index == 1
-    low = np.nonzero(upper)[0].max() - 4
-    strip = upper & (np.arange(240)[:, None] > low)
-    detector = Detector([Detection(lower | strip, 0.9), Detection(upper, 0.8)])
-    frame = replace(FRAME, depth=depth.astype(np.float32))
-    found = observe(frame, InferConfig(), np.random.default_rng(0), detector=detector).regions
-    assert strip.sum() > 50
-    assert (found[0].mask & strip).sum() < 0.3 * strip.sum()
-    assert (found[1].mask & strip).sum() > 0.7 * strip.sum()
-
-
 def test_what_several_detections_leave_of_a_segment_is_a_region_where_it_is_wide():
     depth, index = render([Box((0.3, 0.06, 0.05))])
     columns = np.nonzero(index == 0)[1]

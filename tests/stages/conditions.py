@@ -25,7 +25,6 @@ CHAINS = COMMANDS | {
     "--overlays {out}/pictures --regions geometric --method planar --workers 2; "
     "view {out}/g.h5 --out {out}/view --workers 2; export {out}/g.h5 --to json --out {out}/g.json; "
     "export {out}/g.h5 --to csv --out {out}/g.csv; workspace {out}/pairs --out {out}/workspace",
-    "critic": "train-critic planes {root} --out {out}/critic.safetensors --workers 2",
     "doctor": "doctor",
 }
 REFERENCE = {"PYTHONHASHSEED": "0", "TZ": "UTC", "LC_ALL": "C.UTF-8", "OMP_NUM_THREADS": "1"}
@@ -50,7 +49,7 @@ def run(name, inputs, out, condition, before=()):
     surroundings = os.environ | REFERENCE | condition
     for line in CHAINS[name].format(**places).split("; "):
         words = line.replace("--workers 2", f"--workers {workers}").split()
-        stage = [] if ";" in CHAINS[name] or name in {"critic", "doctor"} else name.split()
+        stage = [] if ";" in CHAINS[name] or name == "doctor" else name.split()
         done = subprocess.run(
             [*before, sys.executable, "-m", "symgrasp", *stage, *words],
             cwd=ROOT, env=surroundings, capture_output=True, text=True, errors="replace",

@@ -68,12 +68,25 @@ def json_value(path: Path | str, data: bytes, what: str = "this") -> Any:  # noq
         if found > most:
             raise FormatError(path, f"{what} has {found} {name}", f"at most {most} are read")
     try:
-        content = json.loads(data.decode())
+        content = parsed_json(data)
         deep = is_deep(content, MAX_JSON_DEPTH)
     except (ValueError, RecursionError) as error:  # not text, not JSON, too many digits, too deep
         raise FormatError(path, f"{what} is not JSON ({reason(error)})", expected) from error
     if deep:
         raise FormatError(path, f"{what} is nested too deep", f"at most {MAX_JSON_DEPTH} levels")
+    return content
+
+
+def parsed_json(data: bytes) -> Any:  # noqa: ANN401 - JSON
+    """Return what JSON in UTF-8 says.
+
+    Raises:
+        ValueError: not JSON, or with half a character, which no output could hold.
+        RecursionError: nested too deep.
+    """
+    content = json.loads(data.decode())
+    if b"\\ud" in data.lower():
+        json.dumps(content, ensure_ascii=False).encode()
     return content
 
 

@@ -79,6 +79,13 @@ def test_a_text_that_is_no_json_object_is_refused(text: object) -> None:
         json_object("f", text, "config")
 
 
+def test_half_a_character_in_json_is_refused_and_a_whole_one_read() -> None:
+    assert json_value("f", b'{"a": "\\ud83d\\ude00"}') == {"a": "\N{GRINNING FACE}"}
+    for half in (b'"\\ud800"', b'{"\\uDC00": 1}'):
+        with pytest.raises(FormatError, match="surrogates not allowed"):
+            json_value("f", half)
+
+
 def test_json_within_the_bounds_is_read_and_beyond_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     assert json_value("f", b'{"a": [1, 2]}') == {"a": [1, 2]}
     deep = ("[" * 101 + "]" * 101).encode()

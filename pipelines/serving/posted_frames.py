@@ -1,6 +1,5 @@
 """A frame posted as one JSON object: images as PNG or raw arrays in base64, and the camera."""
 
-import json
 from base64 import b64decode
 from binascii import Error as NoBase64
 from collections.abc import Mapping
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from pipelines.contents import parsed_json
 from pipelines.errors import ValueRangeError
 
 KNOWN = ("color", "depth", "intrinsics", "depth_units_per_metre", "workspace", "masks", "name")
@@ -45,7 +45,7 @@ def posted_frame(body: bytes, max_pixels: int) -> PostedFrame:
         ValueRangeError: it is no JSON object of a frame; the message says what is wrong.
     """
     try:
-        content = json.loads(body)
+        content = parsed_json(body)
     except (ValueError, RecursionError) as error:
         raise ValueRangeError("body", f"no JSON ({error})", "an object with a frame") from None
     if not isinstance(content, dict):

@@ -112,6 +112,13 @@ def test_what_is_no_frame_is_one_sentence(frame, said):
     assert "\n" not in answer.json()["error"]
 
 
+def test_a_name_with_half_a_character_is_one_sentence():
+    body, headers = json.dumps(post(name="\ud800")), {"content-type": "application/json"}
+    answer = client_of().post("/grasps", content=body, headers=headers)
+    assert answer.status_code == 400
+    assert "surrogates not allowed" in answer.json()["error"]
+
+
 @pytest.mark.parametrize("units", [[1000], "1000", {"x": 1000}, float("nan")])
 def test_units_that_are_no_number_are_one_sentence(units):
     client = client_of(lambda color, depth, **options: frame_of(color, depth, [9] * 4, units))

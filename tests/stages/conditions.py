@@ -41,7 +41,7 @@ REMOTE = re.compile(r"(connect|sendto|sendmsg)\(.*sa_family=AF_INET6?,(?!.*\"(12
 
 
 def run(name, inputs, out, condition, before=()):
-    """Run the commands `name` with outputs in `out`; return their processes."""
+    """Run the commands `name` with outputs in `out`; return how they failed, or nothing."""
     condition = dict(condition)
     workers = condition.pop("workers", "2")
     places = {"out": out, "grasps": inputs / "grasps.h5"}

@@ -60,10 +60,6 @@ class OpenBoundary:
         """Return the boundary moved by -`center` (3,) and divided by `size`."""
         return self.at((self.points - center) / size, self.outward)
 
-    def near(self, points: Array, reach: float) -> Mask:
-        """Return the mask (n,) of `points` (n, 3) within `reach` of a rim."""
-        return self.distances(points, reach) < np.inf
-
     def distances(self, points: Array, reach: float) -> Array:
         """Return the distances (n,) of `points` (n, 3) to the nearest rim, inf beyond `reach`."""
         if self.tree is None:

@@ -46,8 +46,8 @@ def test_a_box_without_its_top_ends_at_the_four_upper_edges(spoil):
 def test_points_near_the_rim_are_those_within_reach():
     rim = OpenBoundary.of(without_top(box(0.12, 0.08, 0.05)))
     points = np.array([[0.06, 0.0, 0.03], [0.0, 0.0, 0.025], [0.06, 0.0, 0.0]])
-    assert rim.near(points, 0.01).tolist() == [True, False, False]
-    assert not OpenBoundary.of(box()).near(points, 1.0).any()
+    assert np.isfinite(rim.distances(points, 0.01)).tolist() == [True, False, False]
+    assert np.isinf(OpenBoundary.of(box()).distances(points, 1.0)).all()
 
 
 def test_a_dent_beside_a_hole_is_not_cut_off_with_it():

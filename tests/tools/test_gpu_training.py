@@ -2,6 +2,7 @@
 
 import argparse
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -133,6 +134,8 @@ def test_the_rate_of_the_paper_falls_by_a_tenth_at_a_time():
     steps = schedule.Schedule(rate=1e-3, seconds=100.0, averaged=0.0, drops=20)
     found = [steps.rate_at(0, seconds) for seconds in (0.0, 4.9, 5.1, 100.0)]
     assert found == pytest.approx([1e-3, 1e-3, 0.9e-3, 0.9**20 * 1e-3])
+    early = replace(steps, steps=1000)
+    assert early.rate_at(50, 1.0) == pytest.approx(0.9e-3)
 
 
 def test_the_preset_takes_regions_in_the_axes_of_the_camera(objects):
@@ -226,20 +229,25 @@ def test_rows_of_one_seed_learn_from_the_same_regions_each_by_itself(
     ring = rendering.RegionRing(2, CPU)
     ring.add([np.asarray(each, np.float32)[None] for each in rendering._rows(region)])
     monkeypatch.setattr(ring, "take_in", lambda renderers, scenes: None)
-    settings = ["batch_size=2", "network.num_points=300", "num_loss_points=40"]
+    settings = "batch_size=2,network.num_points=300,num_loss_points=40"
     options = argparse.Namespace(out=tmp_path, graph=False)
+    source = train_together.RegionSource(ring, None)
+    sources = {Path("all.xz"): source, Path("uncut.xz"): source}
+    texts = (
+        f"full:{settings}",
+        f"no_pift:{settings},network.use_pift=false",
+        f"u@uncut.xz:{settings}",
+    )
+    plans = [train_together.RowPlan.of(text, Path("all.xz"), "paper") for text in texts]
     rows = [
-        train_together.TrainedRow.of(name, seed, config, ring, options)
-        for name, own in (("full", []), ("no_pift", ["network.use_pift=false"]))
-        for config in [train.train_config("paper", settings + own)]
-        for seed in (0, 1)
+        train_together.TrainedRow.of(plan, seed, ring, options) for plan in plans for seed in (0, 1)
     ]
-    for steps in train_together.run_rounds(rows, ring, None, 60.0):
-        if steps == 2:
-            break
+    assert list(train_together.run_rounds(rows, sources, 60.0, 2)) == [1, 2]
     points = [row.step.sample.regions.points for row in rows]
     assert torch.equal(points[0], points[2])
     assert not torch.equal(points[0], points[1])
+    assert not torch.equal(points[0], points[4])
+    del rows[4:]
     for row in rows:
         row.write(tmp_path, 2)
     full, other, no_pift, _ = (
@@ -249,7 +257,7 @@ def test_rows_of_one_seed_learn_from_the_same_regions_each_by_itself(
     assert full[1].use_pift
     assert not no_pift[1].use_pift
     assert not torch.equal(full[0][WEIGHT], other[0][WEIGHT])
-    resumed = train_together.TrainedRow.of("full", 0, rows[0].config, ring, options)
+    resumed = train_together.TrainedRow.of(plans[0], 0, ring, options)
     assert resumed.earlier == 2
     assert torch.equal(resumed.step.averaged_weights()[WEIGHT], full[0][WEIGHT])
     assert not torch.equal(resumed.step.sample.regions.points, points[0])

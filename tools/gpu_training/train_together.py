@@ -2,16 +2,18 @@
 
 A step of a network is thousands of short kernels that leave most of a GPU idle, so the steps of
 different networks run at the same time, each in a stream of its own. A row whose weights lie in the
-output folder goes on from them.
+output folder goes on from them. `--minutes` and `--max-steps` may be several: one training after
+the other, each of which begins with the weights of the one before and the full learning rate.
 """
 
 import argparse
 import json
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import torch
 
@@ -35,12 +37,37 @@ SEEDS_APART = 1000  # a run that goes on draws other regions
 DROPS = 20  # of the learning rate, by a tenth each (Sec. III-G)
 
 
+class RowPlan(NamedTuple):
+    """A row of the table before its first step: its name, objects and settings."""
+
+    name: str
+    objects: Path
+    config: TrainConfig
+
+    @classmethod
+    def of(cls, text: str, objects: Path, preset: str | None) -> "RowPlan":
+        """Return the row of NAME[@OBJECTS][:SETTING=VALUE,...]."""
+        head, _, settings = text.partition(":")
+        name, _, own = head.partition("@")
+        chosen = [each for each in settings.split(",") if each]
+        return cls(name, Path(own) if own else objects, train_config(preset, chosen))
+
+
+@dataclass(frozen=True)
+class RegionSource:
+    """Regions of one file of objects: those on the device, and the processes that render more."""
+
+    ring: RegionRing
+    renderers: Renderers
+
+
 @dataclass(frozen=True)
 class TrainedRow:
     """One row of the table with one seed, in a stream of its own.
 
     Attributes:
         name: of its file.
+        objects: file of the objects that it learns from.
         seed: of its first weights and of what it learns from.
         config: of its training.
         step: its network and how it learns.
@@ -49,6 +76,7 @@ class TrainedRow:
     """
 
     name: str
+    objects: Path
     seed: int
     config: TrainConfig
     step: GraphStep
@@ -57,14 +85,10 @@ class TrainedRow:
 
     @classmethod
     def of(
-        cls,
-        name: str,
-        seed: int,
-        config: TrainConfig,
-        ring: RegionRing,
-        options: argparse.Namespace,
+        cls, plan: RowPlan, seed: int, ring: RegionRing, options: argparse.Namespace
     ) -> "TrainedRow":
         """Return a row that has learned nothing yet, or what its weights hold."""
+        name, objects, config = plan
         path = weights_path(options.out, name, seed)
         weights, metadata = load_weights(path) if path.exists() else ({}, {})
         earlier = int(metadata.get("steps", 0))
@@ -76,7 +100,7 @@ class TrainedRow:
             module.load_state_dict(weights)
         step = GraphStep(module, first, config, config.learning_rate, as_graph=options.graph)
         stream = torch.cuda.Stream() if device.type == "cuda" else None
-        return cls(name, seed, config, step, stream, earlier)
+        return cls(name, objects, seed, config, step, stream, earlier)
 
     def learn(self, sample: Sample, rate: float) -> None:
         """Make a step once all that was asked of the GPU before is done."""
@@ -105,23 +129,29 @@ def weights_path(folder: Path, name: str, seed: int) -> Path:
 
 
 def run_rounds(
-    rows: Sequence[TrainedRow], ring: RegionRing, renderers: Renderers, seconds: float
+    rows: Sequence[TrainedRow],
+    sources: Mapping[Path, RegionSource],
+    seconds: float,
+    max_steps: int,
 ) -> Iterator[int]:
-    """Let each row make one step after the other, until `seconds` are over; yield their number.
+    """Let each row make one step after the other; yield their number.
 
-    Rows of one seed that draw regions alike learn from the same samples.
+    Ends after `seconds` or `max_steps`. Rows of one seed and one file of objects that draw regions
+    alike learn from the same samples.
     """
     began, steps = time.monotonic(), 0
-    while (now := time.monotonic() - began) < seconds:
+    while (now := time.monotonic() - began) < seconds and steps < max_steps:
         if steps % 4 == 0:
-            ring.take_in(renderers, 4)
+            for source in sources.values():
+                source.ring.take_in(source.renderers, 4)
         samples: dict[str, Sample] = {}
         for row in rows:
             key = sample_key(row)
             if key not in samples:
+                ring = sources[row.objects].ring
                 samples[key] = drawn_sample(ring, row.config.batch_size, row.config)
         for row in rows:
-            schedule = Schedule(row.config.learning_rate, seconds, 0.0, DROPS)
+            schedule = Schedule(row.config.learning_rate, seconds, 0.0, DROPS, max_steps)
             row.learn(samples[sample_key(row)], schedule.rate_at(steps, now))
         for row in rows:
             row.wait()
@@ -133,45 +163,58 @@ def sample_key(row: TrainedRow) -> str:
     """Return a text that is the same for rows that may learn from the same samples."""
     config, network = row.config, row.config.network
     drawn = config.augmentation, config.batch_size, config.num_loss_points
-    return repr((row.seed, drawn, network.input_frame, network.num_points))
+    return repr((row.objects, row.seed, drawn, network.input_frame, network.num_points))
 
 
 def train_rows(options: argparse.Namespace) -> None:
-    """Train all rows with all seeds; write the weights now and then, and at the end."""
+    """Train all rows with all seeds, once for each of the times that `options` has."""
     device = torch.device(options.device)
-    named = [text.partition(":") for text in options.row]
-    configs = {name: train_config(options.preset, _split(rest)) for name, _, rest in named}
-    renderers = Renderers(options.objects, options.seeds[0], options.workers, options.limit)
+    plans = [RowPlan.of(text, options.objects, options.preset) for text in options.row]
+    files = dict.fromkeys(plan.objects for plan in plans)
+    workers = max(1, options.workers // len(files))
+    renderers = {path: Renderers(path, options.seeds[0], workers, options.limit) for path in files}
     prepare_layers(device)
-    ring = first_regions(renderers, options.capacity, device)
-    rows = [
-        TrainedRow.of(name, seed, config, ring, options)
-        for name, config in configs.items()
-        for seed in options.seeds
-    ]
+    sources = {
+        path: RegionSource(first_regions(each, options.capacity, device), each)
+        for path, each in renderers.items()
+    }
     options.out.mkdir(parents=True, exist_ok=True)
+    limits = options.max_steps or [10**9] * len(options.minutes)
+    for minutes, most in zip(options.minutes, limits, strict=True):
+        rows = [
+            TrainedRow.of(plan, seed, sources[plan.objects].ring, options)
+            for plan in plans
+            for seed in options.seeds
+        ]
+        train_once(rows, sources, minutes, most, options)
+    for each in renderers.values():
+        each.end()
+
+
+def train_once(
+    rows: Sequence[TrainedRow],
+    sources: Mapping[Path, RegionSource],
+    minutes: float,
+    max_steps: int,
+    options: argparse.Namespace,
+) -> None:
+    """Train the rows; write the weights now and then, and at the end."""
     steps, told, written = 0, time.monotonic(), time.monotonic()
-    for steps in run_rounds(rows, ring, renderers, 60.0 * options.minutes):
+    for steps in run_rounds(rows, sources, 60.0 * minutes, max_steps):
         now = time.monotonic()
         if now - told > LOG_SECONDS:
             told = now
             losses = {f"{row.name}_{row.seed}": round(float(row.step.loss), 3) for row in rows}
-            line = json.dumps({"steps": steps, "regions": ring.seen, "loss": losses})
+            seen = [source.ring.seen for source in sources.values()]
+            line = json.dumps({"steps": steps, "regions": seen, "loss": losses})
             sys.stdout.write(f"{line}\n")
             sys.stdout.flush()
         if now - written > 60.0 * options.write_minutes:
             written = now
             for row in rows:
                 row.write(options.out, steps)
-        if steps == options.max_steps:
-            break
-    renderers.end()
     for row in rows:
         row.write(options.out, steps)
-
-
-def _split(settings: str) -> list[str]:
-    return [each for each in settings.split(",") if each]
 
 
 def main() -> None:
@@ -179,12 +222,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--objects", type=Path, required=True, help="written by labelled_objects")
     parser.add_argument("--out", type=Path, required=True, help="folder of the weights")
-    parser.add_argument("--row", action="append", required=True, help="NAME[:SETTING=VALUE,...]")
+    parser.add_argument(
+        "--row", action="append", required=True, help="NAME[@OBJECTS][:SETTING=VALUE,...]"
+    )
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], help="of each row")
     parser.add_argument("--preset", choices=PRESETS, help="settings of `symgrasp train --preset`")
-    parser.add_argument("--minutes", type=float, default=9.0, help="after the first regions")
+    parser.add_argument(
+        "--minutes", type=float, nargs="+", default=[9.0], help="after the first regions"
+    )
     parser.add_argument("--write-minutes", type=float, default=1.0, help="between two writings")
-    parser.add_argument("--max-steps", type=int, default=10**9)
+    parser.add_argument("--max-steps", type=int, nargs="+", help="as many as there are --minutes")
     parser.add_argument("--graph", action=argparse.BooleanOptionalAction, default=True)
     parser.add_argument("--workers", type=int, default=15, help="processes that render")
     parser.add_argument("--limit", type=int, help="objects to use, the first ones")

@@ -38,6 +38,9 @@ _ROUND_ERROR = 0.017
 # bodies of revolution miss by 0.05 of theirs, a slim pen with a hole by 0.12.
 SLIM_WIDTH, SLIMMEST = 0.33, 0.7  # of the diameter; least factor on the limit of slim objects
 MAX_FEATURE = 0.14  # of the width
+TURN_P99 = 1.2  # times the limit of planes: a dented jar with a hole misses by 0.051 of 0.044
+# Times the limit, at a single angle: grooves of a cup meet at some angles and miss at others.
+LEAST_AGREEMENT = 0.5
 # |N(0, 2)|, the distance of two surfaces of unit noise: its mean, 95th, 99th, 99.5th percentile.
 _NOISE_MEAN, _NOISE_P95, _NOISE_P99, _NOISE_P995 = 1.13, 2.77, 3.64, 3.97
 # Loose parts on 1 % of a box miss by 0.067 to 0.080, real objects by up to 0.054.
@@ -102,6 +105,26 @@ class SurfaceFit:
             and self.unseen <= config.max_unseen
         )
 
+    def may_turn(self, config: AnnotateSymmetryConfig) -> bool:
+        """Return whether a turn of a body of revolution may miss like this at one angle.
+
+        Left to all angles together: whether misses are small beside the width, and normals agree.
+        """
+        return (
+            self.excess(self.mean, _NOISE_MEAN) <= config.max_axis_mean
+            and self.excess(self.p95, _NOISE_P95) <= config.max_p95
+            and self.excess(self.p99, _NOISE_P99) <= TURN_P99 * config.max_p99 * self._slimness
+            and self.excess(self.p995, _NOISE_P995) <= MAX_P995
+            and self.agreement >= LEAST_AGREEMENT * config.min_agreement * self.own_agreement
+            and self.displacement >= MIN_DISPLACEMENT
+            and self.unseen <= config.max_unseen
+        )
+
+    def is_small_beside_width(self, config: AnnotateSymmetryConfig) -> bool:
+        """Return whether a turn misses little beside the width, everywhere: no clip, no bend."""
+        has_feature = self.excess(self.p99, _NOISE_P99) > MAX_FEATURE * self.reach
+        return self.miss <= config.max_error * self.reach and not has_feature
+
     def excess(self, statistic: float, of_noise: float) -> float:
         """Return `statistic` without the part of noise; `of_noise`: its value for unit noise."""
         return float(np.sqrt(max(statistic**2 - (of_noise * self.noise) ** 2, 0.0)))
@@ -114,11 +137,6 @@ class SurfaceFit:
     def miss(self) -> float:
         """Mean distance without the part of noise."""
         return self.excess(self.mean, _NOISE_MEAN)
-
-    @property
-    def has_feature(self) -> bool:
-        """Whether a turn misses a part that is small, but not beside the width, as a clip."""
-        return self.excess(self.p99, _NOISE_P99) > MAX_FEATURE * self.reach
 
     @property
     def _slimness(self) -> float:
@@ -188,6 +206,12 @@ def _unseen(surface: Surface, before: Samples, image: Samples, distance: Array) 
     # Farther out than distances are measured the rim counts as nearest.
     is_nearest = (to_rim <= distance + _RIM_SLACK * reach) | (distance >= MAX_DISTANCE)
     return cut_off(missed, to_rim < reach, is_nearest, before.links)
+
+
+def normals_agree(fits: Sequence[SurfaceFit], config: AnnotateSymmetryConfig) -> bool:
+    """Return whether normals agree over all turns about one axis together."""
+    agreement = float(np.mean([fit.agreement for fit in fits]))
+    return agreement >= config.min_agreement * fits[0].own_agreement
 
 
 def are_round(fits: Sequence[SurfaceFit]) -> bool:

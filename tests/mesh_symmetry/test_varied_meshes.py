@@ -22,6 +22,7 @@ from tests.mesh_symmetry.detection.test_symmetry_detection import (
     planes_of,
 )
 from tests.mesh_symmetry.varied import defects, shapes
+from tests.mesh_symmetry.varied.__main__ import generator
 
 Y, Z = np.eye(3)[1:]
 
@@ -42,13 +43,36 @@ def spoiled(draw, spoil):
     ("draw", "spoil"),
     [
         (shapes.marker, lambda points: defects.bent(points, 0.007)),
+        (shapes.pen, lambda points: defects.bent(points, 0.012)),
         (shapes.jar, lambda points: defects.oval(points, 0.01)),
         (shapes.ring, lambda points: defects.fluted(points, 0.004, 17)),
+        (shapes.funnel, lambda points: defects.fluted(points, 0.006, 25)),
     ],
-    ids=["bent", "oval", "fluted"],
+    ids=["bent", "bent by a tenth of its width", "oval", "fluted", "fluted, slow to settle"],
 )
 def test_a_slight_defect_leaves_a_body_its_axis(draw, spoil):
     (axis,) = axes_of(detect(spoiled(draw, spoil)))
+    assert axis.order is None
+    assert angle_deg(axis.axis, Z) < 1.0
+
+
+def test_grooves_that_miss_each_other_at_some_angles_leave_a_cup_its_axis():
+    cup = shapes.body(shapes.cup, generator(shapes.cup, 402)).mesh
+    (axis,) = axes_of(detect(cup))
+    assert axis.order is None
+    assert angle_deg(axis.axis, Z) < 1.0
+
+
+def test_a_dented_jar_with_a_hole_keeps_its_axis():
+    jar = spoiled(shapes.jar, lambda points: defects.dented(points, 0.05, np.random.default_rng(1)))
+    (axis,) = axes_of(detect(defects.holed(jar, np.random.default_rng(1))))
+    assert axis.order is None
+    assert angle_deg(axis.axis, Z) < 1.0
+
+
+def test_the_jagged_rim_of_a_hole_in_a_fine_mesh_is_no_seam():
+    ring = spoiled(shapes.ring, lambda points: defects.fluted(points, 0.004, 17))
+    (axis,) = axes_of(detect(defects.holed(ring, np.random.default_rng(2))))
     assert axis.order is None
     assert angle_deg(axis.axis, Z) < 1.0
 

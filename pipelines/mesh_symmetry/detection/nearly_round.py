@@ -7,6 +7,8 @@ Normalised coordinates: origin at the surface's centroid, unit diameter. An axis
 (ux, uy, uz, px, py, pz).
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from pipelines.array_types import Array, Indices
@@ -22,6 +24,7 @@ from pipelines.mesh_symmetry.detection.surface import Surface
 from pipelines.mesh_symmetry.symmetry_verification import (
     VERIFICATION_ANGLES,
     Samples,
+    SurfaceFit,
     are_round,
     fit_of,
     turn_samples,
@@ -37,7 +40,8 @@ NUM_BANDS = 8  # of the height, each with normals of its own
 LEAST_BAND = 60  # samples
 POLYGONS = np.arange(2, HIGHEST_HARMONIC + 1)
 MAX_OVAL_LEAN = 0.045  # radians; of an oval whose width varies by 4.5 %
-MIN_EXPLAINED = 0.4  # least share of the lean that one wave is; of an n-gon's, 0.6
+# Least share of the lean that one wave is; of an n-gon's it is 0.6, of a dented neck's 0.42.
+MIN_EXPLAINED = 0.5
 MIN_COHERENT = 0.05  # of a wave at all heights, where noise averages out
 RIDGE = 0.003  # of the samples; keeps waves that a short arc does not tell apart small
 ROUGH = 0.001  # of the diameter; noise that rounds the edges of polygons is twice that
@@ -52,24 +56,27 @@ def is_nearly_round(surface: Surface, samples: Samples, axis: Array) -> bool:
     That normals lean in a pattern is to be excluded first.
     """
     straight = np.zeros_like(samples.points)
-    return _turns_fit(surface, samples, axis, straight) or _turns_fit(
-        surface, samples, axis, _bend(surface, samples, axis)
-    )
+    bend = bend_of(surface, samples, axis)
+    return any(_are_alike(bent_fits(surface, samples, axis, shift)) for shift in (straight, bend))
 
 
-def _turns_fit(surface: Surface, samples: Samples, axis: Array, shift: Array) -> bool:
-    """Return whether turns about `axis`, shifted by `shift` (n, 3) at each sample, fit alike."""
+def _are_alike(fits: Sequence[SurfaceFit]) -> bool:
+    worst = max(fit.ovalness for fit in fits)
+    return worst <= MAX_OVALNESS or (worst <= 1.0 and are_round(fits))
+
+
+def bent_fits(surface: Surface, samples: Samples, axis: Array, shift: Array) -> list[SurfaceFit]:
+    """Return the fits of turns about a line that is `shift` (n, 3) beside `axis` at each sample."""
     fits = []
     for angle in VERIFICATION_ANGLES:
         moved = Samples(samples.points - shift, samples.normals)
         image = turn_samples(moved, axis[:3], axis[3:], angle)
         image = Samples(image.points + shift, image.normals)
         fits.append(fit_of(surface, samples, image, angle))
-    worst = max(fit.ovalness for fit in fits)
-    return worst <= MAX_OVALNESS or (worst <= 1.0 and are_round(fits))
+    return fits
 
 
-def _bend(surface: Surface, samples: Samples, axis: Array) -> Array:
+def bend_of(surface: Surface, samples: Samples, axis: Array) -> Array:
     """Return the shift (n, 3) of the middle line across `axis` at the height of each sample.
 
     It is quadratic in the height, and fits the turned samples to the surface.

@@ -15,7 +15,12 @@ from pipelines.array_types import Array
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.meshes.mesh import Mesh
-from pipelines.mesh_symmetry.detection.nearly_round import is_nearly_round, leans_in_pattern
+from pipelines.mesh_symmetry.detection.nearly_round import (
+    bend_of,
+    bent_fits,
+    is_nearly_round,
+    leans_in_pattern,
+)
 from pipelines.mesh_symmetry.detection.surface import Surface, diameter
 from pipelines.mesh_symmetry.detection.symmetry_candidates import (
     DistanceGrid,
@@ -32,6 +37,7 @@ from pipelines.mesh_symmetry.symmetry_verification import (
     are_round,
     fit_of,
     mirror_samples,
+    normals_agree,
     turn_samples,
 )
 
@@ -47,6 +53,8 @@ WALL_REACH = 0.05  # of the diameter, the error of candidates; nearer samples re
 MIN_AREA = 1e-9  # of the squared diameter; a mesh of less area is points or a line
 MISS_CAP = 0.05  # of the diameter; larger misses count as this
 MAX_MISS = 0.5 * MISS_CAP
+MORE_ROUNDS = 3  # of the refinement of an axis that has not come to rest
+AT_REST_ANGLE, AT_REST_OFFSET = float(np.radians(0.1)), 0.001
 SAME_ANGLE, SAME_OFFSET = float(np.radians(3.0)), 0.015  # radians, share of the diameter
 
 
@@ -151,16 +159,21 @@ def continuous_fit(
 
     Stops at the first angle at which the symmetry does not hold.
     """
+    surface, samples = shape.surface, shape.samples
     fits: list[SurfaceFit] = []
     for angle in VERIFICATION_ANGLES:
         fits.append(staged_fit(shape, config, partial(fit_of_turn, shape, axis, angle)))
-        if fits[-1].has_feature or not fits[-1].holds(config, config.max_axis_mean):
+        if not fits[-1].may_turn(config):
             return fits[-1], False
     worst = max(fits, key=attrgetter("miss"))
-    if leans_in_pattern(shape.samples, axis, shape.surface.noise):
+    if not normals_agree(fits, config) or leans_in_pattern(samples, axis, surface.noise):
         return worst, False
+    if not all(fit.is_small_beside_width(config) for fit in fits):
+        fits = bent_fits(surface, samples, axis, bend_of(surface, samples, axis))
+        if not all(fit.is_small_beside_width(config) for fit in fits):
+            return worst, False
     is_round = worst.ovalness <= 1.0 and are_round(fits)
-    return worst, is_round or is_nearly_round(shape.surface, shape.samples, axis)
+    return worst, is_round or is_nearly_round(surface, samples, axis)
 
 
 def search_axes(
@@ -177,7 +190,7 @@ def search_axes(
         config.axis_candidates,
         np.radians(config.axis_separation_deg),
     )
-    refined = refined_axes(shape, starts, REFINEMENT_ANGLES, FINE_SCALES, FINE_SAMPLES)
+    refined = settled_axes(shape, starts, config)
     frame = principal_axis_rows(shape.samples.points)
     principal = np.concatenate([frame, np.zeros((3, 3))], axis=1)
     fits = [continuous_fit(shape, axis, config) for axis in refined]
@@ -197,6 +210,29 @@ def refined_axes(
     points = shape.points(count)
     parts = refine_axes(shape.surface, points, axes[:, :3], axes[:, 3:], angles, scales)
     return np.column_stack(parts)
+
+
+def settled_axes(shape: UnitSurface, axes: Array, config: AnnotateSymmetryConfig) -> Array:
+    """Return `axes` (c, 6) refined until they rest, those that are not hopeless.
+
+    Grooves, dents and holes slow a refinement down: each round halves what is left.
+    """
+    settled = refined_axes(shape, axes, REFINEMENT_ANGLES, FINE_SCALES, FINE_SAMPLES)
+    going = np.arange(len(settled))
+    for _ in range(MORE_ROUNDS):
+        fits = [fit_of_turn(shape, axis, np.pi, shape.few) for axis in settled[going]]
+        going = going[[not fit.is_hopeless(config) for fit in fits]]
+        if not len(going):
+            break
+        before = settled[going]
+        after = refined_axes(shape, before, REFINEMENT_ANGLES, FINE_SCALES, FINE_SAMPLES)
+        settled[going] = after
+        along = np.abs(np.einsum("ci,ci->c", before[:, :3], after[:, :3]))
+        arm = after[:, 3:] - before[:, 3:]
+        arm = arm - np.einsum("ci,ci->c", arm, after[:, :3])[:, None] * after[:, :3]
+        rests = (along > np.cos(AT_REST_ANGLE)) & (np.linalg.norm(arm, axis=1) < AT_REST_OFFSET)
+        going = going[~rests]
+    return settled
 
 
 def _distinct_planes(shape: UnitSurface, planes: Array) -> Array:

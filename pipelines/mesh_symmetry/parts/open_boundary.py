@@ -20,6 +20,8 @@ WELD = 1e-5  # of the bounding box's diagonal; nearer corners are the same
 SPACING = 0.004  # of the diagonal, between the points that represent a rim
 SEAM = 0.003  # of the diagonal; nearer edges of two sheets are a seam
 OPPOSITE_COSINE = 0.5  # two sheets of a seam continue in directions farther apart than this
+# The edges of a seam are parallel; those of a jagged rim, however small, go to and fro.
+PARALLEL_COSINE = 0.8
 MIN_SEAM_SHARE = 0.5  # of an edge's points
 MAX_RIM_POINTS = 60000
 NUM_LINKS = 8  # neighbours of a sample
@@ -45,8 +47,9 @@ class OpenBoundary:
         size = mesh.diagonal
         corners, opposite = _single_edges(mesh, WELD * size)
         points, outward, owner = _sampled(corners, opposite, SPACING * size)
-        seam = _is_seam(points, outward, owner, SEAM * size)
-        # A jagged rim is near itself at its corners only, a seam along its whole length.
+        along = unit(corners[:, 1] - corners[:, 0])[owner]
+        seam = _is_seam(points, outward, along, owner, SEAM * size)
+        # A rim is near itself at its corners only, a seam along its whole length.
         share = np.bincount(owner, weights=seam) / np.maximum(np.bincount(owner), 1)
         keep = share[owner] < MIN_SEAM_SHARE
         return cls.at(points[keep], outward[keep])
@@ -145,8 +148,8 @@ def _sampled(edges: Array, opposite: Array, spacing: float) -> tuple[Array, Arra
     return start[owner] + share[:, None] * along[owner], -unit(inward)[owner], owner
 
 
-def _is_seam(points: Array, outward: Array, owner: Indices, reach: float) -> Mask:
-    """Return the mask of points of single edges with the edge of another sheet beside them."""
+def _is_seam(points: Array, outward: Array, along: Array, owner: Indices, reach: float) -> Mask:
+    """Return the mask of points of single edges with the edge of another sheet along them."""
     if len(points) <= 1:
         return np.zeros(len(points), dtype=bool)
     k = min(NUM_NEAREST, len(points))
@@ -155,5 +158,6 @@ def _is_seam(points: Array, outward: Array, owner: Indices, reach: float) -> Mas
     missing = found == len(points)
     found = np.where(missing, 0, found)
     cosine = np.einsum("nkd,nd->nk", outward[found], outward)
-    other = (owner[found] != owner[:, None]) & (cosine < OPPOSITE_COSINE) & ~missing
+    parallel = np.abs(np.einsum("nkd,nd->nk", along[found], along)) > PARALLEL_COSINE
+    other = (owner[found] != owner[:, None]) & (cosine < OPPOSITE_COSINE) & parallel & ~missing
     return np.asarray(other.any(axis=1))

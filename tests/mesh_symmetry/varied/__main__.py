@@ -59,12 +59,13 @@ def counted(variant: str, seed: int) -> Counter[str]:
 def objects(seed: int) -> Iterator[tuple[str, Varied]]:
     """Yield the name of each object of `seed`, and the object."""
     for draw in shapes.BODIES:
-        yield draw.__name__, shapes.body(draw, _rng(draw, seed))
+        yield draw.__name__, shapes.body(draw, generator(draw, seed))
     for other in shapes.OTHERS:
-        yield other.__name__, other(_rng(other, seed))
+        yield other.__name__, other(generator(other, seed))
 
 
-def _rng(draw: Callable[..., object], seed: int) -> np.random.Generator:
+def generator(draw: Callable[..., object], seed: int) -> np.random.Generator:
+    """Return the random numbers from which the object of `draw` is made."""
     return np.random.default_rng(zlib.crc32(f"{draw.__name__} {seed}".encode()))
 
 

@@ -146,7 +146,12 @@ class AnnotateSymmetryConfig:
         0.01, "diameters", "The same of an axis: a turn moves more of the surface.", BY_EYE
     )
     max_p95: float = setting(0.025, "diameters", "Largest of 95 % of these distances.", BY_EYE)
-    max_p99: float = setting(0.044, "diameters", "Largest of 99 % of these distances.", "D. 138")
+    max_p99: float = setting(
+        0.044,
+        "diameters",
+        "Largest of 99 % of these distances; 1.2 times that of an axis.",
+        "D. 138",
+    )
     max_error: float = setting(
         0.03, "share", "Mean distance, of the largest displacement: thin things count too.", BY_EYE
     )

@@ -1,6 +1,7 @@
-"""Run many attacks: `python -m tests.attacks COUNT FOLDER [SEED]`; a JSON line each in FOLDER.
+"""Run many attacks: `python -m tests.attacks COUNT FOLDER [SEED [COMMAND]]`, a JSON line each.
 
-`links` as COUNT: pipes, devices, folders and links in the place of every input of every command.
+The lines are in FOLDER/log.jsonl. `links` as COUNT: pipes, devices, folders and links in the place
+of every input of every command; `unharmed`: each command once, with its right inputs.
 """
 
 import json
@@ -9,18 +10,21 @@ from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
 
-from tests.attacks.campaign import attacked, made_world, swept_by_links
+from tests.attacks.campaign import attacked, made_world, swept_by_links, unharmed
 
 LAST = 3000  # characters that are kept of what a command printed
 
 
 def main() -> None:
     """Write all outcomes to FOLDER/log.jsonl, and print how often each fault occurred."""
-    count, folder, first = sys.argv[1], Path(sys.argv[2]), int((sys.argv[3:] or ["0"])[0])
+    count, folder, first, named = (*sys.argv[1:], *("0", "")[len(sys.argv) - 3 :])
+    folder = Path(folder)
     made = made_world(folder)
-    is_sweep = count == "links"
+    sweeps = {"links": swept_by_links, "unharmed": unharmed}
     outcomes = (
-        swept_by_links(made, folder) if is_sweep else attacked(made, folder, int(count), first)
+        sweeps[count](made, folder)
+        if count in sweeps
+        else attacked(made, folder, int(count), int(first), named=named)
     )
     tally = Counter[str]()
     for outcome in outcomes:

@@ -11,7 +11,14 @@ from pathlib import Path
 from tests.attacks import world
 from tests.attacks.mutations import LINKS
 from tests.attacks.services import POST
-from tests.attacks.trial import Outcome, attack, link_attack, matching, run
+from tests.attacks.trial import (
+    Outcome,
+    attack,
+    link_attack,
+    matching,
+    run,
+    unharmed_run,
+)
 
 
 def made_world(folder: Path, *, small: bool = False) -> Path:
@@ -27,14 +34,32 @@ def made_world(folder: Path, *, small: bool = False) -> Path:
 
 
 def attacked(
-    made: Path, folder: Path, count: int, first: int = 0, *, small: bool = False
+    made: Path,
+    folder: Path,
+    count: int,
+    first: int = 0,
+    *,
+    small: bool = False,
+    named: str = "",
 ) -> Iterator[Outcome]:
-    """Yield what becomes of `count` attacks; the same seeds are the same attacks."""
-    attacks = [each for each in world.ATTACKS if each.small or not small]
+    """Yield what becomes of `count` attacks; the same seeds are the same attacks.
+
+    `named`: how the command lines begin that are attacked, if not all are.
+    """
+    attacks = [
+        each for each in world.ATTACKS if (each.small or not small) and each.line.startswith(named)
+    ]
     shares = [each.share for each in attacks]
     for seed in range(first, first + count):
         (chosen,) = random.Random(seed).choices(attacks, shares)
         yield attack(made, folder / f"try{seed}", chosen, seed)
+
+
+def unharmed(made: Path, folder: Path, *, small: bool = False) -> Iterator[Outcome]:
+    """Yield what becomes of each command with its right inputs; a fault where it does not work."""
+    for number, chosen in enumerate(world.ATTACKS):
+        if chosen.small or not small:
+            yield unharmed_run(made, folder / f"well{number}", chosen)
 
 
 def swept_by_links(made: Path, folder: Path) -> Iterator[Outcome]:

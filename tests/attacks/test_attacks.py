@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.attacks import trial
-from tests.attacks.campaign import attacked, made_world
+from tests.attacks.campaign import attacked, made_world, unharmed
 from tests.attacks.services import POST
 
 FEW = 20
@@ -30,6 +30,14 @@ def test_no_attack_ends_in_a_traceback_a_hang_a_crash_or_a_file_half_written(
         if outcome.fault
     ]
     assert not faults
+
+
+def test_every_attacked_command_works_on_its_right_inputs(tmp_path: Path) -> None:
+    small = "SYMGRASP_ATTACKS" not in os.environ
+    world = made_world(tmp_path, small=small)
+    outcomes = list(unharmed(world, tmp_path, small=small))
+    assert not [outcome for outcome in outcomes if outcome.fault]
+    assert len(outcomes) > FEW
 
 
 def test_a_command_that_stands_still_is_a_hang(tmp_path: Path, monkeypatch) -> None:

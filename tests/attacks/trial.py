@@ -11,7 +11,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import h5py
@@ -74,6 +74,13 @@ def link_attack(
 ) -> Outcome:
     """Put what `kind` names in the place of `file` of `world`, run, and say what happened."""
     return _tried(world, folder, chosen, seed, file, lambda path: with_link(path, kind))
+
+
+def unharmed_run(world: Path, folder: Path, chosen: Attack) -> Outcome:
+    """Run the command of `chosen` on its right inputs, and say what happened."""
+    file = matching(world, chosen.inputs.split()[0])[0]
+    outcome = _tried(world, folder, chosen, 0, file, lambda _path: "none")
+    return replace(outcome, fault=outcome.fault or ("no success" if outcome.ended.code else ""))
 
 
 def matching(world: Path, pattern: str) -> list[Path]:

@@ -28,8 +28,8 @@ PIPELINES = Path(__file__).parents[2] / "pipelines"
 MIRROR = {"kind": "reflection", "normal": [1, 0, 0], "point": [0, 0, 0]}
 EDITS = {
     "box": [
-        {"drop": {"kind": "reflection", "index": 0}},
-        {"fix": {"kind": "reflection", "index": 1, "point": [0, 0, 0.001]}},
+        {"drop": {"kind": "rotation", "index": 0}},
+        {"fix": {"kind": "reflection", "index": 0, "point": [0, 0, 0.001]}},
     ]
 }
 REGIONS = {"regions": [{"name": "top", "box": [[-1, -1, 0], [1, 1, 1]], "symmetries": [MIRROR]}]}
@@ -106,7 +106,7 @@ ATTACKS = (
         "out.h5",
     ),
     Attack(
-        "train-critic planes root --calibrate root --out out/c.safetensors --epochs 1 "
+        "train-critic planes root --calibrate held --out out/c.safetensors --epochs 1 "
         "--max-seconds 1 --threads 1 --set infer.regions=geometric --frame-stride 2",
         SCENE,
         share=0.5,
@@ -239,7 +239,7 @@ ATTACKS = (
     ),
     Attack(
         "synthesize out --models mesh/box.obj --split train --scenes-per-split 1 --views 1 "
-        "--grasp-points 0 --size 64,48",
+        "--grasp-points 0 --size 64x48",
         "mesh/box.obj",
     ),
 )
@@ -270,6 +270,7 @@ def _whole(folder: Path, run: Run) -> None:
     (folder / "edits.json").write_text(json.dumps(EDITS))
     _symmetry_inputs(folder)
     _table(folder)
+    toy_root.write_root(folder / "held")
     toy_dump.write_dump(folder / "dump")
     dataset_root.write_root(folder / "labels", num_frames=1, num_points=1)
     labelled = toy_root.write_root(folder / "labelled")

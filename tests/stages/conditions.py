@@ -25,6 +25,16 @@ CHAINS = COMMANDS | {
     "--overlays {out}/pictures --regions geometric --method planar --workers 2; "
     "view {out}/g.h5 --out {out}/view --workers 2; export {out}/g.h5 --to json --out {out}/g.json; "
     "export {out}/g.h5 --to csv --out {out}/g.csv; workspace {out}/pairs --out {out}/workspace",
+    "judged": f"evaluate {COMMANDS['evaluate']}; infer {COMMANDS['infer']}; "
+    "evaluate {out}/g.h5 --dataset {root} --out {out}/planar.json --workers 2; "
+    "compare {out}/report.json {out}/planar.json --out {out}/compared.json; "
+    "export {grasps} --to graspnet --out {out}/dump; "
+    "evaluate {out}/dump --dataset {root} --protocol graspnet --out {out}/ap.json --workers 2; "
+    "score-grasps {meshes}/can.ply {out}/dump/scene_0100/kinect/0000.npy --out {out}/scores.npz",
+    "critic": "train-critic planes {root} --calibrate {root} --out {out}/c.safetensors --epochs 1 "
+    "--threads 1 --set infer.regions=geometric --workers 2; inspect {root}",
+    "gripper": "gripper from-urdf {hand} --out {out}/g.toml; "
+    "gripper check {out}/g.toml --picture {out}/checked.png",
     "doctor": "doctor",
 }
 REFERENCE = {"PYTHONHASHSEED": "0", "TZ": "UTC", "LC_ALL": "C.UTF-8", "OMP_NUM_THREADS": "1"}
@@ -46,6 +56,7 @@ def run(name, inputs, out, condition, before=()):
     workers = condition.pop("workers", "2")
     places = {"out": out, "grasps": inputs / "grasps.h5"}
     places |= {each: inputs / each for each in ("root", "packed", "meshes")}
+    places["hand"] = inputs / "hand.urdf"
     surroundings = os.environ | REFERENCE | condition
     for line in CHAINS[name].format(**places).split("; "):
         words = line.replace("--workers 2", f"--workers {workers}").split()
@@ -57,6 +68,8 @@ def run(name, inputs, out, condition, before=()):
         )  # fmt: skip
         if done.returncode != 0:
             return f"{' '.join(words[:2])} ended with {done.returncode}: {done.stderr[-500:]}"
+        if words[0] == "inspect":
+            (out / "inspect.txt").write_text(done.stdout, encoding="utf-8")
     return ""
 
 

@@ -27,6 +27,7 @@ from pipelines.dataset import object_list
 from pipelines.dataset.object_list import ObjectRecord
 from pipelines.storage.provenance import make_stamp
 from tests.learning.packed_toys import write_packed
+from tests.stages.test_gripper import URDF
 from tests.stages.toy_grasp_labels import write_rects
 from tests.stages.toy_root import frame_names, true_result, write_grasps, write_root
 
@@ -90,6 +91,7 @@ def write_inputs(folder):
     }
     for name, shape in shapes.items():
         shape.export(folder / "meshes" / f"{name}.ply")
+    (folder / "hand.urdf").write_text(URDF)
     return folder
 
 

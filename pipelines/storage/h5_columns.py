@@ -90,17 +90,30 @@ def _types(dtype: np.dtype[Any]) -> tuple[Handle, Handle]:
 def read_columns(path: Path, group: h5py.Group, names: Iterable[str]) -> dict[str, Any]:
     """Read datasets of `group`: arrays, and texts as arrays of str objects.
 
+    Those of a ColumnSpec are read only if all have its shapes and the same number of rows.
+
     Raises:
         FormatError: one of `names` is missing or damaged.
     """
-    columns: dict[str, Any] = {}
-    for name in names:
-        dataset = group.get(name)
+    datasets = {name: group.get(name) for name in names}
+    for name, dataset in datasets.items():
         if not isinstance(dataset, h5py.Dataset):
             raise FormatError(path, f"has no dataset {group.name}/{name}", "write the file again")
+    if isinstance(names, Mapping):
+        _check_shapes(path, datasets, names)
+    columns: dict[str, Any] = {}
+    for name, dataset in datasets.items():
         with reading(path, f"{group.name}/{name}", "write the file again"):
             columns[name] = read_rows(dataset, slice(None))
     return columns
+
+
+def _check_shapes(path: Path, datasets: Mapping[str, h5py.Dataset], spec: ColumnSpec) -> None:
+    rows = min((each.shape[0] for each in datasets.values() if each.shape), default=0)
+    for name, (trailing, _type) in spec.items():
+        if datasets[name].shape != (rows, *trailing):
+            found = f"{datasets[name].name} has the shape {datasets[name].shape}"
+            raise FormatError(path, found, f"{(rows, *trailing)} is expected; write the file again")
 
 
 def read_rows(dataset: h5py.Dataset, rows: slice) -> NDArray[Any]:

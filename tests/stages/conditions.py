@@ -27,11 +27,11 @@ CHAINS = COMMANDS | {
     "export {out}/g.h5 --to csv --out {out}/g.csv; workspace {out}/pairs --out {out}/workspace",
     "judged": f"evaluate {COMMANDS['evaluate']}; infer {COMMANDS['infer']}; "
     "evaluate {out}/g.h5 --dataset {root} --out {out}/planar.json --workers 2; "
-    "compare {out}/report.json {out}/planar.json --out {out}/compared.json; "
+    "compare report.json planar.json --out compared.json; "  # which names them as given
     "export {grasps} --to graspnet --out {out}/dump; "
     "evaluate {out}/dump --dataset {root} --protocol graspnet --out {out}/ap.json --workers 2; "
-    "score-grasps {meshes}/can.ply {out}/dump/scene_0100/kinect/0000.npy --out {out}/scores.npz",
-    "critic": "train-critic planes {root} --calibrate {root} --out {out}/c.safetensors --epochs 1 "
+    "score-grasps {meshes}/can.ply {out}/dump/scene_0100/realsense/0000.npy --out {out}/scores.npz",
+    "critic": "train-critic planes {root} --calibrate {held} --out {out}/c.safetensors --epochs 1 "
     "--threads 1 --set infer.regions=geometric --workers 2; inspect {root}",
     "gripper": "gripper from-urdf {hand} --out {out}/g.toml; "
     "gripper check {out}/g.toml --picture {out}/checked.png",
@@ -55,15 +55,15 @@ def run(name, inputs, out, condition, before=()):
     condition = dict(condition)
     workers = condition.pop("workers", "2")
     places = {"out": out, "grasps": inputs / "grasps.h5"}
-    places |= {each: inputs / each for each in ("root", "packed", "meshes")}
+    places |= {each: inputs / each for each in ("root", "held", "packed", "meshes")}
     places["hand"] = inputs / "hand.urdf"
-    surroundings = os.environ | REFERENCE | condition
+    surroundings = os.environ | REFERENCE | condition | {"PYTHONPATH": str(ROOT)}
     for line in CHAINS[name].format(**places).split("; "):
         words = line.replace("--workers 2", f"--workers {workers}").split()
         stage = [] if ";" in CHAINS[name] or name == "doctor" else name.split()
         done = subprocess.run(
             [*before, sys.executable, "-m", "symgrasp", *stage, *words],
-            cwd=ROOT, env=surroundings, capture_output=True, text=True, errors="replace",
+            cwd=out, env=surroundings, capture_output=True, text=True, errors="replace",
             timeout=LONGEST_RUN, check=False,
         )  # fmt: skip
         if done.returncode != 0:
@@ -106,6 +106,7 @@ def main():
     parser.add_argument("--conditions", default=",".join(CONDITIONS))
     parser.add_argument("--trace", action="store_true", help="count connections, with strace")
     given = parser.parse_args()
+    given.inputs = given.inputs.resolve()
     if not given.inputs.exists():
         write_inputs(given.inputs)
     wrong = 0

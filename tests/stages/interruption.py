@@ -91,6 +91,7 @@ def write_inputs(folder):
     }
     for name, shape in shapes.items():
         shape.export(folder / "meshes" / f"{name}.ply")
+    write_root(folder / "held")
     (folder / "hand.urdf").write_text(URDF)
     return folder
 

@@ -79,11 +79,11 @@ def read(path: Path) -> AffordanceLabels:
     """Read a file of `write`."""
     with open_h5(path) as file:
         check_version(path, file.attrs.get("format_version"), FORMAT_VERSION)
-        columns: dict[str, Any] = read_columns(path, file, (*PAIR_COLUMNS, *SURFACE_COLUMNS))
+        pairs, surface = (read_columns(path, file, s) for s in (PAIR_COLUMNS, SURFACE_COLUMNS))
         # Older files have no counts.
         names = [field.name for field in fields(RefinementCounts)]
         counts = RefinementCounts(**{name: int(file.attrs.get(name, 0)) for name in names})
-    return AffordanceLabels(**columns, counts=counts)
+    return AffordanceLabels(**pairs, **surface, counts=counts)
 
 
 def read_surface(path: Path) -> dict[str, NDArray[Any]]:

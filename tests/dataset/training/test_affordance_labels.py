@@ -62,6 +62,20 @@ def test_columns_of_unequal_length_are_refused() -> None:
         dataclasses.replace(labels(5, 9), contacts=np.zeros((4, 2, 3)))
 
 
+@pytest.mark.parametrize(("name", "shape"), [("points", (10, 3)), ("normals", (9, 2))])
+def test_columns_of_other_shapes_are_refused_before_they_are_read(
+    tmp_path: Path, name: str, shape: tuple[int, ...]
+) -> None:
+    path = tmp_path / "005.h5"
+    affordance_labels.write(path, labels(5, 9), STAMP)
+    with h5py.File(path, "a") as file:
+        del file[name]
+        file.create_dataset(name, shape, "f4")
+    for read in (affordance_labels.read, affordance_labels.read_surface):
+        with pytest.raises(FormatError, match=f"/{name} has the shape"):
+            read(path)
+
+
 def test_damaged_files_are_sentences(tmp_path: Path) -> None:
     path = tmp_path / "005.h5"
     affordance_labels.write(path, labels(5, 9), STAMP)

@@ -231,7 +231,7 @@ def test_rows_of_one_seed_learn_from_the_same_regions_each_by_itself(
     monkeypatch.setattr(ring, "take_in", lambda renderers, scenes: None)
     settings = "batch_size=2,network.num_points=300,num_loss_points=40"
     options = argparse.Namespace(out=tmp_path, graph=False)
-    source = train_together.RegionSource(ring, None)
+    source = train_together.RenderedRegions(ring, None)
     sources = {Path("all.xz"): source, Path("uncut.xz"): source}
     texts = (
         f"full:{settings}",

@@ -54,7 +54,7 @@ class RowPlan(NamedTuple):
 
 
 @dataclass(frozen=True)
-class RegionSource:
+class RenderedRegions:
     """Regions of one file of objects: those on the device, and the processes that render more."""
 
     ring: RegionRing
@@ -130,7 +130,7 @@ def weights_path(folder: Path, name: str, seed: int) -> Path:
 
 def run_rounds(
     rows: Sequence[TrainedRow],
-    sources: Mapping[Path, RegionSource],
+    sources: Mapping[Path, RenderedRegions],
     seconds: float,
     max_steps: int,
 ) -> Iterator[int]:
@@ -175,7 +175,7 @@ def train_rows(options: argparse.Namespace) -> None:
     renderers = {path: Renderers(path, options.seeds[0], workers, options.limit) for path in files}
     prepare_layers(device)
     sources = {
-        path: RegionSource(first_regions(each, options.capacity, device), each)
+        path: RenderedRegions(first_regions(each, options.capacity, device), each)
         for path, each in renderers.items()
     }
     options.out.mkdir(parents=True, exist_ok=True)
@@ -193,7 +193,7 @@ def train_rows(options: argparse.Namespace) -> None:
 
 def train_once(
     rows: Sequence[TrainedRow],
-    sources: Mapping[Path, RegionSource],
+    sources: Mapping[Path, RenderedRegions],
     minutes: float,
     max_steps: int,
     options: argparse.Namespace,

@@ -21,7 +21,7 @@ SPACING = 0.004  # of the diagonal, between the points that represent a rim
 SEAM = 0.003  # of the diagonal; nearer edges of two sheets are a seam
 OPPOSITE_COSINE = 0.5  # two sheets of a seam continue in directions farther apart than this
 # The edges of a seam are parallel; those of a jagged rim, however small, go to and fro.
-PARALLEL_COSINE = 0.8
+ALONGSIDE_COSINE = 0.8
 MIN_SEAM_SHARE = 0.5  # of an edge's points
 MAX_RIM_POINTS = 60000
 NUM_LINKS = 8  # neighbours of a sample
@@ -158,6 +158,6 @@ def _is_seam(points: Array, outward: Array, along: Array, owner: Indices, reach:
     missing = found == len(points)
     found = np.where(missing, 0, found)
     cosine = np.einsum("nkd,nd->nk", outward[found], outward)
-    parallel = np.abs(np.einsum("nkd,nd->nk", along[found], along)) > PARALLEL_COSINE
+    parallel = np.abs(np.einsum("nkd,nd->nk", along[found], along)) > ALONGSIDE_COSINE
     other = (owner[found] != owner[:, None]) & (cosine < OPPOSITE_COSINE) & parallel & ~missing
     return np.asarray(other.any(axis=1))

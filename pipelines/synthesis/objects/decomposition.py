@@ -15,6 +15,8 @@ MAX_PIECES = 12
 # To make a mesh manifold, coacd samples it on twice as many cells along its largest side. Its
 # default of 50 gives 100,000 triangles and takes minutes.
 MANIFOLD_CELLS = 30
+# coacd cuts an open surface as a shell of 12 pieces, with its own settings for minutes.
+OPEN_SEARCH = {"mcts_iterations": 40, "mcts_max_depth": 2, "resolution": 1000}
 
 
 def hull_of_points(points: Array) -> Mesh:
@@ -76,5 +78,8 @@ def physics_pieces(
         "preprocess_resolution": MANIFOLD_CELLS,
         "seed": seed,
     }
-    pieces = convex_decomposition.decomposed(without_small_holes(mesh), settings)
+    solid = without_small_holes(mesh)
+    if not solid.is_watertight:
+        settings |= OPEN_SEARCH
+    pieces = convex_decomposition.decomposed(solid, settings)
     return tuple(hull_of_points(corners) for corners in pieces) or (hull,)

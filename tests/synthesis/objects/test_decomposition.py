@@ -6,7 +6,11 @@ import trimesh
 
 from pipelines.geometry.meshes import convex_decomposition
 from pipelines.geometry.meshes.mesh import Mesh
-from pipelines.synthesis.objects.decomposition import physics_pieces, without_small_holes
+from pipelines.synthesis.objects.decomposition import (
+    OPEN_SEARCH,
+    physics_pieces,
+    without_small_holes,
+)
 
 BOX = trimesh.creation.box((0.06, 0.04, 0.1))
 VERTICES, FACES = np.asarray(BOX.vertices), np.asarray(BOX.faces)
@@ -40,3 +44,21 @@ def test_filled_holes_face_outward_and_large_holes_stay():
     is_kept = (ball.triangles[:, :, 2] < 0.02).all(axis=1)
     bowl = Mesh(np.asarray(ball.vertices), np.asarray(ball.faces[is_kept]))
     assert len(without_small_holes(bowl).faces) == len(bowl.faces)
+
+
+def test_an_open_surface_is_cut_by_a_short_search(monkeypatch):
+    given = []
+
+    def pieces(_mesh, settings):
+        given.append(settings)
+        return []
+
+    monkeypatch.setattr(convex_decomposition, "decomposed", pieces)
+    wrong = FACES.copy()
+    wrong[3, 1] = next(k for k in range(8) if k not in FACES[3])  # joins corners far apart
+    physics_pieces(Mesh(VERTICES, wrong))
+    ring = trimesh.creation.annulus(0.02, 0.04, 0.02)
+    physics_pieces(Mesh(np.asarray(ring.vertices), np.asarray(ring.faces)))
+    broken, whole = given
+    assert broken == whole | OPEN_SEARCH
+    assert not whole.keys() & OPEN_SEARCH.keys()

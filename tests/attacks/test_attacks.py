@@ -19,23 +19,25 @@ FEW = 20
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="attacks are made in forks")
 
 
-def test_no_attack_ends_in_a_traceback_a_hang_a_crash_or_a_file_half_written(
-    tmp_path: Path,
-) -> None:
-    wanted = int(os.environ.get("SYMGRASP_ATTACKS", "0"))
-    world = made_world(tmp_path, small=not wanted)
-    faults = [
-        outcome
-        for outcome in attacked(world, tmp_path, wanted or FEW, small=not wanted)
-        if outcome.fault
-    ]
-    assert not faults
+WANTED = int(os.environ.get("SYMGRASP_ATTACKS", "0"))
 
 
-def test_every_attacked_command_works_on_its_right_inputs(tmp_path: Path) -> None:
-    small = "SYMGRASP_ATTACKS" not in os.environ
-    world = made_world(tmp_path, small=small)
-    outcomes = list(unharmed(world, tmp_path, small=small))
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a world of right inputs, without costly ones by default."""
+    made = tmp_path_factory.mktemp("attacks")
+    made_world(made, small=not WANTED)
+    return made
+
+
+def test_no_attack_ends_in_a_traceback_a_hang_a_crash_or_a_file_half_written(folder: Path) -> None:
+    made = made_world(folder)
+    outcomes = attacked(made, folder, WANTED or FEW, small=not WANTED)
+    assert not [outcome for outcome in outcomes if outcome.fault]
+
+
+def test_every_attacked_command_works_on_its_right_inputs(folder: Path) -> None:
+    outcomes = list(unharmed(made_world(folder), folder, small=not WANTED))
     assert not [outcome for outcome in outcomes if outcome.fault]
     assert len(outcomes) > FEW
 

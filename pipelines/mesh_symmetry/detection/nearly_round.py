@@ -56,8 +56,9 @@ def is_nearly_round(surface: Surface, samples: Samples, axis: Array) -> bool:
     That normals lean in a pattern is to be excluded first.
     """
     straight = np.zeros_like(samples.points)
-    bend = bend_of(surface, samples, axis)
-    return any(_are_alike(bent_fits(surface, samples, axis, shift)) for shift in (straight, bend))
+    return _are_alike(bent_fits(surface, samples, axis, straight)) or _are_alike(
+        bent_fits(surface, samples, axis, bend_of(surface, samples, axis))
+    )
 
 
 def _are_alike(fits: Sequence[SurfaceFit]) -> bool:

@@ -182,6 +182,7 @@ SELECTION = (
         "own bound of stability for the critic; 0.85 as for Eq. 8",
         {f"{RANKING}critic_min_stability": 0.85},
     ),
+    Rule("torque", "torque of the weight", {f"{RANKING}half_torque_arm": 1e3}),
     Rule("alike", "suppression of alike grasps", {f"{RANKING}nms_distance": 0.0}),
     Rule(
         "always-planar", "expectation that leaves further passes out", {f"{RANKING}sufficient": 1.0}

@@ -149,6 +149,13 @@ class RankingConfig:
     critic_min_stability: float = setting(
         0.6, "share", "Least stability for the grasp critic, of the best candidate's.", "D. 82"
     )
+    half_torque_arm: float = setting(
+        0.06,
+        "m",
+        "Arm of the weight about the closing line that halves a score.",
+        "D. 143",
+        low=1e-3,
+    )
     nms_distance: float = setting(
         0.03, "m", "Distance below which grasps of a region are alike, as GraspNet's.", "D. 78"
     )

@@ -37,6 +37,18 @@ class KnownRegion:
         """(3,) unit, away from the table."""
         return UNKNOWN_UP if self.scene.plane is None else self.scene.plane.normal
 
+    @cached_property
+    def centre(self) -> Array:
+        """(3,) where the region's weight is expected: its middle, moved onto each symmetry.
+
+        By as much of the way as the confidence in the symmetry.
+        """
+        centre = self.region.middle
+        for slot, symmetry in self.symmetries.between(0.0):
+            across = symmetry.counterpart(centre) - centre
+            centre = centre + 0.5 * self.symmetries.confidence[slot] * across
+        return centre
+
     def heights(self, points: Array) -> Array:
         """Return (...) metres of `points` (..., 3) above the table; zeros where none is known."""
         if self.scene.plane is None:

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from pipelines.array_types import Array
 from pipelines.configs import RankingConfig
+from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.ranked_grasps import RankedGrasps
 from pipelines.grasping.ranking.grasp_features import GraspFeatures
 from pipelines.grasping.ranking.known_region import KnownRegion
@@ -94,5 +95,16 @@ class ByCritic:
         return self.config.critic_min_stability
 
     def score(self, found: RankedGrasps, stability: Array, visible: Array) -> Array:
-        """Return the expected quality (n,)."""
-        return self.critic.expect(GraspFeatures(found, stability, visible, self.known))
+        """Return the expected quality (n,), less where the weight turns what is held (D. 143)."""
+        expected = self.critic.expect(GraspFeatures(found, stability, visible, self.known))
+        arm = torque_arm(found.grasps, self.known.centre, self.known.up)
+        return np.asarray(expected / (1.0 + (arm / self.config.half_torque_arm) ** 2))
+
+
+def torque_arm(grasps: GraspPoses, centre: Array, up: Array) -> Array:
+    """Return (n,) metres, the arm at which a weight at `centre` (3,) turns about the closing line.
+
+    What hangs straight below the line, or lies on it, has none.
+    """
+    moment = np.cross(centre - grasps.translation, up)
+    return np.asarray(np.abs((moment * grasps.closing).sum(axis=1)))

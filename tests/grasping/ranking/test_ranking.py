@@ -1,13 +1,17 @@
-"""The ranking by Eq. 8."""
+"""The ranking by Eq. 8, and by a critic with the torque of the weight."""
+
+from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipelines.configs import RankingConfig
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.ranked_grasps import RankedGrasps
-from pipelines.grasping.ranking.ranking import ByEq8, eq8_score
+from pipelines.grasping.ranking.ranking import ByCritic, ByEq8, eq8_score, torque_arm
+from tests.grasping.ranking.test_grasp_features import KNOWN, hands
 
 CONFIG = RankingConfig()
 metres = st.floats(0.0, 0.2)
@@ -35,3 +39,50 @@ def test_unseen_space_at_the_finger_tips_lowers_the_score():
     seen, unseen = (ByEq8(CONFIG).score(found, b, np.full(2, share)) for share in (1.0, 0.0))
     np.testing.assert_allclose(seen, eq8_score(b, h, CONFIG))
     np.testing.assert_allclose(unseen, (1.0 - CONFIG.weight_unseen) * seen)
+
+
+UP = np.array([0.0, 0.0, 1.0])
+DOWN_ACROSS_Y = GraspPoses.from_contacts([[[0.0, -0.02, 0.0], [0.0, 0.02, 0.0]]], [-UP])
+
+
+@pytest.mark.parametrize(
+    ("centre", "arm"),
+    [
+        ((0.03, 0.0, 0.0), 0.03),
+        ((0.03, 0.2, -0.05), 0.03),  # along the closing line, and straight down, cost nothing
+        ((0.0, 0.2, 0.0), 0.0),
+        ((0.0, 0.0, -0.1), 0.0),
+    ],
+)
+def test_the_arm_is_the_horizontal_distance_of_the_weight_from_the_closing_line(centre, arm):
+    np.testing.assert_allclose(torque_arm(DOWN_ACROSS_Y, np.array(centre), UP), [arm], atol=1e-12)
+
+
+def test_a_weight_at_half_torque_arm_halves_the_expected_quality():
+    class Even:
+        def expect(self, features):
+            return np.full(len(features.found), 0.8)
+
+    found = hands()
+    aside = found.grasps.translation + 0.02 * found.grasps.binormal
+    grasps = GraspPoses(found.grasps.rotation, aside, found.grasps.width)
+    found = replace(found, grasps=grasps)
+    arm = torque_arm(found.grasps, KNOWN.centre, KNOWN.up)[0]
+    for share, half in ((0.5, arm), (0.8, 2.0 * arm)):
+        ranking = ByCritic(replace(CONFIG, half_torque_arm=half), Even(), KNOWN)
+        score = ranking.score(found, np.ones(1), np.ones(1))
+        np.testing.assert_allclose(score, [0.8 * share])
+
+
+def test_the_weight_is_expected_on_the_symmetries_by_the_confidence_in_them():
+    middle, plane = KNOWN.region.middle, KNOWN.symmetries.symmetry(0)
+
+    def off_plane(confidence):
+        symmetries = replace(KNOWN.symmetries, confidence=confidence * KNOWN.symmetries.confidence)
+        return (replace(KNOWN, symmetries=symmetries).centre - plane.point) @ plane.normal
+
+    assert abs(off_plane(0.0)) > 0.01
+    np.testing.assert_allclose(off_plane(0.0), (middle - plane.point) @ plane.normal)
+    np.testing.assert_allclose(
+        [off_plane(0.5), off_plane(1.0)], [0.5 * off_plane(0.0), 0.0], atol=1e-12
+    )

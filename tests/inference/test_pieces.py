@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipelines.configs import InferConfig, SelectionConfig, SymmetryConfig
+from pipelines.configs import InferConfig, RankingConfig, SelectionConfig, SymmetryConfig
 from pipelines.frames.rgbd import Frame
 from pipelines.geometry.symmetry import ReflectionSymmetry, SymmetrySlots
 from pipelines.geometry.transforms import transform_points
@@ -59,8 +59,9 @@ def planned(boxes, predictor, regions="auto", **planning):
     """The result of a frame whose detector sees one region, and the index of what each pixel is."""
     depth, index = render(boxes, POSE)
     frame = Frame("f", np.full((240, 320, 3), 90, np.uint8), depth.astype(np.float32), CAMERA)
-    # Symmetries are not fitted: what the stand-in says of them is what counts.
-    selection = SelectionConfig(symmetry=SymmetryConfig(is_fitted=False))
+    # Symmetries are not fitted: those of the stand-in count. Two boxes have no common weight.
+    ranking = RankingConfig(half_torque_arm=1e3)
+    selection = SelectionConfig(symmetry=SymmetryConfig(is_fitted=False), ranking=ranking)
     config = InferConfig(regions=regions, selection=selection)
     critic = models.grasp_critic()
     planner = Planner(

@@ -150,7 +150,7 @@ class RankingConfig:
         0.6, "share", "Least stability for the grasp critic, of the best candidate's.", "D. 82"
     )
     half_torque_arm: float = setting(
-        0.06,
+        0.09,
         "m",
         "Arm of the weight about the closing line that halves a score.",
         "D. 143",

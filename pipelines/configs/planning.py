@@ -150,11 +150,7 @@ class RankingConfig:
         0.6, "share", "Least stability for the grasp critic, of the best candidate's.", "D. 82"
     )
     half_torque_arm: float = setting(
-        0.09,
-        "m",
-        "Arm of the weight about the closing line that halves a score.",
-        "D. 143",
-        low=1e-3,
+        0.09, "m", "Lever of the weight that halves a score.", "D. 143", low=1e-3
     )
     nms_distance: float = setting(
         0.03, "m", "Distance below which grasps of a region are alike, as GraspNet's.", "D. 78"

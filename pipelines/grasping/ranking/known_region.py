@@ -39,9 +39,9 @@ class KnownRegion:
 
     @cached_property
     def centre(self) -> Array:
-        """(3,) where the region's weight is expected: its middle, moved onto each symmetry.
+        """(3,) the expected centre of mass: the middle, moved toward each symmetry (D. 143).
 
-        By as much of the way as the confidence in the symmetry.
+        The share of the way is the confidence in the symmetry.
         """
         centre = self.region.middle
         for slot, symmetry in self.symmetries.between(0.0):

@@ -21,6 +21,7 @@ from pipelines.learning.peers.peer import count_peer_frames
 from pipelines.learning.peers.registry import TRAINED_PEERS, trained_peer
 from pipelines.learning.speed.gradients import loss_seed
 from pipelines.learning.speed.processes import Processes
+from pipelines.network.peers.graspnet import GRASPNET_SIZES, Sizes
 from pipelines.network.peers.trained import PEER_NETWORKS
 from pipelines.runtime.batch import BatchOptions
 from pipelines.storage.checkpoints import load_weights
@@ -32,6 +33,14 @@ from tests.stages.toy_root import frame_names, write_root
 CONFIG = TrainBaselineConfig(steps=2, epoch_steps=2, batch_size=2, micro_batch_size=1)
 REQUEST = RunRequest(device="cpu", threads=1)
 QUIET = BatchOptions(progress=False)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small_graspnet():
+    """Let GraspNet see an eighth of its points: the toys are few and small."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(GRASPNET_SIZES, "light", Sizes(1024, (256, 128, 64, 32), (8, 8, 8, 8), 16))
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -27,7 +27,6 @@ from pipelines.tabletop.mask_noise import MaskNoise
 STORED_POINTS = 1200  # of a region
 UNITS = 10_000.0  # of stored points, per metre
 JPEG_QUALITY = 95
-MOST_SHIFT = 0.03  # metres, each way
 JITTER = (0.2, 0.2, 0.2, 0.05)  # of brightness, contrast, saturation; of the turn of the hue
 NUM_PASTED = 2  # instances that are pasted in front
 LEAST_LEFT = 0.5  # share of the points that a pasted instance leaves
@@ -170,18 +169,16 @@ def drawn_region(
 ) -> tuple[NDArray[Any], ...]:
     """Return a region as a step sees it, in the order of `RegionCrops`.
 
-    Colours are jittered, all points are moved together, half of the regions are mirrored, and
-    instances `foreign` are pasted in front where enough points remain.
+    Colours are jittered, half of the regions are mirrored, and instances `foreign` are pasted in
+    front where enough points remain.
     """
     for each in foreign:
         region = covered(region, each, rng)
     if rng.random() < 0.5:
         region = region.mirrored
-    shift = rng.uniform(-MOST_SHIFT, MOST_SHIFT, 3).astype(np.float32)
-    place = region.place + shift * region.existence[:, None]
     points, pixels = _some(region, count, rng)
-    truth = region.existence, place, region.direction
-    return region.crop.image, _jitter(region.crop.image, rng), pixels, points + shift, *truth
+    truth = region.existence, region.place, region.direction
+    return region.crop.image, _jitter(region.crop.image, rng), pixels, points, *truth
 
 
 def plain_region(region: SeenRegion, count: int) -> tuple[NDArray[Any], ...]:

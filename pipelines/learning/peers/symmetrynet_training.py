@@ -28,12 +28,12 @@ from pipelines.network.matching import NUM_REFLECTIONS, assign
 from pipelines.network.peers.symmetrynet import (
     SYMMETRY_MODES,
     SYMMETRYNET_SIZES,
+    UNIT,
     SymmetryNet,
     SymmetryOutput,
 )
 from pipelines.network.peers.symmetrynet_input import normalised_colors
 
-SIZE = 0.05  # metres, about an object's: the unit of lengths in the loss
 ROUNDING = 0.01  # metres, added to the length that an error is a share of
 EXISTENCE_WEIGHT, CONSISTENCY_WEIGHT = 2.0, 0.5
 NONE = 1e-6  # lengths and probabilities below it are as good as 0
@@ -64,14 +64,14 @@ def symmetry_terms(
     axis, on_axis = seen.direction[:, None, ROTATION_SLOT], seen.place[:, None, ROTATION_SLOT]
     foot = on_axis - seen.points
     foot = foot - (foot * axis).sum(-1, keepdim=True) * axis
-    along = (found.axis_foot * axis).sum(-1) / SIZE
+    along = (found.axis_foot * axis).sum(-1) / UNIT
     terms["consistency"] = terms["consistency"] + (along.square().mean(dim=1) * has_axis).mean()
     existence = found.existence.mean(dim=1).clamp(NONE, 1.0 - NONE)
     wanted = has_plane.float()
     likelihood = wanted * existence.log() + (1.0 - wanted) * (1.0 - existence).log()
     terms |= {
-        "center": (_length(found.center - center).mean(dim=1) * has_any).mean() / SIZE,
-        "axis": (_length(found.axis_foot - foot).mean(dim=1) * has_axis).mean() / SIZE,
+        "center": (_length(found.center - center).mean(dim=1) * has_any).mean() / UNIT,
+        "axis": (_length(found.axis_foot - foot).mean(dim=1) * has_axis).mean() / UNIT,
         "existence": -likelihood.mean(),
         "mode": functional.cross_entropy(found.mode.mean(dim=1), true_modes(exists)),
     }
@@ -96,8 +96,8 @@ def _plane_terms(found: SymmetryOutput, seen: RegionCrops) -> tuple[dict[str, Te
     across = across.gather(2, order[:, None].expand(-1, across.shape[1], -1))
     foot = -across[..., None] * normal[:, None]  # (B, N, slot, 3)
     wrong = _length(found.mirrored - 2.0 * foot) / (2.0 * across.abs() + ROUNDING)
-    half = ((found.feet - 0.5 * found.mirrored) / SIZE).square().sum(-1)
-    errors = {"mirrored": wrong, "feet": _length(found.feet - foot) / SIZE, "consistency": half}
+    half = ((found.feet - 0.5 * found.mirrored) / UNIT).square().sum(-1)
+    errors = {"mirrored": wrong, "feet": _length(found.feet - foot) / UNIT, "consistency": half}
     terms = {
         name: (error.mean(dim=1) * assigned).sum(dim=1).mean() for name, error in errors.items()
     }

@@ -4,7 +4,8 @@ Shi et al.: SymmetryNet, SIGGRAPH Asia 2020. Layers are those of the authors' re
 PSPNet on ResNet-18 without batch norms, but for 72,060 of its 24,728,510 parameters: the unused
 classifier of PSPNet (71,189) and the weights of the points in the order of their index (1,000; the
 mean here) are left out, and the fourth mode, the sphere, is ours (129). The light variant has a
-small network for colours and heads of half the width.
+small network for colours and heads of half the width. Points are given about their mean, in units
+of an object's size, and offsets in the same unit: the original has metres in the camera frame.
 """
 
 from dataclasses import dataclass
@@ -20,6 +21,8 @@ from pipelines.network.peers.symmetrynet_input import CROP_SIDE
 
 SYMMETRY_MODES = ("plane", "axis", "both", "sphere")
 COLOR_DIM = 32
+UNIT = 0.05  # metres, about an object's size: of points seen, offsets said and their loss
+LENGTHS = ("center", "mirrored", "feet", "axis_foot")  # outputs in `UNIT`
 
 
 @dataclass(frozen=True)
@@ -95,13 +98,14 @@ class SymmetryNet(nn.Module):
         column, row = (pixels.long() * found.shape[-1] // CROP_SIDE).unbind(-1)
         index = (row * found.shape[-1] + column)[:, None].expand(-1, COLOR_DIM, -1)
         color = found.flatten(2).gather(2, index).transpose(1, 2)
-        point = self.of_points[0](points)
+        point = self.of_points[0]((points - points.mean(dim=1, keepdim=True)) / UNIT)
         color = self.of_colors[0](color)
         point_after, color_after = self.of_points[1](point), self.of_colors[1](color)
         both = torch.cat([point_after, color_after], dim=-1)
         whole = self.joined(both).mean(dim=1, keepdim=True).expand(-1, both.shape[1], -1)
         each = torch.cat([point, color, both, whole], dim=-1)
         said = {name: head(each).float() for name, head in self.heads.items()}
+        said |= {name: UNIT * said[name] for name in LENGTHS}
         planes = (*points.shape[:2], NUM_REFLECTIONS, 3)
         said["mirrored"], said["feet"] = (said[n].view(planes) for n in ("mirrored", "feet"))
         said["existence"] = said["existence"].sigmoid()

@@ -32,6 +32,18 @@ def test_each_point_speaks_and_the_order_of_points_does_not_matter(variant):
     torch.testing.assert_close(found.existence[:, order], shuffled.existence)
 
 
+def test_a_region_elsewhere_has_the_same_symmetries():
+    torch.manual_seed(0)
+    network = SymmetryNet(PeerNetworkConfig("light")).eval()
+    crop, points = torch.rand(1, 3, CROP_SIDE, CROP_SIDE), 0.1 * torch.rand(1, 20, 3)
+    pixels = torch.randint(0, CROP_SIDE, (1, 20, 2), dtype=torch.uint8)
+    with torch.no_grad():
+        here = network(crop, pixels, points)
+        there = network(crop, pixels, points + torch.tensor([0.2, -0.1, 0.7]))
+    torch.testing.assert_close(there.mirrored, here.mirrored, rtol=1e-3, atol=1e-6)
+    torch.testing.assert_close(there.mode, here.mode, rtol=1e-3, atol=1e-6)
+
+
 def test_points_lie_on_their_pixels_in_the_crop_even_at_the_border_of_the_image():
     color = np.zeros((240, 320, 3), np.uint8)
     mask = np.zeros((240, 320), bool)

@@ -69,6 +69,8 @@ class SymmetryNet(nn.Module):
     def __init__(self, config: PeerNetworkConfig) -> None:
         super().__init__()
         self.config, self.sizes = config, SYMMETRYNET_SIZES[config.variant]
+        # Stored with the weights, so that those learned from metres are refused.
+        self.register_buffer("unit", torch.tensor(UNIT))
         sizes = self.sizes
         self.colors = PSPNet() if config.variant == "full" else _light_colors()
         points, colors = (_steps(*sizes.of_points, first=3), _steps(*sizes.of_colors, first=32))

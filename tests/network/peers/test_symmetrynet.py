@@ -5,8 +5,12 @@ import pytest
 import torch
 
 from pipelines.configs.peers import PeerNetworkConfig
+from pipelines.errors import FormatError
 from pipelines.network.peers.symmetrynet import SYMMETRY_MODES, SYMMETRYNET_SIZES, SymmetryNet
 from pipelines.network.peers.symmetrynet_input import CROP_SIDE, normalised_colors, region_crop
+from pipelines.network.peers.trained import trained_network
+from pipelines.network.weights_files import weights_metadata
+from pipelines.storage.checkpoints import save_weights
 
 PUBLISHED, CLASSIFIER, INDEX_WEIGHTS, SPHERE_MODE = 24_728_510, 71_189, 1_000, 129
 
@@ -63,3 +67,15 @@ def test_a_jitter_that_changes_nothing_leaves_the_colours():
     torch.testing.assert_close(
         normalised_colors(image, torch.eye(3, 4).expand(2, 3, 4)), normalised_colors(image)
     )
+
+
+def test_weights_that_learned_from_metres_are_refused(tmp_path):
+    config = PeerNetworkConfig("light")
+    tensors = SymmetryNet(config).state_dict()
+    path = tmp_path / "w.safetensors"
+    save_weights(path, tensors, weights_metadata("SymmetryNet", config))
+    trained_network("symmetrynet", path, "cpu")
+    del tensors["unit"]
+    save_weights(path, tensors, weights_metadata("SymmetryNet", config))
+    with pytest.raises(FormatError, match="unit"):
+        trained_network("symmetrynet", path, "cpu")

@@ -7,15 +7,10 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from pipelines.geometry.symmetry import NUM_SLOTS
-from pipelines.network.cpu.leading_direction import fast_leading_direction
-from pipelines.network.cpu.twins import always, faster_by
+from pipelines.network.leading_direction import leading_direction
 
 NUM_DIRECTIONS = 4  # slots with a direction: all but the sphere
 FIRST_OUTPUTS = 0.3  # scale of the last layers' first weights, against Kaiming's
-POWER = 16  # the second eigenvalue fades as its ratio to the first, to this power
-POSITIVE_SHIFT = 1.2  # no eigenvalue of a matrix with six numbers of unit length is below -1.2
-TINY_LENGTH, TINY_SQUARE = 1e-6, 1e-24  # finite quotients and gradients at zero
-ENTRIES = (0, 3, 4, 3, 1, 5, 4, 5, 2)  # of the six numbers, row by row
 
 
 def mlp(in_dim: int, hidden: tuple[int, int, int], out_dim: int) -> nn.Sequential:
@@ -64,23 +59,3 @@ class Heads(nn.Module):
         six = parameters[..., 3 * NUM_SLOTS :].view(*shape, NUM_DIRECTIONS, 6)
         direction = functional.pad(leading_direction(six), (0, 0, 0, 1))
         return self.affordance(features)[..., 0], self.existence(voting), center, direction
-
-
-@faster_by(fast_leading_direction, always)
-def leading_direction(
-    six: Tensor,  # (..., 6)
-) -> Tensor:
-    """Return the unit eigenvector (..., 3) of the largest eigenvalue of a symmetric matrix.
-
-    `six` holds xx, yy, zz, xy, xz, yz. A high power of the matrix, made positive, has columns that
-    are all along that eigenvector; the longest is taken. So there is a gradient everywhere, also
-    where two eigenvalues are equal.
-    """
-    six = six / ((six.square().sum(-1, keepdim=True) + TINY_SQUARE).sqrt() + TINY_LENGTH)
-    matrix = six[..., ENTRIES].view(*six.shape[:-1], 3, 3)
-    power = torch.linalg.matrix_power(matrix + POSITIVE_SHIFT * torch.eye(3).to(six), POWER)
-    longest = power.diagonal(dim1=-2, dim2=-1).argmax(-1)[..., None, None]
-    column = power.gather(-1, longest.expand(*longest.shape[:-2], 3, 1))[..., 0]
-    length = (column.square().sum(-1, keepdim=True) + TINY_SQUARE).sqrt()
-    direction: Tensor = column / length
-    return direction

@@ -17,7 +17,6 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from pipelines.network.pointnet2 import SetAbstraction
-from pipelines.network.sampling import maximum
 
 # Chosen by eye, all of these.
 MAX_LOG_SCALE = 1.0  # scales stay within [1/e, e] in every layer, whatever is regressed
@@ -107,7 +106,7 @@ class PIFT(nn.Module):
         stride = max(1, points.shape[1] // MAX_POINTS)
         seen, known = points[:, ::stride] - center[:, None], features[:, ::stride]
         encoded = self.encode(torch.cat([seen, known], -1))
-        pooled = torch.relu(self.norm(maximum(encoded)))
+        pooled = torch.relu(self.norm(encoded.amax(-2)))
         output = self.regress(torch.relu(self.hidden(pooled)))
         rotation = rotation_from_6d(output[:, :6])
         log_scale = output[:, 6:] + POWER_GAIN * self.power * _log_spread(seen, rotation)
@@ -139,7 +138,7 @@ class ConvolutionPIFT(nn.Module):
     ) -> Deformation:
         """Return the deformation of the whole cloud."""
         _, groups = self.convolution(points, features)
-        output = self.regress(torch.relu(self.hidden(maximum(groups))))
+        output = self.regress(torch.relu(self.hidden(groups.amax(-2))))
         scale = torch.exp(MAX_LOG_SCALE * torch.tanh(output[:, 6:]))
         return Deformation(rotation_from_6d(output[:, :6]), scale, points.mean(1))
 

@@ -14,7 +14,6 @@ from pipelines.network.sampling import (
     farthest_points,
     gather,
     interpolation_weights,
-    maximum,
     nearest_neighbors,
     weighted_sum,
 )
@@ -78,7 +77,8 @@ def pooled_groups(
     """Return features (B, M, D) of M groups: the maximum of `group` over the K members of each."""
     # In place on the sum, which is no view: of a view, autograd would keep and copy the whole.
     hidden = torch.relu_(gather(projected, neighbors) + offset[:, :, None])
-    return maximum(group(hidden))
+    pooled: Tensor = group(hidden)
+    return pooled.amax(-2)
 
 
 class FeaturePropagation(nn.Module):

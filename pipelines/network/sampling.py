@@ -8,14 +8,12 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from pipelines.network.cpu.interpolation import fast_weighted_sum
 from pipelines.network.cpu.neighbors import (
     fast_farthest_points,
     fast_nearest_neighbors,
     fast_three_nearest,
 )
-from pipelines.network.cpu.pooling import fast_maximum
-from pipelines.network.cpu.twins import always, faster_by
+from pipelines.network.cpu.twins import faster_by
 
 TINY = 1e-8  # keeps weights finite where a query is one of the points
 
@@ -95,7 +93,6 @@ def gather(
     return picked.view(*index.shape, values.shape[2])
 
 
-@faster_by(fast_weighted_sum)
 def weighted_sum(
     values: Tensor,  # (B, N, C)
     index: Tensor,  # (B, M, K)
@@ -107,14 +104,6 @@ def weighted_sum(
         bags, values.flatten(0, 1), per_sample_weights=weight.flatten(0, 1), mode="sum"
     )
     return summed.view(len(values), index.shape[1], values.shape[2])
-
-
-@faster_by(fast_maximum, always)
-def maximum(
-    values: Tensor,  # (..., K, C)
-) -> Tensor:
-    """Return the maximum (..., C) over the K members of each group."""
-    return values.amax(-2)
 
 
 def _flat(values: Tensor, index: Tensor) -> Tensor:

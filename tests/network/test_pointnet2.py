@@ -10,7 +10,6 @@ from pipelines.network.sampling import (
     farthest_points,
     gather,
     interpolation_weights,
-    maximum,
     nearest_neighbors,
 )
 
@@ -40,14 +39,6 @@ def test_feature_propagation_equals_interpolation_before_the_linear_layer():
     interpolated = (gather(features, index) * weight[..., None]).sum(2)
     expected = torch.relu(layer.joined(layer.coarse(interpolated) + layer.fine(known)))
     torch.testing.assert_close(layer(fine, known, coarse, features), expected)
-
-
-def test_the_gradient_of_the_group_maximum_is_that_of_finite_differences():
-    torch.manual_seed(0)
-    values = torch.randn(2, 3, 4, 5, dtype=torch.float64, requires_grad=True)
-    assert torch.autograd.gradcheck(maximum.fast, (values,))
-    assert torch.autograd.gradcheck(maximum.plain, (values,))
-    torch.testing.assert_close(maximum.fast(values), maximum.plain(values))
 
 
 @pytest.mark.parametrize("centers", [40, 150])  # all groups at a time, and a part of them

@@ -14,7 +14,7 @@ from pipelines.configs import TrainConfig
 from pipelines.configs.presets import PRESETS, preset_settings
 from pipelines.configs.settings import changed, changed_by_text
 from pipelines.learning.grasp_network.grasp_training import Sample, sample_loss
-from pipelines.network import augmentation, sampling
+from pipelines.network import augmentation, pointnet2, sampling
 from pipelines.network.losses import NUM_ERROR_POINTS
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.regions import RegionBatch
@@ -118,7 +118,7 @@ def prepare_layers(device: torch.device) -> None:
         from tools.gpu_training.farthest_points import sample_farthest  # noqa: PLC0415 - Triton
 
         sampling._farthest_points.plain = sample_farthest
-        sampling.weighted_sum.plain = gathered_sum
+        pointnet2.weighted_sum = gathered_sum  # type: ignore[assignment]
 
 
 def gathered_sum(values: Tensor, index: Tensor, weight: Tensor) -> Tensor:

@@ -1,1 +1,1 @@
-"""Faster kernels for the CPU, equal to plain torch: neighbours, pooling, RoI align."""
+"""Faster kernels for the CPU, equal to plain torch: neighbours, groups, RoI align."""

@@ -45,12 +45,6 @@ def first_on_cpu(*args: Any, **kwargs: Any) -> bool:  # noqa: ANN401 - of any fu
     return devices.on_cpu(args[0])
 
 
-def always(*args: Any, **kwargs: Any) -> bool:  # noqa: ANN401 - of any function
-    """Return True: the fast form needs no particular device."""
-    del args, kwargs
-    return True
-
-
 def faster_by(
     fast: Callable[Given, Returned], applies: Callable[Given, bool] = first_on_cpu
 ) -> Callable[[Callable[Given, Returned]], Twins[Given, Returned]]:

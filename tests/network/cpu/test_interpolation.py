@@ -1,11 +1,10 @@
-"""Weighted sums of rows, compiled, and their gradients."""
+"""Weighted sums of rows, compiled."""
 
 import numpy as np
 import pytest
-import torch
 from numpy.testing import assert_allclose
 
-from pipelines.network.cpu.interpolation import add_interpolated, fast_weighted_sum
+from pipelines.network.cpu.interpolation import add_interpolated
 
 
 def drawn(*shape, seed=0):
@@ -21,12 +20,3 @@ def test_sums_are_weighted_added_and_rectified(count, rectifies):
     add_interpolated(rectifies, coarse, places, weights, fine)
     expected = np.maximum(expected, 0.0) if rectifies else expected
     assert_allclose(fine, expected, rtol=1e-5, atol=1e-6)
-
-
-def test_gradients_of_what_is_interpolated_are_those_of_finite_differences():
-    torch.manual_seed(0)
-    values = torch.randn(2, 5, 3, dtype=torch.float64, requires_grad=True)
-    places, weights = torch.randint(0, 5, (2, 9, 3)), torch.rand(2, 9, 3).double()
-    assert torch.autograd.gradcheck(
-        lambda given: fast_weighted_sum(given, places, weights), (values,)
-    )

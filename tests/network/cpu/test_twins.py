@@ -1,7 +1,6 @@
 """Every fast function does what its plain twin does, and private functions are not needed."""
 
 import ast
-import inspect
 import logging
 from pathlib import Path
 
@@ -11,14 +10,10 @@ from torch import nn
 from torch.nn import functional
 
 import pipelines
-from pipelines.configs import DetectorConfig
 from pipelines.network import devices, pointnet2, sampling
 from pipelines.network.cpu import products, twins
 from pipelines.network.cpu.cloudwise import CloudLinear
-from pipelines.network.cpu.detection.inference import for_inference
-from pipelines.network.cpu.detection.proposals import PARTS, Proposals
 from pipelines.network.cpu.twins import Twins, works
-from pipelines.network.detection.mask_rcnn import build_detector
 
 ROOT = Path(pipelines.__file__).parent
 
@@ -132,21 +127,6 @@ def test_a_cloud_gets_the_same_features_without_the_private_linear_layer(monkeyp
     monkeypatch.setattr(torch.ops, "mkldnn", Gone())
     works.cache_clear()
     torch.testing.assert_close(layer(clouds), expected)
-
-
-@pytest.mark.parametrize("part", PARTS)
-def test_a_region_proposal_network_of_another_build_is_left_as_it_is(part, monkeypatch):
-    model = build_detector(DetectorConfig()).eval()
-    assert isinstance(for_inference(model).rpn, Proposals)
-    *owners, name = part.split(".")
-    owner = type(model.rpn) if not owners else type(getattr(model.rpn, owners[0]))
-    own = model.rpn if not owners else getattr(model.rpn, owners[0])
-    if inspect.isroutine(getattr(own, name)):
-        monkeypatch.delattr(owner, name)
-    else:
-        delattr(own, name)
-    assert not Proposals.fits(model.rpn)
-    assert for_inference(model).rpn.__class__ is model.rpn.__class__
 
 
 # Each private name of torch or torchvision that is used, by the module that can do without it.

@@ -1,7 +1,7 @@
 """The eigenvector of the largest eigenvalue of symmetric 3 x 3 matrices, many at once.
 
 Entries are the first axis, not the last: a product of many 3 x 3 matrices is then a few sums of
-long rows, in a tenth of the time.
+long rows.
 """
 
 from functools import reduce

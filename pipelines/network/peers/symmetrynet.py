@@ -66,10 +66,11 @@ class SymmetryOutput:
 class SymmetryNet(nn.Module):
     """The colours and points of regions in, symmetries as each point sees them out."""
 
+    unit: Tensor  # metres; stored with the weights, so that those learned from metres are refused
+
     def __init__(self, config: PeerNetworkConfig) -> None:
         super().__init__()
         self.config, self.sizes = config, SYMMETRYNET_SIZES[config.variant]
-        # Stored with the weights, so that those learned from metres are refused.
         self.register_buffer("unit", torch.tensor(UNIT))
         sizes = self.sizes
         self.colors = PSPNet() if config.variant == "full" else _light_colors()
@@ -100,14 +101,14 @@ class SymmetryNet(nn.Module):
         column, row = (pixels.long() * found.shape[-1] // CROP_SIDE).unbind(-1)
         index = (row * found.shape[-1] + column)[:, None].expand(-1, COLOR_DIM, -1)
         color = found.flatten(2).gather(2, index).transpose(1, 2)
-        point = self.of_points[0]((points - points.mean(dim=1, keepdim=True)) / UNIT)
+        point = self.of_points[0]((points - points.mean(dim=1, keepdim=True)) / self.unit)
         color = self.of_colors[0](color)
         point_after, color_after = self.of_points[1](point), self.of_colors[1](color)
         both = torch.cat([point_after, color_after], dim=-1)
         whole = self.joined(both).mean(dim=1, keepdim=True).expand(-1, both.shape[1], -1)
         each = torch.cat([point, color, both, whole], dim=-1)
         said = {name: head(each).float() for name, head in self.heads.items()}
-        said |= {name: UNIT * said[name] for name in LENGTHS}
+        said |= {name: self.unit * said[name] for name in LENGTHS}
         planes = (*points.shape[:2], NUM_REFLECTIONS, 3)
         said["mirrored"], said["feet"] = (said[n].view(planes) for n in ("mirrored", "feet"))
         said["existence"] = said["existence"].sigmoid()

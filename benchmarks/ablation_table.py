@@ -187,11 +187,7 @@ def _over_seeds(values: Sequence[float | None]) -> dict[str, Any]:
 def ablation_page(found: Mapping[str, Any]) -> str:
     """Return the object of `summary` as a page: qualities, differences, the other metrics."""
     rows = found["rows"]
-    heads = ("", "paper seen", "paper unseen", *COLUMNS)
-    qualities = [
-        (row["name"], *_published(row), *(_text(row[split][QUALITY]) for split in COLUMNS))
-        for row in rows.values()
-    ]
+    heads, qualities = _qualities(rows)
     differences = [
         (
             _against(row, rows),
@@ -214,6 +210,22 @@ def ablation_page(found: Mapping[str, Any]) -> str:
         _table(("", *(METRICS[each] for each in others)), rest),
     )
     return "\n".join(parts)
+
+
+def report_table(found: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the qualities of the object of `summary` as a table of `symgrasp evaluate --table`."""
+    heads, qualities = _qualities(found["rows"])
+    note = f"{NOTE}{_spread_note(len(found['seeds']))}".replace("\n", " ")
+    title = "Table IV. Grasp quality with one part left out at a time"
+    return {"title": title, "header": ["row", *heads[1:]], "rows": qualities, "note": note}
+
+
+def _qualities(rows: Mapping[str, Any]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    heads = ("", "paper seen", "paper unseen", *COLUMNS)
+    return heads, [
+        (row["name"], *_published(row), *(_text(row[split][QUALITY]) for split in COLUMNS))
+        for row in rows.values()
+    ]
 
 
 def _against(row: Mapping[str, Any], rows: Mapping[str, Any]) -> str:

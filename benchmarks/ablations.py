@@ -1,10 +1,10 @@
 """Table IV: the method with one part left out at a time: `python -m benchmarks.ablations ROOT`.
 
 Makes a training set, trains two detectors and, for each row and seed, a network, infers and
-evaluates on ROOT, the benchmark of `make eval`, and writes OUT/ablations.json and
-OUT/ablations.md, anew whenever a row has all its seeds. All work is done by `symgrasp` itself.
-What is finished is not done again: each step leaves a record of its command, and a step that was
-interrupted is taken up where its own command takes it up.
+evaluates on ROOT, the benchmark of `make eval`, and writes OUT/ablations.json, OUT/table.json (for
+`evaluate --table`) and OUT/ablations.md, anew whenever a row has all its seeds. All work is done by
+`symgrasp` itself. What is finished is not done again: each step leaves a record of its command, and
+a step that was interrupted is taken up where its own command takes it up.
 """
 
 import argparse
@@ -19,7 +19,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.ablation_table import ABLATIONS, Row, ablation_page, rows_named, summary
+from benchmarks.ablation_table import (
+    ABLATIONS,
+    Row,
+    ablation_page,
+    report_table,
+    rows_named,
+    summary,
+)
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.errors import MissingInputError, SymgraspError, ValueRangeError
 from pipelines.storage.files import read_json, write_json, write_text
@@ -265,7 +272,7 @@ def trained_regions(packed: Path, seed: int) -> int:
 
 
 def write_tables(work: Ablations, rows: Sequence[Row], seeds: Sequence[int]) -> str:
-    """Write ablations.json and ablations.md, of the rows that are finished; return the latter."""
+    """Write ablations.json, table.json and ablations.md of the finished rows; return the last."""
     reports = {row.key: [work.report(row, seed) for seed in seeds] for row in rows}
     based = [row for row in rows if row.base is not None]
     compared = {row.key: [work.compared(row, seed) for seed in seeds] for row in based}
@@ -274,6 +281,7 @@ def write_tables(work: Ablations, rows: Sequence[Row], seeds: Sequence[int]) -> 
     inputs = {str(path): digest(path) for path in files}
     stamp = make_stamp("ablations", work.budget, inputs=inputs)
     write_json(work.out / "ablations.json", {**found, "provenance": stamp.as_json()})
+    write_json(work.out / "table.json", report_table(found))
     text = ablation_page(found)
     write_text(work.out / "ablations.md", text)
     return text

@@ -5,6 +5,7 @@ Reads   grasps.h5            of `infer`, run on a dataset in GraspNet-1Billion's
         ROOT/symmetry        of `annotate-symmetry`: the true symmetries and regions
         ROOT/affordance      of `refine-grasps`: for the oracle row
         success.json         of `simulate`, if given: the rates of success in physics
+        TABLE.json           further tables of text, for the report to show
         NAME.h5              of `infer` with other settings or methods, on the same frames
 Writes  report.json          figures by row (ours, each NAME, baselines) and split
         report.html          the same as one page: tables, curves, best and worst frames
@@ -55,6 +56,7 @@ def run(
     others: Sequence[Path] = (),
     baselines: bool = False,
     success: Path | None = None,
+    tables: Sequence[Path] = (),
     seed: int = 0,
 ) -> StageReport:
     """Evaluate `grasps` against `dataset` and write `output` and what lies beside it.
@@ -68,6 +70,7 @@ def run(
         others: further `grasps.h5` of the same frames, a row of the report each.
         baselines: also plan with ground truth, from the boundary, and at random.
         success: `success.json` that `simulate` made of the same grasps, gripper and dataset.
+        tables: JSON files of further tables, shown as they are.
         seed: of the baselines' random draws.
     """
     runs = ComparedRuns.of(grasps, others, dataset)
@@ -77,13 +80,14 @@ def run(
     stamp = make_stamp("evaluate", settings, seed=seed, inputs=inputs)
     is_finished(output, stamp, overwrite=options.overwrite)  # refuses to replace another report
     simulated = reports.read_success_of(success, inputs) if success else None
+    further = [reports.read_table(path) for path in tables]
     items = runs.items(records_folder(output), stamp, options)
     step = functools.partial(_evaluate_scene, dataset, config, baselines)
     report = run_batch("evaluate", items, step, options)
     if not options.dry_run:
         evaluated = EvaluatedGrasps(grasps, runs.index, runs.root, config, stamp)
         report.notes |= write_report_files(
-            output, _finished(items), evaluated, simulated, report.failed
+            output, _finished(items), evaluated, simulated, report.failed, further
         )
     return report
 

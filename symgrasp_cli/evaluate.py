@@ -50,6 +50,15 @@ def evaluate(
         Path | None,
         typer.Option(exists=True, dir_okay=False, help="success.json of `simulate`: Table III."),
     ] = None,
+    table: Annotated[
+        list[Path] | None,
+        typer.Option(
+            exists=True,
+            dir_okay=False,
+            help="Further table for the report: JSON with title, header, rows of text and note; "
+            "may be given again.",
+        ),
+    ] = None,
     options: Batch,
     seed: Seed = 0,
 ) -> None:
@@ -57,7 +66,7 @@ def evaluate(
     from pipelines.storage.provenance import refuse_other_suffix
 
     refuse_other_suffix(out, ".json")
-    needs_grasps = baselines or success is not None
+    needs_grasps = baselines or success is not None or bool(table)
     _refuse_mixtures(grasps, protocol, exact=config.graspnet.exact, needs_grasps=needs_grasps)
     if protocol == "graspnet":
         from pipelines import evaluate_dump
@@ -76,6 +85,7 @@ def evaluate(
             others=with_ or (),
             baselines=baselines,
             success=success,
+            tables=table or (),
             seed=seed,
         )
         tables = [] if options.dry_run else stage.tables(out)
@@ -92,7 +102,9 @@ def _refuse_mixtures(grasps: Path, protocol: str, *, exact: bool, needs_grasps: 
             "`symgrasp export` makes of a grasps.h5"
         )
     if protocol == "graspnet" and needs_grasps:
-        raise typer.BadParameter("--baselines and --success go with a grasps.h5, not with a dump")
+        raise typer.BadParameter(
+            "--baselines, --success and --table go with a grasps.h5, not with a dump"
+        )
     if protocol != "graspnet" and grasps.is_dir():
         raise typer.BadParameter(f"{grasps} is a folder; give a grasps.h5, or --protocol graspnet")
     if protocol != "graspnet" and exact:

@@ -1,13 +1,15 @@
 #!/bin/sh
 # The paper's tables on one data set, from nothing: tools/make_tables.sh FOLDER [full|tiny] [DATASET]
 #
-# FOLDER/report.html and report.json hold Tables I to III and Sec. IV-E: ours, the paper as printed, the
-# compared methods, and the controls. DATASET is a root in GraspNet-1Billion's layout, with symmetries and
-# affordance labels (annotate-symmetry, refine-grasps), or `dev`, the set of `make dev`, which is made.
+# FOLDER/report.html and report.json hold Tables I to IV and Sec. IV-E: ours, the paper as printed, the
+# compared methods, the controls, and the cost of each. DATASET is a root in GraspNet-1Billion's layout,
+# with symmetries and affordance labels (annotate-symmetry, refine-grasps), or `dev`, the set of `make
+# dev`, which is made.
 # Every step is a documented command. A step that is finished is skipped and an interrupted one goes on,
 # so that the same call resumes after a kill. `full` takes days of two cores, most of it the trainings;
 # `tiny` takes minutes, its figures are of no use.
 # Given weights are taken instead of trained ones: put them at FOLDER/weights/NAME.safetensors before.
+# TABLE_IV=no leaves out Table IV, whose networks are trained anew in any case.
 set -eu
 
 FOLDER=$1
@@ -23,13 +25,14 @@ full)
     SCENES=60 VIEWS=8 OBJECTS=72 PIXELS=640x480 GRASP_POINTS=400
     DEV="--families wide --scenes-per-split 24 --views 4 --objects 96 --grasp-points 48
         --surroundings plain,plain,bin,tray,wall,edge"
-    TRAINING="" PACK="" NETWORK="--epochs 40"
+    TRAINING="" PACK="" NETWORK="--epochs 40" ABLATIONS=""
     ;;
 tiny)
     SCENES=3 VIEWS=2 OBJECTS=6 PIXELS=320x240 GRASP_POINTS=40
     DEV="--scenes-per-split 1 --views 1 --objects 6 --grasp-points 8"
     TRAINING="--steps 4" PACK="--set num_points=400"
     NETWORK="--batch-size 4 --epochs 1 --set network.num_points=400"
+    ABLATIONS="--rows no-pift --steps 4 --detector-steps 2 --scenes 3 --views 2 --objects 6"
     ;;
 *)
     echo "size is $SIZE; it must be full or tiny" >&2
@@ -56,25 +59,29 @@ if [ -z "$DATASET" ]; then
 fi
 
 # 2. The compared methods and the paper as printed, all on the same frames of the same objects.
-wanted() { for name in "$@"; do [ -e "$WEIGHTS/$name.safetensors" ] || return 0; done; return 1; }
-if wanted $TRAINED as-printed || [ -e "$DATA/train" ]; then
+given() { [ -e "$WEIGHTS/$1.safetensors" ] && [ ! -e "$WEIGHTS/$1.checkpoint.safetensors" ]; }
+all_given() { for name in "$@"; do given "$name" || return 1; done; }
+if ! all_given $TRAINED as-printed; then
     root train 0 --split train --scenes-per-split "$SCENES" --views "$VIEWS" --objects "$OBJECTS" \
         --grasp-points "$GRASP_POINTS" --collision-labels
     for name in $TRAINED; do
+        given "$name" && continue
         $SYMGRASP train-baseline "$name" "$DATA/train" --out "$WEIGHTS/$name.safetensors" $TRAINING --resume
     done
-    $SYMGRASP pack "$DATA/train" --out "$DATA/packed" $PACK
-    $SYMGRASP train "$DATA/packed" --out "$WEIGHTS/as-printed.safetensors" --preset paper $NETWORK --resume
+    if ! given as-printed; then
+        $SYMGRASP pack "$DATA/train" --out "$DATA/packed" $PACK
+        $SYMGRASP train "$DATA/packed" --out "$WEIGHTS/as-printed.safetensors" --preset paper $NETWORK --resume
+    fi
 fi
 
 # 3. Grasps of every row on the same frames.
 row() {
     grasps=$FOLDER/rows/$1.h5
     shift
-    $SYMGRASP infer "$DATASET" --split all --out "$grasps" "$@"
+    $SYMGRASP infer "$DATASET" --split all --out "$grasps" --timings "$@"
 }
 SELECTED=""
-row ours --timings
+row ours
 row as-printed --preset paper --network "$WEIGHTS/as-printed.safetensors"
 for name in $METHODS; do
     row "$name" --method "$name" --weights "$WEIGHTS/$name.safetensors"
@@ -91,12 +98,20 @@ done
 $PYTHON -m tools.controls true-regions "$FOLDER/true_regions" "$DATASET"
 row true-regions --masks "$FOLDER/true_regions"
 
-# 4. Judged: analytically and in physics.
+# 4. Table IV: networks without one part each.
+TABLES="--table $FOLDER/costs.json"
+if [ "${TABLE_IV:-yes}" != no ]; then
+    $PYTHON -m benchmarks.ablations "$DATASET" --out "$FOLDER/ablations" $ABLATIONS
+    TABLES="$TABLES --table $FOLDER/ablations/table.json"
+fi
+
+# 5. Judged: analytically and in physics.
 WITH=""
 for name in as-printed $METHODS $SELECTED symmetrynet symmetry-icp $CONTROLS true-regions; do
     WITH="$WITH --with $FOLDER/rows/$name.h5"
 done
 $SYMGRASP simulate "$FOLDER/rows/ours.h5" --dataset "$DATASET" --out "$FOLDER/success.json" --baselines $WITH
+$PYTHON -m tools.row_costs "$FOLDER"
 $SYMGRASP evaluate "$FOLDER/rows/ours.h5" --dataset "$DATASET" --out "$FOLDER/report.json" \
-    --success "$FOLDER/success.json" --baselines $WITH
+    --success "$FOLDER/success.json" --baselines $WITH $TABLES
 echo "report: $FOLDER/report.html"

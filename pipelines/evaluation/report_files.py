@@ -1,6 +1,6 @@
 """Writing a report from the records of its scenes: `report.json`, and the page beside it."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -47,10 +47,11 @@ def write_report_files(
     evaluated: EvaluatedGrasps,
     success: Mapping[str, Any] | None = None,
     failed: Mapping[str, str] | None = None,
+    tables: Sequence[Mapping[str, Any]] = (),
 ) -> dict[str, str]:
     """Write `output` and the page beside it from the records of scenes, one scene in memory.
 
-    `failed`: scenes that could not be evaluated and are left out, to why.
+    `failed`: scenes that could not be evaluated and are left out, to why. `tables`: further ones.
 
     Returns:
         What could not be drawn: frame to sentence.
@@ -71,6 +72,8 @@ def write_report_files(
     }
     if success is not None:
         more |= _add_success(rows, success)
+    if tables:
+        more["tables"] = list(tables)
     more["seconds_per_frame"] = tally.seconds_per_frame
     reports.write_report(output, rows, evaluated.stamp, **more)
     gallery, faults = draw_gallery(choice, evaluated.grasps, evaluated.index, evaluated.root)

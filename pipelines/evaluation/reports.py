@@ -1,15 +1,26 @@
 """`report.json` of `evaluate`, figures by row and split, and `success.json` of `simulate`."""
 
 from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from pipelines.contents import mapping_in
+from pipelines.contents import mapping_in, reading, typed
 from pipelines.errors import FormatError
 from pipelines.storage.files import finite_json, read_json, write_json
 from pipelines.storage.provenance import Stamp
 
 FORMAT_VERSION = 1
+
+
+@dataclass(frozen=True)
+class GivenTable:
+    """A table of text that a report shows beside its own: `evaluate --table`."""
+
+    title: str
+    header: list[str]
+    rows: list[list[str]]
+    note: str = ""
 
 
 def write_report(
@@ -50,6 +61,23 @@ def read_report(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict) or not isinstance(content.get("rows"), dict):
         raise FormatError(path, "lacks `rows`", "a report.json of `symgrasp evaluate` is expected")
     return content
+
+
+def read_table(path: Path) -> dict[str, Any]:
+    """Read a table of text, as `GivenTable` has it, as a JSON object.
+
+    Raises:
+        FormatError: it is something else, or a row is longer or shorter than the header.
+    """
+    expected = "a title, a header and rows of text as long as the header are expected"
+    with reading(path, "a table", expected):
+        table: GivenTable = typed(GivenTable, read_json(path))
+    for row in table.rows:
+        if len(row) != len(table.header):
+            raise FormatError(
+                path, f"has a row of {len(row)} for a header of {len(table.header)}", expected
+            )
+    return asdict(table)
 
 
 def is_success(path: Path) -> bool:

@@ -47,6 +47,11 @@ class Table:
 
 def report_tables(report: Mapping[str, Any]) -> list[Table]:
     """Return the tables of a `report.json`, in the order in which they are read."""
+    return [table for tables in report_sections(report).values() for table in tables]
+
+
+def report_sections(report: Mapping[str, Any]) -> dict[str, list[Table]]:
+    """Return the tables of a `report.json` by the heading that they stand under."""
     rows: ReportRows = report["rows"]
     title = "Table I. Grasp quality, 1 - mu"
     quality = split_table(rows, "grasp_quality", published.GRASP_QUALITY, title)
@@ -57,9 +62,24 @@ def report_tables(report: Mapping[str, Any]) -> list[Table]:
     pair = split_table(rows, "antipodal_score", published.ANTIPODAL_SCORE, title)
     title = "Antipodal score of the closing region (S4G's)"
     region = split_table(rows, "antipodal_score_region", (), title)
-    tables = [quality, swept, pair, region, success_table(report), trial_table(report)]
-    tables += [symmetry_table(rows), graspnet_table(rows), mask_table(rows), reason_table(rows)]
-    return [table for table in tables if table is not None]
+    sections: dict[str, list[Table | None]] = {
+        "Grasps": [quality, swept, pair, region, graspnet_table(rows)],
+        "Success": [success_table(report), trial_table(report)],
+        "Symmetries": [symmetry_table(rows)],
+        "Region masks": [mask_table(rows)],
+        "What became of the objects": [reason_table(rows)],
+        "Further tables": [given_table(each) for each in report.get("tables", [])],
+    }
+    return {
+        heading: [table for table in tables if table is not None]
+        for heading, tables in sections.items()
+    }
+
+
+def given_table(content: Mapping[str, Any]) -> Table:
+    """Return a table as `evaluate --table` was given it."""
+    rows = tuple(tuple(cells) for cells in content["rows"])
+    return Table(content["title"], tuple(content["header"]), rows, content.get("note", ""))
 
 
 def _left_out(report: Mapping[str, Any]) -> str:

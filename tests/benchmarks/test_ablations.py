@@ -30,6 +30,7 @@ from benchmarks.ablations import (
     run_symgrasp,
 )
 from pipelines.errors import SymgraspError
+from pipelines.evaluation.reports import read_table
 from tests.docs.test_formats_document import block, keys_of
 
 MAKEFILE = Path(__file__).resolve().parents[2] / "Makefile"
@@ -326,6 +327,9 @@ def test_the_table_grows_by_the_rows_that_are_finished(tmp_path):
 def test_both_files_are_written_with_a_stamp(tmp_path):
     text = make_table(work_in(tmp_path), [0], Machine())
     assert (tmp_path / "ablations.md").read_text(encoding="utf-8") == text
+    table = read_table(tmp_path / "table.json")
+    assert table["title"].startswith("Table IV")
+    assert [row[0] for row in table["rows"]] == [row.name for row in ABLATIONS]
     content = json.loads((tmp_path / "ablations.json").read_text(encoding="utf-8"))
     assert content["provenance"]["stage"] == "ablations"
     assert len(content["provenance"]["inputs"]) == len(ABLATIONS) + len(BASED)

@@ -9,7 +9,7 @@ import pytest
 from pipelines.dataset import object_list
 from pipelines.dataset.object_list import ObjectRecord
 from pipelines.errors import FormatError
-from pipelines.evaluation.reports import read_report, write_report
+from pipelines.evaluation.reports import read_report, read_table, write_report
 from pipelines.geometry.symmetry import RotationSymmetry
 from pipelines.storage.provenance import is_finished, make_stamp
 
@@ -36,6 +36,23 @@ def test_a_file_without_rows_is_no_report(tmp_path: Path) -> None:
     (tmp_path / "report.json").write_text("[]")
     with pytest.raises(FormatError, match="rows"):
         read_report(tmp_path / "report.json")
+
+
+@pytest.mark.parametrize(
+    ("content", "fault"),
+    [
+        ([], "a title, a header"),
+        ({"title": "t", "header": ["a"]}, "a title, a header"),
+        ({"title": "t", "header": ["a"], "rows": [[1.5]]}, "wrong type"),
+        ({"title": "t", "header": ["a"], "rows": [], "more": 1}, "`more` is not known"),
+        ({"title": "t", "header": ["a", "b"], "rows": [["1"]]}, "a row of 1 for a header of 2"),
+    ],
+)
+def test_a_further_table_that_is_none_is_one_sentence(tmp_path, content, fault):
+    path = tmp_path / "table.json"
+    path.write_text(json.dumps(content))
+    with pytest.raises(FormatError, match=fault):
+        read_table(path)
 
 
 def test_the_list_of_objects_comes_back_in_order(tmp_path: Path) -> None:

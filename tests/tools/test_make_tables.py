@@ -3,17 +3,20 @@
 import os
 import shlex
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from typer.main import get_command
 
+from benchmarks import ablations
 from pipelines.evaluation.rows import KNOWN_ROWS, SELECTED
 from symgrasp_cli.app import app
-from tools import controls
+from tools import controls, row_costs
 
 SCRIPT = Path(__file__).parents[2] / "tools" / "make_tables.sh"
 GROUP = get_command(app)
+TRAINED = ("multi-grasp", "gg-cnn", "pointnetgpd", "graspnet", "symmetrynet", "as-printed")
 
 
 def calls(tmp_path, *arguments):
@@ -39,7 +42,21 @@ def test_every_step_is_a_command_with_options_that_it_has(size, tmp_path):
         parameters = GROUP.commands[name].params
         known = {option for each in parameters for option in (*each.opts, *each.secondary_opts)}
         assert {each for each in arguments if each.startswith("--")} <= known, name
-    assert {call[1] for call in tools} == {"tools.controls"}
+    assert {call[1] for call in tools} == {
+        "tools.controls",
+        "benchmarks.ablations",
+        "tools.row_costs",
+    }
+    (rest,) = (call[2:] for call in tools if call[1] == "benchmarks.ablations")
+    ablations.parsed(rest)
+
+
+def test_table_iv_can_be_left_out(tmp_path, monkeypatch):
+    monkeypatch.setenv("TABLE_IV", "no")
+    commands, tools = calls(tmp_path, "full")
+    assert "benchmarks.ablations" not in {call[1] for call in tools}
+    (evaluate,) = (call for call in commands if call[0] == "evaluate")
+    assert evaluate.count("--table") == 1
 
 
 def test_each_row_is_inferred_judged_and_known_to_the_tables(tmp_path):
@@ -56,11 +73,60 @@ def test_each_row_is_inferred_judged_and_known_to_the_tables(tmp_path):
 def test_given_weights_and_a_given_dataset_leave_out_their_making(tmp_path):
     weights = tmp_path / "out" / "weights"
     weights.mkdir(parents=True)
-    for name in ("multi-grasp", "gg-cnn", "pointnetgpd", "graspnet", "symmetrynet", "as-printed"):
+    for name in TRAINED:
         (weights / f"{name}.safetensors").touch()
     commands, _ = calls(tmp_path, "full", "ROOT")
     assert {call[0] for call in commands} == {"infer", "simulate", "evaluate"}
     assert all("ROOT" in call for call in commands)
+
+
+@pytest.mark.parametrize("missing", TRAINED)
+def test_only_weights_that_are_not_given_are_trained(missing, tmp_path):
+    weights = tmp_path / "out" / "weights"
+    weights.mkdir(parents=True)
+    for name in TRAINED:
+        (weights / f"{name}.safetensors").touch()
+    # One that has a checkpoint beside it was begun here: its own command says whether it goes on.
+    (weights / f"{missing}.checkpoint.safetensors").touch()
+    commands, _ = calls(tmp_path, "full", "ROOT")
+    trained = [call for call in commands if call[0] in ("train", "train-baseline")]
+    assert [Path(call[call.index("--out") + 1]).stem for call in trained] == [missing]
+
+
+def test_costs_are_those_of_the_networks_that_a_row_names(tmp_path):
+    from pipelines.configs import NetworkConfig
+    from pipelines.configs.peers import PeerNetworkConfig
+    from pipelines.grasp_files import grasps_file
+    from pipelines.inference.models import NETWORK_WEIGHTS
+    from pipelines.network.model import SymmetryGraspNet
+    from pipelines.network.peers.ggcnn import GGCNN
+    from pipelines.storage.checkpoints import save_weights
+    from pipelines.storage.provenance import digest, make_stamp
+    from tests.stages.toy_root import frame_names, true_result, write_root
+
+    for folder in ("weights", "rows"):
+        (tmp_path / folder).mkdir()
+    own = tmp_path / "weights" / "gg-cnn.safetensors"
+    save_weights(own, GGCNN(PeerNetworkConfig()).state_dict(), {"steps": "4154"})
+    frame = replace(true_result(write_root(tmp_path / "root"), frame_names()[0]), seconds=0.25)
+    stamp = make_stamp("infer", {"gripper": "rg2"})
+    rows = {
+        "gg-cnn": {"peer": digest(own)},
+        "ours": {"network": digest(NETWORK_WEIGHTS)},
+        "planar": {},
+        "gone": {"peer": "sha256:0000000000000000"},
+    }
+    for name, used in rows.items():
+        grasps_file.write(tmp_path / "rows" / f"{name}.h5", [frame], stamp, used)
+    table = row_costs.costs(sorted((tmp_path / "rows").glob("*.h5")), tmp_path / "weights")
+    found = {row[0]: row[1:] for row in table.rows}
+    assert found["GG-CNN, trained here"] == ["0.25", "62,420", "4,154", "-"]
+    assert found["planar"] == ["0.25", "none", "-", "-"]
+    assert found["gone"] == ["0.25", "-", "-", "-"]
+    assert found["SymGrasp"][2:] == ["-", "-"]
+    network = SymmetryGraspNet(NetworkConfig())
+    learned = sum(each.numel() for each in network.parameters())
+    assert found["SymGrasp"][:2] == ["0.25", f"{learned:,}"]
 
 
 def test_the_networks_of_the_controls_differ_in_what_they_say(tmp_path, monkeypatch):

@@ -7,7 +7,7 @@ from typing import Any
 from pipelines.evaluation.pages.charts import LineChart, Series
 from pipelines.evaluation.pages.gallery import Gallery
 from pipelines.evaluation.rows import OURS, report_row
-from pipelines.evaluation.tables import Table, report_tables
+from pipelines.evaluation.tables import Table, report_sections
 from pipelines.evaluation.tallies import ALL
 from pipelines.geometry.symmetry import SYMMETRY_KINDS
 from pipelines.metrics.grasp_verdicts import REASONS
@@ -33,23 +33,20 @@ REASON_WORDS = {
 
 def report_page(report: Mapping[str, Any], gallery: Gallery) -> str:
     """Return the page of a `report.json` and its `gallery`."""
-    quality, pair, region, *success, symmetries, masks, reasons = report_tables(report)
     counted = _ours(report)
     return rendered(
         TEMPLATES / "report.html",
         title=f"SymGrasp: {counted.get('frames', 0)} frames, {counted.get('objects', 0)} objects",
         tiles=_tiles(report),
-        grasp_tables=(quality, pair, region),
-        held_charts=list(_held_charts(report)),
-        success_tables=success,
-        symmetries=symmetries,
-        symmetry_charts=list(_symmetry_charts(report)),
-        masks=masks,
+        sections=report_sections(report),
+        charts={
+            "Grasps": list(_held_charts(report)),
+            "Symmetries": list(_symmetry_charts(report)),
+        },
         bars=[
             (report_row(row).title, splits[ALL]["reasons"])
             for row, splits in report["rows"].items()
         ],
-        reasons=reasons,
         colors=REASON_COLORS,
         words=REASON_WORDS,
         gallery=gallery,

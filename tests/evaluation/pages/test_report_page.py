@@ -74,6 +74,24 @@ def test_curves_have_axes_with_labels_and_a_line_a_threshold():
         assert all(0 <= x <= 420 and 0 <= y <= 290 for x, y in points)
 
 
+def test_tables_stand_under_their_headings_and_given_ones_last():
+    made = report()
+    made["tables"] = [{"title": "Cost <of>", "header": ["row", "s"], "rows": [["ours", "0.3"]]}]
+    text = Reader(report_page(made, Gallery())).text
+    titles = (
+        "Table I.",
+        "Table III",
+        "Symmetry, average precision",
+        "Average precision of region masks",
+        "Cost <of>",
+    )
+    headings = ("Grasps", "Success", "Symmetries", "Region masks")
+    places = [text.index(title) for title in titles]
+    assert places == sorted(places)
+    for heading, title in zip(headings, titles, strict=False):
+        assert text[: text.index(title)].rstrip().endswith(heading)
+
+
 def test_a_report_of_nothing_is_a_page_too():
     tally = ReportTally.of([FrameRecord("f", "seen", 0.1, ScoredPredictions(0), {})])
     empty = {

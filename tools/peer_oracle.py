@@ -1,23 +1,25 @@
-"""The best that a planar compared method could do: its own labels through its own post-processing.
+"""The best that a compared method could do: its own labels through its own post-processing.
 
 `python -m tools.peer_oracle gg-cnn ROOT OUT.h5` writes the grasps of a method that would predict
 exactly the labels it is trained on; `symgrasp evaluate OUT.h5 --dataset ROOT` judges them. ROOT has
-`rect/` labels. What these grasps lack, no training can give: they come along the camera's axis, and
-take the surface at their middle for the depth of the fingers.
+the labels of `synthesize --collision-labels`. What these grasps lack, no training can give: those
+of planar methods come along the camera's axis and take the surface at their middle for the depth
+of the fingers.
 """
 
 import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
+import torch
 
 from pipelines.array_types import Array
 from pipelines.configs import InferConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_labels import read_rect
+from pipelines.dataset.graspnet.graspnet_views import view_rotations
 from pipelines.frames.rgbd import Frame
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.gripper_files import load_gripper
@@ -32,9 +34,13 @@ from pipelines.grasping.peers.oriented_boxes import (
 from pipelines.grasping.peers.rectangles import on_their_object, rectangle_grasps
 from pipelines.grasping.scene import SceneCloud
 from pipelines.inference.frame_grasps import Planner
+from pipelines.inference.peers.graspnet import best_hands, free_grasps
+from pipelines.learning.peers.graspnet_clouds import labelled_scene
+from pipelines.learning.peers.graspnet_labels import graspnet_frame_arrays
+from pipelines.network.peers.graspnet import DEPTHS, GRASPNET_SIZES, NUM_TURNS, Operations
+from pipelines.network.sampling import farthest_points
 from pipelines.storage.provenance import make_stamp
 
-PlanarMethod = Literal["gg-cnn", "multi-grasp"]
 Represented = Callable[[Array, tuple[int, int]], Array]
 
 
@@ -53,18 +59,21 @@ def as_boxes(rows: Array, shape: tuple[int, int]) -> Array:
 
 
 # Method -> its representation, and the least score of the rectangles that it learns.
-REPRESENTATIONS: dict[PlanarMethod, tuple[Represented, float]] = {
+REPRESENTATIONS: dict[str, tuple[Represented, float]] = {
     "gg-cnn": (as_maps, 0.7),
     "multi-grasp": (as_boxes, 0.8),
 }
 
 
+METHODS = (*REPRESENTATIONS, "graspnet")
+
+
 @dataclass(frozen=True)
-class LabelMethod:
-    """A `FrameMethod` that knows the labels."""
+class RectangleLabels:
+    """A `FrameMethod`: a planar method that knows the labels."""
 
     root: GraspNetRoot
-    name: PlanarMethod
+    name: str
     gripper: Gripper
 
     def grasps(
@@ -82,10 +91,44 @@ class LabelMethod:
         return grasps, rows[index, 5]
 
 
-def write_oracle(name: PlanarMethod, root: GraspNetRoot, out: Path, scenes: int) -> int:
+@dataclass(frozen=True)
+class CellLabels:
+    """A `FrameMethod`: GraspNet's baseline with the labels of its seeds as its answers."""
+
+    root: GraspNetRoot
+    gripper: Gripper
+
+    def grasps(
+        self, frame: Frame, scene: SceneCloud, rng: np.random.Generator
+    ) -> tuple[GraspPoses, Array]:
+        """Return the labelled grasps of a frame of the dataset as the method would find them."""
+        labels = graspnet_frame_arrays(self.root, self.root.frame(frame.name))
+        if not len(labels["cell"]):
+            return GraspPoses.empty(), np.zeros(0)
+        sizes = GRASPNET_SIZES["light"]
+        cloud = labelled_scene(labels, sizes.input, rng, 0.0)
+        objects = cloud.points[cloud.on_object]
+        seeds = objects[farthest_points(objects[None], min(sizes.points[1], len(objects)))[0]]
+        nearest = torch.cdist(seeds, cloud.places).argmin(dim=1)
+        view = cloud.value.amax(dim=2)[nearest].argmax(dim=1)
+        value, width, tolerance = (
+            each[nearest, view].view(1, -1, NUM_TURNS, DEPTHS).transpose(2, 3)
+            for each in (cloud.value, cloud.width, cloud.tolerance)
+        )
+        # Turns about the approach are the same in the frame of every view.
+        turns = np.swapaxes(view_rotations()[0, 0], 0, 1) @ view_rotations()[0]
+        frames = cloud.turns[nearest, view].numpy()[:, None] @ turns
+        said = Operations(value, value, width, tolerance)
+        return free_grasps(*best_hands(seeds.numpy(), frames, said), scene, self.gripper)
+
+
+def write_oracle(name: str, root: GraspNetRoot, out: Path, scenes: int) -> int:
     """Write the grasps of the first `scenes` scenes; return the number of frames."""
     config, gripper = InferConfig(method=name, regions="geometric"), load_gripper("rg2")
-    planner = Planner(config, gripper, peer=LabelMethod(root, name, gripper))
+    labels = (
+        CellLabels(root, gripper) if name == "graspnet" else RectangleLabels(root, name, gripper)
+    )
+    planner = Planner(config, gripper, peer=labels)
     results = [
         planner.plan(root.read_frame(files), np.random.default_rng(0))
         for scene in root.scenes()[:scenes]
@@ -98,7 +141,7 @@ def write_oracle(name: PlanarMethod, root: GraspNetRoot, out: Path, scenes: int)
 def main() -> None:
     """Read the options and write the grasps."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("method", choices=sorted(REPRESENTATIONS))
+    parser.add_argument("method", choices=METHODS)
     parser.add_argument("root", type=Path)
     parser.add_argument("out", type=Path)
     parser.add_argument("--scenes", type=int, default=1000)

@@ -13,7 +13,7 @@ from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.peers.cloud_box import boxed_points
 from pipelines.grasping.peers.hands import Hands, drawn_points, free_hands, hand_grasps, thinned
 from pipelines.grasping.scene import MAX_RANGE, SceneCloud
-from pipelines.network.peers.graspnet import WIDEST_OPENING, GraspNetBaseline
+from pipelines.network.peers.graspnet import WIDEST_OPENING, GraspNetBaseline, Operations
 
 WIDER = 1.2  # times the predicted opening, at most the widest
 COLLISION_CELL, COLLISION_WAY_IN = 0.01, 0.05  # metres, of the collision test
@@ -39,11 +39,7 @@ class GraspNetMethod:
         cloud = scene.xyz[boxed_points(scene)]
         if not len(cloud):
             return GraspPoses.empty(), np.zeros(0)
-        hands, score = self.hands(cloud, rng)
-        near = scene.xyz[(scene.depth > 0) & (scene.depth < MAX_RANGE) & ~scene.stray]
-        clouds = thinned(cloud, COLLISION_CELL), thinned(near, COLLISION_CELL)
-        free = free_hands(hands, *clouds, size=COLLISION_CELL, way_in=COLLISION_WAY_IN)
-        return hand_grasps(hands[free], self.gripper), score[free]
+        return free_grasps(*self.hands(cloud, rng), scene, self.gripper)
 
     @torch.inference_mode()
     def hands(self, cloud: Array, rng: np.random.Generator) -> tuple[Hands, Array]:
@@ -52,21 +48,42 @@ class GraspNetMethod:
         points = torch.from_numpy(drawn)[None].to(self.device)
         seeds, _ = self.network.seeds(points)
         view = seeds.views[0].argmax(dim=1).cpu().numpy()
-        frames = view_rotations()
-        untwisted = torch.from_numpy(frames[view, 0])[None].to(self.device)
+        frames = view_rotations()[view]
+        untwisted = torch.from_numpy(frames[:, 0])[None].to(self.device)
         said = self.network.operations(points, seeds.points, untwisted)
-        best = said.angle[0].argmax(dim=2, keepdim=True)  # (S, 4, 1) angles
-        at_angle = (said.score, said.width, said.tolerance)
-        at_depths = [best[..., 0], *(each[0].gather(2, best)[..., 0] for each in at_angle)]
-        depth = at_depths[1].argmax(dim=1, keepdim=True)
-        rows = [each.gather(1, depth)[:, 0].cpu().numpy() for each in at_depths]
-        angle, score, width, tolerance = rows
-        opening = np.clip(WIDER * WIDEST_OPENING * np.clip(width, 0.0, 1.0), 0.0, WIDEST_OPENING)
-        hands = Hands(
-            frames[view, angle].astype(np.float64),
-            seeds.points[0].cpu().numpy().astype(np.float64),
-            GRASP_DEPTHS[depth[:, 0].cpu().numpy()],
-            opening.astype(np.float64),
-        )
+        hands, score = best_hands(seeds.points[0].cpu().numpy(), frames, said)
         on_object = (seeds.objectness[0].argmax(dim=1) == 1).cpu().numpy()
-        return hands[on_object], np.asarray((score * tolerance)[on_object], np.float64)
+        return hands[on_object], score[on_object]
+
+
+def best_hands(seeds: Array, frames: Array, said: Operations) -> tuple[Hands, Array]:
+    """Return the best hand at each of S seeds, and its score.
+
+    `seeds`: (S, 3) metres; `frames`: (S, 12, 3, 3) rotations of hands along the seed's view;
+    `said`: of one cloud.
+    """
+    best = said.angle[0].argmax(dim=2, keepdim=True)  # (S, 4, 1) angles
+    at_angle = (said.score, said.width, said.tolerance)
+    at_depths = [best[..., 0], *(each[0].gather(2, best)[..., 0] for each in at_angle)]
+    depth = at_depths[1].argmax(dim=1, keepdim=True)
+    rows = [each.gather(1, depth)[:, 0].cpu().numpy() for each in at_depths]
+    angle, score, width, tolerance = rows
+    opening = np.clip(WIDER * WIDEST_OPENING * np.clip(width, 0.0, 1.0), 0.0, WIDEST_OPENING)
+    hands = Hands(
+        frames[np.arange(len(seeds)), angle].astype(np.float64),
+        seeds.astype(np.float64),
+        GRASP_DEPTHS[depth[:, 0].cpu().numpy()],
+        opening.astype(np.float64),
+    )
+    return hands, np.asarray(score * tolerance, np.float64)
+
+
+def free_grasps(
+    hands: Hands, score: Array, scene: SceneCloud, gripper: Gripper
+) -> tuple[GraspPoses, Array]:
+    """Return the `hands` that meet no point of the `scene` as grasps, and their scores."""
+    cloud = scene.xyz[boxed_points(scene)]
+    near = scene.xyz[(scene.depth > 0) & (scene.depth < MAX_RANGE) & ~scene.stray]
+    clouds = thinned(cloud, COLLISION_CELL), thinned(near, COLLISION_CELL)
+    free = free_hands(hands, *clouds, size=COLLISION_CELL, way_in=COLLISION_WAY_IN)
+    return hand_grasps(hands[free], gripper), score[free]

@@ -85,7 +85,7 @@ def run(
     step = functools.partial(_evaluate_scene, dataset, config, baselines)
     report = run_batch("evaluate", items, step, options)
     if not options.dry_run:
-        evaluated = EvaluatedGrasps(grasps, runs.index, runs.root, config, stamp)
+        evaluated = EvaluatedGrasps(runs.paths, runs.root, config, stamp)
         report.notes |= write_report_files(
             output, _finished(items), evaluated, simulated, report.failed, further
         )

@@ -17,7 +17,6 @@ from pipelines.evaluation.rows import OURS
 from pipelines.evaluation.run_readers import threshold_keys
 from pipelines.evaluation.tables import TABLE_FRICTION
 from pipelines.evaluation.tallies import ReportTally
-from pipelines.grasp_files.grasps_stream import GraspsIndex
 from pipelines.storage.files import write_text
 from pipelines.storage.provenance import Stamp
 
@@ -27,15 +26,13 @@ class EvaluatedGrasps:
     """What a report is about.
 
     Attributes:
-        grasps: the file that was evaluated.
-        index: its frames and attributes.
+        paths: by row, ours among them, the grasps.h5 that were evaluated.
         root: the dataset it was evaluated against.
         config: thresholds.
         stamp: how the records were made.
     """
 
-    grasps: Path
-    index: GraspsIndex
+    paths: Mapping[str, Path]
     root: GraspNetRoot
     config: EvaluateConfig
     stamp: Stamp
@@ -57,10 +54,11 @@ def write_report_files(
         What could not be drawn: frame to sentence.
     """
     thresholds, sphere = evaluated.config.symmetry_thresholds, evaluated.config.sphere_threshold
-    tally, choice = ReportTally(), FrameChoice()
+    tally, choices = ReportTally(), {row: FrameChoice(row) for row in evaluated.paths}
     intervals = RowIntervals(threshold_keys(thresholds[0], sphere))
     for records in scenes:
-        choice.add(records)
+        for choice in choices.values():
+            choice.add(records)
         for record in records:
             tally.add(record)
             intervals.add(record)
@@ -76,7 +74,7 @@ def write_report_files(
         more["tables"] = list(tables)
     more["seconds_per_frame"] = tally.seconds_per_frame
     reports.write_report(output, rows, evaluated.stamp, **more)
-    gallery, faults = draw_gallery(choice, evaluated.grasps, evaluated.index, evaluated.root)
+    gallery, faults = draw_gallery(choices, evaluated.paths, evaluated.root)
     write_text(output.with_suffix(".html"), report_page(reports.read_report(output), gallery))
     return faults
 

@@ -456,6 +456,10 @@ def test_grasps_of_a_compared_method_belong_to_the_objects_they_are_nearest_to(
     assert figures(tmp_path / "report.json", "gg-cnn")["reasons"] == {"no grasp": 4, "held": 8}
     titles = {row[0] for row in evaluate.tables(tmp_path / "report.json")[0].rows}
     assert "GG-CNN, trained here" in titles
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "Worst frames of GG-CNN, trained here" in page
+    # A scene of ours has its best and its worst frame, one of the method its worst.
+    assert page.count("data:image/jpeg;base64,") == 3 * len(SCENES)
 
 
 def test_other_grasps_of_other_frames_or_with_a_taken_name_are_refused(root, truth_file, tmp_path):

@@ -1,10 +1,11 @@
 """The best and the worst frames of a report as pictures, with what became of each object.
 
 A scene's views are much alike, so a scene gives at most its best and its worst frame. A frame is as
-good as the mean quality of our grasps on its visible objects.
+good as the mean quality of a row's grasps on its visible objects.
 """
 
 from base64 import b64encode
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -16,14 +17,14 @@ from pipelines.dataset import object_list
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.errors import SymgraspError
 from pipelines.evaluation.records import FrameRecord
-from pipelines.evaluation.rows import OURS
-from pipelines.grasp_files.grasps_stream import GraspsIndex, read_results
+from pipelines.evaluation.rows import OURS, ordered_rows, report_row
+from pipelines.grasp_files.grasps_stream import GraspsIndex, read_index, read_results
 from pipelines.metrics.grasp_verdicts import Verdict
 from pipelines.pictures.overlays import draw_overlay
 from pipelines.storage.images import encode_image
 
-ROW = OURS
-NUM_FRAMES = 6  # best ones, and as many worst ones
+NUM_FRAMES = 6  # best ones of ours, and as many worst ones
+NUM_OF_OTHERS = 2  # worst ones of each other row
 WIDTH = 640  # pixels, of a picture
 JPEG_QUALITY = 80
 MARGIN = 0.1  # of the image, around the objects
@@ -38,7 +39,7 @@ class Tag:
     Attributes:
         object_id, name: of the object.
         place: (x, y) of its middle as shares of the picture's width and height.
-        verdict: on our grasp.
+        verdict: on the row's grasp.
     """
 
     object_id: int
@@ -48,7 +49,7 @@ class Tag:
 
     @property
     def words(self) -> str:
-        """The object and what became of our grasp on it."""
+        """The object and what became of the grasp on it."""
         if self.verdict.reason == "held":
             return f"{self.name}: held, quality {self.verdict.quality:.2f}"
         return f"{self.name}: {self.verdict.reason}"
@@ -73,83 +74,113 @@ class Picture:
 
 @dataclass(frozen=True)
 class Gallery:
-    """The pictures of a report."""
+    """The pictures of a report: ours, and by title the worst ones of other rows."""
 
     best: list[Picture] = field(default_factory=list)
     worst: list[Picture] = field(default_factory=list)
+    others: dict[str, list[Picture]] = field(default_factory=dict)
 
 
 @dataclass
 class FrameChoice:
-    """The best and the worst frame of each scene, gathered scene by scene."""
+    """The best and the worst frame of each scene by the grasps of a row, scene by scene."""
 
+    row: str = OURS
     best: list[FrameRecord] = field(default_factory=list)
     worst: list[FrameRecord] = field(default_factory=list)
 
     def add(self, records: list[FrameRecord]) -> None:
         """Add the frames of one scene."""
-        scored = [record for record in records if ROW in record.rows and record.rows[ROW].verdicts]
+        scored = [
+            each for each in records if self.row in each.rows and each.rows[self.row].verdicts
+        ]
         if scored:
-            self.best.append(min(scored, key=_best_first))
-            self.worst.append(min(scored, key=_worst_first))
+            self.best.append(min(scored, key=self._best_first))
+            self.worst.append(min(scored, key=self._worst_first))
 
     def chosen(self, count: int = NUM_FRAMES) -> tuple[list[FrameRecord], list[FrameRecord]]:
         """Return the `count` best and the `count` worst frames, no frame twice."""
-        worst = sorted(self.worst, key=_worst_first)[:count]
-        shown = {record.name for record in worst}
-        best = [record for record in sorted(self.best, key=_best_first) if record.name not in shown]
+        worst = sorted(self.worst, key=self._worst_first)[:count]
+        shown = {each.name for each in worst}
+        best = [each for each in sorted(self.best, key=self._best_first) if each.name not in shown]
         return best[:count], worst
 
+    def _best_first(self, record: FrameRecord) -> tuple[float, str]:
+        return -mean_quality(record, self.row), record.name
 
-def mean_quality(record: FrameRecord) -> float:
-    """Return the mean quality of our grasps on the visible objects of a frame."""
-    return float(np.mean([verdict.quality for verdict in record.rows[ROW].verdicts]))
+    def _worst_first(self, record: FrameRecord) -> tuple[float, str]:
+        return mean_quality(record, self.row), record.name
+
+
+def mean_quality(record: FrameRecord, row: str = OURS) -> float:
+    """Return the mean quality of a row's grasps on the visible objects of a frame."""
+    return float(np.mean([verdict.quality for verdict in record.rows[row].verdicts]))
 
 
 def draw_gallery(
-    choice: FrameChoice, grasps: Path, index: GraspsIndex, root: GraspNetRoot
+    choices: Mapping[str, FrameChoice], paths: Mapping[str, Path], root: GraspNetRoot
 ) -> tuple[Gallery, dict[str, str]]:
-    """Return the gallery, and for frames that cannot be drawn the sentence that says why."""
-    best, worst = choice.chosen()
+    """Return the gallery, and for frames that cannot be drawn the sentence that says why.
+
+    `choices` and `paths`, the grasps.h5: by row, ours among them.
+    """
     try:
         names = {o.object_id: o.name for o in object_list.read(root.root / "objects.json")}
     except SymgraspError:  # only synthesized datasets have this list
         names = {}
     faults: dict[str, str] = {}
-    drawn: dict[str, Picture] = {}
-    for record in (*best, *worst):
-        try:
-            drawn[record.name] = _draw(record, grasps, index, root, names)
-        except (SymgraspError, OSError) as error:
-            faults[record.name] = f"not in the gallery: {error}"
-    pick = [[drawn[r.name] for r in group if r.name in drawn] for group in (best, worst)]
-    return Gallery(*pick), faults
+
+    def drawn(row: str, records: list[FrameRecord]) -> list[Picture]:
+        artist = _Artist(row, paths[row], read_index(paths[row]), root, names)
+        pictures = []
+        for record in records:
+            try:
+                pictures.append(artist.draw(record))
+            except (SymgraspError, OSError) as error:
+                faults[record.name] = f"not in the gallery: {error}"
+        return pictures
+
+    best, worst = (drawn(OURS, records) for records in choices[OURS].chosen())
+    others = {
+        report_row(row).title: drawn(row, choices[row].chosen(NUM_OF_OTHERS)[1])
+        for row in ordered_rows(choices)
+        if row != OURS
+    }
+    return Gallery(best, worst, others), faults
 
 
-def _draw(
-    record: FrameRecord, grasps: Path, index: GraspsIndex, root: GraspNetRoot, names: dict[int, str]
-) -> Picture:
-    files = root.frame(record.name)
-    place = index.dataset_names(grasps).index(record.name)
-    result = next(read_results(grasps, [place]))
-    label = root.read_label(files)
-    masks = [label == verdict.object_id + 1 for verdict in record.rows[ROW].verdicts]
-    left, top, right, bottom = window = _window(np.any(masks, axis=0))
-    picture = draw_overlay(root.read_frame(files), result)[top:bottom, left:right]
-    size = (WIDTH, round(WIDTH * picture.shape[0] / picture.shape[1]))
-    shown = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA))
-    places = _spread([_middle(mask, window) for mask in masks], size)
-    tags = [
-        Tag(
-            verdict.object_id,
-            names.get(verdict.object_id, f"object {verdict.object_id:03d}"),
-            place,
-            verdict,
-        )
-        for verdict, place in zip(record.rows[ROW].verdicts, places, strict=True)
-    ]
-    jpeg = encode_image(shown, ".jpg", JPEG_QUALITY)
-    return Picture(record.name, record.split, mean_quality(record), jpeg, size, tags)
+@dataclass(frozen=True)
+class _Artist:
+    """Draws frames with the grasps of a row; `names`: of objects."""
+
+    row: str
+    grasps: Path
+    index: GraspsIndex
+    root: GraspNetRoot
+    names: Mapping[int, str]
+
+    def draw(self, record: FrameRecord) -> Picture:
+        files = self.root.frame(record.name)
+        place = self.index.dataset_names(self.grasps).index(record.name)
+        result = next(read_results(self.grasps, [place]))
+        label = self.root.read_label(files)
+        verdicts = record.rows[self.row].verdicts
+        masks = [label == verdict.object_id + 1 for verdict in verdicts]
+        left, top, right, bottom = window = _window(np.any(masks, axis=0))
+        picture = draw_overlay(self.root.read_frame(files), result)[top:bottom, left:right]
+        size = (WIDTH, round(WIDTH * picture.shape[0] / picture.shape[1]))
+        shown = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA))
+        places = _spread([_middle(mask, window) for mask in masks], size)
+        tags = [
+            Tag(verdict.object_id, self._name(verdict.object_id), place, verdict)
+            for verdict, place in zip(verdicts, places, strict=True)
+        ]
+        jpeg = encode_image(shown, ".jpg", JPEG_QUALITY)
+        quality = mean_quality(record, self.row)
+        return Picture(record.name, record.split, quality, jpeg, size, tags)
+
+    def _name(self, object_id: int) -> str:
+        return self.names.get(object_id, f"object {object_id:03d}")
 
 
 def _window(objects: Mask) -> tuple[int, int, int, int]:
@@ -187,11 +218,3 @@ def _spread(places: list[tuple[float, float]], size: tuple[int, int]) -> list[tu
         moved += (push[:, :, None] * apart).sum(axis=1)
     shares = np.clip(moved / size, 0.02, 0.98)
     return [(float(x), float(y)) for x, y in shares]
-
-
-def _best_first(record: FrameRecord) -> tuple[float, str]:
-    return -mean_quality(record), record.name
-
-
-def _worst_first(record: FrameRecord) -> tuple[float, str]:
-    return mean_quality(record), record.name

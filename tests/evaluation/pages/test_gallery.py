@@ -36,6 +36,16 @@ def test_the_best_are_in_falling_the_worst_in_rising_order_and_no_frame_is_shown
     assert [r.name for r in best] == ["8", "7", "6"]
 
 
+def test_each_row_is_judged_by_its_own_grasps():
+    frames = [record("a", 0.1), record("b", 0.9)]
+    for frame, quality in zip(frames, (0.8, 0.2), strict=True):
+        frame.rows["gg-cnn"] = RowRecord([Verdict(0, "held", quality, 1 - quality)])
+    other = FrameChoice("gg-cnn")
+    other.add(frames)
+    assert [each.name for each in other.chosen()[1]] == ["b"]
+    assert [each.name for each in choice(frames).chosen()[1]] == ["a"]
+
+
 def test_frames_without_visible_objects_are_not_shown():
     assert choice([record("a")]).chosen() == ([], [])
 

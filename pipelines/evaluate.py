@@ -4,7 +4,7 @@ Reads   grasps.h5            of `infer`, run on a dataset in GraspNet-1Billion's
         ROOT/scenes, models  poses, labels, cameras, meshes
         ROOT/symmetry        of `annotate-symmetry`: the true symmetries and regions
         ROOT/affordance      of `refine-grasps`: for the oracle row
-        success.json         of `simulate`, if given: the rates of success in physics
+        success.json         of `simulate`, if given, one a row: the rates of success in physics
         TABLE.json           further tables of text, for the report to show
         NAME.h5              of `infer` with other settings or methods, on the same frames
 Writes  report.json          figures by row (ours, each NAME, baselines) and split
@@ -55,7 +55,7 @@ def run(
     *,
     others: Sequence[Path] = (),
     baselines: bool = False,
-    success: Path | None = None,
+    success: Sequence[Path] = (),
     tables: Sequence[Path] = (),
     seed: int = 0,
 ) -> StageReport:
@@ -69,7 +69,8 @@ def run(
         options: how the batch is run.
         others: further `grasps.h5` of the same frames, a row of the report each.
         baselines: also plan with ground truth, from the boundary, and at random.
-        success: `success.json` that `simulate` made of the same grasps, gripper and dataset.
+        success: each a `success.json` that `simulate` made of the grasps of a row, with the same
+            gripper and dataset.
         tables: JSON files of further tables, shown as they are.
         seed: of the baselines' random draws.
     """
@@ -79,7 +80,7 @@ def run(
     inputs = runs.inputs(config.gripper, baselines=baselines)
     stamp = make_stamp("evaluate", settings, seed=seed, inputs=inputs)
     is_finished(output, stamp, overwrite=options.overwrite)  # refuses to replace another report
-    simulated = reports.read_success_of(success, inputs) if success else None
+    simulated = reports.read_successes(success, inputs)
     further = [reports.read_table(path) for path in tables]
     items = runs.items(records_folder(output), stamp, options)
     step = functools.partial(_evaluate_scene, dataset, config, baselines)

@@ -47,8 +47,13 @@ def evaluate(
         ),
     ] = False,
     success: Annotated[
-        Path | None,
-        typer.Option(exists=True, dir_okay=False, help="success.json of `simulate`: Table III."),
+        list[Path] | None,
+        typer.Option(
+            exists=True,
+            dir_okay=False,
+            help="success.json of `simulate`, of these grasps or of a row of --with: Table III; "
+            "may be given again.",
+        ),
     ] = None,
     table: Annotated[
         list[Path] | None,
@@ -66,7 +71,7 @@ def evaluate(
     from pipelines.storage.provenance import refuse_other_suffix
 
     refuse_other_suffix(out, ".json")
-    needs_grasps = baselines or success is not None or bool(table)
+    needs_grasps = baselines or bool(success) or bool(table)
     _refuse_mixtures(grasps, protocol, exact=config.graspnet.exact, needs_grasps=needs_grasps)
     if protocol == "graspnet":
         from pipelines import evaluate_dump
@@ -84,7 +89,7 @@ def evaluate(
             options,
             others=with_ or (),
             baselines=baselines,
-            success=success,
+            success=success or (),
             tables=table or (),
             seed=seed,
         )

@@ -74,19 +74,25 @@ if ! all_given $TRAINED as-printed; then
     fi
 fi
 
-# 3. Grasps of every row on the same frames.
+# 3. Grasps of every row on the same frames, and their trials in physics.
+WITH=""
 row() {
-    grasps=$FOLDER/rows/$1.h5
+    grasps=$FOLDER/rows/$1.h5 success=$FOLDER/rows/$1.success.json
+    if [ "$1" = ours ]; then
+        BESIDE=--baselines
+    else
+        BESIDE="" WITH="$WITH --with $grasps"
+    fi
+    WITH="$WITH --success $success"
     shift
     $SYMGRASP infer "$DATASET" --split all --out "$grasps" --timings "$@"
+    $SYMGRASP simulate "$grasps" --dataset "$DATASET" --out "$success" --friction 0.5 $BESIDE
 }
-SELECTED=""
 row ours
 row as-printed --preset paper --network "$WEIGHTS/as-printed.safetensors"
 for name in $METHODS; do
     row "$name" --method "$name" --weights "$WEIGHTS/$name.safetensors"
     row "$name-selected" --method "$name" --weights "$WEIGHTS/$name.safetensors" --set selects_for_peers=true
-    SELECTED="$SELECTED $name-selected"
 done
 row symmetrynet --method symmetrynet --weights "$WEIGHTS/symmetrynet.safetensors"
 row symmetry-icp --method symmetry-icp
@@ -105,13 +111,8 @@ if [ "${TABLE_IV:-yes}" != no ]; then
     TABLES="$TABLES --table $FOLDER/ablations/table.json"
 fi
 
-# 5. Judged: analytically and in physics.
-WITH=""
-for name in as-printed $METHODS $SELECTED symmetrynet symmetry-icp $CONTROLS true-regions; do
-    WITH="$WITH --with $FOLDER/rows/$name.h5"
-done
-$SYMGRASP simulate "$FOLDER/rows/ours.h5" --dataset "$DATASET" --out "$FOLDER/success.json" --baselines $WITH
+# 5. All judged together.
 $PYTHON -m tools.row_costs "$FOLDER"
 $SYMGRASP evaluate "$FOLDER/rows/ours.h5" --dataset "$DATASET" --out "$FOLDER/report.json" \
-    --success "$FOLDER/success.json" --baselines $WITH $TABLES
+    --baselines $WITH $TABLES
 echo "report: $FOLDER/report.html"

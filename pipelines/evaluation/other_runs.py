@@ -7,6 +7,7 @@ from pathlib import Path
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_layout import SceneFiles
 from pipelines.errors import FormatError, ValueRangeError
+from pipelines.evaluation.reports import WITH
 from pipelines.evaluation.rows import BASELINE_ROWS, OURS
 from pipelines.evaluation.truth_inputs import truth_digests
 from pipelines.grasp_files.grasps_stream import (
@@ -63,7 +64,7 @@ class ComparedRuns:
     def inputs(self, gripper: str, *, baselines: bool) -> dict[str, str]:
         """Return the digests of the grasps, the gripper and the truth."""
         inputs = {"grasps": digest(self.paths[OURS]), "gripper": gripper_digest(gripper)}
-        inputs |= {f"with {row}": digest(path) for row, path in self.paths.items() if row != OURS}
+        inputs |= {f"{WITH}{row}": digest(path) for row, path in self.paths.items() if row != OURS}
         return inputs | truth_digests(self.root, self.scenes, baselines=baselines)
 
     def items(self, folder: Path, stamp: Stamp, options: BatchOptions) -> list[WorkItem]:

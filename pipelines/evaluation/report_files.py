@@ -42,13 +42,14 @@ def write_report_files(
     output: Path,
     scenes: Iterable[list[FrameRecord]],
     evaluated: EvaluatedGrasps,
-    success: Mapping[str, Any] | None = None,
+    success: Mapping[str, Mapping[str, Any]] | None = None,
     failed: Mapping[str, str] | None = None,
     tables: Sequence[Mapping[str, Any]] = (),
 ) -> dict[str, str]:
     """Write `output` and the page beside it from the records of scenes, one scene in memory.
 
-    `failed`: scenes that could not be evaluated and are left out, to why. `tables`: further ones.
+    `success`: a row's `success.json`, by row. `failed`: scenes that could not be evaluated and are
+    left out, to why. `tables`: further ones.
 
     Returns:
         What could not be drawn: frame to sentence.
@@ -68,7 +69,7 @@ def write_report_files(
         "failed": dict(failed or {}),
         "curves": report_curves(tally, thresholds, sphere),
     }
-    if success is not None:
+    if success:
         more |= _add_success(rows, success)
     if tables:
         more["tables"] = list(tables)
@@ -80,21 +81,25 @@ def write_report_files(
 
 
 def _add_success(
-    rows: Mapping[str, Mapping[str, Figures]], success: Mapping[str, Any]
+    rows: Mapping[str, Mapping[str, Figures]], success: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Any]:
     """Put the rates of success at TABLE_FRICTION beside the figures of the same row and split.
 
     Returns:
         The rates at all frictions, as entries of the report.
     """
-    baselines = success.get("baselines", {})
-    for row, simulated in {OURS: success, **baselines}.items():
+    ours = success.get(OURS, {})
+    others = {**ours.get("baselines", {})}
+    for row, found in success.items():
+        if row != OURS:
+            others[row] = {name: found.get(name, {}) for name in ("success", "reasons")}
+    for row, simulated in {OURS: ours, **others}.items():
         for split, figures in rows.get(row, {}).items():
-            found = simulated["success"].get(split, {})
+            found = simulated.get("success", {}).get(split, {})
             at = {kind: by_friction.get(TABLE_FRICTION) for kind, by_friction in found.items()}
             figures["success"] = {kind: rate for kind, rate in at.items() if rate is not None}
     return {
-        "success_by_friction": success["success"],
-        "success_reasons": success.get("reasons", {}),
-        "success_baselines": baselines,
+        "success_by_friction": ours.get("success", {}),
+        "success_reasons": ours.get("reasons", {}),
+        "success_baselines": others,
     }

@@ -1,16 +1,18 @@
 """`report.json` of `evaluate`, figures by row and split, and `success.json` of `simulate`."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from pipelines.contents import mapping_in, reading, typed
 from pipelines.errors import FormatError
+from pipelines.evaluation.rows import OURS
 from pipelines.storage.files import finite_json, read_json, write_json
 from pipelines.storage.provenance import Stamp
 
 FORMAT_VERSION = 1
+WITH = "with "  # before a row's name, of the digests in a stamp
 
 
 @dataclass(frozen=True)
@@ -102,25 +104,35 @@ def read_success(path: Path) -> dict[str, Any]:
     return content
 
 
-def read_success_of(path: Path, inputs: Mapping[str, str]) -> dict[str, Any]:
-    """Read the rates of success of what `inputs` are: digests by kind, `grasps` among them.
+def read_successes(paths: Sequence[Path], inputs: Mapping[str, str]) -> dict[str, dict[str, Any]]:
+    """Read the rates of success of rows: row to the content of its file.
 
-    Of the other kinds those are compared that the simulation knew too: the gripper, the labels,
-    meshes and scenes of the dataset.
+    `inputs`: digests by kind, `grasps` of ours and `with NAME` of the other rows among them. Of the
+    other kinds those are compared that the simulation knew too: the gripper, the labels, meshes
+    and scenes of the dataset.
 
     Raises:
         FormatError: as `read_success`, or they are of other grasps, or by another gripper or in
-            another dataset.
+            another dataset; or two files are of one row.
     """
-    content = read_success(path)
-    found = mapping_in(mapping_in(content, "provenance"), "inputs")
-    if found.get("grasps") != inputs["grasps"]:
-        raise FormatError(path, "was simulated from other grasps", "run simulate on these grasps")
-    other = sorted(name for name in inputs.keys() & found.keys() if found[name] != inputs[name])
-    if other:
-        raise FormatError(
-            path,
-            f"was simulated with other inputs ({', '.join(other)})",
-            "run simulate with this gripper on this dataset",
-        )
-    return content
+    rows = {inputs[key]: key.removeprefix(WITH) for key in inputs if key.startswith(WITH)}
+    rows[inputs["grasps"]] = OURS
+    found: dict[str, dict[str, Any]] = {}
+    for path in paths:
+        content = read_success(path)
+        known = mapping_in(mapping_in(content, "provenance"), "inputs")
+        row = rows.get(str(known.get("grasps")))
+        if row is None:
+            raise FormatError(path, "was simulated from other grasps", "run simulate on these")
+        both = (inputs.keys() & known.keys()) - {"grasps"}
+        other = sorted(name for name in both if known[name] != inputs[name])
+        if other:
+            raise FormatError(
+                path,
+                f"was simulated with other inputs ({', '.join(other)})",
+                "run simulate with this gripper on this dataset",
+            )
+        if row in found:
+            raise FormatError(path, f"is a second one of the row {row}", "give one of each row")
+        found[row] = content
+    return found

@@ -45,7 +45,7 @@ def truth_file(root: GraspNetRoot, tmp_path_factory: pytest.TempPathFactory) -> 
 
 
 def run(grasps: Path, root: GraspNetRoot, output: Path, **options) -> StageReport:
-    baselines, success = options.pop("baselines", False), options.pop("success", None)
+    baselines, success = options.pop("baselines", False), options.pop("success", ())
     others = options.pop("others", ())
     return evaluate.run(
         grasps,
@@ -55,7 +55,7 @@ def run(grasps: Path, root: GraspNetRoot, output: Path, **options) -> StageRepor
         BatchOptions(progress=False, **options),
         others=others,
         baselines=baselines,
-        success=success,
+        success=(success,) if isinstance(success, Path) else success,
     )
 
 
@@ -228,6 +228,27 @@ def test_success_of_other_methods_stands_in_their_rows(root, truth_file, tmp_pat
     assert figures(output, "random")["success"]["all"]["held"] == 4
     assert figures(output, "planar").get("success") is None
     assert "20 (8-42)" in output.with_suffix(".html").read_text()
+
+
+def test_each_row_may_bring_its_own_success(root, truth_file, tmp_path):
+    other = tmp_path / "second.h5"
+    write_grasps(other, [true_result(root, name, (0, 1)) for name in frame_names()])
+    rates = {"trials": 20, "held": 4, "rate": 0.2, "low": 0.08, "high": 0.42}
+    theirs = write_success(
+        tmp_path / "second.json",
+        other,
+        success={s: {"all": {"0.5": rates}} for s in ("seen", "all")},
+    )
+    ours = write_success(tmp_path / "success.json", truth_file)
+    output = tmp_path / "report.json"
+    run(truth_file, root, output, others=[other], success=[theirs, ours])
+    assert figures(output, "second")["success"]["all"]["held"] == 4
+    assert figures(output)["success"]["sphere"]["held"] == 15
+    assert "20 (8-42)" in output.with_suffix(".html").read_text()
+    with pytest.raises(FormatError, match=r"second\.json.*second one of the row second"):
+        run(truth_file, root, output, others=[other], success=[theirs, theirs])
+    run(truth_file, root, output, others=[other], success=[theirs])
+    assert reports.read_report(output)["success_by_friction"] == {}
 
 
 def test_success_of_other_grasps_is_refused_before_anything_is_judged(root, truth_file, tmp_path):

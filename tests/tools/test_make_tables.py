@@ -62,10 +62,12 @@ def test_table_iv_can_be_left_out(tmp_path, monkeypatch):
 def test_each_row_is_inferred_judged_and_known_to_the_tables(tmp_path):
     commands, _ = calls(tmp_path, "tiny")
     made = {call[call.index("--out") + 1] for call in commands if call[0] == "infer"}
-    for stage in ("simulate", "evaluate"):
-        (call,) = (each for each in commands if each[0] == stage)
-        read = {call[k + 1] for k, word in enumerate(call) if word == "--with"} | {call[1]}
-        assert read == made
+    tried = {call[1]: call[call.index("--out") + 1] for call in commands if call[0] == "simulate"}
+    (call,) = (each for each in commands if each[0] == "evaluate")
+    read = {call[k + 1] for k, word in enumerate(call) if word == "--with"} | {call[1]}
+    assert read == made == set(tried)
+    given = [call[k + 1] for k, word in enumerate(call) if word == "--success"]
+    assert sorted(given) == sorted(tried.values())
     known = {row.name for row in KNOWN_ROWS}
     assert {Path(path).stem.removesuffix(SELECTED) for path in made} <= known
 

@@ -15,6 +15,27 @@ from symgrasp_cli.settings import named_as, with_settings
 PROTOCOLS = ("symgrasp", "graspnet")
 
 
+Success = Annotated[
+    list[Path] | None,
+    typer.Option(
+        exists=True,
+        dir_okay=False,
+        help="success.json of `simulate`, of these grasps or of a row of --with: Table III; "
+        "may be given again.",
+    ),
+]
+FurtherTables = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--table",
+        exists=True,
+        dir_okay=False,
+        help="Further table for the report: JSON with title, header, rows of text and note; "
+        "may be given again.",
+    ),
+]
+
+
 @with_settings("evaluate", named_as("graspnet.exact", "gripper", "min_visible_pixels"))
 def evaluate(
     config: EvaluateSettings,
@@ -46,24 +67,8 @@ def evaluate(
             help="Also plan on the same regions with ground truth, from the boundary, at random.",
         ),
     ] = False,
-    success: Annotated[
-        list[Path] | None,
-        typer.Option(
-            exists=True,
-            dir_okay=False,
-            help="success.json of `simulate`, of these grasps or of a row of --with: Table III; "
-            "may be given again.",
-        ),
-    ] = None,
-    table: Annotated[
-        list[Path] | None,
-        typer.Option(
-            exists=True,
-            dir_okay=False,
-            help="Further table for the report: JSON with title, header, rows of text and note; "
-            "may be given again.",
-        ),
-    ] = None,
+    success: Success = None,
+    table: FurtherTables = None,
     options: Batch,
     seed: Seed = 0,
 ) -> None:

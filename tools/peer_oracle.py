@@ -34,7 +34,7 @@ from pipelines.grasping.peers.oriented_boxes import (
 from pipelines.grasping.peers.rectangles import on_their_object, rectangle_grasps
 from pipelines.grasping.scene import SceneCloud
 from pipelines.inference.frame_grasps import Planner
-from pipelines.inference.peers.graspnet import best_hands, free_grasps
+from pipelines.inference.peers.graspnet import best_hands, collision_free_grasps
 from pipelines.learning.peers.graspnet_clouds import labelled_scene
 from pipelines.learning.peers.graspnet_labels import graspnet_frame_arrays
 from pipelines.network.peers.graspnet import DEPTHS, GRASPNET_SIZES, NUM_TURNS, Operations
@@ -119,7 +119,7 @@ class CellLabels:
         turns = np.swapaxes(view_rotations()[0, 0], 0, 1) @ view_rotations()[0]
         frames = cloud.turns[nearest, view].numpy()[:, None] @ turns
         said = Operations(value, value, width, tolerance)
-        return free_grasps(*best_hands(seeds.numpy(), frames, said), scene, self.gripper)
+        return collision_free_grasps(*best_hands(seeds.numpy(), frames, said), scene, self.gripper)
 
 
 def write_oracle(name: str, root: GraspNetRoot, out: Path, scenes: int) -> int:

@@ -39,7 +39,7 @@ class GraspNetMethod:
         cloud = scene.xyz[boxed_points(scene)]
         if not len(cloud):
             return GraspPoses.empty(), np.zeros(0)
-        return free_grasps(*self.hands(cloud, rng), scene, self.gripper)
+        return collision_free_grasps(*self.hands(cloud, rng), scene, self.gripper)
 
     @torch.inference_mode()
     def hands(self, cloud: Array, rng: np.random.Generator) -> tuple[Hands, Array]:
@@ -78,7 +78,7 @@ def best_hands(seeds: Array, frames: Array, said: Operations) -> tuple[Hands, Ar
     return hands, np.asarray(score * tolerance, np.float64)
 
 
-def free_grasps(
+def collision_free_grasps(
     hands: Hands, score: Array, scene: SceneCloud, gripper: Gripper
 ) -> tuple[GraspPoses, Array]:
     """Return the `hands` that meet no point of the `scene` as grasps, and their scores."""

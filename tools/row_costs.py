@@ -23,11 +23,18 @@ from pipelines.storage.provenance import digest
 SHIPPED = Path(__file__).parents[1] / "pipelines" / "weights"
 # Saved with a network, but not learned by gradient descent.
 BUFFERS = ("running_mean", "running_var", "num_batches_tracked", "mean", "spread", "unit")
-HEADER = ["row", "seconds a frame", "parameters", "steps", "hours of training"]
+HEADER = [
+    "row",
+    "seconds a frame",
+    "parameters",
+    "with detector and critics",
+    "steps",
+    "hours of training",
+]
 NOTE = (
     "Seconds: the median of `infer`, on the machine and beside the work that it ran with. "
-    "Parameters: of all networks that the row uses. Steps and hours: of the training of the row's "
-    "own network, where its weights or its checkpoint tell them."
+    "Parameters, steps and hours: of the row's own network; steps and hours where its weights or "
+    "its checkpoint tell them."
 )
 
 
@@ -63,13 +70,18 @@ def costs(rows: Iterable[Path], weights: Path) -> GivenTable:
     by_name = {path.stem: path for path in rows}
     body = []
     for name in ordered_rows(by_name):
-        used = [files.get(each) for each in read_index(by_name[name]).attrs["weights"].values()]
-        known = [path for path in used if path is not None]
-        count = f"{sum(map(parameters, known)):,}" if len(known) == len(used) else "-"
-        trained = [training(path) for path in known if path in own]
+        named = read_index(by_name[name]).attrs["weights"]
+        network = named.get("peer", named.get("network"))
         seconds = seconds_per_frame(by_name[name])
-        cells = ["-" if np.isnan(seconds) else f"{seconds:.2f}", count if used else "none"]
-        body.append([report_row(name).title, *cells, *(trained[0] if trained else ("-", "-"))])
+        cells = ["-" if np.isnan(seconds) else f"{seconds:.2f}"]
+        for digests in ([network] if network else [], named.values()):
+            used = [files.get(each) for each in digests]
+            known = [path for path in used if path is not None]
+            count = f"{sum(map(parameters, known)):,}" if len(known) == len(used) else "-"
+            cells.append(count if used else "none")
+        trained = files.get(network)
+        told = training(trained) if trained in own else ("-", "-")
+        body.append([report_row(name).title, *cells, *told])
     return GivenTable("Cost of each row", HEADER, body, NOTE)
 
 

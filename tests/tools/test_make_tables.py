@@ -99,7 +99,7 @@ def test_costs_are_those_of_the_networks_that_a_row_names(tmp_path):
     from pipelines.configs import NetworkConfig
     from pipelines.configs.peers import PeerNetworkConfig
     from pipelines.grasp_files import grasps_file
-    from pipelines.inference.models import NETWORK_WEIGHTS
+    from pipelines.inference.models import AXIS_CRITIC_WEIGHTS, NETWORK_WEIGHTS
     from pipelines.network.model import SymmetryGraspNet
     from pipelines.network.peers.ggcnn import GGCNN
     from pipelines.storage.checkpoints import save_weights
@@ -113,7 +113,7 @@ def test_costs_are_those_of_the_networks_that_a_row_names(tmp_path):
     frame = replace(true_result(write_root(tmp_path / "root"), frame_names()[0]), seconds=0.25)
     stamp = make_stamp("infer", {"gripper": "rg2"})
     rows = {
-        "gg-cnn": {"peer": digest(own)},
+        "gg-cnn": {"detector": digest(AXIS_CRITIC_WEIGHTS), "peer": digest(own)},
         "ours": {"network": digest(NETWORK_WEIGHTS)},
         "planar": {},
         "gone": {"peer": "sha256:0000000000000000"},
@@ -122,10 +122,10 @@ def test_costs_are_those_of_the_networks_that_a_row_names(tmp_path):
         grasps_file.write(tmp_path / "rows" / f"{name}.h5", [frame], stamp, used)
     table = row_costs.costs(sorted((tmp_path / "rows").glob("*.h5")), tmp_path / "weights")
     found = {row[0]: row[1:] for row in table.rows}
-    assert found["GG-CNN, trained here"] == ["0.25", "62,420", "4,154", "-"]
-    assert found["planar"] == ["0.25", "none", "-", "-"]
-    assert found["gone"] == ["0.25", "-", "-", "-"]
-    assert found["SymGrasp"][2:] == ["-", "-"]
+    assert found["GG-CNN, trained here"] == ["0.25", "62,420", f"{62_420 + 8:,}", "4,154", "-"]
+    assert found["planar"] == ["0.25", "none", "none", "-", "-"]
+    assert found["gone"] == ["0.25", "-", "-", "-", "-"]
+    assert found["SymGrasp"][3:] == ["-", "-"]
     network = SymmetryGraspNet(NetworkConfig())
     learned = sum(each.numel() for each in network.parameters())
     assert found["SymGrasp"][:2] == ["0.25", f"{learned:,}"]

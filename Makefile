@@ -106,7 +106,7 @@ weights-paper: install ## both networks as the paper prints them, in build/weigh
 	SYMGRASP=$(SYMGRASP) COCO=$(COCO) tools/make_weights.sh build/weights-paper/$(SIZE) $(SIZE) paper
 
 DATASET :=
-tables: install ## the paper's tables with compared methods and controls, build/tables; DATASET=ROOT; days of two cores
+tables: install ## the paper's tables with compared methods and controls, build/tables; DATASET=ROOT; one or two days of two cores
 	SYMGRASP=$(SYMGRASP) PYTHON=$(BIN)/python tools/make_tables.sh build/tables/$(SIZE) $(SIZE) $(DATASET)
 
 BENCH :=

@@ -6,8 +6,7 @@
 # with symmetries and affordance labels (annotate-symmetry, refine-grasps), or `dev`, the set of `make
 # dev`, which is made.
 # Every step is a documented command. A step that is finished is skipped and an interrupted one goes on,
-# so that the same call resumes after a kill. `full` takes days of two cores, most of it the trainings;
-# `tiny` takes minutes, its figures are of no use.
+# so that the same call resumes after a kill. `tiny` takes minutes, its figures are of no use.
 # Given weights are taken instead of trained ones: put them at FOLDER/weights/NAME.safetensors before.
 # TABLE_IV=no leaves out Table IV, whose networks are trained anew in any case.
 set -eu
@@ -26,6 +25,7 @@ full)
     DEV="--families wide --scenes-per-split 24 --views 4 --objects 96 --grasp-points 48
         --surroundings plain,plain,bin,tray,wall,edge"
     TRAINING="" PACK="" NETWORK="--epochs 40" ABLATIONS=""
+    echo "this takes one or two days of two cores; some two hours with all weights given and TABLE_IV=no" >&2
     ;;
 tiny)
     SCENES=3 VIEWS=2 OBJECTS=6 PIXELS=320x240 GRASP_POINTS=40

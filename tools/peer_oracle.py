@@ -25,6 +25,7 @@ from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
+from pipelines.grasping.peers.cloud_box import boxed_points
 from pipelines.grasping.peers.grasp_maps import MAP_SIDE, GraspMaps, scaled_rows
 from pipelines.grasping.peers.oriented_boxes import (
     horizontal_boxes,
@@ -119,7 +120,9 @@ class CellLabels:
         turns = np.swapaxes(view_rotations()[0, 0], 0, 1) @ view_rotations()[0]
         frames = cloud.turns[nearest, view].numpy()[:, None] @ turns
         said = Operations(value, value, width, tolerance)
-        return collision_free_grasps(*best_hands(seeds.numpy(), frames, said), scene, self.gripper)
+        hands, score = best_hands(seeds.numpy(), frames, said)
+        seen = scene.xyz[boxed_points(scene)]
+        return collision_free_grasps(hands, score, seen, scene, self.gripper)
 
 
 def write_oracle(name: str, root: GraspNetRoot, out: Path, scenes: int) -> int:

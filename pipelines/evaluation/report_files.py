@@ -89,7 +89,7 @@ def _add_success(
         The rates at all frictions, as entries of the report.
     """
     ours = success.get(OURS, {})
-    others = {**ours.get("baselines", {})}
+    others = dict(ours.get("baselines", {}))
     for row, found in success.items():
         if row != OURS:
             others[row] = {name: found.get(name, {}) for name in ("success", "reasons")}

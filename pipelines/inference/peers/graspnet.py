@@ -39,7 +39,7 @@ class GraspNetMethod:
         cloud = scene.xyz[boxed_points(scene)]
         if not len(cloud):
             return GraspPoses.empty(), np.zeros(0)
-        return collision_free_grasps(*self.hands(cloud, rng), scene, self.gripper)
+        return collision_free_grasps(*self.hands(cloud, rng), cloud, scene, self.gripper)
 
     @torch.inference_mode()
     def hands(self, cloud: Array, rng: np.random.Generator) -> tuple[Hands, Array]:
@@ -79,10 +79,12 @@ def best_hands(seeds: Array, frames: Array, said: Operations) -> tuple[Hands, Ar
 
 
 def collision_free_grasps(
-    hands: Hands, score: Array, scene: SceneCloud, gripper: Gripper
+    hands: Hands, score: Array, cloud: Array, scene: SceneCloud, gripper: Gripper
 ) -> tuple[GraspPoses, Array]:
-    """Return the `hands` that meet no point of the `scene` as grasps, and their scores."""
-    cloud = scene.xyz[boxed_points(scene)]
+    """Return the `hands` that meet no point as grasps, and their scores.
+
+    `cloud`: (n, 3) metres, what stands in the scene's box; the other seen points count too.
+    """
     near = scene.xyz[(scene.depth > 0) & (scene.depth < MAX_RANGE) & ~scene.stray]
     clouds = thinned(cloud, COLLISION_CELL), thinned(near, COLLISION_CELL)
     free = free_hands(hands, *clouds, size=COLLISION_CELL, way_in=COLLISION_WAY_IN)

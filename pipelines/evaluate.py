@@ -38,7 +38,6 @@ from pipelines.evaluation.report_files import EvaluatedGrasps, write_report_file
 from pipelines.evaluation.rows import OURS
 from pipelines.evaluation.tables import Table, report_tables
 from pipelines.evaluation.truth import TruthReader
-from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasp_files.gripper_files import load_gripper
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
@@ -99,15 +98,17 @@ def tables(output: Path) -> list[Table]:
 
 
 def evaluate_frame(
-    results: Mapping[str, FrameResult], reader: TruthReader, baselines: Baselines | None, seed: int
+    predictions: Mapping[str, FramePredictions],
+    reader: TruthReader,
+    baselines: Baselines | None,
+    seed: int,
 ) -> FrameRecord:
     """Return the record of one frame, with those of `baselines` where these are wanted.
 
-    `results`: of the frame by row, ours among them.
+    `predictions`: of the frame by row, ours among them.
     """
-    files = reader.root.frame(results[OURS].name)
+    files = reader.root.frame(predictions[OURS].name)
     truth = reader.read(files)
-    predictions = {row: FramePredictions.from_result(each) for row, each in results.items()}
     rows = rows_of(predictions, files, truth, reader.config, baselines, seed)
     gripper = load_gripper(reader.config.gripper)
     return score_frame(predictions[OURS], rows, truth, gripper, reader.config)
@@ -119,7 +120,7 @@ def _evaluate_scene(
     reader = TruthReader(GraspNetRoot(dataset), config)
     others = Baselines.of(reader, load_gripper(config.gripper)) if baselines else None
     frames = frames_by_row(*item.arguments)
-    records = [evaluate_frame(results, reader, others, item.stamp.seed) for results in frames]
+    records = [evaluate_frame(each, reader, others, item.stamp.seed) for each in frames]
     write_frame_records(item.target, records, item.stamp)
     return None
 

@@ -148,7 +148,7 @@ def _simulate_scene(
     root, hand = GraspNetRoot(dataset), load_gripper(config.gripper)
     pieces = PiecesReader(root, pieces_folder(output))
     simulator = FrameSimulator(root, pieces, hand, config, baselines, item.stamp.seed)
-    frames = [simulator.run(results) for results in frames_by_row(*item.arguments)]
+    frames = [simulator.run(each) for each in frames_by_row(*item.arguments)]
     write_trials(item.target, frames, item.stamp)
     farthest = max(frame.shift for frame in frames)
     if farthest < LARGE_SHIFT:

@@ -8,7 +8,8 @@
 # Every step is a documented command. A step that is finished is skipped and an interrupted one goes on,
 # so that the same call resumes after a kill. `tiny` takes minutes, its figures are of no use.
 # Given weights are taken instead of trained ones: put them at FOLDER/weights/NAME.safetensors before.
-# TABLE_IV=no leaves out Table IV, whose networks are trained anew in any case.
+# So is a given Table IV, FOLDER/table-iv.json as `evaluate --table` reads it; else its networks are
+# trained anew. TABLE_IV=no leaves it out.
 set -eu
 
 FOLDER=$1
@@ -25,7 +26,7 @@ full)
     DEV="--families wide --scenes-per-split 24 --views 4 --objects 96 --grasp-points 48
         --surroundings plain,plain,bin,tray,wall,edge"
     TRAINING="" PACK="" NETWORK="--epochs 40" ABLATIONS=""
-    echo "this takes one or two days of two cores; some two hours with all weights given and TABLE_IV=no" >&2
+    echo "this takes one or two days of two cores; some two hours with all weights and Table IV given" >&2
     ;;
 tiny)
     SCENES=3 VIEWS=2 OBJECTS=6 PIXELS=320x240 GRASP_POINTS=40
@@ -106,7 +107,9 @@ row true-regions --masks "$FOLDER/true_regions"
 
 # 4. Table IV: networks without one part each.
 TABLES="--table $FOLDER/costs.json"
-if [ "${TABLE_IV:-yes}" != no ]; then
+if [ -e "$FOLDER/table-iv.json" ]; then
+    TABLES="$TABLES --table $FOLDER/table-iv.json"
+elif [ "${TABLE_IV:-yes}" != no ]; then
     $PYTHON -m benchmarks.ablations "$DATASET" --out "$FOLDER/ablations" $ABLATIONS
     TABLES="$TABLES --table $FOLDER/ablations/table.json"
 fi

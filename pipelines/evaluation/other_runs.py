@@ -7,6 +7,7 @@ from pathlib import Path
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_layout import SceneFiles
 from pipelines.errors import FormatError, ValueRangeError
+from pipelines.evaluation.predictions import FramePredictions
 from pipelines.evaluation.reports import WITH
 from pipelines.evaluation.rows import BASELINE_ROWS, OURS
 from pipelines.evaluation.truth_inputs import truth_digests
@@ -16,7 +17,6 @@ from pipelines.grasp_files.grasps_stream import (
     read_dataset_frames,
     read_index,
 )
-from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasp_files.gripper_files import gripper_digest, gripper_to_use
 from pipelines.runtime.batch import BatchOptions, WorkItem, drop_stale
 from pipelines.storage.provenance import Stamp, digest
@@ -96,10 +96,17 @@ def _scenes(paths: Mapping[str, Path], root: GraspNetRoot) -> dict[SceneFiles, R
     return found
 
 
-def frames_by_row(places: RowPlaces) -> Iterator[dict[str, FrameResult]]:
+def frames_by_row(places: RowPlaces) -> Iterator[dict[str, FramePredictions]]:
     """Yield each frame of a scene as every row has it."""
-    for results in zip(*(read_dataset_frames(*each) for each in places.values()), strict=True):
-        yield dict(zip(places, results, strict=True))
+    rows = (_predictions(*each) for each in places.values())
+    for predictions in zip(*rows, strict=True):
+        yield dict(zip(places, predictions, strict=True))
+
+
+def _predictions(path: Path, places: list[int]) -> Iterator[FramePredictions]:
+    knows_regions = read_index(path).knows_regions
+    for result in read_dataset_frames(path, places):
+        yield FramePredictions.from_result(result, knows_regions=knows_regions)
 
 
 def _difference(names: Sequence[str], expected: Sequence[str]) -> str:

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipelines.array_types import Array, Mask
-from pipelines.configs.inference import FRAME_PEERS
 from pipelines.geometry.symmetry import SPHERE_SLOT
 from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable, RegionTable
 from pipelines.grasping.grasps import GraspPoses
@@ -75,8 +74,8 @@ class FramePredictions:
     anywhere: ScoredGrasps | None = None
 
     @classmethod
-    def from_result(cls, result: FrameResult) -> "FramePredictions":
-        """Return one frame of a `grasps.h5`."""
+    def from_result(cls, result: FrameResult, *, knows_regions: bool = True) -> "FramePredictions":
+        """Return one frame of a `grasps.h5`, of a method that finds regions or whole frames."""
         regions, grasps = result.regions, result.grasps
         best: list[GraspPoses] = [GraspPoses.empty() for _ in range(len(regions))]
         score = [-np.inf] * len(regions)
@@ -92,7 +91,7 @@ class FramePredictions:
             [regions.mask(region, *result.size) for region in range(len(regions))],
             [float(value) for value in regions.confidence],
             RowPredictions(best, score, symmetries, every),
-            every if np.isin(grasps.source, FRAME_PEERS).any() else None,
+            None if knows_regions else every,
         )
 
 

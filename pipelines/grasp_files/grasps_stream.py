@@ -16,6 +16,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from pipelines.configs.inference import FRAME_PEERS
 from pipelines.contents import mapping_in
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_layout import FrameFiles, SceneFiles, frame_key
@@ -71,6 +72,11 @@ class GraspsIndex:
     def gripper(self) -> str:
         """The gripper that the grasps were found for."""
         return str(self.attrs["config"].get("gripper", DEFAULT_GRIPPER))
+
+    @property
+    def knows_regions(self) -> bool:
+        """Whether the method grasps regions; others find grasps anywhere in a frame."""
+        return self.attrs["config"].get("method") not in FRAME_PEERS
 
     def dataset_names(self, path: Path) -> list[str]:
         """Return the names of all frames as `infer ROOT` names them, of the file at `path`.

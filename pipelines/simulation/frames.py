@@ -17,7 +17,6 @@ from pipelines.evaluation.predictions import FramePredictions
 from pipelines.evaluation.rows import OURS
 from pipelines.evaluation.trial_records import FrameTrials, Outcome, TrialRecord, friction_key
 from pipelines.evaluation.truth import FrameTruth, TruthReader
-from pipelines.grasp_files.grasps_tables import FrameResult
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.simulation.trial import Trial
@@ -95,15 +94,14 @@ class FrameSimulator:
         self._reader = TruthReader(self.root, self._rules)
         self._baselines = Baselines.of(self._reader, self.gripper) if self.baselines else None
 
-    def run(self, results: Mapping[str, FrameResult]) -> FrameTrials:
+    def run(self, predictions: Mapping[str, FramePredictions]) -> FrameTrials:
         """Return the trials of the best grasp on every visible object of a frame.
 
-        `results`: of the frame by row, ours among them.
+        `predictions`: of the frame by row, ours among them.
         """
-        name = results[OURS].name
+        name = predictions[OURS].name
         files = self.root.frame(name)
         truth = self._reader.read(files)
-        predictions = {row: FramePredictions.from_result(each) for row, each in results.items()}
         rows = rows_of(predictions, files, truth, self._rules, self._baselines, self.seed)
         scene, shift = self._rested(truth)
         trials = {row: self._try_row(each, truth, scene) for row, each in rows.items()}

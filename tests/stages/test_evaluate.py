@@ -469,10 +469,9 @@ def test_grasps_of_a_compared_method_belong_to_the_objects_they_are_nearest_to(
     other, results = tmp_path / "gg-cnn.h5", []
     for name in frame_names():
         found = true_result(root, name, (0, 1))
-        found.grasps.source[:] = "gg-cnn"
         found.grasps.region[:] = 0  # regions do not matter
         results.append(found)
-    write_grasps(other, results)
+    write_grasps(other, results, "gg-cnn")
     assert run(truth_file, root, tmp_path / "report.json", others=[other]).exit_code == 0
     assert figures(tmp_path / "report.json", "gg-cnn")["reasons"] == {"no grasp": 4, "held": 8}
     titles = {row[0] for row in evaluate.tables(tmp_path / "report.json")[0].rows}
@@ -481,6 +480,17 @@ def test_grasps_of_a_compared_method_belong_to_the_objects_they_are_nearest_to(
     assert "Worst frames of GG-CNN, trained here" in page
     # A scene of ours has its best and its worst frame, one of the method its worst.
     assert page.count("data:image/jpeg;base64,") == 3 * len(SCENES)
+
+
+def test_a_frame_without_grasps_of_a_compared_method_lacks_grasps_not_regions(
+    root, truth_file, tmp_path
+):
+    other = tmp_path / "gg-cnn.h5"
+    write_grasps(other, [true_result(root, name, ()) for name in frame_names()], "gg-cnn")
+    assert run(truth_file, root, tmp_path / "report.json", others=[other]).exit_code == 0
+    found = figures(tmp_path / "report.json", "gg-cnn")
+    assert found["reasons"] == {"no grasp": 12}
+    assert not any(found["symmetry_ap"].values())
 
 
 def test_other_grasps_of_other_frames_or_with_a_taken_name_are_refused(root, truth_file, tmp_path):

@@ -177,5 +177,5 @@ def frame_names() -> list[str]:
     return [f"scenes/scene_{s:04d}/realsense/{f:04d}" for s in SCENES for f in FRAMES]
 
 
-def write_grasps(path: Path, results: list[FrameResult]) -> None:
-    grasps_file.write(path, results, make_stamp("infer", {"gripper": "rg2"}))
+def write_grasps(path: Path, results: list[FrameResult], method: str = "network") -> None:
+    grasps_file.write(path, results, make_stamp("infer", {"gripper": "rg2", "method": method}))

@@ -2,6 +2,7 @@
 
 import os
 import shlex
+import shutil
 import subprocess
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 from typer.main import get_command
 
 from benchmarks import ablations
+from pipelines.evaluation.reports import read_table
 from pipelines.evaluation.rows import KNOWN_ROWS, SELECTED
 from symgrasp_cli.app import app
 from tools import controls, row_costs
@@ -57,6 +59,17 @@ def test_table_iv_can_be_left_out(tmp_path, monkeypatch):
     assert "benchmarks.ablations" not in {call[1] for call in tools}
     (evaluate,) = (call for call in commands if call[0] == "evaluate")
     assert evaluate.count("--table") == 1
+
+
+def test_a_given_table_iv_is_taken(tmp_path):
+    given = tmp_path / "out" / "table-iv.json"
+    given.parent.mkdir()
+    shutil.copy(SCRIPT.parents[1] / "training" / "table-iv.json", given)
+    read_table(given)
+    commands, tools = calls(tmp_path, "full")
+    assert "benchmarks.ablations" not in {call[1] for call in tools}
+    (evaluate,) = (call for call in commands if call[0] == "evaluate")
+    assert evaluate[-1] == str(given)
 
 
 def test_each_row_is_inferred_judged_and_known_to_the_tables(tmp_path):

@@ -85,6 +85,20 @@ def test_each_row_is_inferred_judged_and_known_to_the_tables(tmp_path):
     assert {Path(path).stem.removesuffix(SELECTED) for path in made} <= known
 
 
+@pytest.mark.parametrize("is_later", [False, True])
+def test_a_report_goes_when_a_row_was_made_after_it(is_later, tmp_path):
+    row, report = tmp_path / "out/rows/ours.h5", tmp_path / "out/report.json"
+    row.parent.mkdir(parents=True)
+    for path in (row, report):
+        path.touch()
+        os.utime(path, (100.0, 100.0))
+    os.utime(row.parent, (100.0, 100.0))
+    if is_later:
+        os.utime(row, (200.0, 200.0))
+    calls(tmp_path, "full")
+    assert report.exists() is not is_later
+
+
 def test_given_weights_and_a_given_dataset_leave_out_their_making(tmp_path):
     weights = tmp_path / "out" / "weights"
     weights.mkdir(parents=True)

@@ -116,7 +116,7 @@ fi
 
 # 5. All judged together; a report of before a row or Table IV was made again is made anew.
 $PYTHON -m tools.row_costs "$FOLDER"
-later() { find "$FOLDER/rows" "$FOLDER/table-iv.json" -newer "$FOLDER/report.json" 2>/dev/null; }
+later() { find "$FOLDER/rows" "$FOLDER/table-iv.json" -type f ! -name ".*" -newer "$FOLDER/report.json" 2>/dev/null; }
 [ -z "$(later)" ] || rm "$FOLDER/report.json"
 $SYMGRASP evaluate "$FOLDER/rows/ours.h5" --dataset "$DATASET" --out "$FOLDER/report.json" \
     --baselines $WITH $TABLES

@@ -128,11 +128,8 @@ class TrainingRun:
         return Display(shown=shown, bar=options.progress, seconds=options.log_seconds)
 
     def _make_workers(self) -> GradientWorkers:
-        acceleration = self.options.acceleration
-        alone = not self.trainee.parallel or acceleration.compiled  # the compiler is of one thread
-        threads = 1 if alone else self.options.threads
-        stop = self._stop_alone()
-        return GradientWorkers(self.trainee, threads, self.processes, acceleration, stop)
+        threads = self.options.threads if self.trainee.parallel else 1
+        return GradientWorkers(self.trainee, threads, self.processes, self._stop_alone())
 
     def _run_epoch(self, workers: GradientWorkers) -> Reason:
         """Take the steps that are left of an epoch and save; return why to stop, if at all."""

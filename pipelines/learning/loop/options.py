@@ -1,6 +1,6 @@
 """Length and speed of a training."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from pipelines.configs import (
     FinetuneDetectorConfig,
@@ -9,7 +9,6 @@ from pipelines.configs import (
     TrainCriticConfig,
 )
 from pipelines.learning.loop.runs import RunRequest
-from pipelines.learning.speed.acceleration import Acceleration
 
 LearningConfig = TrainConfig | FinetuneDetectorConfig | TrainCriticConfig | TrainBaselineConfig
 
@@ -31,7 +30,6 @@ class LoopOptions:
         checkpoint_minutes: between checkpoints.
         log_seconds: between log lines.
         progress: a bar on stderr instead of log lines.
-        acceleration: how gradients are computed faster.
         loaders: processes that load batches ahead; 0 for a thread of this one.
     """
 
@@ -47,7 +45,6 @@ class LoopOptions:
     checkpoint_minutes: float = 3.0
     log_seconds: float = 20.0
     progress: bool = False
-    acceleration: Acceleration = field(default_factory=Acceleration)
     loaders: int = 0
 
     @classmethod
@@ -63,6 +60,5 @@ class LoopOptions:
             threads=request.threads,
             max_seconds=request.max_seconds,
             progress=request.progress,
-            acceleration=Acceleration(request.precision, request.compiled),
             loaders=request.loaders,
         )

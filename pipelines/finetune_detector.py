@@ -34,7 +34,6 @@ from pipelines.learning.detector.detector_start import starting_detector
 from pipelines.learning.detector.detector_training import DetectorTraining
 from pipelines.learning.loop.faults import read_fault
 from pipelines.learning.loop.loop import TrainingRun
-from pipelines.learning.loop.options import LoopOptions
 from pipelines.learning.loop.runs import RunRequest, find_progress
 from pipelines.learning.speed.processes import process_group
 from pipelines.network.detection.detector import MODEL_NAME
@@ -87,9 +86,8 @@ def run(
         detector = starting_detector(config, request.seed, coco_weights, init)
         trainee = DetectorTraining(detector, frames, config, device, processes)
         metadata = weights_metadata(MODEL_NAME, config.detector)
-        loop_options = LoopOptions.of(config, request)
-        training = TrainingRun(trainee, loop_options, output, stamp, metadata, processes)
-        return training.report(STAGE, started, resumes=earlier is not None)
+        training = TrainingRun(trainee, config, request, output, stamp, metadata, processes)
+        return training.report(started, resumes=earlier is not None)
 
 
 def replay(fault: Path) -> dict[str, float]:

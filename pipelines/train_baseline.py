@@ -24,7 +24,6 @@ from pipelines.dataset.scene_digests import inputs_of_scenes
 from pipelines.dataset.training.region_frames import split_frames
 from pipelines.learning.loop.faults import read_fault
 from pipelines.learning.loop.loop import TrainingRun
-from pipelines.learning.loop.options import LoopOptions
 from pipelines.learning.loop.runs import RunRequest, find_progress
 from pipelines.learning.peers.peer import (
     count_peer_frames,
@@ -87,10 +86,8 @@ def run(
             torch.manual_seed(request.seed)  # layers are initialised from torch's own generator
             trainee = method(frames, config, device, processes)
         metadata = weights_metadata(PEER_NETWORKS[name][0], config.network)
-        training = TrainingRun(
-            trainee, LoopOptions.of(config, request), output, stamp, metadata, processes
-        )
-        return training.report(STAGE, started, resumes=earlier is not None)
+        training = TrainingRun(trainee, config, request, output, stamp, metadata, processes)
+        return training.report(started, resumes=earlier is not None)
 
 
 def replay(fault: Path) -> dict[str, float]:

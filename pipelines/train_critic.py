@@ -41,7 +41,6 @@ from pipelines.learning.critics.kinds import CRITIC_KINDS, CriticKind
 from pipelines.learning.critics.logistic import fit_axis_critic
 from pipelines.learning.loop.faults import read_fault
 from pipelines.learning.loop.loop import TrainingRun
-from pipelines.learning.loop.options import LoopOptions
 from pipelines.learning.loop.runs import RunRequest, describe, find_progress
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
@@ -261,9 +260,8 @@ def _train(
     trainee: CriticTraining, kind: CriticKind, output: Path, request: RunRequest, stamp: Stamp
 ) -> str:
     """Train a network, calibrated on what is held out; return a note."""
-    options = LoopOptions.of(trainee.config, request)
     metadata = critic_files.metadata_of(kind.model)
-    training = TrainingRun(trainee, options, output, stamp, metadata)
+    training = TrainingRun(trainee, trainee.config, request, output, stamp, metadata)
     if find_progress(output, stamp, request) is not None:
         training.resume()
     counts = f"{len(trainee.rows)} and {len(trainee.held)} candidates"

@@ -40,27 +40,27 @@ class RegionFigures:
         weight = symmetry_weights(prediction.affordance)
         directions, centers = prediction.direction[:, :, :3], prediction.center[:, :, :3]
         truth = match_reflections(truth, points, directions, centers, weight)
-        mean = average_symmetries(prediction, weight)
+        existence, means, lines = average_symmetries(prediction, weight)
         self.affordance.append(prediction.affordance.flatten())
         self.true_affordance.append(truth.affordance.flatten())
-        self.existence_right.append((mean.existence > 0.5) == (truth.existence > 0.5))
+        self.existence_right.append((existence > 0.5) == (truth.existence > 0.5))
         for slot in range(NUM_REFLECTIONS):
             rows = truth.existence[:, slot] > 0
             normal, center = truth.direction[rows, slot], truth.center[rows, slot]
-            self.plane_angle.append(_angle_deg(mean.direction[rows, slot], normal))
+            self.plane_angle.append(_angle_deg(lines[rows, slot], normal))
             error = reflection_errors(
                 points[rows],
-                mean.direction[rows, slot, None],
-                mean.center[rows, slot, None],
+                lines[rows, slot, None],
+                means[rows, slot, None],
                 normal,
                 center,
             )
             self.plane_error.append(error[:, 0] / reflection_extent(points[rows], normal, center))
         rows = truth.existence[:, ROTATION_SLOT] > 0
         axis = truth.direction[rows, ROTATION_SLOT]
-        self.axis_angle.append(_angle_deg(mean.direction[rows, ROTATION_SLOT], axis))
+        self.axis_angle.append(_angle_deg(lines[rows, ROTATION_SLOT], axis))
         rows = truth.existence[:, SPHERE_SLOT] > 0
-        offset = mean.center[rows, SPHERE_SLOT] - truth.center[rows, SPHERE_SLOT]
+        offset = means[rows, SPHERE_SLOT] - truth.center[rows, SPHERE_SLOT]
         self.sphere_offset.append(offset.norm(dim=-1))
 
     def figures(self) -> dict[str, float]:

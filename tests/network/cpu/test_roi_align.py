@@ -4,7 +4,7 @@ import pytest
 import torch
 from torchvision.ops import MultiScaleRoIAlign
 
-from pipelines.network.cpu.detection.roi_align import ChannelsLastRoIAlign
+from pipelines.network.cpu.roi_align import ChannelsLastRoIAlign
 
 SIZES = [(90, 120), (96, 100)]
 STRIDES = {"0": 4, "1": 8, "2": 16, "pool": 32}

@@ -10,7 +10,6 @@ Writes  NAME.safetensors             the best weights so far by validation on un
 """
 
 import time
-from collections.abc import Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -77,7 +76,8 @@ def run(
         with processes.one_first():  # the others find all frames there
             options = options or BatchOptions()
             options = replace(options, overwrite=options.overwrite and processes.is_first)
-            prepared = _prepare(name, root, items, config, options)
+            step = partial(_prepare_scene, root=GraspNetRoot(root), peer=name, config=config)
+            prepared = run_batch(STAGE, items, step, options)
         if prepared.failed:
             return prepared
         targets = [item.target for item in items]
@@ -129,18 +129,6 @@ def peer_items(
         )
         for scene, inputs in zip(scenes, inputs_of_scenes(dataset, scenes), strict=True)
     ]
-
-
-def _prepare(
-    name: str,
-    root: Path,
-    items: Sequence[WorkItem],
-    config: TrainBaselineConfig,
-    options: BatchOptions,
-) -> StageReport:
-    """Write the frames of each scene that has none yet, as the method called `name` sees them."""
-    step = partial(_prepare_scene, root=GraspNetRoot(root), peer=name, config=config)
-    return run_batch(STAGE, items, step, options)
 
 
 def _prepare_scene(

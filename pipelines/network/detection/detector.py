@@ -49,8 +49,8 @@ class RegionDetector:
         self.config, self.device = config, device
         self.model = folded(model.to(device)).to(memory_format=torch.channels_last)
         heads = self.model.roi_heads
-        heads.box_roi_pool = ChannelsLastRoIAlign.like(heads.box_roi_pool)
-        heads.mask_roi_pool = ChannelsLastRoIAlign.like(heads.mask_roi_pool)
+        for pooling in (heads.box_roi_pool, heads.mask_roi_pool):
+            pooling.__class__ = ChannelsLastRoIAlign  # the class alone decides how it pools
         # Boxes that `detect` drops need no mask: a weaker box never suppresses a stronger one.
         heads.score_thresh = max(config.candidate_confidence, config.min_confidence)
 

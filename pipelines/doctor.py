@@ -57,14 +57,14 @@ def _shipped(config: DoctorConfig, failed: Sequence[str]) -> Iterator[Check]:
         why = f"not looked at: {' and '.join(failed)} must be mended first"
         yield Check("weights", Status.WARN, why)
         return
-    from pipelines.health import golden, shipped  # noqa: PLC0415 - needs what was looked at above
+    from pipelines.health import golden  # noqa: PLC0415 - needs what was looked at above
 
-    manifest, check = shipped.manifest_check()
+    manifest, check = golden.manifest_check()
     yield check
     if manifest is None:
         return
     for name, digest in manifest.files.items():
-        yield looked_at(f"weights {Path(name).stem}", partial(shipped.file_check, name, digest))
+        yield looked_at(f"weights {Path(name).stem}", partial(golden.file_check, name, digest))
     for device in torch_checks.devices():
         look = partial(golden.golden_check, manifest, config, device)
         yield looked_at(golden.title(device), look)

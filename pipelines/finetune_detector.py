@@ -17,7 +17,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from pipelines.configs import FinetuneDetectorConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
@@ -34,7 +33,6 @@ from pipelines.learning.detector.detector_start import starting_detector
 from pipelines.learning.detector.detector_training import DetectorTraining
 from pipelines.learning.loop.faults import read_fault
 from pipelines.learning.loop.loop import TrainingRun
-from pipelines.learning.loop.options import LoopOptions
 from pipelines.learning.loop.runs import RunRequest, find_progress
 from pipelines.learning.speed.processes import process_group
 from pipelines.network.detection.detector import MODEL_NAME
@@ -80,31 +78,22 @@ def run(
             options = options or BatchOptions()
             # What the first has made anew the others must not make once more.
             options = replace(options, overwrite=options.overwrite and processes.is_first)
-            prepared = _prepare(scenes, config, options)
+            prepared = StageReport(STAGE)
+            for root, items in scenes.items():
+                prepared.add(prepare(root, items, config, options), f"{_name(root)}/")
         if prepared.failed:
             return prepared
         frames = frames_of(roots, output, [*prepared.done, *prepared.skipped], config, request.seed)
         detector = starting_detector(config, request.seed, coco_weights, init)
         trainee = DetectorTraining(detector, frames, config, device, processes)
         metadata = weights_metadata(MODEL_NAME, config.detector)
-        loop_options = LoopOptions.of(config, request)
-        training = TrainingRun(trainee, loop_options, output, stamp, metadata, processes)
-        return training.report(STAGE, started, resumes=earlier is not None)
+        training = TrainingRun(trainee, config, request, output, stamp, metadata, processes)
+        return training.report(started, resumes=earlier is not None)
 
 
 def replay(fault: Path) -> dict[str, float]:
     """Return the loss terms of the batch in `NAME.fault.safetensors`, computed again."""
     return detector_training.replay(read_fault(fault))
-
-
-def _prepare(
-    scenes: Mapping[Path, list[WorkItem]], config: FinetuneDetectorConfig, options: BatchOptions
-) -> StageReport:
-    """Prepare the scenes of all roots; they are reported as ROOT/SCENE."""
-    report = StageReport(STAGE)
-    for root, items in scenes.items():
-        report.add(prepare(root, items, config, options), f"{_name(root)}/")
-    return report
 
 
 def _inputs(roots: Sequence[Path], init: Path | None, coco_weights: str | None) -> dict[str, str]:
@@ -212,14 +201,6 @@ def _coco_items(root: Path, folder: Path, config: FinetuneDetectorConfig) -> lis
     return items
 
 
-def _settings(config: FinetuneDetectorConfig) -> dict[str, Any]:
-    return {
-        "size": [config.detector.min_size, config.detector.max_size],
-        "min_pixels": config.min_pixels,
-        "frame_stride": config.frame_stride,
-    }
-
-
 def _item(
     folder: Path,
     name: str,
@@ -227,7 +208,12 @@ def _item(
     inputs: Mapping[str, str],
     source: SceneFiles | list[CocoFrame],
 ) -> WorkItem:
-    stamp = make_stamp(STAGE, _settings(config), inputs=inputs)
+    settings = {
+        "size": [config.detector.min_size, config.detector.max_size],
+        "min_pixels": config.min_pixels,
+        "frame_stride": config.frame_stride,
+    }
+    stamp = make_stamp(STAGE, settings, inputs=inputs)
     return WorkItem(name, folder / f"{name}.h5", stamp, (source,))
 
 

@@ -26,7 +26,6 @@ from pipelines.learning.grasp_network.region_sources import RegionSet, TrainingR
 from pipelines.learning.loop.faults import read_fault
 from pipelines.learning.loop.loaders import split_by_scene
 from pipelines.learning.loop.loop import TrainingRun
-from pipelines.learning.loop.options import LoopOptions
 from pipelines.learning.loop.runs import RunRequest, find_progress
 from pipelines.learning.speed.processes import process_group
 from pipelines.network.model import SymmetryGraspNet
@@ -76,9 +75,8 @@ def run(
         network = build(config, request.seed, init)
         trainee = GraspTraining(network, source, val_set, config, device, processes)
         metadata = weights_metadata(SymmetryGraspNet.__name__, config.network)
-        options = LoopOptions.of(config, request)
-        training = TrainingRun(trainee, options, output, stamp, metadata, processes)
-        return training.report(STAGE, started, resumes=earlier is not None)
+        training = TrainingRun(trainee, config, request, output, stamp, metadata, processes)
+        return training.report(started, resumes=earlier is not None)
 
 
 def build(config: TrainConfig, seed: int, init: Path | None) -> SymmetryGraspNet:

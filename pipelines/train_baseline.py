@@ -10,7 +10,6 @@ Writes  NAME.safetensors             the best weights so far by validation on un
 """
 
 import time
-from collections.abc import Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -24,7 +23,6 @@ from pipelines.dataset.scene_digests import inputs_of_scenes
 from pipelines.dataset.training.region_frames import split_frames
 from pipelines.learning.loop.faults import read_fault
 from pipelines.learning.loop.loop import TrainingRun
-from pipelines.learning.loop.options import LoopOptions
 from pipelines.learning.loop.runs import RunRequest, find_progress
 from pipelines.learning.peers.peer import (
     count_peer_frames,
@@ -78,7 +76,8 @@ def run(
         with processes.one_first():  # the others find all frames there
             options = options or BatchOptions()
             options = replace(options, overwrite=options.overwrite and processes.is_first)
-            prepared = _prepare(name, root, items, config, options)
+            step = partial(_prepare_scene, root=GraspNetRoot(root), peer=name, config=config)
+            prepared = run_batch(STAGE, items, step, options)
         if prepared.failed:
             return prepared
         targets = [item.target for item in items]
@@ -87,10 +86,8 @@ def run(
             torch.manual_seed(request.seed)  # layers are initialised from torch's own generator
             trainee = method(frames, config, device, processes)
         metadata = weights_metadata(PEER_NETWORKS[name][0], config.network)
-        training = TrainingRun(
-            trainee, LoopOptions.of(config, request), output, stamp, metadata, processes
-        )
-        return training.report(STAGE, started, resumes=earlier is not None)
+        training = TrainingRun(trainee, config, request, output, stamp, metadata, processes)
+        return training.report(started, resumes=earlier is not None)
 
 
 def replay(fault: Path) -> dict[str, float]:
@@ -132,18 +129,6 @@ def peer_items(
         )
         for scene, inputs in zip(scenes, inputs_of_scenes(dataset, scenes), strict=True)
     ]
-
-
-def _prepare(
-    name: str,
-    root: Path,
-    items: Sequence[WorkItem],
-    config: TrainBaselineConfig,
-    options: BatchOptions,
-) -> StageReport:
-    """Write the frames of each scene that has none yet, as the method called `name` sees them."""
-    step = partial(_prepare_scene, root=GraspNetRoot(root), peer=name, config=config)
-    return run_batch(STAGE, items, step, options)
 
 
 def _prepare_scene(

@@ -41,7 +41,6 @@ from pipelines.learning.critics.kinds import CRITIC_KINDS, CriticKind
 from pipelines.learning.critics.logistic import fit_axis_critic
 from pipelines.learning.loop.faults import read_fault
 from pipelines.learning.loop.loop import TrainingRun
-from pipelines.learning.loop.options import LoopOptions
 from pipelines.learning.loop.runs import RunRequest, describe, find_progress
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
 from pipelines.runtime.one_run import one_run_at_a_time
@@ -87,9 +86,16 @@ def run(
         for root in (*roots, *held_out)
     }
     stamp = _stamp(kind, items, held_out, init, config, request.seed)
-    if _is_done(kind, output, stamp, request):
+    if kind.is_network:
+        earlier = find_progress(output, stamp, request)
+        is_done = earlier is not None and earlier.finished
+    else:
+        earlier, is_done = None, is_finished(output, stamp, overwrite=request.overwrite)
+    if is_done:
         return StageReport(STAGE, skipped=[output.name])
-    report = _collect(items, kind, paths, config, request.seed, options or BatchOptions())
+    step = partial(collect_scene, kind=kind, paths=paths, config=config, seed=request.seed)
+    scenes = [each for group in items.values() for each in group]
+    report = run_batch(STAGE, scenes, step, options or BatchOptions())
     if report.failed:
         return report
     rows = _read(roots, items)
@@ -97,7 +103,9 @@ def run(
         trainee = CriticTraining(
             kind, rows, _read(held_out, items), config, request.seed, start=start
         )
-        note = _train(trainee, kind, output, request, stamp)
+        metadata = critic_files.metadata_of(kind.model)
+        training = TrainingRun(trainee, config, request, output, stamp, metadata)
+        note = _trained(training, trainee, resumes=earlier is not None)
     else:
         note = _regress(kind, rows, output, stamp)
     return StageReport(
@@ -186,19 +194,6 @@ def row_items(
     return items
 
 
-def _collect(
-    items: Mapping[Path, Sequence[WorkItem]],
-    kind: CriticKind,
-    paths: ModelPaths,
-    config: TrainCriticConfig,
-    seed: int,
-    options: BatchOptions,
-) -> StageReport:
-    """Write the candidates of each scene that has none yet."""
-    step = partial(collect_scene, kind=kind, paths=paths, config=config, seed=seed)
-    return run_batch(STAGE, [each for group in items.values() for each in group], step, options)
-
-
 def collect_scene(
     item: WorkItem, kind: CriticKind, paths: ModelPaths, config: TrainCriticConfig, seed: int
 ) -> str:
@@ -245,26 +240,9 @@ def _stamp(
     return make_stamp(STAGE, settings, seed=seed, inputs=inputs | started_from)
 
 
-def _is_done(kind: CriticKind, output: Path, stamp: Stamp, request: RunRequest) -> bool:
-    """Return whether `output` is finished.
-
-    Raises:
-        SymgraspError: it was made otherwise, or is unfinished, and nothing says how to go on.
-    """
-    if not kind.is_network:
-        return is_finished(output, stamp, overwrite=request.overwrite)
-    earlier = find_progress(output, stamp, request)
-    return earlier is not None and earlier.finished
-
-
-def _train(
-    trainee: CriticTraining, kind: CriticKind, output: Path, request: RunRequest, stamp: Stamp
-) -> str:
+def _trained(training: TrainingRun, trainee: CriticTraining, *, resumes: bool) -> str:
     """Train a network, calibrated on what is held out; return a note."""
-    options = LoopOptions.of(trainee.config, request)
-    metadata = critic_files.metadata_of(kind.model)
-    training = TrainingRun(trainee, options, output, stamp, metadata)
-    if find_progress(output, stamp, request) is not None:
+    if resumes:
         training.resume()
     counts = f"{len(trainee.rows)} and {len(trainee.held)} candidates"
     return f"{counts}; {describe(training.run())}"

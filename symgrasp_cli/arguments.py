@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 from symgrasp_cli.options import (
     AxisCriticWeights,
     Backend,
-    Compile,
     DepthUnitsPerMetre,
     DetectorWeights,
     Device,
@@ -21,7 +20,6 @@ from symgrasp_cli.options import (
     NetworkWeights,
     Overwrite,
     PlaneCriticWeights,
-    Precision,
     Resume,
     Seed,
     Threads,
@@ -146,14 +144,9 @@ def run_on_cpu(
 CpuRun = Annotated["RunRequest", MadeOf(run_on_cpu)]
 
 
-def run_on_device(
-    request: CpuRun,
-    device: Device = "auto",
-    precision: Precision = "float32",
-    compiled: Compile = False,
-) -> "RunRequest":
+def run_on_device(request: CpuRun, device: Device = "auto") -> "RunRequest":
     """Return the request of a training that may run on a GPU."""
-    return replace(request, device=device, precision=precision, compiled=compiled)
+    return replace(request, device=device)
 
 
 DeviceRun = Annotated["RunRequest", MadeOf(run_on_device)]

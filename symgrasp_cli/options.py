@@ -65,12 +65,6 @@ MaxMinutes = Annotated[
     float | None,
     typer.Option("--time-limit", min=0.0, hidden=True, help="Old name of --max-seconds, minutes."),
 ]
-Precision = Annotated[
-    str,
-    _running(
-        "Of the large products of a training step: float32, or bf16 for GPUs.", metavar="NAME"
-    ),
-]
 Loaders = Annotated[
     int,
     _running(
@@ -78,9 +72,6 @@ Loaders = Annotated[
         min=0,
         metavar="N",
     ),
-]
-Compile = Annotated[
-    bool, _running("Compile chains of layers, for GPUs; slow to start.", "--compile")
 ]
 AsJson = Annotated[
     bool,

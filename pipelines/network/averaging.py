@@ -1,34 +1,19 @@
 """Means of the symmetries that the points of a region predict, one a slot, in torch (D. 4)."""
 
-from dataclasses import dataclass
-
 import torch
 from torch import Tensor
 
 from pipelines.network.model import Prediction
 
 
-@dataclass(frozen=True)
-class MeanSymmetries:
-    """Symmetries of B regions, in the frame and unit of the prediction.
-
-    Attributes:
-        existence: (B, 5) probabilities.
-        center: (B, 5, 3).
-        direction: (B, 5, 3) unit; any for the sphere.
-    """
-
-    existence: Tensor
-    center: Tensor
-    direction: Tensor
-
-
 @torch.no_grad()
 def average_symmetries(
     prediction: Prediction,
     weight: Tensor,  # (B, Q)
-) -> MeanSymmetries:
-    """Return the mean over the Q points by `weight`, whose rows sum to one.
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Return mean existence (B, 5) as probabilities, centre (B, 5, 3) and unit direction (B, 5, 3).
+
+    Over the Q points by `weight`, whose rows sum to one; frame and unit are the prediction's.
 
     n and -n are one plane: directions are averaged as outer products, of whose sum the leading
     eigenvector is taken. Centres are weighted medians, coordinate by coordinate.
@@ -37,7 +22,7 @@ def average_symmetries(
     weighted = prediction.direction * weight[..., None, None]
     outer = torch.einsum("bqki,bqkj->bkij", weighted, prediction.direction)
     direction = torch.linalg.eigh(outer).eigenvectors[..., -1]
-    return MeanSymmetries(existence, weighted_median(prediction.center, weight), direction)
+    return existence, weighted_median(prediction.center, weight), direction
 
 
 def weighted_median(

@@ -5,8 +5,6 @@ paper's, and the number of queried points does not change the step. `TrainConfig
 between the terms as printed and the balanced ones.
 """
 
-from dataclasses import dataclass
-
 import torch
 from torch import Tensor
 from torch.nn import functional
@@ -36,17 +34,6 @@ RIGHT = 0.134  # error of a symmetry, relative to its extent, below which grasps
 NUM_ERROR_POINTS = 16  # points of the region on which dense errors are measured
 
 
-@dataclass(frozen=True)
-class LossTerms:
-    """Terms of the loss, each a scalar; `total` is minimised."""
-
-    total: Tensor
-    feature: Tensor
-    affordance: Tensor
-    existence: Tensor
-    parameters: Tensor
-
-
 def total_loss(
     prediction: Prediction,
     truth: RegionBatch,
@@ -54,8 +41,8 @@ def total_loss(
     config: TrainConfig,
     points: Tensor,  # (B, S, 3)
     labelled: Tensor | None = None,  # (B,)
-) -> LossTerms:
-    """Return L = w^f L^f + w^a sum L^a + w^s sum L^s over one batch.
+) -> dict[str, Tensor]:
+    """Return L = w^f L^f + w^a sum L^a + w^s sum L^s over one batch, `total`, and its terms.
 
     Args:
         prediction: of the Q queried points.
@@ -90,7 +77,13 @@ def total_loss(
         + config.weight_affordance * affordance
         + config.weight_symmetry * symmetry
     )
-    return LossTerms(total, feature, affordance, existence, parameters)
+    return {
+        "total": total,
+        "feature": feature,
+        "affordance": affordance,
+        "existence": existence,
+        "parameters": parameters,
+    }
 
 
 def consistency_loss(

@@ -53,10 +53,6 @@ class PointFeatures:
     values: Tensor
     deformation: Deformation | None
 
-    def __getitem__(self, clouds: slice) -> "PointFeatures":
-        deformation = None if self.deformation is None else self.deformation[clouds]
-        return PointFeatures(self.values[clouds], deformation)
-
 
 class SymmetryGraspNet(nn.Module):
     """Four set abstractions, each behind a PIFT, four feature propagations, and heads."""

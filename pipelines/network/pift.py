@@ -76,9 +76,6 @@ class Deformation:
         """Return unit directions, in the camera frame, of lines among deformed points: R^T S^-1."""
         return functional.normalize((directions / self.scale[:, None]) @ self.rotation, dim=-1)
 
-    def __getitem__(self, clouds: slice) -> "Deformation":
-        return Deformation(self.rotation[clouds], self.scale[clouds], self.center[clouds])
-
 
 class PIFT(nn.Module):
     """F^PIFT of Eq. 3: from points and their features to a deformation, the identity at first."""
@@ -90,11 +87,8 @@ class PIFT(nn.Module):
         )
         self.norm = nn.LayerNorm(hidden)
         self.hidden = nn.Linear(hidden, hidden)
-        self.regress = nn.Linear(hidden, 9)
+        self.regress = _regression(hidden)
         self.power = nn.Parameter(torch.zeros(()))  # of the spread, times POWER_GAIN
-        nn.init.zeros_(self.regress.weight)
-        with torch.no_grad():
-            self.regress.bias.copy_(torch.tensor([*IDENTITY_6D, 0.0, 0.0, 0.0]))
 
     def forward(
         self,
@@ -126,10 +120,7 @@ class ConvolutionPIFT(nn.Module):
         neighbors = min(GROUP_SIZE, num_points)
         self.convolution = SetAbstraction(feature_dim, (32, 64, 64), groups, neighbors)
         self.hidden = nn.Linear(64, 64)
-        self.regress = nn.Linear(64, 9)
-        nn.init.zeros_(self.regress.weight)
-        with torch.no_grad():
-            self.regress.bias.copy_(torch.tensor([*IDENTITY_6D, 0.0, 0.0, 0.0]))
+        self.regress = _regression(64)
 
     def forward(
         self,
@@ -141,6 +132,15 @@ class ConvolutionPIFT(nn.Module):
         output = self.regress(torch.relu(self.hidden(groups.amax(-2))))
         scale = torch.exp(MAX_LOG_SCALE * torch.tanh(output[:, 6:]))
         return Deformation(rotation_from_6d(output[:, :6]), scale, points.mean(1))
+
+
+def _regression(hidden: int) -> nn.Linear:
+    """Return a layer of rotation and scale that gives the identity at first."""
+    layer = nn.Linear(hidden, 9)
+    nn.init.zeros_(layer.weight)
+    with torch.no_grad():
+        layer.bias.copy_(torch.tensor([*IDENTITY_6D, 0.0, 0.0, 0.0]))
+    return layer
 
 
 def _log_spread(

@@ -1,9 +1,7 @@
 """The HTTP application: `POST /grasps` answers a frame with its grasps, `GET /health` counts."""
 
 import logging
-import threading
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any
 
 import anyio
@@ -20,22 +18,6 @@ JSON_TYPE = "application/json"
 log = logging.getLogger(__name__)
 
 
-@dataclass
-class RequestCounts:
-    """Frames so far; guarded, as answers come from several threads."""
-
-    answered: int = 0
-    refused: int = 0
-    waiting: int = 0
-    _lock: threading.Lock = field(default_factory=threading.Lock)
-
-    def add(self, **changes: int) -> None:
-        """Change counts by so much."""
-        with self._lock:
-            for name, change in changes.items():
-                setattr(self, name, getattr(self, name) + change)
-
-
 def make_app(answer: Answer, facts: dict[str, Any], config: ServeConfig) -> FastAPI:
     """Return the application.
 
@@ -45,29 +27,25 @@ def make_app(answer: Answer, facts: dict[str, Any], config: ServeConfig) -> Fast
         config: limits.
     """
     app = FastAPI(title="SymGrasp", docs_url=None, redoc_url=None, openapi_url=None)
-    counts, limiter = RequestCounts(), anyio.CapacityLimiter(config.parallel)
+    # Frames so far; changed by the one thread of the event loop.
+    counts = {"answered": 0, "refused": 0, "waiting": 0}
+    limiter = anyio.CapacityLimiter(config.parallel)
 
     @app.get("/health")
     def health() -> dict[str, Any]:
-        return {
-            "status": "ok",
-            **facts,
-            "answered": counts.answered,
-            "refused": counts.refused,
-            "waiting": counts.waiting,
-        }
+        return {"status": "ok", **facts, **counts}
 
     @app.post("/grasps")
     async def grasps(request: Request) -> Response:
-        if counts.waiting >= config.max_waiting:
-            counts.add(refused=1)
-            return _refusal(503, f"{counts.waiting} frames are waiting; post again in a moment")
-        counts.add(waiting=1)
+        if counts["waiting"] >= config.max_waiting:
+            counts["refused"] += 1
+            return _refusal(503, f"{counts['waiting']} frames are waiting; post again in a moment")
+        counts["waiting"] += 1
         try:
             response = await _answered(request, answer, limiter, config)
         finally:
-            counts.add(waiting=-1)
-        counts.add(**{"answered" if response.status_code == 200 else "refused": 1})
+            counts["waiting"] -= 1
+        counts["answered" if response.status_code == 200 else "refused"] += 1
         return response
 
     return app

@@ -76,7 +76,6 @@ class SimulatedGripper:
     model: mujoco.MjModel
     data: mujoco.MjData
     slides: Indices  # of the palm in qpos
-    fingers: Indices  # in qpos
     velocities: Indices  # of the fingers in qvel
     arm: Indices  # in ctrl
     grip: Indices  # of the fingers in ctrl
@@ -92,7 +91,6 @@ class SimulatedGripper:
             model,
             data,
             model.jnt_qposadr[[model.joint(name).id for name in SLIDES]],
-            model.jnt_qposadr[fingers],
             model.jnt_dofadr[fingers],
             np.array([model.actuator(name).id for name in SLIDES]),
             np.array([model.actuator(name).id for name in FINGERS]),

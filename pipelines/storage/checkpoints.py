@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,9 +26,8 @@ class TrainingState:
     """Everything a training needs to go on as if it had never stopped."""
 
     model: dict[str, "Tensor"]
-    optimizer: dict[str, Any]  # `state_dict()` of a torch optimiser
-    progress: dict[str, Any] = field(default_factory=dict)  # JSON: epoch, step, losses, numpy rng
-    rng: dict[str, "Tensor"] = field(default_factory=dict)  # name to torch generator state
+    optimizer: dict[str, Any]  # `state_dict()` of Adam, whose state is tensors alone
+    progress: dict[str, Any]  # JSON: epoch, step, losses
 
 
 def save_weights(
@@ -48,13 +47,13 @@ def save_weights(
     write_bytes(path, _sorted_header(save(plain, metadata=texts)))
 
 
-def load_weights(path: Path, device: str = "cpu") -> tuple[dict[str, "Tensor"], dict[str, str]]:
+def load_weights(path: Path) -> tuple[dict[str, "Tensor"], dict[str, str]]:
     """Read tensors and metadata of a safetensors file.
 
     Raises:
         FormatError: truncated, or not safetensors.
     """
-    return _load(path, "pt", device)
+    return _load(path, "pt")
 
 
 def load_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
@@ -63,72 +62,51 @@ def load_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
     Raises:
         FormatError: truncated, or not safetensors.
     """
-    return _load(path, "np", "cpu")
+    return _load(path, "np")
 
 
-def _load(path: Path, framework: str, device: str) -> tuple[dict[str, Any], dict[str, str]]:
-    with open_safetensors(path, framework, device) as file:
+def _load(path: Path, framework: str) -> tuple[dict[str, Any], dict[str, str]]:
+    with open_safetensors(path, framework) as file:
         tensors = {name: file.get_tensor(name) for name in sorted(file.keys())}
         return tensors, dict(file.metadata() or {})
 
 
-def save_training(path: Path, state: TrainingState, stamp: Stamp | None = None) -> None:
-    """Write a training checkpoint: model, optimiser, generators as tensors, the rest as JSON."""
-    optimizer_tensors, optimizer_rest = _split_optimizer(state.optimizer)
+def save_training(path: Path, state: TrainingState, stamp: Stamp) -> None:
+    """Write a training checkpoint: model and optimiser as tensors, the rest as JSON."""
     tensors = {f"model.{name}": tensor for name, tensor in state.model.items()}
-    tensors |= {f"optimizer.{name}": tensor for name, tensor in optimizer_tensors.items()}
-    tensors |= {f"rng.{name}": tensor for name, tensor in state.rng.items()}
+    for parameter, values in state.optimizer["state"].items():
+        tensors |= {f"optimizer.{parameter}.{name}": value for name, value in values.items()}
+    rest = {"state": {}, "param_groups": state.optimizer["param_groups"]}
     metadata = {
-        "optimizer": json.dumps(optimizer_rest, sort_keys=True),
+        "optimizer": json.dumps(rest, sort_keys=True),
         "progress": json.dumps(state.progress, sort_keys=True),
     }
     save_weights(path, tensors, metadata, stamp)
 
 
-def load_training(path: Path, device: str = "cpu") -> TrainingState:
-    """Read a checkpoint of `save_training`; generator states stay on the CPU, as torch wants.
+def load_training(path: Path) -> TrainingState:
+    """Read a checkpoint of `save_training`.
 
     Raises:
         FormatError: not a training checkpoint.
     """
-    tensors, metadata = load_weights(path, device)
+    tensors, metadata = load_weights(path)
     if "optimizer" not in metadata or "progress" not in metadata:
         raise FormatError(path, "holds weights only", "a training checkpoint is expected")
-    groups: dict[str, dict[str, Tensor]] = {"model": {}, "optimizer": {}, "rng": {}}
+    tensors_of: dict[str, dict[str, Tensor]] = {"model": {}, "optimizer": {}}
+    state: dict[int, dict[str, Tensor]] = {}
     with reading(path, "the state of a training", "train again"):
         for name, tensor in tensors.items():
             kind, rest = name.split(".", 1)
-            groups[kind][rest] = tensor.cpu() if kind == "rng" else tensor
-        optimizer = json_object(path, metadata["optimizer"], "optimizer")
+            tensors_of[kind][rest] = tensor
+        for name, tensor in tensors_of["optimizer"].items():
+            parameter, key = name.split(".", 1)
+            state.setdefault(int(parameter), {})[key] = tensor
+        groups = json_object(path, metadata["optimizer"], "optimizer")["param_groups"]
+        progress = json_object(path, metadata["progress"], "progress")
         return TrainingState(
-            model=groups["model"],
-            optimizer=_join_optimizer(groups["optimizer"], optimizer),
-            progress=json_object(path, metadata["progress"], "progress"),
-            rng=groups["rng"],
+            tensors_of["model"], {"state": state, "param_groups": groups}, progress
         )
-
-
-def _split_optimizer(state: Mapping[str, Any]) -> tuple[dict[str, "Tensor"], dict[str, Any]]:
-    """Split an optimiser's state into tensors, named PARAMETER.NAME, and JSON."""
-    from torch import Tensor  # noqa: PLC0415
-
-    tensors: dict[str, Tensor] = {}
-    rest: dict[str, dict[str, Any]] = {}
-    for parameter, values in state["state"].items():
-        for name, value in values.items():
-            if isinstance(value, Tensor):
-                tensors[f"{parameter}.{name}"] = value
-            else:
-                rest.setdefault(str(parameter), {})[name] = value
-    return tensors, {"state": rest, "param_groups": state["param_groups"]}
-
-
-def _join_optimizer(tensors: Mapping[str, "Tensor"], rest: Mapping[str, Any]) -> dict[str, Any]:
-    state: dict[int, dict[str, Any]] = {int(p): dict(v) for p, v in rest["state"].items()}
-    for name, tensor in tensors.items():
-        parameter, key = name.split(".", 1)
-        state.setdefault(int(parameter), {})[key] = tensor
-    return {"state": state, "param_groups": rest["param_groups"]}
 
 
 def _sorted_header(data: bytes) -> bytes:

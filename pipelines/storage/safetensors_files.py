@@ -10,7 +10,7 @@ from pipelines.storage.files import existing
 
 
 @contextmanager
-def open_safetensors(path: Path, framework: str = "np", device: str = "cpu") -> Iterator[Any]:
+def open_safetensors(path: Path, framework: str = "np") -> Iterator[Any]:
     """Yield the file, its tensors those of `framework` (`np` needs no torch, `pt` is torch).
 
     Raises:
@@ -19,7 +19,7 @@ def open_safetensors(path: Path, framework: str = "np", device: str = "cpu") -> 
     from safetensors import SafetensorError, safe_open  # noqa: PLC0415 - few commands need it
 
     try:
-        with safe_open(str(existing(path)), framework=framework, device=device) as file:
+        with safe_open(str(existing(path)), framework=framework) as file:
             yield file
     except (SafetensorError, TypeError, ValueError) as error:
         raise FormatError(

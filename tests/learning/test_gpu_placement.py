@@ -13,7 +13,6 @@ from torch._subclasses.fake_tensor import FakeTensorMode
 from torch.utils._python_dispatch import _disable_current_modes
 
 from pipelines.learning.grasp_network.grasp_training import Sample, augmented, sample_loss
-from pipelines.learning.speed.acceleration import Acceleration
 from pipelines.network import devices, matching
 from pipelines.network.cpu.folding import folded
 from pipelines.network.model import SymmetryGraspNet
@@ -77,11 +76,10 @@ def test_what_the_network_says_is_where_its_points_are(stand_ins, change):
     assert {each.device for each in vars(said).values() if isinstance(each, torch.Tensor)} == {GPU}
 
 
-@pytest.mark.parametrize("precision", ["float32", "bf16"])
 @pytest.mark.parametrize("options", OPTIONS)
-def test_the_loss_of_a_training_step_stays_on_the_gpu(stand_ins, options, precision):
+def test_the_loss_of_a_training_step_stays_on_the_gpu(stand_ins, options):
     config = replace(CONFIG, **options)
-    network = Acceleration(precision).apply(on_gpu(config.network)).train()
+    network = on_gpu(config.network).train()
     terms = sample_loss(network, sample(stand_ins, config), config, GPU)
     assert {term.device for term in terms.values()} == {GPU}
 

@@ -22,7 +22,6 @@ from pipelines.learning.detector.detector_training import DetectorTraining
 from pipelines.learning.grasp_network.grasp_training import GraspTraining
 from pipelines.learning.grasp_network.region_sources import RegionSet, TrainingRegions, packed_items
 from pipelines.learning.loop.runs import RunRequest, fault_path
-from pipelines.learning.speed.acceleration import Acceleration
 from pipelines.learning.speed.gradients import GradientWorkers
 from pipelines.learning.speed.processes import Processes
 from pipelines.learning.speed.shares import cut
@@ -82,13 +81,13 @@ def test_a_network_is_trained_judged_kept_and_resumed(tmp_path):
     assert "plane_angle_deg" in report.notes[path.name]
 
 
-def test_a_step_of_the_network_in_bf16_stays_on_the_gpu(tmp_path):
+def test_a_step_of_the_network_stays_on_the_gpu(tmp_path):
     reader = PackedReader(write_packed(tmp_path, 1, 4))
     regions = RegionSet(reader, np.arange(len(reader)))
     with pretended_gpu():
         source, network = TrainingRegions(regions, None, SMALL), SymmetryGraspNet(SMALL.network)
         trainee = GraspTraining(network, source, regions, SMALL, torch.device("cuda"))
-        assert_gradients_are_there(trainee, packed_items(np.arange(2)), "bf16")
+        assert_gradients_are_there(trainee, packed_items(np.arange(2)))
 
 
 @pytest.mark.slow
@@ -100,12 +99,12 @@ def test_a_network_that_runs_away_keeps_its_batch(tmp_path):
     assert not np.isfinite(train.replay(fault_path(path))["total"])
 
 
-def assert_gradients_are_there(trainee, items, precision):
+def assert_gradients_are_there(trainee, items):
     """Take the losses of one batch and their gradients on the pretended GPU."""
     (piece,) = cut(items, len(items), Processes())
     trainee.module.train()
     loaded = [(piece, piece.load(trainee, 0, 0, 0))]
-    with GradientWorkers(trainee, 1, acceleration=Acceleration(precision)) as workers:
+    with GradientWorkers(trainee, 1) as workers:
         losses, gradients = workers.gradients(loaded, (0, 0, 0))
     assert np.isfinite(losses["total"])
     assert {each.device.type for each in gradients} == {"cuda"}
@@ -137,8 +136,8 @@ def test_a_detector_is_trained_judged_kept_and_resumed(root, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("variant", "precision"), [("light", "bf16"), ("resnet50", "float32")])
-def test_a_step_of_the_detector_stays_on_the_gpu(root, tmp_path, variant, precision):
+@pytest.mark.parametrize("variant", ["light", "resnet50"])
+def test_a_step_of_the_detector_stays_on_the_gpu(root, tmp_path, variant):
     path, config = tmp_path / "detector.safetensors", detector_config(variant)
     items = finetune_detector.scene_items(root, path, config)
     finetune_detector.prepare(root, items, config, BatchOptions(progress=False))
@@ -147,7 +146,7 @@ def test_a_step_of_the_detector_stays_on_the_gpu(root, tmp_path, variant, precis
     with pretended_gpu():
         detector = starting_detector(config, 0)
         trainee = DetectorTraining(detector, frames, config, torch.device("cuda"))
-        assert_gradients_are_there(trainee, np.arange(1), precision)
+        assert_gradients_are_there(trainee, np.arange(1))
 
 
 def test_the_predictor_tells_the_same_of_regions_and_of_their_mirror_images():

@@ -13,10 +13,10 @@ def test_opposite_normals_are_one_plane():
     prediction = Prediction(
         torch.zeros(1, 4, 2), *[torch.zeros(1, 4)], torch.zeros(1, 4, 5), center, direction
     )
-    mean = average_symmetries(prediction, torch.full((1, 4), 0.25))
-    torch.testing.assert_close(mean.direction[0, 0].abs(), torch.tensor([1.0, 0.0, 0.0]))
-    torch.testing.assert_close(mean.existence, torch.full((1, 5), 0.5))
-    torch.testing.assert_close(mean.center, torch.ones(1, 5, 3))
+    existence, means, lines = average_symmetries(prediction, torch.full((1, 4), 0.25))
+    torch.testing.assert_close(lines[0, 0].abs(), torch.tensor([1.0, 0.0, 0.0]))
+    torch.testing.assert_close(existence, torch.full((1, 5), 0.5))
+    torch.testing.assert_close(means, torch.ones(1, 5, 3))
 
 
 def test_the_median_ignores_a_light_outlier_and_follows_a_heavy_one():

@@ -48,8 +48,8 @@ def test_a_perfect_prediction_costs_nothing():
     terms = losses.total_loss(
         prediction, truth, (prediction.features,) * 2, CONFIG, truth.points[:, :16]
     )
-    assert float(terms.total) < 0.3  # the square root's floor, a tenth of a millimetre
-    assert float(terms.parameters) < 0.01
+    assert float(terms["total"]) < 0.3  # the square root's floor, a tenth of a millimetre
+    assert float(terms["parameters"]) < 0.01
 
 
 def test_the_total_is_the_weighted_sum_of_section_iii_e():
@@ -58,9 +58,11 @@ def test_the_total_is_the_weighted_sum_of_section_iii_e():
     config = replace(CONFIG, weight_feature=3.0)
     terms = losses.total_loss(prediction, truth, pair, config, truth.points[:, :8])
     expected = (
-        3.0 * terms.feature + terms.affordance + 5.0 * (terms.existence + 5.0 * terms.parameters)
+        3.0 * terms["feature"]
+        + terms["affordance"]
+        + 5.0 * (terms["existence"] + 5.0 * terms["parameters"])
     )
-    torch.testing.assert_close(terms.total, expected)
+    torch.testing.assert_close(terms["total"], expected)
 
 
 def test_features_that_shrink_are_no_more_consistent():
@@ -86,7 +88,7 @@ def test_the_order_of_the_true_planes_does_not_matter(order):
         direction=truth.direction[:, picked],
     )
     first, second = (
-        losses.total_loss(prediction, each, None, CONFIG, truth.points[:, :8]).total
+        losses.total_loss(prediction, each, None, CONFIG, truth.points[:, :8])["total"]
         for each in (truth, shuffled)
     )
     torch.testing.assert_close(first, second)
@@ -105,14 +107,14 @@ def test_what_has_no_labels_is_not_looked_at(row):
         losses.total_loss(prediction, each, None, CONFIG, points, labelled)
         for each in (truth, other)
     )
-    torch.testing.assert_close(first.existence, second.existence)
-    torch.testing.assert_close(first.parameters, second.parameters)
-    torch.testing.assert_close(first.affordance, second.affordance)
+    torch.testing.assert_close(first["existence"], second["existence"])
+    torch.testing.assert_close(first["parameters"], second["parameters"])
+    torch.testing.assert_close(first["affordance"], second["affordance"])
     every, changed = (
         losses.total_loss(prediction, each, None, CONFIG, points) for each in (truth, other)
     )
     for name in ("existence", "parameters", "affordance"):
-        assert getattr(every, name) != getattr(changed, name), name
+        assert every[name] != changed[name], name
 
 
 def test_gradients_are_those_of_finite_differences():
@@ -129,7 +131,11 @@ def test_gradients_are_those_of_finite_differences():
         # Eq. 7's weights have no gradient: held still here, for differences would see them.
         detached = replace(prediction, affordance=fixed.affordance.double())
         terms = losses.total_loss(detached, truth, (features, other), CONFIG, truth.points)
-        return terms.total - terms.affordance + losses.affordance_loss(affordance, truth.affordance)
+        return (
+            terms["total"]
+            - terms["affordance"]
+            + losses.affordance_loss(affordance, truth.affordance)
+        )
 
     assert torch.autograd.gradcheck(loss, inputs, eps=1e-7, atol=1e-4, fast_mode=True)
 
@@ -188,7 +194,7 @@ def test_eq_7_weighs_each_point_by_its_affordance():
     each = parameter_loss(prediction, matched, truth.points[:, :8])
     share = prediction.affordance + 0.1
     expected = ((each * share).sum(1) / share.sum(1)).mean()
-    torch.testing.assert_close(terms.parameters, expected)
+    torch.testing.assert_close(terms["parameters"], expected)
 
 
 def test_predicting_no_affordance_does_not_lower_the_symmetry_loss():
@@ -220,12 +226,12 @@ def test_the_loss_as_printed_is_plain_distances_weighed_by_the_predicted_afforda
     copy, points = torch.zeros_like(prediction.features), truth.points[:, :8]
     terms = losses.total_loss(prediction, truth, (prediction.features, copy), config, points)
     distance = prediction.features.square().sum(-1).mean()
-    torch.testing.assert_close(terms.feature, distance)
+    torch.testing.assert_close(terms["feature"], distance)
     wrong = (prediction.affordance - truth.affordance).abs().mean()
-    torch.testing.assert_close(terms.affordance, wrong)  # Eq. 6
+    torch.testing.assert_close(terms["affordance"], wrong)  # Eq. 6
     twice = replace(prediction, affordance=0.5 * prediction.affordance)
     again = losses.total_loss(twice, truth, (prediction.features, copy), config, points)
-    torch.testing.assert_close(again.existence, 0.5 * terms.existence)  # Eq. 7
+    torch.testing.assert_close(again["existence"], 0.5 * terms["existence"])  # Eq. 7
 
 
 def test_the_loss_as_printed_leaves_unlabelled_regions_out():
@@ -245,7 +251,7 @@ def test_existence_may_ask_for_a_right_prediction_and_not_a_listed_one_alone():
 
     def existence(prediction, config):
         terms = losses.total_loss(prediction, truth, None, config, truth.points[:, :16])
-        return float(terms.existence)
+        return float(terms["existence"])
 
     assert existence(right, asks) == pytest.approx(existence(right, CONFIG), abs=1e-4)
     assert existence(wrong, CONFIG) < 0.1

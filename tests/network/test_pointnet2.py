@@ -3,7 +3,6 @@
 import pytest
 import torch
 
-from pipelines.learning.speed.acceleration import Acceleration
 from pipelines.network.cpu.cloudwise import CloudLinear
 from pipelines.network.pointnet2 import FeaturePropagation, SetAbstraction, pooled_groups
 from pipelines.network.sampling import (
@@ -82,14 +81,3 @@ def test_of_equal_members_the_first_has_the_gradient():
     pooled = pooled_groups.fast(projected, torch.zeros(1, 1, 2), neighbors, group)
     pooled.sum().backward()
     assert projected.grad[0].tolist() == [[0, 0], [0, 0], [3, 3], [0, 0]]
-
-
-def test_layers_that_round_to_halves_form_the_groups_themselves():
-    torch.manual_seed(0)
-    layer, points, features = SetAbstraction(5, (32, 64, 64), 40, 16), *torch.randn(2, 2, 90, 5)
-    told = layer(points[..., :3], features)[1]
-    Acceleration("bf16").apply(layer)
-    assert type(layer.group) is not torch.nn.Linear
-    rounded = layer(points[..., :3], features)[1]
-    assert not torch.equal(rounded, told)
-    torch.testing.assert_close(rounded, told, rtol=0.1, atol=0.1)

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from pipelines import doctor, infer
 from pipelines.configs import DoctorConfig, InferConfig
 from pipelines.grasp_files import grasps_file
-from pipelines.health import golden, packages, shipped
+from pipelines.health import golden, packages
 from pipelines.health.checks import Check, Status
 from pipelines.inference import models
 from pipelines.runtime.batch import BatchOptions
@@ -70,14 +70,14 @@ def test_whatever_breaks_is_one_line_and_the_rest_goes_on(monkeypatch):
 
 def test_other_weights_than_those_shipped_are_told(tmp_path):
     (tmp_path / "a.safetensors").write_bytes(b"other")
-    check = shipped.file_check("a.safetensors", "sha256:0", tmp_path)
+    check = golden.file_check("a.safetensors", "sha256:0", tmp_path)
     assert check.status is Status.FAIL
     assert "shipped was sha256:0" in check.text
-    assert "does not exist" in shipped.file_check("b", "sha256:0", tmp_path).text
+    assert "does not exist" in golden.file_check("b", "sha256:0", tmp_path).text
 
 
 def test_a_lost_manifest_is_a_failure_of_one_sentence(tmp_path):
-    manifest, check = shipped.manifest_check(tmp_path)
+    manifest, check = golden.manifest_check(tmp_path)
     assert manifest is None
     assert check.status is Status.FAIL
     assert "manifest.json does not exist" in check.text

@@ -5,8 +5,6 @@ from dataclasses import dataclass
 
 WARM_UP_STEPS = 300
 SMALLEST_RATE = 1e-6
-CLIP_NORM = 10.0  # as `symgrasp train`
-LOG_SECONDS = 20.0
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from pipelines.configs import TrainConfig
 from pipelines.configs.presets import PRESETS, preset_settings
 from pipelines.configs.settings import changed, changed_by_text
 from pipelines.learning.grasp_network.grasp_training import Sample, sample_loss
+from pipelines.learning.loop.loop import CLIP_NORM, LOG_SECONDS
 from pipelines.network import augmentation, pointnet2, sampling
 from pipelines.network.losses import NUM_ERROR_POINTS
 from pipelines.network.model import SymmetryGraspNet
@@ -21,7 +22,7 @@ from pipelines.network.regions import RegionBatch
 from pipelines.network.weights_files import weights_metadata
 from pipelines.storage.checkpoints import load_weights, save_weights
 from tools.gpu_training.rendering import RegionRing, Renderers
-from tools.gpu_training.schedule import CLIP_NORM, LOG_SECONDS, Schedule
+from tools.gpu_training.schedule import Schedule
 
 FIRST_REGIONS = 1500  # before the first step
 

@@ -17,11 +17,12 @@ from pipelines.configs import DetectorConfig, FinetuneDetectorConfig
 from pipelines.learning.detector.detector_start import starting_detector
 from pipelines.learning.detector.detector_training import frames_loss
 from pipelines.learning.detector.frame_views import DetectorExample, random_example
+from pipelines.learning.loop.loop import CLIP_NORM, LOG_SECONDS
 from pipelines.learning.speed.weight_average import WeightAverage
 from pipelines.network.detection.detector import MODEL_NAME
 from pipelines.network.weights_files import weights_metadata
 from pipelines.storage.checkpoints import save_weights
-from tools.gpu_training.schedule import CLIP_NORM, LOG_SECONDS, Schedule
+from tools.gpu_training.schedule import Schedule
 from tools.gpu_training.small_frames import SmallFrames
 
 SAVE_SECONDS = 60.0

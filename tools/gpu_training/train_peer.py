@@ -18,7 +18,6 @@ from pipelines.configs import TrainBaselineConfig
 from pipelines.configs.settings import changed_by_text
 from pipelines.dataset.training.region_frames import split_frames
 from pipelines.learning.loop.loop import TrainingRun
-from pipelines.learning.loop.options import LoopOptions
 from pipelines.learning.loop.runs import RunRequest, find_progress
 from pipelines.learning.peers.peer import PeerTraining, count_peer_frames
 from pipelines.learning.peers.registry import trained_peer
@@ -56,8 +55,8 @@ def train_on_frames(
         torch.manual_seed(request.seed)
         trainee = method(sets, config, device, Processes())
     metadata = weights_metadata(PEER_NETWORKS[name][0], config.network)
-    run = TrainingRun(trainee, LoopOptions.of(config, request), output, stamp, metadata)
-    return str(run.report(STAGE, started, resumes=earlier is not None))
+    run = TrainingRun(trainee, config, request, output, stamp, metadata)
+    return str(run.report(started, resumes=earlier is not None))
 
 
 def main() -> None:

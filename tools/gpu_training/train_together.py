@@ -20,11 +20,12 @@ import torch
 from pipelines.configs import TrainConfig
 from pipelines.configs.presets import PRESETS
 from pipelines.learning.grasp_network.grasp_training import Sample
+from pipelines.learning.loop.loop import LOG_SECONDS
 from pipelines.network.model import SymmetryGraspNet
 from pipelines.network.weights_files import weights_metadata
 from pipelines.storage.checkpoints import load_weights, save_weights
 from tools.gpu_training.rendering import RegionRing, Renderers
-from tools.gpu_training.schedule import LOG_SECONDS, Schedule
+from tools.gpu_training.schedule import Schedule
 from tools.gpu_training.train import (
     GraphStep,
     drawn_sample,

@@ -13,6 +13,7 @@ from pipelines.dataset.training.detector_frames import DetectorFrame
 from pipelines.geometry.pointcloud import Plane
 from pipelines.network.detection.detector_input import detector_image
 from pipelines.network.detection.mask_rcnn import COLOR_CHANNELS
+from pipelines.storage.masks_rle import box_of_mask
 from pipelines.tabletop.depth_channels import SmallFrame
 
 MAX_ZOOM = 1.5
@@ -142,7 +143,7 @@ def as_example(view: DetectorFrame, kind: str) -> DetectorExample:
     """Return what the detector is shown of a frame and what it is to answer."""
     image = detector_image(view.frame, view.plane, kind)
     masks = masks_of(view.regions)
-    boxes = np.array([_box(mask) for mask in masks], np.float32).reshape(-1, 4)
+    boxes = np.array([box_of_mask(mask) for mask in masks], np.float32).reshape(-1, 4)
     target = {
         "boxes": torch.from_numpy(boxes),
         "labels": torch.ones(len(masks), dtype=torch.int64),
@@ -166,8 +167,3 @@ def masks_of(regions: NDArray[np.uint8]) -> Mask:
         if numbers
         else np.zeros((0, *regions.shape), bool)
     )
-
-
-def _box(mask: Mask) -> tuple[int, int, int, int]:
-    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
-    return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1

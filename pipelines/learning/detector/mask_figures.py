@@ -1,69 +1,34 @@
 """Average precision of masks, by COCO's own protocol and code."""
 
-import contextlib
-import io
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
-from pycocotools import mask as coco_mask
-from pycocotools.coco import COCO
-from pycocotools.cocoeval import COCOeval
 
-Masks = NDArray[np.bool_]
-MAX_DETECTIONS = 100
+from pipelines.array_types import Mask
+from pipelines.metrics.coco_masks import coco_average_precision, match_masks
 
 
 class MaskFigures:
     """Collects true and predicted masks frame by frame; `figures` sums them up."""
 
     def __init__(self) -> None:
-        self._images: list[dict[str, Any]] = []
-        self._truths: list[dict[str, Any]] = []
-        self._predictions: list[dict[str, Any]] = []
+        self._num_truth = 0
+        self._confidence: list[NDArray[np.floating]] = []
+        self._right: list[Mask] = []
 
-    def add(self, truth: Masks, predicted: Masks, confidence: NDArray[np.floating]) -> None:
+    def add(self, truth: Mask, predicted: Mask, confidence: NDArray[np.floating]) -> None:
         """Take in one frame: masks (n, h, w) and (m, h, w), confidences (m,)."""
-        image = len(self._images) + 1
-        height, width = truth.shape[1:]
-        self._images.append({"id": image, "height": height, "width": width})
-        for mask in truth:
-            number = len(self._truths) + 1
-            box = _encoded(mask) | {"id": number, "image_id": image, "iscrowd": 0}
-            self._truths.append(box | {"area": int(mask.sum())})
-        for mask, value in zip(predicted, confidence, strict=True):
-            self._predictions.append(_encoded(mask) | {"image_id": image, "score": float(value)})
+        self._num_truth += len(truth)
+        self._confidence.append(confidence)
+        self._right.append(match_masks(list(predicted), confidence.tolist(), list(truth)))
 
     def figures(self) -> dict[str, float]:
         """Return AP at IoU 0.5, AP averaged over IoU 0.5 to 0.95, and recall at IoU 0.5."""
-        if not self._truths or not self._predictions:
+        if not self._num_truth or not sum(map(len, self._confidence)):
             return {"mask_ap50": 0.0, "mask_ap": 0.0, "mask_recall50": 0.0}
-        with contextlib.redirect_stdout(io.StringIO()):  # the library prints its tables
-            truth = COCO()
-            dataset: Any = {
-                "info": {},
-                "images": self._images,
-                "annotations": self._truths,
-                "categories": [{"id": 1, "name": "region"}],
-            }
-            truth.dataset = dataset
-            truth.createIndex()
-            judge = COCOeval(
-                truth, truth.loadRes([dict(each) for each in self._predictions]), "segm"
-            )
-            judge.params.maxDets = [1, 10, MAX_DETECTIONS]
-            judge.evaluate()
-            judge.accumulate()
-        precision, recall = judge.eval["precision"], judge.eval["recall"]
+        right = np.concatenate(self._right, axis=1)
+        found = coco_average_precision(np.concatenate(self._confidence), right, self._num_truth)
         return {
-            "mask_ap50": float(precision[0, :, 0, 0, -1].mean()),
-            "mask_ap": float(precision[:, :, 0, 0, -1].mean()),
-            "mask_recall50": float(recall[0, 0, 0, -1]),
+            "mask_ap50": float(found[0]),
+            "mask_ap": float(found.mean()),
+            "mask_recall50": float(right[0].sum() / self._num_truth),
         }
-
-
-def _encoded(mask: Masks) -> dict[str, Any]:
-    return {
-        "segmentation": coco_mask.encode(np.asfortranarray(mask.astype(np.uint8))),
-        "category_id": 1,
-    }

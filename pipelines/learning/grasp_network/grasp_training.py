@@ -116,7 +116,8 @@ class GraspTraining:
             truth = loaded.to(self.device)
             prediction = module(truth.points, truth.ground, camera=truth.camera)
             points = truth.points[:, :: max(1, network.num_points // NUM_ERROR_POINTS)]
-            losses.append(float(total_loss(prediction, truth, None, self.config, points).total))
+            terms = total_loss(prediction, truth, None, self.config, points)
+            losses.append(float(terms["total"]))
             weights.append(len(truth))
             figures.add(prediction, truth)
         return {"loss": float(np.average(losses, weights=weights)), **figures.figures()}
@@ -153,7 +154,7 @@ def sample_loss(
     is_labelled = both.existence[:, SPHERE_SLOT] == 0
     is_labelled[: len(sample.regions)] = True
     points = gather(both.points, measured)
-    terms = total_loss(
+    return total_loss(
         network.predict(features),
         both.at(query),
         pair,
@@ -161,7 +162,6 @@ def sample_loss(
         points,
         is_labelled.to(points.dtype),
     )
-    return {name: getattr(terms, name) for name in terms.__dataclass_fields__}
 
 
 def replay(fault: Fault) -> dict[str, float]:

@@ -1,7 +1,6 @@
 """Figures of a grasp network on labelled regions, by which training is validated."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections import defaultdict
 
 import torch
 from scipy.stats import rankdata
@@ -19,54 +18,48 @@ from pipelines.network.regions import RegionBatch
 GRASPABLE = 0.5  # affordance above which a point is grasped (Sec. III-E)
 HIT = EvaluateConfig.symmetry_thresholds[0]  # dense error below which a plane is found, D. 11
 NUM_FIGURE_POINTS = 64  # of a region, on which dense errors are measured; chosen by eye
+MEDIANS = ("plane_angle_deg", "plane_dense_error", "axis_angle_deg", "sphere_offset_m")
 
 
-@dataclass
 class RegionFigures:
     """Errors of predictions on labelled regions, collected batch by batch."""
 
-    affordance: list[Tensor] = field(default_factory=list)
-    true_affordance: list[Tensor] = field(default_factory=list)
-    existence_right: list[Tensor] = field(default_factory=list)
-    plane_angle: list[Tensor] = field(default_factory=list)
-    plane_error: list[Tensor] = field(default_factory=list)
-    axis_angle: list[Tensor] = field(default_factory=list)
-    sphere_offset: list[Tensor] = field(default_factory=list)
+    def __init__(self) -> None:
+        self._parts: defaultdict[str, list[Tensor]] = defaultdict(list)
 
     @torch.no_grad()
     def add(self, prediction: Prediction, truth: RegionBatch) -> None:
         """Add the predictions for all points of one batch."""
         points = truth.points[:, :: max(1, truth.points.shape[1] // NUM_FIGURE_POINTS)]
-        weight = symmetry_weights(prediction.affordance)
+        parts, weight = self._parts, symmetry_weights(prediction.affordance)
         directions, centers = prediction.direction[:, :, :3], prediction.center[:, :, :3]
         truth = match_reflections(truth, points, directions, centers, weight)
-        mean = average_symmetries(prediction, weight)
-        self.affordance.append(prediction.affordance.flatten())
-        self.true_affordance.append(truth.affordance.flatten())
-        self.existence_right.append((mean.existence > 0.5) == (truth.existence > 0.5))
+        existence, means, lines = average_symmetries(prediction, weight)
+        parts["affordance"].append(prediction.affordance.flatten())
+        parts["true_affordance"].append(truth.affordance.flatten())
+        parts["right"].append((existence > 0.5) == (truth.existence > 0.5))
         for slot in range(NUM_REFLECTIONS):
             rows = truth.existence[:, slot] > 0
             normal, center = truth.direction[rows, slot], truth.center[rows, slot]
-            self.plane_angle.append(_angle_deg(mean.direction[rows, slot], normal))
+            parts["plane_angle_deg"].append(_angle_deg(lines[rows, slot], normal))
             error = reflection_errors(
-                points[rows],
-                mean.direction[rows, slot, None],
-                mean.center[rows, slot, None],
-                normal,
-                center,
+                points[rows], lines[rows, slot, None], means[rows, slot, None], normal, center
             )
-            self.plane_error.append(error[:, 0] / reflection_extent(points[rows], normal, center))
+            parts["plane_dense_error"].append(
+                error[:, 0] / reflection_extent(points[rows], normal, center)
+            )
         rows = truth.existence[:, ROTATION_SLOT] > 0
         axis = truth.direction[rows, ROTATION_SLOT]
-        self.axis_angle.append(_angle_deg(mean.direction[rows, ROTATION_SLOT], axis))
+        parts["axis_angle_deg"].append(_angle_deg(lines[rows, ROTATION_SLOT], axis))
         rows = truth.existence[:, SPHERE_SLOT] > 0
-        offset = mean.center[rows, SPHERE_SLOT] - truth.center[rows, SPHERE_SLOT]
-        self.sphere_offset.append(offset.norm(dim=-1))
+        offset = means[rows, SPHERE_SLOT] - truth.center[rows, SPHERE_SLOT]
+        parts["sphere_offset_m"].append(offset.norm(dim=-1))
 
     def figures(self) -> dict[str, float]:
         """Return the figures by name: degrees, metres, shares; kinds without truth are left out."""
-        affordance, truth = torch.cat(self.affordance), torch.cat(self.true_affordance)
-        right = torch.cat(self.existence_right).float().mean(0)
+        found = {name: torch.cat(parts) for name, parts in self._parts.items()}
+        affordance, truth = found["affordance"], found["true_affordance"]
+        right, errors = found["right"].float().mean(0), found["plane_dense_error"]
         figures = {
             "affordance_mae": float((affordance.clamp(0, 1) - truth).abs().mean()),
             "affordance_auc": area_under_roc(affordance, truth > GRASPABLE),
@@ -75,23 +68,10 @@ class RegionFigures:
             "rotation_accuracy": float(right[ROTATION_SLOT]),
             "sphere_accuracy": float(right[SPHERE_SLOT]),
         }
-        medians = {
-            "plane_angle_deg": self.plane_angle,
-            "plane_dense_error": self.plane_error,
-            "axis_angle_deg": self.axis_angle,
-            "sphere_offset_m": self.sphere_offset,
-        }
-        for name, parts in medians.items():
-            figures |= _median(name, parts)
-        errors = torch.cat(self.plane_error)
+        figures |= {name: float(found[name].median()) for name in MEDIANS if len(found[name])}
         return figures | (
             {"planes_found": float((errors < HIT).float().mean())} if len(errors) else {}
         )
-
-
-def _median(name: str, parts: Iterable[Tensor]) -> dict[str, float]:
-    values = torch.cat(list(parts))
-    return {name: float(values.median())} if len(values) else {}
 
 
 def _angle_deg(direction: Tensor, truth: Tensor) -> Tensor:

@@ -14,13 +14,25 @@ from typing import TYPE_CHECKING
 
 import torch
 
+from pipelines.configs import (
+    FinetuneDetectorConfig,
+    TrainBaselineConfig,
+    TrainConfig,
+    TrainCriticConfig,
+)
 from pipelines.errors import ValueRangeError
 from pipelines.learning.loop.draws import generator
 from pipelines.learning.loop.faults import describe_losses, save_fault
 from pipelines.learning.loop.keeping import Keeper
 from pipelines.learning.loop.loaders import load_ahead
-from pipelines.learning.loop.options import LoopOptions
-from pipelines.learning.loop.runs import Progress, checkpoint_path, describe, fault_path, log_folder
+from pipelines.learning.loop.runs import (
+    Progress,
+    RunRequest,
+    checkpoint_path,
+    describe,
+    fault_path,
+    log_folder,
+)
 from pipelines.learning.loop.trainee import Items, Trainee
 from pipelines.learning.progress.display import Display
 from pipelines.learning.speed.gradients import (
@@ -40,6 +52,11 @@ from pipelines.storage.provenance import Stamp
 if TYPE_CHECKING:
     from torch.utils.tensorboard import SummaryWriter
 
+LearningConfig = TrainConfig | FinetuneDetectorConfig | TrainCriticConfig | TrainBaselineConfig
+CLIP_NORM = 10.0  # longer gradients are shortened to it
+CHECKPOINT_SECONDS = 180.0  # between checkpoints
+LOG_SECONDS = 20.0  # between log lines
+
 
 class TrainingRun:
     """One training, from its first step or its checkpoint to its end or its time limit."""
@@ -47,18 +64,20 @@ class TrainingRun:
     def __init__(
         self,
         trainee: Trainee,
-        options: LoopOptions,
+        config: LearningConfig,
+        request: RunRequest,
         output: Path,
         stamp: Stamp,
         metadata: Mapping[str, str],
         processes: Processes | None = None,
     ) -> None:
-        self.trainee, self.options, self.output, self.stamp = trainee, options, output, stamp
+        self.trainee, self.config, self.request = trainee, config, request
+        self.output, self.stamp = output, stamp
         self.processes = processes or Processes()
         self.module = trainee.module
         self.parameters = [p for p in self.module.parameters() if p.requires_grad]
-        self.optimizer = torch.optim.Adam(self.parameters, lr=options.learning_rate)
-        self.average = WeightAverage(self.module, options.ema_decay)
+        self.optimizer = torch.optim.Adam(self.parameters, lr=config.learning_rate)
+        self.average = WeightAverage(self.module, config.ema_decay)
         self.keeper = Keeper(trainee, self.optimizer, self.average, output, stamp, metadata)
         self.progress = Progress()
         self.signals = StopSignals()
@@ -68,7 +87,7 @@ class TrainingRun:
         """Go back to where the checkpoint stands."""
         self.progress = self.keeper.restore()
 
-    def report(self, stage: str, started: float, *, resumes: bool) -> StageReport:
+    def report(self, started: float, *, resumes: bool) -> StageReport:
         """Train, from the checkpoint if it `resumes`; return the report of the stage.
 
         `started`: when the stage began, of the monotonic clock.
@@ -76,7 +95,8 @@ class TrainingRun:
         if resumes:
             self.resume()
         name, note = self.output.name, describe(self.run())
-        return StageReport(stage, [name], notes={name: note}, seconds=time.monotonic() - started)
+        seconds = time.monotonic() - started
+        return StageReport(self.stamp.stage, [name], notes={name: note}, seconds=seconds)
 
     def run(self) -> Progress:
         """Train, validate after each epoch and at the end, and return where it stands.
@@ -93,12 +113,12 @@ class TrainingRun:
             with self.signals.at_once():  # before the first step nothing is lost
                 self.writer = self._open_writer(stack)
             self.display = stack.enter_context(self._make_display())
-            stack.enter_context(intra_op_threads(self.options.threads))
+            stack.enter_context(intra_op_threads(self.request.threads))
             workers = stack.enter_context(self._make_workers())
             reason, is_saved = self._why_stop(), False
-            while self.progress.epoch < self.options.epochs and not reason:
+            while self.progress.epoch < self.config.epochs and not reason:
                 reason, is_saved = self._run_epoch(workers), True
-        self.progress.finished = self.progress.epoch >= self.options.epochs
+        self.progress.finished = self.progress.epoch >= self.config.epochs
         if self.progress.finished and self.processes.is_first:
             self.keeper.finish(self.progress)
         if self.progress.finished or not is_saved:
@@ -124,19 +144,16 @@ class TrainingRun:
         return writer
 
     def _make_display(self) -> Display:
-        shown, options = self.processes.is_first, self.options
-        return Display(shown=shown, bar=options.progress, seconds=options.log_seconds)
+        shown, bar = self.processes.is_first, self.request.progress
+        return Display(shown=shown, bar=bar, seconds=LOG_SECONDS)
 
     def _make_workers(self) -> GradientWorkers:
-        acceleration = self.options.acceleration
-        alone = not self.trainee.parallel or acceleration.compiled  # the compiler is of one thread
-        threads = 1 if alone else self.options.threads
-        stop = self._stop_alone()
-        return GradientWorkers(self.trainee, threads, self.processes, acceleration, stop)
+        threads = self.request.threads if self.trainee.parallel else 1
+        return GradientWorkers(self.trainee, threads, self.processes, self._stop_alone())
 
     def _run_epoch(self, workers: GradientWorkers) -> Reason:
         """Take the steps that are left of an epoch and save; return why to stop, if at all."""
-        epoch, seed = self.progress.epoch, self.options.seed
+        epoch, seed = self.progress.epoch, self.request.seed
         batches = self.trainee.epoch(epoch, generator(seed, epoch))
         if not len(batches):
             raise ValueRangeError("number of batches an epoch", 0, "at least 1")
@@ -148,7 +165,7 @@ class TrainingRun:
             return [(piece, piece.load(self.trainee, seed, epoch, step)) for piece in pieces]
 
         reason = Reason.NONE
-        loaded = load_ahead(load, remaining, self.options.loaders, self._stop_alone())
+        loaded = load_ahead(load, remaining, self.request.loaders, self._stop_alone())
         for step, pieces in zip(remaining, loaded, strict=False):  # fewer where it is to stop
             self._set_learning_rate(epoch + step / len(batches))
             try:
@@ -171,11 +188,11 @@ class TrainingRun:
         return reason
 
     def _step(self, workers: GradientWorkers, loaded: Sequence[Loaded]) -> None:
-        place = (self.options.seed, self.progress.epoch, self.progress.step)
+        place = (self.request.seed, self.progress.epoch, self.progress.step)
         losses, gradients = workers.gradients(loaded, place)
         for parameter, gradient in zip(self.parameters, gradients, strict=True):
             parameter.grad = gradient
-        norm = float(torch.nn.utils.clip_grad_norm_(self.parameters, self.options.clip_norm))
+        norm = float(torch.nn.utils.clip_grad_norm_(self.parameters, CLIP_NORM))
         if not all(math.isfinite(value) for value in (norm, *losses.values())):
             self._give_up(workers, loaded, losses | {"gradient": norm})
         workers.adopt_buffers()
@@ -188,7 +205,7 @@ class TrainingRun:
 
     def _give_up(self, workers: GradientWorkers, loaded: Sequence[Loaded], losses: Losses) -> None:
         """Keep the micro-batch that is at fault and say where it is."""
-        place = (self.options.seed, self.progress.epoch, self.progress.step)
+        place = (self.request.seed, self.progress.epoch, self.progress.step)
         fault, path = workers.find_fault(loaded, place), fault_path(self.output)
         number = fault[0].number if fault else -1
         last = self.processes.most(number)  # of the processes that found one, one keeps it
@@ -204,9 +221,9 @@ class TrainingRun:
         )
 
     def _set_learning_rate(self, epochs_done: float) -> None:
-        drops = math.floor(epochs_done / self.options.decay_epochs + 1e-9)
+        drops = math.floor(epochs_done / self.config.decay_epochs + 1e-9)
         for group in self.optimizer.param_groups:
-            group["lr"] = self.options.learning_rate * self.options.decay**drops
+            group["lr"] = self.config.learning_rate * self.config.decay**drops
 
     def _validate(self, *, whole_epoch: bool) -> None:
         if self.writer is not None:  # the other processes wait for the next step of the first
@@ -235,21 +252,21 @@ class TrainingRun:
 
     def _report_and_save(self, batches: Sequence[Items]) -> None:
         now, progress, total = time.monotonic(), self.progress, len(batches)
-        epoch = f"{progress.epoch + 1}/{self.options.epochs}"
+        epoch = f"{progress.epoch + 1}/{self.config.epochs}"
         self.display.step(epoch, progress.step, total, self._losses, self._seconds_left(total))
-        if self.writer is not None and now - self._logged > self.options.log_seconds:
+        if self.writer is not None and now - self._logged > LOG_SECONDS:
             self._logged = now
             for name, value in self._losses.items():
                 self.writer.add_scalar(f"train/{name}", value, progress.total_steps)
-        if now - self.keeper.saved > 60.0 * self.options.checkpoint_minutes:
+        if now - self.keeper.saved > CHECKPOINT_SECONDS:
             self._save_checkpoint()
 
     def _seconds_left(self, steps_an_epoch: int) -> float:
         done = self.progress.total_steps - self._steps_before
-        total = self.options.epochs * steps_an_epoch - self._steps_before
+        total = self.config.epochs * steps_an_epoch - self._steps_before
         seconds = self._elapsed() / done * (total - done)
-        if self.options.max_seconds is not None:
-            seconds = min(seconds, self.options.max_seconds - self._elapsed())
+        if self.request.max_seconds is not None:
+            seconds = min(seconds, self.request.max_seconds - self._elapsed())
         return seconds
 
     def _save_checkpoint(self) -> None:
@@ -266,7 +283,7 @@ class TrainingRun:
 
     def _why_stop(self) -> Reason:
         """Return why to stop, the same in all processes."""
-        limit, own = self.options.max_seconds, self.signals.reason
+        limit, own = self.request.max_seconds, self.signals.reason
         if limit is not None and self._elapsed() > limit:
             own = max(own, Reason.TIME_LIMIT)
         return Reason(self.processes.most(own))

@@ -23,8 +23,6 @@ class RunRequest:
         resume: go on with an unfinished run.
         overwrite: start again whatever is there.
         progress: show a progress bar on stderr instead of lines.
-        precision: of the large products of a step, float32 or bf16.
-        compiled: compile chains of layers.
         loaders: processes that load batches ahead; 0 for a thread of this one.
     """
 
@@ -35,8 +33,6 @@ class RunRequest:
     resume: bool = False
     overwrite: bool = False
     progress: bool = False
-    precision: str = "float32"
-    compiled: bool = False
     loaders: int = 0
 
 

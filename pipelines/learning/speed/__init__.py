@@ -1,1 +1,1 @@
-"""Speed of training: gradients, processes, precision, averaged weights."""
+"""Speed of training: gradients, processes, averaged weights."""

@@ -21,7 +21,6 @@ from torch import Tensor, nn
 
 from pipelines.learning.loop.draws import generator
 from pipelines.learning.loop.trainee import MicroBatch, Trainee
-from pipelines.learning.speed.acceleration import Acceleration
 from pipelines.learning.speed.processes import Processes
 from pipelines.learning.speed.shares import Piece
 
@@ -58,12 +57,10 @@ class GradientWorkers:
         trainee: Trainee,
         threads: int,
         processes: Processes | None = None,
-        acceleration: Acceleration | None = None,
         is_stopped: Callable[[], bool] | None = None,
     ) -> None:
         self._is_stopped = is_stopped or (lambda: False)
         self.trainee, self.processes = trainee, processes or Processes()
-        self.acceleration = acceleration or Acceleration()
         self.parameters = [p for p in trainee.module.parameters() if p.requires_grad]
         self._copies: list[nn.Module] = []
         self._buffers: list[tuple[Tensor, Tensor]] = []
@@ -126,10 +123,9 @@ class GradientWorkers:
     ) -> tuple[Losses, Gradients]:
         (piece, micro_batch), (seed, epoch, step) = loaded, place
         drawing = torch.Generator().manual_seed(loss_seed(seed, epoch, step, piece.number))
-        with self.acceleration.guarded():  # the way back is compiled when it is first gone
-            terms = self.trainee.loss(module, micro_batch, drawing)
-            total = terms["total"] * piece.share
-            gradients = torch.autograd.grad(total, self.parameters, allow_unused=True)
+        terms = self.trainee.loss(module, micro_batch, drawing)
+        total = terms["total"] * piece.share
+        gradients = torch.autograd.grad(total, self.parameters, allow_unused=True)
         filled = [
             torch.zeros_like(parameter) if gradient is None else gradient
             for gradient, parameter in zip(gradients, self.parameters, strict=True)
@@ -143,8 +139,7 @@ class GradientWorkers:
         module = self.trainee.module
         shared = {id(parameter): parameter for parameter in module.parameters()}
         while len(self._copies) < count:
-            made = copy.deepcopy(module, dict(shared))
-            self._copies.append(self.acceleration.apply(made))
+            self._copies.append(copy.deepcopy(module, dict(shared)))
         copies = self._copies[:count]
         for each in copies:
             each.train()

@@ -5,10 +5,10 @@ of batch norm: with two processes a step differs from that with one by rounding 
 """
 
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
+from pipelines.configs import FinetuneDetectorConfig, TrainBaselineConfig, TrainConfig
 from pipelines.errors import ValueRangeError
 from pipelines.learning.loop.draws import generator
 from pipelines.learning.loop.trainee import Items, MicroBatch, Trainee
@@ -41,30 +41,22 @@ class Piece:
 def cut(batch: Items, size: int, processes: Processes) -> list[Piece]:
     """Return this process's micro-batches of `batch`, at least one."""
     starts = range(0, len(batch), size)
+    parts = [batch[first : first + size] for first in starts]
     pieces = [
-        Piece(number, first, batch[first : first + size], len(batch[first : first + size]))
-        for number, first in enumerate(starts)
+        Piece(number, first, part, len(part) / len(batch))
+        for number, (first, part) in enumerate(zip(starts, parts, strict=True))
     ]
-    pieces = [replace(piece, share=piece.share / len(batch)) for piece in pieces]
     own = pieces[processes.rank :: processes.count]
     # An epoch smaller than a batch may leave a process without a piece: it adds nothing.
     return own or [replace(pieces[0], share=0.0)]
 
 
-class BatchConfig(Protocol):
-    """The settings of batches: their size, and that of micro-batches; 0 suits the device."""
-
-    @property
-    def batch_size(self) -> int:
-        """Items in a step."""
-
-    @property
-    def micro_batch_size(self) -> int:
-        """Items that are worked on together."""
-
-
-def micro_batch_size(config: BatchConfig, on_cpu: int, processes: Processes) -> int:
-    """Return the size of micro-batches.
+def micro_batch_size(
+    config: TrainConfig | FinetuneDetectorConfig | TrainBaselineConfig,
+    on_cpu: int,
+    processes: Processes,
+) -> int:
+    """Return the size of micro-batches: the setting, or where it is 0 what suits the device.
 
     A CPU is quickest on a few items at a time, in several threads; a GPU on its whole share.
     `on_cpu` is 0 where there is a GPU.

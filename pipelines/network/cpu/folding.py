@@ -14,8 +14,9 @@ from torch import Tensor, nn
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 from torchvision.models.resnet import Bottleneck
 
+from pipelines.array_types import Floats, Indices
+from pipelines.geometry.numerics.compiled import compiled
 from pipelines.network.cpu.cloudwise import CloudChain, CloudLinear, RowLinear, taken_apart
-from pipelines.network.cpu.interpolation import add_interpolated
 from pipelines.network.heads import Heads
 from pipelines.network.pift import PIFT, ConvolutionPIFT
 from pipelines.network.pointnet2 import FeaturePropagation, PointNorm, SetAbstraction
@@ -82,9 +83,24 @@ class FoldedPropagation(nn.Module):
         near = zip(*(each.numpy() for each in (coarse, index, weight)), strict=True)
         for cloud, out, (rows, places, weights) in zip(features, found, near, strict=True):
             hidden = self.fine.of_cloud(cloud)
-            add_interpolated(True, rows, places, weights, hidden.numpy())
+            add_interpolated(rows, places, weights, hidden.numpy())
             out.copy_(self.joined.of_cloud(hidden))
         return found
+
+
+@compiled
+def add_interpolated(coarse: Floats, places: Indices, weights: Floats, fine: Floats) -> None:
+    """Add to `fine` (m, c) weighted sums of rows (n, c) of `coarse`; leave nothing below zero.
+
+    `places` and `weights` are (m, 3).
+    """
+    least = fine.dtype.type(0.0)
+    for m in range(len(fine)):
+        i, j, k = places[m, 0], places[m, 1], places[m, 2]
+        u, v, w = weights[m, 0], weights[m, 1], weights[m, 2]
+        for c in range(fine.shape[1]):
+            value = u * coarse[i, c] + v * coarse[j, c] + w * coarse[k, c] + fine[m, c]
+            fine[m, c] = least if value < least else value
 
 
 def _folded_propagation(propagation: FeaturePropagation) -> FoldedPropagation:

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from pipelines.array_types import Floats, Indices
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.network import devices
-from pipelines.network.cpu.cloudwise import CloudLinear, each_cloud
+from pipelines.network.cpu.cloudwise import each_cloud
 from pipelines.network.cpu.products import linear
 
 Members = NDArray[np.int32]
@@ -26,9 +26,8 @@ ROWS = 2048  # members of groups that are worked on at a time, about
 
 def applies_to(projected: Tensor, offset: Tensor, neighbors: Tensor, group: nn.Linear) -> bool:
     """Return whether `fast_pooled_groups` may be used: on a CPU, in the precision of the inputs."""
-    del offset, neighbors
-    in_full = type(group) in {nn.Linear, CloudLinear} and not torch.is_autocast_enabled("cpu")
-    return devices.on_cpu(projected) and in_full
+    del offset, neighbors, group
+    return devices.on_cpu(projected) and not torch.is_autocast_enabled("cpu")
 
 
 def fast_pooled_groups(

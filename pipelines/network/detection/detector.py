@@ -16,7 +16,8 @@ from pipelines.configs import DetectorConfig
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.pointcloud import Plane
-from pipelines.network.cpu.detection.inference import for_inference
+from pipelines.network.cpu.folding import folded
+from pipelines.network.cpu.roi_align import ChannelsLastRoIAlign
 from pipelines.network.detection.detector_input import detector_image
 from pipelines.network.detection.mask_rcnn import build_detector
 from pipelines.network.devices import find_device
@@ -46,10 +47,12 @@ class RegionDetector:
 
     def __init__(self, model: MaskRCNN, config: DetectorConfig, device: torch.device) -> None:
         self.config, self.device = config, device
-        self.model = for_inference(model.to(device))
+        self.model = folded(model.to(device)).to(memory_format=torch.channels_last)
+        heads = self.model.roi_heads
+        for pooling in (heads.box_roi_pool, heads.mask_roi_pool):
+            pooling.__class__ = ChannelsLastRoIAlign  # the class alone decides how it pools
         # Boxes that `detect` drops need no mask: a weaker box never suppresses a stronger one.
-        least = max(config.candidate_confidence, config.min_confidence)
-        self.model.roi_heads.score_thresh = least
+        heads.score_thresh = max(config.candidate_confidence, config.min_confidence)
 
     @classmethod
     def load(cls, path: Path, device: str = "auto") -> Self:

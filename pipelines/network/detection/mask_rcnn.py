@@ -7,6 +7,7 @@ import torch
 from torch import Tensor, nn
 from torchvision.models.detection import MaskRCNN, maskrcnn_resnet50_fpn
 from torchvision.models.detection.anchor_utils import AnchorGenerator
+from torchvision.models.detection.faster_rcnn import FastRCNNPredictor
 from torchvision.models.detection.image_list import ImageList
 from torchvision.models.detection.mask_rcnn import MaskRCNNHeads
 from torchvision.models.detection.transform import GeneralizedRCNNTransform
@@ -149,7 +150,7 @@ def _light(in_channels: int, config: DetectorConfig) -> MaskRCNN:
         rpn_batch_size_per_image=128,
         box_roi_pool=MultiScaleRoIAlign(names, output_size=7, sampling_ratio=2),
         box_head=_BoxHead(LIGHT_WIDTH * 7 * 7, LIGHT_HIDDEN),
-        box_predictor=_BoxPredictor(LIGHT_HIDDEN),
+        box_predictor=FastRCNNPredictor(LIGHT_HIDDEN, NUM_CLASSES),
         box_batch_size_per_image=96,
         mask_roi_pool=MultiScaleRoIAlign(names, output_size=14, sampling_ratio=2),
         mask_head=MaskRCNNHeads(LIGHT_WIDTH, (LIGHT_WIDTH,) * 3, 1),
@@ -167,16 +168,6 @@ class _BoxHead(nn.Sequential):
             nn.Linear(hidden, hidden),
             nn.ReLU(),
         )
-
-
-class _BoxPredictor(nn.Module):
-    def __init__(self, hidden: int) -> None:
-        super().__init__()
-        self.cls_score = nn.Linear(hidden, NUM_CLASSES)
-        self.bbox_pred = nn.Linear(hidden, 4 * NUM_CLASSES)
-
-    def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
-        return self.cls_score(features), self.bbox_pred(features)
 
 
 class _MaskPredictor(nn.Sequential):

@@ -8,7 +8,9 @@ import shutil
 import signal
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
+from unittest import mock
 
 import pytest
 import torch
@@ -17,11 +19,12 @@ from hypothesis import strategies as st
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from torch import nn
 
+from pipelines.configs import TrainConfig
 from pipelines.errors import SymgraspError, ValueRangeError
+from pipelines.learning.loop import loop
 from pipelines.learning.loop.draws import generator
 from pipelines.learning.loop.faults import read_fault
 from pipelines.learning.loop.loop import TrainingRun
-from pipelines.learning.loop.options import LoopOptions
 from pipelines.learning.loop.runs import (
     Progress,
     RunRequest,
@@ -37,8 +40,8 @@ from pipelines.runtime.stopping import Reason, StopSignals, TrainingStopped
 from pipelines.storage.checkpoints import load_weights
 from pipelines.storage.provenance import make_stamp
 
-OPTIONS = LoopOptions(epochs=3, learning_rate=0.01, decay=0.5, decay_epochs=1.0, ema_decay=0.9)
-OPTIONS_OFTEN = LoopOptions(**{**vars(OPTIONS), "checkpoint_minutes": 0.0})
+CONFIG = TrainConfig(epochs=3, learning_rate=0.01, decay=0.5, decay_epochs=1.0, ema_decay=0.9)
+REQUEST = RunRequest(threads=1)
 STAMP = make_stamp("train", {"a": 1})
 
 
@@ -90,8 +93,12 @@ class Killed(BaseException):
     """What a SIGKILL is to a test that wants to go on."""
 
 
-def trained(output, options=OPTIONS, resume=False, trainee=None):
-    run = TrainingRun(trainee or Line(), options, output, STAMP, {"model": "Line"})
+def new_run(output, trainee, config=CONFIG, request=REQUEST):
+    return TrainingRun(trainee, config, request, output, STAMP, {"model": "Line"})
+
+
+def trained(output, config=CONFIG, request=REQUEST, resume=False, trainee=None):
+    run = new_run(output, trainee or Line(), config, request)
     if resume:
         run.resume()
     return run, run.run()
@@ -128,7 +135,7 @@ def test_a_resumed_run_ends_with_the_same_bytes_as_one_that_never_stopped(
 ):
     output = tmp_path / "line.safetensors"
     for count in steps:
-        run = TrainingRun(kind(), OPTIONS, output, STAMP, {"model": "Line"})
+        run = new_run(output, kind())
         if checkpoint_path(output).exists():
             run.resume()
         stop_after(run, count)
@@ -141,7 +148,7 @@ def test_a_resumed_run_ends_with_the_same_bytes_as_one_that_never_stopped(
 
 def test_what_a_stop_leaves_may_be_better_than_any_end_of_an_epoch(tmp_path):
     """The case that makes the test above worth something."""
-    run = TrainingRun(Restless(), OPTIONS, tmp_path / "x.safetensors", STAMP, {"model": "Line"})
+    run = new_run(tmp_path / "x.safetensors", Restless())
     stop_after(run, 14)
     progress = run.run()
     assert progress.kept["loss"] < progress.figures["loss"] == progress.best
@@ -160,15 +167,15 @@ def test_a_run_killed_at_any_moment_and_resumed_gives_the_same_bytes(whole, mome
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "line.safetensors"
         for number, moment in enumerate(moments):
-            run = TrainingRun(kind(), OPTIONS_OFTEN, output, STAMP, {"model": "Line"})
+            run = new_run(output, kind())
             if checkpoint_path(output).exists():
                 run.resume()
             if number == 1:
                 stop_after(run, run.progress.total_steps + moment // 3)
             kill_at(run, moment)
-            with contextlib.suppress(Killed):
+            with contextlib.suppress(Killed), mock.patch.object(loop, "CHECKPOINT_SECONDS", 0.0):
                 run.run()
-        run = TrainingRun(kind(), OPTIONS, output, STAMP, {"model": "Line"})
+        run = new_run(output, kind())
         if find_progress(output, STAMP, RunRequest(resume=True)) is not None:
             run.resume()
         run.run()
@@ -275,7 +282,7 @@ def test_a_step_that_takes_long_is_abandoned_between_its_micro_batches(tmp_path,
 
     trainee.loss = signalled
     with pytest.raises(TrainingStopped) as stopped:
-        trained(output, LoopOptions(**{**vars(OPTIONS), "threads": 1}), trainee=trainee)
+        trained(output, trainee=trainee)
     assert stopped.value.exit_code == 143
     assert next(calls) == 5
     assert find_progress(output, STAMP, RunRequest(resume=True)).total_steps == 2
@@ -319,16 +326,15 @@ def test_a_second_interrupt_does_not_wait():
 
 def test_the_number_of_threads_changes_nothing(tmp_path):
     for threads in (1, 2):
-        options = LoopOptions(**{**vars(OPTIONS), "threads": threads})
-        trained(tmp_path / f"{threads}.safetensors", options)
+        trained(tmp_path / f"{threads}.safetensors", request=RunRequest(threads=threads))
     one, two = (load_weights(tmp_path / f"{n}.safetensors")[0] for n in (1, 2))
     assert all(torch.equal(one[name], two[name]) for name in one)
 
 
 def test_training_learns(tmp_path):
     before = Line().validate()["loss"]
-    options = LoopOptions(**{**vars(OPTIONS), "epochs": 12, "decay": 1.0})
-    _, progress = trained(tmp_path / "line.safetensors", options)
+    config = replace(CONFIG, epochs=12, decay=1.0)
+    _, progress = trained(tmp_path / "line.safetensors", config)
     assert progress.best < 0.3 * before
 
 
@@ -348,8 +354,8 @@ def test_the_learning_rate_drops_on_its_schedule(tmp_path):
 
 
 def test_a_time_limit_stops_cleanly_with_a_checkpoint(tmp_path):
-    options = LoopOptions(**{**vars(OPTIONS), "max_seconds": 0.0})
-    _, progress = trained(tmp_path / "line.safetensors", options)
+    request = replace(REQUEST, max_seconds=0.0)
+    _, progress = trained(tmp_path / "line.safetensors", request=request)
     assert not progress.finished
     assert checkpoint_path(tmp_path / "line.safetensors").exists()
 
@@ -410,7 +416,7 @@ def test_accumulated_gradients_are_those_of_the_whole_batch(size):
 
 def test_an_unfinished_run_asks_what_to_do(tmp_path):
     output = tmp_path / "line.safetensors"
-    trained(output, LoopOptions(**{**vars(OPTIONS), "max_seconds": 0.0}))
+    trained(output, request=replace(REQUEST, max_seconds=0.0))
     with pytest.raises(SymgraspError, match="--resume"):
         find_progress(output, STAMP, RunRequest())
     assert find_progress(output, STAMP, RunRequest(overwrite=True)) is None
@@ -433,7 +439,7 @@ def test_scalars_are_kept_for_tensorboard(tmp_path):
 def test_a_training_that_starts_anew_is_the_only_one_in_its_curves(tmp_path):
     output, tag = tmp_path / "line.safetensors", "val/loss"
     for epochs in (3, 2):
-        trained(output, LoopOptions(**{**vars(OPTIONS), "epochs": epochs}))
+        trained(output, replace(CONFIG, epochs=epochs))
         time.sleep(1.1)  # TensorBoard's files are ordered by their names, which count seconds
     read = EventAccumulator(str(tmp_path / "line.logs"))
     read.Reload()
@@ -444,7 +450,7 @@ def test_a_training_that_starts_anew_is_the_only_one_in_its_curves(tmp_path):
 
 def test_the_picture_of_a_resumed_run_is_that_of_a_whole_one(tmp_path, whole):
     output = tmp_path / "line.safetensors"
-    run = TrainingRun(Line(), OPTIONS, output, STAMP, {"model": "Line"})
+    run = new_run(output, Line())
     stop_after(run, 20)  # the end of an epoch
     run.run()
     trained(output, resume=True)

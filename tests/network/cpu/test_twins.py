@@ -133,10 +133,6 @@ def test_a_cloud_gets_the_same_features_without_the_private_linear_layer(monkeyp
 PRIVATE = {
     "network/cpu/products.py": {"torch.ops.mkldnn._linear_pointwise"},
     "network/cpu/torchvision_start.py": {"torch._dynamo.utils"},
-    "learning/speed/acceleration.py": {
-        "torch._dynamo.config",
-        "torch._dynamo.exc.TorchDynamoException",
-    },
 }
 
 

@@ -23,17 +23,6 @@ ROUNDING = 1e-6  # levels, as torchvision has it
 class ChannelsLastRoIAlign(MultiScaleRoIAlign):  # type: ignore[misc] # untyped library
     """torchvision's `MultiScaleRoIAlign`, on the CPU for `channels_last` maps without gradients."""
 
-    @classmethod
-    def like(cls, pooling: MultiScaleRoIAlign) -> "ChannelsLastRoIAlign":
-        """Return one with the same output as `pooling`."""
-        return cls(
-            pooling.featmap_names,
-            pooling.output_size,
-            pooling.sampling_ratio,
-            canonical_scale=pooling.canonical_scale,
-            canonical_level=pooling.canonical_level,
-        )
-
     def forward(
         self,
         maps: Mapping[str, Tensor],  # (B, C, h, w) each

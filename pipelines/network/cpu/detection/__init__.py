@@ -1,1 +1,0 @@
-"""The parts of Mask R-CNN that save time at inference."""

@@ -14,19 +14,10 @@ from pipelines.array_types import Array, Indices, Mask
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.geometry.rendering import first_hits
-from pipelines.geometry.symmetry import Symmetry
+from pipelines.geometry.symmetry import ObjectRegion, Symmetry
 from pipelines.geometry.transforms import invert, rotate_vectors, transform_points
 
 NUM_VISIBILITY_SAMPLES = 500
-
-
-@dataclass(frozen=True)
-class ObjectRegion:
-    """A region of an object: its triangles (k,) and symmetries, object frame."""
-
-    name: str
-    triangles: Indices
-    symmetries: tuple[Symmetry, ...]
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipelines.array_types import Array
+from pipelines.array_types import Array, Indices
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.transforms import rotate_vectors, rotation_about, transform_points
 
@@ -142,6 +142,15 @@ class SphereSymmetry:
 
 
 Symmetry = ReflectionSymmetry | RotationSymmetry | SphereSymmetry
+
+
+@dataclass(frozen=True)
+class ObjectRegion:
+    """A region of an object: indices (k,) of its mesh's triangles, and symmetries, object frame."""
+
+    name: str
+    triangles: Indices
+    symmetries: tuple[Symmetry, ...]
 
 
 def symmetry_of_slot(slot: int, point: Array, direction: Array) -> Symmetry:

@@ -24,10 +24,11 @@ from pipelines.dataset.training.packed_regions import PackedReader
 from pipelines.errors import SymgraspError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh
-from pipelines.geometry.region_masks import ObjectRegion, RegionedObject, visible_regions
+from pipelines.geometry.region_masks import RegionedObject, visible_regions
 from pipelines.geometry.symmetry import (
     ROTATION_SLOT,
     SPHERE_SLOT,
+    ObjectRegion,
     ReflectionSymmetry,
     RotationSymmetry,
     SphereSymmetry,

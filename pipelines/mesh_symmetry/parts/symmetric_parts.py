@@ -7,14 +7,15 @@ An object without symmetry is cut further: by the mirror plane that explains mos
 nearly convex pieces.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipelines.array_types import Indices, Mask
+from pipelines.array_types import Mask
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.geometry.meshes.mesh import Mesh
-from pipelines.geometry.symmetry import Symmetry
+from pipelines.geometry.symmetry import ObjectRegion, Symmetry
 from pipelines.mesh_symmetry.detection.surface import diameter
 from pipelines.mesh_symmetry.detection.symmetry_detection import MeshSymmetries
 from pipelines.mesh_symmetry.parts.convex_parts import convex_owner
@@ -29,15 +30,6 @@ SMALL_OBJECT = 0.5  # of its object's diameter; a part as large as this is grasp
 MAX_LOOSE_SHARE = 0.2  # largest share beside bodies that is ungraspable: a mug, but not a peach
 MIN_DETAIL = 0.1  # least share of a symmetric part that is cut out of an object without symmetry
 MIN_CUT_SHARE = 0.2  # smaller parts are not cut into convex pieces
-
-
-@dataclass(frozen=True)
-class SymmetricRegion:
-    """A region of a mesh: sorted indices of its `triangles` (k,), and its symmetries."""
-
-    name: str
-    triangles: Indices
-    symmetries: list[Symmetry]
 
 
 @dataclass(frozen=True)
@@ -59,13 +51,13 @@ class _Cutting:
 
 def symmetric_regions(
     mesh: Mesh, detection: MeshSymmetries, config: AnnotateSymmetryConfig, rng: np.random.Generator
-) -> list[SymmetricRegion]:
+) -> list[ObjectRegion]:
     """Return the symmetric regions of `mesh`, mesh frame, given the `detection` of the whole.
 
     No triangle is in two regions. An object without any symmetric part is one region, the whole,
     without symmetries.
     """
-    whole = SymmetricRegion(WHOLE_REGION, np.arange(len(mesh.faces)), detection.symmetries)
+    whole = ObjectRegion(WHOLE_REGION, np.arange(len(mesh.faces)), tuple(detection.symmetries))
     if any(is_round(symmetry) for symmetry in detection.symmetries):
         return [whole]
     parts = SampledParts.of(mesh, NUM_SAMPLES, rng)
@@ -79,7 +71,7 @@ def symmetric_regions(
     return _regions(parts, pieces)
 
 
-def has_slot(symmetries: list[Symmetry]) -> bool:
+def has_slot(symmetries: Sequence[Symmetry]) -> bool:
     """Return whether the network predicts any of `symmetries`: not the discrete rotations."""
     return any(getattr(symmetry, "order", None) is None for symmetry in symmetries)
 
@@ -205,16 +197,16 @@ def _with_scraps(cutting: _Cutting, piece: _Piece, scraps: list[Mask]) -> _Piece
     return piece
 
 
-def _regions(parts: SampledParts, pieces: list[_Piece]) -> list[SymmetricRegion]:
+def _regions(parts: SampledParts, pieces: list[_Piece]) -> list[ObjectRegion]:
     owner = np.full(NUM_SAMPLES, NO_PART, dtype=np.int64)
     for index, piece in enumerate(pieces):
         owner[piece.members] = index
     of_faces = parts.owner_of_faces(owner)
-    regions: list[SymmetricRegion] = []
+    regions: list[ObjectRegion] = []
     for index, piece in enumerate(pieces):
         triangles = np.flatnonzero(of_faces == index)
         kind = "body" if piece.is_body else "part"
         number = sum(region.name.startswith(kind) for region in regions)
         if len(triangles):
-            regions.append(SymmetricRegion(f"{kind}{number}", triangles, piece.symmetries))
+            regions.append(ObjectRegion(f"{kind}{number}", triangles, tuple(piece.symmetries)))
     return regions

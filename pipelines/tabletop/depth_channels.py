@@ -16,6 +16,7 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.geometry.pointcloud import Plane
 from pipelines.tabletop.organized import image_normals
+from pipelines.tabletop.sparse_depth import nearest_measured
 from pipelines.tabletop.tabletop import find_tabletop
 
 CHANNEL_NAMES = ("normal_x", "normal_y", "upright", "height", "step", "missing")
@@ -96,38 +97,12 @@ def depth_channels(depth: Singles, intrinsics: Intrinsics, plane: Plane) -> Sing
         channels[-1] = 1.0
         return channels
     smooth = np.asarray(cv2.medianBlur(depth.astype(np.float32), 3), np.float32)
-    filled = fill_missing(np.where(missing, np.float32(0.0), smooth))
+    filled = nearest_measured(np.where(missing, np.float32(0.0), smooth), mask_size=3)
     rays = intrinsics.image_plane
     normals = image_normals(filled, *rays, FIT_RADIUS)
     blurred = np.asarray(cv2.blur(filled, (5, 5)), np.float32)
     place = (*plane.normal.tolist(), float(plane.offset))
     return np.moveaxis(_channels(filled, blurred, missing, normals, rays, place), -1, 0)
-
-
-def fill_missing(depth: Singles) -> Singles:
-    """Return `depth` (h, w) with zeros replaced by the value of the nearest measured pixel."""
-    missing = ~(depth > 0)
-    if not missing.any() or missing.all():
-        return depth
-    _, label = cv2.distanceTransformWithLabels(
-        missing.astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    return _nearest(depth, np.asarray(label, np.int32))
-
-
-@compiled
-def _nearest(depth: Singles, label: NDArray[np.int32]) -> Singles:
-    """Return the one depth over 0 among the pixels with the same `label` (h, w), as (h, w)."""
-    value = np.zeros(depth.size + 1, np.float32)
-    filled = np.empty_like(depth)
-    for row in range(depth.shape[0]):
-        for column in range(depth.shape[1]):
-            if depth[row, column] > 0:
-                value[label[row, column]] = depth[row, column]
-    for row in range(depth.shape[0]):
-        for column in range(depth.shape[1]):
-            filled[row, column] = value[label[row, column]]
-    return filled
 
 
 @compiled

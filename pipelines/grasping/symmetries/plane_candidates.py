@@ -5,8 +5,6 @@ plane of anything on the table from half its height. Each source names planes th
 planes named twice are kept once.
 """
 
-from collections.abc import Sequence
-
 import cv2
 import numpy as np
 
@@ -157,21 +155,12 @@ def _outline_angle(flat: Array) -> float:
     return float(np.radians(cv2.minAreaRect(flat.astype(np.float32))[2]))
 
 
-def distinct_planes(
-    planes: Sequence[ReflectionSymmetry], angle: float, offset: float = np.inf
-) -> list[ReflectionSymmetry]:
+def merged_planes(
+    planes: list[ReflectionSymmetry], sources: Indices, angle: float, offset: float
+) -> tuple[list[ReflectionSymmetry], Indices]:
     """Return `planes` without those within `angle` (radians) and `offset` (metres) of one before.
 
-    `offset` is taken along the earlier plane's normal.
-    """
-    return merged_planes(planes, np.zeros(len(planes), np.int64), angle, offset)[0]
-
-
-def merged_planes(
-    planes: Sequence[ReflectionSymmetry], sources: Indices, angle: float, offset: float
-) -> tuple[list[ReflectionSymmetry], Indices]:
-    """Return the planes that `distinct_planes` keeps, and the sources of all that each stands for.
-
+    And the sources of all that each stands for. `offset` is taken along the earlier plane's normal;
     `sources` (k,) are bits, as in `sources.py`.
     """
     normal = np.array([plane.normal for plane in planes]).reshape(-1, 3)

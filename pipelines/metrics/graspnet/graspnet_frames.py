@@ -7,6 +7,7 @@ The exact way: contacts where rays meet triangles, collision of triangles, an en
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -22,12 +23,11 @@ from pipelines.metrics.graspnet.graspnet_ap import AP_FRICTIONS, FAILED, ranked,
 from pipelines.metrics.graspnet.grid_contacts import close_fingers_on_grid
 from pipelines.metrics.graspnet.peer_collision import (
     MIN_INNER,
-    meets_mesh,
+    box_hits,
     meets_points,
-    meets_table,
     table_cloud,
 )
-from pipelines.metrics.mesh_collision import MeshCollider
+from pipelines.metrics.mesh_collision import MeshCollider, hits_table
 
 # What becomes of a ranked grasp, in the order in which it can fail.
 DUMP_REASONS = ("collision", "empty", "no contact", "friction", "held")
@@ -128,14 +128,15 @@ class ExactScene:
 
     def collisions(self, grasps: GraspPoses, depth: Array, owner: Indices) -> tuple[Mask, Mask]:
         """Test the gripper's boxes against all triangles; nothing is empty that has contacts."""
-        hit = meets_table(grasps, depth, self.T_table_cam)
+        hit = box_hits(partial(hits_table, T_table_grasps=self.T_table_cam), grasps, depth)
         for each, pose in zip(self.objects, self.poses, strict=True):
             free = np.flatnonzero(~hit)
             local = grasps[free].transformed(invert(pose))
-            hit[free] = meets_mesh(each.collider, local, depth[free])
+            hit[free] = box_hits(each.collider.hits, local, depth[free])
         for wall in self.around:
             free = np.flatnonzero(~hit)
-            hit[free] = meets_mesh(wall, grasps[free].transformed(self.T_table_cam), depth[free])
+            local = grasps[free].transformed(self.T_table_cam)
+            hit[free] = box_hits(wall.hits, local, depth[free])
         return hit, np.zeros(len(owner), np.bool_)
 
     def contacts(self, which: int, grasps: GraspPoses) -> Contacts:

@@ -104,12 +104,6 @@ class EvaluatedRun:
             self.sums.setdefault(metric, array("d")).append(value)
         return place
 
-    def add_predictions(
-        self, place: int, metric: str, scored: ScoredPredictions | None, key: str
-    ) -> None:
-        """Add the predictions of one frame that `metric` ranks, right or wrong at `key`."""
-        self.predictions.setdefault(metric, RunPredictions()).add(place, scored, key)
-
     def figure(self, metric: str, names: Sequence[str]) -> FrameFigure:
         """Return `metric` over the frames called `names`, in that order."""
         places = np.array([self.frames[name] for name in names], np.int64)

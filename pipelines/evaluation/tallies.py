@@ -106,13 +106,11 @@ class ReportTally:
     """All methods on many frames, by split; the split `all` holds every frame.
 
     Attributes:
-        frames: how many.
         seconds: that `infer` took, of the frames of which it is known.
         masks: by split; the same for all methods.
         rows: by method and split.
     """
 
-    frames: int = 0
     seconds: "array[float]" = field(default_factory=_floats)
     masks: defaultdict[str, PredictionTally] = field(
         default_factory=lambda: defaultdict(PredictionTally)
@@ -134,7 +132,6 @@ class ReportTally:
 
     def add(self, record: FrameRecord) -> None:
         """Add one frame's record."""
-        self.frames += 1
         if np.isfinite(record.seconds):
             self.seconds.append(record.seconds)
         for split in (record.split, ALL):

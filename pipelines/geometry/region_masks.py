@@ -73,24 +73,15 @@ def visible_regions(
     for object_id, pose in poses:
         if object_id not in objects:
             continue
-        T_cam_obj = np.asarray(pose, np.float64)
-        shown = label == object_id + 1
-        instances += _object_instances(object_id, objects[object_id], shown, intrinsics, T_cam_obj)
-    return instances
-
-
-def _object_instances(
-    object_id: int, posed: RegionedObject, shown: Mask, intrinsics: Intrinsics, T_cam_obj: Array
-) -> list[RegionInstance]:
-    owner = _region_image(posed, shown, intrinsics, T_cam_obj)
-    instances = []
-    for index, region in enumerate(posed.regions):
-        mask = owner == index
-        if not mask.any():
-            continue
-        symmetries = tuple(symmetry.transformed(T_cam_obj) for symmetry in region.symmetries)
-        visible = _visible_share(posed.mesh, region, mask, intrinsics, T_cam_obj)
-        instances.append(RegionInstance(object_id, region.name, mask, visible, symmetries))
+        posed, T_cam_obj = objects[object_id], np.asarray(pose, np.float64)
+        owner = _region_image(posed, label == object_id + 1, intrinsics, T_cam_obj)
+        for index, region in enumerate(posed.regions):
+            mask = owner == index
+            if not mask.any():
+                continue
+            symmetries = tuple(symmetry.transformed(T_cam_obj) for symmetry in region.symmetries)
+            visible = _visible_share(posed.mesh, region, mask, intrinsics, T_cam_obj)
+            instances.append(RegionInstance(object_id, region.name, mask, visible, symmetries))
     return instances
 
 

@@ -53,7 +53,9 @@ def shrink(
     Colour is averaged; depth takes the nearest pixel, since an average across an edge would lie
     between the surfaces. `color`: None if the detector does not use it.
     """
-    width, height = small_size(intrinsics, min_size, max_size)
+    sides = intrinsics.width, intrinsics.height
+    scale = min(min_size / min(sides), max_size / max(sides))
+    width, height = (max(1, round(scale * side)) for side in sides)
     small = intrinsics.resized(width, height)
     if color is None:
         color = np.zeros((height, width, 3), np.uint8)
@@ -62,13 +64,6 @@ def shrink(
         color = np.asarray(averaged, np.uint8)
     picked = cv2.resize(depth, (width, height), interpolation=cv2.INTER_NEAREST_EXACT)
     return SmallFrame(color, np.asarray(picked, np.float32), small)
-
-
-def small_size(intrinsics: Intrinsics, min_size: int, max_size: int) -> tuple[int, int]:
-    """Return the width and height in pixels that `shrink` resizes to."""
-    sides = intrinsics.width, intrinsics.height
-    scale = min(min_size / min(sides), max_size / max(sides))
-    return max(1, round(scale * sides[0])), max(1, round(scale * sides[1]))
 
 
 def find_plane(frame: SmallFrame) -> Plane:

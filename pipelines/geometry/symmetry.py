@@ -1,7 +1,7 @@
 """The three symmetries of the paper, and the network's five slots for them (Sec. III-E, Fig. 5)."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -208,11 +208,6 @@ class SymmetrySlots:
     def symmetry(self, slot: int) -> Symmetry:
         """Return the symmetry that the parameters of `slot` describe."""
         return symmetry_of_slot(slot, self.point[slot], self.direction[slot])
-
-    def existing(self, threshold: float = 0.5) -> list[tuple[int, Symmetry]]:
-        """Return (slot, symmetry) of every slot whose existence exceeds `threshold`."""
-        slots: Sequence[int] = np.flatnonzero(self.existence > threshold).tolist()
-        return [(slot, self.symmetry(slot)) for slot in slots]
 
     def transformed(self, T: ArrayLike) -> "SymmetrySlots":
         """Return the slots of the object moved by the (4, 4) transform `T`."""

@@ -12,7 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from pipelines.array_types import Array, Indices
+from pipelines.array_types import Array
 from pipelines.configs import CandidateConfig, SelectionConfig
 from pipelines.geometry.numerics.quantiles import quantiles
 from pipelines.grasping.candidates.candidates import GraspCandidates
@@ -223,29 +223,18 @@ class RegionPlanner:
         pair = order[row]
         wanted = ranking.min_stability, self.config.ranking.max_ranked
         free, enclosed = feasibility.first_free(grasps, stability[pair], *wanted)
-        found = self._measured(candidates, pair[free], grasps[free], enclosed, feasibility)
-        best = self._best_first(found, stability[pair[free]], feasibility, ranking)
-        return with_opening_margin(best, feasibility, self.config.ranking.clearance_cap)
-
-    def _measured(
-        self,
-        candidates: GraspCandidates,
-        pair: Indices,
-        grasps: GraspPoses,
-        enclosed: Array,
-        feasibility: Feasibility,
-    ) -> RankedGrasps:
-        """Return `grasps` (n,) at the pairs `pair` (n,) with b and h of Eq. 8, not yet ranked."""
-        ranking = self.config.ranking
-        return RankedGrasps(
+        grasps, pair, caps = grasps[free], pair[free], self.config.ranking
+        found = RankedGrasps(  # with b and h of Eq. 8, not yet ranked
             grasps,
             candidates.affordance[pair],
             candidates.slot[pair],
             np.full(len(pair), candidates.source),
-            clearance=feasibility.clearance(grasps, ranking.clearance_cap),
-            enclosed_height=np.minimum(enclosed, ranking.enclosed_height_cap),
+            clearance=feasibility.clearance(grasps, caps.clearance_cap),
+            enclosed_height=np.minimum(enclosed, caps.enclosed_height_cap),
             rank_score=np.zeros(len(pair)),
         )
+        best = self._best_first(found, stability[pair], feasibility, ranking)
+        return with_opening_margin(best, feasibility, caps.clearance_cap)
 
     def _best_first(
         self, found: RankedGrasps, stability: Array, feasibility: Feasibility, ranking: Ranking

@@ -24,12 +24,6 @@ def of_output(output: Path, items: Sequence[WorkItem]) -> Iterator[Found]:
             yield items[place], output, place
 
 
-def of_shards(items: Iterable[WorkItem]) -> Iterator[Found]:
-    """Yield the frames of `items`, whose shards are there."""
-    for item in items:
-        yield item, item.target, 0
-
-
 def draw_missing(
     settings: Settings, frames: Iterable[Found], options: BatchOptions
 ) -> dict[str, str]:

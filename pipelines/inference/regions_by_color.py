@@ -40,7 +40,7 @@ def with_color(
         intrinsics: of the image.
         config: thresholds.
     """
-    work = _Completion(pieces, segments, depth, intrinsics, config.region.color)
+    work = _Completion(segments, depth, intrinsics, config.region.color)
     count = len(pieces.whole)
     inside = np.array([np.bincount(pieces.labels[r.mask], minlength=count) for r in regions])
     inside = inside.reshape(len(regions), count)
@@ -70,7 +70,6 @@ def with_color(
 
 @dataclass(frozen=True)
 class _Completion:
-    pieces: ColorPieces
     segments: GeometricRegions
     depth: Depth
     intrinsics: Intrinsics

@@ -114,13 +114,7 @@ Pass = Symmetric | Planar | Random
 
 @dataclass(frozen=True)
 class RegionPlanner:
-    """The selection of grasps, region by region.
-
-    Attributes:
-        gripper: that grasps.
-        config: thresholds.
-        critic: of grasps; None to rank by Eq. 8.
-    """
+    """The selection of grasps, region by region; without a critic they are ranked by Eq. 8."""
 
     gripper: Gripper
     config: SelectionConfig
@@ -156,12 +150,7 @@ class RegionPlanner:
         """Return feasible grasps of `region`, best first.
 
         The sides of other regions that no camera sees are kept off, unless that leaves no grasp
-        (D. 85).
-
-        Args:
-            region: to grasp.
-            scene: that the gripper must not touch.
-            passes: kinds of candidates; None for `passes()`.
+        (D. 85). `passes`: kinds of candidates; None for `passes()`.
         """
         if len(region.cloud) < MIN_POINTS:
             return RankedGrasps.empty()

@@ -60,14 +60,9 @@ def find_regions(
 ) -> tuple[list[Region], int]:
     """Return the regions of a frame, and how many more are below `min_region_pixels`.
 
-    Args:
-        color: (H, W, 3) RGB.
-        depth: (H, W) metres, 0 = missing.
-        intrinsics: of both.
-        segments: the pieces that the depth alone shows.
-        config: thresholds.
-        detector: None for none.
-        masks: (H, W) the user's instance ids, 0 = background; with these nothing else is found.
+    `color` is (H, W, 3) RGB, `depth` (H, W) metres, 0 = missing. `segments` are the pieces that the
+    depth alone shows. With `masks`, (H, W) the user's instance ids, 0 = background, nothing else is
+    found.
     """
     if masks is not None:
         regions = [Region(masks == i, 1.0, "masks") for i in np.unique(masks[masks > 0])]

@@ -30,15 +30,9 @@ def with_color(
     intrinsics: Intrinsics,
     config: InferConfig,
 ) -> list[Region]:
-    """Return `regions` (n) as the `pieces` of colour complete and join them, and new ones.
+    """Return disjoint `regions` as the `pieces` of colour complete and join them, and new ones.
 
-    Args:
-        regions: disjoint.
-        pieces: of the same image.
-        segments: the support plane, and the pixels measured on it.
-        depth: (H, W) metres, 0 = missing.
-        intrinsics: of the image.
-        config: thresholds.
+    `depth`: (H, W) metres, 0 = missing.
     """
     work = _Completion(segments, depth, intrinsics, config.region.color)
     count = len(pieces.whole)

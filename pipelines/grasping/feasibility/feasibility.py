@@ -25,14 +25,9 @@ ROUNDING = 1e-6  # metres
 
 @dataclass(frozen=True)
 class Feasibility:
-    """The checks of grasps at one region.
+    """The checks of grasps at one region, which must not meet the points `around`.
 
-    Attributes:
-        gripper: that grasps.
-        scene: that the region lies in.
-        around: the points that the gripper must not meet.
-        border: the sides at which the image cuts the region off; None where it does not.
-        config: thresholds.
+    `border`: the sides at which the image cuts the region off; None where it does not.
     """
 
     gripper: Gripper

@@ -43,13 +43,9 @@ def candidate_planes(
 ) -> tuple[list[ReflectionSymmetry], Indices]:
     """Return k planes worth a look, each with its point next to the region's middle; their sources.
 
-    Args:
-        slots: predicted for the region, camera frame.
-        axis: the best axis of rotation.
-        points: (n, 3) metres, camera frame.
-        normals: (n, 3) unit.
-        table: normal toward the camera; None where none is known.
-        allowed: sources to look at.
+    Of a region with `points` (n, 3), metres, and unit `normals` (n, 3); all in the camera frame.
+    `axis` is the best axis of rotation, the `table`'s normal points to the camera; `allowed` are
+    the sources to look at.
     """
     middle = points.mean(axis=0)
     named = [(slots.direction[k], slots.point[k], NETWORK) for k in REFLECTION_SLOTS]

@@ -33,15 +33,8 @@ def write_report_files(
 ) -> dict[str, str]:
     """Write `output` and the page beside it from the records of scenes, one scene in memory.
 
-    Args:
-        output: `report.json`.
-        scenes: the records, scene by scene.
-        runs: the grasps that were evaluated.
-        config: thresholds.
-        stamp: how the records were made.
-        success: a row's `success.json`, by row.
-        failed: scenes that could not be evaluated and are left out, to why.
-        tables: further ones.
+    `stamp`: how the records were made of `runs`. `success`: a row's `success.json`, by row.
+    `failed`: scenes that could not be evaluated and are left out, to why. `tables`: further ones.
 
     Returns:
         What could not be drawn: frame to sentence.

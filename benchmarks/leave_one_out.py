@@ -34,10 +34,10 @@ from pipelines.evaluation.run_readers import DEFAULT_ROW, read_run
 from pipelines.evaluation.truth import FrameTruth, TruthReader
 from pipelines.geometry.pointcloud import Plane
 from pipelines.inference import models
-from pipelines.inference.predicted_regions import Predictor, RegionOutput
 from pipelines.inference.run_settings import InferPaths
 from pipelines.metrics.grasp_verdicts import TrueScene
 from pipelines.metrics.symmetry_matching import TrueRegion
+from pipelines.network.predictor import GraspPredictor, RegionPrediction
 from pipelines.runtime.batch import BatchOptions
 from pipelines.storage.files import write_text
 
@@ -96,13 +96,13 @@ class RememberedDetector:
 class RememberedPredictor:
     """A grasp network that looks at each region once: others of a list do not matter (D. 61)."""
 
-    def __init__(self, predictor: Predictor, memory: Memory) -> None:
-        def predict_one(cloud: Array, table: Plane | None) -> RegionOutput:
+    def __init__(self, predictor: GraspPredictor, memory: Memory) -> None:
+        def predict_one(cloud: Array, table: Plane | None) -> RegionPrediction:
             return predictor.predict([cloud], table)[0]
 
         self._predict_one = memory.remembering(predict_one)
 
-    def predict(self, clouds: Sequence[Array], table: Plane | None) -> list[RegionOutput]:
+    def predict(self, clouds: Sequence[Array], table: Plane | None) -> list[RegionPrediction]:
         """Return one prediction for each cloud (n, 3) on `table`, camera frame."""
         return [self._predict_one(cloud, table) for cloud in clouds]
 

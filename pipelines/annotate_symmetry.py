@@ -108,6 +108,6 @@ def _summary(labels: ObjectSymmetries) -> str:
     kinds = [symmetry.kind for symmetry in labels.symmetries]
     counts = [f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds)]
     text = ", ".join(counts) or "no symmetry"
-    if has_slot(list(labels.symmetries)) and len(labels.regions) == 1:
+    if has_slot(labels.symmetries) and len(labels.regions) == 1:
         return text
     return f"{text}; regions: {', '.join(region.name for region in labels.regions) or 'none'}"

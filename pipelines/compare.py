@@ -30,7 +30,7 @@ from pipelines.evaluation.tallies import ALL
 from pipelines.metrics.paired_bootstrap import FEWEST_UNITS, Difference, differences
 from pipelines.pictures.pages import rendered
 from pipelines.runtime.one_run import one_run_at_a_time
-from pipelines.storage.files import write_json, write_text
+from pipelines.storage.files import finite_json, write_json, write_text
 from pipelines.storage.provenance import (
     Stamp,
     digest,
@@ -249,11 +249,8 @@ def _write(output: Path, found: Comparison, reports: Sequence[Path], stamp: Stam
     for figure in found.figures:
         figures.setdefault(figure.split, {})[figure.metric] = {
             "frames": figure.frames,
-            "values": [_finite(value) for value in figure.values],
-            "differences": [
-                {key: _finite(value) for key, value in asdict(difference).items()}
-                for difference in figure.differences
-            ],
+            "values": figure.values,
+            "differences": [asdict(difference) for difference in figure.differences],
         }
     content = {
         "runs": [
@@ -266,11 +263,7 @@ def _write(output: Path, found: Comparison, reports: Sequence[Path], stamp: Stam
         "format_version": FORMAT_VERSION,
         "provenance": stamp.as_json(),
     }
-    write_json(output, content)
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+    write_json(output, finite_json(content))
 
 
 def _number(value: float) -> str:

@@ -34,7 +34,7 @@ from pipelines.evaluation.records import (
     records_folder,
     write_frame_records,
 )
-from pipelines.evaluation.report_files import EvaluatedGrasps, write_report_files
+from pipelines.evaluation.report_files import write_report_files
 from pipelines.evaluation.rows import OURS
 from pipelines.evaluation.tables import Table, report_tables
 from pipelines.evaluation.truth import TruthReader
@@ -85,9 +85,15 @@ def run(
     step = functools.partial(_evaluate_scene, dataset, config, baselines)
     report = run_batch("evaluate", items, step, options)
     if not options.dry_run:
-        evaluated = EvaluatedGrasps(runs.paths, runs.root, config, stamp)
         report.notes |= write_report_files(
-            output, _finished(items), evaluated, simulated, report.failed, further
+            output,
+            _finished(items),
+            runs,
+            config,
+            stamp,
+            success=simulated,
+            failed=report.failed,
+            tables=further,
         )
     return report
 

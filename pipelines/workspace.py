@@ -19,7 +19,7 @@ from pipelines.array_types import Mask
 from pipelines.configs import InferConfig, LimitsConfig, WorkspaceConfig
 from pipelines.errors import SymgraspError
 from pipelines.frames.frames import find_frames
-from pipelines.frames.rgbd import Frame, FrameSource
+from pipelines.frames.rgbd import FrameSource
 from pipelines.frames.rgbd_folder import NOTHING_STATED, FrameOptions
 from pipelines.grasping.feasibility.limits import check_limits
 from pipelines.grasping.feasibility.workspace_box import WorkspaceBox, suggested_box
@@ -122,14 +122,9 @@ def _draw(source: FrameSource, folder: Path, config: WorkspaceConfig, found: Wor
     frame = source.read()
     seen = observe(frame, GEOMETRIC, np.random.default_rng(0))
     box = frame_box(seen, config)
-    inside = _pixels_inside(frame, seen, box)
+    inside = box.contains(seen.scene.xyz) | (frame.depth <= 0)  # pixels without depth too
     masks: Sequence[Mask] = [region.mask for region in seen.regions]
     write_image(folder / f"{source.name}.png", draw_workspace(frame, box, inside, masks))
     write_image(folder / f"{source.name}_mask.png", inside.astype(np.uint8) * 255)
     found.boxes[source.name] = box
     found.report.notes[source.name] = f"{len(masks)} regions; {box.options}"
-
-
-def _pixels_inside(frame: Frame, seen: Observation, box: WorkspaceBox) -> Mask:
-    """Return (H, W) pixels whose points lie in the box, and those without depth."""
-    return box.contains(seen.scene.xyz) | (frame.depth <= 0)

@@ -135,17 +135,14 @@ def _mesh_jobs(source: Path, output_dir: Path | None) -> list[Named]:
         )
     meshes = find_meshes(source)
     count = Counter(path.stem for path in meshes)
-    return [
-        (path.stem, output_dir / f"{path.stem}.json", Job(path))
-        if count[path.stem] == 1
-        else (path.name, output_dir / f"{path.name}.json", _refused(path))
-        for path in meshes
-    ]
-
-
-def _refused(path: Path) -> Job:
-    found = f"{path} shares its name with another mesh of the folder"
-    return Job(path, refusal=f"{found}, and both would be {path.stem}.json; rename one")
+    jobs = []
+    for path in meshes:
+        name, refusal = path.stem, None
+        if count[name] > 1:
+            found = f"{path} shares its name with another mesh of the folder"
+            name, refusal = path.name, f"{found}, and both would be {path.stem}.json; rename one"
+        jobs.append((name, output_dir / f"{name}.json", Job(path, refusal=refusal)))
+    return jobs
 
 
 def _item(

@@ -17,10 +17,10 @@ from pipelines.dataset.symmetry.symmetry_labels import (
     FOUND,
     FROM_BOP,
     ObjectSymmetries,
-    RegionLabel,
 )
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.symmetry import (
+    ObjectRegion,
     ReflectionSymmetry,
     RotationSymmetry,
     SphereSymmetry,
@@ -34,7 +34,6 @@ from pipelines.mesh_symmetry.detection.symmetry_detection import (
 from pipelines.mesh_symmetry.doubt import Gauge
 from pipelines.mesh_symmetry.parts.symmetric_parts import (
     WHOLE_REGION,
-    SymmetricRegion,
     has_slot,
     symmetric_regions,
 )
@@ -96,9 +95,8 @@ def annotate(
         regions = _given_regions(mesh, regions_path, config, rng)
     else:
         decided = replace(detection, symmetries=list(labels.symmetries))
-        found = _found_regions(cleaned, decided, config, rng)
-        regions = [replace(r, triangles=_in_file(mesh, kept, r.triangles)) for r in found]
-    return replace(labels, regions=_labels_of(regions)), notes
+        regions = _found_regions(mesh, cleaned, kept, decided, config, rng)
+    return replace(labels, regions=regions), notes
 
 
 def correct(
@@ -121,9 +119,8 @@ def correct(
     if regions_path is not None:
         return labels, notes
     detection = replace(analyse(cleaned, config, rng), symmetries=list(labels.symmetries))
-    found = _found_regions(cleaned, detection, config, rng)
-    regions = [replace(r, triangles=_in_file(mesh, kept, r.triangles)) for r in found]
-    return replace(labels, regions=_labels_of(regions)), notes
+    regions = _found_regions(mesh, cleaned, kept, detection, config, rng)
+    return replace(labels, regions=regions), notes
 
 
 def _edited(
@@ -184,33 +181,36 @@ def _measured(
 
 
 def _found_regions(
-    mesh: Mesh, detection: MeshSymmetries, config: AnnotateSymmetryConfig, rng: np.random.Generator
-) -> list[SymmetricRegion]:
-    """Return the symmetric parts of a clean `mesh`; without cutting, the whole if symmetric."""
+    mesh: Mesh,
+    clean: Mesh,
+    kept: Indices,
+    detection: MeshSymmetries,
+    config: AnnotateSymmetryConfig,
+    rng: np.random.Generator,
+) -> tuple[ObjectRegion, ...]:
+    """Return the symmetric parts of `mesh`; without cutting, the whole if symmetric.
+
+    `clean`: the triangles `kept` (k,) of `mesh`, on which the symmetries were detected.
+    """
+    found: list[ObjectRegion] = []
     if config.cut_objects:
-        return symmetric_regions(mesh, detection, config, rng)
-    if not has_slot(detection.symmetries):
-        return []
-    return [SymmetricRegion(WHOLE_REGION, np.arange(len(mesh.faces)), detection.symmetries)]
+        found = symmetric_regions(clean, detection, config, rng)
+    elif has_slot(detection.symmetries):
+        whole = np.arange(len(clean.faces))
+        found = [ObjectRegion(WHOLE_REGION, whole, tuple(detection.symmetries))]
+    return tuple(replace(each, triangles=_in_file(mesh, kept, each.triangles)) for each in found)
 
 
 def _given_regions(
     mesh: Mesh, path: Path, config: AnnotateSymmetryConfig, rng: np.random.Generator
-) -> list[SymmetricRegion]:
+) -> tuple[ObjectRegion, ...]:
     regions = []
     for given in manual_regions.read(path, mesh):
-        stated = given.symmetries
-        found = (
-            detect_symmetries(mesh.submesh(given.triangles), config, rng)
-            if stated is None
-            else list(stated)
-        )
-        regions.append(SymmetricRegion(given.name, given.triangles, found))
-    return regions
-
-
-def _labels_of(regions: Sequence[SymmetricRegion]) -> tuple[RegionLabel, ...]:
-    return tuple(RegionLabel(r.name, r.triangles, tuple(r.symmetries)) for r in regions)
+        found = given.symmetries
+        if found is None:
+            found = tuple(detect_symmetries(mesh.submesh(given.triangles), config, rng))
+        regions.append(ObjectRegion(given.name, given.triangles, found))
+    return tuple(regions)
 
 
 def _in_file(mesh: Mesh, kept: Indices, triangles: Indices) -> Indices:

@@ -40,13 +40,9 @@ NUM_POINTS = 1500  # of a region that carry affordance, as the network has
 
 @dataclass(frozen=True)
 class Baselines:
-    """The baselines, with the settings of `infer`.
+    """The baselines, with the gripper and the settings of `infer`.
 
-    Attributes:
-        reader: of the ground truth.
-        gripper: as for `infer`.
-        config: as for `infer`.
-        critic: ranks the oracle's grasps, as `infer` ranks its own; None for Eq. 8.
+    `critic` ranks the oracle's grasps, as `infer` ranks its own; None for Eq. 8.
     """
 
     reader: TruthReader
@@ -130,13 +126,8 @@ def rows_of(
 ) -> dict[str, RegionRow]:
     """Return the rows of one frame, and where wanted those of `baselines` on our regions.
 
-    Args:
-        predictions: by row, ours among them; each on regions of its own.
-        files: of the frame.
-        truth: of the frame.
-        config: when a region is an object's.
-        baselines: None for none.
-        seed: of the random ones; one seed gives the same grasps.
+    `predictions`: by row, ours among them; each on regions of its own. One `seed` gives the same
+    random grasps.
     """
     rows = {
         name: RegionRow(each.row, each.masks, assign_regions(each.masks, truth, config))

@@ -41,10 +41,7 @@ def report_rows(
     return {
         row: {
             split: split_figures(
-                tally.rows[row].get(split, RowTally()),
-                tally.masks.get(split, PredictionTally()),
-                thresholds,
-                sphere_threshold,
+                tally.rows[row][split], tally.masks[split], thresholds, sphere_threshold
             )
             for split in _splits(tally)
         }
@@ -132,9 +129,7 @@ def _symmetry_ap(
     """Return all-point AP by kind; None where no truth, or where a method predicts none."""
     return {
         kind: _defined(
-            average_precision(
-                *_predictions_of(row, kind).pooled(_key(kind, threshold, sphere_threshold))
-            )
+            average_precision(*row.symmetries[kind].pooled(_key(kind, threshold, sphere_threshold)))
         )
         for kind in SYMMETRY_KINDS
     }
@@ -143,7 +138,7 @@ def _symmetry_ap(
 def _curves_of(
     row: RowTally, kind: str, thresholds: Sequence[float], sphere_threshold: float
 ) -> dict[str, list[float]]:
-    scored = _predictions_of(row, kind)
+    scored = row.symmetries[kind]
     keys = dict.fromkeys(_key(kind, threshold, sphere_threshold) for threshold in thresholds)
     if not scored.num_truth:
         return {}
@@ -151,10 +146,6 @@ def _curves_of(
         key: interpolated_precision(*scored.pooled(key), CURVE_RECALLS).round(4).tolist()
         for key in keys
     }
-
-
-def _predictions_of(row: RowTally, kind: str) -> PredictionTally:
-    return row.symmetries.get(kind, PredictionTally())
 
 
 def _held_share(row: RowTally) -> list[float]:

@@ -11,7 +11,7 @@ from pipelines.evaluation.predictions import FramePredictions, RowPredictions, S
 from pipelines.evaluation.records import FrameRecord, RowRecord, ScoredPredictions, threshold_key
 from pipelines.evaluation.truth import FrameTruth
 from pipelines.geometry.symmetry import SYMMETRY_KINDS
-from pipelines.geometry.transforms import invert, transform_points
+from pipelines.geometry.transforms import invert, nearest_orthogonal, transform_points
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
 from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
@@ -142,8 +142,8 @@ def _accuracy(found: ScoredGrasps | None, truth: FrameTruth, gripper: Gripper) -
     """Return the mean accuracy over ranks at each of `AP_FRICTIONS`, by GraspNet's protocol."""
     if found is None:
         return [0.0] * len(AP_FRICTIONS)
-    u, _, v = np.linalg.svd(found.grasps.rotation)  # stored in single precision
-    grasps = GraspPoses(u @ v, found.grasps.translation, found.grasps.width)
+    exact = nearest_orthogonal(found.grasps.rotation)  # stored in single precision
+    grasps = GraspPoses(exact, found.grasps.translation, found.grasps.width)
     mean: list[float] = truth.scene.accuracy(grasps, found.score, gripper).mean(axis=0).tolist()
     return mean
 

@@ -104,12 +104,6 @@ class EvaluatedRun:
             self.sums.setdefault(metric, array("d")).append(value)
         return place
 
-    def add_predictions(
-        self, place: int, metric: str, scored: ScoredPredictions | None, key: str
-    ) -> None:
-        """Add the predictions of one frame that `metric` ranks, right or wrong at `key`."""
-        self.predictions.setdefault(metric, RunPredictions()).add(place, scored, key)
-
     def figure(self, metric: str, names: Sequence[str]) -> FrameFigure:
         """Return `metric` over the frames called `names`, in that order."""
         places = np.array([self.frames[name] for name in names], np.int64)
@@ -143,19 +137,15 @@ def paired_frames(runs: Sequence[EvaluatedRun]) -> list[str]:
                 "runs are paired by the names of their frames"
             )
         for name in common:
-            _check_truth(name, first, other)
+            one, two = first.truth[first.frames[name]], other.truth[other.frames[name]]
+            if one != two:
+                what = "visible objects" if one[0] != two[0] else "masks or symmetries to find"
+                raise SymgraspError(
+                    f"{name} has other {what} in {other.name} than in {first.name}: evaluated on "
+                    "another dataset, with other labels or other settings, these runs cannot be "
+                    "paired"
+                )
     shared = set(first.frames).intersection(*(other.frames for other in others))
     if not shared:
         raise SymgraspError("no frame is in all of the runs; compare fewer of them")
     return sorted(shared)
-
-
-def _check_truth(name: str, first: EvaluatedRun, other: EvaluatedRun) -> None:
-    one, two = first.truth[first.frames[name]], other.truth[other.frames[name]]
-    if one == two:
-        return
-    what = "visible objects" if one[0] != two[0] else "masks or symmetries to find"
-    raise SymgraspError(
-        f"{name} has other {what} in {other.name} than in {first.name}: evaluated on another "
-        "dataset, with other labels or other settings, these runs cannot be paired"
-    )

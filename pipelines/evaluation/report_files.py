@@ -1,15 +1,14 @@
 """Writing a report from the records of its scenes: `report.json`, and the page beside it."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from pipelines.configs import EvaluateConfig
-from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.evaluation import reports
 from pipelines.evaluation.figures import Figures, report_curves, report_rows
 from pipelines.evaluation.intervals import RowIntervals
+from pipelines.evaluation.other_runs import ComparedRuns
 from pipelines.evaluation.pages.gallery import FrameChoice, draw_gallery
 from pipelines.evaluation.pages.report_page import report_page
 from pipelines.evaluation.records import FrameRecord
@@ -21,41 +20,27 @@ from pipelines.storage.files import write_text
 from pipelines.storage.provenance import Stamp
 
 
-@dataclass(frozen=True)
-class EvaluatedGrasps:
-    """What a report is about.
-
-    Attributes:
-        paths: by row, ours among them, the grasps.h5 that were evaluated.
-        root: the dataset it was evaluated against.
-        config: thresholds.
-        stamp: how the records were made.
-    """
-
-    paths: Mapping[str, Path]
-    root: GraspNetRoot
-    config: EvaluateConfig
-    stamp: Stamp
-
-
 def write_report_files(
     output: Path,
     scenes: Iterable[list[FrameRecord]],
-    evaluated: EvaluatedGrasps,
-    success: Mapping[str, Mapping[str, Any]] | None = None,
-    failed: Mapping[str, str] | None = None,
-    tables: Sequence[Mapping[str, Any]] = (),
+    runs: ComparedRuns,
+    config: EvaluateConfig,
+    stamp: Stamp,
+    *,
+    success: Mapping[str, Mapping[str, Any]],
+    failed: Mapping[str, str],
+    tables: Sequence[Mapping[str, Any]],
 ) -> dict[str, str]:
     """Write `output` and the page beside it from the records of scenes, one scene in memory.
 
-    `success`: a row's `success.json`, by row. `failed`: scenes that could not be evaluated and are
-    left out, to why. `tables`: further ones.
+    `stamp`: how the records were made of `runs`. `success`: a row's `success.json`, by row.
+    `failed`: scenes that could not be evaluated and are left out, to why. `tables`: further ones.
 
     Returns:
         What could not be drawn: frame to sentence.
     """
-    thresholds, sphere = evaluated.config.symmetry_thresholds, evaluated.config.sphere_threshold
-    tally, choices = ReportTally(), {row: FrameChoice(row) for row in evaluated.paths}
+    thresholds, sphere = config.symmetry_thresholds, config.sphere_threshold
+    tally, choices = ReportTally(), {row: FrameChoice(row) for row in runs.paths}
     intervals = RowIntervals(threshold_keys(thresholds[0], sphere))
     for records in scenes:
         for choice in choices.values():
@@ -66,7 +51,7 @@ def write_report_files(
     rows = report_rows(tally, thresholds, sphere)
     intervals.add_to(rows)
     more: dict[str, Any] = {
-        "failed": dict(failed or {}),
+        "failed": dict(failed),
         "curves": report_curves(tally, thresholds, sphere),
     }
     if success:
@@ -74,8 +59,8 @@ def write_report_files(
     if tables:
         more["tables"] = list(tables)
     more["seconds_per_frame"] = tally.seconds_per_frame
-    reports.write_report(output, rows, evaluated.stamp, **more)
-    gallery, faults = draw_gallery(choices, evaluated.paths, evaluated.root)
+    reports.write_report(output, rows, stamp, **more)
+    gallery, faults = draw_gallery(choices, runs.paths, runs.root)
     write_text(output.with_suffix(".html"), report_page(reports.read_report(output), gallery))
     return faults
 

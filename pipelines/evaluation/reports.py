@@ -33,15 +33,10 @@ def write_report(
     seconds_per_frame: float | None = None,
     **more: Any,  # noqa: ANN401 - JSON is any of many types
 ) -> None:
-    """Write a report.
+    """Write a report with `more` JSON entries.
 
-    Args:
-        path: where to.
-        rows: row, of `evaluation.rows`, to split (seen, similar, novel, all) to figures;
-            a figure that could not be computed, nan, is stored as null.
-        stamp: how it was made.
-        seconds_per_frame: median time of `infer`.
-        more: further JSON entries.
+    `rows`: row, of `evaluation.rows`, to split (seen, similar, novel, all) to figures; a figure
+    that could not be computed, nan, is stored as null. `seconds_per_frame`: median of `infer`.
     """
     content = {
         "rows": rows,

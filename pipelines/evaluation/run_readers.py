@@ -12,7 +12,7 @@ from pipelines.dataset.graspnet.graspnet_layout import split_of_scene
 from pipelines.errors import FormatError, MissingInputError, UnknownNameError
 from pipelines.evaluation import reports
 from pipelines.evaluation.graspnet.dump_verdicts import read_dump_verdicts, scenes_folder
-from pipelines.evaluation.paired_runs import MASKS, EvaluatedRun
+from pipelines.evaluation.paired_runs import MASKS, EvaluatedRun, RunPredictions
 from pipelines.evaluation.records import (
     FrameRecord,
     RowRecord,
@@ -157,7 +157,7 @@ def add_record(
         sums |= ap_figures(row.accuracy)
     place = run.add(record.name, record.split, truth, len(row.verdicts), sums)
     for metric, scored in zip(PRECISIONS, (*symmetries, record.masks), strict=True):
-        run.add_predictions(place, metric, scored, keys[metric])
+        run.predictions.setdefault(metric, RunPredictions()).add(place, scored, keys[metric])
 
 
 def _read_dump(run: EvaluatedRun, path: Path, scenes: list[Path], camera: str) -> None:

@@ -179,7 +179,11 @@ def symmetry_table(rows: ReportRows) -> Table:
     body = [(row.method, "test set", *map(_number, row.figures)) for row in published.SYMMETRY_AP]
     for row, split, figures in _cells(rows):
         if any(value is not None for value in figures["symmetry_ap"].values()):
-            found = (_precision(figures, kind) for kind in SYMMETRY_KINDS)
+            found = (
+                _number(figures["symmetry_ap"][kind])
+                + _between(figures, f"symmetry_ap {kind}", ".2f")
+                for kind in SYMMETRY_KINDS
+            )
             body.append((report_row(row).title, split, *found))
     for threshold, ap in rows.get(OURS, {}).get(ALL, {}).get("symmetry_ap_strict", {}).items():
         cells = (_number(ap[kind]) if kind != "sphere" else "" for kind in SYMMETRY_KINDS)
@@ -235,7 +239,7 @@ def reason_table(rows: ReportRows) -> Table:
     reasons = [r for r in REASONS if any(figures["reasons"].get(r) for _, _, figures in cells)]
     body = tuple(
         (report_row(row).title, split, str(figures["objects"]),
-         *(_percent(figures, reason) for reason in reasons))
+         *(f"{100.0 * figures['reasons'].get(r, 0) / figures['objects']:.0f}" for r in reasons))
         for row, split, figures in cells
     )  # fmt: skip
     header = ("method", "split", "objects", *reasons)
@@ -250,11 +254,6 @@ def _cells(rows: ReportRows) -> Iterator[tuple[str, str, Figures]]:
         for split, figures in splits.items():
             if figures["frames"]:
                 yield row, split, figures
-
-
-def _precision(figures: Figures, kind: str) -> str:
-    """Return the average precision of symmetries of a kind with its interval."""
-    return _number(figures["symmetry_ap"][kind]) + _between(figures, f"symmetry_ap {kind}", ".2f")
 
 
 def _mean(figures: Mapping[str, Figures], name: str, split: str) -> float | None:
@@ -286,7 +285,3 @@ def _rate(found: Mapping[str, Any] | None) -> str:
         return "-"
     low, high = 100 * found["low"], 100 * found["high"]
     return f"{100 * found['rate']:.0f} ({low:.0f}-{high:.0f})"
-
-
-def _percent(figures: Figures, reason: str) -> str:
-    return f"{100.0 * figures['reasons'].get(reason, 0) / figures['objects']:.0f}"

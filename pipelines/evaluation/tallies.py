@@ -12,7 +12,6 @@ import numpy as np
 
 from pipelines.array_types import Array, Mask
 from pipelines.evaluation.records import FrameRecord, RowRecord, ScoredPredictions
-from pipelines.metrics.grasp_verdicts import Verdict
 from pipelines.metrics.graspnet.graspnet_ap import AP_FRICTIONS
 from pipelines.metrics.symmetry_matching import CORRECT, IGNORED
 
@@ -84,21 +83,18 @@ class RowTally:
         """Add one frame's."""
         self.frames += 1
         for verdict in row.verdicts:
-            self._add_verdict(verdict)
+            held = verdict.reason == "held"
+            self.quality.append(verdict.quality)
+            self.antipodal.append(verdict.antipodal)
+            self.antipodal_region.append(verdict.antipodal_region)
+            self.held_friction.append(verdict.min_friction if held else float("inf"))
+            self.predicted.append(verdict.reason not in WITHOUT_GRASP)
+            self.reasons[verdict.reason] += 1
         for kind, scored in row.symmetries.items():
             self.symmetries[kind].add(scored)
         if row.accuracy:
             self.accuracy += row.accuracy
             self.with_accuracy += 1
-
-    def _add_verdict(self, verdict: Verdict) -> None:
-        self.quality.append(verdict.quality)
-        self.antipodal.append(verdict.antipodal)
-        self.antipodal_region.append(verdict.antipodal_region)
-        held = verdict.reason == "held"
-        self.held_friction.append(verdict.min_friction if held else float("inf"))
-        self.predicted.append(verdict.reason not in WITHOUT_GRASP)
-        self.reasons[verdict.reason] += 1
 
 
 @dataclass
@@ -106,13 +102,11 @@ class ReportTally:
     """All methods on many frames, by split; the split `all` holds every frame.
 
     Attributes:
-        frames: how many.
         seconds: that `infer` took, of the frames of which it is known.
         masks: by split; the same for all methods.
         rows: by method and split.
     """
 
-    frames: int = 0
     seconds: "array[float]" = field(default_factory=_floats)
     masks: defaultdict[str, PredictionTally] = field(
         default_factory=lambda: defaultdict(PredictionTally)
@@ -134,7 +128,6 @@ class ReportTally:
 
     def add(self, record: FrameRecord) -> None:
         """Add one frame's record."""
-        self.frames += 1
         if np.isfinite(record.seconds):
             self.seconds.append(record.seconds)
         for split in (record.split, ALL):

@@ -33,7 +33,6 @@ class FrameTruth:
     """What is true of one frame.
 
     Attributes:
-        intrinsics: of the camera.
         split: seen, similar, novel or train.
         label: (H, W) object id + 1, 0 = background.
         visible: ids of the objects that count, ascending.
@@ -42,7 +41,6 @@ class FrameTruth:
         regions: the same, as the symmetry metrics want them.
     """
 
-    intrinsics: Intrinsics
     split: str
     label: NDArray[np.uint8 | np.uint16]
     visible: list[int]
@@ -79,7 +77,7 @@ class TruthReader:
             for instance in instances
         ]
         split = split_of_scene(files.scene_id)
-        return FrameTruth(intrinsics, split, label, visible, scene, instances, regions)
+        return FrameTruth(split, label, visible, scene, instances, regions)
 
     def object(self, object_id: int) -> TrueObject:
         """Return an object's mesh, surface points and collider."""

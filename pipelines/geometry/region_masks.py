@@ -14,19 +14,10 @@ from pipelines.array_types import Array, Indices, Mask
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.geometry.rendering import first_hits
-from pipelines.geometry.symmetry import Symmetry
+from pipelines.geometry.symmetry import ObjectRegion, Symmetry
 from pipelines.geometry.transforms import invert, rotate_vectors, transform_points
 
 NUM_VISIBILITY_SAMPLES = 500
-
-
-@dataclass(frozen=True)
-class ObjectRegion:
-    """A region of an object: its triangles (k,) and symmetries, object frame."""
-
-    name: str
-    triangles: Indices
-    symmetries: tuple[Symmetry, ...]
 
 
 @dataclass(frozen=True)
@@ -82,24 +73,15 @@ def visible_regions(
     for object_id, pose in poses:
         if object_id not in objects:
             continue
-        T_cam_obj = np.asarray(pose, np.float64)
-        shown = label == object_id + 1
-        instances += _object_instances(object_id, objects[object_id], shown, intrinsics, T_cam_obj)
-    return instances
-
-
-def _object_instances(
-    object_id: int, posed: RegionedObject, shown: Mask, intrinsics: Intrinsics, T_cam_obj: Array
-) -> list[RegionInstance]:
-    owner = _region_image(posed, shown, intrinsics, T_cam_obj)
-    instances = []
-    for index, region in enumerate(posed.regions):
-        mask = owner == index
-        if not mask.any():
-            continue
-        symmetries = tuple(symmetry.transformed(T_cam_obj) for symmetry in region.symmetries)
-        visible = _visible_share(posed.mesh, region, mask, intrinsics, T_cam_obj)
-        instances.append(RegionInstance(object_id, region.name, mask, visible, symmetries))
+        posed, T_cam_obj = objects[object_id], np.asarray(pose, np.float64)
+        owner = _region_image(posed, label == object_id + 1, intrinsics, T_cam_obj)
+        for index, region in enumerate(posed.regions):
+            mask = owner == index
+            if not mask.any():
+                continue
+            symmetries = tuple(symmetry.transformed(T_cam_obj) for symmetry in region.symmetries)
+            visible = _visible_share(posed.mesh, region, mask, intrinsics, T_cam_obj)
+            instances.append(RegionInstance(object_id, region.name, mask, visible, symmetries))
     return instances
 
 

@@ -1,14 +1,14 @@
 """The three symmetries of the paper, and the network's five slots for them (Sec. III-E, Fig. 5)."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipelines.array_types import Array
+from pipelines.array_types import Array, Indices
 from pipelines.errors import ValueRangeError
 from pipelines.geometry.transforms import rotate_vectors, rotation_about, transform_points
 
@@ -144,6 +144,15 @@ class SphereSymmetry:
 Symmetry = ReflectionSymmetry | RotationSymmetry | SphereSymmetry
 
 
+@dataclass(frozen=True)
+class ObjectRegion:
+    """A region of an object: indices (k,) of its mesh's triangles, and symmetries, object frame."""
+
+    name: str
+    triangles: Indices
+    symmetries: tuple[Symmetry, ...]
+
+
 def symmetry_of_slot(slot: int, point: Array, direction: Array) -> Symmetry:
     """Return the symmetry that `point` (3,) and `direction` (3,) describe in the slot `slot`."""
     if slot in REFLECTION_SLOTS:
@@ -199,11 +208,6 @@ class SymmetrySlots:
     def symmetry(self, slot: int) -> Symmetry:
         """Return the symmetry that the parameters of `slot` describe."""
         return symmetry_of_slot(slot, self.point[slot], self.direction[slot])
-
-    def existing(self, threshold: float = 0.5) -> list[tuple[int, Symmetry]]:
-        """Return (slot, symmetry) of every slot whose existence exceeds `threshold`."""
-        slots: Sequence[int] = np.flatnonzero(self.existence > threshold).tolist()
-        return [(slot, self.symmetry(slot)) for slot in slots]
 
     def transformed(self, T: ArrayLike) -> "SymmetrySlots":
         """Return the slots of the object moved by the (4, 4) transform `T`."""

@@ -4,8 +4,6 @@ The distance is relative to the longest displacement under the true symmetry. Th
 choice of plane origin or axis sign, and counts only the deviation at the object itself.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from pipelines.array_types import Array
@@ -17,55 +15,29 @@ from pipelines.geometry.symmetry import (
     Symmetry,
 )
 
-TURNS = tuple(np.pi * k / 8 for k in range(1, 16))
-
-
-def reflection_error(
-    points: Array, predicted: ReflectionSymmetry, truth: ReflectionSymmetry
-) -> float:
-    """Return mean |S_pred(x) - S_true(x)| / max |S_true(x) - x|, dimensionless.
-
-    `points`: (n, 3) metres, any frame that both symmetries share, n >= 1.
-    """
-    return _displacement_ratio(points, predicted.counterpart(points), truth.counterpart(points))
-
-
-def rotation_error(
-    points: Array,
-    predicted: RotationSymmetry,
-    truth: RotationSymmetry,
-    angles: Sequence[float] = TURNS,
-) -> float:
-    """Return the error of `reflection_error` for turns, averaged over `angles` (radians).
-
-    Half a turn alone is the variant of SymmetryNet's released evaluation. An axis has no sign: the
-    predicted axis is taken in the direction closer to the true axis.
-    `points`: (n, 3) metres, any frame that both symmetries share, n >= 1.
-    """
-    sign = 1.0 if float(predicted.axis @ truth.axis) >= 0.0 else -1.0
-    ratios = [
-        _displacement_ratio(points, predicted.turn(points, sign * a), truth.turn(points, a))
-        for a in angles
-    ]
-    return float(np.mean(ratios))
-
-
-def sphere_distance(predicted: SphereSymmetry, truth: SphereSymmetry) -> float:
-    """Return the distance of the two centres in metres."""
-    return float(np.linalg.norm(predicted.point - truth.point))
+TURNS = tuple(np.pi * k / 8 for k in range(1, 16))  # radians
 
 
 def symmetry_error(points: Array, predicted: Symmetry, truth: Symmetry) -> float:
     """Return the dense error of two symmetries of one kind; for spheres the distance in metres.
 
-    Raises `ValueRangeError` when the kinds differ, because their maps cannot be compared.
+    Of planes mean |S_pred(x) - S_true(x)| / max |S_true(x) - x|, dimensionless; of axes the same of
+    turns, averaged over `TURNS`. `points`: (n, 3) metres, any frame that both share, n >= 1.
+
+    Raises:
+        ValueRangeError: the kinds differ, so their maps cannot be compared.
     """
-    if isinstance(predicted, ReflectionSymmetry) and isinstance(truth, ReflectionSymmetry):
-        return reflection_error(points, predicted, truth)
-    if isinstance(predicted, RotationSymmetry) and isinstance(truth, RotationSymmetry):
-        return rotation_error(points, predicted, truth)
-    if isinstance(predicted, SphereSymmetry) and isinstance(truth, SphereSymmetry):
-        return sphere_distance(predicted, truth)
+    match predicted, truth:
+        case ReflectionSymmetry(), ReflectionSymmetry():
+            images = predicted.counterpart(points), truth.counterpart(points)
+            return _displacement_ratio(points, *images)
+        case RotationSymmetry(), RotationSymmetry():
+            # An axis has no sign: the predicted one is taken as close to the true one as it can be.
+            sign = 1.0 if float(predicted.axis @ truth.axis) >= 0.0 else -1.0
+            turns = [(predicted.turn(points, sign * a), truth.turn(points, a)) for a in TURNS]
+            return float(np.mean([_displacement_ratio(points, *images) for images in turns]))
+        case SphereSymmetry(), SphereSymmetry():
+            return float(np.linalg.norm(predicted.point - truth.point))
     raise ValueRangeError("predicted symmetry", predicted.kind, f"a {truth.kind} like the truth")
 
 

@@ -75,7 +75,9 @@ def symmetry_view(mesh: Mesh, symmetries: Sequence[Symmetry]) -> Array:
         return view_along(mesh, -turning[0] if turning[0][2] > 0 else turning[0], up)
     if len(normals) > 1:
         crossings = [unit(np.cross(a, b)) for a, b in combinations(normals, 2)]
-        along = crossings + [n for n in normals if _is_square(n, normals)]
+        # A view along a normal may show another plane edge on.
+        square = [n for n in normals if any(abs(n @ other) < SQUARE_COSINE for other in normals)]
+        along = crossings + square
         best = max(along, key=lambda direction: _shown_area(mesh, direction))
         up = max((np.cross(best, n) for n in normals), key=lambda v: float(v @ v))
         return view_along(mesh, -best if best[2] > 0 else best, up)
@@ -94,11 +96,6 @@ def _distinct(normals: Sequence[Array]) -> list[Array]:
         if all(abs(normal @ other) < SAME_NORMAL_COSINE for other in kept):
             kept.append(normal)
     return kept
-
-
-def _is_square(normal: Array, normals: Sequence[Array]) -> bool:
-    """Return whether a view along `normal` shows another plane edge on."""
-    return any(abs(normal @ other) < SQUARE_COSINE for other in normals)
 
 
 def _shown_area(mesh: Mesh, direction: Array) -> float:

@@ -24,7 +24,9 @@ def point_affordance(
     """
     where = np.asarray(points, np.float64).reshape(-1, 3)
     pairs = np.asarray(contacts, np.float64).reshape(-1, 2, 3)
-    levels = _levelled(np.asarray(quality, np.float64))
+    levels = np.asarray(quality, np.float64)
+    if len(np.unique(levels)) > NUM_LEVELS:
+        levels = np.floor(levels * NUM_LEVELS) / NUM_LEVELS
     affordance = np.zeros(len(where))
     open_points = np.arange(len(where))
     # From the best quality down, each point takes the first level that reaches it.
@@ -37,9 +39,3 @@ def point_affordance(
         affordance[open_points[reached]] = level
         open_points = open_points[~reached]
     return affordance
-
-
-def _levelled(quality: Array) -> Array:
-    if len(np.unique(quality)) <= NUM_LEVELS:
-        return quality
-    return np.asarray(np.floor(quality * NUM_LEVELS) / NUM_LEVELS)

@@ -12,7 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from pipelines.array_types import Array, Indices
+from pipelines.array_types import Array
 from pipelines.configs import CandidateConfig, SelectionConfig
 from pipelines.geometry.numerics.quantiles import quantiles
 from pipelines.grasping.candidates.candidates import GraspCandidates
@@ -114,13 +114,7 @@ Pass = Symmetric | Planar | Random
 
 @dataclass(frozen=True)
 class RegionPlanner:
-    """The selection of grasps, region by region.
-
-    Attributes:
-        gripper: that grasps.
-        config: thresholds.
-        critic: of grasps; None to rank by Eq. 8.
-    """
+    """The selection of grasps, region by region; without a critic they are ranked by Eq. 8."""
 
     gripper: Gripper
     config: SelectionConfig
@@ -156,12 +150,7 @@ class RegionPlanner:
         """Return feasible grasps of `region`, best first.
 
         The sides of other regions that no camera sees are kept off, unless that leaves no grasp
-        (D. 85).
-
-        Args:
-            region: to grasp.
-            scene: that the gripper must not touch.
-            passes: kinds of candidates; None for `passes()`.
+        (D. 85). `passes`: kinds of candidates; None for `passes()`.
         """
         if len(region.cloud) < MIN_POINTS:
             return RankedGrasps.empty()
@@ -223,29 +212,18 @@ class RegionPlanner:
         pair = order[row]
         wanted = ranking.min_stability, self.config.ranking.max_ranked
         free, enclosed = feasibility.first_free(grasps, stability[pair], *wanted)
-        found = self._measured(candidates, pair[free], grasps[free], enclosed, feasibility)
-        best = self._best_first(found, stability[pair[free]], feasibility, ranking)
-        return with_opening_margin(best, feasibility, self.config.ranking.clearance_cap)
-
-    def _measured(
-        self,
-        candidates: GraspCandidates,
-        pair: Indices,
-        grasps: GraspPoses,
-        enclosed: Array,
-        feasibility: Feasibility,
-    ) -> RankedGrasps:
-        """Return `grasps` (n,) at the pairs `pair` (n,) with b and h of Eq. 8, not yet ranked."""
-        ranking = self.config.ranking
-        return RankedGrasps(
+        grasps, pair, caps = grasps[free], pair[free], self.config.ranking
+        found = RankedGrasps(  # with b and h of Eq. 8, not yet ranked
             grasps,
             candidates.affordance[pair],
             candidates.slot[pair],
             np.full(len(pair), candidates.source),
-            clearance=feasibility.clearance(grasps, ranking.clearance_cap),
-            enclosed_height=np.minimum(enclosed, ranking.enclosed_height_cap),
+            clearance=feasibility.clearance(grasps, caps.clearance_cap),
+            enclosed_height=np.minimum(enclosed, caps.enclosed_height_cap),
             rank_score=np.zeros(len(pair)),
         )
+        best = self._best_first(found, stability[pair], feasibility, ranking)
+        return with_opening_margin(best, feasibility, caps.clearance_cap)
 
     def _best_first(
         self, found: RankedGrasps, stability: Array, feasibility: Feasibility, ranking: Ranking

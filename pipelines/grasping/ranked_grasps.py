@@ -54,12 +54,4 @@ class RankedGrasps:
         return len(self.grasps)
 
     def __getitem__(self, index: Index) -> "RankedGrasps":
-        return RankedGrasps(
-            self.grasps[index],
-            self.affordance[index],
-            self.slot[index],
-            self.source[index],
-            self.clearance[index],
-            self.enclosed_height[index],
-            self.rank_score[index],
-        )
+        return RankedGrasps(*(getattr(self, field.name)[index] for field in fields(self)))

@@ -70,7 +70,7 @@ def isometries(symmetry: Symmetry, copies_per_turn: int) -> Array:
         case SphereSymmetry():
             group = Rotation.create_group("I").as_matrix()
             matrices = group[~np.isclose(group, np.eye(3)).all(axis=(1, 2))]
-    return _about(matrices, symmetry.point)
+    return make_pose(matrices, symmetry.point - matrices @ symmetry.point)  # leaves it in place
 
 
 def symmetry_group(symmetries: Sequence[Symmetry], copies_per_turn: int) -> Array:
@@ -116,11 +116,6 @@ def _new_transforms(products: Array, known: Array, angle: float) -> Array:
         for first, second in pairs[np.lexsort(pairs.T[::-1])]:
             repeated[second] |= not repeated[first]
     return products[~repeated]
-
-
-def _about(matrices: Array, point: Array) -> Array:
-    """Return the transforms (..., 4, 4) of `matrices` (..., 3, 3) that leave `point` in place."""
-    return make_pose(matrices, point - matrices @ point)
 
 
 def copies_under(

@@ -13,9 +13,7 @@ from pipelines.inference.observation import Observation
 def why_empty(seen: Observation, mask_pixels: int | None = None) -> str:
     """Return why no region of a frame has a grasp.
 
-    Args:
-        seen: the frame.
-        mask_pixels: how many an instance of the user's masks needs; None where there are no masks.
+    `mask_pixels`: how many an instance of the user's masks needs; None where there are no masks.
     """
     if mask_pixels is None:
         return _of_regions(seen)

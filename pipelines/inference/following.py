@@ -12,7 +12,7 @@ from pipelines.errors import SymgraspError
 from pipelines.frames.rgbd import FrameSource
 from pipelines.grasp_files import grasps_file
 from pipelines.inference.earlier import earlier_frames, refuse_stale
-from pipelines.inference.pictures import draw_missing, of_shards
+from pipelines.inference.pictures import draw_missing
 from pipelines.inference.watching import Arrival, Clock, Lister, Watcher
 from pipelines.inference.work import STAGE, Work, has_shard, infer_frame
 from pipelines.runtime.batch import BatchOptions, StageReport, WorkItem, run_batch
@@ -173,7 +173,8 @@ class Follower:
                 if sentence is not None:
                     item.target.unlink(missing_ok=True)  # of files that are no more
                 self._conclude(item.name, arrival, item, sentence)
-        undrawn = draw_missing(self.work.settings, of_shards(finished), self.options)
+        found = [(item, item.target, 0) for item in finished]
+        undrawn = draw_missing(self.work.settings, found, self.options)
         for name, why in undrawn.items():
             log.warning("%s: %s", name, why)
 

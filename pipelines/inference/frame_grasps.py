@@ -4,6 +4,7 @@ import time
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import compress
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,13 +27,16 @@ from pipelines.inference.peers.frame_plans import MOST_GRASPS, OWN_SCORE, plans_
 from pipelines.inference.plans import Plan, grasp_table, region_table
 from pipelines.inference.predicted_regions import (
     PredictedRegion,
-    Predictor,
     RegionMethod,
     compared_regions,
     predicted_regions,
     region_models,
 )
-from pipelines.inference.regions import Detector, Region, pieces_of
+from pipelines.inference.regions import Region, pieces_of
+
+if TYPE_CHECKING:
+    from pipelines.network.detection.detector import RegionDetector
+    from pipelines.network.predictor import GraspPredictor
 
 
 @dataclass(frozen=True)
@@ -56,8 +60,8 @@ class Planner:
 
     config: InferConfig
     gripper: Gripper
-    detector: Detector | None = None
-    predictor: Predictor | None = None
+    detector: "RegionDetector | None" = None
+    predictor: "GraspPredictor | None" = None
     symmetry_critics: SymmetryCritics | None = None
     grasp_critic: Critic | None = None
     peer: FrameMethod | None = None

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
-from functools import lru_cache
+from functools import lru_cache, wraps
 from pathlib import Path
-from threading import Lock, get_ident
-from typing import TYPE_CHECKING, Any
+from threading import Lock, RLock, get_ident
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import cv2
 from threadpoolctl import OpenBLASController, ThreadpoolController
 
 from pipelines.grasping.ranking import critic_files
-from pipelines.grasping.ranking.point_critic import PointCritic
 from pipelines.grasping.ranking.ranking import GraspCritic
 from pipelines.grasping.symmetries.axis_critic import AxisCritic
 from pipelines.grasping.symmetries.grounding import SymmetryCritics
@@ -39,42 +38,63 @@ AXIS_CRITIC_BY = critic_files.WRITTEN_BY[critic_files.AXES]
 PLANE_CRITIC_BY = critic_files.WRITTEN_BY[critic_files.PLANES]
 GRASP_CRITIC_BY = critic_files.WRITTEN_BY[critic_files.GRASPS]
 
-_LOADING = Lock()  # several threads may work on frames
+Load = TypeVar("Load", bound=Callable[..., object])
+_LOADING = RLock()  # several threads may work on frames
 
 
+def _once(load: Load) -> Load:
+    """Return `load` as it loads the same once, and one at a time."""
+    kept = lru_cache(maxsize=4)(load)
+
+    @wraps(load)
+    def loaded(*args: Hashable) -> object:
+        with _LOADING:
+            return kept(*args)
+
+    return cast(Load, loaded)
+
+
+@_once
 def detector(path: Path, device: str) -> RegionDetector:
     """Return the region detector of the weights `path`."""
-    with _LOADING:
-        return _detector(path, device)
+    from pipelines.network.detection.detector import RegionDetector  # noqa: PLC0415 - torch is slow to load
+
+    return RegionDetector.load(existing(path, DETECTOR_BY), device)
 
 
+@_once
 def predictor(path: Path, device: str, mirrored: bool = False) -> GraspPredictor:
     """Return the grasp network of the weights `path`.
 
     `mirrored`: it sees each region and its mirror image (D. 101).
     """
-    with _LOADING:
-        return _predictor(path, device, mirrored)
+    from pipelines.network.predictor import GraspPredictor  # noqa: PLC0415 - torch is slow to load
+
+    return GraspPredictor.load(existing(path, NETWORK_BY), device, mirrored)
 
 
+@_once
 def axis_critic(path: Path = AXIS_CRITIC_WEIGHTS) -> AxisCritic:
     """Return the critic of axes and spheres of the weights `path`."""
-    with _LOADING:
-        return _axis_critic(path)
+    return critic_files.read_axis_critic(existing(path, AXIS_CRITIC_BY))
 
 
+@_once
 def symmetry_critics(
     axes: Path = AXIS_CRITIC_WEIGHTS, planes: Path = PLANE_CRITIC_WEIGHTS
 ) -> SymmetryCritics:
     """Return the critics of the weights `axes` and `planes`."""
-    with _LOADING:
-        return SymmetryCritics(_axis_critic(axes), _critic(planes, critic_files.PLANES))
+    of_planes = critic_files.read_point_critic(
+        existing(planes, PLANE_CRITIC_BY), critic_files.PLANES
+    )
+    return SymmetryCritics(axis_critic(axes), of_planes)
 
 
+@_once
 def grasp_critic(path: Path = GRASP_CRITIC_WEIGHTS) -> GraspCritic:
     """Return the grasp critic of the weights `path`."""
-    with _LOADING:
-        return GraspCritic(_critic(path, critic_files.GRASPS))
+    weights = existing(path, GRASP_CRITIC_BY)
+    return GraspCritic(critic_files.read_point_critic(weights, critic_files.GRASPS))
 
 
 def uses_gpu(device: str) -> bool:
@@ -152,28 +172,3 @@ _LIMIT = _OneThreadEach()
 def _matrix_products() -> ThreadpoolController:
     """Return the libraries behind numpy's matrix products; to look for them takes a while."""
     return ThreadpoolController()
-
-
-@lru_cache(maxsize=2)
-def _detector(path: Path, device: str) -> RegionDetector:
-    from pipelines.network.detection.detector import RegionDetector  # noqa: PLC0415 - torch is slow to load
-
-    return RegionDetector.load(existing(path, DETECTOR_BY), device)
-
-
-@lru_cache(maxsize=2)
-def _predictor(path: Path, device: str, mirrored: bool) -> GraspPredictor:
-    from pipelines.network.predictor import GraspPredictor  # noqa: PLC0415 - torch is slow to load
-
-    return GraspPredictor.load(existing(path, NETWORK_BY), device, mirrored)
-
-
-@lru_cache(maxsize=4)
-def _critic(path: Path, model: str) -> PointCritic:
-    weights = existing(path, critic_files.WRITTEN_BY[model])
-    return critic_files.read_point_critic(weights, model)
-
-
-@lru_cache(maxsize=2)
-def _axis_critic(path: Path) -> AxisCritic:
-    return critic_files.read_axis_critic(existing(path, AXIS_CRITIC_BY))

@@ -8,6 +8,7 @@ see the same points of the same regions, and differ only in what they make of th
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from pipelines.grasp_files.grasps_tables import REGION_FLAT, REGION_MEASURED, RE
 from pipelines.grasping.feasibility.limits import Limits
 from pipelines.grasping.planner import MIN_POINTS
 from pipelines.grasping.scene import RegionCloud, SceneCloud
-from pipelines.inference.regions import Detector, Region, find_regions, with_insides
+from pipelines.inference.regions import Region, find_regions, with_insides
 from pipelines.inference.regions_by_color import with_color
 from pipelines.tabletop.regions.color import ColorPieces, color_pieces
 from pipelines.tabletop.regions_geometric import (
@@ -30,6 +31,9 @@ from pipelines.tabletop.regions_geometric import (
     working_step,
 )
 from pipelines.tabletop.sparse_depth import filled
+
+if TYPE_CHECKING:
+    from pipelines.network.detection.detector import RegionDetector
 
 MIN_MEASURED = 0.1  # share of a region's pixels with depth below which it counts as without
 
@@ -68,7 +72,7 @@ def observe(
     config: InferConfig,
     rng: np.random.Generator,
     *,
-    detector: Detector | None = None,
+    detector: "RegionDetector | None" = None,
     masks: NDArray[np.int32] | None = None,
     workspace: Mask | None = None,
     regions: Sequence[Mask] | None = None,

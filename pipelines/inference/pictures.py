@@ -5,7 +5,7 @@ from its results, unless the picture that is there is stamped as theirs.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from pipelines.grasp_files.grasps_stream import read_index, read_results
@@ -14,27 +14,14 @@ from pipelines.inference.work import STAGE, overlay_path, writing
 from pipelines.pictures.overlays import is_drawn, write_overlay
 from pipelines.runtime.batch import BatchOptions, WorkItem, run_batch
 
-
-@dataclass(frozen=True)
-class Found:
-    """Where the results of a frame are: the place in a `grasps.h5`, of one frame or of all."""
-
-    item: WorkItem
-    results: Path
-    place: int = 0
+Found = tuple[WorkItem, Path, int]  # a frame; the `grasps.h5` of its results, and their place there
 
 
 def of_output(output: Path, items: Sequence[WorkItem]) -> Iterator[Found]:
     """Yield the frames of `output`, which was made of `items`, but those that failed."""
     for place, status in enumerate(read_index(output).statuses):
         if status != "failed":
-            yield Found(items[place], output, place)
-
-
-def of_shards(items: Iterable[WorkItem]) -> Iterator[Found]:
-    """Yield the frames of `items`, whose shards are there."""
-    for item in items:
-        yield Found(item, item.target)
+            yield items[place], output, place
 
 
 def draw_missing(
@@ -52,11 +39,9 @@ def draw_missing(
     if folder is None or options.dry_run:
         return {}
     todo = [
-        WorkItem(item.name, path, item.stamp, (*item.arguments, found.results, found.place))
-        for found in frames
-        for item in [found.item]
-        for path in [overlay_path(folder, item.name)]
-        if not is_drawn(path, item.stamp)
+        WorkItem(item.name, path, item.stamp, (*item.arguments, results, place))
+        for item, results, place in frames
+        if not is_drawn(path := overlay_path(folder, item.name), item.stamp)
     ]
     # Not in threads: one in OpenCV, when another's fault ends the program, would not let it end.
     workers = 1 if options.backend == "threading" else max(1, options.workers)

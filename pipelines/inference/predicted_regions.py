@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,38 +19,10 @@ from pipelines.grasping.symmetries.grounding import SymmetryCritics, ground_symm
 from pipelines.grasping.symmetries.region_symmetries import RegionSymmetries
 from pipelines.grasping.symmetries.votes import mean_slots
 
+if TYPE_CHECKING:
+    from pipelines.network.predictor import GraspPredictor, RegionPrediction
+
 NUM_FITTED_POINTS = 1500  # of a region that are grasped without a network, as many as with one
-
-
-class RegionOutput(Protocol):
-    """The network's output for n of one region's points, m of which vote for symmetries."""
-
-    @property
-    def index(self) -> NDArray[Any]:
-        """(n,) which points of the region."""
-
-    @property
-    def affordance(self) -> NDArray[Any]:
-        """(n,) 0 to 1."""
-
-    @property
-    def existence(self) -> NDArray[Any]:
-        """(m, 5) probabilities."""
-
-    @property
-    def center(self) -> NDArray[Any]:
-        """(m, 5, 3) metres, camera frame."""
-
-    @property
-    def direction(self) -> NDArray[Any]:
-        """(m, 5, 3) unit, camera frame."""
-
-
-class Predictor(Protocol):
-    """A network that predicts affordance and symmetries of region clouds."""
-
-    def predict(self, clouds: Sequence[Array], table: Plane | None) -> Sequence[RegionOutput]:
-        """Return one prediction for each cloud (n, 3) on `table`, camera frame."""
 
 
 class RegionMethod(Protocol):
@@ -83,7 +55,7 @@ class PredictedRegion:
     source: str = "network"
 
     @classmethod
-    def of(cls, cloud: RegionCloud, prediction: RegionOutput) -> "PredictedRegion":
+    def of(cls, cloud: RegionCloud, prediction: "RegionPrediction") -> "PredictedRegion":
         """Return the region `cloud` with the mean of what its points predict."""
         affordance = np.asarray(prediction.affordance, np.float64)
         slots = mean_slots(prediction.existence, prediction.center, prediction.direction)
@@ -91,7 +63,7 @@ class PredictedRegion:
 
 
 def predicted_regions(
-    clouds: Sequence[RegionCloud], table: Plane | None, predictor: Predictor
+    clouds: Sequence[RegionCloud], table: Plane | None, predictor: "GraspPredictor"
 ) -> list[PredictedRegion]:
     """Return the predictions for `clouds` on `table`, camera frame."""
     predictions = predictor.predict([cloud.points for cloud in clouds], table)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 from pipelines.array_types import Mask
 from pipelines.configs import InferConfig
 from pipelines.geometry.camera import Intrinsics
-from pipelines.geometry.pointcloud import Plane
 from pipelines.grasp_files.grasps_tables import REGION_MEASURED
 from pipelines.tabletop.regions.containers import insides
 from pipelines.tabletop.regions_geometric import GeometricRegions, working_step
+
+if TYPE_CHECKING:
+    from pipelines.network.detection.detector import Detection, RegionDetector
 
 Depth = NDArray[np.float32]
 
@@ -22,34 +24,6 @@ REST = "rest"  # source of the region of grasps that lie on no other
 SOURCES = "masks", "detector", "geometric", "color"  # the most certain first
 CONFINED = 0.6  # share of a region within a segment that may complete it
 MARGIN = 21  # pixels, of the working size, by which masks of detections may be too small
-
-
-class DetectedRegion(Protocol):
-    """A region that a detector found."""
-
-    @property
-    def mask(self) -> Mask:
-        """(H, W) its pixels."""
-
-    @property
-    def confidence(self) -> float:
-        """0 to 1."""
-
-
-class Detector(Protocol):
-    """A network that finds regions in a frame."""
-
-    def detect(
-        self, color: NDArray[np.uint8], depth: Depth, intrinsics: Intrinsics, plane: Plane | None
-    ) -> Sequence[DetectedRegion]:
-        """Return the regions of a frame, most confident first.
-
-        Args:
-            color: (H, W, 3) RGB.
-            depth: (H, W) metres, 0 = missing.
-            intrinsics: of both.
-            plane: the support plane, where it is known.
-        """
 
 
 @dataclass(frozen=True)
@@ -81,19 +55,14 @@ def find_regions(
     intrinsics: Intrinsics,
     segments: GeometricRegions,
     config: InferConfig,
-    detector: Detector | None = None,
-    masks: NDArray[np.int32] | None = None,
+    detector: "RegionDetector | None",
+    masks: NDArray[np.int32] | None,
 ) -> tuple[list[Region], int]:
     """Return the regions of a frame, and how many more are below `min_region_pixels`.
 
-    Args:
-        color: (H, W, 3) RGB.
-        depth: (H, W) metres, 0 = missing.
-        intrinsics: of both.
-        segments: the pieces that the depth alone shows.
-        config: thresholds.
-        detector: None for none.
-        masks: (H, W) the user's instance ids, 0 = background; with these nothing else is found.
+    `color` is (H, W, 3) RGB, `depth` (H, W) metres, 0 = missing. `segments` are the pieces that the
+    depth alone shows. With `masks`, (H, W) the user's instance ids, 0 = background, nothing else is
+    found.
     """
     if masks is not None:
         regions = [Region(masks == i, 1.0, "masks") for i in np.unique(masks[masks > 0])]
@@ -109,7 +78,7 @@ def find_regions(
 
 
 def _standing(
-    detections: Sequence[DetectedRegion],
+    detections: Sequence["Detection"],
     measured: Mask,
     segments: GeometricRegions,
     config: InferConfig,

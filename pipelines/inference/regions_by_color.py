@@ -30,17 +30,11 @@ def with_color(
     intrinsics: Intrinsics,
     config: InferConfig,
 ) -> list[Region]:
-    """Return `regions` (n) as the `pieces` of colour complete and join them, and new ones.
+    """Return disjoint `regions` as the `pieces` of colour complete and join them, and new ones.
 
-    Args:
-        regions: disjoint.
-        pieces: of the same image.
-        segments: the support plane, and the pixels measured on it.
-        depth: (H, W) metres, 0 = missing.
-        intrinsics: of the image.
-        config: thresholds.
+    `depth`: (H, W) metres, 0 = missing.
     """
-    work = _Completion(pieces, segments, depth, intrinsics, config.region.color)
+    work = _Completion(segments, depth, intrinsics, config.region.color)
     count = len(pieces.whole)
     inside = np.array([np.bincount(pieces.labels[r.mask], minlength=count) for r in regions])
     inside = inside.reshape(len(regions), count)
@@ -70,7 +64,6 @@ def with_color(
 
 @dataclass(frozen=True)
 class _Completion:
-    pieces: ColorPieces
     segments: GeometricRegions
     depth: Depth
     intrinsics: Intrinsics

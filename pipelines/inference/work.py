@@ -79,13 +79,12 @@ class Work:
 
     def items(self, sources: Sequence[FrameSource]) -> list[WorkItem]:
         """Return the work on `sources`: a shard each."""
-        shared = self.stamp(self.common)
-        return [self._item(source, shared) for source in sources]
-
-    def _item(self, source: FrameSource, shared: Stamp) -> WorkItem:
-        inputs = FrameInputs(self.common, source.files)
-        target = grasps_file.shard_path(self.output, source.name)
-        return WorkItem(source.name, target, replace(shared, inputs=inputs), (source,))
+        shared, items = self.stamp(self.common), []
+        for source in sources:
+            stamp = replace(shared, inputs=FrameInputs(self.common, source.files))
+            target = grasps_file.shard_path(self.output, source.name)
+            items.append(WorkItem(source.name, target, stamp, (source,)))
+        return items
 
     def stamp(self, inputs: Mapping[str, str]) -> Stamp:
         """Return the stamp of something made of `inputs`."""

@@ -111,13 +111,14 @@ class Gauge:
         Rejected candidates that follow from an accepted symmetry are left out.
         """
         doubts = [min(self.measure(symmetry).strain, 1.0) for symmetry in accepted]
-        others = [each for each in rejected if not self._is_known(each, accepted)]
+        others = [c for c in rejected if not any(self._implies(known, c) for known in accepted)]
         others = sorted(others, key=lambda each: each.error)[:NUM_MEASURED]
         if not any(isinstance(symmetry, SphereSymmetry) for symmetry in accepted):
             center, _ = robust_sphere(self.shape.samples.points)
             others.append(self.pose.given(SphereSymmetry(self.shape.to_mesh(center))))
         measures = [self.measure(symmetry) for symmetry in others]
-        near = [_nearness(measure) for measure in measures]
+        # How near each is to holding, 0 to 1.
+        near = [min(1.0 / max(each.strain, 1.0), each.roundness) for each in measures]
         reported = [
             replace(others[index], error=measures[index].error)
             for index in np.argsort(near)[::-1].tolist()
@@ -133,9 +134,6 @@ class Gauge:
     def _measure(self, fits: Sequence[SurfaceFit], max_mean: float) -> Measure:
         strain = max(_strain(fit, self.config, max_mean) for fit in fits)
         return Measure(strain, max(fit.error for fit in fits))
-
-    def _is_known(self, candidate: Symmetry, accepted: Sequence[Symmetry]) -> bool:
-        return any(self._implies(known, candidate) for known in accepted)
 
     def _implies(self, known: Symmetry, candidate: Symmetry) -> bool:
         """Return whether `candidate` is nearly `known`, or follows from it."""
@@ -155,11 +153,6 @@ class Gauge:
                 return True
             case _:
                 return False
-
-
-def _nearness(measure: Measure) -> float:
-    """Return the nearness of a rejected candidate to holding, 0 to 1."""
-    return min(1.0 / max(measure.strain, 1.0), measure.roundness)
 
 
 def _strain(fit: SurfaceFit, config: AnnotateSymmetryConfig, max_mean: float) -> float:

@@ -93,29 +93,30 @@ class SurfaceFit:
 
     def holds(self, config: AnnotateSymmetryConfig, max_mean: float | None = None) -> bool:
         """Return whether the whole surface has the symmetry."""
-        return (
-            self.excess(self.mean, _NOISE_MEAN)
-            <= (config.max_mean if max_mean is None else max_mean)
-            and self.excess(self.p95, _NOISE_P95) <= config.max_p95
-            and self.excess(self.p99, _NOISE_P99) <= config.max_p99 * self._slimness
-            and self.excess(self.p995, _NOISE_P995) <= MAX_P995
-            and self.agreement >= config.min_agreement * self.own_agreement
-            and self.displacement >= MIN_DISPLACEMENT
-            and self.miss <= config.max_error * self.reach
-            and self.unseen <= config.max_unseen
-        )
+        mean = config.max_mean if max_mean is None else max_mean
+        return self._is_within(config, mean) and self.miss <= config.max_error * self.reach
 
     def may_turn(self, config: AnnotateSymmetryConfig) -> bool:
         """Return whether a turn of a body of revolution may miss like this at one angle.
 
         Left to all angles together: whether misses are small beside the width, and normals agree.
         """
+        return self._is_within(config, config.max_axis_mean, TURN_P99, LEAST_AGREEMENT)
+
+    def _is_within(
+        self,
+        config: AnnotateSymmetryConfig,
+        max_mean: float,
+        p99_room: float = 1.0,
+        agreement_share: float = 1.0,
+    ) -> bool:
+        """Return whether misses and normals keep to the limits, two of them by factors."""
         return (
-            self.excess(self.mean, _NOISE_MEAN) <= config.max_axis_mean
+            self.miss <= max_mean
             and self.excess(self.p95, _NOISE_P95) <= config.max_p95
-            and self.excess(self.p99, _NOISE_P99) <= TURN_P99 * config.max_p99 * self._slimness
+            and self.excess(self.p99, _NOISE_P99) <= p99_room * config.max_p99 * self._slimness
             and self.excess(self.p995, _NOISE_P995) <= MAX_P995
-            and self.agreement >= LEAST_AGREEMENT * config.min_agreement * self.own_agreement
+            and self.agreement >= agreement_share * config.min_agreement * self.own_agreement
             and self.displacement >= MIN_DISPLACEMENT
             and self.unseen <= config.max_unseen
         )

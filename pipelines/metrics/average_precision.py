@@ -6,27 +6,10 @@ curve, all points, where predictions of one confidence are one point: whoever se
 all of them or none, so their order means nothing. Of masks COCO's is in `coco_masks`.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipelines.array_types import Array
-
-
-@dataclass(frozen=True)
-class PrecisionRecallCurve:
-    """One point a confidence, from the most confident predictions to the least.
-
-    Attributes:
-        confidence: (c,) falling, each once.
-        recall: (c,) rising; nan if there is no truth.
-        precision: (c,).
-    """
-
-    confidence: Array
-    recall: Array
-    precision: Array
 
 
 def match_greedy(confidence: ArrayLike, misfit: ArrayLike) -> NDArray[np.int64]:
@@ -50,15 +33,19 @@ def match_greedy(confidence: ArrayLike, misfit: ArrayLike) -> NDArray[np.int64]:
 
 def precision_recall(
     confidence: ArrayLike, correct: ArrayLike, num_truth: int
-) -> PrecisionRecallCurve:
-    """Return the curve of predictions (p,) that are `correct` (p,) or not, of `num_truth`."""
+) -> tuple[Array, Array]:
+    """Return recall (c,), rising, and precision (c,), one point a confidence.
+
+    Of predictions (p,) that are `correct` (p,) or not, the most confident first; the recall is nan
+    without any truth.
+    """
     falling = np.asarray(confidence, np.float64)
     order = np.argsort(-falling, kind="stable")
     hits = np.cumsum(np.asarray(correct, np.bool_)[order])
     recall = hits / num_truth if num_truth else np.full(len(hits), np.nan)
     precision = hits / np.arange(1, len(hits) + 1)
     last = np.unique(last_equals(falling[order]))
-    return PrecisionRecallCurve(falling[order][last], recall[last], precision[last])
+    return recall[last], precision[last]
 
 
 def last_equals(falling: Array) -> NDArray[np.int64]:
@@ -72,18 +59,17 @@ def average_precision(confidence: ArrayLike, correct: ArrayLike, num_truth: int)
     """Return the area under the precision-recall curve, all points; nan without any truth."""
     if num_truth == 0:
         return float("nan")
-    curve = precision_recall(confidence, correct, num_truth)
-    steps = np.diff(curve.recall, prepend=0.0)
-    return float(steps @ _envelope(curve.precision))
+    recall, precision = precision_recall(confidence, correct, num_truth)
+    return float(np.diff(recall, prepend=0.0) @ _envelope(precision))
 
 
 def interpolated_precision(
     confidence: ArrayLike, correct: ArrayLike, num_truth: int, recalls: ArrayLike
 ) -> Array:
     """Return (r,) the best precision at each of `recalls` or beyond; 0 where it is not reached."""
-    curve = precision_recall(confidence, correct, num_truth)
-    reached = np.searchsorted(curve.recall, np.asarray(recalls, np.float64), side="left")
-    return np.append(_envelope(curve.precision), 0.0)[reached]
+    recall, precision = precision_recall(confidence, correct, num_truth)
+    reached = np.searchsorted(recall, np.asarray(recalls, np.float64), side="left")
+    return np.append(_envelope(precision), 0.0)[reached]
 
 
 def _envelope(precision: Array) -> Array:

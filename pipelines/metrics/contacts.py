@@ -49,22 +49,13 @@ def close_fingers(mesh: Mesh, grasps: GraspPoses, opening: ArrayLike) -> Contact
     reach = np.broadcast_to(np.asarray(opening, np.float64) / 2.0, grasps.width.shape)
     inward = np.stack([grasps.closing, -grasps.closing], 1)
     start = grasps.translation[:, None] - reach[:, None, None] * inward
-    points, normals, touched = _first_touch(mesh, start, inward, reach)
-    found = np.asarray(touched.all(axis=1))
-    points[~found], normals[~found] = np.nan, np.nan
-    return Contacts(points, normals, found)
-
-
-def _first_touch(
-    mesh: Mesh, start: Array, inward: Array, reach: Array
-) -> tuple[Array, Array, Mask]:
-    """Return points, normals (n, 2, 3) and whether each finger (n, 2) touches within `reach`."""
-    shape = start.shape[:2]
     distance, triangle = first_hits(mesh, start.reshape(-1, 3), inward.reshape(-1, 3))
-    travel = distance.reshape(shape)
-    normals = mesh.face_normals[triangle].reshape(*shape, 3)
+    travel = distance.reshape(-1, 2)
+    normals = mesh.face_normals[triangle].reshape(-1, 2, 3)
     # A surface seen from behind means that the finger started inside.
     outside = np.einsum("nki,nki->nk", inward, normals) < 0.0
     touched = outside & (travel <= reach[:, None] + TRAVEL_SLACK)
-    travel = np.where(touched, travel, 0.0)
-    return start + travel[..., None] * inward, normals, touched
+    points = start + np.where(touched, travel, 0.0)[..., None] * inward
+    found = np.asarray(touched.all(axis=1))
+    points[~found], normals[~found] = np.nan, np.nan
+    return Contacts(points, normals, found)

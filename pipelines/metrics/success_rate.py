@@ -4,8 +4,6 @@ from dataclasses import dataclass
 
 from scipy import stats
 
-from pipelines.errors import ValueRangeError
-
 LEVEL = 0.95  # of the interval
 
 
@@ -15,10 +13,6 @@ class SuccessRate:
 
     trials: int
     held: int
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.held <= self.trials:
-            raise ValueRangeError("successes", self.held, f"0 to the {self.trials} trials")
 
     @property
     def rate(self) -> float | None:

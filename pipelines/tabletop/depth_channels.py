@@ -16,6 +16,7 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.numerics.compiled import compiled
 from pipelines.geometry.pointcloud import Plane
 from pipelines.tabletop.organized import image_normals
+from pipelines.tabletop.sparse_depth import nearest_measured
 from pipelines.tabletop.tabletop import find_tabletop
 
 CHANNEL_NAMES = ("normal_x", "normal_y", "upright", "height", "step", "missing")
@@ -52,7 +53,9 @@ def shrink(
     Colour is averaged; depth takes the nearest pixel, since an average across an edge would lie
     between the surfaces. `color`: None if the detector does not use it.
     """
-    width, height = small_size(intrinsics, min_size, max_size)
+    sides = intrinsics.width, intrinsics.height
+    scale = min(min_size / min(sides), max_size / max(sides))
+    width, height = (max(1, round(scale * side)) for side in sides)
     small = intrinsics.resized(width, height)
     if color is None:
         color = np.zeros((height, width, 3), np.uint8)
@@ -61,13 +64,6 @@ def shrink(
         color = np.asarray(averaged, np.uint8)
     picked = cv2.resize(depth, (width, height), interpolation=cv2.INTER_NEAREST_EXACT)
     return SmallFrame(color, np.asarray(picked, np.float32), small)
-
-
-def small_size(intrinsics: Intrinsics, min_size: int, max_size: int) -> tuple[int, int]:
-    """Return the width and height in pixels that `shrink` resizes to."""
-    sides = intrinsics.width, intrinsics.height
-    scale = min(min_size / min(sides), max_size / max(sides))
-    return max(1, round(scale * sides[0])), max(1, round(scale * sides[1]))
 
 
 def find_plane(frame: SmallFrame) -> Plane:
@@ -96,38 +92,12 @@ def depth_channels(depth: Singles, intrinsics: Intrinsics, plane: Plane) -> Sing
         channels[-1] = 1.0
         return channels
     smooth = np.asarray(cv2.medianBlur(depth.astype(np.float32), 3), np.float32)
-    filled = fill_missing(np.where(missing, np.float32(0.0), smooth))
+    filled = nearest_measured(np.where(missing, np.float32(0.0), smooth), mask_size=3)
     rays = intrinsics.image_plane
     normals = image_normals(filled, *rays, FIT_RADIUS)
     blurred = np.asarray(cv2.blur(filled, (5, 5)), np.float32)
     place = (*plane.normal.tolist(), float(plane.offset))
     return np.moveaxis(_channels(filled, blurred, missing, normals, rays, place), -1, 0)
-
-
-def fill_missing(depth: Singles) -> Singles:
-    """Return `depth` (h, w) with zeros replaced by the value of the nearest measured pixel."""
-    missing = ~(depth > 0)
-    if not missing.any() or missing.all():
-        return depth
-    _, label = cv2.distanceTransformWithLabels(
-        missing.astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    return _nearest(depth, np.asarray(label, np.int32))
-
-
-@compiled
-def _nearest(depth: Singles, label: NDArray[np.int32]) -> Singles:
-    """Return the one depth over 0 among the pixels with the same `label` (h, w), as (h, w)."""
-    value = np.zeros(depth.size + 1, np.float32)
-    filled = np.empty_like(depth)
-    for row in range(depth.shape[0]):
-        for column in range(depth.shape[1]):
-            if depth[row, column] > 0:
-                value[label[row, column]] = depth[row, column]
-    for row in range(depth.shape[0]):
-        for column in range(depth.shape[1]):
-            filled[row, column] = value[label[row, column]]
-    return filled
 
 
 @compiled

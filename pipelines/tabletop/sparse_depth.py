@@ -28,12 +28,24 @@ def filled(depth: Singles) -> Singles:
     surface = _closed(measured)
     if _share(measured, surface) >= DENSE:
         return depth
+    return np.where(surface & ~measured, nearest_measured(depth), depth)
+
+
+def nearest_measured(depth: Singles, mask_size: int = 5) -> Singles:
+    """Return `depth` (H, W) with each 0 set to the depth of the nearest pixel over 0, if any.
+
+    `mask_size`: of OpenCV's distances, 3 or 5; the larger is more exact.
+    """
+    measured = depth > 0
+    if not measured.any():
+        return depth
     _, nearest = cv2.distanceTransformWithLabels(
-        (~measured).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+        (~measured).astype(np.uint8), cv2.DIST_L2, mask_size, labelType=cv2.DIST_LABEL_PIXEL
     )
     of_label = np.zeros(int(nearest.max()) + 1, depth.dtype)
     of_label[nearest[measured]] = depth[measured]
-    return np.where(surface & ~measured, of_label[nearest], depth)
+    found: Singles = of_label[nearest]
+    return found
 
 
 def _share(measured: Mask, surface: Mask) -> float:

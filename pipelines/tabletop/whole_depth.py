@@ -1,11 +1,11 @@
 """Depth images without missing pixels, for networks that take depth as it is."""
 
-import cv2
 import numpy as np
 
 from pipelines.array_types import Singles
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.pointcloud import Plane
+from pipelines.tabletop.sparse_depth import nearest_measured
 
 BELOW = 0.02  # metres under the table that are still shown; deeper is background
 
@@ -16,15 +16,9 @@ def whole_depth(depth: Singles, intrinsics: Intrinsics, plane: Plane | None) -> 
     A missing pixel takes the depth of the nearest measured one. What lies beyond the table `plane`
     (camera frame) is drawn to it: the background would shift the mean that such networks subtract.
     """
-    measured = depth > 0
-    if not measured.any():
+    if not (depth > 0).any():
         return np.ones_like(depth)
-    _, nearest = cv2.distanceTransformWithLabels(
-        (~measured).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    of_label = np.zeros(int(nearest.max()) + 1, np.float32)
-    of_label[nearest[measured]] = depth[measured]
-    whole: Singles = of_label[nearest]
+    whole = nearest_measured(depth)
     if plane is None:
         return whole
     y, x = np.indices(depth.shape, np.float32)

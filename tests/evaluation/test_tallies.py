@@ -35,7 +35,7 @@ def test_no_record_stays_in_memory():
             assert sum(each() is not None for each in made) <= 2  # the one added last, the next
             yield found
 
-    assert ReportTally.of(stream()).frames == 50
+    assert ReportTally.of(stream()).rows["ours"]["all"].frames == 50
 
 
 def test_a_frame_costs_a_few_kilobytes():

@@ -4,9 +4,9 @@ import numpy as np
 from numpy.testing import assert_allclose
 
 from pipelines.geometry.camera import Intrinsics
-from pipelines.geometry.region_masks import ObjectRegion, RegionedObject, visible_regions
+from pipelines.geometry.region_masks import RegionedObject, visible_regions
 from pipelines.geometry.rendering import Scene, cast_view
-from pipelines.geometry.symmetry import ReflectionSymmetry
+from pipelines.geometry.symmetry import ObjectRegion, ReflectionSymmetry
 from pipelines.geometry.transforms import make_pose, random_rotation, transform_points
 from tests.geometry.symmetric_shapes import ball_beside_box, box
 

@@ -4,7 +4,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipelines.errors import ValueRangeError
 from pipelines.metrics.success_rate import SuccessRate
 
 
@@ -51,8 +50,3 @@ def test_more_trials_of_the_same_rate_narrow_the_interval(count):
 def test_no_trials_make_no_rate():
     assert SuccessRate(0, 0).rate is None
     assert SuccessRate(0, 0).interval == (None, None)
-
-
-def test_more_successes_than_trials_are_refused():
-    with pytest.raises(ValueRangeError, match="0 to the 3 trials"):
-        SuccessRate(3, 4)

@@ -30,7 +30,7 @@ def tensors(points, direction, center):
 def test_reflection_error_is_that_of_geometry(seed):
     points, direction, center = case(seed)
     predicted, truth = (ReflectionSymmetry(direction[i], center[i]) for i in range(2))
-    expected = symmetry_error.reflection_error(points, predicted, truth)
+    expected = symmetry_error.symmetry_error(points, predicted, truth)
     p, n, c, true_n, true_c = tensors(points, direction, center)
     error = dense_error.reflection_errors(p, n, c, true_n, true_c)
     got = error[0, 0] / dense_error.reflection_extent(p, true_n, true_c)[0]

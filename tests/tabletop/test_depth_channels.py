@@ -13,11 +13,11 @@ from pipelines.tabletop.depth_channels import (
     STEP_UNIT,
     SmallFrame,
     depth_channels,
-    fill_missing,
     find_plane,
     shrink,
 )
 from pipelines.tabletop.organized import smooth_normals
+from pipelines.tabletop.sparse_depth import nearest_measured
 
 CAMERA = Intrinsics(200.0, 200.0, 95.5, 71.5, 192, 144)
 TABLE = Plane(np.array([0.0, -0.6, -0.8]), 0.6)
@@ -58,7 +58,7 @@ def test_channels_are_what_arrays_make_of_points_and_normals():
     depth += rng.normal(0, 0.002, depth.shape).astype(np.float32)
     depth[rng.random(depth.shape) < 0.2] = 0.0
     missing = depth == 0
-    filled = fill_missing(np.where(missing, np.float32(0.0), cv2.medianBlur(depth, 3)))
+    filled = nearest_measured(np.where(missing, np.float32(0.0), cv2.medianBlur(depth, 3)), 3)
     xyz = CAMERA.backproject(filled)
     normals = np.nan_to_num(smooth_normals(xyz, ~np.zeros_like(missing), FIT_RADIUS))
     height = np.clip(TABLE.height(xyz) / HEIGHT_UNIT, -LIMIT, LIMIT)
@@ -86,7 +86,7 @@ def test_a_frame_without_depth_is_all_missing():
 def test_holes_take_the_value_of_the_nearest_pixel():
     depth = np.zeros((5, 9), np.float32)
     depth[:, 0], depth[:, 8] = 1.0, 2.0
-    assert fill_missing(depth)[2].tolist() == [1, 1, 1, 1, fill_missing(depth)[2, 4], 2, 2, 2, 2]
+    assert nearest_measured(depth, 3)[2, [0, 1, 2, 3, 5, 6, 7, 8]].tolist() == 4 * [1] + 4 * [2]
 
 
 def test_the_plane_is_the_table():

@@ -19,8 +19,9 @@ from pipelines.array_types import Array
 from pipelines.configs import EndlessConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.geometry.meshes.mesh import Mesh
-from pipelines.geometry.region_masks import ObjectRegion, RegionedObject
+from pipelines.geometry.region_masks import RegionedObject
 from pipelines.geometry.symmetry import (
+    ObjectRegion,
     ReflectionSymmetry,
     RotationSymmetry,
     SphereSymmetry,

@@ -12,6 +12,7 @@ from pipelines.contents import reading
 from pipelines.errors import FormatError, UnknownNameError, ValueRangeError
 from pipelines.geometry.symmetry import (
     SYMMETRY_KINDS,
+    ObjectRegion,
     ReflectionSymmetry,
     RotationSymmetry,
     SphereSymmetry,
@@ -23,15 +24,6 @@ from pipelines.storage.provenance import Stamp
 FORMAT_VERSION = 1
 LARGEST_INDEX = 2**31 - 1  # of a triangle
 FOUND, BY_HAND, FROM_BOP = "found", "hand", "bop"  # sources of a symmetry
-
-
-@dataclass(frozen=True)
-class RegionLabel:
-    """One symmetric region of an object's surface."""
-
-    name: str
-    triangles: Indices  # (k,) indices into the mesh's triangles, in file order
-    symmetries: tuple[Symmetry, ...]  # canonical object frame
 
 
 @dataclass(frozen=True)
@@ -51,7 +43,7 @@ class ObjectSymmetries:
 
     name: str
     symmetries: tuple[Symmetry, ...]
-    regions: tuple[RegionLabel, ...] = ()
+    regions: tuple[ObjectRegion, ...] = ()
     doubt: float | None = None
     rejected: tuple[Symmetry, ...] = ()
     sources: tuple[str, ...] = ()
@@ -136,7 +128,7 @@ def symmetries_from_json(path: Path, content: Sequence[Any]) -> tuple[Symmetry, 
         return tuple(_symmetry(entry) for entry in content)
 
 
-def region_to_json(region: RegionLabel) -> dict[str, Any]:
+def region_to_json(region: ObjectRegion) -> dict[str, Any]:
     """Return one region as a JSON object."""
     return {
         "name": region.name,
@@ -179,10 +171,10 @@ def _order(content: Any) -> int | None:  # noqa: ANN401 - JSON
     return None if content is None else int(content)
 
 
-def _region(path: Path, content: Any) -> RegionLabel:  # noqa: ANN401 - JSON
+def _region(path: Path, content: Any) -> ObjectRegion:  # noqa: ANN401 - JSON
     if not isinstance(content, dict) or "triangles" not in content:
         raise FormatError(path, "a region lacks `triangles`", "name, triangles, symmetries")
-    return RegionLabel(
+    return ObjectRegion(
         name=str(content.get("name", "region")),
         triangles=triangles_from_json(path, content["triangles"]),
         symmetries=symmetries_from_json(path, content.get("symmetries", [])),

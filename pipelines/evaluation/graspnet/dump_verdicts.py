@@ -4,7 +4,7 @@ Where a frame has fewer ranked grasps than another its row is filled up with nan
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 import numpy as np
@@ -16,21 +16,6 @@ from pipelines.storage.provenance import Stamp, write_sidecar
 
 DUMP_STATUSES = ("ok", "missing", "unreadable")
 NONE = np.zeros(0)
-
-ARRAYS = (
-    "frame_id",
-    "status",
-    "message",
-    "rows",
-    "left_out",
-    "straightened",
-    "accuracy",
-    "row",
-    "object_id",
-    "confidence",
-    "friction",
-    "reason",
-)
 
 
 @dataclass(frozen=True)
@@ -91,7 +76,7 @@ def write_dump_verdicts(path: Path, frames: Sequence[FrameVerdicts], stamp: Stam
 
 def read_dump_verdicts(path: Path) -> dict[str, NDArray[np.generic]]:
     """Read the arrays of a scene."""
-    return dict(read_npz(path, ARRAYS))
+    return dict(read_npz(path, [column.name for column in fields(FrameVerdicts)]))
 
 
 def _padded(

@@ -25,12 +25,9 @@ WORDS = {
 
 
 def dump_page(report: Mapping[str, Any], name: str, faults: Mapping[str, str]) -> str:
-    """Return the page of a dump's `report.json`.
+    """Return the page of the `report.json` of the dump `name`.
 
-    Args:
-        report: as `formats.reports` reads it.
-        name: of the dump.
-        faults: scene to sentence, of what is wrong with its files.
+    `faults`: scene to sentence, of what is wrong with its files.
     """
     precision, fates = dump_tables(report["rows"])
     how = "exact contacts and collision" if report["exact"] else "as graspnetAPI computes it"

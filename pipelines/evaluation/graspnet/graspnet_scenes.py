@@ -4,7 +4,6 @@ import numpy as np
 
 from pipelines.configs import EvaluateDumpConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
-from pipelines.dataset.graspnet.graspnet_layout import SceneFiles
 from pipelines.errors import SymgraspError
 from pipelines.evaluation.graspnet.dump_verdicts import FrameVerdicts
 from pipelines.evaluation.graspnet.graspnet_truth import SceneTruth
@@ -26,17 +25,12 @@ def score_scene(
     """
     files = root.scene(dumped.scene_id, dumped.camera)
     truth = SceneTruth.read(root, files, config.exact)
-    return [_score_frame(truth, dumped, i, config) for i in posed_frames(files)]
-
-
-def posed_frames(files: SceneFiles) -> list[int]:
-    """Return the ids of the frames that can be scored: those with poses."""
-    found = files.ids_of("annotations")
-    if not found:
+    posed = files.ids_of("annotations")
+    if not posed:
         raise SymgraspError(
             f"{files.camera_folder / 'annotations'} holds no poses; NNNN.xml of every frame"
         )
-    return found
+    return [_score_frame(truth, dumped, i, config) for i in posed]
 
 
 def _score_frame(

@@ -37,12 +37,11 @@ class Tag:
     """One visible object of a picture: where it is, and what became of our grasp on it.
 
     Attributes:
-        object_id, name: of the object.
+        name: of the object.
         place: (x, y) of its middle as shares of the picture's width and height.
         verdict: on the row's grasp.
     """
 
-    object_id: int
     name: str
     place: tuple[float, float]
     verdict: Verdict
@@ -95,24 +94,22 @@ class FrameChoice:
             each for each in records if self.row in each.rows and each.rows[self.row].verdicts
         ]
         if scored:
-            self.best.append(min(scored, key=self._best_first))
-            self.worst.append(min(scored, key=self._worst_first))
+            self.best += self._ranked(scored, -1.0)[:1]
+            self.worst += self._ranked(scored, 1.0)[:1]
 
     def chosen(self, count: int = NUM_FRAMES) -> tuple[list[FrameRecord], list[FrameRecord]]:
         """Return the `count` best and the `count` worst frames, no frame twice."""
-        worst = sorted(self.worst, key=self._worst_first)[:count]
+        worst = self._ranked(self.worst, 1.0)[:count]
         shown = {each.name for each in worst}
-        best = [each for each in sorted(self.best, key=self._best_first) if each.name not in shown]
+        best = [each for each in self._ranked(self.best, -1.0) if each.name not in shown]
         return best[:count], worst
 
-    def _best_first(self, record: FrameRecord) -> tuple[float, str]:
-        return -mean_quality(record, self.row), record.name
-
-    def _worst_first(self, record: FrameRecord) -> tuple[float, str]:
-        return mean_quality(record, self.row), record.name
+    def _ranked(self, records: list[FrameRecord], sign: float) -> list[FrameRecord]:
+        """Return the worst frames first, by a negative `sign` the best."""
+        return sorted(records, key=lambda each: (sign * mean_quality(each, self.row), each.name))
 
 
-def mean_quality(record: FrameRecord, row: str = OURS) -> float:
+def mean_quality(record: FrameRecord, row: str) -> float:
     """Return the mean quality of a row's grasps on the visible objects of a frame."""
     return float(np.mean([verdict.quality for verdict in record.rows[row].verdicts]))
 
@@ -172,15 +169,12 @@ class _Artist:
         shown = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA))
         places = _spread([_middle(mask, window) for mask in masks], size)
         tags = [
-            Tag(verdict.object_id, self._name(verdict.object_id), place, verdict)
-            for verdict, place in zip(verdicts, places, strict=True)
+            Tag(self.names.get(v.object_id, f"object {v.object_id:03d}"), place, v)
+            for v, place in zip(verdicts, places, strict=True)
         ]
         jpeg = encode_image(shown, ".jpg", JPEG_QUALITY)
         quality = mean_quality(record, self.row)
         return Picture(record.name, record.split, quality, jpeg, size, tags)
-
-    def _name(self, object_id: int) -> str:
-        return self.names.get(object_id, f"object {object_id:03d}")
 
 
 def _window(objects: Mask) -> tuple[int, int, int, int]:

@@ -61,18 +61,13 @@ def line_crossings(mesh: Mesh, start: Array, direction: Array, reach: float) -> 
         line, travelled, triangle, last = line[hit], travelled[hit], triangle[hit], last[hit]
         # Single precision may meet a triangle again that was just passed.
         new = triangle != last
-        columns.append(_column(mesh, direction, line[new], travelled[new], triangle[new]))
+        found, cosine = np.full(len(start), np.inf), np.zeros(len(start))
+        found[line[new]] = travelled[new]
+        normals = mesh.face_normals[triangle[new]]
+        cosine[line[new]] = np.einsum("ni,ni->n", direction[line[new]], normals)
+        columns.append((found, cosine))
         last, travelled = triangle, travelled + STEP_PAST
     return _packed(columns, len(start))
-
-
-def _column(
-    mesh: Mesh, direction: Array, line: NDArray[np.int64], distance: Array, triangle: Array
-) -> tuple[Array, Array]:
-    found, cosine = np.full(len(direction), np.inf), np.zeros(len(direction))
-    found[line] = distance
-    cosine[line] = np.einsum("ni,ni->n", direction[line], mesh.face_normals[triangle])
-    return found, cosine
 
 
 def _packed(columns: list[tuple[Array, Array]], count: int) -> Crossings:

@@ -4,7 +4,7 @@ Embree has no wheel for ARM Linux. It searches in single precision, the tree in 
 where a ray passes an edge within a ten-millionth of the scene's size.
 """
 
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -18,18 +18,11 @@ except ImportError:  # `doctor` says so
     EmbreeScene = None
 
 
-class RaySearch(Protocol):
-    """A search among triangles; rays start at `origins` (r, 3) along `directions` (r, 3)."""
-
-    def first(self, origins: Array, directions: Array) -> tuple[Indices, Array]:
-        """Return the first triangle (r,) of each ray, -1 for none, and its distance (r,)."""
-
-    def any(self, origins: Array, directions: Array) -> Mask:
-        """Return (r,) whether each ray hits anything."""
-
-
 class EmbreeSearch:
-    """Embree's search among `triangles` (t, 3, 3), best about the origin: single precision."""
+    """Embree's search among `triangles` (t, 3, 3), best about the origin: single precision.
+
+    Rays start at `origins` (r, 3) along `directions` (r, 3).
+    """
 
     def __init__(self, triangles: Array) -> None:
         self._scene = EmbreeScene()
@@ -75,6 +68,6 @@ def has_embree() -> bool:
     return EmbreeScene is not None
 
 
-def ray_search(triangles: Array) -> RaySearch:
+def ray_search(triangles: Array) -> EmbreeSearch | TreeSearch:
     """Return a search among `triangles` (t, 3, 3)."""
     return EmbreeSearch(triangles) if has_embree() else TreeSearch(triangles)

@@ -34,8 +34,11 @@ def looks_inward(mesh: Mesh) -> Mask:
     """
     pairs, opposed = _neighbours(mesh.faces)
     against, sheet = _against_first(len(mesh.faces), pairs, opposed)
-    if mesh.is_watertight and not against.any() and (_volumes(mesh, sheet) > 0.0).all():
-        return against  # no rays are needed
+    if mesh.is_watertight and not against.any():
+        a, b, c = mesh.triangles.swapaxes(0, 1)
+        volumes = np.bincount(sheet, np.einsum("ij,ij->i", a, np.cross(b, c)))
+        if (volumes > 0.0).all():
+            return against  # no rays are needed
     # Of each sheet the way of most of its area counts, until rays say otherwise.
     signed = np.bincount(sheet, np.where(against, -1.0, 1.0) * mesh.face_areas)
     against ^= signed[sheet] < 0.0
@@ -61,12 +64,6 @@ def turned_outward(mesh: Mesh) -> tuple[Mesh, str]:
 
 def _turned(mesh: Mesh, which: Mask) -> Mesh:
     return replace(mesh, faces=np.where(which[:, None], mesh.faces[:, ::-1], mesh.faces))
-
-
-def _volumes(mesh: Mesh, sheet: Indices) -> Array:
-    """Return the signed volume of each sheet of a closed mesh, cubic metres."""
-    a, b, c = mesh.triangles.swapaxes(0, 1)
-    return np.asarray(np.bincount(sheet, np.einsum("ij,ij->i", a, np.cross(b, c))), np.float64)
 
 
 def _neighbours(faces: Indices) -> tuple[Indices, Mask]:

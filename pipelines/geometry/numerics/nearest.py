@@ -44,11 +44,6 @@ class Neighbours:
         return away.reshape(queries.shape[:-1]), nearest.reshape(queries.shape[:-1])
 
 
-def nearest_of(points: Array, queries: Array) -> tuple[Array, Indices]:
-    """Return distance and index (...) of the nearest of `points` (n, 3) to `queries` (..., 3)."""
-    return Neighbours.of(points).nearest(queries)
-
-
 @compiled
 def _nearest(points: Array, about: Singles, middle: Array, queries: Array) -> tuple[Array, Indices]:
     """Return distances and indices (q,); `about`: (3, n) points relative to `middle` (3,)."""

@@ -28,7 +28,11 @@ class HeightMap:
         """Return the map of `points` (n, 3), metres, along the unit `approach` (3,)."""
         axes = basis_from_direction(approach)
         low, cell, depth = _nearest_in_cells(points @ axes)
-        return cls(axes, low - MARGIN * cell, cell, _holes_filled(depth))
+        measured = np.isfinite(depth).astype(np.uint8)
+        # Small gaps between measured cells are closed.
+        inside = cv2.morphologyEx(measured, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+        depth = _filled(depth, np.asarray(inside, np.uint8))
+        return cls(axes, low - MARGIN * cell, cell, depth)
 
     def across(self, direction: Array) -> Array:
         """Return (2,) the part of `direction` (3,) on the plane across the approach."""
@@ -38,13 +42,6 @@ class HeightMap:
         """Return (n, 3) camera-frame points of `pixels` (n, 2) as (column, row) at `depth`."""
         flat = self.low + (pixels + 0.5) * self.cell
         return np.asarray(flat @ self.axes[:, 1:].T + depth * self.axes[:, 0])
-
-
-def _holes_filled(depth: Array) -> Array:
-    """Return `depth` with small gaps between measured cells closed."""
-    measured = np.isfinite(depth).astype(np.uint8)
-    inside = cv2.morphologyEx(measured, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-    return _filled(depth, np.asarray(inside, np.uint8))
 
 
 @compiled

@@ -24,16 +24,10 @@ def symmetric_candidates(
 ) -> GraspCandidates:
     """Return pairs of the graspable points of `region` with their counterparts.
 
-    Of several symmetries the one whose counterpart's normal is closest to antiparallel wins
-    (D. 5): mirroring turns a normal n into n - 2 (n.m) m, so that is the largest |n.m|, and the
-    same for an axis or a centre with the direction across it.
-
-    Args:
-        region: n points.
-        symmetries: slots and symmetries, camera frame.
-        affordance: (n,).
-        config: thresholds.
-        feasibility: that grasps must pass.
+    Of several `symmetries`, each with its slot, the one whose counterpart's normal is closest to
+    antiparallel wins (D. 5): mirroring turns a normal n into n - 2 (n.m) m, so that is the largest
+    |n.m|, and the same for an axis or a centre with the direction across it. `affordance`: (n,) of
+    the points.
     """
     scene, angles = feasibility.scene, every_angle(config.num_approach_angles)
     chosen = np.flatnonzero(affordance > config.min_affordance)

@@ -5,9 +5,7 @@ table and within the image where that cuts the region off, comes from the camera
 something, and is free of collision at its pose and along its approach path.
 """
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -27,14 +25,9 @@ ROUNDING = 1e-6  # metres
 
 @dataclass(frozen=True)
 class Feasibility:
-    """The checks of grasps at one region.
+    """The checks of grasps at one region, which must not meet the points `around`.
 
-    Attributes:
-        gripper: that grasps.
-        scene: that the region lies in.
-        around: the points that the gripper must not meet.
-        border: the sides at which the image cuts the region off; None where it does not.
-        config: thresholds.
+    `border`: the sides at which the image cuts the region off; None where it does not.
     """
 
     gripper: Gripper
@@ -154,22 +147,13 @@ class Feasibility:
 
     def _well_placed(self, grasps: GraspPoses) -> Indices:
         """Return which `grasps` (f,) keep to the limits, off the table and within the image."""
-        kept = np.arange(len(grasps))
-        for allow in self._placements():
-            kept = kept[allow(grasps[kept])]
-        return kept
-
-    def _placements(self) -> Iterator[Callable[[GraspPoses], Mask]]:
-        scene, border = self.scene, self.border
+        kept, scene = np.arange(len(grasps)), self.scene
         if scene.limits is not None:
-            yield scene.limits.allow
-        if scene.plane is not None:
-            yield partial(self._is_above, scene.plane)
-        if border is not None:
-            yield partial(border.is_kept, gripper=self.gripper)
-
-    def _is_above(self, table: Plane, grasps: GraspPoses) -> Mask:
-        """Return (n,) which `grasps` keep off `table` all along their approach path."""
-        swept = self.gripper.swept(self.config.approach_distance)
-        lowest = lowest_height(grasps, swept, table)
-        return np.asarray(lowest >= self.config.min_table_distance)
+            kept = kept[scene.limits.allow(grasps[kept])]
+        if scene.plane is not None:  # all along their approach path
+            swept = self.gripper.swept(self.config.approach_distance)
+            lowest = lowest_height(grasps[kept], swept, scene.plane)
+            kept = kept[lowest >= self.config.min_table_distance]
+        if self.border is not None:
+            kept = kept[self.border.is_kept(grasps[kept], self.gripper)]
+        return kept

@@ -43,12 +43,10 @@ class WorkspaceBox:
 
 
 def suggested_box(clouds: Sequence[Array], plane: Plane | None, margin: float) -> WorkspaceBox:
-    """Return a box around regions, in the table's frame where a table is seen.
+    """Return a box around regions, in the frame of the table `plane` where one is seen.
 
-    Args:
-        clouds: points (n, 3) of at least one region, camera frame, metres.
-        plane: of the table.
-        margin: metres around the regions; not below the table.
+    `clouds`: points (n, 3) of at least one region, camera frame, metres. `margin`: metres around
+    the regions, not below the table.
     """
     T_box_cam = np.eye(4) if plane is None else table_from_camera(plane)
     bounds = [

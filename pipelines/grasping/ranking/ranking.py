@@ -34,23 +34,6 @@ class GraspCritic:
         return self.network.probability(features.points(), candidates[:, :0], candidates)
 
 
-class Ranking(Protocol):
-    """A score of feasible grasps, and which of them are worth it."""
-
-    @property
-    def min_stability(self) -> float:
-        """Stability that a grasp needs to be scored, relative to the most stable one."""
-
-    def score(self, found: RankedGrasps, stability: Array, visible: Array) -> Array:
-        """Return the score (n,) of grasps, higher is better.
-
-        Args:
-            found: n feasible grasps, their rank_score not known yet.
-            stability: (n,) the prior that they were tried by.
-            visible: (n,) share of the finger tips' space that is seen to be free.
-        """
-
-
 @dataclass(frozen=True)
 class ByEq8:
     """The paper's ranking.
@@ -63,11 +46,17 @@ class ByEq8:
 
     @property
     def min_stability(self) -> float:
-        """Stability that a grasp needs, relative to the most stable one."""
+        """Stability that a grasp needs to be scored, relative to the most stable one."""
         return self.config.min_stability
 
     def score(self, found: RankedGrasps, stability: Array, visible: Array) -> Array:
-        """Return s of Eq. 8 (n,), less where the camera does not see."""
+        """Return s of Eq. 8 (n,), less where the camera does not see.
+
+        Args:
+            found: n feasible grasps, their rank_score not known yet.
+            stability: (n,) the prior that they were tried by.
+            visible: (n,) share of the finger tips' space that is seen to be free.
+        """
         del stability
         s = eq8_score(found.clearance, found.enclosed_height, self.config)
         return np.asarray(s * (1.0 - self.config.weight_unseen * (1.0 - visible)))
@@ -95,10 +84,16 @@ class ByCritic:
         return self.config.critic_min_stability
 
     def score(self, found: RankedGrasps, stability: Array, visible: Array) -> Array:
-        """Return the expected quality (n,), less where the weight turns what is held (D. 143)."""
+        """Return the expected quality (n,), less where the weight turns what is held (D. 143).
+
+        Arguments are those of `ByEq8.score`.
+        """
         expected = self.critic.expect(GraspFeatures(found, stability, visible, self.known))
         arm = torque_arm(found.grasps, self.known.centre, self.known.up)
         return np.asarray(expected / (1.0 + (arm / self.config.half_torque_arm) ** 2))
+
+
+Ranking = ByEq8 | ByCritic
 
 
 def torque_arm(grasps: GraspPoses, centre: Array, up: Array) -> Array:

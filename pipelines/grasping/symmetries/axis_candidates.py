@@ -28,15 +28,7 @@ def starting_axes(
     table: Plane | None,
     allowed: int = NETWORK | SHAPE,
 ) -> tuple[list[RotationSymmetry], Indices]:
-    """Return k axes worth a fit, and their sources (k,).
-
-    Args:
-        slots: predicted for the region, camera frame.
-        points: (n, 3) metres, camera frame.
-        normals: (n, 3) unit.
-        table: normal toward the camera; None where none is known.
-        allowed: sources to look at.
-    """
+    """Return k axes worth a fit, and their sources (k,); arguments as of `candidate_planes`."""
     named, lines = slots.point[ROTATION_SLOT], []
     if allowed & NETWORK:
         lines.append((slots.direction[ROTATION_SLOT], named, NETWORK))

@@ -5,8 +5,6 @@ plane of anything on the table from half its height. Each source names planes th
 planes named twice are kept once.
 """
 
-from collections.abc import Sequence
-
 import cv2
 import numpy as np
 
@@ -45,13 +43,9 @@ def candidate_planes(
 ) -> tuple[list[ReflectionSymmetry], Indices]:
     """Return k planes worth a look, each with its point next to the region's middle; their sources.
 
-    Args:
-        slots: predicted for the region, camera frame.
-        axis: the best axis of rotation.
-        points: (n, 3) metres, camera frame.
-        normals: (n, 3) unit.
-        table: normal toward the camera; None where none is known.
-        allowed: sources to look at.
+    Of a region with `points` (n, 3), metres, and unit `normals` (n, 3); all in the camera frame.
+    `axis` is the best axis of rotation, the `table`'s normal points to the camera; `allowed` are
+    the sources to look at.
     """
     middle = points.mean(axis=0)
     named = [(slots.direction[k], slots.point[k], NETWORK) for k in REFLECTION_SLOTS]
@@ -157,21 +151,12 @@ def _outline_angle(flat: Array) -> float:
     return float(np.radians(cv2.minAreaRect(flat.astype(np.float32))[2]))
 
 
-def distinct_planes(
-    planes: Sequence[ReflectionSymmetry], angle: float, offset: float = np.inf
-) -> list[ReflectionSymmetry]:
+def merged_planes(
+    planes: list[ReflectionSymmetry], sources: Indices, angle: float, offset: float
+) -> tuple[list[ReflectionSymmetry], Indices]:
     """Return `planes` without those within `angle` (radians) and `offset` (metres) of one before.
 
-    `offset` is taken along the earlier plane's normal.
-    """
-    return merged_planes(planes, np.zeros(len(planes), np.int64), angle, offset)[0]
-
-
-def merged_planes(
-    planes: Sequence[ReflectionSymmetry], sources: Indices, angle: float, offset: float
-) -> tuple[list[ReflectionSymmetry], Indices]:
-    """Return the planes that `distinct_planes` keeps, and the sources of all that each stands for.
-
+    And the sources of all that each stands for. `offset` is taken along the earlier plane's normal;
     `sources` (k,) are bits, as in `sources.py`.
     """
     normal = np.array([plane.normal for plane in planes]).reshape(-1, 3)

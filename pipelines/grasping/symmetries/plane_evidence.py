@@ -23,7 +23,6 @@ from pipelines.grasping.symmetries.mirror_views import MirrorImages, plane_featu
 from pipelines.grasping.symmetries.observed_frustum import in_observed_frustum
 from pipelines.grasping.symmetries.plane_candidates import (
     candidate_planes,
-    distinct_planes,
     merged_planes,
     region_top,
 )
@@ -86,9 +85,9 @@ def likely_planes(
     planes, sources = fitted_planes(region)
     confidence = critic.probability(*critic_inputs(planes, region))
     order = np.argsort(-confidence, kind="stable")
-    chosen = distinct_planes([planes[i] for i in order], RIVALS)[: len(REFLECTION_SLOTS)]
+    chosen, _ = merged_planes([planes[i] for i in order], sources[order], RIVALS, np.inf)
     known = {id(planes[i]): (float(confidence[i]), int(sources[i])) for i in order}
-    return [(plane, *known[id(plane)]) for plane in chosen]
+    return [(plane, *known[id(plane)]) for plane in chosen[: len(REFLECTION_SLOTS)]]
 
 
 def fitted_planes(region: RegionEvidence) -> tuple[list[ReflectionSymmetry], Indices]:

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from pipelines.array_types import Array
+from pipelines.array_types import Array, Floats
 from pipelines.geometry.symmetry import SPHERE_SLOT, SymmetrySlots
 
 
-def mean_slots(existence: Array, point: Array, direction: Array) -> SymmetrySlots:
+def mean_slots(existence: Floats, point: Floats, direction: Floats) -> SymmetrySlots:
     """Return the mean of per-point predictions.
 
     A normal and its opposite are one plane, so directions average as outer products.
@@ -22,7 +22,7 @@ def mean_slots(existence: Array, point: Array, direction: Array) -> SymmetrySlot
     return slots
 
 
-def _by_slot(vectors: Array) -> Array:
+def _by_slot(vectors: Floats) -> Array:
     """Return (5, 3, n) of (n, 5, 3), a coordinate in one piece."""
     flat = vectors.reshape(len(vectors), -1)
     return np.ascontiguousarray(flat.T, np.float64).reshape(*vectors.shape[1:], len(vectors))

@@ -227,7 +227,10 @@ def _discrete_rotation(
     ranked = sorted(range(len(guesses)), key=lambda i: (-guesses[i][0], -spread[i]))
     guesses = [guesses[i] for i in ranked]
     if not guesses:  # an object with a turn but no mirror, such as a propeller
-        guesses = _searched_turns(shape, grid, config)
+        points = shape.points(COARSE_SAMPLES)
+        for order in range(config.max_order, 1, -1):
+            best = axis_candidates(grid, points, config, (2.0 * np.pi / order,))[0]
+            guesses.append((order, np.concatenate([best, np.zeros(3)])))
     for order, axis in guesses:
         angle = 2.0 * np.pi / order
         coarse = refined_axes(shape, axis[None], (angle,), COARSE_SCALES, COARSE_SAMPLES)
@@ -245,14 +248,3 @@ def _common_line(first: Array, second: Array) -> Array:
     system = np.stack([first[:3], second[:3], direction])
     point = np.linalg.solve(system, [first[3], second[3], 0.0])
     return np.concatenate([direction / np.linalg.norm(direction), point])
-
-
-def _searched_turns(
-    shape: UnitSurface, grid: DistanceGrid, config: AnnotateSymmetryConfig
-) -> list[tuple[int, Array]]:
-    guesses = []
-    for order in range(config.max_order, 1, -1):
-        angles = (2.0 * np.pi / order,)
-        best = axis_candidates(grid, shape.points(COARSE_SAMPLES), config, angles)[0]
-        guesses.append((order, np.concatenate([best, np.zeros(3)])))
-    return guesses

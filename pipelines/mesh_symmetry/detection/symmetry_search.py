@@ -238,7 +238,8 @@ def settled_axes(shape: UnitSurface, axes: Array, config: AnnotateSymmetryConfig
 def _distinct_planes(shape: UnitSurface, planes: Array) -> Array:
     before = Samples(shape.points(COARSE_SAMPLES), shape.samples.normals[:COARSE_SAMPLES])
     images = [mirror_samples(before, plane[:3], float(plane[3])).points for plane in planes]
-    misses = _misses(shape, np.stack(images))
+    distance = shape.surface.within(np.stack(images), MISS_CAP)[0]
+    misses = np.minimum(distance, MISS_CAP).mean(axis=-1)
     order = np.argsort(misses, kind="stable")
     # A plane that fits less than half of the surface is no plane of a region either.
     ranked = planes[order[: max(1, int(np.sum(misses < MAX_MISS)))]]
@@ -247,9 +248,3 @@ def _distinct_planes(shape: UnitSurface, planes: Array) -> Array:
             ranked[:, :3], ranked[:, 3], KEPT_PLANES, min_angle=SAME_ANGLE, min_offset=SAME_OFFSET
         )
     ]
-
-
-def _misses(shape: UnitSurface, images: Array) -> Array:
-    """Return the mean capped distance (c,) of `images` (c, n, 3) to the nearest samples."""
-    distance = shape.surface.within(images, MISS_CAP)[0]
-    return np.asarray(np.minimum(distance, MISS_CAP).mean(axis=-1))

@@ -6,6 +6,7 @@ edges on closed surfaces. These are seams: the edge of another sheet runs along 
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -39,7 +40,11 @@ class OpenBoundary:
 
     points: Array
     outward: Array
-    tree: KDTree | None
+
+    @cached_property
+    def tree(self) -> KDTree | None:
+        """The tree of the points; None without any."""
+        return KDTree(self.points) if len(self.points) else None
 
     @classmethod
     def of(cls, mesh: Mesh) -> "OpenBoundary":
@@ -52,16 +57,11 @@ class OpenBoundary:
         # A rim is near itself at its corners only, a seam along its whole length.
         share = np.bincount(owner, weights=seam) / np.maximum(np.bincount(owner), 1)
         keep = share[owner] < MIN_SEAM_SHARE
-        return cls.at(points[keep], outward[keep])
-
-    @classmethod
-    def at(cls, points: Array, outward: Array) -> "OpenBoundary":
-        """Return the boundary of `points` (k, 3) with directions `outward` (k, 3); k may be 0."""
-        return cls(points, outward, KDTree(points) if len(points) else None)
+        return cls(points[keep], outward[keep])
 
     def moved(self, center: Array, size: float) -> "OpenBoundary":
         """Return the boundary moved by -`center` (3,) and divided by `size`."""
-        return self.at((self.points - center) / size, self.outward)
+        return OpenBoundary((self.points - center) / size, self.outward)
 
     def distances(self, points: Array, reach: float) -> Array:
         """Return the distances (n,) of `points` (n, 3) to the nearest rim, inf beyond `reach`."""

@@ -50,7 +50,7 @@ class PartSymmetries:
 
     def part(self, members: Mask) -> list[Symmetry]:
         """Return the symmetries of the part `members` (m,), its own and shared planes."""
-        found = self._analysed(members)
+        found = analyse(self.parts.submesh(members), self._coarser, self.rng).symmetries
         if any(is_round(symmetry) for symmetry in found):
             return found
         planes = [symmetry for symmetry in found if isinstance(symmetry, ReflectionSymmetry)]
@@ -95,7 +95,8 @@ class PartSymmetries:
         others = [
             plane
             for plane in self._planes()
-            if not _is_among(plane, planes) and self._keeps(plane, members)
+            if not _is_among(plane, planes)
+            and self._supported(plane, members).mean() >= self.config.min_agreement
         ]
         if not others or room <= 0:
             return planes
@@ -109,11 +110,6 @@ class PartSymmetries:
         # A generator of its own, so that samples of other parts do not depend on this call.
         return holding(planes, mesh, self._coarser, self.rng.spawn(1)[0])
 
-    def _keeps(self, plane: ReflectionSymmetry, members: Mask) -> bool:
-        """Return whether `plane` maps most of the part `members` to itself."""
-        held = self._supported(plane, members)
-        return bool(held.mean() >= self.config.min_agreement)
-
     def _supported(self, plane: ReflectionSymmetry, members: Mask) -> Mask:
         """Return the mask (k,) of `members` whose image is on the surface of `members`."""
         surface = self.parts.surface
@@ -126,9 +122,6 @@ class PartSymmetries:
         tolerance = SUPPORT_DISTANCE * self.size
         near = (np.abs(gap) < tolerance) & (beside < 3.0 * tolerance) & members[index]
         return np.asarray(near & (np.abs(np.einsum("nd,nd->n", met, normals)) > SUPPORT_COSINE))
-
-    def _analysed(self, members: Mask) -> list[Symmetry]:
-        return analyse(self.parts.submesh(members), self._coarser, self.rng).symmetries
 
     @property
     def _coarser(self) -> AnnotateSymmetryConfig:

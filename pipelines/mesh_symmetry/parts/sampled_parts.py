@@ -42,10 +42,6 @@ class SampledParts:
         rows, columns = np.concatenate([first, second]), np.concatenate([second, first])
         return coo_matrix((links, (rows, columns)), shape=(count, count)).tocsr()
 
-    def share(self, members: Mask) -> float:
-        """Return the share of the area that the samples `members` (m,) represent."""
-        return float(members.mean())
-
     def clusters(self, members: Mask, same_side: float | None = None) -> list[Mask]:
         """Return the connected sets of `members` (m,), largest first.
 

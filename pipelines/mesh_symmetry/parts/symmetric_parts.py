@@ -7,14 +7,15 @@ An object without symmetry is cut further: by the mirror plane that explains mos
 nearly convex pieces.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipelines.array_types import Indices, Mask
+from pipelines.array_types import Mask
 from pipelines.configs import AnnotateSymmetryConfig
 from pipelines.geometry.meshes.mesh import Mesh
-from pipelines.geometry.symmetry import Symmetry
+from pipelines.geometry.symmetry import ObjectRegion, Symmetry
 from pipelines.mesh_symmetry.detection.surface import diameter
 from pipelines.mesh_symmetry.detection.symmetry_detection import MeshSymmetries
 from pipelines.mesh_symmetry.parts.convex_parts import convex_owner
@@ -32,144 +33,124 @@ MIN_CUT_SHARE = 0.2  # smaller parts are not cut into convex pieces
 
 
 @dataclass(frozen=True)
-class SymmetricRegion:
-    """A region of a mesh: sorted indices of its `triangles` (k,), and its symmetries."""
-
-    name: str
-    triangles: Indices
-    symmetries: list[Symmetry]
-
-
-@dataclass(frozen=True)
 class _Piece:
     members: Mask  # (m,) samples
     symmetries: list[Symmetry]
     is_body: bool = False
 
 
-@dataclass(frozen=True)
-class _Cutting:
-    """The object that is being cut."""
-
-    parts: SampledParts
-    symmetries_of: PartSymmetries
-    config: AnnotateSymmetryConfig
-    size: float  # diameter, metres
-
-
 def symmetric_regions(
     mesh: Mesh, detection: MeshSymmetries, config: AnnotateSymmetryConfig, rng: np.random.Generator
-) -> list[SymmetricRegion]:
+) -> list[ObjectRegion]:
     """Return the symmetric regions of `mesh`, mesh frame, given the `detection` of the whole.
 
     No triangle is in two regions. An object without any symmetric part is one region, the whole,
     without symmetries.
     """
-    whole = SymmetricRegion(WHOLE_REGION, np.arange(len(mesh.faces)), detection.symmetries)
+    whole = ObjectRegion(WHOLE_REGION, np.arange(len(mesh.faces)), tuple(detection.symmetries))
     if any(is_round(symmetry) for symmetry in detection.symmetries):
         return [whole]
     parts = SampledParts.of(mesh, NUM_SAMPLES, rng)
-    size = diameter(parts.surface.points)
-    cutting = _Cutting(parts, PartSymmetries(parts, detection, config, rng, size), config, size)
+    search = PartSymmetries(parts, detection, config, rng, diameter(parts.surface.points))
     mirrored = has_slot(detection.symmetries)
-    pieces = _mirrored_pieces(cutting) if mirrored else _asymmetric_pieces(cutting)
-    symmetric = sum(parts.share(piece.members) for piece in pieces if has_slot(piece.symmetries))
+    pieces = _mirrored_pieces(search) if mirrored else _asymmetric_pieces(search)
+    symmetric = sum(piece.members.mean() for piece in pieces if has_slot(piece.symmetries))
     if symmetric < MIN_DETAIL:
         return [whole]
     return _regions(parts, pieces)
 
 
-def has_slot(symmetries: list[Symmetry]) -> bool:
+def has_slot(symmetries: Sequence[Symmetry]) -> bool:
     """Return whether the network predicts any of `symmetries`: not the discrete rotations."""
     return any(getattr(symmetry, "order", None) is None for symmetry in symmetries)
 
 
-def _mirrored_pieces(cutting: _Cutting) -> list[_Piece]:
+def _mirrored_pieces(search: PartSymmetries) -> list[_Piece]:
     """Return bodies of revolution and the parts beside them; none if the object stays whole."""
     everything = np.ones(NUM_SAMPLES, dtype=np.bool_)
-    pieces = _bodies(cutting, everything, cutting.config.min_body_share)
+    pieces = _bodies(search, everything, search.config.min_body_share)
     # A body equal to the whole object would contradict its detection, as for many-sided columns.
     if not pieces or pieces[0].members.all():
         return []
     loose: list[Mask] = []
-    for members in cutting.parts.clusters(_left(pieces, everything)):
-        if _is_graspable(cutting, members):
-            pieces.append(_Piece(members, cutting.symmetries_of.part(members)))
+    for members in search.parts.clusters(_left(pieces, everything)):
+        if _is_graspable(search, members):
+            pieces.append(_Piece(members, search.part(members)))
         else:
             loose.append(members)
-    if sum(cutting.parts.share(members) for members in loose) > MAX_LOOSE_SHARE:
+    if sum(members.mean() for members in loose) > MAX_LOOSE_SHARE:
         return []
-    return _joined(cutting, pieces, loose)
+    return _joined(search, pieces, loose)
 
 
-def _asymmetric_pieces(cutting: _Cutting) -> list[_Piece]:
+def _asymmetric_pieces(search: PartSymmetries) -> list[_Piece]:
     """Return the symmetric parts of an object without symmetry, and the rest of it."""
     everything = np.ones(NUM_SAMPLES, dtype=np.bool_)
-    pieces = _bodies(cutting, everything, cutting.config.min_body_share)
-    mirrored = cutting.symmetries_of.largest_mirrored(_left(pieces, everything))
-    if mirrored is not None and _is_graspable(cutting, mirrored):
-        pieces.append(_Piece(mirrored, cutting.symmetries_of.part(mirrored)))
+    pieces = _bodies(search, everything, search.config.min_body_share)
+    mirrored = search.largest_mirrored(_left(pieces, everything))
+    if mirrored is not None and _is_graspable(search, mirrored):
+        pieces.append(_Piece(mirrored, search.part(mirrored)))
     loose: list[Mask] = []
-    for members in cutting.parts.clusters(_left(pieces, everything)):
-        found = _cut_further(cutting, members)
+    for members in search.parts.clusters(_left(pieces, everything)):
+        found = _cut_further(search, members)
         pieces += found
-        for left in cutting.parts.clusters(_left(found, members)):
-            if _is_graspable(cutting, left):
+        for left in search.parts.clusters(_left(found, members)):
+            if _is_graspable(search, left):
                 pieces.append(_Piece(left, []))
             else:
                 loose.append(left)
-    return _joined(cutting, pieces, loose)
+    return _joined(search, pieces, loose)
 
 
-def _bodies(cutting: _Cutting, among: Mask, min_lateral: float) -> list[_Piece]:
+def _bodies(search: PartSymmetries, among: Mask, min_lateral: float) -> list[_Piece]:
     pieces = [
-        _Piece(body.members, cutting.symmetries_of.body(body), is_body=True)
-        for body in revolved_bodies(cutting.parts, among, min_lateral)
-        if _is_graspable(cutting, body.members)
+        _Piece(body.members, search.body(body), is_body=True)
+        for body in revolved_bodies(search.parts, among, min_lateral)
+        if _is_graspable(search, body.members)
     ]
     return [piece for piece in pieces if piece.symmetries]
 
 
-def _cut_further(cutting: _Cutting, members: Mask) -> list[_Piece]:
+def _cut_further(search: PartSymmetries, members: Mask) -> list[_Piece]:
     """Return the symmetric pieces of `members`: all of it, bodies in it, or nearly convex parts."""
-    if not _is_graspable(cutting, members):
+    if not _is_graspable(search, members):
         return []
-    found = cutting.symmetries_of.part(members)
+    found = search.part(members)
     if has_slot(found):
         return [_Piece(members, found)]
-    pieces = _bodies(cutting, members, MIN_DETAIL)
-    for rest in cutting.parts.clusters(_left(pieces, members)):
-        if cutting.parts.share(rest) >= MIN_CUT_SHARE:
-            pieces += _convex_pieces(cutting, rest)
+    pieces = _bodies(search, members, MIN_DETAIL)
+    for rest in search.parts.clusters(_left(pieces, members)):
+        if rest.mean() >= MIN_CUT_SHARE:
+            pieces += _convex_pieces(search, rest)
     return pieces
 
 
-def _convex_pieces(cutting: _Cutting, members: Mask) -> list[_Piece]:
+def _convex_pieces(search: PartSymmetries, members: Mask) -> list[_Piece]:
     """Return the symmetric ones of the nearly convex parts of `members`."""
     pieces = []
     owner = np.full(NUM_SAMPLES, NO_PART, dtype=np.int64)
-    mesh = cutting.parts.submesh(members)
-    owner[members] = convex_owner(mesh, cutting.parts.surface.points[members])
+    mesh = search.parts.submesh(members)
+    owner[members] = convex_owner(mesh, search.parts.surface.points[members])
     for index in np.unique(owner[members]):
-        piece = cutting.parts.clusters(owner == index)[0]
-        seen = cutting.parts.smooth_border(piece) <= MAX_SMOOTH_BORDER
+        piece = search.parts.clusters(owner == index)[0]
+        seen = search.parts.smooth_border(piece) <= MAX_SMOOTH_BORDER
         # A region consists of triangles: if these are large, a piece may get hardly any.
-        stands_for = cutting.parts.on_triangles(piece)
-        if not seen or not all(_is_graspable(cutting, part) for part in (piece, stands_for)):
+        stands_for = search.parts.on_triangles(piece)
+        if not seen or not all(_is_graspable(search, part) for part in (piece, stands_for)):
             continue
-        found = cutting.symmetries_of.part(piece)
+        found = search.part(piece)
         if has_slot(found):
             pieces.append(_Piece(piece, found))
     return pieces
 
 
-def _is_graspable(cutting: _Cutting, members: Mask) -> bool:
+def _is_graspable(search: PartSymmetries, members: Mask) -> bool:
     """Return whether a part is large enough, and not a sheet across which fingers cannot close."""
-    surface, config = cutting.parts.surface, cutting.config
-    if cutting.parts.share(members) < config.min_part_share or members.sum() < 5:
+    surface, config = search.parts.surface, search.config
+    if members.mean() < config.min_part_share or members.sum() < 5:
         return False
     extent = diameter(surface.points[members])
-    if extent < min(config.min_region_extent, SMALL_OBJECT * cutting.size):
+    if extent < min(config.min_region_extent, SMALL_OBJECT * search.size):
         return False
     return float(np.linalg.norm(surface.normals[members].mean(axis=0))) <= MAX_MEAN_NORMAL
 
@@ -181,40 +162,40 @@ def _left(pieces: list[_Piece], members: Mask) -> Mask:
     return left
 
 
-def _joined(cutting: _Cutting, pieces: list[_Piece], loose: list[Mask]) -> list[_Piece]:
+def _joined(search: PartSymmetries, pieces: list[_Piece], loose: list[Mask]) -> list[_Piece]:
     """Return `pieces`, each of `loose` joined to the one it touches most if its planes hold."""
     scraps: list[list[Mask]] = [[] for _ in pieces]
     for scrap in loose:
-        links = [cutting.parts.touching(scrap, piece.members) for piece in pieces]
+        links = [search.parts.touching(scrap, piece.members) for piece in pieces]
         if max(links, default=0.0) > 0.0:
             scraps[int(np.argmax(links))].append(scrap)
-    return [_with_scraps(cutting, *both) for both in zip(pieces, scraps, strict=True)]
+    return [_with_scraps(search, *both) for both in zip(pieces, scraps, strict=True)]
 
 
-def _with_scraps(cutting: _Cutting, piece: _Piece, scraps: list[Mask]) -> _Piece:
+def _with_scraps(search: PartSymmetries, piece: _Piece, scraps: list[Mask]) -> _Piece:
     """Return `piece` with `scraps`, the small ones first, as long as its planes hold."""
     left = sorted(scraps, key=np.count_nonzero)
     while left:
         members = np.any([piece.members, *left], axis=0)
         if piece.is_body:  # other parts may touch a body; its axis holds anyway
             return replace(piece, members=members)
-        symmetries = cutting.symmetries_of.still_held(piece.symmetries, members)
+        symmetries = search.still_held(piece.symmetries, members)
         if symmetries is not None:
             return replace(piece, members=members, symmetries=symmetries)
         left.pop()
     return piece
 
 
-def _regions(parts: SampledParts, pieces: list[_Piece]) -> list[SymmetricRegion]:
+def _regions(parts: SampledParts, pieces: list[_Piece]) -> list[ObjectRegion]:
     owner = np.full(NUM_SAMPLES, NO_PART, dtype=np.int64)
     for index, piece in enumerate(pieces):
         owner[piece.members] = index
     of_faces = parts.owner_of_faces(owner)
-    regions: list[SymmetricRegion] = []
+    regions: list[ObjectRegion] = []
     for index, piece in enumerate(pieces):
         triangles = np.flatnonzero(of_faces == index)
         kind = "body" if piece.is_body else "part"
         number = sum(region.name.startswith(kind) for region in regions)
         if len(triangles):
-            regions.append(SymmetricRegion(f"{kind}{number}", triangles, piece.symmetries))
+            regions.append(ObjectRegion(f"{kind}{number}", triangles, tuple(piece.symmetries)))
     return regions

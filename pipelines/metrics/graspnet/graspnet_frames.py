@@ -7,7 +7,7 @@ The exact way: contacts where rays meet triangles, collision of triangles, an en
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from functools import partial
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -23,12 +23,11 @@ from pipelines.metrics.graspnet.graspnet_ap import AP_FRICTIONS, FAILED, ranked,
 from pipelines.metrics.graspnet.grid_contacts import close_fingers_on_grid
 from pipelines.metrics.graspnet.peer_collision import (
     MIN_INNER,
-    meets_mesh,
+    box_hits,
     meets_points,
-    meets_table,
     table_cloud,
 )
-from pipelines.metrics.mesh_collision import MeshCollider
+from pipelines.metrics.mesh_collision import MeshCollider, hits_table
 
 # What becomes of a ranked grasp, in the order in which it can fail.
 DUMP_REASONS = ("collision", "empty", "no contact", "friction", "held")
@@ -70,19 +69,6 @@ class ScoredRows:
     reason: Indices
 
 
-class FrameScene(Protocol):
-    """The objects, table and collisions of a frame; camera frame, metres."""
-
-    def clouds(self) -> list[Array]:
-        """Return the points (m, 3) of each object, that say whose a grasp is."""
-
-    def collisions(self, grasps: GraspPoses, depth: Array, owner: Indices) -> tuple[Mask, Mask]:
-        """Return (n,) whether the open gripper meets something, and whether it is empty."""
-
-    def contacts(self, which: int, grasps: GraspPoses) -> Contacts:
-        """Return the contacts of `grasps` with one object."""
-
-
 @dataclass(frozen=True)
 class PeerScene:
     """A frame as graspnetAPI sees it; `around` (k, 3): points of walls and bins, table frame."""
@@ -93,12 +79,15 @@ class PeerScene:
     around: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     def clouds(self) -> list[Array]:
-        """Return the objects' clouds."""
+        """Return the points (m, 3) of each object, camera frame, that say whose a grasp is."""
         pairs = zip(self.objects, self.poses, strict=True)
         return [transform_points(pose.astype(np.float64), each.points) for each, pose in pairs]
 
     def collisions(self, grasps: GraspPoses, depth: Array, owner: Indices) -> tuple[Mask, Mask]:
-        """Look at the points around the box of each grasp's own object only."""
+        """Return (n,) whether the open gripper meets something, and whether it is empty.
+
+        Only points around the box of each grasp's own object are looked at.
+        """
         clouds = self.clouds()
         fixed = np.concatenate([TABLE, self.around])
         table = transform_points(invert(self.T_table_cam), fixed)
@@ -133,20 +122,21 @@ class ExactScene:
     around: Sequence[MeshCollider] = ()
 
     def clouds(self) -> list[Array]:
-        """Return points of the objects' surfaces."""
+        """Return points (m, 3) of each object's surface, camera frame."""
         pairs = zip(self.objects, self.poses, strict=True)
         return [transform_points(pose, each.points) for each, pose in pairs]
 
     def collisions(self, grasps: GraspPoses, depth: Array, owner: Indices) -> tuple[Mask, Mask]:
         """Test the gripper's boxes against all triangles; nothing is empty that has contacts."""
-        hit = meets_table(grasps, depth, self.T_table_cam)
+        hit = box_hits(partial(hits_table, T_table_grasps=self.T_table_cam), grasps, depth)
         for each, pose in zip(self.objects, self.poses, strict=True):
             free = np.flatnonzero(~hit)
             local = grasps[free].transformed(invert(pose))
-            hit[free] = meets_mesh(each.collider, local, depth[free])
+            hit[free] = box_hits(each.collider.hits, local, depth[free])
         for wall in self.around:
             free = np.flatnonzero(~hit)
-            hit[free] = meets_mesh(wall, grasps[free].transformed(self.T_table_cam), depth[free])
+            local = grasps[free].transformed(self.T_table_cam)
+            hit[free] = box_hits(wall.hits, local, depth[free])
         return hit, np.zeros(len(owner), np.bool_)
 
     def contacts(self, which: int, grasps: GraspPoses) -> Contacts:
@@ -155,7 +145,7 @@ class ExactScene:
         return close_fingers(self.objects[which].mesh, local, grasps.width)
 
 
-def score_rows(rows: Array, scene: FrameScene) -> ScoredRows:
+def score_rows(rows: Array, scene: PeerScene | ExactScene) -> ScoredRows:
     """Return what becomes of graspnetAPI's `rows` (n, 17), camera frame, metres."""
     kept = suppress(rows[:, 0], rows[:, 4:13].reshape(-1, 3, 3), rows[:, 13:16])
     clouds = scene.clouds()

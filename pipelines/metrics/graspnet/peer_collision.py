@@ -4,6 +4,8 @@ The fingers are 1 cm thick and 2 cm high and reach from 2 cm behind the grasp's 
 the bottom is a slab of 1 cm behind them. `depth` is how far the tips lie past the origin.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,7 +13,7 @@ from pipelines.array_types import Array, Mask
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.grasping.gripper import Gripper
-from pipelines.metrics.mesh_collision import MeshCollider, hits_table
+from pipelines.metrics.mesh_collision import MeshCollider
 
 FINGER = 0.01  # metres: thickness of a finger and of the bottom, half a finger's height
 BEHIND = 0.02  # metres from the origin back to the bottom
@@ -28,26 +30,17 @@ def exact_collision(mesh: Mesh, grasps: GraspPoses, depth: Array) -> tuple[Mask,
 
     `grasps`: mesh frame, metres, `translation` between the finger tips and `width` the opening.
     """
-    collision = meets_mesh(MeshCollider(mesh), grasps, depth)
+    collision = box_hits(MeshCollider(mesh).hits, grasps, depth)
     samples = sample_surface(mesh, NUM_CLOUD_SAMPLES, np.random.default_rng(0))[0]
     return collision, meets_points(samples, grasps, depth)[1] == 0
 
 
-def meets_mesh(collider: MeshCollider, grasps: GraspPoses, depth: Array) -> Mask:
-    """Return (n,) whether the open gripper touches the mesh, or is in it; frame of the mesh."""
+def box_hits(hits: Callable[[GraspPoses, Gripper], Mask], grasps: GraspPoses, depth: Array) -> Mask:
+    """Return (n,) whether the open box gripper of each `depth` (n,) `hits` something."""
     collision = np.zeros(len(grasps), np.bool_)
     for reach in np.unique(depth):
         some = np.flatnonzero(depth == reach)
-        collision[some] = collider.hits(grasps[some], _box_gripper(float(reach)))
-    return collision
-
-
-def meets_table(grasps: GraspPoses, depth: Array, T_table_grasps: Array) -> Mask:
-    """Return (n,) whether the open gripper reaches below the table's top, z = 0."""
-    collision = np.zeros(len(grasps), np.bool_)
-    for reach in np.unique(depth):
-        some = np.flatnonzero(depth == reach)
-        collision[some] = hits_table(grasps[some], _box_gripper(float(reach)), T_table_grasps)
+        collision[some] = hits(grasps[some], _box_gripper(float(reach)))
     return collision
 
 

@@ -43,11 +43,6 @@ class ColorPieces:
     labels: Labels
     whole: Mask
 
-    @classmethod
-    def none(cls, shape: tuple[int, ...]) -> "ColorPieces":
-        """Return no pieces, for an image of `shape`."""
-        return cls(np.zeros(shape, np.int32), np.zeros(1, np.bool_))
-
 
 def color_pieces(color: Bytes, bare: Mask, config: ColorConfig) -> ColorPieces:
     """Return what differs in colour from the table in `color` (H, W, 3) RGB.
@@ -56,7 +51,7 @@ def color_pieces(color: Bytes, bare: Mask, config: ColorConfig) -> ColorPieces:
     """
     outline = table_outline(bare)
     if not outline.any():
-        return ColorPieces.none(bare.shape)
+        return ColorPieces(np.zeros(bare.shape, np.int32), np.zeros(1, np.bool_))
     lab = np.asarray(cv2.cvtColor(np.ascontiguousarray(color), cv2.COLOR_RGB2LAB), np.uint8)
     lightness = config.lightness_weight / LIGHTNESS_UNITS
     mean, spread = _table_color(lab, bare, lightness, config)

@@ -28,8 +28,7 @@ def report() -> dict:
 
 def gallery() -> Gallery:
     tags = [
-        Tag(i, f"mug <{i}>", (0.2, 0.3), Verdict(i, reason, 0.5))
-        for i, reason in enumerate(REASONS)
+        Tag(f"mug <{i}>", (0.2, 0.3), Verdict(i, reason, 0.5)) for i, reason in enumerate(REASONS)
     ]
     return Gallery([Picture("scene/a", "seen", 0.5, b"jpeg", (64, 48), tags)], [])
 

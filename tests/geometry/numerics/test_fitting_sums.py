@@ -15,7 +15,7 @@ from pipelines.geometry.numerics.fitting_sums import (
     plane_sums,
     stepped,
 )
-from pipelines.geometry.numerics.nearest import nearest_of
+from pipelines.geometry.numerics.nearest import Neighbours
 from pipelines.geometry.symmetry import ReflectionSymmetry
 from pipelines.geometry.transforms import basis_from_direction, unit
 
@@ -82,7 +82,7 @@ def test_residuals_of_planes_are_distances_of_images_from_the_surface(case):
     basis = sides_of(planes)
     moved, facing = points[::EVERY].copy(), normals[::EVERY]
     images = mirror_images(moved, planes, at)
-    away, nearest = nearest_of(points, images)
+    away, nearest = Neighbours.of(points).nearest(images)
     surface = points, normals, EVERY, images, away, nearest
     found = plane_sums(*surface, planes, at, basis, SCALE)
     for k, (m, point) in enumerate(zip(planes, at, strict=True)):

@@ -13,12 +13,12 @@ from pipelines.grasping.symmetries.plane_candidates import (
     FACE_ANGLE,
     FACE_TRIALS,
     candidate_planes,
-    distinct_planes,
     face_directions,
     half_between_ends,
     halfway_up,
     largest_face,
     level_directions,
+    merged_planes,
 )
 from pipelines.grasping.symmetries.sources import NETWORK, SHAPE
 
@@ -130,12 +130,11 @@ def test_of_planes_that_are_nearly_one_the_first_stays():
     near = ReflectionSymmetry(unit([1, 0.1, 0]), [0.002, 0, 0])
     aside = ReflectionSymmetry([1, 0, 0], [0.02, 0, 0])
     across = ReflectionSymmetry([0, 1, 0], [0, 0, 0])
-    assert distinct_planes([plane, near, aside, across], np.radians(8), 0.004) == [
-        plane,
-        aside,
-        across,
-    ]
-    assert distinct_planes([near, plane, aside, across], np.radians(25)) == [near, across]
+    bits = np.array([1, 2, 1, 1])
+    kept, sources = merged_planes([plane, near, aside, across], bits, np.radians(8), 0.004)
+    assert (kept, sources.tolist()) == ([plane, aside, across], [3, 1, 1])
+    kept, _ = merged_planes([near, plane, aside, across], bits, np.radians(25), np.inf)
+    assert kept == [near, across]
 
 
 @settings(max_examples=40, deadline=None)
@@ -157,9 +156,8 @@ def test_a_plane_is_kept_unless_one_that_is_kept_is_like_it(count, angle, offset
             for before in kept
         ):
             kept.append(plane)
-    assert [id(plane) for plane in distinct_planes(planes, angle, offset)] == [
-        id(plane) for plane in kept
-    ]
+    found, _ = merged_planes(planes, np.ones(len(planes), np.int64), angle, offset)
+    assert [id(plane) for plane in found] == [id(plane) for plane in kept]
 
 
 @pytest.mark.parametrize("count", [1, 39, 400])

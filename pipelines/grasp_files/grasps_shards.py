@@ -5,12 +5,11 @@ columns are read, looked over and joined. Any other is left to `grasps_file.read
 takes what can be taken, or says what is wrong.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import h5py
-import numpy as np
 from h5py import h5d
 from numpy.typing import NDArray
 
@@ -21,15 +20,12 @@ from pipelines.grasp_files.grasps_file import (
     opened,
     read_shard,
     stored_intrinsics,
-    tables_of,
 )
-from pipelines.grasp_files.grasps_tables import STATUSES
+from pipelines.grasp_files.grasps_tables import NO_FRAMES, STATUSES, Tables, tables_of
 from pipelines.storage.files import DAMAGED
 from pipelines.storage.h5_columns import read_alike
 from pipelines.storage.h5_files import open_h5
 
-Tables = dict[str, dict[str, NDArray[Any]]]
-NO_FRAMES = tables_of([])
 COUNTED = ("regions/frame", "grasps/frame", "regions/mask_counts")
 
 
@@ -104,28 +100,3 @@ def _is_camera(size: NDArray[Any], intrinsics: NDArray[Any]) -> bool:
         return stored_intrinsics(size, intrinsics) is not None
     except ValueRangeError:
         return False
-
-
-def joined_shards(tables: Sequence[Tables]) -> Tables:
-    """Return the columns of frames in order; indices count from the first of them."""
-    num_regions = [len(table["regions"]["frame"]) for table in tables]
-    num_grasps = [len(table["grasps"]["frame"]) for table in tables]
-    num_runs = [len(table["regions"]["mask_counts"]) for table in tables]
-    result = {
-        group: {name: np.concatenate([t[group][name] for t in tables]) for name in columns}
-        for group, columns in NO_FRAMES.items()
-    }
-    places = np.arange(len(tables), dtype=np.int32)
-    regions, grasps = result["regions"], result["grasps"]
-    regions["frame"] = np.repeat(places, num_regions)
-    grasps["frame"] = np.repeat(places, num_grasps)
-    grasps["region"] = grasps["region"] + np.repeat(_firsts(num_regions), num_grasps)
-    starts = [t["regions"]["mask_start"][1:] for t in tables]
-    ends = np.concatenate(starts) + np.repeat(_firsts(num_runs), num_regions)
-    regions["mask_start"] = np.concatenate([np.zeros(1, np.int64), ends])
-    return result
-
-
-def _firsts(counts: Sequence[int]) -> NDArray[np.int64]:
-    """Return the place of the first of each of some runs of rows, one behind the other."""
-    return np.cumsum([0, *counts[:-1]])

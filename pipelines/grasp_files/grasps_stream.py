@@ -5,16 +5,13 @@ these are read. To write, the rows of all shards are counted first, then filled 
 """
 
 import os
-from bisect import bisect_left
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import h5py
-import numpy as np
 
 from pipelines.configs.inference import FRAME_PEERS
 from pipelines.contents import mapping_in
@@ -23,24 +20,21 @@ from pipelines.dataset.graspnet.graspnet_layout import FrameFiles, SceneFiles, f
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.grasp_files.grasps_file import (
     UNITS,
-    complete_columns,
     file_attributes,
     opened,
-    stored_columns,
-    stored_intrinsics,
-    tables_of,
+    read_result,
     write_attributes,
 )
-from pipelines.grasp_files.grasps_shards import (
+from pipelines.grasp_files.grasps_shards import shard_sizes, shard_tables
+from pipelines.grasp_files.grasps_tables import (
     NO_FRAMES,
+    FrameResult,
     Tables,
-    joined_shards,
-    shard_sizes,
-    shard_tables,
+    joined_tables,
+    tables_of,
 )
-from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable, RegionTable
-from pipelines.storage.files import DAMAGED, real_path
-from pipelines.storage.h5_columns import json_attributes, make_column, read_columns, read_rows
+from pipelines.storage.files import real_path
+from pipelines.storage.h5_columns import json_attributes, make_column, read_columns
 from pipelines.storage.h5_files import new_h5
 from pipelines.storage.provenance import Stamp
 
@@ -100,7 +94,7 @@ def read_index(path: Path) -> GraspsIndex:
     Raises:
         FormatError: not a grasps.h5, of another version, truncated, or inconsistent.
     """
-    with _opened(path) as file:
+    with opened(path) as file:
         columns = read_columns(path, file["frames"], ["name", "status", "message"])
         names, statuses, messages = ([str(text) for text in each] for each in columns.values())
         num_grasps = len(file["grasps/frame"])
@@ -115,14 +109,9 @@ def read_results(path: Path, frames: Iterable[int]) -> Iterator[FrameResult]:
     Raises:
         FormatError: as `read_index`.
     """
-    with _opened(path) as file:
+    with opened(path) as file:
         for frame in frames:
-            try:
-                yield _read_frame(file, frame)
-            except (*DAMAGED, SymgraspError) as error:
-                raise FormatError(
-                    path, f"frame {frame} is damaged ({error})", "run infer again"
-                ) from error
+            yield read_result(path, file, frame)
 
 
 def read_dataset_frames(path: Path, frames: Iterable[int]) -> Iterator[FrameResult]:
@@ -180,7 +169,7 @@ def merge_shards(
         for start in range(0, len(parts), BATCH):
             check()
             done = _fill(
-                file, joined_shards([_tables(part) for part in parts[start : start + BATCH]]), done
+                file, joined_tables([_tables(part) for part in parts[start : start + BATCH]]), done
             )
 
 
@@ -243,54 +232,3 @@ def _fill(file: h5py.File, tables: Tables, done: _Sizes) -> _Sizes:
         done.grasps + len(grasps["frame"]),
         done.runs + len(regions["mask_counts"]),
     )
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[h5py.File]:
-    with opened(path) as file:
-        for group, names in stored_columns(file).items():
-            columns = {name: file[group].get(name) for name in names}
-            lengths = {
-                name: len(column)
-                for name, column in columns.items()
-                if isinstance(column, h5py.Dataset)
-            }
-            missing = set(names) - set(lengths)
-            lengths = {name: n for name, n in lengths.items() if not name.startswith("mask_")}
-            if missing or len(set(lengths.values())) > 1:
-                found = f"has no dataset /{group}/{min(missing)}" if missing else "columns disagree"
-                raise FormatError(path, found, "run infer again")
-        yield file
-
-
-def _read_frame(file: h5py.File, frame: int) -> FrameResult:
-    table = file["frames"]
-    first, last = _rows(file["regions/frame"], frame)
-    start, end = _rows(file["grasps/frame"], frame)
-    stored = stored_columns(file)
-    names = (name for name in RegionTable.SPEC if name in stored["regions"])
-    regions = _slice(file["regions"], names, first, last)
-    mask_start = file["regions/mask_start"][first : last + 1].astype(np.int64)
-    regions["mask_counts"] = file["regions/mask_counts"][mask_start[0] : mask_start[-1]]
-    regions["mask_start"] = mask_start - mask_start[0]
-    grasps = _slice(file["grasps"], stored["grasps"], start, end)
-    complete_columns(regions, grasps, file)
-    local = GraspTable(**grasps)
-    return FrameResult(
-        name=table["name"].asstr()[frame],
-        status=table["status"].asstr()[frame],
-        message=table["message"].asstr()[frame],
-        intrinsics=stored_intrinsics(table["size"][frame], table["intrinsics"][frame]),
-        seconds=float(table["seconds"][frame]),
-        regions=replace(RegionTable(**regions), frame=np.zeros(last - first)),
-        grasps=replace(local, frame=np.zeros(end - start), region=local.region - first),
-    )
-
-
-def _rows(frame_of_row: h5py.Dataset, frame: int) -> tuple[int, int]:
-    first = bisect_left(frame_of_row, frame)
-    return first, bisect_left(frame_of_row, frame + 1, lo=first)
-
-
-def _slice(group: h5py.Group, names: Iterable[str], start: int, end: int) -> dict[str, Any]:
-    return {name: read_rows(group[name], slice(start, end)) for name in names}

@@ -12,7 +12,7 @@ A root may have only some of the cameras, splits and frames; those that are pres
 """
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -173,7 +173,8 @@ class GraspNetRoot:
     def read_frame(self, frame: FrameFiles) -> Frame:
         """Read a frame's images, with the camera of `camK.npy`."""
         color, depth = frame.path("rgb"), frame.path("depth")
-        return read_pair(frame.name, color, depth, self._camera_file(frame), DEPTH_UNITS)
+        found = read_pair(color, depth, self._camera_file(frame), DEPTH_UNITS)
+        return replace(found, name=frame.name)
 
     def _camera_file(self, frame: FrameFiles) -> CameraFile:
         return read_camera_file(frame.camera_folder / "camK.npy", frame.path("depth").stem)

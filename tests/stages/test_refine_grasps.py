@@ -14,10 +14,9 @@ from numpy.testing import assert_allclose
 from pipelines import annotate_symmetry, refine_grasps
 from pipelines.configs import AnnotateSymmetryConfig, RefineGraspsConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
-from pipelines.dataset.graspnet.graspnet_label_stream import grasp_label_pieces
+from pipelines.dataset.graspnet.graspnet_label_stream import grasp_label_pieces, read_grasp_label
 from pipelines.dataset.graspnet.graspnet_labels import (
     GraspLabel,
-    read_grasp_label,
     write_grasp_label,
 )
 from pipelines.dataset.meshes import read_mesh, write_mesh

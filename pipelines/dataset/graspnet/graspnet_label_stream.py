@@ -1,4 +1,4 @@
-"""Reader of `grasp_label/NNN_labels.npz`, a few grasp points at a time.
+"""Reader of `grasp_label/NNN_labels.npz`, whole or a few grasp points at a time.
 
 An object of GraspNet-1Billion has up to 3,500 points with 14,400 candidates each, 0.85 GB. The
 members of the archive, stored or deflated, are unpacked in step, so that memory holds one piece.
@@ -54,6 +54,11 @@ class _Member:
         return array
 
 
+def read_grasp_label(path: Path) -> GraspLabel:
+    """Read a whole label; 17 bytes for each of its P * 14400 candidates."""
+    return next(grasp_label_pieces(path, MAX_POINTS))
+
+
 def grasp_label_pieces(path: Path, num_points: int) -> Iterator[GraspLabel]:
     """Yield the label of `path` by `num_points` grasp points at a time, in file order.
 
@@ -72,7 +77,7 @@ def grasp_label_pieces(path: Path, num_points: int) -> Iterator[GraspLabel]:
         points = points.astype(np.float32)
         if not np.isfinite(points).all():
             raise FormatError(path, "points are not all finite", "metres, object frame")
-        for start in range(0, len(points), num_points):
+        for start in range(0, max(1, len(points)), num_points):
             piece = points[start : start + num_points]
             try:
                 arrays = {name: member.read(len(piece)) for name, member in members.items()}

@@ -24,11 +24,12 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT, Symmetry, SymmetrySlots
 from pipelines.geometry.transforms import unit
 from pipelines.grasp_files.grasps_tables import REGION_MEASURED, FrameResult
-from pipelines.pictures.color_images import Color, ColorImage
 from pipelines.pictures.palette import (
     AXIS_COLOR,
     CONTACT_COLOR,
     PLANE_COLORS,
+    Color,
+    ColorImage,
     region_color,
     rgb,
     score_colors,

@@ -17,9 +17,9 @@ from pipelines.dataset.symmetry.symmetry_labels import (
     FOUND,
     FROM_BOP,
     ObjectSymmetries,
-    RegionLabel,
 )
 from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.geometry.region_masks import ObjectRegion
 from pipelines.geometry.symmetry import (
     ReflectionSymmetry,
     RotationSymmetry,
@@ -209,8 +209,8 @@ def _given_regions(
     return regions
 
 
-def _labels_of(regions: Sequence[SymmetricRegion]) -> tuple[RegionLabel, ...]:
-    return tuple(RegionLabel(r.name, r.triangles, tuple(r.symmetries)) for r in regions)
+def _labels_of(regions: Sequence[SymmetricRegion]) -> tuple[ObjectRegion, ...]:
+    return tuple(ObjectRegion(r.name, r.triangles, tuple(r.symmetries)) for r in regions)
 
 
 def _in_file(mesh: Mesh, kept: Indices, triangles: Indices) -> Indices:

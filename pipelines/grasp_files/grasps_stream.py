@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import h5py
+import numpy as np
 
 from pipelines.configs.inference import FRAME_PEERS
 from pipelines.contents import mapping_in
@@ -161,42 +162,24 @@ def merge_shards(
     Raises:
         FormatError: a shard is damaged.
     """
-    sizes = _Sizes.of(parts, check)
+    sizes = _sizes(parts, check)
     with new_h5(path) as file:
         write_attributes(file, stamp, weights)
         _make_columns(file, sizes)
-        done = _Sizes(0, 0, 0, 0)
+        done = dict.fromkeys(sizes, 0)
         for start in range(0, len(parts), BATCH):
             check()
-            done = _fill(
-                file, joined_tables([_tables(part) for part in parts[start : start + BATCH]]), done
-            )
+            _fill(file, joined_tables([_tables(p) for p in parts[start : start + BATCH]]), done)
 
 
-@dataclass(frozen=True)
-class _Sizes:
-    """How many rows some frames have."""
-
-    frames: int
-    regions: int
-    grasps: int
-    runs: int  # of all masks
-
-    @classmethod
-    def of(cls, parts: Sequence[FrameResult | Path], check: Callable[[], None]) -> "_Sizes":
-        sizes = []
-        for part in parts:
-            check()
-            sizes.append(shard_sizes(part) if isinstance(part, Path) else _size(part))
-        regions, grasps, runs = (sum(each) for each in zip((0, 0, 0), *sizes, strict=True))
-        return cls(len(parts), regions, grasps, runs)
-
-    def rows(self, group: str, name: str) -> int:
-        """Return the length of a column."""
-        special = {"mask_counts": self.runs, "mask_start": self.regions + 1}
-        return special.get(
-            name, {"frames": self.frames, "regions": self.regions}.get(group, self.grasps)
-        )
+def _sizes(parts: Sequence[FrameResult | Path], check: Callable[[], None]) -> dict[str, int]:
+    """Return the rows of each group of `parts` together, and of `mask_counts`."""
+    sizes = np.zeros(3, np.int64)
+    for part in parts:
+        check()
+        sizes += shard_sizes(part) if isinstance(part, Path) else _size(part)
+    names = ("regions", "grasps", "mask_counts")
+    return {"frames": len(parts), **dict(zip(names, sizes.tolist(), strict=True))}
 
 
 def _size(result: FrameResult) -> tuple[int, ...]:
@@ -207,28 +190,28 @@ def _tables(part: FrameResult | Path) -> Tables:
     return shard_tables(part) if isinstance(part, Path) else tables_of([part])
 
 
-def _make_columns(file: h5py.File, sizes: _Sizes) -> None:
+def _make_columns(file: h5py.File, sizes: Mapping[str, int]) -> None:
     """Make the datasets of a file, in the order and of the types of one that holds no frames."""
     for group, columns in NO_FRAMES.items():
         made = file.create_group(group)
         for name, column in columns.items():
-            shape = (sizes.rows(group, name), *column.shape[1:])
+            rows = sizes.get(name, sizes[group]) + (name == "mask_start")
+            shape = (rows, *column.shape[1:])
             make_column(made, name, shape, column.dtype, UNITS[group].get(name))
 
 
-def _fill(file: h5py.File, tables: Tables, done: _Sizes) -> _Sizes:
-    """Write `tables` behind the rows that are `done`; return what is done then."""
+def _fill(file: h5py.File, tables: Tables, done: dict[str, int]) -> None:
+    """Write `tables` behind the rows that are `done`, and count them."""
     regions, grasps = tables["regions"], tables["grasps"]
-    regions["frame"], grasps["frame"] = (t["frame"] + done.frames for t in (regions, grasps))
-    grasps["region"] = grasps["region"] + done.regions
-    regions["mask_start"] = regions["mask_start"] + done.runs
+    regions["frame"] += done["frames"]
+    grasps["frame"] += done["frames"]
+    grasps["region"] += done["regions"]
+    regions["mask_start"] += done["mask_counts"]
     for group, columns in tables.items():
         for name, column in columns.items():
-            first = done.rows(group, name) - (name == "mask_start")
+            first = done.get(name, done[group])
             file[group][name][first : first + len(column)] = column
-    return _Sizes(
-        done.frames + len(tables["frames"]["name"]),
-        done.regions + len(regions["frame"]),
-        done.grasps + len(grasps["frame"]),
-        done.runs + len(regions["mask_counts"]),
-    )
+    done["frames"] += len(tables["frames"]["name"])
+    done["regions"] += len(regions["frame"])
+    done["grasps"] += len(grasps["frame"])
+    done["mask_counts"] += len(regions["mask_counts"])

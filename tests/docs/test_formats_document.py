@@ -19,13 +19,13 @@ from pipelines.dataset.graspnet.graspnet_labels import (
 )
 from pipelines.dataset.graspnet.graspnet_layout import FrameFiles
 from pipelines.dataset.symmetry import symmetry_labels
-from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries, RegionLabel
+from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries
 from pipelines.dataset.training import affordance_labels, coco_instances, packed_regions
 from pipelines.dataset.training.affordance_labels import AffordanceLabels
 from pipelines.dataset.training.packed_regions import PackedScene
 from pipelines.evaluation.graspnet.dump_verdicts import FrameVerdicts, write_dump_verdicts
 from pipelines.evaluation.reports import write_report
-from pipelines.geometry.region_masks import RegionInstance
+from pipelines.geometry.region_masks import ObjectRegion, RegionInstance
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.gripper_files import GRIPPERS, load_gripper
@@ -155,7 +155,7 @@ def test_the_arrays_of_grasp_labels_are_documented(tmp_path: Path) -> None:
 def test_the_keys_of_symmetry_files_are_documented(tmp_path: Path) -> None:
     plane = ReflectionSymmetry(np.array([1.0, 0, 0]), np.zeros(3))
     axis = RotationSymmetry(np.array([1.0, 0, 0]), np.zeros(3))
-    region = RegionLabel("a", np.array([0]), (plane,))
+    region = ObjectRegion("a", np.array([0]), (plane,))
     symmetry_labels.write(
         tmp_path / "x.json", ObjectSymmetries("o", (plane, axis), (region,)), STAMP
     )

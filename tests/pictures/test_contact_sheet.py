@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries, RegionLabel
+from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries
 from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.geometry.region_masks import ObjectRegion
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SphereSymmetry
 from pipelines.pictures import contact_sheet
 from pipelines.pictures.contact_sheet import SHEET_COLUMNS, SHEET_ROWS, Tile, write_sheets
@@ -57,19 +58,19 @@ def test_a_plane_shows_where_the_object_does_not_hide_it(box):
 
 
 def test_regions_have_colours_of_their_own(box):
-    halves = [RegionLabel(n, np.arange(6) + s, ()) for n, s in (("a", 0), ("b", 6))]
+    halves = [ObjectRegion(n, np.arange(6) + s, ()) for n, s in (("a", 0), ("b", 6))]
     picture = object_views(box, ObjectSymmetries("a", (), tuple(halves)))
     for color in REGIONS[:2]:
         assert colored(picture, color, tolerance=15) > 300
 
 
 def test_a_part_that_is_all_of_an_object_without_symmetry_shows_its_own(box):
-    part = RegionLabel("part0", np.arange(12), (PLANE,))
+    part = ObjectRegion("part0", np.arange(12), (PLANE,))
     only_rejected = ObjectSymmetries("a", (), (), rejected=(AXIS,))
     marks = marks_of(box, ObjectSymmetries("a", (), (part,), rejected=(AXIS,)))
     assert [mark.symmetry for mark in marks] == [PLANE]
     assert [mark.dashed for mark in marks_of(box, only_rejected)] == [True]
-    whole = ObjectSymmetries("a", (PLANE,), (RegionLabel("whole", np.arange(12), (PLANE,)),))
+    whole = ObjectSymmetries("a", (PLANE,), (ObjectRegion("whole", np.arange(12), (PLANE,)),))
     assert len(marks_of(box, whole)) == 1
 
 
@@ -104,5 +105,5 @@ def test_facts_are_words():
     assert contact_sheet.remark(labels) == "nearest rejected: round axis, error 0.0200"
     by_hand = ObjectSymmetries("nut", (PLANE,), sources=("hand",), found=())
     assert contact_sheet.remark(by_hand) == "by hand"
-    parts = (RegionLabel("body", np.arange(3), (AXIS,)),)
+    parts = (ObjectRegion("body", np.arange(3), (AXIS,)),)
     assert contact_sheet.remark(ObjectSymmetries("mug", (), parts)) == "body: round axis"

@@ -21,9 +21,10 @@ from pipelines.dataset.graspnet.graspnet_labels import (
 )
 from pipelines.dataset.meshes import read_mesh, write_mesh
 from pipelines.dataset.symmetry import symmetry_labels
-from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries, RegionLabel
+from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries
 from pipelines.dataset.training import affordance_labels
 from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.geometry.region_masks import ObjectRegion
 from pipelines.geometry.symmetry import (
     ReflectionSymmetry,
     RotationSymmetry,
@@ -308,7 +309,9 @@ def test_a_regions_symmetry_copies_the_grasps_of_that_region_alone():
     box.apply_translation((0.0, 0.0, 0.1))
     mesh = shape(trimesh.util.concatenate([ball, box]))
     triangles = np.flatnonzero(mesh.triangles[:, :, 2].max(axis=1) < 0.05)
-    labels = ObjectSymmetries("x", (), (RegionLabel("ball", triangles, (SphereSymmetry(ORIGIN),)),))
+    labels = ObjectSymmetries(
+        "x", (), (ObjectRegion("ball", triangles, (SphereSymmetry(ORIGIN),)),)
+    )
     rng = np.random.default_rng(0)
     surface = Surface.from_mesh(mesh, 8000, rng)
     on_ball = held_grasps(mesh, rng, 40)
@@ -328,7 +331,7 @@ def test_grasps_with_a_finger_off_the_region_are_not_copied_where_the_copies_wou
     box = trimesh.creation.box((0.06, 0.04, 0.08)).subdivide().subdivide().subdivide()
     mesh, rng = shape(box), np.random.default_rng(0)
     upper = np.flatnonzero(mesh.triangles[:, :, 2].min(axis=1) >= 0.0)
-    region = RegionLabel("upper", upper, (ReflectionSymmetry(X, ORIGIN),))
+    region = ObjectRegion("upper", upper, (ReflectionSymmetry(X, ORIGIN),))
     labels, surface = ObjectSymmetries("x", (), (region,)), Surface.from_mesh(mesh, 8000, rng)
     high = [[0.02, -0.02, 0.03], [0.02, 0.02, 0.03]]
     low = [[0.02, -0.02, -0.03], [0.02, 0.02, -0.03]]

@@ -10,13 +10,14 @@ from pipelines.dataset.graspnet import graspnet
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.meshes import read_mesh, write_mesh
 from pipelines.dataset.symmetry import symmetry_labels
-from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries, RegionLabel
+from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries
 from pipelines.dataset.training import affordance_labels
 from pipelines.dataset.training.affordance_labels import AffordanceLabels
 from pipelines.frames import graspnet_scene
 from pipelines.frames.graspnet_scene import ObjectPose
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
+from pipelines.geometry.region_masks import ObjectRegion
 from pipelines.geometry.rendering import Scene, cast_view
 from pipelines.geometry.symmetry import (
     ReflectionSymmetry,
@@ -73,7 +74,7 @@ def write_root(folder: Path) -> GraspNetRoot:
         write_mesh(root.model_path(object_id), mesh)
         meshes[object_id] = read_mesh(root.model_path(object_id))
         known = SYMMETRIES[object_id]
-        whole = RegionLabel("whole", np.arange(len(mesh.faces)), known)
+        whole = ObjectRegion("whole", np.arange(len(mesh.faces)), known)
         labels = ObjectSymmetries(f"{object_id:03d}", known, (whole,))
         symmetry_labels.write(root.symmetry_path(object_id), labels, STAMP)
         _write_affordance(root.affordance_path(object_id), mesh)

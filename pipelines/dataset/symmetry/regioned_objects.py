@@ -8,7 +8,7 @@ from pipelines.dataset.meshes import read_mesh
 from pipelines.dataset.symmetry import symmetry_labels
 from pipelines.dataset.symmetry.regions import check_triangles
 from pipelines.errors import FormatError
-from pipelines.geometry.region_masks import ObjectRegion, RegionedObject
+from pipelines.geometry.region_masks import RegionedObject
 from pipelines.storage.files import existing
 from pipelines.storage.provenance import FileVersion, digest, read_stamp
 
@@ -32,12 +32,7 @@ def _read(mesh_file: FileVersion, labels_file: FileVersion) -> RegionedObject:
     mesh, labels = read_mesh(mesh_file.path), symmetry_labels.read(labels_file.path)
     _check_mesh(mesh_file.path, labels_file.path)
     check_triangles(labels_file.path, ((r.name, r.triangles) for r in labels.regions), mesh)
-    regions = tuple(
-        ObjectRegion(region.name, region.triangles, region.symmetries)
-        for region in labels.regions
-        if len(region.triangles)
-    )
-    return RegionedObject(mesh, regions)
+    return RegionedObject(mesh, tuple(each for each in labels.regions if len(each.triangles)))
 
 
 def _check_mesh(mesh: Path, labels: Path) -> None:

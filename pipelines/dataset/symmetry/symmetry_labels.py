@@ -10,6 +10,7 @@ import numpy as np
 from pipelines.array_types import Indices
 from pipelines.contents import reading
 from pipelines.errors import FormatError, UnknownNameError, ValueRangeError
+from pipelines.geometry.region_masks import ObjectRegion
 from pipelines.geometry.symmetry import (
     SYMMETRY_KINDS,
     ReflectionSymmetry,
@@ -26,22 +27,14 @@ FOUND, BY_HAND, FROM_BOP = "found", "hand", "bop"  # sources of a symmetry
 
 
 @dataclass(frozen=True)
-class RegionLabel:
-    """One symmetric region of an object's surface."""
-
-    name: str
-    triangles: Indices  # (k,) indices into the mesh's triangles, in file order
-    symmetries: tuple[Symmetry, ...]  # canonical object frame
-
-
-@dataclass(frozen=True)
 class ObjectSymmetries:
     """The symmetries of a whole object, and its regions with their symmetries.
 
     Attributes:
         name: name of the object.
         symmetries: symmetries of the whole object.
-        regions: symmetric parts; a single region, the whole, if the object is symmetric.
+        regions: symmetric parts; a single region, the whole, if the object is symmetric. Triangles
+            are indices in the order of the mesh's file.
         doubt: how near a decision was to the opposite one, 0 to 1; None if unknown.
         rejected: candidates that came nearest to holding, nearest first.
         sources: source of each of `symmetries`: FOUND, BY_HAND or FROM_BOP; empty: all FOUND.
@@ -51,7 +44,7 @@ class ObjectSymmetries:
 
     name: str
     symmetries: tuple[Symmetry, ...]
-    regions: tuple[RegionLabel, ...] = ()
+    regions: tuple[ObjectRegion, ...] = ()
     doubt: float | None = None
     rejected: tuple[Symmetry, ...] = ()
     sources: tuple[str, ...] = ()
@@ -136,7 +129,7 @@ def symmetries_from_json(path: Path, content: Sequence[Any]) -> tuple[Symmetry, 
         return tuple(_symmetry(entry) for entry in content)
 
 
-def region_to_json(region: RegionLabel) -> dict[str, Any]:
+def region_to_json(region: ObjectRegion) -> dict[str, Any]:
     """Return one region as a JSON object."""
     return {
         "name": region.name,
@@ -179,10 +172,10 @@ def _order(content: Any) -> int | None:  # noqa: ANN401 - JSON
     return None if content is None else int(content)
 
 
-def _region(path: Path, content: Any) -> RegionLabel:  # noqa: ANN401 - JSON
+def _region(path: Path, content: Any) -> ObjectRegion:  # noqa: ANN401 - JSON
     if not isinstance(content, dict) or "triangles" not in content:
         raise FormatError(path, "a region lacks `triangles`", "name, triangles, symmetries")
-    return RegionLabel(
+    return ObjectRegion(
         name=str(content.get("name", "region")),
         triangles=triangles_from_json(path, content["triangles"]),
         symmetries=symmetries_from_json(path, content.get("symmetries", [])),

@@ -12,9 +12,10 @@ from hypothesis.extra import numpy as hnp
 from numpy.testing import assert_array_equal
 
 from pipelines.dataset.symmetry import regions, symmetry_labels
-from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries, RegionLabel
+from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries
 from pipelines.errors import FormatError
 from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.geometry.region_masks import ObjectRegion
 from pipelines.geometry.symmetry import ReflectionSymmetry, RotationSymmetry, SphereSymmetry
 from pipelines.storage.provenance import is_finished, make_stamp
 
@@ -55,7 +56,7 @@ def test_symmetries_survive_json_with_all_their_digits(
 
 def test_a_label_file_comes_back_and_is_stamped(tmp_path: Path) -> None:
     plane = ReflectionSymmetry(np.array([1.0, 0, 0]), np.zeros(3), 0.004)
-    region = RegionLabel("handle", np.array([3, 4, 7]), (SphereSymmetry(np.ones(3)),))
+    region = ObjectRegion("handle", np.array([3, 4, 7]), (SphereSymmetry(np.ones(3)),))
     path = tmp_path / "005.json"
     symmetry_labels.write(path, ObjectSymmetries("mug", (plane,), (region,)), STAMP)
     again = symmetry_labels.read(path)

@@ -151,11 +151,8 @@ class _Root:
         items = []
         for object_id, (pool, index) in self.ids.items():
             source = self.sources[index] if self.sources else None
-            settings: dict[str, object] = {
-                "pool": pool,
-                "index": index,
-                "count": self.config.objects_per_pool,
-            }
+            count = self.config.objects_per_pool
+            settings: dict[str, object] = {"pool": pool, "index": index, "count": count}
             if source and source.scale not in (None, 1.0):  # 1 is the default
                 settings["mesh_scale"] = source.scale
             inputs = {"mesh": digest_if_there(source.path)} if source else {}

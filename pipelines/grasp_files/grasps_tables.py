@@ -154,10 +154,6 @@ class FrameTable(ColumnTable):
     def __post_init__(self) -> None:
         coerce_columns(self, self.SPEC, len(self.name))
 
-    def __len__(self) -> int:
-        """Return the number of frames."""
-        return len(self.name)
-
 
 SCHEMA: dict[str, ColumnSpec] = {
     "frames": FrameTable.SPEC,

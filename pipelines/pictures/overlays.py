@@ -129,7 +129,8 @@ def _draw_gripper(
     lines = (((r, g, b), thick),) if is_weak else ((HALO, 2 * thick + 2), ((r, g, b), 2 * thick))
     for line_color, size in lines:
         for start, end in ((0, 1), (1, 2), (2, 3), (4, 5)):
-            _line(picture, pixels[start], pixels[end], line_color, size)
+            ends = pixels[start].tolist(), pixels[end].tolist()
+            cv2.line(picture, *ends, line_color, size, cv2.LINE_AA, FIXED_BITS)
     if is_weak:
         return
     for contact in (0, 3):
@@ -184,7 +185,7 @@ def _draw_symmetry(
         ends = _pixels(camera, point + 1.3 * radius * np.array([[-1], [1]]) * symmetry.direction)
         if ends is not None:
             for color, size in ((HALO, 4), (rgb(AXIS_COLOR), 2)):
-                _line(picture, ends[0], ends[1], color, size)
+                cv2.line(picture, *ends.tolist(), color, size, cv2.LINE_AA, FIXED_BITS)
     else:
         _draw_plane(picture, camera, symmetry, radius, rgb(PLANE_COLORS[slot]), opacity)
 
@@ -220,10 +221,3 @@ def _pixels(camera: Intrinsics, points: Array) -> NDArray[np.int32] | None:
         return None
     scaled = camera.project(points) * (1 << FIXED_BITS)
     return np.asarray(np.round(np.clip(scaled, -1e6, 1e6)), np.int32)
-
-
-def _line(
-    picture: ColorImage, start: NDArray[np.int32], end: NDArray[np.int32], color: Color, size: int
-) -> None:
-    first, second = (int(start[0]), int(start[1])), (int(end[0]), int(end[1]))
-    cv2.line(picture, first, second, color, size, cv2.LINE_AA, FIXED_BITS)

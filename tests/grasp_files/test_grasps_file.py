@@ -117,7 +117,7 @@ def test_statuses_messages_and_cameras_come_back(
 def test_attributes_say_how_the_file_was_made(tmp_path: Path) -> None:
     grasps_file.write(tmp_path / "g.h5", [], STAMP)
     file = read_whole(tmp_path / "g.h5")
-    assert len(file.frames) == len(file.regions) == len(file.grasps) == 0
+    assert len(file.frames.name) == len(file.regions) == len(file.grasps) == 0
     assert file.attrs["config"] == {"gripper": "rg2"}
     assert file.attrs["weights"] == {"network": "sha256:00"}
     assert file.attrs["seed"] == 3

@@ -56,7 +56,10 @@ class _Member:
 
 def read_grasp_label(path: Path) -> GraspLabel:
     """Read a whole label; 17 bytes for each of its P * 14400 candidates."""
-    return next(grasp_label_pieces(path, MAX_POINTS))
+    whole = next(grasp_label_pieces(path, MAX_POINTS), None)
+    if whole is None:
+        raise FormatError(path, "holds no grasp points", "label the object again")
+    return whole
 
 
 def grasp_label_pieces(path: Path, num_points: int) -> Iterator[GraspLabel]:
@@ -77,7 +80,7 @@ def grasp_label_pieces(path: Path, num_points: int) -> Iterator[GraspLabel]:
         points = points.astype(np.float32)
         if not np.isfinite(points).all():
             raise FormatError(path, "points are not all finite", "metres, object frame")
-        for start in range(0, max(1, len(points)), num_points):
+        for start in range(0, len(points), num_points):
             piece = points[start : start + num_points]
             try:
                 arrays = {name: member.read(len(piece)) for name, member in members.items()}

@@ -80,10 +80,8 @@ def _read(file: h5py.File) -> Tables | None:
     rows = {len(column) for column in grasps.values()}
     if len(rows) > 1 or any(len(column) != 1 for column in frames.values()):
         return None
-    FrameResult(
-        *(frames[name][0] for name in ("name", "status", "message")),
-        stored_intrinsics(frames["size"][0], frames["intrinsics"][0]),
-        regions=RegionTable(**regions),
-        grasps=GraspTable(**grasps),
-    )
-    return None if regions["frame"].any() or grasps["frame"].any() else tables
+    tables_of_frame = RegionTable(**regions), GraspTable(**grasps)
+    camera = stored_intrinsics(frames["size"][0], frames["intrinsics"][0])
+    FrameResult("", frames["status"][0], "", camera, 0.0, *tables_of_frame)
+    is_alike = camera and not regions["frame"].any() and not grasps["frame"].any()
+    return tables if is_alike else None

@@ -184,8 +184,9 @@ def _draw_symmetry(
     elif slot == ROTATION_SLOT:
         ends = _pixels(camera, point + 1.3 * radius * np.array([[-1], [1]]) * symmetry.direction)
         if ends is not None:
+            first, second = ends.tolist()
             for color, size in ((HALO, 4), (rgb(AXIS_COLOR), 2)):
-                cv2.line(picture, *ends.tolist(), color, size, cv2.LINE_AA, FIXED_BITS)
+                cv2.line(picture, first, second, color, size, cv2.LINE_AA, FIXED_BITS)
     else:
         _draw_plane(picture, camera, symmetry, radius, rgb(PLANE_COLORS[slot]), opacity)
 

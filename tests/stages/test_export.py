@@ -102,7 +102,7 @@ def test_a_dump_has_a_file_a_frame_where_graspnetapi_looks(grasps, tmp_path):
 )
 def test_folders_have_a_file_a_frame_under_its_name(to, file, grasps, tmp_path):
     run(grasps, tmp_path / "out", to=to)
-    assert "{}".join(export.AFFIXES[to]) == file
+    assert "{}".join(export.TO_FOLDER[to][1:]) == file
     stems = ["scenes/scene_0100/realsense/0000", EMPTY, "scenes/scene_0160/realsense/0001"]
     paths = [Path(stem) for stem in (*stems, "desk/0007")]
     wanted = {str(path.with_name(file.format(path.name))) for path in paths}

@@ -262,4 +262,5 @@ def _scene_settings(config: SynthesizeConfig) -> dict[str, object]:
 
 
 def _write_scene(item: WorkItem, *, config: SynthesizeConfig) -> str:
-    return write_scene(*item.arguments, config, item.stamp)
+    root, scene_id, members = item.arguments
+    return write_scene(root, scene_id, members, config, item.stamp)

@@ -78,16 +78,13 @@ def write_flat_pair(folder: Path, frame: Frame) -> None:
     camera = frame.intrinsics
     facts = {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
     write_image(folder / f"{frame.name}_color.png", frame.color)
-    if stored.max() <= LARGEST and _is_exact(stored, units, frame):
+    again = stored.astype(np.float32) / np.float32(units)
+    if stored.max() <= LARGEST and (again == frame.depth).all():
         write_image(folder / f"{frame.name}_depth.png", stored.astype(np.uint16))
         facts["depth_scale"] = units
     else:
         write_npz(folder / f"{frame.name}_depth.npz", depth=frame.depth)
     write_json(folder / f"{frame.name}_camera.json", facts)
-
-
-def _is_exact(stored: np.ndarray, units: float, frame: Frame) -> bool:
-    return bool((stored.astype(np.float32) / np.float32(units) == frame.depth).all())
 
 
 def _digest(sources: Sequence[FrameSource]) -> str:

@@ -62,16 +62,12 @@ from pipelines.storage.provenance import (
 STAGE = "export"
 FrameWriter = Callable[[Path, FrameGrasps, ExportHeader], None]
 FileWriter = Callable[[Path, Iterable[FrameGrasps], ExportHeader], None]
-TO_FOLDER: dict[str, FrameWriter] = {
-    "graspnet": graspnet_dump.write_frame,
-    "contact-graspnet": contact_graspnet_predictions.write_frame,
-    "isaac": isaac_grasps.write_frame,
-    "ros-json": ros_grasps.write_frame,
-}
-AFFIXES = {  # of a frame's file, before and behind the frame's name
-    "contact-graspnet": ("predictions_", ".npz"),
-    "isaac": ("", ".yaml"),
-    "ros-json": ("", ".json"),
+# With what is put before and behind a frame's name to make its file's.
+TO_FOLDER: dict[str, tuple[FrameWriter, str, str]] = {
+    "graspnet": (graspnet_dump.write_frame, "", ".npy"),
+    "contact-graspnet": (contact_graspnet_predictions.write_frame, "predictions_", ".npz"),
+    "isaac": (isaac_grasps.write_frame, "", ".yaml"),
+    "ros-json": (ros_grasps.write_frame, "", ".json"),
 }
 STAMP_FILE = Path("provenance.json")  # in a folder
 TO_FILE: dict[str, FileWriter] = {"json": grasp_json.write, "csv": grasp_csv.write}
@@ -122,7 +118,7 @@ def run(
     else:
         with atomic_folder(output) as folder:
             for each in frames:
-                TO_FOLDER[config.to](folder / path_of(each.result.name), each, header)
+                TO_FOLDER[config.to][0](folder / path_of(each.result.name), each, header)
             write_sidecar(folder, stamp)
     report.done.append(output.name)
     report.notes |= tally.notes(output.name, len(index.names), gripper, config.min_score)
@@ -214,7 +210,7 @@ def _write_file(output: Path, stamp: Stamp, write: Callable[[Path], None]) -> No
 def _paths(to: str, index: GraspsIndex, report: StageReport) -> Callable[[str], Path]:
     """Return what says where in the folder the file of a frame lies, by its name."""
     if to != "graspnet":
-        return lambda name: frame_path(name, *AFFIXES[to])
+        return lambda name: frame_path(name, *TO_FOLDER[to][1:])
     states = zip(index.names, index.statuses, strict=True)
     shared = graspnet_dump.shared_place(name for name, status in states if status != "failed")
     if shared is not None:  # of several datasets: none of them may take the others' place

@@ -16,7 +16,7 @@ share exactly the objects of the seen pool, and no scene.
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -24,6 +24,7 @@ import numpy as np
 
 from pipelines.configs import SynthesizeConfig
 from pipelines.dataset import convex_pieces as convex_file
+from pipelines.dataset import object_list
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
 from pipelines.dataset.graspnet.graspnet_labels import write_grasp_label
 from pipelines.dataset.graspnet.graspnet_layout import SPLIT_BLOCKS, SPLITS, scenes_of_split
@@ -38,7 +39,6 @@ from pipelines.storage.files import atomic_folder
 from pipelines.storage.provenance import digest_if_there, make_stamp, stamp_ahead, write_sidecar
 from pipelines.storage.unfinished import mark_finished, mark_unfinished
 from pipelines.synthesis.labels.grasp_sampling import sample_grasp_label
-from pipelines.synthesis.objects.object_records import add_to_object_list
 from pipelines.synthesis.objects.own_models import OwnModel, own_models, refuse_own_output
 from pipelines.synthesis.objects.pools import POOLS_OF_FAMILIES, make_object
 from pipelines.synthesis.scenes.cameras import MIXED, camera_folder
@@ -71,27 +71,23 @@ def run(
     """
     _check(config, models, output)
     sources = own_models(models, mesh_scale) if models else []
+    root = _Root(GraspNetRoot(output), config, seed, _object_ids(config, len(sources)), sources)
     was_finished = not options.dry_run and mark_unfinished(output, STAGE)
-    ids = _object_ids(config, len(sources))
-    step = partial(_write_object, seed=seed)
-    items = _object_items(output, config, seed, ids, sources)
     report = StageReport(STAGE)
-    report.add(run_batch("synthesize objects", items, step, options))
+    step = partial(_write_object, seed=seed)
+    report.add(run_batch("synthesize objects", root.object_items(), step, options))
     if config.labels.num_points and not report.failed:
-        items = _label_items(output, config, seed, sorted(ids))
         label = partial(_write_label, seed=seed, config=config)
-        report.add(run_batch("synthesize labels", items, label, options))
+        report.add(run_batch("synthesize labels", root.label_items(), label, options))
     if sdf and not report.failed:
-        grids = _grid_items(output, sorted(ids))
-        report.add(run_batch("synthesize distance grids", grids, _write_grid, options))
+        report.add(run_batch("synthesize distance grids", root.grid_items(), _write_grid, options))
     if report.failed:
         report.notes["scenes"] = "scenes are made once all objects and their labels are finished"
         return report
     if not options.dry_run:
-        _write_object_list(output, config, seed, ids, sources)
-    items = _scene_items(output, config, seed, ids, sources)
+        root.write_object_list()
     scene = partial(_write_scene, config=config)
-    report.add(run_batch("synthesize scenes", items, scene, options))
+    report.add(run_batch("synthesize scenes", root.scene_items(), scene, options))
     if not options.dry_run and (not report.failed or (was_finished and not report.done)):
         mark_finished(output, STAGE)
     return report
@@ -133,31 +129,100 @@ def _object_ids(config: SynthesizeConfig, num_models: int) -> dict[int, tuple[st
     }
 
 
-# --- objects ---------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class _Root:
+    """What is to be made: the objects and scenes of a root, of a user's meshes where there are any.
 
+    Attributes:
+        files: the root.
+        config: of the stage.
+        seed: of all that is drawn.
+        ids: pool and place in the pool of each object, by its id.
+        sources: the user's meshes by their place; empty for procedural objects.
+    """
 
-def _object_items(
-    output: Path,
-    config: SynthesizeConfig,
-    seed: int,
-    ids: dict[int, tuple[str, int]],
-    sources: Sequence[OwnModel],
-) -> list[WorkItem]:
-    items = []
-    for object_id, (pool, index) in ids.items():
-        source = sources[index] if sources else None
-        settings: dict[str, object] = {
-            "pool": pool,
-            "index": index,
-            "count": config.objects_per_pool,
+    files: GraspNetRoot
+    config: SynthesizeConfig
+    seed: int
+    ids: dict[int, tuple[str, int]]
+    sources: Sequence[OwnModel]
+
+    def object_items(self) -> list[WorkItem]:
+        items = []
+        for object_id, (pool, index) in self.ids.items():
+            source = self.sources[index] if self.sources else None
+            count = self.config.objects_per_pool
+            settings: dict[str, object] = {"pool": pool, "index": index, "count": count}
+            if source and source.scale not in (None, 1.0):  # 1 is the default
+                settings["mesh_scale"] = source.scale
+            inputs = {"mesh": digest_if_there(source.path)} if source else {}
+            stamp = make_stamp("synthesize object", settings, seed=self.seed, inputs=inputs)
+            target = self.files.model_path(object_id).parent
+            items.append(WorkItem(f"object {object_id:03d}", target, stamp, (pool, index, source)))
+        return items
+
+    def write_object_list(self) -> None:
+        """Write objects.json: these objects, and earlier records of others that have models."""
+        path = self.files.root / "objects.json"
+        earlier = object_list.read(path) if path.is_file() else []
+        listed = {
+            each.object_id: each
+            for each in earlier
+            if self.files.model_path(each.object_id).is_file()
         }
-        if source and source.scale not in (None, 1.0):  # 1 is the default
-            settings["mesh_scale"] = source.scale
-        inputs = {"mesh": digest_if_there(source.path)} if source else {}
-        stamp = make_stamp("synthesize object", settings, seed=seed, inputs=inputs)
-        target = GraspNetRoot(output).model_path(object_id).parent
-        items.append(WorkItem(f"object {object_id:03d}", target, stamp, (pool, index, source)))
-    return items
+        for object_id, (pool, index) in self.ids.items():
+            if self.sources:
+                name = self.sources[index].name
+                listed[object_id] = ObjectRecord(object_id, name, name, pool)
+                continue
+            made = make_object(pool, index, self.seed)
+            record = ObjectRecord(object_id, made.name, made.family, pool, made.symmetries)
+            listed[object_id] = record
+        pools = sorted({each.pool for each in listed.values()})
+        settings = {"pools": pools, "count": self.config.objects_per_pool}
+        stamp = make_stamp("synthesize object list", settings, seed=self.seed)
+        object_list.write(path, list(listed.values()), stamp)
+
+    def label_items(self) -> list[WorkItem]:
+        items = []
+        for object_id in sorted(self.ids):
+            model = self.files.model_path(object_id)
+            inputs = {model.name: digest_if_there(model)}
+            settings = self.config.labels
+            stamp = make_stamp("synthesize label", settings, seed=self.seed, inputs=inputs)
+            target = self.files.grasp_label_path(object_id)
+            items.append(WorkItem(f"label {object_id:03d}", target, stamp, (object_id, model)))
+        return items
+
+    def grid_items(self) -> list[WorkItem]:
+        items = []
+        for object_id in sorted(self.ids):
+            model = self.files.model_path(object_id)
+            inputs = {model.name: digest_if_there(model)}
+            stamp = make_stamp("synthesize distance grid", {}, inputs=inputs)
+            target = model.with_name("textured.sdf")
+            items.append(WorkItem(f"distance grid {object_id:03d}", target, stamp, (model,)))
+        return items
+
+    def scene_items(self) -> list[WorkItem]:
+        # Procedural objects follow from the settings and the seed. A user's meshes do not; the
+        # files in models/ depend on --mesh-scale too.
+        models = [self.files.model_path(i) for i in self.ids] if self.sources else []
+        inputs = {
+            f"models/{path.parent.name}/{path.name}": digest_if_there(path) for path in models
+        }
+        settings = _scene_settings(self.config)
+        stamp = make_stamp("synthesize scene", settings, seed=self.seed, inputs=inputs)
+        items = []
+        for split in self.config.splits:
+            own = POOLS_OF_FAMILIES[self.config.families][PLACE_OF_SPLIT[split]]
+            pool = "models" if self.sources else own
+            members = tuple(i for i, (of, _) in self.ids.items() if of == pool)
+            for scene_id in scenes_of_split(split)[: self.config.scenes_per_split]:
+                target = self.files.scene_folder(scene_id)
+                arguments = (self.files, scene_id, members)
+                items.append(WorkItem(f"scene {scene_id:04d}", target, stamp, arguments))
+        return items
 
 
 def _write_object(item: WorkItem, *, seed: int) -> None:
@@ -170,38 +235,6 @@ def _write_object(item: WorkItem, *, seed: int) -> None:
         write_sidecar(folder, item.stamp)
 
 
-def _write_object_list(
-    output: Path,
-    config: SynthesizeConfig,
-    seed: int,
-    ids: dict[int, tuple[str, int]],
-    sources: Sequence[OwnModel],
-) -> None:
-    records = []
-    for object_id, (pool, index) in ids.items():
-        if sources:
-            name = sources[index].name
-            records.append(ObjectRecord(object_id, name, name, pool))
-            continue
-        made = make_object(pool, index, seed)
-        records.append(ObjectRecord(object_id, made.name, made.family, pool, made.symmetries))
-    add_to_object_list(GraspNetRoot(output), records, count=config.objects_per_pool, seed=seed)
-
-
-def _label_items(
-    output: Path, config: SynthesizeConfig, seed: int, ids: Sequence[int]
-) -> list[WorkItem]:
-    root = GraspNetRoot(output)
-    items = []
-    for object_id in ids:
-        model = root.model_path(object_id)
-        inputs = {model.name: digest_if_there(model)}
-        stamp = make_stamp("synthesize label", config.labels, seed=seed, inputs=inputs)
-        target = root.grasp_label_path(object_id)
-        items.append(WorkItem(f"label {object_id:03d}", target, stamp, (object_id, model)))
-    return items
-
-
 def _write_label(item: WorkItem, *, config: SynthesizeConfig, seed: int) -> None:
     object_id, model = item.arguments
     rng = np.random.default_rng([seed, TAG_LABEL, object_id])
@@ -210,49 +243,11 @@ def _write_label(item: WorkItem, *, config: SynthesizeConfig, seed: int) -> None
     write_grasp_label(item.target, label)
 
 
-def _grid_items(output: Path, ids: Sequence[int]) -> list[WorkItem]:
-    items = []
-    for object_id in ids:
-        model = GraspNetRoot(output).model_path(object_id)
-        inputs = {model.name: digest_if_there(model)}
-        stamp = make_stamp("synthesize distance grid", {}, inputs=inputs)
-        target = model.with_name("textured.sdf")
-        items.append(WorkItem(f"distance grid {object_id:03d}", target, stamp, (model,)))
-    return items
-
-
 def _write_grid(item: WorkItem) -> None:
     (model,) = item.arguments
     grid = signed_distance_grid(read_mesh(model))
     stamp_ahead(item.target, item.stamp)
     write_sdf(item.target, grid)
-
-
-def _scene_items(
-    output: Path,
-    config: SynthesizeConfig,
-    seed: int,
-    ids: dict[int, tuple[str, int]],
-    sources: Sequence[OwnModel],
-) -> list[WorkItem]:
-    root = GraspNetRoot(output)
-    # Procedural objects follow from the settings and the seed. A user's meshes do not; the files in
-    # models/ depend on --mesh-scale too.
-    models = {f"{i:03d}": root.model_path(i) for i in ids} if sources else {}
-    inputs = {f"models/{name}/{path.name}": digest_if_there(path) for name, path in models.items()}
-    settings = _scene_settings(config)
-    items = []
-    for split in config.splits:
-        own = POOLS_OF_FAMILIES[config.families][PLACE_OF_SPLIT[split]]
-        pool = "models" if sources else own
-        members = tuple(i for i, (of, _) in ids.items() if of == pool)
-        for scene_id in scenes_of_split(split)[: config.scenes_per_split]:
-            stamp = make_stamp("synthesize scene", settings, seed=seed, inputs=inputs)
-            target = root.scene_folder(scene_id)
-            items.append(
-                WorkItem(f"scene {scene_id:04d}", target, stamp, (output, scene_id, members))
-            )
-    return items
 
 
 def _scene_settings(config: SynthesizeConfig) -> dict[str, object]:
@@ -267,5 +262,5 @@ def _scene_settings(config: SynthesizeConfig) -> dict[str, object]:
 
 
 def _write_scene(item: WorkItem, *, config: SynthesizeConfig) -> str:
-    output, scene_id, members = item.arguments
-    return write_scene(GraspNetRoot(output), scene_id, members, config, item.stamp)
+    root, scene_id, members = item.arguments
+    return write_scene(root, scene_id, members, config, item.stamp)

@@ -47,7 +47,6 @@ def frame_of(
         raise ValueRangeError("the size of color", size, expected)
     camera = _camera(intrinsics)
     return make_frame(
-        "",
         (Path("color"), lambda: picture),
         (Path("depth"), distances),
         camera,

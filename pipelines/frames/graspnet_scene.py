@@ -129,9 +129,7 @@ def read_poses(annotation: Path, meta: Path) -> list[ObjectPose]:
     return [ObjectPose(pose.object_id, exact[pose.object_id], pose.name) for pose in rounded]
 
 
-def write_meta(
-    path: Path, poses: Sequence[ObjectPose], intrinsic_matrix: Floats, factor_depth: float = 1000.0
-) -> None:
+def write_meta(path: Path, poses: Sequence[ObjectPose], intrinsic_matrix: Floats) -> None:
     """Write `meta/NNNN.mat` (YCB-Video style); same content, same bytes."""
     stacked = np.zeros((3, 4, len(poses)), dtype=np.float32)
     for index, pose in enumerate(poses):
@@ -139,7 +137,7 @@ def write_meta(
     content = {
         "poses": stacked,
         "intrinsic_matrix": np.asarray(intrinsic_matrix, dtype=np.float64),
-        "factor_depth": np.array([[factor_depth]], dtype=np.float64),
+        "factor_depth": np.array([[1000.0]]),
         "cls_indexes": np.array([[pose.object_id + 1 for pose in poses]], dtype=np.int64),
     }
     buffer = io.BytesIO()
@@ -190,8 +188,6 @@ def read_object_ids(path: Path) -> list[int]:
 
 def write_pose_array(path: Path, poses: Floats) -> None:
     """Write camera_poses.npy (n, 4, 4), rs_wrt_kn.npy (n, 4, 4) or cam0_wrt_table.npy (4, 4)."""
-    if poses.shape[-2:] != (4, 4):
-        raise FormatError(path, f"poses to write are {poses.shape}", "they must be (..., 4, 4)")
     write_npy(path, np.asarray(poses, dtype=np.float64))
 
 

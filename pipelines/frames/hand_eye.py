@@ -27,7 +27,7 @@ MAX_SKEW = 5e-3  # of a rotation with three digits; beyond this it is none
 MAX_LAUNCH_BYTES = 2**16
 POSITIONS, TURNS = ("translation", "position"), ("rotation", "quaternion", "orientation")
 NUMBER = r"[-+]?[\d.]+(?:[eE][-+]?\d+)?"
-LAUNCH = re.compile(rf"args=\"\s*((?:{NUMBER}\s+){{7}})(\S+)\s+(\S+)")
+LAUNCH = re.compile(rf"args=\"\s*((?:{NUMBER}\s+){{7}})(\S+)\s+\S+")
 
 
 @dataclass(frozen=True)
@@ -37,12 +37,10 @@ class HandEye:
     Attributes:
         T_base_cam: (4, 4), camera to the robot's base, metres.
         base: name of the base's frame; empty where the file names none.
-        camera: name of the camera's frame; empty where the file names none.
     """
 
     T_base_cam: Array
     base: str = ""
-    camera: str = ""
 
 
 def read_hand_eye(path: Path) -> HandEye:
@@ -66,9 +64,8 @@ def read_hand_eye(path: Path) -> HandEye:
     pose = next(_poses(path, content), None)
     if pose is None:
         raise FormatError(path, "holds no pose of a camera", EXPECTED)
-    names = (facts.get("robot_base_frame", ""), facts.get("tracking_base_frame", ""))
-    base, camera = (name if isinstance(name, str) else "" for name in names)
-    return HandEye(_checked(path, pose), base, camera)
+    base = facts.get("robot_base_frame", "")
+    return HandEye(_checked(path, pose), base if isinstance(base, str) else "")
 
 
 def _is_on_hand(facts: Mapping[str, object]) -> bool:
@@ -153,4 +150,4 @@ def _of_launch(path: Path) -> HandEye:
     except ValueError as error:
         raise FormatError(path, f"has a transform that is no numbers ({error})", EXPECTED) from None
     pose = _posed(path, numbers[:3], numbers[3:])
-    return HandEye(_checked(path, pose), found[2], found[3].strip('"'))
+    return HandEye(_checked(path, pose), found[2])

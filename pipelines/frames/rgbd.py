@@ -100,16 +100,15 @@ def read_depth(path: Path, units: DepthUnits) -> Singles:
 
 
 def read_pair(
-    name: str, color_path: Path, depth_path: Path, camera: CameraFile | None, units: DepthUnits
+    color_path: Path, depth_path: Path, camera: CameraFile | None, units: DepthUnits
 ) -> Frame:
     """Read a frame from its two images; see `make_frame`."""
     color = functools.partial(read_color, color_path)
     stored = stored_depth(depth_path)
-    return make_frame(name, (color_path, color), (depth_path, stored), camera, units)
+    return make_frame((color_path, color), (depth_path, stored), camera, units)
 
 
 def make_frame(
-    name: str,
     color: tuple[Path, Callable[[], NDArray[np.uint8]]],
     depth: tuple[Path, NDArray[Any]],
     camera: CameraFile | None,
@@ -118,10 +117,9 @@ def make_frame(
 ) -> Frame:
     """Make a frame of what files hold, without the distortion of its camera's lens (D. 125).
 
-    The depth is checked first: its faults matter most.
+    It has no name yet. The depth is checked first: its faults matter most.
 
     Args:
-        name: the frame's name.
         color: the file, and what reads (H, W, 3) RGB from it; resampled to the depth's size.
         depth: the file, and the numbers in it.
         camera: of the depth; None if nothing says it, which is an error.
@@ -139,7 +137,7 @@ def make_frame(
     if fitted is not image:
         notes += (f"colour of {image.shape[1]}x{image.shape[0]} is resampled to the depth",)
     notes += _close_views(measured)
-    frame = Frame(name, fitted, measured, intrinsics, unit, notes)
+    frame = Frame("", fitted, measured, intrinsics, unit, notes)
     return _without_distortion(frame, camera)
 
 

@@ -58,7 +58,6 @@ class ImagePair:
 
 
 def read_with_camera(
-    name: str,
     color: Path,
     depth: Path,
     camera_file: Path | None,
@@ -75,7 +74,7 @@ def read_with_camera(
         written = read_camera_file(camera_file, color.stem)
     camera = options.camera or written
     units = options.depth_units(written.units_per_metre if written else None, usual_units)
-    return read_pair(name, color, depth, camera, units)
+    return read_pair(color, depth, camera, units)
 
 
 def flat_pairs(folder: Path) -> list[ImagePair]:

@@ -7,9 +7,10 @@ While a run goes on, each frame lies in a file of its own, a shard of the same l
 import hashlib
 import json
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from bisect import bisect_left
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -24,14 +25,14 @@ from pipelines.errors import FormatError, SymgraspError
 from pipelines.geometry.camera import Intrinsics
 from pipelines.grasp_files.grasps_tables import (
     REGION_MEASURED,
+    SCHEMA,
     FrameResult,
     FrameTable,
     GraspTable,
     RegionTable,
     are_worth_trying,
-    join_grasps,
-    join_regions,
     ranks_in_frame,
+    tables_of,
 )
 from pipelines.storage.files import DAMAGED
 from pipelines.storage.h5_columns import (
@@ -39,7 +40,7 @@ from pipelines.storage.h5_columns import (
     check_version,
     json_attributes,
     own_attributes,
-    read_columns,
+    read_rows,
     write_attribute,
     write_columns,
 )
@@ -57,53 +58,12 @@ UNITS = {
         ("translation", "width", "contacts", "clearance", "enclosed_height"), "m"
     ),
 }
-REGION_COLUMNS = (*RegionTable.SPEC, "mask_counts", "mask_start")
-SCHEMA = {"frames": FrameTable.SPEC, "regions": REGION_COLUMNS, "grasps": GraspTable.SPEC}
 ADDED = {  # columns, by the version that brought them; `existence` was the confidence before 2
     2: ("symmetry_confidence", "ranker"),
     3: ("rank_in_frame", "worth_trying"),
     4: ("status",),
     5: ("symmetry_source",),
 }
-
-
-@dataclass(frozen=True)
-class GraspsFile:
-    """A whole file: its tables, and its attributes (`config` and `weights` as JSON objects)."""
-
-    frames: FrameTable
-    regions: RegionTable
-    grasps: GraspTable
-    attrs: Mapping[str, Any]
-
-    def intrinsics(self, frame: int) -> Intrinsics | None:
-        """Return the camera of a frame, None where it could not be read."""
-        return stored_intrinsics(self.frames.size[frame], self.frames.intrinsics[frame])
-
-    def results(self) -> list[FrameResult]:
-        """Return the file frame by frame, indices local to each frame."""
-        places = np.arange(len(self.frames) + 1)
-        region_ends = np.searchsorted(self.regions.frame, places).tolist()
-        grasp_ends = np.searchsorted(self.grasps.frame, places).tolist()
-        results = []
-        for frame in range(len(self.frames)):
-            first = region_ends[frame]
-            regions = self.regions.rows(first, region_ends[frame + 1])
-            grasps = self.grasps.rows(grasp_ends[frame], grasp_ends[frame + 1])
-            results.append(
-                FrameResult(
-                    name=str(self.frames.name[frame]),
-                    status=str(self.frames.status[frame]),
-                    message=str(self.frames.message[frame]),
-                    intrinsics=self.intrinsics(frame),
-                    seconds=float(self.frames.seconds[frame]),
-                    regions=replace(regions, frame=np.zeros(len(regions))),
-                    grasps=replace(
-                        grasps, frame=np.zeros(len(grasps)), region=grasps.region - first
-                    ),
-                )
-            )
-        return results
 
 
 def write(
@@ -143,48 +103,12 @@ def write_attributes(
         write_attribute(file.id, name, value)
 
 
-def tables_of(results: Sequence[FrameResult]) -> dict[str, dict[str, NDArray[Any]]]:
-    """Return the columns of `results` in order, by group; indices count from the first of them."""
-    regions = join_regions([result.regions for result in results])
-    grasps = join_grasps(
-        [result.grasps for result in results], [len(result.regions) for result in results]
-    )
-    frames = _frames(results)
-    return {
-        "frames": {name: getattr(frames, name) for name in FrameTable.SPEC},
-        "regions": {name: getattr(regions, name) for name in REGION_COLUMNS},
-        "grasps": {name: getattr(grasps, name) for name in GraspTable.SPEC},
-    }
-
-
-def read(path: Path | str) -> GraspsFile:
-    """Read a whole file.
-
-    Raises:
-        FormatError: not a grasps.h5, of another version, truncated, or inconsistent.
-    """
-    path = Path(path)
-    with opened(path) as file:
-        columns = {
-            group: read_columns(path, file[group], names)
-            for group, names in stored_columns(file).items()
-        }
-        complete_columns(columns["regions"], columns["grasps"], file)
-        attrs = file_attributes(file)
-    try:
-        frames = FrameTable(**columns["frames"])
-        regions, grasps = RegionTable(**columns["regions"]), GraspTable(**columns["grasps"])
-    except SymgraspError as error:
-        raise FormatError(path, f"its columns disagree ({error})", "run infer again") from error
-    return GraspsFile(frames, regions, grasps, attrs)
-
-
 @contextmanager
 def opened(path: Path) -> Iterator[h5py.File]:
     """Yield the open file, checked; what HDF5 finds damaged in it later is a FormatError too.
 
     Raises:
-        FormatError: not a whole grasps.h5 of the version known here.
+        FormatError: not a whole grasps.h5 of the versions known here.
     """
     try:
         with open_h5(path) as file:
@@ -195,11 +119,22 @@ def opened(path: Path) -> Iterator[h5py.File]:
 
 
 def _check_file(path: Path, file: h5py.File) -> None:
-    """Raise FormatError unless the open `file` is a grasps.h5 of the version known here."""
+    """Raise FormatError unless the open `file` has the groups and columns of its version."""
     check_version(path, attribute(file, "format_version"), FORMAT_VERSION, OLDEST_VERSION)
     missing = [group for group in SCHEMA if not isinstance(file.get(group), h5py.Group)]
     if missing:
         raise FormatError(path, f"has no group /{missing[0]}", "a grasps.h5 of infer is expected")
+    for group, names in stored_columns(file).items():
+        columns = {name: file[group].get(name) for name in names}
+        lost = [name for name in names if not isinstance(columns[name], h5py.Dataset)]
+        if lost:
+            raise FormatError(path, f"has no dataset /{group}/{min(lost)}", "run infer again")
+        rows = {len(column) for name, column in columns.items() if not name.startswith("mask_")}
+        if len(rows) > 1:
+            raise FormatError(path, f"columns of /{group} disagree", "run infer again")
+    start, runs = file["regions/mask_start"], file["regions/mask_counts"]
+    if len(start) != len(file["regions/frame"]) + 1 or start[0] != 0 or start[-1] != len(runs):
+        raise FormatError(path, "its masks do not fill mask_counts", "run infer again")
 
 
 def stored_columns(file: h5py.File) -> dict[str, list[str]]:
@@ -265,12 +200,59 @@ def read_shard(path: Path) -> FrameResult:
     """Read one frame's result, just as it was written.
 
     Raises:
-        FormatError: the file holds not exactly one frame.
+        FormatError: the file holds not exactly one frame, or is damaged.
     """
-    results = read(path).results()
-    if len(results) != 1:
-        raise FormatError(path, f"holds {len(results)} frames", "a shard holds one")
-    return results[0]
+    with opened(path) as file:
+        file_attributes(file)
+        if (count := len(file["frames/name"])) != 1:
+            raise FormatError(path, f"holds {count} frames", "a shard holds one")
+        return read_result(path, file, 0)
+
+
+def read_result(path: Path, file: h5py.File, frame: int) -> FrameResult:
+    """Read the frame with the place `frame` of the open file `path`.
+
+    Raises:
+        FormatError: its rows are damaged, or disagree.
+    """
+    try:
+        return _read_frame(file, frame)
+    except (*DAMAGED, SymgraspError) as error:
+        found = f"frame {frame} is damaged ({error})"
+        raise FormatError(path, found, "run infer again") from error
+
+
+def _read_frame(file: h5py.File, frame: int) -> FrameResult:
+    table = file["frames"]
+    first, last = _rows(file["regions/frame"], frame)
+    start, end = _rows(file["grasps/frame"], frame)
+    stored = stored_columns(file)
+    names = (name for name in RegionTable.SPEC if name in stored["regions"])
+    regions = _slice(file["regions"], names, first, last)
+    mask_start = file["regions/mask_start"][first : last + 1].astype(np.int64)
+    regions["mask_counts"] = file["regions/mask_counts"][mask_start[0] : mask_start[-1]]
+    regions["mask_start"] = mask_start - mask_start[0]
+    grasps = _slice(file["grasps"], stored["grasps"], start, end)
+    complete_columns(regions, grasps, file)
+    local = GraspTable(**grasps)
+    return FrameResult(
+        name=table["name"].asstr()[frame],
+        status=table["status"].asstr()[frame],
+        message=table["message"].asstr()[frame],
+        intrinsics=stored_intrinsics(table["size"][frame], table["intrinsics"][frame]),
+        seconds=float(table["seconds"][frame]),
+        regions=replace(RegionTable(**regions), frame=np.zeros(last - first)),
+        grasps=replace(local, frame=np.zeros(end - start), region=local.region - first),
+    )
+
+
+def _rows(frame_of_row: h5py.Dataset, frame: int) -> tuple[int, int]:
+    first = bisect_left(frame_of_row, frame)
+    return first, bisect_left(frame_of_row, frame + 1, lo=first)
+
+
+def _slice(group: h5py.Group, names: Iterable[str], start: int, end: int) -> dict[str, Any]:
+    return {name: read_rows(group[name], slice(start, end)) for name in names}
 
 
 def remove_shards(path: Path) -> None:
@@ -278,16 +260,3 @@ def remove_shards(path: Path) -> None:
     folder = parts_folder(path)
     if folder.is_dir():
         shutil.rmtree(folder)
-
-
-def _frames(results: Sequence[FrameResult]) -> FrameTable:
-    cameras = [result.intrinsics for result in results]
-    columns: dict[str, Any] = {
-        "name": [result.name for result in results],
-        "status": [result.status for result in results],
-        "message": [result.message for result in results],
-        "size": [result.size for result in results],
-        "intrinsics": [(c.fx, c.fy, c.cx, c.cy) if c else (np.nan,) * 4 for c in cameras],
-        "seconds": [result.seconds for result in results],
-    }
-    return FrameTable(**columns)

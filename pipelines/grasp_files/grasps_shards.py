@@ -1,35 +1,35 @@
 """The columns of many shards of `grasps.h5`, to be put together.
 
-A shard that is just as `grasps_file.write` leaves it needs no tables to be made of it: its
-columns are read, looked over and joined. Any other is left to `grasps_file.read_shard`, which
-takes what can be taken, or says what is wrong.
+A shard that is just as `grasps_file.write` leaves it is read by HDF5's own handles, several times
+faster than a frame. Any other is left to `grasps_file.read_shard`, which takes what can be taken,
+or says what is wrong.
 """
 
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import h5py
-import numpy as np
 from h5py import h5d
-from numpy.typing import NDArray
 
-from pipelines.errors import ValueRangeError
+from pipelines.errors import SymgraspError
 from pipelines.grasp_files.grasps_file import (
     FORMAT_VERSION,
     file_attributes,
     opened,
     read_shard,
     stored_intrinsics,
+)
+from pipelines.grasp_files.grasps_tables import (
+    NO_FRAMES,
+    FrameResult,
+    GraspTable,
+    RegionTable,
+    Tables,
     tables_of,
 )
-from pipelines.grasp_files.grasps_tables import STATUSES
 from pipelines.storage.files import DAMAGED
 from pipelines.storage.h5_columns import read_alike
 from pipelines.storage.h5_files import open_h5
 
-Tables = dict[str, dict[str, NDArray[Any]]]
-NO_FRAMES = tables_of([])
 COUNTED = ("regions/frame", "grasps/frame", "regions/mask_counts")
 
 
@@ -56,12 +56,17 @@ def shard_tables(path: Path) -> Tables:
     try:
         with open_h5(path) as file:
             tables = _read(file)
-    except DAMAGED:
+    except (*DAMAGED, SymgraspError):
         tables = None
-    return tables if tables and _is_of_one_frame(tables) else tables_of([read_shard(path)])
+    return tables or tables_of([read_shard(path)])
 
 
 def _read(file: h5py.File) -> Tables | None:
+    """Return the columns of a shard of this version; None if something about them is otherwise.
+
+    Raises:
+        SymgraspError: they disagree.
+    """
     attrs = file_attributes(file)  # all of them: what cannot be read is damaged
     if int(attrs["format_version"]) != FORMAT_VERSION:
         return None
@@ -71,61 +76,12 @@ def _read(file: h5py.File) -> Tables | None:
         if columns is None:
             return None
         tables[group] = columns
-    return tables
-
-
-def _is_of_one_frame(tables: Mapping[str, Mapping[str, NDArray[Any]]]) -> bool:
-    """Return whether all that the tables of a frame ask of their columns is so here."""
-    frames, regions, grasps = (tables[group] for group in ("frames", "regions", "grasps"))
-    num_regions, num_grasps = len(regions["box"]), len(grasps["width"])
-    lengths = {**dict.fromkeys(regions, num_regions), "mask_start": num_regions + 1}
-    lengths["mask_counts"] = len(regions["mask_counts"])
-    if not (
-        all(len(column) == 1 for column in frames.values())
-        and all(len(regions[name]) == length for name, length in lengths.items())
-        and all(len(column) == num_grasps for column in grasps.values())
-    ):
-        return False
-    start = regions["mask_start"]
-    return bool(
-        frames["status"][0] in STATUSES
-        and _is_camera(frames["size"][0], frames["intrinsics"][0])
-        and start[0] == 0
-        and start[-1] == len(regions["mask_counts"])
-        and not regions["frame"].any()
-        and not grasps["frame"].any()
-        and (grasps["region"] >= 0).all()
-        and (grasps["region"] < num_regions).all()
-    )
-
-
-def _is_camera(size: NDArray[Any], intrinsics: NDArray[Any]) -> bool:
-    try:
-        return stored_intrinsics(size, intrinsics) is not None
-    except ValueRangeError:
-        return False
-
-
-def joined_shards(tables: Sequence[Tables]) -> Tables:
-    """Return the columns of frames in order; indices count from the first of them."""
-    num_regions = [len(table["regions"]["frame"]) for table in tables]
-    num_grasps = [len(table["grasps"]["frame"]) for table in tables]
-    num_runs = [len(table["regions"]["mask_counts"]) for table in tables]
-    result = {
-        group: {name: np.concatenate([t[group][name] for t in tables]) for name in columns}
-        for group, columns in NO_FRAMES.items()
-    }
-    places = np.arange(len(tables), dtype=np.int32)
-    regions, grasps = result["regions"], result["grasps"]
-    regions["frame"] = np.repeat(places, num_regions)
-    grasps["frame"] = np.repeat(places, num_grasps)
-    grasps["region"] = grasps["region"] + np.repeat(_firsts(num_regions), num_grasps)
-    starts = [t["regions"]["mask_start"][1:] for t in tables]
-    ends = np.concatenate(starts) + np.repeat(_firsts(num_runs), num_regions)
-    regions["mask_start"] = np.concatenate([np.zeros(1, np.int64), ends])
-    return result
-
-
-def _firsts(counts: Sequence[int]) -> NDArray[np.int64]:
-    """Return the place of the first of each of some runs of rows, one behind the other."""
-    return np.cumsum([0, *counts[:-1]])
+    frames, regions, grasps = tables.values()
+    rows = {len(column) for column in grasps.values()}
+    if len(rows) > 1 or any(len(column) != 1 for column in frames.values()):
+        return None
+    tables_of_frame = RegionTable(**regions), GraspTable(**grasps)
+    camera = stored_intrinsics(frames["size"][0], frames["intrinsics"][0])
+    FrameResult("", frames["status"][0], "", camera, 0.0, *tables_of_frame)
+    is_alike = camera and not regions["frame"].any() and not grasps["frame"].any()
+    return tables if is_alike else None

@@ -5,10 +5,8 @@ these are read. To write, the rows of all shards are counted first, then filled 
 """
 
 import os
-from bisect import bisect_left
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,24 +21,21 @@ from pipelines.dataset.graspnet.graspnet_layout import FrameFiles, SceneFiles, f
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.grasp_files.grasps_file import (
     UNITS,
-    complete_columns,
     file_attributes,
     opened,
-    stored_columns,
-    stored_intrinsics,
-    tables_of,
+    read_result,
     write_attributes,
 )
-from pipelines.grasp_files.grasps_shards import (
+from pipelines.grasp_files.grasps_shards import shard_sizes, shard_tables
+from pipelines.grasp_files.grasps_tables import (
     NO_FRAMES,
+    FrameResult,
     Tables,
-    joined_shards,
-    shard_sizes,
-    shard_tables,
+    joined_tables,
+    tables_of,
 )
-from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable, RegionTable
-from pipelines.storage.files import DAMAGED, real_path
-from pipelines.storage.h5_columns import json_attributes, make_column, read_columns, read_rows
+from pipelines.storage.files import real_path
+from pipelines.storage.h5_columns import json_attributes, make_column, read_columns
 from pipelines.storage.h5_files import new_h5
 from pipelines.storage.provenance import Stamp
 
@@ -100,7 +95,7 @@ def read_index(path: Path) -> GraspsIndex:
     Raises:
         FormatError: not a grasps.h5, of another version, truncated, or inconsistent.
     """
-    with _opened(path) as file:
+    with opened(path) as file:
         columns = read_columns(path, file["frames"], ["name", "status", "message"])
         names, statuses, messages = ([str(text) for text in each] for each in columns.values())
         num_grasps = len(file["grasps/frame"])
@@ -115,14 +110,9 @@ def read_results(path: Path, frames: Iterable[int]) -> Iterator[FrameResult]:
     Raises:
         FormatError: as `read_index`.
     """
-    with _opened(path) as file:
+    with opened(path) as file:
         for frame in frames:
-            try:
-                yield _read_frame(file, frame)
-            except (*DAMAGED, SymgraspError) as error:
-                raise FormatError(
-                    path, f"frame {frame} is damaged ({error})", "run infer again"
-                ) from error
+            yield read_result(path, file, frame)
 
 
 def read_dataset_frames(path: Path, frames: Iterable[int]) -> Iterator[FrameResult]:
@@ -172,42 +162,24 @@ def merge_shards(
     Raises:
         FormatError: a shard is damaged.
     """
-    sizes = _Sizes.of(parts, check)
+    sizes = _sizes(parts, check)
     with new_h5(path) as file:
         write_attributes(file, stamp, weights)
         _make_columns(file, sizes)
-        done = _Sizes(0, 0, 0, 0)
+        done = dict.fromkeys(sizes, 0)
         for start in range(0, len(parts), BATCH):
             check()
-            done = _fill(
-                file, joined_shards([_tables(part) for part in parts[start : start + BATCH]]), done
-            )
+            _fill(file, joined_tables([_tables(p) for p in parts[start : start + BATCH]]), done)
 
 
-@dataclass(frozen=True)
-class _Sizes:
-    """How many rows some frames have."""
-
-    frames: int
-    regions: int
-    grasps: int
-    runs: int  # of all masks
-
-    @classmethod
-    def of(cls, parts: Sequence[FrameResult | Path], check: Callable[[], None]) -> "_Sizes":
-        sizes = []
-        for part in parts:
-            check()
-            sizes.append(shard_sizes(part) if isinstance(part, Path) else _size(part))
-        regions, grasps, runs = (sum(each) for each in zip((0, 0, 0), *sizes, strict=True))
-        return cls(len(parts), regions, grasps, runs)
-
-    def rows(self, group: str, name: str) -> int:
-        """Return the length of a column."""
-        special = {"mask_counts": self.runs, "mask_start": self.regions + 1}
-        return special.get(
-            name, {"frames": self.frames, "regions": self.regions}.get(group, self.grasps)
-        )
+def _sizes(parts: Sequence[FrameResult | Path], check: Callable[[], None]) -> dict[str, int]:
+    """Return the rows of each group of `parts` together, and of `mask_counts`."""
+    sizes = np.zeros(3, np.int64)
+    for part in parts:
+        check()
+        sizes += shard_sizes(part) if isinstance(part, Path) else _size(part)
+    names = ("regions", "grasps", "mask_counts")
+    return {"frames": len(parts), **dict(zip(names, sizes.tolist(), strict=True))}
 
 
 def _size(result: FrameResult) -> tuple[int, ...]:
@@ -218,79 +190,28 @@ def _tables(part: FrameResult | Path) -> Tables:
     return shard_tables(part) if isinstance(part, Path) else tables_of([part])
 
 
-def _make_columns(file: h5py.File, sizes: _Sizes) -> None:
+def _make_columns(file: h5py.File, sizes: Mapping[str, int]) -> None:
     """Make the datasets of a file, in the order and of the types of one that holds no frames."""
     for group, columns in NO_FRAMES.items():
         made = file.create_group(group)
         for name, column in columns.items():
-            shape = (sizes.rows(group, name), *column.shape[1:])
+            rows = sizes.get(name, sizes[group]) + (name == "mask_start")
+            shape = (rows, *column.shape[1:])
             make_column(made, name, shape, column.dtype, UNITS[group].get(name))
 
 
-def _fill(file: h5py.File, tables: Tables, done: _Sizes) -> _Sizes:
-    """Write `tables` behind the rows that are `done`; return what is done then."""
+def _fill(file: h5py.File, tables: Tables, done: dict[str, int]) -> None:
+    """Write `tables` behind the rows that are `done`, and count them."""
     regions, grasps = tables["regions"], tables["grasps"]
-    regions["frame"], grasps["frame"] = (t["frame"] + done.frames for t in (regions, grasps))
-    grasps["region"] = grasps["region"] + done.regions
-    regions["mask_start"] = regions["mask_start"] + done.runs
+    regions["frame"] += done["frames"]
+    grasps["frame"] += done["frames"]
+    grasps["region"] += done["regions"]
+    regions["mask_start"] += done["mask_counts"]
     for group, columns in tables.items():
         for name, column in columns.items():
-            first = done.rows(group, name) - (name == "mask_start")
+            first = done.get(name, done[group])
             file[group][name][first : first + len(column)] = column
-    return _Sizes(
-        done.frames + len(tables["frames"]["name"]),
-        done.regions + len(regions["frame"]),
-        done.grasps + len(grasps["frame"]),
-        done.runs + len(regions["mask_counts"]),
-    )
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[h5py.File]:
-    with opened(path) as file:
-        for group, names in stored_columns(file).items():
-            columns = {name: file[group].get(name) for name in names}
-            lengths = {
-                name: len(column)
-                for name, column in columns.items()
-                if isinstance(column, h5py.Dataset)
-            }
-            missing = set(names) - set(lengths)
-            lengths = {name: n for name, n in lengths.items() if not name.startswith("mask_")}
-            if missing or len(set(lengths.values())) > 1:
-                found = f"has no dataset /{group}/{min(missing)}" if missing else "columns disagree"
-                raise FormatError(path, found, "run infer again")
-        yield file
-
-
-def _read_frame(file: h5py.File, frame: int) -> FrameResult:
-    table = file["frames"]
-    first, last = _rows(file["regions/frame"], frame)
-    start, end = _rows(file["grasps/frame"], frame)
-    stored = stored_columns(file)
-    names = (name for name in RegionTable.SPEC if name in stored["regions"])
-    regions = _slice(file["regions"], names, first, last)
-    mask_start = file["regions/mask_start"][first : last + 1].astype(np.int64)
-    regions["mask_counts"] = file["regions/mask_counts"][mask_start[0] : mask_start[-1]]
-    regions["mask_start"] = mask_start - mask_start[0]
-    grasps = _slice(file["grasps"], stored["grasps"], start, end)
-    complete_columns(regions, grasps, file)
-    local = GraspTable(**grasps)
-    return FrameResult(
-        name=table["name"].asstr()[frame],
-        status=table["status"].asstr()[frame],
-        message=table["message"].asstr()[frame],
-        intrinsics=stored_intrinsics(table["size"][frame], table["intrinsics"][frame]),
-        seconds=float(table["seconds"][frame]),
-        regions=replace(RegionTable(**regions), frame=np.zeros(last - first)),
-        grasps=replace(local, frame=np.zeros(end - start), region=local.region - first),
-    )
-
-
-def _rows(frame_of_row: h5py.Dataset, frame: int) -> tuple[int, int]:
-    first = bisect_left(frame_of_row, frame)
-    return first, bisect_left(frame_of_row, frame + 1, lo=first)
-
-
-def _slice(group: h5py.Group, names: Iterable[str], start: int, end: int) -> dict[str, Any]:
-    return {name: read_rows(group[name], slice(start, end)) for name in names}
+    done["frames"] += len(tables["frames"]["name"])
+    done["regions"] += len(regions["frame"])
+    done["grasps"] += len(grasps["frame"])
+    done["mask_counts"] += len(regions["mask_counts"])

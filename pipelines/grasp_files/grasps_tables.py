@@ -6,7 +6,7 @@ when it is made, so that what is written and read again is what it was.
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from pipelines.storage.provenance import digest_text
 STATUSES = ("ok", "empty", "failed")
 REGION_MEASURED, REGION_FLAT, REGION_NO_DEPTH = "measured", "flat", "no_depth"  # statuses
 NO_COLUMN = np.zeros(0)
+Tables = dict[str, dict[str, NDArray[Any]]]  # columns by group and name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,42 +56,21 @@ class RegionTable(ColumnTable):
         object.__setattr__(self, "mask_counts", counts)
 
     @classmethod
-    def from_masks(
-        cls,
-        masks: Sequence[Mask],
-        *,
-        confidence: ArrayLike,
-        source: Sequence[str],
-        symmetry_confidence: ArrayLike,
-        symmetry_point: ArrayLike,
-        symmetry_direction: ArrayLike,
-        affordance_mean: ArrayLike,
-        affordance_max: ArrayLike,
-        existence: ArrayLike | None = None,
-        status: Sequence[str] | None = None,
-    ) -> "RegionTable":
-        """Return the table of one frame's regions, given their masks (H, W)."""
-        if existence is None:
-            existence = np.full((len(masks), NUM_SLOTS), np.nan)
-        if status is None:
-            status = [REGION_MEASURED] * len(masks)
+    def from_masks(cls, masks: Sequence[Mask], **columns: ArrayLike) -> "RegionTable":
+        """Return the table of one frame's regions, given their masks (H, W) and other `columns`.
+
+        `existence` is nan where it is not given, `status` measured.
+        """
         runs = [encode_mask(mask) for mask in masks]
-        columns: dict[str, Any] = {
+        usual: dict[str, Any] = {
+            "frame": np.zeros(len(masks)),
             "box": [box_of_mask(mask) for mask in masks],
+            "existence": np.full((len(masks), NUM_SLOTS), np.nan),
+            "status": [REGION_MEASURED] * len(masks),
             "mask_counts": np.concatenate(runs) if runs else NO_COLUMN,
             "mask_start": np.cumsum([0, *map(len, runs)]),
-            "confidence": confidence,
-            "source": np.array(list(source), dtype=object),
-            "status": np.array(list(status), dtype=object),
-            "existence": existence,
-            "symmetry_confidence": symmetry_confidence,
-            "symmetry_point": symmetry_point,
-            "symmetry_direction": symmetry_direction,
-            "affordance_mean": affordance_mean,
-            "affordance_max": affordance_max,
-            "frame": np.zeros(len(masks)),
         }
-        return cls(**columns)
+        return cls(**{**usual, **columns})
 
     @classmethod
     def empty(cls) -> "RegionTable":
@@ -106,14 +86,6 @@ class RegionTable(ColumnTable):
         """Return the mask (H, W) of one region, given the size of its frame."""
         start, end = self.mask_start[region : region + 2]
         return decode_mask(self.mask_counts[start:end], width, height)
-
-    def rows(self, start: int, end: int) -> "RegionTable":
-        """Return the regions `start` to `end`, exclusive."""
-        first, last = self.mask_start[start], self.mask_start[end]
-        columns = {name: getattr(self, name)[start:end] for name in self.SPEC}
-        columns["mask_counts"] = self.mask_counts[first:last]
-        columns["mask_start"] = self.mask_start[start : end + 1] - first
-        return RegionTable(**columns)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,10 +135,6 @@ class GraspTable(ColumnTable):
         """Return the number of grasps."""
         return len(self.width)
 
-    def rows(self, start: int, end: int) -> "GraspTable":
-        """Return the grasps `start` to `end`, exclusive."""
-        return self.taken(slice(start, end))
-
     def taken(self, index: slice | NDArray[Any]) -> "GraspTable":
         """Return the grasps `index`, in its order."""
         return GraspTable(**{name: getattr(self, name)[index] for name in self.SPEC})
@@ -186,9 +154,20 @@ class FrameTable(ColumnTable):
     def __post_init__(self) -> None:
         coerce_columns(self, self.SPEC, len(self.name))
 
-    def __len__(self) -> int:
-        """Return the number of frames."""
-        return len(self.name)
+
+SCHEMA: dict[str, ColumnSpec] = {
+    "frames": FrameTable.SPEC,
+    "regions": {
+        **RegionTable.SPEC,
+        "mask_counts": ((), np.uint32),
+        "mask_start": ((), np.int64),
+    },
+    "grasps": GraspTable.SPEC,
+}
+NO_FRAMES: Tables = {
+    group: {name: np.zeros((0, *shape), dtype) for name, (shape, dtype) in spec.items()}
+    for group, spec in SCHEMA.items()
+}
 
 
 @dataclass(frozen=True)
@@ -238,39 +217,53 @@ def are_worth_trying(ranker: NDArray[Any], rank_score: NDArray[Any], least: floa
 
 def result_digest(result: FrameResult) -> str:
     """Return a digest of all that was found in a frame; not of the time that it took."""
-    regions, grasps = result.regions, result.grasps
     parts = [repr((result.name, result.status, result.message, result.intrinsics)).encode()]
-    for table, names in (
-        (regions, (*RegionTable.SPEC, "mask_counts", "mask_start")),
-        (grasps, GraspTable.SPEC),
-    ):
-        for name in names:
+    for table, group in ((result.regions, "regions"), (result.grasps, "grasps")):
+        for name in SCHEMA[group]:
             column = getattr(table, name)
             is_text = column.dtype == object
             parts.append("\0".join(column).encode() if is_text else column.tobytes())
     return digest_text("\n".join(hashlib.sha256(part).hexdigest() for part in parts))
 
 
-def join_regions(tables: Sequence[RegionTable]) -> RegionTable:
-    """Return the regions of all frames in order; `frame` becomes each table's place."""
-    columns = _joined(tables, RegionTable.SPEC)
-    counts = [table.mask_counts for table in tables]
-    ends = np.concatenate([np.zeros(1, dtype=np.int64), *(np.diff(t.mask_start) for t in tables)])
-    columns["mask_counts"] = np.concatenate([NO_COLUMN.astype(np.uint32), *counts])
-    return RegionTable(**columns, mask_start=np.cumsum(ends))
+def tables_of(results: Sequence[FrameResult]) -> Tables:
+    """Return the columns of `results` in order, by group; indices count from the first of them."""
+    return joined_tables([_tables_of_frame(result) for result in results])
 
 
-def join_grasps(tables: Sequence[GraspTable], num_regions: Sequence[int]) -> GraspTable:
-    """Return the grasps of all frames in order, `region` counted through all frames."""
-    firsts = np.cumsum([0, *num_regions[:-1]])
-    shifted = [replace(t, region=t.region + n) for t, n in zip(tables, firsts, strict=False)]
-    return GraspTable(**_joined(shifted, GraspTable.SPEC))
-
-
-def _joined(tables: Sequence[Any], spec: ColumnSpec) -> dict[str, Any]:
-    columns: dict[str, Any] = {
-        name: np.concatenate([np.zeros((0, *trailing), dtype), *(getattr(t, name) for t in tables)])
-        for name, (trailing, dtype) in spec.items()
+def _tables_of_frame(result: FrameResult) -> Tables:
+    camera = result.intrinsics
+    frame: dict[str, Any] = {
+        "name": [result.name],
+        "status": [result.status],
+        "message": [result.message],
+        "size": [result.size],
+        "intrinsics": [(camera.fx, camera.fy, camera.cx, camera.cy) if camera else (np.nan,) * 4],
+        "seconds": [result.seconds],
     }
-    columns["frame"] = np.repeat(np.arange(len(tables)), [len(table) for table in tables])
-    return columns
+    tables = {"frames": FrameTable(**frame), "regions": result.regions, "grasps": result.grasps}
+    return {
+        group: {name: getattr(table, name) for name in SCHEMA[group]}
+        for group, table in tables.items()
+    }
+
+
+def joined_tables(tables: Sequence[Tables]) -> Tables:
+    """Return the columns of frames in order; indices count from the first of them."""
+    counted = (("regions", "frame"), ("grasps", "frame"), ("regions", "mask_counts"))
+    counts = np.array([[len(t[group][name]) for group, name in counted] for t in tables], np.int64)
+    counts = counts.reshape(-1, len(counted))
+    num_regions, num_grasps, _ = counts.T
+    first_region, _, first_run = (np.cumsum(counts, axis=0) - counts).T
+    result = {
+        group: {n: np.concatenate([none, *(t[group][n] for t in tables)]) for n, none in of.items()}
+        for group, of in NO_FRAMES.items()
+    }
+    places = np.arange(len(tables), dtype=np.int32)
+    regions, grasps = result["regions"], result["grasps"]
+    regions["frame"], grasps["frame"] = (np.repeat(places, n) for n in (num_regions, num_grasps))
+    grasps["region"] += np.repeat(first_region, num_grasps)
+    starts = [t["regions"]["mask_start"][1:] for t in tables]
+    regions["mask_start"] = np.concatenate([np.zeros(1, np.int64), *starts])
+    regions["mask_start"][1:] += np.repeat(first_run, num_regions)
+    return result

@@ -13,6 +13,7 @@ from xml.etree.ElementTree import Element, ParseError
 import numpy as np
 from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import parse as parse_urdf
+from scipy.spatial.transform import Rotation
 
 from pipelines.array_types import Array
 from pipelines.dataset.meshes import read_vertices
@@ -234,14 +235,8 @@ def _origin(path: Path, element: Element) -> Array:
     origin = element.find("origin")
     if origin is None:
         return np.eye(4)
-    roll, pitch, yaw = _vector(path, origin.get("rpy"), (0, 0, 0))
-    turns = [
-        np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]) for a in (roll, pitch, yaw)
-    ]
-    x, y, z = np.eye(3), np.eye(3), np.eye(3)
-    x[1:, 1:], z[:2, :2] = turns[0], turns[2]
-    y[np.ix_([2, 0], [2, 0])] = turns[1]
-    return make_pose(z @ y @ x, _vector(path, origin.get("xyz"), (0, 0, 0)))
+    turn = Rotation.from_euler("xyz", _vector(path, origin.get("rpy"), (0, 0, 0)))
+    return make_pose(turn.as_matrix(), _vector(path, origin.get("xyz"), (0, 0, 0)))
 
 
 def _vector(path: Path, text: str | None, default: tuple[float, float, float]) -> Array:

@@ -13,8 +13,8 @@ import numpy as np
 
 from pipelines.dataset.symmetry.symmetry_labels import FOUND, ObjectSymmetries
 from pipelines.geometry.symmetry import RotationSymmetry, Symmetry
-from pipelines.pictures.color_images import Color, ColorImage
 from pipelines.pictures.pages import rendered
+from pipelines.pictures.palette import Color, ColorImage
 from pipelines.storage.files import write_text
 from pipelines.storage.images import write_image
 

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from pipelines.grasping.gripper import Gripper
-from pipelines.pictures.color_images import Color, ColorImage
+from pipelines.pictures.palette import Color, ColorImage
 
 PIXELS_PER_METRE, EDGE = 2000, 40
 BODY: Color = (215, 221, 230)

@@ -24,11 +24,12 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.symmetry import ROTATION_SLOT, SPHERE_SLOT, Symmetry, SymmetrySlots
 from pipelines.geometry.transforms import unit
 from pipelines.grasp_files.grasps_tables import REGION_MEASURED, FrameResult
-from pipelines.pictures.color_images import Color, ColorImage
 from pipelines.pictures.palette import (
     AXIS_COLOR,
     CONTACT_COLOR,
     PLANE_COLORS,
+    Color,
+    ColorImage,
     region_color,
     rgb,
     score_colors,
@@ -128,7 +129,8 @@ def _draw_gripper(
     lines = (((r, g, b), thick),) if is_weak else ((HALO, 2 * thick + 2), ((r, g, b), 2 * thick))
     for line_color, size in lines:
         for start, end in ((0, 1), (1, 2), (2, 3), (4, 5)):
-            _line(picture, pixels[start], pixels[end], line_color, size)
+            ends = pixels[start].tolist(), pixels[end].tolist()
+            cv2.line(picture, *ends, line_color, size, cv2.LINE_AA, FIXED_BITS)
     if is_weak:
         return
     for contact in (0, 3):
@@ -182,8 +184,9 @@ def _draw_symmetry(
     elif slot == ROTATION_SLOT:
         ends = _pixels(camera, point + 1.3 * radius * np.array([[-1], [1]]) * symmetry.direction)
         if ends is not None:
+            first, second = ends.tolist()
             for color, size in ((HALO, 4), (rgb(AXIS_COLOR), 2)):
-                _line(picture, ends[0], ends[1], color, size)
+                cv2.line(picture, first, second, color, size, cv2.LINE_AA, FIXED_BITS)
     else:
         _draw_plane(picture, camera, symmetry, radius, rgb(PLANE_COLORS[slot]), opacity)
 
@@ -219,10 +222,3 @@ def _pixels(camera: Intrinsics, points: Array) -> NDArray[np.int32] | None:
         return None
     scaled = camera.project(points) * (1 << FIXED_BITS)
     return np.asarray(np.round(np.clip(scaled, -1e6, 1e6)), np.int32)
-
-
-def _line(
-    picture: ColorImage, start: NDArray[np.int32], end: NDArray[np.int32], color: Color, size: int
-) -> None:
-    first, second = (int(start[0]), int(start[1])), (int(end[0]), int(end[1]))
-    cv2.line(picture, first, second, color, size, cv2.LINE_AA, FIXED_BITS)

@@ -7,8 +7,8 @@ Mirror planes 0, 1 and 2 are pink, blue and amber sheets; axes and spheres are r
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipelines.pictures.color_images import Color
-
+ColorImage = NDArray[np.uint8]  # (H, W, 3) RGB
+Color = tuple[int, int, int]  # RGB, 0 to 255
 SCORE_COLORS = ("#8a929c", "#a3b07d", "#b4d25f", "#7ee95c", "#3cff5a")  # of 0, 0.25, 0.5, 0.75, 1
 PLANE_COLORS = ("#ff50c8", "#5a82ff", "#ffbe28")  # mirror planes 0, 1, 2
 AXIS_COLOR = "#ff3c3c"  # of spheres too

@@ -25,7 +25,7 @@ from pipelines.geometry.symmetry import (
 )
 from pipelines.geometry.transforms import invert, transform_points
 from pipelines.geometry.viewpoints import camera, oblique_view, symmetry_view
-from pipelines.pictures.color_images import Color, ColorImage
+from pipelines.pictures.palette import Color, ColorImage
 
 VIEW = 200  # pixels, a side of each of the two views
 FINE = 2  # everything is drawn this many times as large, then averaged
@@ -70,14 +70,14 @@ class _View:
     size: float  # of the object, metres
 
 
-def object_views(mesh: Mesh, labels: ObjectSymmetries, size: int = VIEW) -> ColorImage:
-    """Return the two views of `labels`' object side by side: (size, 2 size, 3) RGB."""
+def object_views(mesh: Mesh, labels: ObjectSymmetries) -> ColorImage:
+    """Return the two views of `labels`' object side by side: (VIEW, 2 VIEW, 3) RGB."""
     marks = marks_of(mesh, labels)
     drawn = [mark.symmetry for mark in marks]
     colors = triangle_colors(mesh, labels)
     scene = Scene([mesh], [np.eye(4)])
     views = [
-        _draw_view(scene, mesh, pose, marks, colors, size)
+        _draw_view(scene, mesh, pose, marks, colors)
         for pose in (oblique_view(mesh, drawn), symmetry_view(mesh, drawn))
     ]
     return np.concatenate(views, axis=1)
@@ -121,9 +121,8 @@ def _draw_view(
     T_mesh_cam: Array,
     marks: Sequence[Mark],
     colors: ColorImage,
-    size: int,
 ) -> ColorImage:
-    lens = camera(FINE * size)
+    lens = camera(FINE * VIEW)
     hits = cast_view(scene, lens, T_mesh_cam)
     view = _View(_shaded(hits, colors), hits, lens, invert(T_mesh_cam), mesh.diagonal)
     for mark in marks:
@@ -135,7 +134,7 @@ def _draw_view(
             case SphereSymmetry():
                 _draw_sphere(view, mark, mark.symmetry)
     return np.asarray(
-        cv2.resize(view.picture, (size, size), interpolation=cv2.INTER_AREA), np.uint8
+        cv2.resize(view.picture, (VIEW, VIEW), interpolation=cv2.INTER_AREA), np.uint8
     )
 
 

@@ -11,9 +11,8 @@ from pipelines.frames.rgbd import Frame
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.transforms import invert, transform_points
 from pipelines.grasping.feasibility.workspace_box import WorkspaceBox
-from pipelines.pictures.color_images import Color, ColorImage
 from pipelines.pictures.overlays import draw_outline
-from pipelines.pictures.palette import region_color, rgb
+from pipelines.pictures.palette import Color, ColorImage, region_color, rgb
 
 AXIS_COLORS: tuple[Color, ...] = ((255, 70, 70), (70, 230, 70), (90, 140, 255))  # x, y, z
 AXIS_LENGTH = 0.10  # metres

@@ -129,7 +129,7 @@ def framed(lens: Distortion, depth: np.ndarray):
     camera = CameraFile(100.0, 101.0, 79.5, 59.5, distortion=lens)
     color = np.full((*depth.shape, 3), 9, np.uint8)
     parts = (Path("c.png"), lambda: color), (Path("d.png"), depth)
-    return make_frame("", *parts, camera, DepthUnits())
+    return make_frame(*parts, camera, DepthUnits())
 
 
 def test_a_frame_says_that_its_distortion_is_removed_and_masks_follow() -> None:

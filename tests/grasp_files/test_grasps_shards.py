@@ -1,4 +1,4 @@
-"""Shards are joined_shards as they lie; one that is not as it was written is refused as ever."""
+"""Shards are joined as they lie; one that is not as it was written is refused as ever."""
 
 from pathlib import Path
 
@@ -9,10 +9,10 @@ from numpy.testing import assert_array_equal
 
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.grasp_files import grasps_file, grasps_shards
-from pipelines.grasp_files.grasps_file import read_shard, tables_of
-from pipelines.grasp_files.grasps_shards import joined_shards, shard_sizes, shard_tables
+from pipelines.grasp_files.grasps_file import read_shard
+from pipelines.grasp_files.grasps_shards import shard_sizes, shard_tables
 from pipelines.grasp_files.grasps_stream import merge_shards
-from pipelines.grasp_files.grasps_tables import FrameResult
+from pipelines.grasp_files.grasps_tables import FrameResult, Tables, joined_tables, tables_of
 from tests.grasp_files.test_grasps_file import CAMERA, STAMP, result
 
 FRAMES = [
@@ -29,7 +29,7 @@ def shard(tmp_path: Path) -> Path:
     return tmp_path / "a.h5"
 
 
-def assert_same_tables(found: grasps_shards.Tables, expected: grasps_shards.Tables) -> None:
+def assert_same_tables(found: Tables, expected: Tables) -> None:
     assert {group: list(columns) for group, columns in found.items()} == {
         group: list(columns) for group, columns in expected.items()
     }
@@ -55,7 +55,21 @@ def test_a_sound_shard_needs_no_tables(shard: Path, monkeypatch: pytest.MonkeyPa
 @pytest.mark.parametrize("places", [[0], [1, 2], [0, 1, 2, 3], [3, 3, 0, 2]])
 def test_columns_joined_are_those_of_the_frames_together(places: list[int]) -> None:
     frames = [FRAMES[place] for place in places]
-    assert_same_tables(joined_shards([tables_of([frame]) for frame in frames]), tables_of(frames))
+    tables = joined_tables([tables_of([frame]) for frame in frames])
+    assert_same_tables(tables, tables_of(frames))
+    regions, grasps, first = tables["regions"], tables["grasps"], 0
+    assert tables["frames"]["name"].tolist() == [frame.name for frame in frames]
+    for place, frame in enumerate(frames):
+        mine = grasps["frame"] == place
+        assert_array_equal(grasps["region"][mine], frame.grasps.region + first)
+        assert_array_equal(grasps["width"][mine], frame.grasps.width)
+        for region in range(len(frame.regions)):
+            assert regions["frame"][first] == place
+            own = slice(*frame.regions.mask_start[region : region + 2])
+            runs = regions["mask_counts"][slice(*regions["mask_start"][first : first + 2])]
+            assert_array_equal(runs, frame.regions.mask_counts[own])
+            first += 1
+    assert len(regions["frame"]) == first
 
 
 def replaced(name: str, content: object) -> object:

@@ -7,8 +7,6 @@ import trimesh
 
 from pipelines.dataset.graspnet.graspnet import (
     GraspNetRoot,
-    write_camera_matrix,
-    write_color,
     write_depth,
     write_label,
 )
@@ -28,6 +26,8 @@ from pipelines.geometry.rendering import Scene, cast_view
 from pipelines.geometry.transforms import invert, make_pose, random_rotation
 from pipelines.grasping.grasps import GraspPoses
 from pipelines.metrics.contacts import close_fingers
+from pipelines.storage.files import write_npy
+from pipelines.storage.images import write_image
 
 INTRINSICS = Intrinsics(300.0, 300.0, 159.5, 119.5, 320, 240)
 OPENING = 0.1
@@ -79,7 +79,7 @@ def write_root(folder: Path, *, num_frames: int = 2, num_points: int = 2) -> Gra
         write_grasp_label(root.grasp_label_path(object_id), label)
     write_object_ids(root.scene_folder(0) / "object_id_list.txt", range(len(meshes)))
     camera = root.scene_folder(0) / "realsense"
-    write_camera_matrix(camera / "camK.npy", INTRINSICS)
+    write_npy(camera / "camK.npy", INTRINSICS.matrix)
     write_pose_array(camera / "camera_poses.npy", np.tile(np.eye(4), (num_frames, 1, 1)))
     write_pose_array(camera / "cam0_wrt_table.npy", np.eye(4))
     for frame_id in range(num_frames):
@@ -98,7 +98,7 @@ def _write_frame(camera: Path, frame_id: int, meshes: list[Mesh], rng: np.random
     write_depth(camera / "depth" / f"{name}.png", np.where(hits.depth > 0, hits.depth, 0.8))
     write_label(camera / "label" / f"{name}.png", hits.object_index + 1)
     shade = np.clip(255 * -hits.normal[..., 2:], 0, 255).astype(np.uint8)
-    write_color(camera / "rgb" / f"{name}.png", np.repeat(shade, 3, axis=2))
+    write_image(camera / "rgb" / f"{name}.png", np.repeat(shade, 3, axis=2))
     objects = [ObjectPose(index, pose) for index, pose in enumerate(poses)]
     write_annotation(camera / "annotations" / f"{name}.xml", objects)
     write_meta(camera / "meta" / f"{name}.mat", objects, INTRINSICS.matrix)

@@ -15,8 +15,8 @@ import numpy as np
 from pipelines import infer
 from pipelines.configs import InferConfig
 from pipelines.geometry.transforms import unit
-from pipelines.grasp_files import grasps_file
 from pipelines.runtime.batch import BatchOptions
+from tests.grasp_files.whole_file import read_whole
 
 FRAMES = Path(__file__).parents[3] / "shared" / "frames"
 SOURCES = ("mosd", "m2t2_realsense", "zerograsp_stereo", "6dofgraspnet_realsense")
@@ -199,7 +199,7 @@ def instances_of(change: Callable[[LabelledFrame], LabelledFrame], folder: Path)
         frame.write(folder / "frames")
     paths = infer.InferPaths(folder / "frames", folder / "grasps.h5")
     infer.run(paths, InferConfig(), BatchOptions(progress=False))
-    results = grasps_file.read(paths.output).results()
+    results = read_whole(paths.output).results
     return [
         instance
         for frame in frames

@@ -16,6 +16,7 @@ from pipelines.runtime.batch import BatchOptions
 from pipelines.storage.weights_manifest import MADE_BY, manifest_path, read_manifest
 from symgrasp_cli.app import app
 from tests import tool_scripts
+from tests.grasp_files.whole_file import read_whole
 
 STALE = f"the manifest of the default weights is not of these weights: run `{MADE_BY}`"
 
@@ -100,7 +101,7 @@ def test_the_golden_frame_is_what_infer_finds_in_it(tmp_path):
         shutil.copy(path, tmp_path / "frames")
     paths = infer.InferPaths(tmp_path / "frames", tmp_path / "g.h5")
     infer.run(paths, InferConfig(), BatchOptions(progress=False), device="cpu")
-    (result,) = grasps_file.read(tmp_path / "g.h5").results()
+    (result,) = read_whole(tmp_path / "g.h5").results
     best = golden.best_grasps(golden.golden_result(kept.frame))
     found = golden.best_grasps(result)
     assert golden.agree(found, best, DoctorConfig()).all()

@@ -25,6 +25,7 @@ from pipelines.storage.files import read_npz, write_json
 from pipelines.storage.provenance import make_stamp
 from symgrasp_cli.app import app
 from tests.grasp_files.exports import export_readers
+from tests.grasp_files.whole_file import read_whole
 from tests.stages.toy_root import SCENES, frame_names, true_result, write_grasps, write_root
 
 
@@ -50,7 +51,7 @@ def test_the_contacts_come_back_to_the_micrometre(grasps, tmp_path):
     rows = read_grasp_rows(tmp_path / "dump" / "scene_0100" / "realsense" / "0000.npy").rows
     back = from_graspnet(rows, tip_reach=gripper.tip_reach)
     contacts = replace(back, width=back.width - 2.0 * gripper.clearance).contacts
-    first = grasps_file.read(grasps).results()[0].grasps
+    first = read_whole(grasps).results[0].grasps
     assert_allclose(contacts, first.contacts, atol=1e-6)
     assert_allclose(rows[:, 0], first.rank_score)
 
@@ -101,7 +102,7 @@ def test_a_dump_has_a_file_a_frame_where_graspnetapi_looks(grasps, tmp_path):
 )
 def test_folders_have_a_file_a_frame_under_its_name(to, file, grasps, tmp_path):
     run(grasps, tmp_path / "out", to=to)
-    assert "{}".join(export.AFFIXES[to]) == file
+    assert "{}".join(export.TO_FOLDER[to][1:]) == file
     stems = ["scenes/scene_0100/realsense/0000", EMPTY, "scenes/scene_0160/realsense/0001"]
     paths = [Path(stem) for stem in (*stems, "desk/0007")]
     wanted = {str(path.with_name(file.format(path.name))) for path in paths}
@@ -116,7 +117,7 @@ def test_json_has_every_frame_its_camera_and_how_it_was_made(grasps, tmp_path):
     assert frames[FAILED]["message"] == "no depth"
     assert frames["desk/0007"]["camera"]["fx"] == 300.0
     assert content["infer"]["config"]["gripper"] == content["gripper"]["name"] == "rg2"
-    stored = grasps_file.read(grasps).grasps
+    stored = read_whole(grasps).grasps
     found = [grasp for frame in content["frames"] for grasp in frame["grasps"]]
     assert [grasp["grasp"] for grasp in found] == list(range(len(stored)))
     assert_allclose([grasp["contacts"] for grasp in found], stored.contacts, atol=1e-6)
@@ -188,7 +189,7 @@ def test_every_format_gives_poses_of_the_tool_in_the_frame_of_the_robot(to, tcp,
     config = ExportConfig(to=to, tcp=tcp)
     out = tmp_path / OUTPUTS[to]
     export.run(grasps, out, config, camera_to_base=tmp_path / "calibration.json")
-    table = grasps_file.read(grasps).results()[0].grasps
+    table = read_whole(grasps).results[0].grasps
     expected = transform_points(T_base_cam, table.contacts.astype(float))
     expected = expected[np.lexsort(expected[:, 0].T)]
     assert_allclose(contacts_of(to, out, len(table)), expected, atol=1e-6)
@@ -251,7 +252,7 @@ def own_gripper(tmp_path, monkeypatch) -> Path:
 def own_grasps(root_grasps: Path, own_gripper: Path) -> Path:
     """Write grasps of a run that was told of `own_gripper`."""
     path = own_gripper.resolve().with_name("own.h5")
-    results = list(grasps_file.read(root_grasps).results())
+    results = list(read_whole(root_grasps).results)
     inputs = {"gripper": gripper_digest(str(own_gripper))}
     stamp = make_stamp("infer", {"gripper": str(own_gripper)}, inputs=inputs)
     grasps_file.write(path, results, stamp)
@@ -353,7 +354,7 @@ def test_a_file_of_frames_without_grasps_is_exported(to, tmp_path):
 
 
 def test_a_name_that_leads_elsewhere_or_is_too_long_fails_alone(grasps, tmp_path):
-    (good, *_) = grasps_file.read(grasps).results()
+    (good, *_) = read_whole(grasps).results
     names = ("../evil", "n" * 240, "good")
     write_grasps(tmp_path / "g.h5", [replace(good, name=name) for name in names])
     report = run(tmp_path / "g.h5", tmp_path / "out", to="isaac")
@@ -388,7 +389,7 @@ def test_the_command(grasps, tmp_path):
 
 def named(grasps: Path, path: Path, *names: str) -> Path:
     """Write the grasps of the first frame under several names; return the file."""
-    (first, *_) = grasps_file.read(grasps).results()
+    (first, *_) = read_whole(grasps).results
     write_grasps(path, [replace(first, name=name) for name in names])
     return path
 

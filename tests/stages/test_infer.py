@@ -39,6 +39,7 @@ from pipelines.storage.h5_files import new_h5
 from pipelines.storage.images import read_image, write_image
 from pipelines.storage.provenance import make_stamp
 from tests.geometry.tabletops import CAMERA, Box, Can, render
+from tests.grasp_files.whole_file import read_whole
 
 CONFIG = InferConfig(regions="geometric", method="planar")
 OPTIONS = BatchOptions(progress=False)
@@ -76,7 +77,7 @@ def run(frames, output, *, config=CONFIG, options=OPTIONS, overlays=None, masks=
 def test_every_frame_has_a_status_and_every_object_a_best_grasp(frames, tmp_path):
     report = run(frames, tmp_path / "g.h5")
     assert report.exit_code == 0
-    found = grasps_file.read(tmp_path / "g.h5")
+    found = read_whole(tmp_path / "g.h5")
     assert list(found.frames.name) == ["a", "b", "c"]
     assert list(found.frames.status) == ["ok", "ok", "empty"]
     np.testing.assert_array_equal(np.bincount(found.regions.frame), [1, 2])
@@ -87,7 +88,7 @@ def test_every_frame_has_a_status_and_every_object_a_best_grasp(frames, tmp_path
 
 def test_the_best_grasp_of_a_region_has_its_highest_rank(frames, tmp_path):
     run(frames, tmp_path / "g.h5")
-    grasps = grasps_file.read(tmp_path / "g.h5").grasps
+    grasps = read_whole(tmp_path / "g.h5").grasps
     for region in np.unique(grasps.region):
         mine = grasps.region == region
         assert grasps.rank_score[mine & grasps.is_best] >= grasps.rank_score[mine].max() - 1e-5
@@ -126,7 +127,7 @@ def test_frames_side_by_side_on_networks_write_the_bytes_of_one_thread(frames, t
         assert torch.get_num_threads() == threads
     finally:
         torch.set_num_threads(before)
-    side = grasps_file.read(tmp_path / "side.h5").results()
+    side = read_whole(tmp_path / "side.h5").results
     for found, expected in zip(side, results, strict=True):
         for table in ("regions", "grasps"):
             one, other = getattr(found, table), getattr(expected, table)
@@ -215,9 +216,9 @@ def test_a_killed_run_goes_on_where_it_stopped_and_ends_with_the_same_bytes(fram
 def test_shards_of_other_settings_are_made_again(frames, tmp_path):
     output = tmp_path / "g.h5"
     run(frames, tmp_path / "other.h5", config=dataclasses.replace(CONFIG, gripper="franka"))
-    other = grasps_file.read(tmp_path / "other.h5")
+    other = read_whole(tmp_path / "other.h5")
     stamp = make_stamp("infer", {}, inputs={"weights": "other"})
-    grasps_file.write(grasps_file.shard_path(output, "a"), [other.results()[0]], stamp)
+    grasps_file.write(grasps_file.shard_path(output, "a"), [other.results[0]], stamp)
     assert run(frames, output).done == ["a", "b", "c"]
 
 
@@ -230,7 +231,7 @@ def test_a_bad_frame_fails_alone_with_a_sentence(tmp_path):
     report = run(folder, tmp_path / "g.h5")
     assert report.exit_code == 1
     assert "torn_depth.png" in report.failed["torn"]
-    found = grasps_file.read(tmp_path / "g.h5")
+    found = read_whole(tmp_path / "g.h5")
     assert list(found.frames.status) == ["ok", "failed"]
     assert "torn_depth.png" in found.frames.message[1]
     again = run(folder, tmp_path / "g.h5")
@@ -251,7 +252,7 @@ def test_the_users_masks_are_the_regions(frames, tmp_path):
         _, index = render(shapes)
         write_image(masks / f"{name}_label.png", (index + 1).astype(np.uint8))
     run(frames, tmp_path / "g.h5", masks=masks)
-    found = grasps_file.read(tmp_path / "g.h5")
+    found = read_whole(tmp_path / "g.h5")
     assert set(found.regions.source) == {"masks"}
     np.testing.assert_array_equal(found.regions.mask(0, 320, 240), render(SHAPES["a"])[1] == 0)
 
@@ -282,7 +283,7 @@ def pictures_of(folder):
 def test_overlays_are_drawn_of_grasps_that_are_there_already(frames, tmp_path):
     run(frames, tmp_path / "whole.h5", overlays=tmp_path / "whole")
     run(frames, tmp_path / "g.h5")
-    shards = [grasps_file.read(tmp_path / "g.h5").results()[0]]
+    shards = [read_whole(tmp_path / "g.h5").results[0]]
     run(frames, tmp_path / "g.h5", overlays=tmp_path / "finished")
     assert pictures_of(tmp_path / "finished") == pictures_of(tmp_path / "whole")
     # As a killed run that drew no pictures leaves it.
@@ -328,14 +329,14 @@ def test_a_picture_that_cannot_be_drawn_is_named_and_the_grasps_stay(frames, tmp
     report = run(frames, tmp_path / "g.h5", overlays=tmp_path / "pictures")
     assert (list(report.failed), report.skipped) == (["a"], ["b", "c"])
     assert "not its picture: the images are away" in report.failed["a"]
-    assert list(grasps_file.read(tmp_path / "g.h5").frames.status) == ["ok", "ok", "empty"]
+    assert list(read_whole(tmp_path / "g.h5").frames.status) == ["ok", "ok", "empty"]
 
 
 def test_seconds_are_written_only_on_demand(frames, tmp_path):
     run(frames, tmp_path / "without.h5")
-    assert np.isnan(grasps_file.read(tmp_path / "without.h5").frames.seconds).all()
+    assert np.isnan(read_whole(tmp_path / "without.h5").frames.seconds).all()
     run(frames, tmp_path / "with.h5", timings=True)
-    assert (grasps_file.read(tmp_path / "with.h5").frames.seconds > 0).all()
+    assert (read_whole(tmp_path / "with.h5").frames.seconds > 0).all()
 
 
 def test_a_dry_run_writes_nothing(frames, tmp_path):
@@ -384,7 +385,7 @@ def test_scores_are_qualities_to_expect_unless_the_paper_ranks(frames, tmp_path)
             regions="geometric", selection=SelectionConfig(ranking=RankingConfig(by=ranks))
         )
         run(frames, tmp_path / f"{ranks}.h5", config=config)
-        table = grasps_file.read(tmp_path / f"{ranks}.h5").grasps
+        table = read_whole(tmp_path / f"{ranks}.h5").grasps
         scores[ranks] = table.rank_score
         assert ((table.rank_score >= 0) & (table.rank_score <= 1)).all()
         for region in np.unique(table.region):
@@ -422,7 +423,7 @@ def test_black_pixels_of_a_workspace_picture_are_left_out(frames, tmp_path):
     write_image(tmp_path / "space.png", np.uint8(255) * (index == 1))
     report = limited(frames, tmp_path / "g.h5", tmp_path / "space.png")
     assert report.exit_code == 0
-    found = grasps_file.read(tmp_path / "g.h5")
+    found = read_whole(tmp_path / "g.h5")
     assert (found.frames.status == "ok").sum() >= 1
     mine = found.grasps.translation[found.grasps.frame == 1]
     assert len(mine) > 0
@@ -453,7 +454,7 @@ def test_a_result_that_cannot_be_written_is_no_frame_that_failed(frames, tmp_pat
         run(frames, output, overlays=overlays)
     assert not output.exists()
     assert run(frames, output).exit_code == 0
-    found = {result.status for result in grasps_file.read(output).results()}
+    found = {result.status for result in read_whole(output).results}
     assert "failed" not in found
 
 

@@ -26,6 +26,7 @@ from pipelines.inference.side_by_side import MAX_THREADS
 from pipelines.inference.watching import Clock
 from pipelines.runtime.batch import BatchOptions
 from symgrasp_cli.app import app
+from tests.grasp_files.whole_file import read_whole
 from tests.stages.test_infer import SHAPES, write_frame
 
 CONFIG = InferConfig(regions="geometric", method="planar")
@@ -105,7 +106,7 @@ class Cell:
         return infer.run(infer.InferPaths(self.frames, output), CONFIG, OPTIONS)
 
     def statuses(self):
-        frames = grasps_file.read(self.output).frames
+        frames = read_whole(self.output).frames
         return dict(zip(frames.name, frames.status, strict=True))
 
 
@@ -452,7 +453,7 @@ def test_the_command_prints_a_line_a_frame_and_heeds_signals(cell, number):
 
 
 def grasps_of(cell, name):
-    results = {result.name: result for result in grasps_file.read(cell.output).results()}
+    results = {result.name: result for result in read_whole(cell.output).results}
     return len(results[name].grasps)
 
 

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from pipelines import label_grasps
 from pipelines.configs import LabelConfig, LabelGraspsConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
-from pipelines.dataset.graspnet.graspnet_labels import read_grasp_label
+from pipelines.dataset.graspnet.graspnet_label_stream import read_grasp_label
 from pipelines.dataset.graspnet.signed_distance import read_sdf
 from pipelines.dataset.meshes import read_mesh, write_mesh
 from pipelines.dataset.object_list import read as read_object_list

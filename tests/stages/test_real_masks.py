@@ -8,8 +8,8 @@ import pytest
 
 from pipelines import infer
 from pipelines.configs import InferConfig
-from pipelines.grasp_files import grasps_file
 from pipelines.runtime.batch import BatchOptions
+from tests.grasp_files.whole_file import read_whole
 from tests.stages.real_frames import FRAMES, labelled_frames
 
 PLANAR = InferConfig(method="planar")
@@ -29,6 +29,6 @@ def test_nearly_all_masked_things_are_grasped(tmp_path, alone):
         count += len(np.unique(frame.label[seen]))
     paths = infer.InferPaths(tmp_path / "frames", tmp_path / "grasps.h5", masks=tmp_path)
     infer.run(paths, PLANAR, BatchOptions(progress=False))
-    grasped = int(grasps_file.read(paths.output).grasps.is_best.sum())
+    grasped = int(read_whole(paths.output).grasps.is_best.sum())
     assert count == 38
     assert grasped >= 36, f"{grasped} of {count}"

@@ -14,10 +14,9 @@ from numpy.testing import assert_allclose
 from pipelines import annotate_symmetry, refine_grasps
 from pipelines.configs import AnnotateSymmetryConfig, RefineGraspsConfig
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
-from pipelines.dataset.graspnet.graspnet_label_stream import grasp_label_pieces
+from pipelines.dataset.graspnet.graspnet_label_stream import grasp_label_pieces, read_grasp_label
 from pipelines.dataset.graspnet.graspnet_labels import (
     GraspLabel,
-    read_grasp_label,
     write_grasp_label,
 )
 from pipelines.dataset.meshes import read_mesh, write_mesh
@@ -25,6 +24,7 @@ from pipelines.dataset.symmetry import symmetry_labels
 from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries
 from pipelines.dataset.training import affordance_labels
 from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.geometry.region_masks import ObjectRegion
 from pipelines.geometry.symmetry import (
     ObjectRegion,
     ReflectionSymmetry,

@@ -12,9 +12,9 @@ from pipelines import synthesize
 from pipelines.configs import EvaluateConfig, LabelConfig, SceneryConfig, SynthesizeConfig
 from pipelines.dataset import object_list
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
+from pipelines.dataset.graspnet.graspnet_label_stream import read_grasp_label
 from pipelines.dataset.graspnet.graspnet_labels import (
     read_collision_labels,
-    read_grasp_label,
     read_rect,
 )
 from pipelines.dataset.graspnet.signed_distance import read_sdf

@@ -13,7 +13,7 @@ from pipelines import synthesize
 from pipelines.configs import LabelConfig, SynthesizeConfig
 from pipelines.dataset import object_list
 from pipelines.dataset.graspnet.graspnet import GraspNetRoot
-from pipelines.dataset.graspnet.graspnet_labels import read_grasp_label
+from pipelines.dataset.graspnet.graspnet_label_stream import read_grasp_label
 from pipelines.errors import ValueRangeError
 from pipelines.runtime.batch import BatchOptions, StageReport
 from symgrasp_cli.app import app

@@ -17,6 +17,7 @@ from pipelines.frames import graspnet_scene
 from pipelines.frames.graspnet_scene import ObjectPose
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
+from pipelines.geometry.region_masks import ObjectRegion
 from pipelines.geometry.rendering import Scene, cast_view
 from pipelines.geometry.symmetry import (
     ObjectRegion,
@@ -29,6 +30,8 @@ from pipelines.geometry.transforms import invert, make_pose
 from pipelines.grasp_files import grasps_file
 from pipelines.grasp_files.grasps_tables import FrameResult, GraspTable, RegionTable
 from pipelines.grasping.grasps import GraspPoses
+from pipelines.storage.files import write_npy
+from pipelines.storage.images import write_image
 from pipelines.storage.provenance import make_stamp
 
 Array = NDArray[np.float64]
@@ -100,7 +103,7 @@ def _write_scene(root: GraspNetRoot, scene_id: int, meshes: dict[int, Mesh]) -> 
     folder = root.scene_folder(scene_id)
     camera = folder / "realsense"
     graspnet_scene.write_object_ids(folder / "object_id_list.txt", list(meshes))
-    graspnet.write_camera_matrix(camera / "camK.npy", CAMERA)
+    write_npy(camera / "camK.npy", CAMERA.matrix)
     views = np.stack([camera_in_table(frame_id) for frame_id in FRAMES])
     graspnet_scene.write_pose_array(camera / "cam0_wrt_table.npy", views[0])
     graspnet_scene.write_pose_array(camera / "camera_poses.npy", invert(views[0]) @ views)
@@ -117,7 +120,7 @@ def _write_scene(root: GraspNetRoot, scene_id: int, meshes: dict[int, Mesh]) -> 
         )
         graspnet.write_label(files.path("label"), label)
         graspnet.write_depth(files.path("depth"), hits.depth)
-        graspnet.write_color(files.path("rgb"), np.full((240, 320, 3), 128, np.uint8))
+        write_image(files.path("rgb"), np.full((240, 320, 3), 128, np.uint8))
         listed = [ObjectPose(i, pose) for i, pose in poses.items()]
         graspnet_scene.write_annotation(files.path("annotations"), listed)
         graspnet_scene.write_meta(files.path("meta"), listed, CAMERA.matrix)

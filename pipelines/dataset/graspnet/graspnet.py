@@ -12,7 +12,7 @@ A root may have only some of the cameras, splits and frames; those that are pres
 """
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +32,6 @@ from pipelines.frames.camera_files import CameraFile, read_camera_file
 from pipelines.frames.graspnet_scene import ObjectPose, read_poses
 from pipelines.frames.rgbd import DepthUnits, Frame, read_depth, read_pair
 from pipelines.geometry.camera import Intrinsics
-from pipelines.storage.files import write_npy
 from pipelines.storage.images import read_image, write_image
 from pipelines.storage.unfinished import refuse_unfinished
 
@@ -173,15 +172,11 @@ class GraspNetRoot:
     def read_frame(self, frame: FrameFiles) -> Frame:
         """Read a frame's images, with the camera of `camK.npy`."""
         color, depth = frame.path("rgb"), frame.path("depth")
-        return read_pair(frame.name, color, depth, self._camera_file(frame), DEPTH_UNITS)
+        found = read_pair(color, depth, self._camera_file(frame), DEPTH_UNITS)
+        return replace(found, name=frame.name)
 
     def _camera_file(self, frame: FrameFiles) -> CameraFile:
         return read_camera_file(frame.camera_folder / "camK.npy", frame.path("depth").stem)
-
-
-def write_color(path: Path, color: NDArray[np.uint8]) -> None:
-    """Write `rgb/NNNN.png` (H, W, 3)."""
-    write_image(path, color)
 
 
 def write_depth(path: Path, depth: Floats) -> None:
@@ -194,11 +189,6 @@ def write_depth(path: Path, depth: Floats) -> None:
 def write_label(path: Path, label: NDArray[np.integer]) -> None:
     """Write `label/NNNN.png` (H, W): object id + 1, 0 = background; 8 bits if they suffice."""
     write_image(path, label.astype(np.uint8 if label.max(initial=0) < 256 else np.uint16))
-
-
-def write_camera_matrix(path: Path, intrinsics: Intrinsics) -> None:
-    """Write `camK.npy`: (3, 3) float64."""
-    write_npy(path, np.asarray(intrinsics.matrix, dtype=np.float64))
 
 
 def _numbers(folder: Path, pattern: str) -> list[int]:

@@ -1,4 +1,4 @@
-"""Reader of `grasp_label/NNN_labels.npz`, a few grasp points at a time.
+"""Reader of `grasp_label/NNN_labels.npz`, whole or a few grasp points at a time.
 
 An object of GraspNet-1Billion has up to 3,500 points with 14,400 candidates each, 0.85 GB. The
 members of the archive, stored or deflated, are unpacked in step, so that memory holds one piece.
@@ -52,6 +52,14 @@ class _Member:
             view[done : done + len(data)] = data
             done += len(data)
         return array
+
+
+def read_grasp_label(path: Path) -> GraspLabel:
+    """Read a whole label; 17 bytes for each of its P * 14400 candidates."""
+    whole = next(grasp_label_pieces(path, MAX_POINTS), None)
+    if whole is None:
+        raise FormatError(path, "holds no grasp points", "label the object again")
+    return whole
 
 
 def grasp_label_pieces(path: Path, num_points: int) -> Iterator[GraspLabel]:

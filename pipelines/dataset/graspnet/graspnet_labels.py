@@ -10,10 +10,8 @@ past the point along the approach.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipelines.array_types import Floats, Indices, Mask, Singles
 from pipelines.dataset.graspnet.graspnet_views import (
@@ -69,14 +67,6 @@ def label_offsets(width: Floats) -> Singles:
 
 def write_grasp_label(path: Path, label: GraspLabel, *, compress: bool = True) -> None:
     """Write `grasp_label/NNN_labels.npz` with the original's names and types."""
-    shape = (len(label.points), *LABEL_GRID)
-    for name, array, expected in (
-        ("offsets", label.offsets, (*shape, 3)),
-        ("collision", label.collision, shape),
-        ("scores", label.min_friction, shape),
-    ):
-        if array.shape != expected:
-            raise FormatError(path, f"{name} to write is {array.shape}", f"it must be {expected}")
     write_npz(
         path,
         compress=compress,
@@ -87,26 +77,19 @@ def write_grasp_label(path: Path, label: GraspLabel, *, compress: bool = True) -
     )
 
 
-def read_grasp_label(path: Path) -> GraspLabel:
-    """Read a whole label; 17 bytes for each of its P * 14400 candidates."""
-    arrays = read_npz(path, LABEL_ARRAYS)
-    _check_label(path, arrays)
-    return GraspLabel(
-        points=arrays["points"].astype(np.float32, copy=False),
-        offsets=arrays["offsets"].astype(np.float32, copy=False),
-        collision=arrays["collision"].astype(bool, copy=False),
-        min_friction=arrays["scores"].astype(np.float32, copy=False),
-    )
-
-
 def holding_grasps(label: GraspLabel, max_friction: float = 1.0) -> LabelledGrasps:
-    """Select the grasps of `label` that hold at `max_friction` without self-collision.
+    """Select the grasps of `label` that hold at `max_friction` without self-collision."""
+    # The nearest float32 to 0.4 is larger than 0.4.
+    holds = (label.min_friction > 0) & (label.min_friction <= max_friction + 1e-4)
+    return chosen_grasps(label, holds & ~label.collision)
+
+
+def chosen_grasps(label: GraspLabel, chosen: Mask) -> LabelledGrasps:
+    """Return the candidates of `label` that are `chosen` (P, 300, 12, 4).
 
     A label of GraspNet has some fifty million candidates; the poses of the others are never built.
     """
-    # The nearest float32 to 0.4 is larger than 0.4.
-    holds = (label.min_friction > 0) & (label.min_friction <= max_friction + 1e-4)
-    point, view, angle, depth = np.nonzero(holds & ~label.collision)
+    point, view, angle, depth = np.nonzero(chosen)
     offsets = label.offsets[point, view, angle, depth]
     return LabelledGrasps(
         index=np.stack([point, view, angle, depth], axis=1),
@@ -144,8 +127,6 @@ def read_collision_labels(path: Path) -> list[Mask]:
 
 def write_rect(path: Path, rows: Floats) -> None:
     """Write planar grasps (N, 7), pixels, as float32; see RECT_COLUMNS."""
-    if rows.ndim != 2 or rows.shape[1] != RECT_COLUMNS:
-        raise FormatError(path, f"rows to write are {rows.shape}", "they must be (N, 7)")
     write_npy(path, rows.astype(np.float32))
 
 
@@ -155,15 +136,3 @@ def read_rect(path: Path) -> Singles:
     if rows.ndim != 2 or rows.shape[1] != RECT_COLUMNS:
         raise FormatError(path, f"an array of shape {rows.shape}", "(N, 7) is expected")
     return rows.astype(np.float32)
-
-
-def _check_label(path: Path, arrays: dict[str, NDArray[Any]]) -> None:
-    points = arrays["points"]
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise FormatError(path, f"points of shape {points.shape}", "(P, 3) is expected")
-    shape = (len(points), *LABEL_GRID)
-    for name, expected in (("offsets", (*shape, 3)), ("collision", shape), ("scores", shape)):
-        if arrays[name].shape != expected:
-            raise FormatError(
-                path, f"{name} of shape {arrays[name].shape}", f"{expected} is expected"
-            )

@@ -10,6 +10,7 @@ import numpy as np
 from pipelines.array_types import Indices
 from pipelines.contents import reading
 from pipelines.errors import FormatError, UnknownNameError, ValueRangeError
+from pipelines.geometry.region_masks import ObjectRegion
 from pipelines.geometry.symmetry import (
     SYMMETRY_KINDS,
     ObjectRegion,
@@ -33,7 +34,8 @@ class ObjectSymmetries:
     Attributes:
         name: name of the object.
         symmetries: symmetries of the whole object.
-        regions: symmetric parts; a single region, the whole, if the object is symmetric.
+        regions: symmetric parts; a single region, the whole, if the object is symmetric. Triangles
+            are indices in the order of the mesh's file.
         doubt: how near a decision was to the opposite one, 0 to 1; None if unknown.
         rejected: candidates that came nearest to holding, nearest first.
         sources: source of each of `symmetries`: FOUND, BY_HAND or FROM_BOP; empty: all FOUND.

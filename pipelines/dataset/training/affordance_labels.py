@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.storage.h5_columns import (
-    ColumnSpec,
+    ColumnTable,
     check_version,
     coerce_columns,
     read_columns,
+    table_column,
     write_columns,
 )
 from pipelines.storage.h5_files import new_h5, open_h5
@@ -22,16 +23,6 @@ from pipelines.storage.provenance import Stamp
 
 FORMAT_VERSION = 1
 UNITS = {"contacts": "m", "points": "m"}
-PAIR_COLUMNS: ColumnSpec = {
-    "contacts": ((2, 3), np.float32),
-    "approach": ((3,), np.float32),
-    "quality": ((), np.float32),
-}
-SURFACE_COLUMNS: ColumnSpec = {
-    "points": ((3,), np.float32),
-    "normals": ((3,), np.float32),
-    "affordance": ((), np.float32),
-}
 
 
 @dataclass(frozen=True)
@@ -48,20 +39,26 @@ class RefinementCounts:
 
 
 @dataclass(frozen=True)
-class AffordanceLabels:
-    """Refined grasps as contact pairs, and the affordance of the surface (D. 9)."""
+class AffordanceLabels(ColumnTable):
+    """Refined grasps as m contact pairs, and the affordance of the surface at p points (D. 9)."""
 
-    contacts: NDArray[Any]  # f4 (m, 2, 3) metres
-    approach: NDArray[Any]  # f4 (m, 3) unit
-    quality: NDArray[Any]  # f4 (m,) 1 - smallest friction coefficient, 0..1
-    points: NDArray[Any]  # f4 (p, 3) metres, surface samples
-    normals: NDArray[Any]  # f4 (p, 3) unit, outward
-    affordance: NDArray[Any]  # f4 (p,) 0..1
+    contacts: NDArray[Any] = table_column((2, 3), np.float32)  # (m,) metres
+    approach: NDArray[Any] = table_column((3,), np.float32)  # (m,) unit
+    quality: NDArray[Any] = table_column((), np.float32)  # (m,) 1 - least friction, 0..1
+    points: NDArray[Any] = table_column((3,), np.float32)  # (p,) metres, surface samples
+    normals: NDArray[Any] = table_column((3,), np.float32)  # (p,) unit, outward
+    affordance: NDArray[Any] = table_column((), np.float32)  # (p,) 0..1
     counts: RefinementCounts = RefinementCounts()
 
     def __post_init__(self) -> None:
         coerce_columns(self, PAIR_COLUMNS, len(self.quality))
         coerce_columns(self, SURFACE_COLUMNS, len(self.affordance))
+
+
+PAIR_COLUMNS, SURFACE_COLUMNS = (
+    {name: AffordanceLabels.SPEC[name] for name in names}
+    for names in (("contacts", "approach", "quality"), ("points", "normals", "affordance"))
+)
 
 
 def write(path: Path, labels: AffordanceLabels, stamp: Stamp) -> None:
@@ -71,8 +68,7 @@ def write(path: Path, labels: AffordanceLabels, stamp: Stamp) -> None:
         file.attrs["frame"] = "object"
         file.attrs["provenance"] = stamp.as_text()
         file.attrs.update(asdict(labels.counts))
-        names = (*PAIR_COLUMNS, *SURFACE_COLUMNS)
-        write_columns(file, {name: getattr(labels, name) for name in names}, UNITS)
+        write_columns(file, {name: getattr(labels, name) for name in labels.SPEC}, UNITS)
 
 
 def read(path: Path) -> AffordanceLabels:

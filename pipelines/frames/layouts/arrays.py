@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from pipelines.errors import FormatError, SymgraspError
 from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.encodings.plain_pickle import read_plain_pickle
-from pipelines.frames.layouts.layout import Layout, frame_name
-from pipelines.frames.rgbd import Frame, FrameSource, make_frame
+from pipelines.frames.layouts.layout import FoundFrame, Layout
+from pipelines.frames.rgbd import Frame, make_frame
 from pipelines.frames.rgbd_folder import FrameOptions
 from pipelines.storage.files import DAMAGED, existing, read_npz
 
@@ -35,7 +35,7 @@ HEADER_BYTES = 256  # of a .npy; its type stands in the first hundred
 PICKLES = (".npy", ".pkl", ".pickle")
 
 
-def _find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
+def _find(folder: Path, options: FrameOptions) -> list[FoundFrame]:
     """List the `.npz` files of `folder` that hold a frame.
 
     With them, so that they are named, the damaged ones, and pickles that have no such twin.
@@ -48,30 +48,21 @@ def _find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]
     listed = [path for path in files if path in frames or names[path] is None]
     twins = {path.stem for path in listed}
     pickles = [path for path in _pickles(folder, options) if path.stem not in twins]
-    sources = [_source(folder, prefix, path, options) for path in listed]
-    return sources + [_pickled(folder, prefix, path, options) for path in pickles]
+    return [_found(path, options) for path in (*listed, *pickles)]
 
 
-def find_pickled(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
+def find_pickled(folder: Path, options: FrameOptions) -> list[FoundFrame]:
     """List the files of `folder` that hold a pickle; to read one raises, unless it is trusted.
 
     Damaged `.npz` files are listed too: no other layout names them.
     """
     damaged = [path for path in sorted(folder.glob("[!.]*.npz")) if _arrays_in(path) is None]
-    sources = [_source(folder, prefix, path, options) for path in damaged]
-    pickles = _pickles(folder, options)
-    return sources + [_pickled(folder, prefix, path, options) for path in pickles]
+    return [_found(path, options) for path in (*damaged, *_pickles(folder, options))]
 
 
-def _source(folder: Path, prefix: str, path: Path, options: FrameOptions) -> FrameSource:
-    name = frame_name(folder, prefix, path.stem)
-    return FrameSource(name, functools.partial(_read, name, path, options), (path,), NAME)
-
-
-def _pickled(folder: Path, prefix: str, path: Path, options: FrameOptions) -> FrameSource:
-    name = frame_name(folder, prefix, path.stem)
-    read = functools.partial(_read_pickled, name, path, options)
-    return FrameSource(name, read, (path,), PICKLED_NAME)
+def _found(path: Path, options: FrameOptions) -> FoundFrame:
+    read, name = (_read, NAME) if path.suffix == ".npz" else (_read_pickled, PICKLED_NAME)
+    return FoundFrame(path.stem, functools.partial(read, path, options), (path,), name)
 
 
 def _pickles(folder: Path, options: FrameOptions) -> list[Path]:
@@ -90,9 +81,7 @@ def is_pickled(path: Path) -> bool:
     return re.search(rb"'descr': *'\|?O[48]?'", header) is not None
 
 
-def frame_of_arrays(
-    name: str, path: Path, arrays: dict[str, NDArray[Any]], options: FrameOptions
-) -> Frame:
+def frame_of_arrays(path: Path, arrays: dict[str, NDArray[Any]], options: FrameOptions) -> Frame:
     """Return the frame that the named arrays of `path` make.
 
     Raises:
@@ -110,15 +99,14 @@ def frame_of_arrays(
     else:
         color = _color(path, key, arrays[key])
     camera = options.camera or _camera(path, arrays)
-    units = options.depth_units()
-    return make_frame(name, (path, lambda: color), (path, depth), camera, units, notes)
+    return make_frame((path, lambda: color), (path, depth), camera, options.depth_units(), notes)
 
 
-def _read(name: str, path: Path, options: FrameOptions) -> Frame:
-    return frame_of_arrays(name, path, read_npz(path), options)
+def _read(path: Path, options: FrameOptions) -> Frame:
+    return frame_of_arrays(path, read_npz(path), options)
 
 
-def _read_pickled(name: str, path: Path, options: FrameOptions) -> Frame:
+def _read_pickled(path: Path, options: FrameOptions) -> Frame:
     if not options.trust_pickles:
         raise FormatError(
             path,
@@ -131,7 +119,7 @@ def _read_pickled(name: str, path: Path, options: FrameOptions) -> Frame:
         found = f"holds a {type(content).__name__}"
         raise FormatError(path, found, "a dictionary of arrays is expected")
     arrays = {key: value for key, value in content.items() if isinstance(value, np.ndarray)}
-    return frame_of_arrays(name, path, arrays, options)
+    return frame_of_arrays(path, arrays, options)
 
 
 def _arrays_in(path: Path) -> set[str] | None:

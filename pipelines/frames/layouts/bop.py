@@ -5,28 +5,24 @@ industrial data sets have them; its frames lie below the sensor's name.
 """
 
 import functools
+from collections.abc import Iterator
 from pathlib import Path
 
-from pipelines.frames.layouts.layout import Layout, frame_name
-from pipelines.frames.layouts.paired import read_frame
-from pipelines.frames.rgbd import FrameSource
+from pipelines.frames.layouts.layout import FoundFrame, Layout
+from pipelines.frames.layouts.paired import read_paired
 from pipelines.frames.rgbd_folder import FrameOptions, sister_pairs
 
-NAME = "BOP scene"
 INDEX = "scene_camera"
 
 
-def _find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
-    """List the frames of each sensor that has colour (or grey) and depth."""
-    sources = []
+def _find(folder: Path, options: FrameOptions) -> Iterator[FoundFrame]:
+    """Yield the frames of each sensor that has colour (or grey) and depth."""
     for camera in sorted(folder.glob(f"{INDEX}*.json")):
         suffix = camera.stem.removeprefix(INDEX)
         for pair in sister_pairs(folder, suffix):
-            name = frame_name(folder, prefix, f"{suffix.strip('_')}/{pair.stem}")
-            files = tuple(path for path in (pair.color, pair.depth, camera) if path is not None)
-            read = functools.partial(read_frame, name, pair, camera, options)
-            sources.append(FrameSource(name, read, files, NAME))
-    return sources
+            read = functools.partial(read_paired, pair, camera, options)
+            stem = f"{suffix.strip('_')}/{pair.stem}"
+            yield FoundFrame(stem, read, (pair.color, pair.depth, camera))
 
 
-LAYOUT = Layout(NAME, _find)
+LAYOUT = Layout("BOP scene", _find)

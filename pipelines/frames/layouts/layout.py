@@ -1,15 +1,30 @@
 """A layout of RGB-D frames: its name, its files, and the function that finds frames in it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipelines.errors import printable
-from pipelines.frames.rgbd import FrameSource
+from pipelines.errors import SymgraspError, printable
+from pipelines.frames.rgbd import Frame
 from pipelines.frames.rgbd_folder import FrameOptions
 from pipelines.storage.files import real_path
 
-Find = Callable[[Path, str, FrameOptions], list[FrameSource]]
+
+@dataclass(frozen=True)
+class FoundFrame:
+    """A frame that a layout finds in a folder.
+
+    Attributes:
+        stem: its name within the folder, with forward slashes; empty for a folder's only one.
+        read: reads the frame, which has no name yet; raises a SymgraspError if it is faulty.
+        files: the frame's existing files, colour first; None is left out.
+        layout: name of the layout, where it is not the one that finds the frame.
+    """
+
+    stem: str
+    read: Callable[[], Frame]
+    files: tuple[Path | None, ...]
+    layout: str = ""
 
 
 @dataclass(frozen=True)
@@ -18,13 +33,18 @@ class Layout:
 
     Attributes:
         name: as `symgrasp inspect` and formats.md say it.
-        find: called with a folder, the prefix of its frames' names, and what the user stated;
-            returns its frames, none if the folder is not of this layout. It may raise a
-            SymgraspError where the folder is of this layout but damaged.
+        find: called with a folder and what the user stated; gives the folder's frames, none if it
+            is not of this layout. It may raise a SymgraspError where the folder is of this layout
+            but damaged.
     """
 
     name: str
-    find: Find
+    find: Callable[[Path, FrameOptions], Iterable[FoundFrame]]
+
+
+def refuse(error: SymgraspError) -> Frame:
+    """Raise what is wrong with a frame, when it is read."""
+    raise error
 
 
 def frame_name(folder: Path, prefix: str, stem: str) -> str:

@@ -2,48 +2,45 @@
 
 import functools
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from pipelines.errors import FormatError
 from pipelines.frames.camera_files import camera_from_mapping
-from pipelines.frames.layouts.layout import Layout, frame_name
-from pipelines.frames.rgbd import Frame, FrameSource, read_pair
+from pipelines.frames.layouts.layout import FoundFrame, Layout
+from pipelines.frames.rgbd import Frame, read_pair
 from pipelines.frames.rgbd_folder import FrameOptions
 from pipelines.storage.files import is_file, read_json
 
-NAME = "nerfstudio"
 INDEX = "transforms.json"
 MODELS = ("OPENCV", "OPENCV_FISHEYE", "PINHOLE", "SIMPLE_PINHOLE", "PERSPECTIVE")
 CAMERA_KEYS = ("fl_x", "fl_y", "cx", "cy", "w", "h", "k1", "k2", "k3", "k4", "p1", "p2")
 
 
-def _find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
-    """List the frames that have a depth image, in the order of the file.
+def _find(folder: Path, options: FrameOptions) -> Iterator[FoundFrame]:
+    """Yield the frames that have a depth image, in the order of the file.
 
     Raises:
         FormatError: `transforms.json` is damaged.
     """
     index = folder / INDEX
     if not index.is_file():
-        return []
+        return
     content = read_json(index)
     if not isinstance(content, dict) or not isinstance(content.get("frames"), list):
-        return []
+        return
     frames = [frame for frame in content["frames"] if _has_depth(frame)]
     stems = [Path(frame["file_path"]).stem for frame in frames]
-    sources, times = [], Counter(stems)
+    times = Counter(stems)
     for frame, stem in zip(frames, stems, strict=True):
         color, depth = (folder / frame[key] for key in ("file_path", "depth_file_path"))
-        path = stem if times[stem] == 1 else str(Path(frame["file_path"]).with_suffix(""))
-        name = frame_name(folder, prefix, path)
+        name = stem if times[stem] == 1 else str(Path(frame["file_path"]).with_suffix(""))
         camera = {key: frame.get(key, content.get(key)) for key in CAMERA_KEYS}
         camera["camera_model"] = content.get("camera_model", "OPENCV")
-        read = functools.partial(_read, name, color, depth, index, camera, options)
-        files = tuple(path for path in (color, depth) if is_file(path))
-        sources.append(FrameSource(name, read, (*files, index), NAME))
-    return sources
+        read = functools.partial(_read, color, depth, index, camera, options)
+        files = (path for path in (color, depth) if is_file(path))
+        yield FoundFrame(name, read, (*files, index))
 
 
 def _has_depth(frame: Any) -> bool:  # noqa: ANN401 - JSON of any form
@@ -54,7 +51,6 @@ def _has_depth(frame: Any) -> bool:  # noqa: ANN401 - JSON of any form
 
 
 def _read(
-    name: str,
     color: Path,
     depth: Path,
     index: Path,
@@ -65,7 +61,7 @@ def _read(
         found = f"the camera model is {camera['camera_model']!r}"
         raise FormatError(index, found, f"undistort the images; {', '.join(MODELS)} are read")
     stated = options.camera or camera_from_mapping(index, dict(camera))
-    return read_pair(name, color, depth, stated, options.depth_units())
+    return read_pair(color, depth, stated, options.depth_units())
 
 
-LAYOUT = Layout(NAME, _find)
+LAYOUT = Layout("nerfstudio", _find)

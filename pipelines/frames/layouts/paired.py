@@ -1,14 +1,14 @@
 """Layouts of a colour and a depth image a frame, told apart by the camera file beside them."""
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from pipelines.errors import FormatError
 from pipelines.frames.camera_search import own_camera_file, shared_camera_file
-from pipelines.frames.layouts.layout import Layout, frame_name
-from pipelines.frames.rgbd import Frame, FrameSource
+from pipelines.frames.layouts.layout import FoundFrame
+from pipelines.frames.rgbd import Frame
 from pipelines.frames.rgbd_folder import (
     FrameOptions,
     ImagePair,
@@ -22,9 +22,10 @@ LONGEST_LOOK = 100_000  # bytes of a camera file that are searched for its key
 
 @dataclass(frozen=True)
 class Pairing:
-    """How a paired layout is recognised, and where its cameras are.
+    """A layout of pairs: how it is recognised, and where its cameras are.
 
     Attributes:
+        name: as that of a `Layout`.
         markers: patterns of files below the folder; one that exists makes it this layout.
         pairs: lists the folder's pairs of images.
         cameras: names of the frame's camera file, the first that exists; `{stem}` is the pair's.
@@ -52,10 +53,15 @@ class Pairing:
             found = found or (own_camera_file(folder, stem) if stem else None)
         return found or shared
 
-
-def paired_layout(pairing: Pairing) -> Layout:
-    """Return the layout of a pairing."""
-    return Layout(pairing.name, functools.partial(_find, pairing))
+    def find(self, folder: Path, options: FrameOptions) -> Iterator[FoundFrame]:
+        """Yield the frames of `folder`, none if it is not of this layout."""
+        if not self.is_in(folder):
+            return
+        shared = shared_camera_file(folder)
+        for pair in sorted(self.pairs(folder), key=lambda pair: pair.stem):
+            camera = self.camera_file(folder, pair, shared)
+            read = functools.partial(read_paired, pair, camera, options)
+            yield FoundFrame(pair.stem, read, (pair.color, pair.depth, camera))
 
 
 def _holds(path: Path, key: str) -> bool:
@@ -65,20 +71,7 @@ def _holds(path: Path, key: str) -> bool:
         return key.encode() in stream.read(LONGEST_LOOK)
 
 
-def _find(pairing: Pairing, folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
-    if not pairing.is_in(folder):
-        return []
-    sources, shared = [], shared_camera_file(folder)
-    for pair in sorted(pairing.pairs(folder), key=lambda pair: pair.stem):
-        name = frame_name(folder, prefix, pair.stem)
-        camera = pairing.camera_file(folder, pair, shared)
-        files = tuple(path for path in (pair.color, pair.depth, camera) if path is not None)
-        read = functools.partial(read_frame, name, pair, camera, options)
-        sources.append(FrameSource(name, read, files, pairing.name))
-    return sources
-
-
-def read_frame(name: str, pair: ImagePair, camera: Path | None, options: FrameOptions) -> Frame:
+def read_paired(pair: ImagePair, camera: Path | None, options: FrameOptions) -> Frame:
     """Read a pair; raises a FormatError if one of the two is missing, or could be several files."""
     if pair.rivals:
         raise FormatError(
@@ -94,34 +87,33 @@ def read_frame(name: str, pair: ImagePair, camera: Path | None, options: FrameOp
             f"has no {missing} image beside it",
             "both have one name, as x_color.png and x_depth.png, or rgb/x.png and depth/x.png",
         )
-    return read_with_camera(name, pair.color, pair.depth, camera, options)
+    return read_with_camera(pair.color, pair.depth, camera, options)
 
 
+BOP_CAMERAS = ("camera.json", "camera_data.json")
+RECORDER_CAMERAS = ("camera_intrinsic.json", "intrinsic.json")
 PRINCETON_CAMERAS = ("camera-intrinsics.txt", "test-camera-intrinsics.txt")
 
-GRASPNET_SCENE = paired_layout(
-    Pairing("GraspNet scene", ("camK.npy", "meta/*.mat"), sister_pairs,
-            ("meta/{stem}.mat", "camK.npy")),
-)  # fmt: skip
-GRASPNET_DEMO = paired_layout(
-    Pairing("GraspNet demo folder", ("meta.mat",), flat_pairs, ("meta.mat",))
+GRASPNET_SCENE = Pairing(
+    "GraspNet scene", ("camK.npy", "meta/*.mat"), sister_pairs, ("meta/{stem}.mat", "camK.npy")
 )
-BOP_IMAGE = paired_layout(
-    Pairing("BOP single image", ("camera.json", "camera_data.json"), flat_pairs,
-            ("camera.json", "camera_data.json"), key="K\""),
-)  # fmt: skip
-RECORDER = paired_layout(
-    Pairing("Open3D / RealSense recorder", ("camera_intrinsic.json", "intrinsic.json"),
-            sister_pairs, ("camera_intrinsic.json", "intrinsic.json"), key="intrinsic_matrix"),
-)  # fmt: skip
-FOUNDATION_POSE = paired_layout(
-    Pairing("FoundationPose", ("cam_K.txt",), sister_pairs, ("cam_K.txt",))
+GRASPNET_DEMO = Pairing("GraspNet demo folder", ("meta.mat",), flat_pairs, ("meta.mat",))
+BOP_IMAGE = Pairing("BOP single image", BOP_CAMERAS, flat_pairs, BOP_CAMERAS, key='K"')
+RECORDER = Pairing(
+    "Open3D / RealSense recorder",
+    RECORDER_CAMERAS,
+    sister_pairs,
+    RECORDER_CAMERAS,
+    key="intrinsic_matrix",
 )
-YCB_VIDEO = paired_layout(Pairing("YCB-Video", ("*-meta.mat",), flat_pairs, ("{stem}-meta.mat",)))
-PRINCETON = paired_layout(
-    Pairing("7-Scenes / Princeton", ("frame-*.depth.png",), flat_pairs,
-            (*PRINCETON_CAMERAS, *(f"../{name}" for name in PRINCETON_CAMERAS))),
-)  # fmt: skip
-GQCNN = paired_layout(Pairing("gqcnn", ("*.intr",), flat_pairs))
-FLAT = paired_layout(Pairing("flat pairs", ("*",), flat_pairs))
-SISTERS = paired_layout(Pairing("colour and depth folders", ("depth",), sister_pairs))
+FOUNDATION_POSE = Pairing("FoundationPose", ("cam_K.txt",), sister_pairs, ("cam_K.txt",))
+YCB_VIDEO = Pairing("YCB-Video", ("*-meta.mat",), flat_pairs, ("{stem}-meta.mat",))
+PRINCETON = Pairing(
+    "7-Scenes / Princeton",
+    ("frame-*.depth.png",),
+    flat_pairs,
+    (*PRINCETON_CAMERAS, *(f"../{name}" for name in PRINCETON_CAMERAS)),
+)
+GQCNN = Pairing("gqcnn", ("*.intr",), flat_pairs)
+FLAT = Pairing("flat pairs", ("*",), flat_pairs)
+SISTERS = Pairing("colour and depth folders", ("depth",), sister_pairs)

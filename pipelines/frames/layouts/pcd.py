@@ -4,6 +4,7 @@ The file has no intrinsics; they follow from the points, by least squares, to th
 """
 
 import functools
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,24 +15,19 @@ from pipelines.array_types import Array
 from pipelines.errors import FormatError
 from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.encodings.pcd_files import read_pcd
-from pipelines.frames.layouts.layout import Layout, frame_name
-from pipelines.frames.rgbd import Frame, FrameSource, make_frame
+from pipelines.frames.layouts.layout import FoundFrame, Layout
+from pipelines.frames.rgbd import Frame, make_frame
 from pipelines.frames.rgbd_folder import FrameOptions
 
-NAME = "organised point cloud"
 GREY = 128
 LARGEST_MISFIT = 0.5  # pixels between a point's projection and its place in the grid
 FEWEST_POINTS = 100
 
 
-def _find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
-    """List the `.pcd` files of `folder`, each one frame."""
-    sources = []
+def _find(folder: Path, options: FrameOptions) -> Iterator[FoundFrame]:
+    """Yield the `.pcd` files of `folder`, each one frame."""
     for path in sorted(folder.glob("*.pcd")):
-        name = frame_name(folder, prefix, path.stem)
-        read = functools.partial(_read, name, path, options)
-        sources.append(FrameSource(name, read, (path,), NAME))
-    return sources
+        yield FoundFrame(path.stem, functools.partial(_read, path, options), (path,))
 
 
 def fit_camera(path: Path, points: Array) -> CameraFile:
@@ -59,7 +55,7 @@ def fit_camera(path: Path, points: Array) -> CameraFile:
     return CameraFile(float(fx), float(fy), float(cx), float(cy), width, height, origin=str(path))
 
 
-def _read(name: str, path: Path, options: FrameOptions) -> Frame:
+def _read(path: Path, options: FrameOptions) -> Frame:
     fields = read_pcd(path)
     if not set("xyz") <= set(fields):
         raise FormatError(path, f"has the fields {', '.join(fields)}", "x, y, z are needed")
@@ -77,8 +73,7 @@ def _read(name: str, path: Path, options: FrameOptions) -> Frame:
         color = _unpacked(path, packed)
     camera = options.camera or fit_camera(path, points)
     depth = (path, points[:, :, 2].astype(np.float32))
-    units = options.depth_units()
-    return make_frame(name, (path, lambda: color), depth, camera, units, notes)
+    return make_frame((path, lambda: color), depth, camera, options.depth_units(), notes)
 
 
 def _unpacked(path: Path, packed: NDArray[Any]) -> NDArray[np.uint8]:
@@ -90,4 +85,4 @@ def _unpacked(path: Path, packed: NDArray[Any]) -> NDArray[np.uint8]:
     return np.stack([bits >> shift & 255 for shift in (16, 8, 0)], axis=2).astype(np.uint8)
 
 
-LAYOUT = Layout(NAME, _find)
+LAYOUT = Layout("organised point cloud", _find)

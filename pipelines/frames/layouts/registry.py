@@ -1,15 +1,18 @@
 """All layouts of RGB-D frames, most specific first: the first that finds frames has the folder."""
 
 import functools
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from pipelines.errors import SymgraspError
 from pipelines.frames.layouts import arrays, bop, nerfstudio, paired, pcd, rosbag, scannet, tum
-from pipelines.frames.layouts.layout import Layout, frame_name
+from pipelines.frames.layouts.layout import FoundFrame, Layout, frame_name, refuse
+from pipelines.frames.layouts.paired import Pairing
 from pipelines.frames.rgbd import Frame, FrameSource
 from pipelines.frames.rgbd_folder import FrameOptions
 
-LAYOUTS: tuple[Layout, ...] = (
+LAYOUTS: tuple[Layout | Pairing, ...] = (
     paired.GRASPNET_SCENE,
     paired.GRASPNET_DEMO,
     bop.LAYOUT,
@@ -48,15 +51,23 @@ def pickled_in(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSo
     return _found(LAST_RESORT, folder, prefix, options)
 
 
-def _found(layout: Layout, folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
+def _found(
+    layout: Layout | Pairing, folder: Path, prefix: str, options: FrameOptions
+) -> list[FrameSource]:
     try:
-        found = layout.find(folder, prefix, options)
-        # Hidden files, as other systems leave beside each of their own, are passed over.
-        return [each for each in found if not any(f.name.startswith(".") for f in each.files)]
+        found = list(layout.find(folder, options))
     except SymgraspError as error:
-        name = frame_name(folder, prefix, "")
-        return [FrameSource(name, functools.partial(_refuse, error), (), layout.name)]
+        found = [FoundFrame("", functools.partial(refuse, error), ())]
+    sources = []
+    for each in found:
+        name = frame_name(folder, prefix, each.stem)
+        files = tuple(path for path in each.files if path is not None)
+        # Hidden files, as other systems leave beside each of their own, are passed over.
+        if not any(path.name.startswith(".") for path in files):
+            read = functools.partial(_named, name, each.read)
+            sources.append(FrameSource(name, read, files, each.layout or layout.name))
+    return sources
 
 
-def _refuse(error: SymgraspError) -> Frame:
-    raise error
+def _named(name: str, read: Callable[[], Frame]) -> Frame:
+    return replace(read(), name=name)

@@ -2,6 +2,8 @@
 
 import functools
 from collections import Counter
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,37 +19,33 @@ from pipelines.frames.encodings.ros_bags import (
     read_image_at,
     read_stamps,
 )
-from pipelines.frames.layouts.layout import Layout, frame_name
+from pipelines.frames.layouts.layout import FoundFrame, Layout, refuse
 from pipelines.frames.layouts.tum import associate
-from pipelines.frames.rgbd import Frame, FrameSource, make_frame
+from pipelines.frames.rgbd import Frame, make_frame
 from pipelines.frames.rgbd_folder import FrameOptions
 
-NAME = "ROS bag"
 ROS_2_FILES = ("*.db3", "*.mcap")
 # What files begin with; a `.db3` may be anybody's. A `.bag` that does not is damaged.
 MAGIC = {"*.bag": b"", "*.db3": b"SQLite format 3\0", "*.mcap": b"\x89MCAP"}
 
 
-def _find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
-    """List the frames of the bags in `folder`, named after the time of their colour image.
+def _find(folder: Path, options: FrameOptions) -> Iterator[FoundFrame]:
+    """Yield the frames of the bags in `folder`, named after the time of their colour image.
 
     Of several cameras in one bag each has its own folder in the names.
     """
-    if (folder / "metadata.yaml").is_file() and any(
-        file for pattern in ROS_2_FILES for file in folder.glob(pattern)
-    ):
-        files = sorted(file for pattern in ROS_2_FILES for file in folder.glob(pattern))
-        return _frames(folder, (*files, folder / "metadata.yaml"), folder, prefix, options)
-    sources = []
+    metadata = folder / "metadata.yaml"
+    parts = sorted(file for pattern in ROS_2_FILES for file in folder.glob(pattern))
+    if parts and metadata.is_file():
+        yield from _frames(folder, (*parts, metadata), options)
+        return
     lone = (file for pattern in MAGIC for file in folder.glob(pattern) if _is_bag(file))
     for bag in sorted(lone):
-        below = f"{prefix}/{bag.stem}"
         try:
-            sources += _frames(bag, (bag,), folder, below, options)
+            frames = _frames(bag, (bag,), options)
         except SymgraspError as error:
-            name = frame_name(folder, below, "")
-            sources.append(FrameSource(name, functools.partial(_refuse, error), (bag,), NAME))
-    return sources
+            frames = [FoundFrame("", functools.partial(refuse, error), (bag,))]
+        yield from (replace(each, stem=f"{bag.stem}/{each.stem}") for each in frames)
 
 
 def _is_bag(file: Path) -> bool:
@@ -57,24 +55,21 @@ def _is_bag(file: Path) -> bool:
         return stream.read(16).startswith(MAGIC[f"*{file.suffix}"])
 
 
-def _frames(
-    bag: Path, files: tuple[Path, ...], folder: Path, prefix: str, options: FrameOptions
-) -> list[FrameSource]:
+def _frames(bag: Path, files: tuple[Path, ...], options: FrameOptions) -> list[FoundFrame]:
     with open_bag(bag) as reader:
         cameras, passed_over = find_cameras(bag, reader)
         pairs = [associate(*(read_stamps(reader, t) for t in (c.color, c.depth))) for c in cameras]
-    sources = []
+    frames = []
     for topics, taken in zip(cameras, pairs, strict=True):
-        below = prefix if len(cameras) == 1 else f"{prefix}/{topics.name}"
+        above = "" if len(cameras) == 1 else f"{topics.name}/"
         if not taken:
             found = f"has no colour and depth images of one time in {topics.color}, {topics.depth}"
-            read = functools.partial(_refuse, FormatError(bag, found, "record both at once"))
-            sources.append(FrameSource(frame_name(folder, below, ""), read, files, NAME))
+            read = functools.partial(refuse, FormatError(bag, found, "record both at once"))
+            frames.append(FoundFrame(above, read, files))
         for stem, pair in zip(frame_stems([color for color, _ in taken]), taken, strict=True):
-            name = frame_name(folder, below, stem)
-            read = functools.partial(_read, name, bag, topics, pair, options, tuple(passed_over))
-            sources.append(FrameSource(name, read, files, NAME))
-    return sources
+            read = functools.partial(_read, bag, topics, pair, options, tuple(passed_over))
+            frames.append(FoundFrame(above + stem, read, files))
+    return frames
 
 
 def frame_stems(images: list[Recorded]) -> list[str]:
@@ -95,7 +90,6 @@ def frame_stems(images: list[Recorded]) -> list[str]:
 
 
 def _read(
-    name: str,
     bag: Path,
     topics: Topics,
     pair: tuple[Recorded, Recorded],
@@ -114,11 +108,7 @@ def _read(
     if not topics.is_aligned:
         notes = (f"{topics.depth} is not called aligned: record aligned_depth_to_color", *notes)
     image = (bag, lambda: color.astype(np.uint8, copy=False))
-    return make_frame(name, image, (bag, depth), camera, options.depth_units(), notes)
+    return make_frame(image, (bag, depth), camera, options.depth_units(), notes)
 
 
-def _refuse(error: SymgraspError) -> Frame:
-    raise error
-
-
-LAYOUT = Layout(NAME, _find)
+LAYOUT = Layout("ROS bag", _find)

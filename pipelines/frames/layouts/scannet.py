@@ -5,6 +5,7 @@ the ray of each depth pixel.
 """
 
 import functools
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -12,29 +13,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.frames.camera_files import CameraFile, read_camera_file
-from pipelines.frames.layouts.layout import Layout, frame_name
-from pipelines.frames.layouts.paired import read_frame
-from pipelines.frames.rgbd import Frame, FrameSource, make_frame, read_color, stored_depth
+from pipelines.frames.layouts.layout import FoundFrame, Layout
+from pipelines.frames.layouts.paired import read_paired
+from pipelines.frames.rgbd import Frame, make_frame, read_color, stored_depth
 from pipelines.frames.rgbd_folder import FrameOptions, ImagePair, sister_pairs
 from pipelines.geometry.camera import Intrinsics
 
-NAME = "ScanNet"
 DEPTH_CAMERA, COLOR_CAMERA = "intrinsic/intrinsic_depth.txt", "intrinsic/intrinsic_color.txt"
 
 
-def _find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
-    """List the frames of a scene."""
+def _find(folder: Path, options: FrameOptions) -> Iterator[FoundFrame]:
+    """Yield the frames of a scene."""
     cameras = (folder / DEPTH_CAMERA, folder / COLOR_CAMERA)
     if not cameras[0].is_file():
-        return []
-    sources = []
+        return
+    present = [path for path in cameras if path.is_file()]
     for pair in sister_pairs(folder):
-        name = frame_name(folder, prefix, pair.stem)
-        read = functools.partial(_read, name, pair, cameras, options)
-        files = (pair.color, pair.depth, *cameras)
-        present = tuple(path for path in files if path is not None and path.is_file())
-        sources.append(FrameSource(name, read, present, NAME))
-    return sources
+        read = functools.partial(_read, pair, cameras, options)
+        yield FoundFrame(pair.stem, read, (pair.color, pair.depth, *present))
 
 
 def seen_by(color: NDArray[np.uint8], camera: CameraFile, other: Intrinsics) -> NDArray[np.uint8]:
@@ -45,9 +41,9 @@ def seen_by(color: NDArray[np.uint8], camera: CameraFile, other: Intrinsics) -> 
     return np.asarray(cv2.remap(color, u, v, cv2.INTER_LINEAR), np.uint8)
 
 
-def _read(name: str, pair: ImagePair, cameras: tuple[Path, Path], options: FrameOptions) -> Frame:
+def _read(pair: ImagePair, cameras: tuple[Path, Path], options: FrameOptions) -> Frame:
     if pair.rivals or pair.color is None or pair.depth is None or not cameras[1].is_file():
-        return read_frame(name, pair, cameras[0], options)
+        return read_paired(pair, cameras[0], options)
     color, depth = read_color(pair.color), stored_depth(pair.depth)
     camera = options.camera or read_camera_file(cameras[0])
     notes: tuple[str, ...] = ()
@@ -55,7 +51,7 @@ def _read(name: str, pair: ImagePair, cameras: tuple[Path, Path], options: Frame
         notes = (f"colour of {color.shape[1]}x{color.shape[0]} is looked up through both cameras",)
         color = seen_by(color, read_camera_file(cameras[1]), camera.at(*depth.shape[::-1]))
     images = (pair.color, lambda: color), (pair.depth, depth)
-    return make_frame(name, *images, camera, options.depth_units(), notes)
+    return make_frame(*images, camera, options.depth_units(), notes)
 
 
-LAYOUT = Layout(NAME, _find)
+LAYOUT = Layout("ScanNet", _find)

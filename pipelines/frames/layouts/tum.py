@@ -2,6 +2,7 @@
 
 import functools
 import re
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
@@ -9,12 +10,10 @@ from typing import TypeVar
 from pipelines.errors import FormatError
 from pipelines.frames.camera_files import CameraFile
 from pipelines.frames.camera_search import find_camera_file
-from pipelines.frames.layouts.layout import Layout, frame_name
-from pipelines.frames.rgbd import FrameSource
+from pipelines.frames.layouts.layout import FoundFrame, Layout
 from pipelines.frames.rgbd_folder import FrameOptions, read_with_camera
 from pipelines.storage.files import existing, is_file, real_path
 
-NAME = "TUM RGB-D"
 UNITS_PER_METRE = 5000.0
 LARGEST_GAP = 0.02  # seconds between a colour and a depth image of one frame
 # The published calibrations; a sequence's folder is named after its camera.
@@ -27,8 +26,8 @@ Stamped = list[tuple[float, Path]]
 Timed = TypeVar("Timed")  # an image, such as its path; can be put in order
 
 
-def _find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]:
-    """List the frames of a sequence, by the time of their colour image.
+def _find(folder: Path, options: FrameOptions) -> Iterator[FoundFrame]:
+    """Yield the frames of a sequence, by the time of their colour image.
 
     Raises:
         FormatError: an index whose lines are not `time path`.
@@ -39,18 +38,16 @@ def _find(folder: Path, prefix: str, options: FrameOptions) -> list[FrameSource]
     elif (folder / "rgb.txt").is_file() and (folder / "depth.txt").is_file():
         pairs = associate(*(_listed(folder, folder / f"{kind}.txt") for kind in ("rgb", "depth")))
     else:
-        return []
+        return
     camera_file = find_camera_file(folder, "rgb")
     if options.camera is None and camera_file is None:
         options = replace(options, camera=_published(folder))
-    sources = []
     for color, depth in pairs:
-        name = frame_name(folder, prefix, color.stem)
         read = functools.partial(
-            read_with_camera, name, color, depth, camera_file, options, UNITS_PER_METRE
+            read_with_camera, color, depth, camera_file, options, UNITS_PER_METRE
         )
-        sources.append(FrameSource(name, read, _present(color, depth, camera_file), NAME))
-    return sources
+        present = (path for path in (color, depth) if is_file(path))
+        yield FoundFrame(color.stem, read, (*present, camera_file))
 
 
 def associate(
@@ -116,8 +113,4 @@ def _published(folder: Path) -> CameraFile | None:
     return CameraFile(*CALIBRATIONS[names[-1]], 640, 480, origin=f"calibration of {names[-1]}")
 
 
-def _present(*paths: Path | None) -> tuple[Path, ...]:
-    return tuple(path for path in paths if path is not None and is_file(path))
-
-
-LAYOUT = Layout(NAME, _find)
+LAYOUT = Layout("TUM RGB-D", _find)

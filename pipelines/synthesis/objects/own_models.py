@@ -11,7 +11,6 @@ from pipelines.dataset.meshes import (
     refuse_too_small,
 )
 from pipelines.errors import SymgraspError, ValueRangeError
-from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.storage.files import real_path
 from pipelines.synthesis.objects.decomposition import physics_pieces
 from pipelines.synthesis.objects.pools import SyntheticObject
@@ -32,24 +31,16 @@ class OwnModel:
     path: Path
     scale: float | None
 
-    def read(self) -> Mesh:
-        """Return the mesh in metres, its triangles facing outward.
-
-        Raises:
-            SymgraspError: the mesh cannot be read, seems to be in millimetres, or is tiny.
-        """
-        mesh = read_solid_mesh(self.path, self.scale or 1.0)
-        refuse_too_large(mesh, self.path, self.scale)
-        refuse_too_small(mesh, self.path)
-        return mesh
-
     def as_object(self, seed: int) -> SyntheticObject:
         """Return the object for scenes, cut into convex pieces with `seed`.
 
         Raises:
-            SymgraspError: as in `read`, or the mesh is no body for physics, such as a sheet.
+            SymgraspError: the mesh cannot be read, seems to be in millimetres, is tiny, or is no
+                body for physics, such as a sheet.
         """
-        mesh = self.read()
+        mesh = read_solid_mesh(self.path, self.scale or 1.0)
+        refuse_too_large(mesh, self.path, self.scale)
+        refuse_too_small(mesh, self.path)
         try:
             pieces = physics_pieces(mesh, seed=seed)
             refuse_bodiless(pieces)

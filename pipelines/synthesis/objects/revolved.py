@@ -10,6 +10,7 @@ from pipelines.synthesis.objects.solids import (
     ring_faces,
     rounded_polyline,
     solid_of,
+    tube_faces,
 )
 
 SEGMENTS = 72  # around the axis: at 4 cm radius, facets deviate by up to 0.04 mm from the circle
@@ -76,14 +77,7 @@ def _revolved(profile: Array, segments: int) -> tuple[Array, Indices]:
     vertices = np.concatenate(
         [_rings(inner, segments).reshape(-1, 3), [[0, 0, profile[0, 1]], [0, 0, profile[-1, 1]]]]
     )
-    turn = np.arange(segments)
-    following, last = (turn + 1) % segments, (len(inner) - 1) * segments
-    foot = np.full(segments, len(inner) * segments)
-    caps = [
-        np.stack([foot, following, turn], 1),
-        np.stack([foot + 1, last + turn, last + following], 1),
-    ]
-    return vertices, np.concatenate([ring_faces(len(inner), segments, closed=False), *caps])
+    return vertices, tube_faces(len(inner), segments)
 
 
 def _wall_pieces(outside: Array, inside: Array, bands: int = 3) -> list[Array]:

@@ -6,7 +6,7 @@ solids of revolution and prisms are along the z axis.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 from manifold3d import CrossSection, Manifold, Mesh64
@@ -17,6 +17,7 @@ from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, transform_points, unit
 
 IDENTITY = np.eye(3)
+CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))  # (8, 3), of a cube
 FLAT_FACES = 3000  # triangles of an object of flat faces, after splitting
 MAX_FACES = 8000  # about; an object with more is split less
 
@@ -89,10 +90,9 @@ def hull(points: Array) -> Solid:
 def box(size: ArrayLike, bevel: float = 0.0) -> Solid:
     """Return a box of `size` (3,) about the origin with edges bevelled by `bevel` metres."""
     half = np.asarray(size, np.float64) / 2.0
-    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)
     if bevel <= 0.0:
-        return hull(signs * half)
-    corners = [signs * (half - bevel * (1.0 - np.eye(3)[axis])) for axis in range(3)]
+        return hull(CORNERS * half)
+    corners = [CORNERS * (half - bevel * (1.0 - np.eye(3)[axis])) for axis in range(3)]
     return hull(np.concatenate(corners))
 
 
@@ -100,8 +100,7 @@ def rounded_box(size: ArrayLike, radius: float) -> Solid:
     """Return a box of `size` (3,) about the origin with edges rounded by `radius` metres."""
     half = np.asarray(size, np.float64) / 2.0 - radius
     ball = _ball_directions(8) * radius
-    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)
-    return hull((signs[:, None] * half + ball[None]).reshape(-1, 3))
+    return hull((CORNERS[:, None] * half + ball[None]).reshape(-1, 3))
 
 
 def _ball_directions(steps: int) -> Array:
@@ -149,17 +148,9 @@ def bent_tube(path: Array, radii: ArrayLike, sides: int = 32, up: ArrayLike = (0
     across = np.cos(angle)[None, :, None] * side[:, None] * r[:, None, :1]
     rings = path[:, None] + across + np.sin(angle)[None, :, None] * above[:, None] * r[:, None, 1:]
     vertices = np.concatenate([rings.reshape(-1, 3), path[[0, -1]]])
-    faces = [ring_faces(len(path), sides, closed=False)]
-    turn = np.arange(sides)
-    following, last = (turn + 1) % sides, (len(path) - 1) * sides
-    foot, tip = np.full(sides, len(path) * sides), np.full(sides, len(path) * sides + 1)
-    faces += [
-        np.stack([foot, following, turn], 1),
-        np.stack([tip, last + turn, last + following], 1),
-    ]
     cuts = np.linspace(0, len(path) - 1, min(9, len(path))).astype(int)
     pieces = [rings[a : b + 1].reshape(-1, 3) for a, b in pairwise(cuts)]
-    return solid_of(vertices, np.concatenate(faces), pieces)
+    return solid_of(vertices, tube_faces(len(path), sides), pieces)
 
 
 def lump(
@@ -224,3 +215,18 @@ def ring_faces(count: int, sides: int, closed: bool) -> Indices:
     a, b = ring * sides + turn, ring * sides + following
     c, d = above * sides + following, above * sides + turn
     return np.concatenate([np.stack([a, b, c], -1), np.stack([a, c, d], -1)]).reshape(-1, 3)
+
+
+def tube_faces(count: int, sides: int) -> Indices:
+    """Return triangles of `count` rings of `sides` vertices each, closed by a fan at both ends.
+
+    The middles of the first and the last fan are the two vertices behind those of the rings.
+    """
+    turn = np.arange(sides)
+    following, last = (turn + 1) % sides, (count - 1) * sides
+    foot = np.full(sides, count * sides)
+    fans = [
+        np.stack([foot, following, turn], 1),
+        np.stack([foot + 1, last + turn, last + following], 1),
+    ]
+    return np.concatenate([ring_faces(count, sides, closed=False), *fans])

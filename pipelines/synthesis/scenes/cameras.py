@@ -35,6 +35,12 @@ def sensor_intrinsics(sensor: str, width: int, height: int) -> Intrinsics:
     )
 
 
+def direction_at(azimuth: float, elevation: float) -> Array:
+    """Return the unit vector (3,) at these angles, radians, z up."""
+    level = np.cos(elevation)
+    return np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
+
+
 def look_at(eye: ArrayLike, target: ArrayLike, roll: float = 0.0) -> Array:
     """Return `T_world_cam` (4, 4) of a camera at `eye` (3,) looking at `target` (3,), z up."""
     forward = unit(np.asarray(target, np.float64) - np.asarray(eye, np.float64))
@@ -73,11 +79,6 @@ def drawn_viewpoints(
     for azimuth in azimuths:
         elevation, distance = rng.uniform(low, high), rng.uniform(near, far)
         target = np.asarray(centre, np.float64) + rng.normal(0.0, 0.03, 3) * [1, 1, 0]
-        direction = [
-            np.cos(elevation) * np.cos(azimuth),
-            np.cos(elevation) * np.sin(azimuth),
-            np.sin(elevation),
-        ]
-        eye = target + distance * np.array(direction)
+        eye = target + distance * direction_at(azimuth, elevation)
         poses.append(look_at(eye, target, rng.uniform(-MAX_ROLL, MAX_ROLL)))
     return np.stack(poses)

@@ -11,6 +11,7 @@ from pipelines.array_types import Array
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.rendering import Hits, Scene
 from pipelines.geometry.transforms import invert, rotate_vectors, transform_points, unit
+from pipelines.synthesis.scenes.cameras import direction_at
 
 Texture = Callable[[Array], Array]  # points (n, 3) metres, object frame -> colours (n, 3) 0..1
 
@@ -65,14 +66,10 @@ PLAIN_LOOK = CameraLook()
 def drawn_lighting(rng: np.random.Generator) -> Lighting:
     """Return a random lamp above the table."""
     azimuth, elevation = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(35, 85))
-    direction = [
-        np.cos(elevation) * np.cos(azimuth),
-        np.cos(elevation) * np.sin(azimuth),
-        np.sin(elevation),
-    ]
+    direction = direction_at(azimuth, elevation)
     warmth = rng.uniform(-0.08, 0.08)
     color = np.array([1.0 + warmth, 1.0, 1.0 - warmth]) * rng.uniform(0.75, 1.1)
-    return Lighting(np.array(direction), color, rng.uniform(0.3, 0.55), rng.uniform(0.0, 0.4))
+    return Lighting(direction, color, rng.uniform(0.3, 0.55), rng.uniform(0.0, 0.4))
 
 
 def drawn_lamps(rng: np.random.Generator) -> list[Lighting]:
@@ -82,12 +79,11 @@ def drawn_lamps(rng: np.random.Generator) -> list[Lighting]:
     strength = rng.dirichlet(np.ones(count)) * rng.uniform(0.5, 1.6)
     for share in strength:
         azimuth, elevation = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(12, 88))
-        level = np.cos(elevation)
-        direction = [level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)]
+        direction = direction_at(azimuth, elevation)
         color = share * np.clip(1.0 + rng.normal(0.0, 0.15, 3), 0.4, 1.6)
         ambient, gloss = rng.uniform(0.1, 0.8), rng.uniform(0.0, 1.0) ** 2
         shine, shadow = np.exp(rng.uniform(np.log(5.0), np.log(300.0))), rng.uniform(0.0, 0.7)
-        lamps.append(Lighting(np.array(direction), color, ambient, gloss, shine, shadow))
+        lamps.append(Lighting(direction, color, ambient, gloss, shine, shadow))
     return lamps
 
 

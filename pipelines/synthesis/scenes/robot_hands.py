@@ -7,6 +7,7 @@ from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, transform_points, unit
 from pipelines.synthesis.objects.decomposition import hull_of_points
+from pipelines.synthesis.objects.solids import CORNERS
 
 DEEPEST = 0.8  # of the distance from the camera to the table, so that the hand floats above it
 ARM_LENGTH = 0.6  # metres, which leave the picture
@@ -76,8 +77,7 @@ def _arm(start: float, rng: np.random.Generator) -> list[Array]:
 
 
 def _block(size: list[float], middle: list[float]) -> Array:
-    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)
-    return np.asarray(0.5 * signs * size + middle)
+    return np.asarray(0.5 * CORNERS * size + middle)
 
 
 def _drum(radius: float, low: float, high: float, sides: int) -> Array:

@@ -7,15 +7,12 @@ import numpy as np
 
 from pipelines.configs import SynthesizeConfig
 from pipelines.dataset import convex_pieces as convex_file
-from pipelines.dataset.graspnet.graspnet import (
-    GraspNetRoot,
-    write_camera_matrix,
-    write_color,
-    write_depth,
-)
+from pipelines.dataset.graspnet.graspnet import GraspNetRoot, write_depth
 from pipelines.dataset.graspnet.graspnet import write_label as write_label_image
+from pipelines.dataset.graspnet.graspnet_label_stream import read_grasp_label
 from pipelines.dataset.graspnet.graspnet_labels import (
-    read_grasp_label,
+    LabelledGrasps,
+    chosen_grasps,
     write_collision_labels,
     write_rect,
 )
@@ -31,10 +28,11 @@ from pipelines.frames.graspnet_scene import (
 )
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.transforms import invert
-from pipelines.storage.files import atomic_folder
+from pipelines.storage.files import atomic_folder, write_npy
+from pipelines.storage.images import write_image
 from pipelines.storage.provenance import Stamp, stamp_ahead, write_sidecar
 from pipelines.synthesis.labels.grasp_sampling import scene_collisions
-from pipelines.synthesis.labels.planar_labels import FreeGrasps, free_grasps, planar_rows
+from pipelines.synthesis.labels.planar_labels import planar_rows
 from pipelines.synthesis.scenes.cameras import (
     MIXED,
     camera_folder,
@@ -71,7 +69,7 @@ def write_scene(
         if around.solids:
             convex_file.write(folder / SURROUNDINGS_FILE, around.solids)
         camera = folder / camera_folder(sensor)
-        write_camera_matrix(camera / "camK.npy", intrinsics)
+        write_npy(camera / "camK.npy", intrinsics.matrix)
         write_pose_array(camera / "camera_poses.npy", invert(viewpoints[0]) @ viewpoints)
         write_pose_array(camera / "cam0_wrt_table.npy", viewpoints[0])
         views = record(layout, viewpoints, intrinsics, sensor, rng, config.scenery)
@@ -114,7 +112,7 @@ def _write_view(
         ObjectPose(item.object_id, invert(view.T_world_cam) @ pose, item.name)
         for item, pose in zip(layout.objects, layout.poses, strict=True)
     ]
-    write_color(camera / "rgb" / f"{name}.png", view.color)
+    write_image(camera / "rgb" / f"{name}.png", view.color)
     write_depth(camera / "depth" / f"{name}.png", view.depth)
     write_label_image(camera / "label" / f"{name}.png", label)
     write_annotation(camera / "annotations" / f"{name}.xml", poses)
@@ -127,18 +125,20 @@ def _write_planar(
     view: View,
     layout: SceneLayout,
     intrinsics: Intrinsics,
-    free: Sequence[FreeGrasps],
+    free: Sequence[LabelledGrasps],
 ) -> None:
     T_cam_obj = invert(view.T_world_cam) @ layout.poses
     rows = [
-        planar_rows(grasps, pose, intrinsics) for grasps, pose in zip(free, T_cam_obj, strict=True)
+        planar_rows(item.object_id, grasps, pose, intrinsics)
+        for item, grasps, pose in zip(layout.objects, free, T_cam_obj, strict=True)
     ]
     write_rect(camera / "rect" / f"{frame_id:04d}.npy", np.concatenate(rows))
 
 
 def _write_collisions(
     root: GraspNetRoot, scene_id: int, layout: SceneLayout, stamp: Stamp
-) -> list[FreeGrasps]:
+) -> list[LabelledGrasps]:
+    """Write which labelled grasps collide; return of each object those that hold and do not."""
     labels = [read_grasp_label(root.grasp_label_path(item.object_id)) for item in layout.objects]
     meshes = [item.mesh for item in layout.objects]
     around = layout.surroundings.solids
@@ -147,6 +147,6 @@ def _write_collisions(
     stamp_ahead(target, stamp)
     write_collision_labels(target, collisions)
     return [
-        free_grasps(item.object_id, label, collision)
-        for item, label, collision in zip(layout.objects, labels, collisions, strict=True)
+        chosen_grasps(label, (label.min_friction > 0) & ~collision)
+        for label, collision in zip(labels, collisions, strict=True)
     ]

@@ -4,19 +4,16 @@ A bin or tray stands before the objects are dropped into it; everything else is 
 objects at rest. All solids are convex: obstacles for the grasps of a scene, not objects of it.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pipelines.array_types import Array, Mask
-from pipelines.configs import Surrounding
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.transforms import make_pose, rotation_about
 from pipelines.synthesis.objects.decomposition import hull_of_points
 
-PLAIN_ONLY: tuple[Surrounding, ...] = ("plain",)
 # Angles of elevation, radians, between which cameras look into a container.
 INTO_BIN, INTO_TRAY = (np.radians(52.0), np.radians(85.0)), (np.radians(40.0), np.radians(80.0))
 TOWARD_WALL, INTO_CORNER = np.radians(60.0), np.radians(35.0)  # half of the arc of the cameras
@@ -236,8 +233,3 @@ def _reach(footprint: Array, azimuth: float) -> float:
 
 def _turn(yaw: float) -> Array:
     return make_pose(rotation_about([0.0, 0.0, 1.0], yaw), np.zeros(3))
-
-
-def drawn_kind(kinds: Sequence[Surrounding], rng: np.random.Generator) -> Surrounding:
-    """Return one of `kinds`; a kind that is named twice is drawn twice as often."""
-    return kinds[int(rng.integers(len(kinds)))]

@@ -30,11 +30,9 @@ from pipelines.synthesis.scenes.robot_hands import drawn_hand
 from pipelines.synthesis.scenes.settling import drop_objects, middles_of
 from pipelines.synthesis.scenes.smoothing import corner_normals, with_smooth_normals
 from pipelines.synthesis.scenes.surroundings import (
-    PLAIN_ONLY,
     Container,
     SceneSurroundings,
     drawn_container,
-    drawn_kind,
     drawn_surroundings,
 )
 from pipelines.synthesis.scenes.varied_textures import varied_texture
@@ -119,10 +117,10 @@ def drawn_layout(
     Raises:
         SymgraspError: see `settle`.
     """
-    if tuple(kinds) == PLAIN_ONLY:
+    if tuple(kinds) == ("plain",):
         return settle(objects, rng)
     (around,) = rng.spawn(1)  # a plain scene stays the same, whatever other kinds are listed
-    kind = drawn_kind(kinds, around)
+    kind = kinds[int(around.integers(len(kinds)))]
     container = drawn_container(kind, around)
     layout = settle(objects, rng, container)
     surroundings = drawn_surroundings(kind, container, layout.footprint, around)
@@ -206,13 +204,10 @@ def _textures(
 ) -> list[Texture]:
     """Return one texture for each object, the table, the floor and each solid around them."""
     solids = len(layout.surroundings.solids)
-    if not is_varied:
+    if is_varied:
+        own = [varied_texture(beside, printed=True) for _ in layout.objects]
+        table, floor, solid = (varied_texture(beside) for _ in range(3))
+    else:
         own = [drawn_texture(rng) for _ in layout.objects]
-        return [*own, table_texture(rng), table_texture(rng), *[table_texture(beside)] * solids]
-    own = [varied_texture(beside, printed=True) for _ in layout.objects]
-    return [
-        *own,
-        varied_texture(beside),
-        varied_texture(beside),
-        *[varied_texture(beside)] * solids,
-    ]
+        table, floor, solid = table_texture(rng), table_texture(rng), table_texture(beside)
+    return [*own, table, floor, *[solid] * solids]

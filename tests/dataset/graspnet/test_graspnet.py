@@ -15,6 +15,8 @@ from pipelines.frames.frames import find_frames
 from pipelines.frames.graspnet_scene import ObjectPose
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.transforms import make_pose, random_rotation
+from pipelines.storage.files import write_npy
+from pipelines.storage.images import write_image
 
 CAMERA = Intrinsics(60.0, 61.0, 31.5, 23.5, 64, 48)
 DEPTH = np.random.default_rng(0).uniform(0.4, 0.8, (48, 64))
@@ -29,13 +31,13 @@ def root(tmp_path: Path) -> GraspNetRoot:
         folder = dataset.scene_folder(scene_id)
         graspnet_scene.write_object_ids(folder / "object_id_list.txt", [5, 2])
         camera = folder / "realsense"
-        graspnet.write_camera_matrix(camera / "camK.npy", CAMERA)
+        write_npy(camera / "camK.npy", CAMERA.matrix)
         graspnet_scene.write_pose_array(camera / "camera_poses.npy", np.tile(np.eye(4), (3, 1, 1)))
         graspnet_scene.write_pose_array(camera / "cam0_wrt_table.npy", np.eye(4))
         for frame_id in range(3):
             frame = graspnet_layout.FrameFiles(camera, scene_id, "realsense", frame_id)
             poses = [ObjectPose(i, make_pose(random_rotation(rng), rng.random(3))) for i in (5, 2)]
-            graspnet.write_color(frame.path("rgb"), np.full((48, 64, 3), frame_id, np.uint8))
+            write_image(frame.path("rgb"), np.full((48, 64, 3), frame_id, np.uint8))
             graspnet.write_depth(frame.path("depth"), DEPTH)
             graspnet.write_label(frame.path("label"), np.full((48, 64), 6))
             graspnet_scene.write_annotation(frame.path("annotations"), poses)
@@ -134,7 +136,7 @@ def test_missing_parts_are_sentences(root: GraspNetRoot) -> None:
 
 def test_a_colour_picture_is_no_label(root: GraspNetRoot) -> None:
     frame = root.scene(0).frame(0)
-    graspnet.write_color(frame.path("label"), np.zeros((48, 64, 3), np.uint8))
+    write_image(frame.path("label"), np.zeros((48, 64, 3), np.uint8))
     with pytest.raises(FormatError, match="channel"):
         root.read_label(frame)
 

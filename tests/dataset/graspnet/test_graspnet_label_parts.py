@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from pipelines.dataset.graspnet.graspnet_label_parts import join_grasp_labels, part_arrays
+from pipelines.dataset.graspnet.graspnet_label_stream import read_grasp_label
 from pipelines.dataset.graspnet.graspnet_labels import (
     LABEL_ARRAYS,
     LABEL_GRID,
     GraspLabel,
     label_offsets,
-    read_grasp_label,
     write_grasp_label,
 )
 from pipelines.errors import FormatError

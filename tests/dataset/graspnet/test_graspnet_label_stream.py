@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from pipelines.dataset.graspnet import graspnet_label_stream as stream
-from pipelines.dataset.graspnet.graspnet_label_stream import grasp_label_pieces
-from pipelines.dataset.graspnet.graspnet_labels import LABEL_GRID, GraspLabel, read_grasp_label
+from pipelines.dataset.graspnet.graspnet_label_stream import grasp_label_pieces, read_grasp_label
+from pipelines.dataset.graspnet.graspnet_labels import LABEL_GRID, GraspLabel
 from pipelines.errors import FormatError
 
 NUM_POINTS = 5

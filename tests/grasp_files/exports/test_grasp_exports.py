@@ -40,7 +40,7 @@ def exported(to: str, frame, header):
             TO_FILE[to](path, [frame], header)
             return WHOLE[to](path, frame.result.name)
         name, read = FILES[to]
-        TO_FOLDER[to](Path(folder) / name, frame, header)
+        TO_FOLDER[to][0](Path(folder) / name, frame, header)
         return read(Path(folder) / name, frame.gripper.model)
 
 
@@ -123,7 +123,7 @@ def written(to: str, folder: Path, count: int = 4) -> Path:
     if to in TO_FILE:
         TO_FILE[to](folder / f"x.{to}", [frame], header)
         return folder / f"x.{to}"
-    TO_FOLDER[to](folder / FILES[to][0], frame, header)
+    TO_FOLDER[to][0](folder / FILES[to][0], frame, header)
     return folder / FILES[to][0]
 
 

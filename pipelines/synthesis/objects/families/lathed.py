@@ -184,15 +184,7 @@ def pawn(rng: Rng) -> Shape:
     head = r * rng.uniform(0.5, 0.95)
     z = np.array([0, 0.06, 0.15, 0.45, 0.6, 0.68, 0.82, 0.95, 0.99, 1.0]) * h
     radii = [
-        r,
-        r,
-        0.7 * r,
-        0.38 * r,
-        0.34 * r,
-        0.6 * head,
-        head,
-        0.6 * head,
-        0.25 * head,
-        0.01 * head,
+        *(np.array([1, 1, 0.7, 0.38, 0.34]) * r),
+        *(np.array([0.6, 1, 0.6, 0.25, 0.01]) * head),
     ]
     return Shape(lathe(smooth(z, radii, 40), slabs=8), revolution())

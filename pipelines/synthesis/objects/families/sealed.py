@@ -20,7 +20,16 @@ from pipelines.synthesis.objects.shape import (
     polygon_symmetries,
     revolution,
 )
-from pipelines.synthesis.objects.solids import Solid, ball, bent_tube, box, hull, prism, solid_of
+from pipelines.synthesis.objects.solids import (
+    Solid,
+    ball,
+    bent_tube,
+    box,
+    hull,
+    prism,
+    solid_of,
+    tube_faces,
+)
 
 
 def _on_circle(count: int) -> Array:
@@ -31,20 +40,9 @@ def _loft(sections: Array, layers: int) -> Solid:
     """Return the solid between rings (k, n, 3), closed by flat ends; convex pieces in layers."""
     rings, sides = sections.shape[:2]
     vertices = np.concatenate([sections.reshape(-1, 3), sections[[0, -1]].mean(axis=1)])
-    turn = np.arange(sides)
-    following, last = (turn + 1) % sides, (rings - 1) * sides
-    foot, top = np.full(sides, rings * sides), np.full(sides, rings * sides + 1)
-    faces = [
-        np.stack([foot, following, turn], 1),
-        np.stack([top, last + turn, last + following], 1),
-    ]
-    for ring in range(rings - 1):
-        a, b = ring * sides + turn, ring * sides + following
-        c, d = b + sides, a + sides
-        faces += [np.stack([a, b, c], 1), np.stack([a, c, d], 1)]
     cuts = np.linspace(0, rings - 1, layers + 1).astype(int)
     pieces = [sections[a : b + 1].reshape(-1, 3) for a, b in pairwise(cuts)]
-    return solid_of(vertices, np.concatenate(faces), pieces)
+    return solid_of(vertices, tube_faces(rings, sides), pieces)
 
 
 def superquadric(rng: Rng) -> Shape:

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -115,21 +114,11 @@ class GraspDetector:
         Raises:
             SymgraspError: an argument is not what it must be; the message says which and why.
         """
-        result, ids = self._found(
-            color,
-            depth,
-            intrinsics,
-            masks=masks,
-            workspace=workspace,
-            depth_units_per_metre=depth_units_per_metre,
-        )
+        given = color, depth, intrinsics, masks, workspace, depth_units_per_metre
+        result, ids = self._found(*given)
         return ordered_grasps(result, self.gripper, ids)
 
-    def frame_result(self, *frame: Any, **options: Any) -> FrameResult:  # noqa: ANN401 - a call's
-        """Return regions and grasps as `grasps.h5` has them; arguments and errors of a call."""
-        return self._found(*frame, **options)[0]
-
-    def _found(
+    def frame_result(
         self,
         color: ArrayLike,
         depth: ArrayLike,
@@ -138,6 +127,18 @@ class GraspDetector:
         masks: ArrayLike | None = None,
         workspace: ArrayLike | None = None,
         depth_units_per_metre: float | None = None,
+    ) -> FrameResult:
+        """Return regions and grasps as `grasps.h5` has them; arguments and errors of a call."""
+        return self._found(color, depth, intrinsics, masks, workspace, depth_units_per_metre)[0]
+
+    def _found(
+        self,
+        color: ArrayLike,
+        depth: ArrayLike,
+        intrinsics: IntrinsicsLike,
+        masks: ArrayLike | None,
+        workspace: ArrayLike | None,
+        depth_units_per_metre: float | None,
     ) -> tuple[FrameResult, NDArray[np.int32] | None]:
         """Return what was found in a frame, and the ids of its masks, if there are any."""
         frame = frame_of(color, depth, intrinsics, depth_units_per_metre)

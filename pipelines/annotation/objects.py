@@ -19,7 +19,6 @@ from pipelines.dataset.symmetry.symmetry_labels import (
     ObjectSymmetries,
 )
 from pipelines.geometry.meshes.mesh import Mesh
-from pipelines.geometry.region_masks import ObjectRegion
 from pipelines.geometry.symmetry import (
     ObjectRegion,
     ReflectionSymmetry,

@@ -8,7 +8,6 @@ from typer.testing import CliRunner
 
 from pipelines import doctor, infer
 from pipelines.configs import DoctorConfig, InferConfig
-from pipelines.grasp_files import grasps_file
 from pipelines.health import golden, packages
 from pipelines.health.checks import Check, Status
 from pipelines.inference import models

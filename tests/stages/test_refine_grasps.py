@@ -24,7 +24,6 @@ from pipelines.dataset.symmetry import symmetry_labels
 from pipelines.dataset.symmetry.symmetry_labels import ObjectSymmetries
 from pipelines.dataset.training import affordance_labels
 from pipelines.geometry.meshes.mesh import Mesh
-from pipelines.geometry.region_masks import ObjectRegion
 from pipelines.geometry.symmetry import (
     ObjectRegion,
     ReflectionSymmetry,

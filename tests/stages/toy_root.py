@@ -17,7 +17,6 @@ from pipelines.frames import graspnet_scene
 from pipelines.frames.graspnet_scene import ObjectPose
 from pipelines.geometry.camera import Intrinsics
 from pipelines.geometry.meshes.mesh import Mesh, sample_surface
-from pipelines.geometry.region_masks import ObjectRegion
 from pipelines.geometry.rendering import Scene, cast_view
 from pipelines.geometry.symmetry import (
     ObjectRegion,

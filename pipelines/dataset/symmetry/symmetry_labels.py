@@ -10,7 +10,6 @@ import numpy as np
 from pipelines.array_types import Indices
 from pipelines.contents import reading
 from pipelines.errors import FormatError, UnknownNameError, ValueRangeError
-from pipelines.geometry.region_masks import ObjectRegion
 from pipelines.geometry.symmetry import (
     SYMMETRY_KINDS,
     ObjectRegion,

@@ -36,7 +36,7 @@ def test_synthesize_leaves_its_mark_where_it_is_stopped_or_fails(
     def stopped(*_arguments: object) -> StageReport:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(synthesize, "_write_object_list", lambda *_arguments: None)
+    monkeypatch.setattr(synthesize._Root, "write_object_list", lambda _root: None)
     monkeypatch.setattr(synthesize, "run_batch", stopped)
     with pytest.raises(KeyboardInterrupt):
         synthesize.run(tmp_path, SynthesizeConfig(), QUIET)

@@ -124,8 +124,12 @@ def mirrored_and_larger(frame: LabelledFrame) -> LabelledFrame:
     return larger(mirrored(frame))
 
 
-def upside_down_and_smaller(frame: LabelledFrame) -> LabelledFrame:
-    return smaller(upside_down(frame))
+def upside_down_and_smaller_in_fewer_pixels(frame: LabelledFrame) -> LabelledFrame:
+    return fewer_pixels(smaller(upside_down(frame)))
+
+
+def rolled_and_noisier(frame: LabelledFrame) -> LabelledFrame:
+    return noisier(rolled(frame))
 
 
 def noisier(frame: LabelledFrame) -> LabelledFrame:
@@ -148,10 +152,8 @@ def without_edges(frame: LabelledFrame) -> LabelledFrame:
 CHANGES = (
     as_taken,
     mirrored_and_larger,
-    upside_down_and_smaller,
-    rolled,
-    fewer_pixels,
-    noisier,
+    upside_down_and_smaller_in_fewer_pixels,
+    rolled_and_noisier,
     without_edges,
 )
 

@@ -1,12 +1,14 @@
 """A frame judged exactly and as the peer does, against what is known and against moving it."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from pipelines.geometry.meshes.signed_distance import signed_distance_grid
+from pipelines.geometry.meshes.signed_distance import SignedDistanceGrid, signed_distance_grid
 from pipelines.geometry.transforms import make_pose, random_rotation
 from pipelines.grasping.grasps import GraspPoses, to_graspnet
 from pipelines.metrics.graspnet.graspnet_ap import FAILED
@@ -25,10 +27,14 @@ from tests.metrics.shapes import ball, box, random_grasps, surface
 
 MESHES = [box(0.06, 0.04, 0.1), ball(0.03)]
 CLOUDS = [voxel_means(surface(mesh)[0], 0.008) for mesh in MESHES]
-GRIDS = [signed_distance_grid(mesh, 60) for mesh in MESHES]
 SOLIDS = [SolidObject(c, m, MeshCollider(m)) for c, m in zip(CLOUDS, MESHES, strict=True)]
 PLACES = [make_pose(np.eye(3), [0, 0, 0.05]), make_pose(np.eye(3), [0.2, 0.0, 0.03])]
 DOWN = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # approach along -z, closing along y
+
+
+@cache
+def distances() -> list[SignedDistanceGrid]:
+    return [signed_distance_grid(mesh, 60) for mesh in MESHES]
 
 
 def exact(T=None) -> ExactScene:
@@ -37,7 +43,7 @@ def exact(T=None) -> ExactScene:
 
 
 def peer() -> PeerScene:
-    grids = [GridObject(c, g) for c, g in zip(CLOUDS, GRIDS, strict=True)]
+    grids = [GridObject(c, g) for c, g in zip(CLOUDS, distances(), strict=True)]
     return PeerScene(grids, [place.astype(np.float32) for place in PLACES], np.eye(4))
 
 
@@ -111,7 +117,9 @@ def test_the_peer_looks_five_centimetres_around_the_grasped_object_and_no_farthe
 @pytest.mark.parametrize(("count", "empty"), [(9, True), (10, False)])
 def test_fewer_than_ten_points_between_the_fingers_are_none_for_the_peer(count, empty):
     points = np.stack([np.zeros(count), np.linspace(-0.02, 0.02, count), np.zeros(count)], 1)
-    scene = PeerScene([GridObject(points, GRIDS[1])], [PLACES[1].astype(np.float32)], np.eye(4))
+    scene = PeerScene(
+        [GridObject(points, distances()[1])], [PLACES[1].astype(np.float32)], np.eye(4)
+    )
     judged = score_rows(rows_of(grasps_at((0.2, 0.0, 0.025))), scene)
     assert (words(judged) == ["empty"]) is empty
 

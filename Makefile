@@ -39,7 +39,7 @@ demo: .venv/installed ## grasps on the bundled frames, pictures in build/demo
 	$(SYMGRASP) infer pipelines/weights/frames --out build/demo/grasps.h5 --overlays build/demo --overwrite
 	@echo "pictures: build/demo/*.png"
 
-test: install ## all tests, on all cores, as memory allows
+test: install ## all tests, on all cores that there is memory for
 	$(BIN)/python -m pytest -q -n auto --dist worksteal
 
 check: install docs ## format, lint, types, import layers, documentation

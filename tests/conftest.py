@@ -64,14 +64,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int:
-    """Return the number of workers of `-n auto`: one more than cores, as memory allows.
-
-    Tests wait for processes that they start, and for loops that another worker compiles.
-    """
+    """Return the number of workers of `-n auto`: as many as there are cores and memory for."""
     from joblib import cpu_count
 
     from pipelines.health.machine import free_memory
 
     memory = free_memory()
-    most = cpu_count() + 1
-    return most if memory is None else max(1, min(most, int(memory // MEMORY_OF_WORKER)))
+    fitting = cpu_count() if memory is None else int(memory // MEMORY_OF_WORKER)
+    return max(1, min(cpu_count(), fitting))

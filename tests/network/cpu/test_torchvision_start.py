@@ -11,13 +11,18 @@ import pipelines.network.detection.detector
 assert "torchvision" in sys.modules
 assert not [name for name in sys.modules if name.startswith("torch._dynamo")]
 """
-COMPILES = (
+ASKED_BY_TORCHVISION = (
     LEFT_OUT
     + """
 asked = sys.modules["torchvision.ops.roi_align"].is_compile_supported("cpu")
 import torch._dynamo.utils
 assert torch._dynamo.utils.__file__.endswith("utils.py")
 assert asked == torch._dynamo.utils.is_compile_supported("cpu")
+"""
+)
+COMPILES = (
+    LEFT_OUT
+    + """
 import torch
 doubled = torch.compile(lambda x: 2 * x + 1, backend="eager")
 assert doubled(torch.ones(2)).tolist() == [3.0, 3.0]
@@ -68,6 +73,7 @@ assert "torchvision" in sys.modules and "torch._dynamo.utils" not in sys.modules
 @pytest.mark.parametrize(
     "program",
     [
+        ASKED_BY_TORCHVISION,
         COMPILES,
         LOADED_BEFORE,
         WANTED_MEANWHILE,

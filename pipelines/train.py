@@ -12,6 +12,7 @@ Writes  NAME.safetensors            the best weights so far by validation on uns
 import time
 from contextlib import ExitStack
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -34,8 +35,9 @@ from pipelines.runtime.batch import StageReport
 from pipelines.runtime.one_run import one_run_at_a_time
 from pipelines.storage.files import existing
 from pipelines.storage.provenance import digest, digest_folder, make_stamp
-from pipelines.synthesis.endless import trainable_objects
-from pipelines.synthesis.endless_pool import EndlessPool
+
+if TYPE_CHECKING:
+    from pipelines.synthesis.endless_pool import EndlessPool
 
 STAGE = "train"
 
@@ -67,16 +69,22 @@ def run(
         train_set, val_set = region_sets(packed, validation, config, request.seed)
         rendered = None
         if endless is not None:
-            # A fault is better told before than later.
-            trainable_objects(GraspNetRoot.finished(endless))
-            pool = EndlessPool(endless, config.endless, request.seed, workers)
-            rendered = stack.enter_context(pool)
+            rendered = stack.enter_context(_renderers(endless, config, request.seed, workers))
         source = TrainingRegions(train_set, rendered, config)
         network = build(config, request.seed, init)
         trainee = GraspTraining(network, source, val_set, config, device, processes)
         metadata = weights_metadata(SymmetryGraspNet.__name__, config.network)
         training = TrainingRun(trainee, config, request, output, stamp, metadata, processes)
         return training.report(started, resumes=earlier is not None)
+
+
+def _renderers(endless: Path, config: TrainConfig, seed: int, workers: int) -> "EndlessPool":
+    """Return the processes that render; a fault of the dataset is told before they start."""
+    from pipelines.synthesis.endless import trainable_objects  # noqa: PLC0415 - slow to import
+    from pipelines.synthesis.endless_pool import EndlessPool  # noqa: PLC0415
+
+    trainable_objects(GraspNetRoot.finished(endless))
+    return EndlessPool(endless, config.endless, seed, workers)
 
 
 def build(config: TrainConfig, seed: int, init: Path | None) -> SymmetryGraspNet:

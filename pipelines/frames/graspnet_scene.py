@@ -15,7 +15,6 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-import scipy.io
 from defusedxml.ElementTree import parse as parse_xml
 from numpy.typing import NDArray
 
@@ -140,8 +139,10 @@ def write_meta(path: Path, poses: Sequence[ObjectPose], intrinsic_matrix: Floats
         "factor_depth": np.array([[1000.0]]),
         "cls_indexes": np.array([[pose.object_id + 1 for pose in poses]], dtype=np.int64),
     }
+    from scipy.io import savemat  # noqa: PLC0415 - slow to import, and few commands write
+
     buffer = io.BytesIO()
-    scipy.io.savemat(buffer, content, do_compression=True)  # type: ignore[arg-type]
+    savemat(buffer, content, do_compression=True)  # type: ignore[arg-type]
     write_bytes(path, MAT_TEXT + buffer.getvalue()[len(MAT_TEXT) :])
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import ndtr, stdtrit
 
 from pipelines.array_types import Array, Mask
 from pipelines.metrics.average_precision import last_equals
@@ -178,6 +178,6 @@ def _percentiles(level: float, units: int) -> tuple[float, float]:
     percentiles are as far out as Student's t is (T. Hesterberg, What Teachers Should Know About the
     Bootstrap, 2015).
     """
-    far = stats.t.ppf(0.5 * (1.0 + level), units - 1) * np.sqrt(units / (units - 1))
-    share = float(stats.norm.cdf(far))
+    far = stdtrit(units - 1, 0.5 * (1.0 + level)) * np.sqrt(units / (units - 1))
+    share = float(ndtr(far))
     return 100.0 * (1.0 - share), 100.0 * share

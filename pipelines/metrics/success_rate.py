@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-from scipy import stats
-
 LEVEL = 0.95  # of the interval
 
 
@@ -28,5 +26,7 @@ class SuccessRate:
         """
         if not self.trials:
             return None, None
-        found = stats.binomtest(self.held, self.trials).proportion_ci(LEVEL, method="wilson")
+        from scipy.stats import binomtest  # noqa: PLC0415 - slow to import
+
+        found = binomtest(self.held, self.trials).proportion_ci(LEVEL, method="wilson")
         return float(found.low), float(found.high)

@@ -11,7 +11,7 @@ from pipelines.array_types import Array
 from pipelines.geometry.pointcloud import Plane
 from pipelines.geometry.transforms import cross, unit
 
-UNKNOWN_UP = unit(np.array([0.0, -1.0, -1.0]))  # as for a camera that looks down by 45 degrees
+UNKNOWN_UP = np.array([0.0, -1.0, -1.0]) / np.sqrt(2.0)  # a camera that looks down by 45 degrees
 IMAGE_UP = np.array([0.0, -1.0, 0.0])
 STEEPEST = 0.05  # sine between view and normal; below it the image's top gives the direction
 

@@ -13,7 +13,6 @@ import psutil
 import pytest
 from joblib import delayed
 
-from pipelines import infer
 from pipelines.configs import InferConfig
 from pipelines.errors import SymgraspError, UnknownNameError
 from pipelines.runtime.batch import BatchOptions, WorkItem, run_batch
@@ -185,7 +184,6 @@ def test_workers_are_told_of_huge_pages_unless_the_user_tells_them_something(
 
 @pytest.fixture(scope="module")
 def frames(tmp_path_factory):
-    # Imported here, as workers import this module too and have no use for torch.
     from tests.geometry.tabletops import Box, Can
     from tests.stages.test_infer import write_frame
 
@@ -197,11 +195,18 @@ def frames(tmp_path_factory):
     return folder
 
 
+def find_grasps(frames, output, options):
+    # Imported here, as workers import this module too: toys need nothing that takes long to load.
+    from pipelines import infer
+
+    return infer.run(infer.InferPaths(frames, output), PLANAR, options)
+
+
 @pytest.fixture(scope="module")
 def alone(frames):
     """What this process writes of the frames, without a cluster."""
     output = frames.parent / "alone.h5"
-    infer.run(infer.InferPaths(frames, output), PLANAR, QUIET)
+    find_grasps(frames, output, QUIET)
     return output.read_bytes()
 
 
@@ -262,7 +267,7 @@ def test_dask_writes_the_same_bytes_with_1_2_and_4_workers(client, frames, alone
         assert len(client.ncores()) == workers
         output = frames.parent / f"{workers}.h5"  # files say where their frames lie from there
         with client.as_current():
-            report = infer.run(infer.InferPaths(frames, output), PLANAR, dask_of(workers))
+            report = find_grasps(frames, output, dask_of(workers))
         assert len(report.done) == 5
         assert list(report.failed) == ["torn"]
         assert output.read_bytes() == alone
@@ -270,7 +275,7 @@ def test_dask_writes_the_same_bytes_with_1_2_and_4_workers(client, frames, alone
 
 def test_ray_writes_the_same_bytes(frames, alone):
     output = frames.parent / "ray.h5"
-    infer.run(infer.InferPaths(frames, output), PLANAR, ray_of(2))
+    find_grasps(frames, output, ray_of(2))
     assert output.read_bytes() == alone
 
 

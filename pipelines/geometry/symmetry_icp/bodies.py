@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from pipelines.array_types import Array
 from pipelines.geometry.symmetry import RotationSymmetry, SphereSymmetry
@@ -94,6 +93,8 @@ def _axis_errors(surface: SeenSurface, axis: Array, foot: Array) -> Array:
 
 def _least(errors: Callable[[Array], Array], unknowns: int) -> Array:
     """Return the step (unknowns,) of least squared `errors`."""
+    from scipy.optimize import least_squares  # noqa: PLC0415 - slow to import, one method needs it
+
     return np.asarray(least_squares(errors, np.zeros(unknowns), x_scale="jac", max_nfev=60).x)
 
 

@@ -3,7 +3,6 @@
 from collections import defaultdict
 
 import torch
-from scipy.stats import rankdata
 from torch import Tensor
 
 from pipelines.configs import EvaluateConfig
@@ -93,6 +92,8 @@ def area_under_roc(
     negatives = len(positive) - positives
     if not positives or not negatives:
         return 0.5
+    from scipy.stats import rankdata  # noqa: PLC0415 - slow to import
+
     ranks = rankdata(values.cpu().numpy())  # equals share the mean of their ranks
     surplus = float(ranks[positive.cpu().numpy()].sum()) - positives * (positives + 1) / 2
     return surplus / (positives * negatives)

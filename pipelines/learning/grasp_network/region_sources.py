@@ -5,6 +5,7 @@ An item is a pair: (-1, index) of a packed region, (scene, slot) of a rendered o
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,7 +14,9 @@ from pipelines.configs import EndlessConfig, TrainConfig
 from pipelines.dataset.training.packed_regions import PackedReader, PackedRegion
 from pipelines.learning.loop.loaders import batch_of, draw_points, epoch_batches
 from pipelines.network.regions import RegionBatch
-from pipelines.synthesis.endless_pool import EndlessPool
+
+if TYPE_CHECKING:
+    from pipelines.synthesis.endless_pool import EndlessPool
 
 PACKED = -1
 
@@ -31,7 +34,7 @@ class TrainingRegions:
     """Packed regions, rendered ones, or a share of each in every batch."""
 
     packed: RegionSet | None
-    rendered: EndlessPool | None
+    rendered: "EndlessPool | None"
     config: TrainConfig
 
     def epoch(self, number: int, rng: np.random.Generator) -> list[Indices]:

@@ -14,12 +14,17 @@ from scipy.ndimage import distance_transform_edt
 from pipelines.array_types import Array, Indices, Mask
 from pipelines.geometry.meshes.line_crossings import line_crossings
 from pipelines.geometry.meshes.mesh import Mesh
+from pipelines.geometry.numerics.compiled import compiled
 
 NODES = 100  # along each edge of the grid
 MARGIN = 5  # nodes free on each side of the mesh's longest extent
 NARROW_BAND = 2.5  # spacings
 PAIRS_AT_A_TIME = 400_000  # (triangle, node) pairs held in memory
+NO_LENGTH = 1e-30  # squared spacings
 OFF_GRID = 1.234e-5  # spacings a column is moved aside, so that rays miss edges and vertices
+
+
+Place = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -48,21 +53,21 @@ def signed_distance_grid(mesh: Mesh, nodes: int = NODES) -> SignedDistanceGrid:
 
 def _feet_in_band(mesh: Mesh, origin: Array, spacing: float, nodes: int) -> Array:
     """Return (nodes, nodes, nodes, 3) the surface point closest to each node; nan off the band."""
-    best = np.full(nodes**3, np.inf)
-    foot = np.full((nodes**3, 3), np.nan)
     corners = (mesh.triangles - origin) / spacing  # in spacings, so that node i lies at i
-    for triangles, places in node_pairs(corners, nodes, NARROW_BAND):
-        above = np.einsum("ni,ni->n", places - corners[triangles, 0], mesh.face_normals[triangles])
-        near = np.abs(above) <= NARROW_BAND  # of the plane: a cheap way to drop half of the pairs
-        triangle, node = triangles[near], places[near]
-        close = closest_points(corners[triangle], node.astype(np.float64))
-        gap = np.linalg.norm(node - close, axis=1)
-        flat = np.ravel_multi_index((node[:, 0], node[:, 1], node[:, 2]), (nodes,) * 3)
-        kept = np.flatnonzero((gap <= NARROW_BAND) & (gap < best[flat]))
-        # Of several triangles near one node the closest is written last.
-        kept = kept[np.argsort(-gap[kept], kind="stable")]
-        best[flat[kept]], foot[flat[kept]] = gap[kept], close[kept]
-    return (foot * spacing + origin).reshape(nodes, nodes, nodes, 3)
+    low, high = node_boxes(corners, nodes, NARROW_BAND)
+    feet = _closest_feet(corners, np.ascontiguousarray(mesh.face_normals), low, high, nodes)
+    return (feet * spacing + origin).reshape(nodes, nodes, nodes, 3)
+
+
+def node_boxes(corners: Array, nodes: int, band: float) -> tuple[Indices, Indices]:
+    """Return the first and the last node (f, 3) of the box that is within `band` of each triangle.
+
+    `corners`: (f, 3, 3) of the triangles, in spacings, so that node i lies at i. The last node is
+    before the first one where a triangle is off the grid.
+    """
+    low = np.maximum(np.ceil(corners.min(axis=1) - band), 0).astype(np.int64)
+    high = np.minimum(np.floor(corners.max(axis=1) + band), nodes - 1).astype(np.int64)
+    return low, high
 
 
 def node_pairs(corners: Array, nodes: int, band: float) -> Iterator[tuple[Indices, Indices]]:
@@ -70,8 +75,7 @@ def node_pairs(corners: Array, nodes: int, band: float) -> Iterator[tuple[Indice
 
     `corners`: (f, 3, 3) of the triangles, in spacings, so that node i lies at i.
     """
-    low = np.maximum(np.ceil(corners.min(axis=1) - band), 0).astype(np.int64)
-    high = np.minimum(np.floor(corners.max(axis=1) + band), nodes - 1).astype(np.int64)
+    low, high = node_boxes(corners, nodes, band)
     size = np.maximum(high - low + 1, 0)
     share = np.cumsum(size.prod(axis=1)) // PAIRS_AT_A_TIME
     for chunk in range(int(share[-1]) + 1):
@@ -95,26 +99,85 @@ def _pairs(triangles: Indices, low: Indices, size: Indices) -> tuple[Indices, In
 
 def closest_points(triangles: Array, points: Array) -> Array:
     """Return (n, 3) the point of each of `triangles` (n, 3, 3) closest to `points` (n, 3)."""
-    a, b, c = triangles.swapaxes(0, 1)
-    edges = ((a, b), (b, c), (c, a))
-    best = np.full(len(points), np.inf)
-    close = np.zeros_like(points)
-    for start, end in edges:
-        along = end - start
-        length = np.maximum(np.einsum("ni,ni->n", along, along), 1e-30)
-        share = np.clip(np.einsum("ni,ni->n", points - start, along) / length, 0.0, 1.0)
-        foot = start + share[:, None] * along
-        gap = ((points - foot) ** 2).sum(axis=1)
-        nearer = gap < best
-        best[nearer], close[nearer] = gap[nearer], foot[nearer]
-    normal = np.cross(b - a, c - a)
-    area = np.maximum(np.einsum("ni,ni->n", normal, normal), 1e-30)
-    height = np.einsum("ni,ni->n", points - a, normal) / area
-    foot = points - height[:, None] * normal
-    sides = [np.cross(end - start, foot - start) for start, end in edges]
-    over = np.all([np.einsum("ni,ni->n", side, normal) >= 0.0 for side in sides], axis=0)
-    close[over] = foot[over]
+    return _closest_points(np.ascontiguousarray(triangles), np.ascontiguousarray(points))
+
+
+@compiled
+def _closest_points(triangles: Array, points: Array) -> Array:
+    close = np.empty((len(points), 3))
+    for n in range(len(points)):
+        a, b, c = _place(triangles[n, 0]), _place(triangles[n, 1]), _place(triangles[n, 2])
+        close[n] = _closest(a, b, c, _place(points[n]))
     return close
+
+
+@compiled
+def _closest_feet(corners: Array, normals: Array, low: Indices, high: Indices, nodes: int) -> Array:
+    """Return (nodes^3, 3) the point of the nearest triangle, of several as near the first."""
+    feet, best = np.full((nodes**3, 3), np.nan), np.full(nodes**3, np.inf)
+    for t in range(len(corners)):
+        a, b, c = _place(corners[t, 0]), _place(corners[t, 1]), _place(corners[t, 2])
+        normal = _place(normals[t])
+        for x in range(low[t, 0], high[t, 0] + 1):
+            for y in range(low[t, 1], high[t, 1] + 1):
+                for z in range(low[t, 2], high[t, 2] + 1):
+                    node, at = (float(x), float(y), float(z)), (x * nodes + y) * nodes + z
+                    # The plane's distance is quick to tell, and drops half of the nodes.
+                    if abs(_dot(_minus(node, a), normal)) > NARROW_BAND:
+                        continue
+                    foot = _closest(a, b, c, node)
+                    way = _minus(node, foot)
+                    gap = np.sqrt(_dot(way, way))
+                    if gap <= NARROW_BAND and gap < best[at]:
+                        feet[at], best[at] = foot, gap
+    return feet
+
+
+@compiled
+def _closest(a: Place, b: Place, c: Place, point: Place) -> Place:
+    """Return the point of the triangle a, b, c closest to `point`."""
+    close, best = a, np.inf
+    for start, end in ((a, b), (b, c), (c, a)):
+        edge = _minus(end, start)
+        share = _dot(_minus(point, start), edge) / max(_dot(edge, edge), NO_LENGTH)
+        foot = _plus(start, min(max(share, 0.0), 1.0), edge)
+        way = _minus(point, foot)
+        if _dot(way, way) < best:
+            close, best = foot, _dot(way, way)
+    normal = _cross(_minus(b, a), _minus(c, a))
+    area = _dot(normal, normal)
+    if area <= NO_LENGTH:  # of no area: its edges are all of it
+        return close
+    foot = _plus(point, -_dot(_minus(point, a), normal) / area, normal)
+    for start, end in ((a, b), (b, c), (c, a)):
+        if _dot(_cross(_minus(end, start), _minus(foot, start)), normal) < 0.0:
+            return close
+    return foot
+
+
+@compiled
+def _place(row: Array) -> Place:
+    return row[0], row[1], row[2]
+
+
+@compiled
+def _dot(a: Place, b: Place) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@compiled
+def _minus(a: Place, b: Place) -> Place:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@compiled
+def _plus(a: Place, share: float, b: Place) -> Place:
+    return a[0] + share * b[0], a[1] + share * b[1], a[2] + share * b[2]
+
+
+@compiled
+def _cross(a: Place, b: Place) -> Place:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 def _inside(mesh: Mesh, origin: Array, spacing: float, nodes: int) -> Mask:

@@ -17,11 +17,14 @@ from pipelines.geometry.meshes.signed_distance import (
     node_pairs,
     signed_distance_grid,
 )
+from pipelines.geometry.numerics.compiled import compiled
 from pipelines.geometry.transforms import unit
 
 IN_PLANE = 1e-30  # metres, instead of a height of zero
 TOUCHING = 1e-3  # spacings; a node nearer than this counts as on the surface
 BAND = 2.5  # spacings; contacts and normals are read from nodes within 2.3
+
+Place = tuple[np.float32, np.float32, np.float32]
 
 
 def single_precision_grid(mesh: Mesh, nodes: int = NODES) -> SignedDistanceGrid:
@@ -71,40 +74,60 @@ def _settle_signs(sign: Array, node: Indices, gap: Singles, height: Array) -> No
     sign[settled] = np.where(decided < 0.0, -1.0, 1.0)
 
 
-def distances(
-    points: Singles,  # (n, 3)
-    triangles: Singles,  # (n, 3, 3)
-) -> Singles:
-    """Return the distance (n,) of each point to its triangle.
+@compiled
+def distances(points: Singles, triangles: Singles) -> Singles:
+    """Return the distance (n,) of `points` (n, 3) to `triangles` (n, 3, 3), each to its own.
 
     Signed areas decide whether the nearest point is a corner, on an edge or inside.
     """
-    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
-    ab, ac = b - a, c - a
-    d1, d2 = _dot(ab, points - a), _dot(ac, points - a)
-    d3, d4 = _dot(ab, points - b), _dot(ac, points - b)
-    d5, d6 = _dot(ab, points - c), _dot(ac, points - c)
+    gaps = np.empty(len(points), np.float32)
+    for n in range(len(points)):
+        a, b, c = triangles[n, 0], triangles[n, 1], triangles[n, 2]
+        point = _place(points[n])
+        way = _minus(point, _closest(_place(a), _place(b), _place(c), point))
+        gaps[n] = np.sqrt((way[0] * way[0] + way[1] * way[1]) + way[2] * way[2])
+    return gaps
+
+
+@compiled
+def _closest(a: Place, b: Place, c: Place, point: Place) -> Place:  # noqa: PLR0911 - one a case
+    """Return the point of the triangle a, b, c closest to `point`; nan without an area."""
+    ab, ac = _minus(b, a), _minus(c, a)
+    d1, d2 = _dot(ab, _minus(point, a)), _dot(ac, _minus(point, a))
+    d3, d4 = _dot(ab, _minus(point, b)), _dot(ac, _minus(point, b))
+    d5, d6 = _dot(ab, _minus(point, c)), _dot(ac, _minus(point, c))
     area_c, area_b, area_a = d1 * d4 - d3 * d2, d5 * d2 - d1 * d6, d3 * d6 - d5 * d4
-    with np.errstate(divide="ignore", invalid="ignore"):  # in cases that are not selected
-        share = np.float32(1.0) / (area_a + area_b + area_c)
-        inside = (a + (area_b * share)[:, None] * ab) + (area_c * share)[:, None] * ac
-        on_bc = b + ((d4 - d3) / ((d4 - d3) + (d5 - d6)))[:, None] * (c - b)
-        on_ac = a + (d2 / (d2 - d6))[:, None] * ac
-        on_ab = a + (d1 / (d1 - d3))[:, None] * ab
-    conditions = [  # the first that holds decides
-        (d1 <= 0) & (d2 <= 0),
-        (d3 >= 0) & (d4 <= d3),
-        (d6 >= 0) & (d5 <= d6),
-        (area_c <= 0) & (d1 >= 0) & (d3 <= 0),
-        (area_b <= 0) & (d2 >= 0) & (d6 <= 0),
-        (area_a <= 0) & (d4 - d3 >= 0) & (d5 - d6 >= 0),
-    ]
-    choices = [a, b, c, on_ab, on_ac, on_bc]
-    closest = np.select([each[:, None] for each in conditions], choices, inside)
-    gap = np.square(points - closest)
-    return np.asarray(np.sqrt((gap[:, 0] + gap[:, 1]) + gap[:, 2]))
+    if d1 <= 0 and d2 <= 0:
+        return a
+    if d3 >= 0 and d4 <= d3:
+        return b
+    if d6 >= 0 and d5 <= d6:
+        return c
+    if area_c <= 0 and d1 >= 0 and d3 <= 0:
+        return _plus(a, d1 / (d1 - d3), ab)
+    if area_b <= 0 and d2 >= 0 and d6 <= 0:
+        return _plus(a, d2 / (d2 - d6), ac)
+    if area_a <= 0 and d4 - d3 >= 0 and d5 - d6 >= 0:
+        return _plus(b, (d4 - d3) / ((d4 - d3) + (d5 - d6)), _minus(c, b))
+    share = np.float32(1.0) / (area_a + area_b + area_c)
+    return _plus(_plus(a, area_b * share, ab), area_c * share, ac)
 
 
-def _dot(a: Singles, b: Singles) -> Singles:
-    product = a * b
-    return np.asarray((product[:, 0] + product[:, 2]) + product[:, 1])  # SSE's order of lanes
+@compiled
+def _place(row: Singles) -> Place:
+    return row[0], row[1], row[2]
+
+
+@compiled
+def _dot(a: Place, b: Place) -> np.float32:
+    return (a[0] * b[0] + a[2] * b[2]) + a[1] * b[1]  # SSE's order of lanes
+
+
+@compiled
+def _minus(a: Place, b: Place) -> Place:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@compiled
+def _plus(a: Place, share: np.float32, b: Place) -> Place:
+    return a[0] + share * b[0], a[1] + share * b[1], a[2] + share * b[2]

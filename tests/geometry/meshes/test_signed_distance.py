@@ -104,6 +104,14 @@ def test_a_ball_with_holes_has_an_inside_too(missing):
     assert wrong.mean() < 1e-3
 
 
+@pytest.mark.parametrize("corners", [(0, 0, 1), (2, 2, 2), (0, 1, 8)])
+def test_triangles_of_no_area_change_nothing(box, corners):
+    mesh = mesh_of(trimesh.creation.box(SIZE))
+    middle = mesh.vertices[:2].mean(axis=0, keepdims=True)  # vertex 8, on a straight line
+    more = Mesh(np.concatenate([mesh.vertices, middle]), np.concatenate([mesh.faces, [corners]]))
+    assert_allclose(signed_distance_grid(more, nodes=40).values, box.values, atol=1e-12)
+
+
 def test_two_overlapping_copies_of_a_mesh_end():
     # Coincident triangles: the search for the next surface must get past both.
     ball = mesh_of(trimesh.creation.icosphere(3, 0.03))

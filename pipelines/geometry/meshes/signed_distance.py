@@ -24,7 +24,7 @@ NO_LENGTH = 1e-30  # squared spacings
 OFF_GRID = 1.234e-5  # spacings a column is moved aside, so that rays miss edges and vertices
 
 
-Place = tuple[float, float, float]
+Vector3 = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ def _closest_feet(corners: Array, normals: Array, low: Indices, high: Indices, n
 
 
 @compiled
-def _closest(a: Place, b: Place, c: Place, point: Place) -> Place:
+def _closest(a: Vector3, b: Vector3, c: Vector3, point: Vector3) -> Vector3:
     """Return the point of the triangle a, b, c closest to `point`."""
     close, best = a, np.inf
     for start, end in ((a, b), (b, c), (c, a)):
@@ -156,27 +156,27 @@ def _closest(a: Place, b: Place, c: Place, point: Place) -> Place:
 
 
 @compiled
-def _place(row: Array) -> Place:
+def _place(row: Array) -> Vector3:
     return row[0], row[1], row[2]
 
 
 @compiled
-def _dot(a: Place, b: Place) -> float:
+def _dot(a: Vector3, b: Vector3) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @compiled
-def _minus(a: Place, b: Place) -> Place:
+def _minus(a: Vector3, b: Vector3) -> Vector3:
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @compiled
-def _plus(a: Place, share: float, b: Place) -> Place:
+def _plus(a: Vector3, share: float, b: Vector3) -> Vector3:
     return a[0] + share * b[0], a[1] + share * b[1], a[2] + share * b[2]
 
 
 @compiled
-def _cross(a: Place, b: Place) -> Place:
+def _cross(a: Vector3, b: Vector3) -> Vector3:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 

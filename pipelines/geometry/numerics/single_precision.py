@@ -24,7 +24,7 @@ IN_PLANE = 1e-30  # metres, instead of a height of zero
 TOUCHING = 1e-3  # spacings; a node nearer than this counts as on the surface
 BAND = 2.5  # spacings; contacts and normals are read from nodes within 2.3
 
-Place = tuple[np.float32, np.float32, np.float32]
+Vector3f = tuple[np.float32, np.float32, np.float32]
 
 
 def single_precision_grid(mesh: Mesh, nodes: int = NODES) -> SignedDistanceGrid:
@@ -90,7 +90,9 @@ def distances(points: Singles, triangles: Singles) -> Singles:
 
 
 @compiled
-def _closest(a: Place, b: Place, c: Place, point: Place) -> Place:  # noqa: PLR0911 - one a case
+def _closest(  # noqa: PLR0911 - one a case
+    a: Vector3f, b: Vector3f, c: Vector3f, point: Vector3f
+) -> Vector3f:
     """Return the point of the triangle a, b, c closest to `point`; nan without an area."""
     ab, ac = _minus(b, a), _minus(c, a)
     d1, d2 = _dot(ab, _minus(point, a)), _dot(ac, _minus(point, a))
@@ -114,20 +116,20 @@ def _closest(a: Place, b: Place, c: Place, point: Place) -> Place:  # noqa: PLR0
 
 
 @compiled
-def _place(row: Singles) -> Place:
+def _place(row: Singles) -> Vector3f:
     return row[0], row[1], row[2]
 
 
 @compiled
-def _dot(a: Place, b: Place) -> np.float32:
+def _dot(a: Vector3f, b: Vector3f) -> np.float32:
     return (a[0] * b[0] + a[2] * b[2]) + a[1] * b[1]  # SSE's order of lanes
 
 
 @compiled
-def _minus(a: Place, b: Place) -> Place:
+def _minus(a: Vector3f, b: Vector3f) -> Vector3f:
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @compiled
-def _plus(a: Place, share: np.float32, b: Place) -> Place:
+def _plus(a: Vector3f, share: np.float32, b: Vector3f) -> Vector3f:
     return a[0] + share * b[0], a[1] + share * b[1], a[2] + share * b[2]

@@ -8,8 +8,8 @@
 # Every step is a documented command. A step that is finished is skipped and an interrupted one goes on,
 # so that the same call resumes after a kill. `tiny` takes minutes, its figures are of no use.
 # Given weights are taken instead of trained ones: put them at FOLDER/weights/NAME.safetensors before.
-# So is a given Table IV, FOLDER/table-iv.json as `evaluate --table` reads it; else its networks are
-# trained anew. TABLE_IV=no leaves it out.
+# So are given forms of Table IV, FOLDER/table-iv*.json as `evaluate --table` reads them; without
+# table-iv.json its networks are trained anew. TABLE_IV=no leaves that out.
 set -eu
 
 FOLDER=$1
@@ -107,16 +107,17 @@ row true-regions --masks "$FOLDER/true_regions"
 
 # 4. Table IV: networks without one part each.
 TABLES="--table $FOLDER/costs.json"
-if [ -e "$FOLDER/table-iv.json" ]; then
-    TABLES="$TABLES --table $FOLDER/table-iv.json"
-elif [ "${TABLE_IV:-yes}" != no ]; then
+if [ ! -e "$FOLDER/table-iv.json" ] && [ "${TABLE_IV:-yes}" != no ]; then
     $PYTHON -m benchmarks.ablations "$DATASET" --out "$FOLDER/ablations" $ABLATIONS
     TABLES="$TABLES --table $FOLDER/ablations/table.json"
 fi
+for table in "$FOLDER"/table-iv*.json; do
+    [ ! -e "$table" ] || TABLES="$TABLES --table $table"
+done
 
 # 5. All judged together; a report of before a row or Table IV was made again is made anew.
 $PYTHON -m tools.row_costs "$FOLDER"
-later() { find "$FOLDER/rows" "$FOLDER/table-iv.json" -type f ! -name ".*" -newer "$FOLDER/report.json" 2>/dev/null; }
+later() { find "$FOLDER/rows" "$FOLDER"/table-iv*.json -type f ! -name ".*" -newer "$FOLDER/report.json" 2>/dev/null; }
 [ -z "$(later)" ] || rm "$FOLDER/report.json"
 $SYMGRASP evaluate "$FOLDER/rows/ours.h5" --dataset "$DATASET" --out "$FOLDER/report.json" \
     --baselines $WITH $TABLES

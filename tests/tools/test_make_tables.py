@@ -61,15 +61,17 @@ def test_table_iv_can_be_left_out(tmp_path, monkeypatch):
     assert evaluate.count("--table") == 1
 
 
-def test_a_given_table_iv_is_taken(tmp_path):
-    given = tmp_path / "out" / "table-iv.json"
-    given.parent.mkdir()
-    shutil.copy(SCRIPT.parents[1] / "training" / "table-iv.json", given)
-    read_table(given)
+def test_given_forms_of_table_iv_are_taken(tmp_path):
+    folder = tmp_path / "out"
+    folder.mkdir()
+    shipped = sorted((SCRIPT.parents[1] / "training").glob("table-iv*.json"))
+    given = [shutil.copy(each, folder / each.name) for each in shipped]
+    assert [each.name for each in given] == ["table-iv-by-default.json", "table-iv.json"]
+    assert len({read_table(each)["title"] for each in given}) == 2
     commands, tools = calls(tmp_path, "full")
     assert "benchmarks.ablations" not in {call[1] for call in tools}
     (evaluate,) = (call for call in commands if call[0] == "evaluate")
-    assert evaluate[-1] == str(given)
+    assert evaluate[-4:] == ["--table", str(given[0]), "--table", str(given[1])]
 
 
 def test_each_row_is_inferred_judged_and_known_to_the_tables(tmp_path):

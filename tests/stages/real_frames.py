@@ -120,8 +120,8 @@ def smaller(frame: LabelledFrame) -> LabelledFrame:
     return frame.with_depth(NEARER * frame.metres())
 
 
-def mirrored_and_larger(frame: LabelledFrame) -> LabelledFrame:
-    return larger(mirrored(frame))
+def mirrored_and_larger_without_edges(frame: LabelledFrame) -> LabelledFrame:
+    return without_edges(larger(mirrored(frame)))
 
 
 def upside_down_and_smaller_in_fewer_pixels(frame: LabelledFrame) -> LabelledFrame:
@@ -151,10 +151,9 @@ def without_edges(frame: LabelledFrame) -> LabelledFrame:
 
 CHANGES = (
     as_taken,
-    mirrored_and_larger,
+    mirrored_and_larger_without_edges,
     upside_down_and_smaller_in_fewer_pixels,
     rolled_and_noisier,
-    without_edges,
 )
 
 

@@ -132,13 +132,14 @@ def test_a_method_without_weights_says_which_command_writes_them(root, tmp_path)
 @pytest.mark.parametrize("name", TRAINED_METHODS)
 def test_infer_takes_the_weights(name, root, trained, tmp_path):
     out = tmp_path / "grasps.h5"
-    paths = infer.InferPaths(root.root, out, peer=trained(name))
+    paths = infer.InferPaths(root.root / "scenes" / "scene_0100", out, peer=trained(name))
     config = InferConfig(method=name, regions="geometric")
     report = infer.run(paths, config, QUIET)
     assert not report.failed
-    assert len(report.done) == len(frame_names())
     assert "peer" in read_index(out).stamp["inputs"]
-    assert {result.status for result in read_results(out, range(4))} <= {"ok", "empty"}
+    found = list(read_results(out, range(len(report.done))))
+    assert found
+    assert {result.status for result in found} <= {"ok", "empty"}
 
 
 @pytest.mark.parametrize("name", TRAINED_PEERS)

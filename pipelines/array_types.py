@@ -9,3 +9,7 @@ Singles = NDArray[np.float32]
 Indices = NDArray[np.int64]
 Counts = NDArray[np.int64]
 Mask = NDArray[np.bool_]
+
+# Of compiled loops, which take coordinates one by one.
+Vector = tuple[float, float, float]
+SingleVector = tuple[np.float32, np.float32, np.float32]

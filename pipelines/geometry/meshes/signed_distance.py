@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from pipelines.array_types import Array, Indices, Mask
+from pipelines.array_types import Array, Indices, Mask, Vector
 from pipelines.geometry.meshes.line_crossings import line_crossings
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.numerics.compiled import compiled
@@ -22,9 +22,6 @@ NARROW_BAND = 2.5  # spacings
 PAIRS_AT_A_TIME = 400_000  # (triangle, node) pairs held in memory
 NO_LENGTH = 1e-30  # squared spacings
 OFF_GRID = 1.234e-5  # spacings a column is moved aside, so that rays miss edges and vertices
-
-
-Vector3 = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -62,8 +59,8 @@ def _feet_in_band(mesh: Mesh, origin: Array, spacing: float, nodes: int) -> Arra
 def node_boxes(corners: Array, nodes: int, band: float) -> tuple[Indices, Indices]:
     """Return the first and the last node (f, 3) of the box that is within `band` of each triangle.
 
-    `corners`: (f, 3, 3) of the triangles, in spacings, so that node i lies at i. The last node is
-    before the first one where a triangle is off the grid.
+    `corners`: (f, 3, 3) of the triangles, in spacings, so that node i lies at i. Of a triangle off
+    the grid the last node comes before the first.
     """
     low = np.maximum(np.ceil(corners.min(axis=1) - band), 0).astype(np.int64)
     high = np.minimum(np.floor(corners.max(axis=1) + band), nodes - 1).astype(np.int64)
@@ -134,7 +131,7 @@ def _closest_feet(corners: Array, normals: Array, low: Indices, high: Indices, n
 
 
 @compiled
-def _closest(a: Vector3, b: Vector3, c: Vector3, point: Vector3) -> Vector3:
+def _closest(a: Vector, b: Vector, c: Vector, point: Vector) -> Vector:
     """Return the point of the triangle a, b, c closest to `point`."""
     close, best = a, np.inf
     for start, end in ((a, b), (b, c), (c, a)):
@@ -156,27 +153,27 @@ def _closest(a: Vector3, b: Vector3, c: Vector3, point: Vector3) -> Vector3:
 
 
 @compiled
-def _place(row: Array) -> Vector3:
+def _place(row: Array) -> Vector:
     return row[0], row[1], row[2]
 
 
 @compiled
-def _dot(a: Vector3, b: Vector3) -> float:
+def _dot(a: Vector, b: Vector) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @compiled
-def _minus(a: Vector3, b: Vector3) -> Vector3:
+def _minus(a: Vector, b: Vector) -> Vector:
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @compiled
-def _plus(a: Vector3, share: float, b: Vector3) -> Vector3:
+def _plus(a: Vector, share: float, b: Vector) -> Vector:
     return a[0] + share * b[0], a[1] + share * b[1], a[2] + share * b[2]
 
 
 @compiled
-def _cross(a: Vector3, b: Vector3) -> Vector3:
+def _cross(a: Vector, b: Vector) -> Vector:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 

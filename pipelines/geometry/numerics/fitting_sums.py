@@ -6,10 +6,9 @@ four unknowns of `symmetry_fitting`: two turns of a direction along its basis (3
 
 import numpy as np
 
-from pipelines.array_types import Array, Indices
+from pipelines.array_types import Array, Indices, Vector
 from pipelines.geometry.numerics.compiled import compiled
 
-Vector = tuple[float, float, float]
 Derivatives = tuple[float, float, float, float]
 Sums = tuple[Array, Array, Array]  # of w J J^T (k, 4, 4), w J r (k, 4) and w (k,), for k starts
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipelines.array_types import Array, Indices, Singles
+from pipelines.array_types import Array, Indices, Singles, SingleVector
 from pipelines.geometry.meshes.mesh import Mesh
 from pipelines.geometry.meshes.signed_distance import (
     NODES,
@@ -23,8 +23,6 @@ from pipelines.geometry.transforms import unit
 IN_PLANE = 1e-30  # metres, instead of a height of zero
 TOUCHING = 1e-3  # spacings; a node nearer than this counts as on the surface
 BAND = 2.5  # spacings; contacts and normals are read from nodes within 2.3
-
-Vector3f = tuple[np.float32, np.float32, np.float32]
 
 
 def single_precision_grid(mesh: Mesh, nodes: int = NODES) -> SignedDistanceGrid:
@@ -91,8 +89,8 @@ def distances(points: Singles, triangles: Singles) -> Singles:
 
 @compiled
 def _closest(  # noqa: PLR0911 - one a case
-    a: Vector3f, b: Vector3f, c: Vector3f, point: Vector3f
-) -> Vector3f:
+    a: SingleVector, b: SingleVector, c: SingleVector, point: SingleVector
+) -> SingleVector:
     """Return the point of the triangle a, b, c closest to `point`; nan without an area."""
     ab, ac = _minus(b, a), _minus(c, a)
     d1, d2 = _dot(ab, _minus(point, a)), _dot(ac, _minus(point, a))
@@ -116,20 +114,20 @@ def _closest(  # noqa: PLR0911 - one a case
 
 
 @compiled
-def _place(row: Singles) -> Vector3f:
+def _place(row: Singles) -> SingleVector:
     return row[0], row[1], row[2]
 
 
 @compiled
-def _dot(a: Vector3f, b: Vector3f) -> np.float32:
+def _dot(a: SingleVector, b: SingleVector) -> np.float32:
     return (a[0] * b[0] + a[2] * b[2]) + a[1] * b[1]  # SSE's order of lanes
 
 
 @compiled
-def _minus(a: Vector3f, b: Vector3f) -> Vector3f:
+def _minus(a: SingleVector, b: SingleVector) -> SingleVector:
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @compiled
-def _plus(a: Vector3f, share: np.float32, b: Vector3f) -> Vector3f:
+def _plus(a: SingleVector, share: np.float32, b: SingleVector) -> SingleVector:
     return a[0] + share * b[0], a[1] + share * b[1], a[2] + share * b[2]

@@ -9,14 +9,13 @@ end (c + 1,); the centres (3, c) and radii (c,) of balls about the points of a c
 
 import numpy as np
 
-from pipelines.array_types import Array, Counts, Mask, Singles
+from pipelines.array_types import Array, Counts, Mask, Singles, SingleVector
 from pipelines.geometry.numerics.compiled import compiled
 
 Single = np.float32
 Quadruple = tuple[Single, Single, Single, Single]
 GraspFrame = tuple[Quadruple, Quadruple, Quadruple]
 Bodies = tuple[Quadruple, Quadruple]  # fingers, palm
-Place = tuple[Single, Single, Single]
 Cells = tuple[Singles, Counts, Counts, Singles, Singles]
 
 
@@ -183,7 +182,7 @@ def _bodies(b: Singles, m: Single) -> Bodies:
 
 
 @compiled
-def _local(frame: GraspFrame, x: Single, y: Single, z: Single) -> Place:
+def _local(frame: GraspFrame, x: Single, y: Single, z: Single) -> SingleVector:
     """Return a point's place along approach, and its distances along closing and binormal."""
     first, second, third = frame
     along = first[0] * x + first[1] * y + first[2] * z + first[3]
@@ -192,7 +191,7 @@ def _local(frame: GraspFrame, x: Single, y: Single, z: Single) -> Place:
 
 
 @compiled
-def _bodies_at(bodies: Bodies, inner: Single, place: Place) -> int:
+def _bodies_at(bodies: Bodies, inner: Single, place: SingleVector) -> int:
     """Return in how many bodies a point lies; `inner`: of a finger along closing."""
     along, across, height = place
     back, tip, half, outer = bodies[0]
@@ -203,7 +202,7 @@ def _bodies_at(bodies: Bodies, inner: Single, place: Place) -> int:
 
 
 @compiled
-def _gap(bodies: Bodies, inner: Single, place: Place) -> Single:
+def _gap(bodies: Bodies, inner: Single, place: SingleVector) -> Single:
     """Return the squared distance to the nearest body; `inner` 0 counts what they close in on."""
     along, across, height = place
     back, tip, half, outer = bodies[0]

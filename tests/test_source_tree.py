@@ -2,6 +2,7 @@
 
 import ast
 from collections import Counter, defaultdict
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -29,6 +30,7 @@ ROLES = {
 TWICE = {"collected"}
 
 
+@cache
 def sources() -> dict[str, ast.Module]:
     """The parsed modules, by path from the root."""
     files = (file for top in TOPS for file in sorted((ROOT / top).rglob("*.py")))

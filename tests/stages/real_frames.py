@@ -124,12 +124,8 @@ def mirrored_and_larger_without_edges(frame: LabelledFrame) -> LabelledFrame:
     return without_edges(larger(mirrored(frame)))
 
 
-def upside_down_and_smaller_in_fewer_pixels(frame: LabelledFrame) -> LabelledFrame:
-    return fewer_pixels(smaller(upside_down(frame)))
-
-
-def rolled_and_noisier(frame: LabelledFrame) -> LabelledFrame:
-    return noisier(rolled(frame))
+def rolled_upside_down_smaller_and_noisier_in_fewer_pixels(frame: LabelledFrame) -> LabelledFrame:
+    return fewer_pixels(noisier(smaller(rolled(upside_down(frame)))))
 
 
 def noisier(frame: LabelledFrame) -> LabelledFrame:
@@ -152,8 +148,7 @@ def without_edges(frame: LabelledFrame) -> LabelledFrame:
 CHANGES = (
     as_taken,
     mirrored_and_larger_without_edges,
-    upside_down_and_smaller_in_fewer_pixels,
-    rolled_and_noisier,
+    rolled_upside_down_smaller_and_noisier_in_fewer_pixels,
 )
 
 

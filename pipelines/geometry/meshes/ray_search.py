@@ -47,7 +47,9 @@ class TreeSearch:
     """A search of our own among `triangles` (t, 3, 3), some times slower than Embree's."""
 
     def __init__(self, triangles: Array) -> None:
-        self._tree = ray_tree.built(np.ascontiguousarray(triangles))
+        fixed = np.ascontiguousarray(triangles).view()
+        fixed.flags.writeable = False  # as meshes' are: the loop is compiled for one kind
+        self._tree = ray_tree.built(fixed)
         self._triangles = np.ascontiguousarray(triangles[self._tree[0]])
 
     def first(self, origins: Array, directions: Array) -> tuple[Indices, Array]:
